@@ -1,0 +1,130 @@
+// The only header that the bindings include. Implemented once by each backend.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "scene/scene.h"
+
+namespace veriray {
+
+struct DeviceError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+struct OutOfMemoryError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+struct BuildInfo {
+    std::string backend, isa, compiler, thrust, cuda_toolkit, cuda_architectures;
+    uint32_t lanes;
+};
+struct DeviceInfo {
+    std::string name, compute_capability, driver;
+    int index;
+    uint64_t memory_total, memory_free;
+    int multiprocessors;
+};
+
+BuildInfo build_info();
+// Empty: this module can run here. Otherwise the exact reason why not.
+std::string why_unusable();
+std::vector<DeviceInfo> devices();
+
+struct RenderSettings {
+    uint64_t seed = 0, sample_begin = 0, sample_end = 1;
+    int64_t max_depth = -1;  // -1: unlimited (kHardMaxDepth)
+    uint32_t rr_depth = 5;
+    std::string scheduler = "fused";
+    uint32_t threads = 0;  // 0: all; CPU only
+    uint32_t batch = 0;    // paths in flight; 0: the scheduler's choice
+    bool all_features = false;
+};
+
+struct Fault {
+    uint32_t x, y;
+    uint64_t sample;
+    float radiance[3];
+};
+
+struct RenderStats {
+    std::vector<uint64_t> ledger;  // [depth][column of LedgerColumn]
+    std::vector<uint64_t> blocks;  // by depth; scheduler `thrust`
+    std::vector<double> depth_seconds;
+    double seconds = 0;
+    uint64_t fault_count = 0;
+    std::vector<Fault> faults;
+    uint64_t launches = 0;
+    std::string device;
+    uint32_t features = 0;  // the compiled variant that ran
+    uint32_t threads = 0;
+};
+
+// Called about every 50 ms on the calling thread with the share done; false stops the render.
+using Poll = std::function<bool(double)>;
+
+class Film {
+   public:
+    Film(uint32_t width, uint32_t height, int device);
+    ~Film();
+    Film(const Film&) = delete;
+    Film& operator=(const Film&) = delete;
+
+    uint32_t width() const;
+    uint32_t height() const;
+    uint64_t samples() const;  // of every pixel
+    size_t memory() const;
+    void clear();
+    void add(const Film& other);  // exact: the order of additions never shows
+    // width * height * 3 each, row 0 on top. scale = 2^-e of the scene rendered.
+    void resolve(float* mean, float* standard_error) const;
+    void sums(double* out) const;
+    void words(uint64_t* out) const;  // width * height * kFilmWords, for tests and checkpoints
+
+    struct Impl;
+    std::unique_ptr<Impl> impl;
+};
+
+class Scene {
+   public:
+    Scene(const SceneInput& in, int device);
+    ~Scene();
+    Scene(const Scene&) = delete;
+    Scene& operator=(const Scene&) = delete;
+
+    const HostScene& host() const;
+
+    struct Impl;
+    std::unique_ptr<Impl> impl;
+};
+
+RenderStats render(const Scene& scene, Film& film, const RenderSettings& settings, const Poll& poll);
+
+// One path, vertex by vertex. CPU backends only.
+struct PathVertex {
+    uint32_t depth;
+    std::string event;
+    double position[3];  // world; the ray's origin shifted by t where it escaped
+    float direction[3], normal[3], t;  // of the segment; world t
+    float throughput[3], radiance[3];  // before the vertex, after the vertex
+    int64_t triangle;  // input triangle, -1 none
+    int shadow;        // -1 none, 0 occluded, 1 visible
+};
+std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& settings, uint32_t x,
+                                   uint32_t y, uint64_t sample);
+
+// ---- hooks of the test suite: the stages' own parts, run on the backend ----
+std::vector<float> eval_math(const std::string& name, const std::vector<float>& x);
+std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
+                                   const std::vector<uint64_t>& sample,
+                                   const std::vector<uint32_t>& block);
+// Rays in world units; t in world units, input triangle or -1.
+void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
+               float* t, int32_t* triangle);
+
+}  // namespace veriray

@@ -1,0 +1,415 @@
+// The CPU backend. Compiled once per instruction set into a module of its own.
+#include <thrust/execution_policy.h>
+#include <thrust/version.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <thread>
+
+#include "backends/instances.h"
+#include "backends/thread_pool.h"
+#include "schedulers/thrust.h"
+#include "schedulers/tile.h"
+
+namespace veriray {
+
+struct Film::Impl {
+    FilmView view;
+    uint64_t samples = 0;
+    std::vector<uint64_t> words;
+};
+
+struct Scene::Impl {
+    HostScene host;
+    explicit Impl(const SceneInput& in) : host(in) {}
+};
+
+Film::Film(uint32_t width, uint32_t height, int) : impl(std::make_unique<Impl>()) {
+    if (width == 0 || height == 0 || static_cast<uint64_t>(width) * height >= 1ull << 31)
+        throw std::invalid_argument("a film of " + std::to_string(width) + " x " +
+                                    std::to_string(height) + " pixels; allowed: 1 to 2^31 - 1");
+    const size_t words = static_cast<size_t>(width) * height * kFilmWords;
+    try {
+        impl->words.resize(words);
+    } catch (const std::bad_alloc&) {
+        throw OutOfMemoryError("film: needs " + std::to_string(words * 8) + " bytes");
+    }
+    impl->view = {impl->words.data(), width, height, 0.f};
+}
+Film::~Film() = default;
+uint32_t Film::width() const { return impl->view.width; }
+uint32_t Film::height() const { return impl->view.height; }
+uint64_t Film::samples() const { return impl->samples; }
+size_t Film::memory() const { return impl->words.size() * sizeof(uint64_t); }
+void Film::clear() {
+    std::fill(impl->words.begin(), impl->words.end(), 0);
+    impl->samples = 0;
+    impl->view.scale = 0;
+}
+
+namespace {
+void match_scale(float& scale, float other) {
+    if (scale == 0) scale = other;
+    if (other != 0 && scale != other)
+        throw std::invalid_argument("the film holds samples of a scene of another brightness");
+}
+}  // namespace
+
+void Film::add(const Film& other) {
+    if (other.width() != width() || other.height() != height())
+        throw std::invalid_argument("films of different sizes cannot be added");
+    match_scale(impl->view.scale, other.impl->view.scale);
+    for (size_t i = 0; i < impl->words.size(); i += 2) {
+        Fixed128 a{impl->words[i], impl->words[i + 1]};
+        veriray::add(a, {other.impl->words[i], other.impl->words[i + 1]});
+        impl->words[i] = a.lo;
+        impl->words[i + 1] = a.hi;
+    }
+    impl->samples += other.impl->samples;
+}
+
+void Film::resolve(float* mean, float* standard_error) const {
+    const float scale = impl->view.scale ? impl->view.scale : 1.f;
+    for (size_t i = 0; i < impl->words.size() / 4; ++i)
+        veriray::resolve(&impl->words[i / 3 * kFilmWords], static_cast<uint32_t>(i % 3), scale,
+                         impl->samples, mean[i], standard_error[i]);
+}
+
+void Film::sums(double* out) const {
+    const float scale = impl->view.scale ? impl->view.scale : 1.f;
+    for (size_t i = 0; i < impl->words.size() / 4; ++i)
+        out[i] = film_sum(&impl->words[i / 3 * kFilmWords], static_cast<uint32_t>(i % 3), scale);
+}
+
+void Film::words(uint64_t* out) const {
+    std::copy(impl->words.begin(), impl->words.end(), out);
+}
+
+Scene::Scene(const SceneInput& in, int) : impl(std::make_unique<Impl>(in)) {}
+Scene::~Scene() = default;
+const HostScene& Scene::host() const { return impl->host; }
+
+namespace {
+
+// Executor of the `thrust` scheduler on Thrust's host system: blocks are shared out to threads.
+template <uint32_t kFeatures>
+struct HostExec {
+    const SceneView& scene;
+    const Job& job;
+    const PathColumns& paths;
+    std::vector<int32_t>& index;
+    std::vector<LedgerRows>& ledgers;
+    uint32_t threads;
+    const Poll& on_poll;
+    uint64_t* launches;
+    double share = 0;
+    bool stopped = false;
+
+    template <class Body>
+    void launch(uint32_t n, Body body) {
+        ++*launches;
+        const uint64_t blocks = (n + kThrustBlock - 1) / kThrustBlock;
+        const Poll poll = [&](double) { return !on_poll || on_poll(share); };
+        stopped |= !parallel(threads, blocks, poll, [&](uint32_t worker, uint64_t block) {
+            const uint32_t first = static_cast<uint32_t>(block) * kThrustBlock;
+            for (uint32_t k = first; k < std::min(n, first + kThrustBlock); ++k) body(worker, k);
+        });
+    }
+    void begin(uint64_t first, uint32_t n) {
+        launch(n, [&](uint32_t, uint32_t i) {
+            thrust_begin<kFeatures>(scene, job, paths, index.data(), first, i);
+        });
+    }
+    void bounce(uint32_t depth, uint32_t n) {
+        for (LedgerRows& rows : ledgers) rows.row(depth);
+        launch(n, [&](uint32_t worker, uint32_t k) {
+            const BounceOutcome out =
+                thrust_bounce<kFeatures>(scene, job, paths, index.data(), depth, k);
+            uint64_t* row = ledgers[worker].row(depth);
+            if (out.cause != kLive) ++row[out.cause];
+            if (out.shadow != kLive) ++row[out.shadow];
+        });
+    }
+    auto policy() const { return thrust::host; }
+    int32_t* indices() { return index.data(); }
+    static double clock() {
+        return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
+            .count();
+    }
+    bool poll(double done) {
+        share = done;
+        return !stopped;
+    }
+};
+
+template <class T>
+std::vector<T> pool_memory(size_t n, const char* what) {
+    try {
+        return std::vector<T>(n);
+    } catch (const std::bad_alloc&) {
+        throw OutOfMemoryError(std::string(what) + ": needs " + std::to_string(n * sizeof(T)) +
+                               " bytes");
+    }
+}
+
+bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& s,
+                   std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
+    const uint64_t wanted = s.batch ? s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
+    const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
+    auto floats = pool_memory<float>(13ull * pool, "path pool");
+    auto uints = pool_memory<uint32_t>(2ull * pool, "path pool");
+    auto index = pool_memory<int32_t>(pool, "path pool");
+    const PathColumns paths{floats.data(), uints.data(), pool};
+    bool complete = false;
+    with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
+        HostExec<kFeatures> exec{view,    job,  paths, index, ledgers, stats.threads,
+                                 poll, &stats.launches};
+        run_thrust(exec, job.paths(), pool, stats.blocks, stats.depth_seconds);
+        complete = !exec.stopped;
+    });
+    return complete;
+}
+
+bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s,
+                  std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
+    const uint32_t tile = s.batch ? std::min(s.batch, kTilePaths) : kTilePaths;
+    const uint64_t pixels = job.pixels();
+    // A tile holds as many samples of a pixel as it can once its pixels run out, 64 before.
+    const uint32_t samples = static_cast<uint32_t>(std::min<uint64_t>(
+        {job.samples, tile, std::max<uint64_t>(64, tile / std::min<uint64_t>(pixels, tile))}));
+    const uint32_t width = std::max(1u, tile / samples);
+    const uint64_t pixel_runs = (pixels + width - 1) / width;
+    const uint64_t sample_runs = (job.samples + samples - 1) / samples;
+    std::vector<std::unique_ptr<Tile>> tiles(stats.threads);
+    bool complete = false;
+    with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
+        complete = parallel(
+            stats.threads, pixel_runs * sample_runs, poll, [&](uint32_t worker, uint64_t unit) {
+                if (!tiles[worker]) tiles[worker] = std::make_unique<Tile>();
+                const uint32_t p = static_cast<uint32_t>(unit % pixel_runs) * width;
+                const uint32_t k = static_cast<uint32_t>(unit / pixel_runs) * samples;
+                tiles[worker]->run<kFeatures>(
+                    view, job, p, static_cast<uint32_t>(std::min<uint64_t>(width, pixels - p)), k,
+                    std::min(samples, job.samples - k), ledgers[worker]);
+            });
+    });
+    ++stats.launches;
+    return complete;
+}
+
+}  // namespace
+
+RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
+    const HostScene& host = scene.host();
+    check_settings(s, host, film);
+    match_scale(film.impl->view.scale, host.view.emission_scale);
+    RenderStats stats;
+    const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
+    stats.threads = s.threads ? s.threads : cores;
+    if (stats.threads > 4096)
+        throw std::invalid_argument("threads = " + std::to_string(s.threads) +
+                                    "; allowed: 0 (all) to 4096");
+    stats.device = "cpu";
+    stats.features = kVariants[choose_variant(host.view, s)];
+    std::vector<LedgerRows> ledgers(stats.threads);
+    const auto start = std::chrono::steady_clock::now();
+    bool complete = true;
+    for_sample_ranges(s, [&](const PathSettings& settings, uint32_t begin, uint32_t samples) {
+        if (!complete) return;
+        FaultLog faults{};
+        const Job job{settings, film.impl->view, &faults, begin, samples};
+        complete = s.scheduler == "thrust"
+                       ? render_thrust(host.view, job, s, ledgers, stats, poll)
+                       : render_tiles(host.view, job, s, ledgers, stats, poll);
+        add_faults(stats, faults, film.width(), s.sample_begin >> 32);
+    });
+    if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
+    stats.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    for (LedgerRows& rows : ledgers) {
+        if (stats.ledger.size() < rows.counts.size()) stats.ledger.resize(rows.counts.size());
+        for (size_t i = 0; i < rows.counts.size(); ++i) stats.ledger[i] += rows.counts[i];
+    }
+    const uint64_t samples = s.sample_end - s.sample_begin;
+    film.impl->samples += samples;
+    complete_ledger(stats.ledger,
+                    samples * static_cast<uint64_t>(film.width()) * film.height());
+    return stats;
+}
+
+std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, uint32_t x,
+                                   uint32_t y, uint64_t sample) {
+    using Tracer = PathTracer<Scalar, kAllFeatures>;
+    const HostScene& host = scene.host();
+    if (x >= host.width || y >= host.height)
+        throw std::invalid_argument("pixel (" + std::to_string(x) + ", " + std::to_string(y) +
+                                    ") is outside the film of " + std::to_string(host.width) +
+                                    " x " + std::to_string(host.height));
+    RenderSettings one = s;
+    one.sample_begin = sample;
+    one.sample_end = sample + 1;
+    std::vector<PathVertex> out;
+    for_sample_ranges(one, [&](const PathSettings& settings, uint32_t low, uint32_t) {
+        PathState<Scalar> path = Tracer::begin(host.view, settings, x, y, host.width, low);
+        bool alive = true;
+        for (uint32_t depth = 0; alive; ++depth) {
+            const Ray<Scalar> ray = path.ray;
+            const Hit<Scalar> hit = Tracer::closest(host.view, ray, true);
+            PathVertex v{};
+            v.depth = depth;
+            const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};
+            const Events<Scalar> e =
+                Tracer::bounce(host.view, settings, path, depth, true);
+            alive = e.alive;
+            static const char* const names[] = {"scattered", "escaped",   "emitter_end", "absorbed",
+                                                "rr_killed", "depth_cut", "invalid"};
+            v.event = names[cause_of(e)];
+            v.shadow = e.visible ? 1 : e.occluded ? 0 : -1;
+            v.triangle = -1;
+            const bool met = !e.escaped;
+            v.t = met ? static_cast<float>(hit.t * host.unit) : kInfinity;
+            const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
+            const float after[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
+            for (int k = 0; k < 3; ++k) {
+                const double at = static_cast<double>(o[k]) +
+                                  (met ? static_cast<double>(hit.t) * static_cast<double>(d[k]) : 0);
+                v.position[k] = at * host.unit + host.centre[k];
+                v.direction[k] = d[k];
+                v.throughput[k] = before[k];
+                v.radiance[k] = after[k];
+            }
+            if (met) {
+                v.triangle = host.primitive_triangle[hit.primitive];
+                for (uint32_t k = 0; k < 3; ++k)
+                    v.normal[k] = host.primitives[(kPrimN + k) * host.view.primitive_stride +
+                                                  hit.primitive];
+            }
+            out.push_back(v);
+        }
+    });
+    return out;
+}
+
+BuildInfo build_info() {
+#if defined(__AVX512F__)
+    const char* isa = "avx512";
+#elif defined(__AVX2__)
+    const char* isa = "avx2";
+#else
+    const char* isa = "portable";
+#endif
+#if defined(__clang__)
+    const std::string compiler = "Clang " __clang_version__;
+#else
+    const std::string compiler = "GCC " __VERSION__;
+#endif
+    const std::string thrust = std::to_string(THRUST_MAJOR_VERSION) + "." +
+                               std::to_string(THRUST_MINOR_VERSION) + "." +
+                               std::to_string(THRUST_SUBMINOR_VERSION);
+    return {"cpu", isa, compiler, thrust, "", "", Simd::kWidth};
+}
+
+std::string why_unusable() {
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    const char* lacks = nullptr;
+#if defined(__AVX512F__)
+    if (!__builtin_cpu_supports("avx512f")) lacks = "AVX-512F";
+    if (!__builtin_cpu_supports("avx512dq")) lacks = "AVX-512DQ";
+    if (!__builtin_cpu_supports("avx512bw")) lacks = "AVX-512BW";
+    if (!__builtin_cpu_supports("avx512cd")) lacks = "AVX-512CD";
+    if (!__builtin_cpu_supports("avx512vl")) lacks = "AVX-512VL";
+#endif
+#if defined(__AVX2__)
+    if (!__builtin_cpu_supports("avx2")) lacks = "AVX2";
+    if (!__builtin_cpu_supports("fma")) lacks = "FMA";
+    if (!__builtin_cpu_supports("bmi2")) lacks = "BMI2";
+#endif
+    if (lacks) return std::string("this processor lacks ") + lacks;
+#endif
+    return "";
+}
+
+std::vector<DeviceInfo> devices() {
+    DeviceInfo d{};
+    std::ifstream info("/proc/cpuinfo");
+    for (std::string line; std::getline(info, line);)
+        if (line.rfind("model name", 0) == 0) {
+            d.name = line.substr(std::min(line.size(), line.find(':') + 2));
+            break;
+        }
+    const uint64_t page = static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
+    d.memory_total = page * static_cast<uint64_t>(sysconf(_SC_PHYS_PAGES));
+    d.memory_free = page * static_cast<uint64_t>(sysconf(_SC_AVPHYS_PAGES));
+    d.multiprocessors = static_cast<int>(std::thread::hardware_concurrency());
+    return {d};
+}
+
+std::vector<float> eval_math(const std::string& name, const std::vector<float>& x) {
+    using F = Simd::F;
+    std::vector<float> padded(x), out(x.size() + Simd::kWidth);
+    padded.resize(x.size() + Simd::kWidth);
+    const auto each = [&](auto fn) {
+        for (size_t i = 0; i < x.size(); i += Simd::kWidth)
+            compress_store(&out[i], fn(load(&padded[i], F())), first_lanes(Simd::kWidth, Simd::M()));
+    };
+    F s, c;
+    if (name == "sin_2pi")
+        each([&](F u) { return sincos_2pi(u, s, c), s; });
+    else if (name == "cos_2pi")
+        each([&](F u) { return sincos_2pi(u, s, c), c; });
+    else if (name == "sqrt")
+        each([](F u) { return sqrt(u); });
+    else if (name == "reciprocal")
+        each([](F u) { return F(1.f) / u; });
+    else if (name == "tent")
+        each([](F u) { return tent(u); });
+    else
+        throw std::invalid_argument("unknown function '" + name + "'");
+    out.resize(x.size());
+    return out;
+}
+
+std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
+                                   const std::vector<uint64_t>& sample,
+                                   const std::vector<uint32_t>& block) {
+    std::vector<uint32_t> out;
+    for (size_t i = 0; i < pixel.size(); ++i) {
+        const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32));
+        const Block<uint32_t> r =
+            random_block(key, pixel[i], static_cast<uint32_t>(sample[i]), block[i]);
+        out.insert(out.end(), {r.x, r.y, r.z, r.w});
+    }
+    return out;
+}
+
+void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
+               float* t, int32_t* triangle) {
+    const HostScene& host = scene.host();
+    for (size_t i = 0; i < n; i += Simd::kWidth) {
+        float rays[6][Simd::kWidth] = {}, distance[Simd::kWidth];
+        uint32_t primitive[Simd::kWidth];
+        const uint32_t live = static_cast<uint32_t>(std::min<size_t>(Simd::kWidth, n - i));
+        for (uint32_t k = 0; k < live; ++k) {
+            float ray[6];
+            normalise_ray(host, origins + 3 * (i + k), directions + 3 * (i + k), ray);
+            for (int c = 0; c < 6; ++c) rays[c][k] = ray[c];
+        }
+        const auto column = [&](int c) { return load(rays[c], Simd::F()); };
+        const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
+        const Hit<Simd> hit = PathTracer<Simd, kAllFeatures>::closest(
+            host.view, ray, first_lanes(live, Simd::M()));
+        const auto all = first_lanes(Simd::kWidth, Simd::M());
+        compress_store(distance, hit.t, all);
+        compress_store(primitive, hit.primitive, all);
+        for (uint32_t k = 0; k < live; ++k) {
+            const bool met = distance[k] < kInfinity;
+            t[i + k] = met ? static_cast<float>(distance[k] * host.unit) : kInfinity;
+            triangle[i + k] = met ? static_cast<int32_t>(host.primitive_triangle[primitive[k]]) : -1;
+        }
+    }
+}
+
+}  // namespace veriray

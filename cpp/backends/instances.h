@@ -1,0 +1,97 @@
+// The compiled variants, and what both backends do alike around a render.
+#pragma once
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "api/renderer.h"
+#include "schedulers/job.h"
+
+namespace veriray {
+
+// Calls fn.template operator()<mask>() with the smallest compiled variant that covers the scene.
+template <uint32_t kIndex = 0, class Fn>
+void with_variant(uint32_t index, Fn&& fn) {
+    if constexpr (kIndex < kVariantCount) {
+        if (index == kIndex)
+            fn.template operator()<kVariants[kIndex]>();
+        else
+            with_variant<kIndex + 1>(index, std::forward<Fn>(fn));
+    }
+}
+
+inline uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) {
+    return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
+}
+
+inline void check_settings(const RenderSettings& s, const HostScene& scene, const Film& film) {
+    const auto fail = [](const std::string& text) { throw std::invalid_argument(text); };
+    if (s.sample_end < s.sample_begin)
+        fail("sample_end = " + std::to_string(s.sample_end) + " lies before sample_begin = " +
+             std::to_string(s.sample_begin));
+    if (s.max_depth < -1 || s.max_depth > kHardMaxDepth)
+        fail("max_depth = " + std::to_string(s.max_depth) + "; allowed: -1 (unlimited) to " +
+             std::to_string(kHardMaxDepth));
+    if (s.scheduler != "fused" && s.scheduler != "thrust")
+        fail("scheduler = '" + s.scheduler + "'; allowed: fused, thrust");
+    if (s.batch > 1u << 26) fail("batch = " + std::to_string(s.batch) + "; allowed: 0 to 2^26");
+    if (film.width() != scene.width || film.height() != scene.height)
+        fail("the film has " + std::to_string(film.width()) + " x " +
+             std::to_string(film.height()) + " pixels, the scene's camera " +
+             std::to_string(scene.width) + " x " + std::to_string(scene.height));
+}
+
+// Calls fn(settings, begin, samples) for the parts of the sample range that share the upper 32 bits.
+template <class Fn>
+void for_sample_ranges(const RenderSettings& s, Fn fn) {
+    for (uint64_t at = s.sample_begin; at < s.sample_end;) {
+        const uint64_t end = std::min<uint64_t>(s.sample_end, (at | 0xffffffffull) + 1);
+        PathSettings settings;
+        settings.key = random_key(s.seed, static_cast<uint32_t>(at >> 32));
+        // 0 and 1 trace the camera segment alone.
+        settings.max_depth = s.max_depth < 0 ? kHardMaxDepth : static_cast<uint32_t>(s.max_depth);
+        settings.rr_depth = s.rr_depth;
+        const uint64_t most = std::min<uint64_t>(end - at, 0x7fffffffu);
+        fn(settings, static_cast<uint32_t>(at), static_cast<uint32_t>(most));
+        at += most;
+    }
+}
+
+// Fills the live column from the paths begun and the causes of their ends, and drops empty depths.
+inline void complete_ledger(std::vector<uint64_t>& ledger, uint64_t paths) {
+    uint64_t live = paths;
+    size_t depths = 0;
+    for (; depths * kLedgerColumns < ledger.size() && live; ++depths) {
+        uint64_t* row = &ledger[depths * kLedgerColumns];
+        row[kLive] = live;
+        for (uint32_t c = kEscaped; c <= kInvalid; ++c) live -= row[c];
+    }
+    ledger.resize(depths * kLedgerColumns);
+}
+
+inline void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_t sample_high) {
+    stats.fault_count += log.count;
+    for (uint64_t i = 0; i < std::min<uint64_t>(log.count, kMaxFaults); ++i) {
+        const SampleFault& f = log.first[i];
+        if (stats.faults.size() < kMaxFaults)
+            stats.faults.push_back({f.pixel % width, f.pixel / width, sample_high << 32 | f.sample,
+                                    {f.radiance[0], f.radiance[1], f.radiance[2]}});
+    }
+    std::sort(stats.faults.begin(), stats.faults.end(), [](const Fault& a, const Fault& b) {
+        return std::pair(a.sample, std::pair(a.y, a.x)) < std::pair(b.sample, std::pair(b.y, b.x));
+    });
+}
+
+// World rays to normalised ones.
+inline void normalise_ray(const HostScene& scene, const double* o, const double* d, float out[6]) {
+    const Double3 origin =
+        (Double3{o[0], o[1], o[2]} - scene.centre) * (1.0 / scene.unit);
+    const Double3 unit = normalised({d[0], d[1], d[2]});
+    for (int k = 0; k < 3; ++k) {
+        out[k] = static_cast<float>(origin[k]);
+        out[3 + k] = static_cast<float>(unit[k]);
+    }
+}
+
+}  // namespace veriray

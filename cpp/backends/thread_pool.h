@@ -1,0 +1,71 @@
+// Work on several threads while the calling one polls.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace veriray {
+
+// Runs work(worker, unit) for units [0, units) on `threads` threads; poll(share) every 50 ms on the
+// calling thread, which stops the rest by returning false or throwing. Exceptions propagate.
+// Returns false if stopped.
+template <class Work>
+bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)>& poll,
+              Work work) {
+    std::atomic<uint64_t> next{0};
+    std::atomic<bool> stop{false};
+    std::mutex mutex;
+    std::condition_variable done;
+    uint32_t running = 0;
+    std::exception_ptr error;
+    std::vector<std::thread> pool;
+    const auto body = [&](uint32_t worker) {
+        try {
+            for (uint64_t unit; !stop && (unit = next++) < units;) work(worker, unit);
+        } catch (...) {
+            const std::lock_guard lock(mutex);
+            if (!error) error = std::current_exception();
+            stop = true;
+        }
+        const std::lock_guard lock(mutex);
+        --running;
+        done.notify_one();
+    };
+    {
+        std::unique_lock lock(mutex);
+        try {
+            for (uint32_t k = 0; k < threads && k < units; ++k) {
+                pool.emplace_back(body, k);
+                ++running;
+            }
+        } catch (const std::system_error&) {
+            if (pool.empty()) throw;  // fewer threads than asked for do the same work
+        }
+        while (!done.wait_for(lock, std::chrono::milliseconds(50), [&] { return running == 0; })) {
+            if (!poll) continue;
+            lock.unlock();
+            const double share = static_cast<double>(std::min(next.load(), units)) /
+                                 static_cast<double>(units);
+            try {
+                if (!poll(share)) stop = true;
+            } catch (...) {
+                const std::lock_guard guard(mutex);
+                if (!error) error = std::current_exception();
+                stop = true;
+            }
+            lock.lock();
+        }
+    }
+    for (std::thread& t : pool) t.join();
+    if (error) std::rethrow_exception(error);
+    return !stop;
+}
+
+}  // namespace veriray

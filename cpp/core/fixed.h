@@ -1,0 +1,44 @@
+// Sums of non-negative numbers as 128-bit fixed point: exact, so free of any order.
+#pragma once
+
+#include "core/platform.h"
+
+namespace veriray {
+
+struct Fixed128 {
+    uint64_t lo, hi;
+};
+
+VR_HD void add(Fixed128& a, Fixed128 b) {
+    a.lo += b.lo;
+    a.hi += b.hi + (a.lo < b.lo ? 1u : 0u);
+}
+
+// Threads may add to the same number at once; the sum is defined when all are done.
+VR_HD void add_shared(uint64_t* a, Fixed128 b) {
+    const uint64_t before = atomic_add(a, b.lo);
+    const uint64_t high = b.hi + (before + b.lo < b.lo ? 1u : 0u);
+    if (high) atomic_add(a + 1, high);
+}
+
+// round(x * 2^scale), halves up, for 0 <= x < 2^(127 - scale).
+VR_HD Fixed128 to_fixed(double x, int scale) {
+    const uint64_t b = bit_cast<uint64_t>(x);
+    const int exponent = static_cast<int>(b >> 52);
+    const uint64_t m = (b & 0xfffffffffffffull) | 0x10000000000000ull;
+    const int shift = exponent - 1075 + scale;
+    if (exponent == 0 || shift < -54) return {0, 0};
+    if (shift < 0) return {(m + (1ull << (-shift - 1))) >> -shift, 0};
+    if (shift == 0) return {m, 0};
+    if (shift < 64) return {m << shift, m >> (64 - shift)};
+    return {0, m << (shift - 64)};
+}
+
+// Nearest double of a * 2^-scale, up to two roundings.
+VR_HD double to_double(Fixed128 a, int scale) {
+    const double unit = bit_cast<double>(static_cast<uint64_t>(1023 - scale) << 52);
+    const double two64 = 18446744073709551616.0;
+    return (static_cast<double>(a.hi) * two64 + static_cast<double>(a.lo)) * unit;
+}
+
+}  // namespace veriray

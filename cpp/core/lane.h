@@ -1,0 +1,73 @@
+// Lane types. Stage code is written once on a lane policy L with
+//   L::F  float lanes     L::U  uint32 lanes     L::M  mask lanes     L::kWidth
+// Scalar (CUDA threads, CPU tests) and the widest vector the translation unit is compiled for.
+// Every operation is IEEE-754 round-to-nearest, so all widths give the same bits.
+#pragma once
+
+#include "core/platform.h"
+
+namespace veriray {
+
+struct Scalar {
+    using F = float;
+    using U = uint32_t;
+    using M = bool;
+    static constexpr uint32_t kWidth = 1;
+};
+
+// ---- scalar lane ----
+VR_HD float fma(float a, float b, float c) {
+#if VR_DEVICE_CODE
+    return __fmaf_rn(a, b, c);
+#else
+    return __builtin_fmaf(a, b, c);
+#endif
+}
+VR_HD float sqrt(float a) {
+#if VR_DEVICE_CODE
+    return __fsqrt_rn(a);
+#else
+    return __builtin_sqrtf(a);
+#endif
+}
+VR_HD float abs(float a) { return bit_cast<float>(bit_cast<uint32_t>(a) & 0x7fffffffu); }
+// min and max return b when the comparison is false, NaN included, as x86 does.
+VR_HD float min(float a, float b) { return a < b ? a : b; }
+VR_HD float max(float a, float b) { return a > b ? a : b; }
+VR_HD float select(bool m, float a, float b) { return m ? a : b; }
+VR_HD uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
+VR_HD bool any(bool m) { return m; }
+VR_HD bool none(bool m) { return !m; }
+VR_HD uint32_t bits(bool m) { return m ? 1u : 0u; }
+VR_HD uint32_t count(bool m) { return m ? 1u : 0u; }
+// Exact for u < 2^24.
+VR_HD float to_float(uint32_t u) { return static_cast<float>(static_cast<int32_t>(u)); }
+// Truncation; defined for 0 <= a < 2^31.
+VR_HD uint32_t to_uint(float a) { return static_cast<uint32_t>(static_cast<int32_t>(a)); }
+VR_HD uint32_t as_uint(float a) { return bit_cast<uint32_t>(a); }
+VR_HD float as_float(uint32_t a) { return bit_cast<float>(a); }
+VR_HD float gather(const float* p, uint32_t i) { return p[i]; }
+VR_HD uint32_t gather(const uint32_t* p, uint32_t i) { return p[i]; }
+// gather from a column padded to at least 32 entries; n entries are in use.
+VR_HD float lookup(const float* column, uint32_t i, uint32_t) { return column[i]; }
+VR_HD float load(const float* p, float) { return *p; }
+VR_HD uint32_t load(const uint32_t* p, uint32_t) { return *p; }
+VR_HD uint32_t iota(uint32_t first, uint32_t) { return first; }
+VR_HD bool first_lanes(uint32_t n, bool) { return n > 0; }
+VR_HD float extract(float a, uint32_t) { return a; }
+VR_HD uint32_t extract(uint32_t a, uint32_t) { return a; }
+// Writes the lanes of m side by side from p on; up to kWidth entries from p may be overwritten.
+VR_HD void compress_store(float* p, float a, bool) { *p = a; }
+VR_HD void compress_store(uint32_t* p, uint32_t a, bool) { *p = a; }
+
+}  // namespace veriray
+
+#if defined(__CUDACC__)
+// Device code is scalar; the vector lanes belong to the CPU translation units.
+#elif defined(__AVX512F__) && defined(__AVX512DQ__) && defined(__AVX512VL__)
+#include "core/lane_avx512.h"
+#elif defined(__AVX2__) && defined(__FMA__)
+#include "core/lane_avx2.h"
+#else
+#include "core/lane_array.h"
+#endif

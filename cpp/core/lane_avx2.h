@@ -1,0 +1,117 @@
+// Eight lanes on AVX2 and FMA (x86-64-v3). A mask is all ones or all zeros per lane.
+#pragma once
+
+#include <immintrin.h>
+
+namespace veriray {
+
+struct M8 {
+    __m256 m;
+};
+struct U8 {
+    __m256i v;
+    U8() = default;
+    VR_HD U8(__m256i a) : v(a) {}
+    VR_HD U8(uint32_t a) : v(_mm256_set1_epi32(static_cast<int>(a))) {}
+};
+struct F8 {
+    __m256 v;
+    F8() = default;
+    VR_HD F8(__m256 a) : v(a) {}
+    VR_HD F8(float a) : v(_mm256_set1_ps(a)) {}
+};
+
+struct Simd {
+    using F = F8;
+    using U = U8;
+    using M = M8;
+    static constexpr uint32_t kWidth = 8;
+};
+
+VR_HD F8 operator+(F8 a, F8 b) { return _mm256_add_ps(a.v, b.v); }
+VR_HD F8 operator-(F8 a, F8 b) { return _mm256_sub_ps(a.v, b.v); }
+VR_HD F8 operator*(F8 a, F8 b) { return _mm256_mul_ps(a.v, b.v); }
+VR_HD F8 operator/(F8 a, F8 b) { return _mm256_div_ps(a.v, b.v); }
+VR_HD F8 operator-(F8 a) { return _mm256_xor_ps(a.v, _mm256_set1_ps(-0.f)); }
+VR_HD M8 operator<(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_LT_OQ)}; }
+VR_HD M8 operator<=(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_LE_OQ)}; }
+VR_HD M8 operator>(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GT_OQ)}; }
+VR_HD M8 operator>=(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GE_OQ)}; }
+VR_HD M8 operator==(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_EQ_OQ)}; }
+VR_HD U8 operator+(U8 a, U8 b) { return _mm256_add_epi32(a.v, b.v); }
+VR_HD U8 operator*(U8 a, U8 b) { return _mm256_mullo_epi32(a.v, b.v); }
+VR_HD U8 operator&(U8 a, U8 b) { return _mm256_and_si256(a.v, b.v); }
+VR_HD U8 operator|(U8 a, U8 b) { return _mm256_or_si256(a.v, b.v); }
+VR_HD U8 operator^(U8 a, U8 b) { return _mm256_xor_si256(a.v, b.v); }
+VR_HD U8 operator>>(U8 a, int n) { return _mm256_srli_epi32(a.v, n); }
+VR_HD U8 operator<<(U8 a, int n) { return _mm256_slli_epi32(a.v, n); }
+VR_HD M8 operator==(U8 a, U8 b) {
+    return {_mm256_castsi256_ps(_mm256_cmpeq_epi32(a.v, b.v))};
+}
+VR_HD M8 operator<(U8 a, U8 b) {
+    const __m256i top = _mm256_set1_epi32(static_cast<int>(0x80000000u));
+    return {_mm256_castsi256_ps(
+        _mm256_cmpgt_epi32(_mm256_xor_si256(b.v, top), _mm256_xor_si256(a.v, top)))};
+}
+VR_HD M8 operator&(M8 a, M8 b) { return {_mm256_and_ps(a.m, b.m)}; }
+VR_HD M8 operator|(M8 a, M8 b) { return {_mm256_or_ps(a.m, b.m)}; }
+VR_HD M8 operator!(M8 a) {
+    return {_mm256_xor_ps(a.m, _mm256_castsi256_ps(_mm256_set1_epi32(-1)))};
+}
+
+VR_HD F8 fma(F8 a, F8 b, F8 c) { return _mm256_fmadd_ps(a.v, b.v, c.v); }
+VR_HD F8 sqrt(F8 a) { return _mm256_sqrt_ps(a.v); }
+VR_HD F8 abs(F8 a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.f), a.v); }
+VR_HD F8 min(F8 a, F8 b) { return _mm256_min_ps(a.v, b.v); }
+VR_HD F8 max(F8 a, F8 b) { return _mm256_max_ps(a.v, b.v); }
+VR_HD F8 select(M8 m, F8 a, F8 b) { return _mm256_blendv_ps(b.v, a.v, m.m); }
+VR_HD U8 select(M8 m, U8 a, U8 b) {
+    return _mm256_castps_si256(
+        _mm256_blendv_ps(_mm256_castsi256_ps(b.v), _mm256_castsi256_ps(a.v), m.m));
+}
+VR_HD uint32_t bits(M8 m) { return static_cast<uint32_t>(_mm256_movemask_ps(m.m)); }
+VR_HD bool any(M8 m) { return bits(m) != 0; }
+VR_HD bool none(M8 m) { return bits(m) == 0; }
+VR_HD uint32_t count(M8 m) { return static_cast<uint32_t>(__builtin_popcount(bits(m))); }
+VR_HD F8 to_float(U8 a) { return _mm256_cvtepi32_ps(a.v); }
+VR_HD U8 to_uint(F8 a) { return _mm256_cvttps_epi32(a.v); }
+VR_HD U8 as_uint(F8 a) { return _mm256_castps_si256(a.v); }
+VR_HD F8 as_float(U8 a) { return _mm256_castsi256_ps(a.v); }
+VR_HD F8 gather(const float* p, U8 i) { return _mm256_i32gather_ps(p, i.v, 4); }
+VR_HD U8 gather(const uint32_t* p, U8 i) {
+    return _mm256_i32gather_epi32(reinterpret_cast<const int*>(p), i.v, 4);
+}
+VR_HD F8 lookup(const float* column, U8 i, uint32_t) { return gather(column, i); }
+VR_HD F8 load(const float* p, F8) { return _mm256_loadu_ps(p); }
+VR_HD U8 load(const uint32_t* p, U8) {
+    return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
+}
+VR_HD U8 iota(uint32_t first, U8) {
+    return U8(first) + U8(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+}
+VR_HD M8 first_lanes(uint32_t n, M8) { return iota(0, U8()) < U8(n); }
+VR_HD float extract(F8 a, uint32_t lane) {
+    alignas(32) float t[8];
+    _mm256_store_ps(t, a.v);
+    return t[lane];
+}
+VR_HD uint32_t extract(U8 a, uint32_t lane) {
+    alignas(32) uint32_t t[8];
+    _mm256_store_si256(reinterpret_cast<__m256i*>(t), a.v);
+    return t[lane];
+}
+// The index of the k-th set bit of m, for each lane k: the survivors' order is kept.
+VR_HD __m256i compress_order(uint32_t m) {
+    const uint64_t spread = _pdep_u64(m, 0x0101010101010101ull) * 0xffull;
+    const uint64_t order = _pext_u64(0x0706050403020100ull, spread);
+    return _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(static_cast<long long>(order)));
+}
+VR_HD void compress_store(float* p, F8 a, M8 m) {
+    _mm256_storeu_ps(p, _mm256_permutevar8x32_ps(a.v, compress_order(bits(m))));
+}
+VR_HD void compress_store(uint32_t* p, U8 a, M8 m) {
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(p),
+                        _mm256_permutevar8x32_epi32(a.v, compress_order(bits(m))));
+}
+
+}  // namespace veriray

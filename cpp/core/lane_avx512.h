@@ -1,0 +1,107 @@
+// Sixteen lanes on AVX-512 (x86-64-v4).
+#pragma once
+
+// GCC 12 takes the undefined operands of its own intrinsics for uninitialised variables.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wuninitialized"
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#include <immintrin.h>
+#pragma GCC diagnostic pop
+
+namespace veriray {
+
+struct M16 {
+    __mmask16 m;
+};
+struct U16 {
+    __m512i v;
+    U16() = default;
+    VR_HD U16(__m512i a) : v(a) {}
+    VR_HD U16(uint32_t a) : v(_mm512_set1_epi32(static_cast<int>(a))) {}
+};
+struct F16 {
+    __m512 v;
+    F16() = default;
+    VR_HD F16(__m512 a) : v(a) {}
+    VR_HD F16(float a) : v(_mm512_set1_ps(a)) {}
+};
+
+struct Simd {
+    using F = F16;
+    using U = U16;
+    using M = M16;
+    static constexpr uint32_t kWidth = 16;
+};
+
+VR_HD F16 operator+(F16 a, F16 b) { return _mm512_add_ps(a.v, b.v); }
+VR_HD F16 operator-(F16 a, F16 b) { return _mm512_sub_ps(a.v, b.v); }
+VR_HD F16 operator*(F16 a, F16 b) { return _mm512_mul_ps(a.v, b.v); }
+VR_HD F16 operator/(F16 a, F16 b) { return _mm512_div_ps(a.v, b.v); }
+VR_HD F16 operator-(F16 a) { return _mm512_xor_ps(a.v, _mm512_set1_ps(-0.f)); }
+VR_HD M16 operator<(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LT_OQ)}; }
+VR_HD M16 operator<=(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LE_OQ)}; }
+VR_HD M16 operator>(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GT_OQ)}; }
+VR_HD M16 operator>=(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GE_OQ)}; }
+VR_HD M16 operator==(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_EQ_OQ)}; }
+VR_HD U16 operator+(U16 a, U16 b) { return _mm512_add_epi32(a.v, b.v); }
+VR_HD U16 operator*(U16 a, U16 b) { return _mm512_mullo_epi32(a.v, b.v); }
+VR_HD U16 operator&(U16 a, U16 b) { return _mm512_and_si512(a.v, b.v); }
+VR_HD U16 operator|(U16 a, U16 b) { return _mm512_or_si512(a.v, b.v); }
+VR_HD U16 operator^(U16 a, U16 b) { return _mm512_xor_si512(a.v, b.v); }
+VR_HD U16 operator>>(U16 a, int n) { return _mm512_srli_epi32(a.v, static_cast<unsigned>(n)); }
+VR_HD U16 operator<<(U16 a, int n) { return _mm512_slli_epi32(a.v, static_cast<unsigned>(n)); }
+VR_HD M16 operator==(U16 a, U16 b) { return {_mm512_cmpeq_epi32_mask(a.v, b.v)}; }
+VR_HD M16 operator<(U16 a, U16 b) { return {_mm512_cmplt_epu32_mask(a.v, b.v)}; }
+VR_HD M16 operator&(M16 a, M16 b) { return {_kand_mask16(a.m, b.m)}; }
+VR_HD M16 operator|(M16 a, M16 b) { return {_kor_mask16(a.m, b.m)}; }
+VR_HD M16 operator!(M16 a) { return {_knot_mask16(a.m)}; }
+
+VR_HD F16 fma(F16 a, F16 b, F16 c) { return _mm512_fmadd_ps(a.v, b.v, c.v); }
+VR_HD F16 sqrt(F16 a) { return _mm512_sqrt_ps(a.v); }
+VR_HD F16 abs(F16 a) { return _mm512_abs_ps(a.v); }
+VR_HD F16 min(F16 a, F16 b) { return _mm512_min_ps(a.v, b.v); }
+VR_HD F16 max(F16 a, F16 b) { return _mm512_max_ps(a.v, b.v); }
+VR_HD F16 select(M16 m, F16 a, F16 b) { return _mm512_mask_blend_ps(m.m, b.v, a.v); }
+VR_HD U16 select(M16 m, U16 a, U16 b) { return _mm512_mask_blend_epi32(m.m, b.v, a.v); }
+VR_HD bool any(M16 m) { return m.m != 0; }
+VR_HD bool none(M16 m) { return m.m == 0; }
+VR_HD uint32_t bits(M16 m) { return m.m; }
+VR_HD uint32_t count(M16 m) { return static_cast<uint32_t>(__builtin_popcount(m.m)); }
+VR_HD F16 to_float(U16 a) { return _mm512_cvtepi32_ps(a.v); }
+VR_HD U16 to_uint(F16 a) { return _mm512_cvttps_epi32(a.v); }
+VR_HD U16 as_uint(F16 a) { return _mm512_castps_si512(a.v); }
+VR_HD F16 as_float(U16 a) { return _mm512_castsi512_ps(a.v); }
+VR_HD F16 gather(const float* p, U16 i) { return _mm512_i32gather_ps(i.v, p, 4); }
+VR_HD U16 gather(const uint32_t* p, U16 i) { return _mm512_i32gather_epi32(i.v, p, 4); }
+VR_HD F16 lookup(const float* column, U16 i, uint32_t n) {
+    if (n <= 32)
+        return _mm512_permutex2var_ps(_mm512_loadu_ps(column), i.v, _mm512_loadu_ps(column + 16));
+    return gather(column, i);
+}
+VR_HD F16 load(const float* p, F16) { return _mm512_loadu_ps(p); }
+VR_HD U16 load(const uint32_t* p, U16) { return _mm512_loadu_si512(p); }
+VR_HD U16 iota(uint32_t first, U16) {
+    return U16(first) +
+           U16(_mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15));
+}
+VR_HD M16 first_lanes(uint32_t n, M16) {
+    return {static_cast<__mmask16>(n >= 16 ? 0xffffu : (1u << n) - 1u)};
+}
+VR_HD float extract(F16 a, uint32_t lane) {
+    alignas(64) float t[16];
+    _mm512_store_ps(t, a.v);
+    return t[lane];
+}
+VR_HD uint32_t extract(U16 a, uint32_t lane) {
+    alignas(64) uint32_t t[16];
+    _mm512_store_si512(t, a.v);
+    return t[lane];
+}
+VR_HD void compress_store(float* p, F16 a, M16 m) {
+    _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m.m, a.v));
+}
+VR_HD void compress_store(uint32_t* p, U16 a, M16 m) {
+    _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m.m, a.v));
+}
+
+}  // namespace veriray

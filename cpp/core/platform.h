@@ -1,0 +1,42 @@
+// The only file that knows which compiler is at work.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#if defined(__CUDACC__)
+#define VR_HD __host__ __device__ __forceinline__
+#define VR_HD_COLD __host__ __device__ __noinline__
+#else
+#define VR_HD inline __attribute__((always_inline))
+#define VR_HD_COLD inline __attribute__((noinline))
+#endif
+
+#if defined(__CUDA_ARCH__)
+#define VR_DEVICE_CODE 1
+#else
+#define VR_DEVICE_CODE 0
+#endif
+
+namespace veriray {
+
+// acc += value on integers shared between threads: order never shows in the result.
+// Returns the value before the addition, so that a carry can be found.
+VR_HD uint64_t atomic_add(uint64_t* acc, uint64_t value) {
+#if VR_DEVICE_CODE
+    return atomicAdd(reinterpret_cast<unsigned long long*>(acc),
+                     static_cast<unsigned long long>(value));
+#else
+    return __atomic_fetch_add(acc, value, __ATOMIC_RELAXED);
+#endif
+}
+
+template <class To, class From>
+VR_HD To bit_cast(From from) {
+    static_assert(sizeof(To) == sizeof(From));
+    To to;
+    memcpy(&to, &from, sizeof(to));
+    return to;
+}
+
+}  // namespace veriray

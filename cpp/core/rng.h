@@ -1,0 +1,63 @@
+// Random numbers as a pure function of (seed, pixel, sample, vertex, named dimension).
+// No state, no clock, no order of execution.
+#pragma once
+
+#include "core/lane.h"
+
+namespace veriray {
+
+template <class U>
+struct Block {
+    U x, y, z, w;
+};
+
+// Bijection of 128 bits, four words in, four words out.
+// M. Jarzynski, M. Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020 (pcg4d).
+template <class U>
+VR_HD Block<U> hash(Block<U> v) {
+    const U a(1664525u), c(1013904223u);
+    v = {v.x * a + c, v.y * a + c, v.z * a + c, v.w * a + c};
+    v.x = v.x + v.y * v.w;
+    v.y = v.y + v.z * v.x;
+    v.z = v.z + v.x * v.y;
+    v.w = v.w + v.y * v.z;
+    v = {v.x ^ (v.x >> 16), v.y ^ (v.y >> 16), v.z ^ (v.z >> 16), v.w ^ (v.w >> 16)};
+    v.x = v.x + v.y * v.w;
+    v.y = v.y + v.z * v.x;
+    v.z = v.z + v.x * v.y;
+    v.w = v.w + v.y * v.z;
+    return v;
+}
+
+// 64 key bits from the seed and the upper half of the sample index; one per launch.
+struct RandomKey {
+    uint32_t k0, k1;
+};
+VR_HD RandomKey random_key(uint64_t seed, uint32_t sample_high) {
+    const Block<uint32_t> h =
+        hash(Block<uint32_t>{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32),
+                             sample_high, 0x76657269u});
+    return {h.x, h.y};
+}
+
+// Named dimensions. A block is four numbers; a path uses block kCamera once and two blocks a vertex.
+enum Dimension : uint32_t {
+    kCamera = 0,       // film x, film y, lens u, lens v
+    kScatter = 1,      // light u, light v, bsdf u, bsdf v
+    kDecide = 2,       // light choice, roulette, lobe, free
+    kBlocksPerVertex = 2,
+};
+VR_HD uint32_t dimension_block(uint32_t depth, Dimension d) { return depth * kBlocksPerVertex + d; }
+
+template <class U>
+VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
+    return hash(Block<U>{pixel + U(key.k0), sample, U(block), U(key.k1)});
+}
+
+// Uniform on the 2^24 multiples of 2^-24 in [0, 1): never 1.
+VR_HD float uniform(uint32_t u) { return to_float(u >> 8) * 0x1p-24f; }
+#if !defined(__CUDACC__)
+VR_HD Simd::F uniform(Simd::U u) { return to_float(u >> 8) * Simd::F(0x1p-24f); }
+#endif
+
+}  // namespace veriray

@@ -1,0 +1,60 @@
+// Three-vectors of lanes. Sums of products are fused in one fixed order.
+#pragma once
+
+#include "core/lane.h"
+
+namespace veriray {
+
+template <class F>
+struct Vec3 {
+    F x, y, z;
+};
+
+template <class F>
+VR_HD Vec3<F> operator+(Vec3<F> a, Vec3<F> b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <class F>
+VR_HD Vec3<F> operator-(Vec3<F> a, Vec3<F> b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <class F>
+VR_HD Vec3<F> operator*(Vec3<F> a, Vec3<F> b) {
+    return {a.x * b.x, a.y * b.y, a.z * b.z};
+}
+template <class F>
+VR_HD Vec3<F> operator*(Vec3<F> a, F s) {
+    return {a.x * s, a.y * s, a.z * s};
+}
+template <class F>
+VR_HD Vec3<F> fma(Vec3<F> a, F s, Vec3<F> b) {
+    return {fma(a.x, s, b.x), fma(a.y, s, b.y), fma(a.z, s, b.z)};
+}
+template <class F>
+VR_HD Vec3<F> fma(Vec3<F> a, Vec3<F> b, Vec3<F> c) {
+    return {fma(a.x, b.x, c.x), fma(a.y, b.y, c.y), fma(a.z, b.z, c.z)};
+}
+template <class F>
+VR_HD F dot(Vec3<F> a, Vec3<F> b) {
+    return fma(a.z, b.z, fma(a.y, b.y, a.x * b.x));
+}
+template <class F>
+VR_HD Vec3<F> cross(Vec3<F> a, Vec3<F> b) {
+    return {fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)),
+            fma(a.x, b.y, -(a.y * b.x))};
+}
+template <class F>
+VR_HD F max_component(Vec3<F> a) {
+    return max(max(a.x, a.y), a.z);
+}
+template <class F, class M>
+VR_HD Vec3<F> select(M m, Vec3<F> a, Vec3<F> b) {
+    return {select(m, a.x, b.x), select(m, a.y, b.y), select(m, a.z, b.z)};
+}
+// A vector equal in all lanes, from three consecutive floats.
+template <class F>
+VR_HD Vec3<F> broadcast(const float* p) {
+    return {F(p[0]), F(p[1]), F(p[2])};
+}
+
+}  // namespace veriray

@@ -1,0 +1,95 @@
+// The film: per pixel and channel the exact sums of the samples and of their squares.
+//
+// A sample x (radiance) enters as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit integers,
+// e being the binary exponent of the scene's largest radiance. Integer addition is associative, so
+// any order, split, merge or resume gives the same film, no sum drifts, and threads need no order.
+// Resolution 2^-72 of the largest radiance a sample; a sample at or above 2^20 of it, negative or
+// not finite is not added but counted and reported (SampleFault).
+#pragma once
+
+#include "core/fixed.h"
+#include "core/vec.h"
+
+namespace veriray {
+
+inline constexpr int kSumScale = 72;
+inline constexpr int kSquareScale = 76;
+inline constexpr float kSampleLimit = 0x1p20f;
+inline constexpr uint32_t kFilmWords = 12;  // sum lo, hi and square lo, hi of three channels
+
+struct FilmView {
+    uint64_t* words;  // [pixel][channel][sum lo, sum hi, square lo, square hi]
+    uint32_t width, height;
+    float scale;  // 2^-e
+};
+
+struct PixelSum {
+    Fixed128 sum[3], square[3];
+};
+
+// True where a film can hold the sample; false also for NaN.
+template <class F>
+VR_HD auto film_accepts(Vec3<F> radiance, float scale) {
+    const F limit(kSampleLimit), zero(0.f), s(scale);
+    return (radiance.x >= zero) & (radiance.y >= zero) & (radiance.z >= zero) &
+           (radiance.x * s < limit) & (radiance.y * s < limit) & (radiance.z * s < limit);
+}
+
+VR_HD void add_sample(PixelSum& p, const float radiance[3], float scale) {
+    for (int k = 0; k < 3; ++k) {
+        const double x = static_cast<double>(radiance[k] * scale);
+        add(p.sum[k], to_fixed(x, kSumScale));
+        add(p.square[k], to_fixed(x * x, kSquareScale));
+    }
+}
+
+VR_HD void flush(const FilmView& film, uint32_t pixel, PixelSum& p) {
+    uint64_t* w = film.words + static_cast<uint64_t>(pixel) * kFilmWords;
+    for (int k = 0; k < 3; ++k) {
+        add_shared(w + 4 * k, p.sum[k]);
+        add_shared(w + 4 * k + 2, p.square[k]);
+        p.sum[k] = p.square[k] = {0, 0};
+    }
+}
+
+VR_HD double film_sum(const uint64_t* words, uint32_t channel, float scale) {
+    return to_double({words[4 * channel], words[4 * channel + 1]}, kSumScale) /
+           static_cast<double>(scale);
+}
+
+// Mean and standard error of the mean of one channel over n samples, in radiance.
+// The variance is a difference of two numbers; its rounding (2^-52 of the square) may leave it
+// below 0 where all samples are equal, which is then 0.
+VR_HD void resolve(const uint64_t* words, uint32_t channel, float scale, uint64_t n, float& mean,
+                   float& standard_error) {
+    const uint64_t* w = words + 4 * channel;
+    const double count = static_cast<double>(n), unit = 1.0 / static_cast<double>(scale);
+    const double m = n ? to_double({w[0], w[1]}, kSumScale) / count : 0.0;
+    const double square = n ? to_double({w[2], w[3]}, kSquareScale) / count : 0.0;
+    const double variance = square - m * m;
+    mean = static_cast<float>(m * unit);
+#if VR_DEVICE_CODE
+    const double root = variance > 0 && n > 1 ? __dsqrt_rn(variance / (count - 1.0)) : 0.0;
+#else
+    const double root = variance > 0 && n > 1 ? __builtin_sqrt(variance / (count - 1.0)) : 0.0;
+#endif
+    standard_error = static_cast<float>(root * unit);
+}
+
+// A sample that the film refused: enough to replay it.
+struct SampleFault {
+    uint32_t pixel, sample;
+    float radiance[3];
+};
+inline constexpr uint32_t kMaxFaults = 64;
+struct FaultLog {
+    uint64_t count;
+    SampleFault first[kMaxFaults];
+};
+
+VR_HD void log_fault(FaultLog* log, uint32_t pixel, uint32_t sample, const float radiance[3]) {
+    const uint64_t k = atomic_add(&log->count, 1);
+    if (k < kMaxFaults) log->first[k] = {pixel, sample, {radiance[0], radiance[1], radiance[2]}};
+}
+
+}  // namespace veriray

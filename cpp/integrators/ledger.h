@@ -1,0 +1,26 @@
+// The ray ledger: what became of every segment, as integers that add up exactly.
+//   live[d] = escaped + emitter_end + absorbed + rr_killed + depth_cut + invalid + live[d + 1]
+// d counts segments from the camera's, 0. One shadow ray at most leaves each vertex.
+#pragma once
+
+#include <cstdint>
+
+namespace veriray {
+
+enum LedgerColumn : uint32_t {
+    kLive,
+    kEscaped,      // met nothing
+    kEmitterEnd,   // met the front of an emitter that reflects nothing
+    kAbsorbed,     // met a black surface, or the back of a one-sided one
+    kRrKilled,     // ended by roulette at this vertex
+    kDepthCut,     // may not scatter here: max_depth
+    kInvalid,      // the path's sample was refused by the film
+    kShadowVisible,
+    kShadowOccluded,
+    kLedgerColumns,
+};
+
+// Paths are cut here whatever max_depth says, and counted as depth_cut.
+inline constexpr uint32_t kHardMaxDepth = 65535;
+
+}  // namespace veriray

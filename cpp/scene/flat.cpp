@@ -1,0 +1,137 @@
+// Flat primitives of small scenes: merging of coplanar triangles, edge functions, shared edges.
+#include <algorithm>
+
+#include "scene/scene.h"
+
+namespace veriray {
+namespace {
+
+bool same(Double3 a, Double3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+// Rounding of a vertex to float32 moves it by 2^-25 a coordinate at most; four take part.
+constexpr double kFlatTolerance = 0x1p-22;
+
+bool convex(const Flat& f) {
+    const Double3 n = f.area_vector();
+    for (uint32_t k = 0; k < 4; ++k) {
+        const Double3 a = f.v[(k + 1) % 4] - f.v[k], b = f.v[(k + 2) % 4] - f.v[(k + 1) % 4];
+        if (dot(cross(a, b), n) <= 1e-3 * length(a) * length(b) * length(n)) return false;
+    }
+    return true;
+}
+
+// The union of two triangles that share the edge a[i] -> a[i + 1] (b runs it backwards).
+bool join(const Flat& a, const Flat& b, Flat& out) {
+    for (uint32_t i = 0; i < 3; ++i)
+        for (uint32_t j = 0; j < 3; ++j) {
+            if (!same(a.v[i], b.v[(j + 1) % 3]) || !same(a.v[(i + 1) % 3], b.v[j])) continue;
+            out = a;
+            out.v = {a.v[i], b.v[(j + 2) % 3], a.v[(i + 1) % 3], a.v[(i + 2) % 3]};
+            out.corners = 4;
+            out.triangle = std::min(a.triangle, b.triangle);
+            const Double3 n = normalised(a.area_vector());
+            if (std::abs(dot(n, b.v[(j + 2) % 3] - a.v[i])) > kFlatTolerance) return false;
+            if (!convex(out)) return false;
+            const Double3 gap = out.v[0] + out.v[2] - out.v[1] - out.v[3];
+            out.parallelogram = length(gap) <= kFlatTolerance;
+            return out.parallelogram || a.emission < 0;  // lights are sampled as parallelograms
+        }
+    return false;
+}
+
+}  // namespace
+
+std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles) {
+    std::vector<Flat> out;
+    std::vector<bool> used(triangles.size(), false);
+    for (size_t i = 0; i < triangles.size(); ++i) {
+        if (used[i]) continue;
+        Flat best = triangles[i];
+        for (size_t j = i + 1; j < triangles.size(); ++j) {
+            Flat joined;
+            if (used[j] || triangles[j].material != triangles[i].material ||
+                triangles[j].emission != triangles[i].emission ||
+                !join(triangles[i], triangles[j], joined))
+                continue;
+            best = joined;
+            used[j] = true;
+            break;
+        }
+        out.push_back(best);
+    }
+    return out;
+}
+
+std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
+    // Edges run along each other where both ends of the shorter lie on the longer, to rounding.
+    const auto on = [](Double3 p, Double3 a, Double3 b) {
+        const Double3 e = b - a;
+        const double s = std::clamp(dot(p - a, e) / dot(e, e), 0.0, 1.0);
+        return length(p - (a + e * s)) <= 4 * kFlatTolerance;
+    };
+    std::vector<std::array<bool, 4>> shared(flats.size(), {false, false, false, false});
+    for (size_t i = 0; i < flats.size(); ++i)
+        for (uint32_t k = 0; k < flats[i].corners; ++k) {
+            const Double3 a = flats[i].v[k], b = flats[i].v[(k + 1) % flats[i].corners];
+            for (size_t j = 0; j < flats.size() && !shared[i][k]; ++j) {
+                if (j == i) continue;
+                for (uint32_t m = 0; m < flats[j].corners; ++m) {
+                    const Double3 c = flats[j].v[m], d = flats[j].v[(m + 1) % flats[j].corners];
+                    if ((on(a, c, d) && on(b, c, d)) || (on(c, a, b) && on(d, a, b))) {
+                        shared[i][k] = true;
+                        break;
+                    }
+                }
+            }
+        }
+    return shared;
+}
+
+namespace {
+void write_plane(const Flat& f, float* out) {
+    const Double3 n = normalised(f.area_vector());
+    const float nf[3] = {static_cast<float>(n.x), static_cast<float>(n.y),
+                         static_cast<float>(n.z)};
+    double offset = 0;
+    for (uint32_t k = 0; k < f.corners; ++k)
+        offset += (nf[0] * f.v[k].x + nf[1] * f.v[k].y + nf[2] * f.v[k].z) / f.corners;
+    out[0] = nf[0], out[1] = nf[1], out[2] = nf[2], out[3] = static_cast<float>(offset);
+}
+
+void write_edge(Double3 e, double w, float* out) {
+    out[0] = static_cast<float>(e.x), out[1] = static_cast<float>(e.y),
+    out[2] = static_cast<float>(e.z), out[3] = static_cast<float>(w);
+}
+
+// Inward unit normal of edge a -> b in the plane of normal n.
+Double3 edge_normal(Double3 n, Double3 a, Double3 b) { return normalised(cross(n, b - a)); }
+}  // namespace
+
+void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
+    write_plane(f, out);
+    const Double3 n = normalised(f.area_vector());
+    for (uint32_t k = 0; k < 2; ++k) {  // slab between the edges k and k + 2
+        const Double3 e = edge_normal(n, f.v[k], f.v[k + 1]);
+        const double half = 0.5 * dot(e, f.v[k + 2] - f.v[k]);
+        const double slack = shared[k] || shared[k + 2] ? static_cast<double>(kEdgeSlack) : 0.0;
+        const Double3 mid = (f.v[k] + f.v[k + 2]) * 0.5;
+        const double scale = 1.0 / (half + slack);
+        write_edge(e * scale, -dot(e, mid) * scale, out + 4 + 4 * k);
+    }
+}
+
+void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out) {
+    write_plane(f, out);
+    const Double3 n = normalised(f.area_vector());
+    for (uint32_t k = 0; k < 4; ++k) {
+        if (k >= f.corners) {
+            write_edge({0, 0, 0}, 1.0, out + 4 + 4 * k);
+            continue;
+        }
+        const Double3 e = edge_normal(n, f.v[k], f.v[(k + 1) % f.corners]);
+        const double slack = shared[k] ? static_cast<double>(kEdgeSlack) : 0.0;
+        write_edge(e, slack - dot(e, f.v[k]), out + 4 + 4 * k);
+    }
+}
+
+}  // namespace veriray

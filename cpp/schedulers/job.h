@@ -1,0 +1,39 @@
+// What a scheduler is given: samples [sample_begin, sample_begin + samples) of every pixel.
+#pragma once
+
+#include "integrators/path.h"
+
+namespace veriray {
+
+struct Job {
+    PathSettings settings;
+    FilmView film;
+    FaultLog* faults;
+    uint32_t sample_begin, samples;  // lower 32 bits; a job never crosses a multiple of 2^32
+
+    VR_HD uint64_t pixels() const { return static_cast<uint64_t>(film.width) * film.height; }
+    VR_HD uint64_t paths() const { return pixels() * samples; }
+};
+
+// Why a path ended at this bounce; kLive if it goes on.
+VR_HD LedgerColumn cause_of(const Events<Scalar>& e) {
+    if (e.escaped) return kEscaped;
+    if (e.emitter_end) return kEmitterEnd;
+    if (e.absorbed) return kAbsorbed;
+    if (e.depth_cut) return kDepthCut;
+    return e.rr_killed ? kRrKilled : kLive;
+}
+
+// finish: hands a scalar path's sample to the pixel's sum, or logs it. Returns the path's cause.
+VR_HD LedgerColumn finish(const Job& job, const PathState<Scalar>& path, LedgerColumn cause,
+                          PixelSum& sum) {
+    const float radiance[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
+    if (!film_accepts(path.radiance, job.film.scale)) {
+        log_fault(job.faults, path.pixel, path.sample, radiance);
+        return kInvalid;
+    }
+    add_sample(sum, radiance, job.film.scale);
+    return cause;
+}
+
+}  // namespace veriray

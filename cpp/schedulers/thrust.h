@@ -1,0 +1,112 @@
+// Scheduler `thrust`: Algorithm 1 of H. Dahlberg, "Parallel Path Tracing in CUDA", KTH, 2016.
+// An array of rays and an array of path indices; every bounce is one launch of ceil(live / 256)
+// blocks over the live indices, ended paths write -1 over theirs, and thrust::remove_if closes the
+// gaps before the next bounce.
+#pragma once
+
+#include <thrust/remove.h>
+
+#include <vector>
+
+#include "schedulers/job.h"
+
+namespace veriray {
+
+inline constexpr uint32_t kThrustBlock = 256;
+
+// The ray array: paths as columns.
+struct PathColumns {
+    float* floats;    // [13][capacity]
+    uint32_t* uints;  // [2][capacity]
+    uint32_t capacity;
+};
+inline constexpr size_t kBytesPerPath = 13 * sizeof(float) + 3 * sizeof(uint32_t);
+
+VR_HD PathState<Scalar> load_path(const PathColumns& c, uint32_t i) {
+    const auto f = [&](uint64_t k) { return c.floats[k * c.capacity + i]; };
+    return {c.uints[i],
+            c.uints[c.capacity + i],
+            {{f(0), f(1), f(2)}, {f(3), f(4), f(5)}},
+            {f(6), f(7), f(8)},
+            {f(9), f(10), f(11)},
+            f(12)};
+}
+
+VR_HD void store_path(const PathColumns& c, uint32_t i, const PathState<Scalar>& p) {
+    const float f[13] = {p.ray.o.x,    p.ray.o.y,      p.ray.o.z,      p.ray.d.x,      p.ray.d.y,
+                         p.ray.d.z,    p.throughput.x, p.throughput.y, p.throughput.z, p.radiance.x,
+                         p.radiance.y, p.radiance.z,   p.pdf_sa};
+    for (uint64_t k = 0; k < 13; ++k) c.floats[k * c.capacity + i] = f[k];
+    c.uints[i] = p.pixel;
+    c.uints[c.capacity + i] = p.sample;
+}
+
+// What one path did in one launch, for the ledger.
+struct BounceOutcome {
+    LedgerColumn cause;   // kLive: goes on
+    LedgerColumn shadow;  // kLive: no shadow ray
+};
+
+// Body of the first launch: path `first + i` of the job begins in slot i.
+template <uint32_t kFeatures>
+VR_HD void thrust_begin(const SceneView& scene, const Job& job, const PathColumns& paths,
+                        int32_t* indices, uint64_t first, uint32_t i) {
+    const uint64_t g = first + i;
+    const uint32_t sample = static_cast<uint32_t>(g / job.pixels());
+    const uint32_t pixel = static_cast<uint32_t>(g - sample * job.pixels());
+    store_path(paths, i,
+               PathTracer<Scalar, kFeatures>::begin(
+                   scene, job.settings, pixel % job.film.width, pixel / job.film.width,
+                   job.film.width, job.sample_begin + sample));
+    indices[i] = static_cast<int32_t>(i);
+}
+
+// Body of a bounce: the path whose index stands at place k.
+template <uint32_t kFeatures>
+VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const PathColumns& paths,
+                                  int32_t* indices, uint32_t depth, uint32_t k) {
+    const uint32_t i = static_cast<uint32_t>(indices[k]);
+    PathState<Scalar> path = load_path(paths, i);
+    const Events<Scalar> e =
+        PathTracer<Scalar, kFeatures>::bounce(scene, job.settings, path, depth, true);
+    BounceOutcome out{cause_of(e), kLive};
+    if (e.visible) out.shadow = kShadowVisible;
+    if (e.occluded) out.shadow = kShadowOccluded;
+    if (e.alive) {
+        store_path(paths, i, path);
+    } else {
+        PixelSum sum{};
+        out.cause = finish(job, path, out.cause, sum);
+        if (out.cause != kInvalid) flush(job.film, path.pixel, sum);
+        indices[k] = -1;
+    }
+    return out;
+}
+
+struct IsDead {
+    VR_HD bool operator()(int32_t index) const { return index < 0; }
+};
+
+// Exec: begin(first, n), bounce(depth, n), policy(), indices(), clock() -> seconds, poll(fraction).
+// blocks and seconds get one entry a depth, summed over the passes.
+template <class Exec>
+void run_thrust(Exec& exec, uint64_t paths, uint32_t pool, std::vector<uint64_t>& blocks,
+                std::vector<double>& seconds) {
+    for (uint64_t first = 0; first < paths; first += pool) {
+        uint32_t live = static_cast<uint32_t>(paths - first < pool ? paths - first : pool);
+        exec.begin(first, live);
+        for (uint32_t depth = 0; live; ++depth) {
+            if (blocks.size() <= depth) blocks.push_back(0), seconds.push_back(0);
+            blocks[depth] += (live + kThrustBlock - 1) / kThrustBlock;
+            const double start = exec.clock();
+            exec.bounce(depth, live);
+            const auto begin = exec.indices();
+            live = static_cast<uint32_t>(
+                thrust::remove_if(exec.policy(), begin, begin + live, IsDead()) - begin);
+            seconds[depth] += exec.clock() - start;
+            if (!exec.poll(static_cast<double>(first) / static_cast<double>(paths))) return;
+        }
+    }
+}
+
+}  // namespace veriray

@@ -1,0 +1,137 @@
+// Scheduler `fused` for the CPU: a tile of paths that stays in the cache, bounced together. Each
+// bounce reads groups of lanes and writes the survivors side by side (compress-store), so that
+// lanes stay full and all paths of the tile have one depth.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "schedulers/job.h"
+
+namespace veriray {
+
+// One worker's counts; rows appear as paths get deeper.
+struct LedgerRows {
+    std::vector<uint64_t> counts;
+    uint64_t* row(uint32_t depth) {
+        if (counts.size() < (depth + 1ull) * kLedgerColumns)
+            counts.resize((depth + 1ull) * kLedgerColumns);
+        return counts.data() + static_cast<size_t>(depth) * kLedgerColumns;
+    }
+};
+
+inline constexpr uint32_t kTilePaths = 4096;
+
+class Tile {
+   public:
+    Tile() : sums_(kTilePaths) {
+        for (auto& column : floats_) column.resize(kTilePaths + Simd::kWidth);
+        for (auto& column : uints_) column.resize(kTilePaths + Simd::kWidth);
+    }
+
+    // Pixels [pixel, pixel + pixels), samples [sample, sample + samples) of the job;
+    // pixels * samples <= kTilePaths.
+    template <uint32_t kFeatures>
+    void run(const SceneView& scene, const Job& job, uint32_t pixel, uint32_t pixels,
+             uint32_t sample, uint32_t samples, LedgerRows& ledger) {
+        uint32_t live = pixels * samples;
+        first_pixel_ = pixel;
+        live = bounce_all<kFeatures>(scene, job, live, 0, ledger, [&](uint32_t i) {
+            alignas(64) uint32_t x[Simd::kWidth], y[Simd::kWidth], s[Simd::kWidth];
+            for (uint32_t k = 0; k < Simd::kWidth; ++k) {
+                const uint32_t p = pixel + (i + k) / samples;
+                x[k] = p % job.film.width;
+                y[k] = p / job.film.width;
+                s[k] = job.sample_begin + sample + (i + k) % samples;
+            }
+            return PathTracer<Simd, kFeatures>::begin(scene, job.settings, load(x, U()),
+                                                      load(y, U()), job.film.width, load(s, U()));
+        });
+        for (uint32_t depth = 1; live; ++depth)
+            live = bounce_all<kFeatures>(scene, job, live, depth, ledger,
+                                         [&](uint32_t i) { return load_path(i); });
+        for (uint32_t k = 0; k < pixels; ++k) flush(job.film, pixel + k, sums_[k]);
+    }
+
+   private:
+    using F = Simd::F;
+    using U = Simd::U;
+    using M = Simd::M;
+
+    std::vector<float> floats_[13];
+    std::vector<uint32_t> uints_[2];
+    std::vector<PixelSum> sums_;
+    uint32_t first_pixel_ = 0;
+
+    PathState<Simd> load_path(uint32_t i) const {
+        const auto f = [&](int c) { return load(floats_[c].data() + i, F()); };
+        return {load(uints_[0].data() + i, U()),
+                load(uints_[1].data() + i, U()),
+                {{f(0), f(1), f(2)}, {f(3), f(4), f(5)}},
+                {f(6), f(7), f(8)},
+                {f(9), f(10), f(11)},
+                f(12)};
+    }
+
+    void store_path(uint32_t i, const PathState<Simd>& p, M m) {
+        const F f[13] = {p.ray.o.x,      p.ray.o.y,      p.ray.o.z,      p.ray.d.x,    p.ray.d.y,
+                         p.ray.d.z,      p.throughput.x, p.throughput.y, p.throughput.z, p.radiance.x,
+                         p.radiance.y,   p.radiance.z,   p.pdf_sa};
+        for (int c = 0; c < 13; ++c) compress_store(floats_[c].data() + i, f[c], m);
+        compress_store(uints_[0].data() + i, p.pixel, m);
+        compress_store(uints_[1].data() + i, p.sample, m);
+    }
+
+    // Bounces `live` paths given by path(i), keeps the survivors from slot 0 on, returns their count.
+    template <uint32_t kFeatures, class Path>
+    uint32_t bounce_all(const SceneView& scene, const Job& job, uint32_t live, uint32_t depth,
+                        LedgerRows& ledger, Path path_at) {
+        uint64_t* row = ledger.row(depth);
+        row[kLive] += live;
+        uint32_t kept = 0;
+        for (uint32_t i = 0; i < live; i += Simd::kWidth) {
+            const M active = first_lanes(live - i, M());
+            PathState<Simd> path = path_at(i);
+            const Events<Simd> e =
+                PathTracer<Simd, kFeatures>::bounce(scene, job.settings, path, depth, active);
+            const M ended = active & !e.alive;
+            M bad = active & !active;
+            if (any(ended)) bad = end_paths(job, path, ended);
+            row[kEscaped] += count(e.escaped & !bad);
+            row[kEmitterEnd] += count(e.emitter_end & !bad);
+            row[kAbsorbed] += count(e.absorbed & !bad);
+            row[kRrKilled] += count(e.rr_killed & !bad);
+            row[kDepthCut] += count(e.depth_cut & !bad);
+            row[kInvalid] += count(bad);
+            row[kShadowVisible] += count(e.visible);
+            row[kShadowOccluded] += count(e.occluded);
+            store_path(kept, path, e.alive);
+            kept += count(e.alive);
+        }
+        return kept;
+    }
+
+    // Adds the samples of ended lanes to their pixels; returns the lanes that the film refused.
+    M end_paths(const Job& job, const PathState<Simd>& path, M ended) {
+        const M bad = ended & !film_accepts(path.radiance, job.film.scale);
+        float r[3][Simd::kWidth];
+        uint32_t pixel[Simd::kWidth];
+        const M all = first_lanes(Simd::kWidth, M());
+        compress_store(r[0], path.radiance.x, all);
+        compress_store(r[1], path.radiance.y, all);
+        compress_store(r[2], path.radiance.z, all);
+        compress_store(pixel, path.pixel, all);
+        const uint32_t refused = bits(bad);
+        for (uint32_t todo = bits(ended); todo; todo &= todo - 1) {
+            const uint32_t k = static_cast<uint32_t>(__builtin_ctz(todo));
+            const float radiance[3] = {r[0][k], r[1][k], r[2][k]};
+            if (refused >> k & 1u)
+                log_fault(job.faults, pixel[k], extract(path.sample, k), radiance);
+            else
+                add_sample(sums_[pixel[k] - first_pixel_], radiance, job.film.scale);
+        }
+        return bad;
+    }
+};
+
+}  // namespace veriray

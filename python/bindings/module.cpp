@@ -1,0 +1,268 @@
+// Bindings of one backend: checks and converts arrays, releases the GIL, renders nothing itself.
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "api/renderer.h"
+#include "film/film.h"
+#include "integrators/ledger.h"
+
+namespace py = pybind11;
+using namespace veriray;
+
+namespace {
+
+template <class T>
+using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+template <class T>
+void need_shape(const Array<T>& a, const char* name, std::initializer_list<py::ssize_t> shape) {
+    bool ok = a.ndim() == static_cast<py::ssize_t>(shape.size());
+    py::ssize_t axis = 0;
+    std::string want;
+    for (const py::ssize_t n : shape) {
+        if (ok && n >= 0 && a.shape(axis) != n) ok = false;
+        want += (axis ? ", " : "") + (n < 0 ? std::string("n") : std::to_string(n));
+        ++axis;
+    }
+    if (!ok) throw py::value_error(std::string(name) + " must have the shape (" + want + ")");
+}
+
+std::unique_ptr<Scene> make_scene(const Array<double>& vertices, const Array<uint32_t>& triangles,
+                                  const Array<uint32_t>& triangle_material,
+                                  const Array<int32_t>& triangle_emission,
+                                  const Array<float>& reflectance, const Array<uint8_t>& two_sided,
+                                  const Array<float>& emissions, const Array<float>& environment,
+                                  const py::dict& camera, const py::dict& film, int device) {
+    need_shape(vertices, "vertices", {-1, 3});
+    need_shape(triangles, "triangles", {-1, 3});
+    need_shape(triangle_material, "triangle_material", {triangles.shape(0)});
+    need_shape(triangle_emission, "triangle_emission", {triangles.shape(0)});
+    need_shape(reflectance, "reflectance", {-1, 3});
+    need_shape(two_sided, "two_sided", {reflectance.shape(0)});
+    need_shape(emissions, "emissions", {-1, 3});
+    need_shape(environment, "environment", {3});
+    SceneInput in{};
+    in.vertices = vertices.data();
+    in.vertex_count = static_cast<size_t>(vertices.shape(0));
+    in.triangles = triangles.data();
+    in.triangle_count = static_cast<size_t>(triangles.shape(0));
+    in.triangle_material = triangle_material.data();
+    in.triangle_emission = triangle_emission.data();
+    in.reflectance = reflectance.data();
+    in.two_sided = two_sided.data();
+    in.material_count = static_cast<size_t>(reflectance.shape(0));
+    in.emissions = emissions.data();
+    in.emission_count = static_cast<size_t>(emissions.shape(0));
+    std::copy_n(environment.data(), 3, in.environment);
+    const auto to_world = camera["to_world"].cast<Array<double>>();
+    need_shape(to_world, "camera to_world", {4, 4});
+    std::copy_n(to_world.data(), 16, in.to_world);
+    in.tan_half_x = camera["tan_half_x"].cast<double>();
+    in.tan_half_y = camera["tan_half_y"].cast<double>();
+    in.near_clip = camera["near_clip"].cast<double>();
+    in.far_clip = camera["far_clip"].cast<double>();
+    in.principal_x = camera["principal_x"].cast<double>();
+    in.principal_y = camera["principal_y"].cast<double>();
+    in.width = film["width"].cast<uint32_t>();
+    in.height = film["height"].cast<uint32_t>();
+    in.filter = film["filter"].cast<std::string>();
+    in.filter_parameter = film["filter_parameter"].cast<double>();
+    py::gil_scoped_release release;
+    return std::make_unique<Scene>(in, device);
+}
+
+std::vector<std::string> feature_names(uint32_t mask) {
+    std::vector<std::string> names;
+    for (uint32_t k = 0; k < kFeatureCount; ++k)
+        if (mask >> k & 1u) names.push_back(kFeatureNames[k]);
+    return names;
+}
+
+template <class T>
+py::array_t<T> to_array(const std::vector<T>& v, std::vector<py::ssize_t> shape) {
+    py::array_t<T> out(shape);
+    std::copy(v.begin(), v.end(), out.mutable_data());
+    return out;
+}
+
+py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
+                     const py::object& poll) {
+    // Ctrl-C and the callback are looked at on the calling thread; what they raise stops the render.
+    const Poll on_poll = [&](double share) {
+        py::gil_scoped_acquire acquire;
+        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        if (!poll.is_none()) poll(share);
+        return true;
+    };
+    RenderStats stats;
+    {
+        py::gil_scoped_release release;
+        stats = render(scene, film, s, on_poll);
+    }
+    const py::ssize_t depths = static_cast<py::ssize_t>(stats.ledger.size() / kLedgerColumns);
+    py::list faults;
+    for (const Fault& f : stats.faults)
+        faults.append(py::make_tuple(f.x, f.y, f.sample, f.radiance[0], f.radiance[1],
+                                     f.radiance[2]));
+    using namespace py::literals;
+    return py::dict(
+        "ledger"_a = to_array(stats.ledger, {depths, kLedgerColumns}),
+        "blocks"_a = to_array(stats.blocks, {static_cast<py::ssize_t>(stats.blocks.size())}),
+        "depth_seconds"_a = to_array(stats.depth_seconds,
+                                     {static_cast<py::ssize_t>(stats.depth_seconds.size())}),
+        "seconds"_a = stats.seconds, "nonfinite_samples"_a = stats.fault_count,
+        "nonfinite"_a = faults, "launches"_a = stats.launches, "device"_a = stats.device,
+        "scheduler"_a = s.scheduler, "features"_a = feature_names(stats.features),
+        "threads"_a = stats.threads);
+}
+
+py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, uint64_t sample,
+                    int64_t max_depth, uint32_t rr_depth) {
+    RenderSettings s;
+    s.seed = seed;
+    s.max_depth = max_depth;
+    s.rr_depth = rr_depth;
+    py::list out;
+    using namespace py::literals;
+    const auto triple = [](const auto* v) { return py::make_tuple(v[0], v[1], v[2]); };
+    for (const PathVertex& v : trace_path(scene, s, x, y, sample))
+        out.append(py::dict("depth"_a = v.depth, "event"_a = v.event,
+                            "position"_a = triple(v.position), "direction"_a = triple(v.direction),
+                            "normal"_a = triple(v.normal), "t"_a = v.t,
+                            "throughput"_a = triple(v.throughput),
+                            "radiance"_a = triple(v.radiance), "triangle"_a = v.triangle,
+                            "shadow"_a = v.shadow < 0    ? py::object(py::none())
+                                         : v.shadow == 1 ? py::object(py::str("visible"))
+                                                         : py::object(py::str("occluded"))));
+    return out;
+}
+
+}  // namespace
+
+PYBIND11_MODULE(VR_MODULE_NAME, m) {
+    using namespace py::literals;
+    m.doc() = "One backend of veriray; see veriray/_native.pyi.";
+    py::register_exception<DeviceError>(m, "DeviceError", PyExc_RuntimeError);
+    py::register_exception<OutOfMemoryError>(m, "OutOfMemoryError", PyExc_MemoryError);
+
+    m.def("build_info", [] {
+        const BuildInfo b = build_info();
+        return py::dict("backend"_a = b.backend, "isa"_a = b.isa, "lanes"_a = b.lanes,
+                        "compiler"_a = b.compiler, "thrust"_a = b.thrust,
+                        "cuda_toolkit"_a = b.cuda_toolkit,
+                        "cuda_architectures"_a = b.cuda_architectures);
+    });
+    m.def("status", [] {
+        const std::string why = why_unusable();
+        return py::make_tuple(why.empty(), why);
+    });
+    m.def("devices", [] {
+        py::list out;
+        for (const DeviceInfo& d : devices())
+            out.append(py::dict("name"_a = d.name, "index"_a = d.index,
+                                "compute_capability"_a = d.compute_capability,
+                                "driver"_a = d.driver, "memory_total"_a = d.memory_total,
+                                "memory_free"_a = d.memory_free,
+                                "multiprocessors"_a = d.multiprocessors));
+        return out;
+    });
+
+    py::class_<Scene>(m, "Scene", py::module_local())
+        .def(py::init(&make_scene), "vertices"_a, "triangles"_a, "triangle_material"_a,
+             "triangle_emission"_a, "reflectance"_a, "two_sided"_a, "emissions"_a, "environment"_a,
+             "camera"_a, "film"_a, "device"_a = 0)
+        .def_property_readonly(
+            "features", [](const Scene& s) { return feature_names(s.host().view.features); })
+        .def_property_readonly("primitives",
+                               [](const Scene& s) {
+                                   const SceneView& v = s.host().view;
+                                   const uint32_t flat = v.quad_count + v.polygon_count;
+                                   return py::dict("quads"_a = v.quad_count,
+                                                   "polygons"_a = v.polygon_count,
+                                                   "triangles"_a = v.primitive_count - flat,
+                                                   "dropped"_a = s.host().dropped);
+                               })
+        .def_property_readonly("memory", [](const Scene& s) { return s.host().memory(); });
+
+    py::class_<Film>(m, "Film", py::module_local())
+        .def(py::init<uint32_t, uint32_t, int>(), "width"_a, "height"_a, "device"_a = 0)
+        .def_property_readonly("width", &Film::width)
+        .def_property_readonly("height", &Film::height)
+        .def_property_readonly("samples", &Film::samples)
+        .def_property_readonly("memory", &Film::memory)
+        .def("clear", &Film::clear)
+        .def("add", &Film::add, "other"_a)
+        .def("resolve",
+             [](const Film& f) {
+                 const std::vector<py::ssize_t> shape{f.height(), f.width(), 3};
+                 py::array_t<float> mean(shape), error(shape);
+                 float *a = mean.mutable_data(), *b = error.mutable_data();
+                 {
+                     py::gil_scoped_release release;
+                     f.resolve(a, b);
+                 }
+                 return py::make_tuple(mean, error);
+             })
+        .def("sums",
+             [](const Film& f) {
+                 py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});
+                 f.sums(out.mutable_data());
+                 return out;
+             })
+        .def("words", [](const Film& f) {
+            py::array_t<uint64_t> out(
+                std::vector<py::ssize_t>{f.height(), f.width(), 3, kFilmWords / 3});
+            f.words(out.mutable_data());
+            return out;
+        });
+
+    m.def(
+        "render",
+        [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,
+           uint64_t sample_end, int64_t max_depth, uint32_t rr_depth, const std::string& scheduler,
+           uint32_t threads, uint32_t batch, bool all_features, const py::object& poll) {
+            RenderSettings s;
+            s.seed = seed;
+            s.sample_begin = sample_begin;
+            s.sample_end = sample_end;
+            s.max_depth = max_depth;
+            s.rr_depth = rr_depth;
+            s.scheduler = scheduler;
+            s.threads = threads;
+            s.batch = batch;
+            s.all_features = all_features;
+            return render_dict(scene, film, s, poll);
+        },
+        "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
+        "max_depth"_a = -1, "rr_depth"_a = 5, "scheduler"_a = "fused", "threads"_a = 0,
+        "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none());
+#if defined(VR_BACKEND_CPU)
+    m.def("trace_path", &trace_list, "scene"_a, py::kw_only(), "seed"_a = 0, "x"_a = 0, "y"_a = 0,
+          "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5);
+#endif
+
+    m.def("eval_math", [](const std::string& name, const std::vector<float>& x) {
+        const std::vector<float> y = eval_math(name, x);
+        return to_array(y, {static_cast<py::ssize_t>(y.size())});
+    });
+    m.def("random", [](uint64_t seed, const std::vector<uint32_t>& pixel,
+                       const std::vector<uint64_t>& sample, const std::vector<uint32_t>& block) {
+        if (pixel.size() != sample.size() || pixel.size() != block.size())
+            throw py::value_error("pixel, sample and block must have the same length");
+        return to_array(random_words(seed, pixel, sample, block),
+                        {static_cast<py::ssize_t>(pixel.size()), 4});
+    });
+    m.def("intersect", [](const Scene& scene, const Array<double>& origins,
+                          const Array<double>& directions) {
+        need_shape(origins, "origins", {-1, 3});
+        need_shape(directions, "directions", {origins.shape(0), 3});
+        const py::ssize_t n = origins.shape(0);
+        py::array_t<float> t(n);
+        py::array_t<int32_t> triangle(n);
+        intersect(scene, origins.data(), directions.data(), static_cast<size_t>(n),
+                  t.mutable_data(), triangle.mutable_data());
+        return py::make_tuple(t, triangle);
+    });
+}

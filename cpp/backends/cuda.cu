@@ -1,0 +1,618 @@
+// The CUDA backend: memory, launches and errors; no radiance is computed here.
+#include <cuda_runtime.h>
+#include <thrust/execution_policy.h>
+#include <thrust/version.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <thread>
+
+#include "backends/instances.h"
+#include "schedulers/fused.h"
+#include "schedulers/thrust.h"
+
+namespace veriray {
+namespace {
+
+void check(cudaError_t status, const char* what) {
+    if (status == cudaSuccess) return;
+    cudaGetLastError();
+    throw DeviceError(std::string(what) + ": " + cudaGetErrorName(status) + " (" +
+                      cudaGetErrorString(status) + ")");
+}
+
+void check_launch(const char* what) { check(cudaGetLastError(), what); }
+
+// Device memory of one owner.
+template <class T>
+class Buffer {
+   public:
+    Buffer() = default;
+    Buffer(size_t n, const char* what) : n_(n) {
+        if (n == 0) return;
+        const cudaError_t status = cudaMalloc(reinterpret_cast<void**>(&p_), n * sizeof(T));
+        if (status != cudaErrorMemoryAllocation) {
+            check(status, what);
+            return;
+        }
+        cudaGetLastError();
+        size_t free = 0, total = 0;
+        cudaMemGetInfo(&free, &total);
+        throw OutOfMemoryError(std::string(what) + ": needs " + std::to_string(n * sizeof(T)) +
+                               " bytes of device memory, " + std::to_string(free) + " are free");
+    }
+    Buffer(const std::vector<T>& v, const char* what) : Buffer(v.size(), what) {
+        if (n_)
+            check(cudaMemcpy(p_, v.data(), n_ * sizeof(T), cudaMemcpyHostToDevice), what);
+    }
+    Buffer(Buffer&& o) noexcept : p_(o.p_), n_(o.n_) { o.p_ = nullptr, o.n_ = 0; }
+    Buffer& operator=(Buffer&& o) noexcept {
+        std::swap(p_, o.p_);
+        std::swap(n_, o.n_);
+        return *this;
+    }
+    ~Buffer() { cudaFree(p_); }
+    T* get() const { return p_; }
+    size_t size() const { return n_; }
+    void zero() {
+        if (n_) check(cudaMemset(p_, 0, n_ * sizeof(T)), "clear");
+    }
+    std::vector<T> download() const {
+        std::vector<T> out(n_);
+        if (n_) check(cudaMemcpy(out.data(), p_, n_ * sizeof(T), cudaMemcpyDeviceToHost), "copy");
+        return out;
+    }
+
+   private:
+    T* p_ = nullptr;
+    size_t n_ = 0;
+};
+
+void use_device(int device) {
+    const std::string why = why_unusable();
+    if (!why.empty()) throw DeviceError(why);
+    check(cudaSetDevice(device), ("device " + std::to_string(device)).c_str());
+}
+
+// ---- kernels ----
+constexpr uint32_t kFusedBlock = 128;
+constexpr uint32_t kLedgerRowsShared = 32;  // deeper events go to device memory at once
+
+__global__ void resolve_kernel(FilmView film, uint64_t n, uint64_t values, float* mean,
+                               float* error) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= values) return;
+    resolve(film.words + i / 3 * kFilmWords, static_cast<uint32_t>(i % 3), film.scale, n, mean[i],
+            error[i]);
+}
+
+__global__ void add_kernel(uint64_t* a, const uint64_t* b, uint64_t numbers) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= numbers) return;
+    Fixed128 x{a[2 * i], a[2 * i + 1]};
+    add(x, {b[2 * i], b[2 * i + 1]});
+    a[2 * i] = x.lo;
+    a[2 * i + 1] = x.hi;
+}
+
+// Device words shared by the launches of one render.
+struct Control {
+    unsigned long long next;  // items handed out
+    uint32_t cancel;
+};
+
+template <uint32_t kFeatures>
+__global__ void __launch_bounds__(kFusedBlock)
+    fused_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
+                 const FusedItems items, Control* control, uint64_t* ledger) {
+    __shared__ PixelSum sums[kFusedBlock];
+    __shared__ uint32_t counts[kLedgerRowsShared * kLedgerColumns];
+    for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
+        counts[i] = 0;
+    PixelSum& sum = sums[threadIdx.x];
+    sum = PixelSum{};
+    __syncthreads();
+    run_fused<kFeatures>(
+        scene, job, items, sum,
+        [&]() -> uint64_t {
+            if (*reinterpret_cast<volatile uint32_t*>(&control->cancel)) return items.count;
+            return atomicAdd(&control->next, 1ull);
+        },
+        [&](uint32_t depth, uint32_t column) {
+            if (depth < kLedgerRowsShared)
+                atomicAdd(&counts[depth * kLedgerColumns + column], 1u);
+            else
+                atomic_add(ledger + static_cast<uint64_t>(depth) * kLedgerColumns + column, 1);
+        });
+    __syncthreads();
+    for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
+        if (counts[i]) atomic_add(ledger + i, counts[i]);
+}
+
+template <uint32_t kFeatures>
+__global__ void __launch_bounds__(kThrustBlock)
+    thrust_begin_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
+                        PathColumns paths, int32_t* indices, uint64_t first, uint32_t n) {
+    const uint32_t i = blockIdx.x * kThrustBlock + threadIdx.x;
+    if (i < n) thrust_begin<kFeatures>(scene, job, paths, indices, first, i);
+}
+
+template <uint32_t kFeatures>
+__global__ void __launch_bounds__(kThrustBlock)
+    thrust_bounce_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
+                         PathColumns paths, int32_t* indices, uint32_t depth, uint32_t n,
+                         uint64_t* ledger_row) {
+    __shared__ uint32_t counts[kLedgerColumns];
+    if (threadIdx.x < kLedgerColumns) counts[threadIdx.x] = 0;
+    __syncthreads();
+    const uint32_t k = blockIdx.x * kThrustBlock + threadIdx.x;
+    if (k < n) {
+        const BounceOutcome out =
+            thrust_bounce<kFeatures>(scene, job, paths, indices, depth, k);
+        if (out.cause != kLive) atomicAdd(&counts[out.cause], 1u);
+        if (out.shadow != kLive) atomicAdd(&counts[out.shadow], 1u);
+    }
+    __syncthreads();
+    if (threadIdx.x < kLedgerColumns && counts[threadIdx.x])
+        atomic_add(ledger_row + threadIdx.x, counts[threadIdx.x]);
+}
+
+__global__ void math_kernel(int which, const float* x, float* y, uint64_t n) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= n) return;
+    float s, c;
+    sincos_2pi(x[i], s, c);
+    y[i] = which == 0   ? s
+           : which == 1 ? c
+           : which == 2 ? sqrt(x[i])
+           : which == 3 ? 1.f / x[i]
+                        : tent(x[i]);
+}
+
+__global__ void random_kernel(uint64_t seed, const uint32_t* pixel, const uint64_t* sample,
+                              const uint32_t* block, uint32_t* out, uint64_t n) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= n) return;
+    const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32));
+    const Block<uint32_t> r =
+        random_block(key, pixel[i], static_cast<uint32_t>(sample[i]), block[i]);
+    out[4 * i] = r.x, out[4 * i + 1] = r.y, out[4 * i + 2] = r.z, out[4 * i + 3] = r.w;
+}
+
+__global__ void intersect_kernel(const __grid_constant__ SceneView scene, const float* rays,
+                                 uint64_t n, float* t, uint32_t* primitive) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= n) return;
+    const float* r = rays + 6 * i;
+    const Hit<Scalar> hit = PathTracer<Scalar, kAllFeatures>::closest(
+        scene, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, true);
+    t[i] = hit.t;
+    primitive[i] = hit.primitive;
+}
+
+unsigned blocks_for(uint64_t n, uint32_t block) {
+    return static_cast<unsigned>((n + block - 1) / block);
+}
+
+}  // namespace
+
+// ---- film ----
+struct Film::Impl {
+    int device;
+    FilmView view{};
+    uint64_t samples = 0;
+    Buffer<uint64_t> words;
+};
+
+Film::Film(uint32_t width, uint32_t height, int device) : impl(std::make_unique<Impl>()) {
+    if (width == 0 || height == 0 || static_cast<uint64_t>(width) * height >= 1ull << 31)
+        throw std::invalid_argument("a film of " + std::to_string(width) + " x " +
+                                    std::to_string(height) + " pixels; allowed: 1 to 2^31 - 1");
+    use_device(device);
+    impl->device = device;
+    impl->words = Buffer<uint64_t>(static_cast<size_t>(width) * height * kFilmWords, "film");
+    impl->words.zero();
+    impl->view = {impl->words.get(), width, height, 0.f};
+}
+Film::~Film() = default;
+uint32_t Film::width() const { return impl->view.width; }
+uint32_t Film::height() const { return impl->view.height; }
+uint64_t Film::samples() const { return impl->samples; }
+size_t Film::memory() const { return impl->words.size() * sizeof(uint64_t); }
+void Film::clear() {
+    use_device(impl->device);
+    impl->words.zero();
+    impl->samples = 0;
+    impl->view.scale = 0;
+}
+
+namespace {
+void match_scale(float& scale, float other) {
+    if (scale == 0) scale = other;
+    if (other != 0 && scale != other)
+        throw std::invalid_argument("the film holds samples of a scene of another brightness");
+}
+}  // namespace
+
+void Film::add(const Film& other) {
+    if (other.width() != width() || other.height() != height() ||
+        other.impl->device != impl->device)
+        throw std::invalid_argument("films of different sizes or devices cannot be added");
+    use_device(impl->device);
+    match_scale(impl->view.scale, other.impl->view.scale);
+    const uint64_t numbers = impl->words.size() / 2;
+    add_kernel<<<blocks_for(numbers, 256), 256>>>(impl->words.get(), other.impl->words.get(),
+                                                  numbers);
+    check_launch("add films");
+    check(cudaDeviceSynchronize(), "add films");
+    impl->samples += other.impl->samples;
+}
+
+void Film::resolve(float* mean, float* standard_error) const {
+    use_device(impl->device);
+    const uint64_t values = impl->words.size() / 4;
+    Buffer<float> out(2 * values, "resolved film");
+    FilmView view = impl->view;
+    if (view.scale == 0) view.scale = 1.f;
+    resolve_kernel<<<blocks_for(values, 256), 256>>>(view, impl->samples, values, out.get(),
+                                                     out.get() + values);
+    check_launch("resolve film");
+    check(cudaMemcpy(mean, out.get(), values * 4, cudaMemcpyDeviceToHost), "copy film");
+    check(cudaMemcpy(standard_error, out.get() + values, values * 4, cudaMemcpyDeviceToHost),
+          "copy film");
+}
+
+void Film::sums(double* out) const {
+    use_device(impl->device);
+    const std::vector<uint64_t> w = impl->words.download();
+    const float scale = impl->view.scale ? impl->view.scale : 1.f;
+    for (size_t i = 0; i < w.size() / 4; ++i)
+        out[i] = film_sum(&w[i / 3 * kFilmWords], static_cast<uint32_t>(i % 3), scale);
+}
+
+void Film::words(uint64_t* out) const {
+    use_device(impl->device);
+    const std::vector<uint64_t> w = impl->words.download();
+    std::copy(w.begin(), w.end(), out);
+}
+
+// ---- scene ----
+struct Scene::Impl {
+    int device;
+    HostScene host;
+    Buffer<float> primitives, light_pdf_area, surfaces, triangles, light_table, filter_edges;
+    Buffer<uint32_t> surface_of, light_cdf, order;
+    Buffer<BvhNode> nodes;
+    SceneView view;
+
+    Impl(const SceneInput& in, int dev) : device(dev), host(in), view(host.view) {
+        use_device(dev);
+        const auto upload = [](auto& buffer, const auto& v, auto& pointer) {
+            buffer = std::remove_reference_t<decltype(buffer)>(v, "scene");
+            if (pointer) pointer = buffer.get();
+        };
+        upload(primitives, host.primitives, view.primitives);
+        upload(light_pdf_area, host.light_pdf_area, view.light_pdf_area);
+        upload(surfaces, host.surfaces, view.surfaces);
+        upload(surface_of, host.surface_of, view.surface_of);
+        upload(light_table, host.light_table, view.lights.table);
+        upload(light_cdf, host.light_cdf, view.lights.cdf);
+        upload(filter_edges, host.filter_edges, view.filter.edges);
+        upload(nodes, host.bvh.nodes, view.bvh.nodes);
+        upload(triangles, host.triangles, view.bvh.triangles);
+        upload(order, host.bvh.order, view.bvh.order);
+    }
+};
+
+Scene::Scene(const SceneInput& in, int device) : impl(std::make_unique<Impl>(in, device)) {}
+Scene::~Scene() = default;
+const HostScene& Scene::host() const { return impl->host; }
+
+// ---- render ----
+namespace {
+
+using Clock = std::chrono::steady_clock;
+double seconds_since(Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+struct Stream {
+    cudaStream_t s = nullptr;
+    Stream() { check(cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking), "stream"); }
+    ~Stream() { cudaStreamDestroy(s); }
+};
+
+// Waits for `work`, polling; cancels through the device word when poll stops the render.
+bool wait(cudaStream_t work, cudaStream_t side, Control* control, uint64_t items,
+          const Poll& poll) {
+    Clock::time_point last = Clock::now();
+    bool stopped = false;
+    std::exception_ptr error;
+    for (;;) {
+        const cudaError_t status = cudaStreamQuery(work);
+        if (status == cudaSuccess) break;
+        if (status != cudaErrorNotReady) check(status, "render");
+        if (poll && !stopped && seconds_since(last) > 0.05) {
+            unsigned long long next = 0;
+            check(cudaMemcpyAsync(&next, &control->next, sizeof next, cudaMemcpyDeviceToHost, side),
+                  "progress");
+            check(cudaStreamSynchronize(side), "progress");
+            try {
+                stopped = !poll(std::min(1.0, static_cast<double>(next) / static_cast<double>(items)));
+            } catch (...) {
+                error = std::current_exception();
+                stopped = true;
+            }
+            if (stopped) {
+                const uint32_t yes = 1;
+                check(cudaMemcpyAsync(&control->cancel, &yes, sizeof yes, cudaMemcpyHostToDevice,
+                                      side),
+                      "cancel");
+                check(cudaStreamSynchronize(side), "cancel");
+            }
+            last = Clock::now();
+        } else {
+            std::this_thread::yield();
+        }
+    }
+    if (error) std::rethrow_exception(error);
+    return !stopped;
+}
+
+struct Launches {
+    const Scene::Impl& scene;
+    const RenderSettings& s;
+    RenderStats& stats;
+    Stream& work;
+    Stream& side;
+    Buffer<Control>& control;
+    Buffer<uint64_t>& ledger;
+    const Poll& poll;
+};
+
+bool render_fused(const Launches& l, const Job& job) {
+    FusedItems items;
+    // Runs of 16 samples, shorter where that would leave the device without 8 items a thread.
+    int sms = 0, per_sm = 0;
+    check(cudaDeviceGetAttribute(&sms, cudaDevAttrMultiProcessorCount, l.scene.device), "device");
+    items.samples_per_item =
+        static_cast<uint32_t>(std::clamp<uint64_t>(job.paths() / (8ull * 2048 * sms), 1, 16));
+    if (l.s.batch) items.samples_per_item = std::clamp(l.s.batch / 65536u, 1u, 64u);
+    const uint64_t runs = (job.samples + items.samples_per_item - 1) / items.samples_per_item;
+    items.count = runs * job.pixels();
+    l.control.zero();
+    with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
+        check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, fused_kernel<kFeatures>,
+                                                            kFusedBlock, 0),
+              "occupancy");
+        const uint64_t resident = static_cast<uint64_t>(per_sm) * sms;
+        uint64_t blocks = std::min<uint64_t>(resident, blocks_for(items.count, kFusedBlock));
+        if (l.s.batch) blocks = std::clamp<uint64_t>(l.s.batch / kFusedBlock, 1, blocks);
+        fused_kernel<kFeatures><<<static_cast<unsigned>(blocks), kFusedBlock, 0, l.work.s>>>(
+            l.scene.view, job, items, l.control.get(), l.ledger.get());
+        check_launch("fused");
+    });
+    ++l.stats.launches;
+    return wait(l.work.s, l.side.s, l.control.get(), items.count, l.poll);
+}
+
+// Executor of the `thrust` scheduler.
+template <uint32_t kFeatures>
+struct DeviceExec {
+    const Launches& l;
+    const Job& job;
+    PathColumns paths;
+    int32_t* index;
+    bool stopped = false;
+    Clock::time_point last = Clock::now();
+
+    void begin(uint64_t first, uint32_t n) {
+        thrust_begin_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
+            l.scene.view, job, paths, index, first, n);
+        check_launch("begin");
+        ++l.stats.launches;
+    }
+    void bounce(uint32_t depth, uint32_t n) {
+        thrust_bounce_kernel<kFeatures>
+            <<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
+                l.scene.view, job, paths, index, depth, n,
+                l.ledger.get() + static_cast<uint64_t>(depth) * kLedgerColumns);
+        check_launch("bounce");
+        ++l.stats.launches;
+    }
+    auto policy() const { return thrust::cuda::par.on(l.work.s); }
+    int32_t* indices() { return index; }
+    double clock() const {
+        check(cudaStreamSynchronize(l.work.s), "bounce");
+        return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+    }
+    bool poll(double share) {
+        if (l.poll && seconds_since(last) > 0.05) {
+            stopped = !l.poll(share);
+            last = Clock::now();
+        }
+        return !stopped;
+    }
+};
+
+bool render_thrust(const Launches& l, const Job& job) {
+    const uint64_t wanted = l.s.batch ? l.s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
+    const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
+    Buffer<float> floats(13ull * pool, "path pool");
+    Buffer<uint32_t> uints(2ull * pool, "path pool");
+    Buffer<int32_t> index(pool, "path pool");
+    bool complete = false;
+    with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
+        DeviceExec<kFeatures> exec{l, job, {floats.get(), uints.get(), pool}, index.get()};
+        run_thrust(exec, job.paths(), pool, l.stats.blocks, l.stats.depth_seconds);
+        check(cudaStreamSynchronize(l.work.s), "thrust");
+        complete = !exec.stopped;
+    });
+    return complete;
+}
+
+}  // namespace
+
+RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
+    const HostScene& host = scene.host();
+    check_settings(s, host, film);
+    if (film.impl->device != scene.impl->device)
+        throw std::invalid_argument("film and scene are on different devices");
+    use_device(scene.impl->device);
+    match_scale(film.impl->view.scale, host.view.emission_scale);
+    RenderStats stats;
+    stats.threads = 0;
+    cudaDeviceProp prop{};
+    check(cudaGetDeviceProperties(&prop, scene.impl->device), "device");
+    stats.device = std::string("cuda:") + std::to_string(scene.impl->device) + " " + prop.name;
+    stats.features = kVariants[choose_variant(host.view, s)];
+    const uint64_t depths =
+        (s.max_depth < 0 ? kHardMaxDepth : std::max<int64_t>(1, s.max_depth)) + 1ull;
+    Stream work, side;
+    Buffer<Control> control(1, "control");
+    Buffer<uint64_t> ledger(std::max<uint64_t>(depths, kLedgerRowsShared) * kLedgerColumns,
+                            "ledger");
+    Buffer<FaultLog> faults(1, "fault log");
+    ledger.zero();
+    const Launches launches{*scene.impl, s, stats, work, side, control, ledger, poll};
+    check(cudaDeviceSynchronize(), "prepare");
+    const Clock::time_point start = Clock::now();
+    bool complete = true;
+    for_sample_ranges(s, [&](const PathSettings& settings, uint32_t begin, uint32_t samples) {
+        if (!complete) return;
+        faults.zero();
+        check(cudaDeviceSynchronize(), "prepare");
+        const Job job{settings, film.impl->view, faults.get(), begin, samples};
+        complete = s.scheduler == "thrust" ? render_thrust(launches, job)
+                                           : render_fused(launches, job);
+        add_faults(stats, faults.download()[0], film.width(), s.sample_begin >> 32);
+    });
+    if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
+    stats.seconds = seconds_since(start);
+    stats.ledger = ledger.download();
+    const uint64_t samples = s.sample_end - s.sample_begin;
+    film.impl->samples += samples;
+    complete_ledger(stats.ledger, samples * static_cast<uint64_t>(film.width()) * film.height());
+    return stats;
+}
+
+std::vector<PathVertex> trace_path(const Scene&, const RenderSettings&, uint32_t, uint32_t,
+                                   uint64_t) {
+    throw std::invalid_argument("paths are replayed on the CPU: its bits are the same");
+}
+
+// ---- what is here ----
+BuildInfo build_info() {
+    const std::string thrust = std::to_string(THRUST_MAJOR_VERSION) + "." +
+                               std::to_string(THRUST_MINOR_VERSION) + "." +
+                               std::to_string(THRUST_SUBMINOR_VERSION);
+    const std::string toolkit =
+        std::to_string(CUDART_VERSION / 1000) + "." + std::to_string(CUDART_VERSION % 1000 / 10);
+    return {"cuda", "sm", "nvcc " + std::to_string(__CUDACC_VER_MAJOR__) + "." +
+                              std::to_string(__CUDACC_VER_MINOR__) + " with GCC " __VERSION__,
+            thrust, toolkit, VR_CUDA_ARCHITECTURES, 1};
+}
+
+std::string why_unusable() {
+    const std::string toolkit =
+        std::to_string(CUDART_VERSION / 1000) + "." + std::to_string(CUDART_VERSION % 1000 / 10);
+    int driver = 0, count = 0;
+    cudaDriverGetVersion(&driver);
+    if (driver == 0) return "no NVIDIA driver found (libcuda.so.1)";
+    const cudaError_t status = cudaGetDeviceCount(&count);
+    if (status == cudaErrorInsufficientDriver)
+        return "the driver supports CUDA " + std::to_string(driver / 1000) + "." +
+               std::to_string(driver % 1000 / 10) + ", this build needs " + toolkit;
+    const char* visible = std::getenv("CUDA_VISIBLE_DEVICES");
+    if (status == cudaErrorNoDevice || (status == cudaSuccess && count == 0)) {
+        cudaGetLastError();
+        return visible ? "no device: CUDA_VISIBLE_DEVICES is '" + std::string(visible) + "'"
+                       : "a driver, but no NVIDIA device";
+    }
+    if (status != cudaSuccess) {
+        cudaGetLastError();
+        return std::string("the driver answers ") + cudaGetErrorName(status) + " (" +
+               cudaGetErrorString(status) + ")";
+    }
+    return "";
+}
+
+std::vector<DeviceInfo> devices() {
+    std::vector<DeviceInfo> out;
+    if (!why_unusable().empty()) return out;
+    int count = 0, driver = 0;
+    check(cudaGetDeviceCount(&count), "devices");
+    check(cudaDriverGetVersion(&driver), "driver");
+    int before = 0;
+    check(cudaGetDevice(&before), "device");
+    for (int i = 0; i < count; ++i) {
+        cudaDeviceProp prop{};
+        check(cudaGetDeviceProperties(&prop, i), "device");
+        DeviceInfo d{};
+        d.index = i;
+        d.name = prop.name;
+        d.compute_capability = std::to_string(prop.major) + "." + std::to_string(prop.minor);
+        d.driver = std::to_string(driver / 1000) + "." + std::to_string(driver % 1000 / 10);
+        d.multiprocessors = prop.multiProcessorCount;
+        check(cudaSetDevice(i), "device");
+        size_t free = 0, total = 0;
+        check(cudaMemGetInfo(&free, &total), "device memory");
+        d.memory_free = free;
+        d.memory_total = total;
+        out.push_back(d);
+    }
+    check(cudaSetDevice(before), "device");
+    return out;
+}
+
+// ---- hooks of the test suite ----
+std::vector<float> eval_math(const std::string& name, const std::vector<float>& x) {
+    static const char* const names[] = {"sin_2pi", "cos_2pi", "sqrt", "reciprocal", "tent"};
+    const auto at = std::find(std::begin(names), std::end(names), name);
+    if (at == std::end(names)) throw std::invalid_argument("unknown function '" + name + "'");
+    use_device(0);
+    Buffer<float> in(x, "arguments"), out(x.size(), "values");
+    if (!x.empty())
+        math_kernel<<<blocks_for(x.size(), 256), 256>>>(static_cast<int>(at - std::begin(names)),
+                                                        in.get(), out.get(), x.size());
+    check_launch("math");
+    return out.download();
+}
+
+std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
+                                   const std::vector<uint64_t>& sample,
+                                   const std::vector<uint32_t>& block) {
+    use_device(0);
+    Buffer<uint32_t> p(pixel, "arguments"), b(block, "arguments"), out(4 * pixel.size(), "values");
+    Buffer<uint64_t> s(sample, "arguments");
+    if (!pixel.empty())
+        random_kernel<<<blocks_for(pixel.size(), 256), 256>>>(seed, p.get(), s.get(), b.get(),
+                                                              out.get(), pixel.size());
+    check_launch("random");
+    return out.download();
+}
+
+void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
+               float* t, int32_t* triangle) {
+    use_device(scene.impl->device);
+    const HostScene& host = scene.host();
+    std::vector<float> rays(6 * n);
+    for (size_t i = 0; i < n; ++i)
+        normalise_ray(host, origins + 3 * i, directions + 3 * i, &rays[6 * i]);
+    Buffer<float> in(rays, "rays"), distance(n, "hits");
+    Buffer<uint32_t> primitive(n, "hits");
+    if (n)
+        intersect_kernel<<<blocks_for(n, 128), 128>>>(scene.impl->view, in.get(), n,
+                                                      distance.get(), primitive.get());
+    check_launch("intersect");
+    const std::vector<float> d = distance.download();
+    const std::vector<uint32_t> p = primitive.download();
+    for (size_t i = 0; i < n; ++i) {
+        const bool met = d[i] < kInfinity;
+        t[i] = met ? static_cast<float>(d[i] * host.unit) : kInfinity;
+        triangle[i] = met ? static_cast<int32_t>(host.primitive_triangle[p[i]]) : -1;
+    }
+}
+
+}  // namespace veriray

@@ -1,0 +1,28 @@
+"""Scene formats. To add one: a function (path, parameters) -> node.Tree, a line in READERS, a test.
+
+Supported objects and parameters are listed in `plugins`; elements of XML files in `mitsuba_xml`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ..errors import SceneError
+from ..scene import SHIPPED, Scene
+from . import build, mitsuba_xml
+from .node import Tree, allowed, shorten
+
+READERS: dict[str, Callable[[Path, Mapping[str, object]], Tree]] = {".xml": mitsuba_xml.read}
+
+
+def load(path: Path, parameters: Mapping[str, object]) -> Scene:
+    """Reads a scene file by its suffix. Raises SceneError."""
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(READERS)
+        raise SceneError(
+            f"{shorten(str(path))} is neither a scene file ({known}) nor a shipped scene"
+            + allowed(path.name, SHIPPED, "shipped")
+        )
+    return build.build(reader(path, parameters))

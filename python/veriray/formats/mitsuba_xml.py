@@ -1,0 +1,341 @@
+"""Mitsuba 3 scene files (XML), a subset: see `plugins` for the objects and their parameters.
+
+Elements: an object by its category (shape, bsdf, ...) with type and optional id; float, integer,
+boolean, string, rgb, spectrum (one constant), point, vector, transform (translate, scale, rotate,
+lookat, matrix, each applied after those before it); ref; default; include. "$name" in an attribute
+is replaced by the parameter of that name. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file,
+includes 8 deep and 256 in all.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from lxml import etree
+
+from ..errors import SceneError
+from . import transform as tf
+from .node import (
+    MAX_DEPTH,
+    Node,
+    Ref,
+    Tree,
+    Value,
+    allowed,
+    parse_float,
+    parse_floats,
+    parse_integer,
+    read_bytes,
+    shorten,
+)
+from .plugins import CATEGORIES, PLUGINS, of_category
+
+Array = npt.NDArray[np.float64]
+MAX_BYTES = 16 * 2**20
+MAX_INCLUDE_DEPTH = 8
+MAX_INCLUDES = 256
+_PARAMETER = re.compile(r"\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
+_VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "spectrum")
+_OTHER_TAGS = ("point", "vector", "transform", "ref", "default", "include")
+
+
+def read(path: Path, parameters: Mapping[str, object]) -> Tree:
+    """Reads a file; `parameters` overrides its <default> values. Raises SceneError."""
+    reader = _Reader(parameters)
+    root, name = reader.parse(path, "")
+    where = f"{name}:{root.sourceline}"
+    if root.tag != "scene":
+        raise SceneError(f"the root element is <{root.tag}>, expected <scene>", where)
+    reader.version(root, where)
+    reader.tree.scene.where = where
+    reader.tree.scene.folder = str(path.parent)
+    reader.children(root, reader.tree.scene, path, (path.resolve(),), 1)
+    for key in reader.given:
+        if key not in reader.used:
+            raise SceneError(
+                f'parameter "{key}" = {shorten(reader.values[key])} is not used by the scene'
+                + allowed(key, reader.used | set(reader.values) - reader.given, "it has"),
+                name,
+            )
+    return reader.tree
+
+
+class _Reader:
+    def __init__(self, parameters: Mapping[str, object]) -> None:
+        self.values = {str(key): _text(value) for key, value in parameters.items()}
+        self.given = set(self.values)
+        self.used: set[str] = set()
+        self.includes = 0
+        self.expanded = 0
+        self.tree = Tree(Node("scene", "", "scene"))
+
+    def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
+        name = str(path)
+        try:
+            text = read_bytes(path, MAX_BYTES, where).decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise SceneError(f"not UTF-8 text (byte {error.start})", name) from None
+        bare = re.sub(r"<!--.*?-->", lambda m: "\n" * m[0].count("\n"), text, flags=re.DOTALL)
+        for word in ("<!DOCTYPE", "<!ENTITY"):
+            at = bare.find(word)
+            if at >= 0:
+                line = bare.count("\n", 0, at) + 1
+                raise SceneError(f"{word[2:]} and entities are not allowed", f"{name}:{line}")
+        parser = etree.XMLParser(
+            encoding="utf-8",
+            resolve_entities=False,
+            no_network=True,
+            load_dtd=False,
+            huge_tree=False,
+            remove_comments=True,
+            remove_pis=True,
+        )
+        try:
+            root = etree.fromstring(text.encode(), parser)
+        except etree.XMLSyntaxError as error:
+            line = error.lineno or 1
+            raise SceneError(f"not well-formed XML: {error.msg}", f"{name}:{line}") from None
+        return root, name
+
+    def version(self, root: etree._Element, where: str) -> None:
+        version = root.get("version")
+        if version is None:
+            raise SceneError('<scene> has no version; write version="3.0.0"', where)
+        if not re.fullmatch(r"[23](\.[0-9]{1,9}){0,2}", version):
+            raise SceneError(f"version = {shorten(version)}, expected 2.x.x or 3.x.x", where)
+
+    def attributes(
+        self, element: etree._Element, where: str, needed: str, optional: str = ""
+    ) -> dict[str, str]:
+        """The element's attributes with $names replaced; `needed` and `optional` are names."""
+        result = {}
+        names = [*needed.split(), *optional.split()]
+        for key, text in element.attrib.items():
+            if key not in names:
+                raise SceneError(
+                    f"<{element.tag}> has an unknown attribute {shorten(key)} = {shorten(text)}"
+                    + allowed(str(key), names),
+                    where,
+                )
+            result[str(key)] = _PARAMETER.sub(lambda m: self.lookup(m, where), str(text))
+        for key in needed.split():
+            if key not in result:
+                raise SceneError(f'<{element.tag}> lacks the attribute "{key}"', where)
+        return result
+
+    def lookup(self, match: re.Match[str], where: str) -> str:
+        key = match[1] or match[2]
+        if not key:
+            raise SceneError('"$" must be followed by the name of a parameter', where)
+        if key not in self.values:
+            raise SceneError(
+                f'parameter "${key}" has no value; give it by -D {key}=... or <default>'
+                + allowed(key, self.values, "known"),
+                where,
+            )
+        self.used.add(key)
+        self.expanded += len(self.values[key])
+        if self.expanded > MAX_BYTES:
+            raise SceneError(f"parameters expand to more than {MAX_BYTES} characters", where)
+        return self.values[key]
+
+    def children(
+        self,
+        element: etree._Element,
+        node: Node,
+        path: Path,
+        chain: tuple[Path, ...],
+        depth: int,
+    ) -> None:
+        """Adds the element's children to `node`."""
+        if depth > MAX_DEPTH:
+            raise SceneError(f"nested deeper than {MAX_DEPTH}", f"{path}:{element.sourceline}")
+        _no_text(element, path)
+        for child in element:
+            where = f"{path}:{child.sourceline}"
+            tag = child.tag
+            if not isinstance(tag, str):
+                raise SceneError("entities are not allowed", where)
+            if tag == "include":
+                self.include(child, node, path, chain, depth, where)
+            elif tag == "default":
+                a = self.attributes(child, where, "name value")
+                if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", a["name"]):
+                    raise SceneError(f"<default> has a bad name {shorten(a['name'])}", where)
+                self.values.setdefault(a["name"], a["value"])
+                _empty(child, where)
+            elif tag == "ref":
+                node.children.append(Ref(self.attributes(child, where, "id", "name")["id"], where))
+                _empty(child, where)
+            elif tag in CATEGORIES and tag != "scene":
+                node.children.append(self.object(child, path, chain, depth, where))
+            elif tag in _VALUE_TAGS or tag in _OTHER_TAGS:
+                name, value = self.value(child, path, where)
+                if name in node.values:
+                    first = node.values[name].where
+                    raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
+                node.values[name] = value
+            else:
+                names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)
+                raise SceneError(f"unknown element <{tag[:64]}>{allowed(tag, names)}", where)
+
+    def object(
+        self, element: etree._Element, path: Path, chain: tuple[Path, ...], depth: int, where: str
+    ) -> Node:
+        optional = "id name version" if depth == 0 else "id name"
+        a = self.attributes(element, where, "type", optional)
+        tag, plugin = str(element.tag), a["type"]
+        if plugin not in PLUGINS or PLUGINS[plugin].category != tag:
+            names = of_category(tag)
+            raise SceneError(f"unknown {tag} {shorten(plugin)}{allowed(plugin, names)}", where)
+        node = Node(plugin, where, tag, a.get("id", ""), str(path.parent))
+        if node.id:
+            self.tree.add_id(node)
+        self.children(element, node, path, chain, depth + 1)
+        return node
+
+    def include(
+        self,
+        element: etree._Element,
+        node: Node,
+        path: Path,
+        chain: tuple[Path, ...],
+        depth: int,
+        where: str,
+    ) -> None:
+        name = self.attributes(element, where, "filename")["filename"]
+        _empty(element, where)
+        target = path.parent / name
+        try:
+            resolved = target.resolve()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise SceneError(f"cannot read {shorten(name)}: {error}", where) from None
+        if resolved in chain:
+            raise SceneError(f"{shorten(name)} includes itself", where)
+        self.includes += 1
+        if len(chain) > MAX_INCLUDE_DEPTH or self.includes > MAX_INCLUDES:
+            raise SceneError(
+                f"more than {MAX_INCLUDE_DEPTH} nested or {MAX_INCLUDES} included files", where
+            )
+        root, file = self.parse(target, where)
+        inside = f"{file}:{root.sourceline}"
+        if root.tag == "scene":
+            self.version(root, inside)
+            self.children(root, node, target, (*chain, resolved), depth)
+        elif root.tag in CATEGORIES:
+            node.children.append(self.object(root, target, (*chain, resolved), 0, inside))
+        else:
+            raise SceneError(
+                f"the root element of an included file is <{root.tag}>"
+                + allowed(str(root.tag), CATEGORIES),
+                inside,
+            )
+
+    def value(self, element: etree._Element, path: Path, where: str) -> tuple[str, Value]:
+        kind = str(element.tag)
+        if kind == "transform":
+            name = self.attributes(element, where, "", "name").get("name", "to_world")
+            return name, Value(kind, self.transform(element, path), where)
+        _empty(element, where)
+        if kind in ("point", "vector"):
+            a = self.attributes(element, where, "name", "value x y z")
+            vector = self.vector(a, kind, where, 0.0)
+            return a["name"], Value(kind, vector, where)
+        a = self.attributes(element, where, "name value")
+        name, text = a["name"], a["value"]
+        label = f'"{name}"'
+        if kind == "float":
+            return name, Value(kind, parse_float(text, label, where), where)
+        if kind == "integer":
+            return name, Value(kind, parse_integer(text, label, where), where)
+        if kind == "boolean":
+            word = text.strip().lower()
+            if word not in ("true", "false"):
+                raise SceneError(f"{label} = {shorten(text)}, expected true or false", where)
+            return name, Value(kind, word == "true", where)
+        if kind == "rgb":
+            numbers = parse_floats(text, label, where, (1, 3))
+            return name, Value(kind, numbers * (3 // len(numbers)), where)
+        if kind == "spectrum":
+            if ":" in text:
+                raise SceneError(
+                    f"{label} = {shorten(text)}: only a constant spectrum is supported, one number",
+                    where,
+                )
+            return name, Value(kind, parse_floats(text, label, where, (1,)) * 3, where)
+        return name, Value(kind, text, where)
+
+    def vector(
+        self, a: dict[str, str], label: str, where: str, default: float
+    ) -> tuple[float, ...]:
+        """Three numbers from value="..." (one or three) or from x, y and z."""
+        if "value" in a:
+            if {"x", "y", "z"} & set(a):
+                raise SceneError(f'{label}: give either "value" or x, y and z', where)
+            numbers = parse_floats(a["value"], f'{label}: "value"', where, (1, 3))
+            return numbers * (3 // len(numbers))
+        return tuple(
+            parse_float(a[axis], f'{label}: "{axis}"', where) if axis in a else default
+            for axis in "xyz"
+        )
+
+    def transform(self, element: etree._Element, path: Path) -> Array:
+        _no_text(element, path)
+        matrix = np.eye(4)
+        for child in element:
+            where = f"{path}:{child.sourceline}"
+            tag = child.tag
+            if not isinstance(tag, str):
+                raise SceneError("entities are not allowed", where)
+            _empty(child, where)
+            if tag == "translate":
+                a = self.attributes(child, where, "", "value x y z")
+                step = tf.translate(self.vector(a, tag, where, 0.0))
+            elif tag == "scale":
+                a = self.attributes(child, where, "", "value x y z")
+                step = tf.scale(self.vector(a, tag, where, 1.0))
+            elif tag == "rotate":
+                a = self.attributes(child, where, "angle", "value x y z")
+                angle = parse_float(a.pop("angle"), 'rotate: "angle"', where)
+                step = tf.rotate(self.vector(a, tag, where, 0.0), angle, where)
+            elif tag == "lookat":
+                a = self.attributes(child, where, "origin target up")
+                origin, target, up = (
+                    parse_floats(a[key], f'lookat: "{key}"', where, (3,))
+                    for key in ("origin", "target", "up")
+                )
+                step = tf.look_at(origin, target, up, where)
+            elif tag == "matrix":
+                a = self.attributes(child, where, "value")
+                numbers = parse_floats(a["value"], 'matrix: "value"', where, (9, 16))
+                size = 3 if len(numbers) == 9 else 4
+                step = np.eye(4)
+                step[:size, :size] = np.array(numbers).reshape(size, size)
+            else:
+                names = ("translate", "scale", "rotate", "lookat", "matrix")
+                raise SceneError(f"unknown transform <{tag}>{allowed(tag, names)}", where)
+            with np.errstate(over="ignore", invalid="ignore"):
+                matrix = tf.compose(step, matrix)
+        return matrix
+
+
+def _text(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _no_text(element: etree._Element, path: Path) -> None:
+    for text in (element.text, *(child.tail for child in element)):
+        if text and text.strip():
+            where = f"{path}:{element.sourceline}"
+            raise SceneError(f"<{element.tag}> holds text {shorten(text.strip())}", where)
+
+
+def _empty(element: etree._Element, where: str) -> None:
+    if len(element) or (element.text and element.text.strip()):
+        raise SceneError(f"<{element.tag}> must be empty", where)

@@ -1,0 +1,136 @@
+"""The tree between a scene file and a scene: what was written, and where.
+
+A reader turns its format into this tree; `build` checks the tree against `plugins` and makes the
+scene. So every format has the same rules and the same messages.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import stat
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..errors import SceneError
+
+MAX_DEPTH = 32
+_FLOAT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_INTEGER = re.compile(r"[+-]?[0-9]{1,20}")
+
+
+@dataclass
+class Value:
+    """A parameter: kind (float, integer, boolean, string, rgb, spectrum, vector, point, transform),
+    its value (rgb and vector: tuple of float; transform: (4, 4) float64) and its place."""
+
+    kind: str
+    value: Any
+    where: str
+
+
+@dataclass
+class Ref:
+    """A use of an object that is defined elsewhere."""
+
+    id: str
+    where: str
+
+
+@dataclass
+class Node:
+    """An object: plugin name, category if the file states it, parameters and nested objects."""
+
+    plugin: str
+    where: str
+    category: str = ""
+    id: str = ""
+    folder: str = ""
+    values: dict[str, Value] = field(default_factory=dict)
+    children: list[Node | Ref] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        return f'{self.plugin} "{self.id}"' if self.id else self.plugin
+
+
+@dataclass
+class Tree:
+    """A scene node and every object in it that has an id."""
+
+    scene: Node
+    ids: dict[str, Node] = field(default_factory=dict)
+
+    def add_id(self, node: Node) -> None:
+        """Registers a node's id; raises SceneError if another node has it."""
+        other = self.ids.setdefault(node.id, node)
+        if other is not node:
+            raise SceneError(f'id "{node.id}" is already used at {other.where}', node.where)
+
+
+def shorten(value: object) -> str:
+    """Text of a value for a message, at most about 90 characters."""
+    text = repr(value) if not isinstance(value, str) else f'"{value}"'
+    text = text.replace("\n", " ")
+    return text if len(text) <= 80 else f"{text[:70]}...({len(text)} characters)"
+
+
+def allowed(name: str, names: Iterable[str], what: str = "allowed") -> str:
+    """End of a message about an unknown `name`: the known names, and the closest of them."""
+    known = sorted(names)
+    text = f"; {what}: {', '.join(known)}" if known else f"; {what}: none"
+    close = difflib.get_close_matches(name[:64], known, n=1)
+    return f'{text}; did you mean "{close[0]}"?' if close else text
+
+
+def read_bytes(path: Path, limit: int, where: str) -> bytes:
+    """Contents of a regular file of at most `limit` bytes; anything else is a SceneError."""
+    name = shorten(str(path))
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise SceneError(f"{name} is not a file", where)
+        with open(path, "rb") as file:
+            data = file.read(limit + 1)
+    except OSError as error:
+        raise SceneError(f"cannot read {name}: {error.strerror}", where) from None
+    except SceneError:
+        raise
+    except ValueError as error:  # a name with a null character
+        raise SceneError(f"cannot read {name}: {error}", where) from None
+    if len(data) > limit:
+        raise SceneError(f"{name} exceeds {limit} bytes", where)
+    return data
+
+
+def parse_float(text: str, name: str, where: str) -> float:
+    """A finite decimal number; independent of the locale, no underscores, no hexadecimal."""
+    text = text.strip(" \t\r\n")
+    if not _FLOAT.fullmatch(text):
+        if text.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            raise SceneError(f"{name} = {shorten(text)} must be finite", where)
+        raise SceneError(f"{name} = {shorten(text)} is not a number", where)
+    number = float(text)
+    if number - number != 0.0:
+        raise SceneError(f"{name} = {shorten(text)} exceeds the float64 range", where)
+    return number
+
+
+def parse_integer(text: str, name: str, where: str) -> int:
+    """A decimal integer of at most 20 digits."""
+    text = text.strip(" \t\r\n")
+    if not _INTEGER.fullmatch(text):
+        raise SceneError(f"{name} = {shorten(text)} is not an integer", where)
+    return int(text)
+
+
+def parse_floats(text: str, name: str, where: str, counts: tuple[int, ...]) -> tuple[float, ...]:
+    """Numbers separated by blanks or commas, as many as one of `counts`."""
+    tokens = [t for t in re.split(r"[\s,]+", text) if t]
+    if len(tokens) not in counts:
+        expected = " or ".join(str(n) for n in counts)
+        raise SceneError(
+            f"{name} = {shorten(text)} holds {len(tokens)} numbers, expected {expected}", where
+        )
+    return tuple(parse_float(t, name, where) for t in tokens)

@@ -1,0 +1,103 @@
+"""4x4 transforms in float64, column vectors, composed as Mitsuba 3 composes them.
+
+Every product is written out in a fixed order with separate rounding (no BLAS, no fused
+multiply-add), so that a scene's vertices have the same bits on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import SceneError
+from ..scene import sin_cos_degrees
+
+Array = npt.NDArray[Any]
+
+
+def compose(a: Array, b: Array) -> Array:
+    """The matrix that applies b first, then a."""
+    result: Array = a[:, 0:1] * b[0:1, :]
+    for k in (1, 2, 3):
+        result = result + a[:, k : k + 1] * b[k : k + 1, :]
+    return result
+
+
+def apply(matrix: Array, points: Array) -> Array:
+    """Transforms points (N, 3) by an affine matrix."""
+    m = matrix[:3]
+    result: Array = points[:, 0:1] * m[:, 0] + points[:, 1:2] * m[:, 1]
+    result = result + points[:, 2:3] * m[:, 2]
+    return result + m[:, 3]
+
+
+def translate(v: Sequence[float]) -> Array:
+    """Translation by v."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = v
+    return matrix
+
+
+def scale(v: Sequence[float]) -> Array:
+    """Scaling along the axes."""
+    return np.diag([*v, 1.0])
+
+
+def rotate(axis: Sequence[float], angle: float, where: str = "") -> Array:
+    """Rotation by `angle` degrees about `axis`, counter-clockwise seen against the axis.
+
+    The axis must have unit length: Mitsuba uses it as it is, and makes a shear of any other.
+    """
+    x, y, z = axis
+    length = math.hypot(x, y, z)
+    if abs(length - 1.0) > 1e-3:
+        raise SceneError(
+            f"rotate: the axis ({x:g}, {y:g}, {z:g}) has length {length:g}, expected 1", where
+        )
+    s, c = sin_cos_degrees(angle)
+    t = 1.0 - c
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [c + t * x * x, t * x * y - s * z, t * x * z + s * y],
+        [t * x * y + s * z, c + t * y * y, t * y * z - s * x],
+        [t * x * z - s * y, t * y * z + s * x, c + t * z * z],
+    ]
+    return matrix
+
+
+def _unit(v: Sequence[float], message: str, where: str) -> list[float]:
+    length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if not 0.0 < length < math.inf:
+        raise SceneError(message, where)
+    return [x / length for x in v]
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+
+
+def look_at(
+    origin: Sequence[float], target: Sequence[float], up: Sequence[float], where: str = ""
+) -> Array:
+    """Local +Z towards the target, +Y up, +X = up x forward (left on a camera's picture)."""
+    forward = _unit(
+        [t - o for t, o in zip(target, origin, strict=True)],
+        "lookat: origin and target are the same point",
+        where,
+    )
+    upward = _unit(up, "lookat: up has length 0", where)
+    side = _cross(upward, forward)
+    if math.hypot(*side) < 1e-9:
+        raise SceneError("lookat: up is parallel to the viewing direction", where)
+    left = _unit(side, "", where)
+    matrix = np.eye(4)
+    matrix[:3] = np.array([left, _cross(forward, left), forward, list(origin)]).T
+    return matrix

@@ -1,0 +1,554 @@
+# ruff: noqa: E501 (the tables of messages)
+"""Bad scenes: each gives a SceneError that says where, what, and what is allowed; never a picture.
+
+Files of a second run are damaged at random: they give a SceneError or a valid scene, nothing else.
+"""
+
+import math
+import os
+import random
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+from veriray.errors import SceneError, SceneWarning
+from veriray.formats import mitsuba_xml
+from veriray.scene import SHIPPED, Camera, Film, Scene, find_shipped, load_dict, load_file
+
+SENSOR = '<sensor type="perspective"><float name="fov" value="40"/></sensor>'
+SKY = '<emitter type="constant"/>'
+RECTANGLE = '<shape type="rectangle">{}</shape>'
+DIFFUSE = '<bsdf type="diffuse">{}</bsdf>'
+TO_WORLD = RECTANGLE.format('<transform name="to_world">{}</transform>')
+OBJ = '<shape type="obj"><string name="filename" value="{}"/></shape>'
+PLY = '<shape type="ply"><string name="filename" value="{}"/></shape>'
+FILM = '<sensor type="perspective"><float name="fov" value="40"/><film type="hdrfilm">{}</film></sensor>'
+LENS = '<sensor type="perspective">{}</sensor>'
+PLY_HEAD = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+)
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+# Line 3 of scene.xml -> fragments of the message, which all begins "scene.xml:3: " unless a file
+# name is among the fragments. Line 1 is <scene>, line 2 the sky; a sensor follows on line 4.
+LINES = {
+    "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: cube, obj, ply, rectangle", 'did you mean "rectangle"?'),
+    "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: cube"),
+    "unknown element": ("<shap/>", "unknown element <shap>", 'did you mean "shape"?'),
+    "object without type": ("<shape/>", '<shape> lacks the attribute "type"'),
+    "unknown attribute": ('<shape type="cube" name="x" colour="red"/>', "unknown attribute", '"colour" = "red"', "allowed: id, name, type"),
+    "unknown parameter": (DIFFUSE.format('<rgb name="reflectence" value="0.5"/>'), "diffuse: unknown parameter", '"reflectence" = (0.5, 0.5, 0.5)', 'did you mean "reflectance"?'),
+    "parameter of a parameterless plugin": (RECTANGLE.format('<float name="radius" value="2"/>'), 'unknown parameter "radius" = 2.0', "allowed: flip_normals, to_world"),
+    "wrong type": (RECTANGLE.format('<float name="flip_normals" value="1"/>'), '"flip_normals" = 1.0 is of type float, expected boolean'),
+    "vector for colour": (DIFFUSE.format('<vector name="reflectance" value="1 1 1"/>'), "of type vector, expected rgb, spectrum or number"),
+    "string for a number": ('<integrator type="path"><string name="max_depth" value="8"/></integrator>', '"max_depth" = "8" is of type string, expected integer'),
+    "float for integer": ('<integrator type="path"><float name="max_depth" value="8"/></integrator>', "is of type float, expected integer"),
+    "not a number": (DIFFUSE.format('<float name="reflectance" value="half"/>'), '"reflectance" = "half" is not a number'),
+    "underscore": (DIFFUSE.format('<float name="reflectance" value="0_1"/>'), '"0_1" is not a number'),
+    "decimal comma": (DIFFUSE.format('<float name="reflectance" value="0,5"/>'), '"0,5" is not a number'),
+    "NaN": (DIFFUSE.format('<float name="reflectance" value="nan"/>'), '"reflectance" = "nan" must be finite'),
+    "infinity": (SKY.replace("/>", '><rgb name="radiance" value="1 -inf 1"/></emitter>'), '"-inf" must be finite'),
+    "overflow": (DIFFUSE.format('<float name="reflectance" value="1e999"/>'), '"1e999" exceeds the float64 range'),
+    "radiance beyond float32": (RECTANGLE.format('<emitter type="area"><float name="radiance" value="1e39"/></emitter>'), "exceeds the float32 range"),
+    "not an integer": ('<integrator type="path"><integer name="max_depth" value="2.5"/></integrator>', '"2.5" is not an integer'),
+    "not a boolean": (RECTANGLE.format('<boolean name="flip_normals" value="yes"/>'), '"yes", expected true or false'),
+    "two numbers for a colour": (DIFFUSE.format('<rgb name="reflectance" value="0.1 0.2"/>'), "holds 2 numbers, expected 1 or 3"),
+    "hexadecimal colour": (DIFFUSE.format('<rgb name="reflectance" value="#ff8000"/>'), '"#ff8000" is not a number'),
+    "spectrum of several values": (DIFFUSE.format('<spectrum name="reflectance" value="400:0.1, 700:0.2"/>'), "only a constant spectrum is supported"),
+    "reflectance above 1": (DIFFUSE.format('<rgb name="reflectance" value="0.5 1.5 0.5"/>'), "(0.5, 1.5, 0.5) is outside [0, 1]"),
+    "negative reflectance": (DIFFUSE.format('<rgb name="reflectance" value="-0.1"/>'), "is outside [0, 1]"),
+    "negative radiance": (RECTANGLE.format('<emitter type="area"><rgb name="radiance" value="1 -1 1"/></emitter>'), 'area: "radiance" = (1.0, -1.0, 1.0) is outside [0, inf]'),
+    "hide_emitters": ('<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>', '"hide_emitters" = True is not supported', "allowed: false"),
+    "max_depth": ('<integrator type="path"><integer name="max_depth" value="-2"/></integrator>', '"max_depth" = -2 is outside [-1, '),
+    "rr_depth": ('<integrator type="path"><integer name="rr_depth" value="0"/></integrator>', '"rr_depth" = 0 is outside [1, '),
+    "two integrators": ('<integrator type="path"/><integrator type="path"/>', "has 2 objects of category integrator, at most 1"),
+    "two skies": (SKY, "has 2 objects of category emitter"),
+    "area light outside a shape": ('<emitter type="area"/>', 'cannot hold a emitter "area"'),
+    "sky inside a shape": (RECTANGLE.format(SKY), 'rectangle cannot hold a emitter "constant"', "allowed: area"),
+    "twosided without bsdf": ('<bsdf type="twosided"/>', "twosided has no bsdf; allowed: diffuse"),
+    "twosided twice": (f'<bsdf type="twosided">{DIFFUSE.format("")}{DIFFUSE.format("")}</bsdf>', "has 2 objects of category bsdf"),
+    "unknown reference": (RECTANGLE.format('<ref id="wite"/>') + '<bsdf type="diffuse" id="white"/>', 'no object with the id "wite"', 'did you mean "white"?'),
+    "reference of another kind": ('<shape type="cube" id="c"/>' + RECTANGLE.format('<ref id="c"/>'), 'rectangle cannot hold a shape "cube"'),
+    "reference in the scene": ('<bsdf type="diffuse" id="w"/><ref id="w"/>', "must stand inside the object that uses it"),
+    "id twice": ('<bsdf type="diffuse" id="w"/><shape type="cube" id="w"/>', 'id "w" is already used at ', "scene.xml:3"),
+    "parameter twice": (DIFFUSE.format('<float name="reflectance" value="1"/>' * 2), '"reflectance" is given twice'),
+    "undefined parameter": (DIFFUSE.format('<rgb name="reflectance" value="$albedo"/>'), 'parameter "$albedo" has no value', "-D albedo=..."),
+    "lone dollar": (DIFFUSE.format('<rgb name="reflectance" value="5$"/>'), '"$" must be followed by the name'),
+    "default without name": ('<default name="a b" value="1"/>', "bad name"),
+    "text": ("hello", '<scene> holds text "hello"'),
+    "content in a value": ('<float name="x" value="1">2</float>', "<float> must be empty"),
+    "singular transform": (TO_WORLD.format('<scale x="0"/>'), '"to_world" is singular'),
+    "singular matrix": (TO_WORLD.format('<matrix value="1 2 3 0 2 4 6 0 0 0 1 0 0 0 0 1"/>'), '"to_world" is singular'),
+    "projective matrix": (TO_WORLD.format('<matrix value="1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1"/>'), "last row [0.0, 0.0, 1.0, 1.0], expected [0, 0, 0, 1]"),
+    "matrix of 12": (TO_WORLD.format('<matrix value="1 0 0 0 0 1 0 0 0 0 1 0"/>'), "holds 12 numbers, expected 9 or 16"),
+    "overflowing transform": (TO_WORLD.format('<scale value="1e300"/><scale value="1e300"/>'), '"to_world"', "must be finite"),
+    "huge coordinates": (TO_WORLD.format('<translate x="1e200"/>'), "holds a number above 1e+100"),
+    "NaN in a transform": (TO_WORLD.format('<translate x="nan"/>'), 'translate: "x" = "nan" must be finite'),
+    "unknown transform": (TO_WORLD.format('<rotat x="1" angle="3"/>'), "unknown transform <rotat>", 'did you mean "rotate"?'),
+    "rotation without angle": (TO_WORLD.format('<rotate x="1"/>'), '<rotate> lacks the attribute "angle"'),
+    "rotation axis": (TO_WORLD.format('<rotate x="1" y="1" angle="30"/>'), "has length 1.41421, expected 1"),
+    "zero axis": (TO_WORLD.format('<rotate angle="30"/>'), "has length 0, expected 1"),
+    "lookat at itself": (TO_WORLD.format('<lookat origin="1,2,3" target="1,2,3" up="0,1,0"/>'), "origin and target are the same point"),
+    "lookat along up": (TO_WORLD.format('<lookat origin="0,0,0" target="0,5,0" up="0,1,0"/>'), "up is parallel to the viewing direction"),
+    "lookat without up": (TO_WORLD.format('<lookat origin="0,0,0" target="0,5,0"/>'), '<lookat> lacks the attribute "up"'),
+    "missing mesh": (OBJ.format("nowhere.obj"), "cannot read", 'nowhere.obj": No such file or directory'),
+    "mesh without file name": ('<shape type="obj"/>', 'obj: "filename" (string) is missing'),
+    "folder as mesh": (OBJ.format("."), "is not a file"),
+    "long file name": (OBJ.format("x" * 5000 + ".obj"), "File name too long"),
+    "missing include": ('<include filename="nowhere.xml"/>', "cannot read", "No such file or directory"),
+    "include itself": ('<include filename="scene.xml"/>', '"scene.xml" includes itself'),
+}  # fmt: skip
+
+# Line 3 of scene.xml, in a scene with no other sensor.
+SENSORS = {
+    "no sensor": ("", "scene.xml:1: scene has no sensor; allowed: perspective"),
+    "two sensors": (SENSOR * 2, "has 2 objects of category sensor"),
+    "no field of view": (LENS.format(""), "neither fov nor focal_length given"),
+    "both fields of view": (LENS.format('<float name="fov" value="4"/><string name="focal_length" value="50mm"/>'), "both fov and focal_length given"),
+    "fov 0": (LENS.format('<float name="fov" value="0"/>'), '"fov" = 0.0 is outside (0, 180)'),
+    "fov 180": (LENS.format('<float name="fov" value="180"/>'), "is outside (0, 180)"),
+    "fov axis": (LENS.format('<float name="fov" value="4"/><string name="fov_axis" value="z"/>'), '"fov_axis" = "z" is not supported', "allowed: diagonal, larger, smaller, x, y"),
+    "focal length": (LENS.format('<string name="focal_length" value="50cm"/>'), '"50cm" is not a number'),
+    "focal length 0": (LENS.format('<string name="focal_length" value="0mm"/>'), "outside [0.001, 1e+06] mm"),
+    "near beyond far": (LENS.format('<float name="fov" value="4"/><float name="near_clip" value="5"/><float name="far_clip" value="2"/>'), "far_clip = 2 must be greater than near_clip = 5"),
+    "near 0": (LENS.format('<float name="fov" value="4"/><float name="near_clip" value="0"/>'), '"near_clip" = 0.0 is outside (0, '),
+    "camera that scales": (LENS.format('<float name="fov" value="4"/><transform name="to_world"><scale value="2"/></transform>'), "camera to_world scales by 2"),
+    "motion blur": (LENS.format('<float name="fov" value="4"/><float name="shutter_open" value="1"/>'), "motion blur is not supported"),
+    "film of width 0": (FILM.format('<integer name="width" value="0"/>'), '"width" = 0 is outside [1, '),
+    "negative height": (FILM.format('<integer name="height" value="-5"/>'), '"height" = -5 is outside [1, '),
+    "film too large": (FILM.format('<integer name="width" value="65536"/><integer name="height" value="65536"/>'), "film of 65536 x 65536 pixels has more than 2147483648"),
+    "crop": (FILM.format('<integer name="crop_width" value="5"/>'), '"crop_width": crop windows are not supported'),
+    "pixel format": (FILM.format('<string name="pixel_format" value="rgba"/>'), '"rgba" is not supported; allowed: rgb'),
+    "component format": (FILM.format('<string name="component_format" value="uint32"/>'), "allowed: float16, float32"),
+    "filter": (FILM.format('<rfilter type="mitchell"/>'), 'unknown rfilter "mitchell"; allowed: box, gaussian, tent'),
+    "filter radius": (FILM.format('<rfilter type="tent"><float name="radius" value="0"/></rfilter>'), '"radius" = 0.0 is outside [0.001, 100]'),
+    "sample count": (SENSOR.replace("</sensor>", '<sampler type="independent"><integer name="sample_count" value="0"/></sampler></sensor>'), '"sample_count" = 0 is outside [1, '),
+    "seed": (SENSOR.replace("</sensor>", '<sampler type="independent"><integer name="seed" value="-1"/></sampler></sensor>'), '"seed" = -1 is outside [0, '),
+    "sampler": (SENSOR.replace("</sensor>", '<sampler type="sobol"/></sensor>'), 'unknown sampler "sobol"; allowed: independent'),
+}  # fmt: skip
+
+
+def write(folder, line, sensor=SENSOR):
+    path = folder / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">\n{SKY}\n{line}\n{sensor}</scene>\n', encoding="utf-8")
+    return path
+
+
+def message(path, parameters=None):
+    with pytest.raises(SceneError) as caught:
+        load_file(path, parameters or {})
+    assert type(caught.value) is SceneError and isinstance(caught.value, ValueError)
+    text = str(caught.value)
+    assert "\n" not in text and len(text) < 1500
+    return text
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_bad_line(tmp_path, name):
+    line, *fragments = LINES[name]
+    text = message(write(tmp_path, line))
+    where = f"{tmp_path}/scene.xml:"
+    assert text.startswith(where + ("1: " if name == "text" else "3: ")), text
+    for fragment in fragments:
+        assert fragment in text.replace(str(tmp_path) + os.sep, ""), text
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_bad_sensor(tmp_path, name):
+    line, *fragments = SENSORS[name]
+    text = message(write(tmp_path, line, sensor=""))
+    assert text.startswith(f"{tmp_path}/scene.xml:{1 if name == 'no sensor' else 3}: "), text
+    for fragment in fragments:
+        assert fragment in text.replace(str(tmp_path) + os.sep, ""), text
+
+
+FILES = {
+    "empty": (b"", "not well-formed XML"),
+    "cut": (b'<scene version="3.0.0"><shape', "scene.xml:1: not well-formed XML"),
+    "not XML": (b"hello", "not well-formed XML"),
+    "binary": (bytes(range(256)), "not UTF-8 text (byte 128)"),
+    "UTF-16": ('<scene version="3.0.0"/>'.encode("utf-16"), "not UTF-8 text"),
+    "declared UTF-7": (b'<?xml version="1.0" encoding="utf-7"?><scene/>', "<scene> has no version"),
+    "doctype": (b'<?xml version="1.0"?>\n<!DOCTYPE scene>\n<scene version="3.0.0"/>', "scene.xml:2: DOCTYPE and entities are not allowed"),
+    "external entity": (b'<!DOCTYPE s [<!ENTITY x SYSTEM "file:///etc/hostname">]><scene version="3.0.0">&x;</scene>', "scene.xml:1: DOCTYPE and entities are not allowed"),
+    "doctype behind a comment": (b'<!-- a\n -->\n<!DOCTYPE s [<!ENTITY a "b">]>\n<scene version="3.0.0"/>', "scene.xml:3: DOCTYPE"),
+    "undeclared entity": (b'<scene version="3.0.0">\n&x;</scene>', "scene.xml:2: not well-formed XML"),
+    "deep": (b'<scene version="3.0.0">' + b"<shape>" * 300, "not well-formed XML"),
+    "another root": (b'<shape type="cube"/>', "the root element is <shape>, expected <scene>"),
+    "no version": (b"<scene/>", '<scene> has no version; write version="3.0.0"'),
+    "old version": (b'<scene version="0.6.0"/>', '"0.6.0", expected 2.x.x or 3.x.x'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_bad_file(tmp_path, name):
+    (tmp_path / "scene.xml").write_bytes(FILES[name][0])
+    assert FILES[name][1] in message(tmp_path / "scene.xml")
+
+
+def test_missing_files_and_names(tmp_path):
+    assert "No such file or directory" in message(tmp_path / "none.xml")
+    assert 'did you mean "cornell-box"?' in message("cornel-box")
+    assert "neither a scene file (.xml)" in message(tmp_path / "scene.gltf")
+    assert "is not a file" in message(_folder(tmp_path / "folder.xml"))
+    assert "cannot read" in message("nul\0.xml")
+    os.mkfifo(tmp_path / "pipe.xml")
+    assert "is not a file" in message(tmp_path / "pipe.xml")
+    (tmp_path / "loop.xml").symlink_to(tmp_path / "loop.xml")
+    assert "cannot read" in message(tmp_path / "loop.xml")
+
+
+def _folder(path):
+    path.mkdir()
+    return path
+
+
+def test_parameters_that_do_not_exist(tmp_path):
+    text = message("cornell-box", {"sp": 4})
+    assert 'parameter "sp" = "4" is not used' in text and 'did you mean "spp"?' in text
+    text = message("cornell-box", {"spp": "many"})
+    assert re.search(r'cornell_box\.xml:\d+: "sample_count" = "many" is not an integer', text)
+    assert '"width" = 0 is outside' in message("cornell-box", {"width": 0})
+
+
+def test_parameters_do_not_explode(tmp_path):
+    doubling = "".join(f'<default name="a{i + 1}" value="${{a{i}}}${{a{i}}}"/>' for i in range(60))
+    text = message(write(tmp_path, f'<default name="a0" value="xxxxxxxx"/>{doubling}'))
+    assert "parameters expand to more than" in text
+
+
+def test_errors_in_included_files_name_them(tmp_path):
+    (tmp_path / "part.xml").write_text('<scene version="3.0.0">\n\n<shape type="ball"/></scene>')
+    text = message(write(tmp_path, '<include filename="part.xml"/>'))
+    assert text.startswith(f'{tmp_path}/part.xml:3: unknown shape "ball"')
+    (tmp_path / "part.xml").write_text('<rgb name="x" value="1"/>')
+    assert "root element of an included file is <rgb>" in message(tmp_path / "scene.xml")
+
+
+def test_include_bombs_end(tmp_path):
+    for i in range(12):
+        (tmp_path / f"{i}.xml").write_text(
+            f'<scene version="3.0.0"><include filename="{i + 1}.xml"/></scene>'
+        )
+    assert "more than 8 nested" in message(write(tmp_path, '<include filename="0.xml"/>'))
+    for i in range(4):
+        inside = f'<include filename="{i + 1}.xml"/>' * 10 if i < 3 else ""
+        (tmp_path / f"{i}.xml").write_text(f'<scene version="3.0.0">{inside}</scene>')
+    assert "256 included files" in message(write(tmp_path, '<include filename="0.xml"/>'))
+    (tmp_path / "0.xml").write_text('<scene version="3.0.0"><include filename="1.xml"/></scene>')
+    (tmp_path / "1.xml").write_text('<scene version="3.0.0"><include filename="./0.xml"/></scene>')
+    assert '"./0.xml" includes itself' in message(tmp_path / "scene.xml")
+
+
+def test_files_have_a_largest_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(mitsuba_xml, "MAX_BYTES", 100)
+    assert "exceeds 100 bytes" in message(write(tmp_path, " " * 100))
+
+
+MESHES = {
+    "obj: NaN": (TRIANGLE.replace("1 0 0", "nan 0 0") + "f 1 2 3\n", 'line 2: "v nan 0 0" is not a vertex of 3 finite numbers'),
+    "obj: two coordinates": ("v 0 0\n", "line 1", "is not a vertex"),
+    "obj: overflow": (TRIANGLE.replace("1 0 0", "1e999 0 0") + "f 1 2 3\n", "vertex 1 has the coordinate inf; it must be finite"),
+    "obj: index too large": (TRIANGLE + "f 1 2 4\n", 'line 4: the index "4" is not within the 3 v lines before it'),
+    "obj: index 0": (TRIANGLE + "f 0 1 2\n", 'the index "0" is not within'),
+    "obj: negative index": (TRIANGLE + "f -1 -2 -4\n", 'the index "-4" is not within'),
+    "obj: normal index": (TRIANGLE + "f 1//1 2//1 3//1\n", 'the index "1//1" is not within the 0 vn lines'),
+    "obj: word": (TRIANGLE + "f a b c\n", 'the index "a" is not within'),
+    "obj: edge": (TRIANGLE + "f 1 2\n", "line 4: a face needs at least 3 vertices"),
+    "obj: no faces": (TRIANGLE, "holds no triangles"),
+    "obj: empty": ("", "holds no triangles"),
+    "obj: another format": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "holds no triangles"),
+    "ply: empty": ("", 'is not PLY: no header "ply" ... "end_header"'),
+    "ply: another format": (TRIANGLE, "is not PLY"),
+    "ply: endless header": ("ply\nformat ascii 1.0\n" + "comment x\n" * 9999, "is not PLY"),
+    "ply: unknown format": (PLY_HEAD.replace("ascii", "ascii7") + "0 0 0\n", 'unknown "format ascii7 1.0"'),
+    "ply: NaN": (PLY_HEAD + "0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "vertex 1 has the coordinate nan"),
+    "ply: index too large": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "triangle 0 uses vertex 3, outside [0, 2]"),
+    "ply: negative index": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "triangle 0 uses vertex -1, outside [0, 2]"),
+    "ply: cut": (PLY_HEAD + "0 0 0\n1 0 0\n", "is damaged: 2 lines of data, 4 expected"),
+    "ply: cut face": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1", "ply", "2"),
+    "ply: edge": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "face 0 has 2 vertices, expected 3 or 4"),
+    "ply: huge count": (PLY_HEAD.replace("vertex 3", "vertex 4000000000") + "0 0 0\n", "lines of data, 4000000001 expected"),
+    "ply: negative count": (PLY_HEAD.replace("vertex 3", "vertex -3") + "0 0 0\n", "bad header line"),
+    "ply: huge binary": (PLY_HEAD.replace("ascii", "binary_little_endian").replace("vertex 3", "vertex 4000000000"), "is damaged: 4000000001 elements in"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_bad_mesh(tmp_path, name):
+    content, *fragments = MESHES[name]
+    kind = name[:3]
+    (tmp_path / f"mesh.{kind}").write_text(content)
+    body = {"obj": OBJ, "ply": PLY}[kind].format(f"mesh.{kind}")
+    text = message(write(tmp_path, body))
+    assert text.startswith(f"{tmp_path}/scene.xml:3: ")
+    for fragment in fragments:
+        assert fragment in text, text
+
+
+# ---- dictionaries --------------------------------------------------------------------------------
+
+
+class Strange:
+    @property
+    def matrix(self):
+        raise RuntimeError("no")
+
+
+def endless():
+    shape = {"type": "rectangle"}
+    shape["bsdf"] = shape
+    return shape
+
+
+DICTS = {
+    "not a dictionary": ([1], "scene: [1] is not a dictionary"),
+    "no type": ({}, 'scene: "type" = None, expected "scene"'),
+    "not a scene": ({"type": "cube"}, '"type" = "cube", expected "scene"'),
+    "unknown type": ({"s": {"type": "sphere"}}, 'scene.s: unknown type "sphere"; allowed: area,'),
+    "untyped object": ({"s": {"to_world": 1}}, 'scene.s: "type" = None is not the name of an object'),
+    "unknown parameter": ({"white": {"type": "diffuse", "reflectence": 0.5}}, 'scene.white.reflectence: diffuse "white": unknown parameter "reflectence" = 0.5', 'did you mean "reflectance"?'),
+    "reflectance": ({"white": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0, 2, 0]}}}, 'scene.white.reflectance: diffuse "white": "reflectance" = (0.0, 2.0, 0.0) is outside [0, 1]'),
+    "NaN": ({"white": {"type": "diffuse", "reflectance": math.nan}}, "scene.white.reflectance", "must be finite"),
+    "NaN in rgb": ({"w": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0, math.nan, 0]}}}, "scene.w.reflectance", "must be finite"),
+    "list for colour": ({"w": {"type": "diffuse", "reflectance": [0.1, 0.2, 0.3]}}, "is of type vector, expected rgb, spectrum or number"),
+    "rgb of two": ({"w": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [1, 0]}}}, '"value" holds 2 numbers, expected 1 or 3'),
+    "rgb key": ({"w": {"type": "diffuse", "reflectance": {"type": "rgb", "valeu": [1, 0]}}}, 'unknown key "valeu"'),
+    "rgb without value": ({"w": {"type": "diffuse", "reflectance": {"type": "rgb"}}}, "None (NoneType) is not a value"),
+    "string for number": ({"i": {"type": "path", "max_depth": "8"}}, "is of type string, expected integer"),
+    "boolean for number": ({"i": {"type": "path", "max_depth": True}}, "is of type boolean, expected integer"),
+    "huge integer": ({"i": {"type": "path", "max_depth": 10**400}}, "exceeds 64 bits"),
+    "number key": ({"s": {"type": "cube", 3: 4}}, "the key 3 is not a string"),
+    "array of 2": ({"s": {"type": "cube", "to_world": [1, 2]}}, "an array of shape (2,), expected (4, 4) or (3,)"),
+    "object array": ({"s": {"type": "cube", "to_world": [[1], [2, 3]]}}, "is not a value that a scene can hold"),
+    "strange object": ({"s": {"type": "cube", "to_world": Strange()}}, "scene.s.to_world", "(Strange) is not a value"),
+    "NaN in a matrix": ({"s": {"type": "cube", "to_world": np.diag([1, math.nan, 1, 1])}}, 'scene.s.to_world: cube "s": "to_world"[1][1] is nan; it must be finite'),
+    "singular matrix": ({"s": {"type": "cube", "to_world": np.diag([1, 0, 1, 1])}}, "scene.s.to_world", "is singular"),
+    "unknown reference": ({"s": {"type": "cube", "bsdf": {"type": "ref", "id": "whit"}}, "white": {"type": "diffuse"}}, 'scene.s.bsdf: cube "s": there is no object with the id "whit"', 'did you mean "white"?'),
+    "bad reference": ({"s": {"type": "cube", "bsdf": {"type": "ref", "id": 5}}}, '"id" = 5 is not a string'),
+    "id twice": ({"a": {"type": "cube", "id": "x"}, "b": {"type": "cube", "id": "x"}}, 'scene.b: id "x" is already used at scene.a'),
+    "id": ({"a": {"type": "cube", "id": 7}}, "scene.a.id: 7 is not a string"),
+    "endless": ({"s": endless()}, "nested deeper than 32"),
+    "missing file": ({"s": {"type": "ply", "filename": "nowhere.ply"}}, "scene.s.filename: cannot read", "No such file"),
+    "parameter of the scene": ({"max_depth": 3}, 'scene.max_depth: scene: unknown parameter "max_depth" = 3'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DICTS)
+def test_bad_dictionary(name):
+    content, *fragments = DICTS[name]
+    if isinstance(content, dict) and name not in ("no type", "not a scene"):
+        content = {
+            "type": "scene",
+            "cam": {"type": "perspective", "fov": 40},
+            "sky": {"type": "constant"},
+            **content,
+        }
+    with pytest.raises(SceneError) as caught:
+        load_dict(content)
+    for fragment in fragments:
+        assert fragment in str(caught.value), str(caught.value)
+
+
+# ---- arrays --------------------------------------------------------------------------------------
+
+
+def arrays(**changes):
+    values = {
+        "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+        "triangles": [[0, 1, 2]],
+        "triangle_material": [0],
+        "triangle_emission": [-1],
+        "reflectance": [[0.5, 0.5, 0.5]],
+        "two_sided": [False],
+        "emissions": np.zeros((0, 3)),
+        "environment": [0, 0, 0],
+        "camera": Camera(np.eye(4), 40.0),
+        "film": Film(4, 4),
+    }
+    return {**values, **changes}
+
+
+ARRAYS = {
+    "NaN vertex": ({"vertices": [[0, 0, 0], [1, math.nan, 0], [0, 1, 0]]}, "vertices[1][1] is nan; it must be finite"),
+    "infinite vertex": ({"vertices": [[0, 0, 0], [1, 0, 0], [-math.inf, 1, 0]]}, "vertices[2][0] is -inf"),
+    "huge vertex": ({"vertices": [[0, 0, 0], [1, 0, 0], [1e101, 1, 0]]}, "vertices[2][0] = 1e+101 is outside"),
+    "shape": ({"vertices": [0, 1, 2]}, "vertices has shape (3,), expected (n, 3)"),
+    "ragged": ({"vertices": [[0], [1, 2]]}, "vertices cannot be read as numbers"),
+    "strings": ({"vertices": [["a", "b", "c"]]}, "vertices cannot be read as numbers"),
+    "index": ({"triangles": [[0, 1, 3]]}, "triangles[0][2] = 3 is outside [0, 2] (there are 3 vertices)"),
+    "negative index": ({"triangles": [[0, 1, -1]]}, "triangles holds -1, outside [0, 4294967295]"),
+    "index overflow": ({"triangles": [[0, 1, 2**32]]}, "triangles holds 4294967296, outside"),
+    "float index": ({"triangles": [[0.0, 1.0, 2.0]]}, "triangles has dtype float64, expected integers"),
+    "material": ({"triangle_material": [1]}, "triangle_material[0] = 1 is outside [0, 0] (there are 1 materials)"),
+    "materials missing": ({"triangle_material": []}, "triangle_material has shape (0,), expected (1)"),
+    "emission": ({"triangle_emission": [0]}, "triangle_emission[0] = 0 is outside [-1, -1]"),
+    "emission -2": ({"triangle_emission": [-2]}, "triangle_emission[0] = -2 is outside"),
+    "reflectance": ({"reflectance": [[0.5, 1.01, 0.5]]}, "reflectance[0][1] = 1.0"),
+    "NaN reflectance": ({"reflectance": [[0.5, math.nan, 0.5]]}, "reflectance[0][1] is nan"),
+    "radiance": ({"emissions": [[1, -1, 1]]}, "emissions[0][1] = -1.0 is outside [0, inf]"),
+    "radiance beyond float32": ({"emissions": [[1, 1e39, 1]]}, "emissions (as float32)[0][1] is inf"),
+    "environment": ({"environment": [0, -1, 0]}, "environment[1] = -1.0 is outside"),
+    "camera": ({"camera": None}, "camera is NoneType, expected Camera"),
+    "film": ({"film": (4, 4)}, "film is tuple, expected Film"),
+    "max_depth": ({"max_depth": -2}, "max_depth = -2 is outside [-1, "),
+    "max_depth 1.5": ({"max_depth": 1.5}, "max_depth = 1.5 is not an integer"),
+    "rr_depth": ({"rr_depth": 0}, "rr_depth = 0 is outside [1, "),
+    "spp": ({"spp": 0}, "spp = 0 is outside [1, "),
+    "seed": ({"seed": -1}, "seed = -1 is outside [0, "),
+    "shape index": ({"triangle_shape": [1]}, "triangle_shape[0] = 1 is outside [0, 0]"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_bad_arrays(name):
+    changes, fragment = ARRAYS[name]
+    with pytest.raises(SceneError) as caught:
+        Scene(**arrays(**changes))
+    assert fragment in str(caught.value), str(caught.value)
+
+
+def test_good_arrays():
+    scene = Scene(**arrays())
+    assert scene.shape_names == ("scene",) and scene.triangle_shape.tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    ("make", "fragment"),
+    [
+        (lambda: Film(0, 4), "film width = 0 is outside"),
+        (lambda: Film(4, 2.5), "film height = 2.5 is not an integer"),
+        (lambda: Film(2**16, 2**16), "has more than 2147483648"),
+        (lambda: Film(4, 4, "sinc"), "filter = 'sinc' is unknown; allowed: box, tent, gaussian"),
+        (lambda: Film(4, 4, "gaussian", math.nan), "filter_parameter = nan is outside"),
+        (lambda: Film(4, 4, "box", 2.0), "of the box filter must be 0.5"),
+        (lambda: Camera(np.eye(3), 40), "camera to_world has shape (3, 3), expected (4, 4)"),
+        (lambda: Camera(np.zeros((4, 4)), 40), "last row"),
+        (lambda: Camera(np.diag([1, 1, 0, 1]), 40), "camera to_world is singular"),
+        (lambda: Camera(np.diag([1, math.inf, 1, 1]), 40), "camera to_world[1][1] is inf"),
+        (lambda: Camera(np.eye(4), 0), "fov = 0 is outside (0, 180)"),
+        (lambda: Camera(np.eye(4), math.nan), "fov = nan is outside"),
+        (lambda: Camera(np.eye(4), "40"), "fov = '40' is not a number"),
+        (lambda: Camera(np.eye(4), 40, "w"), "fov_axis = 'w' is unknown"),
+        (lambda: Camera(np.eye(4), 40, near_clip=-1), "near_clip = -1 is outside"),
+        (lambda: Camera(np.eye(4), 40, near_clip=2, far_clip=2), "must be greater than near_clip"),
+        (lambda: Camera(np.eye(4), 40, principal_point_offset=[0, math.nan]), "principal_point_offset[1] is nan"),
+    ],
+)  # fmt: skip
+def test_bad_camera_and_film(make, fragment):
+    with pytest.raises(SceneError) as caught:
+        make()
+    assert fragment in str(caught.value), str(caught.value)
+
+
+# ---- damage at random ----------------------------------------------------------------------------
+
+WORDS = (
+    b'"', b"<", b">", b"/>", b"nan", b"inf", b"1e999", b"-1", b"0", b"", b"$x", b"$", b"${", b"&amp;", b"&x;",
+    b"\0", b"\xff", b"99999999999999999999", b"-99999999999", b'type="obj"', b"<scene>", b"<!--", b"]]>",
+    b"1e308", b"rectangle", b"transform", b"name", b"id=\"white\"", b"<include filename=\"scene.xml\"/>",
+)  # fmt: skip
+
+
+def damaged(data, rng):
+    """A copy of data with up to four bytes, words, pieces or numbers changed, dropped or doubled."""
+    for _ in range(rng.randint(1, 4)):
+        a = rng.randrange(len(data) + 1)
+        b = min(len(data), a + int(rng.expovariate(1 / 12)))
+        kind = rng.randrange(7)
+        if kind == 0:
+            data = data[:a] + bytes([rng.randrange(256)]) + data[a + 1 :]
+        elif kind == 1:
+            data = data[:a] + data[b:]
+        elif kind == 2:
+            data = data[:b] + data[a:]
+        elif kind == 3:
+            data = data[:a] + rng.choice(WORDS) + data[b:]
+        elif kind == 4:
+            numbers = list(re.finditer(rb"[-+]?[0-9.]+", data))
+            if numbers:
+                match = rng.choice(numbers)
+                data = data[: match.start()] + rng.choice(WORDS) + data[match.end() :]
+        elif kind == 5:
+            data = data[:a] if rng.random() < 0.2 else data
+        else:
+            values = list(re.finditer(rb'"[^"]*"', data))
+            if len(values) > 1:
+                one, two = sorted(rng.sample(values, 2), key=lambda m: m.start())
+                between = data[one.end() : two.start()]
+                data = data[: one.start()] + two[0] + between + one[0] + data[two.end() :]
+    return data
+
+
+def outcome(path):
+    """Loads a file: SceneError, or a scene whose numbers are all in range."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        try:
+            scene = load_file(path)
+        except SceneError as error:
+            assert len(str(error)) < 2000
+            return False
+    assert np.isfinite(scene.vertices).all() and np.isfinite(scene.camera.to_world).all()
+    assert not len(scene.triangles) or scene.triangles.max() < len(scene.vertices)
+    assert ((scene.reflectance >= 0) & (scene.reflectance <= 1)).all()
+    assert np.isfinite(scene.emissions).all() and (scene.emissions >= 0).all()
+    assert scene.film.width * scene.film.height <= 2**31 and len(scene.sha256) == 64
+    return True
+
+
+@pytest.mark.parametrize("name", sorted(SHIPPED))
+def test_damaged_scene_files(tmp_path, name):
+    source = find_shipped(name)
+    for mesh in (source.parent / "meshes").glob("*.obj"):
+        (tmp_path / "meshes").mkdir(exist_ok=True)
+        (tmp_path / "meshes" / mesh.name).write_bytes(mesh.read_bytes())
+    data, path = source.read_bytes(), tmp_path / "scene.xml"
+    rng = random.Random(name)
+    valid = 0
+    for _ in range(250):
+        path.write_bytes(damaged(data, rng))
+        valid += outcome(path)
+    assert 5 < valid < 200, "the damage is neither nothing nor everything"
+
+
+def test_scene_file_cut_at_every_byte(tmp_path):
+    data = (
+        b'<scene version="3.0.0">' + SENSOR.encode() + RECTANGLE.format("").encode() + b"</scene>\n"
+    )
+    path = tmp_path / "scene.xml"
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        assert outcome(path) == (length == len(data) - 1)
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "binary ply"])
+def test_damaged_meshes(tmp_path, kind):
+    vertices, faces = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]
+    if kind == "obj":
+        data = b"".join(b"v %d %d %d\n" % tuple(v) for v in vertices) + b"f 1 2 3\nf 1/ 3 4\n"
+    else:
+        binary = "binary" in kind
+        text = PLY_HEAD.replace("vertex 3", "vertex 4").replace("face 1", "face 2")
+        data = (text.replace("ascii", "binary_little_endian") if binary else text).encode()
+        if binary:
+            data += np.array(vertices, "<f4").tobytes()
+            data += b"".join(b"\3" + np.array(f, "<i4").tobytes() for f in faces)
+        else:
+            data += b"".join(b"%d %d %d\n" % tuple(v) for v in vertices)
+            data += b"".join(b"3 %d %d %d\n" % tuple(f) for f in faces)
+    suffix = kind[-3:]
+    scene = write(tmp_path, {"obj": OBJ, "ply": PLY}[suffix].format(f"m.{suffix}"))
+    path = tmp_path / f"m.{suffix}"
+    path.write_bytes(data)
+    assert outcome(scene)
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        outcome(scene)
+    rng = random.Random(kind)
+    for _ in range(250):
+        path.write_bytes(damaged(data, rng))
+        outcome(scene)

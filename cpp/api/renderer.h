@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "film/film.h"
+#include "integrators/ledger.h"
 #include "scene/scene.h"
 
 namespace veriray {
@@ -120,6 +122,9 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& set
 
 // ---- hooks of the test suite: the stages' own parts, run on the backend ----
 std::vector<float> eval_math(const std::string& name, const std::vector<float>& x);
+// u, v: n each; result (n, 3).
+std::vector<float> eval_mapping(const std::string& name, const std::vector<float>& u,
+                                const std::vector<float>& v);
 std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
                                    const std::vector<uint64_t>& sample,
                                    const std::vector<uint32_t>& block);

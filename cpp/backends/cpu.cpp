@@ -8,6 +8,7 @@
 #include <fstream>
 #include <thread>
 
+#include "backends/hooks.h"
 #include "backends/instances.h"
 #include "backends/thread_pool.h"
 #include "schedulers/thrust.h"
@@ -106,13 +107,14 @@ struct HostExec {
     uint64_t* launches;
     double share = 0;
     bool stopped = false;
+    std::chrono::steady_clock::time_point polled = std::chrono::steady_clock::now();
 
     template <class Body>
     void launch(uint32_t n, Body body) {
         ++*launches;
         const uint64_t blocks = (n + kThrustBlock - 1) / kThrustBlock;
-        const Poll poll = [&](double) { return !on_poll || on_poll(share); };
-        stopped |= !parallel(threads, blocks, poll, [&](uint32_t worker, uint64_t block) {
+        const Poll each = [&](double) { return poll_now(); };
+        stopped |= !parallel(threads, blocks, each, [&](uint32_t worker, uint64_t block) {
             const uint32_t first = static_cast<uint32_t>(block) * kThrustBlock;
             for (uint32_t k = first; k < std::min(n, first + kThrustBlock); ++k) body(worker, k);
         });
@@ -138,8 +140,14 @@ struct HostExec {
         return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
             .count();
     }
+    bool poll_now() {
+        polled = std::chrono::steady_clock::now();
+        return !on_poll || on_poll(share);
+    }
     bool poll(double done) {
         share = done;
+        if (std::chrono::steady_clock::now() - polled > std::chrono::milliseconds(50))
+            stopped |= !poll_now();
         return !stopped;
     }
 };
@@ -348,27 +356,24 @@ std::vector<DeviceInfo> devices() {
 }
 
 std::vector<float> eval_math(const std::string& name, const std::vector<float>& x) {
-    using F = Simd::F;
-    std::vector<float> padded(x), out(x.size() + Simd::kWidth);
-    padded.resize(x.size() + Simd::kWidth);
-    const auto each = [&](auto fn) {
-        for (size_t i = 0; i < x.size(); i += Simd::kWidth)
-            compress_store(&out[i], fn(load(&padded[i], F())), first_lanes(Simd::kWidth, Simd::M()));
-    };
-    F s, c;
-    if (name == "sin_2pi")
-        each([&](F u) { return sincos_2pi(u, s, c), s; });
-    else if (name == "cos_2pi")
-        each([&](F u) { return sincos_2pi(u, s, c), c; });
-    else if (name == "sqrt")
-        each([](F u) { return sqrt(u); });
-    else if (name == "reciprocal")
-        each([](F u) { return F(1.f) / u; });
-    else if (name == "tent")
-        each([](F u) { return tent(u); });
-    else
-        throw std::invalid_argument("unknown function '" + name + "'");
+    const int which = find_name(kMathNames, name);
+    std::vector<float> in(x), out(x.size() + Simd::kWidth);
+    in.resize(x.size() + Simd::kWidth);
+    const auto all = first_lanes(Simd::kWidth, Simd::M());
+    for (size_t i = 0; i < x.size(); i += Simd::kWidth)
+        compress_store(&out[i], math_function(which, load(&in[i], Simd::F())), all);
     out.resize(x.size());
+    return out;
+}
+
+std::vector<float> eval_mapping(const std::string& name, const std::vector<float>& u,
+                                const std::vector<float>& v) {
+    const int which = find_name(kMappingNames, name);
+    std::vector<float> out;
+    for (size_t i = 0; i < u.size(); ++i) {
+        const Vec3<float> p = mapping_function(which, u[i], v[i]);
+        out.insert(out.end(), {p.x, p.y, p.z});
+    }
     return out;
 }
 

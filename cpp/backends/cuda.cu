@@ -8,6 +8,7 @@
 #include <cstring>
 #include <thread>
 
+#include "backends/hooks.h"
 #include "backends/instances.h"
 #include "schedulers/fused.h"
 #include "schedulers/thrust.h"
@@ -160,14 +161,14 @@ __global__ void __launch_bounds__(kThrustBlock)
 
 __global__ void math_kernel(int which, const float* x, float* y, uint64_t n) {
     const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) y[i] = math_function(which, x[i]);
+}
+
+__global__ void mapping_kernel(int which, const float* u, const float* v, float* out, uint64_t n) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i >= n) return;
-    float s, c;
-    sincos_2pi(x[i], s, c);
-    y[i] = which == 0   ? s
-           : which == 1 ? c
-           : which == 2 ? sqrt(x[i])
-           : which == 3 ? 1.f / x[i]
-                        : tent(x[i]);
+    const Vec3<float> p = mapping_function(which, u[i], v[i]);
+    out[3 * i] = p.x, out[3 * i + 1] = p.y, out[3 * i + 2] = p.z;
 }
 
 __global__ void random_kernel(uint64_t seed, const uint32_t* pixel, const uint64_t* sample,
@@ -497,11 +498,6 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     return stats;
 }
 
-std::vector<PathVertex> trace_path(const Scene&, const RenderSettings&, uint32_t, uint32_t,
-                                   uint64_t) {
-    throw std::invalid_argument("paths are replayed on the CPU: its bits are the same");
-}
-
 // ---- what is here ----
 BuildInfo build_info() {
     const std::string thrust = std::to_string(THRUST_MAJOR_VERSION) + "." +
@@ -568,15 +564,24 @@ std::vector<DeviceInfo> devices() {
 
 // ---- hooks of the test suite ----
 std::vector<float> eval_math(const std::string& name, const std::vector<float>& x) {
-    static const char* const names[] = {"sin_2pi", "cos_2pi", "sqrt", "reciprocal", "tent"};
-    const auto at = std::find(std::begin(names), std::end(names), name);
-    if (at == std::end(names)) throw std::invalid_argument("unknown function '" + name + "'");
+    const int which = find_name(kMathNames, name);
     use_device(0);
     Buffer<float> in(x, "arguments"), out(x.size(), "values");
     if (!x.empty())
-        math_kernel<<<blocks_for(x.size(), 256), 256>>>(static_cast<int>(at - std::begin(names)),
-                                                        in.get(), out.get(), x.size());
+        math_kernel<<<blocks_for(x.size(), 256), 256>>>(which, in.get(), out.get(), x.size());
     check_launch("math");
+    return out.download();
+}
+
+std::vector<float> eval_mapping(const std::string& name, const std::vector<float>& u,
+                                const std::vector<float>& v) {
+    const int which = find_name(kMappingNames, name);
+    use_device(0);
+    Buffer<float> a(u, "arguments"), b(v, "arguments"), out(3 * u.size(), "values");
+    if (!u.empty())
+        mapping_kernel<<<blocks_for(u.size(), 256), 256>>>(which, a.get(), b.get(), out.get(),
+                                                           u.size());
+    check_launch("mapping");
     return out.download();
 }
 

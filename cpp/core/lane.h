@@ -36,6 +36,8 @@ VR_HD float min(float a, float b) { return a < b ? a : b; }
 VR_HD float max(float a, float b) { return a > b ? a : b; }
 VR_HD float select(bool m, float a, float b) { return m ? a : b; }
 VR_HD uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
+// m & (a < b), the comparison only where m.
+VR_HD bool and_less(bool m, float a, float b) { return m & (a < b); }
 VR_HD bool any(bool m) { return m; }
 VR_HD bool none(bool m) { return !m; }
 VR_HD uint32_t bits(bool m) { return m ? 1u : 0u; }
@@ -62,7 +64,7 @@ VR_HD void compress_store(uint32_t* p, uint32_t a, bool) { *p = a; }
 
 }  // namespace veriray
 
-#if defined(__CUDACC__)
+#if VR_CUDA
 // Device code is scalar; the vector lanes belong to the CPU translation units.
 #elif defined(__AVX512F__) && defined(__AVX512DQ__) && defined(__AVX512VL__)
 #include "core/lane_avx512.h"

@@ -69,6 +69,7 @@ VR_HD U8 select(M8 m, U8 a, U8 b) {
     return _mm256_castps_si256(
         _mm256_blendv_ps(_mm256_castsi256_ps(b.v), _mm256_castsi256_ps(a.v), m.m));
 }
+VR_HD M8 and_less(M8 m, F8 a, F8 b) { return m & (a < b); }
 VR_HD uint32_t bits(M8 m) { return static_cast<uint32_t>(_mm256_movemask_ps(m.m)); }
 VR_HD bool any(M8 m) { return bits(m) != 0; }
 VR_HD bool none(M8 m) { return bits(m) == 0; }

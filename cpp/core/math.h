@@ -12,7 +12,7 @@ inline constexpr float kInfinity = __builtin_huge_valf();
 // s = sin(2 pi u), c = cos(2 pi u) for u in [0, 1).
 // Quarter turns are taken off exactly; the rest |r| <= 1/2 of a quarter goes through minimax
 // polynomials (Remez, relative error 3.3e-9 and 5.7e-11 before rounding).
-// Error over all 2^24 multiples of 2^-24: tests/unit/test_math.py states and checks it in ulp.
+// Over all 2^24 multiples of 2^-24: at most 1.69 ulp and 8.4e-8 (tests/unit/test_math.py).
 template <class F>
 VR_HD void sincos_2pi(F u, F& s, F& c) {
     const F x = u * F(4.f);

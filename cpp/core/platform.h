@@ -5,11 +5,15 @@
 #include <cstring>
 
 #if defined(__CUDACC__)
+#define VR_CUDA 1
+#else
+#define VR_CUDA 0
+#endif
+
+#if VR_CUDA
 #define VR_HD __host__ __device__ __forceinline__
-#define VR_HD_COLD __host__ __device__ __noinline__
 #else
 #define VR_HD inline __attribute__((always_inline))
-#define VR_HD_COLD inline __attribute__((noinline))
 #endif
 
 #if defined(__CUDA_ARCH__)

@@ -19,6 +19,10 @@ VR_HD Vec3<F> operator-(Vec3<F> a, Vec3<F> b) {
     return {a.x - b.x, a.y - b.y, a.z - b.z};
 }
 template <class F>
+VR_HD Vec3<F> operator-(Vec3<F> a) {
+    return {-a.x, -a.y, -a.z};
+}
+template <class F>
 VR_HD Vec3<F> operator*(Vec3<F> a, Vec3<F> b) {
     return {a.x * b.x, a.y * b.y, a.z * b.z};
 }

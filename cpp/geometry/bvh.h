@@ -95,7 +95,8 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::M a
                 const float* tri = bvh.triangles + static_cast<uint64_t>(i) * kTriangleFloats;
                 const auto inside = inside_triangle<L>(tri, ray, pr);
                 if (any(inside))
-                    keep_closest<L>(hit, inside, plane_distance<L>(ray, tri + 9), bvh.order[i]);
+                    keep_closest<L>(hit, inside, plane_distance<L>(tri + 9, ray.o, -ray.d),
+                                    bvh.order[i]);
             }
             return false;
         });
@@ -114,7 +115,7 @@ VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typen
             for (uint32_t i = first; i < first + n; ++i) {
                 const float* tri = bvh.triangles + static_cast<uint64_t>(i) * kTriangleFloats;
                 const auto inside = inside_triangle<L>(tri, ray, pr);
-                const F t = plane_distance<L>(ray, tri + 9);
+                const F t = plane_distance<L>(tri + 9, ray.o, -ray.d);
                 blocked = blocked | (active & inside & (t > F(0.f)) & (t < t_max));
             }
             return none(active & !blocked);

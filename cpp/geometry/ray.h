@@ -9,6 +9,8 @@ namespace veriray {
 template <class L>
 struct Ray {
     Vec3<typename L::F> o, d;
+
+    VR_HD Vec3<typename L::F> at(typename L::F t) const { return fma(d, t, o); }
 };
 
 // Closest hit so far. Equal distances keep the smaller primitive, whatever the order of tests.
@@ -28,13 +30,19 @@ VR_HD void keep_closest(Hit<L>& hit, typename L::M inside, typename L::F t, uint
     hit.primitive = select(take, U(primitive), hit.primitive);
 }
 
-// Distance along the ray to the plane n.x = offset; infinite or NaN for a ray within it.
+// n.p + w of a plane or edge function {n, w}, uniform over lanes.
 template <class L>
-VR_HD typename L::F plane_distance(const Ray<L>& ray, const float* plane) {
+VR_HD typename L::F height_over(const float* plane, Vec3<typename L::F> p) {
     using F = typename L::F;
-    const Vec3<F> n = broadcast<F>(plane);
-    const F height = fma(-n.z, ray.o.z, fma(-n.y, ray.o.y, fma(-n.x, ray.o.x, F(plane[3]))));
-    return height / dot(n, ray.d);
+    return fma(F(plane[2]), p.z, fma(F(plane[1]), p.y, fma(F(plane[0]), p.x, F(plane[3]))));
+}
+
+// Distance along the ray from o against `reverse` = -d to the plane n.p + w = 0; infinite or NaN
+// for a ray within it.
+template <class L>
+VR_HD typename L::F plane_distance(const float* plane, Vec3<typename L::F> o,
+                                   Vec3<typename L::F> reverse) {
+    return height_over<L>(plane, o) / dot(broadcast<typename L::F>(plane), reverse);
 }
 
 }  // namespace veriray

@@ -83,21 +83,31 @@ struct PathTracer {
     }
 
     // ---- intersect ----
-    static VR_HD Hit<L> closest(const SceneView& scene, const Ray<L>& ray, M active) {
-        Hit<L> hit{F(kInfinity), U(~0u)};
+    // Calls test(t, inside, primitive) for every flat primitive in ascending order.
+    template <class Test>
+    static VR_HD void each_flat(const SceneView& scene, const Ray<L>& ray, Test test) {
+        const V reverse = -ray.d;
         if constexpr (kFeatures & kQuads)
             for (uint32_t i = 0; i < scene.quad_count; ++i) {
                 const float* q = scene.quads + i * kQuadFloats;
-                const F t = plane_distance<L>(ray, q);
-                keep_closest<L>(hit, inside_quad<L>(q, fma(ray.d, t, ray.o)), t, i);
+                const F t = plane_distance<L>(q, ray.o, reverse);
+                test(t, inside_quad<L>(q, ray.at(t)), i);
             }
         if constexpr (kFeatures & kPolygons)
             for (uint32_t i = 0; i < scene.polygon_count; ++i) {
                 const float* q = scene.polygons + i * kPolygonFloats;
-                const F t = plane_distance<L>(ray, q);
-                keep_closest<L>(hit, inside_polygon<L>(q, fma(ray.d, t, ray.o)), t,
-                                scene.quad_count + i);
+                const F t = plane_distance<L>(q, ray.o, reverse);
+                test(t, inside_polygon<L>(q, ray.at(t)), scene.quad_count + i);
             }
+    }
+
+    static VR_HD Hit<L> closest(const SceneView& scene, const Ray<L>& ray, M active) {
+        Hit<L> hit{F(kInfinity), U(~0u)};
+        each_flat(scene, ray, [&](F t, M inside, uint32_t primitive) {
+            const M take = and_less(and_less(inside, F(0.f), t), t, hit.t);
+            hit.t = select(take, t, hit.t);
+            hit.primitive = select(take, U(primitive), hit.primitive);
+        });
         if constexpr (kFeatures & kBvh)
             if (scene.features & kBvh) closest_in_bvh<L>(scene.bvh, ray, active, hit);
         return hit;
@@ -105,21 +115,9 @@ struct PathTracer {
 
     static VR_HD M occluded(const SceneView& scene, const Ray<L>& ray, F t_max, M active) {
         M blocked = no_lanes(active);
-        const auto test = [&](F t, M inside) {
-            blocked = blocked | (inside & (t > F(0.f)) & (t < t_max));
-        };
-        if constexpr (kFeatures & kQuads)
-            for (uint32_t i = 0; i < scene.quad_count; ++i) {
-                const float* q = scene.quads + i * kQuadFloats;
-                const F t = plane_distance<L>(ray, q);
-                test(t, inside_quad<L>(q, fma(ray.d, t, ray.o)));
-            }
-        if constexpr (kFeatures & kPolygons)
-            for (uint32_t i = 0; i < scene.polygon_count; ++i) {
-                const float* q = scene.polygons + i * kPolygonFloats;
-                const F t = plane_distance<L>(ray, q);
-                test(t, inside_polygon<L>(q, fma(ray.d, t, ray.o)));
-            }
+        each_flat(scene, ray, [&](F t, M inside, uint32_t) {
+            blocked = blocked | and_less(and_less(inside, F(0.f), t), t, t_max);
+        });
         if constexpr (kFeatures & kBvh)
             if (scene.features & kBvh)
                 blocked = blocked | occluded_in_bvh<L>(scene.bvh, ray, t_max, active & !blocked);
@@ -147,7 +145,7 @@ struct PathTracer {
         at.n = {column(kPrimN), column(kPrimN + 1), column(kPrimN + 2)};
         at.s = {column(kPrimS), column(kPrimS + 1), column(kPrimS + 2)};
         at.offset = column(kPrimOffset);
-        at.p = fma(ray.d, hit.t, ray.o);
+        at.p = ray.at(hit.t);
         at.p = fma(at.n, column(kPrimPlane) - dot(at.n, at.p), at.p);
         at.front = dot(at.n, ray.d) < F(0.f);
         at.row = prim;

@@ -74,7 +74,8 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
         for (uint32_t k = 0; k < flats[i].corners; ++k) {
             const Double3 a = flats[i].v[k], b = flats[i].v[(k + 1) % flats[i].corners];
             for (size_t j = 0; j < flats.size() && !shared[i][k]; ++j) {
-                if (j == i) continue;
+                // A light keeps its area where the neighbour can close the gap alone.
+                if (j == i || (flats[i].emission >= 0 && flats[j].emission < 0)) continue;
                 for (uint32_t m = 0; m < flats[j].corners; ++m) {
                     const Double3 c = flats[j].v[m], d = flats[j].v[(m + 1) % flats[j].corners];
                     if ((on(a, c, d) && on(b, c, d)) || (on(c, a, b) && on(d, a, b))) {
@@ -95,7 +96,7 @@ void write_plane(const Flat& f, float* out) {
     double offset = 0;
     for (uint32_t k = 0; k < f.corners; ++k)
         offset += (nf[0] * f.v[k].x + nf[1] * f.v[k].y + nf[2] * f.v[k].z) / f.corners;
-    out[0] = nf[0], out[1] = nf[1], out[2] = nf[2], out[3] = static_cast<float>(offset);
+    out[0] = nf[0], out[1] = nf[1], out[2] = nf[2], out[3] = static_cast<float>(-offset);
 }
 
 void write_edge(Double3 e, double w, float* out) {

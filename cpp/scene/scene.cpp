@@ -140,7 +140,7 @@ void HostScene::set_primitives(const SceneInput& in, const std::vector<Flat>& pr
         primitive_triangle[i] = f.triangle;
         float record[kPolygonFloats];
         const std::array<bool, 4> none{false, false, false, false};
-        const std::array<bool, 4>& slack = tree || f.emission >= 0 ? none : shared[i];
+        const std::array<bool, 4>& slack = tree ? none : shared[i];
         write_polygon(f, slack, record);
         if (tree) {
             lo.insert(lo.end(), 3, INFINITY);
@@ -164,12 +164,12 @@ void HostScene::set_primitives(const SceneInput& in, const std::vector<Flat>& pr
         for (uint32_t k = 0; k < f.corners; ++k) {
             terms = std::max(terms, std::abs(nf.x * f.v[k].x) + std::abs(nf.y * f.v[k].y) +
                                         std::abs(nf.z * f.v[k].z));
-            off = std::max(off, std::abs(dot(nf, f.v[k]) - static_cast<double>(record[3])));
+            off = std::max(off, std::abs(dot(nf, f.v[k]) + static_cast<double>(record[3])));
         }
         const Double3 e = f.v[1] - f.v[0];
         const Double3 s = normalised(e - nf * dot(nf, e));
         put(kPrimN, i, nf.x), put(kPrimN + 1, i, nf.y), put(kPrimN + 2, i, nf.z);
-        put(kPrimPlane, i, static_cast<double>(record[3]));
+        put(kPrimPlane, i, -static_cast<double>(record[3]));
         put(kPrimS, i, s.x), put(kPrimS + 1, i, s.y), put(kPrimS + 2, i, s.z);
         put(kPrimOffset, i, 0x1p-20 * terms + off);
     }
@@ -179,9 +179,11 @@ void HostScene::set_primitives(const SceneInput& in, const std::vector<Flat>& pr
             const Flat& f = prims[bvh.order[slot]];
             float* t = &triangles[slot * kTriangleFloats];
             for (int k = 0; k < 9; ++k) t[k] = static_cast<float>(f.v[k / 3][k % 3]);
-            for (int k = 0; k < 4; ++k)
-                t[9 + k] = primitives[static_cast<size_t>(kPrimN + k) * view.primitive_stride +
-                                      bvh.order[slot]];
+            for (int k = 0; k < 4; ++k) {
+                const float c = primitives[static_cast<size_t>(kPrimN + k) * view.primitive_stride +
+                                           bvh.order[slot]];
+                t[9 + k] = k < 3 ? c : -c;
+            }
         }
         view.bvh = {bvh.nodes.data(), triangles.data(), bvh.order.data()};
     }

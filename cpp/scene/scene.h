@@ -63,7 +63,8 @@ struct Flat {
 
 // Joins coplanar pairs that share an edge, a material and an emission into convex quadrilaterals.
 std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
-// Edge k (corner k to k + 1) of each primitive: true where another primitive runs along it.
+// Edge k (corner k to k + 1) of each primitive: true where it must be widened, because another
+// primitive runs along it.
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats);
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out);
 void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out);

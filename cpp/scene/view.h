@@ -15,7 +15,7 @@ namespace veriray {
 // Columns by primitive.
 enum PrimitiveColumn : uint32_t {
     kPrimN,                  // unit normal of the front: 3 columns
-    kPrimPlane = kPrimN + 3, // n.x on the primitive
+    kPrimPlane = kPrimN + 3, // n.p on the primitive
     kPrimS,                  // unit tangent: 3 columns
     kPrimOffset = kPrimS + 3,// distance to leave the plane by, past the rounding of a point on it
     kPrimColumns,

@@ -36,16 +36,17 @@ class Tile {
              uint32_t sample, uint32_t samples, LedgerRows& ledger) {
         uint32_t live = pixels * samples;
         first_pixel_ = pixel;
-        live = bounce_all<kFeatures>(scene, job, live, 0, ledger, [&](uint32_t i) {
-            alignas(64) uint32_t x[Simd::kWidth], y[Simd::kWidth], s[Simd::kWidth];
+        uint32_t x = pixel % job.film.width, y = pixel / job.film.width, s = 0;
+        live = bounce_all<kFeatures>(scene, job, live, 0, ledger, [&](uint32_t) {
+            uint32_t xs[Simd::kWidth], ys[Simd::kWidth], ss[Simd::kWidth];
             for (uint32_t k = 0; k < Simd::kWidth; ++k) {
-                const uint32_t p = pixel + (i + k) / samples;
-                x[k] = p % job.film.width;
-                y[k] = p / job.film.width;
-                s[k] = job.sample_begin + sample + (i + k) % samples;
+                xs[k] = x, ys[k] = y, ss[k] = job.sample_begin + sample + s;
+                if (++s < samples) continue;
+                s = 0;
+                if (++x == job.film.width) x = 0, ++y;
             }
-            return PathTracer<Simd, kFeatures>::begin(scene, job.settings, load(x, U()),
-                                                      load(y, U()), job.film.width, load(s, U()));
+            return PathTracer<Simd, kFeatures>::begin(scene, job.settings, load(xs, U()),
+                                                      load(ys, U()), job.film.width, load(ss, U()));
         });
         for (uint32_t depth = 1; live; ++depth)
             live = bounce_all<kFeatures>(scene, job, live, depth, ledger,

@@ -5,8 +5,6 @@
 #include <pybind11/stl.h>
 
 #include "api/renderer.h"
-#include "film/film.h"
-#include "integrators/ledger.h"
 
 namespace py = pybind11;
 using namespace veriray;
@@ -87,6 +85,11 @@ py::array_t<T> to_array(const std::vector<T>& v, std::vector<py::ssize_t> shape)
     return out;
 }
 
+template <class T>
+std::vector<T> to_vector(const Array<T>& a) {
+    return {a.data(), a.data() + a.size()};
+}
+
 py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
                      const py::object& poll) {
     // Ctrl-C and the callback are looked at on the calling thread; what they raise stops the render.
@@ -118,6 +121,7 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
         "threads"_a = stats.threads);
 }
 
+#if defined(VR_BACKEND_CPU)
 py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, uint64_t sample,
                     int64_t max_depth, uint32_t rr_depth) {
     RenderSettings s;
@@ -138,14 +142,15 @@ py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, u
                                                          : py::object(py::str("occluded"))));
     return out;
 }
+#endif
 
 }  // namespace
 
 PYBIND11_MODULE(VR_MODULE_NAME, m) {
     using namespace py::literals;
     m.doc() = "One backend of veriray; see veriray/_native.pyi.";
-    py::register_exception<DeviceError>(m, "DeviceError", PyExc_RuntimeError);
-    py::register_exception<OutOfMemoryError>(m, "OutOfMemoryError", PyExc_MemoryError);
+    py::register_local_exception<DeviceError>(m, "DeviceError", PyExc_RuntimeError);
+    py::register_local_exception<OutOfMemoryError>(m, "OutOfMemoryError", PyExc_MemoryError);
 
     m.def("build_info", [] {
         const BuildInfo b = build_info();
@@ -243,16 +248,21 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
           "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5);
 #endif
 
-    m.def("eval_math", [](const std::string& name, const std::vector<float>& x) {
-        const std::vector<float> y = eval_math(name, x);
+    m.def("eval_math", [](const std::string& name, const Array<float>& x) {
+        const std::vector<float> y = eval_math(name, to_vector(x));
         return to_array(y, {static_cast<py::ssize_t>(y.size())});
     });
-    m.def("random", [](uint64_t seed, const std::vector<uint32_t>& pixel,
-                       const std::vector<uint64_t>& sample, const std::vector<uint32_t>& block) {
+    m.def("eval_mapping", [](const std::string& name, const Array<float>& u,
+                             const Array<float>& v) {
+        if (u.size() != v.size()) throw py::value_error("u and v must have the same length");
+        return to_array(eval_mapping(name, to_vector(u), to_vector(v)), {u.size(), 3});
+    });
+    m.def("random", [](uint64_t seed, const Array<uint32_t>& pixel, const Array<uint64_t>& sample,
+                       const Array<uint32_t>& block) {
         if (pixel.size() != sample.size() || pixel.size() != block.size())
             throw py::value_error("pixel, sample and block must have the same length");
-        return to_array(random_words(seed, pixel, sample, block),
-                        {static_cast<py::ssize_t>(pixel.size()), 4});
+        return to_array(random_words(seed, to_vector(pixel), to_vector(sample), to_vector(block)),
+                        {pixel.size(), 4});
     });
     m.def("intersect", [](const Scene& scene, const Array<double>& origins,
                           const Array<double>& directions) {

@@ -1,0 +1,84 @@
+# make demo   build, then render the Cornell box to cornell.exr and cornell.png
+# make test   build, then run the test suite
+# make lint   style of Python and C++        make format   apply it        make clean   remove all output
+#
+# Variables: PYTHON (default: the first python3.13 ... python3 that is at least 3.10 and has venv and
+# the C headers), SPP, PYTEST (further arguments), VERIRAY_CUDA, VERIRAY_CUDA_ARCH, VERIRAY_JOBS.
+# Development builds compile CUDA code for this machine's GPUs, or for 90 alone where there is none.
+
+SPP ?= 256
+PYTEST ?=
+VENV := .venv
+BIN := $(VENV)/bin
+PROBE := import sys, os, sysconfig, venv, ensurepip; \
+  assert sys.version_info >= (3, 10) and os.path.exists(sysconfig.get_path("include") + "/Python.h")
+BUILD_REQUIRES := import sys, importlib; \
+  toml = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "pip._vendor.tomli"); \
+  print(*toml.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")
+SOURCES := $(shell find cpp python scenes -type f -not -name '*.pyc' -not -name '*.so' \
+             -not -path '*/__pycache__/*' 2>/dev/null) setup.py pyproject.toml CMakeLists.txt
+LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5
+SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name '*.cu')
+
+ifndef VERIRAY_CUDA_ARCH
+VERIRAY_CUDA_ARCH := $(shell nvidia-smi --query-gpu=compute_cap --format=csv,noheader 2>/dev/null \
+                       | tr -dc '0-9\n' | sort -u | paste -sd, -)
+ifeq ($(VERIRAY_CUDA_ARCH),)
+VERIRAY_CUDA_ARCH := 90
+endif
+endif
+export VERIRAY_CUDA_ARCH
+
+.PHONY: all demo test lint format clean force
+all: $(VENV)/installed
+
+demo: $(VENV)/installed
+	$(BIN)/veriray render cornell-box --spp $(SPP) -o cornell.exr -o cornell.png
+
+test: $(VENV)/installed
+	$(BIN)/python -m pytest $(PYTEST)
+
+lint: $(VENV)/lint-tools
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run -Werror $(CPP_FILES)
+
+format: $(VENV)/lint-tools
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(CPP_FILES)
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info python/*.egg-info cornell.exr cornell.png
+	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find cpp python reference tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+
+# The build requirements stand in the environment itself, so that the second build is incremental.
+$(VENV)/installed: $(VENV)/build-tools $(VENV)/settings $(SOURCES)
+	@echo "veriray: building (the first time takes minutes)"
+	@$(PIP) --no-build-isolation ".[test]"
+	@cat build/temp.*/cmake/summary.txt
+	@touch $@
+
+$(VENV)/build-tools: pyproject.toml | $(VENV)/bin/python
+	@$(BIN)/python -c '$(BUILD_REQUIRES)' > $(VENV)/build-requires.txt
+	@$(PIP) -r $(VENV)/build-requires.txt
+	@touch $@
+
+$(VENV)/settings: force | $(VENV)/bin/python
+	@echo "$(SETTINGS)" | cmp -s - $@ || echo "$(SETTINGS)" > $@
+
+$(VENV)/lint-tools: Makefile | $(VENV)/bin/python
+	@$(PIP) $(LINT_TOOLS)
+	@touch $@
+
+$(VENV)/bin/python:
+	@set -e; for python in $(PYTHON) python3.13 python3.12 python3.11 python3.10 python3; do \
+	  if $$python -c '$(PROBE)' 2>/dev/null; then \
+	    echo "veriray: $$($$python --version) ($$python) in $(VENV)"; \
+	    rm -rf $(VENV); $$python -m venv $(VENV); exit 0; fi; \
+	done; \
+	echo "veriray: no Python >= 3.10 with venv and C headers. Install it (Debian, Ubuntu:" \
+	  "apt install python3-venv python3-dev) or name one: make PYTHON=/path/to/python3" >&2; exit 1

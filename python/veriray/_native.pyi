@@ -1,0 +1,126 @@
+"""The surface that every native module has: `_cpu`, `_cpu_v3`, `_cpu_v4` and `_cuda`.
+
+Lengths are world units. A GPU module has no `trace_path`. The modules live in one process side by
+side, so their pybind11 types are module-local.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+class DeviceError(RuntimeError): ...
+class OutOfMemoryError(MemoryError): ...
+
+class CameraArguments(TypedDict):
+    to_world: npt.NDArray[np.float64]
+    tan_half_x: float
+    tan_half_y: float
+    near_clip: float
+    far_clip: float
+    principal_x: float
+    principal_y: float
+
+class FilmArguments(TypedDict):
+    width: int
+    height: int
+    filter: str
+    filter_parameter: float
+
+class Report(TypedDict):
+    """ledger (D, 9) uint64; blocks (D,) uint64; depth_seconds (D,) float64; trailing zero depths
+    are left out, blocks and depth_seconds are empty where the scheduler has none."""
+
+    ledger: npt.NDArray[np.uint64]
+    blocks: npt.NDArray[np.uint64]
+    depth_seconds: npt.NDArray[np.float64]
+    seconds: float
+    nonfinite_samples: int
+    nonfinite: list[tuple[int, int, int, float, float, float]]
+    launches: int
+    device: str
+    scheduler: str
+    features: list[str]
+    threads: int
+
+class Scene:
+    """A scene as the back end keeps it. Raises ValueError, MemoryError."""
+
+    def __init__(
+        self,
+        vertices: npt.NDArray[np.float64],
+        triangles: npt.NDArray[np.uint32],
+        triangle_material: npt.NDArray[np.uint32],
+        triangle_emission: npt.NDArray[np.int32],
+        reflectance: npt.NDArray[np.float32],
+        two_sided: npt.NDArray[np.bool_],
+        emissions: npt.NDArray[np.float32],
+        environment: npt.NDArray[np.float32],
+        camera: CameraArguments,
+        film: FilmArguments,
+        device: int = 0,
+    ) -> None: ...
+    @property
+    def features(self) -> list[str]: ...
+    @property
+    def primitives(self) -> dict[str, int]: ...
+    @property
+    def memory(self) -> int: ...
+
+class Film:
+    """Exact sums: any order and any split of the samples give the same bits."""
+
+    def __init__(self, width: int, height: int, device: int = 0) -> None: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def memory(self) -> int: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    def resolve(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]: ...
+    def words(self) -> npt.NDArray[np.uint64]: ...
+    def sums(self) -> npt.NDArray[np.float64]: ...
+    def add(self, other: Film) -> None: ...
+    def clear(self) -> None: ...
+
+def build_info() -> dict[str, Any]: ...
+def status() -> tuple[bool, str]: ...
+def devices() -> list[dict[str, Any]]: ...
+def render(
+    scene: Scene,
+    film: Film,
+    *,
+    seed: int,
+    sample_begin: int,
+    sample_end: int,
+    max_depth: int,
+    rr_depth: int,
+    scheduler: str,
+    threads: int,
+    batch: int,
+    all_features: bool,
+    poll: Callable[[float], object] | None,
+) -> Report: ...
+def trace_path(
+    scene: Scene,
+    *,
+    seed: int,
+    x: int,
+    y: int,
+    sample: int,
+    max_depth: int,
+    rr_depth: int,
+) -> list[dict[str, Any]]: ...
+def eval_math(name: str, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]: ...
+def random(
+    seed: int,
+    pixel: npt.NDArray[np.uint32],
+    sample: npt.NDArray[np.uint64],
+    block: npt.NDArray[np.uint32],
+) -> npt.NDArray[np.uint32]: ...
+def intersect(
+    scene: Scene, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]: ...

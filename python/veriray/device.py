@@ -1,0 +1,257 @@
+"""Which device renders, and why.
+
+A device name is one of
+
+- `auto`: the first CUDA device if one can be used, else the CPU;
+- `cuda`, `cuda:N`: the CUDA device of that index;
+- `cpu`: the widest instruction set that this processor and this build have, unless the environment
+  variable VERIRAY_ISA names one; `cpu:avx512`, `cpu:avx2`, `cpu:portable`: that one.
+
+All of them give the same bits. Nothing is chosen silently: `select` returns its reason.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import logging
+import os
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .errors import DeviceError, OutOfMemoryError
+
+#: Instruction set -> native module, widest first.
+CPU_MODULES = {"avx512": "_cpu_v4", "avx2": "_cpu_v3", "portable": "_cpu"}
+#: Processor flags (as Linux names them) that a module's machine code needs.
+_FLAGS = {
+    "portable": frozenset[str](),
+    "avx2": frozenset("avx avx2 bmi1 bmi2 f16c fma abm movbe".split()),
+}
+_FLAGS["avx512"] = _FLAGS["avx2"] | set("avx512f avx512bw avx512cd avx512dq avx512vl".split())
+
+_log = logging.getLogger("veriray")
+_cuda_process: int | None = None
+
+
+@dataclass(frozen=True)
+class Device:
+    """One way to render on this machine.
+
+    name: "cpu:avx512", "cuda:0"; description: the processor's or GPU's own name; lanes: paths in
+    one vector (1 on CUDA); memory_total, memory_free: bytes; details: whatever else the native
+    module tells (compute_capability, multiprocessors, driver).
+    """
+
+    name: str
+    backend: str
+    isa: str
+    index: int
+    description: str
+    lanes: int
+    memory_total: int
+    memory_free: int
+    details: dict[str, Any] = field(default_factory=dict)
+    native: Any = field(default=None, repr=False, compare=False)
+
+
+@functools.lru_cache(maxsize=1)
+def processor_flags() -> frozenset[str] | None:
+    """Flags of the first processor that the operating system lets programs use; None: unknown."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(errors="replace")
+    except OSError:
+        return None
+    for line in text.splitlines():
+        key, _, value = line.partition(":")
+        if key.strip() == "flags":
+            return frozenset(value.split())
+    return None
+
+
+def load_native(module: str) -> Any:
+    """The native module of that name (`_cpu`, `_cuda`, ...).
+
+    Raises DeviceError with the exact reason when it is missing, cannot be loaded or cannot run
+    here. Machine code that this processor lacks is never loaded.
+    """
+    isa = next((isa for isa, name in CPU_MODULES.items() if name == module), None)
+    if isa is not None and _FLAGS[isa]:
+        flags = processor_flags()
+        if platform.machine().lower() not in ("x86_64", "amd64"):
+            raise DeviceError(f"this is a {platform.machine()} processor; {isa} is for x86-64")
+        if flags is None:
+            raise DeviceError("the processor's features are unknown: /proc/cpuinfo has no flags")
+        missing = sorted(_FLAGS[isa] - flags)
+        if missing:
+            raise DeviceError(f"this processor lacks {', '.join(missing)}")
+    try:
+        native = importlib.import_module(f"{__package__}.{module}")
+    except ModuleNotFoundError as error:
+        if error.name != f"{__package__}.{module}":
+            raise DeviceError(f"module veriray.{module} cannot be loaded: {error}") from error
+        hint = "; build with nvcc on PATH or VERIRAY_CUDA=1" if module == "_cuda" else ""
+        raise DeviceError(f"module veriray.{module} was not built{hint}") from None
+    except ImportError as error:
+        raise DeviceError(f"module veriray.{module} cannot be loaded: {error}") from error
+    if module == "_cuda":
+        _check_fork()
+    usable, reason = native.status()
+    if not usable:
+        hidden = os.environ.get("CUDA_VISIBLE_DEVICES")
+        if module == "_cuda" and hidden is not None and hidden.strip() in ("", "-1"):
+            reason = f"CUDA_VISIBLE_DEVICES={hidden!r} hides every device ({reason})"
+        raise DeviceError(reason)
+    return native
+
+
+def _check_fork() -> None:
+    """CUDA does not survive fork(): say so instead of failing somewhere inside the driver."""
+    global _cuda_process
+    if _cuda_process is None:
+        _cuda_process = os.getpid()
+    elif _cuda_process != os.getpid():
+        raise DeviceError(
+            f"CUDA was started in process {_cuda_process} before it was forked; start workers "
+            'with multiprocessing.get_context("spawn")'
+        )
+
+
+@contextlib.contextmanager
+def native_errors() -> Iterator[None]:
+    """Turns the native modules' own exception types into those of `veriray.errors`, by name."""
+    try:
+        yield
+    except Exception as error:
+        for own in (OutOfMemoryError, DeviceError):
+            if type(error).__name__ == own.__name__ and not isinstance(error, own):
+                raise own(str(error)) from error
+        raise
+
+
+def _describe(native: Any, backend: str) -> list[Device]:
+    info = native.build_info()
+    result = []
+    with native_errors():
+        found = native.devices()
+    for position, entry in enumerate(found):
+        details = dict(entry)
+        index = int(details.pop("index", position))
+        if backend == "cpu" and "multiprocessors" in details:
+            details["threads"] = details.pop("multiprocessors")
+        isa = str(info.get("isa", ""))
+        result.append(
+            Device(
+                name=f"cuda:{index}" if backend == "cuda" else f"cpu:{isa}",
+                backend=backend,
+                isa=isa,
+                index=index,
+                description=str(details.pop("name", "")),
+                lanes=int(info.get("lanes", 1)),
+                memory_total=int(details.pop("memory_total", 0)),
+                memory_free=int(details.pop("memory_free", 0)),
+                details={key: value for key, value in details.items() if value},
+                native=native,
+            )
+        )
+    return result
+
+
+def survey() -> tuple[list[Device], dict[str, str]]:
+    """All devices that can render here, best first, and why each of the others cannot."""
+    usable: list[Device] = []
+    reasons: dict[str, str] = {}
+    for name, module in {
+        "cuda": "_cuda",
+        **{f"cpu:{i}": m for i, m in CPU_MODULES.items()},
+    }.items():
+        try:
+            found = _describe(load_native(module), name.split(":")[0])
+            usable += found
+            if not found:
+                reasons[name] = "no device"
+        except DeviceError as error:
+            reasons[name] = str(error)
+    return usable, reasons
+
+
+def devices() -> list[Device]:
+    """The devices that can render on this machine, best first."""
+    return survey()[0]
+
+
+def select(device: str = "auto") -> tuple[Device, str]:
+    """The device of that name (see the top of this module) and one line that says why.
+
+    Raises ValueError for a name that does not exist anywhere, DeviceError with the exact cause for
+    one that cannot be used here.
+    """
+    if not isinstance(device, str):
+        raise ValueError(f"device = {device!r}; expected a string such as 'auto'")
+    backend, _, detail = device.partition(":")
+    if device == "auto":
+        try:
+            chosen = _cuda_device(0)
+        except DeviceError as error:
+            chosen, why = _cpu_device("")
+            reason = f"{error}; {why}"
+        else:
+            reason = "auto takes a CUDA device where one can be used"
+        message = f"{chosen.name} ({chosen.description}): {reason}"
+        _announce(message)
+        return chosen, reason
+    if backend == "cuda" and (not detail or detail.isdecimal()) and not device.endswith(":"):
+        return _cuda_device(int(detail or 0)), "asked for"
+    if backend == "cpu" and detail in ("", *CPU_MODULES) and not device.endswith(":"):
+        chosen, why = _cpu_device(detail)
+        return chosen, f"asked for; {why}" if why else "asked for"
+    raise ValueError(
+        f"device = {device!r} is unknown; allowed: auto, cuda, cuda:N, cpu, "
+        f"{', '.join(f'cpu:{isa}' for isa in CPU_MODULES)}"
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _announce(message: str) -> None:
+    """Logs a choice once in a process."""
+    _log.info(message)
+
+
+def _cuda_device(index: int) -> Device:
+    try:
+        found = _describe(load_native("_cuda"), "cuda")
+    except DeviceError as error:
+        raise DeviceError(f"CUDA cannot be used: {error}") from error
+    for device in found:
+        if device.index == index:
+            return device
+    names = ", ".join(device.name for device in found) or "none"
+    raise DeviceError(f"cuda:{index} does not exist; CUDA devices here: {names}")
+
+
+def _cpu_device(isa: str) -> tuple[Device, str]:
+    """The CPU with that instruction set; "" takes VERIRAY_ISA, else the widest that runs."""
+    why = ""
+    if not isa and os.environ.get("VERIRAY_ISA"):
+        isa = os.environ["VERIRAY_ISA"]
+        if isa not in CPU_MODULES:
+            raise ValueError(f"VERIRAY_ISA = {isa!r}; allowed: {', '.join(CPU_MODULES)}")
+        why = f"VERIRAY_ISA={isa}"
+    if isa:
+        try:
+            return _describe(load_native(CPU_MODULES[isa]), "cpu")[0], why
+        except DeviceError as error:
+            raise DeviceError(f"cpu:{isa}: {error}") from error
+    reasons = []
+    for name, module in CPU_MODULES.items():
+        try:
+            device = _describe(load_native(module), "cpu")[0]
+        except DeviceError as error:
+            reasons.append(f"{name}: {error}")
+            continue
+        return device, f"{name} is the widest instruction set that runs here"
+    raise DeviceError("no CPU module can be used: " + "; ".join(reasons))

@@ -1,0 +1,436 @@
+"""Rendering: the call, its checks and its result."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import struct
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import device as device_module
+from .device import Device
+from .scene import Scene
+
+#: Columns of the ray ledger, in the native modules' order.
+LEDGER_COLUMNS = (
+    "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
+    "shadow_visible", "shadow_occluded",
+)  # fmt: skip
+SCHEDULERS = ("auto", "fused", "thrust")
+MAX_BATCHES = 1000
+MAX_NONFINITE = 64
+MAX_SPP = 2**40
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Render:
+    """A finished picture with its error bars.
+
+    image: (H, W, 3) float32, mean linear radiance; row 0 is the top of the picture.
+    stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
+    batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None.
+    film_sha256: see `film_hash`; equal hashes mean equal bytes.
+    stats: what was done (plain Python numbers, strings and lists; `render` lists the keys).
+    """
+
+    image: Array
+    stderr: Array
+    batch_means: Array | None
+    film_sha256: str
+    stats: dict[str, Any]
+    width: int
+    height: int
+    spp: int
+    seed: int
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write an `.exr` (everything) or a `.png` (display copy); see `veriray.image.save`.
+
+        The file appears whole or not at all. Raises OSError naming the path, ImageError (a
+        ValueError) for another suffix.
+        """
+        from . import image
+
+        image.save(self, path, **options)
+
+    def _repr_png_(self) -> bytes:
+        """The display copy, for notebooks."""
+        from PIL import Image
+
+        from .image import to_srgb8
+
+        file = io.BytesIO()
+        Image.fromarray(to_srgb8(self.image)).save(file, format="png")
+        return file.getvalue()
+
+
+def film_hash(image: Array, stderr: Array, spp: int) -> str:
+    """SHA-256 (hex) of a film.
+
+    Hashed are the bytes "veriray film 1", then width, height and spp as unsigned 64-bit
+    little-endian integers, then image and stderr, (H, W, 3) each, as little-endian float32 in C
+    order. Every NaN counts as the same NaN.
+    """
+    height, width = image.shape[:2]
+    digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
+    for values in (image, stderr):
+        plain = np.where(np.isnan(values), np.float32(np.nan), values)
+        digest.update(np.ascontiguousarray(plain, dtype="<f4").tobytes())
+    return digest.hexdigest()
+
+
+def render(
+    scene: Scene,
+    spp: int | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    scheduler: str = "auto",
+    max_depth: int | None = None,
+    rr_depth: int | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    threads: int | None = None,
+    batches: int = 0,
+    batch_size: int = 0,
+    progress: Callable[[float], object] | None = None,
+    all_features: bool = False,
+) -> Render:
+    """Render a scene.
+
+    The film depends on scene, spp, seed, max_depth, rr_depth, width and height alone: device,
+    scheduler, threads, batches and batch_size change the time taken, never a bit of the picture.
+
+    Args:
+        scene: from `load_file`, `load_dict` or `cornell_box`.
+        spp: samples per pixel, 1 to 2^40; None takes the scene's.
+        seed: 0 to 2^64 - 1.
+        device: "auto", "cuda", "cuda:N", "cpu", "cpu:avx512", "cpu:avx2" or "cpu:portable".
+        scheduler: "fused", "thrust" or "auto" (see `choose_scheduler`).
+        max_depth: longest path in segments, as Mitsuba counts: 1 is emission alone, 2 adds direct
+            light, -1 is unlimited; None takes the scene's.
+        rr_depth: first depth of Russian roulette, >= 1; None takes the scene's.
+        width, height: film size in pixels; None takes the scene's.
+        threads: CPU threads, 1 to 1024; None takes all processors. Ignored on CUDA.
+        batches: 0, or the number 2 to 1000 of equal sample ranges whose means are kept in
+            `batch_means`; must divide spp.
+        batch_size: paths in flight; 0 lets the back end choose. Sets memory, not the picture.
+        progress: called on this thread about every 50 ms with the fraction done in [0, 1]. An
+            exception that it raises stops the render and propagates.
+        all_features: use the variant compiled for everything even if the scene needs less.
+
+    Returns:
+        Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per
+        depth), blocks (thread blocks per depth), depth_seconds, rays, paths, seconds,
+        samples_per_second, device, device_name, device_reason, scheduler, scheduler_reason,
+        features, primitives, nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]),
+        seed, spp, max_depth, rr_depth, width, height, batches, batch_size, threads, launches,
+        memory (bytes of scene and film), scene_sha256, version, mean_stderr.
+
+    Raises:
+        ValueError: an argument out of range (SceneError for those that belong to the scene).
+        TypeError: `scene` is not a Scene.
+        DeviceError: the device cannot be used; the message says why.
+        OutOfMemoryError, MemoryError: scene or film do not fit.
+        KeyboardInterrupt: Ctrl-C; nothing is kept, and the next render works.
+    """
+    scene_used, spp = check_settings(
+        scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, width=width,
+        height=height, threads=threads, batches=batches, batch_size=batch_size,
+    )  # fmt: skip
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {progress!r} is not callable")
+    scheduler, scheduler_reason = choose_scheduler(scheduler)
+    chosen, device_reason = device_module.select(device)
+
+    settings = {
+        "seed": seed,
+        "max_depth": scene_used.max_depth,
+        "rr_depth": scene_used.rr_depth,
+        "scheduler": scheduler,
+        "threads": threads or 0,
+        "batch": batch_size,
+        "all_features": bool(all_features),
+    }
+    with device_module.native_errors():
+        native_scene = _native_scene(scene, scene_used, chosen)
+        done = _sample(chosen, native_scene, scene_used, spp, batches, settings, progress)
+        image, stderr = done.film.resolve()
+        memory = int(native_scene.memory) + int(done.film.memory)
+    if progress is not None:
+        progress(1.0)
+    stats = _statistics(done.results, scene_used.film.width * scene_used.film.height * spp)
+    finite = bool(np.isfinite(stderr).all())
+    stats |= {
+        "device": chosen.name,
+        "device_name": chosen.description,
+        "device_reason": device_reason,
+        "scheduler": scheduler,
+        "scheduler_reason": scheduler_reason,
+        "features": [str(name) for name in native_scene.features],
+        "primitives": {str(k): int(v) for k, v in native_scene.primitives.items()},
+        "seed": seed,
+        "spp": spp,
+        "max_depth": scene_used.max_depth,
+        "rr_depth": scene_used.rr_depth,
+        "width": scene_used.film.width,
+        "height": scene_used.film.height,
+        "batches": batches,
+        "batch_size": batch_size,
+        "memory": memory,
+        "scene_sha256": scene_used.sha256,
+        "version": _version(),
+        "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
+    }
+    return Render(
+        image=image,
+        stderr=stderr,
+        batch_means=done.batch_means,
+        film_sha256=film_hash(image, stderr, spp),
+        stats=stats,
+        width=scene_used.film.width,
+        height=scene_used.film.height,
+        spp=spp,
+        seed=seed,
+    )
+
+
+def check_settings(
+    scene: Scene,
+    *,
+    spp: int | None = None,
+    seed: int = 0,
+    max_depth: int | None = None,
+    rr_depth: int | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    threads: int | None = None,
+    batches: int = 0,
+    batch_size: int = 0,
+) -> tuple[Scene, int]:
+    """Checks settings of `render`; returns the scene with those that belong to it, and spp.
+
+    Raises as `render` does, before any work is done.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(
+            f"scene is {type(scene).__name__}, expected a Scene: use veriray.load_file(path) or "
+            "veriray.load_dict(dict)"
+        )
+    spp = _whole("spp", scene.spp if spp is None else spp, 1, MAX_SPP)
+    _whole("seed", seed, 0, 2**64 - 1)
+    _whole("batches", batches, 0, MAX_BATCHES)
+    if batches == 1 or (batches and spp % batches):
+        raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
+    _whole("batch_size", batch_size, 0, 2**31)
+    if threads is not None:
+        _whole("threads", threads, 1, 1024)
+    used = scene.with_(width=width, height=height, max_depth=max_depth, rr_depth=rr_depth)
+    return used, spp
+
+
+def choose_scheduler(scheduler: str) -> tuple[str, str]:
+    """The scheduler that runs and why.
+
+    Rule of "auto": `fused`, for every scene, on every device.
+    """
+    if scheduler not in SCHEDULERS:
+        raise ValueError(f"scheduler = {scheduler!r} is unknown; allowed: {', '.join(SCHEDULERS)}")
+    if scheduler == "auto":
+        return "fused", "auto takes fused for every scene"
+    return scheduler, "asked for"
+
+
+@dataclass
+class _Sampled:
+    film: Any
+    batch_means: Array | None
+    results: list[dict[str, Any]]
+
+
+def _sample(
+    device: Device,
+    native_scene: Any,
+    scene: Scene,
+    spp: int,
+    batches: int,
+    settings: dict[str, Any],
+    progress: Callable[[float], object] | None,
+) -> _Sampled:
+    """Run the sample range, in one piece or in `batches` pieces with a film each."""
+    native, width, height = device.native, scene.film.width, scene.film.height
+    pieces = batches or 1
+    size = spp // pieces
+    total = native.Film(width, height, device=device.index)
+    piece = native.Film(width, height, device=device.index) if batches else total
+    means = np.empty((batches, height, width, 3)) if batches else None
+    results = []
+    for k in range(pieces):
+        poll = None
+        if progress is not None:
+            poll = _scaled(progress, k, pieces)
+        start = time.perf_counter()
+        result = native.render(
+            native_scene, piece, sample_begin=k * size, sample_end=(k + 1) * size, poll=poll,
+            **settings,
+        )  # fmt: skip
+        results.append({**result, "seconds": time.perf_counter() - start})
+        if means is not None:
+            means[k] = piece.sums() / size
+            total.add(piece)
+            piece.clear()
+    return _Sampled(total, means, results)
+
+
+def _scaled(progress: Callable[[float], object], k: int, n: int) -> Callable[[float], None]:
+    """A poll function for piece k of n."""
+
+    def poll(fraction: float) -> None:
+        progress(min((k + fraction) / n, 1.0))
+
+    return poll
+
+
+def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
+    """Sums the pieces' reports."""
+    ledger = _padded_sum([np.asarray(r["ledger"], np.uint64) for r in results])
+    blocks = _padded_sum([np.asarray(r["blocks"], np.uint64) for r in results])
+    by_depth = _padded_sum([np.asarray(r.get("depth_seconds", ()), np.float64) for r in results])
+    columns = {
+        name: [int(n) for n in ledger[:, c]] if ledger.ndim == 2 else []
+        for c, name in enumerate(LEDGER_COLUMNS)
+    }
+    seconds = float(sum(r["seconds"] for r in results))
+    nonfinite = [list(entry) for r in results for entry in r["nonfinite"]]
+    return {
+        "live_rays": columns["live"],
+        "ledger": columns,
+        "blocks": [int(n) for n in blocks],
+        "depth_seconds": [float(s) for s in by_depth],
+        "rays": sum(columns["live"] + columns["shadow_visible"] + columns["shadow_occluded"]),
+        "paths": paths,
+        "seconds": seconds,
+        "samples_per_second": paths / seconds if seconds > 0 else 0.0,
+        "nonfinite_samples": sum(int(r["nonfinite_samples"]) for r in results),
+        "nonfinite": nonfinite[:MAX_NONFINITE],
+        "launches": sum(int(r["launches"]) for r in results),
+        "threads": int(results[-1]["threads"]),
+    }
+
+
+def _padded_sum(arrays: list[Array]) -> Array:
+    """Sum along axis 0 of arrays whose lengths differ; short ones are padded with zeros."""
+    longest = max(arrays, key=len)
+    total = np.zeros_like(longest)
+    for array in arrays:
+        if len(array):
+            total[: len(array)] += array
+    return total
+
+
+_scenes: dict[int, dict[tuple[object, ...], Any]] = {}
+_scenes_lock = threading.Lock()
+_KEPT_PER_SCENE = 2
+
+
+def native_scene_arguments(scene: Scene) -> dict[str, Any]:
+    """The keyword arguments of the native `Scene` for this scene and its film size."""
+    camera, film = scene.camera, scene.film
+    names = (
+        "vertices triangles triangle_material triangle_emission reflectance two_sided "
+        "emissions environment"
+    )
+    return {name: getattr(scene, name) for name in names.split()} | {
+        "camera": {
+            "to_world": camera.to_world,
+            "tan_half_x": camera.tan_half_x(film.width, film.height),
+            "tan_half_y": camera.tan_half_y(film.width, film.height),
+            "near_clip": camera.near_clip,
+            "far_clip": camera.far_clip,
+            "principal_x": float(camera.principal_point_offset[0]),
+            "principal_y": float(camera.principal_point_offset[1]),
+        },
+        "film": {
+            "width": film.width,
+            "height": film.height,
+            "filter": film.filter,
+            "filter_parameter": film.filter_parameter,
+        },
+    }
+
+
+def _native_scene(owner: Scene, scene: Scene, device: Device) -> Any:
+    """The native form of `scene`, kept until its owner (the user's object) goes away."""
+    key = (device.native.__name__, device.index, scene.film.width, scene.film.height)
+    with _scenes_lock:
+        if id(owner) not in _scenes:
+            _scenes[id(owner)] = {}
+            weakref.finalize(owner, _scenes.pop, id(owner), None)
+        kept = _scenes[id(owner)]
+        if key not in kept:
+            while len(kept) >= _KEPT_PER_SCENE:
+                kept.pop(next(iter(kept)))
+            kept[key] = device.native.Scene(**native_scene_arguments(scene), device=device.index)
+        return kept[key]
+
+
+def trace_path(
+    scene: Scene,
+    x: int,
+    y: int,
+    sample: int,
+    *,
+    seed: int = 0,
+    max_depth: int | None = None,
+    rr_depth: int | None = None,
+    width: int | None = None,
+    height: int | None = None,
+) -> list[dict[str, Any]]:
+    """Replay one path of a render on the CPU, vertex by vertex.
+
+    Gives the path that `render` with the same scene, seed, size and depths traced for sample number
+    `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel outside the
+    film, and otherwise as `render`.
+    """
+    used = scene.with_(width=width, height=height, max_depth=max_depth, rr_depth=rr_depth)
+    x = _whole("x", x, 0, used.film.width - 1)
+    y = _whole("y", y, 0, used.film.height - 1)
+    sample = _whole("sample", sample, 0, MAX_SPP - 1)
+    seed = _whole("seed", seed, 0, 2**64 - 1)
+    chosen, _ = device_module.select("cpu")
+    with device_module.native_errors():
+        path: list[dict[str, Any]] = chosen.native.trace_path(
+            _native_scene(scene, used, chosen),
+            seed=seed,
+            x=x,
+            y=y,
+            sample=sample,
+            max_depth=used.max_depth,
+            rr_depth=used.rr_depth,
+        )
+    return path
+
+
+def _whole(name: str, value: Any, low: int, high: int) -> int:
+    """int(value) for an integer in [low, high]; ValueError naming value and range otherwise."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{name} = {value!r} is not an integer")
+    if not low <= int(value) <= high:
+        raise ValueError(f"{name} = {int(value)} is outside [{low}, {high}]")
+    return int(value)
+
+
+def _version() -> str:
+    from . import __version__
+
+    return __version__

@@ -1,0 +1,120 @@
+"""Builds the native modules with CMake and ships the scenes inside the package.
+
+Environment: VERIRAY_CUDA (auto, 0, 1), VERIRAY_CUDA_ARCH and VERIRAY_CCCL_DIR (see CMakeLists.txt),
+and VERIRAY_JOBS, the number of compilers that run at a time (default: all processors).
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+from setuptools.command.build_py import build_py
+
+ROOT = Path(__file__).resolve().parent
+SCENE_SUFFIXES = {".xml", ".obj", ".ply", ".csv", ".json", ".txt", ".md"}
+
+
+def scene_files() -> list[Path]:
+    """Shipped scene files relative to scenes/, without the reference pictures."""
+    root = ROOT / "scenes"
+    files = (path.relative_to(root) for path in sorted(root.rglob("*")))
+    return [f for f in files if f.suffix in SCENE_SUFFIXES and "refs" not in f.parts]
+
+
+def find_tools() -> dict[str, str | None]:
+    """Paths of the build tools; ends the build when one that is needed is missing."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    os.environ["PATH"] = path
+    tools = {name: shutil.which(name) for name in ("cmake", "ninja", "nvcc")}
+    for name in ("cmake", "ninja"):
+        if tools[name] is None:
+            sys.exit(
+                f"veriray: {name} not found. `pip install .` brings it along; with "
+                f"--no-build-isolation, `pip install {name}` first."
+            )
+    return tools
+
+
+def call(command: list[object]) -> None:
+    """Run a build step; ends the build when it fails."""
+    if subprocess.run([str(word) for word in command]).returncode:
+        sys.exit("veriray: the native build failed; the reason is printed above.")
+
+
+def build_modules(build: Path) -> list[Path]:
+    """Configure and compile in `build`; returns the modules made."""
+    tools = find_tools()
+    jobs = os.environ.get("VERIRAY_JOBS") or ""
+    if jobs and not (jobs.isdigit() and int(jobs) >= 1):
+        sys.exit(f"veriray: VERIRAY_JOBS is {jobs!r}; allowed is an integer >= 1.")
+    modules = build / "modules"
+    options = {
+        "CMAKE_BUILD_TYPE": "Release",
+        "CMAKE_MAKE_PROGRAM": tools["ninja"],
+        "Python_EXECUTABLE": sys.executable,
+        "VERIRAY_OUTPUT_DIRECTORY": modules,
+        "VERIRAY_CUDA": os.environ.get("VERIRAY_CUDA") or "auto",
+        "VERIRAY_CUDA_ARCH": os.environ.get("VERIRAY_CUDA_ARCH", ""),
+        "VERIRAY_CCCL_DIR": os.environ.get("VERIRAY_CCCL_DIR", ""),
+    }
+    configure = ["cmake", "-S", ROOT, "-B", build, "-G", "Ninja"]
+    configure += [f"-D{key}={value}" for key, value in options.items()]
+    # CMake keeps what it found, so another tool, option or compiler needs a fresh start.
+    compilers = {name: os.environ.get(name) for name in ("CXX", "CUDACXX", "CUDA_HOME")}
+    key = repr((tools, compilers, [str(word) for word in configure]))
+    key_file = build / "configured-for.txt"
+    if not key_file.exists() or key_file.read_text() != key:
+        shutil.rmtree(build, ignore_errors=True)
+        build.mkdir(parents=True)
+    call(configure)
+    key_file.write_text(key)
+    call(["cmake", "--build", build, *(["--parallel", jobs] if jobs else [])])
+    return sorted(modules.glob("_c*.so"))
+
+
+class BuildPy(build_py):
+    """Copies scenes/ to veriray/scenes/ in the built package."""
+
+    def run(self) -> None:
+        """Start from an empty folder, run the normal step, then add the scenes."""
+        if self.editable_mode:
+            return super().run()
+        package = Path(self.build_lib, "veriray")
+        shutil.rmtree(package, ignore_errors=True)
+        super().run()
+        for file in scene_files():
+            target = package / "scenes" / file
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / "scenes" / file, target)
+
+
+class CMakeBuild(build_ext):
+    """Runs CMake once for all native modules."""
+
+    outputs: list[str] = []
+
+    def run(self) -> None:
+        """Build, then copy the modules into the package."""
+        inplace = self.inplace or self.editable_mode
+        package = (ROOT / "python" if inplace else Path(self.build_lib)) / "veriray"
+        package.mkdir(parents=True, exist_ok=True)
+        for stale in package.glob("_c*.so"):
+            stale.unlink()
+        modules = build_modules(Path(self.build_temp).resolve() / "cmake")
+        self.outputs = [str(shutil.copy2(module, package)) for module in modules]
+
+    def get_outputs(self) -> list[str]:
+        """Paths of the modules that were built."""
+        return self.outputs
+
+
+setup(
+    ext_modules=[Extension("veriray._cpu", sources=[])],
+    cmdclass={"build_ext": CMakeBuild, "build_py": BuildPy},
+)

@@ -1,0 +1,192 @@
+"""Rules of the source tree that a compiler does not check (CONTRIBUTING.md gives the reasons)."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import veriray
+from veriray.scene import SHIPPED, find_shipped
+
+ROOT = Path(__file__).resolve().parents[2]
+CPP = ROOT / "cpp"
+BINDINGS = ROOT / "python" / "bindings"
+
+#: A room includes rooms of smaller rank and itself.
+RANKS = {
+    "core": 0,
+    "geometry": 1,
+    "materials": 2, "media": 2, "lights": 2, "camera": 2, "film": 2,
+    "scene": 3,
+    "integrators": 4,
+    "schedulers": 5,
+    "backends": 6,
+    "api": 7,
+}  # fmt: skip
+#: Rooms whose code runs once per ray, on every device.
+STAGE_ROOMS = {name for name, rank in RANKS.items() if rank <= 2} | {"integrators"}
+LIBM = (
+    "sin cos tan asin acos atan atan2 sincos sinpi cospi sinh cosh tanh asinh acosh atanh exp exp2 "
+    "exp10 expm1 log log2 log10 log1p pow cbrt hypot erf erfc tgamma lgamma fmod remainder"
+).split()
+
+SOURCES = sorted(
+    path
+    for folder in (CPP, BINDINGS)
+    for path in folder.rglob("*")
+    if path.suffix in (".h", ".cpp", ".cu")
+)
+NAMES = [str(path.relative_to(ROOT)) for path in SOURCES]
+each_source = pytest.mark.parametrize("path", SOURCES, ids=NAMES)
+
+
+def code(path: Path) -> str:
+    """The text without comments and string literals; line breaks stay."""
+    text = path.read_text()
+    text = re.sub(r"/\*.*?\*/", lambda m: "\n" * m[0].count("\n"), text, flags=re.S)
+    text = re.sub(r"//[^\n]*", "", text)
+    return re.sub(r'(?<!include )"(?:\\.|[^"\\\n])*"', '""', text)
+
+
+def room(path: Path) -> str:
+    return "bindings" if BINDINGS in path.parents else path.relative_to(CPP).parts[0]
+
+
+def test_sources_are_found() -> None:
+    assert len(SOURCES) > 20
+
+
+@each_source
+def test_include_rule(path: Path) -> None:
+    here = room(path)
+    for target in re.findall(r'#\s*include\s+"([^"]+)"', code(path)):
+        assert (CPP / target).is_file(), f"{target}: include paths start at cpp/"
+        if here == "bindings":
+            assert target == "api/renderer.h", "the bindings include api/renderer.h alone"
+            continue
+        if here == "backends" and target == "api/renderer.h":
+            continue  # the interface that a backend implements
+        there = target.split("/")[0]
+        same_or_left = there == here or RANKS[there] < RANKS[here]
+        assert same_or_left, f"{here} must not include {target}"
+
+
+@each_source
+def test_rooms_are_known(path: Path) -> None:
+    assert room(path) in {*RANKS, "bindings"}
+
+
+@each_source
+def test_compiler_macros_stay_in_platform(path: Path) -> None:
+    if path == CPP / "core" / "platform.h" or room(path) == "backends":
+        return
+    found = re.findall(r"__CUDACC\w*|__CUDA_ARCH__|__NVCC__", code(path))
+    assert not found, "only core/platform.h and backends know which compiler is at work"
+
+
+@each_source
+def test_vendor_calls_stay_in_backends(path: Path) -> None:
+    if path == CPP / "core" / "platform.h" or room(path) == "backends":
+        return
+    found = re.findall(
+        r"\bcu(?:da)?[A-Z]\w+\s*\(|<<<|#\s*include\s*<cu(?:da|rand|b)\b[^>]*>", code(path)
+    )
+    assert not found
+
+
+@each_source
+def test_no_libm(path: Path) -> None:
+    names = "|".join(LIBM)
+    own = set(re.findall(r"\b(\w+)\s*\(", code(CPP / "core" / "math.h")))
+    text = code(path)
+    found = re.findall(rf"(?:std::|[^\w:]::|__builtin_|__)(?:{names})[fl]?\s*\(", text)
+    found += re.findall(rf"(?<![\w.>:])(?:{names})[fl]\s*\(", text)
+    found += [name for name in re.findall(rf"(?<![\w.>:])({names})\s*\(", text) if name not in own]
+    assert not found, "elementary functions come from core/math.h, the same on every machine"
+
+
+@each_source
+def test_stage_code_uses_own_min_max(path: Path) -> None:
+    if room(path) in STAGE_ROOMS:
+        found = re.findall(r"std::f?(?:min|max)\b|\bf(?:min|max)f?\s*\(", code(path))
+        assert not found, "min and max come from core/lane.h, which defines what NaN does"
+
+
+@each_source
+def test_no_process_wide_effects(path: Path) -> None:
+    pattern = (
+        r"\b(?:cudaMallocManaged|cudaDeviceReset|std::exit|std::abort|std::terminate|_exit|exit|abort|"
+        r"std::rand|rand|srand|random_device|std::time|std::clock|gettimeofday|system_clock|setlocale)\s*\("
+    )
+    assert not re.findall(rf"(?<![.>\w]){pattern}", code(path))
+
+
+@each_source
+def test_no_floating_point_switches(path: Path) -> None:
+    pattern = r"fast.?math|FP_CONTRACT|float_control|_MM_SET_|optimize\s*\(|__fdividef|use_fast"
+    assert not re.findall(pattern, path.read_text(), flags=re.I)
+
+
+@each_source
+def test_sizes(path: Path) -> None:
+    lines = len(path.read_text().splitlines())
+    if path.suffix == ".h":
+        assert lines < (200 if room(path) == "materials" else 400)
+        assert "#pragma once" in path.read_text()
+
+
+def test_build_flags() -> None:
+    text = "\n".join(
+        re.sub(r"#.*", "", (ROOT / name).read_text()) for name in ("CMakeLists.txt", "setup.py")
+    )
+    for banned in ("fast-math", "fast_math", "-Ofast", "march=native", "unsafe-math", "ftz=true"):
+        assert banned not in text
+    for needed in ("-ffp-contract=off", "-fmad=false", "-prec-div=true", "-prec-sqrt=true",
+                   "-ftz=false"):  # fmt: skip
+        assert needed in text
+
+
+def imported(path: Path) -> set[str]:
+    """Top-level names that a Python file imports; relative imports do not count."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            names.add(node.module.split(".")[0])
+    return names
+
+
+def test_reference_and_package_are_strangers() -> None:
+    reference = sorted((ROOT / "reference").rglob("*.py"))
+    assert reference
+    for path in reference:
+        assert "veriray" not in imported(path), path
+        assert "veriray" not in re.findall(r"import_module\(\W*(\w+)", path.read_text()), path
+    for path in (ROOT / "python" / "veriray").rglob("*.py"):
+        assert "reference" not in imported(path), path
+
+
+def test_every_subpackage_is_installed() -> None:
+    source = ROOT / "python" / "veriray"
+    expected = {str(p.parent.relative_to(source)) for p in source.rglob("__init__.py")}
+    installed = Path(veriray.__file__).parent
+    assert expected == {
+        str(p.parent.relative_to(installed)) for p in installed.rglob("__init__.py")
+    }
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenes_load(name: str) -> None:
+    assert find_shipped(name).is_file()
+    assert len(veriray.load_file(name).triangles)
+
+
+def test_version_is_stated_once() -> None:
+    from importlib.metadata import version
+
+    assert version("veriray") == veriray.__version__
+    assert f"## {veriray.__version__}" in (ROOT / "CHANGELOG.md").read_text()

@@ -1,0 +1,261 @@
+"""The command `veriray`: outputs, exit status, one-line errors and nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import veriray as vr
+from veriray.cli import main
+from veriray.image import load
+
+SMALL = ["--width", "16", "--height", "16", "--spp", "2", "--device", "cpu"]
+COMMAND = [sys.executable, "-m", "veriray"]
+
+
+@pytest.fixture(autouse=True)
+def in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=300,
+                          **options)  # fmt: skip
+
+
+def test_render_writes_and_reports(capsys: Any) -> None:
+    outputs = ["-o", "a.exr", "-o", "a.png", "--stats", "a.json"]
+    assert main(["render", "cornell-box", *SMALL, *outputs]) == 0
+    out = capsys.readouterr().out
+    picture = load("a.exr")
+    stats = json.loads(Path("a.json").read_text())
+    assert stats["film_sha256"] in out and stats["device"] in out
+    for word in ("samples/s", "Live rays", "mean standard error", "fused", stats["device_reason"]):
+        assert word in out
+    expected = vr.render(vr.cornell_box(), 2, width=16, height=16, device="cpu")
+    assert stats["film_sha256"] == expected.film_sha256
+    assert np.array_equal(picture.image, expected.image)
+    assert picture.film_sha256 == expected.film_sha256
+    assert Path("a.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(os.listdir()) == ["a.exr", "a.json", "a.png"]
+
+
+def test_quiet(capsys: Any) -> None:
+    assert main(["render", "cornell-box", *SMALL, "--quiet", "-o", "a.exr"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_parameters_reach_the_scene_file() -> None:
+    arguments = ["-D", "spp=3", "-D", "width=8", "-D", "height=8", "--device", "cpu"]
+    assert main(["render", "cornell-box", *arguments, "-o", "a.exr", "--stats", "a.json"]) == 0
+    stats = json.loads(Path("a.json").read_text())
+    assert (stats["spp"], stats["width"], stats["height"]) == (3, 8, 8)
+
+
+def test_replay_prints_the_path(capsys: Any) -> None:
+    assert main(["render", "cornell-box", "--pixel", "5", "7", "--sample", "3"]) == 0
+    out = capsys.readouterr().out
+    assert "pixel (5, 7), sample 3, seed 0" in out and "vertex 0: " in out
+    assert os.listdir() == []
+
+
+def test_bench_live_rays(capsys: Any) -> None:
+    arguments = ["--width", "64", "--height", "40", "--device", "cpu", "--json", "b.json"]
+    assert main(["bench", "live-rays", "cornell-box", *arguments]) == 0
+    out = capsys.readouterr().out
+    for header in ("Depth", "Live rays", "Thread blocks", "Share %", "ms"):
+        assert header in out
+    result = json.loads(Path("b.json").read_text())
+    assert result["law_holds"] is True
+    rows = result["rows"]
+    assert rows[0]["live"] == 64 * 40 and rows[1]["blocks"] == 10
+    for before, row in zip(rows, rows[1:], strict=False):
+        assert row["blocks"] == -(-before["live"] // 256)
+
+
+def test_doctor(capsys: Any) -> None:
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    assert vr.__version__ in out and "auto takes" in out and "passed" in out
+    assert main(["doctor", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["self_test"]["passed"]
+    assert {run["film_sha256"] for run in report["self_test"]["runs"]} == {
+        report["self_test"]["expected"] or report["self_test"]["runs"][0]["film_sha256"]
+    }
+    assert set(report["unusable"]) | {d["name"].split(":")[0] for d in report["devices"]}
+
+
+def test_compare(capsys: Any) -> None:
+    for seed in "12":
+        arguments = ["--seed", seed, "--spp", "64", "--batches", "32", "-o", f"{seed}.exr"]
+        assert main(["render", "cornell-box", *SMALL, "--quiet", *arguments]) == 0
+    dim = vr.render(vr.cornell_box().with_emission_scaled(0.5), 64, width=16, height=16, batches=32)
+    dim.save("dim.exr")
+    assert main(["compare", "1.exr", "2.exr", "-o", "r.html"]) == 0
+    assert Path("r.html").read_text().lstrip().lower().startswith("<!doctype html")
+    assert main(["compare", "1.exr", "dim.exr"]) == 1
+    capsys.readouterr()
+    assert main(["compare", "1.exr", "dim.exr", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)
+    assert main(["compare", "1.exr", "missing.exr"]) == 2
+    assert "missing.exr" in capsys.readouterr().err
+
+
+Path_ = str
+RENDER = ["render", "cornell-box", *SMALL]
+BAD: list[tuple[list[str], str]] = [
+    ([], "required: COMMAND"),
+    (["paint"], "invalid choice: 'paint'"),
+    (["render"], "required: SCENE"),
+    (["render", "cornell-box"], "no output: add -o"),
+    (["render", "no-such-scene", "-o", "a.exr"], "no shipped scene of that name; shipped: cornell"),
+    (["render", "missing.xml", "-o", "a.exr"], "missing.xml"),
+    (["render", "folder", "-o", "a.exr"], "folder"),
+    (["render", "empty.xml", "-o", "a.exr"], "empty.xml"),
+    ([*RENDER, "-o", "a.jpg"], "a.jpg: unknown suffix; expected .exr or .png"),
+    ([*RENDER, "-o", "a"], "a: unknown suffix"),
+    ([*RENDER, "-o", ""], "unknown suffix"),
+    ([*RENDER, "-o", "missing/a.exr"], "missing/a.exr: folder"),
+    ([*RENDER, "-o", "empty.xml/a.exr"], "Not a directory"),
+    ([*RENDER, "-o", "folder.exr"], "folder.exr: Is a directory"),
+    ([*RENDER, "-o", "pipe.exr"], "pipe.exr: not a regular file"),
+    ([*RENDER, "-o", "x" * 300 + ".exr"], "File name too long"),
+    ([*RENDER, "-o", "loop.exr/a.exr"], "loop.exr/a.exr: folder"),
+    ([*RENDER, "-o", "a.exr", "-o", "./a.exr"], "the same output twice"),
+    ([*RENDER, "-o", "a.exr", "--stats", "a.txt"], "a.txt: unknown suffix; expected .json"),
+    ([*RENDER, "-o", "a.exr", "--spp", "0"], "spp = 0 is outside [1, "),
+    ([*RENDER, "-o", "a.exr", "--spp", "many"], "argument --spp: 'many' is not an integer"),
+    ([*RENDER, "-o", "a.exr", "--spp", "1e3"], "'1e3' is not an integer"),
+    ([*RENDER, "-o", "a.exr", "--seed", "-1"], "seed = -1 is outside"),
+    ([*RENDER, "-o", "a.exr", "--width", "0"], "width = 0 is outside"),
+    ([*RENDER, "-o", "a.exr", "--width", "99999999", "--height", "99999"], "pixels has more than"),
+    ([*RENDER, "-o", "a.exr", "--max-depth", "-5"], "max_depth = -5 is outside"),
+    ([*RENDER, "-o", "a.exr", "--rr-depth", "0"], "rr_depth = 0 is outside"),
+    ([*RENDER, "-o", "a.exr", "--threads", "0"], "threads = 0 is outside"),
+    ([*RENDER, "-o", "a.exr", "--batches", "3"], "batches = 3; expected 0 or a divisor"),
+    ([*RENDER, "-o", "a.exr", "--scheduler", "best"], "scheduler = 'best' is unknown"),
+    ([*RENDER, "-o", "a.exr", "--device", "gpu"], "device = 'gpu' is unknown; allowed: auto"),
+    ([*RENDER, "-o", "a.exr", "--device", "cuda:99"], "cuda"),
+    ([*RENDER, "-o", "a.exr", "-D", "spp"], "-D spp: expected KEY=VALUE"),
+    ([*RENDER, "-o", "a.exr", "-D", "colour=1"], '"colour"'),
+    ([*RENDER, "-o", "a.exr", "-D", "spp=lots"], "lots"),
+    ([*RENDER, "-o", "a.exr", "--sample", "3"], "--sample goes with --pixel"),
+    ([*RENDER, "--pixel", "16", "0"], "x = 16 is outside [0, 15]"),
+    ([*RENDER, "--pixel", "0", "0", "--sample", "-1"], "sample = -1 is outside"),
+    ([*RENDER, "--pixel", "0", "0", "-o", "a.exr"], "writes no file"),
+    (["compare", "missing.exr", "missing.exr"], "missing.exr"),
+    (["compare", "empty.xml", "empty.xml"], "empty.xml"),
+    (["compare", "a.exr", "b.exr", "-o", "report.pdf"], "report.pdf: unknown suffix"),
+    (["bench"], "required: KIND"),
+    (["bench", "live-rays", "cornell-box", "--json", "missing/b.json"], "missing/b.json: folder"),
+    (["doctor", "now"], "unrecognized arguments: now"),
+]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"), BAD, ids=lambda x: " ".join(x)[-60:] if x else "-"
+)
+def test_bad_input(arguments: list[str], message: str, capsys: Any) -> None:
+    os.mkdir("folder")
+    os.mkdir("folder.exr")
+    os.mkfifo("pipe.exr")
+    os.symlink("loop.exr", "loop.exr")
+    Path("empty.xml").touch()
+    before = sorted(os.listdir())
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith("veriray: error: ") and err.count("\n") == 1, err
+    assert message in err
+    assert "internal error" not in err and "Traceback" not in err
+    assert sorted(os.listdir()) == before
+
+
+def test_folder_that_cannot_be_written(capsys: Any) -> None:
+    os.mkdir("locked", 0o555)
+    if os.access("locked", os.W_OK):
+        pytest.skip("this user may write everywhere")
+    assert main([*RENDER, "-o", "locked/a.exr"]) == 2
+    assert "locked/a.exr: folder not writable" in capsys.readouterr().err
+
+
+def test_disk_full_keeps_the_earlier_file() -> None:
+    assert main([*RENDER, "--quiet", "-o", "a.exr"]) == 0
+    before = Path("a.exr").read_bytes()
+    script = (
+        "import resource, signal, sys; from veriray.cli import main; "
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); sys.exit(main(sys.argv[1:]))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script, *RENDER, "--quiet", "--seed", "9", "-o", "a.exr"],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert result.returncode == 2
+    assert result.stderr.startswith("veriray: error: a.exr: ")
+    assert Path("a.exr").read_bytes() == before and os.listdir() == ["a.exr"]
+
+
+@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+def test_interrupt_leaves_nothing(scheduler: str) -> None:
+    endless = ["render", "cornell-box", "--device", "cpu", "--spp", "1000000000", "-o", "a.exr"]
+    endless += ["--scheduler", scheduler, "--width", "64", "--height", "64"]
+    process = subprocess.Popen(
+        [*COMMAND, *endless], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None and process.stdout.readline().startswith("device")
+        time.sleep(1)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert err.endswith("veriray: error: interrupted\n") and "Traceback" not in err
+    assert os.listdir() == []
+
+
+def test_reader_that_goes_away() -> None:
+    process = subprocess.Popen(
+        [*COMMAND, "doctor"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(timeout=300) == 141
+
+
+def test_full_standard_output() -> None:
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(
+            [*COMMAND, "doctor", "--no-self-test"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert result.returncode == 2
+    assert result.stderr == "veriray: error: No space left on device\n"
+
+
+def test_without_gpu() -> None:
+    environment = {**os.environ, "CUDA_VISIBLE_DEVICES": ""}
+    result = run(*RENDER, "--device", "auto", "-o", "a.exr", env=environment)
+    assert result.returncode == 0
+    assert result.stdout.startswith("device     cpu:")
+    result = run(*RENDER, "--device", "cuda", "-o", "b.exr", env=environment)
+    assert result.returncode == 2
+    assert result.stderr.startswith("veriray: error: CUDA cannot be used: ")
+
+
+def test_version_and_help() -> None:
+    assert run("--version").stdout == f"veriray {vr.__version__}\n"
+    for command in ([], ["render"], ["compare"], ["bench", "live-rays"], ["doctor"]):
+        result = run(*command, "--help")
+        assert result.returncode == 0 and result.stdout.startswith("usage: veriray")

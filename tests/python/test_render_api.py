@@ -1,0 +1,358 @@
+"""`veriray.render`: checks, results, invariance, interruption, device choice."""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import json
+import logging
+import struct
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import veriray as vr
+
+device_module = sys.modules["veriray.device"]
+render_module = sys.modules["veriray.render"]
+CAUSES = ("escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid")
+
+
+@pytest.fixture(scope="module")
+def picture(cornell: vr.Scene) -> vr.Render:
+    return vr.render(cornell, spp=16, device="cpu")
+
+
+def test_shapes_and_types(picture: vr.Render) -> None:
+    for values in (picture.image, picture.stderr):
+        assert values.shape == (32, 32, 3) and values.dtype == np.float32
+        assert np.isfinite(values).all() and (values >= 0).all()
+    assert picture.batch_means is None
+    assert (picture.width, picture.height, picture.spp, picture.seed) == (32, 32, 16, 0)
+    assert picture._repr_png_().startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_film_hash_is_as_documented(picture: vr.Render) -> None:
+    data = b"veriray film 1" + struct.pack("<QQQ", 32, 32, 16)
+    data += picture.image.astype("<f4").tobytes() + picture.stderr.astype("<f4").tobytes()
+    assert picture.film_sha256 == hashlib.sha256(data).hexdigest()
+    assert picture.film_sha256 != vr.film_hash(picture.image, picture.stderr, 17)
+
+
+def test_stats(picture: vr.Render, cornell: vr.Scene) -> None:
+    stats = picture.stats
+    assert json.loads(json.dumps(stats)) == stats
+    assert stats["paths"] == 32 * 32 * 16 == stats["live_rays"][0]
+    assert stats["live_rays"] == stats["ledger"]["live"]
+    assert stats["scene_sha256"] == cornell.sha256
+    assert stats["version"] == vr.__version__
+    assert stats["device"].startswith("cpu:") and stats["device_reason"]
+    assert stats["scheduler"] in ("fused", "thrust") and stats["scheduler_reason"]
+    assert stats["features"] and stats["threads"] >= 1 and stats["memory"] > 0
+    assert stats["nonfinite_samples"] == 0 and stats["nonfinite"] == []
+    assert stats["mean_stderr"] == pytest.approx(picture.stderr.mean(dtype=np.float64))
+    shadow = sum(stats["ledger"]["shadow_visible"]) + sum(stats["ledger"]["shadow_occluded"])
+    assert stats["rays"] == sum(stats["live_rays"]) + shadow
+
+
+@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+@pytest.mark.parametrize("max_depth", [1, 2, 5, -1])
+def test_ledger_adds_up(cornell: vr.Scene, device: str, scheduler: str, max_depth: int) -> None:
+    stats = vr.render(cornell, 2, device=device, scheduler=scheduler, max_depth=max_depth).stats
+    ledger = stats["ledger"]
+    assert {len(column) for column in ledger.values()} == {len(ledger["live"])}
+    following = [*ledger["live"][1:], 0]
+    for depth, live in enumerate(ledger["live"]):
+        assert live == sum(ledger[cause][depth] for cause in CAUSES) + following[depth]
+    if max_depth > 0:
+        assert len(ledger["live"]) <= max_depth
+    if scheduler == "thrust":
+        assert len(stats["blocks"]) == len(ledger["live"])
+
+
+def test_nothing_but_the_picture_settings_matters(
+    cornell: vr.Scene, picture: vr.Render, device: str
+) -> None:
+    variants: list[dict[str, Any]] = [
+        {"scheduler": "fused"},
+        {"scheduler": "thrust"},
+        {"threads": 1},
+        {"threads": 3, "batch_size": 1000},
+        {"batches": 4},
+        {"batches": 16, "scheduler": "thrust", "batch_size": 257},
+        {"all_features": True},
+    ]
+    for variant in variants:
+        other = vr.render(cornell, spp=16, device=device, **variant)
+        assert other.film_sha256 == picture.film_sha256, variant
+        assert other.stats["ledger"] == picture.stats["ledger"], variant
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 1},
+        {"spp": 17},
+        {"max_depth": 3},
+        {"rr_depth": 2},
+        {"width": 33},
+        {"seed": 2**64 - 1},
+    ],
+    ids=str,
+)
+def test_each_picture_setting_matters(
+    cornell: vr.Scene, picture: vr.Render, change: dict[str, int]
+) -> None:
+    other = vr.render(cornell, **{"spp": 16, "device": "cpu", **change})
+    assert other.film_sha256 != picture.film_sha256
+
+
+def test_batch_means(cornell: vr.Scene, picture: vr.Render) -> None:
+    batched = vr.render(cornell, spp=16, batches=4, device="cpu")
+    assert batched.batch_means is not None
+    assert batched.batch_means.shape == (4, 32, 32, 3) and batched.batch_means.dtype == np.float64
+    np.testing.assert_allclose(batched.batch_means.mean(axis=0), picture.image, rtol=1e-6)
+    first = vr.render(cornell, spp=4, device="cpu")
+    np.testing.assert_allclose(batched.batch_means[0], first.image, rtol=1e-6)
+
+
+def test_size_override_is_the_scene_of_that_size(cornell: vr.Scene) -> None:
+    overridden = vr.render(cornell, 2, width=40, height=24, device="cpu")
+    changed = vr.render(cornell.with_(width=40, height=24), 2, device="cpu")
+    assert overridden.image.shape == (24, 40, 3)
+    assert overridden.film_sha256 == changed.film_sha256
+    assert overridden.stats["scene_sha256"] == changed.stats["scene_sha256"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"spp": 0}, "spp = 0 is outside"),
+        ({"spp": 2.0}, "spp = 2.0 is not an integer"),
+        ({"spp": True}, "spp = True is not an integer"),
+        ({"seed": -1}, "seed = -1 is outside"),
+        ({"seed": 2**64}, "seed = 18446744073709551616 is outside"),
+        ({"max_depth": -2}, "max_depth = -2 is outside"),
+        ({"rr_depth": 0}, "rr_depth = 0 is outside"),
+        ({"width": 0}, "width = 0 is outside"),
+        ({"height": 2**31, "width": 2}, "pixels has more than"),
+        ({"threads": 0}, "threads = 0 is outside"),
+        ({"batches": 1}, "batches = 1; expected 0 or a divisor of spp = 16"),
+        ({"batches": 3}, "batches = 3; expected 0 or a divisor of spp = 16"),
+        ({"batch_size": -1}, "batch_size = -1 is outside"),
+        ({"scheduler": "best"}, "scheduler = 'best' is unknown; allowed: auto, fused, thrust"),
+        ({"device": "gpu"}, "device = 'gpu' is unknown; allowed: auto, cuda"),
+        ({"device": "cuda:x"}, "device = 'cuda:x' is unknown"),
+        ({"device": "cpu:"}, "device = 'cpu:' is unknown"),
+        ({"device": 3}, "device = 3; expected a string"),
+        ({"progress": 3}, "progress = 3 is not callable"),
+    ],
+)
+def test_bad_arguments(cornell: vr.Scene, arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        vr.render(cornell, **{"spp": 16, **arguments})
+    assert message in str(caught.value)
+
+
+def test_scene_must_be_a_scene() -> None:
+    with pytest.raises(TypeError, match="load_file"):
+        vr.render("cornell-box")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("batches", [0, 4])
+def test_progress(cornell: vr.Scene, cpu: str, batches: int) -> None:
+    seen: list[float] = []
+    vr.render(cornell, spp=64, device=cpu, batches=batches, progress=seen.append)
+    assert seen == sorted(seen) and seen[-1] == 1.0 and seen[0] >= 0.0
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("stop"), KeyboardInterrupt(), SystemExit(3)], ids=repr
+)
+@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+def test_progress_can_stop(
+    cornell: vr.Scene, picture: vr.Render, cpu: str, scheduler: str, error: BaseException
+) -> None:
+    check_stop(cornell, picture, cpu, scheduler, error, 2**14)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+def test_progress_can_stop_cuda(cornell: vr.Scene, picture: vr.Render, scheduler: str) -> None:
+    check_stop(cornell, picture, "cuda", scheduler, KeyboardInterrupt(), 2**22)
+
+
+def check_stop(
+    scene: vr.Scene,
+    picture: vr.Render,
+    device: str,
+    scheduler: str,
+    error: BaseException,
+    spp: int,
+) -> None:
+    """An exception of the callback ends a long render, and the next one is right."""
+
+    def stop(fraction: float) -> None:
+        if fraction < 1.0:
+            raise error
+
+    with pytest.raises(type(error)) as caught:
+        vr.render(scene, spp, device=device, scheduler=scheduler, progress=stop)
+    assert caught.value is error
+    again = vr.render(scene, spp=16, device=device, scheduler=scheduler)
+    assert again.film_sha256 == picture.film_sha256
+
+
+def test_other_threads_run_while_rendering(cornell: vr.Scene) -> None:
+    beats, done = 0, threading.Event()
+
+    def heart() -> None:
+        nonlocal beats
+        while not done.wait(0.001):
+            beats += 1
+
+    thread = threading.Thread(target=heart)
+    thread.start()
+    before = beats
+    vr.render(cornell, spp=2048, device="cpu", threads=1)
+    during = beats - before
+    done.set()
+    thread.join()
+    assert during > 3
+
+
+def test_threads_render_the_same_scene_at_once(cornell: vr.Scene, picture: vr.Render) -> None:
+    def job(k: int) -> str:
+        name = "fused" if k % 2 else "thrust"
+        return vr.render(cornell, spp=16, device="cpu", scheduler=name, threads=2).film_sha256
+
+    with ThreadPoolExecutor(8) as pool:
+        assert set(pool.map(job, range(16))) == {picture.film_sha256}
+
+
+def test_native_scenes_go_with_their_owner() -> None:
+    before = len(render_module._scenes)
+    scene = vr.cornell_box()
+    for size in (8, 9, 10):
+        vr.render(scene, 1, width=size, height=size, device="cpu")
+    assert len(render_module._scenes) == before + 1
+    assert len(render_module._scenes[id(scene)]) == render_module._KEPT_PER_SCENE
+    del scene
+    gc.collect()
+    assert len(render_module._scenes) == before
+
+
+def test_trace_path_agrees_with_the_film(cornell: vr.Scene) -> None:
+    scene = cornell.with_(width=4, height=4)
+    for x, y in ((0, 0), (3, 1), (2, 3)):
+        path = vr.trace_path(scene, x, y, 0)
+        assert [vertex["depth"] for vertex in path] == list(range(len(path)))
+        assert all(vertex["event"] for vertex in path)
+    for bad in ((4, 0, 0), (0, -1, 0), (0, 0, -1)):
+        with pytest.raises(ValueError, match="is outside"):
+            vr.trace_path(scene, *bad)
+
+
+# Devices
+
+
+def fake_native(usable: bool = True, reason: str = "", count: int = 1) -> Any:
+    """A stand-in for a native module, enough to be chosen."""
+    entry = {"name": "Fake", "memory_total": 2, "memory_free": 1}
+    return SimpleNamespace(
+        status=lambda: (usable, reason),
+        build_info=lambda: {"isa": "sm", "lanes": 1},
+        devices=lambda: [{**entry, "index": k} for k in range(count)],
+    )
+
+
+@pytest.fixture
+def cuda(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Puts a fake CUDA module in place, or with None takes it away."""
+
+    def put(native: Any) -> None:
+        monkeypatch.setitem(sys.modules, "veriray._cuda", native)
+        monkeypatch.setattr(device_module, "_cuda_process", None)
+
+    return put
+
+
+def test_auto_takes_cuda_where_it_works(cuda: Callable[..., None]) -> None:
+    cuda(fake_native(count=2))
+    chosen, reason = device_module.select("auto")
+    assert chosen.name == "cuda:0" and reason
+    assert device_module.select("cuda:1")[0].index == 1
+    with pytest.raises(vr.DeviceError, match="cuda:2 does not exist; .* cuda:0, cuda:1"):
+        device_module.select("cuda:2")
+
+
+def test_auto_says_why_not_cuda(cuda: Callable[..., None], caplog: Any) -> None:
+    cuda(fake_native(False, "driver 12.2 is older than 13.0"))
+    device_module._announce.cache_clear()
+    with caplog.at_level(logging.INFO, logger="veriray"):
+        for _ in range(3):
+            chosen, reason = device_module.select("auto")
+    assert chosen.backend == "cpu"
+    assert "driver 12.2 is older than 13.0" in reason
+    assert len(caplog.records) == 1 and reason in caplog.text
+    with pytest.raises(vr.DeviceError, match="driver 12.2 is older than 13.0"):
+        device_module.select("cuda")
+
+
+def test_hidden_devices_are_named(cuda: Callable[..., None], monkeypatch: Any) -> None:
+    cuda(fake_native(False, "no CUDA device"))
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    with pytest.raises(vr.DeviceError, match="CUDA_VISIBLE_DEVICES='' hides every device"):
+        device_module.select("cuda:0")
+
+
+def test_module_that_was_not_built(cuda: Callable[..., None], monkeypatch: Any) -> None:
+    missing = device_module.importlib.import_module
+
+    def import_module(name: str) -> Any:
+        if name == "veriray._cuda":
+            raise ModuleNotFoundError(name=name)
+        return missing(name)
+
+    monkeypatch.setattr(device_module.importlib, "import_module", import_module)
+    with pytest.raises(vr.DeviceError, match="veriray._cuda was not built"):
+        device_module.select("cuda")
+
+
+def test_cuda_after_fork(cuda: Callable[..., None], monkeypatch: Any) -> None:
+    cuda(fake_native())
+    monkeypatch.setattr(device_module, "_cuda_process", -1)
+    with pytest.raises(vr.DeviceError, match="before it was forked"):
+        device_module.select("cuda")
+
+
+def test_machine_code_that_the_processor_lacks_is_not_loaded(monkeypatch: Any) -> None:
+    monkeypatch.setattr(device_module, "processor_flags", lambda: frozenset(["avx", "sse2"]))
+    monkeypatch.delenv("VERIRAY_ISA", raising=False)
+    with pytest.raises(vr.DeviceError, match="cpu:avx512: "):
+        device_module.select("cpu:avx512")
+    chosen, reason = device_module.select("cpu")
+    assert chosen.isa == "portable" and "portable" in reason
+
+
+def test_isa_from_the_environment(monkeypatch: Any, cornell: vr.Scene) -> None:
+    monkeypatch.setenv("VERIRAY_ISA", "portable")
+    stats = vr.render(cornell, 1, device="cpu").stats
+    assert stats["device"] == "cpu:portable" and "VERIRAY_ISA=portable" in stats["device_reason"]
+    monkeypatch.setenv("VERIRAY_ISA", "sse9")
+    with pytest.raises(ValueError, match="VERIRAY_ISA = 'sse9'; allowed: avx512, avx2, portable"):
+        vr.render(cornell, 1, device="cpu")
+
+
+def test_native_error_types_become_ours() -> None:
+    theirs = type("DeviceError", (RuntimeError,), {})
+    with pytest.raises(vr.DeviceError, match="lost"), device_module.native_errors():
+        raise theirs("lost")
+    with pytest.raises(KeyError), device_module.native_errors():
+        raise KeyError("other")

@@ -105,17 +105,18 @@ class Scene {
     std::unique_ptr<Impl> impl;
 };
 
-RenderStats render(const Scene& scene, Film& film, const RenderSettings& settings, const Poll& poll);
+RenderStats render(const Scene& scene, Film& film, const RenderSettings& settings,
+                   const Poll& poll);
 
 // One path, vertex by vertex. CPU backends only.
 struct PathVertex {
     uint32_t depth;
     std::string event;
-    double position[3];  // world; the ray's origin shifted by t where it escaped
+    double position[3];                // world; the ray's origin shifted by t where it escaped
     float direction[3], normal[3], t;  // of the segment; world t
     float throughput[3], radiance[3];  // before the vertex, after the vertex
-    int64_t triangle;  // input triangle, -1 none
-    int shadow;        // -1 none, 0 occluded, 1 visible
+    int64_t triangle;                  // input triangle, -1 none
+    int shadow;                        // -1 none, 0 occluded, 1 visible
 };
 std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& settings, uint32_t x,
                                    uint32_t y, uint64_t sample);

@@ -84,9 +84,7 @@ void Film::sums(double* out) const {
         out[i] = film_sum(&impl->words[i / 3 * kFilmWords], static_cast<uint32_t>(i % 3), scale);
 }
 
-void Film::words(uint64_t* out) const {
-    std::copy(impl->words.begin(), impl->words.end(), out);
-}
+void Film::words(uint64_t* out) const { std::copy(impl->words.begin(), impl->words.end(), out); }
 
 Scene::Scene(const SceneInput& in, int) : impl(std::make_unique<Impl>(in)) {}
 Scene::~Scene() = default;
@@ -172,8 +170,8 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
     const PathColumns paths{floats.data(), uints.data(), pool};
     bool complete = false;
     with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
-        HostExec<kFeatures> exec{view,    job,  paths, index, ledgers, stats.threads,
-                                 poll, &stats.launches};
+        HostExec<kFeatures> exec{view,    job,           paths, index,
+                                 ledgers, stats.threads, poll,  &stats.launches};
         run_thrust(exec, job.paths(), pool, stats.blocks, stats.depth_seconds);
         complete = !exec.stopped;
     });
@@ -228,22 +226,19 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
         if (!complete) return;
         FaultLog faults{};
         const Job job{settings, film.impl->view, &faults, begin, samples};
-        complete = s.scheduler == "thrust"
-                       ? render_thrust(host.view, job, s, ledgers, stats, poll)
-                       : render_tiles(host.view, job, s, ledgers, stats, poll);
+        complete = s.scheduler == "thrust" ? render_thrust(host.view, job, s, ledgers, stats, poll)
+                                           : render_tiles(host.view, job, s, ledgers, stats, poll);
         add_faults(stats, faults, film.width(), s.sample_begin >> 32);
     });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
-    stats.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     for (LedgerRows& rows : ledgers) {
         if (stats.ledger.size() < rows.counts.size()) stats.ledger.resize(rows.counts.size());
         for (size_t i = 0; i < rows.counts.size(); ++i) stats.ledger[i] += rows.counts[i];
     }
     const uint64_t samples = s.sample_end - s.sample_begin;
     film.impl->samples += samples;
-    complete_ledger(stats.ledger,
-                    samples * static_cast<uint64_t>(film.width()) * film.height());
+    complete_ledger(stats.ledger, samples * static_cast<uint64_t>(film.width()) * film.height());
     return stats;
 }
 
@@ -268,8 +263,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
             PathVertex v{};
             v.depth = depth;
             const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};
-            const Events<Scalar> e =
-                Tracer::bounce(host.view, settings, path, depth, true);
+            const Events<Scalar> e = Tracer::bounce(host.view, settings, path, depth, true);
             alive = e.alive;
             static const char* const names[] = {"scattered", "escaped",   "emitter_end", "absorbed",
                                                 "rr_killed", "depth_cut", "invalid"};
@@ -281,8 +275,9 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
             const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
             const float after[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
             for (int k = 0; k < 3; ++k) {
-                const double at = static_cast<double>(o[k]) +
-                                  (met ? static_cast<double>(hit.t) * static_cast<double>(d[k]) : 0);
+                const double at =
+                    static_cast<double>(o[k]) +
+                    (met ? static_cast<double>(hit.t) * static_cast<double>(d[k]) : 0);
                 v.position[k] = at * host.unit + host.centre[k];
                 v.direction[k] = d[k];
                 v.throughput[k] = before[k];
@@ -291,8 +286,8 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
             if (met) {
                 v.triangle = host.primitive_triangle[hit.primitive];
                 for (uint32_t k = 0; k < 3; ++k)
-                    v.normal[k] = host.primitives[(kPrimN + k) * host.view.primitive_stride +
-                                                  hit.primitive];
+                    v.normal[k] =
+                        host.primitives[(kPrimN + k) * host.view.primitive_stride + hit.primitive];
             }
             out.push_back(v);
         }
@@ -404,15 +399,16 @@ void intersect(const Scene& scene, const double* origins, const double* directio
         }
         const auto column = [&](int c) { return load(rays[c], Simd::F()); };
         const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
-        const Hit<Simd> hit = PathTracer<Simd, kAllFeatures>::closest(
-            host.view, ray, first_lanes(live, Simd::M()));
+        const Hit<Simd> hit =
+            PathTracer<Simd, kAllFeatures>::closest(host.view, ray, first_lanes(live, Simd::M()));
         const auto all = first_lanes(Simd::kWidth, Simd::M());
         compress_store(distance, hit.t, all);
         compress_store(primitive, hit.primitive, all);
         for (uint32_t k = 0; k < live; ++k) {
             const bool met = distance[k] < kInfinity;
             t[i + k] = met ? static_cast<float>(distance[k] * host.unit) : kInfinity;
-            triangle[i + k] = met ? static_cast<int32_t>(host.primitive_triangle[primitive[k]]) : -1;
+            triangle[i + k] =
+                met ? static_cast<int32_t>(host.primitive_triangle[primitive[k]]) : -1;
         }
     }
 }

@@ -44,8 +44,7 @@ class Buffer {
                                " bytes of device memory, " + std::to_string(free) + " are free");
     }
     Buffer(const std::vector<T>& v, const char* what) : Buffer(v.size(), what) {
-        if (n_)
-            check(cudaMemcpy(p_, v.data(), n_ * sizeof(T), cudaMemcpyHostToDevice), what);
+        if (n_) check(cudaMemcpy(p_, v.data(), n_ * sizeof(T), cudaMemcpyHostToDevice), what);
     }
     Buffer(Buffer&& o) noexcept : p_(o.p_), n_(o.n_) { o.p_ = nullptr, o.n_ = 0; }
     Buffer& operator=(Buffer&& o) noexcept {
@@ -149,8 +148,7 @@ __global__ void __launch_bounds__(kThrustBlock)
     __syncthreads();
     const uint32_t k = blockIdx.x * kThrustBlock + threadIdx.x;
     if (k < n) {
-        const BounceOutcome out =
-            thrust_bounce<kFeatures>(scene, job, paths, indices, depth, k);
+        const BounceOutcome out = thrust_bounce<kFeatures>(scene, job, paths, indices, depth, k);
         if (out.cause != kLive) atomicAdd(&counts[out.cause], 1u);
         if (out.shadow != kLive) atomicAdd(&counts[out.shadow], 1u);
     }
@@ -340,7 +338,8 @@ bool wait(cudaStream_t work, cudaStream_t side, Control* control, uint64_t items
                   "progress");
             check(cudaStreamSynchronize(side), "progress");
             try {
-                stopped = !poll(std::min(1.0, static_cast<double>(next) / static_cast<double>(items)));
+                stopped =
+                    !poll(std::min(1.0, static_cast<double>(next) / static_cast<double>(items)));
             } catch (...) {
                 error = std::current_exception();
                 stopped = true;
@@ -415,10 +414,9 @@ struct DeviceExec {
         ++l.stats.launches;
     }
     void bounce(uint32_t depth, uint32_t n) {
-        thrust_bounce_kernel<kFeatures>
-            <<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
-                l.scene.view, job, paths, index, depth, n,
-                l.ledger.get() + static_cast<uint64_t>(depth) * kLedgerColumns);
+        thrust_bounce_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
+            l.scene.view, job, paths, index, depth, n,
+            l.ledger.get() + static_cast<uint64_t>(depth) * kLedgerColumns);
         check_launch("bounce");
         ++l.stats.launches;
     }
@@ -485,8 +483,8 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
         faults.zero();
         check(cudaDeviceSynchronize(), "prepare");
         const Job job{settings, film.impl->view, faults.get(), begin, samples};
-        complete = s.scheduler == "thrust" ? render_thrust(launches, job)
-                                           : render_fused(launches, job);
+        complete =
+            s.scheduler == "thrust" ? render_thrust(launches, job) : render_fused(launches, job);
         add_faults(stats, faults.download()[0], film.width(), s.sample_begin >> 32);
     });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
@@ -505,9 +503,14 @@ BuildInfo build_info() {
                                std::to_string(THRUST_SUBMINOR_VERSION);
     const std::string toolkit =
         std::to_string(CUDART_VERSION / 1000) + "." + std::to_string(CUDART_VERSION % 1000 / 10);
-    return {"cuda", "sm", "nvcc " + std::to_string(__CUDACC_VER_MAJOR__) + "." +
-                              std::to_string(__CUDACC_VER_MINOR__) + " with GCC " __VERSION__,
-            thrust, toolkit, VR_CUDA_ARCHITECTURES, 1};
+    return {"cuda",
+            "sm",
+            "nvcc " + std::to_string(__CUDACC_VER_MAJOR__) + "." +
+                std::to_string(__CUDACC_VER_MINOR__) + " with GCC " __VERSION__,
+            thrust,
+            toolkit,
+            VR_CUDA_ARCHITECTURES,
+            1};
 }
 
 std::string why_unusable() {
@@ -608,8 +611,8 @@ void intersect(const Scene& scene, const double* origins, const double* directio
     Buffer<float> in(rays, "rays"), distance(n, "hits");
     Buffer<uint32_t> primitive(n, "hits");
     if (n)
-        intersect_kernel<<<blocks_for(n, 128), 128>>>(scene.impl->view, in.get(), n,
-                                                      distance.get(), primitive.get());
+        intersect_kernel<<<blocks_for(n, 128), 128>>>(scene.impl->view, in.get(), n, distance.get(),
+                                                      primitive.get());
     check_launch("intersect");
     const std::vector<float> d = distance.download();
     const std::vector<uint32_t> p = primitive.download();

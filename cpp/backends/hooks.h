@@ -18,7 +18,11 @@ template <class F>
 VR_HD F math_function(int which, F x) {
     F s, c;
     sincos_2pi(which < 2 ? x : F(0.f), s, c);
-    return which == 0 ? s : which == 1 ? c : which == 2 ? sqrt(x) : which == 3 ? F(1.f) / x : tent(x);
+    return which == 0   ? s
+           : which == 1 ? c
+           : which == 2 ? sqrt(x)
+           : which == 3 ? F(1.f) / x
+                        : tent(x);
 }
 
 // The triangle's third coordinate is its first barycentric weight.

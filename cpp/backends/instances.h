@@ -28,8 +28,8 @@ inline uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) 
 inline void check_settings(const RenderSettings& s, const HostScene& scene, const Film& film) {
     const auto fail = [](const std::string& text) { throw std::invalid_argument(text); };
     if (s.sample_end < s.sample_begin)
-        fail("sample_end = " + std::to_string(s.sample_end) + " lies before sample_begin = " +
-             std::to_string(s.sample_begin));
+        fail("sample_end = " + std::to_string(s.sample_end) +
+             " lies before sample_begin = " + std::to_string(s.sample_begin));
     if (s.max_depth < -1 || s.max_depth > kHardMaxDepth)
         fail("max_depth = " + std::to_string(s.max_depth) + "; allowed: -1 (unlimited) to " +
              std::to_string(kHardMaxDepth));
@@ -42,11 +42,13 @@ inline void check_settings(const RenderSettings& s, const HostScene& scene, cons
              std::to_string(scene.width) + " x " + std::to_string(scene.height));
 }
 
-// Calls fn(settings, begin, samples) for the parts of the sample range that share the upper 32 bits.
+// Calls fn(settings, begin, samples) for the parts of the sample range that share the upper 32
+// bits.
 template <class Fn>
 void for_sample_ranges(const RenderSettings& s, Fn fn) {
     for (uint64_t at = s.sample_begin; at < s.sample_end;) {
-        const uint64_t end = std::min<uint64_t>(s.sample_end, (at | 0xffffffffull) + 1);
+        const uint64_t last = at | 0xffffffffull;
+        const uint64_t end = s.sample_end - 1 <= last ? s.sample_end : last + 1;
         PathSettings settings;
         settings.key = random_key(s.seed, static_cast<uint32_t>(at >> 32));
         // 0 and 1 trace the camera segment alone.
@@ -70,12 +72,15 @@ inline void complete_ledger(std::vector<uint64_t>& ledger, uint64_t paths) {
     ledger.resize(depths * kLedgerColumns);
 }
 
-inline void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_t sample_high) {
+inline void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width,
+                       uint64_t sample_high) {
     stats.fault_count += log.count;
     for (uint64_t i = 0; i < std::min<uint64_t>(log.count, kMaxFaults); ++i) {
         const SampleFault& f = log.first[i];
         if (stats.faults.size() < kMaxFaults)
-            stats.faults.push_back({f.pixel % width, f.pixel / width, sample_high << 32 | f.sample,
+            stats.faults.push_back({f.pixel % width,
+                                    f.pixel / width,
+                                    sample_high << 32 | f.sample,
                                     {f.radiance[0], f.radiance[1], f.radiance[2]}});
     }
     std::sort(stats.faults.begin(), stats.faults.end(), [](const Fault& a, const Fault& b) {
@@ -85,8 +90,7 @@ inline void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, 
 
 // World rays to normalised ones.
 inline void normalise_ray(const HostScene& scene, const double* o, const double* d, float out[6]) {
-    const Double3 origin =
-        (Double3{o[0], o[1], o[2]} - scene.centre) * (1.0 / scene.unit);
+    const Double3 origin = (Double3{o[0], o[1], o[2]} - scene.centre) * (1.0 / scene.unit);
     const Double3 unit = normalised({d[0], d[1], d[2]});
     for (int k = 0; k < 3; ++k) {
         out[k] = static_cast<float>(origin[k]);

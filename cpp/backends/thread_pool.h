@@ -51,8 +51,8 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
         while (!done.wait_for(lock, std::chrono::milliseconds(50), [&] { return running == 0; })) {
             if (!poll) continue;
             lock.unlock();
-            const double share = static_cast<double>(std::min(next.load(), units)) /
-                                 static_cast<double>(units);
+            const double share =
+                static_cast<double>(std::min(next.load(), units)) / static_cast<double>(units);
             try {
                 if (!poll(share)) stop = true;
             } catch (...) {

@@ -30,7 +30,7 @@ VR_HD float sqrt(float a) {
     return __builtin_sqrtf(a);
 #endif
 }
-VR_HD float abs(float a) { return bit_cast<float>(bit_cast<uint32_t>(a) & 0x7fffffffu); }
+VR_HD float abs(float a) { return __builtin_fabsf(a); }
 // min and max return b when the comparison is false, NaN included, as x86 does.
 VR_HD float min(float a, float b) { return a < b ? a : b; }
 VR_HD float max(float a, float b) { return a > b ? a : b; }
@@ -38,6 +38,7 @@ VR_HD float select(bool m, float a, float b) { return m ? a : b; }
 VR_HD uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
 // m & (a < b), the comparison only where m.
 VR_HD bool and_less(bool m, float a, float b) { return m & (a < b); }
+VR_HD bool and_less_equal(bool m, float a, float b) { return m & (a <= b); }
 VR_HD bool any(bool m) { return m; }
 VR_HD bool none(bool m) { return !m; }
 VR_HD uint32_t bits(bool m) { return m ? 1u : 0u; }

@@ -39,10 +39,14 @@ VR_HD M4 each_bit(Fn fn) {
     return r;
 }
 
-#define VR_LANE_BINARY(T, op) \
-    VR_HD T operator op(T a, T b) { return each_lane<T>([&](uint32_t i) { return a.v[i] op b.v[i]; }); }
-#define VR_LANE_COMPARE(T, op) \
-    VR_HD M4 operator op(T a, T b) { return each_bit([&](uint32_t i) { return a.v[i] op b.v[i]; }); }
+#define VR_LANE_BINARY(T, op)                                              \
+    VR_HD T operator op(T a, T b) {                                        \
+        return each_lane<T>([&](uint32_t i) { return a.v[i] op b.v[i]; }); \
+    }
+#define VR_LANE_COMPARE(T, op)                                         \
+    VR_HD M4 operator op(T a, T b) {                                   \
+        return each_bit([&](uint32_t i) { return a.v[i] op b.v[i]; }); \
+    }
 VR_LANE_BINARY(F4, +)
 VR_LANE_BINARY(F4, -)
 VR_LANE_BINARY(F4, *)
@@ -96,6 +100,7 @@ VR_HD Array4<T> select(M4 m, Array4<T> a, Array4<T> b) {
 VR_HD F4 select(M4 m, F4 a, F4 b) { return select<float>(m, a, b); }
 VR_HD U4 select(M4 m, U4 a, U4 b) { return select<uint32_t>(m, a, b); }
 VR_HD M4 and_less(M4 m, F4 a, F4 b) { return m & (a < b); }
+VR_HD M4 and_less_equal(M4 m, F4 a, F4 b) { return m & (a <= b); }
 VR_HD bool any(M4 m) { return m.m != 0; }
 VR_HD bool none(M4 m) { return m.m == 0; }
 VR_HD uint32_t bits(M4 m) { return m.m; }

@@ -45,9 +45,7 @@ VR_HD U8 operator|(U8 a, U8 b) { return _mm256_or_si256(a.v, b.v); }
 VR_HD U8 operator^(U8 a, U8 b) { return _mm256_xor_si256(a.v, b.v); }
 VR_HD U8 operator>>(U8 a, int n) { return _mm256_srli_epi32(a.v, n); }
 VR_HD U8 operator<<(U8 a, int n) { return _mm256_slli_epi32(a.v, n); }
-VR_HD M8 operator==(U8 a, U8 b) {
-    return {_mm256_castsi256_ps(_mm256_cmpeq_epi32(a.v, b.v))};
-}
+VR_HD M8 operator==(U8 a, U8 b) { return {_mm256_castsi256_ps(_mm256_cmpeq_epi32(a.v, b.v))}; }
 VR_HD M8 operator<(U8 a, U8 b) {
     const __m256i top = _mm256_set1_epi32(static_cast<int>(0x80000000u));
     return {_mm256_castsi256_ps(
@@ -70,6 +68,7 @@ VR_HD U8 select(M8 m, U8 a, U8 b) {
         _mm256_blendv_ps(_mm256_castsi256_ps(b.v), _mm256_castsi256_ps(a.v), m.m));
 }
 VR_HD M8 and_less(M8 m, F8 a, F8 b) { return m & (a < b); }
+VR_HD M8 and_less_equal(M8 m, F8 a, F8 b) { return m & (a <= b); }
 VR_HD uint32_t bits(M8 m) { return static_cast<uint32_t>(_mm256_movemask_ps(m.m)); }
 VR_HD bool any(M8 m) { return bits(m) != 0; }
 VR_HD bool none(M8 m) { return bits(m) == 0; }

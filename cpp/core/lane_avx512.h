@@ -66,6 +66,9 @@ VR_HD U16 select(M16 m, U16 a, U16 b) { return _mm512_mask_blend_epi32(m.m, b.v,
 VR_HD M16 and_less(M16 m, F16 a, F16 b) {
     return {_mm512_mask_cmp_ps_mask(m.m, a.v, b.v, _CMP_LT_OQ)};
 }
+VR_HD M16 and_less_equal(M16 m, F16 a, F16 b) {
+    return {_mm512_mask_cmp_ps_mask(m.m, a.v, b.v, _CMP_LE_OQ)};
+}
 VR_HD bool any(M16 m) { return m.m != 0; }
 VR_HD bool none(M16 m) { return m.m == 0; }
 VR_HD uint32_t bits(M16 m) { return m.m; }

@@ -22,11 +22,11 @@ VR_HD void sincos_2pi(F u, F& s, F& c) {
     const F sin_r =
         r * fma(r2, fma(r2, fma(r2, F(-0x1.2d9302p-8f), F(0x1.465e92p-4f)), F(-0x1.4abbbap-1f)),
                 F(0x1.921fb6p+0f));
-    const F cos_r = fma(
-        r2,
-        fma(r2, fma(r2, fma(r2, F(0x1.d99f54p-11f), F(-0x1.55c4eap-6f)), F(0x1.03c1dap-2f)),
-            F(-0x1.3bd3ccp+0f)),
-        F(1.f));
+    const F cos_r =
+        fma(r2,
+            fma(r2, fma(r2, fma(r2, F(0x1.d99f54p-11f), F(-0x1.55c4eap-6f)), F(0x1.03c1dap-2f)),
+                F(-0x1.3bd3ccp+0f)),
+            F(1.f));
     using U = decltype(as_uint(u));
     const auto odd = (q & U(1u)) == U(1u);
     s = as_float(as_uint(select(odd, cos_r, sin_r)) ^ ((q & U(2u)) << 30));

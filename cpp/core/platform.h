@@ -22,6 +22,13 @@
 #define VR_DEVICE_CODE 0
 #endif
 
+// Before a loop that the device compiler must not unroll.
+#if VR_CUDA
+#define VR_ROLLED _Pragma("unroll 1")
+#else
+#define VR_ROLLED
+#endif
+
 namespace veriray {
 
 // acc += value on integers shared between threads: order never shows in the result.

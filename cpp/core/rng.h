@@ -34,17 +34,17 @@ struct RandomKey {
     uint32_t k0, k1;
 };
 VR_HD RandomKey random_key(uint64_t seed, uint32_t sample_high) {
-    const Block<uint32_t> h =
-        hash(Block<uint32_t>{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32),
-                             sample_high, 0x76657269u});
+    const Block<uint32_t> h = hash(Block<uint32_t>{
+        static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32), sample_high, 0x76657269u});
     return {h.x, h.y};
 }
 
-// Named dimensions. A block is four numbers; a path uses block kCamera once and two blocks a vertex.
+// Named dimensions. A block is four numbers; a path uses block kCamera once and two blocks a
+// vertex.
 enum Dimension : uint32_t {
-    kCamera = 0,       // film x, film y, lens u, lens v
-    kScatter = 1,      // light u, light v, bsdf u, bsdf v
-    kDecide = 2,       // light choice, roulette, lobe, free
+    kCamera = 0,   // film x, film y, lens u, lens v
+    kScatter = 1,  // light u, light v, bsdf u, bsdf v
+    kDecide = 2,   // light choice, roulette, lobe, free
     kBlocksPerVertex = 2,
 };
 VR_HD uint32_t dimension_block(uint32_t depth, Dimension d) { return depth * kBlocksPerVertex + d; }

@@ -44,8 +44,7 @@ VR_HD F dot(Vec3<F> a, Vec3<F> b) {
 }
 template <class F>
 VR_HD Vec3<F> cross(Vec3<F> a, Vec3<F> b) {
-    return {fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)),
-            fma(a.x, b.y, -(a.y * b.x))};
+    return {fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)), fma(a.x, b.y, -(a.y * b.x))};
 }
 template <class F>
 VR_HD F max_component(Vec3<F> a) {

@@ -1,10 +1,11 @@
 // The film: per pixel and channel the exact sums of the samples and of their squares.
 //
-// A sample x (radiance) enters as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit integers,
-// e being the binary exponent of the scene's largest radiance. Integer addition is associative, so
-// any order, split, merge or resume gives the same film, no sum drifts, and threads need no order.
-// Resolution 2^-72 of the largest radiance a sample; a sample at or above 2^20 of it, negative or
-// not finite is not added but counted and reported (SampleFault).
+// A sample x (radiance) enters as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit
+// integers, e being the binary exponent of the scene's largest radiance. Integer addition is
+// associative, so any order, split, merge or resume gives the same film, no sum drifts, and threads
+// need no order. Resolution 2^-72 of the largest radiance a sample (its square 2^-76: the standard
+// error of pixels below 2^-38 of the largest radiance reads 0); a sample at or above 2^20 of it,
+// negative or not finite is not added but counted and reported (SampleFault).
 #pragma once
 
 #include "core/fixed.h"

@@ -6,7 +6,8 @@
 namespace veriray {
 
 enum class FilterKind : uint32_t { kBox, kTent, kTable };
-inline constexpr uint32_t kFilterTable = 256;  // cells of equal probability, kFilterTable + 1 edges
+inline constexpr uint32_t kFilterTable =
+    4096;  // cells of equal probability, kFilterTable + 1 edges
 
 struct FilterView {
     FilterKind kind;

@@ -55,8 +55,8 @@ template <class L, class Limit, class Leaf>
 VR_HD void walk(const BvhView& bvh, const Ray<L>& ray, typename L::M active, Limit limit,
                 Leaf leaf) {
     using F = typename L::F;
-    const BoxRay<L> r{ray.o, {finite_inverse(ray.d.x), finite_inverse(ray.d.y),
-                          finite_inverse(ray.d.z)}};
+    const BoxRay<L> r{ray.o,
+                      {finite_inverse(ray.d.x), finite_inverse(ray.d.y), finite_inverse(ray.d.z)}};
     uint32_t stack[kBvhStack], size = 0, node = 0;
     for (;;) {
         if (node & kLeafFlag) {
@@ -95,8 +95,7 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::M a
                 const float* tri = bvh.triangles + static_cast<uint64_t>(i) * kTriangleFloats;
                 const auto inside = inside_triangle<L>(tri, ray, pr);
                 if (any(inside))
-                    keep_closest<L>(hit, inside, plane_distance<L>(tri + 9, ray.o, -ray.d),
-                                    bvh.order[i]);
+                    keep_closest<L>(hit, inside, plane_distance<L>(tri + 9, ray), bvh.order[i]);
             }
             return false;
         });
@@ -115,7 +114,7 @@ VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typen
             for (uint32_t i = first; i < first + n; ++i) {
                 const float* tri = bvh.triangles + static_cast<uint64_t>(i) * kTriangleFloats;
                 const auto inside = inside_triangle<L>(tri, ray, pr);
-                const F t = plane_distance<L>(tri + 9, ray.o, -ray.d);
+                const F t = plane_distance<L>(tri + 9, ray);
                 blocked = blocked | (active & inside & (t > F(0.f)) & (t < t_max));
             }
             return none(active & !blocked);

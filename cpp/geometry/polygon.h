@@ -10,23 +10,27 @@
 
 namespace veriray {
 
-inline constexpr uint32_t kMaxFlat = 64;       // primitives for which no tree is built
-inline constexpr uint32_t kQuadFloats = 12;    // plane, {U, w}, {V, w}: |U.p + w| <= 1
-inline constexpr uint32_t kPolygonFloats = 20; // plane, four edges e.p + w >= 0
+inline constexpr uint32_t kMaxFlat = 64;        // primitives for which no tree is built
+inline constexpr uint32_t kQuadFloats = 12;     // plane, {U, w}, {V, w}: |U.p + w| <= 1
+inline constexpr uint32_t kPolygonFloats = 20;  // plane, four edges e.p + w >= 0
 inline constexpr float kEdgeSlack = 0x1p-20f;
 
-template <class L>
-VR_HD typename L::M inside_quad(const float* q, Vec3<typename L::F> p) {
+// Whether a ray meets the primitive at 0 < t < t_max, and where. A ray within the plane has an
+// infinite or NaN t: neither passes.
+template <class L, uint32_t kEdges>
+VR_HD typename L::M meets_flat(const float* record, const Ray<L>& ray, typename L::F t_max,
+                               typename L::F& t) {
     using F = typename L::F;
-    return max(abs(height_over<L>(q + 4, p)), abs(height_over<L>(q + 8, p))) <= F(1.f);
-}
-
-template <class L>
-VR_HD typename L::M inside_polygon(const float* q, Vec3<typename L::F> p) {
-    using F = typename L::F;
-    const F a = min(height_over<L>(q + 4, p), height_over<L>(q + 8, p));
-    const F b = min(height_over<L>(q + 12, p), height_over<L>(q + 16, p));
-    return min(a, b) >= F(0.f);
+    t = plane_distance<L>(record, ray);
+    const Vec3<F> p = ray.at(t);
+    F e[kEdges];
+    for (uint32_t k = 0; k < kEdges; ++k) e[k] = height_over<L>(record + 4 + 4 * k, p);
+    typename L::M inside;
+    if constexpr (kEdges == 2)  // slabs
+        inside = and_less_equal(abs(e[0]) <= F(1.f), abs(e[1]), F(1.f));
+    else
+        inside = min(min(e[0], e[1]), min(e[2], e[3])) >= F(0.f);
+    return and_less(and_less(inside, F(0.f), t), t, t_max);
 }
 
 }  // namespace veriray

@@ -37,12 +37,10 @@ VR_HD typename L::F height_over(const float* plane, Vec3<typename L::F> p) {
     return fma(F(plane[2]), p.z, fma(F(plane[1]), p.y, fma(F(plane[0]), p.x, F(plane[3]))));
 }
 
-// Distance along the ray from o against `reverse` = -d to the plane n.p + w = 0; infinite or NaN
-// for a ray within it.
+// Distance along the ray to the plane n.p + w = 0; infinite or NaN for a ray within it.
 template <class L>
-VR_HD typename L::F plane_distance(const float* plane, Vec3<typename L::F> o,
-                                   Vec3<typename L::F> reverse) {
-    return height_over<L>(plane, o) / dot(broadcast<typename L::F>(plane), reverse);
+VR_HD typename L::F plane_distance(const float* plane, const Ray<L>& ray) {
+    return -height_over<L>(plane, ray.o) / dot(broadcast<typename L::F>(plane), ray.d);
 }
 
 }  // namespace veriray

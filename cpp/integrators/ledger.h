@@ -9,12 +9,12 @@ namespace veriray {
 
 enum LedgerColumn : uint32_t {
     kLive,
-    kEscaped,      // met nothing
-    kEmitterEnd,   // met the front of an emitter that reflects nothing
-    kAbsorbed,     // met a black surface, or the back of a one-sided one
-    kRrKilled,     // ended by roulette at this vertex
-    kDepthCut,     // may not scatter here: max_depth
-    kInvalid,      // the path's sample was refused by the film
+    kEscaped,     // met nothing
+    kEmitterEnd,  // met the front of an emitter that reflects nothing
+    kAbsorbed,    // met a black surface, or the back of a one-sided one
+    kRrKilled,    // ended by roulette at this vertex
+    kDepthCut,    // may not scatter here: max_depth
+    kInvalid,     // the path's sample was refused by the film
     kShadowVisible,
     kShadowOccluded,
     kLedgerColumns,

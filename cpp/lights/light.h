@@ -10,22 +10,22 @@ inline constexpr float kShadowShorten = 1.f - 0x1p-21f;
 
 // Columns of the light table (one row per emitting primitive).
 enum LightColumn : uint32_t {
-    kLightP,                // a vertex: 3 columns
-    kLightE1 = kLightP + 3, // edges from it: 3 columns each
+    kLightP,                 // a vertex: 3 columns
+    kLightE1 = kLightP + 3,  // edges from it: 3 columns each
     kLightE2 = kLightE1 + 3,
-    kLightN = kLightE2 + 3, // unit normal of the emitting side
-    kLightOffset = kLightN + 3, // shift along the normal past the rounding of a point (see below)
-    kLightTriangle,         // 1 for a triangle, 0 for a parallelogram
-    kLightPdfArea,          // choice probability / area
-    kLightRadiance,         // 3 columns
+    kLightN = kLightE2 + 3,      // unit normal of the emitting side
+    kLightOffset = kLightN + 3,  // shift along the normal past the rounding of a point (see below)
+    kLightTriangle,              // 1 for a triangle, 0 for a parallelogram
+    kLightPdfArea,               // choice probability / area
+    kLightRadiance,              // 3 columns
     kLightColumns = kLightRadiance + 3,
 };
 
 struct LightView {
-    const float* table;       // [column][stride]
-    const uint32_t* cdf;      // upper ends of the choice intervals in units of 2^-24; last is 2^24
+    const float* table;   // [column][stride]
+    const uint32_t* cdf;  // upper ends of the choice intervals in units of 2^-24; last is 2^24
     uint32_t stride, count;
-    uint32_t top_step;        // largest power of two <= count
+    uint32_t top_step;  // largest power of two <= count
     float environment[3];
     uint32_t environment_share;  // of 2^24: probability of choosing the environment
 };

@@ -1,5 +1,5 @@
-// Binned surface-area-heuristic builder. I. Wald, "On fast Construction of SAH-based Bounding Volume
-// Hierarchies", 2007.
+// Binned surface-area-heuristic builder. I. Wald, "On fast Construction of SAH-based Bounding
+// Volume Hierarchies", 2007.
 #include <algorithm>
 #include <limits>
 #include <numeric>
@@ -27,11 +27,14 @@ struct Builder {
     const std::vector<float>&lo, &hi;
     BuiltBvh out;
 
-    float centre(uint32_t p, int axis) const { return 0.5f * (lo[3 * p + axis] + hi[3 * p + axis]); }
+    float centre(uint32_t p, int axis) const {
+        return 0.5f * (lo[3 * p + axis] + hi[3 * p + axis]);
+    }
 
     Box bounds(uint32_t first, uint32_t last) const {
         Box b;
-        for (uint32_t i = first; i < last; ++i) b.grow(&lo[3 * out.order[i]], &hi[3 * out.order[i]]);
+        for (uint32_t i = first; i < last; ++i)
+            b.grow(&lo[3 * out.order[i]], &hi[3 * out.order[i]]);
         return b;
     }
 

@@ -91,8 +91,7 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
 namespace {
 void write_plane(const Flat& f, float* out) {
     const Double3 n = normalised(f.area_vector());
-    const float nf[3] = {static_cast<float>(n.x), static_cast<float>(n.y),
-                         static_cast<float>(n.z)};
+    const float nf[3] = {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)};
     double offset = 0;
     for (uint32_t k = 0; k < f.corners; ++k)
         offset += (nf[0] * f.v[k].x + nf[1] * f.v[k].y + nf[2] * f.v[k].z) / f.corners;

@@ -31,8 +31,9 @@ void check(const SceneInput& in) {
         if (!std::isfinite(in.vertices[i])) fail("vertices", i / 3, "is not finite");
     for (size_t i = 0; i < 3 * in.triangle_count; ++i)
         if (in.triangles[i] >= in.vertex_count)
-            fail("triangles", i / 3, "has vertex " + std::to_string(in.triangles[i]) + " of " +
-                                         std::to_string(in.vertex_count));
+            fail("triangles", i / 3,
+                 "has vertex " + std::to_string(in.triangles[i]) + " of " +
+                     std::to_string(in.vertex_count));
     for (size_t i = 0; i < in.triangle_count; ++i) {
         if (in.triangle_material[i] >= in.material_count)
             fail("triangle_material", i, "is not a material");
@@ -44,17 +45,21 @@ void check(const SceneInput& in) {
             fail("reflectance", i / 3, "holds " + number(in.reflectance[i]) + "; allowed: [0, 1]");
     for (size_t i = 0; i < 3 * in.emission_count; ++i)
         if (!(in.emissions[i] >= 0 && std::isfinite(in.emissions[i])))
-            fail("emissions", i / 3, "holds " + number(in.emissions[i]) + "; allowed: finite, >= 0");
+            fail("emissions", i / 3,
+                 "holds " + number(in.emissions[i]) + "; allowed: finite, >= 0");
     for (float e : in.environment)
         if (!(e >= 0 && std::isfinite(e)))
-            throw std::invalid_argument("environment holds " + number(e) + "; allowed: finite, >= 0");
+            throw std::invalid_argument("environment holds " + number(e) +
+                                        "; allowed: finite, >= 0");
 }
 
 double power_weight(const float* rgb) {
     return static_cast<double>(rgb[0]) + static_cast<double>(rgb[1]) + static_cast<double>(rgb[2]);
 }
 
-uint32_t padded(size_t n) { return static_cast<uint32_t>(std::max<size_t>(32, (n + 15) / 16 * 16)); }
+uint32_t padded(size_t n) {
+    return static_cast<uint32_t>(std::max<size_t>(32, (n + 15) / 16 * 16));
+}
 
 }  // namespace
 
@@ -171,7 +176,10 @@ void HostScene::set_primitives(const SceneInput& in, const std::vector<Flat>& pr
         put(kPrimN, i, nf.x), put(kPrimN + 1, i, nf.y), put(kPrimN + 2, i, nf.z);
         put(kPrimPlane, i, -static_cast<double>(record[3]));
         put(kPrimS, i, s.x), put(kPrimS + 1, i, s.y), put(kPrimS + 2, i, s.z);
-        put(kPrimOffset, i, 0x1p-20 * terms + off);
+        double leave = 0x1p-20 * terms + off;
+        for (const bool widened : slack)  // not under the rim of a widened neighbour
+            if (widened) leave = std::max(leave, static_cast<double>(kEdgeSlack));
+        put(kPrimOffset, i, leave);
     }
     if (tree) {
         bvh = build_bvh(lo, hi);
@@ -233,7 +241,8 @@ void HostScene::set_lights(const SceneInput& in, const std::vector<Flat>& prims)
     l.count = static_cast<uint32_t>(lit.size());
     l.stride = padded(lit.size());
     light_table.assign(static_cast<size_t>(kLightColumns) * l.stride, 0.f);
-    if (lit.size() >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 emitting triangles");
+    if (lit.size() >= 1u << 22)
+        throw std::invalid_argument("more than 2^22 - 1 emitting triangles");
 
     const bool sky = power_weight(in.environment) > 0;
     std::copy_n(in.environment, 3, l.environment);
@@ -304,7 +313,8 @@ void HostScene::set_camera(const SceneInput& in) {
     const double* m = in.to_world;
     const Double3 left{m[0], m[4], m[8]}, up{m[1], m[5], m[9]}, forward{m[2], m[6], m[10]};
     const Double3 eye = (Double3{m[3], m[7], m[11]} - centre) * (1.0 / unit);
-    // Film position (u, v) in [0, 1]^2 looks along left tx (1 - 2 (u + px)) + up ty (1 - 2 (v + py))
+    // Film position (u, v) in [0, 1]^2 looks along left tx (1 - 2 (u + px)) + up ty (1 - 2 (v +
+    // py))
     // + forward.
     const Double3 corner = left * (in.tan_half_x * (1 - 2 * in.principal_x)) +
                            up * (in.tan_half_y * (1 - 2 * in.principal_y)) + forward;
@@ -321,7 +331,8 @@ void HostScene::set_camera(const SceneInput& in) {
     // Clipping that cuts nothing costs nothing: the scene's corners lie between the planes.
     double nearest = INFINITY, farthest = -INFINITY;
     for (size_t i = 0; i < in.vertex_count; ++i) {
-        const double z = dot(vertex(in, static_cast<uint32_t>(i)) - Double3{m[3], m[7], m[11]}, forward);
+        const double z =
+            dot(vertex(in, static_cast<uint32_t>(i)) - Double3{m[3], m[7], m[11]}, forward);
         nearest = std::min(nearest, z);
         farthest = std::max(farthest, z);
     }
@@ -353,7 +364,8 @@ void HostScene::set_filter(const SceneInput& in) {
         f.kind = FilterKind::kTent;
         f.radius = static_cast<float>(in.filter_parameter);
     } else if (in.filter == "gaussian") {
-        // exp(-x^2 / 2 s^2) - exp(-8) on |x| < 4 s, as Mitsuba's: edges of cells of equal probability.
+        // exp(-x^2 / 2 s^2) - exp(-8) on |x| < 4 s, as Mitsuba's: edges of cells of equal
+        // probability.
         f.kind = FilterKind::kTable;
         constexpr int kSteps = 1 << 16;
         std::vector<double> cdf(kSteps + 1, 0.0);

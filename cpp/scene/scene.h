@@ -82,9 +82,9 @@ class HostScene {
     HostScene(const HostScene&) = delete;
     HostScene& operator=(const HostScene&) = delete;
 
-    SceneView view;  // pointers into the tables below
-    double unit;     // world length of 1 normalised; a power of two
-    Double3 centre;  // world
+    SceneView view;        // pointers into the tables below
+    double unit;           // world length of 1 normalised; a power of two
+    Double3 centre;        // world
     uint32_t dropped = 0;  // triangles without area
     uint32_t width, height;
     std::vector<uint32_t> primitive_triangle;  // primitive -> first input triangle

@@ -14,30 +14,30 @@ namespace veriray {
 
 // Columns by primitive.
 enum PrimitiveColumn : uint32_t {
-    kPrimN,                  // unit normal of the front: 3 columns
-    kPrimPlane = kPrimN + 3, // n.p on the primitive
-    kPrimS,                  // unit tangent: 3 columns
-    kPrimOffset = kPrimS + 3,// distance to leave the plane by, past the rounding of a point on it
+    kPrimN,                    // unit normal of the front: 3 columns
+    kPrimPlane = kPrimN + 3,   // n.p on the primitive
+    kPrimS,                    // unit tangent: 3 columns
+    kPrimOffset = kPrimS + 3,  // distance to leave the plane by, past the rounding of a point on it
     kPrimColumns,
 };
 
 // Columns by surface (material and emission; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
-    kSurfaceAlbedo,                       // 3 columns
-    kSurfaceRadiance = kSurfaceAlbedo + 3,// emitted by the front: 3 columns
+    kSurfaceAlbedo,                           // 3 columns
+    kSurfaceRadiance = kSurfaceAlbedo + 3,    // emitted by the front: 3 columns
     kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
     kSurfaceColumns,
 };
 
 struct SceneView {
     uint32_t features;
-    uint32_t quad_count, polygon_count;  // primitives 0.. are quads, then polygons, then triangles
+    uint32_t quad_count, polygon_count;  // primitives: quads first, then polygons; or all triangles
     uint32_t primitive_count, primitive_stride;
     uint32_t surface_count, surface_stride;
-    const float* primitives;       // [column][primitive_stride]
-    const float* light_pdf_area;   // by primitive: choice probability / area; 0: no emitter
-    const uint32_t* surface_of;    // by primitive; null: the same index
-    const float* surfaces;         // [column][surface_stride]
+    const float* primitives;      // [column][primitive_stride]
+    const float* light_pdf_area;  // by primitive: choice probability / area; 0: no emitter
+    const uint32_t* surface_of;   // by primitive; null: the same index
+    const float* surfaces;        // [column][surface_stride]
     BvhView bvh;
     LightView lights;
     CameraView camera;

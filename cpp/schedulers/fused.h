@@ -15,8 +15,8 @@ struct FusedItems {
 // take() -> next item, or count when none is left or the render is cancelled.
 // record(depth, column) counts one event of the ledger.
 template <uint32_t kFeatures, class Take, class Record>
-VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& items,
-                     PixelSum& sum, Take take, Record record) {
+VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& items, PixelSum& sum,
+                     Take take, Record record) {
     using Tracer = PathTracer<Scalar, kFeatures>;
     PathState<Scalar> path;
     uint32_t sample = 0, sample_end = 0, depth = 0, pixel = 0;
@@ -34,8 +34,7 @@ VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& i
                 if (sample_end > job.samples) sample_end = job.samples;
             }
             path = Tracer::begin(scene, job.settings, pixel % job.film.width,
-                                 pixel / job.film.width, job.film.width,
-                                 job.sample_begin + sample);
+                                 pixel / job.film.width, job.film.width, job.sample_begin + sample);
             depth = 0;
         }
         const Events<Scalar> e = Tracer::bounce(scene, job.settings, path, depth, true);

@@ -24,12 +24,8 @@ inline constexpr size_t kBytesPerPath = 13 * sizeof(float) + 3 * sizeof(uint32_t
 
 VR_HD PathState<Scalar> load_path(const PathColumns& c, uint32_t i) {
     const auto f = [&](uint64_t k) { return c.floats[k * c.capacity + i]; };
-    return {c.uints[i],
-            c.uints[c.capacity + i],
-            {{f(0), f(1), f(2)}, {f(3), f(4), f(5)}},
-            {f(6), f(7), f(8)},
-            {f(9), f(10), f(11)},
-            f(12)};
+    return {c.uints[i],         c.uints[c.capacity + i], {{f(0), f(1), f(2)}, {f(3), f(4), f(5)}},
+            {f(6), f(7), f(8)}, {f(9), f(10), f(11)},    f(12)};
 }
 
 VR_HD void store_path(const PathColumns& c, uint32_t i, const PathState<Scalar>& p) {
@@ -55,9 +51,9 @@ VR_HD void thrust_begin(const SceneView& scene, const Job& job, const PathColumn
     const uint32_t sample = static_cast<uint32_t>(g / job.pixels());
     const uint32_t pixel = static_cast<uint32_t>(g - sample * job.pixels());
     store_path(paths, i,
-               PathTracer<Scalar, kFeatures>::begin(
-                   scene, job.settings, pixel % job.film.width, pixel / job.film.width,
-                   job.film.width, job.sample_begin + sample));
+               PathTracer<Scalar, kFeatures>::begin(scene, job.settings, pixel % job.film.width,
+                                                    pixel / job.film.width, job.film.width,
+                                                    job.sample_begin + sample));
     indices[i] = static_cast<int32_t>(i);
 }
 

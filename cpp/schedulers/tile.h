@@ -75,15 +75,16 @@ class Tile {
     }
 
     void store_path(uint32_t i, const PathState<Simd>& p, M m) {
-        const F f[13] = {p.ray.o.x,      p.ray.o.y,      p.ray.o.z,      p.ray.d.x,    p.ray.d.y,
-                         p.ray.d.z,      p.throughput.x, p.throughput.y, p.throughput.z, p.radiance.x,
-                         p.radiance.y,   p.radiance.z,   p.pdf_sa};
+        const F f[13] = {p.ray.o.x,    p.ray.o.y,      p.ray.o.z,      p.ray.d.x,      p.ray.d.y,
+                         p.ray.d.z,    p.throughput.x, p.throughput.y, p.throughput.z, p.radiance.x,
+                         p.radiance.y, p.radiance.z,   p.pdf_sa};
         for (int c = 0; c < 13; ++c) compress_store(floats_[c].data() + i, f[c], m);
         compress_store(uints_[0].data() + i, p.pixel, m);
         compress_store(uints_[1].data() + i, p.sample, m);
     }
 
-    // Bounces `live` paths given by path(i), keeps the survivors from slot 0 on, returns their count.
+    // Bounces `live` paths given by path(i), keeps the survivors from slot 0 on, returns their
+    // count.
     template <uint32_t kFeatures, class Path>
     uint32_t bounce_all(const SceneView& scene, const Job& job, uint32_t live, uint32_t depth,
                         LedgerRows& ledger, Path path_at) {

@@ -92,7 +92,8 @@ std::vector<T> to_vector(const Array<T>& a) {
 
 py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
                      const py::object& poll) {
-    // Ctrl-C and the callback are looked at on the calling thread; what they raise stops the render.
+    // Ctrl-C and the callback are looked at on the calling thread; what they raise stops the
+    // render.
     const Poll on_poll = [&](double share) {
         py::gil_scoped_acquire acquire;
         if (PyErr_CheckSignals() != 0) throw py::error_already_set();
@@ -107,14 +108,14 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
     const py::ssize_t depths = static_cast<py::ssize_t>(stats.ledger.size() / kLedgerColumns);
     py::list faults;
     for (const Fault& f : stats.faults)
-        faults.append(py::make_tuple(f.x, f.y, f.sample, f.radiance[0], f.radiance[1],
-                                     f.radiance[2]));
+        faults.append(
+            py::make_tuple(f.x, f.y, f.sample, f.radiance[0], f.radiance[1], f.radiance[2]));
     using namespace py::literals;
     return py::dict(
         "ledger"_a = to_array(stats.ledger, {depths, kLedgerColumns}),
         "blocks"_a = to_array(stats.blocks, {static_cast<py::ssize_t>(stats.blocks.size())}),
-        "depth_seconds"_a = to_array(stats.depth_seconds,
-                                     {static_cast<py::ssize_t>(stats.depth_seconds.size())}),
+        "depth_seconds"_a =
+            to_array(stats.depth_seconds, {static_cast<py::ssize_t>(stats.depth_seconds.size())}),
         "seconds"_a = stats.seconds, "nonfinite_samples"_a = stats.fault_count,
         "nonfinite"_a = faults, "launches"_a = stats.launches, "device"_a = stats.device,
         "scheduler"_a = s.scheduler, "features"_a = feature_names(stats.features),
@@ -178,8 +179,8 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         .def(py::init(&make_scene), "vertices"_a, "triangles"_a, "triangle_material"_a,
              "triangle_emission"_a, "reflectance"_a, "two_sided"_a, "emissions"_a, "environment"_a,
              "camera"_a, "film"_a, "device"_a = 0)
-        .def_property_readonly(
-            "features", [](const Scene& s) { return feature_names(s.host().view.features); })
+        .def_property_readonly("features",
+                               [](const Scene& s) { return feature_names(s.host().view.features); })
         .def_property_readonly("primitives",
                                [](const Scene& s) {
                                    const SceneView& v = s.host().view;
@@ -252,11 +253,11 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         const std::vector<float> y = eval_math(name, to_vector(x));
         return to_array(y, {static_cast<py::ssize_t>(y.size())});
     });
-    m.def("eval_mapping", [](const std::string& name, const Array<float>& u,
-                             const Array<float>& v) {
-        if (u.size() != v.size()) throw py::value_error("u and v must have the same length");
-        return to_array(eval_mapping(name, to_vector(u), to_vector(v)), {u.size(), 3});
-    });
+    m.def("eval_mapping",
+          [](const std::string& name, const Array<float>& u, const Array<float>& v) {
+              if (u.size() != v.size()) throw py::value_error("u and v must have the same length");
+              return to_array(eval_mapping(name, to_vector(u), to_vector(v)), {u.size(), 3});
+          });
     m.def("random", [](uint64_t seed, const Array<uint32_t>& pixel, const Array<uint64_t>& sample,
                        const Array<uint32_t>& block) {
         if (pixel.size() != sample.size() || pixel.size() != block.size())
@@ -264,15 +265,15 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         return to_array(random_words(seed, to_vector(pixel), to_vector(sample), to_vector(block)),
                         {pixel.size(), 4});
     });
-    m.def("intersect", [](const Scene& scene, const Array<double>& origins,
-                          const Array<double>& directions) {
-        need_shape(origins, "origins", {-1, 3});
-        need_shape(directions, "directions", {origins.shape(0), 3});
-        const py::ssize_t n = origins.shape(0);
-        py::array_t<float> t(n);
-        py::array_t<int32_t> triangle(n);
-        intersect(scene, origins.data(), directions.data(), static_cast<size_t>(n),
-                  t.mutable_data(), triangle.mutable_data());
-        return py::make_tuple(t, triangle);
-    });
+    m.def("intersect",
+          [](const Scene& scene, const Array<double>& origins, const Array<double>& directions) {
+              need_shape(origins, "origins", {-1, 3});
+              need_shape(directions, "directions", {origins.shape(0), 3});
+              const py::ssize_t n = origins.shape(0);
+              py::array_t<float> t(n);
+              py::array_t<int32_t> triangle(n);
+              intersect(scene, origins.data(), directions.data(), static_cast<size_t>(n),
+                        t.mutable_data(), triangle.mutable_data());
+              return py::make_tuple(t, triangle);
+          });
 }

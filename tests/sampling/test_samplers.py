@@ -1,0 +1,248 @@
+"""Samplers: chi-square of mappings, light choice, pixel filters and the camera.
+
+Chi-square over three grids (1 x 8, 8 x 4, 16 x 32) of the same points in the sampler's own
+coordinates: one fine grid alone accepts a density that is 1 % wrong. N = 400,000: sees 1 % in
+scale or tilt. Rates and confirmation as in tests/support.py.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+import veriray
+from tests.support import (
+    FAST,
+    agrees,
+    camera,
+    confirm,
+    grids,
+    make,
+    max_z,
+    native,
+    quad,
+    sidak,
+)
+
+pytestmark = pytest.mark.parametrize("device", FAST)
+N = 400_000
+Cells = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def azimuth(p: np.ndarray) -> np.ndarray:
+    return np.arctan2(p[:, 1], p[:, 0]) / (2 * np.pi) % 1.0
+
+
+#: From a point of the mapping to the unit square, by the cumulative distribution.
+INVERSE: dict[str, Cells] = {
+    "cosine_hemisphere": lambda p: (1 - p[:, 2] ** 2, azimuth(p)),
+    "uniform_sphere": lambda p: ((1 - p[:, 2]) / 2, azimuth(p)),
+    "uniform_triangle": lambda p: (
+        (p[:, 0] + p[:, 1]) ** 2,
+        p[:, 1] / np.maximum(p[:, 0] + p[:, 1], 1e-30),
+    ),
+}
+
+
+def random_points(device: str, name: str, n: int, seed: int) -> np.ndarray:
+    zero, index = np.zeros(n, np.uint32), np.arange(n)
+    words = native(device).random(seed, zero, index.astype(np.uint64), zero + 1)
+    u, v = ((words[:, k] >> 8).astype(np.float32) * np.float32(2.0**-24) for k in (2, 3))
+    return native(device).eval_mapping(name, u, v).astype(np.float64)
+
+
+@pytest.mark.parametrize("name", INVERSE)
+def test_mappings(device: str, name: str) -> None:
+    def p_value(effort: int, seed: int) -> float:
+        u, v = INVERSE[name](random_points(device, name, N // 4 * effort, seed))
+        return grids(np.clip(u, 0, 1), np.clip(v, 0, 1))
+
+    confirm(p_value)
+
+
+def test_moments(device: str) -> None:
+    """C9: E[cos] = 2/3, E[cos^2] = 1/2 of the cosine lobe; E[x] = 0; E of barycentrics 1/3.
+
+    n = 10^5: sees 0.5 %."""
+
+    def p_value(effort: int, seed: int) -> float:
+        n, z = 100_000 * effort, []
+        lobe = random_points(device, "cosine_hemisphere", n, seed)
+        sphere = random_points(device, "uniform_sphere", n, seed)
+        triangle = random_points(device, "uniform_triangle", n, seed)
+        for values, mean in (
+            (lobe[:, 2], 2 / 3), (lobe[:, 2] ** 2, 1 / 2), (lobe[:, 0], 0), (lobe[:, 1], 0),
+            (sphere[:, 2], 0), (sphere[:, 0], 0), (sphere[:, 2] ** 2, 1 / 3),
+            (triangle[:, 0], 1 / 3), (triangle[:, 1], 1 / 3), (triangle[:, 2], 1 / 3),
+        ):  # fmt: skip
+            z.append((values.mean() - mean) / values.std() * math.sqrt(n))
+        return max_z(np.array(z))
+
+    confirm(p_value)
+
+
+def test_planted_one_percent_is_found(device: str) -> None:
+    """A cosine lobe whose azimuth is tilted by 2 %, or shrunk by 1 %, fails the same test."""
+    p = random_points(device, "cosine_hemisphere", N, 1)
+    u, v = INVERSE["cosine_hemisphere"](p)
+    assert grids(u, v * 0.99) < 1e-6
+    assert grids(u, v + 0.02 / (2 * np.pi) * np.sin(2 * np.pi * v) ** 2) < 1e-3
+    assert grids(u**1.01, v) < 1e-3
+
+
+# ---- light choice ----
+
+
+def test_light_choice_is_binomial(device: str) -> None:
+    """Two lamps, of which a black plate hides the first: its share of shadow rays is occluded.
+
+    Choice in proportion to area times radiance, here 2 x 1 x 3 to 1 x 1 x 2: 3/4. Then with a sky:
+    half of the rays are its own, half of those above the horizon. Exact binomial; sees 0.2 %.
+    """
+    floor = quad([-9, -9, 0], [18, 0, 0], [0, 18, 0], 0.5)
+    lamps = [quad([-3, -0.5, 2], [0, 1, 0], [2, 0, 0], 0, 3.0),
+             quad([1, -0.5, 2], [0, 1, 0], [1, 0, 0], 0, [1.0, 2.0, 3.0])]  # fmt: skip
+    plate = quad([-2.2, -0.5, 1], [1.9, 0, 0], [0, 1, 0])
+    view = camera([0.4, 0.6, 0.4], [0, 0, 0])
+    share = 2 * 9 / (2 * 9 + 1 * 6)
+
+    def p_value(effort: int, seed: int) -> float:
+        n, p = N * effort, []
+        scene = make([floor, *lamps, plate], view, max_depth=2)
+        ledger = veriray.render(scene, spp=n, seed=seed, device=device).stats["ledger"]
+        hidden, free = ledger["shadow_occluded"][0], ledger["shadow_visible"][0]
+        assert hidden + free == n
+        p.append(stats.binomtest(hidden, n, share).pvalue)
+        scene = make([floor, *lamps], view, 0.5, max_depth=2)
+        ledger = veriray.render(scene, spp=n, seed=seed, device=device).stats["ledger"]
+        wanted = ledger["shadow_occluded"][0] + ledger["shadow_visible"][0]
+        p.append(stats.binomtest(wanted, n, 0.75).pvalue)
+        return sidak(min(p), 2)
+
+    confirm(p_value)
+
+
+def test_choice_among_many_lights(device: str) -> None:
+    """One of 100 lamps of radiance 1 to 100 is hidden in turn by being one-sided: its front is up.
+
+    Rays wanted: the share of the others. Binomial for nine lamps; sees 0.3 % of all rays.
+    """
+    floor = quad([-9, -9, 0], [18, 0, 0], [0, 18, 0], 0.5)
+    view = camera([0.4, 0.6, 0.4], [0, 0, 0])
+
+    def lamp(k: int, up: bool) -> object:
+        corner, a, b = [k % 10 - 5, k // 10 - 5, 2], [0.5, 0, 0], [0, 0.5, 0]
+        return quad(corner, a, b, 0, k + 1.0) if up else quad(corner, b, a, 0, k + 1.0)
+
+    def p_value(effort: int, seed: int) -> float:
+        n, p = 50_000 * effort, []
+        for turned in (0, 1, 2, 31, 50, 62, 63, 98, 99):
+            scene = make([floor, *(lamp(k, k == turned) for k in range(100))], view, max_depth=2)
+            ledger = veriray.render(scene, spp=n, seed=seed + turned, device=device).stats["ledger"]
+            wanted = ledger["shadow_occluded"][0] + ledger["shadow_visible"][0]
+            p.append(stats.binomtest(n - wanted, n, (turned + 1) / 5050).pvalue)
+        return sidak(min(p), 9)
+
+    confirm(p_value)
+
+
+# ---- pixel filters and the camera ----
+
+
+def distribution(name: str, parameter: float) -> Callable[[float], float]:
+    """Cumulative distribution of a filter about the pixel's centre, pixels; by formula."""
+    if name == "box":
+        return lambda x: min(max(x + 0.5, 0.0), 1.0)
+    if name == "tent":
+
+        def tent(x: float) -> float:
+            t = min(max(x / parameter, -1.0), 1.0)
+            return (1 + t) ** 2 / 2 if t < 0 else 1 - (1 - t) ** 2 / 2
+
+        return tent
+
+    def density(z: float) -> float:
+        return math.exp(-z * z / 2) - math.exp(-8) if abs(z) < 4 else 0.0
+
+    whole = integrate.quad(density, -4, 4)[0]
+    return lambda x: integrate.quad(density, -4, min(max(x / parameter, -4), 4))[0] / whole
+
+
+@pytest.mark.parametrize(("edge_x", "edge_y"), [(9.3, 7.7), (4.5, 3.02), (11.98, 5.25)])
+@pytest.mark.parametrize(
+    ("name", "parameter"), [("box", 0.5), ("tent", 1.0), ("tent", 1.7), ("gaussian", 0.5)]
+)
+def test_a24_filters(
+    device: str, name: str, parameter: float, edge_x: float, edge_y: float
+) -> None:
+    """A bright half plane whose corner falls on (edge_x, edge_y) of a 16 x 12 film.
+
+    Every pixel must hold the part of its filter beyond both edges: finds shifts, flips, aspect,
+    field of view, jitter and filter errors. 25,000 samples a pixel: sees 0.015 pixel.
+    """
+    width, height, fov = 16, 12, 50.0
+    tan_x = math.tan(math.radians(fov / 2))
+    tan_y = tan_x * height / width
+    x = tan_x * (1 - 2 * edge_x / width)
+    y = tan_y * (1 - 2 * edge_y / height)
+    # The film's right is local -X, its bottom local -Y; the front faces the camera.
+    plane = quad([x, y, 1], [0, -9, 0], [-9, 0, 0], 0, 1.0)
+    view = veriray.Camera(np.eye(4), fov)
+    scene = make([plane], view, 0.0, width, height, name, None if name == "box" else parameter)
+    cdf = distribution(name, parameter)
+    right = np.array([1 - cdf(edge_x - (i + 0.5)) for i in range(width)])
+    below = np.array([1 - cdf(edge_y - (j + 0.5)) for j in range(height)])
+    exact = np.outer(below, right)
+    table = 1e-4 if name == "gaussian" else 0.0  # margin: it is drawn from a table
+
+    def p_value(effort: int, seed: int) -> float:
+        n = 25_000 * effort
+        image = veriray.render(scene, spp=n, seed=seed, device=device).image[:, :, 0]
+        hits = np.rint(image.astype(np.float64) * n)
+        certain = (exact < 1e-12) | (exact > 1 - 1e-12)
+        assert (image[certain] == np.rint(exact[certain])).all()
+        nearest = np.clip(hits / n, np.maximum(exact - table, 0), np.minimum(exact + table, 1))
+        p = [stats.binomtest(int(h), n, e).pvalue
+             for h, e in zip(hits[~certain], nearest[~certain], strict=True)]  # fmt: skip
+        return sidak(min(p), len(p))
+
+    confirm(p_value)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "diagonal", "smaller", "larger"])
+def test_a24_field_of_view_and_offset(device: str, axis: str) -> None:
+    """A bright square 30 degrees wide: `fov` is measured along its axis, offsets shift it."""
+    width, height = 40, 24
+    offset = (0.1, -0.05)
+    view = veriray.Camera(np.eye(4), 90.0, axis, principal_point_offset=np.array(offset))
+    size = {"x": width, "y": height, "diagonal": math.hypot(width, height),
+            "smaller": height, "larger": width}[axis]  # fmt: skip
+    t = math.tan(math.radians(15))
+    scene = make(
+        [quad([-t, -t, 1], [0, 2 * t, 0], [2 * t, 0, 0], 0, 1.0)], view, 0.0, width, height
+    )
+    half = t * size / 2
+    centre = (width * (0.5 - offset[0]), height * (0.5 - offset[1]))
+    cover = []
+    for c, n in zip(centre, (width, height), strict=True):
+        left = np.arange(n)
+        cover.append(np.clip(np.minimum(left + 1, c + half) - np.maximum(left, c - half), 0, 1))
+    agrees_with = np.outer(cover[1], cover[0])[..., None]
+    image = veriray.render(scene, spp=4000, device=device).image
+    assert np.abs(image - agrees_with).max() < 5 * 0.5 / math.sqrt(4000)
+    assert (image[agrees_with[..., 0] == 0] == 0).all()
+    assert (image[agrees_with[..., 0] == 1] == 1).all()
+
+
+def test_clipping(device: str) -> None:
+    """near_clip and far_clip are planes: three screens at 1, 2, 3 seen between them."""
+    screens = [quad([-9, -9, z], [0, 18, 0], [18, 0, 0], 0, float(z)) for z in (1, 2, 3)]
+    for near, far, shown in ((0.0, math.inf, 1), (0.5, 9.0, 1), (1.5, math.inf, 2), (2.5, 9.0, 3),
+                             (2.5, 2.9, 0), (3.5, 9.0, 0), (0.1, 0.9, 0)):  # fmt: skip
+        view = veriray.Camera(np.eye(4), 100.0, "x", near, far)
+        scene = make(screens, view, 0.0, 8, 6)
+        agrees(scene, shown, device, 50, sees=1e-3)

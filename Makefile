@@ -20,7 +20,7 @@ SOURCES := $(shell find cpp python scenes -type f -not -name '*.pyc' -not -name 
 LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5
 SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
-CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name '*.cu')
+CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name "*.cu" -o -name "*.cuh")
 
 ifndef VERIRAY_CUDA_ARCH
 VERIRAY_CUDA_ARCH := $(shell nvidia-smi --query-gpu=compute_cap --format=csv,noheader 2>/dev/null \

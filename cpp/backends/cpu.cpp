@@ -50,14 +50,6 @@ void Film::clear() {
     impl->view.scale = 0;
 }
 
-namespace {
-void match_scale(float& scale, float other) {
-    if (scale == 0) scale = other;
-    if (other != 0 && scale != other)
-        throw std::invalid_argument("the film holds samples of a scene of another brightness");
-}
-}  // namespace
-
 void Film::add(const Film& other) {
     if (other.width() != width() || other.height() != height())
         throw std::invalid_argument("films of different sizes cannot be added");

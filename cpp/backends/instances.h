@@ -42,6 +42,13 @@ inline void check_settings(const RenderSettings& s, const HostScene& scene, cons
              std::to_string(scene.width) + " x " + std::to_string(scene.height));
 }
 
+// A film holds samples of one scale; the first render sets it.
+inline void match_scale(float& scale, float other) {
+    if (scale == 0) scale = other;
+    if (other != 0 && scale != other)
+        throw std::invalid_argument("the film holds samples of a scene of another brightness");
+}
+
 // Calls fn(settings, begin, samples) for the parts of the sample range that share the upper 32
 // bits.
 template <class Fn>

@@ -18,7 +18,7 @@ from .scene import cornell_box
 #: The self-test: the measured Cornell box at this size, seed 0, the scene file's depths.
 SELF_TEST: dict[str, Any] = {"width": 64, "height": 64, "spp": 4}
 #: Its film hash (`veriray.render.film_hash`) on every device; None: not recorded yet.
-EXPECTED_SHA256: str | None = None
+EXPECTED_SHA256 = "888c8eaff2af66ca9d5d948575bba0de6c946bcd40f87ce19555ef9747b1608d"
 
 
 def examine(self_test: bool = True) -> dict[str, Any]:

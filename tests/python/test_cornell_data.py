@@ -24,7 +24,7 @@ CHECKSUMS = {
 
 @pytest.fixture(scope="module")
 def make():
-    path = Path(FOLDER) / "make.py"
+    path = Path(__file__).parents[2] / "scenes" / "cornell" / "make.py"
     spec = importlib.util.spec_from_file_location("cornell_make", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -13,8 +13,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+import veriray
 from tests.python.test_cli import BAD, RENDER
 
+PACKAGE = str(Path(veriray.__file__).parent)
 TABLE = Path(__file__).with_name("bad_inputs.md")
 SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/>'
@@ -91,7 +93,7 @@ def main() -> None:
             assert ok and sorted(os.listdir(folder)) == before, (arguments, done)
             shown = " ".join(a if len(a) < 60 else a[:20] + "..." for a in arguments)
             cells = [
-                c.replace("|", "\\|").replace(str(folder.resolve()), ".").replace(name, ".")
+                c.replace("|", "\\|").replace(name, ".").replace(PACKAGE, "veriray")
                 for c in (shown, answer.removeprefix("veriray: error: ").strip())
             ]
             lines.append(f"| `{cells[0]}` | {cells[1]} |")

@@ -1,7 +1,7 @@
 """What compute-sanitizer watches: every kernel, both schedulers, flat scenes and a tree.
 
-    compute-sanitizer --tool memcheck --error-exitcode 1 python benchmarks/sanitizer_target.py
-    (likewise --tool racecheck, --tool initcheck, --tool synccheck)
+compute-sanitizer --tool memcheck --error-exitcode 1 python benchmarks/sanitizer_target.py
+(likewise --tool racecheck, --tool initcheck, --tool synccheck)
 """
 
 from __future__ import annotations

@@ -156,8 +156,8 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
                    std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
     const uint64_t wanted = s.batch ? s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
     const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    auto floats = pool_memory<float>(13ull * pool, "path pool");
-    auto uints = pool_memory<uint32_t>(2ull * pool, "path pool");
+    auto floats = pool_memory<float>(static_cast<size_t>(kPathFloats) * pool, "path pool");
+    auto uints = pool_memory<uint32_t>(static_cast<size_t>(kPathUints) * pool, "path pool");
     auto index = pool_memory<int32_t>(pool, "path pool");
     const PathColumns paths{floats.data(), uints.data(), pool};
     bool complete = false;

@@ -331,8 +331,8 @@ struct DeviceExec {
 bool render_thrust(const Launches& l, const Job& job) {
     const uint64_t wanted = l.s.batch ? l.s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
     const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    Buffer<float> floats(13ull * pool, "path pool");
-    Buffer<uint32_t> uints(2ull * pool, "path pool");
+    Buffer<float> floats(static_cast<size_t>(kPathFloats) * pool, "path pool");
+    Buffer<uint32_t> uints(static_cast<size_t>(kPathUints) * pool, "path pool");
     Buffer<int32_t> index(pool, "path pool");
     bool complete = false;
     with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {

@@ -26,6 +26,31 @@ struct PathState {
     typename L::F pdf_sa;  // of the ray's direction; 0 where no light sample competes (camera)
 };
 
+// The state as columns of memory: the one list of its fields, for the schedulers that store it.
+inline constexpr uint32_t kPathFloats = 13, kPathUints = 2;
+
+// load_float(column), load_uint(column) -> lanes.
+template <class L, class LoadFloat, class LoadUint>
+VR_HD PathState<L> read_path(LoadFloat f, LoadUint u) {
+    return {u(0),
+            u(1),
+            {{f(0), f(1), f(2)}, {f(3), f(4), f(5)}},
+            {f(6), f(7), f(8)},
+            {f(9), f(10), f(11)},
+            f(12)};
+}
+
+// store(column, lanes) for both kinds.
+template <class L, class StoreFloat, class StoreUint>
+VR_HD void write_path(const PathState<L>& p, StoreFloat f, StoreUint u) {
+    f(0, p.ray.o.x), f(1, p.ray.o.y), f(2, p.ray.o.z);
+    f(3, p.ray.d.x), f(4, p.ray.d.y), f(5, p.ray.d.z);
+    f(6, p.throughput.x), f(7, p.throughput.y), f(8, p.throughput.z);
+    f(9, p.radiance.x), f(10, p.radiance.y), f(11, p.radiance.z);
+    f(12, p.pdf_sa);
+    u(0, p.pixel), u(1, p.sample);
+}
+
 template <class L>
 struct ShadowRequest {
     typename L::M wanted;

@@ -16,25 +16,20 @@ inline constexpr uint32_t kThrustBlock = 256;
 
 // The ray array: paths as columns.
 struct PathColumns {
-    float* floats;    // [13][capacity]
-    uint32_t* uints;  // [2][capacity]
+    float* floats;    // [kPathFloats][capacity]
+    uint32_t* uints;  // [kPathUints][capacity]
     uint32_t capacity;
 };
-inline constexpr size_t kBytesPerPath = 13 * sizeof(float) + 3 * sizeof(uint32_t);
 
 VR_HD PathState<Scalar> load_path(const PathColumns& c, uint32_t i) {
-    const auto f = [&](uint64_t k) { return c.floats[k * c.capacity + i]; };
-    return {c.uints[i],         c.uints[c.capacity + i], {{f(0), f(1), f(2)}, {f(3), f(4), f(5)}},
-            {f(6), f(7), f(8)}, {f(9), f(10), f(11)},    f(12)};
+    return read_path<Scalar>([&](uint64_t k) { return c.floats[k * c.capacity + i]; },
+                             [&](uint64_t k) { return c.uints[k * c.capacity + i]; });
 }
 
 VR_HD void store_path(const PathColumns& c, uint32_t i, const PathState<Scalar>& p) {
-    const float f[13] = {p.ray.o.x,    p.ray.o.y,      p.ray.o.z,      p.ray.d.x,      p.ray.d.y,
-                         p.ray.d.z,    p.throughput.x, p.throughput.y, p.throughput.z, p.radiance.x,
-                         p.radiance.y, p.radiance.z,   p.pdf_sa};
-    for (uint64_t k = 0; k < 13; ++k) c.floats[k * c.capacity + i] = f[k];
-    c.uints[i] = p.pixel;
-    c.uints[c.capacity + i] = p.sample;
+    write_path(
+        p, [&](uint64_t k, float x) { c.floats[k * c.capacity + i] = x; },
+        [&](uint64_t k, uint32_t x) { c.uints[k * c.capacity + i] = x; });
 }
 
 // What one path did in one launch, for the ledger.

@@ -59,28 +59,20 @@ class Tile {
     using U = Simd::U;
     using M = Simd::M;
 
-    std::vector<float> floats_[13];
-    std::vector<uint32_t> uints_[2];
+    std::vector<float> floats_[kPathFloats];
+    std::vector<uint32_t> uints_[kPathUints];
     std::vector<PixelSum> sums_;
     uint32_t first_pixel_ = 0;
 
     PathState<Simd> load_path(uint32_t i) const {
-        const auto f = [&](int c) { return load(floats_[c].data() + i, F()); };
-        return {load(uints_[0].data() + i, U()),
-                load(uints_[1].data() + i, U()),
-                {{f(0), f(1), f(2)}, {f(3), f(4), f(5)}},
-                {f(6), f(7), f(8)},
-                {f(9), f(10), f(11)},
-                f(12)};
+        return read_path<Simd>([&](uint32_t c) { return load(floats_[c].data() + i, F()); },
+                               [&](uint32_t c) { return load(uints_[c].data() + i, U()); });
     }
 
     void store_path(uint32_t i, const PathState<Simd>& p, M m) {
-        const F f[13] = {p.ray.o.x,    p.ray.o.y,      p.ray.o.z,      p.ray.d.x,      p.ray.d.y,
-                         p.ray.d.z,    p.throughput.x, p.throughput.y, p.throughput.z, p.radiance.x,
-                         p.radiance.y, p.radiance.z,   p.pdf_sa};
-        for (int c = 0; c < 13; ++c) compress_store(floats_[c].data() + i, f[c], m);
-        compress_store(uints_[0].data() + i, p.pixel, m);
-        compress_store(uints_[1].data() + i, p.sample, m);
+        write_path(
+            p, [&](uint32_t c, F x) { compress_store(floats_[c].data() + i, x, m); },
+            [&](uint32_t c, U x) { compress_store(uints_[c].data() + i, x, m); });
     }
 
     // Bounces `live` paths given by path(i), keeps the survivors from slot 0 on, returns their

@@ -214,14 +214,18 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     std::vector<LedgerRows> ledgers(stats.threads);
     const auto start = std::chrono::steady_clock::now();
     bool complete = true;
-    for_sample_ranges(s, [&](const PathSettings& settings, uint32_t begin, uint32_t samples) {
-        if (!complete) return;
-        FaultLog faults{};
-        const Job job{settings, film.impl->view, &faults, begin, samples};
-        complete = s.scheduler == "thrust" ? render_thrust(host.view, job, s, ledgers, stats, poll)
-                                           : render_tiles(host.view, job, s, ledgers, stats, poll);
-        add_faults(stats, faults, film.width(), s.sample_begin >> 32);
-    });
+    const uint64_t pixels = static_cast<uint64_t>(film.width()) * film.height();
+    for_sample_ranges(s, pixels, poll,
+                      [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
+                          uint32_t upper, const Poll& part) {
+                          if (!complete) return;
+                          FaultLog faults{};
+                          const Job job{settings, film.impl->view, &faults, begin, samples};
+                          complete = s.scheduler == "thrust"
+                                         ? render_thrust(host.view, job, s, ledgers, stats, part)
+                                         : render_tiles(host.view, job, s, ledgers, stats, part);
+                          add_faults(stats, faults, film.width(), upper);
+                      });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     for (LedgerRows& rows : ledgers) {
@@ -230,7 +234,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     }
     const uint64_t samples = s.sample_end - s.sample_begin;
     film.impl->samples += samples;
-    complete_ledger(stats.ledger, samples * static_cast<uint64_t>(film.width()) * film.height());
+    complete_ledger(stats.ledger, samples * pixels);
     return stats;
 }
 
@@ -246,44 +250,47 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
     one.sample_begin = sample;
     one.sample_end = sample + 1;
     std::vector<PathVertex> out;
-    for_sample_ranges(one, [&](const PathSettings& settings, uint32_t low, uint32_t) {
-        PathState<Scalar> path = Tracer::begin(host.view, settings, x, y, host.width, low);
-        bool alive = true;
-        for (uint32_t depth = 0; alive; ++depth) {
-            const Ray<Scalar> ray = path.ray;
-            const Hit<Scalar> hit = Tracer::closest(host.view, ray, true);
-            PathVertex v{};
-            v.depth = depth;
-            const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};
-            const Events<Scalar> e = Tracer::bounce(host.view, settings, path, depth, true);
-            alive = e.alive;
-            static const char* const names[] = {"scattered", "escaped",   "emitter_end", "absorbed",
-                                                "rr_killed", "depth_cut", "invalid"};
-            v.event = names[cause_of(e)];
-            v.shadow = e.visible ? 1 : e.occluded ? 0 : -1;
-            v.triangle = -1;
-            const bool met = !e.escaped;
-            v.t = met ? static_cast<float>(hit.t * host.unit) : kInfinity;
-            const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
-            const float after[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
-            for (int k = 0; k < 3; ++k) {
-                const double at =
-                    static_cast<double>(o[k]) +
-                    (met ? static_cast<double>(hit.t) * static_cast<double>(d[k]) : 0);
-                v.position[k] = at * host.unit + host.centre[k];
-                v.direction[k] = d[k];
-                v.throughput[k] = before[k];
-                v.radiance[k] = after[k];
+    for_sample_ranges(
+        one, 1, {},
+        [&](const PathSettings& settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
+            PathState<Scalar> path = Tracer::begin(host.view, settings, x, y, host.width, low);
+            bool alive = true;
+            for (uint32_t depth = 0; alive; ++depth) {
+                const Ray<Scalar> ray = path.ray;
+                const Hit<Scalar> hit = Tracer::closest(host.view, ray, true);
+                PathVertex v{};
+                v.depth = depth;
+                const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};
+                const Events<Scalar> e = Tracer::bounce(host.view, settings, path, depth, true);
+                alive = e.alive;
+                static const char* const names[] = {"scattered", "escaped",   "emitter_end",
+                                                    "absorbed",  "rr_killed", "depth_cut",
+                                                    "invalid"};
+                v.event = names[cause_of(e)];
+                v.shadow = e.visible ? 1 : e.occluded ? 0 : -1;
+                v.triangle = -1;
+                const bool met = !e.escaped;
+                v.t = met ? static_cast<float>(hit.t * host.unit) : kInfinity;
+                const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
+                const float after[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
+                for (int k = 0; k < 3; ++k) {
+                    const double at =
+                        static_cast<double>(o[k]) +
+                        (met ? static_cast<double>(hit.t) * static_cast<double>(d[k]) : 0);
+                    v.position[k] = at * host.unit + host.centre[k];
+                    v.direction[k] = d[k];
+                    v.throughput[k] = before[k];
+                    v.radiance[k] = after[k];
+                }
+                if (met) {
+                    v.triangle = host.primitive_triangle[hit.primitive];
+                    for (uint32_t k = 0; k < 3; ++k)
+                        v.normal[k] = host.primitives[(kPrimN + k) * host.view.primitive_stride +
+                                                      hit.primitive];
+                }
+                out.push_back(v);
             }
-            if (met) {
-                v.triangle = host.primitive_triangle[hit.primitive];
-                for (uint32_t k = 0; k < 3; ++k)
-                    v.normal[k] =
-                        host.primitives[(kPrimN + k) * host.view.primitive_stride + hit.primitive];
-            }
-            out.push_back(v);
-        }
-    });
+        });
     return out;
 }
 

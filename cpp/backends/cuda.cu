@@ -1,6 +1,7 @@
 // The CUDA backend: memory, launches and errors; no radiance is computed here.
 #include <cuda_runtime.h>
 #include <thrust/execution_policy.h>
+#include <thrust/system_error.h>
 
 #include <chrono>
 #include <thread>
@@ -274,7 +275,8 @@ bool render_fused(const Launches& l, const Job& job) {
     if (l.s.batch) items.samples_per_item = std::clamp(l.s.batch / 65536u, 1u, 64u);
     const uint64_t runs = (job.samples + items.samples_per_item - 1) / items.samples_per_item;
     items.count = runs * job.pixels();
-    l.control.zero();
+    // In the stream's order: a non-blocking stream does not wait for the default one.
+    check(cudaMemsetAsync(l.control.get(), 0, sizeof(Control), l.work.s), "control");
     with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
         check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, fused_kernel<kFeatures>,
                                                             kFusedBlock, 0),
@@ -337,7 +339,14 @@ bool render_thrust(const Launches& l, const Job& job) {
     bool complete = false;
     with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
         DeviceExec<kFeatures> exec{l, job, {floats.get(), uints.get(), pool}, index.get()};
-        run_thrust(exec, job.paths(), pool, l.stats.blocks, l.stats.depth_seconds);
+        try {
+            run_thrust(exec, job.paths(), pool, l.stats.blocks, l.stats.depth_seconds);
+        } catch (const thrust::system_error& error) {
+            cudaGetLastError();
+            throw DeviceError(std::string("thrust: ") + error.what());
+        } catch (const std::bad_alloc& error) {
+            throw OutOfMemoryError(std::string("thrust: ") + error.what());
+        }
         check(cudaStreamSynchronize(l.work.s), "thrust");
         complete = !exec.stopped;
     });
@@ -367,25 +376,29 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
                             "ledger");
     Buffer<FaultLog> faults(1, "fault log");
     ledger.zero();
-    const Launches launches{*scene.impl, s, stats, work, side, control, ledger, poll};
     check(cudaDeviceSynchronize(), "prepare");
     const Clock::time_point start = Clock::now();
     bool complete = true;
-    for_sample_ranges(s, [&](const PathSettings& settings, uint32_t begin, uint32_t samples) {
-        if (!complete) return;
-        faults.zero();
-        check(cudaDeviceSynchronize(), "prepare");
-        const Job job{settings, film.impl->view, faults.get(), begin, samples};
-        complete =
-            s.scheduler == "thrust" ? render_thrust(launches, job) : render_fused(launches, job);
-        add_faults(stats, faults.download()[0], film.width(), s.sample_begin >> 32);
-    });
+    const uint64_t pixels = static_cast<uint64_t>(film.width()) * film.height();
+    for_sample_ranges(s, pixels, poll,
+                      [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
+                          uint32_t upper, const Poll& part) {
+                          if (!complete) return;
+                          const Launches launches{*scene.impl, s,       stats,  work,
+                                                  side,        control, ledger, part};
+                          faults.zero();
+                          check(cudaDeviceSynchronize(), "prepare");
+                          const Job job{settings, film.impl->view, faults.get(), begin, samples};
+                          complete = s.scheduler == "thrust" ? render_thrust(launches, job)
+                                                             : render_fused(launches, job);
+                          add_faults(stats, faults.download()[0], film.width(), upper);
+                      });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = seconds_since(start);
     stats.ledger = ledger.download();
     const uint64_t samples = s.sample_end - s.sample_begin;
     film.impl->samples += samples;
-    complete_ledger(stats.ledger, samples * static_cast<uint64_t>(film.width()) * film.height());
+    complete_ledger(stats.ledger, samples * pixels);
     return stats;
 }
 

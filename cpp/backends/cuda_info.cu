@@ -26,6 +26,10 @@ BuildInfo build_info() {
             1};
 }
 
+namespace {
+__global__ void probe_kernel() {}
+}  // namespace
+
 std::string why_unusable() {
     const std::string toolkit =
         std::to_string(CUDART_VERSION / 1000) + "." + std::to_string(CUDART_VERSION % 1000 / 10);
@@ -46,6 +50,14 @@ std::string why_unusable() {
         cudaGetLastError();
         return std::string("the driver answers ") + cudaGetErrorName(status) + " (" +
                cudaGetErrorString(status) + ")";
+    }
+    cudaFuncAttributes attributes{};
+    const cudaError_t image = cudaFuncGetAttributes(&attributes, probe_kernel);
+    if (image != cudaSuccess) {
+        cudaGetLastError();
+        return std::string("the code built for CUDA architectures " VR_CUDA_ARCHITECTURES
+                           " cannot be loaded on the device: ") +
+               cudaGetErrorName(image) + " (" + cudaGetErrorString(image) + ")";
     }
     return "";
 }

@@ -49,21 +49,31 @@ inline void match_scale(float& scale, float other) {
         throw std::invalid_argument("the film holds samples of a scene of another brightness");
 }
 
-// Calls fn(settings, begin, samples) for the parts of the sample range that share the upper 32
-// bits.
+// Paths of one job at most: its 32-bit counters cannot overflow.
+inline constexpr uint64_t kJobPaths = 1ull << 31;
+
+// Calls fn(settings, begin, samples, upper, poll) for the parts of the sample range: within a part
+// the upper 32 bits of the sample index are the same; poll gets the share of the whole.
 template <class Fn>
-void for_sample_ranges(const RenderSettings& s, Fn fn) {
+void for_sample_ranges(const RenderSettings& s, uint64_t pixels, const Poll& poll, Fn fn) {
+    const uint64_t largest = std::max<uint64_t>(1, kJobPaths / pixels);
     for (uint64_t at = s.sample_begin; at < s.sample_end;) {
         const uint64_t last = at | 0xffffffffull;
         const uint64_t end = s.sample_end - 1 <= last ? s.sample_end : last + 1;
+        const uint64_t samples = std::min(end - at, largest);
+        const uint32_t upper = static_cast<uint32_t>(at >> 32);
         PathSettings settings;
-        settings.key = random_key(s.seed, static_cast<uint32_t>(at >> 32));
+        settings.key = random_key(s.seed, upper);
         // 0 and 1 trace the camera segment alone.
         settings.max_depth = s.max_depth < 0 ? kHardMaxDepth : static_cast<uint32_t>(s.max_depth);
         settings.rr_depth = s.rr_depth;
-        const uint64_t most = std::min<uint64_t>(end - at, 0x7fffffffu);
-        fn(settings, static_cast<uint32_t>(at), static_cast<uint32_t>(most));
-        at += most;
+        const double before = static_cast<double>(at - s.sample_begin);
+        const double all = static_cast<double>(s.sample_end - s.sample_begin);
+        const Poll part = [&](double share) {
+            return !poll || poll((before + share * static_cast<double>(samples)) / all);
+        };
+        fn(settings, static_cast<uint32_t>(at), static_cast<uint32_t>(samples), upper, part);
+        at += samples;
     }
 }
 

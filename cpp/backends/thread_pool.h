@@ -1,6 +1,7 @@
 // Work on several threads while the calling one polls.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -8,6 +9,7 @@
 #include <exception>
 #include <functional>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -39,6 +41,7 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
         done.notify_one();
     };
     {
+        pool.reserve(static_cast<size_t>(std::min<uint64_t>(threads, units)));
         std::unique_lock lock(mutex);
         try {
             for (uint32_t k = 0; k < threads && k < units; ++k) {

@@ -16,20 +16,8 @@ struct Scalar {
 };
 
 // ---- scalar lane ----
-VR_HD float fma(float a, float b, float c) {
-#if VR_DEVICE_CODE
-    return __fmaf_rn(a, b, c);
-#else
-    return __builtin_fmaf(a, b, c);
-#endif
-}
-VR_HD float sqrt(float a) {
-#if VR_DEVICE_CODE
-    return __fsqrt_rn(a);
-#else
-    return __builtin_sqrtf(a);
-#endif
-}
+VR_HD float fma(float a, float b, float c) { return ieee_fma(a, b, c); }
+VR_HD float sqrt(float a) { return ieee_sqrt(a); }
 VR_HD float abs(float a) { return __builtin_fabsf(a); }
 // min and max return b when the comparison is false, NaN included, as x86 does.
 VR_HD float min(float a, float b) { return a < b ? a : b; }

@@ -42,6 +42,29 @@ VR_HD uint64_t atomic_add(uint64_t* acc, uint64_t value) {
 #endif
 }
 
+// Correctly rounded on either machine.
+VR_HD float ieee_fma(float a, float b, float c) {
+#if VR_DEVICE_CODE
+    return __fmaf_rn(a, b, c);
+#else
+    return __builtin_fmaf(a, b, c);
+#endif
+}
+VR_HD float ieee_sqrt(float a) {
+#if VR_DEVICE_CODE
+    return __fsqrt_rn(a);
+#else
+    return __builtin_sqrtf(a);
+#endif
+}
+VR_HD double ieee_sqrt(double a) {
+#if VR_DEVICE_CODE
+    return __dsqrt_rn(a);
+#else
+    return __builtin_sqrt(a);
+#endif
+}
+
 template <class To, class From>
 VR_HD To bit_cast(From from) {
     static_assert(sizeof(To) == sizeof(From));

@@ -69,11 +69,7 @@ VR_HD void resolve(const uint64_t* words, uint32_t channel, float scale, uint64_
     const double square = n ? to_double({w[2], w[3]}, kSquareScale) / count : 0.0;
     const double variance = square - m * m;
     mean = static_cast<float>(m * unit);
-#if VR_DEVICE_CODE
-    const double root = variance > 0 && n > 1 ? __dsqrt_rn(variance / (count - 1.0)) : 0.0;
-#else
-    const double root = variance > 0 && n > 1 ? __builtin_sqrt(variance / (count - 1.0)) : 0.0;
-#endif
+    const double root = variance > 0 && n > 1 ? ieee_sqrt(variance / (count - 1.0)) : 0.0;
     standard_error = static_cast<float>(root * unit);
 }
 

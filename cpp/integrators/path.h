@@ -355,9 +355,8 @@ struct PathTracer {
     }
     static VR_HD LightSample<F> select_sample(M m, const LightSample<F>& a,
                                               const LightSample<F>& b) {
-        return {select(m, a.to, b.to), select(m, a.radiance, b.radiance),
-                select(m, a.pdf_sa, b.pdf_sa), select(m, a.distance, b.distance),
-                select(m, a.wi, b.wi)};
+        return {select(m, a.radiance, b.radiance), select(m, a.pdf_sa, b.pdf_sa),
+                select(m, a.distance, b.distance), select(m, a.wi, b.wi)};
     }
 };
 

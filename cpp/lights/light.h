@@ -32,7 +32,6 @@ struct LightView {
 
 template <class F>
 struct LightSample {
-    Vec3<F> to;        // to the point sampled; any length (environment: unit)
     Vec3<F> radiance;  // towards the receiver; 0 from the back
     F pdf_sa;          // choice included
     F distance;        // a shadow ray's length; infinity for the environment
@@ -76,11 +75,11 @@ VR_HD LightSample<typename L::F> sample_area_light(Column column, Vec3<typename 
     Vec3<F> q = fma(column3(kLightE1), u, fma(column3(kLightE2), v, column3(kLightP)));
     q = fma(n, column(kLightOffset), q);
     LightSample<F> s;
-    s.to = q - p;
-    const F d2 = dot(s.to, s.to);
+    const Vec3<F> to = q - p;
+    const F d2 = dot(to, to);
     const F distance = sqrt(d2);
     s.distance = distance * F(kShadowShorten);
-    s.wi = s.to * (F(1.f) / distance);
+    s.wi = to * (F(1.f) / distance);
     const F cos_light = -dot(n, s.wi);
     const Vec3<F> zero{F(0.f), F(0.f), F(0.f)};
     s.radiance = select(cos_light > F(0.f), column3(kLightRadiance), zero);
@@ -94,7 +93,7 @@ VR_HD LightSample<typename L::F> sample_environment(const LightView& lights, typ
     using F = typename L::F;
     const Vec3<F> wi = uniform_sphere(u, v);
     const F share(static_cast<float>(lights.environment_share) * 0x1p-24f);
-    return {wi, broadcast<F>(lights.environment), share * F(kUniformSpherePdf), F(kInfinity), wi};
+    return {broadcast<F>(lights.environment), share * F(kUniformSpherePdf), F(kInfinity), wi};
 }
 
 }  // namespace veriray

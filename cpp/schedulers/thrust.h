@@ -84,7 +84,8 @@ template <class Exec>
 void run_thrust(Exec& exec, uint64_t paths, uint32_t pool, std::vector<uint64_t>& blocks,
                 std::vector<double>& seconds) {
     for (uint64_t first = 0; first < paths; first += pool) {
-        uint32_t live = static_cast<uint32_t>(paths - first < pool ? paths - first : pool);
+        const uint32_t begun = static_cast<uint32_t>(paths - first < pool ? paths - first : pool);
+        uint32_t live = begun;
         exec.begin(first, live);
         for (uint32_t depth = 0; live; ++depth) {
             if (blocks.size() <= depth) blocks.push_back(0), seconds.push_back(0);
@@ -95,7 +96,8 @@ void run_thrust(Exec& exec, uint64_t paths, uint32_t pool, std::vector<uint64_t>
             live = static_cast<uint32_t>(
                 thrust::remove_if(exec.policy(), begin, begin + live, IsDead()) - begin);
             seconds[depth] += exec.clock() - start;
-            if (!exec.poll(static_cast<double>(first) / static_cast<double>(paths))) return;
+            const uint64_t done = first + begun - live;
+            if (!exec.poll(static_cast<double>(done) / static_cast<double>(paths))) return;
         }
     }
 }

@@ -198,8 +198,8 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         .def_property_readonly("height", &Film::height)
         .def_property_readonly("samples", &Film::samples)
         .def_property_readonly("memory", &Film::memory)
-        .def("clear", &Film::clear)
-        .def("add", &Film::add, "other"_a)
+        .def("clear", &Film::clear, py::call_guard<py::gil_scoped_release>())
+        .def("add", &Film::add, "other"_a, py::call_guard<py::gil_scoped_release>())
         .def("resolve",
              [](const Film& f) {
                  const std::vector<py::ssize_t> shape{f.height(), f.width(), 3};
@@ -214,7 +214,11 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         .def("sums",
              [](const Film& f) {
                  py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});
-                 f.sums(out.mutable_data());
+                 double* sums = out.mutable_data();
+                 {
+                     py::gil_scoped_release release;
+                     f.sums(sums);
+                 }
                  return out;
              })
         .def("words", [](const Film& f) {

@@ -1,7 +1,8 @@
 """The command `veriray`: render, compare, bench live-rays, doctor.
 
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
-the pictures agree), 1 compare: they differ, doctor: the self-test failed, 2 error, 130 Ctrl-C.
+the pictures agree), 1 compare: they differ, doctor: the self-test failed, 2 error, 3 compare: too
+little data for a verdict, 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import contextlib
 import errno
 import io
 import json
+import logging
 import math
 import os
 import secrets
@@ -40,6 +42,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status and never lets a user's error become a traceback."""
+    logging.getLogger("veriray").setLevel(logging.ERROR)  # the command prints the choice itself
     warnings.showwarning = _show_warning
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -399,7 +402,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.output:
         report.save(arguments.output)
     print(report.to_json() if arguments.json else str(report))
-    return 0 if report.passed else 1
+    return {"pass": 0, "fail": 1}.get(report.result, 3)
 
 
 def _bench_live_rays(arguments: argparse.Namespace) -> int:
@@ -425,6 +428,7 @@ def _bench_live_rays(arguments: argparse.Namespace) -> int:
         f"{arguments.scene}, {result['width']} x {result['height']}, {result['spp']} spp, ", end=""
     )
     print(f"max_depth {result['max_depth']}, rr_depth {result['rr_depth']}")
+    print(f"device {result['device']} ({result['device_reason']})")
     print(f"{result['device']} ({result['device_name']}), scheduler {result['scheduler']}")
     print(livebench.as_text(result["rows"]))
     print(f"{result['samples_per_second']:,.0f} samples/s; SHA-256 {result['film_sha256']}")

@@ -199,10 +199,11 @@ def select(device: str = "auto") -> tuple[Device, str]:
         except DeviceError as error:
             chosen, why = _cpu_device("")
             reason = f"{error}; {why}"
+            level = logging.WARNING  # shown even where nobody set up logging
         else:
             reason = "auto takes a CUDA device where one can be used"
-        message = f"{chosen.name} ({chosen.description}): {reason}"
-        _announce(message)
+            level = logging.INFO
+        _announce(level, f"{chosen.name} ({chosen.description}): {reason}")
         return chosen, reason
     if backend == "cuda" and (not detail or detail.isdecimal()) and not device.endswith(":"):
         return _cuda_device(int(detail or 0)), "asked for"
@@ -216,9 +217,9 @@ def select(device: str = "auto") -> tuple[Device, str]:
 
 
 @functools.lru_cache(maxsize=64)
-def _announce(message: str) -> None:
+def _announce(level: int, message: str) -> None:
     """Logs a choice once in a process."""
-    _log.info(message)
+    _log.log(level, message)
 
 
 def _cuda_device(index: int) -> Device:

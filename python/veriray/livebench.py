@@ -39,8 +39,9 @@ def run(
     """
     size = {"width": width, "height": height}
     common: dict[str, Any] = {"device": device, "scheduler": scheduler, **size}
-    render(scene, spp=1, **common, batch_size=width * height)
-    result = render(scene, spp=spp, **common, batch_size=width * height, progress=progress)
+    batch = min(width * height, 2**26)
+    render(scene, spp=1, **common, batch_size=batch)
+    result = render(scene, spp=spp, **common, batch_size=batch, progress=progress)
     stats = result.stats
     keys = "device device_name device_reason scheduler threads spp seed max_depth rr_depth"
     keys += " scene_sha256 version seconds samples_per_second rays paths"

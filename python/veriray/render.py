@@ -232,7 +232,7 @@ def check_settings(
     _whole("batches", batches, 0, MAX_BATCHES)
     if batches == 1 or (batches and spp % batches):
         raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
-    _whole("batch_size", batch_size, 0, 2**31)
+    _whole("batch_size", batch_size, 0, 2**26)
     if threads is not None:
         _whole("threads", threads, 1, 1024)
     used = scene.with_(width=width, height=height, max_depth=max_depth, rr_depth=rr_depth)

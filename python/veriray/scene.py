@@ -27,7 +27,9 @@ Array = npt.NDArray[Any]
 FILTERS = ("box", "tent", "gaussian")
 FILTER_DEFAULTS = {"box": 0.5, "tent": 1.0, "gaussian": 0.5}
 FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
-MAX_PIXELS = 2**31
+MAX_PIXELS = 2**31 - 1
+#: Segments of a path at most; -1 in a scene stands for this.
+MAX_PATH_DEPTH = 65535
 MAX_COORDINATE = 1e100  # squares and triple products stay finite in float64
 SHIPPED = {
     "cornell-box": "cornell/cornell_box.xml",
@@ -328,7 +330,7 @@ class Scene:
         values = {
             **arrays,
             "shape_names": names,
-            "max_depth": _whole("max_depth", self.max_depth, -1, 2**31 - 1),
+            "max_depth": _whole("max_depth", self.max_depth, -1, MAX_PATH_DEPTH),
             "rr_depth": _whole("rr_depth", self.rr_depth, 1, 2**31 - 1),
             "spp": _whole("spp", self.spp, 1, 2**63 - 1),
             "seed": _whole("seed", self.seed, 0, 2**64 - 1),

@@ -37,7 +37,7 @@ SOURCES = sorted(
     path
     for folder in (CPP, BINDINGS)
     for path in folder.rglob("*")
-    if path.suffix in (".h", ".cpp", ".cu")
+    if path.suffix in (".h", ".cpp", ".cu", ".cuh")
 )
 NAMES = [str(path.relative_to(ROOT)) for path in SOURCES]
 each_source = pytest.mark.parametrize("path", SOURCES, ids=NAMES)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
-from ..scene import FOV_AXES, MAX_COORDINATE, MAX_PIXELS
+from ..scene import FOV_AXES, MAX_COORDINATE, MAX_PATH_DEPTH, MAX_PIXELS
 
 REQUIRED = object()
 COLOUR = "rgb, spectrum or number"
@@ -78,7 +78,7 @@ PLUGINS: dict[str, Plugin] = {
     "path": Plugin(
         "integrator",
         {
-            "max_depth": Param("integer", -1, -1, 2**31 - 1, doc="path length, -1 unlimited"),
+            "max_depth": Param("integer", -1, -1, MAX_PATH_DEPTH, doc="path length, -1 unlimited"),
             "rr_depth": Param("integer", 5, 1, 2**31 - 1, doc="first depth with roulette"),
             "hide_emitters": Param("boolean", False, choices=(False,)),
         },

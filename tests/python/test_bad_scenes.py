@@ -119,7 +119,7 @@ SENSORS = {
     "motion blur": (LENS.format('<float name="fov" value="4"/><float name="shutter_open" value="1"/>'), "motion blur is not supported"),
     "film of width 0": (FILM.format('<integer name="width" value="0"/>'), '"width" = 0 is outside [1, '),
     "negative height": (FILM.format('<integer name="height" value="-5"/>'), '"height" = -5 is outside [1, '),
-    "film too large": (FILM.format('<integer name="width" value="65536"/><integer name="height" value="65536"/>'), "film of 65536 x 65536 pixels has more than 2147483648"),
+    "film too large": (FILM.format('<integer name="width" value="65536"/><integer name="height" value="65536"/>'), "film of 65536 x 65536 pixels has more than 2147483647"),
     "crop": (FILM.format('<integer name="crop_width" value="5"/>'), '"crop_width": crop windows are not supported'),
     "pixel format": (FILM.format('<string name="pixel_format" value="rgba"/>'), '"rgba" is not supported; allowed: rgb'),
     "component format": (FILM.format('<string name="component_format" value="uint32"/>'), "allowed: float16, float32"),
@@ -421,7 +421,7 @@ def test_good_arrays():
     [
         (lambda: Film(0, 4), "film width = 0 is outside"),
         (lambda: Film(4, 2.5), "film height = 2.5 is not an integer"),
-        (lambda: Film(2**16, 2**16), "has more than 2147483648"),
+        (lambda: Film(2**16, 2**16), "has more than 2147483647"),
         (lambda: Film(4, 4, "sinc"), "filter = 'sinc' is unknown; allowed: box, tent, gaussian"),
         (lambda: Film(4, 4, "gaussian", math.nan), "filter_parameter = nan is outside"),
         (lambda: Film(4, 4, "box", 2.0), "of the box filter must be 0.5"),

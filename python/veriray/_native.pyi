@@ -115,6 +115,9 @@ def trace_path(
     rr_depth: int,
 ) -> list[dict[str, Any]]: ...
 def eval_math(name: str, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]: ...
+def eval_mapping(
+    name: str, u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]: ...
 def random(
     seed: int,
     pixel: npt.NDArray[np.uint32],

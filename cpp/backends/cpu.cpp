@@ -28,9 +28,7 @@ struct Scene::Impl {
 };
 
 Film::Film(uint32_t width, uint32_t height, int) : impl(std::make_unique<Impl>()) {
-    if (width == 0 || height == 0 || static_cast<uint64_t>(width) * height >= 1ull << 31)
-        throw std::invalid_argument("a film of " + std::to_string(width) + " x " +
-                                    std::to_string(height) + " pixels; allowed: 1 to 2^31 - 1");
+    check_film_size(width, height);
     const size_t words = static_cast<size_t>(width) * height * kFilmWords;
     try {
         impl->words.resize(words);

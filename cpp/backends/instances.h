@@ -42,6 +42,12 @@ inline void check_settings(const RenderSettings& s, const HostScene& scene, cons
              std::to_string(scene.width) + " x " + std::to_string(scene.height));
 }
 
+inline void check_film_size(uint32_t width, uint32_t height) {
+    if (width == 0 || height == 0 || static_cast<uint64_t>(width) * height >= 1ull << 31)
+        throw std::invalid_argument("a film of " + std::to_string(width) + " x " +
+                                    std::to_string(height) + " pixels; allowed: 1 to 2^31 - 1");
+}
+
 // A film holds samples of one scale; the first render sets it.
 inline void match_scale(float& scale, float other) {
     if (scale == 0) scale = other;

@@ -1,7 +1,9 @@
 // Lane types. Stage code is written once on a lane policy L with
 //   L::F  float lanes     L::U  uint32 lanes     L::M  mask lanes     L::kWidth
 // Scalar (CUDA threads, CPU tests) and the widest vector the translation unit is compiled for.
-// Every operation is IEEE-754 round-to-nearest, so all widths give the same bits.
+// Vectors also load, and compress_store(p, a, m) writes the lanes of m side by side from p on (up
+// to kWidth entries from p may be overwritten); first_lanes(n) is the mask of the first n. Every
+// operation is IEEE-754 round-to-nearest, so all widths give the same bits.
 #pragma once
 
 #include "core/platform.h"
@@ -41,15 +43,6 @@ VR_HD float gather(const float* p, uint32_t i) { return p[i]; }
 VR_HD uint32_t gather(const uint32_t* p, uint32_t i) { return p[i]; }
 // gather from a column padded to at least 32 entries; n entries are in use.
 VR_HD float lookup(const float* column, uint32_t i, uint32_t) { return column[i]; }
-VR_HD float load(const float* p, float) { return *p; }
-VR_HD uint32_t load(const uint32_t* p, uint32_t) { return *p; }
-VR_HD uint32_t iota(uint32_t first, uint32_t) { return first; }
-VR_HD bool first_lanes(uint32_t n, bool) { return n > 0; }
-VR_HD float extract(float a, uint32_t) { return a; }
-VR_HD uint32_t extract(uint32_t a, uint32_t) { return a; }
-// Writes the lanes of m side by side from p on; up to kWidth entries from p may be overwritten.
-VR_HD void compress_store(float* p, float a, bool) { *p = a; }
-VR_HD void compress_store(uint32_t* p, uint32_t a, bool) { *p = a; }
 
 }  // namespace veriray
 

@@ -126,14 +126,9 @@ VR_HD F4 load(const float* p, F4) {
 VR_HD U4 load(const uint32_t* p, U4) {
     return each_lane<U4>([&](uint32_t i) { return p[i]; });
 }
-VR_HD U4 iota(uint32_t first, U4) {
-    return each_lane<U4>([&](uint32_t i) { return first + i; });
-}
 VR_HD M4 first_lanes(uint32_t n, M4) {
     return each_bit([&](uint32_t i) { return i < n; });
 }
-VR_HD float extract(F4 a, uint32_t lane) { return a.v[lane]; }
-VR_HD uint32_t extract(U4 a, uint32_t lane) { return a.v[lane]; }
 template <class T>
 VR_HD void compress_store(T* p, Array4<T> a, M4 m) {
     for (uint32_t i = 0; i < kArrayWidth; ++i)

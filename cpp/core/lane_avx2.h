@@ -86,19 +86,8 @@ VR_HD F8 load(const float* p, F8) { return _mm256_loadu_ps(p); }
 VR_HD U8 load(const uint32_t* p, U8) {
     return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
 }
-VR_HD U8 iota(uint32_t first, U8) {
-    return U8(first) + U8(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
-}
-VR_HD M8 first_lanes(uint32_t n, M8) { return iota(0, U8()) < U8(n); }
-VR_HD float extract(F8 a, uint32_t lane) {
-    alignas(32) float t[8];
-    _mm256_store_ps(t, a.v);
-    return t[lane];
-}
-VR_HD uint32_t extract(U8 a, uint32_t lane) {
-    alignas(32) uint32_t t[8];
-    _mm256_store_si256(reinterpret_cast<__m256i*>(t), a.v);
-    return t[lane];
+VR_HD M8 first_lanes(uint32_t n, M8) {
+    return U8(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)) < U8(n);
 }
 // The index of the k-th set bit of m, for each lane k: the survivors' order is kept.
 VR_HD __m256i compress_order(uint32_t m) {

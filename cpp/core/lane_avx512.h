@@ -86,22 +86,8 @@ VR_HD F16 lookup(const float* column, U16 i, uint32_t n) {
 }
 VR_HD F16 load(const float* p, F16) { return _mm512_loadu_ps(p); }
 VR_HD U16 load(const uint32_t* p, U16) { return _mm512_loadu_si512(p); }
-VR_HD U16 iota(uint32_t first, U16) {
-    return U16(first) +
-           U16(_mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15));
-}
 VR_HD M16 first_lanes(uint32_t n, M16) {
     return {static_cast<__mmask16>(n >= 16 ? 0xffffu : (1u << n) - 1u)};
-}
-VR_HD float extract(F16 a, uint32_t lane) {
-    alignas(64) float t[16];
-    _mm512_store_ps(t, a.v);
-    return t[lane];
-}
-VR_HD uint32_t extract(U16 a, uint32_t lane) {
-    alignas(64) uint32_t t[16];
-    _mm512_store_si512(t, a.v);
-    return t[lane];
 }
 VR_HD void compress_store(float* p, F16 a, M16 m) {
     _mm512_storeu_ps(p, _mm512_maskz_compress_ps(m.m, a.v));

@@ -109,18 +109,19 @@ class Tile {
     M end_paths(const Job& job, const PathState<Simd>& path, M ended) {
         const M bad = ended & !film_accepts(path.radiance, job.film.scale);
         float r[3][Simd::kWidth];
-        uint32_t pixel[Simd::kWidth];
+        uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
         const M all = first_lanes(Simd::kWidth, M());
         compress_store(r[0], path.radiance.x, all);
         compress_store(r[1], path.radiance.y, all);
         compress_store(r[2], path.radiance.z, all);
         compress_store(pixel, path.pixel, all);
+        compress_store(sample, path.sample, all);
         const uint32_t refused = bits(bad);
         for (uint32_t todo = bits(ended); todo; todo &= todo - 1) {
             const uint32_t k = static_cast<uint32_t>(__builtin_ctz(todo));
             const float radiance[3] = {r[0][k], r[1][k], r[2][k]};
             if (refused >> k & 1u)
-                log_fault(job.faults, pixel[k], extract(path.sample, k), radiance);
+                log_fault(job.faults, pixel[k], sample[k], radiance);
             else
                 add_sample(sums_[pixel[k] - first_pixel_], radiance, job.film.scale);
         }

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "film/film.h"
-#include "integrators/ledger.h"
+#include "integrators/path_state.h"
 #include "scene/scene.h"
 
 namespace veriray {
@@ -37,6 +37,11 @@ BuildInfo build_info();
 // Empty: this module can run here. Otherwise the exact reason why not.
 std::string why_unusable();
 std::vector<DeviceInfo> devices();
+
+// Features compiled in the variant that renders a scene.
+inline uint32_t variant_mask(const SceneView& scene) {
+    return kVariants[variant_for(scene.features)];
+}
 
 struct RenderSettings {
     uint64_t seed = 0, sample_begin = 0, sample_end = 1;
@@ -92,14 +97,22 @@ class Film {
     std::unique_ptr<Impl> impl;
 };
 
+struct TreeInfo {
+    uint32_t width = 0, depth = 0;  // width 0: the scene has no tree
+    size_t nodes = 0, references = 0, memory = 0;
+    double seconds = 0;
+};
+
 class Scene {
    public:
-    Scene(const SceneInput& in, int device);
+    // poll: progress of the tree's build; false stops it (std::runtime_error).
+    Scene(const SceneInput& in, int device, const BuildPoll& poll);
     ~Scene();
     Scene(const Scene&) = delete;
     Scene& operator=(const Scene&) = delete;
 
     const HostScene& host() const;
+    TreeInfo tree() const;
 
     struct Impl;
     std::unique_ptr<Impl> impl;
@@ -115,7 +128,7 @@ struct PathVertex {
     double position[3];                // world; the ray's origin shifted by t where it escaped
     float direction[3], normal[3], t;  // of the segment; world t
     float throughput[3], radiance[3];  // before the vertex, after the vertex
-    int64_t triangle;                  // input triangle, -1 none
+    int64_t primitive;                 // triangle, T + sphere or T + S + disk of the input; -1 none
     int shadow;                        // -1 none, 0 occluded, 1 visible
 };
 std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& settings, uint32_t x,
@@ -129,8 +142,8 @@ std::vector<float> eval_mapping(const std::string& name, const std::vector<float
 std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
                                    const std::vector<uint64_t>& sample,
                                    const std::vector<uint32_t>& block);
-// Rays in world units; t in world units, input triangle or -1.
+// Rays in world units; t in world units, primitive of the input (see PathVertex) or -1.
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
-               float* t, int32_t* triangle);
+               float* t, int32_t* primitive);
 
 }  // namespace veriray

@@ -11,6 +11,7 @@
 #include "backends/hooks.h"
 #include "backends/instances.h"
 #include "backends/thread_pool.h"
+#include "scene/tree_layout.h"
 #include "schedulers/thrust.h"
 #include "schedulers/tile.h"
 
@@ -24,7 +25,15 @@ struct Film::Impl {
 
 struct Scene::Impl {
     HostScene host;
-    explicit Impl(const SceneInput& in) : host(in) {}
+    std::vector<WideNode<kCpuWidth>> nodes;
+    std::vector<RecordBlock> blocks;
+
+    Impl(const SceneInput& in, const BuildPoll& poll) : host(in, poll) {
+        if (!(host.view.features & kBvh)) return;
+        nodes = collapse<kCpuWidth>(host.bvh, kSimdWalk);
+        blocks = pack_blocks(nodes, host.records);
+        host.view.bvh = {nodes.data(), blocks.data()};
+    }
 };
 
 Film::Film(uint32_t width, uint32_t height, int) : impl(std::make_unique<Impl>()) {
@@ -76,9 +85,15 @@ void Film::sums(double* out) const {
 
 void Film::words(uint64_t* out) const { std::copy(impl->words.begin(), impl->words.end(), out); }
 
-Scene::Scene(const SceneInput& in, int) : impl(std::make_unique<Impl>(in)) {}
+Scene::Scene(const SceneInput& in, int, const BuildPoll& poll)
+    : impl(std::make_unique<Impl>(in, poll)) {}
 Scene::~Scene() = default;
 const HostScene& Scene::host() const { return impl->host; }
+TreeInfo Scene::tree() const {
+    return tree_info(impl->host, kCpuWidth, impl->nodes.size(),
+                     impl->nodes.size() * sizeof(WideNode<kCpuWidth>) +
+                         impl->blocks.size() * sizeof(RecordBlock));
+}
 
 namespace {
 
@@ -154,8 +169,10 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
                    std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
     const uint64_t wanted = s.batch ? s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
     const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    auto floats = pool_memory<float>(static_cast<size_t>(kPathFloats) * pool, "path pool");
-    auto uints = pool_memory<uint32_t>(static_cast<size_t>(kPathUints) * pool, "path pool");
+    const uint32_t features = kVariants[choose_variant(view, s)];
+    auto floats = pool_memory<float>(static_cast<size_t>(path_floats(features)) * pool, "path pool");
+    auto uints =
+        pool_memory<uint32_t>(static_cast<size_t>(path_uints(features)) * pool, "path pool");
     auto index = pool_memory<int32_t>(pool, "path pool");
     const PathColumns paths{floats.data(), uints.data(), pool};
     bool complete = false;
@@ -255,7 +272,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
             bool alive = true;
             for (uint32_t depth = 0; alive; ++depth) {
                 const Ray<Scalar> ray = path.ray;
-                const Hit<Scalar> hit = Tracer::closest(host.view, ray, true);
+                const Hit<Scalar> hit = Tracer::closest(host.view, ray, kInfinity, true);
                 PathVertex v{};
                 v.depth = depth;
                 const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};
@@ -266,7 +283,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
                                                     "invalid"};
                 v.event = names[cause_of(e)];
                 v.shadow = e.visible ? 1 : e.occluded ? 0 : -1;
-                v.triangle = -1;
+                v.primitive = -1;
                 const bool met = !e.escaped;
                 v.t = met ? static_cast<float>(hit.t * host.unit) : kInfinity;
                 const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
@@ -281,10 +298,9 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
                     v.radiance[k] = after[k];
                 }
                 if (met) {
-                    v.triangle = host.primitive_triangle[hit.primitive];
-                    for (uint32_t k = 0; k < 3; ++k)
-                        v.normal[k] = host.primitives[(kPrimN + k) * host.view.primitive_stride +
-                                                      hit.primitive];
+                    v.primitive = host.input_index[hit.primitive];
+                    const Surface<Scalar> at = Tracer::surface_at(host.view, ray, hit, true);
+                    v.normal[0] = at.ng.x, v.normal[1] = at.ng.y, v.normal[2] = at.ng.z;
                 }
                 out.push_back(v);
             }
@@ -397,7 +413,8 @@ void intersect(const Scene& scene, const double* origins, const double* directio
         const auto column = [&](int c) { return load(rays[c], Simd::F()); };
         const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
         const Hit<Simd> hit =
-            PathTracer<Simd, kAllFeatures>::closest(host.view, ray, first_lanes(live, Simd::M()));
+            PathTracer<Simd, kAllFeatures>::closest(
+                host.view, ray, Simd::F(kInfinity), first_lanes(live, Simd::M()));
         const auto all = first_lanes(Simd::kWidth, Simd::M());
         compress_store(distance, hit.t, all);
         compress_store(primitive, hit.primitive, all);
@@ -405,7 +422,7 @@ void intersect(const Scene& scene, const double* origins, const double* directio
             const bool met = distance[k] < kInfinity;
             t[i + k] = met ? static_cast<float>(distance[k] * host.unit) : kInfinity;
             triangle[i + k] =
-                met ? static_cast<int32_t>(host.primitive_triangle[primitive[k]]) : -1;
+                met ? static_cast<int32_t>(host.input_index[primitive[k]]) : -1;
         }
     }
 }

@@ -172,33 +172,44 @@ void Film::words(uint64_t* out) const {
 struct Scene::Impl {
     int device;
     HostScene host;
-    Buffer<float> primitives, light_pdf_area, surfaces, triangles, light_table, filter_edges;
-    Buffer<uint32_t> surface_of, light_cdf, order;
-    Buffer<BvhNode> nodes;
+    Buffer<float> primitives, smooth, light_chance, surfaces, media, light_table, filter_edges;
+    Buffer<uint32_t> surface_of, light_cdf;
+    Buffer<WideNode<kDeviceWidth>> nodes;
+    Buffer<float> records;
     SceneView view;
 
-    Impl(const SceneInput& in, int dev) : device(dev), host(in), view(host.view) {
+    Impl(const SceneInput& in, int dev, const BuildPoll& poll)
+        : device(dev), host(in, poll), view(host.view) {
         use_device(dev);
         const auto upload = [](auto& buffer, const auto& v, auto& pointer) {
             buffer = std::remove_reference_t<decltype(buffer)>(v, "scene");
             if (pointer) pointer = buffer.get();
         };
         upload(primitives, host.primitives, view.primitives);
-        upload(light_pdf_area, host.light_pdf_area, view.light_pdf_area);
+        upload(smooth, host.smooth, view.smooth);
+        upload(light_chance, host.light_chance, view.light_chance);
         upload(surfaces, host.surfaces, view.surfaces);
+        upload(media, host.media, view.media);
         upload(surface_of, host.surface_of, view.surface_of);
         upload(light_table, host.light_table, view.lights.table);
         upload(light_cdf, host.light_cdf, view.lights.cdf);
         upload(filter_edges, host.filter_edges, view.filter.edges);
-        upload(nodes, host.bvh.nodes, view.bvh.nodes);
-        upload(triangles, host.triangles, view.bvh.triangles);
-        upload(order, host.bvh.order, view.bvh.order);
+        if (!(host.view.features & kBvh)) return;
+        nodes = {collapse<kDeviceWidth>(host.bvh, kScalarWalk), "tree"};
+        records = {host.records, "tree"};
+        view.bvh = {nodes.get(), records.get()};
     }
 };
 
-Scene::Scene(const SceneInput& in, int device) : impl(std::make_unique<Impl>(in, device)) {}
+Scene::Scene(const SceneInput& in, int device, const BuildPoll& poll)
+    : impl(std::make_unique<Impl>(in, device, poll)) {}
 Scene::~Scene() = default;
 const HostScene& Scene::host() const { return impl->host; }
+TreeInfo Scene::tree() const {
+    return tree_info(impl->host, kDeviceWidth, impl->nodes.size(),
+                     impl->nodes.size() * sizeof(WideNode<kDeviceWidth>) +
+                         impl->records.size() * sizeof(float));
+}
 
 // ---- render ----
 namespace {
@@ -331,8 +342,9 @@ struct DeviceExec {
 bool render_thrust(const Launches& l, const Job& job) {
     const uint64_t wanted = l.s.batch ? l.s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
     const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    Buffer<float> floats(static_cast<size_t>(kPathFloats) * pool, "path pool");
-    Buffer<uint32_t> uints(static_cast<size_t>(kPathUints) * pool, "path pool");
+    const uint32_t features = kVariants[choose_variant(l.scene.view, l.s)];
+    Buffer<float> floats(static_cast<size_t>(path_floats(features)) * pool, "path pool");
+    Buffer<uint32_t> uints(static_cast<size_t>(path_uints(features)) * pool, "path pool");
     Buffer<int32_t> index(pool, "path pool");
     bool complete = false;
     with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
@@ -366,8 +378,9 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     check(cudaGetDeviceProperties(&prop, scene.impl->device), "device");
     stats.device = std::string("cuda:") + std::to_string(scene.impl->device) + " " + prop.name;
     stats.features = kVariants[choose_variant(host.view, s)];
-    const uint64_t depths =
-        (s.max_depth < 0 ? kHardMaxDepth : std::max<int64_t>(1, s.max_depth)) + 1ull;
+    // Passes make more segments than max_depth counts.
+    const bool bounded = s.max_depth >= 0 && !(host.view.features & kPass);
+    const uint64_t depths = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
     Stream work, side;
     Buffer<Control> control(1, "control");
     Buffer<uint64_t> ledger(std::max<uint64_t>(depths, kLedgerRowsShared) * kLedgerColumns,
@@ -408,14 +421,14 @@ __global__ void intersect_kernel(const __grid_constant__ SceneView scene, const 
     if (i >= n) return;
     const float* r = rays + 6 * i;
     const Hit<Scalar> hit = PathTracer<Scalar, kAllFeatures>::closest(
-        scene, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, true);
+        scene, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, kInfinity, true);
     t[i] = hit.t;
     primitive[i] = hit.primitive;
 }
 }  // namespace
 
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
-               float* t, int32_t* triangle) {
+               float* t, int32_t* input) {
     use_device(scene.impl->device);
     const HostScene& host = scene.host();
     std::vector<float> rays(6 * n);
@@ -432,7 +445,7 @@ void intersect(const Scene& scene, const double* origins, const double* directio
     for (size_t i = 0; i < n; ++i) {
         const bool met = d[i] < kInfinity;
         t[i] = met ? static_cast<float>(d[i] * host.unit) : kInfinity;
-        triangle[i] = met ? static_cast<int32_t>(host.primitive_triangle[p[i]]) : -1;
+        input[i] = met ? static_cast<int32_t>(host.input_index[p[i]]) : -1;
     }
 }
 

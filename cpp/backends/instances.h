@@ -111,6 +111,11 @@ inline void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width,
     });
 }
 
+inline TreeInfo tree_info(const HostScene& scene, uint32_t width, size_t nodes, size_t memory) {
+    if (!(scene.view.features & kBvh)) return {};
+    return {width, scene.bvh.depth, nodes, scene.bvh.order.size(), memory, scene.bvh.seconds};
+}
+
 // World rays to normalised ones.
 inline void normalise_ray(const HostScene& scene, const double* o, const double* d, float out[6]) {
     const Double3 origin = (Double3{o[0], o[1], o[2]} - scene.centre) * (1.0 / scene.unit);

@@ -1,28 +1,46 @@
-// Pinhole camera.
+// Pinhole and thin lens; the camera is the origin.
 #pragma once
 
-#include "core/vec.h"
+#include "core/mapping.h"
+#include "geometry/ray.h"
 
 namespace veriray {
 
 struct CameraView {
-    float origin[3];
-    // Direction through raster position (x, y) in pixels: corner + x right + y down.
+    // Point of the plane one unit ahead under raster position (x, y) in pixels:
+    // corner + x right + y down.
     float corner[3], right[3], down[3];
     float forward[3];
-    float near_clip, far_clip;  // along forward; 0 and infinity: not clipped
+    float near_clip, far_clip;   // along forward; 0 and infinity: not clipped
+    float lens_x[3], lens_y[3];  // half axes of the aperture; 0 for a pinhole
+    float focus;                 // distance of the plane of focus along forward
 };
 
 // x, y: integer pixel; dx, dy: position from the pixel's corner. The two are kept apart, so that a
 // wide film does not eat the bits of the position in the pixel.
-template <class L>
-VR_HD Vec3<typename L::F> camera_direction(const CameraView& c, typename L::F x, typename L::F y,
-                                           typename L::F dx, typename L::F dy) {
-    using F = typename L::F;
+template <class F>
+VR_HD Vec3<F> camera_point(const CameraView& c, F x, F y, F dx, F dy) {
     const Vec3<F> right = broadcast<F>(c.right), down = broadcast<F>(c.down);
-    Vec3<F> d = fma(right, x, fma(down, y, broadcast<F>(c.corner)));
-    d = fma(right, dx, fma(down, dy, d));
-    return d * (F(1.f) / sqrt(dot(d, d)));
+    const Vec3<F> d = fma(right, x, fma(down, y, broadcast<F>(c.corner)));
+    return fma(right, dx, fma(down, dy, d));
+}
+
+template <class L>
+VR_HD Ray<L> pinhole_ray(Vec3<typename L::F> at) {
+    using F = typename L::F;
+    return {{F(0.f), F(0.f), F(0.f)}, at * (F(1.f) / sqrt(dot(at, at)))};
+}
+
+// From a point uniform on the aperture through the point in focus.
+template <class L>
+VR_HD Ray<L> lens_ray(const CameraView& c, Vec3<typename L::F> at, typename L::F u,
+                      typename L::F v) {
+    using F = typename L::F;
+    F x, y;
+    uniform_disk(u, v, x, y);
+    const Vec3<F> o = fma(broadcast<F>(c.lens_x), x, broadcast<F>(c.lens_y) * y);
+    const Vec3<F> d = fma(at, F(c.focus), -o);
+    return {o, d * (F(1.f) / sqrt(dot(d, d)))};
 }
 
 }  // namespace veriray

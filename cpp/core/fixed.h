@@ -1,4 +1,4 @@
-// Sums of non-negative numbers as 128-bit fixed point: exact, so free of any order.
+// Sums as 128-bit fixed point in two's complement: exact, so free of any order.
 #pragma once
 
 #include "core/platform.h"
@@ -12,6 +12,11 @@ struct Fixed128 {
 VR_HD void add(Fixed128& a, Fixed128 b) {
     a.lo += b.lo;
     a.hi += b.hi + (a.lo < b.lo ? 1u : 0u);
+}
+
+VR_HD Fixed128 negated(Fixed128 a) {
+    const uint64_t lo = ~a.lo + 1;
+    return {lo, ~a.hi + (lo == 0 ? 1u : 0u)};
 }
 
 // Threads may add to the same number at once; the sum is defined when all are done.
@@ -34,11 +39,14 @@ VR_HD Fixed128 to_fixed(double x, int scale) {
     return {0, m << (shift - 64)};
 }
 
-// Nearest double of a * 2^-scale, up to two roundings.
+// Nearest double of a * 2^-scale, up to two roundings; exactly odd in a.
 VR_HD double to_double(Fixed128 a, int scale) {
     const double unit = bit_cast<double>(static_cast<uint64_t>(1023 - scale) << 52);
     const double two64 = 18446744073709551616.0;
-    return (static_cast<double>(a.hi) * two64 + static_cast<double>(a.lo)) * unit;
+    const bool negative = (a.hi >> 63) != 0;
+    const Fixed128 size = negative ? negated(a) : a;
+    const double x = (static_cast<double>(size.hi) * two64 + static_cast<double>(size.lo)) * unit;
+    return negative ? -x : x;
 }
 
 }  // namespace veriray

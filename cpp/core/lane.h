@@ -1,9 +1,10 @@
 // Lane types. Stage code is written once on a lane policy L with
 //   L::F  float lanes     L::U  uint32 lanes     L::M  mask lanes     L::kWidth
 // Scalar (CUDA threads, CPU tests) and the widest vector the translation unit is compiled for.
-// Vectors also load, and compress_store(p, a, m) writes the lanes of m side by side from p on (up
-// to kWidth entries from p may be overwritten); first_lanes(n) is the mask of the first n. Every
-// operation is IEEE-754 round-to-nearest, so all widths give the same bits.
+// Lanes load and store; compress_store(p, a, m) writes the lanes of m side by side from p on (up
+// to kWidth entries from p may be overwritten); first_lanes(n) is the mask of the first n and
+// mask_of(bits) the inverse of bits(m). Every operation is IEEE-754 round-to-nearest, so all widths
+// give the same bits. Batch is the vector in which one ray meets several boxes or triangles.
 #pragma once
 
 #include "core/platform.h"
@@ -41,8 +42,39 @@ VR_HD uint32_t as_uint(float a) { return bit_cast<uint32_t>(a); }
 VR_HD float as_float(uint32_t a) { return bit_cast<float>(a); }
 VR_HD float gather(const float* p, uint32_t i) { return p[i]; }
 VR_HD uint32_t gather(const uint32_t* p, uint32_t i) { return p[i]; }
+VR_HD float load(const float* p, float) { return *p; }
+VR_HD uint32_t load(const uint32_t* p, uint32_t) { return *p; }
+VR_HD void store(float* p, float a) { *p = a; }
+VR_HD void store(uint32_t* p, uint32_t a) { *p = a; }
+VR_HD bool mask_of(uint32_t m, bool) { return m & 1u; }
 // gather from a column padded to at least 32 entries; n entries are in use.
 VR_HD float lookup(const float* column, uint32_t i, uint32_t) { return column[i]; }
+
+// Aligned vectors from memory that nobody writes meanwhile.
+template <class T>
+struct alignas(2 * sizeof(T)) Pair {
+    T x, y;
+};
+template <class T>
+struct alignas(4 * sizeof(T)) Quad {
+    T x, y, z, w;
+};
+VR_HD Pair<float> load2(const float* p) {
+#if VR_DEVICE_CODE
+    const float2 a = __ldg(reinterpret_cast<const float2*>(p));
+    return {a.x, a.y};
+#else
+    return {p[0], p[1]};
+#endif
+}
+VR_HD Quad<float> load4(const float* p) {
+#if VR_DEVICE_CODE
+    const float4 a = __ldg(reinterpret_cast<const float4*>(p));
+    return {a.x, a.y, a.z, a.w};
+#else
+    return {p[0], p[1], p[2], p[3]};
+#endif
+}
 
 }  // namespace veriray
 

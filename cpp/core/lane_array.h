@@ -26,6 +26,8 @@ struct Simd {
     static constexpr uint32_t kWidth = kArrayWidth;
 };
 
+using Batch = Simd;
+
 template <class R, class Fn>
 VR_HD R each_lane(Fn fn) {
     R r;
@@ -126,9 +128,14 @@ VR_HD F4 load(const float* p, F4) {
 VR_HD U4 load(const uint32_t* p, U4) {
     return each_lane<U4>([&](uint32_t i) { return p[i]; });
 }
+template <class T>
+VR_HD void store(T* p, Array4<T> a) {
+    for (uint32_t i = 0; i < kArrayWidth; ++i) p[i] = a.v[i];
+}
 VR_HD M4 first_lanes(uint32_t n, M4) {
     return each_bit([&](uint32_t i) { return i < n; });
 }
+VR_HD M4 mask_of(uint32_t m, M4) { return {m & ((1u << kArrayWidth) - 1u)}; }
 template <class T>
 VR_HD void compress_store(T* p, Array4<T> a, M4 m) {
     for (uint32_t i = 0; i < kArrayWidth; ++i)

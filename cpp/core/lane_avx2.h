@@ -27,6 +27,7 @@ struct Simd {
     using M = M8;
     static constexpr uint32_t kWidth = 8;
 };
+using Batch = Simd;
 
 VR_HD F8 operator+(F8 a, F8 b) { return _mm256_add_ps(a.v, b.v); }
 VR_HD F8 operator-(F8 a, F8 b) { return _mm256_sub_ps(a.v, b.v); }
@@ -86,8 +87,14 @@ VR_HD F8 load(const float* p, F8) { return _mm256_loadu_ps(p); }
 VR_HD U8 load(const uint32_t* p, U8) {
     return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
 }
+VR_HD void store(float* p, F8 a) { _mm256_storeu_ps(p, a.v); }
+VR_HD void store(uint32_t* p, U8 a) { _mm256_storeu_si256(reinterpret_cast<__m256i*>(p), a.v); }
 VR_HD M8 first_lanes(uint32_t n, M8) {
     return U8(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)) < U8(n);
+}
+VR_HD M8 mask_of(uint32_t m, M8) {
+    const U8 bit(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
+    return (U8(m) & bit) == bit;
 }
 // The index of the k-th set bit of m, for each lane k: the survivors' order is kept.
 VR_HD __m256i compress_order(uint32_t m) {

@@ -38,6 +38,100 @@ VR_HD void uniform_triangle(F u, F v, F& b1, F& b2) {
     b2 = r * v;
 }
 
+// Uniform over the unit disc.
+template <class F>
+VR_HD void uniform_disk(F u, F v, F& x, F& y) {
+    F s, c;
+    sincos_2pi(v, s, c);
+    const F r = sqrt(u);
+    x = r * c;
+    y = r * s;
+}
+
+// Directions within a cone about +z, uniform per solid angle. one_minus_cos of its half angle, in
+// (0, 2], keeps narrow cones exact: x and y have relative errors, down to 10^-30 sr.
+template <class F>
+VR_HD Vec3<F> uniform_cone(F u, F v, F one_minus_cos) {
+    F s, c;
+    sincos_2pi(v, s, c);
+    const F h = u * one_minus_cos;
+    const F r = sqrt(h * (F(2.f) - h));
+    return {r * c, r * s, F(1.f) - h};
+}
+template <class F>
+VR_HD F uniform_cone_pdf_sa(F one_minus_cos) {
+    return F(0.5f * kInvPi) / one_minus_cos;
+}
+
+// Right-handed: cross(a, b) = n, a unit vector. T. Duff et al., "Building an Orthonormal Basis,
+// Revisited", JCGT 6(1), 2017.
+template <class F>
+VR_HD void orthonormal_frame(Vec3<F> n, Vec3<F>& a, Vec3<F>& b) {
+    const F sign = select(n.z < F(0.f), F(-1.f), F(1.f));
+    const F p = F(-1.f) / (sign + n.z);
+    const F q = n.x * n.y * p;
+    a = {fma(sign * n.x * n.x, p, F(1.f)), sign * q, -(sign * n.x)};
+    b = {q, fma(n.y * n.y, p, sign), -n.y};
+}
+
+// Phase function of L. Henyey, J. Greenstein, Astrophysical Journal 93, 1941, with mean cosine g in
+// (-1, 1) between the old and the new direction of travel. Everything is a product or a sum of
+// positive terms of |g|, so that g near 0 and near +-1 lose nothing; negative g: mirrored.
+//
+// The new direction. With w = 1 - |g| + 2 |g| u, u = 0 backward:
+// 1 - cos = 2 (1 - |g|)^2 (1 - u) (1 + |g| u) / w^2, 1 + cos = 2 (1 + |g|)^2 u (1 - |g| (1 - u)) /
+// w^2.
+template <class F>
+VR_HD Vec3<F> henyey_greenstein(Vec3<F> d, F g, F u, F v) {
+    const F a = abs(g), one(1.f), rest = one - u;
+    const F less = one - a, w = fma(F(2.f) * a, u, less);
+    const F scale = F(2.f) * less / (w * w);
+    const F forward = rest * fma(a, u, one), backward = u * fma(-a, rest, one);
+    const F cosine = one - scale * less * forward;
+    const F sine = scale * (one + a) * sqrt(forward * backward);
+    F s, c;
+    sincos_2pi(v, s, c);
+    Vec3<F> x, y;
+    orthonormal_frame(d, x, y);
+    return fma(x, sine * c, fma(y, sine * s, d * select(g < F(0.f), -cosine, cosine)));
+}
+
+// Its density per solid angle for 1 - cos of the angle to d, or to -d for negative g.
+template <class F>
+VR_HD F henyey_greenstein_density(F one_minus_cos, F g) {
+    const F a = abs(g), less = F(1.f) - a;
+    const F base = fma(F(2.f) * a, one_minus_cos, less * less);
+    return F(0.25f * kInvPi) * less * (F(1.f) + a) / (base * sqrt(base));
+}
+
+// For the cosine between d and the new direction; |g| below 0.9, because a rounded cosine does not
+// tell small angles apart.
+template <class F>
+VR_HD F henyey_greenstein_pdf(F cosine, F g) {
+    return henyey_greenstein_density(F(1.f) - select(g < F(0.f), -cosine, cosine), g);
+}
+
+// For the two unit vectors and any g: 1 - cos = |d - w|^2 / 2.
+template <class F>
+VR_HD F henyey_greenstein_pdf(Vec3<F> d, Vec3<F> w, F g) {
+    const Vec3<F> apart = w - select(g < F(0.f), -d, d);
+    return henyey_greenstein_density(F(0.5f) * dot(apart, apart), g);
+}
+
+// Exponential with mean 1 from 32 random bits: -log((bits + 1/2) 2^-32), 1.2e-10 to 22.9.
+template <class U>
+VR_HD auto exponential(U bits) {
+    using F = decltype(as_float(bits));
+    const auto scaled = [](U b) {  // rounded once
+        return fma(to_float(b >> 8), F(256.f), to_float(b & U(255u)) + F(0.5f)) * F(0x1p-32f);
+    };
+    const F x = scaled(bits);
+    F f, e;
+    float_parts(x, f, e);
+    f = select(x < F(kRootHalf), f, -scaled(bits ^ U(~0u)));  // x - 1 from the other end
+    return -log_of_parts(f, e);
+}
+
 // Offset in [-1, 1) with density 1 - |x|.
 template <class F>
 VR_HD F tent(F u) {

@@ -1,4 +1,7 @@
 // Elementary functions made of IEEE operations only: the same bits on every machine and lane width.
+// Minimax polynomials by Remez' exchange, coefficients rounded one after the other and the rest
+// fitted again. The errors stated are the largest over all floats of the domain (log, exp_minus,
+// acos) and over all 2^24 multiples of 2^-24 (sincos_2pi): tests/unit/test_math.py.
 #pragma once
 
 #include "core/lane.h"
@@ -8,11 +11,14 @@ namespace veriray {
 inline constexpr float kPi = 3.14159265358979323846f;
 inline constexpr float kInvPi = 0.318309886183790671538f;
 inline constexpr float kInfinity = __builtin_huge_valf();
+// ln 2 as two numbers; multiples of the first by up to 7 bits are exact.
+inline constexpr float kLn2High = 0x1.62e4p-1f, kLn2Low = 0x1.7f7d1cp-20f;
+inline constexpr float kRootHalf = 0x1.6a09e6p-1f;
 
 // s = sin(2 pi u), c = cos(2 pi u) for u in [0, 1).
 // Quarter turns are taken off exactly; the rest |r| <= 1/2 of a quarter goes through minimax
-// polynomials (Remez, relative error 3.3e-9 and 5.7e-11 before rounding).
-// Over all 2^24 multiples of 2^-24: at most 1.69 ulp and 8.4e-8 (tests/unit/test_math.py).
+// polynomials (relative error 3.3e-9 and 5.7e-11 before rounding).
+// At most 1.69 ulp and 8.4e-8.
 template <class F>
 VR_HD void sincos_2pi(F u, F& s, F& c) {
     const F x = u * F(4.f);
@@ -31,6 +37,80 @@ VR_HD void sincos_2pi(F u, F& s, F& c) {
     const auto odd = (q & U(1u)) == U(1u);
     s = as_float(as_uint(select(odd, cos_r, sin_r)) ^ ((q & U(2u)) << 30));
     c = as_float(as_uint(select(odd, sin_r, cos_r)) ^ (((q + U(1u)) & U(2u)) << 30));
+}
+
+// c[0] + c[1] x + ... + c[n - 1] x^(n - 1).
+template <class F, int n>
+VR_HD F polynomial(F x, const float (&c)[n]) {
+    F sum(c[n - 1]);
+    for (int k = n - 2; k >= 0; --k) sum = fma(sum, x, F(c[k]));
+    return sum;
+}
+
+// log((1 + f) 2^e) for 1 + f in [sqrt(1/2), sqrt(2)]; accurate for f near 0 if e = 0.
+// The polynomial's relative error is 4.2e-9.
+template <class F>
+VR_HD F log_of_parts(F f, F e) {
+    constexpr float c[] = {-0x1.fffff8p-2f, 0x1.55555p-2f,   -0x1.00043p-2f,
+                           0x1.99a3a4p-3f,  -0x1.542548p-3f, 0x1.227b56p-3f,
+                           -0x1.0f57ecp-3f, 0x1.0803b2p-3f,  -0x1.36b9e2p-4f};
+    const F rest = fma(f * f, polynomial(f, c), e * F(kLn2Low));
+    return fma(e, F(kLn2High), f + rest);
+}
+
+// x = (1 + f) 2^e, exactly.
+template <class F>
+VR_HD void float_parts(F x, F& f, F& e) {
+    using U = decltype(as_uint(x));
+    const U root_half = U(0x3f3504f3u);  // of kRootHalf
+    const U shifted = as_uint(x) + U(0x3f800000u - 0x3f3504f3u);
+    e = to_float(shifted >> 23) - F(127.f);
+    f = as_float((shifted & U(0x7fffffu)) + root_half) - F(1.f);
+}
+
+// Natural logarithm of a positive normal float. log(1) = 0.
+template <class F>
+VR_HD F log(F x) {
+    F f, e;
+    float_parts(x, f, e);
+    return log_of_parts(f, e);
+}
+
+// e^-x for x >= 0, infinity included; exp_minus(0) = 1.
+// 0 beyond 87.33654, where the value leaves the normal floats (2^-126). NaN stays NaN.
+// The polynomial's relative error is 3.2e-9.
+template <class F>
+VR_HD F exp_minus(F x) {
+    using U = decltype(as_uint(x));
+    constexpr float largest = 0x1.5d589ep+6f;
+    constexpr float c[] = {0x1.fffffcp-2f, -0x1.55548cp-3f, 0x1.555858p-5f, -0x1.123dep-7f,
+                           0x1.6ac74cp-10f};
+    const F y = min(F(largest), x);
+    const F round(0x1.8p23f);  // adding it leaves an integer in the low bits
+    const F shifted = fma(y, F(-0x1.715476p+0f), round);
+    const F n = shifted - round;
+    const F r = fma(n, F(kLn2Low), fma(n, F(kLn2High), y));
+    const F value = F(1.f) + fma(r * r, polynomial(r, c), -r);
+    const F scale = as_float((as_uint(shifted) + U(127u)) << 23);
+    return select(x > F(largest), F(0.f), value * scale);
+}
+
+// Arc cosine of x in [-1, 1], radians; NaN outside. acos(1) = 0.
+// By arc sines of at most 1/2: acos(x) = pi/2 - asin(x) = 2 asin(sqrt((1 - x) / 2)). The
+// polynomial's relative error is 4.9e-9.
+template <class F>
+VR_HD F acos(F x) {
+    constexpr float c[] = {0x1.5555c8p-3f, 0x1.330204p-4f, 0x1.747bbap-5f, 0x1.8c3e28p-6f,
+                           0x1.595c92p-5f};
+    constexpr float half_pi = 0x1.921fb6p+0f, half_pi_low = -0x1.777a5cp-25f;
+    const F a = abs(x);
+    const auto middle = a < F(0.5f);
+    const F z = select(middle, x * x, fma(a, F(-0.5f), F(0.5f)));
+    const F s = select(middle, x, sqrt(z));
+    const F rest = s * z * polynomial(z, c);
+    const F from_half_pi = F(half_pi) - (s + (rest - F(half_pi_low)));
+    const F twice = F(2.f) * select(x < F(0.f), from_half_pi, s + rest);
+    return select(middle, from_half_pi, twice);
 }
 
 }  // namespace veriray

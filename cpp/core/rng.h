@@ -39,15 +39,18 @@ VR_HD RandomKey random_key(uint64_t seed, uint32_t sample_high) {
     return {h.x, h.y};
 }
 
-// Named dimensions. A block is four numbers; a path uses block kCamera once and two blocks a
-// vertex.
+// Named dimensions. A block is four numbers; a path uses block kCamera once and up to three blocks
+// a segment.
 enum Dimension : uint32_t {
     kCamera = 0,   // film x, film y, lens u, lens v
-    kScatter = 1,  // light u, light v, bsdf u, bsdf v
+    kScatter = 1,  // light u, light v, direction u, direction v
     kDecide = 2,   // light choice, roulette, lobe, free
-    kBlocksPerVertex = 2,
+    kCross = 3,    // free flight, its channel, opacity, free
+    kBlocksPerSegment = 3,
 };
-VR_HD uint32_t dimension_block(uint32_t depth, Dimension d) { return depth * kBlocksPerVertex + d; }
+VR_HD uint32_t dimension_block(uint32_t segment, Dimension d) {
+    return segment * kBlocksPerSegment + d;
+}
 
 template <class U>
 VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {

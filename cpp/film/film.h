@@ -5,7 +5,8 @@
 // associative, so any order, split, merge or resume gives the same film, no sum drifts, and threads
 // need no order. Resolution 2^-72 of the largest radiance a sample (its square 2^-76: the standard
 // error of pixels below 2^-38 of the largest radiance reads 0); a sample at or above 2^20 of it,
-// negative or not finite is not added but counted and reported (SampleFault).
+// negative or not finite is not added but counted and reported (SampleFault). Sums are signed: a
+// filter with negative lobes subtracts.
 #pragma once
 
 #include "core/fixed.h"
@@ -36,10 +37,12 @@ VR_HD auto film_accepts(Vec3<F> radiance, float scale) {
            (radiance.x * s < limit) & (radiance.y * s < limit) & (radiance.z * s < limit);
 }
 
-VR_HD void add_sample(PixelSum& p, const float radiance[3], float scale) {
+// weight: of the filter, for a radiance that the film accepts.
+VR_HD void add_sample(PixelSum& p, const float radiance[3], float weight, float scale) {
     for (int k = 0; k < 3; ++k) {
-        const double x = static_cast<double>(radiance[k] * scale);
-        add(p.sum[k], to_fixed(x, kSumScale));
+        const double x = static_cast<double>(radiance[k] * weight * scale);
+        const Fixed128 size = to_fixed(x < 0 ? -x : x, kSumScale);
+        add(p.sum[k], x < 0 ? negated(size) : size);
         add(p.square[k], to_fixed(x * x, kSquareScale));
     }
 }

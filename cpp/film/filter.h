@@ -1,4 +1,5 @@
-// Pixel filters by importance sampling: every sample has weight 1 and belongs to one pixel.
+// Pixel filters by importance sampling: every sample belongs to one pixel and has weight 1, or,
+// where a filter has negative lobes, a weight of constant size and the lobe's sign.
 #pragma once
 
 #include "core/mapping.h"
@@ -12,7 +13,9 @@ inline constexpr uint32_t kFilterTable =
 struct FilterView {
     FilterKind kind;
     float radius;        // pixels; tent only
-    const float* edges;  // inverse distribution in pixels; table only
+    const float* edges;  // inverse distribution of |f| in pixels; table only
+    float positive;      // f < 0 beyond this distance; infinity: nowhere
+    float weight;        // integral of |f| over integral of f
 };
 
 // Offset from the pixel's centre, in pixels, along one axis.
@@ -25,6 +28,13 @@ VR_HD typename L::F filter_offset(const FilterView& f, typename L::F u) {
     const auto cell = to_uint(x);
     const F a = gather(f.edges, cell), b = gather(f.edges + 1, cell);
     return fma(x - to_float(cell), b - a, a);
+}
+
+// Weight of a sample at this offset along one axis.
+template <class F>
+VR_HD F filter_weight(const FilterView& f, F offset) {
+    const F w(f.weight);
+    return select(abs(offset) > F(f.positive), -w, w);
 }
 
 }  // namespace veriray

@@ -1,125 +1,87 @@
-// A binary bounding volume hierarchy over triangles and its walk, for one ray or a packet of lanes.
-// The closest hit does not depend on the tree: boxes are padded beyond the rounding of the triangle
-// test, and ties go to the smaller triangle.
+// A tree of boxes over triangles, spheres and disks, and its walk: one ray at a time on the CPU
+// (its lanes one after another, eight boxes or triangles at once), one ray a thread on CUDA.
+//
+// The closest hit does not depend on the tree. A primitive's test is one sequence of operations
+// whichever way it is scheduled; ties go to the smaller primitive; and no box is passed over that
+// holds a primitive which counts: boxes are padded beyond the rounding of the tests, a box is
+// skipped only if it starts beyond the closest hit, and no hit lies before its primitive's own box.
 #pragma once
 
+#include "geometry/disk.h"
+#include "geometry/sphere.h"
 #include "geometry/triangle.h"
 
 namespace veriray {
 
 inline constexpr uint32_t kLeafFlag = 0x80000000u;
-inline constexpr uint32_t kLeafTriangles = 4;  // at most; count - 1 in the two low bits
-inline constexpr uint32_t kBvhStack = 64;
+inline constexpr uint32_t kEmptyChild = 0xffffffffu;
 inline constexpr float kBoxPad = 0x1p-20f;  // normalised units
+inline constexpr uint32_t kMaxLeaf = 16;    // records
+inline constexpr uint32_t kBlock = 8;       // records side by side in the CPU's leaves
+inline constexpr uint32_t kCpuWidth = 8, kDeviceWidth = 4;  // children of a node
 
-struct BvhNode {
-    float lo[2][3], hi[2][3];
-    uint32_t child[2];  // a node, or kLeafFlag | first << 2 | count - 1
+// Which primitives a tree may hold: code for others is not compiled.
+enum TreeKinds : uint32_t { kTreeTriangles = 1, kTreeSpheres = 2, kTreeDisks = 4 };
+
+template <uint32_t N>
+struct alignas(64) WideNode {
+    float lo[3][N], hi[3][N];  // empty child: lo = infinity, hi = -infinity
+    uint32_t child[N];         // a node, or kLeafFlag | first << 4 | count - 1
+};
+
+// A record is 16 floats: a triangle's corners and plane, or the 8 floats of a sphere, the 12 of a
+// disk; then primitive and kind as integers, and 0.
+inline constexpr uint32_t kRecordFloats = 16, kRecordPlane = 9, kRecordId = 13, kRecordKind = 14;
+enum RecordKind : uint32_t { kTriangleRecord = 0, kSphereRecord = 1, kDiskRecord = 2 };
+
+// The CPU's leaves: kBlock records side by side; those that lack are zero, which no ray meets.
+struct alignas(64) RecordBlock {
+    float rows[kRecordFloats][kBlock];
 };
 
 struct BvhView {
-    const BvhNode* nodes;  // nodes[0] is the root
-    const float* triangles;
-    const uint32_t* order;  // leaf slot -> primitive
+    const void* nodes;    // WideNode of kCpuWidth or kDeviceWidth; the root is the first
+    const void* records;  // CPU: RecordBlock, leaves count blocks (scene/tree_layout.h makes them).
+                          // CUDA: kRecordFloats floats each, 16-byte aligned; leaves count records.
 };
 
-template <class L>
-struct BoxRay {
-    Vec3<typename L::F> o, inverse;
+// ---- one primitive, one ray ----
+using Scalar3 = Vec3<float>;
+
+struct RayFrame {
+    Ray<Scalar> ray;
+    Slabs<Scalar> slabs;
+    Shear<Scalar> shear;
 };
-
-// 1 / d, held finite so that 0 times it stays 0 on a slab's face.
-template <class F>
-VR_HD F finite_inverse(F d) {
-    return select(abs(d) < F(0x1p-100f), F(0x1p100f), F(1.f) / d);
+VR_HD RayFrame frame_of(const Ray<Scalar>& ray) {
+    return {ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
 }
 
-// Entry distance into a padded box; infinite where it is missed or lies beyond t.
-template <class L>
-VR_HD typename L::F box_entry(const float* lo, const float* hi, const BoxRay<L>& r,
-                              typename L::F t) {
-    using F = typename L::F;
-    F near(0.f), far = t;
-    const F o[3] = {r.o.x, r.o.y, r.o.z}, inv[3] = {r.inverse.x, r.inverse.y, r.inverse.z};
-    for (int k = 0; k < 3; ++k) {
-        const F a = (F(lo[k]) - o[k]) * inv[k], b = (F(hi[k]) - o[k]) * inv[k];
-        near = max(select(a < b, a, b), near);
-        far = min(select(a < b, b, a), far);
-    }
-    // 4 ulp for the two roundings a side; plus 2^-18 for the distance of the plane in `t`.
-    return select(near <= far * F(1.f + 0x1p-18f), near, F(kInfinity));
-}
-
-// Calls leaf(first, count) for the leaves that lanes of `active` reach within limit(), near first.
-template <class L, class Limit, class Leaf>
-VR_HD void walk(const BvhView& bvh, const Ray<L>& ray, typename L::M active, Limit limit,
-                Leaf leaf) {
-    using F = typename L::F;
-    const BoxRay<L> r{ray.o,
-                      {finite_inverse(ray.d.x), finite_inverse(ray.d.y), finite_inverse(ray.d.z)}};
-    uint32_t stack[kBvhStack], size = 0, node = 0;
-    for (;;) {
-        if (node & kLeafFlag) {
-            if (leaf((node & ~kLeafFlag) >> 2, (node & 3u) + 1u)) return;
-        } else {
-            const BvhNode& n = bvh.nodes[node];
-            const F t = limit();
-            const F near0 = box_entry<L>(n.lo[0], n.hi[0], r, t);
-            const F near1 = box_entry<L>(n.lo[1], n.hi[1], r, t);
-            const auto hit0 = active & (near0 < F(kInfinity));
-            const auto hit1 = active & (near1 < F(kInfinity));
-            if (any(hit0) && any(hit1)) {
-                const bool first = count(hit0 & (near0 <= near1)) >= count(hit1 & (near1 < near0));
-                stack[size++] = n.child[first ? 1 : 0];
-                node = n.child[first ? 0 : 1];
-                continue;
-            }
-            if (any(hit0) || any(hit1)) {
-                node = n.child[any(hit0) ? 0 : 1];
-                continue;
-            }
+// Distance to a sphere or disk record; infinity where it is missed.
+template <uint32_t kKinds>
+VR_HD float round_distance(const float* record, uint32_t kind, const RayFrame& f) {
+    float t = kInfinity;
+    bool met = false;
+    if constexpr (kKinds & kTreeSpheres)
+        if (!(kKinds & kTreeDisks) || kind == kSphereRecord) {
+            met = meets_sphere<Scalar>(record, f.ray, kInfinity, t);
+            const Scalar3 c{record[0], record[1], record[2]}, r{record[6], record[6], record[6]};
+            const Scalar3 v[3] = {c - r, c + r, c};
+            t = bounded_distance<Scalar>(t, f.slabs, v);
         }
-        if (size == 0) return;
-        node = stack[--size];
-    }
+    if constexpr (kKinds & kTreeDisks)
+        if (kind == kDiskRecord) met = meets_disk<Scalar>(record, f.ray, kInfinity, t);
+    return met ? t : kInfinity;
 }
 
-template <class L>
-VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::M active,
-                          Hit<L>& hit) {
-    const Projection<L> pr = projection<L>(ray.d);
-    walk<L>(
-        bvh, ray, active, [&] { return hit.t; },
-        [&](uint32_t first, uint32_t n) {
-            for (uint32_t i = first; i < first + n; ++i) {
-                const float* tri = bvh.triangles + static_cast<uint64_t>(i) * kTriangleFloats;
-                const auto inside = inside_triangle<L>(tri, ray, pr);
-                if (any(inside))
-                    keep_closest<L>(hit, inside, plane_distance<L>(tri + 9, ray), bvh.order[i]);
-            }
-            return false;
-        });
-}
-
-// Lanes of `active` that meet a triangle before t_max; ends when all have.
-template <class L>
-VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::F t_max,
-                                    typename L::M active) {
-    using F = typename L::F;
-    const Projection<L> pr = projection<L>(ray.d);
-    typename L::M blocked = active & !active;
-    walk<L>(
-        bvh, ray, active, [&] { return select(blocked, F(-1.f), t_max); },
-        [&](uint32_t first, uint32_t n) {
-            for (uint32_t i = first; i < first + n; ++i) {
-                const float* tri = bvh.triangles + static_cast<uint64_t>(i) * kTriangleFloats;
-                const auto inside = inside_triangle<L>(tri, ray, pr);
-                const F t = plane_distance<L>(tri + 9, ray);
-                blocked = blocked | (active & inside & (t > F(0.f)) & (t < t_max));
-            }
-            return none(active & !blocked);
-        });
-    return blocked;
+VR_HD bool closer(float t, uint32_t primitive, const Hit<Scalar>& hit) {
+    return t > 0.f && (t < hit.t || (t == hit.t && primitive < hit.primitive));
 }
 
 }  // namespace veriray
+
+#if VR_CUDA
+#include "geometry/walk_scalar.h"
+#else
+#include "geometry/walk_batch.h"
+#endif

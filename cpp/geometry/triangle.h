@@ -1,50 +1,101 @@
 // Watertight triangles for meshes.
 //
-// All vertices are projected along the ray to a plane by the same arithmetic, and the sign of an
-// edge function there is decided by comparing two products that are rounded alike for both
-// neighbours (never fused). A rounded product is monotone, so the sign is right or zero, and zero
-// counts as inside: no ray passes between two triangles that share an edge or a vertex.
-// After S. Woop, C. Benthin, I. Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013;
-// a frame about the ray stands for their permuted shear, so that lanes need no permutation.
+// Vertices are sheared along the ray onto a plane by the same arithmetic for every triangle, and
+// the sign of an edge function there is decided by comparing two products that are rounded alike
+// for both neighbours (never fused). A rounded product is monotone, so the sign is right or zero,
+// and zero counts as inside: no ray passes between two triangles that share an edge or a vertex.
+// S. Woop, C. Benthin, I. Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
 #pragma once
 
 #include "geometry/ray.h"
 
 namespace veriray {
 
-inline constexpr uint32_t kTriangleFloats = 13;  // three vertices, plane
+// 1 / d, held finite so that 0 times it stays 0 on a slab's face.
+template <class F>
+VR_HD F finite_inverse(F d) {
+    return select(abs(d) < F(0x1p-100f), F(0x1p100f), F(1.f) / d);
+}
 
+// Where a ray meets planes across the axes: at fma(c, inverse, near) for the plane at c. `near`
+// lies before and `far` behind by 2^-20 of the origin's largest coordinate (of 1 if that is less):
+// more than the rounding of shear, plane and slab together.
 template <class L>
-struct Projection {
-    Vec3<typename L::F> u, v;  // orthogonal to the ray
+struct Slabs {
+    Vec3<typename L::F> inverse, near, far;
 };
 
-// T. Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
 template <class L>
-VR_HD Projection<L> projection(Vec3<typename L::F> d) {
+VR_HD Slabs<L> slabs_of(const Ray<L>& ray) {
     using F = typename L::F;
-    const F sign = select(d.z < F(0.f), F(-1.f), F(1.f));
-    const F a = F(-1.f) / (sign + d.z);
-    const F b = d.x * d.y * a;
-    return {{fma(sign * d.x * d.x, a, F(1.f)), sign * b, -(sign * d.x)},
-            {b, fma(d.y * d.y, a, sign), -d.y}};
+    const Vec3<F> o = ray.o;
+    const F slack = F(0x1p-20f) * max(max(abs(o.x), abs(o.y)), max(abs(o.z), F(1.f)));
+    Slabs<L> s;
+    s.inverse = {finite_inverse(ray.d.x), finite_inverse(ray.d.y), finite_inverse(ray.d.z)};
+    const Vec3<F> w{abs(s.inverse.x) * slack, abs(s.inverse.y) * slack, abs(s.inverse.z) * slack};
+    s.near = fma(-o, s.inverse, -w);
+    s.far = fma(-o, s.inverse, w);
+    return s;
+}
+
+// The axis along which the ray runs most, exchanged with z; x and y shear by dx/dz and dy/dz.
+template <class L>
+struct Shear {
+    typename L::M from_x, from_y;  // that axis is x, is y
+    typename L::F x, y;            // -dx/dz, -dy/dz after the exchange
+};
+
+// v with the ray's main axis last.
+template <class F, class M>
+VR_HD Vec3<F> main_axis_last(M from_x, M from_y, Vec3<F> v) {
+    return {select(from_x, v.z, v.x), select(from_y, v.z, v.y),
+            select(from_x, v.x, select(from_y, v.y, v.z))};
 }
 
 template <class L>
-VR_HD typename L::M inside_triangle(const float* tri, const Ray<L>& ray, const Projection<L>& pr) {
+VR_HD Shear<L> shear_of(Vec3<typename L::F> d) {
+    using F = typename L::F;
+    const F x = abs(d.x), y = abs(d.y), z = abs(d.z);
+    Shear<L> s;
+    s.from_x = (x > z) & (x >= y);
+    s.from_y = (y > z) & (y > x);
+    const Vec3<F> m = main_axis_last(s.from_x, s.from_y, d);
+    s.x = -m.x / m.z;
+    s.y = -m.y / m.z;
+    return s;
+}
+
+// Whether the line of the ray meets the triangle with corners v (relative to its origin, main axis
+// last); never for one seen edge on.
+template <class L>
+VR_HD typename L::M inside_sheared(const Shear<L>& s, const Vec3<typename L::F> (&v)[3]) {
     using F = typename L::F;
     F x[3], y[3];
     for (int i = 0; i < 3; ++i) {
-        const Vec3<F> a = broadcast<F>(tri + 3 * i) - ray.o;
-        x[i] = dot(pr.u, a);
-        y[i] = dot(pr.v, a);
+        x[i] = fma(s.x, v[i].z, v[i].x);
+        y[i] = fma(s.y, v[i].z, v[i].y);
     }
-    const F p0 = x[1] * y[2], q0 = y[1] * x[2];
-    const F p1 = x[2] * y[0], q1 = y[2] * x[0];
-    const F p2 = x[0] * y[1], q2 = y[0] * x[1];
-    const auto left = (p0 >= q0) & (p1 >= q1) & (p2 >= q2);
-    const auto right = (p0 <= q0) & (p1 <= q1) & (p2 <= q2);
+    const F e0 = x[1] * y[2] - y[1] * x[2];
+    const F e1 = x[2] * y[0] - y[2] * x[0];
+    const F e2 = x[0] * y[1] - y[0] * x[1];
+    const F least = min(min(e0, e1), e2), most = max(max(e0, e1), e2);
+    const auto left = least >= F(0.f), right = most <= F(0.f);
     return (left | right) & !(left & right);
+}
+
+// Distance to the plane, but not before the ray enters the box about the corners v: so boxes may be
+// passed over by distance, however the ray grazes the plane.
+template <class L>
+VR_HD typename L::F bounded_distance(typename L::F t, const Slabs<L>& s,
+                                     const Vec3<typename L::F> (&v)[3]) {
+    using F = typename L::F;
+    const auto entry = [](F a, F b, F c, F inverse, F near) {
+        return min(min(fma(a, inverse, near), fma(b, inverse, near)), fma(c, inverse, near));
+    };
+    const F box = max(max(entry(v[0].x, v[1].x, v[2].x, s.inverse.x, s.near.x),
+                          entry(v[0].y, v[1].y, v[2].y, s.inverse.y, s.near.y)),
+                      entry(v[0].z, v[1].z, v[2].z, s.inverse.z, s.near.z));
+    return select((t > box) & (t < F(kInfinity)), t, box);
 }
 
 }  // namespace veriray

@@ -1,24 +1,50 @@
-// Light sampling: flat area lights and a constant environment.
+// Light sampling: area lights of every shape, point, spot and directional lights, a constant
+// environment.
 #pragma once
 
 #include "core/mapping.h"
 #include "core/rng.h"
+#include "lights/sphere_light.h"
 
 namespace veriray {
 
 inline constexpr float kShadowShorten = 1.f - 0x1p-21f;
 
-// Columns of the light table (one row per emitting primitive).
+enum class LightShape : uint32_t {
+    kParallelogram,
+    kTriangle,
+    kDisk,
+    kSphere,
+    kPoint,
+    kSpot,
+    kDirectional,
+};
+constexpr uint32_t shape_bit(LightShape s) { return 1u << static_cast<uint32_t>(s); }
+inline constexpr uint32_t kFlatLights = shape_bit(LightShape::kParallelogram) |
+                                        shape_bit(LightShape::kTriangle) |
+                                        shape_bit(LightShape::kDisk);
+inline constexpr uint32_t kDeltaShapes = shape_bit(LightShape::kPoint) |
+                                         shape_bit(LightShape::kSpot) |
+                                         shape_bit(LightShape::kDirectional);
+
+// Columns of the light table (one row per light).
 enum LightColumn : uint32_t {
-    kLightP,                 // a vertex: 3 columns
-    kLightE1 = kLightP + 3,  // edges from it: 3 columns each
+    kLightP,                 // a vertex, the centre, or the position: 3 columns
+    kLightE1 = kLightP + 3,  // edges or half axes: 3 columns each
     kLightE2 = kLightE1 + 3,
-    kLightN = kLightE2 + 3,      // unit normal of the emitting side
+    kLightN = kLightE2 + 3,      // unit: normal of the emitting side, or the way the light goes
     kLightOffset = kLightN + 3,  // shift along the normal past the rounding of a point (see below)
-    kLightTriangle,              // 1 for a triangle, 0 for a parallelogram
-    kLightPdfArea,               // choice probability / area
-    kLightRadiance,              // 3 columns
-    kLightColumns = kLightRadiance + 3,
+    kLightShape,
+    kLightChance,    // of being chosen; over the area for flat lights
+    kLightRadiance,  // radiance, intensity, or irradiance across the beam: 3 columns
+    kLightPrimitive = kLightRadiance + 3,  // bits
+    kLightColumns,
+    // A sphere has its record (geometry/sphere.h) from kLightP on and its side (1: outside, -1) in
+    // kLightN. A spot has these:
+    kSpotCosCutoff = kLightE1,
+    kSpotCosBeam,
+    kSpotCutoff,   // radians
+    kSpotInverse,  // 1 / (cutoff - beam)
 };
 
 struct LightView {
@@ -30,18 +56,21 @@ struct LightView {
     uint32_t environment_share;  // of 2^24: probability of choosing the environment
 };
 
-template <class F>
+template <class L>
 struct LightSample {
-    Vec3<F> radiance;  // towards the receiver; 0 from the back
-    F pdf_sa;          // choice included
-    F distance;        // a shadow ray's length; infinity for the environment
-    Vec3<F> wi;        // unit
+    using F = typename L::F;
+    Vec3<F> radiance;     // towards the receiver; 0 from the back
+    F pdf_sa;             // choice included; of a delta light the chance alone
+    F distance;           // a shadow ray's length; infinity for the environment
+    Vec3<F> wi;           // unit
+    typename L::M delta;  // no ray can meet the light
+    typename L::U skip;   // primitive that does not block; ~0: none
 };
 
-// The area light whose interval holds u24 in [environment_share, 2^24): chosen with exactly its
-// share of 2^-24ths.
+// The light whose interval holds u24 in [environment_share, 2^24): chosen with exactly its share of
+// 2^-24ths.
 template <class U>
-VR_HD U choose_area_light(const LightView& lights, U u24) {
+VR_HD U choose_light(const LightView& lights, U u24) {
     U first(0u);
     for (uint32_t step = lights.top_step; step; step >>= 1) {
         const U next = first + U(step);
@@ -52,48 +81,144 @@ VR_HD U choose_area_light(const LightView& lights, U u24) {
     return first;
 }
 
-// Uniform on the chosen light's area, as seen from p. `column` reads a light column per lane.
-// A shadow ray must end before the light itself. The point is moved off the light by the bound on
-// the absolute rounding of its plane's distance, and the ray shortened by a bound on the relative
-// one (plane distance, length and their division: below 6 units of 2^-24).
-template <class L, class Column>
-VR_HD LightSample<typename L::F> sample_area_light(Column column, Vec3<typename L::F> p,
-                                                   typename L::F u, typename L::F v,
-                                                   bool triangles) {
+template <class L, uint32_t kShapes>
+struct LightSampler {
     using F = typename L::F;
-    const auto column3 = [&](uint32_t c) {
-        return Vec3<F>{column(c), column(c + 1), column(c + 2)};
-    };
-    if (triangles) {
-        F b1, b2;
-        uniform_triangle(u, v, b1, b2);
-        const auto tri = column(kLightTriangle) > F(0.f);
-        u = select(tri, b1, u);
-        v = select(tri, b2, v);
+    using U = typename L::U;
+    using M = typename L::M;
+    using V = Vec3<F>;
+
+    static constexpr bool has(LightShape s) { return (kShapes & shape_bit(s)) != 0; }
+
+    template <class Column>
+    static VR_HD V column3(Column column, uint32_t c) {
+        return {column(c), column(c + 1), column(c + 2)};
     }
-    const Vec3<F> n = column3(kLightN);
-    Vec3<F> q = fma(column3(kLightE1), u, fma(column3(kLightE2), v, column3(kLightP)));
-    q = fma(n, column(kLightOffset), q);
-    LightSample<F> s;
-    const Vec3<F> to = q - p;
-    const F d2 = dot(to, to);
-    const F distance = sqrt(d2);
-    s.distance = distance * F(kShadowShorten);
-    s.wi = to * (F(1.f) / distance);
-    const F cos_light = -dot(n, s.wi);
-    const Vec3<F> zero{F(0.f), F(0.f), F(0.f)};
-    s.radiance = select(cos_light > F(0.f), column3(kLightRadiance), zero);
-    s.pdf_sa = column(kLightPdfArea) * d2 / cos_light;
-    return s;
-}
+    template <class Column>
+    static VR_HD M is(Column column, LightShape s) {
+        return column(kLightShape) == F(static_cast<float>(s));
+    }
+
+    // A light as seen from p. `column` reads a column of the chosen light per lane; u, v in [0, 1).
+    template <class Column>
+    static VR_HD LightSample<L> sample(Column column, V p, F u, F v, M nobody) {
+        LightSample<L> s;
+        s.delta = nobody;
+        s.skip = U(~0u);
+        if constexpr ((kShapes & kFlatLights) != 0) flat(column, p, u, v, s);
+        if constexpr (has(LightShape::kSphere)) {
+            const M sphere = is(column, LightShape::kSphere);
+            if (kShapes == shape_bit(LightShape::kSphere) || any(sphere))
+                merge(s, sphere, from_sphere(column, p, u, v, nobody));
+        }
+        if constexpr ((kShapes & kDeltaShapes) != 0) {
+            const M point = is(column, LightShape::kPoint) | is(column, LightShape::kSpot);
+            if (any(point)) merge(s, point, from_point(column, p, point));
+            const M far = is(column, LightShape::kDirectional);
+            if (any(far))
+                merge(s, far,
+                      {column3(column, kLightRadiance), column(kLightChance), F(kInfinity),
+                       -column3(column, kLightN), far, U(~0u)});
+        }
+        return s;
+    }
+
+    static VR_HD void merge(LightSample<L>& s, M m, const LightSample<L>& other) {
+        s.radiance = select(m, other.radiance, s.radiance);
+        s.pdf_sa = select(m, other.pdf_sa, s.pdf_sa);
+        s.distance = select(m, other.distance, s.distance);
+        s.wi = select(m, other.wi, s.wi);
+        s.delta = s.delta | (m & other.delta);
+        s.skip = select(m, other.skip, s.skip);
+    }
+
+    // Uniform on the area. A shadow ray must end before the light itself: the point is moved off
+    // the light by the bound on the absolute rounding of its plane's distance, and the ray
+    // shortened by a bound on the relative one (plane distance, length and their division: below 6
+    // units of 2^-24).
+    template <class Column>
+    static VR_HD void flat(Column column, V p, F u, F v, LightSample<L>& s) {
+        const F u0 = u, v0 = v;
+        if constexpr (has(LightShape::kTriangle)) {
+            F b1, b2;
+            uniform_triangle(u0, v0, b1, b2);
+            const M triangle = is(column, LightShape::kTriangle);
+            u = select(triangle, b1, u);
+            v = select(triangle, b2, v);
+        }
+        if constexpr (has(LightShape::kDisk)) {
+            F x, y;
+            uniform_disk(u0, v0, x, y);
+            const M disk = is(column, LightShape::kDisk);
+            u = select(disk, x, u);
+            v = select(disk, y, v);
+        }
+        const V n = column3(column, kLightN);
+        V q = fma(column3(column, kLightE1), u,
+                  fma(column3(column, kLightE2), v, column3(column, kLightP)));
+        q = fma(n, column(kLightOffset), q);
+        const V to = q - p;
+        const F d2 = dot(to, to);
+        const F distance = sqrt(d2);
+        s.distance = distance * F(kShadowShorten);
+        s.wi = to * (F(1.f) / distance);
+        const F cos_light = -dot(n, s.wi);
+        const V zero{F(0.f), F(0.f), F(0.f)};
+        s.radiance = select(cos_light > F(0.f), column3(column, kLightRadiance), zero);
+        s.pdf_sa = column(kLightChance) * d2 / cos_light;
+    }
+
+    // The sphere is convex, so that it hides none of its own points that p can see: it is skipped
+    // by the shadow ray.
+    template <class Column>
+    static VR_HD LightSample<L> from_sphere(Column column, V p, F u, F v, M nobody) {
+        F record[kSphereFloats];
+        for (uint32_t k = 0; k < kSphereFloats; ++k) record[k] = column(kLightP + k);
+        const SphereLightSample<F> at = sample_sphere_light(record, p, u, v);
+        const F side = column(kLightN);
+        const M lit = (at.cos_light * side) > F(0.f);
+        const V zero{F(0.f), F(0.f), F(0.f)};
+        return {select(lit, column3(column, kLightRadiance), zero),
+                column(kLightChance) * at.pdf_sa,
+                at.distance,
+                at.wi,
+                nobody,
+                as_uint(column(kLightPrimitive))};
+    }
+
+    // Intensity over squared distance; the falloff of a spot is linear in the angle, as Mitsuba's.
+    template <class Column>
+    static VR_HD LightSample<L> from_point(Column column, V p, M valid) {
+        const V to = column3(column, kLightP) - p;
+        const F d2 = dot(to, to), distance = sqrt(d2);
+        const V wi = to * (F(1.f) / distance);
+        V radiance = column3(column, kLightRadiance) * (F(1.f) / d2);
+        if constexpr (has(LightShape::kSpot)) {
+            const M spot = is(column, LightShape::kSpot);
+            if (any(spot)) {
+                const F c = -dot(wi, column3(column, kLightN));
+                const F edge = (column(kSpotCutoff) - acos(max(min(c, F(1.f)), F(-1.f)))) *
+                               column(kSpotInverse);
+                const F share = select(c >= column(kSpotCosBeam), F(1.f),
+                                       select(c <= column(kSpotCosCutoff), F(0.f), edge));
+                radiance = select(spot, radiance * share, radiance);
+            }
+        }
+        return {radiance, column(kLightChance), distance * F(kShadowShorten), wi, valid, U(~0u)};
+    }
+};
 
 template <class L>
-VR_HD LightSample<typename L::F> sample_environment(const LightView& lights, typename L::F u,
-                                                    typename L::F v) {
+VR_HD LightSample<L> sample_environment(const LightView& lights, typename L::F u, typename L::F v,
+                                        typename L::M nobody) {
     using F = typename L::F;
-    const Vec3<F> wi = uniform_sphere(u, v);
     const F share(static_cast<float>(lights.environment_share) * 0x1p-24f);
-    return {broadcast<F>(lights.environment), share * F(kUniformSpherePdf), F(kInfinity), wi};
+    return {broadcast<F>(lights.environment),
+            share * F(kUniformSpherePdf),
+            F(kInfinity),
+            uniform_sphere(u, v),
+            nobody,
+            typename L::U(~0u)};
 }
 
 }  // namespace veriray

@@ -1,17 +1,171 @@
-// The closed list of materials. A new one: its header, a kind here, a branch in visit(), the Python
-// factory and a test case.
+// The closed list of materials. A new one: a kind, its branch in Bsdf, the Python factory and a
+// test case.
+//
+// A material is a smooth lobe (diffuse: sampled, and lit through light samples), mirror and
+// refraction (delta lobes), and "pass": straight through, which is no scattering. Lobes are chosen
+// by roulette on the Fresnel reflectance, so that the weights stay free of it (section 3.4 of
+// H. Dahlberg, "Parallel Path Tracing in CUDA", KTH, 2016).
 #pragma once
 
-#include "materials/diffuse.h"
+#include "core/mapping.h"
+#include "materials/fresnel.h"
 
 namespace veriray {
 
-enum class MaterialKind : uint32_t { kDiffuse };
+enum class MaterialKind : uint32_t {
+    kDiffuse,
+    kConductor,
+    kDielectric,
+    kPlastic,
+    kThinDielectric,
+    kNull,
+};
+inline constexpr uint32_t kMaterialCount = 6;
+constexpr uint32_t material_bit(MaterialKind k) { return 1u << static_cast<uint32_t>(k); }
 
-// Calls fn with the material of this kind.
-template <class F, class Fn>
-VR_HD void visit(MaterialKind, Vec3<F> albedo, Fn fn) {
-    fn(Diffuse<F>{albedo});
-}
+template <class F>
+struct BsdfValue {
+    Vec3<F> f_cos;  // f(wo, wi) |cos wi|
+    F pdf_sa;       // of the smooth lobe, its choice included
+};
+
+template <class L>
+struct BsdfSample {
+    Vec3<typename L::F> wi;      // unit, world
+    Vec3<typename L::F> weight;  // f |cos| / pdf
+    typename L::F pdf_sa;        // 0 for a delta lobe
+    typename L::M transmitted;   // wi lies behind the surface
+    typename L::M pass;          // straight through
+};
+
+// A surface's material as seen along wo. kKinds: the kinds that can occur (material_bit).
+template <class L, uint32_t kKinds>
+struct Bsdf {
+    using F = typename L::F;
+    using U = typename L::U;
+    using M = typename L::M;
+    using V = Vec3<F>;
+
+    static constexpr bool has(MaterialKind k) { return (kKinds & material_bit(k)) != 0; }
+    static constexpr bool kDiffuseOnly = kKinds == material_bit(MaterialKind::kDiffuse);
+    static constexpr bool kGlass =
+        has(MaterialKind::kDielectric) || has(MaterialKind::kThinDielectric);
+    static constexpr bool kInterface = kGlass || has(MaterialKind::kPlastic);
+
+    U kind;
+    V albedo;  // diffuse: reflectance; plastic: reflectance of the base within the coat
+    V reflection, transmission, eta, k;
+    V n;      // shading normal on wo's side
+    F cos_o;  // of wo to n, positive
+    FresnelSplit<F> fresnel;
+    F relative;  // index beyond over index on wo's side
+
+    VR_HD M is(MaterialKind which) const { return kind == U(static_cast<uint32_t>(which)); }
+
+    // from_front: wo looks at the front, where eta is inside over outside.
+    VR_HD void set_view(V wo_normal, F cosine, M from_front) {
+        n = wo_normal;
+        cos_o = cosine;
+        if constexpr (kInterface) {
+            relative = eta.x;
+            if constexpr (has(MaterialKind::kDielectric))  // coats look alike from both sides
+                relative =
+                    select(is(MaterialKind::kDielectric) & !from_front, F(1.f) / eta.x, relative);
+            fresnel = fresnel_dielectric(min(cos_o, F(1.f)), relative);
+            if constexpr (has(MaterialKind::kThinDielectric)) {  // all inter-reflections
+                const F r = fresnel.reflected;
+                const F slab = select(r < F(1.f), (r + r) / (F(1.f) + r), F(1.f));
+                fresnel.reflected =
+                    select(is(MaterialKind::kThinDielectric), slab, fresnel.reflected);
+            }
+        }
+    }
+
+    VR_HD M smooth() const {
+        M m = is(MaterialKind::kDiffuse);
+        if constexpr (has(MaterialKind::kPlastic)) m = m | is(MaterialKind::kPlastic);
+        return m;
+    }
+
+    // Smooth lobe for light from wi on wo's side; cos_i positive.
+    VR_HD BsdfValue<F> eval(F cos_i) const {
+        const F pdf = cosine_hemisphere_pdf_sa(cos_i);
+        BsdfValue<F> value{albedo * pdf, pdf};
+        if constexpr (has(MaterialKind::kPlastic)) {
+            const F base = F(1.f) - fresnel.reflected;
+            const F in = F(1.f) - fresnel_dielectric(min(cos_i, F(1.f)), relative).reflected;
+            const M coat = is(MaterialKind::kPlastic);
+            value.f_cos = select(coat, value.f_cos * (in * base), value.f_cos);
+            value.pdf_sa = select(coat, pdf * base, pdf);
+        }
+        return value;
+    }
+
+    // u, v: direction; lobe: choice. All three in [0, 1).
+    VR_HD BsdfSample<L> sample(V wo, F u, F v, F lobe) const {
+        const V one{F(1.f), F(1.f), F(1.f)}, zero{F(0.f), F(0.f), F(0.f)};
+        const M nobody = kind == U(kMaterialCount);
+        BsdfSample<L> s{zero, zero, F(0.f), nobody, nobody};
+        if constexpr (has(MaterialKind::kDiffuse) || has(MaterialKind::kPlastic)) {
+            const V local = cosine_hemisphere(u, v);
+            V a, b;
+            orthonormal_frame(n, a, b);
+            s.wi = fma(a, local.x, fma(b, local.y, n * local.z));
+            s.pdf_sa = cosine_hemisphere_pdf_sa(local.z);
+            s.weight = albedo;
+            if constexpr (has(MaterialKind::kPlastic)) {
+                const M coat = is(MaterialKind::kPlastic);
+                const F in = F(1.f) - fresnel_dielectric(min(local.z, F(1.f)), relative).reflected;
+                s.weight = select(coat, albedo * in, s.weight);
+                s.pdf_sa = select(coat, s.pdf_sa * (F(1.f) - fresnel.reflected), s.pdf_sa);
+            }
+        }
+        if constexpr (kDiffuseOnly) return s;
+        M mirror = nobody;
+        V colour = reflection;
+        if constexpr (kInterface) mirror = (lobe < fresnel.reflected) & !is(MaterialKind::kDiffuse);
+        if constexpr (has(MaterialKind::kConductor)) {
+            const M metal = is(MaterialKind::kConductor);
+            mirror = (mirror & !metal) | metal;
+            const F c = min(cos_o, F(1.f));
+            colour = select(
+                metal,
+                reflection * V{fresnel_conductor(c, eta.x, k.x), fresnel_conductor(c, eta.y, k.y),
+                               fresnel_conductor(c, eta.z, k.z)},
+                colour);
+        }
+        mirror = mirror & !is(MaterialKind::kNull);
+        if (any(mirror)) {
+            s.wi = select(mirror, reflected(wo, n, cos_o), s.wi);
+            s.weight = select(mirror, colour, s.weight);
+            s.pdf_sa = select(mirror, F(0.f), s.pdf_sa);
+        }
+        if constexpr (has(MaterialKind::kDielectric)) {
+            const M through = is(MaterialKind::kDielectric) & !mirror;
+            s.wi = select(through, refracted(wo, n, cos_o, fresnel.cos_t, relative), s.wi);
+            // Radiance is compressed with the solid angle.
+            s.weight = select(through, transmission * (F(1.f) / (relative * relative)), s.weight);
+            s.pdf_sa = select(through, F(0.f), s.pdf_sa);
+            s.transmitted = through;
+        }
+        if constexpr (has(MaterialKind::kThinDielectric) || has(MaterialKind::kNull)) {
+            const M null = is(MaterialKind::kNull);
+            s.pass = (is(MaterialKind::kThinDielectric) & !mirror) | null;
+            s.wi = select(s.pass, -wo, s.wi);
+            s.weight = select(s.pass, select(null, one, transmission), s.weight);
+        }
+        return s;
+    }
+
+    // Share of light that goes straight through.
+    VR_HD V pass_through() const {
+        const V zero{F(0.f), F(0.f), F(0.f)}, one{F(1.f), F(1.f), F(1.f)};
+        V t = select(is(MaterialKind::kNull), one, zero);
+        if constexpr (has(MaterialKind::kThinDielectric))
+            t = select(is(MaterialKind::kThinDielectric),
+                       transmission * (F(1.f) - fresnel.reflected), t);
+        return t;
+    }
+};
 
 }  // namespace veriray

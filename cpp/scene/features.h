@@ -9,27 +9,55 @@ namespace veriray {
 enum Feature : uint32_t {
     kQuads = 1u << 0,     // flat parallelograms without a tree
     kPolygons = 1u << 1,  // other flat primitives without a tree
-    kBvh = 1u << 2,       // triangles in a tree
-    kAreaLights = 1u << 3,
-    kManyLights = 1u << 4,  // more than one emitting primitive
-    kTriangleLights = 1u << 5,
-    kEnvironment = 1u << 6,
-    kClip = 1u << 7,  // near or far clipping that can cut something
-    kAllFeatures = (1u << 8) - 1,
+    kDisks = 1u << 2,
+    kSpheres = 1u << 3,
+    kBvh = 1u << 4,     // primitives in a tree
+    kSmooth = 1u << 5,  // interpolated normals
+    kAreaLights = 1u << 6,
+    kManyLights = 1u << 7,  // more than one light to choose from, the environment apart
+    kTriangleLights = 1u << 8,
+    kDiskLights = 1u << 9,
+    kSphereLights = 1u << 10,
+    kDeltaLights = 1u << 11,  // point, spot, directional
+    kEnvironment = 1u << 12,
+    kClip = 1u << 13,  // near or far clipping that can cut something
+    kLens = 1u << 14,
+    kSignedFilter = 1u << 15,  // a filter with negative lobes
+    kDiffuse = 1u << 16,
+    kConductor = 1u << 17,
+    kDielectric = 1u << 18,
+    kPlastic = 1u << 19,
+    kPass = 1u << 20,  // null, mask, thin dielectric: straight through
+    kMedia = 1u << 21,
+    kChromatic = 1u << 22,  // a medium whose extinction depends on the channel
+    kAllFeatures = (1u << 23) - 1,
 };
 
-inline constexpr const char* kFeatureNames[] = {"quads",       "polygons",    "bvh",
-                                                "area_lights", "many_lights", "triangle_lights",
-                                                "environment", "clip"};
-inline constexpr uint32_t kFeatureCount = 8;
+inline constexpr const char* kFeatureNames[] = {"quads",         "polygons",      "disks",
+                                                "spheres",       "bvh",           "smooth",
+                                                "area_lights",   "many_lights",   "triangle_lights",
+                                                "disk_lights",   "sphere_lights", "delta_lights",
+                                                "environment",   "clip",          "lens",
+                                                "signed_filter", "diffuse",       "conductor",
+                                                "dielectric",    "plastic",       "pass",
+                                                "media",         "chromatic"};
+inline constexpr uint32_t kFeatureCount = 23;
+
+inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights | kEnvironment;
+inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
+                                         kTriangleLights | kEnvironment | kClip | kDiffuse;
 
 // Compiled variants, smallest first; the last holds everything.
 inline constexpr uint32_t kVariants[] = {
-    kQuads | kAreaLights,
-    kQuads | kPolygons | kAreaLights | kManyLights | kTriangleLights | kEnvironment | kClip,
+    kQuads | kAreaLights | kDiffuse,
+    kDiffuseFlat,
+    kBvh | kSmooth | kAreaLights | kManyLights | kTriangleLights | kEnvironment | kClip | kDiffuse,
+    kSpheres | kEnvironment | kDielectric | kMedia,
+    kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
+    kAllFeatures & ~(kMedia | kChromatic),
     kAllFeatures,
 };
-inline constexpr uint32_t kVariantCount = 3;
+inline constexpr uint32_t kVariantCount = sizeof(kVariants) / sizeof(kVariants[0]);
 
 constexpr uint32_t variant_for(uint32_t features) {
     for (uint32_t i = 0; i < kVariantCount; ++i)

@@ -51,6 +51,7 @@ std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles) {
             Flat joined;
             if (used[j] || triangles[j].material != triangles[i].material ||
                 triangles[j].emission != triangles[i].emission ||
+                triangles[j].boundary != triangles[i].boundary ||
                 !join(triangles[i], triangles[j], joined))
                 continue;
             best = joined;
@@ -88,7 +89,6 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
     return shared;
 }
 
-namespace {
 void write_plane(const Flat& f, float* out) {
     const Double3 n = normalised(f.area_vector());
     const float nf[3] = {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)};
@@ -98,6 +98,7 @@ void write_plane(const Flat& f, float* out) {
     out[0] = nf[0], out[1] = nf[1], out[2] = nf[2], out[3] = static_cast<float>(-offset);
 }
 
+namespace {
 void write_edge(Double3 e, double w, float* out) {
     out[0] = static_cast<float>(e.x), out[1] = static_cast<float>(e.y),
     out[2] = static_cast<float>(e.z), out[3] = static_cast<float>(w);

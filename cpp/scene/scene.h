@@ -1,36 +1,55 @@
-// The scene on the host: takes world-space triangles, gives tables and a SceneView.
+// The scene on the host: takes world-space arrays, gives tables and a SceneView.
 #pragma once
 
 #include <array>
 #include <cmath>
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "scene/bvh_build.h"
 #include "scene/view.h"
 
 namespace veriray {
 
-// Input in world units; arrays are row-major and belong to the caller.
+// Rows of an array that belongs to the caller.
+template <class T>
+struct Rows {
+    const T* data = nullptr;
+    size_t count = 0;
+};
+
+// Input in world units; arrays are row-major. Names and shapes are those of veriray.Scene.
 struct SceneInput {
-    const double* vertices;  // (vertex_count, 3)
-    size_t vertex_count;
-    const uint32_t* triangles;  // (triangle_count, 3), counter-clockwise seen from the front
-    size_t triangle_count;
-    const uint32_t* triangle_material;
-    const int32_t* triangle_emission;  // -1: none
-    const float* reflectance;          // (material_count, 3)
-    const uint8_t* two_sided;
-    size_t material_count;
-    const float* emissions;  // (emission_count, 3)
-    size_t emission_count;
+    Rows<double> vertices, normals;          // x 3; normals: as many or none
+    Rows<uint32_t> triangles;                // x 3, counter-clockwise seen from the front
+    Rows<double> spheres, disks;             // x 4: centre, radius; x 9: centre, half axes
+    Rows<uint8_t> sphere_inward;             // the front is inside
+    Rows<uint32_t> material[3];              // of triangles, spheres, disks
+    Rows<int32_t> emission[3], boundary[3];  // -1: none
+    Rows<uint32_t> material_kind;            // MaterialKind
+    Rows<float> reflectance, specular_reflectance, specular_transmittance, eta, k;  // x 3
+    Rows<float> opacity;
+    Rows<uint8_t> two_sided, nonlinear;
+    Rows<float> emissions;                 // x 3
+    Rows<int32_t> boundaries;              // x 2: medium inside, outside; -1 vacuum
+    Rows<float> sigma_t, albedo, phase_g;  // x 3, x 3, x 1
+    Rows<uint32_t> light_kind;             // 0 point, 1 spot, 2 directional
+    Rows<double> light_position, light_direction, light_angles;  // x 3, x 3, x 2 (degrees)
+    Rows<float> light_intensity;                                 // x 3
     float environment[3];
     double to_world[16];
     double tan_half_x, tan_half_y, near_clip, far_clip, principal_x, principal_y;
+    double aperture_radius, focus_distance;
+    int32_t camera_medium;
     uint32_t width, height;
     std::string filter;
-    double filter_parameter;
+    double filter_parameters[2];
 };
+
+// Groups of primitives in SceneInput's arrays of three.
+enum ShapeGroup : uint32_t { kTriangleGroup, kSphereGroup, kDiskGroup };
 
 struct Double3 {
     double x, y, z;
@@ -45,6 +64,9 @@ inline Double3 cross(Double3 a, Double3 b) {
 }
 inline double length(Double3 a) { return std::sqrt(dot(a, a)); }
 inline Double3 normalised(Double3 a) { return a * (1.0 / length(a)); }
+inline Double3 row3(const Rows<double>& rows, size_t i) {
+    return {rows.data[3 * i], rows.data[3 * i + 1], rows.data[3 * i + 2]};
+}
 
 // A flat convex primitive with 3 or 4 corners in order, normalised units rounded to float32.
 struct Flat {
@@ -52,8 +74,8 @@ struct Flat {
     uint32_t corners;
     uint32_t triangle;  // the first input triangle in it
     uint32_t material;
-    int32_t emission;
-    bool parallelogram;
+    int32_t emission, boundary;
+    bool parallelogram, swapped;
 
     Double3 area_vector() const {
         const Double3 c = cross(v[1] - v[0], v[2] - v[0]);
@@ -61,47 +83,80 @@ struct Flat {
     }
 };
 
-// Joins coplanar pairs that share an edge, a material and an emission into convex quadrilaterals.
+// Joins coplanar pairs that share an edge, material, emission and media into convex quadrilaterals.
 std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
 // Edge k (corner k to k + 1) of each primitive: true where it must be widened, because another
 // primitive runs along it.
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats);
+void write_plane(const Flat& f, float* out);
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out);
 void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out);
 
-struct BuiltBvh {
-    std::vector<BvhNode> nodes;
-    std::vector<uint32_t> order;
+// Where a primitive comes from: row `row` of group `group`; -1 for no emission, no change of
+// medium.
+struct PrimitiveSource {
+    ShapeGroup group;
+    uint32_t row;
+    uint32_t material;
+    int32_t emission, boundary;
+    double area;  // normalised
 };
-// lo, hi: per primitive boxes, 3 floats each.
-BuiltBvh build_bvh(const std::vector<float>& lo, const std::vector<float>& hi);
+
+using BuildPoll = std::function<bool(double)>;
 
 class HostScene {
    public:
-    explicit HostScene(const SceneInput& in);
+    HostScene(const SceneInput& in, const BuildPoll& poll);
     HostScene(const HostScene&) = delete;
     HostScene& operator=(const HostScene&) = delete;
 
-    SceneView view;        // pointers into the tables below
+    SceneView view;        // pointers into the tables below; bvh is the back end's
     double unit;           // world length of 1 normalised; a power of two
-    Double3 centre;        // world
+    Double3 centre;        // world: the camera
     uint32_t dropped = 0;  // triangles without area
     uint32_t width, height;
-    std::vector<uint32_t> primitive_triangle;  // primitive -> first input triangle
+    std::vector<PrimitiveSource> sources;  // by primitive
+    std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
-    std::vector<float> primitives, light_pdf_area, surfaces, triangles, light_table, filter_edges;
+    std::vector<float> primitives, smooth, light_chance, surfaces, media, light_table, filter_edges;
     std::vector<uint32_t> surface_of, light_cdf;
     BuiltBvh bvh;
+    std::vector<float> records;  // of the tree's leaves, kRecordFloats each, in slot order
 
     size_t memory() const;
 
    private:
     void normalise(const SceneInput& in);
-    std::vector<Flat> input_triangles(const SceneInput& in);
-    void set_primitives(const SceneInput& in, const std::vector<Flat>& prims, bool tree);
-    void set_lights(const SceneInput& in, const std::vector<Flat>& prims);
+    Double3 point(const SceneInput& in, size_t vertex) const;
+    bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
+    Flat triangle(const SceneInput& in, size_t i) const;
+    bool set_flat(const SceneInput& in);
+    void set_tree(const SceneInput& in, const BuildPoll& poll);
+    void allocate_primitives(size_t count, uint32_t row);
+    void put_plane(size_t primitive, const Flat& f, const float* plane, bool widened);
+    void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);
+    void put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record);
+    void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);
+    void add_source(const SceneInput& in, ShapeGroup group, uint32_t row, double area);
+    void set_surfaces(const SceneInput& in);
+    void set_media(const SceneInput& in);
+    void set_lights(const SceneInput& in);
+    Flat light_shape(const SceneInput& in, uint32_t primitive) const {
+        return flats_.empty() ? triangle(in, sources[primitive].row) : flats_[primitive];
+    }
+    void put_area_light(const SceneInput& in, size_t light, uint32_t primitive);
+    void put_delta_light(const SceneInput& in, size_t light, size_t row);
     void set_camera(const SceneInput& in);
     void set_filter(const SceneInput& in);
+    template <class Density>
+    void tabulate_filter(Density density, double reach, double scale);
+
+    std::vector<Flat> flats_;  // of a scene without a tree
 };
+
+// Raises std::invalid_argument for what SceneInput's arrays must not hold.
+void check_input(const SceneInput& in);
+std::string number(double x);
+uint32_t padded(size_t n);
 
 }  // namespace veriray

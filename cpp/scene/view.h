@@ -1,43 +1,64 @@
 // The scene as the stages see it: plain pointers and numbers, passed by value.
-// Lengths are normalised: the scene's centre is the origin and the largest coordinate lies in
-// [1/2, 1) after a division by a power of two.
+// Lengths are normalised: the camera is the origin and the largest coordinate lies in [1/2, 1)
+// after a division by a power of two.
 #pragma once
 
 #include "camera/perspective.h"
 #include "film/filter.h"
 #include "geometry/bvh.h"
+#include "geometry/disk.h"
 #include "geometry/polygon.h"
+#include "geometry/sphere.h"
 #include "lights/light.h"
+#include "materials/material.h"
+#include "media/medium.h"
 #include "scene/features.h"
 
 namespace veriray {
 
-// Columns by primitive.
+// Columns by primitive. A sphere has its record (geometry/sphere.h) from column 0 on.
 enum PrimitiveColumn : uint32_t {
-    kPrimN,                    // unit normal of the front: 3 columns
-    kPrimPlane = kPrimN + 3,   // n.p on the primitive
-    kPrimS,                    // unit tangent: 3 columns
-    kPrimOffset = kPrimS + 3,  // distance to leave the plane by, past the rounding of a point on it
+    kPrimN,                        // unit normal of the front: 3 columns
+    kPrimPlane = kPrimN + 3,       // n.p on the primitive
+    kPrimOffset = kPrimPlane + 1,  // distance to leave the plane by, past a point's rounding
+    kPrimSide = kSphereFloats,     // spheres: -1 where the front is inside, else 1
     kPrimColumns,
 };
 
-// Columns by surface (material and emission; equal to the primitive in small scenes).
+// Interpolated normal as an affine function of the point on the triangle: 3 rows of {g, w}.
+inline constexpr uint32_t kSmoothFloats = 12;
+
+// Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
-    kSurfaceAlbedo,                           // 3 columns
-    kSurfaceRadiance = kSurfaceAlbedo + 3,    // emitted by the front: 3 columns
-    kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
+    kSurfaceAlbedo,                                 // 3 columns
+    kSurfaceRadiance = kSurfaceAlbedo + 3,          // emitted by the front: 3 columns
+    kSurfaceTwoSided = kSurfaceRadiance + 3,        // 1 or 0
+    kSurfaceKind = kSurfaceTwoSided + 1,            // MaterialKind
+    kSurfaceReflection = kSurfaceKind + 1,          // specular: 3 columns
+    kSurfaceTransmission = kSurfaceReflection + 3,  // specular: 3 columns
+    kSurfaceEta = kSurfaceTransmission + 3,         // inside over outside: 3 columns
+    kSurfaceK = kSurfaceEta + 3,                    // 3 columns
+    kSurfaceOpacity = kSurfaceK + 3,                // below it a ray meets the material
+    kSurfaceInside = kSurfaceOpacity + 1,           // medium behind; -1: no change of medium
+    kSurfaceOutside = kSurfaceInside + 1,           // medium in front
     kSurfaceColumns,
 };
 
 struct SceneView {
     uint32_t features;
-    uint32_t quad_count, polygon_count;  // primitives: quads first, then polygons; or all triangles
-    uint32_t primitive_count, primitive_stride;
+    // Primitives without a tree come in this order; with a tree: triangles, disks, spheres.
+    uint32_t quad_count, polygon_count, disk_count, sphere_count;
+    uint32_t first_sphere;  // primitives from here on are spheres
+    uint32_t primitive_count, primitive_row, primitive_column;
     uint32_t surface_count, surface_stride;
-    const float* primitives;      // [column][primitive_stride]
-    const float* light_pdf_area;  // by primitive: choice probability / area; 0: no emitter
-    const uint32_t* surface_of;   // by primitive; null: the same index
-    const float* surfaces;        // [column][surface_stride]
+    uint32_t medium_stride;
+    uint32_t camera_medium;
+    const float* primitives;     // [i * primitive_row + column * primitive_column]
+    const float* smooth;         // by primitive: kSmoothFloats
+    const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter
+    const uint32_t* surface_of;  // by primitive; null: the same index
+    const float* surfaces;       // [column][surface_stride]
+    const float* media;          // [column][medium_stride]; medium 0 is the vacuum
     BvhView bvh;
     LightView lights;
     CameraView camera;
@@ -45,6 +66,8 @@ struct SceneView {
     float emission_scale;  // 2^-e of the film
     float quads[kMaxFlat * kQuadFloats];
     float polygons[kMaxFlat * kPolygonFloats];
+    float disks[kMaxFlat * kDiskFloats];
+    float spheres[kMaxFlat * kSphereFloats];
 };
 
 }  // namespace veriray

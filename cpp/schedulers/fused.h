@@ -42,7 +42,7 @@ VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& i
         if (e.occluded) record(depth, kShadowOccluded);
         alive = e.alive;
         if (!alive) {
-            record(depth, finish(job, path, cause_of(e), sum));
+            record(depth, finish<kFeatures>(scene, job, path, cause_of(e), sum));
             ++sample;
         }
         ++depth;

@@ -25,14 +25,17 @@ VR_HD LedgerColumn cause_of(const Events<Scalar>& e) {
 }
 
 // finish: hands a scalar path's sample to the pixel's sum, or logs it. Returns the path's cause.
-VR_HD LedgerColumn finish(const Job& job, const PathState<Scalar>& path, LedgerColumn cause,
-                          PixelSum& sum) {
+template <uint32_t kFeatures>
+VR_HD LedgerColumn finish(const SceneView& scene, const Job& job, const PathState<Scalar>& path,
+                          LedgerColumn cause, PixelSum& sum) {
     const float radiance[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
     if (!film_accepts(path.radiance, job.film.scale)) {
         log_fault(job.faults, path.pixel, path.sample, radiance);
         return kInvalid;
     }
-    add_sample(sum, radiance, job.film.scale);
+    const float weight =
+        PathTracer<Scalar, kFeatures>::sample_weight(scene, job.settings, path);
+    add_sample(sum, radiance, weight, job.film.scale);
     return cause;
 }
 

@@ -16,18 +16,23 @@ inline constexpr uint32_t kThrustBlock = 256;
 
 // The ray array: paths as columns.
 struct PathColumns {
-    float* floats;    // [kPathFloats][capacity]
-    uint32_t* uints;  // [kPathUints][capacity]
+    float* floats;    // [path_floats][capacity]
+    uint32_t* uints;  // [path_uints][capacity]
     uint32_t capacity;
 };
 
+template <uint32_t kFeatures>
 VR_HD PathState<Scalar> load_path(const PathColumns& c, uint32_t i) {
-    return read_path<Scalar>([&](uint64_t k) { return c.floats[k * c.capacity + i]; },
-                             [&](uint64_t k) { return c.uints[k * c.capacity + i]; });
+    PathState<Scalar> p{};
+    each_field<kFeatures>(
+        p, [&](uint64_t k, float& x) { x = c.floats[k * c.capacity + i]; },
+        [&](uint64_t k, uint32_t& x) { x = c.uints[k * c.capacity + i]; });
+    return p;
 }
 
-VR_HD void store_path(const PathColumns& c, uint32_t i, const PathState<Scalar>& p) {
-    write_path(
+template <uint32_t kFeatures>
+VR_HD void store_path(const PathColumns& c, uint32_t i, PathState<Scalar> p) {
+    each_field<kFeatures>(
         p, [&](uint64_t k, float x) { c.floats[k * c.capacity + i] = x; },
         [&](uint64_t k, uint32_t x) { c.uints[k * c.capacity + i] = x; });
 }
@@ -45,7 +50,7 @@ VR_HD void thrust_begin(const SceneView& scene, const Job& job, const PathColumn
     const uint64_t g = first + i;
     const uint32_t sample = static_cast<uint32_t>(g / job.pixels());
     const uint32_t pixel = static_cast<uint32_t>(g - sample * job.pixels());
-    store_path(paths, i,
+    store_path<kFeatures>(paths, i,
                PathTracer<Scalar, kFeatures>::begin(scene, job.settings, pixel % job.film.width,
                                                     pixel / job.film.width, job.film.width,
                                                     job.sample_begin + sample));
@@ -57,17 +62,17 @@ template <uint32_t kFeatures>
 VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const PathColumns& paths,
                                   int32_t* indices, uint32_t depth, uint32_t k) {
     const uint32_t i = static_cast<uint32_t>(indices[k]);
-    PathState<Scalar> path = load_path(paths, i);
+    PathState<Scalar> path = load_path<kFeatures>(paths, i);
     const Events<Scalar> e =
         PathTracer<Scalar, kFeatures>::bounce(scene, job.settings, path, depth, true);
     BounceOutcome out{cause_of(e), kLive};
     if (e.visible) out.shadow = kShadowVisible;
     if (e.occluded) out.shadow = kShadowOccluded;
     if (e.alive) {
-        store_path(paths, i, path);
+        store_path<kFeatures>(paths, i, path);
     } else {
         PixelSum sum{};
-        out.cause = finish(job, path, out.cause, sum);
+        out.cause = finish<kFeatures>(scene, job, path, out.cause, sum);
         if (out.cause != kInvalid) flush(job.film, path.pixel, sum);
         indices[k] = -1;
     }

@@ -50,7 +50,7 @@ class Tile {
         });
         for (uint32_t depth = 1; live; ++depth)
             live = bounce_all<kFeatures>(scene, job, live, depth, ledger,
-                                         [&](uint32_t i) { return load_path(i); });
+                                         [&](uint32_t i) { return load_path<kFeatures>(i); });
         for (uint32_t k = 0; k < pixels; ++k) flush(job.film, pixel + k, sums_[k]);
     }
 
@@ -59,18 +59,23 @@ class Tile {
     using U = Simd::U;
     using M = Simd::M;
 
-    std::vector<float> floats_[kPathFloats];
-    std::vector<uint32_t> uints_[kPathUints];
+    std::vector<float> floats_[path_floats(kAllFeatures)];
+    std::vector<uint32_t> uints_[path_uints(kAllFeatures)];
     std::vector<PixelSum> sums_;
     uint32_t first_pixel_ = 0;
 
+    template <uint32_t kFeatures>
     PathState<Simd> load_path(uint32_t i) const {
-        return read_path<Simd>([&](uint32_t c) { return load(floats_[c].data() + i, F()); },
-                               [&](uint32_t c) { return load(uints_[c].data() + i, U()); });
+        PathState<Simd> p{};
+        each_field<kFeatures>(
+            p, [&](uint32_t c, F& x) { x = load(floats_[c].data() + i, F()); },
+            [&](uint32_t c, U& x) { x = load(uints_[c].data() + i, U()); });
+        return p;
     }
 
-    void store_path(uint32_t i, const PathState<Simd>& p, M m) {
-        write_path(
+    template <uint32_t kFeatures>
+    void store_path(uint32_t i, PathState<Simd>& p, M m) {
+        each_field<kFeatures>(
             p, [&](uint32_t c, F x) { compress_store(floats_[c].data() + i, x, m); },
             [&](uint32_t c, U x) { compress_store(uints_[c].data() + i, x, m); });
     }
@@ -90,7 +95,7 @@ class Tile {
                 PathTracer<Simd, kFeatures>::bounce(scene, job.settings, path, depth, active);
             const M ended = active & !e.alive;
             M bad = active & !active;
-            if (any(ended)) bad = end_paths(job, path, ended);
+            if (any(ended)) bad = end_paths<kFeatures>(scene, job, path, ended);
             row[kEscaped] += count(e.escaped & !bad);
             row[kEmitterEnd] += count(e.emitter_end & !bad);
             row[kAbsorbed] += count(e.absorbed & !bad);
@@ -99,18 +104,21 @@ class Tile {
             row[kInvalid] += count(bad);
             row[kShadowVisible] += count(e.visible);
             row[kShadowOccluded] += count(e.occluded);
-            store_path(kept, path, e.alive);
+            store_path<kFeatures>(kept, path, e.alive);
             kept += count(e.alive);
         }
         return kept;
     }
 
     // Adds the samples of ended lanes to their pixels; returns the lanes that the film refused.
-    M end_paths(const Job& job, const PathState<Simd>& path, M ended) {
+    template <uint32_t kFeatures>
+    M end_paths(const SceneView& scene, const Job& job, const PathState<Simd>& path, M ended) {
         const M bad = ended & !film_accepts(path.radiance, job.film.scale);
-        float r[3][Simd::kWidth];
+        float r[3][Simd::kWidth], weight[Simd::kWidth];
         uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
         const M all = first_lanes(Simd::kWidth, M());
+        compress_store(
+            weight, PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path), all);
         compress_store(r[0], path.radiance.x, all);
         compress_store(r[1], path.radiance.y, all);
         compress_store(r[2], path.radiance.z, all);
@@ -123,7 +131,7 @@ class Tile {
             if (refused >> k & 1u)
                 log_fault(job.faults, pixel[k], sample[k], radiance);
             else
-                add_sample(sums_[pixel[k] - first_pixel_], radiance, job.film.scale);
+                add_sample(sums_[pixel[k] - first_pixel_], radiance, weight[k], job.film.scale);
         }
         return bad;
     }

@@ -15,7 +15,8 @@ template <class T>
 using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
 template <class T>
-void need_shape(const Array<T>& a, const char* name, std::initializer_list<py::ssize_t> shape) {
+void need_shape(const Array<T>& a, const std::string& name,
+                std::initializer_list<py::ssize_t> shape) {
     bool ok = a.ndim() == static_cast<py::ssize_t>(shape.size());
     py::ssize_t axis = 0;
     std::string want;
@@ -24,51 +25,89 @@ void need_shape(const Array<T>& a, const char* name, std::initializer_list<py::s
         want += (axis ? ", " : "") + (n < 0 ? std::string("n") : std::to_string(n));
         ++axis;
     }
-    if (!ok) throw py::value_error(std::string(name) + " must have the shape (" + want + ")");
+    if (!ok) throw py::value_error(name + " must have the shape (" + want + ")");
 }
 
-std::unique_ptr<Scene> make_scene(const Array<double>& vertices, const Array<uint32_t>& triangles,
-                                  const Array<uint32_t>& triangle_material,
-                                  const Array<int32_t>& triangle_emission,
-                                  const Array<float>& reflectance, const Array<uint8_t>& two_sided,
-                                  const Array<float>& emissions, const Array<float>& environment,
-                                  const py::dict& camera, const py::dict& film, int device) {
-    need_shape(vertices, "vertices", {-1, 3});
-    need_shape(triangles, "triangles", {-1, 3});
-    need_shape(triangle_material, "triangle_material", {triangles.shape(0)});
-    need_shape(triangle_emission, "triangle_emission", {triangles.shape(0)});
-    need_shape(reflectance, "reflectance", {-1, 3});
-    need_shape(two_sided, "two_sided", {reflectance.shape(0)});
-    need_shape(emissions, "emissions", {-1, 3});
-    need_shape(environment, "environment", {3});
+// Rows of arrays[name]; the converted array is kept alive in `keep`.
+struct Reader {
+    const py::dict& arrays;
+    std::vector<py::object> keep;
+
+    template <class T>
+    void operator()(const char* name, std::initializer_list<py::ssize_t> shape, Rows<T>& rows) {
+        if (!arrays.contains(name)) throw py::value_error(std::string("no array ") + name);
+        const auto a = arrays[name].cast<Array<T>>();
+        need_shape(a, name, shape);
+        keep.push_back(a);
+        rows = {a.data(), static_cast<size_t>(a.shape(0))};
+    }
+};
+
+std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera,
+                                  const py::dict& film, int device, const py::object& progress) {
     SceneInput in{};
-    in.vertices = vertices.data();
-    in.vertex_count = static_cast<size_t>(vertices.shape(0));
-    in.triangles = triangles.data();
-    in.triangle_count = static_cast<size_t>(triangles.shape(0));
-    in.triangle_material = triangle_material.data();
-    in.triangle_emission = triangle_emission.data();
-    in.reflectance = reflectance.data();
-    in.two_sided = two_sided.data();
-    in.material_count = static_cast<size_t>(reflectance.shape(0));
-    in.emissions = emissions.data();
-    in.emission_count = static_cast<size_t>(emissions.shape(0));
-    std::copy_n(environment.data(), 3, in.environment);
-    const auto to_world = camera["to_world"].cast<Array<double>>();
-    need_shape(to_world, "camera to_world", {4, 4});
-    std::copy_n(to_world.data(), 16, in.to_world);
+    Reader read{arrays, {}};
+    read("vertices", {-1, 3}, in.vertices);
+    read("normals", {-1, 3}, in.normals);
+    read("triangles", {-1, 3}, in.triangles);
+    read("spheres", {-1, 4}, in.spheres);
+    read("disks", {-1, 3, 3}, in.disks);
+    read("sphere_inward", {-1}, in.sphere_inward);
+    const char* const groups[3] = {"triangle", "sphere", "disk"};
+    for (int g = 0; g < 3; ++g) {
+        const std::string name = groups[g];
+        read((name + "_material").c_str(), {-1}, in.material[g]);
+        read((name + "_emission").c_str(), {-1}, in.emission[g]);
+        read((name + "_boundary").c_str(), {-1}, in.boundary[g]);
+    }
+    read("material_kind", {-1}, in.material_kind);
+    read("reflectance", {-1, 3}, in.reflectance);
+    read("specular_reflectance", {-1, 3}, in.specular_reflectance);
+    read("specular_transmittance", {-1, 3}, in.specular_transmittance);
+    read("eta", {-1, 3}, in.eta);
+    read("k", {-1, 3}, in.k);
+    read("opacity", {-1}, in.opacity);
+    read("two_sided", {-1}, in.two_sided);
+    read("nonlinear", {-1}, in.nonlinear);
+    read("emissions", {-1, 3}, in.emissions);
+    read("boundaries", {-1, 2}, in.boundaries);
+    read("sigma_t", {-1, 3}, in.sigma_t);
+    read("albedo", {-1, 3}, in.albedo);
+    read("phase_g", {-1}, in.phase_g);
+    read("light_kind", {-1}, in.light_kind);
+    read("light_position", {-1, 3}, in.light_position);
+    read("light_direction", {-1, 3}, in.light_direction);
+    read("light_intensity", {-1, 3}, in.light_intensity);
+    read("light_angles", {-1, 2}, in.light_angles);
+    const auto numbers = [&]<class T>(const py::dict& from, const char* name, T* out,
+                                      std::initializer_list<py::ssize_t> shape) {
+        const auto a = from[name].cast<Array<T>>();
+        need_shape(a, name, shape);
+        std::copy_n(a.data(), a.size(), out);
+    };
+    numbers(arrays, "environment", in.environment, {3});
+    numbers(camera, "to_world", in.to_world, {4, 4});
     in.tan_half_x = camera["tan_half_x"].cast<double>();
     in.tan_half_y = camera["tan_half_y"].cast<double>();
     in.near_clip = camera["near_clip"].cast<double>();
     in.far_clip = camera["far_clip"].cast<double>();
     in.principal_x = camera["principal_x"].cast<double>();
     in.principal_y = camera["principal_y"].cast<double>();
+    in.aperture_radius = camera["aperture_radius"].cast<double>();
+    in.focus_distance = camera["focus_distance"].cast<double>();
+    in.camera_medium = camera["medium"].cast<int32_t>();
     in.width = film["width"].cast<uint32_t>();
     in.height = film["height"].cast<uint32_t>();
     in.filter = film["filter"].cast<std::string>();
-    in.filter_parameter = film["filter_parameter"].cast<double>();
+    numbers(film, "filter_parameters", in.filter_parameters, {2});
+    const BuildPoll poll = [&](double share) {
+        py::gil_scoped_acquire acquire;
+        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        if (!progress.is_none()) progress(share);
+        return true;
+    };
     py::gil_scoped_release release;
-    return std::make_unique<Scene>(in, device);
+    return std::make_unique<Scene>(in, device, poll);
 }
 
 std::vector<std::string> feature_names(uint32_t mask) {
@@ -137,7 +176,7 @@ py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, u
                             "position"_a = triple(v.position), "direction"_a = triple(v.direction),
                             "normal"_a = triple(v.normal), "t"_a = v.t,
                             "throughput"_a = triple(v.throughput),
-                            "radiance"_a = triple(v.radiance), "triangle"_a = v.triangle,
+                            "radiance"_a = triple(v.radiance), "primitive"_a = v.primitive,
                             "shadow"_a = v.shadow < 0    ? py::object(py::none())
                                          : v.shadow == 1 ? py::object(py::str("visible"))
                                                          : py::object(py::str("occluded"))));
@@ -176,21 +215,41 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
     });
 
     py::class_<Scene>(m, "Scene", py::module_local())
-        .def(py::init(&make_scene), "vertices"_a, "triangles"_a, "triangle_material"_a,
-             "triangle_emission"_a, "reflectance"_a, "two_sided"_a, "emissions"_a, "environment"_a,
-             "camera"_a, "film"_a, "device"_a = 0)
+        .def(py::init(&make_scene), "arrays"_a, "camera"_a, "film"_a, "device"_a = 0,
+             "progress"_a = py::none())
         .def_property_readonly("features",
                                [](const Scene& s) { return feature_names(s.host().view.features); })
+        .def_property_readonly(
+            "variant", [](const Scene& s) { return feature_names(variant_mask(s.host().view)); })
+        .def_property_readonly("path_bytes",
+                               [](const Scene& s) {
+                                   const uint32_t mask = variant_mask(s.host().view);
+                                   return 4 * (path_floats(mask) + path_uints(mask));
+                               })
         .def_property_readonly("primitives",
                                [](const Scene& s) {
                                    const SceneView& v = s.host().view;
-                                   const uint32_t flat = v.quad_count + v.polygon_count;
+                                   const uint32_t others = v.quad_count + v.polygon_count +
+                                                           v.disk_count + v.sphere_count;
                                    return py::dict("quads"_a = v.quad_count,
                                                    "polygons"_a = v.polygon_count,
-                                                   "triangles"_a = v.primitive_count - flat,
+                                                   "disks"_a = v.disk_count,
+                                                   "spheres"_a = v.sphere_count,
+                                                   "triangles"_a = v.primitive_count - others,
                                                    "dropped"_a = s.host().dropped);
                                })
-        .def_property_readonly("memory", [](const Scene& s) { return s.host().memory(); });
+        .def_property_readonly("tree",
+                               [](const Scene& s) {
+                                   const TreeInfo t = s.tree();
+                                   if (t.width == 0) return py::dict();
+                                   return py::dict("width"_a = t.width, "nodes"_a = t.nodes,
+                                                   "references"_a = t.references,
+                                                   "depth"_a = t.depth, "seconds"_a = t.seconds,
+                                                   "memory"_a = t.memory);
+                               })
+        .def_property_readonly("memory", [](const Scene& s) {
+            return s.host().memory() + s.tree().memory;
+        });
 
     py::class_<Film>(m, "Film", py::module_local())
         .def(py::init<uint32_t, uint32_t, int>(), "width"_a, "height"_a, "device"_a = 0)
@@ -275,9 +334,9 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
               need_shape(directions, "directions", {origins.shape(0), 3});
               const py::ssize_t n = origins.shape(0);
               py::array_t<float> t(n);
-              py::array_t<int32_t> triangle(n);
+              py::array_t<int32_t> primitive(n);
               intersect(scene, origins.data(), directions.data(), static_cast<size_t>(n),
-                        t.mutable_data(), triangle.mutable_data());
-              return py::make_tuple(t, triangle);
+                        t.mutable_data(), primitive.mutable_data());
+              return py::make_tuple(t, primitive);
           });
 }

@@ -13,6 +13,46 @@ import numpy.typing as npt
 class DeviceError(RuntimeError): ...
 class OutOfMemoryError(MemoryError): ...
 
+class SceneArrays(TypedDict):
+    """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K media,
+    Q lights; see veriray.Scene. uint8 columns hold 0 or 1."""
+
+    vertices: npt.NDArray[np.float64]  # (V, 3)
+    normals: npt.NDArray[np.float64]  # (V, 3), zero rows for none
+    triangles: npt.NDArray[np.uint32]  # (T, 3)
+    triangle_material: npt.NDArray[np.uint32]
+    triangle_emission: npt.NDArray[np.int32]
+    triangle_boundary: npt.NDArray[np.int32]
+    spheres: npt.NDArray[np.float64]  # (S, 4)
+    sphere_material: npt.NDArray[np.uint32]
+    sphere_emission: npt.NDArray[np.int32]
+    sphere_boundary: npt.NDArray[np.int32]
+    sphere_inward: npt.NDArray[np.uint8]
+    disks: npt.NDArray[np.float64]  # (D, 3, 3)
+    disk_material: npt.NDArray[np.uint32]
+    disk_emission: npt.NDArray[np.int32]
+    disk_boundary: npt.NDArray[np.int32]
+    reflectance: npt.NDArray[np.float32]  # (M, 3)
+    two_sided: npt.NDArray[np.uint8]
+    material_kind: npt.NDArray[np.uint32]
+    specular_reflectance: npt.NDArray[np.float32]  # (M, 3)
+    specular_transmittance: npt.NDArray[np.float32]  # (M, 3)
+    eta: npt.NDArray[np.float32]  # (M, 3)
+    k: npt.NDArray[np.float32]  # (M, 3)
+    opacity: npt.NDArray[np.float32]
+    nonlinear: npt.NDArray[np.uint8]
+    emissions: npt.NDArray[np.float32]  # (E, 3)
+    environment: npt.NDArray[np.float32]  # (3,)
+    boundaries: npt.NDArray[np.int32]  # (B, 2)
+    sigma_t: npt.NDArray[np.float32]  # (K, 3)
+    albedo: npt.NDArray[np.float32]  # (K, 3)
+    phase_g: npt.NDArray[np.float32]
+    light_kind: npt.NDArray[np.uint32]
+    light_position: npt.NDArray[np.float64]  # (Q, 3)
+    light_direction: npt.NDArray[np.float64]  # (Q, 3)
+    light_intensity: npt.NDArray[np.float32]  # (Q, 3)
+    light_angles: npt.NDArray[np.float64]  # (Q, 2)
+
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]
     tan_half_x: float
@@ -21,12 +61,15 @@ class CameraArguments(TypedDict):
     far_clip: float
     principal_x: float
     principal_y: float
+    aperture_radius: float
+    focus_distance: float
+    medium: int
 
 class FilmArguments(TypedDict):
     width: int
     height: int
     filter: str
-    filter_parameter: float
+    filter_parameters: tuple[float, float]  # unused ones are 0
 
 class Report(TypedDict):
     """ledger (D, 9) uint64; blocks (D,) uint64; depth_seconds (D,) float64; trailing zero depths
@@ -45,26 +88,28 @@ class Report(TypedDict):
     threads: int
 
 class Scene:
-    """A scene as the back end keeps it. Raises ValueError, MemoryError."""
+    """A scene as the back end keeps it. Raises ValueError, MemoryError, and what progress raises.
+
+    progress: called with the share of the tree's build that is done."""
 
     def __init__(
         self,
-        vertices: npt.NDArray[np.float64],
-        triangles: npt.NDArray[np.uint32],
-        triangle_material: npt.NDArray[np.uint32],
-        triangle_emission: npt.NDArray[np.int32],
-        reflectance: npt.NDArray[np.float32],
-        two_sided: npt.NDArray[np.bool_],
-        emissions: npt.NDArray[np.float32],
-        environment: npt.NDArray[np.float32],
+        arrays: SceneArrays,
         camera: CameraArguments,
         film: FilmArguments,
         device: int = 0,
+        progress: Callable[[float], object] | None = None,
     ) -> None: ...
     @property
-    def features(self) -> list[str]: ...
+    def features(self) -> list[str]: ...  # what the scene needs
+    @property
+    def variant(self) -> list[str]: ...  # what the code chosen for it was compiled with
+    @property
+    def path_bytes(self) -> int: ...  # stored for a path in flight
     @property
     def primitives(self) -> dict[str, int]: ...
+    @property
+    def tree(self) -> dict[str, float]: ...  # width nodes references depth seconds; or empty
     @property
     def memory(self) -> int: ...
 

@@ -1,4 +1,4 @@
-"""The command `veriray`: render, compare, bench live-rays, doctor.
+"""The command `veriray`: render, compare, info, gallery, bench live-rays, doctor.
 
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
 the pictures agree), 1 compare: they differ, doctor: the self-test failed, 2 error, 3 compare: too
@@ -28,6 +28,7 @@ from .scene import SHIPPED, Scene, load_file
 
 PICTURE_SUFFIXES = (".exr", ".png")
 TABLE_ROWS = 12
+LARGE_MESH = 50_000  # triangles above which the tree's build shows its progress
 DEVICES = "auto, cuda, cuda:N, cpu, cpu:avx512, cpu:avx2, cpu:portable"
 
 
@@ -102,6 +103,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
     _add_render(commands)
     _add_compare(commands)
+    _add_info(commands)
+    _add_gallery(commands)
     _add_bench(commands)
     _add_doctor(commands)
     return parser
@@ -168,6 +171,33 @@ def _add_compare(commands: Any) -> None:
     parser.set_defaults(handler=_compare)
 
 
+def _add_info(commands: Any) -> None:
+    parser = commands.add_parser("info", help="what a scene needs, and what is compiled in for it")
+    _add_scene(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(handler=_info)
+
+
+def _add_gallery(commands: Any) -> None:
+    parser = commands.add_parser("gallery", help="render the figures of the 2016 report")
+    parser.add_argument("names", metavar="NAME", nargs="*", help="pictures (default: all)")
+    parser.add_argument("-o", "--output", metavar="DIR", default="gallery", help="(gallery)")
+    parser.add_argument("--mesh", metavar="PATH", help="closed mesh (default: a generated one)")
+    parser.add_argument("--spp", type=_integer, help="samples per pixel (default: the scene's)")
+    parser.add_argument("--seed", type=_integer, default=0, help="0 to 2^64-1 (default: 0)")
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--width", type=_integer, help="pixels; the height keeps the shape")
+    size.add_argument("--scale", type=_number, default=1.0, help="factor on width and height")
+    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
+    parser.add_argument("--threads", type=_integer, help="CPU threads (default: all)")
+    parser.add_argument("--force", action="store_true", help="render finished pictures again")
+    parser.add_argument("--sheet", action="store_true", help="contact sheet alone, from DIR")
+    parser.add_argument("--docs", metavar="DIR", help="for the page and the sheet (default: -o)")
+    parser.add_argument("--list", action="store_true", help="print the names and leave")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    parser.set_defaults(handler=_gallery)
+
+
 def _add_bench(commands: Any) -> None:
     bench = commands.add_parser("bench", help="measurements")
     kinds = bench.add_subparsers(metavar="KIND", required=True, parser_class=_Parser)
@@ -191,6 +221,13 @@ def _integer(text: str) -> int:
         return int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
 
 
 def _load(arguments: argparse.Namespace) -> Scene:
@@ -296,7 +333,8 @@ def _render(arguments: argparse.Namespace) -> int:
         check_output(arguments.stats, (".json",))
 
     from . import device as device_module
-    from .render import check_settings, choose_scheduler, render
+    from .info import primitives_text, tree_text
+    from .render import check_settings, choose_scheduler, prepare, render
 
     scene = _load(arguments)
     settings: dict[str, Any] = {
@@ -309,6 +347,17 @@ def _render(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"device     {chosen.name}, {chosen.description} ({reason})")
         print(f"scheduler  {scheduler} ({scheduler_reason})", flush=True)
+    size = {"width": arguments.width, "height": arguments.height}
+    if len(scene.triangles) >= LARGE_MESH:
+        title = f"building the tree over {len(scene.triangles):,} triangles"
+        with _progress(title, arguments.quiet) as progress:
+            facts = prepare(scene, arguments.device, **size, progress=progress)
+    else:
+        facts = prepare(scene, arguments.device, **size)
+    if not arguments.quiet:
+        if facts["tree"]:
+            print(f"tree       {tree_text(facts['tree'])}")
+        print(f"primitives {primitives_text(facts['primitives'])}", flush=True)
     title = f"rendering {used.film.width} x {used.film.height}, {spp} spp"
     with _progress(title, arguments.quiet) as progress:
         result = render(
@@ -403,6 +452,38 @@ def _compare(arguments: argparse.Namespace) -> int:
         report.save(arguments.output)
     print(report.to_json() if arguments.json else str(report))
     return {"pass": 0, "fail": 1}.get(report.result, 3)
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    from . import info
+
+    scene = _load(arguments)
+    quiet = arguments.json or len(scene.triangles) < LARGE_MESH
+    with _progress("building the tree", quiet) as progress:
+        report = info.examine(scene, arguments.device, arguments.width, arguments.height, progress)
+    print(json.dumps(report, indent=2) if arguments.json else info.as_text(report))
+    return 0
+
+
+def _gallery(arguments: argparse.Namespace) -> int:
+    from . import gallery
+
+    if arguments.list:
+        print("\n".join(gallery.names()))
+        return 0
+    quiet = arguments.quiet
+    gallery.run(
+        arguments.names,
+        arguments.output,
+        sheet_only=arguments.sheet,
+        show=lambda title: _progress(title, quiet),
+        say=None if quiet else lambda line: print(line, flush=True),
+        **{
+            name: getattr(arguments, name)
+            for name in "mesh spp seed width scale device threads force docs".split()
+        },
+    )
+    return 0
 
 
 def _bench_live_rays(arguments: argparse.Namespace) -> int:

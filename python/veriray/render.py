@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
+from .columns import COLUMNS
 from .device import Device
 from .scene import Scene
 
@@ -29,6 +30,7 @@ SCHEDULERS = ("auto", "fused", "thrust")
 MAX_BATCHES = 1000
 MAX_NONFINITE = 64
 MAX_SPP = 2**40
+BUILD_SHARE = 0.1
 
 Array = npt.NDArray[Any]
 
@@ -125,15 +127,19 @@ def render(
         batches: 0, or the number 2 to 1000 of equal sample ranges whose means are kept in
             `batch_means`; must divide spp.
         batch_size: paths in flight; 0 lets the back end choose. Sets memory, not the picture.
-        progress: called on this thread about every 50 ms with the fraction done in [0, 1]. An
-            exception that it raises stops the render and propagates.
+        progress: called on this thread about every 50 ms with the fraction done in [0, 1]; where a
+            tree is built over a large mesh, that is the first tenth. An exception that it raises
+            stops the render and propagates.
         all_features: use the variant compiled for everything even if the scene needs less.
 
     Returns:
         Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per
         depth), blocks (thread blocks per depth), depth_seconds, rays, paths, seconds,
         samples_per_second, device, device_name, device_reason, scheduler, scheduler_reason,
-        features, primitives, nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]),
+        features (what the scene needs), variant (what the code that ran was compiled with),
+        path_bytes (stored for each path in flight, in the scene's variant), primitives (count by
+        kind; dropped: triangles without area), tree (width, nodes, references, depth, seconds;
+        empty without one), nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]),
         seed, spp, max_depth, rr_depth, width, height, batches, batch_size, threads, launches,
         memory (bytes of scene and film), scene_sha256, version, mean_stderr.
 
@@ -163,8 +169,11 @@ def render(
         "all_features": bool(all_features),
     }
     with device_module.native_errors():
-        native_scene = _native_scene(scene, scene_used, chosen)
-        done = _sample(chosen, native_scene, scene_used, spp, batches, settings, progress)
+        parts = None if progress is None else _Parts(progress)
+        native_scene = _native_scene(scene, scene_used, chosen, parts and parts.build)
+        done = _sample(
+            chosen, native_scene, scene_used, spp, batches, settings, parts and parts.sampling
+        )
         image, stderr = done.film.resolve()
         memory = int(native_scene.memory) + int(done.film.memory)
     if progress is not None:
@@ -177,8 +186,8 @@ def render(
         "device_reason": device_reason,
         "scheduler": scheduler,
         "scheduler_reason": scheduler_reason,
-        "features": [str(name) for name in native_scene.features],
-        "primitives": {str(k): int(v) for k, v in native_scene.primitives.items()},
+        **scene_facts(native_scene),
+        "variant": [str(name) for name in done.results[-1]["features"]],
         "seed": seed,
         "spp": spp,
         "max_depth": scene_used.max_depth,
@@ -301,6 +310,20 @@ def _scaled(progress: Callable[[float], object], k: int, n: int) -> Callable[[fl
     return poll
 
 
+class _Parts:
+    """A progress callback shared out: building takes the first BUILD_SHARE if it reports at all."""
+
+    def __init__(self, progress: Callable[[float], object]) -> None:
+        self.progress, self.start = progress, 0.0
+
+    def build(self, fraction: float) -> None:
+        self.start = BUILD_SHARE
+        self.progress(BUILD_SHARE * min(fraction, 1.0))
+
+    def sampling(self, fraction: float) -> None:
+        self.progress(min(self.start + (1.0 - self.start) * fraction, 1.0))
+
+
 def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
     """Sums the pieces' reports."""
     ledger = _padded_sum([np.asarray(r["ledger"], np.uint64) for r in results])
@@ -339,18 +362,16 @@ def _padded_sum(arrays: list[Array]) -> Array:
 
 
 _scenes: dict[int, dict[tuple[object, ...], Any]] = {}
-_scenes_lock = threading.Lock()
+_scenes_lock = threading.RLock()  # a progress callback may render
 _KEPT_PER_SCENE = 2
 
 
 def native_scene_arguments(scene: Scene) -> dict[str, Any]:
-    """The keyword arguments of the native `Scene` for this scene and its film size."""
+    """The arguments arrays, camera and film of the native `Scene`; see `_native.pyi`."""
     camera, film = scene.camera, scene.film
-    names = (
-        "vertices triangles triangle_material triangle_emission reflectance two_sided "
-        "emissions environment"
-    )
-    return {name: getattr(scene, name) for name in names.split()} | {
+    arrays = {name: getattr(scene, name) for name in COLUMNS}
+    return {
+        "arrays": {n: a.view(np.uint8) if a.dtype == np.bool_ else a for n, a in arrays.items()},
         "camera": {
             "to_world": camera.to_world,
             "tan_half_x": camera.tan_half_x(film.width, film.height),
@@ -359,17 +380,25 @@ def native_scene_arguments(scene: Scene) -> dict[str, Any]:
             "far_clip": camera.far_clip,
             "principal_x": float(camera.principal_point_offset[0]),
             "principal_y": float(camera.principal_point_offset[1]),
+            "aperture_radius": camera.aperture_radius,
+            "focus_distance": camera.focus_distance,
+            "medium": camera.medium,
         },
         "film": {
             "width": film.width,
             "height": film.height,
             "filter": film.filter,
-            "filter_parameter": film.filter_parameter,
+            "filter_parameters": film.filter_parameters,
         },
     }
 
 
-def _native_scene(owner: Scene, scene: Scene, device: Device) -> Any:
+def _native_scene(
+    owner: Scene,
+    scene: Scene,
+    device: Device,
+    progress: Callable[[float], object] | None = None,
+) -> Any:
     """The native form of `scene`, kept until its owner (the user's object) goes away."""
     key = (device.native.__name__, device.index, scene.film.width, scene.film.height)
     with _scenes_lock:
@@ -380,8 +409,42 @@ def _native_scene(owner: Scene, scene: Scene, device: Device) -> Any:
         if key not in kept:
             while len(kept) >= _KEPT_PER_SCENE:
                 kept.pop(next(iter(kept)))
-            kept[key] = device.native.Scene(**native_scene_arguments(scene), device=device.index)
+            kept[key] = device.native.Scene(
+                **native_scene_arguments(scene), device=device.index, progress=progress
+            )
         return kept[key]
+
+
+def prepare(
+    scene: Scene,
+    device: str = "auto",
+    width: int | None = None,
+    height: int | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> dict[str, Any]:
+    """Build what a device needs of a scene, a tree for example, and keep it for the next render.
+
+    progress: as in `render`, for the build alone. Returns features, variant, path_bytes,
+    primitives, tree (see `render`) and memory (bytes of the scene). Raises as `render`.
+    """
+    used, _ = check_settings(scene, width=width, height=height)
+    chosen, _ = device_module.select(device)
+    with device_module.native_errors():
+        native_scene = _native_scene(scene, used, chosen, progress)
+        return {**scene_facts(native_scene), "memory": int(native_scene.memory)}
+
+
+def scene_facts(native_scene: Any) -> dict[str, Any]:
+    """What a native scene says of itself, as plain data."""
+    return {
+        "features": [str(name) for name in native_scene.features],
+        "variant": [str(name) for name in native_scene.variant],
+        "path_bytes": int(native_scene.path_bytes),
+        "primitives": {str(k): int(v) for k, v in native_scene.primitives.items()},
+        "tree": {
+            str(k): float(v) if k == "seconds" else int(v) for k, v in native_scene.tree.items()
+        },
+    }
 
 
 def trace_path(

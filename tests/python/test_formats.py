@@ -10,19 +10,13 @@ import warnings
 import numpy as np
 import pytest
 
+from veriray import transform
+from veriray.camera import Camera, Film
+from veriray.columns import COLUMNS
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh, transform
 from veriray.formats.plugins import PLUGINS, describe
-from veriray.scene import (
-    SHIPPED,
-    Camera,
-    Film,
-    Scene,
-    find_shipped,
-    load_dict,
-    load_file,
-    sin_cos_degrees,
-)
+from veriray.numeric import sin_cos_degrees
+from veriray.scene import SHIPPED, Scene, find_shipped, load_dict, load_file
 
 HEAD = (
     '<scene version="3.0.0">\n<sensor type="perspective"><float name="fov" value="40"/></sensor>\n'
@@ -66,18 +60,8 @@ def test_defaults_are_mitsubas(tmp_path):
 
 def test_arrays_have_the_promised_types_and_cannot_be_written(tmp_path):
     scene = load_file("cornell-box")
-    types = {
-        "vertices": "float64",
-        "triangles": "uint32",
-        "triangle_material": "uint32",
-        "triangle_emission": "int32",
-        "triangle_shape": "uint32",
-        "reflectance": "float32",
-        "two_sided": "bool",
-        "emissions": "float32",
-        "environment": "float32",
-    }
-    for name, dtype in types.items():
+    types = {name: column.dtype for name, column in COLUMNS.items()}
+    for name, dtype in {**types, "triangle_shape": np.uint32}.items():
         array = getattr(scene, name)
         assert array.dtype == dtype and array.flags["C_CONTIGUOUS"]
         with pytest.raises(ValueError):
@@ -415,94 +399,6 @@ def test_tangents_of_the_field_of_view():
     assert box.tan_half_x(512, 512) == pytest.approx(0.0125 / 0.035, rel=1e-14)
 
 
-# ---- meshes --------------------------------------------------------------------------------------
-
-FLAT_PLY = (
-    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-    "property float z\n"
-    "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
-    "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
-)
-
-
-def binary_ply(vertices, faces, endian="<"):
-    word = {"<": "little", ">": "big"}[endian]
-    header = (
-        f"ply\nformat binary_{word}_endian 1.0\ncomment x\nelement vertex {len(vertices)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    data = np.array(vertices, f"{endian}f4").tobytes()
-    for face in faces:
-        data += bytes([len(face)]) + np.array(face, f"{endian}i4").tobytes()
-    return header.encode() + data
-
-
-def read_mesh(folder, name, content):
-    path = folder / name
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return mesh.read(path, path.suffix[1:], "here")
-
-
-def test_ply(tmp_path):
-    vertices, faces, flat = read_mesh(tmp_path, "a.ply", FLAT_PLY)
-    assert vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]] and flat
-    assert faces.tolist() == [[0, 1, 2], [0, 2, 3]]
-    for endian in "<>":
-        data = binary_ply(vertices, faces, endian)
-        got = read_mesh(tmp_path, "b.ply", data)
-        assert (got[0] == vertices).all() and (got[1] == faces).all()
-    quad = read_mesh(tmp_path, "c.ply", binary_ply(vertices, [[0, 1, 2, 3]]))
-    assert sorted(sorted(f) for f in quad[1].tolist()) == [[0, 1, 2], [0, 2, 3]]
-    assert (
-        np.cross(*(vertices[quad[1]][:, i] - vertices[quad[1]][:, 0] for i in (1, 2)))[:, 2] > 0
-    ).all()
-
-
-def test_obj(tmp_path):
-    text = (
-        "# c\nmtllib x.mtl\no one\nv 0 0 0\nv 2 0 0 1\r\nv 2 1 0\nv 1 2 0\nv 0 1 0\n"
-        "vt 0 0\nusemtl x\n"
-        "f 1 2 3 \\\n4 5\ns off\no two\nv 0 0 5\nv 2 0 5 # c\nv 2e0 1 5.0\nusemtl y\n"
-        "f -3/1 -2/1 -1/-1\nl 1 2\n"
-    )
-    vertices, faces, flat = read_mesh(tmp_path, "a.obj", text)
-    assert vertices.shape == (8, 3) and flat
-    assert faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4], [5, 6, 7]]
-
-
-def test_obj_agrees_with_trimesh(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    ball = trimesh.creation.icosphere(subdivisions=2)
-    path = tmp_path / "ball.obj"
-    path.write_text(ball.export(file_type="obj", include_normals=False))
-    vertices, faces, flat = mesh.read(path, "obj", "")
-    assert (
-        (faces == ball.faces).all() and np.abs(vertices - ball.vertices).max() < 1e-8 and not flat
-    )
-
-
-def test_smooth_meshes_need_face_normals(tmp_path):
-    bent = FLAT_PLY.replace("0 1 0\n3", "0 1 1\n3")
-    (tmp_path / "bent.ply").write_text(bent)
-    body = '<shape type="ply"><string name="filename" value="bent.ply"/>{}</shape>'
-    with pytest.raises(SceneError, match=r"scene.xml:4: ply: the mesh .*face_normals = true"):
-        load(tmp_path, body.format(""))
-    scene = load(tmp_path, body.format('<boolean name="face_normals" value="true"/>'))
-    assert len(scene.triangles) == 2
-    normal = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
-    assert not read_mesh(tmp_path, "n.obj", normal)[2]
-    unused = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1 2 3\n"
-    assert read_mesh(tmp_path, "n.obj", unused)[2]
-
-
-def test_a_mirrored_mesh_turns_over(tmp_path):
-    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    values = {"type": "obj", "filename": tmp_path / "m.obj", "to_world": np.diag([-1.0, 1, 1, 1])}
-    assert normals(load_dict(scene_dict(s=values)))[0, 2] == -1
-    assert normals(load_dict(scene_dict(s={**values, "flip_normals": True})))[0, 2] == 1
-
-
 # ---- dictionaries --------------------------------------------------------------------------------
 
 
@@ -556,7 +452,7 @@ def test_dictionary_values():
 def test_table_covers_every_parameter_of_every_plugin():
     for plugin in PLUGINS.values():
         for name, param in plugin.params.items():
-            assert name == name.lower() and param.kind
+            assert name.isidentifier() and param.kind
             assert not set(plugin.params) & set(plugin.unsupported)
             assert f"| `{name}` |" in describe()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support import FAST, native
-from veriray.scene import sin_cos_degrees
+from veriray.numeric import sin_cos_degrees
 
 UNIT = 2.0**-24
 #: Largest error of sin_2pi and cos_2pi over all 2^24 arguments k 2^-24, in units in the last place

@@ -2,38 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import transform
+from ..camera import Camera, Film
+from ..columns import LIGHT_KINDS
 from ..errors import SceneError, SceneWarning
-from ..scene import MAX_COORDINATE, Camera, Film, Scene, check_matrix, determinant
-from . import mesh, transform
+from ..numeric import check_rigid, view_angle
+from ..scene import Scene
+from . import materials
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
-from .plugins import COLOUR, PLUGINS, REQUIRED, Param
+from .plugins import PLUGINS
+from .shapes import Shapes, must_be_closed
+from .values import check, located
 
 Array = npt.NDArray[Any]
-_DIAGONAL_35_MM = math.sqrt(36.0 * 36.0 + 24.0 * 24.0)
-_QUAD = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
-_QUAD_FACES = np.array([[0, 1, 2], [0, 2, 3]])
-_CUBE = np.array(  # four corners a face, counter-clockwise from outside: -y, +y, +x, +z, -x, -z
-    [
-        [[1, -1, -1], [1, -1, 1], [-1, -1, 1], [-1, -1, -1]],
-        [[1, 1, -1], [-1, 1, -1], [-1, 1, 1], [1, 1, 1]],
-        [[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]],
-        [[1, -1, 1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1]],
-        [[-1, -1, 1], [-1, 1, 1], [-1, 1, -1], [-1, -1, -1]],
-        [[1, 1, -1], [1, -1, -1], [-1, -1, -1], [-1, 1, -1]],
-    ],
-    np.float64,
-).reshape(24, 3)
-_CUBE_FACES = np.concatenate([_QUAD_FACES + 4 * face for face in range(6)])
+_DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
 
 
 def build(tree: Tree) -> Scene:
@@ -42,72 +31,16 @@ def build(tree: Tree) -> Scene:
     return _Builder(tree).scene()
 
 
-def check(node: Node) -> dict[str, Any]:
-    """A node's parameters, converted and complete with defaults; None for absent ones."""
-    plugin = PLUGINS[node.plugin]
-    for name, value in node.values.items():
-        if name in plugin.unsupported:
-            raise SceneError(f'{node}: "{name}": {plugin.unsupported[name]}', value.where)
-        if name not in plugin.params:
-            raise SceneError(
-                f'{node}: unknown parameter "{name}" = {shorten(value.value)}'
-                + allowed(name, plugin.params),
-                value.where,
-            )
-    result = {}
-    for name, param in plugin.params.items():
-        if name in node.values:
-            result[name] = _parameter(node, name, param)
-        elif param.default is REQUIRED:
-            raise SceneError(f'{node}: "{name}" ({param.kind}) is missing', node.where)
-        else:
-            colour = param.kind == COLOUR and param.default is not None
-            result[name] = (param.default,) * 3 if colour else param.default
-    return result
-
-
-def _parameter(node: Node, name: str, param: Param) -> Any:
-    given = node.values[name]
-    label = f'{node}: "{name}" = {shorten(given.value)}'
-    if given.kind not in param.accepted:
-        raise SceneError(f"{label} is of type {given.kind}, expected {param.kind}", given.where)
-    value = given.value
-    if param.kind == "transform":
-        try:
-            return check_matrix(f'{node}: "{name}"', value)
-        except SceneError as error:
-            raise SceneError(str(error), given.where) from None
-    if param.kind == "string":
-        value = value.lower() if param.choices else value
-    if param.choices and value not in param.choices:
-        names = [str(choice).lower() for choice in param.choices]
-        raise SceneError(f"{label} is not supported{allowed(str(value), names)}", given.where)
-    if param.kind == "boolean" or param.kind == "string":
-        return value
-    if param.kind == COLOUR:
-        value = value if isinstance(value, tuple) else (float(value),) * 3
-    for number in value if isinstance(value, tuple) else (value,):
-        good = param.low < number < param.high if param.open else param.low <= number <= param.high
-        if number != number or number in (math.inf, -math.inf):
-            raise SceneError(f"{label} must be finite", given.where)
-        if not good:
-            ends = "()" if param.open else "[]"
-            raise SceneError(
-                f"{label} is outside {ends[0]}{param.low:g}, {param.high:g}{ends[1]}", given.where
-            )
-    if param.kind == COLOUR and max(value) > float(np.finfo(np.float32).max):
-        raise SceneError(f"{label} exceeds the float32 range", given.where)
-    return float(value) if param.kind == "float" else value
-
-
 class _Builder:
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
         self.checked: dict[int, tuple[Node, dict[str, Any]]] = {}
+        self.tables = _Tables()
 
     def check(self, node: Node) -> dict[str, Any]:
-        """`check`, once for each node however often it is used."""
+        """`check`, once for each node however often it is used; its children's kinds too."""
         if id(node) not in self.checked:
+            self.children(node)
             self.checked[id(node)] = node, check(node)  # holding the node keeps its id unique
         return self.checked[id(node)][1]
 
@@ -152,28 +85,29 @@ class _Builder:
     def scene(self) -> Scene:
         root = self.tree.scene
         parts = self.children(root)
-        check(root)
+        self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         path = self.check(integrator)
         camera, film, sampler = self.sensor(parts["sensor"][0])
-        environment = (0.0, 0.0, 0.0)
-        for emitter in parts["emitter"]:
-            environment = self.check(emitter)["radiance"]
+        environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
             self.material(bsdf)
-        geometry = _Geometry()
+        for medium in parts["medium"]:
+            self.check_medium(medium)
+        shapes = Shapes()
         for shape in parts["shape"]:
-            self.shape(shape, geometry)
-        if not geometry.emissions and not any(environment):
+            self.shape(shape, shapes)
+        arrays = {**self.tables.arrays(), **shapes.arrays()}
+        if arrays["emissions"] is None and arrays["light_kind"] is None and not any(environment):
             warnings.warn(
                 f"{root.where}: the scene has no light: the picture will be black",
                 SceneWarning,
                 stacklevel=4,
             )
-        scene: Scene = _located(
+        scene: Scene = located(
             root,
             lambda: Scene(
-                **geometry.arrays(),
+                **arrays,
                 environment=np.array(environment),
                 camera=camera,
                 film=film,
@@ -185,6 +119,16 @@ class _Builder:
         )
         return scene
 
+    def lights(self, nodes: list[Node]) -> tuple[float, ...]:
+        """Adds the lights that are not on shapes; returns the environment's radiance."""
+        skies = [node for node in nodes if node.plugin == "constant"]
+        if len(skies) > 1:
+            raise SceneError("a second emitter constant; at most 1 allowed", skies[1].where)
+        for node in nodes:
+            if node.plugin != "constant":
+                self.light(node)
+        return self.check(skies[0])["radiance"] if skies else (0.0, 0.0, 0.0)
+
     def sensor(self, node: Node) -> tuple[Camera, Film, dict[str, Any]]:
         parts = self.children(node)
         values = self.check(node)
@@ -194,13 +138,13 @@ class _Builder:
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
         size = self.check(film_node)
         parameters = list(self.check(filter_node).values())
-        film = _located(
+        film = located(
             film_node,
             lambda: Film(
                 size["width"],
                 size["height"],
                 filter_node.plugin,
-                parameters[0] if parameters else None,
+                parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
             ),
         )
         fov, axis = values["fov"], values["fov_axis"]
@@ -216,126 +160,161 @@ class _Builder:
                 raise SceneError(
                     f'{node}: "focal_length" = {shorten(focal)} is outside [0.001, 1e+06] mm', where
                 )
-            angle = math.degrees(2.0 * math.atan(_DIAGONAL_35_MM / (2.0 * length)))
-            fov = round(angle, 12)  # atan differs in the last bit between C libraries
-            axis = "diagonal"
-        offset = [values[f"principal_point_offset_{end}"] for end in "xy"]
+            fov, axis = view_angle(_DIAGONAL_35_MM, length), "diagonal"
+        offset = [values.get(f"principal_point_offset_{end}", 0.0) for end in "xy"]
         to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
-        camera = _located(
+        camera = located(
             node,
             lambda: Camera(
-                to_world, fov, axis, values["near_clip"], values["far_clip"], np.array(offset)
+                to_world,
+                fov,
+                axis,
+                values["near_clip"],
+                values["far_clip"],
+                np.array(offset),
+                values.get("aperture_radius", 0.0),
+                values["focus_distance"] or 1.0 if node.plugin == "thinlens" else 1.0,
+                self.medium(parts["medium"][0]) if parts["medium"] else -1,
             ),
         )
         return camera, film, self.check(sampler)
 
-    def material(self, node: Node) -> tuple[tuple[float, ...], bool]:
-        """Reflectance and two-sidedness of a bsdf."""
+    def material(self, node: Node) -> materials.Row:
+        """The row of a bsdf."""
+        parts, values = self.children(node), self.check(node)
         if node.plugin == "twosided":
-            self.check(node)
-            inner = self.children(node)["bsdf"][0]
-            return self.material(inner)[0], True
-        self.children(node)
-        reflectance: tuple[float, ...] = self.check(node)["reflectance"]
-        return reflectance, False
+            return {**self.material(parts["bsdf"][0]), "two_sided": True}
+        if node.plugin == "mask":
+            return {**self.material(parts["bsdf"][0]), "opacity": values["opacity"]}
+        return materials.material(node, values)
 
-    def shape(self, node: Node, geometry: _Geometry) -> None:
-        parts = self.children(node)
-        values = self.check(node)
-        to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
-        flip = values["flip_normals"]
-        if node.plugin in ("rectangle", "cube"):
-            quad = node.plugin == "rectangle"
-            vertices, faces = (_QUAD, _QUAD_FACES) if quad else (_CUBE, _CUBE_FACES)
-            flip = flip != (determinant(to_world) < 0)  # a mirror keeps the front in front
-        else:
-            where = node.values["filename"].where
-            path = Path(node.folder) / values["filename"]
-            vertices, faces, flat = mesh.read(path, node.plugin, where)
-            if not (flat or values["face_normals"]):
+    def medium(self, node: Node) -> int:
+        """Index of a medium, which gets a row when it is first used."""
+        row = self.check_medium(node)
+        return self.tables.index("media", node, row)
+
+    def check_medium(self, node: Node) -> materials.Row:
+        phase = self.children(node)["phase"]
+        return materials.medium(node, self.check(node), self.check(phase[0]) if phase else {})
+
+    def boundary(self, node: Node) -> tuple[int, int]:
+        """The media inside and outside of a shape, -1 for vacuum."""
+        media: dict[str, int] = {}
+        for item in node.children:
+            child = self.resolve(item, node) if isinstance(item, Ref) else item
+            if child.category != "medium":
+                continue
+            if item.name not in ("interior", "exterior"):
                 raise SceneError(
-                    f"{node}: the mesh {shorten(str(path))} is smooth (it has vertex normals, or "
-                    "gets them in Mitsuba), and smooth shading is not supported; set "
-                    "face_normals = true for flat shading",
-                    where,
+                    f"{node}: a medium of a shape is named {shorten(item.name)}"
+                    + allowed(item.name, ("interior", "exterior")),
+                    item.where,
                 )
-        with np.errstate(all="ignore"):
-            vertices = transform.apply(to_world, vertices)
-        if not (np.abs(vertices) <= MAX_COORDINATE).all():
-            raise SceneError(f"{node}: a vertex exceeds {MAX_COORDINATE:g}", node.where)
-        bsdf = parts["bsdf"][0] if parts["bsdf"] else geometry.default_bsdf
-        material = geometry.material(bsdf, self.material(bsdf))
-        emission = -1
-        for emitter in parts["emitter"]:
-            self.children(emitter)
-            emission = geometry.emission(emitter, self.check(emitter)["radiance"])
-        geometry.add(
-            node.id or f"{node.plugin}_{len(geometry.names)}",
-            vertices,
-            faces[:, ::-1] if flip else faces,
-            material,
-            emission,
-        )
+            if item.name in media:
+                raise SceneError(f"{node}: two media are named {item.name}", item.where)
+            media[item.name] = self.medium(child)
+        return media.get("interior", -1), media.get("exterior", -1)
+
+    def shape(self, node: Node, shapes: Shapes) -> None:
+        parts, values = self.children(node), self.check(node)
+        lamp = parts["emitter"][0] if parts["emitter"] else None
+        if parts["bsdf"]:
+            bsdf, row = parts["bsdf"][0], self.material(parts["bsdf"][0])
+        else:  # as Mitsuba: a lamp reflects nothing
+            bsdf = _LAMP if lamp else _GREY
+            row = materials.BLACK if lamp else self.material(bsdf)
+        material = self.tables.index("materials", bsdf, row)
+        emission = boundary = -1
+        if lamp:
+            radiance = self.check(lamp)["radiance"]
+            if _shines(radiance):
+                emission = self.tables.index("emissions", lamp, {"emissions": radiance})
+        media = self.boundary(node)
+        if media != (-1, -1):
+            boundary = self.tables.index("boundaries", media, {"boundaries": media})
+        solid = must_be_closed(row, media[0] >= 0)
+        shapes.add(node, values, (material, emission, boundary), solid)
+
+    def light(self, node: Node) -> None:
+        """Adds a point, spot or directional light."""
+        values = self.check(node)
+        strength = values["irradiance" if node.plugin == "directional" else "intensity"]
+        if not _shines(strength):
+            return
+        matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
+        row: dict[str, Any] = {
+            "light_kind": LIGHT_KINDS.index(node.plugin),
+            "light_position": matrix[:3, 3].tolist(),
+            "light_direction": (0.0, 0.0, 1.0),
+            "light_intensity": strength,
+            "light_angles": (20.0, 15.0),
+        }
+        other = {"point": "position", "directional": "direction"}.get(node.plugin, "")
+        given = values.get(other)
+        if given is not None and values["to_world"] is not None:
+            raise SceneError(f"{node}: both {other} and to_world given", node.where)
+        if node.plugin == "point":
+            row["light_position"] = row["light_position"] if given is None else given
+        else:
+            ahead = matrix[:3, 2].tolist() if given is None else given
+            row["light_direction"] = transform.unit(
+                ahead, f"{node}: direction has length 0", node.where
+            )
+        if node.plugin == "directional":
+            row["light_position"] = (0.0, 0.0, 0.0)
+        if node.plugin == "spot":
+            located(node, lambda: check_rigid(f"{node} to_world", "a spot", matrix))
+            cutoff, beam = values["cutoff_angle"], values["beam_width"]
+            beam = 0.75 * cutoff if beam is None else beam
+            if not 0 < cutoff or beam > cutoff:
+                raise SceneError(
+                    f"{node}: cutoff_angle = {cutoff:g} and beam_width = {beam:g}; expected "
+                    "0 < cutoff_angle and beam_width <= cutoff_angle",
+                    node.where,
+                )
+            row["light_angles"] = cutoff, beam
+        self.tables.index("lights", node, row)
 
 
-class _Geometry:
-    """Shapes, materials and emissions gathered one by one."""
+_GREY = Node("diffuse", "", "bsdf")
+_LAMP = Node("diffuse", "", "bsdf")
+_TABLES = {
+    "materials": materials.MATERIAL_COLUMNS,
+    "emissions": ("emissions",),
+    "boundaries": ("boundaries",),
+    "media": ("sigma_t", "albedo", "phase_g"),
+    "lights": (
+        "light_kind",
+        "light_position",
+        "light_direction",
+        "light_intensity",
+        "light_angles",
+    ),
+}
+
+
+class _Tables:
+    """Rows of the scene's tables, one for each object that is used, in the order of use."""
 
     def __init__(self) -> None:
-        self.default_bsdf = Node("diffuse", "", "bsdf")
-        self.names: list[str] = []
-        self.vertices: list[Array] = []
-        self.triangles: list[Array] = []
-        self.per_shape: list[tuple[int, int]] = []
-        self.materials: dict[int, int] = {}
-        self.reflectance: list[tuple[float, ...]] = []
-        self.two_sided: list[bool] = []
-        self.emitters: dict[int, int] = {}
-        self.emissions: list[tuple[float, ...]] = []
-        self.count = 0
+        self.rows: dict[str, dict[Any, tuple[int, Any, dict[str, Any]]]] = {
+            name: {} for name in _TABLES
+        }
 
-    def material(self, node: Node, material: tuple[tuple[float, ...], bool]) -> int:
-        index = self.materials.setdefault(id(node), len(self.reflectance))
-        if index == len(self.reflectance):
-            self.reflectance.append(material[0])
-            self.two_sided.append(material[1])
-        return index
-
-    def emission(self, node: Node, radiance: tuple[float, ...]) -> int:
-        """Index of the emission; -1 for a black one, which is no light."""
-        if not any(np.float32(x) for x in radiance):
-            return -1
-        index = self.emitters.setdefault(id(node), len(self.emissions))
-        if index == len(self.emissions):
-            self.emissions.append(radiance)
-        return index
-
-    def add(self, name: str, vertices: Array, faces: Array, material: int, emission: int) -> None:
-        self.names.append(name)
-        self.vertices.append(vertices)
-        self.triangles.append(faces + self.count)
-        self.per_shape.append((material, emission))
-        self.count += len(vertices)
+    def index(self, table: str, key: Node | tuple[int, int], row: dict[str, Any]) -> int:
+        """The index of the row of `key`, which is `row` if it is new."""
+        rows = self.rows[table]
+        name = key if isinstance(key, tuple) else id(key)  # the entry keeps the node, and its id
+        return rows.setdefault(name, (len(rows), key, row))[0]
 
     def arrays(self) -> dict[str, Any]:
-        lengths = [len(t) for t in self.triangles]
-        table = np.array(self.per_shape, np.int64).reshape(-1, 2)
+        """The arguments of Scene; None for the columns of an empty table."""
         return {
-            "vertices": np.concatenate(self.vertices or [np.zeros((0, 3))]),
-            "triangles": np.concatenate(self.triangles or [np.zeros((0, 3), np.int64)]),
-            "triangle_material": np.repeat(table[:, 0], lengths),
-            "triangle_emission": np.repeat(table[:, 1], lengths),
-            "triangle_shape": np.repeat(np.arange(len(lengths)), lengths),
-            "reflectance": np.array(self.reflectance, np.float64).reshape(-1, 3),
-            "two_sided": np.array(self.two_sided, np.bool_),
-            "emissions": np.array(self.emissions, np.float64).reshape(-1, 3),
-            "shape_names": tuple(self.names),
+            column: [row[column] for _, _, row in self.rows[table].values()] or None
+            for table, columns in _TABLES.items()
+            for column in columns
         }
 
 
-def _located(node: Node, make: Callable[[], Any]) -> Any:
-    """make(), with the node's place added to its SceneError."""
-    try:
-        return make()
-    except SceneError as error:
-        raise SceneError(str(error), node.where) from None
+def _shines(radiance: tuple[float, ...]) -> bool:
+    return any(np.float32(x) for x in radiance)

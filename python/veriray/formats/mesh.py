@@ -1,8 +1,8 @@
-"""Triangle meshes from OBJ and PLY files.
+"""Triangle meshes from OBJ, PLY and STL files, and their shading normals.
 
-OBJ is read here: trimesh (5.2) takes the index 0 for vertex 1, counts negative indices from the end
-of the file and reverses groups, all without a word. PLY is read by trimesh, which shortens damaged
-faces and lets indices run out of range; what it returns is checked against the file.
+OBJ and PLY are read here: trimesh (5.2) takes OBJ's index 0 for vertex 1, counts negative indices
+from the end of the file and reverses groups, shortens damaged PLY faces and lets indices run out of
+range, all without a word. STL is read by trimesh; the triangles are counted against the file.
 Limits: 512 MiB a file, regular files only; PLY polygons with 3 or 4 corners. Polygons become fans.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,177 +19,307 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
-from ..scene import MAX_COORDINATE
+from ..numeric import MAX_COORDINATE
+from . import ply
 from .node import read_bytes, shorten
+from .ply import MeshFileError
 
 Array = npt.NDArray[Any]
 MAX_BYTES = 512 * 2**20
 _NUMBER = re.compile(rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 
 
-def read(path: Path, kind: str, where: str) -> tuple[Array, Array, bool]:
-    """Vertices (V, 3) float64, triangles (T, 3) int64, and whether flat shading changes nothing.
+@dataclass
+class Mesh:
+    """vertices (V, 3) float64, triangles (T, 3) int64; normals (V, 3) float64 of the file, of any
+    length, zero rows for vertices without one; None for a file without any."""
 
-    kind: "obj" or "ply". The last is True if the file has no vertex normals and those that Mitsuba
-    would compute (means of the faces around a vertex) are the normals of all these faces.
-    Raises SceneError for a file that is missing, damaged, empty, or holds indices out of range.
+    vertices: Array
+    triangles: Array
+    normals: Array | None
+
+
+def read(path: Path, kind: str, where: str) -> Mesh:
+    """A mesh file; kind: "obj", "ply" or "stl". Texture coordinates are checked and left out.
+
+    Vertices of an OBJ file that is used with several normals or texture coordinates are split, as
+    Mitsuba does. Raises SceneError for a file that is missing, damaged, empty, or holds indices out
+    of range or numbers that are not finite.
     """
     data = read_bytes(path, MAX_BYTES, where)
-    vertices, faces, normals = (_obj if kind == "obj" else _ply)(data, path, where)
-    if not len(faces):
-        raise SceneError(f"{_name(path)} holds no triangles", where)
-    bad = np.argwhere(~(np.abs(vertices) <= MAX_COORDINATE))  # NaN too
+    name = f'"filename" = {shorten(str(path))}'
+    try:
+        mesh = Mesh(*{"obj": _obj, "ply": ply.read, "stl": _stl}[kind](data))
+    except MeshFileError as error:
+        raise SceneError(f"{name}{error}", where) from None
+    if not len(mesh.triangles):
+        raise SceneError(f"{name} holds no triangles", where)
+    normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
+    for what, values in (("coordinate", mesh.vertices), ("normal's component", normals)):
+        bad = np.argwhere(~(np.abs(values) <= MAX_COORDINATE))  # NaN too
+        if len(bad):
+            row, column = (int(i) for i in bad[0])
+            raise SceneError(
+                f"{name}: vertex {row} has the {what} {values[row, column]}; it must be finite and "
+                f"within {MAX_COORDINATE:g}",
+                where,
+            )
+    bad = np.argwhere((mesh.triangles < 0) | (mesh.triangles >= len(mesh.vertices)))
     if len(bad):
         row, column = (int(i) for i in bad[0])
         raise SceneError(
-            f"{_name(path)}: vertex {row} has the coordinate {vertices[row, column]}; it must be "
-            f"finite and within {MAX_COORDINATE:g}",
+            f"{name}: triangle {row} uses vertex {mesh.triangles[row, column]}, outside "
+            f"[0, {len(mesh.vertices) - 1}]",
             where,
         )
-    bad = np.argwhere((faces < 0) | (faces >= len(vertices)))
-    if len(bad):
-        row, column = (int(i) for i in bad[0])
-        raise SceneError(
-            f"{_name(path)}: triangle {row} uses vertex {faces[row, column]}, outside "
-            f"[0, {len(vertices) - 1}]",
-            where,
-        )
-    return vertices, faces, not normals and _is_flat(vertices, faces)
+    return mesh
 
 
-def _name(path: Path) -> str:
-    return f'"filename" = {shorten(str(path))}'
-
-
-def _obj(data: bytes, path: Path, where: str) -> tuple[Array, Array, bool]:
-    vertices: list[list[float]] = []
-    faces: list[tuple[int, int, int]] = []
-    counts = {b"v": 0, b"vt": 0, b"vn": 0}
-    normals = False
+def _obj(data: bytes) -> tuple[Array, Array, Array | None]:
     text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    tables, corners, triangles = _obj_tables(text) or _obj_lines(text)
+    vertices, _, normals = tables
+    if not (corners[:, 1:] >= 0).any():
+        return vertices, corners[:, 0][triangles], None
+    rows, inverse = np.unique(corners, axis=0, return_inverse=True)
+    split = None
+    if (rows[:, 2] >= 0).any():
+        split = np.concatenate([normals, np.zeros((1, 3))])[rows[:, 2]]
+    return vertices[rows[:, 0]], inverse.reshape(-1)[triangles], split
+
+
+_KINDS = {b"v": 3, b"vt": 2, b"vn": 3}  # line -> numbers kept
+_Obj = tuple[list[Array], Array, Array]  # tables of v, vt, vn; corners (C, 3) or -1; triangles
+
+
+def _obj_tables(text: bytes) -> _Obj | None:
+    """A file of the usual form, a column at a time: all faces alike, after all that they use.
+
+    None for any other form, and for a file with an error.
+    """
+    lines = text.split(b"\n")
+    first = next((k for k, line in enumerate(lines) if line.startswith(b"f ")), len(lines))
+    groups: dict[bytes, list[bytes]] = {b"v ": [], b"vt": [], b"vn": [], b"f ": []}
+    for k, line in enumerate(lines):
+        kind = line[:2]
+        if kind in groups:
+            groups[kind].append(line)
+            if (kind == b"f ") != (k >= first):
+                return None
+        elif line.lstrip()[:1] in (b"v", b"f"):
+            return None
+    tables = []
+    for kind, kept in _KINDS.items():
+        table = _matched(groups[kind.ljust(2)], rb"(?:%s)" % _NUMBER.pattern, kept, np.float64)
+        if table is None:
+            return None
+        tables.append(table[:, :kept])
+    faces = groups[b"f "]
+    if not faces:
+        return None
+    sample = faces[0].split()[1].split(b"/")
+    token = rb"/".join(rb"[0-9]{1,18}" if part else b"" for part in sample)
+    given = [k for k, part in enumerate(sample) if part]
+    width = len(faces[0].split()) - 1
+    numbers = _matched(faces, token, 3, np.int64)
+    if numbers is None or len(sample) > 3:
+        return None
+    corners = np.full((len(faces) * width, 3), -1, np.int64)
+    corners[:, given] = numbers.reshape(len(corners), len(given)) - 1
+    counts = np.array([len(table) for table in tables])
+    if (corners[:, given] < 0).any() or (corners >= counts).any():
+        return None
+    fans = np.array([(0, k, k + 1) for k in range(1, width - 1)])
+    triangles = (np.arange(len(faces))[:, None, None] * width + fans).reshape(-1, 3)
+    return tables, corners, triangles
+
+
+def _matched(lines: list[bytes], token: bytes, least: int, dtype: Any) -> Array | None:
+    """Numbers (N, columns) of lines "kind token token ..." with equally many tokens each.
+
+    None if a line has another form, or fewer than `least` tokens. Slashes separate numbers too.
+    """
+    if not lines:
+        return np.zeros((0, least), dtype)
+    count = len(lines[0].split()) - 1
+    form = re.compile(rb"\w+(?:[ \t]+%s){%d}[ \t]*" % (token, count))
+    if count < least or not all(map(form.fullmatch, lines)):
+        return None
+    joined = b" ".join([line.split(None, 1)[1] for line in lines]).replace(b"/", b" ")
+    return np.fromstring(joined, dtype, sep=" ").reshape(len(lines), -1)
+
+
+def _obj_lines(text: bytes) -> _Obj:
+    """Any file, line by line."""
+    tables: dict[bytes, list[Any]] = {kind: [] for kind in _KINDS}
+    corners: list[tuple[int, int, int]] = []  # v, vt, vn of each; -1 for none
+    faces: list[tuple[int, int, int]] = []  # into corners
     for number, line in enumerate(text.splitlines(), 1):
         tokens = line.split(b"#", 1)[0].split()
         if not tokens:
             continue
-        place = f"{_name(path)}, line {number}"
-        if tokens[0] in counts:
-            counts[tokens[0]] += 1
-            if tokens[0] == b"v":
-                if len(tokens) < 4 or not all(_NUMBER.fullmatch(t) for t in tokens[1:4]):
-                    given = shorten(line.decode("utf-8", "replace"))
-                    raise SceneError(f"{place}: {given} is not a vertex of 3 finite numbers", where)
-                vertices.append([float(t) for t in tokens[1:4]])
-        elif tokens[0] == b"f":
+        kind = tokens[0]
+        if kind == b"f":
             if len(tokens) < 4:
-                raise SceneError(f"{place}: a face needs at least 3 vertices", where)
-            corners = []
+                raise MeshFileError(f", line {number}: a face needs at least 3 vertices")
+            first = len(corners)
             for token in tokens[1:]:
-                parts = token.split(b"/")
-                for part, of in zip(parts, counts, strict=False):
-                    if not part and of != b"v":
-                        continue
-                    index = int(part) if re.fullmatch(rb"[+-]?[0-9]{1,18}", part) else 0
-                    if index == 0 or not -counts[of] <= index <= counts[of]:
-                        raise SceneError(
-                            f"{place}: the index {shorten(token.decode('utf-8', 'replace'))} is "
-                            f"not within the {counts[of]} {of.decode()} lines before it",
-                            where,
-                        )
-                    if of == b"v":
-                        corners.append(index - 1 if index > 0 else index + len(vertices))
-                normals = normals or (len(parts) > 2 and parts[2] != b"")
-            faces += [(corners[0], a, b) for a, b in zip(corners[1:], corners[2:], strict=False)]
+                corners.append(_corner(token, tables, number))
+            faces += [(first, k, k + 1) for k in range(first + 1, len(corners) - 1)]
+        elif kind in tables:
+            tables[kind].append(_row(kind, tokens, line, number))
     return (
-        np.array(vertices, np.float64).reshape(-1, 3),
+        [np.array(tables[k], np.float64).reshape(-1, n) for k, n in _KINDS.items()],
+        np.array(corners, np.int64).reshape(-1, 3),
         np.array(faces, np.int64).reshape(-1, 3),
-        normals,
     )
 
 
-def _ply(data: bytes, path: Path, where: str) -> tuple[Array, Array, bool]:
+def _row(kind: bytes, tokens: list[bytes], line: bytes, number: int) -> list[float]:
+    """The numbers of a line v, vt or vn."""
+    count = 2 if kind == b"vt" else 3
+    numbers = tokens[1 : count + 1]
+    if len(tokens) < 2 if kind == b"vt" else len(tokens) < 4:
+        numbers = [b""]
+    if not all(_NUMBER.fullmatch(t) for t in numbers):
+        what = {b"v": "vertex of 3", b"vt": "texture coordinate of 1 to 3", b"vn": "normal of 3"}
+        given = shorten(line.decode("utf-8", "replace"))
+        raise MeshFileError(f", line {number}: {given} is not a {what[kind]} finite numbers")
+    return [float(t) for t in numbers] + [0.0] * (count - len(numbers))
+
+
+def _corner(token: bytes, tables: dict[bytes, list[Any]], number: int) -> tuple[int, int, int]:
+    """Indices from 0 of a corner "v", "v/vt", "v//vn" or "v/vt/vn"; -1 for an absent one."""
+    result = []
+    parts = token.split(b"/")
+    for of, part in zip(tables, (*parts, b"", b""), strict=False):
+        if not part and of != b"v":
+            result.append(-1)
+            continue
+        count = len(tables[of])
+        index = int(part) if _INDEX.fullmatch(part) else 0
+        if index == 0 or not -count <= index <= count or len(parts) > 3:
+            raise MeshFileError(
+                f", line {number}: the index {shorten(token.decode('utf-8', 'replace'))} is not "
+                f"within the {count} {of.decode()} lines before it"
+            )
+        result.append(index - 1 if index > 0 else index + count)
+    return result[0], result[1], result[2]
+
+
+def _stl(data: bytes) -> tuple[Array, Array, None]:
     import trimesh  # slow to import, and rarely needed
 
-    normals = _check_ply(data, path, where)
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    if len(data) != 84 + 50 * count:  # not binary
+        if not data.lstrip().startswith(b"solid") or b"endsolid" not in data:
+            raise MeshFileError(
+                " is not STL: neither binary of the stated size nor solid ... endsolid"
+            )
+        count = len(re.findall(rb"\bendfacet\b", data))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             loaded: Any = trimesh.load(
-                io.BytesIO(data), file_type="ply", process=False, skip_materials=True, force="mesh"
+                io.BytesIO(data), file_type="stl", process=False, force="mesh"
             )
         vertices = np.array(loaded.vertices, np.float64).reshape(-1, 3)
-        faces = np.array(loaded.faces, np.int64).reshape(-1, 3)
+        triangles = np.array(loaded.faces, np.int64).reshape(-1, 3)
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         message = f"{type(error).__name__}: {str(error)[:200]}"
-        raise SceneError(f"{_name(path)} cannot be read as PLY: {message}", where) from None
-    expected = _ply_triangles(loaded, path, where)
-    if len(faces) != expected:
-        raise SceneError(
-            f"{_name(path)} is damaged: {len(faces)} triangles read, {expected} expected", where
-        )
-    return vertices, faces, normals
+        raise MeshFileError(f" cannot be read as STL: {message}") from None
+    if len(triangles) != count:
+        raise MeshFileError(f" is damaged: {len(triangles)} triangles read, {count} expected")
+    return vertices, triangles, None
 
 
-def _check_ply(data: bytes, path: Path, where: str) -> bool:
-    """Checks the header, and the number of lines in a text file; whether it has vertex normals."""
-    end = data.find(b"end_header")
-    lines = data[: max(end, 0)].decode("latin-1").splitlines()
-    if end < 0 or end > 2**16 or len(lines) < 2 or lines[0].strip() != "ply":
-        raise SceneError(f'{_name(path)} is not PLY: no header "ply" ... "end_header"', where)
-    rows, normals = 0, False
-    for line in lines:
-        tokens = line.split()
-        if tokens[:1] == ["element"]:
-            if len(tokens) != 3 or not re.fullmatch("[0-9]{1,10}", tokens[2]):
-                raise SceneError(f"{_name(path)}: bad header line {shorten(line)}", where)
-            rows += int(tokens[2])
-        normals = normals or (tokens[:1] == ["property"] and tokens[-1] == "nx")
-    if not re.fullmatch(r"format (ascii|binary_(little|big)_endian) 1\.0", lines[1].strip()):
-        raise SceneError(f"{_name(path)}: unknown {shorten(lines[1])}", where)
-    if "ascii" in lines[1]:
-        body = data[end:].partition(b"\n")[2].rstrip()
-        present = body.count(b"\n") + 1 if body else 0
-        if present != rows:
-            raise SceneError(
-                f"{_name(path)} is damaged: {present} lines of data, {rows} expected", where
-            )
-    elif rows > len(data):
-        raise SceneError(f"{_name(path)} is damaged: {rows} elements in {len(data)} bytes", where)
-    return normals
+# ---- normals; elementwise and in a fixed order, so that they have the same bits everywhere ----
 
 
-def _ply_triangles(mesh: Any, path: Path, where: str) -> int:
-    """Triangles that the file's face lists make, from the lists' lengths."""
-    faces = mesh.metadata.get("_ply_raw", {}).get("face", {}).get("data")
-    if faces is None:
-        return 0
-    names = faces.keys() if isinstance(faces, dict) else faces.dtype.names
-    name = next((name for name in names if name in ("vertex_index", "vertex_indices")), None)
-    if name is None:
-        raise SceneError(f"{_name(path)}: the faces have no list vertex_indices", where)
-    lists = faces[name]
-    if isinstance(faces, dict):
-        lengths = np.array([np.size(row) for row in lists])
-    else:
-        lengths = np.asarray(lists["f0"]).astype(np.int64)
-        if len(lengths) and (lengths != lists["f1"].reshape(len(lists), -1).shape[1]).any():
-            raise SceneError(f"{_name(path)} mixes polygons; triangulate it", where)
-    if len(lengths) and (lengths.min() < 3 or lengths.max() > 4):
-        bad = int(np.argmax((lengths < 3) | (lengths > 4)))
-        raise SceneError(
-            f"{_name(path)}: face {bad} has {lengths[bad]} vertices, expected 3 or 4", where
-        )
-    return int((lengths - 2).sum())
+def _cross(a: Array, b: Array) -> Array:
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
-def _is_flat(vertices: Array, faces: Array) -> bool:
-    corners = vertices[faces]
-    with np.errstate(all="ignore"):
-        face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        face /= np.linalg.norm(face, axis=1, keepdims=True)
-        solid = np.isfinite(face).all(axis=1)
-        face, faces = face[solid], faces[solid]
-        normals = np.zeros_like(vertices)
-        for corner in range(3):
-            np.add.at(normals, faces[:, corner], face)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return bool(((normals[faces] * face[:, None]).sum(axis=2) > 1 - 1e-7).all())
+def _dot(a: Array, b: Array) -> Array:
+    result: Array = (a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]) + a[:, 2] * b[:, 2]
+    return result
+
+
+def unit(vectors: Array) -> Array:
+    """Rows (N, 3) divided by their lengths; rows of zeros stay."""
+    largest = np.abs(vectors).max(axis=1, initial=0.0)
+    scaled = vectors / np.where(largest > 0, largest, 1.0)[:, None]
+    lengths = np.sqrt(_dot(scaled, scaled))
+    result: Array = scaled / np.where(lengths > 0, lengths, 1.0)[:, None]
+    return result
+
+
+def face_normals(vertices: Array, triangles: Array) -> Array:
+    """Unit normals (T, 3) on the front sides; zero for triangles without area."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    return unit(_cross(b - a, c - a))
+
+
+def _angles(a: Array, b: Array) -> Array:
+    """Angles between unit vectors: 2 atan(|a - b| / |a + b|), to about 1e-12."""
+    d, s = a - b, a + b
+    x = np.sqrt(_dot(d, d)) / np.maximum(np.sqrt(_dot(s, s)), 1e-300)
+    x = np.minimum(x, 1e12)
+    for _ in range(4):  # halve the angle
+        x = x / (1.0 + np.sqrt(1.0 + x * x))
+    square, series = x * x, np.zeros_like(x)
+    for n in range(11, 0, -2):
+        series = 1.0 / n - square * series
+    result: Array = 32.0 * x * series
+    return result
+
+
+def vertex_normals(vertices: Array, triangles: Array) -> Array:
+    """Normals (V, 3): the faces' around a vertex, weighted by their angles there, as in Mitsuba.
+
+    After G. Thuermer and C. A. Wuethrich, Computing vertex normals from polygonal facets, 1998.
+    Zero for vertices without a triangle that has an area.
+    """
+    facing = face_normals(vertices, triangles)
+    corners = [vertices[triangles[:, k]] for k in range(3)]
+    edges = [unit(corners[(k + 1) % 3] - corners[k]) for k in range(3)]  # from k to k + 1
+    angles = np.concatenate([_angles(edges[k], -edges[k - 1]) for k in range(3)])
+    index = triangles.T.reshape(-1)
+    sums = [
+        np.bincount(index, np.tile(facing[:, axis], 3) * angles, minlength=len(vertices))
+        for axis in range(3)
+    ]
+    return unit(np.stack(sums, axis=1))
+
+
+def is_flat(vertices: Array, triangles: Array, normals: Array) -> bool:
+    """Whether `normals` are those of the faces (to 5e-4 radian): then they change nothing."""
+    facing = face_normals(vertices, triangles)
+    solid = facing.any(axis=1)
+    facing, corners = facing[solid], triangles[solid]
+    return all((_dot(normals[corners[:, k]], facing) > 1 - 1e-7).all() for k in range(3))
+
+
+def fronts_by_normals(vertices: Array, triangles: Array, normals: Array) -> Array:
+    """The triangles; those whose three normals point to the back are turned over.
+
+    Mitsuba takes the side to which the vertex normals point for the front.
+    """
+    facing = face_normals(vertices, triangles)
+    behind = np.ones(len(triangles), bool)
+    for k in range(3):
+        behind &= _dot(normals[triangles[:, k]], facing) < 0
+    return np.where(behind[:, None], triangles[:, ::-1], triangles)
+
+
+def is_closed(vertices: Array, triangles: Array) -> bool:
+    """Whether each edge has as many triangles on one side as on the other, by equal positions."""
+    _, inverse = np.unique(vertices, axis=0, return_inverse=True)
+    welded = inverse.reshape(-1)[triangles]
+    edges = np.concatenate([welded[:, [k, (k + 1) % 3]] for k in range(3)])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    count = len(vertices)
+    forth, back = edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]
+    return np.array_equal(np.sort(forth), np.sort(back))

@@ -47,7 +47,9 @@ def _fill(content: Mapping[str, Any], node: Node, tree: Tree, depth: int) -> Non
         item = _convert(value, where)
         if isinstance(item, Value):
             node.values[key] = item
-        elif isinstance(item, Ref):
+            continue
+        item.name = key
+        if isinstance(item, Ref):
             node.children.append(item)
         else:
             named = value.get("id", key if depth == 0 else "")

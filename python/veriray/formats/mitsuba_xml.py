@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from lxml import etree
 
+from .. import transform as tf
 from ..errors import SceneError
-from . import transform as tf
 from .node import (
     MAX_DEPTH,
     Node,
@@ -169,7 +169,8 @@ class _Reader:
                 self.values.setdefault(a["name"], a["value"])
                 _empty(child, where)
             elif tag == "ref":
-                node.children.append(Ref(self.attributes(child, where, "id", "name")["id"], where))
+                a = self.attributes(child, where, "id", "name")
+                node.children.append(Ref(a["id"], where, a.get("name", "")))
                 _empty(child, where)
             elif tag in CATEGORIES and tag != "scene":
                 node.children.append(self.object(child, path, chain, depth, where))
@@ -192,7 +193,7 @@ class _Reader:
         if plugin not in PLUGINS or PLUGINS[plugin].category != tag:
             names = of_category(tag)
             raise SceneError(f"unknown {tag} {shorten(plugin)}{allowed(plugin, names)}", where)
-        node = Node(plugin, where, tag, a.get("id", ""), str(path.parent))
+        node = Node(plugin, where, tag, a.get("id", ""), str(path.parent), name=a.get("name", ""))
         if node.id:
             self.tree.add_id(node)
         self.children(element, node, path, chain, depth + 1)

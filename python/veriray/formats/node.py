@@ -34,15 +34,17 @@ class Value:
 
 @dataclass
 class Ref:
-    """A use of an object that is defined elsewhere."""
+    """A use of an object that is defined elsewhere; name: what for, where that matters."""
 
     id: str
     where: str
+    name: str = ""
 
 
 @dataclass
 class Node:
-    """An object: plugin name, category if the file states it, parameters and nested objects."""
+    """An object: plugin name, category if the file states it, parameters and nested objects;
+    name: what it is for in the object around it."""
 
     plugin: str
     where: str
@@ -51,6 +53,7 @@ class Node:
     folder: str = ""
     values: dict[str, Value] = field(default_factory=dict)
     children: list[Node | Ref] = field(default_factory=list)
+    name: str = ""
 
     def __str__(self) -> str:
         return f'{self.plugin} "{self.id}"' if self.id else self.plugin

@@ -9,13 +9,20 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
-from ..scene import FOV_AXES, MAX_COORDINATE, MAX_PATH_DEPTH, MAX_PIXELS
+from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
+from ..columns import MAX_ETA
+from ..numeric import MAX_COORDINATE
+from ..scene import MAX_PATH_DEPTH
 
 REQUIRED = object()
 COLOUR = "rgb, spectrum or number"
+IOR = "number or name"
 _ACCEPTED = {
     "float": ("float", "integer"),
     COLOUR: ("rgb", "spectrum", "float", "integer"),
+    IOR: ("float", "integer", "string"),
+    "point": ("point", "vector"),
+    "vector": ("point", "vector"),
 }
 
 
@@ -49,60 +56,117 @@ class Plugin:
     doc: str = ""
 
 
+#: Refractive indices by name, as in Mitsuba 3.
+IORS = {
+    "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277,
+    "carbon dioxide": 1.00045, "water": 1.333, "acetone": 1.36, "ethanol": 1.361,
+    "carbon tetrachloride": 1.461, "glycerol": 1.4729, "benzene": 1.501, "silicone oil": 1.52045,
+    "bromine": 1.661, "water ice": 1.31, "fused quartz": 1.458, "pyrex": 1.47,
+    "acrylic glass": 1.49, "polypropylene": 1.49, "bk7": 1.5046, "sodium chloride": 1.544,
+    "amber": 1.55, "pet": 1.575, "diamond": 2.419,
+}  # fmt: skip
+
 _MANY = 10**9
 _CROP = "crop windows are not supported; render the whole film"
+_BLUR = "motion blur is not supported"
 _TO_WORLD = Param("transform", doc="local to world space; default the identity")
-_FLIP = Param("boolean", False, doc="swap front and back")
-_SHAPE_CHILDREN = {"bsdf": (("diffuse", "twosided"), 0, 1), "emitter": (("area",), 0, 1)}
+_PLACED = {
+    "to_world": _TO_WORLD,
+    "flip_normals": Param("boolean", False, doc="swap front and back"),
+}
+_OPAQUE = ("diffuse", "conductor", "plastic")
+_UNMASKED = (*_OPAQUE, "twosided", "dielectric", "thindielectric", "null")
+_BSDFS = (*_UNMASKED, "mask")
+_SHAPES = ("obj", "ply", "stl", "rectangle", "disk", "cube", "sphere")
+_ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
+    "bsdf": (_BSDFS, 0, 1),
+    "emitter": (("area",), 0, 1),
+    "medium": (("homogeneous",), 0, 2),
+}
 _MESH = {
     "filename": Param("string", REQUIRED, doc="mesh file, relative to the scene file"),
     "face_normals": Param(
-        "boolean", False, doc="flat shading; needed unless the mesh is flat anyway"
+        "boolean", False, doc="flat shading; else the file's vertex normals, or computed ones"
     ),
-    "to_world": _TO_WORLD,
-    "flip_normals": _FLIP,
+    **_PLACED,
 }
 _RADIANCE = Param(COLOUR, 1.0, 0.0, doc="emitted radiance, linear RGB")
+_SHARE = {"low": 0.0, "high": 1.0}
+_INT_IOR = Param(IOR, "bk7", 0.1, 10.0, doc="refractive index inside (behind the front)")
+_EXT_IOR = Param(IOR, "air", 0.1, 10.0, doc="refractive index outside")
+_SPECULAR = Param(COLOUR, 1.0, **_SHARE, doc="factor on reflected light")
+_GLASS = {
+    "int_ior": _INT_IOR,
+    "ext_ior": _EXT_IOR,
+    "specular_reflectance": _SPECULAR,
+    "specular_transmittance": Param(COLOUR, 1.0, **_SHARE, doc="factor on transmitted light"),
+}
+_PATH = Plugin(
+    "integrator",
+    {
+        "max_depth": Param("integer", -1, -1, MAX_PATH_DEPTH, doc="path length, -1 unlimited"),
+        "rr_depth": Param("integer", 5, 1, 2**31 - 1, doc="first depth with roulette"),
+        "hide_emitters": Param("boolean", False, choices=(False,)),
+    },
+    doc="path tracing with next-event estimation; media always count",
+)
+_PERSPECTIVE = {
+    "fov": Param("float", None, 0.0, 180.0, open=True, doc="degrees; or focal_length"),
+    "fov_axis": Param("string", "x", choices=FOV_AXES),
+    "focal_length": Param("string", None, doc='on 35 mm film, as "50mm"'),
+    "near_clip": Param("float", 0.0, 0.0, MAX_COORDINATE, open=True, doc="default none"),
+    "far_clip": Param("float", inf, 0.0, MAX_COORDINATE, open=True, doc="default none"),
+    "to_world": _TO_WORLD,
+}
+_ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
+    "film": (("hdrfilm",), 0, 1),
+    "sampler": (("independent",), 0, 1),
+    "medium": (("homogeneous",), 0, 1),
+}
+_COEFFICIENT = {"low": 0.0, "high": MAX_COORDINATE}
 
 PLUGINS: dict[str, Plugin] = {
     "scene": Plugin(
         "scene",
         children={
-            "integrator": (("path",), 0, 1),
-            "sensor": (("perspective",), 1, 1),
-            "emitter": (("constant",), 0, 1),
-            "shape": (("rectangle", "cube", "obj", "ply"), 0, _MANY),
-            "bsdf": (("diffuse", "twosided"), 0, _MANY),
+            "integrator": (("path", "volpath"), 0, 1),
+            "sensor": (("perspective", "thinlens"), 1, 1),
+            "emitter": (("constant", "point", "spot", "directional"), 0, _MANY),
+            "shape": (_SHAPES, 0, _MANY),
+            "bsdf": (_BSDFS, 0, _MANY),
+            "medium": (("homogeneous",), 0, _MANY),
         },
     ),
-    "path": Plugin(
-        "integrator",
-        {
-            "max_depth": Param("integer", -1, -1, MAX_PATH_DEPTH, doc="path length, -1 unlimited"),
-            "rr_depth": Param("integer", 5, 1, 2**31 - 1, doc="first depth with roulette"),
-            "hide_emitters": Param("boolean", False, choices=(False,)),
-        },
-        doc="path tracing with next-event estimation",
-    ),
+    "path": _PATH,
+    "volpath": _PATH,
     "perspective": Plugin(
         "sensor",
         {
-            "fov": Param("float", None, 0.0, 180.0, open=True, doc="degrees; or focal_length"),
-            "fov_axis": Param("string", "x", choices=FOV_AXES),
-            "focal_length": Param("string", None, doc='on 35 mm film, as "50mm"'),
-            "near_clip": Param("float", 0.0, 0.0, MAX_COORDINATE, open=True, doc="default none"),
-            "far_clip": Param("float", inf, 0.0, MAX_COORDINATE, open=True, doc="default none"),
+            **_PERSPECTIVE,
             "principal_point_offset_x": Param("float", 0.0, -1e3, 1e3, doc="in film widths"),
             "principal_point_offset_y": Param("float", 0.0, -1e3, 1e3, doc="in film heights"),
             "focus_distance": Param("float", None, 0.0, doc="without effect on a pinhole"),
-            "to_world": _TO_WORLD,
         },
-        {"film": (("hdrfilm",), 0, 1), "sampler": (("independent",), 0, 1)},
+        _ON_SENSORS,
         {
-            "shutter_open": "motion blur is not supported",
-            "shutter_close": "motion blur is not supported",
-            "aperture_radius": "depth of field is not supported",
+            "shutter_open": _BLUR,
+            "shutter_close": _BLUR,
+            "aperture_radius": 'depth of field needs the sensor "thinlens"',
         },
+        doc="pinhole; a medium in it is the one that it stands in",
+    ),
+    "thinlens": Plugin(
+        "sensor",
+        {
+            **_PERSPECTIVE,
+            "aperture_radius": Param("float", REQUIRED, 0.0, MAX_COORDINATE, doc="0: pinhole"),
+            "focus_distance": Param(
+                "float", REQUIRED, 0.0, MAX_COORDINATE, open=True, doc="to the plane in focus"
+            ),
+        },
+        _ON_SENSORS,
+        {"shutter_open": _BLUR, "shutter_close": _BLUR},
+        doc="lens with a round aperture",
     ),
     "hdrfilm": Plugin(
         "film",
@@ -115,7 +179,7 @@ PLUGINS: dict[str, Plugin] = {
             ),
             "file_format": Param("string", "openexr", choices=("openexr",)),
         },
-        {"rfilter": (("box", "tent", "gaussian"), 0, 1)},
+        {"rfilter": (FILTERS, 0, 1)},
         {
             **{f"crop_{name}": _CROP for name in ("width", "height", "offset_x", "offset_y")},
             "sample_border": "samples never fall outside the film here; leave it out",
@@ -126,6 +190,11 @@ PLUGINS: dict[str, Plugin] = {
     "gaussian": Plugin(
         "rfilter", {"stddev": Param("float", 0.5, 1e-3, 100.0, doc="pixels; cut at 4 stddev")}
     ),
+    "mitchell": Plugin(
+        "rfilter",
+        {name: Param("float", 1.0 / 3.0, **_SHARE) for name in "BC"},
+        doc="Mitchell and Netravali, 1988; 4 pixels wide, with negative lobes",
+    ),
     "independent": Plugin(
         "sampler",
         {
@@ -133,28 +202,113 @@ PLUGINS: dict[str, Plugin] = {
             "seed": Param("integer", 0, 0, 2**64 - 1),
         },
     ),
-    "rectangle": Plugin(
+    "rectangle": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^2 at z = 0, front towards +z"),
+    "disk": Plugin("shape", _PLACED, _ON_SHAPES, doc="unit disc at z = 0, front towards +z"),
+    "cube": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^3, front outside"),
+    "sphere": Plugin(
         "shape",
-        {"to_world": _TO_WORLD, "flip_normals": _FLIP},
-        _SHAPE_CHILDREN,
-        doc="[-1, 1]^2 at z = 0, front towards +z",
+        {
+            "center": Param("point", (0.0, 0.0, 0.0), -MAX_COORDINATE, MAX_COORDINATE),
+            "radius": Param("float", 1.0, 0.0, MAX_COORDINATE, open=True),
+            **_PLACED,
+        },
+        _ON_SHAPES,
+        doc="exact; to_world scales alike in all directions; front outside, inside if it mirrors",
     ),
-    "cube": Plugin(
+    "obj": Plugin("shape", _MESH, _ON_SHAPES, doc="Wavefront OBJ"),
+    "ply": Plugin("shape", _MESH, _ON_SHAPES, doc="Stanford PLY"),
+    "stl": Plugin(
         "shape",
-        {"to_world": _TO_WORLD, "flip_normals": _FLIP},
-        _SHAPE_CHILDREN,
-        doc="[-1, 1]^3, front outside",
+        {**_MESH, "face_normals": Param("boolean", True, choices=(True,))},
+        _ON_SHAPES,
+        doc="STL, flat; not in Mitsuba",
     ),
-    "obj": Plugin("shape", _MESH, _SHAPE_CHILDREN, doc="Wavefront OBJ"),
-    "ply": Plugin("shape", _MESH, _SHAPE_CHILDREN, doc="Stanford PLY"),
     "diffuse": Plugin(
         "bsdf",
-        {"reflectance": Param(COLOUR, 0.5, 0.0, 1.0)},
+        {"reflectance": Param(COLOUR, 0.5, **_SHARE)},
         doc="Lambertian; black from behind unless inside twosided",
     ),
-    "twosided": Plugin("bsdf", {}, {"bsdf": (("diffuse",), 1, 1)}, doc="both sides reflect"),
+    "conductor": Plugin(
+        "bsdf",
+        {
+            "material": Param("string", None, doc='"none", an ideal mirror, unless eta and k'),
+            "eta": Param(COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index"),
+            "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part"),
+            "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
+            "specular_reflectance": _SPECULAR,
+        },
+        doc="smooth metal",
+    ),
+    "dielectric": Plugin("bsdf", _GLASS, doc="smooth boundary of a clear material"),
+    "thindielectric": Plugin("bsdf", _GLASS, doc="pane: two boundaries, too close to refract"),
+    "plastic": Plugin(
+        "bsdf",
+        {
+            "diffuse_reflectance": Param(COLOUR, 0.5, **_SHARE, doc="of the base"),
+            "int_ior": Param(IOR, "polypropylene", 0.1, 10.0, doc="refractive index of the coat"),
+            "ext_ior": _EXT_IOR,
+            "specular_reflectance": _SPECULAR,
+            "nonlinear": Param("boolean", False, doc="colour shifts by internal scattering"),
+        },
+        doc="smooth clear coat on a diffuse base",
+    ),
+    "null": Plugin("bsdf", doc="invisible; bounds media"),
+    "mask": Plugin(
+        "bsdf",
+        {"opacity": Param("float", 0.5, **_SHARE, doc="share that is there")},
+        {"bsdf": (_UNMASKED, 1, 1)},
+        doc="partly transparent",
+    ),
+    "twosided": Plugin("bsdf", {}, {"bsdf": (_OPAQUE, 1, 1)}, doc="both sides reflect"),
+    "homogeneous": Plugin(
+        "medium",
+        {
+            "sigma_t": Param(COLOUR, None, **_COEFFICIENT, doc="extinction; default 1"),
+            "albedo": Param(COLOUR, None, **_SHARE, doc="default 0.75"),
+            "sigma_s": Param(COLOUR, None, **_COEFFICIENT, doc="scattering; not in Mitsuba"),
+            "sigma_a": Param(COLOUR, None, **_COEFFICIENT, doc="absorption; not in Mitsuba"),
+            "scale": Param("float", 1.0, **_COEFFICIENT, doc="factor on the coefficients"),
+            "sample_emitters": Param("boolean", True, choices=(True,)),
+        },
+        {"phase": (("isotropic", "hg"), 0, 1)},
+        doc="per unit length of the world; sigma_t and albedo, or sigma_s and sigma_a",
+    ),
+    "isotropic": Plugin("phase", doc="default"),
+    "hg": Plugin(
+        "phase",
+        {"g": Param("float", 0.8, -1.0, 1.0, open=True, doc="mean cosine; > 0 forward")},
+        doc="Henyey and Greenstein",
+    ),
     "area": Plugin("emitter", {"radiance": _RADIANCE}, doc="emits on the shape's front side"),
     "constant": Plugin("emitter", {"radiance": _RADIANCE}, doc="the same in every direction"),
+    "point": Plugin(
+        "emitter",
+        {
+            "position": Param("point", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
+            "to_world": _TO_WORLD,
+            "intensity": Param(COLOUR, 1.0, 0.0, doc="power per steradian"),
+        },
+    ),
+    "spot": Plugin(
+        "emitter",
+        {
+            "to_world": Param("transform", doc="no scale; it shines along local +z"),
+            "intensity": Param(COLOUR, 1.0, 0.0, doc="power per steradian on the axis"),
+            "cutoff_angle": Param("float", 20.0, 0.0, 180.0, doc="degrees from the axis to dark"),
+            "beam_width": Param("float", None, 0.0, 180.0, doc="to the end of full light; 3/4"),
+        },
+        unsupported={"texture": "textures are not supported"},
+        doc="falls off linearly with the angle from beam_width to cutoff_angle",
+    ),
+    "directional": Plugin(
+        "emitter",
+        {
+            "direction": Param("vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
+            "to_world": Param("transform", doc="it shines along local +z"),
+            "irradiance": Param(COLOUR, 1.0, 0.0, doc="on a surface that faces it"),
+        },
+        doc="the sun: parallel light",
+    ),
 }
 CATEGORIES = tuple(dict.fromkeys(plugin.category for plugin in PLUGINS.values()))
 
@@ -172,13 +326,15 @@ def describe() -> str:
         for key, param in plugin.params.items():
             default = "required" if param.default is REQUIRED else param.default
             limits = ", ".join(str(choice) for choice in param.choices)
-            if param.kind in ("float", "integer", COLOUR) and (param.low, param.high) != (
+            if param.kind in ("float", "integer", COLOUR, IOR) and (param.low, param.high) != (
                 -inf,
                 inf,
             ):
                 limits = f"{'>' if param.open else '>='} {param.low:g}"
                 if param.high < inf:
                     limits += f", {'<' if param.open else '<='} {param.high:g}"
+            if isinstance(default, float):
+                default = f"{default:.4g}"
             shown = "" if default is None else default
             rows.append(f"| | `{key}` | {param.kind} | {shown} | {limits} | {param.doc} |")
     return "\n".join(rows) + "\n"

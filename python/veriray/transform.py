@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import SceneError
-from ..scene import sin_cos_degrees
+from .errors import SceneError
+from .numeric import determinant, sin_cos_degrees
 
 Array = npt.NDArray[Any]
 
@@ -33,6 +33,16 @@ def apply(matrix: Array, points: Array) -> Array:
     result: Array = points[:, 0:1] * m[:, 0] + points[:, 1:2] * m[:, 1]
     result = result + points[:, 2:3] * m[:, 2]
     return result + m[:, 3]
+
+
+def for_normals(matrix: Array) -> Array:
+    """The matrix that turns normals along with points: a multiple > 0 of the inverse transpose."""
+    m: Array = matrix[:3, :3] / np.abs(matrix[:3, :3]).max()
+    a, b = [1, 2, 0], [2, 0, 1]  # the rows and columns after each, cyclically
+    cofactors = m[a][:, a] * m[b][:, b] - m[a][:, b] * m[b][:, a]
+    result = np.eye(4)
+    result[:3, :3] = -cofactors if determinant(m) < 0 else cofactors
+    return result
 
 
 def translate(v: Sequence[float]) -> Array:
@@ -69,14 +79,16 @@ def rotate(axis: Sequence[float], angle: float, where: str = "") -> Array:
     return matrix
 
 
-def _unit(v: Sequence[float], message: str, where: str) -> list[float]:
+def unit(v: Sequence[float], message: str, where: str = "") -> list[float]:
+    """V divided by its length; SceneError(message, where) if that is 0 or not finite."""
     length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if not 0.0 < length < math.inf:
         raise SceneError(message, where)
     return [x / length for x in v]
 
 
-def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+def cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    """Cross product of a and b."""
     return [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -88,16 +100,16 @@ def look_at(
     origin: Sequence[float], target: Sequence[float], up: Sequence[float], where: str = ""
 ) -> Array:
     """Local +Z towards the target, +Y up, +X = up x forward (left on a camera's picture)."""
-    forward = _unit(
+    forward = unit(
         [t - o for t, o in zip(target, origin, strict=True)],
         "lookat: origin and target are the same point",
         where,
     )
-    upward = _unit(up, "lookat: up has length 0", where)
-    side = _cross(upward, forward)
+    upward = unit(up, "lookat: up has length 0", where)
+    side = cross(upward, forward)
     if math.hypot(*side) < 1e-9:
         raise SceneError("lookat: up is parallel to the viewing direction", where)
-    left = _unit(side, "", where)
+    left = unit(side, "", where)
     matrix = np.eye(4)
-    matrix[:3] = np.array([left, _cross(forward, left), forward, list(origin)]).T
+    matrix[:3] = np.array([left, cross(forward, left), forward, list(origin)]).T
     return matrix

@@ -1,0 +1,157 @@
+// The walk of CUDA: one ray a thread, nodes of 2, 4 or 8 boxes, near first, records one by one.
+#pragma once
+
+#include "geometry/bvh.h"
+
+namespace veriray {
+
+// Siblings that can wait: N - 1 a level of the deepest tree.
+template <uint32_t N>
+inline constexpr uint32_t kWalkStack = (N - 1) * 64 + 1;
+
+template <uint32_t N>
+VR_HD void load_row(const float* p, float (&row)[N]) {
+    if constexpr (N == 2) {
+        const Pair<float> a = load2(p);
+        row[0] = a.x, row[1] = a.y;
+    } else {
+        for (uint32_t k = 0; k < N; k += 4) {
+            const Quad<float> a = load4(p + k);
+            row[k] = a.x, row[k + 1] = a.y, row[k + 2] = a.z, row[k + 3] = a.w;
+        }
+    }
+}
+
+struct WaitingNode {
+    float entry;
+    uint32_t node;
+};
+
+// Calls leaf(first, count) for the leaves that the ray reaches within t, which leaf may lower;
+// until it returns true. kSorted: near first, else in the order of children.
+template <uint32_t N, bool kSorted, class Leaf>
+VR_HD void walk(const BvhView& bvh, const Slabs<Scalar>& s, const float& t, Leaf leaf) {
+    const auto* nodes = static_cast<const WideNode<N>*>(bvh.nodes);
+    const uint32_t flip_x = s.inverse.x < 0.f ? 3 * N : 0, flip_y = s.inverse.y < 0.f ? 3 * N : 0,
+                   flip_z = s.inverse.z < 0.f ? 3 * N : 0;
+    WaitingNode stack[kWalkStack<N>];
+    uint32_t size = 0, node = 0;
+    for (;;) {
+        while (!(node & kLeafFlag)) {
+            const float* rows = nodes[node].lo[0];
+            float x0[N], x1[N], y0[N], y1[N], z0[N], z1[N], child[N], entry[N];
+            load_row<N>(rows + flip_x, x0), load_row<N>(rows + 3 * N - flip_x, x1);
+            load_row<N>(rows + N + flip_y, y0), load_row<N>(rows + 4 * N - flip_y, y1);
+            load_row<N>(rows + 2 * N + flip_z, z0), load_row<N>(rows + 5 * N - flip_z, z1);
+            load_row<N>(rows + 6 * N, child);
+            for (uint32_t k = 0; k < N; ++k) {
+                const float near =
+                    max(max(fma(x0[k], s.inverse.x, s.near.x), fma(y0[k], s.inverse.y, s.near.y)),
+                        max(fma(z0[k], s.inverse.z, s.near.z), 0.f));
+                const float far =
+                    min(min(fma(x1[k], s.inverse.x, s.far.x), fma(y1[k], s.inverse.y, s.far.y)),
+                        min(fma(z1[k], s.inverse.z, s.far.z), t));
+                entry[k] = near <= far ? near : kInfinity;
+            }
+            // A network that puts the near ones first; missed boxes go last.
+            const auto order = [&](uint32_t a, uint32_t b) {
+                const bool swap = entry[b] < entry[a];
+                const float e = swap ? entry[b] : entry[a], c = swap ? child[b] : child[a];
+                entry[b] = swap ? entry[a] : entry[b], child[b] = swap ? child[a] : child[b];
+                entry[a] = e, child[a] = c;
+            };
+            if constexpr (N == 2) {
+                order(0, 1);
+            } else if constexpr (N == 4) {
+                order(0, 2), order(1, 3), order(0, 1), order(2, 3), order(1, 2);
+            } else {
+                order(0, 2), order(1, 3), order(4, 6), order(5, 7);
+                order(0, 4), order(1, 5), order(2, 6), order(3, 7);
+                order(0, 1), order(2, 3), order(4, 5), order(6, 7);
+                order(2, 4), order(3, 5);
+                order(1, 4), order(3, 6);
+                order(1, 2), order(3, 4), order(5, 6);
+            }
+            if (!(entry[0] < kInfinity)) break;
+            for (uint32_t k = N - 1; k > 0; --k)
+                if (entry[k] < kInfinity) stack[size++] = {entry[k], as_uint(child[k])};
+            node = as_uint(child[0]);
+        }
+        if ((node & kLeafFlag) && leaf((node & ~kLeafFlag) >> 4, (node & 15u) + 1u)) return;
+        do {
+            if (size == 0) return;
+            node = stack[--size].node;
+        } while (stack[size].entry > t);
+    }
+}
+
+// Distance at which the ray meets a record, and its primitive; infinity where it does not.
+template <uint32_t kKinds>
+VR_HD float record_distance(const float* record, const RayFrame& f, uint32_t& primitive) {
+    const Quad<float> a = load4(record), b = load4(record + 4), c = load4(record + 8);
+    if constexpr (kKinds != kTreeTriangles) {
+        const Quad<float> d = load4(record + 12);
+        primitive = as_uint(d.y);
+        if (!(kKinds & kTreeTriangles) || as_uint(d.z) != kTriangleRecord) {
+            const float all[12] = {a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w};
+            return round_distance<kKinds>(all, as_uint(d.z), f);
+        }
+    }
+    const Scalar3 v[3] = {{a.x, a.y, a.z}, {a.w, b.x, b.y}, {b.z, b.w, c.x}};
+    const auto seen = [&](Scalar3 p) {
+        return main_axis_last(f.shear.from_x, f.shear.from_y, p - f.ray.o);
+    };
+    const Scalar3 w[3] = {seen(v[0]), seen(v[1]), seen(v[2])};
+    if (!inside_sheared<Scalar>(f.shear, w)) return kInfinity;
+    const Quad<float> d = load4(record + 12);
+    primitive = as_uint(d.y);
+    const float plane[4] = {c.y, c.z, c.w, d.x};
+    return bounded_distance<Scalar>(plane_distance<Scalar>(plane, f.ray), f.slabs, v);
+}
+
+template <uint32_t N, uint32_t kKinds>
+VR_HD void closest_in_width(const BvhView& bvh, const Ray<Scalar>& ray, Hit<Scalar>& hit) {
+    const RayFrame f = frame_of(ray);
+    const auto* records = static_cast<const float*>(bvh.records);
+    walk<N, true>(bvh, f.slabs, hit.t, [&](uint32_t first, uint32_t count) {
+        for (uint32_t i = first; i < first + count; ++i) {
+            uint32_t primitive = ~0u;
+            const float t = record_distance<kKinds>(
+                records + static_cast<uint64_t>(i) * kRecordFloats, f, primitive);
+            if (t < kInfinity && closer(t, primitive, hit)) hit = {t, primitive};
+        }
+        return false;
+    });
+}
+
+template <uint32_t N, uint32_t kKinds>
+VR_HD bool occluded_in_width(const BvhView& bvh, const Ray<Scalar>& ray, float t_max,
+                             uint32_t skip) {
+    const RayFrame f = frame_of(ray);
+    const auto* records = static_cast<const float*>(bvh.records);
+    bool blocked = false;
+    walk<N, false>(bvh, f.slabs, t_max, [&](uint32_t first, uint32_t count) {
+        for (uint32_t i = first; i < first + count && !blocked; ++i) {
+            uint32_t primitive = ~0u;
+            const float t = record_distance<kKinds>(
+                records + static_cast<uint64_t>(i) * kRecordFloats, f, primitive);
+            blocked = t > 0.f && t < t_max && primitive != skip;
+        }
+        return blocked;
+    });
+    return blocked;
+}
+
+template <class L, uint32_t kKinds>
+VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, bool active, Hit<L>& hit) {
+    if (active) closest_in_width<kDeviceWidth, kKinds>(bvh, ray, hit);
+}
+
+// Whether the ray meets a primitive other than `skip` before t_max.
+template <class L, uint32_t kKinds>
+VR_HD bool occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, float t_max, bool active,
+                           uint32_t skip) {
+    return active && occluded_in_width<kDeviceWidth, kKinds>(bvh, ray, t_max, skip);
+}
+
+}  // namespace veriray

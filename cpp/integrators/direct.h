@@ -1,0 +1,161 @@
+// Light samples at a vertex and their way to the light, through media and passes.
+#pragma once
+
+#include "integrators/surface.h"
+
+namespace veriray {
+
+template <class L, uint32_t kFeatures>
+struct DirectLight : SurfaceReader<L, kFeatures> {
+    using Reader = SurfaceReader<L, kFeatures>;
+    using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::surface_at,
+        Reader::surface_column;
+    using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
+    using typename Reader::Material;
+
+    static constexpr uint32_t kShapes =
+        (has(kAreaLights) ? shape_bit(LightShape::kParallelogram) : 0u) |
+        (has(kTriangleLights) ? shape_bit(LightShape::kTriangle) : 0u) |
+        (has(kDiskLights) ? shape_bit(LightShape::kDisk) : 0u) |
+        (has(kSphereLights) ? shape_bit(LightShape::kSphere) : 0u) |
+        (has(kDeltaLights) ? kDeltaShapes : 0u);
+
+    // A vertex: where and how light is scattered.
+    struct Vertex {
+        V p;        // shadow rays start here
+        V ng, ns;   // on wo's side; surfaces only
+        M surface;  // else a collision in a medium
+        F g;        // of the phase function
+    };
+
+    static VR_HD M no_lanes(M m) { return m & !m; }
+    static VR_HD V zero() { return {F(0.f), F(0.f), F(0.f)}; }
+    static VR_HD V one() { return {F(1.f), F(1.f), F(1.f)}; }
+
+    // ---- light sample: one light as seen from p ----
+    static VR_HD LightSample<L> sample_light(const SceneView& scene, const PathSettings& s,
+                                             const PathState<L>& path, V p, uint32_t segment,
+                                             Block<U> scatter, M active) {
+        const LightView& lights = scene.lights;
+        const F u = uniform(scatter.x), v = uniform(scatter.y);
+        const M nobody = no_lanes(active);
+        using Sampler = LightSampler<L, kShapes>;
+        if constexpr (!has(kManyLights | kEnvironment))
+            return Sampler::sample([&](uint32_t c) { return F(lights.table[c * lights.stride]); },
+                                   p, u, v, nobody);
+        LightSample<L> light{zero(), F(1.f), F(0.f), path.ray.d, nobody, U(~0u)};
+        const uint32_t choices = lights.count + (lights.environment_share ? 1u : 0u);
+        U u24(0u);
+        if (choices > 1)
+            u24 =
+                random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).x >>
+                8;
+        if constexpr (kShapes != 0)
+            if (lights.count) {
+                const U row = choose_light(lights, u24);
+                const U safe = select(row < U(lights.count), row, U(0u));
+                light = Sampler::sample(
+                    [&](uint32_t c) {
+                        return lookup(lights.table + c * lights.stride, safe, lights.count);
+                    },
+                    p, u, v, nobody);
+            }
+        if constexpr (has(kEnvironment))
+            if (lights.environment_share) {
+                const M sky = active & (u24 < U(lights.environment_share));
+                if (any(sky))
+                    Sampler::merge(light, sky, sample_environment<L>(lights, u, v, nobody));
+            }
+        return light;
+    }
+
+    // ---- request: what the light sample would add, as a shadow ray ----
+    static VR_HD ShadowRequest<L> request(const SceneView& scene, const PathSettings& s,
+                                          const PathState<L>& path, const Vertex& at,
+                                          const Material& material, uint32_t segment,
+                                          Block<U> scatter, M active) {
+        const LightSample<L> light = sample_light(scene, s, path, at.p, segment, scatter, active);
+        const F cos_i = dot(at.ns, light.wi);
+        BsdfValue<F> value = material.eval(cos_i);
+        M lit = active & (cos_i > F(0.f));
+        if constexpr (has(kSmooth)) lit = lit & (dot(at.ng, light.wi) > F(0.f));
+        if constexpr (has(kMedia)) {
+            const F phase = henyey_greenstein_pdf(path.ray.d, light.wi, at.g);
+            value.f_cos = select(at.surface, value.f_cos, V{phase, phase, phase});
+            value.pdf_sa = select(at.surface, value.pdf_sa, phase);
+            lit = (lit & at.surface) | (active & !at.surface);
+        }
+        F pdf = light.pdf_sa + value.pdf_sa;
+        if constexpr (has(kDeltaLights)) pdf = select(light.delta, light.pdf_sa, pdf);
+        ShadowRequest<L> shadow;
+        shadow.wanted = lit & (max_component(light.radiance) > F(0.f));
+        shadow.ray = {at.p, light.wi};
+        shadow.t_max = light.distance;
+        shadow.radiance = path.throughput * light.radiance * value.f_cos * (F(1.f) / pdf);
+        shadow.skip = light.skip;
+        shadow.medium = path.medium;
+        return shadow;
+    }
+
+    // ---- shadow: the lanes whose light arrives; what media and passes leave of it ----
+    static VR_HD M unblocked(const SceneView& scene, ShadowRequest<L>& shadow) {
+        if (!has(kPass) || !(scene.features & kPass)) {
+            const M free = shadow.wanted & !occluded(scene, shadow);
+            if constexpr (has(kMedia)) attenuate(scene, shadow, shadow.t_max, free);
+            return free;
+        }
+        M todo = shadow.wanted, free = no_lanes(todo);
+        while (any(todo)) {
+            const Hit<L> hit = closest(scene, shadow.ray, shadow.t_max, todo);
+            M met = todo & (hit.t < shadow.t_max);
+            if constexpr (has(kSphereLights)) met = met & !(hit.primitive == shadow.skip);
+            if constexpr (has(kMedia)) attenuate(scene, shadow, hit.t, todo);
+            free = free | (todo & !met);
+            todo = met;
+            if (none(todo)) break;
+            const Surface<L> at = surface_at(scene, shadow.ray, hit, todo);
+            Material bsdf = material(scene, at.row);
+            const V wo = -shadow.ray.d;
+            const F side = select(at.front, F(1.f), F(-1.f));
+            bsdf.set_view(at.ns * side, abs(dot(at.ns, wo)), at.front);
+            const F opacity = surface_column(scene, at.row, kSurfaceOpacity);
+            const F open = F(1.f) - opacity;
+            const V share = fma(bsdf.pass_through(), opacity, V{open, open, open});
+            shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
+            todo = todo & (max_component(shadow.radiance) > F(0.f));
+            shadow.ray.o = select(todo, fma(at.ng, -at.offset * side, at.p), shadow.ray.o);
+            shadow.t_max = select(todo, shadow.t_max - hit.t, shadow.t_max);
+            if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
+        }
+        return free;
+    }
+
+    static VR_HD F medium_column(const SceneView& scene, U medium, uint32_t c) {
+        return gather(scene.media + c * scene.medium_stride, medium);
+    }
+    static VR_HD V medium_column3(const SceneView& scene, U medium, uint32_t c) {
+        return {medium_column(scene, medium, c), medium_column(scene, medium, c + 1),
+                medium_column(scene, medium, c + 2)};
+    }
+
+    // The medium on the other side, for lanes that go `through`. Carrier: path or shadow request.
+    template <class Carrier>
+    static VR_HD U medium_beyond(const SceneView& scene, const Carrier& c, const Surface<L>& at,
+                                 M through) {
+        const F inside = surface_column(scene, at.row, kSurfaceInside);
+        const F outside = surface_column(scene, at.row, kSurfaceOutside);
+        const M border = through & (inside >= F(0.f));
+        const F beyond = max(select(at.front, inside, outside), F(0.f));
+        return select(border, to_uint(beyond), c.medium);
+    }
+
+    static VR_HD void attenuate(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
+                                M active) {
+        const M inside = active & !(shadow.medium == U(0u));
+        if (none(inside)) return;
+        const V t = transmittance(medium_column3(scene, shadow.medium, kMediumSigma), distance);
+        shadow.radiance = select(inside, shadow.radiance * t, shadow.radiance);
+    }
+};
+
+}  // namespace veriray

@@ -1,0 +1,81 @@
+// What a path carries from bounce to bounce, and what a bounce reports.
+#pragma once
+
+#include "geometry/ray.h"
+#include "integrators/ledger.h"
+#include "scene/view.h"
+
+namespace veriray {
+
+struct PathSettings {
+    RandomKey key;
+    uint32_t max_depth;  // segments at most, passes not counted; kHardMaxDepth for unlimited
+    uint32_t rr_depth;   // roulette from the vertex with index + 1 >= rr_depth on
+};
+
+template <class L>
+struct PathState {
+    using F = typename L::F;
+    using U = typename L::U;
+    U pixel, sample;
+    Ray<L> ray;
+    Vec3<F> throughput, radiance;
+    F pdf_sa;     // of the direction at the last scattering; 0 where no light sample competes
+    F scale;      // kDielectric: undoes the compression of radiance, for roulette
+    F travelled;  // kPass: from the last scattering to the ray's origin
+    U vertices;   // kPass: scatterings so far
+    U medium;     // kMedia: around the ray's origin
+};
+
+// The one list of a path's fields, for the schedulers that store it: f(index, lanes&), u(index,
+// lanes&).
+template <uint32_t kFeatures, class Path, class FloatField, class UintField>
+VR_HD void each_field(Path& p, FloatField f, UintField u) {
+    f(0, p.ray.o.x), f(1, p.ray.o.y), f(2, p.ray.o.z);
+    f(3, p.ray.d.x), f(4, p.ray.d.y), f(5, p.ray.d.z);
+    f(6, p.throughput.x), f(7, p.throughput.y), f(8, p.throughput.z);
+    f(9, p.radiance.x), f(10, p.radiance.y), f(11, p.radiance.z);
+    f(12, p.pdf_sa);
+    u(0, p.pixel), u(1, p.sample);
+    if constexpr (kFeatures & kDielectric) f(13, p.scale);
+    if constexpr (kFeatures & kPass) {
+        f((kFeatures & kDielectric) ? 14 : 13, p.travelled);
+        u(2, p.vertices);
+    }
+    if constexpr (kFeatures & kMedia) u((kFeatures & kPass) ? 3 : 2, p.medium);
+}
+constexpr uint32_t path_floats(uint32_t features) {
+    return 13 + ((features & kDielectric) ? 1 : 0) + ((features & kPass) ? 1 : 0);
+}
+constexpr uint32_t path_uints(uint32_t features) {
+    return 2 + ((features & kPass) ? 1 : 0) + ((features & kMedia) ? 1 : 0);
+}
+
+template <class L>
+struct ShadowRequest {
+    typename L::M wanted;
+    Ray<L> ray;
+    typename L::F t_max;
+    Vec3<typename L::F> radiance;  // added if the ray is free
+    typename L::U skip;            // kSphereLights: primitive that does not block
+    typename L::U medium;          // kMedia: around the ray's origin
+};
+
+// What happened to the lanes of a bounce; disjoint but for the shadow's two.
+template <class L>
+struct Events {
+    typename L::M escaped, emitter_end, absorbed, depth_cut, rr_killed, alive;
+    typename L::M visible, occluded;
+};
+
+// A point of a surface, by lane.
+template <class L>
+struct Surface {
+    Vec3<typename L::F> p;       // on the surface
+    Vec3<typename L::F> ng, ns;  // unit, of the front: geometric and interpolated
+    typename L::F offset;        // to leave the surface by, past the rounding of p
+    typename L::M front;         // the ray met the front
+    typename L::U row;           // of the surface table
+};
+
+}  // namespace veriray

@@ -1,0 +1,186 @@
+// How the builder divides a node's references: binned and swept surface-area heuristic.
+// I. Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+
+namespace veriray::bvh {
+
+// Four floats of a vector register; the fourth of a box is no coordinate.
+using Float4 = float __attribute__((vector_size(16)));
+using Int4 = int32_t __attribute__((vector_size(16)));
+
+inline Float4 splat(float a) { return Float4{a, a, a, a}; }
+inline Float4 min4(Float4 a, Float4 b) { return a < b ? a : b; }
+inline Float4 max4(Float4 a, Float4 b) { return a > b ? a : b; }
+
+struct Box {
+    Float4 lo = splat(std::numeric_limits<float>::infinity());
+    Float4 hi = splat(-std::numeric_limits<float>::infinity());
+    void grow(Float4 l, Float4 h) { lo = min4(lo, l), hi = max4(hi, h); }
+    void grow(const Box& b) { grow(b.lo, b.hi); }
+    float half_area() const {
+        const Float4 e = hi - lo;
+        return e[0] * (e[1] + e[2]) + e[1] * e[2];
+    }
+};
+
+// A primitive's box, or a part of it; lo[3] holds the primitive as the bits of a normal number.
+struct Ref {
+    Float4 lo, hi;
+    Float4 centre() const { return lo + hi; }  // twice the centre
+    uint32_t primitive() const {
+        const float bits = lo[3];
+        uint32_t p;
+        std::memcpy(&p, &bits, 4);
+        return p & 0x07ffffffu;
+    }
+    void set_primitive(uint32_t p) {
+        p |= 0x40000000u;
+        std::memcpy(&lo[3], &p, 4);
+    }
+};
+
+inline constexpr uint32_t kMaxBins = 16, kSwept = 8;
+
+// Two sides of a division; `middle` is where the second one starts.
+struct Sides {
+    uint32_t middle;
+    Box box[2], centres[2];
+};
+
+struct Bins {
+    uint32_t count;
+    Float4 origin, scale;  // of twice the centre
+
+    Bins(const Box& centres, uint32_t n)
+        : count(std::min(kMaxBins, 4 + n / 8)), origin(centres.lo) {
+        scale = splat(0.f);
+        for (int k = 0; k < 3; ++k) {
+            const float width = centres.hi[k] - centres.lo[k];
+            // The largest centre falls short of `count`, however the product is rounded.
+            if (width > 0x1p-100f) scale[k] = static_cast<float>(count) * (1.f - 0x1p-20f) / width;
+        }
+        origin[3] = 0.f;
+    }
+    Int4 operator()(const Ref& r) const {
+        return __builtin_convertvector((r.centre() - origin) * scale, Int4);
+    }
+};
+
+struct Split {
+    float cost = std::numeric_limits<float>::infinity();
+    int axis = -1;
+    uint32_t at = 0;  // the first bin, or sorted reference, of the right side
+    Box box[2];
+};
+
+// Best of 3 (`count` - 1) planes between bins; axis -1 if all centres share one bin.
+inline Split binned_split(const Ref* refs, uint32_t n, const Bins& bins) {
+    Box box[3][kMaxBins];
+    uint32_t number[3][kMaxBins] = {};
+    for (uint32_t i = 0; i < n; ++i) {
+        const Int4 b = bins(refs[i]);
+        for (int k = 0; k < 3; ++k) {
+            box[k][b[k]].grow(refs[i].lo, refs[i].hi);
+            ++number[k][b[k]];
+        }
+    }
+    Split best;
+    for (int k = 0; k < 3; ++k) {
+        if (bins.scale[k] == 0.f) continue;
+        float right[kMaxBins];
+        Box acc;
+        uint32_t count = 0;
+        for (uint32_t b = bins.count - 1; b > 0; --b) {
+            acc.grow(box[k][b]);
+            count += number[k][b];
+            right[b] = acc.half_area() * static_cast<float>(count);
+        }
+        acc = Box(), count = 0;
+        for (uint32_t b = 1; b < bins.count; ++b) {
+            acc.grow(box[k][b - 1]);
+            count += number[k][b - 1];
+            const float cost = acc.half_area() * static_cast<float>(count) + right[b];
+            if (count > 0 && count < n && cost < best.cost)
+                best.cost = cost, best.axis = k, best.at = b;
+        }
+    }
+    if (best.axis >= 0)
+        for (uint32_t b = 0; b < bins.count; ++b) best.box[b >= best.at].grow(box[best.axis][b]);
+    return best;
+}
+
+// Puts the references left of the plane first.
+inline Sides partition(Ref* refs, uint32_t n, const Split& split, const Bins& bins) {
+    Sides out{0, {split.box[0], split.box[1]}, {}};
+    uint32_t i = 0, j = n;
+    const int at = static_cast<int>(split.at);
+    while (i < j) {
+        const Ref r = refs[i];
+        const Float4 c = r.centre();
+        if (bins(r)[split.axis] < at) {
+            out.centres[0].grow(c, c);
+            ++i;
+        } else {
+            out.centres[1].grow(c, c);
+            refs[i] = refs[--j];
+            refs[j] = r;
+        }
+    }
+    out.middle = i;
+    return out;
+}
+
+inline bool before(const Ref& a, const Ref& b, int axis) {
+    const float x = a.centre()[axis], y = b.centre()[axis];
+    return x < y || (x == y && a.primitive() < b.primitive());
+}
+
+// Sorts up to kSwept references along the best axis.
+inline Sides swept_split(Ref* refs, uint32_t n) {
+    Ref sorted[kSwept], best_order[kSwept];
+    Split best;
+    for (int k = 0; k < 3; ++k) {
+        for (uint32_t i = 0; i < n; ++i) {
+            uint32_t j = i;
+            for (; j > 0 && before(refs[i], sorted[j - 1], k); --j) sorted[j] = sorted[j - 1];
+            sorted[j] = refs[i];
+        }
+        Box right[kSwept];
+        Box acc;
+        for (uint32_t i = n - 1; i > 0; --i) acc.grow(sorted[i].lo, sorted[i].hi), right[i] = acc;
+        acc = Box();
+        bool better = false;
+        for (uint32_t i = 1; i < n; ++i) {
+            acc.grow(sorted[i - 1].lo, sorted[i - 1].hi);
+            const float cost = acc.half_area() * static_cast<float>(i) +
+                               right[i].half_area() * static_cast<float>(n - i);
+            if (cost < best.cost) {
+                best = Split{cost, k, i, {acc, right[i]}};
+                better = true;
+            }
+        }
+        if (better) std::copy_n(sorted, n, best_order);
+    }
+    std::copy_n(best_order, n, refs);
+    return {best.at, {best.box[0], best.box[1]}, {}};
+}
+
+// Halves by centre along `axis`: for references that no plane parts, and to bound the depth.
+inline Sides median_split(Ref* refs, uint32_t n, int axis) {
+    Sides out{n / 2, {}, {}};
+    std::nth_element(refs, refs + out.middle, refs + n,
+                     [axis](const Ref& a, const Ref& b) { return before(a, b, axis); });
+    for (uint32_t i = 0; i < n; ++i) {
+        const int side = i >= out.middle;
+        out.box[side].grow(refs[i].lo, refs[i].hi);
+        out.centres[side].grow(refs[i].centre(), refs[i].centre());
+    }
+    return out;
+}
+
+}  // namespace veriray::bvh

@@ -1,0 +1,122 @@
+// Camera and pixel filter.
+#include <algorithm>
+
+#include "scene/scene.h"
+
+namespace veriray {
+
+void HostScene::set_camera(const SceneInput& in) {
+    const double* m = in.to_world;
+    const Double3 left{m[0], m[4], m[8]}, up{m[1], m[5], m[9]}, forward{m[2], m[6], m[10]};
+    // Film position (u, v) in [0, 1]^2 looks along
+    // left tx (1 - 2 (u + px)) + up ty (1 - 2 (v + py)) + forward.
+    const Double3 corner = left * (in.tan_half_x * (1 - 2 * in.principal_x)) +
+                           up * (in.tan_half_y * (1 - 2 * in.principal_y)) + forward;
+    const Double3 right = left * (-2 * in.tan_half_x / in.width);
+    const Double3 down = up * (-2 * in.tan_half_y / in.height);
+    CameraView& c = view.camera;
+    for (int k = 0; k < 3; ++k) {
+        c.corner[k] = static_cast<float>(corner[k]);
+        c.right[k] = static_cast<float>(right[k]);
+        c.down[k] = static_cast<float>(down[k]);
+        c.forward[k] = static_cast<float>(forward[k]);
+        c.lens_x[k] = static_cast<float>(left[k] * (in.aperture_radius / unit));
+        c.lens_y[k] = static_cast<float>(up[k] * (in.aperture_radius / unit));
+    }
+    c.focus = static_cast<float>(in.focus_distance / unit);
+    if (in.aperture_radius > 0) view.features |= kLens;
+    // Clipping that cuts nothing costs nothing: the scene lies between the planes.
+    double nearest = INFINITY, farthest = -INFINITY;
+    const auto span = [&](Double3 p, double reach) {
+        const double z = dot(p - centre, forward);
+        nearest = std::min(nearest, z - reach);
+        farthest = std::max(farthest, z + reach);
+    };
+    for (size_t i = 0; i < in.vertices.count; ++i) span(row3(in.vertices, i), 0);
+    for (size_t i = 0; i < in.spheres.count; ++i) {
+        const double* s = in.spheres.data + 4 * i;
+        span({s[0], s[1], s[2]}, s[3]);
+    }
+    for (size_t i = 0; i < in.disks.count; ++i)
+        span(row3(in.disks, 3 * i),
+             length(row3(in.disks, 3 * i + 1)) + length(row3(in.disks, 3 * i + 2)));
+    const bool cuts_near = in.near_clip > 0 && !(nearest > in.near_clip * (1 + 1e-6));
+    const bool cuts_far = !(farthest < in.far_clip * (1 - 1e-6));
+    c.near_clip = cuts_near ? static_cast<float>(in.near_clip / unit) : 0.f;
+    c.far_clip = cuts_far ? static_cast<float>(in.far_clip / unit) : INFINITY;
+    if (cuts_near || cuts_far) view.features |= kClip;
+}
+
+namespace {
+// e^-x for 0 <= x <= 8 in IEEE operations: Taylor of e^-(x/16), fourth power of two squared.
+double exp_series(double x) {
+    const double y = -x / 16;
+    double sum = 1, term = 1;
+    for (int k = 1; k < 20; ++k) sum += term *= y / k;
+    for (int k = 0; k < 4; ++k) sum *= sum;
+    return sum;
+}
+
+// D. Mitchell, A. Netravali, "Reconstruction Filters in Computer Graphics", SIGGRAPH 1988, eq. 8.
+double mitchell(double x, double b, double c) {
+    x = std::abs(x);
+    if (x >= 2) return 0;
+    if (x < 1)
+        return ((12 - 9 * b - 6 * c) * x * x * x + (-18 + 12 * b + 6 * c) * x * x + (6 - 2 * b)) /
+               6;
+    return ((-b - 6 * c) * x * x * x + (6 * b + 30 * c) * x * x + (-12 * b - 48 * c) * x +
+            (8 * b + 24 * c)) /
+           6;
+}
+}  // namespace
+
+// Edges of cells of equal probability under |density(z)|, |z| < reach, in pixels of size `scale`;
+// the sign changes once a side at most.
+template <class Density>
+void HostScene::tabulate_filter(Density density, double reach, double scale) {
+    constexpr int kSteps = 1 << 16;
+    FilterView& f = view.filter;
+    f.kind = FilterKind::kTable;
+    std::vector<double> cdf(kSteps + 1, 0.0);
+    double net = 0;
+    for (int i = 0; i < kSteps; ++i) {
+        const double z = -reach + 2 * reach * (i + 0.5) / kSteps, y = density(z);
+        cdf[i + 1] = cdf[i] + std::abs(y);
+        net += y;
+        if (z > 0 && y < 0 && !(f.positive < INFINITY))
+            f.positive = static_cast<float>((z - reach / kSteps) * scale);
+        if (z > 0 && y > 0 && f.positive < INFINITY)
+            throw std::invalid_argument("a filter whose sign changes more than once a side");
+    }
+    f.weight = static_cast<float>(cdf[kSteps] / net);
+    if (f.positive < INFINITY) view.features |= kSignedFilter;
+    int i = 0;
+    for (uint32_t e = 0; e <= kFilterTable; ++e) {
+        const double want = cdf[kSteps] * e / kFilterTable;
+        while (i + 1 < kSteps && cdf[i + 1] < want) ++i;
+        const double z =
+            -reach + 2 * reach * (i + (want - cdf[i]) / (cdf[i + 1] - cdf[i])) / kSteps;
+        filter_edges[e] = static_cast<float>(z * scale);
+    }
+}
+
+void HostScene::set_filter(const SceneInput& in) {
+    FilterView& f = view.filter;
+    filter_edges.assign(kFilterTable + 1, 0.f);
+    f = {FilterKind::kBox, 0.5f, filter_edges.data(), INFINITY, 1.f};
+    const double a = in.filter_parameters[0], b = in.filter_parameters[1];
+    if (in.filter == "tent") {
+        f.kind = FilterKind::kTent;
+        f.radius = static_cast<float>(a);
+    } else if (in.filter == "gaussian") {
+        // exp(-x^2 / 2 s^2) - exp(-8) on |x| < 4 s, as Mitsuba's.
+        tabulate_filter([](double z) { return exp_series(z * z / 2) - exp_series(8); }, 4, a);
+    } else if (in.filter == "mitchell") {
+        tabulate_filter([=](double z) { return mitchell(z, a, b); }, 2, 1);
+    } else if (in.filter != "box") {
+        throw std::invalid_argument("filter '" + in.filter +
+                                    "'; allowed: box, tent, gaussian, mitchell");
+    }
+}
+
+}  // namespace veriray

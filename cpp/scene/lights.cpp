@@ -1,0 +1,193 @@
+// The light table: what there is to sample, and with which chance.
+#include <algorithm>
+
+#include "scene/scene.h"
+
+namespace veriray {
+namespace {
+
+constexpr double kPiDouble = 3.14159265358979323846;
+
+double sum3(const float* rgb) {
+    return static_cast<double>(rgb[0]) + static_cast<double>(rgb[1]) + static_cast<double>(rgb[2]);
+}
+
+// Sine and cosine of an angle in degrees in [0, 180], by halving and Taylor series: the same on
+// every machine.
+void sin_cos_degrees(double degrees, double& s, double& c) {
+    const double x = degrees * (kPiDouble / 180) / 16;
+    double term = 1, sine = 0, cosine = 1;
+    for (int n = 1; n < 20; n += 2) {
+        term *= x / n;
+        sine += term;
+        term *= -x / (n + 1);
+        cosine += term;
+    }
+    for (int k = 0; k < 4; ++k) {
+        const double twice = 2 * sine * cosine;
+        cosine = 1 - 2 * sine * sine;
+        sine = twice;
+    }
+    s = sine, c = cosine;
+}
+
+}  // namespace
+
+// Chances are in proportion to emitted power, in units of 2^-24, at least one each.
+void HostScene::set_lights(const SceneInput& in) {
+    std::vector<uint32_t> lit;
+    for (uint32_t i = 0; i < sources.size(); ++i)
+        if (sources[i].emission >= 0) lit.push_back(i);
+    std::vector<uint32_t> delta;
+    for (uint32_t q = 0; q < in.light_kind.count; ++q)
+        if (sum3(in.light_intensity.data + 3 * q) > 0) delta.push_back(q);
+    LightView& l = view.lights;
+    l.count = static_cast<uint32_t>(lit.size() + delta.size());
+    l.stride = padded(l.count);
+    light_table.assign(static_cast<size_t>(kLightColumns) * l.stride, 0.f);
+    light_chance.assign(padded(sources.size()), 0.f);
+    if (l.count >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 lights");
+
+    const bool sky = sum3(in.environment) > 0;
+    std::copy_n(in.environment, 3, l.environment);
+    l.environment_share = sky ? (l.count ? 1u << 23 : 1u << 24) : 0u;
+
+    std::vector<double> power;
+    for (const uint32_t p : lit)
+        power.push_back(kPiDouble * sources[p].area *
+                        sum3(in.emissions.data + 3 * sources[p].emission));
+    for (const uint32_t q : delta) {
+        const double intensity = sum3(in.light_intensity.data + 3 * q);
+        double s, c = -1, s2, c2 = -1;
+        if (in.light_kind.data[q] == 1) {
+            sin_cos_degrees(in.light_angles.data[2 * q], s, c);
+            sin_cos_degrees(in.light_angles.data[2 * q + 1], s2, c2);
+        }
+        const double solid_angle = 2 * kPiDouble * (1 - 0.5 * (c + c2));
+        power.push_back(in.light_kind.data[q] == 2 ? kPiDouble * intensity
+                                                   : solid_angle * intensity / (unit * unit));
+    }
+    double total = 0, sum = 0;
+    for (const double p : power) total += p;
+    const uint32_t spare = (1u << 24) - l.environment_share - l.count;
+    light_cdf.assign(std::max<size_t>(1, l.count), 1u << 24);
+    uint32_t before = l.environment_share;
+    for (uint32_t k = 0; k < l.count; ++k) {
+        sum += power[k];
+        const uint32_t end = k + 1 == l.count ? 1u << 24
+                                              : l.environment_share + k + 1 +
+                                                    static_cast<uint32_t>(sum / total * spare);
+        light_cdf[k] = end;
+        const double chance = (end - before) * 0x1p-24;
+        before = end;
+        light_table[static_cast<size_t>(kLightChance) * l.stride + k] = static_cast<float>(chance);
+        if (k < lit.size())
+            put_area_light(in, k, lit[k]);
+        else
+            put_delta_light(in, k, delta[k - lit.size()]);
+    }
+    l.top_step = 1;
+    while (l.top_step * 2 <= l.count) l.top_step *= 2;
+    l.table = light_table.data();
+    l.cdf = light_cdf.data();
+    view.light_chance = light_chance.data();
+    view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
+
+    // A delta light's radiance at a receiver has no bound: a 64th of the scene's size stands for
+    // the nearest receiver.
+    float brightest = std::max({in.environment[0], in.environment[1], in.environment[2]});
+    for (const uint32_t p : lit)
+        for (int k = 0; k < 3; ++k)
+            brightest = std::max(brightest, in.emissions.data[3 * sources[p].emission + k]);
+    for (const uint32_t q : delta)
+        for (int k = 0; k < 3; ++k) {
+            const double near = in.light_kind.data[q] == 2 ? 1 : unit / 64;
+            brightest = std::max(
+                brightest, static_cast<float>(in.light_intensity.data[3 * q + k] / (near * near)));
+        }
+    int exponent = 0;
+    if (brightest > 0) std::frexp(brightest, &exponent);
+    if (exponent < -100 || exponent > 100)
+        throw std::invalid_argument("the largest radiance, " + number(brightest) +
+                                    ", is outside [1e-30, 1e30]");
+    view.emission_scale = std::ldexp(1.f, -exponent);
+}
+
+void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t primitive) {
+    const PrimitiveSource& source = sources[primitive];
+    const auto at = [&](uint32_t c) -> float& {
+        return light_table[static_cast<size_t>(c) * view.lights.stride + light];
+    };
+    const auto prim = [&](uint32_t c) {
+        return primitives[static_cast<size_t>(primitive) * view.primitive_row +
+                          static_cast<size_t>(c) * view.primitive_column];
+    };
+    const auto shape = [&](LightShape s, uint32_t feature) {
+        at(kLightShape) = static_cast<float>(s);
+        view.features |= feature;
+    };
+    for (uint32_t k = 0; k < 3; ++k)
+        at(kLightRadiance + k) = in.emissions.data[3 * source.emission + k];
+    at(kLightPrimitive) = bit_cast<float>(primitive);
+    if (source.group == kSphereGroup) {
+        shape(LightShape::kSphere, kSphereLights);
+        for (uint32_t k = 0; k < kSphereFloats; ++k) at(kLightP + k) = prim(k);
+        at(kLightN) = prim(kPrimSide);
+        light_chance[primitive] = at(kLightChance);
+        return;
+    }
+    Double3 p, e1, e2;
+    if (source.group == kDiskGroup) {
+        shape(LightShape::kDisk, kDiskLights);
+        p = (row3(in.disks, 3 * source.row) - centre) * (1 / unit);
+        e1 = row3(in.disks, 3 * source.row + 1) * (1 / unit);
+        e2 = row3(in.disks, 3 * source.row + 2) * (1 / unit);
+    } else {
+        const Flat f = light_shape(in, primitive);
+        shape(f.corners == 3 ? LightShape::kTriangle : LightShape::kParallelogram,
+              f.corners == 3 ? kAreaLights | kTriangleLights : kAreaLights);
+        p = f.v[0], e1 = f.v[1] - f.v[0], e2 = f.v[f.corners - 1] - f.v[0];
+    }
+    for (uint32_t k = 0; k < 3; ++k) {
+        at(kLightP + k) = static_cast<float>(p[static_cast<int>(k)]);
+        at(kLightE1 + k) = static_cast<float>(e1[static_cast<int>(k)]);
+        at(kLightE2 + k) = static_cast<float>(e2[static_cast<int>(k)]);
+        at(kLightN + k) = prim(kPrimN + k);
+    }
+    at(kLightOffset) = prim(kPrimOffset);
+    at(kLightChance) = static_cast<float>(static_cast<double>(at(kLightChance)) / source.area);
+    light_chance[primitive] = at(kLightChance);
+}
+
+void HostScene::put_delta_light(const SceneInput& in, size_t light, size_t row) {
+    const auto at = [&](uint32_t c) -> float& {
+        return light_table[static_cast<size_t>(c) * view.lights.stride + light];
+    };
+    const uint32_t kind = in.light_kind.data[row];
+    const double scale = kind == 2 ? 1 : 1 / (unit * unit);
+    const Double3 p = (row3(in.light_position, row) - centre) * (1 / unit);
+    const Double3 d = kind ? normalised(row3(in.light_direction, row)) : Double3{0, 0, 1};
+    for (int k = 0; k < 3; ++k) {
+        if (kind != 2) at(kLightP + static_cast<uint32_t>(k)) = static_cast<float>(p[k]);
+        at(kLightN + static_cast<uint32_t>(k)) = static_cast<float>(d[k]);
+        at(kLightRadiance + static_cast<uint32_t>(k)) =
+            static_cast<float>(in.light_intensity.data[3 * row + k] * scale);
+    }
+    static constexpr LightShape kShapes[3] = {LightShape::kPoint, LightShape::kSpot,
+                                              LightShape::kDirectional};
+    at(kLightShape) = static_cast<float>(kShapes[kind]);
+    at(kLightPrimitive) = bit_cast<float>(~0u);
+    view.features |= kDeltaLights;
+    if (kind != 1) return;
+    const double cutoff = in.light_angles.data[2 * row], beam = in.light_angles.data[2 * row + 1];
+    double s, c;
+    sin_cos_degrees(cutoff, s, c);
+    at(kSpotCosCutoff) = static_cast<float>(c);
+    at(kSpotCutoff) = static_cast<float>(cutoff * (kPiDouble / 180));
+    sin_cos_degrees(beam, s, c);
+    at(kSpotCosBeam) = static_cast<float>(c);
+    const double width = (cutoff - beam) * (kPiDouble / 180);
+    at(kSpotInverse) = static_cast<float>(width > 1e-9 ? 1 / width : 1e9);
+}
+
+}  // namespace veriray

@@ -1,0 +1,126 @@
+// Tables of surfaces (material, emission, media) and of media.
+#include <algorithm>
+#include <map>
+#include <tuple>
+
+#include "scene/scene.h"
+
+namespace veriray {
+namespace {
+
+// Hemispherical reflectance of a smooth interface for diffuse light from inside. F_e is the
+// integral of F(c) 2c dc over cosines c outside (midpoint rule in c^2, error below 1e-6), and the
+// inside follows from detailed balance: 1 - F_i = (1 - F_e) / eta^2.
+double diffuse_reflectance_inside(double eta) {
+    if (eta == 1) return 0;
+    constexpr int kSteps = 1 << 14;
+    double sum = 0;
+    for (int i = 0; i < kSteps; ++i) {
+        const double c = std::sqrt((i + 0.5) / kSteps), s2 = (1 - c * c) / (eta * eta);
+        if (s2 >= 1) {
+            sum += 1;
+            continue;
+        }
+        const double t = std::sqrt(1 - s2);
+        const double s = (c - eta * t) / (c + eta * t), p = (eta * c - t) / (eta * c + t);
+        sum += 0.5 * (s * s + p * p);
+    }
+    return 1 - (1 - sum / kSteps) / (eta * eta);
+}
+
+using SurfaceKey = std::tuple<uint32_t, int32_t, int32_t>;
+
+}  // namespace
+
+void HostScene::set_surfaces(const SceneInput& in) {
+    // One a primitive in small scenes, else one a (material, emission, boundary).
+    const bool tree = (view.features & kBvh) != 0;
+    std::vector<SurfaceKey> rows;
+    std::map<SurfaceKey, uint32_t> known;
+    if (tree) surface_of.resize(sources.size());
+    for (size_t i = 0; i < sources.size(); ++i) {
+        const SurfaceKey key{sources[i].material, sources[i].emission, sources[i].boundary};
+        if (tree) {
+            if (i && surface_of[i - 1] < rows.size() && rows[surface_of[i - 1]] == key) {
+                surface_of[i] = surface_of[i - 1];
+                continue;
+            }
+            const auto [at, fresh] = known.try_emplace(key, static_cast<uint32_t>(rows.size()));
+            surface_of[i] = at->second;
+            if (!fresh) continue;
+        }
+        rows.push_back(key);
+    }
+    view.surface_count = static_cast<uint32_t>(rows.size());
+    view.surface_stride = padded(rows.size());
+    surfaces.assign(static_cast<size_t>(kSurfaceColumns) * view.surface_stride, 0.f);
+    for (size_t r = 0; r < rows.size(); ++r) {
+        const auto [m, emission, boundary] = rows[r];
+        const auto put = [&](uint32_t c, float x) {
+            surfaces[static_cast<size_t>(c) * view.surface_stride + r] = x;
+        };
+        const auto kind = static_cast<MaterialKind>(in.material_kind.data[m]);
+        const bool glass = kind == MaterialKind::kDielectric ||
+                           kind == MaterialKind::kThinDielectric || kind == MaterialKind::kNull;
+        const bool plastic = kind == MaterialKind::kPlastic;
+        const double eta = static_cast<double>(in.eta.data[3 * m]);
+        const double inside = plastic ? diffuse_reflectance_inside(eta) : 0;
+        for (uint32_t k = 0; k < 3; ++k) {
+            const double rho = static_cast<double>(in.reflectance.data[3 * m + k]);
+            const double base = rho / (1 - (in.nonlinear.data[m] ? rho : 1) * inside) / (eta * eta);
+            put(kSurfaceAlbedo + k, static_cast<float>(plastic ? base : rho));
+            if (emission >= 0) put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
+            put(kSurfaceReflection + k, in.specular_reflectance.data[3 * m + k]);
+            put(kSurfaceTransmission + k, in.specular_transmittance.data[3 * m + k]);
+            put(kSurfaceEta + k, in.eta.data[3 * m + k]);
+            put(kSurfaceK + k, in.k.data[3 * m + k]);
+        }
+        put(kSurfaceTwoSided, in.two_sided.data[m] || glass ? 1.f : 0.f);
+        put(kSurfaceKind, static_cast<float>(kind));
+        put(kSurfaceOpacity, in.opacity.data[m]);
+        const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;
+        put(kSurfaceInside, border ? static_cast<float>(border[0] + 1) : -1.f);
+        put(kSurfaceOutside, border ? static_cast<float>(border[1] + 1) : -1.f);
+
+        static constexpr uint32_t kNeeds[kMaterialCount] = {kDiffuse, kConductor, kDielectric,
+                                                            kPlastic, kPass,      kPass};
+        view.features |= kNeeds[static_cast<uint32_t>(kind)];
+        if (in.opacity.data[m] < 1) view.features |= kPass;
+    }
+    view.surface_of = tree ? surface_of.data() : nullptr;
+    view.surfaces = surfaces.data();
+}
+
+void HostScene::set_media(const SceneInput& in) {
+    const size_t count = in.sigma_t.count + 1;  // 0: vacuum
+    view.medium_stride = padded(count);
+    media.assign(static_cast<size_t>(kMediumColumns) * view.medium_stride, 0.f);
+    std::vector<bool> used(count, false);
+    used[static_cast<size_t>(in.camera_medium + 1)] = true;
+    for (const PrimitiveSource& p : sources)
+        if (p.boundary >= 0)
+            for (int k = 0; k < 2; ++k)
+                used[static_cast<size_t>(in.boundaries.data[2 * p.boundary + k] + 1)] = true;
+    for (size_t m = 1; m < count; ++m) {
+        const float* sigma = in.sigma_t.data + 3 * (m - 1);
+        const auto put = [&](uint32_t c, double x) {
+            media[static_cast<size_t>(c) * view.medium_stride + m] = static_cast<float>(x);
+        };
+        for (uint32_t k = 0; k < 3; ++k) {
+            const double scaled = static_cast<double>(sigma[k]) * unit;
+            if (!(scaled < 1e30))
+                throw std::invalid_argument("sigma_t[" + std::to_string(m - 1) + "] = " +
+                                            number(sigma[k]) + " is too dense for the scene");
+            put(kMediumSigma + k, scaled);
+            put(kMediumAlbedo + k, in.albedo.data[3 * (m - 1) + k]);
+        }
+        put(kMediumG, in.phase_g.data[m - 1]);
+        if (!used[m]) continue;
+        view.features |= kMedia;
+        if (sigma[0] != sigma[1] || sigma[0] != sigma[2]) view.features |= kChromatic;
+    }
+    view.media = media.data();
+    view.camera_medium = static_cast<uint32_t>(in.camera_medium + 1);
+}
+
+}  // namespace veriray

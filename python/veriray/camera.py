@@ -1,0 +1,278 @@
+"""The camera, and the film that it exposes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import transform
+from .errors import SceneError
+from .numeric import (
+    MAX_COORDINATE,
+    array,
+    check_matrix,
+    check_rigid,
+    determinant,
+    in_range,
+    number,
+    tan_half_degrees,
+    view_angle,
+    whole,
+)
+
+Array = npt.NDArray[Any]
+
+FILTERS = ("box", "tent", "gaussian", "mitchell")
+FILTER_DEFAULTS: dict[str, float | tuple[float, float]] = {
+    "box": 0.5,
+    "tent": 1.0,
+    "gaussian": 0.5,
+    "mitchell": (1.0 / 3.0, 1.0 / 3.0),
+}
+FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
+MAX_PIXELS = 2**31 - 1
+_UP = (0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Film:
+    """Picture size and reconstruction filter.
+
+    filter: "box" (1 pixel wide), "tent" (filter_parameter = radius in pixels), "gaussian"
+    (filter_parameter = standard deviation s in pixels: exp(-x^2 / (2 s^2)) - exp(-8) on |x| < 4 s)
+    or "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in [0, 1]; 4
+    pixels wide, with negative lobes).
+    filter_parameter None takes the filter's default: 0.5, 1.0, 0.5 and (1/3, 1/3).
+    Raises SceneError for a size below 1 or above 2^31 pixels, or an unknown filter.
+    """
+
+    width: int = 768
+    height: int = 576
+    filter: str = "gaussian"
+    filter_parameter: float | tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        width = whole("film width", self.width, 1, MAX_PIXELS)
+        height = whole("film height", self.height, 1, MAX_PIXELS)
+        if width * height > MAX_PIXELS:
+            raise SceneError(f"film of {width} x {height} pixels has more than {MAX_PIXELS}")
+        if self.filter not in FILTERS:
+            raise SceneError(f"filter = {self.filter!r} is unknown; allowed: {', '.join(FILTERS)}")
+        default = FILTER_DEFAULTS[self.filter]
+        parameter: Any = default if self.filter_parameter is None else self.filter_parameter
+        if self.filter == "mitchell":
+            pair = array("filter_parameter", parameter, np.float64, (2,))
+            in_range("filter_parameter", pair, 0.0, 1.0)
+            parameter = tuple(pair.tolist())
+        else:
+            parameter = number("filter_parameter", parameter, 1e-3, 100.0)
+            if self.filter == "box" and parameter != default:
+                raise SceneError(f"filter_parameter = {parameter:g} of the box filter must be 0.5")
+        for name, value in (("width", width), ("height", height), ("filter_parameter", parameter)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def filter_parameters(self) -> tuple[float, float]:
+        """The filter's numbers as a pair; 0 for the one that most filters do not have."""
+        parameter: Any = self.filter_parameter
+        return parameter if isinstance(parameter, tuple) else (parameter, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole or thin-lens camera with the conventions of Mitsuba's `perspective` and `thinlens`.
+
+    to_world: (4, 4) float64, no scale; looks along local +Z, with local +X on the picture's left.
+    fov: degrees in (0, 180), measured along fov_axis ("x", "y", "diagonal", "smaller", "larger").
+    near_clip, far_clip: distances along local Z; 0 and infinity clip nothing.
+    principal_point_offset: (x, y) in film widths and heights. The ray through film position
+    (u, v), both in [0, 1] from the top left, has the local direction
+    (tan_half_x (1 - 2 (u + offset x)), tan_half_y (1 - 2 (v + offset y)), 1).
+    aperture_radius: of the lens, 0 for a pinhole. focus_distance: along local Z to the plane in
+    focus; used if the aperture is above 0. medium: index into the scene's media of the one that the
+    camera stands in, -1 for vacuum.
+    Raises SceneError for values outside these ranges and for a singular or scaling to_world.
+    """
+
+    to_world: Array
+    fov: float
+    fov_axis: str = "x"
+    near_clip: float = 0.0
+    far_clip: float = math.inf
+    principal_point_offset: Array = field(default_factory=lambda: np.zeros(2))
+    aperture_radius: float = 0.0
+    focus_distance: float = 1.0
+    medium: int = -1
+
+    def __post_init__(self) -> None:
+        matrix = check_matrix("camera to_world", self.to_world)
+        check_rigid("camera to_world", "a camera", matrix)
+        if self.fov_axis not in FOV_AXES:
+            raise SceneError(
+                f"fov_axis = {self.fov_axis!r} is unknown; allowed: {', '.join(FOV_AXES)}"
+            )
+        near = number("near_clip", self.near_clip, 0.0, MAX_COORDINATE)
+        far = number("far_clip", self.far_clip, 0.0, math.inf)
+        if not far > near:
+            raise SceneError(f"far_clip = {far:g} must be greater than near_clip = {near:g}")
+        offset = array("principal_point_offset", self.principal_point_offset, np.float64, (2,))
+        if np.abs(offset).max() > 1e3:
+            raise SceneError(f"principal_point_offset = {offset.tolist()} exceeds 1000 film sizes")
+        values = {
+            "to_world": matrix,
+            "fov": number("fov", self.fov, 0.0, 180.0, open_=True),
+            "near_clip": near,
+            "far_clip": far,
+            "principal_point_offset": offset,
+            "aperture_radius": number("aperture_radius", self.aperture_radius, 0.0, MAX_COORDINATE),
+            "focus_distance": number(
+                "focus_distance", self.focus_distance, 0.0, MAX_COORDINATE, open_=True
+            ),
+            "medium": whole("camera medium", self.medium, -1, 2**31 - 1),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def tan_half_x(self, width: int, height: int) -> float:
+        """Tangent of half the horizontal field of view for a film of width x height pixels."""
+        tangent = tan_half_degrees(self.fov)
+        axis = self.fov_axis
+        if axis in ("smaller", "larger"):
+            axis = "y" if (axis == "smaller") == (width > height) else "x"
+        if axis == "y":
+            return tangent * (width / height)
+        if axis == "diagonal":
+            return tangent * (width / math.sqrt(float(width * width + height * height)))
+        return tangent
+
+    def tan_half_y(self, width: int, height: int) -> float:
+        """Tangent of half the vertical field of view for a film of width x height pixels."""
+        return self.tan_half_x(width, height) * (height / width)
+
+    # ---- other cameras ----
+
+    @classmethod
+    def look_at(
+        cls,
+        origin: Sequence[float],
+        target: Sequence[float],
+        up: Sequence[float] = _UP,
+        fov: float = 40.0,
+        **lens: Any,
+    ) -> Camera:
+        """A camera at `origin` that has `target` in the middle and `up` upwards.
+
+        lens: the other fields of Camera. Raises SceneError if target is origin or lies along up.
+        """
+        points = (_vector(n, v) for n, v in (("origin", origin), ("target", target), ("up", up)))
+        return cls(transform.look_at(*points), fov, **lens)
+
+    @classmethod
+    def from_opengl(cls, matrix: Any, fov: float, **lens: Any) -> Camera:
+        """A camera from a (4, 4) camera-to-world matrix that looks along -Z, +X right, +Y up.
+
+        That is the convention of OpenGL, Blender and glTF. lens: the other fields of Camera.
+        """
+        given = check_matrix("matrix", matrix)
+        return cls(transform.compose(given, np.diag([-1.0, 1.0, -1.0, 1.0])), fov, **lens)
+
+    @classmethod
+    def from_opencv(
+        cls,
+        K: Any,
+        R: Any = None,
+        t: Any = None,
+        *,
+        width: int,
+        height: int,
+        matrix: Any = None,
+        **lens: Any,
+    ) -> Camera:
+        """A camera from OpenCV's intrinsics and extrinsics, without lens distortion.
+
+        K: (3, 3), [[f, 0, cx], [0, f, cy], [0, 0, 1]] in pixels of a picture of width x height, the
+        centre of the top left pixel at (0, 0). x_camera = R x_world + t with rotation R (3, 3) and
+        t (3,), camera axes +X right, +Y down, +Z forward; or matrix = [R t; 0 1] (4, 4) instead.
+        Raises SceneError for skew, pixels that are not square (to 1e-6) and an R that is no
+        rotation (to 1e-3).
+        """
+        k = array("K", K, np.float64, (3, 3))
+        (fx, skew, cx), (zero, fy, cy) = k[0].tolist(), k[1].tolist()
+        if skew or zero or k[2].tolist() != [0.0, 0.0, 1.0] or min(fx, fy) <= 0:
+            raise SceneError(f"K = {k.tolist()}, expected [[f, 0, cx], [0, f, cy], [0, 0, 1]]")
+        if abs(fx - fy) > 1e-6 * fx:
+            raise SceneError(f"K has focal lengths {fx:g} and {fy:g}: pixels must be square")
+        if (matrix is None) == (R is None or t is None):
+            raise SceneError("give either R and t or matrix")
+        if matrix is None:
+            matrix = np.eye(4)
+            matrix[:3, :3] = array("R", R, np.float64, (3, 3))
+            matrix[:3, 3] = array("t", np.ravel(t), np.float64, (3,))
+        view = check_matrix("matrix [R t]", matrix)
+        square = (view[:3, None, :3] * view[None, :3, :3]).sum(axis=2)
+        if np.abs(square - np.eye(3)).max() > 1e-3 or determinant(view) < 0:
+            raise SceneError(f"R = {view[:3, :3].tolist()} is no rotation")
+        back = np.eye(4)
+        back[:3, :3] = view[:3, :3].T
+        position = transform.compose(back, transform.translate((-view[:3, 3]).tolist()))
+        width, height = whole("width", width, 1, MAX_PIXELS), whole("height", height, 1, MAX_PIXELS)
+        offset = [0.5 - (cx + 0.5) / width, 0.5 - (cy + 0.5) / height]
+        to_world = transform.compose(position, np.diag([-1.0, -1.0, 1.0, 1.0]))
+        fov = view_angle(width, fx)
+        return cls(to_world, fov, "x", principal_point_offset=np.array(offset), **lens)
+
+    def looking_at(
+        self,
+        target: Sequence[float],
+        origin: Sequence[float] | None = None,
+        up: Sequence[float] = _UP,
+    ) -> Camera:
+        """This camera, lens kept, turned to `target`, and moved to `origin` if that is given."""
+        eye = self.to_world[:3, 3].tolist() if origin is None else _vector("origin", origin)
+        matrix = transform.look_at(eye, _vector("target", target), _vector("up", up))
+        return dataclasses.replace(self, to_world=matrix)
+
+    def orbit(
+        self,
+        azimuth: float,
+        elevation: float = 0.0,
+        centre: Sequence[float] = (0.0, 0.0, 0.0),
+        up: Sequence[float] = _UP,
+    ) -> Camera:
+        """This camera, carried around `centre` as on a turntable: what it sees there stays in view.
+
+        azimuth: degrees about `up`, counter-clockwise seen from above. elevation: degrees towards
+        `up`, before that.
+        """
+        pivot = _vector("centre", centre)
+        axis = transform.unit(_vector("up", up), "up has length 0")
+        azimuth = number("azimuth", azimuth, -1e6, 1e6)
+        elevation = number("elevation", elevation, -1e6, 1e6)
+        arm = [p - c for p, c in zip(self.to_world[:3, 3].tolist(), pivot, strict=True)]
+        side = transform.cross(arm, axis)
+        if math.sqrt(sum(x * x for x in side)) <= 1e-9 * math.sqrt(sum(x * x for x in arm)):
+            side = self.to_world[:3, 0].tolist()  # above or below the centre: its own left
+        turn = transform.rotate(axis, azimuth)
+        turn = transform.compose(turn, transform.rotate(transform.unit(side, ""), elevation))
+        steps = (transform.translate([-c for c in pivot]), turn, transform.translate(pivot))
+        matrix = np.asarray(self.to_world)
+        for step in steps:
+            matrix = transform.compose(step, matrix)
+        return dataclasses.replace(self, to_world=matrix)
+
+    def dolly(self, distance: float) -> Camera:
+        """This camera, moved forward by `distance` along its view; backward if negative."""
+        distance = number("distance", distance, -MAX_COORDINATE, MAX_COORDINATE)
+        step = transform.translate([0.0, 0.0, distance])
+        return dataclasses.replace(self, to_world=transform.compose(self.to_world, step))
+
+
+def _vector(name: str, value: Sequence[float]) -> list[float]:
+    vector: list[float] = array(name, value, np.float64, (3,)).tolist()
+    return vector

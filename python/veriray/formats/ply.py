@@ -1,0 +1,235 @@
+"""Stanford PLY files: ASCII, and binary in both byte orders."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .node import shorten
+
+Array = npt.NDArray[Any]
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_INDICES = ("vertex_indices", "vertex_index")
+
+
+class MeshFileError(Exception):
+    """What is wrong with a mesh file: the end of a sentence that begins with the file's name."""
+
+
+@dataclass
+class _Element:
+    name: str
+    rows: int
+    #: name -> (type of a list's length, or "" for a number; type)
+    properties: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+
+def read(data: bytes) -> tuple[Array, Array, Array | None]:
+    """Vertices (V, 3) float64, triangles (T, 3) int64 and vertex normals (V, 3) or None.
+
+    Raises MeshFileError for anything but a header with vertex x, y, z and face vertex_indices (or
+    vertex_index) and exactly the data that it states.
+    """
+    elements, order, body = _header(data)
+    rows = sum(element.rows for element in elements)
+    if order == "":
+        content: Any = _Text(body, rows)
+    elif rows > len(body):
+        raise MeshFileError(f" is damaged: {rows} elements in {len(body)} bytes")
+    else:
+        content = _Binary(body, order)
+    found = {element.name: content.element(element) for element in elements}
+    content.end()
+    vertex, face = found.get("vertex", {}), found.get("face", {})
+    if not {"x", "y", "z"} <= vertex.keys():
+        raise MeshFileError(": the vertices have no x, y and z")
+    name = next((name for name in _INDICES if name in face), None)
+    if "face" in found and name is None:
+        raise MeshFileError(": the faces have no list vertex_indices")
+    vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    normals = None
+    if {"nx", "ny", "nz"} <= vertex.keys():
+        normals = np.stack([vertex[axis].astype(np.float64) for axis in ("nx", "ny", "nz")], axis=1)
+    return vertices, _fans(face[name] if name else []), normals
+
+
+def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
+    """The elements, the byte order ("" for text, "<", ">") and what follows the header."""
+    end = re.search(rb"^end_header[ \t]*\r?\n|^end_header\Z", data[: 2**16], re.MULTILINE)
+    lines = data[: end.start()].decode("latin-1").splitlines() if end else []
+    if not end or len(lines) < 2 or lines[0].strip() != "ply":
+        raise MeshFileError(' is not PLY: no header "ply" ... "end_header"')
+    form = re.fullmatch(r"format (ascii|binary_(little|big)_endian) 1\.0", lines[1].strip())
+    if not form:
+        raise MeshFileError(f": unknown {shorten(lines[1])}")
+    elements: list[_Element] = []
+    for line in lines[2:]:
+        tokens = line.split()
+        match tokens:
+            case [] | ["comment" | "obj_info", *_]:
+                continue
+            case ["element", name, count] if re.fullmatch("[0-9]{1,10}", count):
+                if all(name != element.name for element in elements):
+                    elements.append(_Element(name, int(count)))
+                    continue
+            case ["property", kind, name] if elements and kind in _TYPES:
+                elements[-1].properties[name] = "", _TYPES[kind]
+                continue
+            case ["property", "list", length, kind, name] if elements:
+                if _TYPES.get(length, "f")[0] in "iu" and kind in _TYPES:
+                    elements[-1].properties[name] = _TYPES[length], _TYPES[kind]
+                    continue
+        raise MeshFileError(f": bad header line {shorten(line)}")
+    return elements, {None: "", "little": "<", "big": ">"}[form[2]], data[end.end() :]
+
+
+class _Binary:
+    def __init__(self, body: bytes, order: str) -> None:
+        self.body, self.order, self.at = body, order, 0
+
+    def element(self, element: _Element) -> dict[str, Any]:
+        """Columns of an element: arrays; lists as an array (rows, length) or a list of arrays."""
+        lengths = self.lengths(element) if element.rows else {}
+        fields: list[Any] = []
+        for name, (length, kind) in element.properties.items():
+            if length:
+                fields += [
+                    (f"#{name}", self.order + length),
+                    (name, self.order + kind, (lengths.get(name, 0),)),
+                ]
+            else:
+                fields.append((name, self.order + kind))
+        dtype = np.dtype(fields)
+        end = self.at + element.rows * dtype.itemsize
+        if end <= len(self.body):
+            table = np.frombuffer(self.body, dtype, element.rows, self.at)
+            if all((table[f"#{name}"] == n).all() for name, n in lengths.items()):
+                self.at = end
+                return {name: table[name] for name in element.properties}
+        if not lengths:
+            raise MeshFileError(f" is damaged: it ends within {element.rows} x {element.name}")
+        return self.ragged(element)
+
+    def lengths(self, element: _Element) -> dict[str, int]:
+        """Lengths of the lists in the element's first row."""
+        start, result = self.at, {}
+        for name, (length, kind) in element.properties.items():
+            if length:
+                result[name] = int(self.take(length, 1)[0])
+                self.take(kind, result[name])
+            else:
+                self.take(kind, 1)
+        self.at = start
+        return result
+
+    def ragged(self, element: _Element) -> dict[str, Any]:
+        columns: dict[str, list[Any]] = {name: [] for name in element.properties}
+        for _ in range(element.rows):
+            for name, (length, kind) in element.properties.items():
+                count = int(self.take(length, 1)[0]) if length else 1
+                values = self.take(kind, count)
+                columns[name].append(values if length else values[0])
+        return {
+            name: columns[name] if length else np.array(columns[name])
+            for name, (length, _) in element.properties.items()
+        }
+
+    def take(self, kind: str, count: int) -> Array:
+        dtype = np.dtype(self.order + kind)
+        start = self.at
+        self.at += dtype.itemsize * count
+        if count < 0 or self.at > len(self.body):
+            raise MeshFileError(" is damaged: it ends within its data")
+        return np.frombuffer(self.body, dtype, count, start)
+
+    def end(self) -> None:
+        if self.at != len(self.body):
+            raise MeshFileError(f" is damaged: {len(self.body) - self.at} bytes follow its data")
+
+
+class _Text:
+    def __init__(self, body: bytes, rows: int) -> None:
+        body = body.rstrip()
+        self.lines = body.split(b"\n") if body else []
+        if len(self.lines) != rows:
+            raise MeshFileError(f" is damaged: {len(self.lines)} lines of data, {rows} expected")
+        self.at = 0
+
+    def element(self, element: _Element) -> dict[str, Any]:
+        """As _Binary's."""
+        lines = self.lines[self.at : self.at + element.rows]
+        self.at += element.rows
+        tokens = b" ".join(lines).split()
+        try:
+            values = np.array(tokens, dtype="S").astype(np.float64) if tokens else np.zeros(0)
+        except ValueError as error:
+            raise MeshFileError(f": {str(error)[:100]} among the elements {element.name}") from None
+        width = len(values) // max(element.rows, 1)
+        if width * element.rows == len(values):
+            table = values.reshape(element.rows, width)
+            columns = self.columns(element, table)
+            if columns is not None:
+                return columns
+        rows = [self.row(element, line) for line in lines]
+        return {
+            name: [row[name] for row in rows] if length else np.array([row[name] for row in rows])
+            for name, (length, _) in element.properties.items()
+        }
+
+    def columns(self, element: _Element, table: Array) -> dict[str, Any] | None:
+        """The columns if all lists of a name have one length."""
+        result, at = {}, 0
+        for name, (length, _) in element.properties.items():
+            count = 1
+            if length:
+                if not len(table) or at >= table.shape[1] or (table[:, at] != table[0, at]).any():
+                    return None
+                count, at = int(table[0, at]), at + 1
+            if count < 0 or at + count > table.shape[1]:
+                return None
+            result[name] = table[:, at : at + count] if length else table[:, at]
+            at += count
+        return result if at == table.shape[1] else None
+
+    def row(self, element: _Element, line: bytes) -> dict[str, Any]:
+        columns = self.columns(element, np.array([line.split()], dtype="S").astype(np.float64))
+        if columns is None:
+            given = shorten(line.decode("latin-1"))
+            raise MeshFileError(f" is damaged: {given} is no element {element.name}")
+        return {name: values[0] for name, values in columns.items()}
+
+    def end(self) -> None:
+        pass
+
+
+def _fans(lists: Any) -> Array:
+    """Triangles (T, 3) int64 of polygons with 3 or 4 corners, in the polygons' order."""
+    if isinstance(lists, list):
+        lengths = np.array([len(row) for row in lists], np.int64)
+    else:
+        lengths = np.full(len(lists), lists.shape[1])
+    if len(lengths) and (lengths.min() < 3 or lengths.max() > 4):
+        bad = int(np.argmax((lengths < 3) | (lengths > 4)))
+        raise MeshFileError(f": face {bad} has {lengths[bad]} vertices, expected 3 or 4")
+    corners = np.zeros((len(lengths), 4))
+    for count in (3, 4):
+        rows = np.flatnonzero(lengths == count)
+        if len(rows):
+            chosen = lists if isinstance(lists, np.ndarray) else np.stack([lists[i] for i in rows])
+            corners[rows, :count] = chosen
+    with np.errstate(invalid="ignore"):
+        whole = corners.astype(np.int64)
+    bad = (whole != corners).any(axis=1)
+    if bad.any():
+        raise MeshFileError(f": face {int(np.argmax(bad))} is not of integers")
+    fans = np.stack([whole[:, [0, 1, 2]], whole[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+    keep = np.stack([lengths >= 3, lengths == 4], axis=1).reshape(-1)
+    return fans[keep]

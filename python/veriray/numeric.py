@@ -1,0 +1,170 @@
+"""Checks of numbers and arrays, and exact trigonometry: what scene, camera and formats share."""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal, localcontext
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import SceneError
+
+Array = npt.NDArray[Any]
+
+MAX_COORDINATE = 1e100  # squares and triple products stay finite in float64
+_PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
+
+
+@lru_cache(maxsize=256)
+def sin_cos_degrees(angle: float) -> tuple[float, float]:
+    """Sine and cosine of an angle in degrees, from 50-digit arithmetic: the same on every machine.
+
+    Exact at multiples of 90 degrees.
+    """
+    with localcontext() as context:
+        context.prec = 50
+        degrees = Decimal(math.fmod(angle, 360.0))
+        quarter = int((degrees / 90).to_integral_value())
+        x = (degrees - 90 * quarter) * _PI / 180  # |x| <= pi/4
+        term, sine, cosine = Decimal(1), Decimal(0), Decimal(1)
+        for n in range(1, 50, 2):
+            term = term * x / n
+            sine += term
+            term = -term * x / (n + 1)
+            cosine += term
+        pairs = ((sine, cosine), (cosine, -sine), (-sine, -cosine), (-cosine, sine))
+        s, c = pairs[quarter % 4]
+        return float(s), float(c)
+
+
+def tan_half_degrees(angle: float) -> float:
+    """tan(angle / 2) for an angle in degrees."""
+    sine, cosine = sin_cos_degrees(0.5 * angle)
+    return sine / cosine
+
+
+def view_angle(extent: float, distance: float) -> float:
+    """Degrees under which `extent` is seen from `distance`: 2 atan(extent / (2 distance)).
+
+    Rounded to 12 decimals, as atan differs in the last bit between C libraries.
+    """
+    return round(math.degrees(2.0 * math.atan(extent / (2.0 * distance))), 12)
+
+
+def finite(name: str, value: Array, where: str = "") -> None:
+    """Raises SceneError with the index of the first NaN or infinity in `value`."""
+    bad = np.argwhere(~np.isfinite(value))
+    if len(bad):
+        index = tuple(int(i) for i in bad[0])
+        place = "".join(f"[{i}]" for i in index)
+        raise SceneError(f"{name}{place} is {value[index]}; it must be finite", where)
+
+
+def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> Array:
+    """A read-only C-contiguous copy of `value`; None in `shape` stands for any length."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "iufb" and given.size:
+            raise TypeError(f"dtype {given.dtype}")
+        if not given.size and None in shape:
+            given = given.reshape(tuple(n or 0 for n in shape))
+    except (TypeError, ValueError) as error:
+        raise SceneError(f"{name} cannot be read as numbers: {error}") from None
+    if given.ndim != len(shape) or any(
+        n is not None and n != m for n, m in zip(shape, given.shape, strict=True)
+    ):
+        expected = ", ".join("n" if n is None else str(n) for n in shape)
+        raise SceneError(f"{name} has shape {given.shape}, expected ({expected})")
+    kind = np.dtype(dtype).kind
+    result: Array
+    if kind == "f":
+        finite(name, given.astype(np.float64))
+        with np.errstate(over="ignore"):
+            result = np.array(given, dtype=dtype, order="C") + np.dtype(dtype).type(0)  # no -0
+        finite(f"{name} (as {np.dtype(dtype)})", result)
+    else:
+        if kind in "iu" and given.size:
+            if given.dtype.kind not in "iu":
+                raise SceneError(f"{name} has dtype {given.dtype}, expected integers")
+            info = np.iinfo(dtype)
+            if int(given.min()) < info.min or int(given.max()) > info.max:
+                value = int(given.min()) if int(given.min()) < info.min else int(given.max())
+                raise SceneError(f"{name} holds {value}, outside [{info.min}, {info.max}]")
+        result = np.array(given, dtype=dtype, order="C")
+    result.setflags(write=False)
+    return result
+
+
+def in_range(
+    name: str, values: Array, low: float, high: float, note: str = "", *, open_: bool = False
+) -> None:
+    """Raises SceneError with the first entry outside [low, high], or (low, high) when `open_`."""
+    with np.errstate(invalid="ignore"):
+        good = (values > low) & (values < high) if open_ else (values >= low) & (values <= high)
+    bad = np.argwhere(~good)
+    if len(bad):
+        index = tuple(int(i) for i in bad[0])
+        place = "".join(f"[{i}]" for i in index)
+        limits = f"({low:g}, {high:g})" if open_ else f"[{low:g}, {high:g}]"
+        raise SceneError(f"{name}{place} = {values[index]} is outside {limits}{note}")
+
+
+def number(name: str, value: Any, low: float, high: float, *, open_: bool = False) -> float:
+    """float(value), inside [low, high], or inside (low, high) when `open_`."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise SceneError(f"{name} = {value!r} is not a number")
+    result = float(value)
+    if not (low < result < high if open_ else low <= result <= high):
+        brackets = "()" if open_ else "[]"
+        raise SceneError(
+            f"{name} = {result:g} is outside {brackets[0]}{low:g}, {high:g}{brackets[1]}"
+        )
+    return result + 0.0
+
+
+def whole(name: str, value: Any, low: int, high: int) -> int:
+    """int(value) for an integer in [low, high]."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise SceneError(f"{name} = {value!r} is not an integer")
+    if not low <= int(value) <= high:
+        raise SceneError(f"{name} = {int(value)} is outside [{low}, {high}]")
+    return int(value)
+
+
+def determinant(matrix: Array) -> float:
+    """Determinant of the upper left 3x3 block, in a fixed order of operations."""
+    rows: list[list[float]] = matrix[:3, :3].tolist()
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+def check_matrix(name: str, value: Any) -> Array:
+    """A finite, affine, invertible 4x4 float64 matrix.
+
+    Singular: |det| of the 3x3 block at most 1e-12 of the product of its column lengths.
+    """
+    matrix = array(name, value, np.float64, (4, 4))
+    if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise SceneError(f"{name} has the last row {matrix[3].tolist()}, expected [0, 0, 0, 1]")
+    if np.abs(matrix).max() > MAX_COORDINATE:
+        raise SceneError(f"{name} holds a number above {MAX_COORDINATE:g}")
+    lengths = [math.hypot(*column) for column in matrix[:3, :3].T.tolist()]
+    if min(lengths) > 0:
+        unit = np.array(matrix)
+        unit[:3, :3] /= np.array(lengths)
+        if abs(determinant(unit)) > 1e-12:
+            return matrix
+    raise SceneError(f"{name} is singular: it flattens space (columns of length {lengths})")
+
+
+def check_rigid(name: str, what: str, matrix: Array) -> None:
+    """Raises SceneError if a column of the matrix's 3x3 block is not of unit length (to 1e-3)."""
+    for squared in (matrix[:3, :3] ** 2).sum(axis=0).tolist():
+        if abs(squared - 1.0) > 1e-3:
+            raise SceneError(
+                f"{name} scales by {math.sqrt(squared):g}; {what} may only be "
+                "rotated, mirrored and moved"
+            )

@@ -1,0 +1,821 @@
+#!/usr/bin/env python3
+"""Makes the scene files and meshes beside it: small bright scenes, each about one thing.
+
+    python scenes/checks/make.py [--check]
+
+--check compares with the files that are there and writes nothing (exit status 1 if they differ).
+Every file is valid for Mitsuba 3.9 (volpath) as it stands. Needs numpy and trimesh.
+"""
+
+from __future__ import annotations
+
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+HERE = Path(__file__).resolve().parent
+SEED = 20160300
+Array = npt.NDArray[np.float64]
+SCENES: dict[str, tuple[str, Callable[[], str]]] = {}
+
+
+# ---- pieces of XML ----
+
+
+def numbers(*values: float) -> str:
+    """Values in at most 6 significant digits, separated as in Mitsuba's own files."""
+    return ", ".join(f"{v:.6g}" for v in values)
+
+
+def number(name: str, value: float) -> str:
+    """A float."""
+    return f'<float name="{name}" value="{value:.8g}"/>'
+
+
+def flag(name: str, value: bool = True) -> str:
+    """A boolean."""
+    return f'<boolean name="{name}" value="{str(value).lower()}"/>'
+
+
+def text(name: str, value: str) -> str:
+    """A string."""
+    return f'<string name="{name}" value="{value}"/>'
+
+
+def rgb(name: str, *value: float) -> str:
+    """A colour of one or three numbers."""
+    return f'<rgb name="{name}" value="{numbers(*value)}"/>'
+
+
+def point(name: str, *value: float) -> str:
+    """A point."""
+    return '<point name="{}" x="{:g}" y="{:g}" z="{:g}"/>'.format(name, *value)
+
+
+def vector(name: str, *value: float) -> str:
+    """A vector."""
+    return '<vector name="{}" x="{:g}" y="{:g}" z="{:g}"/>'.format(name, *value)
+
+
+def ref(id_: str, name: str = "") -> str:
+    """A reference."""
+    return f'<ref id="{id_}"' + (f' name="{name}"' if name else "") + "/>"
+
+
+def transform(*steps: str) -> str:
+    """to_world of steps, the first applied first."""
+    return f'<transform name="to_world">{"".join(steps)}</transform>'
+
+
+def scale(*v: float) -> str:
+    """Scaling by one or three factors."""
+    if len(v) == 1:
+        return f'<scale value="{v[0]:g}"/>'
+    return '<scale x="{:g}" y="{:g}" z="{:g}"/>'.format(*v)
+
+
+def rotate(axis: str, angle: float) -> str:
+    """Rotation about a coordinate axis, degrees."""
+    return f'<rotate {axis}="1" angle="{angle:g}"/>'
+
+
+def translate(*v: float) -> str:
+    """Translation."""
+    return '<translate x="{:g}" y="{:g}" z="{:g}"/>'.format(*v)
+
+
+def matrix(*rows: float) -> str:
+    """A 4x4 matrix, row by row."""
+    return f'<matrix value="{" ".join(f"{v:g}" for v in rows)}"/>'
+
+
+def look_at(origin: tuple[float, ...], target: tuple[float, ...], up: str = "0, 1, 0") -> str:
+    """to_world of a camera or spot."""
+    look = f'<lookat origin="{numbers(*origin)}" target="{numbers(*target)}" up="{up}"/>'
+    return transform(look)
+
+
+def sensor(
+    origin: tuple[float, ...] = (0, 2.4, 6),
+    target: tuple[float, ...] = (0, 0.8, 0),
+    fov: float = 40,
+    rfilter: str = '<rfilter type="box"/>',
+    kind: str = "perspective",
+    extra: str = "",
+) -> str:
+    """A camera with film and sampler."""
+    return (
+        f'<sensor type="{kind}">{number("fov", fov)}{extra}{look_at(origin, target)}'
+        '<film type="hdrfilm"><integer name="width" value="$width"/>'
+        f'<integer name="height" value="$height"/>{rfilter}</film>'
+        '<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler></sensor>'
+    )
+
+
+def bsdf(kind: str, *content: str, id_: str = "") -> str:
+    """A material."""
+    named = f' id="{id_}"' if id_ else ""
+    return f'<bsdf type="{kind}"{named}>{"".join(content)}</bsdf>'
+
+
+def diffuse(*value: float) -> str:
+    """A Lambertian material."""
+    return bsdf("diffuse", rgb("reflectance", *value))
+
+
+def shape(kind: str, *content: str) -> str:
+    """A shape."""
+    return f'<shape type="{kind}">{"".join(content)}</shape>'
+
+
+def sphere(x: float, y: float, z: float, radius: float, *content: str) -> str:
+    """A sphere by centre and radius."""
+    return shape("sphere", point("center", x, y, z), number("radius", radius), *content)
+
+
+def area(*radiance: float) -> str:
+    """An area emitter."""
+    return f'<emitter type="area">{rgb("radiance", *radiance)}</emitter>'
+
+
+def sky(*radiance: float) -> str:
+    """A constant environment."""
+    return f'<emitter type="constant">{rgb("radiance", *radiance)}</emitter>'
+
+
+def emitter(kind: str, *content: str) -> str:
+    """A point, spot or directional light."""
+    return f'<emitter type="{kind}">{"".join(content)}</emitter>'
+
+
+def floor(*value: float, size: float = 20) -> str:
+    """The plane y = 0."""
+    return shape("rectangle", transform(scale(size), rotate("x", -90)), diffuse(*value))
+
+
+def lamp(*radiance: float, x: float = 1.5, y: float = 6, z: float = 1, half: float = 2) -> str:
+    """A square that shines down and reflects nothing."""
+    place = transform(scale(half), rotate("x", 90), translate(x, y, z))
+    return shape("rectangle", place, diffuse(0), area(*radiance))
+
+
+def medium(
+    id_: str, extinction: tuple[float, ...], albedo: tuple[float, ...], g: float | None = None,
+    name: str = "", scaling: float | None = None,
+) -> str:  # fmt: skip
+    """A homogeneous medium; g None: isotropic. Mitsuba takes no rgb extinction above 1."""
+    phase = '<phase type="isotropic"/>'
+    if g is not None:
+        phase = f'<phase type="hg">{number("g", g)}</phase>'
+    head = (f' id="{id_}"' if id_ else "") + (f' name="{name}"' if name else "")
+    if len(extinction) == 1:
+        values = number("sigma_t", *extinction)
+    else:
+        scaling = max(extinction) if scaling is None else scaling
+        values = rgb("sigma_t", *(v / scaling for v in extinction))
+    values += rgb("albedo", *albedo)
+    if scaling is not None:
+        values += number("scale", scaling)
+    return f'<medium type="homogeneous"{head}>{values}{phase}</medium>'
+
+
+def inside(extinction: tuple[float, ...], albedo: tuple[float, ...], g: float | None = None,
+           **more: Any) -> str:  # fmt: skip
+    """A medium as a shape's interior."""
+    return medium("", extinction, albedo, g, "interior", **more)
+
+
+def striped() -> str:
+    """Floor, sky, a large lamp and two coloured walls behind: something to see through glass."""
+    left = shape("rectangle", transform(scale(1.5, 2, 1), rotate("y", 30), translate(-2, 2, -3)),
+                 diffuse(0.8, 0.2, 0.1))  # fmt: skip
+    right = shape("rectangle", transform(scale(1.5, 2, 1), rotate("y", -30), translate(2, 2, -3)),
+                  diffuse(0.1, 0.3, 0.8))  # fmt: skip
+    return floor(0.5, 0.5, 0.4) + left + right + sky(0.5, 0.6, 0.7) + lamp(4, 3.5, 3)
+
+
+def scene(about: str) -> Callable[[Callable[[], str]], Callable[[], str]]:
+    """Registers a scene under its function's name; `about` is its line in the README."""
+
+    def register(make: Callable[[], str]) -> Callable[[], str]:
+        SCENES[make.__name__] = about, make
+        return make
+
+    return register
+
+
+# ---- emitters ----
+
+
+@scene("a lamp that is a sphere, sampled by solid angle, and a small one near the floor")
+def sphere_light() -> str:
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(-1.2, 1, -0.5, 1, diffuse(0.7, 0.5, 0.3))
+        + sphere(1.2, 2.2, 0.5, 0.8, diffuse(0), area(6, 5, 4))
+        + sphere(0.9, 0.16, 1.5, 0.15, diffuse(0.2), area(2, 4, 8))
+    )  # fmt: skip
+
+
+@scene("a point light above a floor and a ball")
+def point_light() -> str:
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(-0.5, 0.8, 0, 0.8, diffuse(0.7, 0.5, 0.3))
+        + emitter("point", point("position", 1.5, 2.5, 1.5), rgb("intensity", 18, 15, 12))
+        + sky(0.2, 0.25, 0.3)
+    )  # fmt: skip
+
+
+@scene("two spot lights, one with the default beam width")
+def spot_light() -> str:
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(0, 0.7, 0, 0.7, diffuse(0.7, 0.5, 0.3))
+        + emitter("spot", look_at((-2, 4, 2), (-0.5, 0, 0)), rgb("intensity", 60, 40, 30),
+                  number("cutoff_angle", 25), number("beam_width", 10))
+        + emitter("spot", look_at((2.5, 4, 1), (0.8, 0, 0.3)), rgb("intensity", 20, 40, 60))
+        + sky(0.2, 0.25, 0.3)
+    )  # fmt: skip
+
+
+@scene("parallel light from one side")
+def directional_light() -> str:
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(-0.6, 0.8, 0, 0.8, diffuse(0.7, 0.5, 0.3))
+        + shape("cube", transform(scale(0.4), rotate("y", 30), translate(1.2, 0.4, 0.4)),
+                diffuse(0.3, 0.5, 0.7))
+        + emitter("directional", vector("direction", -1, -1.5, -0.8), rgb("irradiance", 3, 2.5, 2))
+        + sky(0.2, 0.25, 0.3)
+    )  # fmt: skip
+
+
+@scene("a disk that shines, tilted, seen from both sides by the scene")
+def disk_light() -> str:
+    place = transform(scale(1.2), rotate("x", 70), translate(0.5, 2.2, -0.5))
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(-1, 0.7, 0.3, 0.7, diffuse(0.7, 0.5, 0.3))
+        + shape("disk", place, diffuse(0.1), area(7, 6, 5)) + sky(0.2, 0.25, 0.3)
+    )  # fmt: skip
+
+
+@scene("a lamp that is a mesh, and one that is a cube")
+def mesh_light() -> str:
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(0, 0.6, 0.8, 0.6, diffuse(0.7, 0.5, 0.3))
+        + shape("ply", text("filename", "meshes/bumps.ply"), flag("face_normals"),
+                transform(scale(0.6), translate(-1.5, 1.4, 0)), diffuse(0.2), area(4, 3, 2))
+        + shape("cube", transform(scale(0.3, 0.5, 0.2), rotate("z", 30), translate(1.5, 1.2, 0)),
+                diffuse(0.2), area(4, 6, 8))
+    )  # fmt: skip
+
+
+# ---- shapes ----
+
+
+def mesh(name: str, *content: str) -> str:
+    place = transform(scale(1.1), rotate("y", 40), translate(0, 1.2, 0))
+    kind = name.rpartition(".")[2]
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4) + lamp(8, 7, 6)
+        + shape(kind, text("filename", f"meshes/{name}"), place, diffuse(0.8, 0.6, 0.4), *content)
+    )  # fmt: skip
+
+
+@scene("a closed mesh with vertex normals in the file, more bent than the mesh")
+def smooth_normals() -> str:
+    return mesh("bumps.ply")
+
+
+@scene("the same mesh without vertex normals: they are computed, weighted by angle")
+def computed_normals() -> str:
+    return mesh("bumps.obj")
+
+
+@scene("the same mesh, flat: vertex normals in the file are not used")
+def face_normals() -> str:
+    return mesh("bumps.ply", flag("face_normals"))
+
+
+@scene("flipped shapes: a room in a sphere, a lamp, and ones that are mirrored as well")
+def flip_normals() -> str:
+    turned = flag("flip_normals")
+    return (
+        sensor((0, 0.5, 3.5), (0, 0, 0), 60)
+        + sphere(0, 0, 0, 5, turned, diffuse(0.6, 0.5, 0.7), area(0.3, 0.3, 0.25))
+        + shape("disk", transform(rotate("x", -90), scale(1.2), translate(0, 2.5, 0)), turned,
+                diffuse(0.1), area(5, 4, 3))
+        + shape("rectangle", turned, transform(scale(2), rotate("x", 90), translate(0, -1, 0)),
+                diffuse(0.5, 0.6, 0.5))
+        + shape("sphere", turned, transform(scale(-0.6, 0.6, 0.6), translate(-1, -0.3, 0)),
+                diffuse(0.8, 0.4, 0.3))
+        + shape("cube", turned, transform(scale(-0.4, 0.4, 0.4), translate(1.2, -0.5, 0.2)),
+                bsdf("twosided", diffuse(0.3, 0.4, 0.8)))
+        + shape("obj", text("filename", "meshes/bumps.obj"), turned,
+                transform(scale(-0.4, 0.4, 0.4), translate(0.1, 0.5, 0.4)), diffuse(0.9, 0.7, 0.5))
+        + shape("cube", turned, transform(scale(0.2), rotate("y", 30), translate(0, -0.6, 1.5)),
+                diffuse(0.9))
+    )  # fmt: skip
+
+
+@scene("disks sheared and scaled to ellipses, one of them a lamp")
+def disk_ellipse() -> str:
+    shear = matrix(1, 0.8, 0, 0, 0, 0.5, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4)
+        + shape("disk", transform(shear, rotate("x", 80), translate(0, 2.6, 0)), diffuse(0.1),
+                area(8, 7, 6))
+        + shape("disk", transform(scale(0.5, 1.2, 1), rotate("x", -40), translate(-1, 0.8, 0)),
+                diffuse(0.8, 0.4, 0.3))
+        + shape("disk", transform(shear, scale(0.7), rotate("y", 30), translate(1.2, 0.8, 0.5)),
+                diffuse(0.3, 0.4, 0.8))
+    )  # fmt: skip
+
+
+@scene("rectangles sheared to parallelograms, one of them a lamp")
+def rectangle_sheared() -> str:
+    shear = matrix(1, 0.8, 0, 0, 0, 0.5, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4)
+        + shape("rectangle", transform(shear, rotate("x", 80), translate(0, 2.6, 0)), diffuse(0.1),
+                area(7, 6, 5))
+        + shape("rectangle", transform(scale(0.5, 1, 1), rotate("x", -40), translate(-1, 0.8, 0)),
+                diffuse(0.8, 0.4, 0.3))
+        + shape("rectangle", transform(shear, scale(0.7), rotate("y", 30),
+                                       translate(1.2, 0.8, 0.5)), diffuse(0.3, 0.4, 0.8))
+    )  # fmt: skip
+
+
+@scene("cubes under any affine map, one of them open to the camera's side by a mirror map")
+def cube_affine() -> str:
+    shear = matrix(1, 0.5, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 1)
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4) + lamp(8, 7, 6)
+        + shape("cube", transform(scale(0.6, 0.8, 0.3), shear, translate(-1, 0.8, 0)),
+                diffuse(0.8, 0.4, 0.3))
+        + shape("cube", transform(scale(-0.5, 0.3, 0.6), rotate("y", 50), translate(1.1, 0.3, 0.6)),
+                diffuse(0.3, 0.4, 0.8))
+    )  # fmt: skip
+
+
+@scene("a ground sphere of radius 1,000 under spheres of radius 0.6 to 0.01")
+def large_small_spheres() -> str:
+    parts = [sensor((0, 0.9, 2.4), (0, 0.2, 0), 40), sky(0.3, 0.35, 0.4), lamp(8, 7, 6)]
+    parts.append(sphere(0, -1000, 0, 1000, diffuse(0.5, 0.6, 0.5)))
+    for x, z, r in ((-0.6, -0.4, 0.6), (0.3, 0, 0.3), (0.1, 0.6, 0.1), (-0.2, 0.9, 0.03),
+                    (0.25, 0.9, 0.03), (0.1, 1.1, 0.01)):  # fmt: skip
+        parts.append(sphere(x, r, z, r, diffuse(0.4 + 0.5 * r, 0.8 - r, 0.9 - 1.2 * r)))
+    return "".join(parts)
+
+
+@scene("300 random spheres with diffuse colours, one in ten emits")
+def spheres_300() -> str:
+    rng = np.random.default_rng(SEED)
+    parts = [sensor((0, 3.2, 7.5), (0, 0.4, 0), 42), floor(0.5), sky(0.25, 0.3, 0.35)]
+    placed: list[tuple[float, float, float]] = []
+    while len(placed) < 300:
+        x, z = (float(v) for v in rng.uniform(-4, 4, 2))
+        radius = float(rng.uniform(0.07, 0.25))
+        if any((x - a) ** 2 + (z - b) ** 2 < (radius + r) ** 2 for a, b, r in placed):
+            continue
+        x, z, radius = round(x, 3), round(z, 3), round(radius, 3)
+        colour = [round(float(v), 2) for v in rng.uniform(0.1, 0.9, 3)]
+        shine = [round(float(v), 2) for v in rng.uniform(0.5, 4, 3)]
+        light = area(*shine) if len(placed) % 10 == 0 else ""
+        parts.append(sphere(x, round(1.05 * radius, 3), z, radius, diffuse(*colour), light))
+        placed.append((x, z, 1.05 * radius))
+    return "".join(parts)
+
+
+# ---- materials ----
+
+
+@scene("ideal mirrors: a ball, a tilted pane, a tinted cube")
+def conductor_mirror() -> str:
+    pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.9, -0.6))
+    return (
+        sensor() + striped() + sphere(-0.7, 0.8, 0.3, 0.8, bsdf("conductor", text("material", "none")))
+        + shape("rectangle", pane, bsdf("conductor", text("material", "none")))
+        + shape("cube", transform(scale(0.25), rotate("y", 20), translate(0.8, 0.25, 1.3)),
+                bsdf("conductor", text("material", "none"), rgb("specular_reflectance", 0.9, 0.7, 0.3)))
+    )  # fmt: skip
+
+
+@scene("metals by eta and k: a ball, a two-sided pane, a smooth mesh")
+def conductor_metal() -> str:
+    gold = rgb("eta", 0.143, 0.375, 1.442) + rgb("k", 3.983, 2.386, 1.603)
+    iron = rgb("eta", 2.9, 2.92, 2.53) + rgb("k", 3.05, 2.93, 2.73)
+    pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.5, 0.9, -0.6))
+    return (
+        sensor() + striped() + sphere(-0.7, 0.8, 0.3, 0.8, bsdf("conductor", gold))
+        + shape("rectangle", pane, bsdf("twosided", bsdf("conductor", iron)))
+        + shape("ply", text("filename", "meshes/bumps.ply"),
+                transform(scale(0.4), translate(0.9, 0.5, 1)),
+                bsdf("conductor", iron, rgb("specular_reflectance", 0.9, 0.6, 0.4)))
+    )  # fmt: skip
+
+
+@scene("a glass ball, with indices by name and by number, one tinted")
+def dielectric_sphere() -> str:
+    tinted = bsdf("dielectric", number("int_ior", 1.5), number("ext_ior", 1),
+                  rgb("specular_transmittance", 0.9, 0.7, 0.5),
+                  rgb("specular_reflectance", 0.6, 0.9, 1))  # fmt: skip
+    return (
+        sensor() + striped() + sphere(-0.8, 0.9, 0.3, 0.8, bsdf("dielectric"))
+        + sphere(0.9, 0.7, 0.6, 0.6, tinted)
+        + sphere(0.1, 0.35, 1.5, 0.3,
+                 bsdf("dielectric", text("int_ior", "diamond"), text("ext_ior", "water")))
+    )  # fmt: skip
+
+
+@scene("a ball of index 1.5 and a bubble of air in a ball of water, with a matt core")
+def nested_dielectrics() -> str:
+    return (
+        sensor() + striped()
+        + sphere(0, 1.3, 0, 1.2, bsdf("dielectric", number("int_ior", 1.33), number("ext_ior", 1)))
+        + sphere(-0.4, 1.4, 0.3, 0.5,
+                 bsdf("dielectric", number("int_ior", 1.5), number("ext_ior", 1.33)))
+        + sphere(0.5, 1.5, 0.2, 0.35,
+                 bsdf("dielectric", number("int_ior", 1), number("ext_ior", 1.33)))
+        + sphere(0.2, 0.7, 0.2, 0.25, diffuse(0.9, 0.6, 0.2))
+    )  # fmt: skip
+
+
+@scene("a cube of glass that the camera sees by total internal reflection, and a smooth mesh")
+def glass_cube() -> str:
+    return (
+        sensor() + striped()
+        + shape("cube", transform(scale(0.6), rotate("y", 25), translate(-0.7, 0.7, 0.3)),
+                bsdf("dielectric", number("int_ior", 1.5)))
+        + shape("cube", flag("flip_normals"),
+                transform(scale(0.3), rotate("y", 40), rotate("x", 30), translate(0.9, 0.6, 1)),
+                bsdf("dielectric", number("int_ior", 1), number("ext_ior", 1.5)))
+    )  # fmt: skip
+
+
+@scene("a smooth mesh of glass: shading normals in refraction, on a mesh without concavities")
+def glass_mesh() -> str:
+    return (
+        sensor() + striped()
+        + shape("ply", text("filename", "meshes/egg.ply"),
+                transform(scale(0.9), rotate("z", 25), translate(0, 1.1, 0.3)),
+                bsdf("dielectric", number("int_ior", 1.5)))
+    )  # fmt: skip
+
+
+@scene("thin panes and a thin shell before the walls")
+def thindielectric() -> str:
+    pane = transform(scale(0.8), rotate("y", 25), translate(-0.9, 1, 0.5))
+    tinted = bsdf("thindielectric", number("int_ior", 1.8), rgb("specular_transmittance", 0.9, 0.6, 0.4))
+    return (
+        sensor() + striped() + shape("rectangle", pane, bsdf("thindielectric"))
+        + sphere(0.8, 0.8, 0.5, 0.7, bsdf("thindielectric", number("int_ior", 2.2)))
+        + shape("disk", transform(scale(0.5), rotate("x", -60), translate(0, 0.5, 1.6)), tinted)
+    )  # fmt: skip
+
+
+@scene("plastic: a glossy ball and pane with the default indices and others")
+def plastic() -> str:
+    pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.9, -0.6))
+    return (
+        sensor() + striped()
+        + sphere(-0.7, 0.8, 0.3, 0.8, bsdf("plastic", rgb("diffuse_reflectance", 0.8, 0.3, 0.1)))
+        + shape("rectangle", pane, bsdf("twosided", bsdf(
+            "plastic", rgb("diffuse_reflectance", 0.1, 0.6, 0.3), number("int_ior", 1.9),
+            rgb("specular_reflectance", 0.9, 0.8, 0.5))))
+        + shape("ply", text("filename", "meshes/bumps.ply"),
+                transform(scale(0.4), translate(0.8, 0.5, 1.1)), bsdf("plastic"))
+    )  # fmt: skip
+
+
+@scene("plastic whose base takes the colour shift of internal reflections")
+def plastic_nonlinear() -> str:
+    base = rgb("diffuse_reflectance", 0.9, 0.5, 0.2) + number("int_ior", 1.5)
+    return (
+        sensor() + striped()
+        + sphere(-0.8, 0.8, 0.3, 0.8, bsdf("plastic", base, flag("nonlinear")))
+        + sphere(0.9, 0.8, 0.3, 0.8, bsdf("plastic", base))
+    )  # fmt: skip
+
+
+@scene("opacity 0.3, 0.6 and 0.9 over diffuse, plastic and mirror")
+def mask() -> str:
+    def masked(opacity: float, *inner: str) -> str:
+        return bsdf("mask", number("opacity", opacity), bsdf(*inner))
+
+    pane = transform(scale(0.8), rotate("y", 25), translate(-0.9, 1, 0.5))
+    return (
+        sensor() + striped()
+        + shape("rectangle", pane, bsdf("mask", number("opacity", 0.6),
+                                        bsdf("twosided", diffuse(0.8, 0.4, 0.2))))
+        + sphere(0.9, 0.8, 0.4, 0.7, masked(0.3, "conductor", text("material", "none")))
+        + sphere(0.1, 0.4, 1.5, 0.35, masked(0.9, "plastic"))
+    )  # fmt: skip
+
+
+@scene("open surfaces that reflect on both sides, beside ones that are black from behind")
+def twosided() -> str:
+    def pane(x: float, angle: float) -> str:
+        return transform(scale(0.45, 0.9, 1), rotate("y", angle), translate(x, 1, 0.3))
+
+    both = bsdf("twosided", diffuse(0.8, 0.4, 0.2))
+    return (
+        sensor() + striped() + shape("rectangle", pane(-1.8, 160), both)
+        + shape("rectangle", pane(-0.6, 200), bsdf("twosided", bsdf("plastic")))
+        + shape("rectangle", pane(0.6, 160), bsdf("twosided", bsdf("conductor", text("material", "none"))))
+        + shape("rectangle", pane(1.8, 200), diffuse(0.8))
+        + shape("disk", transform(scale(0.5), rotate("x", 80), translate(0, 0.6, 1.2)), both)
+    )  # fmt: skip
+
+
+# ---- media ----
+
+NULL = bsdf("null")
+
+
+@scene("a scattering medium in an index-matched ball, beside a matt one")
+def null_medium() -> str:
+    return (
+        sensor() + striped()
+        + sphere(-0.7, 1, 0.2, 0.9, NULL, inside((1.5,), (0.8, 0.8, 0.8)))
+        + sphere(0.9, 0.6, 0.8, 0.5, diffuse(0.7))
+    )  # fmt: skip
+
+
+@scene("a scattering medium in a glass ball: subsurface scattering")
+def medium_in_glass() -> str:
+    glass = bsdf("dielectric", number("int_ior", 1.4))
+    return sensor() + striped() + sphere(0, 1.1, 0.3, 1, glass, inside((3,), (0.9, 0.9, 0.9)))
+
+
+@scene("extinction and albedo by colour, index-matched and in glass")
+def chromatic_medium() -> str:
+    glass = bsdf("dielectric", number("int_ior", 1.3))
+    return (
+        sensor() + striped()
+        + sphere(-1, 1, 0.2, 0.9, NULL, inside((0.8, 1.6, 2.4), (0.95, 0.8, 0.5)))
+        + sphere(1, 1, 0.2, 0.9, glass, inside((2.5, 1.5, 1), (0.6, 0.9, 0.95)))
+    )  # fmt: skip
+
+
+@scene("clear and coloured glass that absorbs: albedo 0")
+def absorbing_glass() -> str:
+    glass = bsdf("dielectric", number("int_ior", 1.5))
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.9, 0.2, 0.8, glass, inside((0.2, 0.6, 1.0), (0,)))
+        + shape("cube", transform(scale(0.5), rotate("y", 30), translate(0.9, 0.6, 0.5)),
+                NULL, inside((1, 0.5, 0.2), (0,)))
+    )  # fmt: skip
+
+
+@scene("Henyey-Greenstein forward scattering, g = 0.8")
+def hg_forward() -> str:
+    return sensor() + striped() + sphere(0, 1.1, 0.2, 1, NULL, inside((2.5,), (0.95,), 0.8))
+
+
+@scene("Henyey-Greenstein backward scattering, g = -0.6, with a scale")
+def hg_backward() -> str:
+    return (
+        sensor() + striped()
+        + sphere(0, 1.1, 0.2, 1, NULL, inside((0.2,), (0.9,), -0.6, scaling=10))
+    )  # fmt: skip
+
+
+@scene("the camera stands in the medium, inside a null cube, and sees a lamp and a ball in it")
+def camera_in_medium() -> str:
+    fog = medium("fog", (0.08, 0.1, 0.14), (0.9, 0.8, 0.7), 0.3)
+    return (
+        fog + sensor(extra=number("near_clip", 1e-5) + ref("fog", "medium")) + sky(0.5, 0.6, 0.7)
+        + shape("cube", transform(scale(7)), NULL, ref("fog", "interior"))
+        + shape("rectangle", transform(scale(5), rotate("x", -90)), diffuse(0.5, 0.6, 0.5))
+        + shape("rectangle", transform(scale(1.5), rotate("x", 90), translate(1.5, 4, 0)),
+                diffuse(0), area(5, 4, 3))
+        + sphere(-0.6, 0.8, 0, 0.8, diffuse(0.8, 0.4, 0.2))
+    )  # fmt: skip
+
+
+@scene("two media that share a wall, one around a third, all index-matched")
+def touching_media() -> str:
+    media = (
+        medium("left", (1.2,), (0.9, 0.6, 0.4)) + medium("right", (0.6, 0.9, 1.2), (0.5, 0.7, 0.9))
+        + medium("core", (4,), (0.9,), 0.5)
+    )  # fmt: skip
+
+    def wall(x: float, y: float, z: float, turn: str, interior: str) -> str:
+        place = transform(scale(0.7), turn, translate(x, y, z))
+        return shape("rectangle", place, NULL, ref(interior, "interior"))
+
+    parts = [media, sensor(), striped()]
+    for side, name in ((-0.7, "left"), (0.7, "right")):
+        parts += [
+            wall(side, 1.1, 0.9, rotate("y", 0), name),
+            wall(side, 1.1, -0.5, rotate("y", 180), name),
+            wall(side, 1.8, 0.2, rotate("x", -90), name),
+            wall(side, 0.4, 0.2, rotate("x", 90), name),
+            wall(2 * side, 1.1, 0.2, rotate("y", 90 if side > 0 else -90), name),
+        ]
+    shared = transform(scale(0.7), rotate("y", 90), translate(0, 1.1, 0.2))
+    parts.append(shape("rectangle", shared, NULL, ref("left", "interior"), ref("right", "exterior")))
+    parts.append(sphere(0.7, 1.1, 0.2, 0.35, NULL, ref("core", "interior"), ref("right", "exterior")))
+    return "".join(parts)
+
+
+@scene("a point light in a hollow of a medium: shadow rays through two null boundaries")
+def point_in_medium() -> str:
+    haze = medium("haze", (0.5, 0.7, 0.9), (0.8, 0.6, 0.4))
+    return (
+        haze + sensor() + floor(0.5, 0.6, 0.5) + sky(0.15, 0.2, 0.25)
+        + sphere(0, 1.4, 0, 1.3, NULL, ref("haze", "interior"))
+        + sphere(0.2, 1.6, 0.2, 0.5, NULL, ref("haze", "exterior"))
+        + sphere(-0.4, 0.5, 0.3, 0.2, diffuse(0.7))
+        + emitter("point", point("position", 0.2, 1.7, 0.3), rgb("intensity", 12, 12, 12))
+    )  # fmt: skip
+
+
+@scene("lamps inside media: a sphere in fog in glass, a rectangle behind a null boundary")
+def lamp_in_medium() -> str:
+    glass = bsdf("dielectric", number("int_ior", 1.3))
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4)
+        + sphere(-1, 1, 0.2, 0.9, glass, inside((1,), (0.9,)))
+        + sphere(-1, 1, 0.2, 0.4, diffuse(0.3), area(5, 4, 2))
+        + shape("cube", transform(scale(0.8), translate(1.1, 0.9, 0.2)), NULL,
+                inside((0.8, 0.5, 0.3), (0.7,), 0.4))
+        + shape("rectangle", transform(scale(0.4), rotate("x", 90), translate(1.1, 1.4, 0.2)),
+                diffuse(0), area(4, 5, 8))
+    )  # fmt: skip
+
+
+@scene("a mesh of wax: refractive smooth boundary, dense medium, scale")
+def medium_in_mesh() -> str:
+    return (
+        sensor() + striped()
+        + shape("ply", text("filename", "meshes/egg.ply"),
+                transform(scale(0.9), rotate("z", 25), translate(0, 1.1, 0.3)),
+                bsdf("dielectric", number("int_ior", 1.3)),
+                inside((3.6, 4.8, 6), (0.99, 0.95, 0.8)))
+    )  # fmt: skip
+
+
+# ---- cameras and filters ----
+
+
+@scene("depth of field: a thin lens focused on the middle ball")
+def thinlens() -> str:
+    lens = number("aperture_radius", 0.25) + number("focus_distance", 5.5)
+    parts = [sensor((0, 1.6, 6), (0, 0.6, 0), 40, kind="thinlens", extra=lens), striped()]
+    for x, z, colour in ((-1.2, -2, (0.8, 0.3, 0.2)), (0, 0.5, (0.3, 0.8, 0.2)),
+                         (0.8, 2.5, (0.2, 0.3, 0.8))):  # fmt: skip
+        parts.append(sphere(x, 0.5, z, 0.5, diffuse(*colour)))
+    return "".join(parts)
+
+
+def edges(rfilter: str) -> str:
+    return (
+        sensor(rfilter=f'<rfilter type="{rfilter}"/>') + floor(0.5, 0.6, 0.5) + sky(0.5, 0.5, 0.5)
+        + shape("rectangle", transform(scale(0.8), rotate("z", 20), translate(-1, 1.2, 0)),
+                diffuse(0), area(2, 1, 0.5))
+        + sphere(1, 0.8, 0.3, 0.8, diffuse(0.1, 0.2, 0.3))
+    )  # fmt: skip
+
+
+@scene("edges under the filter tent")
+def tent() -> str:
+    return edges("tent")
+
+
+@scene("edges under the filter gaussian")
+def gaussian() -> str:
+    return edges("gaussian")
+
+
+@scene("edges under the filter mitchell, which has negative lobes")
+def mitchell() -> str:
+    return edges("mitchell")
+
+
+# ---- files ----
+
+
+def displaced(level: int, bump: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """An icosphere whose vertices are moved to `bump` of their direction: vertices and faces."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(level)
+    unit = np.asarray(ball.vertices, np.float64)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    return bump(unit), np.asarray(ball.faces, np.int64)
+
+
+def bumps(d: Array, height: float = 0.09) -> Array:
+    """A ball with waves."""
+    wave = np.sin(5 * d[:, 0] + 1) * np.sin(5 * d[:, 1]) * np.sin(5 * d[:, 2] + 2)
+    return d * (1 + height * wave)[:, None]
+
+
+def egg(d: Array) -> Array:
+    """A convex body without symmetry."""
+    return d * [0.8, 1.1, 0.9] * (1 + 0.1 * d[:, 1:2])
+
+
+def normals(surface: Callable[[Array], Array], d: Array) -> Array:
+    """Unit normals of a surface over the sphere at directions d (N, 3), by differences."""
+    helper = np.where(np.abs(d[:, :1]) < 0.5, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    u = np.cross(d, helper)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(d, u)
+
+    def slope(t: Array) -> Array:
+        def at(step: float) -> Array:
+            p = d + step * t
+            return surface(p / np.linalg.norm(p, axis=1, keepdims=True))
+
+        return (at(1e-5) - at(-1e-5)) / 2e-5
+
+    n: Array = np.cross(slope(u), slope(v))
+    return n / np.linalg.norm(n, axis=1, keepdims=True)
+
+
+def ply(vertices: Array, faces: Array, normal: Array) -> str:
+    """An ASCII PLY file with vertex normals."""
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n"
+        + "".join(f"property float {name}\n" for name in "x y z nx ny nz".split())
+        + f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = ["{:.5f} {:.5f} {:.5f} {:.4f} {:.4f} {:.4f}\n".format(*v, *n)
+            for v, n in zip(vertices, normal, strict=True)]  # fmt: skip
+    return (head + "".join(rows) + "".join("3 {} {} {}\n".format(*f) for f in faces)).replace(
+        "-0.00000", "0.00000"
+    ).replace("-0.0000 ", "0.0000 ")  # fmt: skip
+
+
+def obj(vertices: Array, faces: Array) -> str:
+    """An OBJ file without normals."""
+    rows = ["v {:.5f} {:.5f} {:.5f}\n".format(*v) for v in vertices]
+    rows += ["f {} {} {}\n".format(*(f + 1)) for f in faces]
+    return "".join(rows).replace("-0.00000", "0.00000")
+
+
+def xml(about: str, body: str) -> str:
+    """A scene file."""
+    defaults = {"spp": 64, "width": 64, "height": 64, "max_depth": 64, "rr_depth": 5}
+    head = "".join(f'<default name="{k}" value="{v}"/>' for k, v in defaults.items())
+    integrator = (
+        '<integrator type="volpath"><integer name="max_depth" value="$max_depth"/>'
+        '<integer name="rr_depth" value="$rr_depth"/></integrator>'
+    )
+    root = ET.fromstring(f'<scene version="3.0.0">{head}{integrator}{body}</scene>')
+    ET.indent(root, "    ")
+    comment = f"<!-- {about[0].upper()}{about[1:]}. Made by make.py. -->"
+    content = ET.tostring(root, encoding="unicode").replace(" />", "/>")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{comment}\n{content}\n'
+
+
+README = """# Checks
+
+Small bright scenes, each about one thing, in which every shape, material, medium, camera, light and
+filter occurs. Mitsuba 3 reads the same files. `make.py` makes them all, meshes and random spheres
+too (`--check` compares). Parameters: `spp`, `width`, `height`, `max_depth`, `rr_depth`.
+
+| scene | what it is about |
+|---|---|
+"""
+
+
+def files() -> dict[str, str]:
+    """Content by path."""
+    ball, ball_faces = displaced(3, bumps)
+    unit, _ = displaced(3, lambda d: d)
+    body, body_faces = displaced(3, egg)
+    result = {
+        "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
+        "meshes/bumps.obj": obj(ball, ball_faces),
+        "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),
+    }
+    result |= {f"{name}.xml": xml(about, make()) for name, (about, make) in SCENES.items()}
+    rows = [f"| `{name}` | {about} |\n" for name, (about, _) in SCENES.items()]
+    result["README.md"] = README + "".join(rows)
+    return result
+
+
+def main() -> int:
+    """Command line."""
+    status = 0
+    for name, content in files().items():
+        path = HERE / name
+        if "--check" in sys.argv[1:]:
+            if not path.is_file() or path.read_text() != content:
+                print(f"differs: {name}")
+                status = 1
+        else:
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(content)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,328 @@
+"""Mesh files: what is read, shading normals, closedness; positions and normals against Mitsuba."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+from veriray.errors import SceneError, SceneWarning
+from veriray.formats import mesh
+from veriray.scene import load_dict
+
+CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    "property float z\n"
+    "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
+)
+OBJ = "v 0 0 0\nv 1 0 0\nv 1 1 0.3\nv 0 1 0.1\n"
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+
+
+def binary_ply(vertices, faces, endian="<", kind="f4", extra=""):
+    word, number = {"<": "little", ">": "big"}[endian], {"f4": "float", "f8": "double"}[kind]
+    header = (
+        f"ply\nformat binary_{word}_endian 1.0\ncomment x\nelement vertex {len(vertices)}\n"
+        + "".join(f"property {number} {axis}\n" for axis in "xyz")
+        + f"{extra}element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    data = np.array(vertices, f"{endian}{kind}").tobytes()
+    for face in faces:
+        data += bytes([len(face)]) + np.array(face, f"{endian}i4").tobytes()
+    return header.encode() + data
+
+
+def binary_stl(triangles):
+    record = np.zeros(len(triangles), [("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    record["v"] = triangles
+    return b"x" * 80 + np.uint32(len(triangles)).tobytes() + record.tobytes()
+
+
+def read(folder, name, content):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return mesh.read(path, path.suffix[1:], "here")
+
+
+def shape(folder, name, content=None, **values):
+    """The scene of one mesh."""
+    if content is not None:
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return load_dict({
+        "type": "scene",
+        "sensor": {"type": "perspective", "fov": 40.0},
+        "sky": {"type": "constant"},
+        "s": {"type": name.rpartition(".")[2], "filename": folder / name, **values},
+    })  # fmt: skip
+
+
+def facing(scene):
+    a, b, c = (scene.vertices[scene.triangles[:, i]] for i in range(3))
+    n = np.cross(b - a, c - a)
+    return n / np.linalg.norm(n, axis=1, keepdims=True)
+
+
+# ---- files ----
+
+
+def test_ply(tmp_path):
+    got = read(tmp_path, "a.ply", PLY)
+    assert got.vertices.tolist() == CORNERS and got.normals is None
+    assert got.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+    for endian in "<>":
+        for kind in ("f4", "f8"):
+            data = binary_ply(CORNERS, got.triangles, endian, kind)
+            same = read(tmp_path, "b.ply", data)
+            assert (same.vertices == got.vertices).all()
+            assert (same.triangles == got.triangles).all()
+
+
+@pytest.mark.parametrize(
+    "faces", [[[0, 1, 2, 3]], [[0, 1, 2], [0, 1, 2, 3]], [[0, 1, 2, 3], [3, 2, 1]]]
+)
+def test_ply_polygons_become_fans(tmp_path, faces):
+    fans = [[f[0], f[k], f[k + 1]] for f in faces for k in range(1, len(f) - 1)]
+    text = PLY.split("0 0 0\n")[0].replace("face 2", f"face {len(faces)}")
+    text += "".join("{} {} {}\n".format(*v) for v in CORNERS)
+    text += "".join(f"{len(f)} {' '.join(map(str, f))}\n" for f in faces)
+    for content in (binary_ply(CORNERS, faces), binary_ply(CORNERS, faces, ">"), text):
+        assert read(tmp_path, "a.ply", content).triangles.tolist() == fans
+
+
+def test_ply_normals_and_other_properties(tmp_path):
+    text = (
+        "ply\nformat ascii 1.0\nobj_info x\nelement vertex 3\nproperty uchar red\n"
+        "property double x\n"
+        "property double y\nproperty double z\nproperty list uchar float more\nproperty float nx\n"
+        "property float ny\nproperty float nz\nproperty float u\nproperty float v\n"
+        "element edge 1\nproperty int a\nproperty int b\nelement face 1\nproperty uchar flags\n"
+        "property list uint8 uint32 vertex_index\nproperty list uchar float texcoord\nend_header\n"
+        "255 0 0 0 2 5 5 0 0 1 .1 .2\n255 1 0 0 0 0 0 2 .1 .2\n255 0 1 0 1 7 1 0 0 .1 .2\n0 1\n"
+        "9 3 0 1 2 6 0 0 0 1 1 0\n"
+    )
+    got = read(tmp_path, "a.ply", text)
+    assert got.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert got.normals.tolist() == [[0, 0, 1], [0, 0, 2], [1, 0, 0]]
+    assert got.triangles.tolist() == [[0, 1, 2]]
+
+
+def test_obj(tmp_path):
+    text = (
+        "# c\nmtllib x.mtl\no one\nv 0 0 0\nv 2 0 0 1\r\nv 2 1 0\nv 1 2 0\nv 0 1 0\n"
+        "usemtl x\n"
+        "f 1 2 3 \\\n4 5\ns off\no two\nv 0 0 5\nv 2 0 5 # c\nv 2e0 1 5.0\nusemtl y\n"
+        "f -3 -2 -1\nl 1 2\n"
+    )
+    got = read(tmp_path, "a.obj", text)
+    assert got.vertices.shape == (8, 3) and got.normals is None
+    assert got.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4], [5, 6, 7]]
+
+
+@pytest.mark.parametrize("corner", ["{0}", "{0}/{1}", "{0}//{2}", "{0}/{1}/{2}"])
+@pytest.mark.parametrize("sides", [3, 4])
+def test_obj_column_by_column_is_obj_line_by_line(corner, sides):
+    rng = np.random.default_rng(1)
+    text = "# c\no x\n"
+    for kind, width in (("v", 3), ("vt", 2), ("vn", 3)):
+        text += "".join(
+            f"{kind} {' '.join(map(repr, row))}\n" for row in rng.normal(size=(9, width)).tolist()
+        )
+    for face in rng.integers(1, 10, (20, sides, 3)).tolist():
+        text += f"f {' '.join(corner.format(*c) for c in face)}\n"
+    fast, slow = mesh._obj_tables(text.encode()), mesh._obj_lines(text.encode())
+    for a, b in zip([*fast[0], *fast[1:]], [*slow[0], *slow[1:]], strict=True):
+        assert a.shape == b.shape and (a == b).all()
+    for odd in ("f 1 2 10", "f 0 1 2", "f 1 2", "f 1 2 -1", "v 1 nan 2", "v 1 2", " v 1 2 3"):
+        assert mesh._obj_tables(f"{text}{odd}\n".encode()) is None
+
+
+def test_obj_agrees_with_trimesh(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    got = read(tmp_path, "ball.obj", ball.export(file_type="obj", include_normals=False))
+    assert (got.triangles == ball.faces).all() and np.abs(got.vertices - ball.vertices).max() < 1e-8
+
+
+def test_obj_vertices_are_split_by_normal_and_texture(tmp_path):
+    got = read(tmp_path, "a.obj", OBJ + "vn 0 0 2\nvn 1 0 0\nf 1//1 2//1 3//1\nf 1//2 3//1 4\n")
+    assert got.normals[got.triangles].tolist() == [
+        [[0, 0, 2]] * 3,
+        [[1, 0, 0], [0, 0, 2], [0, 0, 0]],
+    ]
+    assert (got.vertices[got.triangles] == np.array(
+        [[[0, 0, 0], [1, 0, 0], [1, 1, 0.3]], [[0, 0, 0], [1, 1, 0.3], [0, 1, 0.1]]]
+    )).all()  # fmt: skip
+    seam = OBJ + "vt 0 0\nvt 1 1\nf 1/1 2/1 3/1\nf 1/2 3/2 4/2\n"
+    assert len(read(tmp_path, "b.obj", seam).vertices) == 6
+    assert not shape(tmp_path, "b.obj").normals.any(), "a seam is an edge, as in Mitsuba"
+
+
+def test_stl(tmp_path):
+    corners = np.array(CORNERS, float)[[[0, 1, 2], [0, 2, 3]]]
+    text = "solid x\n" + "".join(
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join("vertex {:g} {:g} {:g}\n".format(*v) for v in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in corners
+    )
+    for content in (binary_stl(corners), text + "endsolid x\n"):
+        got = read(tmp_path, "a.stl", content)
+        assert (got.vertices[got.triangles] == corners).all() and got.normals is None
+    (tmp_path / "b.stl").write_bytes(binary_stl(corners + [[[0, 0, 0], [0, 0, 0], [0, 0, 1]]]))
+    scene = shape(tmp_path, "b.stl")
+    assert len(scene.triangles) == 2 and not scene.normals.any()
+
+
+# ---- normals ----
+
+
+def test_angles_are_exact():
+    rng = np.random.default_rng(2)
+    a, b = (mesh.unit(rng.normal(size=(2000, 3))) for _ in range(2))
+    angles = mesh._angles(a, b)
+    cross = np.linalg.norm(np.cross(a, b), axis=1)
+    assert np.abs(angles - np.arctan2(cross, (a * b).sum(axis=1))).max() < 1e-12
+    ends = mesh._angles(a[:2], np.stack([a[0], -a[1]]))
+    assert ends[0] == 0 and ends[1] == pytest.approx(math.pi, abs=1e-11)
+
+
+def test_unit_vectors_of_any_length():
+    rows = np.array([[3, 0, 4], [0, 0, 0], [1e200, 0, 0], [0, -1e-300, 0]])
+    assert np.abs(mesh.unit(rows) - [[0.6, 0, 0.8], [0, 0, 0], [1, 0, 0], [0, -1, 0]]).max() < 1e-15
+
+
+def test_computed_normals_of_a_sphere_point_outwards(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    scene = shape(tmp_path, "ball.obj", ball.export(file_type="obj", include_normals=False))
+    assert np.abs(scene.normals - scene.vertices).max() < 5e-3
+    assert np.abs(np.linalg.norm(scene.normals, axis=1) - 1).max() < 1e-15
+    flat = shape(tmp_path, "ball.obj", face_normals=True)
+    assert not flat.normals.any() and (flat.triangles == scene.triangles).all()
+    inside = shape(tmp_path, "ball.obj", flip_normals=True)
+    assert (inside.normals == -scene.normals).all() and (facing(inside) == -facing(scene)).all()
+
+
+def test_a_flat_mesh_keeps_no_normals(tmp_path):
+    assert not shape(tmp_path, "a.ply", PLY).normals.any()
+    bent = shape(tmp_path, "b.ply", PLY.replace("0 1 0\n3", "0 1 1\n3"))
+    assert (np.linalg.norm(bent.normals, axis=1) > 0.99).all()
+    assert not shape(
+        tmp_path, "c.obj", OBJ + "vn 0 0 1\nf 1 2 3\nf 2 3 4\nf 1 2 2\n", face_normals=True
+    ).normals.any()
+
+
+def test_normals_of_the_file_are_transformed_by_the_inverse_transpose(tmp_path):
+    text = OBJ + "vn 0 0 2\nvn .5 0 1\nf 1//1 2//2 3//1\nf 1//1 3//1 4//2\n"
+    matrix = np.array([[1, 0.3, 0, 5], [0, 2, 0, 0], [0.2, 0, 1.5, 0], [0, 0, 0, 1]])
+    scene = shape(tmp_path, "a.obj", text, to_world=matrix)
+    expected = np.array([[0, 0, 1], [0.5, 0, 1]]) @ np.linalg.inv(matrix[:3, :3])
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    index = scene.triangles[0]
+    assert np.abs(scene.normals[index] - expected[[0, 1, 0]]).max() < 1e-15
+    mirrored = shape(tmp_path, "a.obj", to_world=np.diag([-1.0, 1, 1, 1]))
+    assert (facing(mirrored)[:, 2] > 0).all(), "the front is where the normals point"
+    assert (shape(tmp_path, "a.obj", to_world=np.diag([-1.0, 1, 1, 1]), face_normals=True)
+            .triangles == shape(tmp_path, "a.obj", face_normals=True).triangles).all()  # fmt: skip
+
+
+def test_a_flat_mirrored_mesh_turns_over(tmp_path):
+    flat = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    mirror = np.diag([-1.0, 1, 1, 1])
+    assert facing(shape(tmp_path, "m.obj", flat, to_world=mirror))[0, 2] == -1
+    assert facing(shape(tmp_path, "m.obj", to_world=mirror, flip_normals=True))[0, 2] == 1
+
+
+# ---- closedness ----
+
+
+def test_closed_meshes():
+    def closed(text):
+        tables, corners, triangles = mesh._obj_lines(text.encode())
+        return mesh.is_closed(tables[0], corners[:, 0][triangles])
+
+    assert closed(TETRAHEDRON)
+    assert closed(TETRAHEDRON.replace("f 3 1 4", "v 0 1 0\nf 5 1 4")), "welded by position"
+    assert closed(TETRAHEDRON + "f 1 2 2\n"), "a triangle without area"
+    assert not closed(TETRAHEDRON.replace("f 1 3 2\n", ""))
+    assert not closed(TETRAHEDRON.replace("f 1 3 2\n", "f 1 2 3\n")), "one face turned over"
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"bsdf": {"type": "dielectric"}}, "is a dielectric"),
+        ({"bsdf": {"type": "mask", "b": {"type": "dielectric"}}}, "is a dielectric"),
+        ({"bsdf": {"type": "null"}, "interior": {"type": "homogeneous"}}, "has an interior medium"),
+    ],
+)
+def test_open_meshes_that_must_be_closed_are_named(tmp_path, values, reason):
+    with pytest.warns(SceneWarning, match=rf"s.filename: obj \"s\": .*is open, but {reason}"):
+        shape(tmp_path, "open.obj", TETRAHEDRON.replace("f 1 3 2\n", ""), **values)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        shape(tmp_path, "closed.obj", TETRAHEDRON, **values)
+        shape(tmp_path, "open.obj", bsdf={"type": "thindielectric"})
+        shape(tmp_path, "open.obj", bsdf={"type": "plastic"}, exterior={"type": "homogeneous"})
+
+
+# ---- against Mitsuba ----
+
+
+@pytest.fixture(scope="module")
+def mi():
+    module = pytest.importorskip("mitsuba", reason="compares with Mitsuba 3 itself")
+    module.set_variant("scalar_rgb")
+    return module
+
+
+MATRICES = {
+    "identity": np.eye(4),
+    "affine": np.array([[1, 0.3, 0, 0], [0, 2, 0, 1], [0.2, 0, 1.5, 0], [0, 0, 0, 1]]),
+    "mirror": np.array([[-1, 0.3, 0, 0], [0, 2, 0, 0], [0.2, 0, 1.5, 0], [0, 0, 0, 1]]),
+}
+FILES = {
+    "computed.obj": OBJ + "f 1 2 3\nf 1 3 4\n",
+    "quad.obj": OBJ + "f 1 2 3 4\nf 1 1 2\n",
+    "given.obj": OBJ + "vn 0 0 2\nvn .5 0 1\nvn 0 .5 1\nf 1//1 2//2 3//3\nf 1//1 3//3 4//2\n",
+    "turned.obj": OBJ + "vn 0 0 -1\nvn .1 0 -1\nf 1//1 2//2 3//1\nf 1//1 3//1 4//2\n",
+    "computed.ply": PLY.replace("1 1 0\n0 1 0\n", "1 1 .3\n0 1 .1\n"),
+    "given.ply": PLY.replace(
+        "z\n", "z\nproperty float nx\nproperty float ny\nproperty float nz\n"
+    ).replace(
+        "0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "0 0 0 0 0 2\n1 0 0 .3 0 1\n1 1 0 0 0 1\n0 1 .1 0 .2 1\n"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("matrix", MATRICES)
+@pytest.mark.parametrize("flip", [False, True])
+def test_vertices_and_normals_are_mitsubas(mi, tmp_path, name, matrix, flip):
+    matrix = MATRICES[matrix]
+    ours = shape(tmp_path, name, FILES[name], to_world=matrix, flip_normals=flip)
+    theirs = mi.load_dict({
+        "type": name[-3:], "filename": str(tmp_path / name), "flip_normals": flip,
+        "to_world": mi.ScalarTransform4f(matrix),
+    })  # fmt: skip
+    params = mi.traverse(theirs)
+    assert len(ours.triangles) == np.array(params["faces"]).size // 3
+    positions = np.array(params["vertex_positions"]).reshape(-1, 3)
+    normals = np.array(params["vertex_normals"]).reshape(-1, 3) * (-1 if flip else 1)
+    for position, normal in zip(ours.vertices, ours.normals, strict=True):
+        distance = np.abs(positions - position).max(axis=1)
+        nearest = distance.argmin()  # these meshes have one normal at each position
+        assert distance[nearest] < 1e-6 and np.abs(normals[nearest] - normal).max() < 1e-6
+    scene = mi.load_dict({"type": "scene", "s": theirs})
+    for corners, front in zip(ours.vertices[ours.triangles], facing(ours), strict=True):
+        if np.isnan(front).any():
+            continue
+        ray = mi.Ray3f((corners.mean(axis=0) + 0.01 * front).tolist(), (-front).tolist())
+        assert scene.ray_intersect(ray).wi.z > 0, "our front is the side that Mitsuba shades"
+
+
+def test_errors_name_the_file(tmp_path):
+    with pytest.raises(SceneError, match=r"s.filename: .*mesh.stl\" is not STL"):
+        shape(tmp_path, "mesh.stl", "solid")

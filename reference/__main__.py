@@ -8,9 +8,10 @@ import sys
 import time
 from pathlib import Path
 
-from reference.integrator import render, with_settings
 from reference.output import summary, write_exr
-from reference.scene import SceneError, load
+from reference.plugins import load
+from reference.render import render
+from reference.scene import SceneError, with_settings
 
 
 def main(arguments: list[str] | None = None) -> int:

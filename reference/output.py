@@ -21,7 +21,8 @@ import numpy as np
 import OpenEXR
 
 from reference import __version__
-from reference.integrator import COLUMNS, Picture
+from reference.paths import COLUMNS
+from reference.render import Picture
 from reference.tracer import embree_version
 
 

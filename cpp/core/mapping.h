@@ -79,21 +79,24 @@ VR_HD void orthonormal_frame(Vec3<F> n, Vec3<F>& a, Vec3<F>& b) {
 // positive terms of |g|, so that g near 0 and near +-1 lose nothing; negative g: mirrored.
 //
 // The new direction. With w = 1 - |g| + 2 |g| u, u = 0 backward:
-// 1 - cos = 2 (1 - |g|)^2 (1 - u) (1 + |g| u) / w^2, 1 + cos = 2 (1 + |g|)^2 u (1 - |g| (1 - u)) /
-// w^2.
+// 1 - cos = 2 (1 - |g|)^2 (1 - u) (1 + |g| u) / w^2
+// 1 + cos = 2 (1 + |g|)^2 u (1 - |g| + |g| u) / w^2.
+// The length is set to 1, so that it does not drift over many scatterings.
 template <class F>
 VR_HD Vec3<F> henyey_greenstein(Vec3<F> d, F g, F u, F v) {
-    const F a = abs(g), one(1.f), rest = one - u;
+    const F a = abs(g), one(1.f);
     const F less = one - a, w = fma(F(2.f) * a, u, less);
     const F scale = F(2.f) * less / (w * w);
-    const F forward = rest * fma(a, u, one), backward = u * fma(-a, rest, one);
+    const F forward = (one - u) * fma(a, u, one), backward = u * fma(a, u, less);
     const F cosine = one - scale * less * forward;
     const F sine = scale * (one + a) * sqrt(forward * backward);
     F s, c;
     sincos_2pi(v, s, c);
     Vec3<F> x, y;
     orthonormal_frame(d, x, y);
-    return fma(x, sine * c, fma(y, sine * s, d * select(g < F(0.f), -cosine, cosine)));
+    const F along = select(g < F(0.f), -cosine, cosine);
+    const Vec3<F> wi = fma(x, sine * c, fma(y, sine * s, d * along));
+    return wi * (one / sqrt(dot(wi, wi)));
 }
 
 // Its density per solid angle for 1 - cos of the angle to d, or to -d for negative g.

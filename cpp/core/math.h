@@ -68,7 +68,7 @@ VR_HD void float_parts(F x, F& f, F& e) {
     f = as_float((shifted & U(0x7fffffu)) + root_half) - F(1.f);
 }
 
-// Natural logarithm of a positive normal float. log(1) = 0.
+// Natural logarithm of a positive normal float. At most 0.88 ulp; monotone; log(1) = 0.
 template <class F>
 VR_HD F log(F x) {
     F f, e;
@@ -78,7 +78,7 @@ VR_HD F log(F x) {
 
 // e^-x for x >= 0, infinity included; exp_minus(0) = 1.
 // 0 beyond 87.33654, where the value leaves the normal floats (2^-126). NaN stays NaN.
-// The polynomial's relative error is 3.2e-9.
+// At most 1.02 ulp; monotone. The polynomial's relative error is 3.2e-9.
 template <class F>
 VR_HD F exp_minus(F x) {
     using U = decltype(as_uint(x));
@@ -96,8 +96,8 @@ VR_HD F exp_minus(F x) {
 }
 
 // Arc cosine of x in [-1, 1], radians; NaN outside. acos(1) = 0.
-// By arc sines of at most 1/2: acos(x) = pi/2 - asin(x) = 2 asin(sqrt((1 - x) / 2)). The
-// polynomial's relative error is 4.9e-9.
+// By arc sines of at most 1/2: acos(x) = pi/2 - asin(x) = 2 asin(sqrt((1 - x) / 2)).
+// At most 1.14 ulp and 2.2e-7; monotone. The polynomial's relative error is 4.9e-9.
 template <class F>
 VR_HD F acos(F x) {
     constexpr float c[] = {0x1.5555c8p-3f, 0x1.330204p-4f, 0x1.747bbap-5f, 0x1.8c3e28p-6f,

@@ -30,12 +30,13 @@ def look(origin: Sequence[float], target: Sequence[float]) -> Array:
 
 
 def view(origin: Any, target: Any, fov: float = 0.01, size: int | tuple[int, int] = 1,
-         kind: str = "perspective", **more: Any) -> Dict:  # fmt: skip
+         kind: str = "perspective", up: Any = None, **more: Any) -> Dict:  # fmt: skip
     """A sensor; the default sees one point. size: of the film, its rfilter is `rfilter` or box."""
+    to_world = np.asarray(camera(origin, target, up=up).to_world)
     width, height = (size, size) if isinstance(size, int) else size
     rfilter = more.pop("rfilter", {"type": "box"})
     film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": rfilter}
-    return {"type": kind, "fov": fov, "to_world": look(origin, target), "film": film, **more}
+    return {"type": kind, "fov": fov, "to_world": to_world, "film": film, **more}
 
 
 def diffuse(reflectance: float | Sequence[float]) -> Dict:
@@ -83,9 +84,17 @@ def sphere(center: Sequence[float], radius: float, bsdf: Dict, radiance: Any = N
 
 def flat(kind: str, centre: Sequence[float], normal: Sequence[float], half: float | Sequence[float],
          bsdf: Dict, radiance: Any = None, **more: Any) -> Dict:  # fmt: skip
-    """A rectangle or disk of half sizes `half` (one or two) whose front looks along `normal`."""
-    place = look([0, 0, 0], normal) @ np.diag([*np.broadcast_to(np.asarray(half, float), 2), 1, 1])
-    place[:3, 3] = centre
+    """A rectangle or disk of half sizes `half` (one or two) whose front looks along `normal`.
+
+    The first half size is along world x as far as the plane goes, or y where it faces x.
+    """
+    n = np.asarray(normal, np.float64) / np.linalg.norm(normal)
+    a = np.eye(3)[int(abs(n[0]) > 0.9)]
+    a = a - (a @ n) * n
+    a /= np.linalg.norm(a)
+    size = np.broadcast_to(np.asarray(half, np.float64), 2)
+    place = np.eye(4)
+    place[:3] = np.stack([a * size[0], np.cross(n, a) * size[1], n, np.asarray(centre)], axis=1)
     return shape(kind, bsdf, radiance, to_world=place, **more)
 
 

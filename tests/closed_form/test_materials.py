@@ -81,7 +81,7 @@ def test_white_furnace(device: str, name: str, kind: str) -> None:
     else:
         body = cuboid([-0.7, -0.5, -0.9], [0.8, 0.6, 0.7], material)
     furnace = scene(view([1, 2, 6], [0, 0, 0], 26, 8), body, sky([1, 0.5, 2]))
-    agrees(furnace, [1, 0.5, 2], device, 20_000, sees=1e-3)
+    agrees(furnace, [1, 0.5, 2], device, 30_000, sees=1e-3)
 
 
 @pytest.mark.parametrize("name", ["disk", "rectangle"])
@@ -90,7 +90,7 @@ def test_white_furnace_of_open_surfaces(device: str, name: str) -> None:
     plates = [flat(name, [0, 0, z], [0.2, 0, 1], 1, both(material)) for z, material in
               ((0.0, plastic(1, 1.5)), (0.5, diffuse(1)), (-0.6, MIRROR))]  # fmt: skip
     furnace = scene(view([1, 4, 3], [0, 0, 0], 40, 6), *plates, sky(1))
-    agrees(furnace, 1.0, device, 20_000, sees=1e-3)
+    agrees(furnace, 1.0, device, 40_000, sees=1e-3)
 
 
 def test_nested_glass_in_a_furnace(device: str) -> None:
@@ -99,7 +99,7 @@ def test_nested_glass_in_a_furnace(device: str) -> None:
             sphere([0.7, 0.2, 0], 0.3, glass(1, 1.33))]  # fmt: skip
     inside_out = {**sphere([-0.4, 0.1, 0.1], 0.2, glass(1.5, 1)), "flip_normals": True}
     furnace = scene(view([1, 2, 6], [0, 0, 0], 26, 8), *nest, inside_out, sky(1))
-    agrees(furnace, 1.0, device, 20_000, sees=1e-3)
+    agrees(furnace, 1.0, device, 40_000, sees=1e-3)
 
 
 def test_e6_thermodynamic_equilibrium(device: str) -> None:
@@ -128,11 +128,10 @@ def test_theory(device: str) -> None:
     assert abs(external_reflectance(1.5) - 0.091778) < 1e-6
     assert abs(internal_reflectance(1.5) - 0.596346) < 1e-6
     x, w = np.polynomial.legendre.leggauss(400)
-    c = (x + 1) / 2
-    inner = float((w * fresnel(c, 1 / 1.5) * c).sum())
-    assert abs(inner - 0.596346) < 1e-4  # the kink at the critical angle costs digits
-    f = 0.04
-    assert abs((1 - f) / (1 + f) - 0.923077) < 1e-6
+    critical = math.sqrt(1 - 1 / 2.25)  # all is reflected below this cosine
+    c = critical + (1 - critical) * ((x + 1) / 2) ** 2
+    inner = float((w * (x + 1) * fresnel(c, 1 / 1.5) * c).sum()) * (1 - critical) + critical**2
+    assert abs(inner - 0.596346) < 1e-6
     fe, fi = external_reflectance(1.5), internal_reflectance(1.5)
     assert abs(fe + (1 - fe) * (1 - fi) * 0.5 / (1 - fi * 0.5) - 0.352959) < 1e-6
 
@@ -286,20 +285,20 @@ def test_n10_trapped_light(device: str) -> None:
     beyond a circle: 1 - pi / 5 of its area, a binomial count of paths cut at max_depth; weighted by
     solid angle, pixel by pixel, the same count gives sqrt 5 - 2.
     """
-    size, depth = 64, 400
+    size, depth = 64, 200
     block = cuboid([-1, -1, -1], [1, 1, 1], glass(1.5))
     eye = [0.11, -0.23, 0.07]
     cube = scene(view(eye, [eye[0], eye[1], 1], 90, size), block, sky(1), max_depth=depth)
-    r = veriray.render(cube, spp=256, device=device, rr_depth=10**6)
+    r = veriray.render(cube, spp=64, device=device, rr_depth=10**6)
     ledger_adds_up(r)
-    n, cut = size * size * 256, r.stats["ledger"]["depth_cut"][-1]
+    n, cut = size * size * 64, r.stats["ledger"]["depth_cut"][-1]
     assert sum(r.stats["ledger"]["depth_cut"]) == cut
     assert stats.binomtest(cut, n, 1 - math.pi / 5).pvalue > 1e-6
-    assert abs(cut / n - (1 - math.pi / 5)) < 0.003
+    assert abs(cut / n - (1 - math.pi / 5)) < 0.005
     x = (np.arange(size) + 0.5) / size * 2 - 1
     solid = (1 + x[:, None] ** 2 + x**2) ** -1.5
     kept = 1 - r.image[:, :, 0].astype(np.float64) / 2.25
-    assert abs((solid * kept).sum() / solid.sum() - (math.sqrt(5) - 2)) < 0.002
+    assert abs((solid * kept).sum() / solid.sum() - (math.sqrt(5) - 2)) < 0.004
 
 
 # ---- plastic ----
@@ -357,7 +356,7 @@ def test_masks_and_panes_in_front_of_a_lamp(device: str) -> None:
              flat("disk", [0, 0, 0], [0, 0, -1], 2, masked(0.5, BLACK)),
              sphere([0, 0, -2], 1, NULL), cuboid([-1, -1, -4.5], [1, 1, -3.5], NULL)]  # fmt: skip
     seen = scene(view([0.2, 0.1, 5], [0, 0, 0]), lamp, *panes, max_depth=1)
-    agrees(seen, np.array([1, 2, 3]) * 0.7 * 0.5, device, 400_000, sees=0.01)
+    agrees(seen, np.array([1, 2, 3]) * 0.7 * 0.5, device, 800_000, sees=0.01)
 
 
 @pytest.mark.parametrize("material", ["mask", "null", "thindielectric"])

@@ -55,7 +55,7 @@ def test_white_furnace_of_a_medium(device: str, name: str, boundary: str) -> Non
     material = NULL if boundary == "null" else glass(1.5)
     ball = sphere([0.1, 0, 0.2], 1, material, interior=medium(extinction, 1.0, g))
     furnace = scene(view([1, 2, 6], [0, 0, 0], 26, 4), ball, sky(1))
-    agrees(furnace, 1.0, device, 20_000, sees=3e-3 if name == "isotropic" else 1e-3)
+    agrees(furnace, 1.0, device, 100_000, sees=3e-3 if name == "isotropic" else 1e-3)
 
 
 def test_white_furnace_of_nested_and_touching_media(device: str) -> None:
@@ -69,7 +69,7 @@ def test_white_furnace_of_nested_and_touching_media(device: str) -> None:
         cuboid([1.0001, -0.5, -0.5], [2, 0.5, 0.5], glass(1.2), interior=outer),
     ]
     furnace = scene(view([1, 2, 6], [0, 0, 0], 34, 6), *bodies, sky(1))
-    agrees(furnace, 1.0, device, 20_000, sees=1e-3)
+    agrees(furnace, 1.0, device, 20_000, sees=2e-3)
 
 
 def test_camera_in_a_white_medium(device: str) -> None:
@@ -78,7 +78,7 @@ def test_camera_in_a_white_medium(device: str) -> None:
     for material, exact in ((NULL, 1.0), (glass(1.33), 1.33**2)):
         eye = view([0.3, 0.1, 0.2], [0, 0.4, 1], 90, 4, medium=fog)
         furnace = scene(eye, sphere([0, 0, 0], 1, material, interior=fog), sky(1))
-        agrees(furnace, exact, device, 20_000, sees=1e-3)
+        agrees(furnace, exact, device, 40_000, sees=2e-3)
 
 
 # ---- absorption ----
@@ -256,12 +256,12 @@ def test_l3_leaves_after_n_scatterings(device: str, mu: float, rr_depth: int) ->
     confirm(p_value)
 
 
-@pytest.mark.parametrize(("sigma", "g"), [(1.0, 0.0), (10.0, 0.0), (10.0, 0.9), (2.0, -0.5)])
+@pytest.mark.parametrize(("sigma", "g"), [(1.0, 0.0), (8.0, 0.0), (6.0, 0.9), (2.0, -0.5)])
 def test_a48_mean_path_in_a_lossless_ball(device: str, sigma: float, g: float) -> None:
     """4 V / S = 4/3, whatever sigma and g: so many scatterings are 4/3 sigma in the mean.
 
     A far camera's parallel rays over the whole disc are the cosine law at the surface. Segments: 1
-    to the ball, n + 1 inside, 1 outside. z test with the counts' own variance; sees 0.5 %.
+    to the ball, n + 1 inside, 1 outside. z test with the counts' own variance; sees 2 %.
     """
     distance = 1e4
     fov = 2 * math.degrees(math.atan(1.02 / distance))
@@ -269,7 +269,7 @@ def test_a48_mean_path_in_a_lossless_ball(device: str, sigma: float, g: float) -
     far = scene(view([0, 0, distance], [0, 0, 0], fov), ball, sky(1), max_depth=60_000)
 
     def p_value(effort: int, seed: int) -> float:
-        r = veriray.render(far, spp=400_000 * effort, seed=seed, device=device, rr_depth=10**6)
+        r = veriray.render(far, spp=200_000 * effort, seed=seed, device=device, rr_depth=10**6)
         ledger_adds_up(r)
         assert not any(r.stats["ledger"]["depth_cut"])
         live = np.array(r.stats["live_rays"], np.float64)
@@ -277,7 +277,7 @@ def test_a48_mean_path_in_a_lossless_ball(device: str, sigma: float, g: float) -
         mean = inside.sum() - 1
         second = ((2 * np.arange(len(inside)) - 1) * inside)[1:].sum()
         error = math.sqrt((second - (inside[1:].sum()) ** 2) / live[1])
-        assert 4.57 * error / mean < 0.01
+        assert 4.57 * error / mean < 0.02
         return 2 * float(stats.norm.sf(abs(mean - sigma * 4 / 3) / error))
 
     confirm(p_value)
@@ -317,11 +317,11 @@ def report_ball(scattering: float, absorption: float, paths: int, seed: int) -> 
     return weight
 
 
-@pytest.mark.parametrize(("scattering", "absorption"), [(4.0, 0.3), (1.0, 1.0), (16.0, 0.05)])
+@pytest.mark.parametrize(("scattering", "absorption"), [(4.0, 0.3), (1.0, 1.0), (8.0, 0.1)])
 def test_report_parameters(device: str, scattering: float, absorption: float) -> None:
     """sigma_s = sigma_s', sigma_a = mu, isotropic: equal to the report's procedure, in expectation.
 
-    Two-sample z test against the procedure itself in NumPy; sees 0.5 %.
+    Two-sample z test against the procedure itself in NumPy; sees 2 %.
     """
     total = scattering + absorption
     inner = medium(total, scattering / total)
@@ -329,10 +329,10 @@ def test_report_parameters(device: str, scattering: float, absorption: float) ->
     seen = scene(view([0, 0, 5], [0, 0, 0], 1e-3), ball, sky(1))
 
     def p_value(effort: int, seed: int) -> float:
-        r = veriray.render(seen, spp=800_000 * effort, seed=seed, device=device)
-        weight = report_ball(scattering, absorption, 200_000 * effort, seed)
+        r = veriray.render(seen, spp=400_000 * effort, seed=seed, device=device)
+        weight = report_ball(scattering, absorption, 100_000 * effort, seed)
         error = math.hypot(float(r.stderr[0, 0, 0]), weight.std() / math.sqrt(len(weight)))
-        assert 4.57 * error / weight.mean() < 0.01
+        assert 4.57 * error / weight.mean() < 0.02
         return 2 * float(stats.norm.sf(abs(float(r.image[0, 0, 0]) - weight.mean()) / error))
 
     confirm(p_value)

@@ -27,6 +27,11 @@ OBJ = '<shape type="obj"><string name="filename" value="{}"/></shape>'
 PLY = '<shape type="ply"><string name="filename" value="{}"/></shape>'
 FILM = '<sensor type="perspective"><float name="fov" value="40"/><film type="hdrfilm">{}</film></sensor>'
 LENS = '<sensor type="perspective">{}</sensor>'
+THIN = '<sensor type="thinlens"><float name="fov" value="40"/>{}</sensor>'
+SPHERE = '<shape type="sphere">{}</shape>'
+BSDF = '<shape type="cube"><bsdf type="{}">{}</bsdf></shape>'
+MEDIUM = '<medium type="homogeneous">{}</medium>'
+STL = '<shape type="stl"><string name="filename" value="{}"/></shape>'
 PLY_HEAD = (
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
@@ -36,7 +41,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 # Line 3 of scene.xml -> fragments of the message, which all begins "scene.xml:3: " unless a file
 # name is among the fragments. Line 1 is <scene>, line 2 the sky; a sensor follows on line 4.
 LINES = {
-    "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: cube, obj, ply, rectangle", 'did you mean "rectangle"?'),
+    "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: cube, disk, obj, ply, rectangle, sphere, stl", 'did you mean "rectangle"?'),
     "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: cube"),
     "unknown element": ("<shap/>", "unknown element <shap>", 'did you mean "shape"?'),
     "object without type": ("<shape/>", '<shape> lacks the attribute "type"'),
@@ -66,10 +71,10 @@ LINES = {
     "max_depth": ('<integrator type="path"><integer name="max_depth" value="-2"/></integrator>', '"max_depth" = -2 is outside [-1, '),
     "rr_depth": ('<integrator type="path"><integer name="rr_depth" value="0"/></integrator>', '"rr_depth" = 0 is outside [1, '),
     "two integrators": ('<integrator type="path"/><integrator type="path"/>', "has 2 objects of category integrator, at most 1"),
-    "two skies": (SKY, "has 2 objects of category emitter"),
+    "two skies": (SKY, "a second emitter constant; at most 1 allowed"),
     "area light outside a shape": ('<emitter type="area"/>', 'cannot hold a emitter "area"'),
     "sky inside a shape": (RECTANGLE.format(SKY), 'rectangle cannot hold a emitter "constant"', "allowed: area"),
-    "twosided without bsdf": ('<bsdf type="twosided"/>', "twosided has no bsdf; allowed: diffuse"),
+    "twosided without bsdf": ('<bsdf type="twosided"/>', "twosided has no bsdf; allowed: diffuse, conductor, plastic"),
     "twosided twice": (f'<bsdf type="twosided">{DIFFUSE.format("")}{DIFFUSE.format("")}</bsdf>', "has 2 objects of category bsdf"),
     "unknown reference": (RECTANGLE.format('<ref id="wite"/>') + '<bsdf type="diffuse" id="white"/>', 'no object with the id "wite"', 'did you mean "white"?'),
     "reference of another kind": ('<shape type="cube" id="c"/>' + RECTANGLE.format('<ref id="c"/>'), 'rectangle cannot hold a shape "cube"'),
@@ -100,6 +105,59 @@ LINES = {
     "folder as mesh": (OBJ.format("."), "is not a file"),
     "long file name": (OBJ.format("x" * 5000 + ".obj"), "File name too long"),
     "missing include": ('<include filename="nowhere.xml"/>', "cannot read", "No such file or directory"),
+    "sphere of radius 0": (SPHERE.format('<float name="radius" value="0"/>'), 'sphere: "radius" = 0.0 is outside (0, '),
+    "negative radius": (SPHERE.format('<float name="radius" value="-1"/>'), '"radius" = -1.0 is outside (0, '),
+    "centre that is a number": (SPHERE.format('<float name="center" value="1"/>'), '"center" = 1.0 is of type float, expected point'),
+    "centre with NaN": (SPHERE.format('<point name="center" x="nan"/>'), 'point: "x" = "nan" must be finite'),
+    "uneven sphere": (SPHERE.format('<transform name="to_world"><scale x="2"/></transform>'), 'sphere: "to_world" scales a sphere unevenly; allowed: rotation, translation and the same scale'),
+    "sheared sphere": (SPHERE.format('<transform name="to_world"><matrix value="1 0.1 0 0 1 0 0 0 1"/></transform>'), "scales a sphere unevenly"),
+    "sphere out of sight": (SPHERE.format('<float name="radius" value="1e60"/><transform name="to_world"><scale value="1e60"/></transform>'), "centre or radius exceeds 1e+100"),
+    "disk with radius": ('<shape type="disk"><float name="radius" value="1"/></shape>', 'disk: unknown parameter "radius"'),
+    "unknown bsdf": (BSDF.format("roughplastic", ""), 'unknown bsdf "roughplastic"; allowed: conductor, dielectric, diffuse, mask, null, plastic, thindielectric, twosided', 'did you mean "plastic"?'),
+    "metal by name": (BSDF.format("conductor", '<string name="material" value="Au"/>'), 'conductor: "material" = "Au": metals by name are not supported; give eta and k (rgb)'),
+    "eta without k": (BSDF.format("conductor", '<float name="eta" value="2"/>'), "conductor: eta given; expected both eta and k, or none of them"),
+    "mirror with eta": (BSDF.format("conductor", '<string name="material" value="none"/><float name="eta" value="2"/><float name="k" value="2"/>'), "conductor: material and eta and k given"),
+    "negative k": (BSDF.format("conductor", '<float name="eta" value="2"/><float name="k" value="-2"/>'), '"k" = -2.0 is outside [0, 1e+06]'),
+    "material without index": (BSDF.format("dielectric", '<string name="int_ior" value="glas"/>'), 'dielectric: "int_ior" = "glas" is unknown; allowed: acetone, acrylic glass, air'),
+    "near miss of a name": (BSDF.format("dielectric", '<string name="ext_ior" value="watr"/>'), 'did you mean "water"?'),
+    "index 0": (BSDF.format("plastic", '<float name="int_ior" value="0"/>'), '"int_ior" = 0.0 is outside [0.1, 10]'),
+    "index that is a colour": (BSDF.format("thindielectric", '<rgb name="int_ior" value="1 2 3"/>'), "is of type rgb, expected number or name"),
+    "specular above 1": (BSDF.format("plastic", '<float name="specular_reflectance" value="1.5"/>'), '"specular_reflectance" = 1.5 is outside [0, 1]'),
+    "transmittance of plastic": (BSDF.format("plastic", '<float name="specular_transmittance" value="1"/>'), 'plastic: unknown parameter "specular_transmittance"'),
+    "mask of nothing": (BSDF.format("mask", ""), "mask has no bsdf; allowed: diffuse, conductor, plastic, twosided"),
+    "mask of a mask": (BSDF.format("mask", '<bsdf type="mask"><bsdf type="diffuse"/></bsdf>'), 'mask cannot hold a bsdf "mask"'),
+    "opacity": (BSDF.format("mask", '<float name="opacity" value="2"/><bsdf type="diffuse"/>'), 'mask: "opacity" = 2.0 is outside [0, 1]'),
+    "opacity as a colour": (BSDF.format("mask", '<rgb name="opacity" value="1"/><bsdf type="diffuse"/>'), "is of type rgb, expected float"),
+    "twosided glass": (BSDF.format("twosided", '<bsdf type="dielectric"/>'), 'twosided cannot hold a bsdf "dielectric"; allowed: conductor, diffuse, plastic'),
+    "twosided mask": (BSDF.format("twosided", '<bsdf type="mask"><bsdf type="diffuse"/></bsdf>'), 'twosided cannot hold a bsdf "mask"'),
+    "null with a colour": (BSDF.format("null", '<float name="reflectance" value="1"/>'), 'null: unknown parameter "reflectance" = 1.0; allowed: none'),
+    "medium without a side": (SPHERE.format(MEDIUM.format("")), 'sphere: a medium of a shape is named ""; allowed: exterior, interior'),
+    "medium on another side": (SPHERE.format(MEDIUM.format("").replace("<medium", '<medium name="inside"')), 'named "inside"'),
+    "two interiors": (SPHERE.format(MEDIUM.format("").replace("<medium", '<medium name="interior"') * 2), "two media are named interior"),
+    "medium in a material": (DIFFUSE.format(MEDIUM.format("")), 'diffuse cannot hold a medium "homogeneous"'),
+    "unknown medium": ('<medium type="heterogeneous"/>', 'unknown medium "heterogeneous"; allowed: homogeneous'),
+    "extinction and scattering": (MEDIUM.format('<float name="sigma_t" value="1"/><float name="sigma_s" value="1"/>'), "homogeneous: sigma_t, sigma_s given; expected sigma_t and albedo, or sigma_s and sigma_a"),
+    "scattering alone": (MEDIUM.format('<float name="sigma_s" value="1"/>'), "homogeneous: sigma_s given; expected"),
+    "negative extinction": (MEDIUM.format('<rgb name="sigma_t" value="1 -1 1"/>'), '"sigma_t" = (1.0, -1.0, 1.0) is outside [0, '),
+    "extinction beyond float32": (MEDIUM.format('<float name="sigma_t" value="1e38"/><float name="scale" value="10"/>'), "sigma_t = (1e+39, 1e+39, 1e+39) exceeds the float32 range"),
+    "albedo above 1": (MEDIUM.format('<float name="albedo" value="1.5"/>'), '"albedo" = 1.5 is outside [0, 1]'),
+    "medium without next-event estimation": (MEDIUM.format('<boolean name="sample_emitters" value="false"/>'), '"sample_emitters" = False is not supported'),
+    "unknown phase function": (MEDIUM.format('<phase type="rayleigh"/>'), 'unknown phase "rayleigh"; allowed: hg, isotropic'),
+    "two phase functions": (MEDIUM.format('<phase type="hg"/><phase type="hg"/>'), "has 2 objects of category phase"),
+    "asymmetry 1": (MEDIUM.format('<phase type="hg"><float name="g" value="1"/></phase>'), 'hg: "g" = 1.0 is outside (-1, 1)'),
+    "phase function in the scene": ('<phase type="hg"/>', 'scene cannot hold a phase "hg"'),
+    "sphere as an emitter": ('<emitter type="sphere"/>', 'unknown emitter "sphere"; allowed: area, constant, directional, point, spot'),
+    "lamp on a lamp": (RECTANGLE.format('<emitter type="point"/>'), 'rectangle cannot hold a emitter "point"; allowed: area'),
+    "two places": ('<emitter type="point"><point name="position" x="1"/><transform name="to_world"><translate x="1"/></transform></emitter>', "point: both position and to_world given"),
+    "negative intensity": ('<emitter type="point"><rgb name="intensity" value="-1"/></emitter>', 'point: "intensity" = (-1.0, -1.0, -1.0) is outside [0, inf]'),
+    "radiance of a point": ('<emitter type="point"><rgb name="radiance" value="1"/></emitter>', 'point: unknown parameter "radiance"', "allowed: intensity, position, to_world"),
+    "no direction": ('<emitter type="directional"><vector name="direction" value="0"/></emitter>', "directional: direction has length 0"),
+    "cutoff 0": ('<emitter type="spot"><float name="cutoff_angle" value="0"/></emitter>', "spot: cutoff_angle = 0 and beam_width = 0; expected 0 < cutoff_angle"),
+    "cutoff above 180": ('<emitter type="spot"><float name="cutoff_angle" value="181"/></emitter>', '"cutoff_angle" = 181.0 is outside [0, 180]'),
+    "beam beyond the cutoff": ('<emitter type="spot"><float name="beam_width" value="21"/></emitter>', "cutoff_angle = 20 and beam_width = 21; expected"),
+    "spot that scales": ('<emitter type="spot"><transform name="to_world"><scale value="2"/></transform></emitter>', "spot to_world scales by 2; a spot may only be rotated, mirrored and moved"),
+    "textured spot": ('<emitter type="spot"><string name="texture" value="a.png"/></emitter>', "textures are not supported"),
+    "smooth STL": (STL.format("a.stl").replace("/></shape>", '/><boolean name="face_normals" value="false"/></shape>'), '"face_normals" = False is not supported; allowed: true'),
     "include itself": ('<include filename="scene.xml"/>', '"scene.xml" includes itself'),
 }  # fmt: skip
 
@@ -124,7 +182,16 @@ SENSORS = {
     "crop": (FILM.format('<integer name="crop_width" value="5"/>'), '"crop_width": crop windows are not supported'),
     "pixel format": (FILM.format('<string name="pixel_format" value="rgba"/>'), '"rgba" is not supported; allowed: rgb'),
     "component format": (FILM.format('<string name="component_format" value="uint32"/>'), "allowed: float16, float32"),
-    "filter": (FILM.format('<rfilter type="mitchell"/>'), 'unknown rfilter "mitchell"; allowed: box, gaussian, tent'),
+    "filter": (FILM.format('<rfilter type="lanczos"/>'), 'unknown rfilter "lanczos"; allowed: box, gaussian, mitchell, tent'),
+    "mitchell's names": (FILM.format('<rfilter type="mitchell"><float name="A" value="0.3"/></rfilter>'), 'unknown parameter "A" = 0.3; allowed: B, C'),
+    "mitchell's range": (FILM.format('<rfilter type="mitchell"><float name="B" value="1.5"/></rfilter>'), '"B" = 1.5 is outside [0, 1]'),
+    "lens without aperture": (THIN.format('<float name="focus_distance" value="2"/>'), 'thinlens: "aperture_radius" (float) is missing'),
+    "lens without focus": (THIN.format('<float name="aperture_radius" value="2"/>'), 'thinlens: "focus_distance" (float) is missing'),
+    "negative aperture": (THIN.format('<float name="aperture_radius" value="-1"/><float name="focus_distance" value="2"/>'), '"aperture_radius" = -1.0 is outside [0, '),
+    "focus 0": (THIN.format('<float name="aperture_radius" value="1"/><float name="focus_distance" value="0"/>'), '"focus_distance" = 0.0 is outside (0, '),
+    "aperture of a pinhole": (LENS.format('<float name="fov" value="4"/><float name="aperture_radius" value="1"/>'), 'depth of field needs the sensor "thinlens"'),
+    "unknown sensor": ('<sensor type="thinlense"/>', 'unknown sensor "thinlense"; allowed: perspective, thinlens', 'did you mean "thinlens"?'),
+    "two media around the camera": (SENSOR.replace("</sensor>", '<medium type="homogeneous"/>' * 2 + "</sensor>"), "has 2 objects of category medium, at most 1"),
     "filter radius": (FILM.format('<rfilter type="tent"><float name="radius" value="0"/></rfilter>'), '"radius" = 0.0 is outside [0.001, 100]'),
     "sample count": (SENSOR.replace("</sensor>", '<sampler type="independent"><integer name="sample_count" value="0"/></sampler></sensor>'), '"sample_count" = 0 is outside [1, '),
     "seed": (SENSOR.replace("</sensor>", '<sampler type="independent"><integer name="seed" value="-1"/></sampler></sensor>'), '"seed" = -1 is outside [0, '),
@@ -270,7 +337,25 @@ MESHES = {
     "ply: index too large": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "triangle 0 uses vertex 3, outside [0, 2]"),
     "ply: negative index": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "triangle 0 uses vertex -1, outside [0, 2]"),
     "ply: cut": (PLY_HEAD + "0 0 0\n1 0 0\n", "is damaged: 2 lines of data, 4 expected"),
-    "ply: cut face": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1", "ply", "2"),
+    "ply: cut face": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1", 'is damaged: "3 0 1" is no element face'),
+    "ply: long face": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 0", "is no element face"),
+    "ply: negative face": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n-3 0 1 2", "is no element face"),
+    "ply: fraction": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n3 0 1.5 2", "face 0 is not of integers"),
+    "ply: word": (PLY_HEAD + "0 0 0\n1 zero 0\n0 1 0\n3 0 1 2", "among the elements vertex"),
+    "ply: no z": (PLY_HEAD.replace("property float z\n", "") + "0 0\n1 0\n0 1\n3 0 1 2", "the vertices have no x, y and z"),
+    "ply: no faces": (PLY_HEAD.replace("vertex_indices", "corners") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "the faces have no list vertex_indices"),
+    "ply: unknown type": (PLY_HEAD.replace("float y", "half y"), 'bad header line "property half y"'),
+    "ply: list of floats long": (PLY_HEAD.replace("uchar int", "float int"), "bad header line"),
+    "ply: NaN normal": (PLY_HEAD.replace("float z\n", "float z\nproperty float nx\nproperty float ny\nproperty float nz\n") + "0 0 0 0 0 1\n1 0 0 0 nan 1\n0 1 0 0 0 1\n3 0 1 2\n", "vertex 1 has the normal's component nan"),
+    "obj: normal": (TRIANGLE + "vn 0 0\n", 'line 4: "vn 0 0" is not a normal of 3 finite numbers'),
+    "obj: texture": (TRIANGLE + "vt x\n", 'line 4: "vt x" is not a texture coordinate'),
+    "obj: texture index": (TRIANGLE + "vt 0 0\nf 1/1 2/1 3/2\n", 'the index "3/2" is not within the 1 vt lines'),
+    "obj: four indices": (TRIANGLE + "vn 0 0 1\nvt 0 0\nf 1/1/1/1 2 3\n", 'the index "1/1/1/1" is not within'),
+    "stl: empty": ("", "is not STL"),
+    "stl: another format": (TRIANGLE, "is not STL"),
+    "stl: no triangles": ("solid x\nendsolid x\n", "stl"),
+    "stl: cut": ("solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nendloop\nendfacet\nendsolid\n", "stl"),
+    "stl: NaN": ("solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 nan 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n", "has the coordinate nan"),
     "ply: edge": (PLY_HEAD + "0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "face 0 has 2 vertices, expected 3 or 4"),
     "ply: huge count": (PLY_HEAD.replace("vertex 3", "vertex 4000000000") + "0 0 0\n", "lines of data, 4000000001 expected"),
     "ply: negative count": (PLY_HEAD.replace("vertex 3", "vertex -3") + "0 0 0\n", "bad header line"),
@@ -283,7 +368,7 @@ def test_bad_mesh(tmp_path, name):
     content, *fragments = MESHES[name]
     kind = name[:3]
     (tmp_path / f"mesh.{kind}").write_text(content)
-    body = {"obj": OBJ, "ply": PLY}[kind].format(f"mesh.{kind}")
+    body = {"obj": OBJ, "ply": PLY, "stl": STL}[kind].format(f"mesh.{kind}")
     text = message(write(tmp_path, body))
     assert text.startswith(f"{tmp_path}/scene.xml:3: ")
     for fragment in fragments:
@@ -309,7 +394,7 @@ DICTS = {
     "not a dictionary": ([1], "scene: [1] is not a dictionary"),
     "no type": ({}, 'scene: "type" = None, expected "scene"'),
     "not a scene": ({"type": "cube"}, '"type" = "cube", expected "scene"'),
-    "unknown type": ({"s": {"type": "sphere"}}, 'scene.s: unknown type "sphere"; allowed: area,'),
+    "unknown type": ({"s": {"type": "torus"}}, 'scene.s: unknown type "torus"; allowed: area,'),
     "untyped object": ({"s": {"to_world": 1}}, 'scene.s: "type" = None is not the name of an object'),
     "unknown parameter": ({"white": {"type": "diffuse", "reflectence": 0.5}}, 'scene.white.reflectence: diffuse "white": unknown parameter "reflectence" = 0.5', 'did you mean "reflectance"?'),
     "reflectance": ({"white": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0, 2, 0]}}}, 'scene.white.reflectance: diffuse "white": "reflectance" = (0.0, 2.0, 0.0) is outside [0, 1]'),
@@ -334,6 +419,12 @@ DICTS = {
     "id": ({"a": {"type": "cube", "id": 7}}, "scene.a.id: 7 is not a string"),
     "endless": ({"s": endless()}, "nested deeper than 32"),
     "missing file": ({"s": {"type": "ply", "filename": "nowhere.ply"}}, "scene.s.filename: cannot read", "No such file"),
+    "medium on another side": ({"s": {"type": "sphere", "fog": {"type": "homogeneous"}}}, 'scene.s.fog: sphere "s": a medium of a shape is named "fog"; allowed: exterior, interior'),
+    "medium by an unknown name": ({"s": {"type": "sphere", "interior": {"type": "ref", "id": "fog"}}}, 'scene.s.interior: sphere "s": there is no object with the id "fog"'),
+    "material as a medium": ({"s": {"type": "sphere", "interior": {"type": "ref", "id": "m"}}, "m": {"type": "null"}, "t": {"type": "sphere", "exterior": {"type": "diffuse"}, "bsdf": {"type": "null"}}}, 'sphere "t" has 2 objects of category bsdf'),
+    "uneven sphere": ({"s": {"type": "sphere", "to_world": np.diag([1, 2, 1, 1])}}, 'scene.s.to_world: sphere "s": "to_world" scales a sphere unevenly'),
+    "index by an unknown name": ({"s": {"type": "cube", "bsdf": {"type": "dielectric", "int_ior": "glass"}}}, 'scene.s.bsdf.int_ior: dielectric: "int_ior" = "glass" is unknown'),
+    "spot": ({"s": {"type": "spot", "cutoff_angle": 10.0, "beam_width": 11.0}}, 'scene.s: spot "s": cutoff_angle = 10 and beam_width = 11'),
     "parameter of the scene": ({"max_depth": 3}, 'scene.max_depth: scene: unknown parameter "max_depth" = 3'),
 }  # fmt: skip
 
@@ -373,6 +464,7 @@ def arrays(**changes):
     return {**values, **changes}
 
 
+BALL = {"spheres": [[0, 0, 0, 1]], "sphere_material": [0]}
 ARRAYS = {
     "NaN vertex": ({"vertices": [[0, 0, 0], [1, math.nan, 0], [0, 1, 0]]}, "vertices[1][1] is nan; it must be finite"),
     "infinite vertex": ({"vertices": [[0, 0, 0], [1, 0, 0], [-math.inf, 1, 0]]}, "vertices[2][0] is -inf"),
@@ -401,6 +493,36 @@ ARRAYS = {
     "spp": ({"spp": 0}, "spp = 0 is outside [1, "),
     "seed": ({"seed": -1}, "seed = -1 is outside [0, "),
     "shape index": ({"triangle_shape": [1]}, "triangle_shape[0] = 1 is outside [0, 0]"),
+    "normal of length 2": ({"normals": [[0, 0, 2], [0, 0, 1], [0, 0, 0]]}, "normals[0] has length 2, expected 1, or 0 for none"),
+    "normals missing": ({"normals": [[0, 0, 1]]}, "normals has shape (1, 3), expected (3, 3)"),
+    "boundary": ({"triangle_boundary": [0]}, "triangle_boundary[0] = 0 is outside [-1, -1] (there are 0 boundaries)"),
+    "sphere without material": ({"spheres": [[0, 0, 0, 1]]}, "sphere_material is missing; there are 1 spheres"),
+    "radius 0": ({**BALL, "spheres": [[0, 0, 0, 0]]}, "spheres[0][3] = 0.0 is outside (0, "),
+    "NaN radius": ({**BALL, "spheres": [[0, 0, 0, math.nan]]}, "spheres[0][3] is nan"),
+    "sphere's emission": ({**BALL, "sphere_emission": [3]}, "sphere_emission[0] = 3 is outside [-1, -1] (there are 0 emissions)"),
+    "sphere's shape": ({**BALL, "sphere_shape": [3]}, "sphere_shape[0] = 3 is outside [0, 0] (there are 1 shapes)"),
+    "inward twice": ({**BALL, "sphere_inward": [True, False]}, "sphere_inward has shape (2,), expected (1)"),
+    "flat disk": ({"disks": [[[0, 0, 0], [1, 0, 0], [2, 0, 0]]], "disk_material": [0]}, "disks[0] is flat"),
+    "disk of a point": ({"disks": np.zeros((1, 3, 3)), "disk_material": [0]}, "disks[0] is flat"),
+    "disk's shape": ({"disks": [[0, 0, 0]]}, "disks has shape (1, 3), expected (n, 3, 3)"),
+    "material kind": ({"material_kind": [6]}, "material_kind[0] = 6 is outside [0, 5] (there are 6 material kinds)"),
+    "kinds missing": ({"material_kind": [0, 0]}, "material_kind has shape (2,), expected (1)"),
+    "specular": ({"specular_reflectance": [[0, 0, 2]]}, "specular_reflectance[0][2] = 2.0 is outside [0, 1]"),
+    "index 0": ({"material_kind": [2], "eta": [[0, 0, 0]]}, "eta[0] = [0.0, 0.0, 0.0] of a dielectric; expected one number in [0.001, 1000]"),
+    "coloured index": ({"material_kind": [3], "eta": [[1.5, 1.5, 1.6]]}, "of a plastic; expected one number"),
+    "k": ({"k": [[0, -1, 0]]}, "k[0][1] = -1.0 is outside [0, 1e+06]"),
+    "opacity": ({"opacity": [1.5]}, "opacity[0] = 1.5 is outside [0, 1]"),
+    "two-sided glass": ({"material_kind": [2], "two_sided": [True]}, "two_sided[0] is set on a dielectric; allowed: on diffuse, conductor, plastic"),
+    "boundary of no medium": ({"boundaries": [[0, -1]]}, "boundaries[0][0] = 0 is outside [-1, -1] (there are 0 media)"),
+    "extinction": ({"sigma_t": [[1, -1, 1]]}, "sigma_t[0][1] = -1.0 is outside [0, inf]"),
+    "albedo": ({"sigma_t": [[1, 1, 1]], "albedo": [[0, 0, 1.1]]}, "albedo[0][2] = 1.1"),
+    "albedo alone": ({"albedo": [[0, 0, 1]]}, "albedo has shape (1, 3), expected (0, 3)"),
+    "asymmetry": ({"sigma_t": [[1, 1, 1]], "phase_g": [-1]}, "phase_g[0] = -1.0 is outside (-1, 1)"),
+    "light kind": ({"light_kind": [3]}, "light_kind[0] = 3 is outside [0, 2] (there are 3 light kinds)"),
+    "light direction": ({"light_kind": [1], "light_direction": [[0, 0, 2]]}, "light_direction[0] has length 2, expected 1"),
+    "intensity": ({"light_kind": [0], "light_intensity": [[0, 0, -2]]}, "light_intensity[0][2] = -2.0 is outside"),
+    "angles": ({"light_kind": [1], "light_angles": [[20, 30]]}, "light_angles[0] = [20.0, 30.0]; expected a cutoff in (0, 180] and a beam width"),
+    "camera's medium": ({"camera": Camera(np.eye(4), 40.0, medium=0)}, "camera medium = 0 is outside [-1, -1]"),
 }  # fmt: skip
 
 
@@ -423,7 +545,7 @@ def test_good_arrays():
         (lambda: Film(0, 4), "film width = 0 is outside"),
         (lambda: Film(4, 2.5), "film height = 2.5 is not an integer"),
         (lambda: Film(2**16, 2**16), "has more than 2147483647"),
-        (lambda: Film(4, 4, "sinc"), "filter = 'sinc' is unknown; allowed: box, tent, gaussian"),
+        (lambda: Film(4, 4, "sinc"), "filter = 'sinc' is unknown; allowed: box, tent, gaussian, mitchell"),
         (lambda: Film(4, 4, "gaussian", math.nan), "filter_parameter = nan is outside"),
         (lambda: Film(4, 4, "box", 2.0), "of the box filter must be 0.5"),
         (lambda: Camera(np.eye(3), 40), "camera to_world has shape (3, 3), expected (4, 4)"),
@@ -436,6 +558,9 @@ def test_good_arrays():
         (lambda: Camera(np.eye(4), 40, "w"), "fov_axis = 'w' is unknown"),
         (lambda: Camera(np.eye(4), 40, near_clip=-1), "near_clip = -1 is outside"),
         (lambda: Camera(np.eye(4), 40, near_clip=2, far_clip=2), "must be greater than near_clip"),
+        (lambda: Camera(np.eye(4), 40, aperture_radius=-1), "aperture_radius = -1 is outside"),
+        (lambda: Camera(np.eye(4), 40, focus_distance=0), "focus_distance = 0 is outside (0, "),
+        (lambda: Camera(np.eye(4), 40, medium=-2), "camera medium = -2 is outside"),
         (lambda: Camera(np.eye(4), 40, principal_point_offset=[0, math.nan]), "principal_point_offset[1] is nan"),
     ],
 )  # fmt: skip
@@ -493,6 +618,7 @@ def outcome(path):
         except SceneError as error:
             assert len(str(error)) < 2000
             return False
+    assert np.isfinite(scene.spheres).all() and (scene.eta >= 0).all()
     assert np.isfinite(scene.vertices).all() and np.isfinite(scene.camera.to_world).all()
     assert not len(scene.triangles) or scene.triangles.max() < len(scene.vertices)
     assert ((scene.reflectance >= 0) & (scene.reflectance <= 1)).all()
@@ -526,11 +652,23 @@ def test_scene_file_cut_at_every_byte(tmp_path):
         assert outcome(path) == (length == len(data) - 1)
 
 
-@pytest.mark.parametrize("kind", ["obj", "ply", "binary ply"])
+@pytest.mark.parametrize("kind", ["obj", "ply", "binary ply", "stl", "binary stl"])
 def test_damaged_meshes(tmp_path, kind):
     vertices, faces = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]
     if kind == "obj":
         data = b"".join(b"v %d %d %d\n" % tuple(v) for v in vertices) + b"f 1 2 3\nf 1/ 3 4\n"
+    elif kind == "stl":
+        data = b"solid\n" + b"".join(
+            b"facet normal 0 0 1\nouter loop\n"
+            + b"".join(b"vertex %d %d %d\n" % tuple(vertices[i]) for i in face)
+            + b"endloop\nendfacet\n"
+            for face in faces
+        ) + b"endsolid\n"  # fmt: skip
+    elif kind == "binary stl":
+        data = b"x" * 80 + np.uint32(2).tobytes()
+        for face in faces:
+            corners = np.array([[0, 0, 1], *(vertices[i] for i in face)], "<f4")
+            data += corners.tobytes() + b"\0\0"
     else:
         binary = "binary" in kind
         text = PLY_HEAD.replace("vertex 3", "vertex 4").replace("face 1", "face 2")
@@ -542,7 +680,7 @@ def test_damaged_meshes(tmp_path, kind):
             data += b"".join(b"%d %d %d\n" % tuple(v) for v in vertices)
             data += b"".join(b"3 %d %d %d\n" % tuple(f) for f in faces)
     suffix = kind[-3:]
-    scene = write(tmp_path, {"obj": OBJ, "ply": PLY}[suffix].format(f"m.{suffix}"))
+    scene = write(tmp_path, {"obj": OBJ, "ply": PLY, "stl": STL}[suffix].format(f"m.{suffix}"))
     path = tmp_path / f"m.{suffix}"
     path.write_bytes(data)
     assert outcome(scene)

@@ -116,12 +116,12 @@ def _obj_tables(text: bytes) -> _Obj | None:
             return None
         tables.append(table[:, :kept])
     faces = groups[b"f "]
-    if not faces:
+    words = faces[0].split() if faces else []
+    if len(words) < 4:
         return None
-    sample = faces[0].split()[1].split(b"/")
+    sample, width = words[1].split(b"/"), len(words) - 1
     token = rb"/".join(rb"[0-9]{1,18}" if part else b"" for part in sample)
     given = [k for k, part in enumerate(sample) if part]
-    width = len(faces[0].split()) - 1
     numbers = _matched(faces, token, 3, np.int64)
     if numbers is None or len(sample) > 3:
         return None
@@ -303,23 +303,35 @@ def is_flat(vertices: Array, triangles: Array, normals: Array) -> bool:
 
 
 def fronts_by_normals(vertices: Array, triangles: Array, normals: Array) -> Array:
-    """The triangles; those whose three normals point to the back are turned over.
+    """The triangles, turned so that their fronts are where the vertex normals point, as in Mitsuba.
 
-    Mitsuba takes the side to which the vertex normals point for the front.
+    All or none of them, by majority, if neighbours agree on their front: a sliver folded over must
+    not break a closed surface. Else each whose three normals point to the back.
     """
     facing = face_normals(vertices, triangles)
-    behind = np.ones(len(triangles), bool)
-    for k in range(3):
-        behind &= _dot(normals[triangles[:, k]], facing) < 0
+    cosines = np.stack([_dot(normals[triangles[:, k]], facing) for k in range(3)])
+    behind = (cosines < 0).all(axis=0)
+    if not behind.any():
+        return triangles
+    forth, back = (np.sort(edges) for edges in _edges(vertices, triangles))
+    if np.array_equal(forth, back) or (forth[1:] != forth[:-1]).all():
+        behind[:] = 2 * behind.sum() > len(behind)
     return np.where(behind[:, None], triangles[:, ::-1], triangles)
 
 
 def is_closed(vertices: Array, triangles: Array) -> bool:
     """Whether each edge has as many triangles on one side as on the other, by equal positions."""
+    forth, back = _edges(vertices, triangles)
+    return np.array_equal(np.sort(forth), np.sort(back))
+
+
+def _edges(vertices: Array, triangles: Array) -> tuple[Array, Array]:
+    """A number for each edge of each triangle, and for the same edges run backwards.
+
+    Vertices at the same place are one; edges from a vertex to itself are left out.
+    """
     _, inverse = np.unique(vertices, axis=0, return_inverse=True)
     welded = inverse.reshape(-1)[triangles]
     edges = np.concatenate([welded[:, [k, (k + 1) % 3]] for k in range(3)])
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    count = len(vertices)
-    forth, back = edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]
-    return np.array_equal(np.sort(forth), np.sort(back))
+    a, b = edges[edges[:, 0] != edges[:, 1]].T
+    return a * len(vertices) + b, b * len(vertices) + a

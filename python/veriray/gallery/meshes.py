@@ -35,8 +35,8 @@ def write_ply(path: Path, mesh: Mesh) -> None:
         file.write(faces.tobytes())
 
 
-def standing(path: Path) -> Mesh:
-    """A mesh file of the user's, y up, moved and scaled to height 2 on the plane y = 0.
+def standing(path: Path, height: float = 2.25) -> Mesh:
+    """A mesh file of the user's, y up and facing +z, turned to face -z and set on the plane y = 0.
 
     Raises SceneError if it cannot be read or is not closed: a medium needs an inside.
     """
@@ -54,8 +54,9 @@ def standing(path: Path) -> Mesh:
         loaded.invert()
     low, high = loaded.bounds
     middle = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
-    vertices = (np.asarray(loaded.vertices) - middle) * (2 / (high[1] - low[1]))
-    return vertices, np.asarray(loaded.vertex_normals), np.asarray(loaded.faces)
+    turned = np.array([-1.0, 1.0, -1.0])
+    vertices = (np.asarray(loaded.vertices) - middle) * turned * (height / (high[1] - low[1]))
+    return vertices, np.asarray(loaded.vertex_normals) * turned, np.asarray(loaded.faces)
 
 
 # ---- the hare: spheres, ellipsoids and cones, blended ----
@@ -239,8 +240,8 @@ def knot(turns: int = 2, around: int = 3, length: int = 720, section: int = 36) 
 def sweep(width: float = 60.0, floor: float = 14.0, wall: float = 14.0, bend: float = 5.0) -> Mesh:
     """A photographer's backdrop: the floor y = 0 turns into the wall z = bend in a quarter circle.
 
-    It reaches from z = -floor to the wall and up to y = bend + wall; its front is towards the floor's +y
-    and the wall's -z.
+    It reaches from z = -floor to the wall and up to y = bend + wall; its front is towards +y on the
+    floor and -z on the wall.
     """
     steps = 96
     quarter = [sin_cos_degrees(90.0 * k / steps) for k in range(steps + 1)]

@@ -8,15 +8,15 @@ from pathlib import Path
 from ..image import replacing
 
 COUNT = 300
-_WIDE, _DEEP, _HIGH = 7.0, 5.5, 4.2  # half width, half depth and height of the heap's room
+_WIDE, _DEEP, _HIGH = 7.0, 5.5, 4.2  # half width, half depth, height
 _HUES = (  # reflectances, linear RGB
     (0.70, 0.10, 0.07), (0.78, 0.34, 0.05), (0.76, 0.58, 0.10), (0.22, 0.48, 0.12),
     (0.05, 0.40, 0.38), (0.07, 0.22, 0.60), (0.34, 0.14, 0.55), (0.72, 0.70, 0.66),
 )  # fmt: skip
-_LIGHTS = ((1.0, 0.62, 0.28), (0.45, 0.70, 1.0), (1.0, 0.36, 0.50), (0.62, 1.0, 0.60))
+_LIGHTS = ((1.0, 0.48, 0.13), (0.25, 0.52, 1.0), (1.0, 0.16, 0.30), (0.30, 0.90, 0.35))
 
 _HEAD = """<?xml version="1.0" encoding="utf-8"?>
-<!-- {count} random spheres that do not touch, diffuse, one in eight a lamp; seed {seed}. -->
+<!-- {count} random spheres that do not touch, diffuse, one in six a lamp; seed {seed}. -->
 <scene version="3.0.0">
     <default name="spp" value="1024"/>
     <default name="width" value="1280"/>
@@ -44,7 +44,7 @@ _HEAD = """<?xml version="1.0" encoding="utf-8"?>
     </sensor>
 
     <emitter type="constant">
-        <rgb name="radiance" value="0.05, 0.065, 0.10"/>
+        <rgb name="radiance" value="0.30, 0.33, 0.40"/>
     </emitter>
     <shape type="rectangle" id="floor">
         <transform name="to_world">
@@ -79,24 +79,30 @@ def place(count: int, seed: int) -> list[tuple[float, float, float, float]]:
     draw = random.Random(seed).random
     found: list[tuple[float, float, float, float]] = []
     while len(found) < count:
-        r = 0.16 + 0.5 * (1 - len(found) / count) ** 3 * (0.6 + 0.4 * draw())
+        left = 1 - len(found) / count
+        r = 0.16 + 0.5 * left * left * left * (0.6 + 0.4 * draw())
         x, z = (2 * draw() - 1) * _WIDE, (2 * draw() - 1) * _DEEP
-        y = r + 0.01 if draw() < 0.25 else r + 0.02 + draw() ** 1.5 * _HIGH
-        if all(
-            (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 > (r + s + 0.02) ** 2 for a, b, c, s in found
-        ):
-            found.append((x, y, z, r))
+        y = r + 0.01 if draw() < 0.25 else r + 0.02 + draw() * draw() * _HIGH
+        here = (x, y, z, r)
+        if all(_gap_squared(here, there) > 0 for there in found):
+            found.append(here)
     return found
 
 
+def _gap_squared(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Positive if two spheres are more than 0.02 apart."""
+    x, y, z, reach = a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] + b[3] + 0.02
+    return x * x + y * y + z * z - reach * reach
+
+
 def scene_text(count: int = COUNT, seed: int = 2016) -> str:
-    """The scene file: `count` diffuse spheres, every eighth with an emission, over a grey floor."""
+    """The scene file: `count` diffuse spheres, every sixth with an emission, over a grey floor."""
     draw = random.Random(seed + 1).random
     parts = [_HEAD.format(count=count, seed=seed)]
     for k, (x, y, z, r) in enumerate(place(count, seed)):
         colour = _HUES[int(draw() * len(_HUES))]
-        tint, power = _LIGHTS[int(draw() * len(_LIGHTS))], 3.0 + 5.0 * draw()
-        lit = k % 8 == 5
+        tint, power = _LIGHTS[int(draw() * len(_LIGHTS))], 1.2 + 1.2 * draw()
+        lit = k % 6 == 5
         if lit:
             colour = (0.1, 0.1, 0.1)
         emitter = ", ".join(f"{power * c:.3f}" for c in tint)

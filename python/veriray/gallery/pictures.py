@@ -1,0 +1,164 @@
+"""The pictures of the gallery, and how each one's scene is made."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from ..errors import SceneError
+from ..scene import Scene, load_file
+from . import meshes, spheres
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture: figure of the report, file in scenes/ ("" for the generated one), values of the
+    file's $names, names of the generated meshes that it reads, batches to keep, and the relative
+    time of a path, for the estimate of the time left."""
+
+    name: str
+    figure: int
+    file: str
+    text: str
+    values: dict[str, str] = field(default_factory=dict)
+    meshes: tuple[str, ...] = ()
+    spp: int = 1024
+    batches: int = 0
+    cost: float = 1.0
+
+
+def medium(scattering: float, absorption: Sequence[float]) -> dict[str, str]:
+    """Values of subsurface.xml from the report's coefficients, per unit of length.
+
+    The report draws the free flight -log(u) / scattering and weights with exp(-absorption * d) per
+    channel; the homogeneous medium of the same expectation has sigma_t = scattering + absorption
+    and albedo = scattering / sigma_t, with an isotropic phase function.
+    """
+    total = [scattering + a for a in absorption]
+    scale = max(total)
+    return {
+        "scale": f"{scale:.9g}",
+        "sigma_t": ", ".join(f"{t / scale:.9g}" for t in total),
+        "albedo": ", ".join(f"{scattering / t:.9g}" for t in total),
+    }
+
+
+_AMBER, _BLUE = (0.15, 0.50, 1.60), (1.20, 0.30, 0.01)
+
+
+def _subsurface(scattering: float, absorption: Sequence[float], cost: float) -> Picture:
+    listed = ", ".join(f"{a:g}" for a in absorption)
+    return Picture(
+        f"subsurface-{scattering:g}",
+        5,
+        "gallery/subsurface.xml",
+        f"Subsurface scattering in a closed mesh: sigma_s = {scattering:g}, absorption {listed} "
+        "(red, green, blue) per unit of length; refractive index 1.3, unlimited depth.",
+        medium(scattering, absorption),
+        ("mesh", "sweep"),
+        cost=cost,
+    )
+
+
+PICTURES = (
+    Picture(
+        "studio", 1, "gallery/studio.xml",
+        "A studio: a hare with subsurface scattering, a knot of gold, clear and tinted glass, "
+        "milk, a mirror, plastic and a bubble under three soft boxes; thin lens, 40 bounces.",
+        meshes=("hare", "knot", "sweep"), spp=2048, cost=2.0,
+    ),
+    Picture(
+        "spheres", 3, "gallery/spheres.xml",
+        "Glass, mirror, gold, copper, plastic and diffuse spheres through a thin lens.",
+    ),
+    Picture(
+        "lens", 4, "gallery/lens.xml",
+        "Rows of glossy, mirror and glass spheres at dusk; far lamps become discs of light in a "
+        "wide aperture.",
+    ),
+    _subsurface(64, _AMBER, 6.0),
+    _subsurface(16, _AMBER, 4.0),
+    _subsurface(4, _AMBER, 2.0),
+    _subsurface(1, _BLUE, 1.5),
+    Picture(
+        "spheres-300", 6, "",
+        "300 random spheres from a seed: diffuse colours, one in six a lamp.",
+    ),
+    Picture(
+        "cornell", 7, "cornell/cornell_box.xml",
+        "The measured Cornell box, our render on the left, the independent reference in the "
+        "middle, their difference in standard errors on the right (blue -4, red +4).",
+        {"width": "128", "height": "128"}, spp=4096, batches=64,
+    ),
+    Picture(
+        "room", 8, "gallery/room.xml",
+        "A room by day: window, ceiling light and sphere lamps, a glossy floor, a hare of jade, a "
+        "glass knot, a round mirror; thin lens, 40 bounces.",
+        meshes=("hare", "knot", "tiles_dark", "tiles_light"), spp=2048, cost=2.0,
+    ),
+)  # fmt: skip
+
+
+def names() -> tuple[str, ...]:
+    """Names of the pictures, in the order of the report's figures."""
+    return tuple(picture.name for picture in PICTURES)
+
+
+def select(wanted: Sequence[str]) -> list[Picture]:
+    """The pictures of these names, () for all; "fig5" stands for all of figure 5.
+
+    Raises ValueError for an unknown name.
+    """
+    chosen = []
+    for name in wanted:
+        match = re.fullmatch(r"fig(?:ure)?[-_ ]?([0-9])", name)
+        found = [p for p in PICTURES if p.name == name or (match and p.figure == int(match[1]))]
+        if not found:
+            known = ", ".join(f"{p.name} (fig{p.figure})" for p in PICTURES)
+            raise ValueError(f"gallery has no picture {name!r}; it has {known}")
+        chosen += found
+    return [p for p in PICTURES if not wanted or p in chosen]
+
+
+def find(file: str) -> Path | None:
+    """A file of scenes/: in the installed package, in the source checkout, or in a checkout that is
+    the working directory; else None."""
+    package = Path(__file__).resolve().parents[1]
+    for root in (package / "scenes", package.parents[1] / "scenes", Path("scenes")):
+        if (root / file).is_file():
+            return root / file
+    return None
+
+
+@cache
+def _made(name: str) -> meshes.Mesh:
+    return meshes.MAKERS[name]()
+
+
+def load(name: str, folder: Path, mesh: Path | None = None) -> Scene:
+    """The scene of a picture. Generated meshes and scene files are written to `folder`.
+
+    mesh: a closed mesh, y up and facing +z, for figure 5 in place of the hare.
+    Raises ValueError for an unknown name, SceneError as `load_file` does or for a mesh that is not
+    closed, OSError if the folder cannot be written.
+    """
+    (picture,) = [p for p in PICTURES if p.name == name] or select([name])[:1]
+    folder.mkdir(parents=True, exist_ok=True)
+    if not picture.file:
+        spheres.write(folder / f"{name}.xml")
+        return load_file(folder / f"{name}.xml")
+    path = find(picture.file)
+    if path is None:
+        raise SceneError(f"scenes/{picture.file} is not installed")
+    values: dict[str, object] = dict(picture.values)
+    for wanted in picture.meshes:
+        file = folder / f"{wanted}.ply"
+        if wanted == "mesh" and mesh is not None:
+            meshes.write_ply(file, meshes.standing(mesh))
+        else:
+            meshes.write_ply(file, _made("hare" if wanted == "mesh" else wanted))
+        values[wanted] = str(file.resolve())
+    return load_file(path, values)

@@ -1,0 +1,220 @@
+"""Materials: which event a path takes at a surface, with which weight, and where it goes.
+
+Directions point away from the surface; wo to the camera's side, wi onwards. One lobe is chosen by
+roulette, with the probability that makes its weight a colour (section 3.4 of the 2016 report); the
+expectation is that of following all lobes.
+
+=============== ==================================================================================
+diffuse         LAMBERT
+conductor       MIRROR, weight F of the complex index, per channel
+dielectric      MIRROR with probability F, else REFRACT with 1 / eta^2: radiance is scaled
+plastic         MIRROR with probability F(wo), else COATED: rho / (1 - Fi) / eta^2 (1 - F(wi)) over
+                pi, with rho Fi for Fi if nonlinear; Fi: diffuse reflectance from inside
+thindielectric  MIRROR with probability 2F / (1 + F) (all inter-reflections), else PASS
+null            PASS
+mask            PASS with probability 1 - opacity
+=============== ==================================================================================
+
+Normals: ng is geometric, ns the shading normal. Cosines are of ns. A value is 0 unless wo and wi
+lie on the sides that both ask for: the same for a reflection, opposite for a transmission.
+One-sided materials are black where wo is behind either; two-sided ones turn both normals to wo's
+side of ng. F is Fresnel's reflectance of unpolarised light.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reference.scene import MATERIAL_KINDS, Material
+from reference.vectors import dot
+
+LAMBERT, COATED, PHASE, MIRROR, REFRACT, PASS, BLACK = range(7)
+_DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(len(MATERIAL_KINDS))
+_ONE_SIDED = np.array([True, True, False, True, False, False])
+
+
+def fresnel(cosine: np.ndarray, eta: np.ndarray | float) -> np.ndarray:
+    """Reflectance of unpolarised light; cosine >= 0 of incidence, eta = n beyond / n before."""
+    square = 1 - (1 - cosine * cosine) / (eta * eta)
+    beyond = np.sqrt(np.maximum(square, 0))
+    with np.errstate(invalid="ignore"):
+        s = (cosine - eta * beyond) / (cosine + eta * beyond)
+        p = (eta * cosine - beyond) / (eta * cosine + beyond)
+    out = np.where(square > 0, (s * s + p * p) / 2, 1.0)
+    return np.where(np.asarray(eta) == 1, 0.0, out)
+
+
+def fresnel_conductor(cosine: np.ndarray, eta: np.ndarray, k: np.ndarray) -> np.ndarray:
+    """Reflectance for the complex index eta + i k, relative to the outside."""
+    square = (eta + 1j * k) ** 2
+    root = np.sqrt(square - (1 - cosine * cosine))
+    s = (cosine - root) / (cosine + root)
+    p = (square * cosine - root) / (square * cosine + root)
+    return (np.abs(s) ** 2 + np.abs(p) ** 2) / 2
+
+
+def diffuse_fresnel(eta: float) -> float:
+    """Reflectance of light that comes evenly from all sides: integral of 2 F(mu) mu dmu.
+
+    eta = n beyond / n before. Gauss-Legendre over the angle, from outside; from inside by
+    1 - F_i = (1 - F_e) eta^2 (reciprocity).
+    """
+    if eta < 1:
+        return 1 - (1 - diffuse_fresnel(1 / eta)) * eta * eta
+    x, weight = np.polynomial.legendre.leggauss(256)
+    angle = (x + 1) * np.pi / 4
+    value = fresnel(np.cos(angle), eta) * np.sin(2 * angle)
+    return float((value * weight).sum() * np.pi / 4)
+
+
+class Materials:
+    """The materials of a scene as arrays; ``m`` in calls is an index of one for each path."""
+
+    def __init__(self, materials: tuple[Material, ...]) -> None:
+        self.kind = np.array([MATERIAL_KINDS.index(m.kind) for m in materials])
+        for name in ("specular_reflectance", "specular_transmittance", "eta", "k"):
+            setattr(self, name, np.array([getattr(m, name) for m in materials]).T.copy())
+        self.index = self.eta[0].copy()
+        self.opacity = np.array([m.opacity for m in materials])
+        self.two_sided = np.array([m.two_sided for m in materials])
+        self.one_sided = _ONE_SIDED[self.kind]
+        self.base = np.array([_base(m) for m in materials]).T.copy()
+        lobes = [
+            (self.base, (_DIFFUSE, _PLASTIC)),
+            (self.specular_reflectance, (_CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN)),
+            (self.specular_transmittance, (_DIELECTRIC, _THIN)),
+        ]
+        self.black = self.kind != _NULL
+        for colour, kinds in lobes:
+            self.black &= ~(np.isin(self.kind, kinds) & (colour > 0).any(axis=0))
+        present = set(self.kind.tolist())
+        self.has = {kind: kind in present for kind in range(len(MATERIAL_KINDS))}
+        self.masked = bool((self.opacity < 1).any())
+        self.passes = self.masked or self.has[_THIN] or self.has[_NULL]
+        self.bends = self.has[_DIELECTRIC]
+        self.plain = present == {_DIFFUSE} and not self.masked
+
+    def events(
+        self,
+        rng: np.random.Generator,
+        m: np.ndarray,
+        front: np.ndarray,
+        cosine: np.ndarray,
+        throughput: np.ndarray,
+    ) -> np.ndarray:
+        """One event for each path (n,) int8; multiplies ``throughput`` (3, n) by its weight.
+
+        front, cosine: dot of wo with ng and ns, both turned round where the material has two equal
+        sides. BLACK: nothing is scattered.
+        """
+        event = np.zeros(len(m), np.int8)
+        kind = self.kind.take(m)
+        black = self.black.take(m)
+        black |= self.one_sided.take(m) & ~((front > 0) & (cosine > 0))
+        event[black] = BLACK
+        if self.masked:
+            event[rng.random(len(m)) >= self.opacity.take(m)] = PASS
+        if not self.plain:
+            for number, choose in (
+                (_CONDUCTOR, self._conductor),
+                (_DIELECTRIC, self._dielectric),
+                (_PLASTIC, self._plastic),
+                (_THIN, self._thin),
+                (_NULL, self._null),
+            ):
+                if self.has[number] and len(
+                    at := np.flatnonzero((kind == number) & (event == LAMBERT))
+                ):
+                    event[at] = choose(rng, m[at], cosine[at], throughput, at)
+        if self.plain:
+            throughput *= self.base.take(m, axis=1)
+        elif len(at := np.flatnonzero(event <= COATED)):
+            throughput[:, at] *= self.base.take(m[at], axis=1)
+        return event
+
+    def _conductor(self, rng, m, cosine, throughput, at) -> int:  # noqa: ANN001
+        colour = fresnel_conductor(cosine, self.eta.take(m, axis=1), self.k.take(m, axis=1))
+        throughput[:, at] *= colour * self.specular_reflectance.take(m, axis=1)
+        return MIRROR
+
+    def _dielectric(self, rng, m, cosine, throughput, at) -> np.ndarray:  # noqa: ANN001
+        eta = self.relative(m, cosine)
+        mirror = rng.random(len(m)) < fresnel(np.abs(cosine), eta)
+        throughput[:, at] *= np.where(
+            mirror,
+            self.specular_reflectance.take(m, axis=1),
+            self.specular_transmittance.take(m, axis=1) / (eta * eta),
+        )
+        return np.where(mirror, MIRROR, REFRACT)
+
+    def _plastic(self, rng, m, cosine, throughput, at) -> np.ndarray:  # noqa: ANN001
+        mirror = rng.random(len(m)) < fresnel(cosine, self.index.take(m))
+        shiny = np.flatnonzero(mirror)
+        throughput[:, at[shiny]] *= self.specular_reflectance.take(m[shiny], axis=1)
+        return np.where(mirror, MIRROR, COATED)
+
+    def _thin(self, rng, m, cosine, throughput, at) -> np.ndarray:  # noqa: ANN001
+        mirror = rng.random(len(m)) < self.pane(m, cosine)
+        throughput[:, at] *= np.where(
+            mirror,
+            self.specular_reflectance.take(m, axis=1),
+            self.specular_transmittance.take(m, axis=1),
+        )
+        return np.where(mirror, MIRROR, PASS)
+
+    def _null(self, rng, m, cosine, throughput, at) -> int:  # noqa: ANN001
+        return PASS
+
+    def relative(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+        """N beyond / n on wo's side (n,), for wo on the side that the cosine's sign tells."""
+        eta = self.index.take(m)
+        return np.where(cosine > 0, eta, 1 / eta)
+
+    def pane(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+        """Reflectance (n,) of a thin pane with all its inter-reflections."""
+        f = fresnel(np.abs(cosine), self.index.take(m))
+        return 2 * f / (1 + f)
+
+    def coat(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+        """1 - F(wi) (n,): the factor of COATED that depends on wi."""
+        return 1 - fresnel(np.maximum(cosine, 0), self.index.take(m))
+
+    def passing(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+        """Transmittance (3, n) of PASS events, for shadow rays."""
+        opacity = self.opacity.take(m)
+        out = np.broadcast_to(1 - opacity, (3, len(m))).copy()
+        kind = self.kind.take(m)
+        out[:, kind == _NULL] = 1
+        if len(at := np.flatnonzero(kind == _THIN)):
+            share = opacity[at] * (1 - self.pane(m[at], cosine[at]))
+            out[:, at] += share * self.specular_transmittance.take(m[at], axis=1)
+        return out
+
+
+def _base(material: Material) -> np.ndarray:
+    """Weight (3,) of a LAMBERT or COATED event, but for the factor 1 - F(wi)."""
+    rho = material.reflectance
+    if material.kind == "plastic":
+        eta = float(material.eta[0])
+        inside = diffuse_fresnel(1 / eta)
+        return rho / (1 - (rho * inside if material.nonlinear else inside)) / eta**2
+    return rho if material.kind == "diffuse" else np.zeros(3)
+
+
+def mirrored(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """``direction`` (3, n) reflected by planes with unit normals."""
+    out = direction - 2 * dot(direction, normal) * normal
+    return out / np.sqrt(dot(out, out))
+
+
+def refracted(direction: np.ndarray, normal: np.ndarray, eta: np.ndarray) -> np.ndarray:
+    """Snell's law: eta = n beyond / n before, where there is no total reflection.
+
+    ``normal`` is turned to the side that ``direction`` comes from.
+    """
+    cosine = dot(direction, normal)
+    normal = normal * np.copysign(1.0, -cosine)
+    cosine = np.abs(cosine)
+    beyond = np.sqrt(np.maximum(1 - (1 - cosine * cosine) / (eta * eta), 0))
+    out = direction / eta + (cosine / eta - beyond) * normal
+    return out / np.sqrt(dot(out, out))

@@ -1,0 +1,90 @@
+"""Homogeneous media: free flights, transmittance, phase functions.
+
+A flight in a chromatic medium takes one channel's free path, the channel chosen with probability
+proportional to its throughput, and is weighted by the balance heuristic over the three channels
+(one-sample model, Veach and Guibas 1995): unbiased, and the sum of the throughputs never grows. In
+a grey medium that is the usual flight, with weight 1 or albedo.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from reference.scene import Medium
+from reference.vectors import about, dot, unit_sphere
+
+
+class Media:
+    """The media of a scene; ``medium`` in calls is an index (n,) int, at least 0."""
+
+    def __init__(self, media: tuple[Medium, ...]) -> None:
+        self.sigma_t = np.array([m.sigma_t for m in media]).reshape(-1, 3).T.copy()
+        self.albedo = np.array([m.albedo for m in media]).reshape(-1, 3).T.copy()
+        self.g = np.array([m.g for m in media])
+        self.black = (self.albedo == 0).all(axis=0)
+        self.grey = bool((self.sigma_t == self.sigma_t[:1]).all())
+        self.isotropic = bool((self.g == 0).all())
+
+    def flight(
+        self,
+        rng: np.random.Generator,
+        medium: np.ndarray,
+        limit: np.ndarray,
+        throughput: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(distance flown (n,), scattered (n,) bool, weight (3, n)); ``limit`` is the surface's."""
+        n = len(medium)
+        sigma = self.sigma_t.take(medium, axis=1)
+        if self.grey:
+            with np.errstate(divide="ignore"):
+                free = rng.standard_exponential(n) / sigma[0]
+            scattered = free < limit
+            weight = np.where(scattered, self.albedo.take(medium, axis=1), 1.0)
+            return np.minimum(free, limit), scattered, weight
+        total = throughput.sum(axis=0)
+        chance = np.where(total > 0, throughput / np.where(total > 0, total, 1), 1 / 3)
+        u = rng.random(n)
+        channel = (u >= chance[0]).astype(np.int8) + (u >= chance[0] + chance[1])
+        with np.errstate(divide="ignore"):
+            free = rng.standard_exponential(n) / np.choose(channel, sigma)
+        scattered = free < limit
+        distance = np.minimum(free, limit)
+        weight = attenuation(sigma, distance)
+        weight *= np.where(scattered, sigma, 1.0)
+        weight /= dot(chance, weight)
+        weight *= np.where(scattered, self.albedo.take(medium, axis=1), 1.0)
+        return distance, scattered, weight
+
+    def transmittance(self, medium: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """exp(-sigma_t distance) (3, n)."""
+        return attenuation(self.sigma_t.take(medium, axis=1), distance)
+
+    def phase(self, medium: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+        """Henyey and Greenstein (n,) per steradian; cosine of the turn, 1 is straight on."""
+        if self.isotropic:
+            return np.full(len(medium), 1 / (4 * math.pi))
+        g = self.g.take(medium)
+        return (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
+
+    def scatter(
+        self, rng: np.random.Generator, medium: np.ndarray, direction: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """New directions (3, n) drawn from the phase function, and its value."""
+        u, v = rng.random(len(medium)), rng.random(len(medium))
+        if self.isotropic:
+            return unit_sphere(u, v), self.phase(medium, u)
+        g, x = self.g.take(medium), 2 * u - 1
+        # the inverse of the cumulative function, with the division by 2 g carried out
+        cosine = 2 * x + g * (x * x + 3) + 2 * g * g * x + g**3 * (x * x - 1)
+        cosine = np.clip(cosine / (2 * (1 + g * x) ** 2), -1, 1)
+        return about(direction, cosine, 2 * math.pi * v), self.phase(medium, cosine)
+
+
+def attenuation(sigma: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """exp(-sigma distance); 1 where sigma is 0, whatever the distance."""
+    with np.errstate(invalid="ignore"):
+        depth = sigma * distance
+    depth[np.isnan(depth)] = 0
+    return np.exp(-depth)

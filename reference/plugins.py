@@ -1,0 +1,457 @@
+"""Reading of the Mitsuba 3 plugins that veriray's scenes use.
+
+Source: Mitsuba 3 documentation, "Plugin reference"; what the pages leave open (mirrored transforms,
+defaults) was measured with mitsuba 3.9.1. Beyond Mitsuba: ``sigma_s`` with ``sigma_a`` in a
+homogeneous medium, ``ext_eta`` of a conductor, <rgb> media above 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from reference import shapes
+from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
+from reference.xml import Document
+
+IOR = {
+    "vacuum": 1.0,
+    "helium": 1.000036,
+    "hydrogen": 1.000132,
+    "air": 1.000277,
+    "carbon dioxide": 1.00045,
+    "water ice": 1.31,
+    "water": 1.333,
+    "acetone": 1.36,
+    "ethanol": 1.361,
+    "fused quartz": 1.458,
+    "carbon tetrachloride": 1.461,
+    "pyrex": 1.47,
+    "glycerol": 1.4729,
+    "acrylic glass": 1.49,
+    "polypropylene": 1.49,
+    "benzene": 1.501,
+    "bk7": 1.5046,
+    "silicone oil": 1.52045,
+    "sodium chloride": 1.544,
+    "amber": 1.55,
+    "pet": 1.575,
+    "bromine": 1.661,
+    "diamond": 2.419,
+}
+_NO_LIGHT = Material(reflectance=np.zeros(3))  # of a lamp without a bsdf
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    geometry: Geometry
+    material: Material
+    radiance: np.ndarray | None
+    boundary: tuple[int, int] | None
+
+
+def load(path: str | Path, parameters: Mapping[str, str] | None = None) -> Scene:
+    """Read a scene file; ``parameters`` set its ``$names`` (command line: -D name=value)."""
+    return _Reader(Path(path), dict(parameters or {})).scene()
+
+
+class _Reader(Document):
+    def scene(self) -> Scene:
+        self.media: list[Medium] = []
+        self.medium_index: dict[etree._Element, int] = {}
+        self.lights: list[Light] = []
+        self.environment: np.ndarray | None = None
+        self.folder = self.path.parent
+        sensor: tuple[Camera, Film, int] | None = None
+        settings = {"max_depth": -1, "rr_depth": 5}
+        found: list[_Shape] = []
+        for element, folder in self.elements(self.root, self.path.parent):
+            self.folder = folder
+            if element.tag == "integrator":
+                self.plugin(element, "path", "volpath")
+                values = self.parameters(
+                    element,
+                    max_depth=self.integer(-1),
+                    rr_depth=self.integer(1),
+                    hide_emitters=self.choice("false"),
+                )
+                settings.update({k: v for k, v in values.items() if k in settings})
+            elif element.tag == "sensor":
+                if sensor is not None:
+                    raise self.error(element, "second sensor")
+                sensor = self.sensor(element)
+            elif element.tag == "emitter":
+                self.emitter(element)
+            elif element.tag == "shape":
+                found.append(self.shape(element))
+            elif element.tag == "bsdf":
+                self.bsdf(element)  # checked even if nothing uses it
+            elif element.tag == "medium":
+                self.medium(element)
+            else:
+                raise self.error(element, f"unknown element <{element.tag}>")
+        unknown = set(self.given) - self.used
+        if unknown:
+            raise SceneError(f"{self.path}: no such parameter: {', '.join(sorted(unknown))}")
+        if sensor is None:
+            raise SceneError(f"{self.path}: no sensor")
+        camera, film, spp = sensor
+        return Scene(
+            **_tables(found),
+            media=tuple(self.media),
+            lights=tuple(self.lights),
+            environment=self.environment,
+            camera=camera,
+            film=film,
+            spp=spp,
+            digest=self.hash.hexdigest(),
+            **settings,
+        )
+
+    def elements(self, root: etree._Element, folder: Path) -> list[tuple[etree._Element, Path]]:
+        """What the file and its includes hold, with the folder of the file it stands in."""
+        out = []
+        for child in self.children(root):
+            if child.tag == "default":
+                self.defaults.setdefault(self.text(child, "name"), self.text(child, "value"))
+                self.used.add(child.get("name"))
+            elif child.tag == "include":
+                path = folder / self.text(child, "filename")
+                out += self.elements(self.parse(path), path.parent)
+            else:
+                out.append((child, folder))
+        return out
+
+    # -- sensors and films ---------------------------------------------------------------------
+
+    def sensor(self, element: etree._Element) -> tuple[Camera, Film, int]:
+        kind = self.plugin(element, "perspective", "thinlens")
+        lens = dict(
+            aperture_radius=self.number(0, open_low=True),
+            focus_distance=self.number(0, open_low=True),
+        )
+        offset = dict(
+            focus_distance=self.ignore,
+            principal_point_offset_x=self.number(),
+            principal_point_offset_y=self.number(),
+        )
+        values = self.parameters(
+            element,
+            fov=self.number(1e-6, 180 - 1e-6),
+            to_world=self.transform,
+            fov_axis=self.choice("x", "y", "diagonal", "smaller", "larger"),
+            focal_length=lambda e: self.text(e, "value"),
+            near_clip=self.number(0),
+            far_clip=self.number(0),
+            film=self.hdrfilm,
+            sampler=self.sampler,
+            medium=self.medium,
+            **(lens if kind == "thinlens" else offset),
+        )
+        if ("fov" in values) == ("focal_length" in values):
+            raise self.error(element, "needs one of fov and focal_length")
+        if missing := [k for k in lens if kind == "thinlens" and k not in values]:
+            raise self.error(element, f"thinlens needs {' and '.join(missing)}")
+        axis = values.get("fov_axis", "x")
+        if "fov" not in values:  # millimetres on 36 x 24 film; its fov is along the diagonal
+            text = values["focal_length"]
+            length = float(text[:-2] if text.endswith("mm") else text)
+            values["fov"] = math.degrees(2 * math.atan(math.hypot(36, 24) / 2 / length))
+            axis = "diagonal"
+        camera = Camera(
+            to_world=values.get("to_world", np.eye(4)),
+            fov=values["fov"],
+            fov_axis=axis,
+            near=values.get("near_clip", 0.0),
+            far=values.get("far_clip", math.inf),
+            principal=(
+                values.get("principal_point_offset_x", 0.0),
+                values.get("principal_point_offset_y", 0.0),
+            ),
+            aperture=values.get("aperture_radius", 0.0),
+            focus=values.get("focus_distance") or 1.0,
+            medium=values.get("medium", -1),
+        )
+        return camera, values.get("film", Film()), values.get("sampler", 4)
+
+    def sampler(self, element: etree._Element) -> int:
+        self.plugin(element, "independent")
+        values = self.parameters(element, sample_count=self.integer(1), seed=self.integer(0))
+        return values.get("sample_count", 4)
+
+    def hdrfilm(self, element: etree._Element) -> Film:
+        self.plugin(element, "hdrfilm")
+        values = self.parameters(
+            element,
+            width=self.integer(1),
+            height=self.integer(1),
+            rfilter=self.rfilter,
+            pixel_format=self.choice("rgb", "rgba"),
+            file_format=self.ignore,
+            component_format=self.ignore,
+            banner=self.ignore,
+        )
+        kind, parameter = values.get("rfilter", ("gaussian", 0.5))
+        return Film(values.get("width", 768), values.get("height", 576), kind, parameter)
+
+    def rfilter(self, element: etree._Element) -> tuple[str, float | tuple[float, float]]:
+        kind = self.plugin(element, "box", "tent", "gaussian", "mitchell")
+        if kind == "gaussian":
+            return kind, self.parameters(element, stddev=self.number(1e-6)).get("stddev", 0.5)
+        if kind == "tent":
+            return kind, self.parameters(element, radius=self.number(1e-6)).get("radius", 1.0)
+        if kind == "mitchell":
+            values = self.parameters(element, B=self.number(0, 1), C=self.number(0, 1))
+            return kind, (values.get("B", 1 / 3), values.get("C", 1 / 3))
+        self.parameters(element)
+        return kind, 0.5
+
+    # -- materials and media -------------------------------------------------------------------
+
+    def bsdf(self, element: etree._Element) -> Material:
+        kind = self.plugin(
+            element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
+            "mask", "twosided",
+        )  # fmt: skip
+        if kind in ("mask", "twosided"):
+            return getattr(self, kind)(element)
+        return Material(kind=kind, **getattr(self, kind)(element))
+
+    def mask(self, element: etree._Element) -> Material:
+        values = self.parameters(element, opacity=self.number(0, 1), bsdf=self.bsdf)
+        inner = values.get("bsdf")
+        if inner is None or inner.opacity < 1:
+            raise self.error(element, "mask needs one bsdf that is no mask")
+        return replace(inner, opacity=values.get("opacity", 0.5))
+
+    def twosided(self, element: etree._Element) -> Material:
+        inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")
+        if inner is None or inner.opacity < 1:
+            raise self.error(element, "twosided needs exactly one bsdf, without a mask")
+        if inner.kind not in ("diffuse", "conductor", "plastic"):
+            raise self.error(element, f"twosided {inner.kind}: it transmits light")
+        return replace(inner, two_sided=True)
+
+    def diffuse(self, element: etree._Element) -> dict:
+        return self.parameters(element, reflectance=self.colour(1.0))
+
+    def null(self, element: etree._Element) -> dict:
+        return self.parameters(element)
+
+    def conductor(self, element: etree._Element) -> dict:
+        values = self.parameters(
+            element,
+            material=self.choice("none"),
+            eta=self.colour(),
+            k=self.colour(),
+            ext_eta=self.ior,
+            specular_reflectance=self.colour(1.0),
+        )
+        if "material" in values and values.keys() & {"eta", "k"}:
+            raise self.error(element, "material and eta, k exclude each other")
+        if ("eta" in values) != ("k" in values):
+            raise self.error(element, "eta and k belong together")
+        outside = values.pop("ext_eta", 1.0)
+        values.pop("material", None)
+        values["eta"] = values.get("eta", np.zeros(3)) / outside
+        values["k"] = values.get("k", np.ones(3)) / outside
+        return values
+
+    def ior(self, element: etree._Element) -> float:
+        if element.tag == "string":
+            name = self.text(element, "value").lower()
+            if name not in IOR:
+                raise self.error(element, f"'{name}', known: {', '.join(IOR)}")
+            return IOR[name]
+        return self.number(0, open_low=True)(element)
+
+    def dielectric(self, element: etree._Element) -> dict:
+        values = self.parameters(
+            element,
+            int_ior=self.ior,
+            ext_ior=self.ior,
+            specular_reflectance=self.colour(1.0),
+            specular_transmittance=self.colour(1.0),
+        )
+        inside, outside = values.pop("int_ior", IOR["bk7"]), values.pop("ext_ior", IOR["air"])
+        return {**values, "eta": np.full(3, inside / outside)}
+
+    thindielectric = dielectric
+
+    def plastic(self, element: etree._Element) -> dict:
+        values = self.parameters(
+            element,
+            int_ior=self.ior,
+            ext_ior=self.ior,
+            diffuse_reflectance=self.colour(1.0),
+            specular_reflectance=self.colour(1.0),
+            nonlinear=self.boolean,
+        )
+        inside = values.pop("int_ior", IOR["polypropylene"])
+        values["eta"] = np.full(3, inside / values.pop("ext_ior", IOR["air"]))
+        values["reflectance"] = values.pop("diffuse_reflectance", np.full(3, 0.5))
+        return values
+
+    def medium(self, element: etree._Element) -> int:
+        """The index of the medium in the scene's list."""
+        if element in self.medium_index:
+            return self.medium_index[element]
+        self.plugin(element, "homogeneous")
+        values = self.parameters(
+            element,
+            sigma_t=self.colour(),
+            albedo=self.colour(1.0),
+            sigma_s=self.colour(),
+            sigma_a=self.colour(),
+            scale=self.number(0),
+            phase=self.phase,
+            sample_emitters=self.boolean,
+        )
+        if "sigma_s" in values or "sigma_a" in values:
+            if "sigma_t" in values or "albedo" in values or not {"sigma_s", "sigma_a"} <= {*values}:
+                raise self.error(element, "needs sigma_t and albedo, or sigma_s and sigma_a")
+            sigma_t = values["sigma_s"] + values["sigma_a"]
+            albedo = values["sigma_s"] / np.where(sigma_t > 0, sigma_t, 1)
+        else:
+            sigma_t = values.get("sigma_t", np.ones(3))
+            albedo = values.get("albedo", np.full(3, 0.75))
+        sigma_t = sigma_t * values.get("scale", 1.0)
+        self.media.append(Medium(sigma_t, albedo, values.get("phase", 0.0)))
+        self.medium_index[element] = len(self.media) - 1
+        return len(self.media) - 1
+
+    def phase(self, element: etree._Element) -> float:
+        """Henyey and Greenstein's g."""
+        if self.plugin(element, "isotropic", "hg") == "isotropic":
+            self.parameters(element)
+            return 0.0
+        return self.parameters(element, g=self.number(-1 + 1e-9, 1 - 1e-9)).get("g", 0.8)
+
+    # -- lights and shapes ---------------------------------------------------------------------
+
+    def emitter(self, element: etree._Element) -> None:
+        kind = self.plugin(element, "constant", "point", "directional", "spot")
+        light = self.colour(grey=False)
+        if kind == "constant":
+            if self.environment is not None:
+                raise self.error(element, "second environment")
+            values = self.parameters(element, radiance=light)
+            self.environment = values.get("radiance", np.ones(3))
+            return
+        frame = dict(to_world=self.transform)
+        readers = {
+            "point": dict(intensity=light, position=self.point),
+            "directional": dict(irradiance=light, direction=self.point),
+            "spot": dict(
+                intensity=light,
+                cutoff_angle=self.number(0, 180, open_low=True),
+                beam_width=self.number(0, 180),
+            ),
+        }[kind]
+        values = self.parameters(element, **readers, **frame)
+        if "to_world" in values and values.keys() & {"position", "direction"}:
+            raise self.error(element, "to_world excludes position and direction")
+        to_world = values.get("to_world", np.eye(4))
+        direction = values.get("direction", to_world[:3, 2])
+        if not np.linalg.norm(direction) > 0:
+            raise self.error(element, "the direction has length 0")
+        cutoff = values.get("cutoff_angle", 20.0)
+        beam = values.get("beam_width", cutoff * 0.75)
+        if beam > cutoff:
+            raise self.error(element, f"beam_width {beam} above the cutoff_angle {cutoff}")
+        self.lights.append(
+            Light(
+                kind,
+                intensity=values.get("intensity", values.get("irradiance", np.ones(3))),
+                position=values.get("position", to_world[:3, 3]),
+                direction=direction / np.linalg.norm(direction),
+                cutoff=math.radians(cutoff),
+                beam=math.radians(beam),
+            )
+        )
+
+    def area(self, element: etree._Element) -> np.ndarray:
+        self.plugin(element, "area")
+        values = self.parameters(element, radiance=self.colour(grey=False))
+        return values.get("radiance", np.ones(3))
+
+    def shape(self, element: etree._Element) -> _Shape:
+        kind = self.plugin(element, "rectangle", "cube", "disk", "sphere", "obj", "ply", "stl")
+        special: dict = {}
+        if kind in ("obj", "ply", "stl"):
+            special = dict(
+                filename=lambda e: self.folder / self.text(e, "value"),
+                face_normals=self.boolean,
+                flip_tex_coords=self.ignore,
+            )
+        elif kind == "sphere":
+            special = dict(center=self.point, radius=self.number(0, open_low=True))
+        values = self.parameters(
+            element,
+            to_world=self.transform,
+            flip_normals=self.boolean,
+            bsdf=self.bsdf,
+            emitter=self.area,
+            interior=self.medium,
+            exterior=self.medium,
+            **special,
+        )
+        boundary = None
+        if "interior" in values or "exterior" in values:
+            boundary = (values.get("interior", -1), values.get("exterior", -1))
+        radiance = values.get("emitter")
+        material = values.get("bsdf", Material() if radiance is None else _NO_LIGHT)
+        return _Shape(self.geometry(element, kind, values), material, radiance, boundary)
+
+    def geometry(self, element: etree._Element, kind: str, values: dict) -> Geometry:
+        to_world, flip = values.get("to_world", np.eye(4)), values.get("flip_normals", False)
+        if kind in ("rectangle", "cube", "disk"):
+            return getattr(shapes, kind)(to_world, flip)
+        try:
+            if kind == "sphere":
+                centre = values.get("center", np.zeros(3))
+                return shapes.sphere(centre, values.get("radius", 1.0), to_world, flip)
+            path = values.get("filename")
+            if path is None:
+                raise self.error(element, "needs a filename")
+            data = path.read_bytes()
+            self.hash.update(data)
+            return shapes.mesh(kind, data, to_world, values.get("face_normals", False), flip)
+        except SceneError:
+            raise
+        except Exception as error:
+            raise self.error(element, f"{values.get('filename', kind)}: {error}") from error
+
+
+def _tables(found: list[_Shape]) -> dict:
+    """The fields of Scene that list primitives: triangles, then spheres, then disks."""
+    if not found:  # a triangle that nothing can hit
+        point = Geometry(triangles=np.zeros((1, 3, 3)), normals=np.zeros((1, 3, 3)))
+        found = [_Shape(point, Material(), None, None)]
+    boundaries = list(dict.fromkeys(s.boundary for s in found if s.boundary))
+    lit = [s for s in found if s.radiance is not None]
+    rows = np.array(
+        [
+            (
+                number,
+                lit.index(s) if s.radiance is not None else -1,
+                boundaries.index(s.boundary) if s.boundary else -1,
+            )
+            for number, s in enumerate(found)
+        ],
+        np.int32,
+    ).reshape(-1, 3)
+    counts = np.array([s.geometry.counts for s in found], int).reshape(-1, 3)
+    columns = np.concatenate([np.repeat(rows, count, axis=0) for count in counts.T]).T
+    return dict(
+        geometry=shapes.joined([s.geometry for s in found]),
+        **dict(zip(("material", "emission", "boundary"), columns.copy(), strict=True)),
+        materials=tuple(s.material for s in found),
+        radiances=np.array([s.radiance for s in lit]).reshape(-1, 3),
+        boundaries=np.array(boundaries, np.int32).reshape(-1, 2),
+    )

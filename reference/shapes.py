@@ -1,0 +1,191 @@
+"""Shapes as geometry in world units; mesh files and vertex normals.
+
+Every function returns a Geometry; ValueError or OSError if the input is unusable. Source of the
+conventions: Mitsuba 3 documentation; what it leaves open (mirrored transforms, computed normals)
+was measured with mitsuba 3.9.1.
+"""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import trimesh
+
+from reference.scene import Geometry
+
+_SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+_HALVES = [[0, 1, 2], [0, 2, 3]]
+_FACES = {  # outward, counter-clockwise, as (axis, sign)
+    (axis, sign): np.roll(_SQUARE + [0, 0, 1], axis + 1, axis=1) * sign
+    for axis in range(3)
+    for sign in (1, -1)
+}
+
+
+def rectangle(to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """[-1, 1] squared at z = 0, front +z; the front stays in front under a mirror."""
+    return _flat(_SQUARE[_HALVES], to_world, flip)
+
+
+def cube(to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """[-1, 1] cubed, front outside, under a mirror too."""
+    quads = [quad if sign > 0 else quad[::-1] for (_, sign), quad in _FACES.items()]
+    return _flat(np.concatenate([quad[_HALVES] for quad in quads]), to_world, flip)
+
+
+def _flat(triangles: np.ndarray, to_world: np.ndarray, flip: bool) -> Geometry:
+    triangles = _moved(triangles, to_world)
+    if _mirrors(to_world) != flip:
+        triangles = triangles[:, ::-1]
+    return Geometry(triangles=triangles, normals=np.zeros_like(triangles))
+
+
+def disk(to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """The unit disk at z = 0, front +z; an affine transform makes an ellipse of it."""
+    axes = to_world[:3, [0, 1]].T
+    if _mirrors(to_world) != flip:
+        axes = axes[::-1]
+    return Geometry(disks=np.concatenate([to_world[None, :3, 3], axes])[None])
+
+
+def sphere(centre: np.ndarray, radius: float, to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """A sphere; ``to_world`` may rotate, move, mirror (which turns it inside out) and scale evenly.
+
+    ValueError if the scale differs between directions by more than 1e-5 of itself.
+    """
+    linear = to_world[:3, :3]
+    scale = abs(np.linalg.det(linear)) ** (1 / 3)
+    if np.abs(linear @ linear.T / scale**2 - np.eye(3)).max() > 2e-5:
+        raise ValueError("to_world of a sphere must scale equally in all directions")
+    place = linear @ centre + to_world[:3, 3]
+    return Geometry(
+        spheres=np.append(place, radius * scale)[None],
+        inward=np.array([_mirrors(to_world) != flip]),
+    )
+
+
+def mesh(
+    kind: str, data: bytes, to_world: np.ndarray, face_normals: bool = False, flip: bool = False
+) -> Geometry:
+    """Triangles of a mesh file's ``data``; ``kind`` is obj, ply or stl.
+
+    Vertex normals are the file's; if it has none they are computed, weighted by the angle that a
+    face has at the vertex. stl and ``face_normals`` are flat. Front: by winding, which a mirror
+    turns round; where the file has normals they decide under a mirror.
+    """
+    vertices, faces, normals = _READERS[kind](data)
+    if not np.isfinite(vertices).all() or (len(faces) and not _in_range(faces, len(vertices))):
+        raise ValueError("non-finite vertex or index out of range")
+    vertices = _moved(vertices, to_world)
+    triangles = vertices[faces]
+    if face_normals or kind == "stl":
+        normals = None
+    elif normals is not None:
+        normals = _unit(normals @ np.linalg.inv(to_world[:3, :3]))
+        if _mirrors(to_world):
+            triangles, faces = triangles[:, ::-1], faces[:, ::-1]
+    else:
+        normals = angle_weighted_normals(vertices, faces)
+    corner = np.zeros_like(triangles) if normals is None else normals[faces]
+    if flip:
+        triangles, corner = triangles[:, ::-1], -corner[:, ::-1]
+    return Geometry(triangles=triangles, normals=corner)
+
+
+def angle_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals (V, 3), zero where a vertex has no face (Thuermer and Wuethrich 1998)."""
+    corners = vertices[faces]
+    normal = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    out = np.zeros_like(vertices)
+    for i in range(3):
+        a = _unit(corners[:, (i + 1) % 3] - corners[:, i])
+        b = _unit(corners[:, (i + 2) % 3] - corners[:, i])
+        angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1))
+        np.add.at(out, faces[:, i], normal * angle[:, None])
+    return _unit(out)
+
+
+def joined(parts: list[Geometry]) -> Geometry:
+    """All parts' triangles, then all spheres, then all disks, each in the order of the parts."""
+    names = ("triangles", "normals", "spheres", "inward", "disks")
+    parts = [Geometry(), *parts]
+    return Geometry(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+
+
+def _obj(data: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Corners that share position, texture coordinate and normal are one vertex."""
+    places: list[list[float]] = []
+    normals: list[list[float]] = []
+    found: dict[tuple[int, int, int], int] = {}
+    faces: list[list[int]] = []
+    textures = 0
+    for line in data.decode("utf-8", "replace").splitlines():
+        words = line.split()
+        if not words:
+            continue
+        if words[0] == "v":
+            places.append([float(x) for x in words[1:4]])
+        elif words[0] == "vn":
+            normals.append([float(x) for x in words[1:4]])
+        elif words[0] == "vt":
+            textures += 1
+        elif words[0] == "f":
+            sizes = (len(places), textures, len(normals))
+            corner = [found.setdefault(_corner(word, sizes), len(found)) for word in words[1:]]
+            faces += [[corner[0], corner[i], corner[i + 1]] for i in range(1, len(corner) - 1)]
+    if not faces:
+        raise ValueError("no faces")
+    keys = np.array(list(found))
+    vertices = np.array(places, float)[keys[:, 0]]
+    have = (keys[:, 2] >= 0).all() and len(normals)
+    return vertices, np.array(faces), np.array(normals, float)[keys[:, 2]] if have else None
+
+
+def _corner(word: str, sizes: tuple[int, int, int]) -> tuple[int, int, int]:
+    parts = (word + "//").split("/")[:3]
+    out = []
+    for part, size in zip(parts, sizes, strict=True):
+        index = int(part) if part else 0
+        if not -size <= index <= size or (not part and len(out) == 0) or part == "0":
+            raise ValueError(f"face corner {word}: index out of range")
+        out.append(index + size if index < 0 else index - 1)
+    return out[0], out[1], out[2]
+
+
+def _ply(data: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    read = trimesh.exchange.ply.load_ply(io.BytesIO(data), fix_texture=False, skip_materials=True)
+    if "faces" not in read or not len(read["faces"]):
+        raise ValueError("no faces")
+    faces = trimesh.geometry.triangulate_quads(read["faces"])
+    normals = read.get("vertex_normals")
+    return (
+        np.asarray(read["vertices"], float),
+        np.asarray(faces, int),
+        None if normals is None else np.asarray(normals, float),
+    )
+
+
+def _stl(data: bytes) -> tuple[np.ndarray, np.ndarray, None]:
+    read = trimesh.load(io.BytesIO(data), file_type="stl", force="mesh", process=False)
+    return np.asarray(read.vertices, float), np.asarray(read.faces, int), None
+
+
+_READERS = {"obj": _obj, "ply": _ply, "stl": _stl}
+
+
+def _in_range(faces: np.ndarray, count: int) -> bool:
+    return 0 <= faces.min() and faces.max() < count
+
+
+def _moved(points: np.ndarray, to_world: np.ndarray) -> np.ndarray:
+    return points @ to_world[:3, :3].T + to_world[:3, 3]
+
+
+def _mirrors(to_world: np.ndarray) -> bool:
+    return bool(np.linalg.det(to_world[:3, :3]) < 0)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1)

@@ -197,7 +197,7 @@ class Lights:
         cap, axis, centre = self._cap(point, sphere)
         direction = about(axis, 1 - u * cap, 2 * math.pi * v)
         radius = self.quadrics.radius.take(sphere)
-        inside = centre < radius
+        inside = centre <= radius * (1 + 1e-9)  # or on it
         along = centre * (1 - u * cap)
         half = np.sqrt(np.maximum(radius**2 - (centre**2 - along**2), 0))
         right = inside == (self.quadrics.sign.take(sphere) < 0)

@@ -7,6 +7,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "film/film.h"
@@ -135,10 +136,10 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& set
                                    uint32_t y, uint64_t sample);
 
 // ---- hooks of the test suite: the stages' own parts, run on the backend ----
-std::vector<float> eval_math(const std::string& name, const std::vector<float>& x);
-// u, v: n each; result (n, 3).
-std::vector<float> eval_mapping(const std::string& name, const std::vector<float>& u,
-                                const std::vector<float>& v);
+// A function of backends/hooks.h by name. x: rows of its inputs; result: rows of its outputs.
+std::vector<float> eval_function(const std::string& name, const std::vector<float>& x);
+// Columns of its input and output.
+std::pair<size_t, size_t> function_shape(const std::string& name);
 std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
                                    const std::vector<uint64_t>& sample,
                                    const std::vector<uint32_t>& block);

@@ -170,7 +170,8 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
     const uint64_t wanted = s.batch ? s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
     const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
     const uint32_t features = kVariants[choose_variant(view, s)];
-    auto floats = pool_memory<float>(static_cast<size_t>(path_floats(features)) * pool, "path pool");
+    auto floats =
+        pool_memory<float>(static_cast<size_t>(path_floats(features)) * pool, "path pool");
     auto uints =
         pool_memory<uint32_t>(static_cast<size_t>(path_uints(features)) * pool, "path pool");
     auto index = pool_memory<int32_t>(pool, "path pool");
@@ -284,14 +285,16 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
                 v.event = names[cause_of(e)];
                 v.shadow = e.visible ? 1 : e.occluded ? 0 : -1;
                 v.primitive = -1;
-                const bool met = !e.escaped;
-                v.t = met ? static_cast<float>(hit.t * host.unit) : kInfinity;
+                const bool met = !e.escaped && !e.collided;
+                const Vec3<float> flown = path.ray.o - ray.o;
+                v.t = met          ? static_cast<float>(hit.t * host.unit)
+                      : e.collided ? static_cast<float>(sqrt(dot(flown, flown)) * host.unit)
+                                   : kInfinity;
                 const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
                 const float after[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
                 for (int k = 0; k < 3; ++k) {
-                    const double at =
-                        static_cast<double>(o[k]) +
-                        (met ? static_cast<double>(hit.t) * static_cast<double>(d[k]) : 0);
+                    const double t = v.t < kInfinity ? static_cast<double>(v.t) / host.unit : 0;
+                    const double at = static_cast<double>(o[k]) + t * static_cast<double>(d[k]);
                     v.position[k] = at * host.unit + host.centre[k];
                     v.direction[k] = d[k];
                     v.throughput[k] = before[k];
@@ -363,26 +366,38 @@ std::vector<DeviceInfo> devices() {
     return {d};
 }
 
-std::vector<float> eval_math(const std::string& name, const std::vector<float>& x) {
-    const int which = find_name(kMathNames, name);
-    std::vector<float> in(x), out(x.size() + Simd::kWidth);
-    in.resize(x.size() + Simd::kWidth);
-    const auto all = first_lanes(Simd::kWidth, Simd::M());
-    for (size_t i = 0; i < x.size(); i += Simd::kWidth)
-        compress_store(&out[i], math_function(which, load(&in[i], Simd::F())), all);
-    out.resize(x.size());
-    return out;
+std::pair<size_t, size_t> function_shape(const std::string& name) {
+    const FunctionInfo& f = kFunctions[find_function(name)];
+    return {f.inputs, f.outputs};
 }
 
-std::vector<float> eval_mapping(const std::string& name, const std::vector<float>& u,
-                                const std::vector<float>& v) {
-    const int which = find_name(kMappingNames, name);
-    std::vector<float> out;
-    for (size_t i = 0; i < u.size(); ++i) {
-        const Vec3<float> p = mapping_function(which, u[i], v[i]);
-        out.insert(out.end(), {p.x, p.y, p.z});
+// Every row goes through the vector and the scalar lanes, which must agree.
+std::vector<float> eval_function(const std::string& name, const std::vector<float>& x) {
+    const uint32_t which = find_function(name);
+    const auto [inputs, outputs] = function_shape(name);
+    const size_t n = x.size() / inputs;
+    std::vector<float> y(n * outputs);
+    for (size_t i = 0; i < n; i += Simd::kWidth) {
+        const size_t live = std::min<size_t>(Simd::kWidth, n - i);
+        Simd::F in[kMaxColumns], out[kMaxColumns];
+        float column[Simd::kWidth], row[kMaxColumns];
+        for (size_t c = 0; c < kMaxColumns; ++c) {
+            for (size_t k = 0; k < Simd::kWidth; ++k)
+                column[k] = c < inputs ? x[(i + std::min(k, live - 1)) * inputs + c] : 0.f;
+            in[c] = load(column, Simd::F());
+        }
+        evaluate<Simd>(which, in, out);
+        for (size_t c = 0; c < outputs; ++c) {
+            store(column, out[c]);
+            for (size_t k = 0; k < live; ++k) y[(i + k) * outputs + c] = column[k];
+        }
+        for (size_t k = 0; k < live; ++k) {
+            evaluate<Scalar>(which, &x[(i + k) * inputs], row);
+            if (std::memcmp(row, &y[(i + k) * outputs], outputs * sizeof(float)))
+                throw std::logic_error(name + ": scalar and vector lanes differ");
+        }
     }
-    return out;
+    return y;
 }
 
 std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
@@ -412,17 +427,15 @@ void intersect(const Scene& scene, const double* origins, const double* directio
         }
         const auto column = [&](int c) { return load(rays[c], Simd::F()); };
         const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
-        const Hit<Simd> hit =
-            PathTracer<Simd, kAllFeatures>::closest(
-                host.view, ray, Simd::F(kInfinity), first_lanes(live, Simd::M()));
+        const Hit<Simd> hit = PathTracer<Simd, kAllFeatures>::closest(
+            host.view, ray, Simd::F(kInfinity), first_lanes(live, Simd::M()));
         const auto all = first_lanes(Simd::kWidth, Simd::M());
         compress_store(distance, hit.t, all);
         compress_store(primitive, hit.primitive, all);
         for (uint32_t k = 0; k < live; ++k) {
             const bool met = distance[k] < kInfinity;
             t[i + k] = met ? static_cast<float>(distance[k] * host.unit) : kInfinity;
-            triangle[i + k] =
-                met ? static_cast<int32_t>(host.input_index[primitive[k]]) : -1;
+            triangle[i + k] = met ? static_cast<int32_t>(host.input_index[primitive[k]]) : -1;
         }
     }
 }

@@ -206,9 +206,9 @@ Scene::Scene(const SceneInput& in, int device, const BuildPoll& poll)
 Scene::~Scene() = default;
 const HostScene& Scene::host() const { return impl->host; }
 TreeInfo Scene::tree() const {
-    return tree_info(impl->host, kDeviceWidth, impl->nodes.size(),
-                     impl->nodes.size() * sizeof(WideNode<kDeviceWidth>) +
-                         impl->records.size() * sizeof(float));
+    return tree_info(
+        impl->host, kDeviceWidth, impl->nodes.size(),
+        impl->nodes.size() * sizeof(WideNode<kDeviceWidth>) + impl->records.size() * sizeof(float));
 }
 
 // ---- render ----

@@ -92,16 +92,10 @@ std::vector<DeviceInfo> devices() {
 
 // ---- hooks of the test suite ----
 namespace {
-__global__ void math_kernel(int which, const float* x, float* y, uint64_t n) {
+__global__ void function_kernel(uint32_t which, uint32_t inputs, uint32_t outputs, const float* x,
+                                float* y, uint64_t n) {
     const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < n) y[i] = math_function(which, x[i]);
-}
-
-__global__ void mapping_kernel(int which, const float* u, const float* v, float* out, uint64_t n) {
-    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i >= n) return;
-    const Vec3<float> p = mapping_function(which, u[i], v[i]);
-    out[3 * i] = p.x, out[3 * i + 1] = p.y, out[3 * i + 2] = p.z;
+    if (i < n) evaluate<Scalar>(which, x + i * inputs, y + i * outputs);
 }
 
 __global__ void random_kernel(uint64_t seed, const uint32_t* pixel, const uint64_t* sample,
@@ -115,25 +109,21 @@ __global__ void random_kernel(uint64_t seed, const uint32_t* pixel, const uint64
 }
 }  // namespace
 
-std::vector<float> eval_math(const std::string& name, const std::vector<float>& x) {
-    const int which = find_name(kMathNames, name);
-    use_device(0);
-    Buffer<float> in(x, "arguments"), out(x.size(), "values");
-    if (!x.empty())
-        math_kernel<<<blocks_for(x.size(), 256), 256>>>(which, in.get(), out.get(), x.size());
-    check_launch("math");
-    return out.download();
+std::pair<size_t, size_t> function_shape(const std::string& name) {
+    const FunctionInfo& f = kFunctions[find_function(name)];
+    return {f.inputs, f.outputs};
 }
 
-std::vector<float> eval_mapping(const std::string& name, const std::vector<float>& u,
-                                const std::vector<float>& v) {
-    const int which = find_name(kMappingNames, name);
+std::vector<float> eval_function(const std::string& name, const std::vector<float>& x) {
+    const uint32_t which = find_function(name);
+    const FunctionInfo& f = kFunctions[which];
     use_device(0);
-    Buffer<float> a(u, "arguments"), b(v, "arguments"), out(3 * u.size(), "values");
-    if (!u.empty())
-        mapping_kernel<<<blocks_for(u.size(), 256), 256>>>(which, a.get(), b.get(), out.get(),
-                                                           u.size());
-    check_launch("mapping");
+    const uint64_t n = x.size() / f.inputs;
+    Buffer<float> in(x, "arguments"), out(n * f.outputs, "values");
+    if (n)
+        function_kernel<<<blocks_for(n, 256), 256>>>(which, f.inputs, f.outputs, in.get(),
+                                                     out.get(), n);
+    check_launch("function");
     return out.download();
 }
 

@@ -37,8 +37,8 @@ enum class Function : uint32_t {
     kUniformDisk,        // u, v -> x, y
     kUniformCone,        // u, v, 1 - cos -> direction, pdf
     kOrthonormalFrame,   // n -> a, b
-    kHenyeyGreenstein,   // d, g, u, v -> direction, pdf by vectors
-    kHenyeyGreensteinP,  // cos, g -> pdf
+    kHenyeyGreenstein,   // d, g, u, v -> direction, pdf
+    kHenyeyGreensteinP,  // d, w, g -> pdf
     kSphere,             // record, o, d, t_max -> t (infinite: missed), p, n, offset
     kSphereLight,        // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
 };
@@ -62,7 +62,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"uniform_cone", 3, 4},
     {"orthonormal_frame", 3, 6},
     {"henyey_greenstein", 6, 4},
-    {"henyey_greenstein_pdf", 2, 1},
+    {"henyey_greenstein_pdf", 7, 1},
     {"sphere", 15, 8},
     {"sphere_light", 13, 7},
 };
@@ -150,7 +150,7 @@ VR_HD void evaluate_mapping(Function which, const F* x, F* y) {
             break;
         }
         default:
-            y[0] = henyey_greenstein_pdf(x[0], x[1]);
+            y[0] = henyey_greenstein_pdf({x[0], x[1], x[2]}, {x[3], x[4], x[5]}, x[6]);
     }
 }
 
@@ -160,7 +160,7 @@ VR_HD void evaluate_sphere(const typename L::F* x, typename L::F* y) {
     const Ray<L> ray{{x[8], x[9], x[10]}, {x[11], x[12], x[13]}};
     F t;
     const auto met = meets_sphere<L>(x, ray, x[14], t);
-    const SpherePoint<F> s = sphere_point(x, ray.o, ray.d, t);
+    const SpherePoint<F> s = sphere_point(x, ray.o, ray.d, select(met, t, F(0.f)));
     y[0] = select(met, t, F(kInfinity));
     put(y + 1, s.p), put(y + 4, s.n);
     y[7] = s.offset;
@@ -184,30 +184,6 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         y[3] = s.pdf_sa, y[4] = s.distance, y[5] = s.cos_light;
         y[6] = sphere_light_pdf(x, p);
     }
-}
-
-// Names of eval_math and eval_mapping.
-inline constexpr const char* kMathNames[] = {"sin_2pi", "cos_2pi", "sqrt", "reciprocal", "tent"};
-inline constexpr const char* kMappingNames[] = {"cosine_hemisphere", "uniform_sphere",
-                                                "uniform_triangle"};
-
-template <class F>
-VR_HD F math_function(int which, F x) {
-    return evaluate_elementary(static_cast<Function>(which), x);
-}
-template <class F>
-VR_HD Vec3<F> mapping_function(int which, F u, F v) {
-    const F x[2] = {u, v};
-    F y[3];
-    evaluate_mapping(static_cast<Function>(static_cast<int>(Function::kCosineHemisphere) + which),
-                     x, y);
-    return {y[0], y[1], y[2]};
-}
-template <size_t n>
-int find_name(const char* const (&names)[n], const std::string& name) {
-    const auto at = std::find(std::begin(names), std::end(names), name);
-    if (at == std::end(names)) throw std::invalid_argument("unknown function '" + name + "'");
-    return static_cast<int>(at - std::begin(names));
 }
 
 }  // namespace veriray

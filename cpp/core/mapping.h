@@ -99,26 +99,14 @@ VR_HD Vec3<F> henyey_greenstein(Vec3<F> d, F g, F u, F v) {
     return wi * (one / sqrt(dot(wi, wi)));
 }
 
-// Its density per solid angle for 1 - cos of the angle to d, or to -d for negative g.
-template <class F>
-VR_HD F henyey_greenstein_density(F one_minus_cos, F g) {
-    const F a = abs(g), less = F(1.f) - a;
-    const F base = fma(F(2.f) * a, one_minus_cos, less * less);
-    return F(0.25f * kInvPi) * less * (F(1.f) + a) / (base * sqrt(base));
-}
-
-// For the cosine between d and the new direction; |g| below 0.9, because a rounded cosine does not
-// tell small angles apart.
-template <class F>
-VR_HD F henyey_greenstein_pdf(F cosine, F g) {
-    return henyey_greenstein_density(F(1.f) - select(g < F(0.f), -cosine, cosine), g);
-}
-
-// For the two unit vectors and any g: 1 - cos = |d - w|^2 / 2.
+// Its density per solid angle at w. 1 - cos = |d - w|^2 / 2 (negative g: 1 + cos), because a
+// rounded cosine does not tell small angles apart.
 template <class F>
 VR_HD F henyey_greenstein_pdf(Vec3<F> d, Vec3<F> w, F g) {
     const Vec3<F> apart = w - select(g < F(0.f), -d, d);
-    return henyey_greenstein_density(F(0.5f) * dot(apart, apart), g);
+    const F a = abs(g), less = F(1.f) - a;
+    const F base = fma(a, dot(apart, apart), less * less);
+    return F(0.25f * kInvPi) * less * (F(1.f) + a) / (base * sqrt(base));
 }
 
 // Exponential with mean 1 from 32 random bits: -log((bits + 1/2) 2^-32), 1.2e-10 to 22.9.

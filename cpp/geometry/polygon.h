@@ -3,7 +3,9 @@
 //
 // Neighbours must not leave a gap: the host widens primitives along the edges they share by
 // kEdgeSlack (normalised units), a bound on the rounding of point and edge function, so that a ray
-// within rounding of a shared edge meets one of its primitives or both (scene/flat.cpp).
+// within rounding of a shared edge meets one of its primitives or both (scene/flat.cpp). A ray that
+// starts within rounding of a neighbour's plane counts as in front of it: records hold the plane
+// kPlaneSlack behind the surface.
 #pragma once
 
 #include "geometry/ray.h"
@@ -14,6 +16,7 @@ inline constexpr uint32_t kMaxFlat = 64;        // primitives for which no tree 
 inline constexpr uint32_t kQuadFloats = 12;     // plane, {U, w}, {V, w}: |U.p + w| <= 1
 inline constexpr uint32_t kPolygonFloats = 20;  // plane, four edges e.p + w >= 0
 inline constexpr float kEdgeSlack = 0x1p-20f;
+inline constexpr float kPlaneSlack = 0x1p-22f;
 
 // Whether a ray meets the primitive at 0 < t < t_max, and where. A ray within the plane has an
 // infinite or NaN t: neither passes.

@@ -108,7 +108,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         while (any(todo)) {
             const Hit<L> hit = closest(scene, shadow.ray, shadow.t_max, todo);
             M met = todo & (hit.t < shadow.t_max);
-            if constexpr (has(kSphereLights)) met = met & !(hit.primitive == shadow.skip);
+            met = met & !(hit.primitive == shadow.skip);  // t_max has lost bits by subtraction
             if constexpr (has(kMedia)) attenuate(scene, shadow, hit.t, todo);
             free = free | (todo & !met);
             todo = met;

@@ -81,12 +81,14 @@ struct PathTracer : DirectLight<L, kFeatures> {
         if (none(inside)) return inside;
         const Block<U> r =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
+        const M bounded = inside & (hit.t < F(kInfinity));
+        const F limit = max(hit.t - Reader::exit_margin(scene, path.ray, hit, bounded), F(0.f));
         const Flight<F> flight =
             free_flight(medium_column3(scene, path.medium, kMediumSigma),
-                        medium_column3(scene, path.medium, kMediumAlbedo), path.throughput, hit.t,
+                        medium_column3(scene, path.medium, kMediumAlbedo), path.throughput, limit,
                         uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
         path.throughput = select(inside, path.throughput * flight.weight, path.throughput);
-        const M collided = inside & (flight.t < hit.t);
+        const M collided = inside & (flight.t < limit);
         hit.t = select(collided, flight.t, hit.t);
         return collided;
     }
@@ -151,7 +153,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         Events<L> e;
         const M nobody = no_lanes(active);
         e.emitter_end = e.absorbed = e.depth_cut = e.rr_killed = e.alive = nobody;
-        e.visible = e.occluded = shadow.wanted = nobody;
+        e.visible = e.occluded = e.collided = shadow.wanted = nobody;
 
         M valid = active & (hit.t < F(kInfinity)), collided = nobody;
         if constexpr (has(kClip))
@@ -161,6 +163,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
             }
         if constexpr (has(kMedia)) {
             collided = cross(scene, s, path, hit, segment, active);
+            e.collided = collided;
             valid = valid & !collided;
         }
         e.escaped = active & !(valid | collided);

@@ -57,15 +57,16 @@ struct ShadowRequest {
     Ray<L> ray;
     typename L::F t_max;
     Vec3<typename L::F> radiance;  // added if the ray is free
-    typename L::U skip;            // kSphereLights: primitive that does not block
+    typename L::U skip;            // kSphereLights, kPass: primitive that does not block
     typename L::U medium;          // kMedia: around the ray's origin
 };
 
-// What happened to the lanes of a bounce; disjoint but for the shadow's two.
+// What happened to the lanes of a bounce; disjoint but for the last three.
 template <class L>
 struct Events {
     typename L::M escaped, emitter_end, absorbed, depth_cut, rr_killed, alive;
-    typename L::M visible, occluded;
+    typename L::M visible, occluded;  // the shadow ray
+    typename L::M collided;           // in a medium
 };
 
 // A point of a surface, by lane.

@@ -155,6 +155,25 @@ struct SurfaceReader {
         return at;
     }
 
+    // How far before its hit a ray may still collide in a medium: a rounded point nearer than that
+    // could lie beyond the surface, and its path would never leave the medium.
+    static VR_HD F exit_margin(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
+                               M valid) {
+        const U prim = select(valid, hit.primitive, U(0u));
+        const V p = ray.at(hit.t);
+        F cosine = abs(dot(primitive_column3(scene, prim, kPrimN), ray.d));
+        if constexpr (has(kSpheres)) {
+            const M round = valid & !(prim < U(scene.first_sphere));
+            if (any(round)) {
+                const V n = p - primitive_column3(scene, prim, kSphereCentre);
+                const F r = primitive_column(scene, prim, kSphereRadius);
+                cosine = select(round, abs(dot(n, ray.d)) / r, cosine);
+            }
+        }
+        const F size = max(max(abs(p.x), abs(p.y)), abs(p.z));
+        return select(valid, F(0x1p-20f) * size / cosine, F(0.f));
+    }
+
     // The interpolated normal; the geometric one where it vanishes or the surface is not smooth.
     static VR_HD V interpolated(const SceneView& scene, U prim, const Surface<L>& at) {
         const bool spheres = has(kSpheres) && scene.sphere_count;

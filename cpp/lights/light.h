@@ -64,7 +64,7 @@ struct LightSample {
     F distance;           // a shadow ray's length; infinity for the environment
     Vec3<F> wi;           // unit
     typename L::M delta;  // no ray can meet the light
-    typename L::U skip;   // primitive that does not block; ~0: none
+    typename L::U skip;   // primitive that does not block: the light, which the ray meets once
 };
 
 // The light whose interval holds u24 in [environment_share, 2^24): chosen with exactly its share of
@@ -166,6 +166,7 @@ struct LightSampler {
         const V zero{F(0.f), F(0.f), F(0.f)};
         s.radiance = select(cos_light > F(0.f), column3(column, kLightRadiance), zero);
         s.pdf_sa = column(kLightChance) * d2 / cos_light;
+        s.skip = as_uint(column(kLightPrimitive));
     }
 
     // The sphere is convex, so that it hides none of its own points that p can see: it is skipped

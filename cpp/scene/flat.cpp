@@ -110,6 +110,7 @@ Double3 edge_normal(Double3 n, Double3 a, Double3 b) { return normalised(cross(n
 
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
     write_plane(f, out);
+    out[3] += kPlaneSlack;
     const Double3 n = normalised(f.area_vector());
     for (uint32_t k = 0; k < 2; ++k) {  // slab between the edges k and k + 2
         const Double3 e = edge_normal(n, f.v[k], f.v[k + 1]);
@@ -123,6 +124,7 @@ void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
 
 void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out) {
     write_plane(f, out);
+    out[3] += kPlaneSlack;
     const Double3 n = normalised(f.area_vector());
     for (uint32_t k = 0; k < 4; ++k) {
         if (k >= f.corners) {

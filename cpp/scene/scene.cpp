@@ -137,7 +137,7 @@ bool HostScene::set_flat(const SceneInput& in) {
         write_plane(f, plane);
         bool widened = false;
         for (const bool w : shared[i]) widened |= w;
-        put_plane(i, f, plane, widened);
+        put_plane(i, f, plane, widened ? kEdgeSlack : 2 * kPlaneSlack);
         if (f.parallelogram)
             write_quad(f, shared[i], view.quads + kQuadFloats * view.quad_count++);
         else
@@ -181,7 +181,7 @@ void HostScene::set_tree(const SceneInput& in, const BuildPoll& poll) {
         const Flat f = triangle(in, kept[i]);
         float plane[4];
         write_plane(f, plane);
-        put_plane(i, f, plane, false);
+        put_plane(i, f, plane, 0);
         add_source(in, kTriangleGroup, kept[i], length(f.area_vector()));
         if (!smooth.empty()) put_smooth(in, i, f);
         for (int k = 0; k < 9; ++k) {
@@ -249,12 +249,12 @@ float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint3
 }
 }  // namespace
 
-void HostScene::put_plane(size_t primitive, const Flat& f, const float* plane, bool widened) {
+// least: the offset must take a point past a neighbour's rim and the slack of its own plane.
+void HostScene::put_plane(size_t primitive, const Flat& f, const float* plane, float least) {
     for (uint32_t k = 0; k < 3; ++k) at(primitives, view, primitive, kPrimN + k) = plane[k];
     at(primitives, view, primitive, kPrimPlane) = -plane[3];
-    double offset = leave(plane, f.v.data(), f.corners);
-    if (widened) offset = std::max(offset, static_cast<double>(kEdgeSlack));  // a neighbour's rim
-    at(primitives, view, primitive, kPrimOffset) = static_cast<float>(offset);
+    at(primitives, view, primitive, kPrimOffset) =
+        std::max(least, static_cast<float>(leave(plane, f.v.data(), f.corners)));
 }
 
 void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record) {
@@ -269,7 +269,7 @@ void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, f
     f.v = {c + a, c + b, c - a, c - b};
     float plane[4];
     write_plane(f, plane);
-    put_plane(primitive, f, plane, false);
+    put_plane(primitive, f, plane, 0);
     std::copy_n(plane, 4, record);
     // U.p + w = 1 at c + a, 0 at c and along b; V likewise.
     const Double3 u = cross(b, n) * (1 / (area * area)), v = cross(n, a) * (1 / (area * area));

@@ -133,7 +133,7 @@ class HostScene {
     bool set_flat(const SceneInput& in);
     void set_tree(const SceneInput& in, const BuildPoll& poll);
     void allocate_primitives(size_t count, uint32_t row);
-    void put_plane(size_t primitive, const Flat& f, const float* plane, bool widened);
+    void put_plane(size_t primitive, const Flat& f, const float* plane, float least);
     void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     void put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);

@@ -21,6 +21,8 @@ enum PrimitiveColumn : uint32_t {
     kPrimN,                        // unit normal of the front: 3 columns
     kPrimPlane = kPrimN + 3,       // n.p on the primitive
     kPrimOffset = kPrimPlane + 1,  // distance to leave the plane by, past a point's rounding
+    kSphereCentre = 0,             // upper parts: 3 columns
+    kSphereRadius = 6,             // upper part
     kPrimSide = kSphereFloats,     // spheres: -1 where the front is inside, else 1
     kPrimColumns,
 };

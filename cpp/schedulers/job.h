@@ -33,8 +33,7 @@ VR_HD LedgerColumn finish(const SceneView& scene, const Job& job, const PathStat
         log_fault(job.faults, path.pixel, path.sample, radiance);
         return kInvalid;
     }
-    const float weight =
-        PathTracer<Scalar, kFeatures>::sample_weight(scene, job.settings, path);
+    const float weight = PathTracer<Scalar, kFeatures>::sample_weight(scene, job.settings, path);
     add_sample(sum, radiance, weight, job.film.scale);
     return cause;
 }

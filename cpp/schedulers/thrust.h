@@ -51,9 +51,9 @@ VR_HD void thrust_begin(const SceneView& scene, const Job& job, const PathColumn
     const uint32_t sample = static_cast<uint32_t>(g / job.pixels());
     const uint32_t pixel = static_cast<uint32_t>(g - sample * job.pixels());
     store_path<kFeatures>(paths, i,
-               PathTracer<Scalar, kFeatures>::begin(scene, job.settings, pixel % job.film.width,
-                                                    pixel / job.film.width, job.film.width,
-                                                    job.sample_begin + sample));
+                          PathTracer<Scalar, kFeatures>::begin(
+                              scene, job.settings, pixel % job.film.width, pixel / job.film.width,
+                              job.film.width, job.sample_begin + sample));
     indices[i] = static_cast<int32_t>(i);
 }
 

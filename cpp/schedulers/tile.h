@@ -117,8 +117,8 @@ class Tile {
         float r[3][Simd::kWidth], weight[Simd::kWidth];
         uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
         const M all = first_lanes(Simd::kWidth, M());
-        compress_store(
-            weight, PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path), all);
+        compress_store(weight,
+                       PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path), all);
         compress_store(r[0], path.radiance.x, all);
         compress_store(r[1], path.radiance.y, all);
         compress_store(r[2], path.radiance.z, all);

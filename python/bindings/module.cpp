@@ -226,18 +226,17 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
                                    const uint32_t mask = variant_mask(s.host().view);
                                    return 4 * (path_floats(mask) + path_uints(mask));
                                })
-        .def_property_readonly("primitives",
-                               [](const Scene& s) {
-                                   const SceneView& v = s.host().view;
-                                   const uint32_t others = v.quad_count + v.polygon_count +
-                                                           v.disk_count + v.sphere_count;
-                                   return py::dict("quads"_a = v.quad_count,
-                                                   "polygons"_a = v.polygon_count,
-                                                   "disks"_a = v.disk_count,
-                                                   "spheres"_a = v.sphere_count,
-                                                   "triangles"_a = v.primitive_count - others,
-                                                   "dropped"_a = s.host().dropped);
-                               })
+        .def_property_readonly(
+            "primitives",
+            [](const Scene& s) {
+                const SceneView& v = s.host().view;
+                const uint32_t others =
+                    v.quad_count + v.polygon_count + v.disk_count + v.sphere_count;
+                return py::dict("quads"_a = v.quad_count, "polygons"_a = v.polygon_count,
+                                "disks"_a = v.disk_count, "spheres"_a = v.sphere_count,
+                                "triangles"_a = v.primitive_count - others,
+                                "dropped"_a = s.host().dropped);
+            })
         .def_property_readonly("tree",
                                [](const Scene& s) {
                                    const TreeInfo t = s.tree();
@@ -247,9 +246,8 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
                                                    "depth"_a = t.depth, "seconds"_a = t.seconds,
                                                    "memory"_a = t.memory);
                                })
-        .def_property_readonly("memory", [](const Scene& s) {
-            return s.host().memory() + s.tree().memory;
-        });
+        .def_property_readonly("memory",
+                               [](const Scene& s) { return s.host().memory() + s.tree().memory; });
 
     py::class_<Film>(m, "Film", py::module_local())
         .def(py::init<uint32_t, uint32_t, int>(), "width"_a, "height"_a, "device"_a = 0)
@@ -312,15 +310,13 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
           "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5);
 #endif
 
-    m.def("eval_math", [](const std::string& name, const Array<float>& x) {
-        const std::vector<float> y = eval_math(name, to_vector(x));
-        return to_array(y, {static_cast<py::ssize_t>(y.size())});
+    m.def("eval_function", [](const std::string& name, const Array<float>& x) {
+        const auto [inputs, outputs] = function_shape(name);
+        const auto columns = static_cast<py::ssize_t>(inputs);
+        need_shape(x, "x", {-1, columns});
+        return to_array(eval_function(name, to_vector(x)),
+                        {x.shape(0), static_cast<py::ssize_t>(outputs)});
     });
-    m.def("eval_mapping",
-          [](const std::string& name, const Array<float>& u, const Array<float>& v) {
-              if (u.size() != v.size()) throw py::value_error("u and v must have the same length");
-              return to_array(eval_mapping(name, to_vector(u), to_vector(v)), {u.size(), 3});
-          });
     m.def("random", [](uint64_t seed, const Array<uint32_t>& pixel, const Array<uint64_t>& sample,
                        const Array<uint32_t>& block) {
         if (pixel.size() != sample.size() || pixel.size() != block.size())

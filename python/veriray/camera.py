@@ -170,8 +170,8 @@ class Camera:
 
         lens: the other fields of Camera. Raises SceneError if target is origin or lies along up.
         """
-        points = (_vector(n, v) for n, v in (("origin", origin), ("target", target), ("up", up)))
-        return cls(transform.look_at(*points), fov, **lens)
+        eye, aim = _vector("origin", origin), _vector("target", target)
+        return cls(transform.look_at(eye, aim, _vector("up", up)), fov, **lens)
 
     @classmethod
     def from_opengl(cls, matrix: Any, fov: float, **lens: Any) -> Camera:

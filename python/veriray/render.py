@@ -169,11 +169,9 @@ def render(
         "all_features": bool(all_features),
     }
     with device_module.native_errors():
-        parts = None if progress is None else _Parts(progress)
-        native_scene = _native_scene(scene, scene_used, chosen, parts and parts.build)
-        done = _sample(
-            chosen, native_scene, scene_used, spp, batches, settings, parts and parts.sampling
-        )
+        building, sampling = _shares(progress)
+        native_scene = _native_scene(scene, scene_used, chosen, building)
+        done = _sample(chosen, native_scene, scene_used, spp, batches, settings, sampling)
         image, stderr = done.film.resolve()
         memory = int(native_scene.memory) + int(done.film.memory)
     if progress is not None:
@@ -310,18 +308,24 @@ def _scaled(progress: Callable[[float], object], k: int, n: int) -> Callable[[fl
     return poll
 
 
-class _Parts:
-    """A progress callback shared out: building takes the first BUILD_SHARE if it reports at all."""
+_Progress = Callable[[float], object] | None
 
-    def __init__(self, progress: Callable[[float], object]) -> None:
-        self.progress, self.start = progress, 0.0
 
-    def build(self, fraction: float) -> None:
-        self.start = BUILD_SHARE
-        self.progress(BUILD_SHARE * min(fraction, 1.0))
+def _shares(progress: _Progress) -> tuple[_Progress, _Progress]:
+    """Callbacks for building and sampling; building is the first BUILD_SHARE if it reports."""
+    if progress is None:
+        return None, None
+    start = 0.0
 
-    def sampling(self, fraction: float) -> None:
-        self.progress(min(self.start + (1.0 - self.start) * fraction, 1.0))
+    def building(fraction: float) -> None:
+        nonlocal start
+        start = BUILD_SHARE
+        progress(BUILD_SHARE * min(fraction, 1.0))
+
+    def sampling(fraction: float) -> None:
+        progress(min(start + (1.0 - start) * fraction, 1.0))
+
+    return building, sampling
 
 
 def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:

@@ -196,8 +196,9 @@ class Scene:
             film.filter if filter is None else filter,
             filter_parameter,
         )
-        settings = {"max_depth": max_depth, "rr_depth": rr_depth, "spp": spp, "seed": seed}
-        changed = {k: v for k, v in {**settings, "camera": camera}.items() if v is not None}
+        settings: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "spp": spp}
+        settings |= {"seed": seed, "camera": camera}
+        changed = {name: value for name, value in settings.items() if value is not None}
         return dataclasses.replace(self, film=film, **changed)
 
     def scaled(self, factor: float) -> Scene:
@@ -217,25 +218,26 @@ class Scene:
         with np.errstate(over="ignore"):
             intensity[near] *= factor * factor
             sigma_t = _array(self.sigma_t).astype(np.float64) / factor
+        places: dict[str, Any] = {
+            name: _array(getattr(self, name)) * factor
+            for name in ("vertices", "spheres", "disks", "light_position")
+        }
         return dataclasses.replace(
             self,
             camera=dataclasses.replace(camera, to_world=to_world, **lengths),
             sigma_t=sigma_t,
             light_intensity=intensity,
-            **{
-                name: _array(getattr(self, name)) * factor
-                for name in ("vertices", "spheres", "disks", "light_position")
-            },
+            **places,
         )
 
     def with_emission_scaled(self, factor: float) -> Scene:
         """A copy with all that shines, the environment too, multiplied by `factor` > 0."""
         factor = number("emission factor", factor, 0.0, MAX_COORDINATE, open_=True)
         names = ("emissions", "environment", "light_intensity")
-        return dataclasses.replace(
-            self,
-            **{name: getattr(self, name).astype(np.float64) * factor for name in names},
-        )
+        changed: dict[str, Any] = {
+            name: getattr(self, name).astype(np.float64) * factor for name in names
+        }
+        return dataclasses.replace(self, **changed)
 
 
 def _array(values: Array | None) -> Array:

@@ -41,10 +41,10 @@ def test_circle_of_confusion(device: str, depth: float) -> None:
     at q (1 - z/f) + p z/f. So the lens points that hit a disk of radius r are those within
     r / |1 - z/f| of a centre that moves with p. Three tests, Sidak: chi-square of all pixels; the
     energy, which focus does not change: pi r^2 f^2 / z^2 of the focal plane; the second moment
-    (a^2 + r'^2) / 2 over the scale squared, which is the radius. Sees 1 % of either.
+    (a^2 + r'^2) / 2 over the scale squared, which is the radius. Sees 2.5 % of either.
     """
-    focus, aperture, r, size, fov = 4.0, 0.5, 0.03, 48, 24.0
-    spp = 12_000 if depth < focus else 150_000 // 2
+    focus, aperture, size, fov = 4.0, 0.5, 48, 24.0
+    r, spp = (0.03, 6_000) if depth < focus else (0.08, 12_000)
     lens = {"aperture_radius": aperture, "focus_distance": focus}
     disk = flat("disk", [0, 0, -depth], [0, 0, 1], r, BLACK, 1)
     seen = scene(view([0, 0, 0], [0, 0, -1], fov, size, "thinlens", **lens), disk)
@@ -75,7 +75,7 @@ def test_circle_of_confusion(device: str, depth: float) -> None:
         total, expected = float(hits.sum()), area * n
         blur = float((hits * squared).sum() / total)
         spread = math.sqrt(float((hits * (squared - blur) ** 2).sum())) / total
-        assert 4.57 / math.sqrt(total) < 0.015
+        assert 4.57 / math.sqrt(total) < 0.025
         z = [(total - expected) / math.sqrt(expected), (blur - moment) / spread]
         every = size * size * n
         fits = chi_square(np.append(hits, every - total), np.append(exact * n, every - expected))
@@ -182,5 +182,5 @@ def test_a24_edge_under_a_filter(device: str, name: str) -> None:
     weight = np.array([kernel(t) for t in at.tolist()])
     share = [float(weight[at > edge - i - 0.5].sum() / weight.sum()) for i in range(width)]
     exact = np.broadcast_to((1 + 2 * np.array(share))[None, :, None], (height, width, 3))
-    assert name != "mitchell" or (exact.min() < 0.99 and exact.max() > 3.01)
+    assert name != "mitchell" or exact.min() < 0.97
     agrees(scene(eye, lamp, sky(1)), exact, device, 100_000, sees=0.005)

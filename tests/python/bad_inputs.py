@@ -13,10 +13,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-import veriray
 from tests.python.test_cli import BAD, RENDER
+from veriray.scene import find_shipped
 
-PACKAGE = str(Path(veriray.__file__).parent)
+SCENE_FILES = str(find_shipped("open").parent)
 TABLE = Path(__file__).with_name("bad_inputs.md")
 SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/>'
@@ -41,6 +41,14 @@ SCENES = {
     "missing mesh": SENSOR + SKY + OBJ.format("none.obj"),
     "mesh with NaN vertex": SENSOR + SKY + OBJ.format("nan.obj"),
     "mesh with index out of range": SENSOR + SKY + OBJ.format("range.obj"),
+    "sphere scaled unevenly": SENSOR + SKY + '<shape type="sphere"><transform name="to_world"><scale x="2" y="1" z="1"/></transform></shape>',  # noqa: E501
+    "metal by name": SENSOR + SKY + '<shape type="cube"><bsdf type="conductor"><string name="material" value="Au"/></bsdf></shape>',  # noqa: E501
+    "index by an unknown name": SENSOR + SKY + '<shape type="cube"><bsdf type="dielectric"><string name="int_ior" value="glass"/></bsdf></shape>',  # noqa: E501
+    "medium with two parametrisations": SENSOR + SKY + '<medium type="homogeneous"><float name="sigma_t" value="1"/><float name="sigma_s" value="1"/></medium>',  # noqa: E501
+    "asymmetry of 1": SENSOR + SKY + '<medium type="homogeneous"><phase type="hg"><float name="g" value="1"/></phase></medium>',  # noqa: E501
+    "light in two places": SENSOR + '<emitter type="point"><point name="position" x="1"/><transform name="to_world"><translate x="1"/></transform></emitter>',  # noqa: E501
+    "beam wider than the cutoff": SENSOR + '<emitter type="spot"><float name="cutoff_angle" value="10"/><float name="beam_width" value="20"/></emitter>',  # noqa: E501
+    "lens without focus": SENSOR.replace("perspective", "thinlens") + SKY,
     "undefined reference": SENSOR + SKY + '<shape type="cube"><ref id="gold"/></shape>',
     "undefined $name": SENSOR.replace('value="40"', 'value="$fov"') + SKY,
     "broken XML": SENSOR + "<shape",
@@ -93,7 +101,7 @@ def main() -> None:
             assert ok and sorted(os.listdir(folder)) == before, (arguments, done)
             shown = " ".join(a if len(a) < 60 else a[:20] + "..." for a in arguments)
             cells = [
-                c.replace("|", "\\|").replace(name, ".").replace(PACKAGE, "veriray")
+                c.replace("|", "\\|").replace(name, ".").replace(SCENE_FILES, "veriray/scenes")
                 for c in (shown, answer.removeprefix("veriray: error: ").strip())
             ]
             lines.append(f"| `{cells[0]}` | {cells[1]} |")

@@ -9,12 +9,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import veriray as vr
+from veriray import info
 from veriray.cli import main
 from veriray.image import load
 
@@ -80,6 +82,75 @@ def test_bench_live_rays(capsys: Any) -> None:
     assert rows[0]["live"] == 64 * 40 and rows[1]["blocks"] == 10
     for before, row in zip(rows, rows[1:], strict=False):
         assert row["blocks"] == -(-before["live"] // 256)
+
+
+DROPPING = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="0,0,5" target="0,0,0" up="0,1,0"/></transform>
+<film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>
+</sensor><emitter type="constant"/><shape type="obj"><string name="filename" value="m.obj"/></shape>
+<shape type="sphere"><bsdf type="dielectric"/></shape></scene>"""
+
+
+def test_info(capsys: Any) -> None:
+    Path("m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 2\n")
+    Path("s.xml").write_text(DROPPING)
+    assert main(["info", "s.xml", "--json", "--device", "cpu", "--width", "16"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert {"spheres", "dielectric", "diffuse", "environment"} <= set(report["features"])
+    assert set(report["features"]) <= set(report["variant"])
+    assert not set(report["skipped"]) & set(report["variant"])
+    assert set(report["unused"]) == set(report["variant"]) - set(report["features"])
+    assert report["primitives"]["dropped"] == 1 and report["primitives"]["spheres"] == 1
+    assert report["counts"]["triangles"] == 2 and report["materials"]["dielectric"] == 1
+    assert report["path_bytes"] > 0 and report["memory"] > 0 and report["width"] == 16
+    assert main(["info", "s.xml", "--device", "cpu"]) == 0
+    out = capsys.readouterr().out
+    for word in (
+        "1 degenerate triangles dropped",
+        "bytes a path",
+        "tree ",
+        "skipped",
+        "refraction",
+    ):
+        assert word in out
+    assert main(["render", "s.xml", "--device", "cpu", "--spp", "1", "-o", "a.exr"]) == 0
+    assert "1 degenerate triangles dropped" in capsys.readouterr().out
+
+
+def test_info_names_every_feature() -> None:
+    """The table knows the native modules' features, so that it says which were skipped."""
+    scene = vr.cornell_box().with_(width=8, height=8)
+    report = info.examine(scene, "cpu")
+    stats = vr.render(scene, 1, device="cpu", all_features=True).stats
+    assert set(stats["variant"]) == set(info.FEATURES)
+    assert stats["path_bytes"] == report["path_bytes"] and stats["tree"] == report["tree"]
+
+
+def test_gallery_options_reach_the_gallery(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    calls: list[Any] = []
+
+    def fake(names: Any, output: Any, *, show: Any, say: Any, **options: Any) -> list[Path]:
+        with show("title"):
+            calls.append((names, output, options))
+        if say:
+            say("fig3 done")
+        return []
+
+    module = SimpleNamespace(names=lambda: ("fig3", "fig4"), run=fake)
+    monkeypatch.setitem(sys.modules, "veriray.gallery", module)
+    monkeypatch.setattr(vr, "gallery", module, raising=False)
+    assert main(["gallery", "--list"]) == 0 and capsys.readouterr().out == "fig3\nfig4\n"
+    assert main(["gallery", "fig3", "-o", "out", "--spp", "4", "--mesh", "m.ply", "--force"]) == 0
+    assert capsys.readouterr().out == "fig3 done\n"
+    assert main(["gallery", "--quiet", "--scale", "0.5", "--sheet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    defaults = {"mesh": None, "spp": None, "seed": 0, "width": None, "scale": 1.0,
+                "device": "auto", "threads": None, "force": False, "docs": None,
+                "sheet_only": False}  # fmt: skip
+    assert calls == [
+        (["fig3"], "out", {**defaults, "spp": 4, "mesh": "m.ply", "force": True}),
+        ([], "gallery", {**defaults, "scale": 0.5, "sheet_only": True}),
+    ]
 
 
 def test_doctor(capsys: Any) -> None:
@@ -158,6 +229,13 @@ BAD: list[tuple[list[str], str]] = [
     (["compare", "a.exr", "b.exr", "-o", "report.pdf"], "report.pdf: unknown suffix"),
     (["bench"], "required: KIND"),
     (["bench", "live-rays", "cornell-box", "--json", "missing/b.json"], "missing/b.json: folder"),
+    (["info"], "required: SCENE"),
+    (["info", "missing.xml"], "missing.xml"),
+    (["info", "cornell-box", "--width", "0"], "width = 0 is outside"),
+    (["info", "cornell-box", "--device", "gpu"], "device = 'gpu' is unknown"),
+    (["gallery", "no-such-picture"], "no-such-picture"),
+    (["gallery", "--scale", "big"], "'big' is not a number"),
+    (["gallery", "--scale", "2", "--width", "8"], "not allowed with"),
     (["doctor", "now"], "unrecognized arguments: now"),
 ]
 
@@ -256,6 +334,7 @@ def test_without_gpu() -> None:
 
 def test_version_and_help() -> None:
     assert run("--version").stdout == f"veriray {vr.__version__}\n"
-    for command in ([], ["render"], ["compare"], ["bench", "live-rays"], ["doctor"]):
+    commands = ("", "render", "compare", "info", "gallery", "bench live-rays", "doctor")
+    for command in map(str.split, commands):
         result = run(*command, "--help")
         assert result.returncode == 0 and result.stdout.startswith("usage: veriray")

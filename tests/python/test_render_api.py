@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 
 import veriray as vr
+from tests.support import Part, camera, make
+from veriray.render import prepare
 
 device_module = sys.modules["veriray.device"]
 render_module = sys.modules["veriray.render"]
@@ -55,6 +57,8 @@ def test_stats(picture: vr.Render, cornell: vr.Scene) -> None:
     assert stats["device"].startswith("cpu:") and stats["device_reason"]
     assert stats["scheduler"] in ("fused", "thrust") and stats["scheduler_reason"]
     assert stats["features"] and stats["threads"] >= 1 and stats["memory"] > 0
+    assert set(stats["features"]) <= set(stats["variant"]) and stats["path_bytes"] > 0
+    assert stats["tree"] == {} and stats["primitives"]["dropped"] == 0
     assert stats["nonfinite_samples"] == 0 and stats["nonfinite"] == []
     assert stats["mean_stderr"] == pytest.approx(picture.stderr.mean(dtype=np.float64))
     shadow = sum(stats["ledger"]["shadow_visible"]) + sum(stats["ledger"]["shadow_occluded"])
@@ -170,6 +174,31 @@ def test_progress(cornell: vr.Scene, cpu: str, batches: int) -> None:
     seen: list[float] = []
     vr.render(cornell, spp=64, device=cpu, batches=batches, progress=seen.append)
     assert seen == sorted(seen) and seen[-1] == 1.0 and seen[0] >= 0.0
+
+
+def test_building_a_tree_reports_and_can_be_stopped(cpu: str) -> None:
+    """A large mesh: the tree is the first tenth; the next render of the scene builds nothing."""
+    side = 150
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, side)] * 2), axis=-1).reshape(-1, 2)
+    vertices = np.column_stack([grid, 0.3 * np.sin(5 * grid[:, 0])])
+    first = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    a, b = first + side, first + side + 1
+    faces = np.concatenate([np.column_stack([first, first + 1, b]), np.column_stack([first, b, a])])
+    scene = make([Part(vertices, faces, 0.5)], camera([0, 0, 3], [0, 0, 0], 40), 1.0, 8, 8)
+    with pytest.raises(KeyboardInterrupt):
+        vr.render(scene, 1, device=cpu, progress=stop_at_once)
+    seen: list[float] = []
+    picture = vr.render(scene, 1, device=cpu, progress=seen.append)
+    assert seen == sorted(seen) and seen[-1] == 1.0
+    tree = picture.stats["tree"]
+    assert tree["nodes"] > 0 and tree["references"] >= len(faces) and tree["depth"] > 0
+    assert "bvh" in picture.stats["features"] and "bvh" in picture.stats["variant"]
+    facts = prepare(scene, cpu, progress=stop_at_once)
+    assert facts["tree"] == tree and facts["primitives"] == picture.stats["primitives"]
+
+
+def stop_at_once(fraction: float) -> None:
+    raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(

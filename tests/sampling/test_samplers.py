@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,14 +46,26 @@ INVERSE: dict[str, Cells] = {
         (p[:, 0] + p[:, 1]) ** 2,
         p[:, 1] / np.maximum(p[:, 0] + p[:, 1], 1e-30),
     ),
+    "uniform_disk": lambda p: (p[:, 0] ** 2 + p[:, 1] ** 2, azimuth(p)),
 }
 
 
-def random_points(device: str, name: str, n: int, seed: int) -> np.ndarray:
+def random_numbers(device: str, n: int, seed: int) -> np.ndarray:
+    """(4, n) float32 in [0, 1): multiples of 2^-24."""
     zero, index = np.zeros(n, np.uint32), np.arange(n)
     words = native(device).random(seed, zero, index.astype(np.uint64), zero + 1)
-    u, v = ((words[:, k] >> 8).astype(np.float32) * np.float32(2.0**-24) for k in (2, 3))
-    return native(device).eval_mapping(name, u, v).astype(np.float64)
+    return (words >> 8).T.astype(np.float32) * np.float32(2.0**-24)
+
+
+def evaluate(device: str, name: str, *columns: Any) -> np.ndarray:
+    """Columns (numbers are repeated) to rows, float64."""
+    rows = np.stack(np.broadcast_arrays(*columns), axis=-1).astype(np.float32)
+    out: np.ndarray = native(device).eval_function(name, rows)
+    return out.astype(np.float64)
+
+
+def random_points(device: str, name: str, n: int, seed: int, *more: float) -> np.ndarray:
+    return evaluate(device, name, *random_numbers(device, n, seed)[2:], *more)
 
 
 @pytest.mark.parametrize("name", INVERSE)
@@ -92,6 +105,123 @@ def test_planted_one_percent_is_found(device: str) -> None:
     assert grids(u, v * 0.99) < 1e-6
     assert grids(u, v + 0.02 / (2 * np.pi) * np.sin(2 * np.pi * v) ** 2) < 1e-3
     assert grids(u**1.01, v) < 1e-3
+
+
+@pytest.mark.parametrize("one_minus_cos", [2.0, 0.5, 1e-13])
+def test_cones(device: str, one_minus_cos: float) -> None:
+    def p_value(effort: int, seed: int) -> float:
+        p = random_points(device, "uniform_cone", N // 4 * effort, seed, one_minus_cos)
+        r2 = p[:, 0] ** 2 + p[:, 1] ** 2
+        h = np.where(p[:, 2] > 0, r2 / (1 + np.abs(p[:, 2])), 1 - p[:, 2])
+        return grids(np.clip(h / one_minus_cos, 0, 1), azimuth(p))
+
+    confirm(p_value)
+
+
+@pytest.mark.parametrize("g", [0.0, 1e-4, -0.5, 0.9, 0.9999, -0.9999])
+def test_phase_function(device: str, g: float) -> None:
+    """C10: directions by the cumulative distribution over the cosine; for g > 0
+    (1 - g^2) / (2 g) (1 / (1 - g) - 1 / sqrt(1 + g^2 - 2 g cos)) is the share beyond cos."""
+    a, sign = abs(g), math.copysign(1, g)
+
+    def p_value(effort: int, seed: int) -> float:
+        n = N // 4 * effort
+        u, v = random_numbers(device, n, seed)[2:]
+        p = evaluate(device, "henyey_greenstein", 0, 0, 1, g, u, v)
+        z = sign * p[:, 2]
+        less = np.where(z > 0, (p[:, 0] ** 2 + p[:, 1] ** 2) / (1 + np.abs(z)), 1 - z)
+        root = np.sqrt((1 - a) ** 2 + 2 * a * less)
+        beyond = less * (1 + a) / (root * (root + 1 - a))
+        return grids(np.clip(beyond, 0, 1), azimuth(p))
+
+    confirm(p_value)
+
+
+def test_phase_function_mean_cosine(device: str) -> None:
+    """E[cos] = g, E[cos^2] = (1 + 2 g^2) / 3, for directions about a tilted axis."""
+    d = np.array([0.48, -0.64, 0.6])
+
+    def p_value(effort: int, seed: int) -> float:
+        z = []
+        for k, g in enumerate((-0.9, -0.3, 0.0, 1e-4, 0.5, 0.95)):
+            n = 50_000 * effort
+            u, v = random_numbers(device, n, seed + k)[2:]
+            cosine = evaluate(device, "henyey_greenstein", *d, g, u, v)[:, :3] @ d
+            for values, mean in ((cosine, g), (cosine**2, (1 + 2 * g * g) / 3)):
+                z.append((values.mean() - mean) / values.std() * math.sqrt(n))
+        return max_z(np.array(z))
+
+    confirm(p_value)
+
+
+def test_free_flights(device: str) -> None:
+    """Exponential with mean 1, by its cumulative distribution; pairs are independent."""
+
+    def p_value(effort: int, seed: int) -> float:
+        n = N // 4 * effort
+        zero, index = np.zeros(n, np.uint32), np.arange(n).astype(np.uint64)
+        words = native(device).random(seed, zero, index, zero + 3)
+        x, y = (evaluate(device, "exponential", w >> 16, w & 65535)[:, 0] for w in words.T[:2])
+        return grids(-np.expm1(-x), -np.expm1(-y))
+
+    confirm(p_value)
+
+
+# ---- sphere lights ----
+
+#: Centre and radius with low parts 0, and points: just outside, near, far, inside, at the centre.
+SPHERE = [0.25, -0.5, 0.125, 0, 0, 0, 0.5, 0]
+TOWARDS = np.array([0.6, 0.0, -0.8])
+AWAY = {"1e-5 radii off": 1.00001, "near": 1.5, "far": 200.0, "inside": 0.7, "centre": 0.0}
+
+
+@pytest.mark.parametrize("name", AWAY)
+def test_sphere_lights(device: str, name: str) -> None:
+    """Uniform in the cone, from inside over all directions."""
+    p = np.array(SPHERE[:3], np.float32) + (AWAY[name] * SPHERE[6] * TOWARDS).astype(np.float32)
+    axis = np.array(SPHERE[:3]) - p
+    ratio = SPHERE[6] / max(float(np.linalg.norm(axis)), 1e-30)
+    inside = ratio > 1
+    open_ = 2.0 if inside else ratio**2 / (1 + math.sqrt(1 - ratio**2))
+    frame = np.linalg.svd(axis[None] if axis.any() else np.eye(3)[2:])[2]
+    frame[0] *= np.sign(frame[0] @ axis) if axis.any() else 1
+
+    def p_value(effort: int, seed: int) -> float:
+        u, v = random_numbers(device, N // 4 * effort, seed)[2:]
+        s = evaluate(device, "sphere_light", *SPHERE, *p, u, v)
+        assert np.allclose(s[:, 3], 1 / (2 * np.pi * open_), rtol=1e-5)
+        local = s[:, :3] @ frame.T
+        h = np.where(local[:, 0] > 0, (local[:, 1:] ** 2).sum(1) / (1 + np.abs(local[:, 0])),
+                     1 - local[:, 0])  # fmt: skip
+        return grids(np.clip(h / open_, 0, 1), azimuth(local[:, 1:]))
+
+    confirm(p_value)
+
+
+def test_sphere_light_irradiance(device: str) -> None:
+    """A sphere of radiance 1 gives pi (r/d)^2 to a patch that faces it; to one at its centre, pi;
+    and its area is that of the mean of distance^2 / (cos_light pdf): 2 pi r^2 (1 - r/d) is seen."""
+
+    def p_value(effort: int, seed: int) -> float:
+        z = []
+        for name, away in AWAY.items():
+            n = 100_000 * effort
+            p = np.array(SPHERE[:3], np.float32) + (away * SPHERE[6] * TOWARDS).astype(np.float32)
+            u, v = random_numbers(device, n, seed)[2:]
+            s = evaluate(device, "sphere_light", *SPHERE, *p, u, v)
+            cosine = np.maximum(-(s[:, :3] @ TOWARDS), 0)
+            outside = away > 1
+            irradiance = math.pi * (1 / away**2 if outside else 1)
+            area = 2 * math.pi * SPHERE[6] ** 2 * (1 - 1 / away if outside else 2)
+            weights = [(cosine / s[:, 3], irradiance)]
+            if name != "1e-5 radii off":  # there a sample in 10^5 holds most of the area
+                weights.append((s[:, 4] ** 2 / (np.abs(s[:, 5]) * s[:, 3]), area))
+            for values, mean in weights:
+                error = max(values.std() / math.sqrt(n), 1e-6 * mean)
+                z.append((values.mean() - mean) / error)
+        return max_z(np.array(z))
+
+    confirm(p_value)
 
 
 # ---- light choice ----

@@ -310,7 +310,7 @@ def fronts_by_normals(vertices: Array, triangles: Array, normals: Array) -> Arra
     """
     facing = face_normals(vertices, triangles)
     cosines = np.stack([_dot(normals[triangles[:, k]], facing) for k in range(3)])
-    behind = (cosines < 0).all(axis=0)
+    behind: Array = np.all(cosines < 0, axis=0)
     if not behind.any():
         return triangles
     forth, back = (np.sort(edges) for edges in _edges(vertices, triangles))

@@ -91,7 +91,7 @@ _MESH = {
     **_PLACED,
 }
 _RADIANCE = Param(COLOUR, 1.0, 0.0, doc="emitted radiance, linear RGB")
-_SHARE = {"low": 0.0, "high": 1.0}
+_SHARE: dict[str, Any] = {"low": 0.0, "high": 1.0}
 _INT_IOR = Param(IOR, "bk7", 0.1, 10.0, doc="refractive index inside (behind the front)")
 _EXT_IOR = Param(IOR, "air", 0.1, 10.0, doc="refractive index outside")
 _SPECULAR = Param(COLOUR, 1.0, **_SHARE, doc="factor on reflected light")
@@ -123,7 +123,7 @@ _ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
     "sampler": (("independent",), 0, 1),
     "medium": (("homogeneous",), 0, 1),
 }
-_COEFFICIENT = {"low": 0.0, "high": MAX_COORDINATE}
+_COEFFICIENT: dict[str, Any] = {"low": 0.0, "high": MAX_COORDINATE}
 
 PLUGINS: dict[str, Plugin] = {
     "scene": Plugin(
@@ -322,7 +322,8 @@ def describe() -> str:
     """The table of objects and parameters as Markdown, for the documentation."""
     rows = ["| object | parameter | type | default | allowed | meaning |", "|" + " --- |" * 6]
     for name, plugin in PLUGINS.items():
-        rows.append(f"| {plugin.category} `{name}` | | | | | {plugin.doc} |")
+        holds = f"holds {', '.join(plugin.children)}" if plugin.children else ""
+        rows.append(f"| {plugin.category} `{name}` | | | | {holds} | {plugin.doc} |")
         for key, param in plugin.params.items():
             default = "required" if param.default is REQUIRED else param.default
             limits = ", ".join(str(choice) for choice in param.choices)
@@ -337,4 +338,5 @@ def describe() -> str:
                 default = f"{default:.4g}"
             shown = "" if default is None else default
             rows.append(f"| | `{key}` | {param.kind} | {shown} | {limits} | {param.doc} |")
-    return "\n".join(rows) + "\n"
+    names = ", ".join(f"{name} {value:g}" for name, value in IORS.items())
+    return "\n".join(rows) + f"\n\nRefractive indices by name: {names}.\n"

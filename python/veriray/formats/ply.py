@@ -232,4 +232,5 @@ def _fans(lists: Any) -> Array:
         raise MeshFileError(f": face {int(np.argmax(bad))} is not of integers")
     fans = np.stack([whole[:, [0, 1, 2]], whole[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
     keep = np.stack([lengths >= 3, lengths == 4], axis=1).reshape(-1)
-    return fans[keep]
+    triangles: Array = fans[keep]
+    return triangles

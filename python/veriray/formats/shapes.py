@@ -92,7 +92,7 @@ class Shapes:
         rows = matrix[:3, :3]
         with np.errstate(all="ignore"):
             products = (rows[:, None, :] * rows[None, :, :]).sum(axis=2)
-            square = float(np.trace(products)) / 3.0
+            square = float(products[0, 0])
             uniform = np.abs(products - square * np.eye(3)).max() <= 2e-3 * square
         if not uniform:
             raise SceneError(
@@ -131,6 +131,8 @@ class Shapes:
                 normals = _normals(matrix, vertices, loaded)
             if normals is not None:
                 faces = mesh.fronts_by_normals(vertices, faces, normals)
+                if mesh.is_flat(vertices, faces, normals):
+                    normals = None
             if solid and not mesh.is_closed(vertices, faces):
                 warnings.warn(
                     f"{where}: {node}: the mesh {shorten(str(path))} is open, but {solid}: light "
@@ -155,16 +157,11 @@ def _placed(node: Node, matrix: Array, vertices: Array) -> Array:
     return placed
 
 
-def _normals(matrix: Array, vertices: Array, loaded: mesh.Mesh) -> Array | None:
-    """Unit normals in world space, of the file or computed; None if flat shading is the same."""
-    with np.errstate(all="ignore"):
-        if loaded.normals is None:
-            normals = mesh.vertex_normals(vertices, loaded.triangles)
-        else:
-            turned = transform.apply(transform.for_normals(matrix), mesh.unit(loaded.normals))
-            normals = mesh.unit(turned)
-        flat = mesh.is_flat(vertices, loaded.triangles, normals)
-    return None if flat else normals
+def _normals(matrix: Array, vertices: Array, loaded: mesh.Mesh) -> Array:
+    """Unit normals in world space, of the file or computed."""
+    if loaded.normals is None:
+        return mesh.vertex_normals(vertices, loaded.triangles)
+    return mesh.unit(transform.apply(transform.for_normals(matrix), mesh.unit(loaded.normals)))
 
 
 def must_be_closed(row: dict[str, Any], interior: bool) -> str:

@@ -21,10 +21,10 @@ SCENE_SUFFIXES = {".xml", ".obj", ".ply", ".csv", ".json", ".txt", ".md"}
 
 
 def scene_files() -> list[Path]:
-    """Shipped scene files relative to scenes/, without the reference pictures."""
+    """Shipped scene files relative to scenes/, without reference pictures and check scenes."""
     root = ROOT / "scenes"
     files = (path.relative_to(root) for path in sorted(root.rglob("*")))
-    return [f for f in files if f.suffix in SCENE_SUFFIXES and "refs" not in f.parts]
+    return [f for f in files if f.suffix in SCENE_SUFFIXES and not {"refs", "checks"} & set(f.parts)]
 
 
 def find_tools() -> dict[str, str | None]:

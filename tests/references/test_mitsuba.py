@@ -1,6 +1,7 @@
 """Our renders against Mitsuba 3's of the same scene file, at equal effort (VALIDATION level 5).
 
-A false alarm of the verdict happens once in 1,000 sound pairs; the seeds are fixed.
+A false alarm of one verdict happens once in 1,000 sound pairs; the seeds are fixed. Larger runs
+over all scenes: benchmarks/agree_mitsuba.py.
 """
 
 from __future__ import annotations
@@ -17,29 +18,55 @@ pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
 from benchmarks import mitsuba_peer  # noqa: E402
 
 SIZE, BATCHES, SPP = 32, 64, 16
+#: One scene for each part of the renderer; every one of scenes/checks is in the benchmark.
+CHECKS = ("chromatic_medium", "nested_dielectrics", "thinlens", "sphere_light", "spheres_300",
+          "smooth_normals", "plastic", "mask", "touching_media", "spot_light",
+          "camera_in_medium", "conductor_metal")  # fmt: skip
 
 
-def verdict(root: Path, max_depth: int, ours_max_depth: int) -> Report:
-    scene = root / "scenes" / "cornell" / "cornell_box_mitsuba.xml"
+def verdict(
+    root: Path, scene: str, max_depth: int, ours_max_depth: int, size: int = SIZE, spp: int = SPP
+) -> Report:
+    path = root / "scenes" / scene
     mi = mitsuba_peer.start("scalar_rgb")
-    size: dict[str, Any] = {"width": SIZE, "height": SIZE}
+    sizes: dict[str, Any] = {"width": size, "height": size}
     peer = mitsuba_peer.render(
-        mi, scene, batches=BATCHES, spp=SPP, seed=1000, max_depth=max_depth, rr_depth=5, **size
+        mi, path, batches=BATCHES, spp=spp, seed=1000, max_depth=max_depth, rr_depth=5, **sizes
     )
     ours = veriray.render(
-        veriray.load_file(scene), spp=BATCHES * SPP, seed=1, batches=BATCHES, device="cpu",
-        max_depth=ours_max_depth, rr_depth=5, **size,
+        veriray.load_file(path), spp=BATCHES * spp, seed=1, batches=BATCHES, device="cpu",
+        max_depth=ours_max_depth, rr_depth=5, **sizes,
     )  # fmt: skip
-    report = veriray.compare(ours, peer)
-    assert report.effort == "equal", report.reason
-    return report
+    return veriray.compare(ours, peer)
 
 
 @pytest.mark.parametrize("max_depth", [2, 3, 8, -1])
 def test_agrees_with_mitsuba(root: Path, max_depth: int) -> None:
-    report = verdict(root, max_depth, max_depth)
+    report = verdict(root, "cornell/cornell_box_mitsuba.xml", max_depth, max_depth)
+    assert report.effort == "equal", report.reason
     assert report.passed, report.verdict
 
 
 def test_sees_one_more_bounce(root: Path) -> None:
-    assert verdict(root, 3, 4).result == "fail"
+    report = verdict(root, "cornell/cornell_box_mitsuba.xml", 3, 4)
+    assert report.effort == "equal" and report.result == "fail"
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_checks_agree_with_mitsuba(root: Path, name: str) -> None:
+    """Materials, media, lights, cameras; where one's noise is far below the other's, Welch tests."""
+    report = verdict(root, f"checks/{name}.xml", 64, 64)
+    assert report.passed, report.verdict
+
+
+@pytest.mark.parametrize("name", ["null_medium", "mask", "thindielectric", "nested_dielectrics"])
+@pytest.mark.parametrize("max_depth", [2, 4])
+def test_depth_is_counted_alike(root: Path, name: str, max_depth: int) -> None:
+    """Scatterings in media count, passes do not; half the pixels of the tests above."""
+    report = verdict(root, f"checks/{name}.xml", max_depth, max_depth, 24)
+    assert report.passed, report.verdict
+
+
+@pytest.mark.parametrize("name", ["null_medium", "mask"])
+def test_sees_one_more_scattering(root: Path, name: str) -> None:
+    assert verdict(root, f"checks/{name}.xml", 2, 3, 24).result == "fail"

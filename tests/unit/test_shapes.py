@@ -5,13 +5,10 @@ Radii run from 1e-6 to 1e6 with surfaces through [-1, 1]^3, as scenes are normal
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-import veriray
-from tests.support import FAST, make, native, native_scene, quad
+from tests.support import FAST, Part, make, native, native_scene
 
 Array = np.ndarray
 #: Sphere radii, lower ends of a decade; "ground": 0.5 to 1, seen from 5e-7 above.
@@ -304,15 +301,6 @@ def test_same_bits_on_every_device(device: str) -> None:
 # ---- in scenes ----
 
 
-def scene_of(spheres: Array, disks: Array) -> veriray.Scene:
-    """Spheres (n, 4) and disks (n, 3, 3) behind one far-off triangle pair."""
-    base = make([quad([-1e-3, -1e-3, -2], [2e-3, 0, 0], [0, 2e-3, 0])])
-    return dataclasses.replace(
-        base, spheres=spheres, sphere_material=np.zeros(len(spheres), np.uint32),
-        disks=disks, disk_material=np.zeros(len(disks), np.uint32),
-    )  # fmt: skip
-
-
 def disk_hits(disks: Array, o: Array, d: Array) -> tuple[Array, Array]:
     """t of each ray with each disk (infinite: none); how far inside its rim, 1 at the centre."""
     c, a, b = (disks[None, :, k] for k in range(3))
@@ -333,29 +321,29 @@ def test_disks_in_scenes(device: str, count: int) -> None:
     rng = np.random.default_rng(9)
     disks = rng.normal(0, 0.2, (count, 3, 3))
     disks[:, 0] = rng.uniform(-1, 1, (count, 3))
-    scene = scene_of(np.zeros((0, 4)), disks)
+    scene = make([Part(disks=disks)])
     o, d = rng.uniform(-1, 1, (5_000, 3)), directions(rng, 5_000)
     hits, rim = disk_hits(disks, o, d)
     t, at = hits.min(1), hits.argmin(1)
     got_t, got = native(device).intersect(native_scene(scene, device), o, d)
     second = np.partition(hits, 1, axis=1)[:, 1]
     clear = (np.abs(rim) > 1e-4).all(1) & (np.isinf(t) | (second > t + 1e-4))
-    clear &= ~np.isin(got, [0, 1])
-    assert clear.mean() > 0.8 and np.isfinite(t).mean() > 0.3
-    expected = np.where(np.isinf(t), -1, at + len(scene.triangles))
-    assert (got == expected)[clear].all()
+    assert clear.mean() > 0.8
+    assert (got == np.where(np.isinf(t), -1, at))[clear].all()
     hit = clear & np.isfinite(t)
+    assert hit.sum() > 500
     error = np.abs(got_t[hit] - t[hit])
     assert np.median(error / t[hit]) < 3e-7 and np.quantile(error, 0.99) < 1e-5
 
 
 @pytest.mark.parametrize("count", [20, 200])
 def test_spheres_in_scenes(device: str, count: int) -> None:
+    """Radii of 0.001 to 0.5, many overlap; origins inside and outside."""
     rng = np.random.default_rng(10)
     spheres = np.concatenate(
-        [rng.uniform(-1, 1, (count, 3)), 10 ** rng.uniform(-3, -0.7, (count, 1))], axis=1
+        [rng.uniform(-1, 1, (count, 3)), 10 ** rng.uniform(-3, -0.3, (count, 1))], axis=1
     )
-    scene = scene_of(spheres, np.zeros((0, 3, 3)))
+    scene = make([Part(spheres=[(c[:3], c[3], False) for c in spheres])])
     o, d = rng.uniform(-1, 1, (5_000, 3)), directions(rng, 5_000)
     f = o[:, None] - spheres[None, :, :3]
     b, c = (f * d[:, None]).sum(-1), (f * f).sum(-1) - spheres[:, 3] ** 2
@@ -367,10 +355,10 @@ def test_spheres_in_scenes(device: str, count: int) -> None:
     got_t, got = native(device).intersect(native_scene(scene, device), o, d)
     second = np.partition(hits, 1, axis=1)[:, 1]
     clear = (np.abs(square) > 1e-6).all(1) & (np.isinf(t) | (second > t + 1e-5))
-    clear &= (np.abs(c) > 1e-5).all(1) & ~np.isin(got, [0, 1])
-    assert clear.mean() > 0.8 and np.isfinite(t).mean() > 0.3
-    expected = np.where(np.isinf(t), -1, at + len(scene.triangles))
-    assert (got == expected)[clear].all()
+    clear &= (np.abs(c) > 1e-5).all(1)
+    assert clear.mean() > 0.8
+    assert (got == np.where(np.isinf(t), -1, at))[clear].all()
     hit = clear & np.isfinite(t)
+    assert hit.sum() > 500
     assert np.abs(got_t[hit] - t[hit]).max() < 1e-4
     assert np.median(np.abs(got_t[hit] / t[hit] - 1)) < 3e-7

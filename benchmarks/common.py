@@ -1,4 +1,4 @@
-"""Shared by the benchmark scripts: machine, versions, meters, agreement, result files."""
+"""Shared by the benchmark scripts: machine, versions, meters, contestants, meshes, result files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import platform
 import statistics
 import subprocess
 import time
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -166,25 +167,79 @@ def median(rows: list[dict[str, Any]], key: str) -> float:
     return float(statistics.median(row[key] for row in rows))
 
 
+def spread(values: Iterable[float]) -> float:
+    """Largest less smallest value, over the median."""
+    v = list(values)
+    return (max(v) - min(v)) / statistics.median(v)
+
+
+# ---- contestants ----
+
+
+class Ours:
+    """Our renderer on one device. `last` is the Render of the last run."""
+
+    last: veriray.Render
+
+    def __init__(self, scene: veriray.Scene, device: str, **settings: Any) -> None:
+        self.scene, self.settings = scene, {"device": device, **settings}
+
+    def run(self, spp: int, seed: int) -> tuple[dict[str, Any], Array]:
+        """Times and picture of one render.
+
+        seconds: until the film is complete in device memory; wall, cpu, foreign: of the whole call
+        with standard errors, copy and hash.
+        """
+        with Meter() as m:
+            self.last = veriray.render(self.scene, spp=spp, seed=seed, **self.settings)
+        return {"seconds": self.last.stats["seconds"], **m.row()}, self.last.image
+
+
+class Mitsuba:
+    """Mitsuba's renderer on the same file; mi: the module from mitsuba_peer.start."""
+
+    def __init__(self, mi: Any, path: Path, **settings: Any) -> None:
+        import drjit
+
+        self.mi, self.dr = mi, drjit
+        self.scene = mi.load_file(str(path), **settings)
+        self.dr.sync_thread()
+
+    def run(self, spp: int, seed: int) -> tuple[dict[str, Any], Array]:
+        """As `Ours.run`; the whole call ends with the picture in a NumPy array."""
+        self.dr.sync_thread()
+        with Meter() as m:
+            begin = time.perf_counter()
+            film = self.mi.render(self.scene, spp=spp, seed=seed)
+            self.dr.eval(film)
+            self.dr.sync_thread()
+            seconds = time.perf_counter() - begin
+            image = np.array(film, dtype=np.float32)[..., :3]
+        return {"seconds": seconds, **m.row()}, image
+
+
 # ---- agreement and error ----
 
 
-def means_agree(ours: list[Array], theirs: list[Array], error: Array) -> dict[str, Any]:
+def means_agree(
+    ours: list[Array], theirs: list[Array], error: Array, margin: float = 1e-5
+) -> dict[str, Any]:
     """Do the means over pictures (H, W, 3) of two renderers agree, per channel?
 
     error: (H, W, 3), standard error of each picture's pixels, taken for both. Agreement is
-    |z| < 4 per channel, a relative margin of 1e-5 taken off: false once in 5,000.
+    |z| < 4 per channel, a relative margin taken off: false once in 5,000.
     """
     a, b = (np.mean([x.mean(axis=(0, 1), dtype=np.float64) for x in p], axis=0)
             for p in (ours, theirs))  # fmt: skip
     one = np.sqrt((error.astype(np.float64) ** 2).sum(axis=(0, 1))) / (error.size / 3)
     noise = one * math.sqrt(1 / len(ours) + 1 / len(theirs))
-    z = np.sign(a - b) * np.maximum(np.abs(a - b) - 1e-5 * b, 0) / noise
+    z = np.sign(a - b) * np.maximum(np.abs(a - b) - margin * b, 0) / noise
     return {
         "mean_ours": a.tolist(),
         "mean_peer": b.tolist(),
         "relative_difference": (a / b - 1).tolist(),
         "relative_standard_error": (noise / b).tolist(),
+        "margin": margin,
         "z": z.tolist(),
         "agree": bool((np.abs(z) < 4).all()),
     }
@@ -199,3 +254,72 @@ def errors(image: Array, reference: Array) -> dict[str, float]:
 
 
 RELMSE = "relMSE = mean (I-R)^2/(R^2 + 0.01), MSE = mean (I-R)^2, after scaling so that mean R = 1"
+
+
+# ---- meshes: the same numbers on every machine ----
+
+
+def icosphere(levels: int) -> tuple[Array, Array]:
+    """The unit sphere: vertices (V, 3) float64, triangles (20 * 4^levels, 3), fronts outside."""
+    g = (1 + math.sqrt(5)) / 2
+    v = _unit(np.array([
+        (-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g),
+        (0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1),
+    ]))  # fmt: skip
+    f = np.array([
+        (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4),
+        (11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8),
+        (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1),
+    ])  # fmt: skip
+    for _ in range(levels):
+        edges = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
+        keys, which = np.unique(edges[:, 0] * len(v) + edges[:, 1], return_inverse=True)
+        a, b, c = f.T
+        ab, bc, ca = which.reshape(3, -1) + len(v)
+        v = np.concatenate([v, _unit(v[keys // len(v)] + v[keys % len(v)])])
+        faces = ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))
+        f = np.concatenate([np.stack(face, axis=1) for face in faces])
+    return v, f
+
+
+def displaced_icosphere(levels: int) -> tuple[Array, Array]:
+    """An icosphere with bumps along the radius, 0.86 to 1.14 from the centre."""
+    v, f = icosphere(levels)
+    x, y, z = v.T
+    bumps = 0.12 * _wave(1.9 * x) * _wave(1.75 * y) * _wave(2.1 * z)
+    return v * (1 + bumps + 0.02 * _wave(14.3 * x) * _wave(12.7 * y))[:, None], f
+
+
+def _unit(v: Array) -> Array:
+    x, y, z = v.T
+    unit: Array = v / np.sqrt(x * x + y * y + z * z)[:, None]
+    return unit
+
+
+def _wave(x: Array) -> Array:
+    """Parabolas from -1 to 1 with period 1, close to a sine."""
+    u = x - np.floor(x + 0.5)
+    wave: Array = 8 * u * (1 - 2 * np.abs(u))
+    return wave
+
+
+def write_ply(path: Path, vertices: Array, triangles: Array) -> None:
+    """A binary PLY file with float32 vertices."""
+    rows = np.empty(len(triangles), dtype=[("n", "u1"), ("v", "<i4", 3)])
+    rows["n"], rows["v"] = 3, triangles
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+
+
+def mesh_scene(vertices: Array, triangles: Array, camera: veriray.Camera) -> veriray.Scene:
+    """One grey mesh with face normals under a constant sky, one pixel."""
+    return veriray.Scene(
+        vertices=vertices, triangles=triangles,
+        triangle_material=np.zeros(len(triangles), np.uint32), triangle_emission=None,
+        reflectance=np.full((1, 3), 0.8), two_sided=np.zeros(1, bool), emissions=np.zeros((0, 3)),
+        environment=np.ones(3), camera=camera, film=veriray.Film(1, 1, "box"),
+    )  # fmt: skip

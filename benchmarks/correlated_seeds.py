@@ -15,6 +15,7 @@ over it, so the radiance after n bounces is known in closed form:
 
 from __future__ import annotations
 
+import io
 import math
 import sys
 from collections.abc import Callable
@@ -202,6 +203,7 @@ def picture(path: Path, rows: dict[str, Any], shown: dict[str, Any], exact: Arra
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
+    from PIL import Image
 
     size, count = exact.shape[0], len(shown)
     figure, axes = plt.subplots(3, count, figsize=(3.3 * count, 10.1), layout="constrained")
@@ -213,7 +215,8 @@ def picture(path: Path, rows: dict[str, Any], shown: dict[str, Any], exact: Arra
         axes[1, k].imshow(mean - exact, cmap="RdBu_r", vmin=-limit, vmax=limit)
         axes[1, k].set_title(
             f"error: mean {100 * row['relative_bias']:+.2f} %, claimed +- "
-            f"{100 * row['relative_standard_error_claimed']:.2f} %\n"
+            f"{100 * row['relative_standard_error_claimed']:.2f} %, seen +- "
+            f"{100 * row['relative_standard_error_seen']:.2f} %\n"
             f"(error / standard error)$^2$ = {row['chi_squared']:.2f}",
             fontsize=8,
         )
@@ -228,8 +231,10 @@ def picture(path: Path, rows: dict[str, Any], shown: dict[str, Any], exact: Arra
     for axis in axes.ravel():
         axis.set(xticks=[], yticks=[])
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=90)
+    file = io.BytesIO()
+    figure.savefig(file, dpi=90)
     plt.close(figure)
+    Image.open(file).convert("RGB").quantize(128).save(path, optimize=True)
 
 
 def main() -> int:

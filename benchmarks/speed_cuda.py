@@ -1,18 +1,17 @@
 """Speed on a GPU against Mitsuba 3's cuda_ad_rgb: same scene file and settings, alternating.
 
 Mitsuba's Cornell box at 1024 x 1024, box filter, independent sampler. Seconds are those until the
-film is complete in device memory (ours: also `call`, the whole `render` with standard errors, copy
-and hash). Medians over rounds after a warm-up; the means of the pictures must agree before a time
-is quoted. Errors are against a picture of ours at --reference-spp. Without Mitsuba on the path the
-peer is left out and the reason recorded. The limit is instruction issue on an H200, 0.23 ms per
-sample of 1024 x 1024 pixels at max_depth 8 without roulette; for other settings it is scaled by the
-rays per path.
+film is complete in device memory; `wall` is the whole call with standard errors, copy and hash.
+Medians over rounds after a warm-up; the means of the pictures must agree before a time is quoted.
+Errors are against a picture of ours at --reference-spp. Without Mitsuba on the path the peer is
+left out and the reason recorded. The limit is instruction issue on an H200, 0.23 ms per sample of
+1024 x 1024 pixels at max_depth 8 without roulette; for other settings it is scaled by the rays per
+path.
 """
 
 from __future__ import annotations
 
 import sys
-import time
 from typing import Any
 
 import mitsuba_peer
@@ -21,6 +20,8 @@ from common import (
     MITSUBA_BOX,
     NO_ROULETTE,
     RELMSE,
+    Mitsuba,
+    Ours,
     errors,
     header,
     means_agree,
@@ -40,42 +41,6 @@ SETTINGS = {
 }
 
 
-class Ours:
-    """Our renderer with one scheduler."""
-
-    def __init__(self, scene: veriray.Scene, device: str, scheduler: str, **settings: Any) -> None:
-        self.scene, self.settings = scene, settings
-        self.where: dict[str, Any] = {"device": device, "scheduler": scheduler}
-
-    def run(self, spp: int, seed: int) -> tuple[dict[str, Any], np.ndarray]:
-        """Times and picture of one render."""
-        begin = time.perf_counter()
-        r = veriray.render(self.scene, spp=spp, seed=seed, **self.where, **self.settings)
-        call = time.perf_counter() - begin
-        self.last = r
-        return {"seconds": r.stats["seconds"], "call": call}, r.image
-
-
-class Mitsuba:
-    """Mitsuba's renderer."""
-
-    def __init__(self, mi: Any, **settings: Any) -> None:
-        import drjit
-
-        self.mi, self.dr = mi, drjit
-        self.scene = mi.load_file(str(MITSUBA_BOX), **settings)
-
-    def run(self, spp: int, seed: int) -> tuple[dict[str, Any], np.ndarray]:
-        """Times and picture of one render."""
-        self.dr.sync_thread()
-        begin = time.perf_counter()
-        image = self.mi.render(self.scene, spp=spp, seed=seed)
-        self.dr.eval(image)
-        self.dr.sync_thread()
-        seconds = time.perf_counter() - begin
-        return {"seconds": seconds}, np.array(image, dtype=np.float32)[..., :3]
-
-
 def measure(contestants: dict[str, Any], reference: np.ndarray, spp: int,
             rounds: int) -> dict[str, Any]:  # fmt: skip
     """Alternating rounds of all contestants at one number of samples."""
@@ -93,6 +58,7 @@ def measure(contestants: dict[str, Any], reference: np.ndarray, spp: int,
         seconds, mse, relmse = median(r, "seconds"), median(r, "mse"), median(r, "relmse")
         out[name] = {
             "seconds": seconds,
+            "wall": median(r, "wall"),
             "mpaths_per_second": pixels * spp / seconds / 1e6,
             "mse": mse,
             "relmse": relmse,
@@ -100,8 +66,6 @@ def measure(contestants: dict[str, Any], reference: np.ndarray, spp: int,
             "efficiency": 1 / (mse * seconds),
             "rounds": r,
         }
-        if "call" in r[0]:
-            out[name]["call"] = median(r, "call")
         if "mitsuba" in rows and name != "mitsuba":
             peer = rows["mitsuba"]
             ratio = [t["seconds"] / o["seconds"] for o, t in zip(r, peer, strict=True)]
@@ -161,10 +125,10 @@ def main() -> int:
         )
         rays[name] = reference.stats["rays"] / reference.stats["paths"]
         contestants: dict[str, Any] = {
-            s: Ours(scene, args.device, s, **settings) for s in args.schedulers
+            s: Ours(scene, args.device, scheduler=s, **settings) for s in args.schedulers
         }
         if mi is not None:
-            contestants["mitsuba"] = Mitsuba(mi, **settings)
+            contestants["mitsuba"] = Mitsuba(mi, MITSUBA_BOX, **settings)
         rows[name] = {
             str(spp): measure(contestants, reference.image, spp, args.rounds) for spp in args.spp
         }

@@ -15,9 +15,8 @@ namespace veriray {
 
 inline constexpr uint32_t kLeafFlag = 0x80000000u;
 inline constexpr uint32_t kEmptyChild = 0xffffffffu;
-inline constexpr float kBoxPad = 0x1p-20f;  // normalised units
-inline constexpr uint32_t kMaxLeaf = 16;    // records
-inline constexpr uint32_t kBlock = 8;       // records side by side in the CPU's leaves
+inline constexpr float kBoxPad = 0x1p-20f;                  // normalised units
+inline constexpr uint32_t kMaxLeaf = 16;                    // records
 inline constexpr uint32_t kCpuWidth = 8, kDeviceWidth = 4;  // children of a node
 
 // Which primitives a tree may hold: code for others is not compiled.
@@ -34,43 +33,40 @@ struct alignas(64) WideNode {
 inline constexpr uint32_t kRecordFloats = 16, kRecordPlane = 9, kRecordId = 13, kRecordKind = 14;
 enum RecordKind : uint32_t { kTriangleRecord = 0, kSphereRecord = 1, kDiskRecord = 2 };
 
-// The CPU's leaves: kBlock records side by side; those that lack are zero, which no ray meets.
+// The CPU's leaves begin at a block and are kLeafRows rows of `count` numbers, one row after
+// another: 0 to 12 of a record, then kRecordMark | kind << kRecordKindShift | primitive (a normal
+// number when it is read as a float).
+inline constexpr uint32_t kLeafRows = 14, kCpuLeaf = 8, kBlockFloats = 16;
+inline constexpr uint32_t kRecordKindShift = 27, kRecordMark = 0x40000000u;
 struct alignas(64) RecordBlock {
-    float rows[kRecordFloats][kBlock];
+    float f[kBlockFloats];
 };
 
 struct BvhView {
-    const void* nodes;    // WideNode of kCpuWidth or kDeviceWidth; the root is the first
-    const void* records;  // CPU: RecordBlock, leaves count blocks (scene/tree_layout.h makes them).
-                          // CUDA: kRecordFloats floats each, 16-byte aligned; leaves count records.
+    const void* nodes;  // WideNode of kCpuWidth or kDeviceWidth; the root is the first
+    const void*
+        records;  // CPU: RecordBlock, `first` of a leaf counts blocks (scene/tree_layout.h).
+                  // CUDA: kRecordFloats floats each, 16-byte aligned.
 };
 
 // ---- one primitive, one ray ----
 using Scalar3 = Vec3<float>;
 
-struct RayFrame {
-    Ray<Scalar> ray;
-    Slabs<Scalar> slabs;
-    Shear<Scalar> shear;
-};
-VR_HD RayFrame frame_of(const Ray<Scalar>& ray) {
-    return {ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
-}
-
 // Distance to a sphere or disk record; infinity where it is missed.
 template <uint32_t kKinds>
-VR_HD float round_distance(const float* record, uint32_t kind, const RayFrame& f) {
+VR_HD float round_distance(const float* record, uint32_t kind, const Ray<Scalar>& ray,
+                           const Slabs<Scalar>& slabs) {
     float t = kInfinity;
     bool met = false;
     if constexpr (kKinds & kTreeSpheres)
         if (!(kKinds & kTreeDisks) || kind == kSphereRecord) {
-            met = meets_sphere<Scalar>(record, f.ray, kInfinity, t);
+            met = meets_sphere<Scalar>(record, ray, kInfinity, t);
             const Scalar3 c{record[0], record[1], record[2]}, r{record[6], record[6], record[6]};
             const Scalar3 v[3] = {c - r, c + r, c};
-            t = bounded_distance<Scalar>(t, f.slabs, v);
+            t = bounded_distance<Scalar>(t, slabs, v);
         }
     if constexpr (kKinds & kTreeDisks)
-        if (kind == kDiskRecord) met = meets_disk<Scalar>(record, f.ray, kInfinity, t);
+        if (kind == kDiskRecord) met = meets_disk<Scalar>(record, ray, kInfinity, t);
     return met ? t : kInfinity;
 }
 

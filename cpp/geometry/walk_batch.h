@@ -1,4 +1,5 @@
-// The walk of the CPU: one ray through nodes of eight boxes and leaves of blocks of eight records.
+// The walk of the CPU: nodes of eight boxes and leaves of up to eight records at once for one ray,
+// and several rays in turn, a node each: while one is at work, memory brings what the others need.
 // I. Wald, C. Benthin, S. Boulos, "Getting Rid of Packets", RT 2008.
 #pragma once
 
@@ -6,219 +7,235 @@
 
 namespace veriray {
 
-// A ray in all elements of a batch.
-struct BatchRay {
-    using F = Batch::F;
-    Slabs<Batch> slabs;
-    Shear<Batch> shear;
-    Ray<Batch> ray;
-    Vec3<F> o;                                  // main axis last
-    uint32_t near_row[3], far_row[3], x, y, z;  // rows of a node; axes of o
+inline constexpr uint32_t kCpuStack = 7 * 64 + 1;  // seven siblings a level of the deepest tree
+
+// The rays of lanes on their way.
+template <class L>
+struct Walkers {
+    static constexpr uint32_t kWidth = L::kWidth;
+    float o[3][kWidth], d[3][kWidth], inverse[3][kWidth], near[3][kWidth], far[3][kWidth];
+    float sheared_o[3][kWidth], shear[2][kWidth];      // main axis last
+    uint32_t near_row[3][kWidth], far_row[3][kWidth];  // of a node, in floats
+    uint32_t axis[3][kWidth];                          // main axis last
+    float t[kWidth];
+    uint32_t primitive[kWidth], node[kWidth], waiting[kWidth];
+    uint64_t stack[kWidth][kCpuStack];  // bits of the entry distance, child
+
+    VR_HD Walkers(const Ray<L>& ray, typename L::F t_max, typename L::U first) {
+        using F = typename L::F;
+        using U = typename L::U;
+        const Slabs<L> s = slabs_of<L>(ray);
+        const Shear<L> h = shear_of<L>(ray.d);
+        put(o, ray.o), put(d, ray.d), put(inverse, s.inverse), put(near, s.near), put(far, s.far);
+        put(sheared_o, main_axis_last(h.from_x, h.from_y, ray.o));
+        store(shear[0], h.x), store(shear[1], h.y);
+        const F towards[3] = {s.inverse.x, s.inverse.y, s.inverse.z};
+        for (uint32_t k = 0; k < 3; ++k) {
+            const auto down = towards[k] < F(0.f);
+            const U low(k * kCpuWidth), high((3 + k) * kCpuWidth);
+            store(near_row[k], select(down, high, low));
+            store(far_row[k], select(down, low, high));
+        }
+        store(axis[0], select(h.from_x, U(2u), U(0u)));
+        store(axis[1], select(h.from_y, U(2u), U(1u)));
+        store(axis[2], select(h.from_x, U(0u), select(h.from_y, U(1u), U(2u))));
+        store(t, t_max), store(primitive, first), store(node, U(0u)), store(waiting, U(0u));
+    }
+
+   private:
+    VR_HD void put(float (&column)[3][kWidth], Vec3<typename L::F> v) {
+        store(column[0], v.x), store(column[1], v.y), store(column[2], v.z);
+    }
 };
 
-VR_HD Vec3<Batch::F> all_of(Vec3<float> v) { return {Batch::F(v.x), Batch::F(v.y), Batch::F(v.z)}; }
-
-VR_HD BatchRay batch_ray(const RayFrame& f) {
-    using F = Batch::F;
-    BatchRay r;
-    r.slabs = {all_of(f.slabs.inverse), all_of(f.slabs.near), all_of(f.slabs.far)};
-    r.shear.x = F(f.shear.x), r.shear.y = F(f.shear.y);
-    r.ray = {all_of(f.ray.o), all_of(f.ray.d)};
-    r.o = all_of(main_axis_last(f.shear.from_x, f.shear.from_y, f.ray.o));
-    const float inverse[3] = {f.slabs.inverse.x, f.slabs.inverse.y, f.slabs.inverse.z};
-    for (uint32_t k = 0; k < 3; ++k) {
-        r.near_row[k] = inverse[k] < 0.f ? 3 + k : k;
-        r.far_row[k] = 3 + k - r.near_row[k] + k;
-    }
-    r.x = f.shear.from_x ? 2 : 0;
-    r.y = f.shear.from_y ? 2 : 1;
-    r.z = f.shear.from_x ? 0 : f.shear.from_y ? 1 : 2;
-    return r;
+template <uint32_t n>
+VR_HD Vec3<Batch::F> all_of(const float (&column)[3][n], uint32_t lane) {
+    return {Batch::F(column[0][lane]), Batch::F(column[1][lane]), Batch::F(column[2][lane])};
 }
 
-// Children whose boxes the ray enters within t, as bits, and where.
-VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const BatchRay& r, float t,
+// Children whose boxes ray i enters within its t, as bits, and where.
+template <class L>
+VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walkers<L>& w, uint32_t i,
                        float (&entry)[kCpuWidth]) {
     using F = Batch::F;
     const float* rows = node.lo[0];
     uint32_t hits = 0;
     for (uint32_t k = 0; k < kCpuWidth; k += Batch::kWidth) {
-        const auto plane = [&](uint32_t row, F inverse, F shift) {
-            return fma(load(rows + row * kCpuWidth + k, F()), inverse, shift);
+        const auto near = [&](uint32_t a) {
+            return fma(load(rows + w.near_row[a][i] + k, F()), F(w.inverse[a][i]), F(w.near[a][i]));
         };
-        const Slabs<Batch>& s = r.slabs;
-        const F near = max(max(plane(r.near_row[0], s.inverse.x, s.near.x),
-                               plane(r.near_row[1], s.inverse.y, s.near.y)),
-                           max(plane(r.near_row[2], s.inverse.z, s.near.z), F(0.f)));
-        const F far = min(min(plane(r.far_row[0], s.inverse.x, s.far.x),
-                              plane(r.far_row[1], s.inverse.y, s.far.y)),
-                          min(plane(r.far_row[2], s.inverse.z, s.far.z), F(t)));
-        store(entry + k, near);
-        hits |= bits(near <= far) << k;
+        const auto far = [&](uint32_t a) {
+            return fma(load(rows + w.far_row[a][i] + k, F()), F(w.inverse[a][i]), F(w.far[a][i]));
+        };
+        const F in = max(max(near(0), near(1)), max(near(2), F(0.f)));
+        const F out = min(min(far(0), far(1)), min(far(2), F(w.t[i])));
+        store(entry + k, in);
+        hits |= bits(in <= out) << k;
     }
     return hits;
 }
 
-// Records of a block that the ray meets, as bits, and where.
-template <uint32_t kKinds>
-VR_HD uint32_t block_hits(const RecordBlock& block, const RayFrame& f, const BatchRay& r,
-                          float t_max, float (&t)[kBlock]) {
+// Of the leaf's `count` records, those that ray i meets within its t: as bits, and where.
+template <uint32_t kKinds, class L>
+VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
+                         float (&t)[kCpuLeaf]) {
     using F = Batch::F;
     uint32_t hits = 0;
-    for (uint32_t k = 0; k < kBlock; k += Batch::kWidth) {
-        const auto row = [&](uint32_t i) { return load(block.rows[i] + k, F()); };
-        Vec3<F> v[3];
-        for (uint32_t i = 0; i < 3; ++i)
-            v[i] = Vec3<F>{row(3 * i + r.x), row(3 * i + r.y), row(3 * i + r.z)} - r.o;
-        const Batch::M inside = inside_sheared<Batch>(r.shear, v);
-        if (none(inside)) continue;
-        for (uint32_t i = 0; i < 3; ++i) v[i] = {row(3 * i), row(3 * i + 1), row(3 * i + 2)};
+    for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
+        const Vec3<F> o = all_of(w.sheared_o, i);
+        const uint64_t corner = 3 * count;
+        const float *x = rows + w.axis[0][i] * count + k, *y = rows + w.axis[1][i] * count + k,
+                    *z = rows + w.axis[2][i] * count + k;
+        const Vec3<F> v[3] = {
+            Vec3<F>{load(x, F()), load(y, F()), load(z, F())} - o,
+            Vec3<F>{load(x + corner, F()), load(y + corner, F()), load(z + corner, F())} - o,
+            Vec3<F>{load(x + 2 * corner, F()), load(y + 2 * corner, F()),
+                    load(z + 2 * corner, F())} -
+                o};
+        const Shear<Batch> shear{{}, {}, F(w.shear[0][i]), F(w.shear[1][i])};
+        hits |= bits(inside_sheared<Batch>(shear, v)) << k;
+    }
+    hits &= (1u << count) - 1u;
+    for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
+        if (!(hits >> k)) break;
+        const auto row = [&](uint32_t r) { return load(rows + r * count + k, F()); };
+        const Vec3<F> v[3] = {
+            {row(0), row(1), row(2)}, {row(3), row(4), row(5)}, {row(6), row(7), row(8)}};
+        const Slabs<Batch> slabs{all_of(w.inverse, i), all_of(w.near, i), {}};
+        const Ray<Batch> ray{all_of(w.o, i), all_of(w.d, i)};
         const Vec3<F> n{row(kRecordPlane), row(kRecordPlane + 1), row(kRecordPlane + 2)};
         const F height =
-            fma(n.z, r.ray.o.z, fma(n.y, r.ray.o.y, fma(n.x, r.ray.o.x, row(kRecordPlane + 3))));
-        const F at = bounded_distance<Batch>(-height / dot(n, r.ray.d), r.slabs, v);
+            fma(n.z, ray.o.z, fma(n.y, ray.o.y, fma(n.x, ray.o.x, row(kRecordPlane + 3))));
+        const F at = bounded_distance<Batch>(-height / dot(n, ray.d), slabs, v);
         store(t + k, at);
-        hits |= bits(inside & (at > F(0.f)) & (at <= F(t_max))) << k;
+        hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits((at > F(0.f)) & (at <= F(w.t[i]))) << k;
     }
     if constexpr (kKinds != kTreeTriangles)
-        for (uint32_t i = 0; i < kBlock; ++i) {
-            const uint32_t kind = as_uint(block.rows[kRecordKind][i]);
+        for (uint32_t j = 0; j < count; ++j) {
+            const uint32_t kind = as_uint(rows[kRecordId * count + j]) >> kRecordKindShift & 3u;
             if (kind == kTriangleRecord) continue;
             float record[12];
-            for (uint32_t c = 0; c < 12; ++c) record[c] = block.rows[c][i];
-            t[i] = round_distance<kKinds>(record, kind, f);
-            hits = (hits & ~(1u << i)) | (t[i] <= t_max && t[i] < kInfinity ? 1u << i : 0u);
+            for (uint32_t c = 0; c < 12; ++c) record[c] = rows[c * count + j];
+            const auto one = [&](const float (&column)[3][L::kWidth]) {
+                return Scalar3{column[0][i], column[1][i], column[2][i]};
+            };
+            t[j] = round_distance<kKinds>(record, kind, {one(w.o), one(w.d)},
+                                          {one(w.inverse), one(w.near), one(w.far)});
+            hits = (hits & ~(1u << j)) | (t[j] <= w.t[i] && t[j] < kInfinity ? 1u << j : 0u);
         }
     return hits;
 }
 
-inline constexpr uint32_t kCpuStack = 7 * 64 + 1;  // seven siblings a level of the deepest tree
+VR_HD void fetch(const void* p, uint32_t bytes) {
+    for (uint32_t i = 0; i < bytes; i += 64) __builtin_prefetch(static_cast<const char*>(p) + i);
+}
 
-// Calls leaf(first, count) for the leaves that the ray reaches within t, which leaf may lower;
-// until it returns true. kSorted: near first.
-template <bool kSorted, class Leaf>
-VR_HD void walk(const BvhView& bvh, const BatchRay& r, const float& t, Leaf leaf) {
+// One node or leaf of the walk of ray i; whether it goes on. kAny: until the first hit.
+template <uint32_t kKinds, bool kAny, class L>
+VR_HD bool step(const BvhView& bvh, Walkers<L>& w, uint32_t i) {
     const auto* nodes = static_cast<const WideNode<kCpuWidth>*>(bvh.nodes);
-    uint64_t stack[kCpuStack];  // bits of the entry distance, child
-    uint32_t size = 0, node = 0;
-    for (;;) {
-        while (!(node & kLeafFlag)) {
-            const WideNode<kCpuWidth>& n = nodes[node];
-            float entry[kCpuWidth];
-            uint32_t hits = entered(n, r, t, entry);
-            const auto next = [&] {
-                const uint32_t i = static_cast<uint32_t>(__builtin_ctz(hits));
+    const auto* blocks = static_cast<const RecordBlock*>(bvh.records);
+    const uint32_t node = w.node[i];
+    uint32_t next = kEmptyChild;
+    if (node & kLeafFlag) {
+        const float* rows = blocks[(node & ~kLeafFlag) >> 4].f;
+        const uint32_t count = (node & 15u) + 1;
+        float t[kCpuLeaf];
+        for (uint32_t m = leaf_hits<kKinds>(rows, count, w, i, t); m; m &= m - 1) {
+            const uint32_t j = static_cast<uint32_t>(__builtin_ctz(m));
+            const uint32_t primitive =
+                as_uint(rows[kRecordId * count + j]) & ((1u << kRecordKindShift) - 1u);
+            if constexpr (kAny) {
+                if (t[j] < w.t[i] && primitive != w.primitive[i]) return w.t[i] = -1.f, false;
+            } else if (closer(t[j], primitive, Hit<Scalar>{w.t[i], w.primitive[i]})) {
+                w.t[i] = t[j], w.primitive[i] = primitive;
+            }
+        }
+    } else {
+        const WideNode<kCpuWidth>& n = nodes[node];
+        float entry[kCpuWidth];
+        uint32_t hits = entered(n, w, i, entry);
+        if (hits) {
+            const auto key = [&] {
+                const uint32_t k = static_cast<uint32_t>(__builtin_ctz(hits));
                 hits &= hits - 1;
-                return static_cast<uint64_t>(as_uint(entry[i])) << 32 | n.child[i];
+                return static_cast<uint64_t>(as_uint(entry[k])) << 32 | n.child[k];
             };
-            if (!hits) break;
-            uint64_t nearest = next();
-            const uint32_t base = size;
-            while (hits) {
-                uint64_t other = next();
-                const bool swap = kSorted && other < nearest;
+            uint64_t nearest = key();
+            uint64_t* const base = w.stack[i] + w.waiting[i];
+            uint64_t* top = base;
+            {
+                const bool two = hits != 0;
+                const uint32_t k = static_cast<uint32_t>(__builtin_ctz(hits | 128u));
+                hits &= hits - 1;
+                const uint64_t other = static_cast<uint64_t>(as_uint(entry[k])) << 32 | n.child[k];
+                const bool swap = !kAny && two && other < nearest;
+                *top = swap ? nearest : other;
+                nearest = swap ? other : nearest;
+                top += two;
+            }
+            while (__builtin_expect(hits, 0)) {
+                const uint64_t other = key();
+                const bool swap = !kAny && other < nearest;
                 const uint64_t farther = swap ? nearest : other;
                 nearest = swap ? other : nearest;
-                uint32_t at = size++;
-                if (kSorted)
-                    for (; at > base && stack[at - 1] < farther; --at) stack[at] = stack[at - 1];
-                stack[at] = farther;
+                uint64_t* at = top++;
+                if (!kAny)
+                    for (; at > base && at[-1] < farther; --at) *at = at[-1];
+                *at = farther;
             }
-            node = static_cast<uint32_t>(nearest);
+            w.waiting[i] += static_cast<uint32_t>(top - base);
+            next = static_cast<uint32_t>(nearest);
         }
-        if ((node & kLeafFlag) && leaf((node & ~kLeafFlag) >> 4, (node & 15u) + 1u)) return;
+    }
+    if (next == kEmptyChild) {
+        uint32_t waiting = w.waiting[i];
         do {
-            if (size == 0) return;
-            node = static_cast<uint32_t>(stack[--size]);
-        } while (as_float(static_cast<uint32_t>(stack[size] >> 32)) > t);
+            if (waiting == 0) return false;
+            const uint64_t top = w.stack[i][--waiting];
+            if (!(as_float(static_cast<uint32_t>(top >> 32)) > w.t[i]))
+                next = static_cast<uint32_t>(top);
+        } while (next == kEmptyChild);
+        w.waiting[i] = waiting;
     }
+    w.node[i] = next;
+    if (next & kLeafFlag)
+        fetch(&blocks[(next & ~kLeafFlag) >> 4], ((next & 15u) + 1) * 36);
+    else
+        fetch(&nodes[next], sizeof(WideNode<kCpuWidth>));
+    return true;
 }
 
-template <uint32_t kKinds>
-VR_HD void closest_of_ray(const BvhView& bvh, const Ray<Scalar>& ray, Hit<Scalar>& hit) {
-    const RayFrame f = frame_of(ray);
-    const BatchRay r = batch_ray(f);
-    const auto* blocks = static_cast<const RecordBlock*>(bvh.records);
-    walk<true>(bvh, r, hit.t, [&](uint32_t first, uint32_t count) {
-        for (uint32_t b = first; b < first + count; ++b) {
-            const RecordBlock& block = blocks[b];
-            float t[kBlock];
-            for (uint32_t hits = block_hits<kKinds>(block, f, r, hit.t, t); hits;
-                 hits &= hits - 1) {
-                const uint32_t i = static_cast<uint32_t>(__builtin_ctz(hits));
-                const uint32_t primitive = as_uint(block.rows[kRecordId][i]);
-                if (closer(t[i], primitive, hit)) hit = {t[i], primitive};
-            }
-        }
-        return false;
-    });
+// The active lanes, in turn.
+template <uint32_t kKinds, bool kAny, class L>
+VR_HD void walk(const BvhView& bvh, Walkers<L>& w, typename L::M active) {
+    uint32_t on_way[L::kWidth], n = 0;
+    for (uint32_t m = bits(active); m; m &= m - 1)
+        on_way[n++] = static_cast<uint32_t>(__builtin_ctz(m));
+    while (n > 0)
+        for (uint32_t i = 0; i < n;)
+            if (step<kKinds, kAny>(bvh, w, on_way[i]))
+                ++i;
+            else
+                on_way[i] = on_way[--n];
 }
-
-template <uint32_t kKinds>
-VR_HD bool occluded_ray(const BvhView& bvh, const Ray<Scalar>& ray, float t_max, uint32_t skip) {
-    const RayFrame f = frame_of(ray);
-    const BatchRay r = batch_ray(f);
-    const auto* blocks = static_cast<const RecordBlock*>(bvh.records);
-    bool blocked = false;
-    walk<false>(bvh, r, t_max, [&](uint32_t first, uint32_t count) {
-        for (uint32_t b = first; b < first + count; ++b) {
-            const RecordBlock& block = blocks[b];
-            float t[kBlock];
-            for (uint32_t hits = block_hits<kKinds>(block, f, r, t_max, t); hits;
-                 hits &= hits - 1) {
-                const uint32_t i = static_cast<uint32_t>(__builtin_ctz(hits));
-                blocked |= t[i] < t_max && as_uint(block.rows[kRecordId][i]) != skip;
-            }
-            if (blocked) break;
-        }
-        return blocked;
-    });
-    return blocked;
-}
-
-// ---- lanes, one after another ----
-template <class L>
-struct LaneRays {
-    float o[3][L::kWidth], d[3][L::kWidth];
-
-    VR_HD explicit LaneRays(const Ray<L>& ray) {
-        store(o[0], ray.o.x), store(o[1], ray.o.y), store(o[2], ray.o.z);
-        store(d[0], ray.d.x), store(d[1], ray.d.y), store(d[2], ray.d.z);
-    }
-    VR_HD Ray<Scalar> operator[](uint32_t i) const {
-        return {{o[0][i], o[1][i], o[2][i]}, {d[0][i], d[1][i], d[2][i]}};
-    }
-};
 
 template <class L, uint32_t kKinds>
 VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::M active,
                           Hit<L>& hit) {
-    const LaneRays<L> rays(ray);
-    float t[L::kWidth];
-    uint32_t primitive[L::kWidth];
-    store(t, hit.t), store(primitive, hit.primitive);
-    for (uint32_t m = bits(active); m; m &= m - 1) {
-        const uint32_t i = static_cast<uint32_t>(__builtin_ctz(m));
-        Hit<Scalar> one{t[i], primitive[i]};
-        closest_of_ray<kKinds>(bvh, rays[i], one);
-        t[i] = one.t, primitive[i] = one.primitive;
-    }
-    hit.t = load(t, typename L::F()), hit.primitive = load(primitive, typename L::U());
+    Walkers<L> w(ray, hit.t, hit.primitive);
+    walk<kKinds, false>(bvh, w, active);
+    hit.t = load(w.t, typename L::F()), hit.primitive = load(w.primitive, typename L::U());
 }
 
 // Lanes of `active` that meet a primitive other than `skip` before t_max.
 template <class L, uint32_t kKinds>
 VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::F t_max,
                                     typename L::M active, typename L::U skip) {
-    const LaneRays<L> rays(ray);
-    float t[L::kWidth];
-    uint32_t not_this[L::kWidth], blocked = 0;
-    store(t, t_max), store(not_this, skip);
-    for (uint32_t m = bits(active); m; m &= m - 1) {
-        const uint32_t i = static_cast<uint32_t>(__builtin_ctz(m));
-        blocked |= (occluded_ray<kKinds>(bvh, rays[i], t[i], not_this[i]) ? 1u : 0u) << i;
-    }
-    return mask_of(blocked, typename L::M());
+    Walkers<L> w(ray, t_max, skip);
+    walk<kKinds, true>(bvh, w, active);
+    using F = typename L::F;
+    return active & (t_max > F(0.f)) & (load(w.t, F()) < F(0.f));
 }
 
 }  // namespace veriray

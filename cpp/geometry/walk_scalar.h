@@ -22,6 +22,12 @@ VR_HD void load_row(const float* p, float (&row)[N]) {
     }
 }
 
+struct RayFrame {
+    Ray<Scalar> ray;
+    Slabs<Scalar> slabs;
+    Shear<Scalar> shear;
+};
+
 struct WaitingNode {
     float entry;
     uint32_t node;
@@ -94,7 +100,7 @@ VR_HD float record_distance(const float* record, const RayFrame& f, uint32_t& pr
         primitive = as_uint(d.y);
         if (!(kKinds & kTreeTriangles) || as_uint(d.z) != kTriangleRecord) {
             const float all[12] = {a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w};
-            return round_distance<kKinds>(all, as_uint(d.z), f);
+            return round_distance<kKinds>(all, as_uint(d.z), f.ray, f.slabs);
         }
     }
     const Scalar3 v[3] = {{a.x, a.y, a.z}, {a.w, b.x, b.y}, {b.z, b.w, c.x}};
@@ -111,7 +117,7 @@ VR_HD float record_distance(const float* record, const RayFrame& f, uint32_t& pr
 
 template <uint32_t N, uint32_t kKinds>
 VR_HD void closest_in_width(const BvhView& bvh, const Ray<Scalar>& ray, Hit<Scalar>& hit) {
-    const RayFrame f = frame_of(ray);
+    const RayFrame f{ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
     const auto* records = static_cast<const float*>(bvh.records);
     walk<N, true>(bvh, f.slabs, hit.t, [&](uint32_t first, uint32_t count) {
         for (uint32_t i = first; i < first + count; ++i) {
@@ -127,7 +133,7 @@ VR_HD void closest_in_width(const BvhView& bvh, const Ray<Scalar>& ray, Hit<Scal
 template <uint32_t N, uint32_t kKinds>
 VR_HD bool occluded_in_width(const BvhView& bvh, const Ray<Scalar>& ray, float t_max,
                              uint32_t skip) {
-    const RayFrame f = frame_of(ray);
+    const RayFrame f{ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
     const auto* records = static_cast<const float*>(bvh.records);
     bool blocked = false;
     walk<N, false>(bvh, f.slabs, t_max, [&](uint32_t first, uint32_t count) {

@@ -128,7 +128,7 @@ struct LightSampler {
         s.pdf_sa = select(m, other.pdf_sa, s.pdf_sa);
         s.distance = select(m, other.distance, s.distance);
         s.wi = select(m, other.wi, s.wi);
-        s.delta = s.delta | (m & other.delta);
+        s.delta = (s.delta & !m) | (m & other.delta);
         s.skip = select(m, other.skip, s.skip);
     }
 

@@ -1,25 +1,70 @@
 #include "scene/tree_layout.h"
 
+#include <algorithm>
 #include <stdexcept>
 
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
 namespace veriray {
+namespace {
+
+// An empty vector with room for n, on large pages where the system has them: incoherent rays miss
+// the translation of small ones at every step.
+template <class T>
+std::vector<T> room_for(size_t n) {
+    std::vector<T> v;
+    v.reserve(n);
+#if defined(__linux__)
+    constexpr size_t kPage = 1u << 21;
+    const size_t from = reinterpret_cast<size_t>(v.data());
+    const size_t first = (from + kPage - 1) / kPage * kPage, last = (from + n * sizeof(T)) / kPage;
+    if (first < last * kPage)
+        madvise(reinterpret_cast<void*>(first), last * kPage - first, MADV_HUGEPAGE);
+#endif
+    return v;
+}
+
+size_t blocks_for(uint32_t count) { return (count * kLeafRows + kBlockFloats - 1) / kBlockFloats; }
+
+template <class Fn>
+void each_leaf(std::vector<WideNode<kCpuWidth>>& nodes, Fn fn) {
+    for (WideNode<kCpuWidth>& node : nodes)
+        for (uint32_t& child : node.child)
+            if (child != kEmptyChild && child & kLeafFlag) fn(child, (child & 15u) + 1);
+}
+
+}  // namespace
 
 std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
                                      const std::vector<float>& records) {
-    std::vector<RecordBlock> blocks;
-    for (WideNode<kCpuWidth>& node : nodes)
-        for (uint32_t& child : node.child) {
-            if (child == kEmptyChild || !(child & kLeafFlag)) continue;
-            const uint32_t first = (child & ~kLeafFlag) >> 4, count = (child & 15u) + 1;
-            const size_t at = blocks.size(), more = (count + kBlock - 1) / kBlock;
-            if (at + more > 1u << 27) throw std::invalid_argument("more than 2^27 leaf blocks");
-            blocks.resize(at + more);  // zeros
-            for (uint32_t i = 0; i < count; ++i)
-                for (uint32_t c = 0; c < kRecordFloats; ++c)
-                    blocks[at + i / kBlock].rows[c][i % kBlock] =
-                        records[static_cast<size_t>(first + i) * kRecordFloats + c];
-            child = kLeafFlag | static_cast<uint32_t>(at) << 4 | static_cast<uint32_t>(more - 1);
+    size_t need = 0;
+    each_leaf(nodes, [&](uint32_t, uint32_t count) {
+        if (count > kCpuLeaf) throw std::invalid_argument("a leaf of more than 8 records");
+        need += blocks_for(count);
+    });
+    if (need > 1u << 27) throw std::invalid_argument("more than 2^27 blocks of records");
+    auto own = room_for<WideNode<kCpuWidth>>(nodes.size());
+    own.assign(nodes.begin(), nodes.end());
+    nodes.swap(own);
+    need += kCpuLeaf * sizeof(float) / sizeof(RecordBlock) + 1;  // vectors read past the last row
+    auto blocks = room_for<RecordBlock>(need);
+    blocks.resize(need);
+    size_t at = 0;
+    each_leaf(nodes, [&](uint32_t& child, uint32_t count) {
+        const size_t first = (child & ~kLeafFlag) >> 4;
+        float* rows = blocks[at].f;
+        for (uint32_t i = 0; i < count; ++i) {
+            const float* record = &records[(first + i) * kRecordFloats];
+            for (uint32_t r = 0; r < kRecordId; ++r) rows[r * count + i] = record[r];
+            rows[kRecordId * count + i] =
+                as_float(kRecordMark | as_uint(record[kRecordKind]) << kRecordKindShift |
+                         as_uint(record[kRecordId]));
         }
+        child = kLeafFlag | static_cast<uint32_t>(at) << 4 | (count - 1);
+        at += blocks_for(count);
+    });
     return blocks;
 }
 

@@ -7,8 +7,9 @@
 
 namespace veriray {
 
-// The CPU's leaves from records in slot order (kRecordFloats each); the leaves of `nodes`, which
-// count records, then count blocks. Throws std::invalid_argument for more than 2^27 blocks.
+// The CPU's leaves from records in slot order (kRecordFloats each). The leaves of `nodes` then
+// begin at blocks, not at slots. Throws std::invalid_argument for a leaf of more than kCpuLeaf
+// records and for more than 2^27 blocks.
 std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
                                      const std::vector<float>& records);
 

@@ -7,8 +7,10 @@ scale or tilt. Rates and confirmation as in tests/support.py.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -302,6 +304,18 @@ def distribution(name: str, parameter: float) -> Callable[[float], float]:
     return lambda x: integrate.quad(density, -4, min(max(x / parameter, -4), 4))[0] / whole
 
 
+def half_plane(edge_x: float, edge_y: float, name: str, parameter: Any) -> veriray.Scene:
+    """Radiance 1 right of and below a point of a 16 x 12 film."""
+    width, height, fov = 16, 12, 50.0
+    tan_x = math.tan(math.radians(fov / 2))
+    tan_y = tan_x * height / width
+    x = tan_x * (1 - 2 * edge_x / width)
+    y = tan_y * (1 - 2 * edge_y / height)
+    # The film's right is local -X, its bottom local -Y; the front faces the camera.
+    plane = quad([x, y, 1], [0, -9, 0], [-9, 0, 0], 0, 1.0)
+    return make([plane], veriray.Camera(np.eye(4), fov), 0.0, width, height, name, parameter)
+
+
 @pytest.mark.parametrize(("edge_x", "edge_y"), [(9.3, 7.7), (4.5, 3.02), (11.98, 5.25)])
 @pytest.mark.parametrize(
     ("name", "parameter"), [("box", 0.5), ("tent", 1.0), ("tent", 1.7), ("gaussian", 0.5)]
@@ -314,15 +328,8 @@ def test_a24_filters(
     Every pixel must hold the part of its filter beyond both edges: finds shifts, flips, aspect,
     field of view, jitter and filter errors. 25,000 samples a pixel: sees 0.015 pixel.
     """
-    width, height, fov = 16, 12, 50.0
-    tan_x = math.tan(math.radians(fov / 2))
-    tan_y = tan_x * height / width
-    x = tan_x * (1 - 2 * edge_x / width)
-    y = tan_y * (1 - 2 * edge_y / height)
-    # The film's right is local -X, its bottom local -Y; the front faces the camera.
-    plane = quad([x, y, 1], [0, -9, 0], [-9, 0, 0], 0, 1.0)
-    view = veriray.Camera(np.eye(4), fov)
-    scene = make([plane], view, 0.0, width, height, name, None if name == "box" else parameter)
+    width, height = 16, 12
+    scene = half_plane(edge_x, edge_y, name, None if name == "box" else parameter)
     cdf = distribution(name, parameter)
     right = np.array([1 - cdf(edge_x - (i + 0.5)) for i in range(width)])
     below = np.array([1 - cdf(edge_y - (j + 0.5)) for j in range(height)])
@@ -339,6 +346,55 @@ def test_a24_filters(
         p = [stats.binomtest(int(h), n, e).pvalue
              for h, e in zip(hits[~certain], nearest[~certain], strict=True)]  # fmt: skip
         return sidak(min(p), len(p))
+
+    confirm(p_value)
+
+
+def mitchell(x: float, b: float, c: float) -> float:
+    """D. Mitchell, A. Netravali, "Reconstruction Filters in Computer Graphics", 1988."""
+    x = abs(x)
+    if x < 1:
+        return ((12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b) / 6
+    cubic = (-b - 6 * c) * x**3 + (6 * b + 30 * c) * x**2 + (-12 * b - 48 * c) * x + 8 * b + 24 * c
+    return cubic / 6 if x < 2 else 0.0
+
+
+@pytest.mark.parametrize(("edge_x", "edge_y"), [(9.3, 7.7), (4.5, 3.02)])
+@pytest.mark.parametrize("parameters", [(1 / 3, 1 / 3), (0.0, 0.5), (1.0, 0.0)])
+def test_signed_filter(
+    device: str, parameters: tuple[float, float], edge_x: float, edge_y: float
+) -> None:
+    """As above for Mitchell's filter: a pixel may lie below 0 and above 1.
+
+    z by the exact variance: samples have the size (integral of |f|)^2 and the sign of both lobes.
+    """
+
+    def share(edge: float, centre: float, sign: bool) -> float:
+        """Integral of f (of |f|) beyond an edge."""
+        start = min(max(edge - centre, -2.0), 2.0)
+        knots = [start, *(k for k in (-1, 0, 1, 2) if k > start)]
+        f = partial(mitchell, b=parameters[0], c=parameters[1])
+        g = f if sign else lambda x: abs(f(x))
+        return sum(integrate.quad(g, p, q, limit=200)[0] for p, q in itertools.pairwise(knots))
+
+    def product(sign: bool) -> np.ndarray:
+        return np.outer([share(edge_y, j + 0.5, sign) for j in range(12)],
+                        [share(edge_x, i + 0.5, sign) for i in range(16)])  # fmt: skip
+
+    exact, size = product(True), share(-2, 0, False) ** 2
+    second = product(False) * size
+    assert abs(share(-2, 0, True) - 1) < 1e-9 and (exact.max() > 1.01) == (parameters[1] > 0)
+
+    def p_value(effort: int, seed: int) -> float:
+        n = 25_000 * effort
+        scene = half_plane(edge_x, edge_y, "mitchell", parameters)
+        image = veriray.render(scene, spp=n, seed=seed, device=device).image[:, :, 0]
+        assert (image[second == 0] == 0).all()
+        variance = second - exact**2
+        seen = (n * second > 100 * size**2) & (variance > 1e-9)
+        off = np.maximum(np.abs(image - exact) - 1e-4, 0)  # it is drawn from a table
+        assert off[~seen].max() < 0.02
+        return max_z(off[seen] / np.sqrt(variance[seen] / n))
 
     confirm(p_value)
 

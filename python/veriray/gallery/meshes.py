@@ -61,7 +61,8 @@ def standing(path: Path, height: float = 2.25) -> Mesh:
 
 # ---- the hare: spheres, ellipsoids and cones, blended ----
 
-# Each part: its blend radius, its ends (x, y, z, radius). Mirrored in x where x > 0.
+# Each part: blend radius, ends (x, y, z, radius), and after the second how much the middle bulges.
+# All are mirrored in x.
 _HARE: tuple[tuple[float, tuple[float, ...], tuple[float, ...]], ...] = (
     (0.00, (0.0, 0.62, 0.16, 0.50), (0.0, 0.60, 0.02, 0.47)),  # hips
     (0.30, (0.0, 0.98, -0.06, 0.35), (0.0, 0.80, 0.00, 0.38)),  # chest
@@ -69,9 +70,7 @@ _HARE: tuple[tuple[float, tuple[float, ...], tuple[float, ...]], ...] = (
     (0.16, (0.0, 1.42, -0.19, 0.29), (0.0, 1.37, -0.33, 0.25)),  # head
     (0.10, (0.0, 1.31, -0.47, 0.135), (0.0, 1.30, -0.53, 0.10)),  # muzzle
     (0.08, (0.15, 1.31, -0.34, 0.15), (0.12, 1.29, -0.42, 0.11)),  # cheeks
-    (0.10, (0.10, 1.60, -0.10, 0.07), (0.18, 1.86, 0.02, 0.11)),  # ears
-    (0.03, (0.18, 1.86, 0.02, 0.11), (0.24, 2.08, 0.11, 0.11)),
-    (0.03, (0.24, 2.08, 0.11, 0.11), (0.275, 2.25, 0.19, 0.055)),
+    (0.10, (0.11, 1.58, -0.12, 0.060), (0.275, 2.23, 0.17, 0.052, 0.055)),  # ears
     (0.14, (0.30, 0.42, -0.02, 0.30), (0.33, 0.30, 0.08, 0.26)),  # thighs
     (0.10, (0.36, 0.115, -0.40, 0.105), (0.35, 0.12, 0.02, 0.12)),  # hind feet
     (0.10, (0.17, 0.78, -0.28, 0.13), (0.16, 0.16, -0.42, 0.085)),  # forelegs
@@ -84,15 +83,16 @@ _SUNK = 0.05  # how far the parts reach below the ground, where the hare is cut 
 _LOW, _HIGH = np.array([-0.75, -0.05, -0.75]), np.array([0.75, 2.45, 1.0])
 
 
-def _cone(points: Array, a: Array, b: Array) -> Array:
-    """Distance to the spheres swept from a to b (x, y, z, radius), up to the cone's slant."""
+def _cone(points: Array, a: Array, b: Array, bulge: float = 0.0) -> Array:
+    """Distance to the spheres swept from a to b (x, y, z, radius), up to the surface's slant."""
     along = b[:3] - a[:3]
     length = float(along[0] * along[0] + along[1] * along[1] + along[2] * along[2])
     d = [points[..., k] - a[k] for k in range(3)]
     t = (d[0] * along[0] + d[1] * along[1] + d[2] * along[2]) / length
     t = np.minimum(np.maximum(t, 0.0), 1.0)
     d = [d[k] - along[k] * t for k in range(3)]
-    return np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) - (a[3] + (b[3] - a[3]) * t)
+    radius = a[3] + (b[3] - a[3]) * t + bulge * 4 * t * (1 - t)
+    return np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) - radius
 
 
 def hare_distance(points: Array) -> Array:
@@ -105,7 +105,7 @@ def hare_distance(points: Array) -> Array:
     mirrored[..., 0] = np.abs(mirrored[..., 0])
     field: Array | None = None
     for blend, start, end in _HARE:
-        part = _cone(mirrored, np.array(start), np.array(end))
+        part = _cone(mirrored, np.array(start), np.array(end[:4]), *end[4:])
         if field is None:
             field = part
             continue

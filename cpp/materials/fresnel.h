@@ -42,12 +42,12 @@ VR_HD F fresnel_conductor(F cos_i, F eta, F k) {
 // Directions of the mirror and of refraction about n; wo and n on the same side.
 template <class F>
 VR_HD Vec3<F> reflected(Vec3<F> wo, Vec3<F> n, F cos_o) {
-    return fma(n, F(2.f) * cos_o, -wo);
+    return renormalised(fma(n, F(2.f) * cos_o, -wo));
 }
 template <class F>
 VR_HD Vec3<F> refracted(Vec3<F> wo, Vec3<F> n, F cos_o, F cos_t, F eta) {
     const F ratio = F(1.f) / eta;
-    return fma(n, fma(ratio, cos_o, -cos_t), wo * -ratio);
+    return renormalised(fma(n, fma(ratio, cos_o, -cos_t), wo * -ratio));
 }
 
 }  // namespace veriray

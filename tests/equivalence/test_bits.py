@@ -33,11 +33,25 @@ from tests.support import (
 )
 
 RECORDED = Path(__file__).with_name("recorded.json")
+FOLDER = Path(__file__).resolve().parents[2] / "scenes" / "checks"
+#: Small scenes that together hold every shape, material, medium, light, camera and filter.
+CHECKS = tuple(sorted(path.stem for path in FOLDER.glob("*.xml")))
+
+
+def check_scene(name: str, size: int = 16) -> veriray.Scene:
+    """A scene of scenes/checks."""
+    return veriray.load_file(FOLDER / f"{name}.xml").with_(width=size, height=size)
+
+
 SCENES = {
     "cornell-box": lambda: veriray.cornell_box().with_(width=24, height=20),
     "open": lambda: veriray.load_file("open").with_(width=24, height=20),
     "mesh": lambda: mesh_scene(),
     "furnace, gaussian filter": lambda: furnace(0.9, 1.0, width=24, height=20, filter="gaussian"),
+    "touching media": lambda: check_scene("touching_media"),
+    "300 spheres": lambda: check_scene("spheres_300"),
+    "thin lens": lambda: check_scene("thinlens"),
+    "mitchell filter": lambda: check_scene("mitchell"),
 }
 SPP = 24
 
@@ -89,6 +103,44 @@ def test_every_device_scheduler_thread_count_and_batch(
 def test_features_forced_on(device: str, name: str, expected: dict[str, str]) -> None:
     """D9: code for what the scene does not have changes nothing."""
     assert sha(*words(SCENES[name](), device, all_features=True)) == expected[name]
+
+
+@pytest.fixture(scope="module")
+def check_hashes() -> dict[str, str]:
+    """By check scene, 4 samples a pixel: the hash from the first device with all defaults."""
+    return {name: sha(*words(check_scene(name), FAST[0], 0, 4)) for name in CHECKS}
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_checks_in_every_way(device: str, name: str, check_hashes: dict[str, str]) -> None:
+    """One hash over devices x schedulers x threads x batch sizes x code for absent features."""
+    scene = check_scene(name)
+    host = native_scene(scene, device)
+    depths = {"max_depth": scene.max_depth, "rr_depth": scene.rr_depth}
+    ways: list[dict[str, Any]] = [
+        {"scheduler": scheduler, "threads": threads, "batch": batch}
+        for scheduler in ("fused", "thrust")
+        for threads, batch in ((1, 0), (2, 300), (2, 0), (1, 77))
+    ]
+    for way in (*ways, {"all_features": True}, {"scheduler": "thrust", "all_features": True}):
+        film = native_film(16, 16, device)
+        done = native(device).render(host, film, sample_begin=0, sample_end=4, **depths, **way)
+        assert done["nonfinite_samples"] == 0
+        assert sha(film, done["ledger"]) == check_hashes[name], way
+
+
+@pytest.mark.parametrize("device", FAST)
+@pytest.mark.parametrize("name", CHECKS)
+def test_checks_scaled_by_powers_of_two(
+    device: str, name: str, check_hashes: dict[str, str]
+) -> None:
+    """D10, N2: lengths or radiances times 2^k: the same integers. No clamp, no absolute epsilon."""
+    scene = check_scene(name)
+    for exponent in (10, -20):
+        lengths = scene.scaled(2.0**exponent)
+        assert sha(*words(lengths, device, 0, 4)) == check_hashes[name], f"lengths, {exponent}"
+        light = scene.with_emission_scaled(2.0**exponent)
+        assert sha(*words(light, device, 0, 4)) == check_hashes[name], f"light, {exponent}"
 
 
 @pytest.mark.parametrize("name", ["cornell-box", "mesh"])
@@ -206,13 +258,14 @@ def test_replayed_paths_add_up_to_the_film(device: str) -> None:
     """The replay of single paths adds up to the film's sums."""
     if not device.startswith("cpu"):
         pytest.skip("paths are replayed on the CPU")
-    scene = SCENES["open"]().with_(width=4, height=3)
-    r = veriray.render(scene, spp=8, device=device)
-    for y in range(3):
-        for x in range(4):
-            paths = [veriray.trace_path(scene, x, y, k) for k in range(8)]
-            total = np.sum([np.array(p[-1]["radiance"]) for p in paths], axis=0)
-            assert np.allclose(total / 8, r.image[y, x], rtol=1e-6)
+    for scene in (SCENES["open"](), *map(check_scene, ("touching_media", "mask", "thinlens"))):
+        scene = scene.with_(width=4, height=3)
+        r = veriray.render(scene, spp=8, device=device)
+        for y in range(3):
+            for x in range(4):
+                paths = [veriray.trace_path(scene, x, y, k) for k in range(8)]
+                total = np.sum([np.array(p[-1]["radiance"]) for p in paths], axis=0)
+                assert np.allclose(total / 8, r.image[y, x], rtol=1e-6)
 
 
 # ---- seeds ----
@@ -268,7 +321,8 @@ def test_pixels_do_not_share_samples(device: str) -> None:
 
 
 def record(device: str, name: str, width: int, spp: int, **settings: Any) -> dict[str, Any]:
-    scene = veriray.load_file(name).with_(width=width, height=width, max_depth=-1)
+    path = FOLDER / f"{name.removeprefix('checks/')}.xml" if name.startswith("checks/") else name
+    scene = veriray.load_file(path).with_(width=width, height=width, max_depth=-1)
     r = veriray.render(scene, spp=spp, device=device, **settings)
     ledger = json.dumps(r.stats["ledger"], sort_keys=True).encode()
     return {
@@ -287,6 +341,12 @@ def check_recorded(device: str, entry: dict[str, Any], **settings: Any) -> None:
     assert record(device, *size, **settings) == entry, f"{device}, {settings}"
 
 
+def test_every_check_is_recorded() -> None:
+    """A new scene needs a line: python -m tests.equivalence.test_bits."""
+    recorded = {entry["scene"] for entry in json.loads(RECORDED.read_text())}
+    assert recorded >= {f"checks/{name}" for name in CHECKS}
+
+
 def test_recorded_films(device: str) -> None:
     """The films of recorded.json, from every device; the large one not from slow CPU code."""
     for entry in json.loads(RECORDED.read_text()):
@@ -300,8 +360,10 @@ def test_recorded_films(device: str) -> None:
 
 
 def test_recorded_films_in_every_way(device: str) -> None:
-    """The same, all of them: schedulers x threads x batch sizes."""
+    """The same, schedulers x threads x batch sizes; the checks have a test of their own."""
     for entry in json.loads(RECORDED.read_text()):
+        if entry["scene"].startswith("checks/"):
+            continue
         if device == "cpu:portable" and entry["width"] > 32:
             continue  # 40 s; the small films say the same of that code
         for scheduler in ("fused", "thrust"):
@@ -314,5 +376,6 @@ def test_recorded_films_in_every_way(device: str) -> None:
 
 if __name__ == "__main__":
     cases = [("cornell-box", 32, 16), ("open", 32, 16), ("cornell-box", 128, 64)]
-    entries = [record(FAST[0], *case) for case in cases]
-    RECORDED.write_text(json.dumps(entries, indent=1) + "\n")
+    cases += [(f"checks/{name}", 24, 4) for name in CHECKS]
+    rows = ",\n".join(json.dumps(record(FAST[0], *case)) for case in cases)
+    RECORDED.write_text(f"[\n{rows}\n]\n")

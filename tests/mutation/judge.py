@@ -17,6 +17,7 @@ import numpy as np
 
 import veriray
 from veriray import image
+from veriray.columns import COLUMNS
 from veriray.device import CPU_MODULES
 
 
@@ -34,15 +35,11 @@ def with_reflectance(scene: veriray.Scene, shape: str, factor: float) -> veriray
     """The scene with one shape's reflectance scaled."""
     own = scene.triangle_shape == scene.shape_names.index(shape)
     material = np.array(scene.triangle_material)
-    row = scene.reflectance[material[own][0]] * np.float32(factor)
-    two_sided = scene.two_sided[material[own][0]]
+    columns = {name: getattr(scene, name) for name, c in COLUMNS.items() if c.table == "materials"}
+    rows = {name: np.concatenate([c, c[material[own][:1]]]) for name, c in columns.items()}
     material[own] = len(scene.reflectance)
-    return dataclasses.replace(
-        scene,
-        reflectance=np.vstack([scene.reflectance, row]),
-        two_sided=np.append(scene.two_sided, two_sided),
-        triangle_material=material,
-    )
+    rows["reflectance"][-1] *= np.float32(factor)
+    return dataclasses.replace(scene, **rows, triangle_material=material)
 
 
 def main(arguments: list[str]) -> None:

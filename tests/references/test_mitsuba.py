@@ -25,16 +25,16 @@ CHECKS = ("chromatic_medium", "nested_dielectrics", "thinlens", "sphere_light", 
 
 
 def verdict(
-    root: Path, scene: str, max_depth: int, ours_max_depth: int, size: int = SIZE, spp: int = SPP
+    root: Path, scene: str, max_depth: int, ours_max_depth: int, size: int = SIZE
 ) -> Report:
     path = root / "scenes" / scene
     mi = mitsuba_peer.start("scalar_rgb")
     sizes: dict[str, Any] = {"width": size, "height": size}
     peer = mitsuba_peer.render(
-        mi, path, batches=BATCHES, spp=spp, seed=1000, max_depth=max_depth, rr_depth=5, **sizes
+        mi, path, batches=BATCHES, spp=SPP, seed=1000, max_depth=max_depth, rr_depth=5, **sizes
     )
     ours = veriray.render(
-        veriray.load_file(path), spp=BATCHES * spp, seed=1, batches=BATCHES, device="cpu",
+        veriray.load_file(path), spp=BATCHES * SPP, seed=1, batches=BATCHES, device="cpu",
         max_depth=ours_max_depth, rr_depth=5, **sizes,
     )  # fmt: skip
     return veriray.compare(ours, peer)
@@ -55,14 +55,14 @@ def test_sees_one_more_bounce(root: Path) -> None:
 @pytest.mark.parametrize("name", CHECKS)
 def test_checks_agree_with_mitsuba(root: Path, name: str) -> None:
     """Materials, media, lights, cameras; where one's noise is far below the other's, Welch tests."""
-    report = verdict(root, f"checks/{name}.xml", 64, 64)
+    report = verdict(root, f"checks/{name}.xml", 64, 64, 24)
     assert report.passed, report.verdict
 
 
 @pytest.mark.parametrize("name", ["null_medium", "mask", "thindielectric", "nested_dielectrics"])
 @pytest.mark.parametrize("max_depth", [2, 4])
 def test_depth_is_counted_alike(root: Path, name: str, max_depth: int) -> None:
-    """Scatterings in media count, passes do not; half the pixels of the tests above."""
+    """Scatterings in media count, passes do not."""
     report = verdict(root, f"checks/{name}.xml", max_depth, max_depth, 24)
     assert report.passed, report.verdict
 

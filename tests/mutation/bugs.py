@@ -1,0 +1,333 @@
+"""The planted bugs, and the cases that they are judged by.
+
+`old` and `new` of a mutant are both an expression, or both whole statements that end in a
+semicolon, so that one build can hold all mutants and switch between them (`mutants.switched`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Case:
+    """Scene and reference: the shipped picture, or one that `reference/` makes for the occasion.
+
+    scene: in scenes/; options: of `python -m reference render`, none for the shipped picture;
+    edits: (old, new) in a copy of the scene file; hidden: likewise, in the file that the mutant
+    renders alone, which must not change the picture.
+    """
+
+    scene: str = "cornell/cornell_box.xml"
+    options: tuple[str, ...] = ()
+    edits: tuple[tuple[str, str], ...] = ()
+    hidden: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A planted bug: `old` becomes `new` in cpp/`file`, or `shape` reflects `factor` times.
+
+    also: further (old, new) in the same file.
+    """
+
+    name: str
+    file: str = ""
+    old: str = ""
+    new: str = ""
+    case: str = "shipped"
+    shape: str = ""
+    factor: float = 1.0
+    also: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def edits(self) -> tuple[tuple[str, str], ...]:
+        """All (old, new) in the file."""
+        return ((self.old, self.new), *self.also) if self.file else ()
+
+
+_QUICK = ("--width", "48", "--height", "48", "--spp", "1024")
+_CHECK = ("--width", "32", "--height", "32", "--spp", "1024")
+_CHECKS = (
+    "chromatic_medium", "conductor_metal", "conductor_mirror", "dielectric_sphere",
+    "directional_light", "disk_ellipse", "disk_light", "flip_normals", "glass_cube", "glass_mesh",
+    "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "mitchell", "null_medium", "plastic",
+    "plastic_nonlinear", "point_in_medium", "point_light", "smooth_normals", "sphere_light",
+    "spheres_300", "spot_light", "thindielectric", "thinlens", "twosided",
+)  # fmt: skip
+_SECOND_FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="20"/>
+<rotate x="1" angle="-90"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/>
+</bsdf></shape></scene>"""
+CASES = {
+    "shipped": Case(),
+    "quick": Case(options=_QUICK),
+    "depth 3": Case(options=(*_QUICK, "--max-depth", "3")),
+    # In the box as measured no path can meet the back of the lamp.
+    "lowered lamp": Case(
+        options=_QUICK, edits=(("0 -65 0 278 0 0 -1 548.8", "0 -65 0 278 0 0 -1 400"),)
+    ),
+    **{name: Case(f"checks/{name}.xml", _CHECK) for name in _CHECKS},
+    "mask, depth 3": Case("checks/mask.xml", (*_CHECK, "--max-depth", "3")),
+    # The edge of a ball in the plane of focus.
+    "lens from near": Case(
+        "checks/thinlens.xml", _CHECK,
+        (('"fov" value="40"', '"fov" value="5"'),
+         ('"aperture_radius" value="0.25"', '"aperture_radius" value="1"'),
+         ('target="0, 0.6, 0"', 'target="0.5, 0.55, 0"')),
+    ),
+    # A sphere that shines behind a boundary without refraction.
+    "sphere lamp in fog": Case(
+        "checks/lamp_in_medium.xml", _CHECK,
+        (('<bsdf type="dielectric"><float name="int_ior" value="1.3"/></bsdf>',
+          '<bsdf type="null"/>'),),
+    ),
+    # The first of two surfaces in one place is the one that is seen.
+    "two floors": Case("checks/smooth_normals.xml", _CHECK, hidden=(("</scene>", _SECOND_FLOOR),)),
+}  # fmt: skip
+
+_PATH, _DIRECT = "integrators/path.h", "integrators/direct.h"
+_SURFACE, _MATERIAL = "integrators/surface.h", "materials/material.h"
+_FRESNEL, _MEDIUM, _TABLES = "materials/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
+_LIGHT, _ROUND_LIGHT = "lights/light.h", "lights/sphere_light.h"
+_CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
+
+_EVAL = "albedo * pdf"
+_PDF = "column(kLightChance) * d2 / cos_light"
+_Q = "min(F(1.f), to_float(to_uint(min(most, F(1.f)) * F(0x1p24f)) + U(1u)) * F(0x1p-24f))"
+_DIVIDE = "path.throughput * (F(1.f) / q)"
+_SURVIVE = "plays & (uniform(u) < q)"
+_CUT = "segment + 1 >= s.max_depth ? scatters : no_lanes(scatters)"
+_HIT = "emitted * mis_weight(path.pdf_sa, pdf_light)"
+_LIT = "hit_emitter(scene, path, hit, at, valid)"
+_T_MAX = "shadow.t_max = light.distance;"
+_ALBEDO = "surface_column3(scene, row, kSurfaceAlbedo)"
+_ADD = "add_sample(sums_[pixel[k] - first_pixel_], radiance, weight[k], job.film.scale);"
+_JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
+_PHASE = "henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w))"
+
+
+def _wall(shape: str, percent: float) -> Mutant:
+    return Mutant(f"reflectance of {shape} +{percent} %", shape=shape, factor=1 + percent / 100)
+
+
+_CORNELL = (
+    *(_wall(shape, 0.5) for shape in ("floor", "back_wall", "right_wall", "left_wall")),
+    Mutant("MIS weight missing on hit", _PATH, _HIT, "emitted"),
+    Mutant("MIS weight missing on light sample", _DIRECT, "light.pdf_sa + value.pdf_sa",
+           "light.pdf_sa"),
+    Mutant("cosine missing in eval", _MATERIAL, _EVAL, "albedo * F(kInvPi)"),
+    Mutant("cosine squared in eval", _MATERIAL, _EVAL, "albedo * (pdf * cos_i)"),
+    Mutant("roulette not divided out", _PATH, _DIVIDE, "path.throughput"),
+    Mutant("roulette divided by q squared", _PATH, _DIVIDE,
+           "path.throughput * (F(1.f) / (q * q))"),
+    Mutant("roulette survives 2 % too rarely", _PATH, _SURVIVE,
+           "plays & (uniform(u) < q * F(.98f))"),
+    Mutant("light cosine missing", _LIGHT, _PDF, "column(kLightChance) * d2"),
+    Mutant("1/r for 1/r^2", _LIGHT, _PDF, "column(kLightChance) * distance / cos_light"),
+    Mutant("light pdf doubled", _LIGHT, _PDF, "F(2.f) * column(kLightChance) * d2 / cos_light"),
+    Mutant("emission doubled at depth 1", _PATH, _LIT,
+           "((void)(segment == 1 ? hit_emitter(scene, path, hit, at, valid) : valid),"
+           " hit_emitter(scene, path, hit, at, valid))"),
+    Mutant("samples clamped at 10", "schedulers/tile.h", _ADD,
+           "{ const float clamped[3] = {__builtin_fminf(r[0][k], 10.f),"
+           " __builtin_fminf(r[1][k], 10.f), __builtin_fminf(r[2][k], 10.f)};"
+           " add_sample(sums_[pixel[k] - first_pixel_], clamped, weight[k], job.film.scale); }"),
+    Mutant("half-pixel shift", _PATH, _JITTER_X, _JITTER_X.replace("0.5f", "1.0f")),
+    Mutant("albedo +1 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.01f)"),
+    Mutant("albedo +0.2 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.002f)"),
+    Mutant("albedo +1 % in the weight only", _MATERIAL, "s.weight = albedo;",
+           "s.weight = albedo * F(1.01f);"),
+    Mutant("one segment more", _PATH, _CUT,
+           "segment >= s.max_depth ? scatters : no_lanes(scatters)", "depth 3"),
+    Mutant("one segment less", _PATH, _CUT,
+           "segment + 2 >= s.max_depth ? scatters : no_lanes(scatters)", "depth 3"),
+    Mutant("no light sample at the last vertex", _DIRECT, _T_MAX,
+           _T_MAX + " if (segment + 2 >= s.max_depth) shadow.wanted = no_lanes(shadow.wanted);",
+           "depth 3"),
+    Mutant("back of the lamp emits when hit", _PATH, "valid & at.front & (chance > F(0.f))",
+           "valid & (chance > F(0.f))", "lowered lamp",
+           also=(("-dot(at.ng, path.ray.d)", "abs(dot(at.ng, path.ray.d))"),)),
+    # The ray is shortened, or the lamp would shadow its own back.
+    Mutant("back of the lamp emits when sampled", _LIGHT, "-dot(n, s.wi)",
+           "(s.distance = s.distance * select(dot(n, s.wi) > F(0.f), F(.99f), F(1.f)),"
+           " abs(dot(n, s.wi)))", "lowered lamp"),
+    Mutant("no 1/pi", _MATERIAL, _EVAL, "albedo * cos_i", "quick"),
+    Mutant("albedo squared", _SURFACE, _ALBEDO, f"{_ALBEDO} * {_ALBEDO}", "quick"),
+    Mutant("hemisphere of half the azimuth", _MAPPING,
+           "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};",
+           "sincos_2pi(v * F(.5f), s, c); const F r = sqrt(u); "
+           "return {r * c, r * s, sqrt(F(1.f) - u)};", "quick"),
+    Mutant("u = v on the lamp", _DIRECT, "uniform(scatter.y)", "uniform(scatter.x)", "quick"),
+    Mutant("roulette and direction share a number", _PATH,
+           "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).y",
+           "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter)).z",
+           "quick"),
+    Mutant("shadow rays meet nothing", _DIRECT, _T_MAX, "shadow.t_max = F(0.f);", "quick"),
+    Mutant("shadow rays half as long", _DIRECT, _T_MAX, "shadow.t_max = light.distance * F(.5f);",
+           "quick"),
+    Mutant("roulette one vertex early", _PATH, "segment + 1 < s.rr_depth",
+           "segment + 2 < s.rr_depth", "quick"),
+    Mutant("roulette capped at 0.5", _PATH, _Q, _Q.replace("min(F(1.f), to", "min(F(.5f), to"),
+           "quick"),
+    Mutant("picture mirrored", _PATH,
+           "camera_point(scene.camera, to_float(x), to_float(y), dx, dy)", "camera_point("
+           "scene.camera, F(float(width)) - F(1.f) - to_float(x), to_float(y), dx, dy)", "quick"),
+)  # fmt: skip
+
+_MATERIALS = (
+    Mutant("index not inverted from inside", _MATERIAL, "F(1.f) / eta.x", "eta.x",
+           "dielectric_sphere"),
+    Mutant("no total reflection", _FRESNEL, "select(total & !(eta == F(1.f)), F(1.f), r)",
+           "select(total, F(0.f), r)", "glass_cube"),
+    Mutant("Fresnel of one polarisation", _FRESNEL, "F(0.5f) * fma(s, s, p * p)", "s * s",
+           "dielectric_sphere"),
+    Mutant("reflection chosen 2 % too often", _MATERIAL, "lobe < fresnel.reflected",
+           "lobe < fresnel.reflected + F(.02f)", "dielectric_sphere"),
+    Mutant("radiance not scaled on refraction", _MATERIAL,
+           "transmission * (F(1.f) / (relative * relative))", "transmission", "lamp_in_medium"),
+    Mutant("tint of refraction left out", _MATERIAL,
+           "transmission * (F(1.f) / (relative * relative))",
+           "one * (F(1.f) / (relative * relative))", "dielectric_sphere"),
+    Mutant("thin slab of one surface", _MATERIAL, "(r + r) / (F(1.f) + r)", "r", "thindielectric"),
+    Mutant("thin slab clear to light samples", _MATERIAL,
+           "transmission * (F(1.f) - fresnel.reflected)", "one", "thindielectric"),
+    Mutant("plastic's base lit through no coat", _MATERIAL, "value.f_cos * (in * base)",
+           "value.f_cos * base", "plastic"),
+    Mutant("plastic's base seen through no coat", _MATERIAL, "pdf * base", "pdf", "plastic"),
+    Mutant("plastic's base sampled through no coat", _MATERIAL, "albedo * in", "albedo",
+           "plastic"),
+    Mutant("no reflection within plastic", _TABLES,
+           "plastic ? diffuse_reflectance_inside(eta) : 0", "0", "plastic"),
+    Mutant("plastic never nonlinear", _TABLES, "in.nonlinear.data[m] ? rho : 1", "1",
+           "plastic_nonlinear"),
+    Mutant("mirror with a density for the heuristic", _MATERIAL,
+           "select(mirror, F(0.f), s.pdf_sa)", "select(mirror, F(1.f), s.pdf_sa)",
+           "conductor_mirror"),
+    Mutant("conductor without k", _FRESNEL, "k * k", "F(0.f)", "conductor_metal"),
+    Mutant("mask's opacity inverted", _PATH, "thin & !(uniform(u) < opacity)",
+           "thin & (uniform(u) < opacity)", "mask"),
+    Mutant("mask's opacity inverted for light samples", _DIRECT, "F(1.f) - opacity", "opacity",
+           "mask"),
+    Mutant("one-sided materials reflect on both sides", _TABLES,
+           "in.two_sided.data[m] || glass ? 1.f : 0.f", "1.f", "twosided"),
+    Mutant("pass counted as a vertex", _PATH,
+           "select(pass, path.vertices, path.vertices + U(1u))", "path.vertices + U(1u)",
+           "mask, depth 3"),
+    Mutant("pass forgets the density", _PATH, "select(pass, path.pdf_sa, next.pdf_sa)",
+           "next.pdf_sa", "mask"),
+    Mutant("way before a pass forgotten, flat lamp", _PATH, "distance + path.travelled",
+           "distance", "lamp_in_medium"),
+    Mutant("way before a pass forgotten, sphere lamp", _PATH,
+           "fma(path.ray.d, -path.travelled, from)", "from", "sphere lamp in fog"),
+)  # fmt: skip
+
+_MEDIA = (
+    Mutant("albedo of a medium squared", _MEDIUM, "select(t < limit, albedo, one)",
+           "select(t < limit, albedo * albedo, one)", "null_medium"),
+    Mutant("albedo of a medium left out", _MEDIUM, "select(t < limit, albedo, one)", "one",
+           "null_medium"),
+    Mutant("albedo of a coloured medium left out", _MEDIUM, "density * albedo", "density",
+           "chromatic_medium"),
+    Mutant("scattering for extinction", _TABLES, "put(kMediumSigma + k, scaled);",
+           "put(kMediumSigma + k, scaled * static_cast<double>(in.albedo.data[3 * (m - 1) + k]));",
+           "null_medium"),
+    Mutant("free flight 2 % short", _MEDIUM, "exponential(flight)", "F(.98f) * exponential(flight)",
+           "null_medium"),
+    Mutant("channels weighted evenly, chosen by throughput", _MEDIUM, "dot(w, density)",
+           "(density.x + density.y + density.z) * F(1.f / 3.f)", "chromatic_medium"),
+    Mutant("phase sampled for -g", _PATH, _PHASE, _PHASE.replace("vertex.g", "-vertex.g"),
+           "hg_forward"),
+    Mutant("phase of light samples for -g", _DIRECT,
+           "henyey_greenstein_pdf(path.ray.d, light.wi, at.g)",
+           "henyey_greenstein_pdf(path.ray.d, light.wi, -at.g)", "hg_forward"),
+    Mutant("phase isotropic for the heuristic", _PATH,
+           "henyey_greenstein_pdf(path.ray.d, next.wi, vertex.g)", "F(kUniformSpherePdf)",
+           "hg_forward"),
+    Mutant("no transmittance to the light", _DIRECT,
+           "transmittance(medium_column3(scene, shadow.medium, kMediumSigma), distance)", "one()",
+           "null_medium"),
+    Mutant("medium of the wrong side", _DIRECT, "select(at.front, inside, outside)",
+           "select(at.front, outside, inside)", "null_medium"),
+    Mutant("medium kept on refraction", _PATH, "medium_beyond(scene, path, at, through)",
+           "medium_beyond(scene, path, at, pass)", "medium_in_glass"),
+    Mutant("medium kept by shadow rays", _DIRECT, "medium_beyond(scene, shadow, at, todo)",
+           "shadow.medium", "point_in_medium"),
+)  # fmt: skip
+
+_LIGHTS = (
+    Mutant("sphere light's density halved", _ROUND_LIGHT, "view.pdf_sa()", "F(.5f) * view.pdf_sa()",
+           "sphere_light"),
+    Mutant("sphere light's density halved when hit", _ROUND_LIGHT,
+           "SphereView<F>(record, p).pdf_sa()", "F(.5f) * SphereView<F>(record, p).pdf_sa()",
+           "sphere_light"),
+    # Uniform on the cap that p sees; the density stays that of the cone.
+    Mutant("sphere light sampled by area", _ROUND_LIGHT, "uniform_cone(u, v, open)",
+           "[&] { const F r = F(record[6]) / d, c = F(1.f) - u * (F(1.f) - r);"
+           " const F along = F(1.f) - r * c, s2 = r * r * (F(1.f) - c * c);"
+           " const F z = along / sqrt(along * along + s2);"
+           " return uniform_cone((F(1.f) - z) / open, v, open); }()", "sphere_light"),
+    Mutant("sphere light's chance left out when hit", _PATH, "chance * pdf", "pdf", "spheres_300"),
+    Mutant("spot without falloff", _LIGHT,
+           "select(c <= column(kSpotCosCutoff), F(0.f), edge)",
+           "select(c <= column(kSpotCosCutoff), F(0.f), F(1.f))", "spot_light"),
+    Mutant("spot's falloff linear in the cosine", _LIGHT, "(column(kSpotCutoff) -"
+           " acos(max(min(c, F(1.f)), F(-1.f)))) * column(kSpotInverse)",
+           "(c - column(kSpotCosCutoff)) / (column(kSpotCosBeam) - column(kSpotCosCutoff))",
+           "spot_light"),
+    Mutant("point light by 1/r", _LIGHT, "column3(column, kLightRadiance) * (F(1.f) / d2)",
+           "column3(column, kLightRadiance) * (F(1.f) / distance)", "point_light"),
+    Mutant("point light without its chance", _LIGHT, "return {radiance, column(kLightChance),"
+           " distance * F(kShadowShorten), wi, valid, U(~0u)};",
+           "return {radiance, F(1.f), distance * F(kShadowShorten), wi, valid, U(~0u)};",
+           "spot_light"),
+    Mutant("directional light without its chance", _LIGHT,
+           "merge(s, far, {column3(column, kLightRadiance), column(kLightChance), F(kInfinity),"
+           " -column3(column, kLightN), far, U(~0u)});",
+           "merge(s, far, {column3(column, kLightRadiance), F(1.f), F(kInfinity),"
+           " -column3(column, kLightN), far, U(~0u)});", "directional_light"),
+    Mutant("sky sampled beside a point light as one", _LIGHT,
+           "(s.delta & !m) | (m & other.delta)", "s.delta | (m & other.delta)",
+           "point_light"),
+    Mutant("sky's share left out when met", _PATH, "F(share * kUniformSpherePdf)",
+           "F(kUniformSpherePdf)", "null_medium"),
+    Mutant("disk light with the area of its box", "scene/scene.cpp",
+           "3.14159265358979323846 * area", "4 * area", "disk_light"),
+    Mutant("disk mapped without the root", _MAPPING, "x = r * c; y = r * s;",
+           "x = u * c; y = u * s;", "disk_light"),
+)  # fmt: skip
+
+_GEOMETRY = (
+    Mutant("lens of double size", _CAMERA, "uniform_disk(u, v, x, y);",
+           "uniform_disk(u, v, x, y); x = x + x; y = y + y;", "thinlens"),
+    Mutant("focus 2 % too far", _CAMERA, "fma(at, F(c.focus), -o)",
+           "fma(at, F(c.focus) * F(1.02f), -o)", "lens from near"),
+    Mutant("mitchell's negative lobes positive", "film/filter.h",
+           "select(abs(offset) > F(f.positive), -w, w)", "w", "mitchell"),
+    Mutant("mitchell's lobes of the wrong weight", "scene/camera.cpp", "cdf[kSteps] / net", "1.",
+           "mitchell"),
+    Mutant("cosine to the geometric normal in light samples", _DIRECT, "dot(at.ns, light.wi)",
+           "dot(at.ng, light.wi)", "smooth_normals"),
+    Mutant("smooth lobe about the geometric normal", _PATH,
+           "bsdf.set_view(vertex.ns, cos_o, at.front);",
+           "bsdf.set_view(vertex.ng, cos_o, at.front);", "smooth_normals"),
+    Mutant("interpolated normal not normalised", _SURFACE, "ns * (F(1.f) / sqrt(d2))", "ns",
+           "smooth_normals"),
+    Mutant("front told by the shading normal", _SURFACE, "dot(at.ng, ray.d) < F(0.f)",
+           "dot(at.ns, ray.d) < F(0.f)", "glass_mesh"),
+    Mutant("side of a direction told by the shading normal", _PATH, "dot(vertex.ng, next.wi)",
+           "dot(vertex.ns, next.wi)", "glass_mesh"),
+    Mutant("sphere's side ignored", _SURFACE, "s.n * primitive_column(scene, prim, kPrimSide)",
+           "s.n", "flip_normals"),
+    Mutant("sphere's normal always towards the ray", _SURFACE,
+           "s.n * primitive_column(scene, prim, kPrimSide)",
+           "s.n * select(dot(s.n, ray.d) < F(0.f), F(1.f), F(-1.f))", "dielectric_sphere"),
+    Mutant("disk's half axes of one length", "scene/scene.cpp",
+           "cross(n, a) * (1 / (area * area))",
+           "cross(n, a) * (length(b) / length(a) / (area * area))", "disk_ellipse"),
+    Mutant("ties to the last primitive", "geometry/bvh.h",
+           "t == hit.t && primitive < hit.primitive", "t == hit.t && primitive > hit.primitive",
+           "two floors"),
+)  # fmt: skip
+
+#: The bugs that the verdict against the reference must find, in this order.
+MUTANTS = (*_CORNELL, *_MATERIALS, *_MEDIA, *_LIGHTS, *_GEOMETRY)

@@ -147,4 +147,13 @@ std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& p
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
                float* t, int32_t* primitive);
 
+// Rays [first, first + n) of a fixed sequence from interior points (world units) at the corners and
+// edges of the scene's triangles; how many hit nothing: {aimed at corners, aimed at edges}.
+std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,
+                                          size_t origin_count, uint64_t first, uint64_t n);
+// As intersect, through a tree of 2, 4 or 8 boxes a node, which the answers do not show; returns
+// the kernel's seconds. CUDA only.
+double intersect_width(const Scene& scene, uint32_t width, const double* origins,
+                       const double* directions, size_t n, float* t, int32_t* primitive);
+
 }  // namespace veriray

@@ -10,6 +10,7 @@
 
 #include "backends/hooks.h"
 #include "backends/instances.h"
+#include "backends/leaks.h"
 #include "backends/thread_pool.h"
 #include "scene/tree_layout.h"
 #include "schedulers/thrust.h"
@@ -438,6 +439,27 @@ void intersect(const Scene& scene, const double* origins, const double* directio
             triangle[i + k] = met ? static_cast<int32_t>(host.input_index[primitive[k]]) : -1;
         }
     }
+}
+
+std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,
+                                          size_t origin_count, uint64_t first, uint64_t n) {
+    const HostScene& host = scene.host();
+    const std::vector<float> corners = leak_corners(host);
+    const std::vector<float> from = leak_origins(host, origins, origin_count);
+    const LeakTargets targets{corners.data(), static_cast<uint32_t>(corners.size() / 9),
+                              from.data(), static_cast<uint32_t>(origin_count)};
+    std::atomic<uint64_t> missed[2] = {0, 0};
+    constexpr uint64_t kPart = 1 << 16;
+    parallel(std::max(1u, std::thread::hardware_concurrency()), (n + kPart - 1) / kPart, {},
+             [&](uint32_t, uint64_t part) {
+                 uint64_t counts[2] = {0, 0};
+                 for (uint64_t i = part * kPart; i < std::min(n, (part + 1) * kPart); ++i) {
+                     bool at_edge;
+                     if (leaks(host.view, targets, first + i, at_edge)) ++counts[at_edge];
+                 }
+                 missed[0] += counts[0], missed[1] += counts[1];
+             });
+    return {missed[0], missed[1]};
 }
 
 }  // namespace veriray

@@ -8,6 +8,7 @@
 
 #include "backends/device.cuh"
 #include "backends/instances.h"
+#include "backends/leaks.h"
 #include "schedulers/fused.h"
 #include "schedulers/thrust.h"
 
@@ -425,6 +426,15 @@ __global__ void intersect_kernel(const __grid_constant__ SceneView scene, const 
     t[i] = hit.t;
     primitive[i] = hit.primitive;
 }
+
+void put_hits(const HostScene& host, const std::vector<float>& distance,
+              const std::vector<uint32_t>& primitive, float* t, int32_t* input) {
+    for (size_t i = 0; i < distance.size(); ++i) {
+        const bool met = distance[i] < kInfinity;
+        t[i] = met ? static_cast<float>(distance[i] * host.unit) : kInfinity;
+        input[i] = met ? static_cast<int32_t>(host.input_index[primitive[i]]) : -1;
+    }
+}
 }  // namespace
 
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
@@ -440,13 +450,86 @@ void intersect(const Scene& scene, const double* origins, const double* directio
         intersect_kernel<<<blocks_for(n, 128), 128>>>(scene.impl->view, in.get(), n, distance.get(),
                                                       primitive.get());
     check_launch("intersect");
-    const std::vector<float> d = distance.download();
-    const std::vector<uint32_t> p = primitive.download();
-    for (size_t i = 0; i < n; ++i) {
-        const bool met = d[i] < kInfinity;
-        t[i] = met ? static_cast<float>(d[i] * host.unit) : kInfinity;
-        input[i] = met ? static_cast<int32_t>(host.input_index[p[i]]) : -1;
+    put_hits(host, distance.download(), primitive.download(), t, input);
+}
+
+namespace {
+__global__ void leak_kernel(const __grid_constant__ SceneView scene, const LeakTargets targets,
+                            uint64_t first, uint64_t n, uint64_t* missed) {
+    const uint64_t stride = static_cast<uint64_t>(gridDim.x) * blockDim.x;
+    for (uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x; i < n;
+         i += stride) {
+        bool at_edge;
+        if (leaks(scene, targets, first + i, at_edge)) atomic_add(missed + at_edge, 1);
     }
+}
+
+template <uint32_t N>
+__global__ void width_kernel(BvhView bvh, const float* rays, uint64_t n, float* t,
+                             uint32_t* primitive) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= n) return;
+    const float* r = rays + 6 * i;
+    Hit<Scalar> hit{kInfinity, ~0u};
+    closest_in_width<N, kTreeTriangles | kTreeSpheres | kTreeDisks>(
+        bvh, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, hit);
+    t[i] = hit.t;
+    primitive[i] = hit.primitive;
+}
+
+template <uint32_t N>
+double time_width(const HostScene& host, const Buffer<float>& records, const Buffer<float>& rays,
+                  uint64_t n, Buffer<float>& t, Buffer<uint32_t>& primitive) {
+    const Buffer<WideNode<N>> nodes(collapse<N>(host.bvh, kScalarWalk), "tree");
+    check(cudaDeviceSynchronize(), "prepare");
+    const Clock::time_point start = Clock::now();
+    width_kernel<N><<<blocks_for(n, 128), 128>>>({nodes.get(), records.get()}, rays.get(), n,
+                                                 t.get(), primitive.get());
+    check_launch("intersect");
+    check(cudaDeviceSynchronize(), "intersect");
+    return seconds_since(start);
+}
+}  // namespace
+
+std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,
+                                          size_t origin_count, uint64_t first, uint64_t n) {
+    use_device(scene.impl->device);
+    const HostScene& host = scene.host();
+    const Buffer<float> corners(leak_corners(host), "targets");
+    const Buffer<float> from(leak_origins(host, origins, origin_count), "origins");
+    Buffer<uint64_t> missed(2, "counts");
+    missed.zero();
+    const LeakTargets targets{corners.get(), static_cast<uint32_t>(corners.size() / 9), from.get(),
+                              static_cast<uint32_t>(origin_count)};
+    if (n) leak_kernel<<<4096, 128>>>(scene.impl->view, targets, first, n, missed.get());
+    check_launch("leaks");
+    const std::vector<uint64_t> counts = missed.download();
+    return {counts[0], counts[1]};
+}
+
+double intersect_width(const Scene& scene, uint32_t width, const double* origins,
+                       const double* directions, size_t n, float* t, int32_t* input) {
+    use_device(scene.impl->device);
+    const HostScene& host = scene.host();
+    if (host.bvh.nodes.empty() || n == 0)
+        throw std::invalid_argument("intersect_width needs a scene with a tree, and rays");
+    std::vector<float> rays(6 * n);
+    for (size_t i = 0; i < n; ++i)
+        normalise_ray(host, origins + 3 * i, directions + 3 * i, &rays[6 * i]);
+    Buffer<float> in(rays, "rays"), distance(n, "hits");
+    Buffer<uint32_t> primitive(n, "hits");
+    const Buffer<float>& records = scene.impl->records;
+    double seconds = 0;
+    if (width == 2)
+        seconds = time_width<2>(host, records, in, n, distance, primitive);
+    else if (width == 4)
+        seconds = time_width<4>(host, records, in, n, distance, primitive);
+    else if (width == 8)
+        seconds = time_width<8>(host, records, in, n, distance, primitive);
+    else
+        throw std::invalid_argument("width = " + std::to_string(width) + "; allowed: 2, 4, 8");
+    put_hits(host, distance.download(), primitive.download(), t, input);
+    return seconds;
 }
 
 }  // namespace veriray

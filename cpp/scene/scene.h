@@ -124,6 +124,7 @@ class HostScene {
     std::vector<float> records;  // of the tree's leaves, kRecordFloats each, in slot order
 
     size_t memory() const;
+    const std::vector<Flat>& flats() const { return flats_; }
 
    private:
     void normalise(const SceneInput& in);

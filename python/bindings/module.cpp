@@ -335,4 +335,24 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
                         t.mutable_data(), primitive.mutable_data());
               return py::make_tuple(t, primitive);
           });
+    m.def("count_leaks", [](const Scene& scene, const Array<double>& origins, uint64_t first,
+                            uint64_t n) {
+        need_shape(origins, "origins", {-1, 3});
+        py::gil_scoped_release release;
+        return count_leaks(scene, origins.data(), static_cast<size_t>(origins.shape(0)), first, n);
+    });
+#if !defined(VR_BACKEND_CPU)
+    m.def("intersect_width", [](const Scene& scene, uint32_t width, const Array<double>& origins,
+                                const Array<double>& directions) {
+        need_shape(origins, "origins", {-1, 3});
+        need_shape(directions, "directions", {origins.shape(0), 3});
+        const py::ssize_t n = origins.shape(0);
+        py::array_t<float> t(n);
+        py::array_t<int32_t> primitive(n);
+        const double seconds =
+            intersect_width(scene, width, origins.data(), directions.data(), static_cast<size_t>(n),
+                            t.mutable_data(), primitive.mutable_data());
+        return py::make_tuple(t, primitive, seconds);
+    });
+#endif
 }

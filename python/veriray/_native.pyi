@@ -169,3 +169,12 @@ def random(
 def intersect(
     scene: Scene, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]: ...
+def count_leaks(
+    scene: Scene, origins: npt.NDArray[np.float64], first: int, n: int
+) -> tuple[int, int]: ...
+def intersect_width(
+    scene: Scene,
+    width: int,
+    origins: npt.NDArray[np.float64],
+    directions: npt.NDArray[np.float64],
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], float]: ...

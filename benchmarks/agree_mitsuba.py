@@ -76,7 +76,7 @@ def inner(render: Render, border: int) -> Render:
 
 def agree(mi: Any, path: Path, max_depth: int | None, size: int, batches: int, spp: int,
           device: str, cache: Path | None = None) -> dict[str, Any]:  # fmt: skip
-    """One comparison with roulette from depth 5; spp is that of a batch; max_depth None: the file's."""
+    """One comparison, roulette from depth 5; spp is a batch's; max_depth None: the file's."""
     scene = veriray.load_file(path)
     settings: dict[str, Any] = {
         "max_depth": scene.max_depth if max_depth is None else max_depth,
@@ -85,9 +85,7 @@ def agree(mi: Any, path: Path, max_depth: int | None, size: int, batches: int, s
         "height": size,
     }
     with Meter() as theirs:
-        peer, kept = peer_render(
-            mi, path, cache, batches=batches, spp=spp, seed=1000, **settings
-        )
+        peer, kept = peer_render(mi, path, cache, batches=batches, spp=spp, seed=1000, **settings)
     with Meter() as mine:
         ours = veriray.render(
             scene, spp=batches * spp, seed=1, batches=batches, device=device, **settings
@@ -157,9 +155,7 @@ def main() -> int:
     }  # fmt: skip
     result["rows"] = []
     for path, depth in cases:
-        row = agree(
-            mi, path, depth, args.size, args.batches, args.spp, args.device, args.cache
-        )
+        row = agree(mi, path, depth, args.size, args.batches, args.spp, args.device, args.cache)
         print(f"{row['scene']} at max_depth {row['max_depth']}: {row['result']}, smallest p "
               f"{row['smallest_p']}, {row['verdict']}", flush=True)  # fmt: skip
         result["rows"].append(row)

@@ -109,7 +109,10 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
             const Hit<L> hit = closest(scene, shadow.ray, shadow.t_max, todo);
             M met = todo & (hit.t < shadow.t_max);
             met = met & !(hit.primitive == shadow.skip);  // t_max has lost bits by subtraction
-            if constexpr (has(kMedia)) attenuate(scene, shadow, hit.t, todo);
+            if constexpr (has(kMedia)) {
+                const F margin = Reader::exit_margin(scene, shadow.ray, hit, met);
+                attenuate(scene, shadow, max(hit.t - margin, F(0.f)), todo);
+            }
             free = free | (todo & !met);
             todo = met;
             if (none(todo)) break;

@@ -155,8 +155,8 @@ struct SurfaceReader {
         return at;
     }
 
-    // How far before its hit a ray may still collide in a medium: a rounded point nearer than that
-    // could lie beyond the surface, and its path would never leave the medium.
+    // A medium ends so far before the ray's hit: a collision nearer to the surface could lie beyond it
+    // when rounded, and its path would never leave the medium.
     static VR_HD F exit_margin(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
                                M valid) {
         const U prim = select(valid, hit.primitive, U(0u));
@@ -171,7 +171,7 @@ struct SurfaceReader {
             }
         }
         const F size = max(max(abs(p.x), abs(p.y)), abs(p.z));
-        return select(valid, F(0x1p-20f) * size / cosine, F(0.f));
+        return select(valid, F(0x1p-22f) * (hit.t + F(2.f) * size / cosine), F(0.f));
     }
 
     // The interpolated normal; the geometric one where it vanishes or the surface is not smooth.

@@ -1,8 +1,11 @@
+// References are divided where the surface-area heuristic says, by one thread a node, so that the
+// tree depends on nothing but the input.
 #include "scene/bvh_build.h"
 
 #include <atomic>
 #include <bit>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
 #include <exception>
 #include <memory>
@@ -12,16 +15,27 @@
 #include <system_error>
 #include <thread>
 
-#include "scene/bvh_split.h"
+#include "scene/bvh_spatial.h"
 
 namespace veriray {
 namespace {
 
 using namespace bvh;
 
-constexpr uint32_t kMaxRefs = 1u << 27;  // what a wide node's leaf can address
+constexpr uint32_t kMaxRefs = 1u << 27;  // what a leaf of a wide node can address
 constexpr uint32_t kLeafRefs = 2;
-constexpr uint32_t kGrain = 2048;  // smaller subtrees stay on their thread
+constexpr uint32_t kGrain = 2048;     // smaller subtrees stay on their thread
+constexpr float kFarthest = 0x1p60f;  // coordinates whose products stay finite
+
+// Triangles are split in scenes where a line through the scene's box meets, on average, more than
+// kNeedless boxes of triangles that it would miss were they filled; in nodes where the children of
+// the best division of references overlap by kOverlap of the scene's surface; if it costs less than
+// kPatience times that division, since one split makes the next ones cheaper. References grow by
+// 30 % or kFreeRefs at most, and never to more than twice the primitives.
+constexpr double kNeedless = 2;
+constexpr float kOverlap = 1e-4f;
+constexpr float kPatience = 1.15f;
+constexpr uint32_t kFreeRefs = 1u << 16;
 
 // A node to be divided: references [first, last), room up to `end`.
 struct Range {
@@ -31,7 +45,7 @@ struct Range {
 };
 
 // Runs work(range) for ranges pushed by anyone, the largest first, on `threads` threads, while the
-// calling one polls. Exceptions propagate; returns false if stopped.
+// calling one polls every 50 ms. Exceptions propagate.
 class Pool {
    public:
     bool stopped() const { return stop_; }
@@ -45,7 +59,7 @@ class Pool {
     }
 
     template <class Work>
-    bool run(uint32_t threads, const std::function<bool()>& poll, Work work) {
+    void run(uint32_t threads, const std::function<bool()>& poll, Work work) {
         std::vector<std::thread> pool;
         pool.reserve(threads);
         std::unique_lock lock(mutex_);
@@ -58,19 +72,17 @@ class Pool {
                                [&] { return stop_ || open_ == 0; })) {
             lock.unlock();
             std::exception_ptr error;
-            bool go_on = true;
             try {
-                go_on = poll();
+                if (!poll()) throw std::runtime_error("the building of a tree was stopped");
             } catch (...) {
                 error = std::current_exception();
             }
             lock.lock();
-            if (!go_on || error) stop(error);
+            if (error) stop(error);
         }
         lock.unlock();
         for (std::thread& t : pool) t.join();
         if (error_) std::rethrow_exception(error_);
-        return !stop_;
     }
 
    private:
@@ -117,67 +129,95 @@ void set_box(BinaryNode& node, const Box& box) {
     for (int k = 0; k < 3; ++k) node.lo[k] = box.lo[k], node.hi[k] = box.hi[k];
 }
 
+struct Survey {
+    Box box;
+    double needless = 0;  // half surface of boxes that their triangles do not fill
+};
+
+Survey survey(const float* lo, const float* hi, const float* triangles, uint32_t n) {
+    Survey out;
+    for (uint32_t i = 0; i < n; ++i) {
+        for (uint32_t k = 3 * i; k < 3 * i + 3; ++k)
+            if (!(-kFarthest <= lo[k] && lo[k] <= hi[k] && hi[k] <= kFarthest))
+                throw std::invalid_argument("the box of primitive " + std::to_string(i) +
+                                            " is empty or not finite");
+        const Box b{load3(lo + 3 * i), load3(hi + 3 * i)};
+        out.box.grow(b);
+        if (!triangles) continue;
+        const float* t = triangles + 9 * static_cast<size_t>(i);
+        if (!std::isnan(t[0]))
+            out.needless += static_cast<double>(b.half_area() - filled_half_area(t));
+    }
+    return out;
+}
+
 // Nodes stand apart while the tree grows, at places that no thread has to ask for: the children of
 // a node whose right child's references start at m are nodes 2 m - 1 and 2 m.
 class Builder {
    public:
-    Builder(const float* lo, const float* hi, uint32_t n)
-        : count_(n), refs_(new Ref[n]), nodes_(new BinaryNode[2 * static_cast<size_t>(n)]) {
-        Range all{0, 0, n, n, 0, {}};
-        Box box;
+    Builder(const float* lo, const float* hi, const float* triangles, uint32_t n)
+        : count_(n), spatial_(triangles) {
+        const Survey all = survey(lo, hi, triangles, n);
+        const float area = all.box.half_area();
+        const bool split = all.needless > kNeedless * static_cast<double>(area);
+        const uint32_t more = split ? std::max(n / 10 * 3, std::min(n, kFreeRefs)) : 0;
+        Range range{0, 0, n, std::min(kMaxRefs, n + more), 0, {}};
+        overlap_ = kOverlap * area;
+        refs_ = std::unique_ptr<Ref[]>(new Ref[range.end]);
+        nodes_ = std::unique_ptr<BinaryNode[]>(new BinaryNode[2 * static_cast<size_t>(range.end)]);
         for (uint32_t i = 0; i < n; ++i) {
             Ref& r = refs_[i];
-            r.lo = Float4{lo[3 * i], lo[3 * i + 1], lo[3 * i + 2], 0.f};
-            r.hi = Float4{hi[3 * i], hi[3 * i + 1], hi[3 * i + 2], 0.f};
-            r.set_primitive(i);
-            box.grow(r.lo, r.hi);
-            all.centres.grow(r.centre(), r.centre());
+            const bool divisible = split && !std::isnan(triangles[9 * static_cast<size_t>(i)]);
+            r.lo = load3(lo + 3 * i, Ref::primitive_bits(i));
+            r.hi = load3(hi + 3 * i, divisible ? 1.f : 0.f);
+            range.centres.grow(r.centre(), r.centre());
         }
-        set_box(nodes_[0], box);
-        pool_.push(all);
+        set_box(nodes_[0], all.box);
+        pool_.push(range);
     }
 
-    bool run(uint32_t threads, const std::function<bool(double)>& progress) {
-        return pool_.run(
-            std::max(1u, std::min(threads, count_ / kGrain)),
-            [&] { return !progress || progress(static_cast<double>(finished_) / count_); },
-            [this](const Range& r) { build(r); });
-    }
-
-    // Nodes and slots in depth-first order.
-    BuiltBvh result() const {
+    BuiltBvh run(uint32_t threads, const std::function<bool(double)>& progress) {
+        const auto poll = [&] {
+            return !progress || progress(std::min(1.0, static_cast<double>(finished_) / count_));
+        };
+        if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
+        pool_.run(std::min(threads, count_ / kGrain + 1), poll,
+                  [this](const Range& r) { build(r); });
         BuiltBvh out;
-        out.order.reserve(count_);
-        out.nodes.reserve(count_);
+        pool_.push({});
+        pool_.run(1, poll, [&](const Range&) { gather(out); });
+        return out;
+    }
+
+   private:
+    // Nodes and slots in depth-first order.
+    void gather(BuiltBvh& out) const {
         struct Item {
             uint32_t from, to, depth;
         };
         std::vector<Item> stack{{0, 0, 0}};
+        out.order.reserve(count_);
+        out.nodes.reserve(count_);
         out.nodes.push_back(nodes_[0]);
-        while (!stack.empty()) {
+        while (!stack.empty() && !pool_.stopped()) {
             const Item at = stack.back();
             stack.pop_back();
-            BinaryNode& node = out.nodes[at.to];
-            const uint32_t from = node.left_or_first;
             out.depth = std::max(out.depth, at.depth);
-            if (node.count > 0) {
-                node.left_or_first = static_cast<uint32_t>(out.order.size());
-                for (uint32_t i = 0; i < node.count; ++i)
-                    out.order.push_back(refs_[from + i].primitive());
-                std::sort(out.order.end() - node.count, out.order.end());
-                continue;
-            }
+            const uint32_t from = nodes_[at.from].left_or_first, count = nodes_[at.from].count;
+            const uint32_t slot = static_cast<uint32_t>(out.order.size());
             const uint32_t to = static_cast<uint32_t>(out.nodes.size());
-            node.left_or_first = to;
+            out.nodes[at.to].left_or_first = count > 0 ? slot : to;
+            for (uint32_t i = from; i < from + count; ++i)
+                out.order.push_back(refs_[i].primitive());
+            std::sort(out.order.begin() + slot, out.order.end());
+            if (count > 0) continue;
             out.nodes.push_back(nodes_[from]);
             out.nodes.push_back(nodes_[from + 1]);
             stack.push_back({from + 1, to + 1, at.depth + 1});
             stack.push_back({from, to, at.depth + 1});
         }
-        return out;
     }
 
-   private:
     void build(Range r) {
         while (r.size() > kLeafRefs) {
             if (pool_.stopped()) return;
@@ -196,33 +236,64 @@ class Builder {
     // Makes `left` the left child of what it was.
     void divide(Range& left, Range& right) {
         const Sides sides = split(left);
-        const uint32_t middle = left.first + sides.middle, pair = 2 * middle - 1;
+        const uint32_t middle = left.first + sides.middle;
+        const uint32_t n = left.last - middle, shift = room(sides, left.end - left.last);
+        const uint32_t start = middle + shift, moved = std::min(shift, n);
+        std::copy_n(&refs_[middle], moved, &refs_[left.last + shift - moved]);
+        const uint32_t pair = 2 * start - 1;
         nodes_[left.node].left_or_first = pair;
         nodes_[left.node].count = 0;
         set_box(nodes_[pair], sides.box[0]);
         set_box(nodes_[pair + 1], sides.box[1]);
         const uint32_t depth = left.depth + 1;
-        right = {pair + 1, middle, left.last, left.end, depth, sides.centres[1]};
-        left = {pair, left.first, middle, middle, depth, sides.centres[0]};
+        right = {pair + 1, start, start + n, left.end, depth, sides.centres[1]};
+        left = {pair, left.first, middle, start, depth, sides.centres[0]};
     }
 
-    Sides split(const Range& r) {
-        Ref* refs = refs_.get() + r.first;
-        const uint32_t n = r.size();
-        const Float4 width = r.centres.hi - r.centres.lo;
+    // The left child's part of `room`, shared by surface.
+    static uint32_t room(const Sides& s, uint32_t room) {
+        const float a = s.box[0].half_area(), b = s.box[1].half_area();
+        if (!(a + b > 0.f)) return room / 2;
+        return std::min(room, static_cast<uint32_t>(a / (a + b) * static_cast<float>(room)));
+    }
+
+    Sides split(Range& r) {
+        Ref* refs = &refs_[r.first];
+        uint32_t n = r.size();
         // From here on halves are just deep enough.
-        const bool deep = r.depth + std::bit_width(n - 1) >= kMaxBvhDepth;
-        if (!deep && n <= kSwept) return swept_split(refs, n);
-        if (!deep) {
-            const Bins bins(r.centres, n);
-            const Split best = binned_split(refs, n, bins);
-            if (best.axis >= 0) return partition(refs, n, best, bins);
+        if (r.depth + std::bit_width(n - 1) >= kMaxBvhDepth) return halves(r);
+        if (n <= kSwept) return swept_split(refs, n);
+        const Bins bins(r.centres, n);
+        const Split best = binned_split(refs, n, bins);
+        if (n < r.end - r.first && (best.axis < 0 || overlaps(best.box))) {
+            const SpatialSplit spatial =
+                spatial_.find(refs, n, r.end - r.last, box(nodes_[r.node]));
+            if (spatial.cost < best.cost * kPatience) {
+                const Sides sides = spatial_.partition(refs, n, r.end - r.last, spatial);
+                r.last = r.first + n;
+                return sides.middle > 0 && sides.middle < n ? sides : halves(r);
+            }
         }
+        return best.axis >= 0 ? partition(refs, n, best, bins) : halves(r);
+    }
+
+    Sides halves(const Range& r) {
+        const Float4 width = r.centres.hi - r.centres.lo;
         const int xy = width[1] > width[0];
-        return median_split(refs, n, width[2] > width[xy] ? 2 : xy);
+        return median_split(&refs_[r.first], r.size(), width[2] > width[xy] ? 2 : xy);
+    }
+
+    static Box box(const BinaryNode& n) { return {load3(n.lo), load3(n.hi)}; }
+
+    bool overlaps(const Box* b) const {
+        const Float4 e = min4(b[0].hi, b[1].hi) - max4(b[0].lo, b[1].lo);
+        return e[0] >= 0.f && e[1] >= 0.f && e[2] >= 0.f &&
+               e[0] * (e[1] + e[2]) + e[1] * e[2] > overlap_;
     }
 
     const uint32_t count_;
+    const Spatial spatial_;
+    float overlap_;
     std::unique_ptr<Ref[]> refs_;
     std::unique_ptr<BinaryNode[]> nodes_;
     std::atomic<uint64_t> finished_{0};
@@ -233,14 +304,11 @@ class Builder {
 
 BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_vertices, uint32_t n,
                    uint32_t threads, const std::function<bool(double)>& progress) {
-    (void)triangle_vertices;
     if (n > kMaxRefs)
         throw std::invalid_argument(std::to_string(n) + " primitives; a tree holds at most 2^27");
     if (n == 0) return {};
     const auto start = std::chrono::steady_clock::now();
-    Builder builder(lo, hi, n);
-    if (!builder.run(threads, progress)) return {};
-    BuiltBvh out = builder.result();
+    BuiltBvh out = Builder(lo, hi, triangle_vertices, n).run(threads, progress);
     out.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return out;
 }

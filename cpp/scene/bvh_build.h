@@ -18,8 +18,7 @@ struct BinaryNode {
     uint32_t left_or_first, count;
 };
 
-// A subtree's slots are consecutive. nodes[0] is the root; without primitives, or if stopped, there
-// are no nodes.
+// A subtree's slots are consecutive. nodes[0] is the root; without primitives there are no nodes.
 struct BuiltBvh {
     std::vector<uint32_t> order;  // slot -> primitive; one that was split has several slots
     std::vector<BinaryNode> nodes;
@@ -27,14 +26,15 @@ struct BuiltBvh {
     double seconds = 0;
 };
 
-// lo, hi: (n, 3), finite. triangle_vertices: (n, 9), a row that starts with NaN is no triangle;
-// null: primitives are never split. The tree does not depend on `threads`. progress(share done) is
-// called on this thread about every 50 ms; false stops the build. Throws std::invalid_argument for
-// more than 2^27 primitives.
+// lo, hi: (n, 3). triangle_vertices: (n, 9), a row that starts with NaN is no triangle; null:
+// primitives are never split. threads: 0 for all; the tree does not depend on it.
+// progress(share done) is called on this thread about every 50 ms; false stops the build.
+// Throws std::invalid_argument for more than 2^27 primitives, an empty box, or one that leaves
+// [-2^60, 2^60]; std::runtime_error if stopped; what progress throws.
 BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_vertices, uint32_t n,
                    uint32_t threads, const std::function<bool(double)>& progress);
 
-// What a walk pays, in units of one node's visit, and the largest leaf (at most 16).
+// What a walk pays, in units of a visit of a node, and the largest leaf (2 to 16).
 struct WalkCost {
     float block;          // for one block of records
     uint32_t block_size;  // records that are tested at once
@@ -42,9 +42,10 @@ struct WalkCost {
 };
 inline constexpr WalkCost kSimdWalk{1.f, 8, 8}, kScalarWalk{1.f, 1, 8};
 
-// The tree of N-wide nodes of least expected cost that the binary one holds, with padded boxes, in
-// depth-first order; nodes[0] is the root, also of a tree that is one leaf or empty.
-// N = 2, 4, 8.
+// The N-wide tree (2, 4 or 8) of least expected cost that the binary one holds: leaves too are
+// chosen here. Boxes are padded by kBoxPad, nodes are in depth-first order; nodes[0] is the root,
+// also of a tree that is one leaf or empty. At most kMaxBvhDepth nodes lie on a path.
+// Throws std::invalid_argument for more than 2^27 references.
 template <uint32_t N>
 std::vector<WideNode<N>> collapse(const BuiltBvh& bvh, const WalkCost& cost = kSimdWalk);
 

@@ -13,8 +13,6 @@
 namespace veriray {
 namespace {
 
-constexpr uint32_t kNoChild = 0xffffffffu;
-
 float half_area(const BinaryNode& n) {
     const float x = n.hi[0] - n.lo[0], y = n.hi[1] - n.lo[1], z = n.hi[2] - n.lo[2];
     return x * (y + z) + y * z;
@@ -25,6 +23,7 @@ class Collapse {
    public:
     Collapse(const BuiltBvh& bvh, const WalkCost& cost)
         : nodes_(bvh.nodes), walk_(cost), table_(bvh.nodes.size()) {
+        walk_.max_leaf = std::clamp(walk_.max_leaf, 2u, kMaxLeaf);
         for (size_t i = nodes_.size(); i-- > 0;) fill(i);
     }
 
@@ -79,16 +78,16 @@ class Collapse {
         row.first = inner ? a.first : n.left_or_first;
         row.count = inner ? a.count + b.count : n.count;
         const uint32_t blocks = (row.count + walk_.block_size - 1) / walk_.block_size;
-        const float as_leaf = row.count <= walk_.max_leaf
-                                  ? area * walk_.block * static_cast<float>(blocks)
-                                  : std::numeric_limits<float>::infinity();
+        const bool fits = row.count <= walk_.max_leaf;
+        const float as_leaf = fits ? area * walk_.block * static_cast<float>(blocks)
+                                   : std::numeric_limits<float>::infinity();
         row.leaf = true;
         if (!inner) {
             std::fill_n(row.cost, N, as_leaf);
             return;
         }
         const float as_node = area + spread_cost(a, b, N).first;
-        row.leaf = as_leaf <= as_node;
+        row.leaf = fits && as_leaf <= as_node;
         row.cost[1] = std::min(as_leaf, as_node);
         for (uint32_t k = 2; k < N; ++k)
             row.cost[k] = std::min(row.cost[k - 1], spread_cost(a, b, k).first);
@@ -114,13 +113,12 @@ class Collapse {
     }
 
     void place(uint32_t node, uint32_t slots, uint32_t* child, uint32_t& n) const {
-        const Row& row = table_[node];
-        for (uint32_t k = N - 1; k > 1; --k)
-            if (slots == k && row.cost[k - 1] == row.cost[k]) slots = k - 1;
-        if (slots == 1)
-            child[n++] = node;
-        else
-            spread(node, slots, child, n);
+        if constexpr (N > 2) {
+            const Row& row = table_[node];
+            while (slots > 1 && row.cost[slots - 1] == row.cost[slots]) --slots;
+            if (slots > 1) return spread(node, slots, child, n);
+        }
+        child[n++] = node;
     }
 
     static WideNode<N> empty() {
@@ -129,7 +127,7 @@ class Collapse {
             std::fill_n(w.lo[k], N, std::numeric_limits<float>::infinity());
             std::fill_n(w.hi[k], N, -std::numeric_limits<float>::infinity());
         }
-        std::fill_n(w.child, N, kNoChild);
+        std::fill_n(w.child, N, kEmptyChild);
         return w;
     }
 
@@ -151,7 +149,7 @@ class Collapse {
     }
 
     const std::vector<BinaryNode>& nodes_;
-    const WalkCost walk_;
+    WalkCost walk_;
     std::vector<Row> table_;
     std::vector<WideNode<N>> out_;
 };

@@ -3,8 +3,8 @@
 #pragma once
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
-#include <cstring>
 #include <limits>
 
 namespace veriray::bvh {
@@ -14,6 +14,7 @@ using Float4 = float __attribute__((vector_size(16)));
 using Int4 = int32_t __attribute__((vector_size(16)));
 
 inline Float4 splat(float a) { return Float4{a, a, a, a}; }
+inline Float4 load3(const float* p, float w = 0.f) { return Float4{p[0], p[1], p[2], w}; }
 inline Float4 min4(Float4 a, Float4 b) { return a < b ? a : b; }
 inline Float4 max4(Float4 a, Float4 b) { return a > b ? a : b; }
 
@@ -28,27 +29,21 @@ struct Box {
     }
 };
 
-// A primitive's box, or a part of it; lo[3] holds the primitive as the bits of a normal number.
+// A primitive's box, or a part of it; lo[3] holds the primitive as the bits of a normal number,
+// hi[3] is 1 for what may be divided in space, else 0.
 struct Ref {
     Float4 lo, hi;
+    bool divisible() const { return hi[3] == 1.f; }
     Float4 centre() const { return lo + hi; }  // twice the centre
-    uint32_t primitive() const {
-        const float bits = lo[3];
-        uint32_t p;
-        std::memcpy(&p, &bits, 4);
-        return p & 0x07ffffffu;
-    }
-    void set_primitive(uint32_t p) {
-        p |= 0x40000000u;
-        std::memcpy(&lo[3], &p, 4);
-    }
+    uint32_t primitive() const { return std::bit_cast<uint32_t>(float(lo[3])) & 0x07ffffffu; }
+    static float primitive_bits(uint32_t p) { return std::bit_cast<float>(p | 0x40000000u); }
 };
 
-inline constexpr uint32_t kMaxBins = 16, kSwept = 8;
+inline constexpr uint32_t kMaxBins = 32, kSwept = 8;
 
 // Two sides of a division; `middle` is where the second one starts.
 struct Sides {
-    uint32_t middle;
+    uint32_t middle = 0;
     Box box[2], centres[2];
 };
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 HERE = Path(__file__).resolve().parent
 SEED = 20160300
 Array = npt.NDArray[np.float64]
-SCENES: dict[str, tuple[str, Callable[[], str]]] = {}
+SCENES: dict[str, Callable[[], str]] = {}
 
 
 # ---- pieces of XML ----
@@ -199,21 +199,18 @@ def striped() -> str:
     return floor(0.5, 0.5, 0.4) + left + right + sky(0.5, 0.6, 0.7) + lamp(4, 3.5, 3)
 
 
-def scene(about: str) -> Callable[[Callable[[], str]], Callable[[], str]]:
-    """Registers a scene under its function's name; `about` is its line in the README."""
-
-    def register(make: Callable[[], str]) -> Callable[[], str]:
-        SCENES[make.__name__] = about, make
-        return make
-
-    return register
+def scene(make: Callable[[], str]) -> Callable[[], str]:
+    """Registers a scene under its function's name; the docstring is its line in the README."""
+    SCENES[make.__name__] = make
+    return make
 
 
 # ---- emitters ----
 
 
-@scene("a lamp that is a sphere, sampled by solid angle, and a small one near the floor")
+@scene
 def sphere_light() -> str:
+    """A lamp that is a sphere, sampled by solid angle, and a small one near the floor."""
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sphere(-1.2, 1, -0.5, 1, diffuse(0.7, 0.5, 0.3))
         + sphere(1.2, 2.2, 0.5, 0.8, diffuse(0), area(6, 5, 4))
@@ -221,8 +218,9 @@ def sphere_light() -> str:
     )  # fmt: skip
 
 
-@scene("a point light above a floor and a ball")
+@scene
 def point_light() -> str:
+    """A point light above a floor and a ball."""
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sphere(-0.5, 0.8, 0, 0.8, diffuse(0.7, 0.5, 0.3))
         + emitter("point", point("position", 1.5, 2.5, 1.5), rgb("intensity", 18, 15, 12))
@@ -230,8 +228,9 @@ def point_light() -> str:
     )  # fmt: skip
 
 
-@scene("two spot lights, one with the default beam width")
+@scene
 def spot_light() -> str:
+    """Two spot lights, one with the default beam width."""
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sphere(0, 0.7, 0, 0.7, diffuse(0.7, 0.5, 0.3))
         + emitter("spot", look_at((-2, 4, 2), (-0.5, 0, 0)), rgb("intensity", 60, 40, 30),
@@ -241,8 +240,9 @@ def spot_light() -> str:
     )  # fmt: skip
 
 
-@scene("parallel light from one side")
+@scene
 def directional_light() -> str:
+    """Parallel light from one side."""
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sphere(-0.6, 0.8, 0, 0.8, diffuse(0.7, 0.5, 0.3))
         + shape("cube", transform(scale(0.4), rotate("y", 30), translate(1.2, 0.4, 0.4)),
@@ -252,8 +252,9 @@ def directional_light() -> str:
     )  # fmt: skip
 
 
-@scene("a disk that shines, tilted, seen from both sides by the scene")
+@scene
 def disk_light() -> str:
+    """A disk that shines, tilted, seen from both sides by the scene."""
     place = transform(scale(1.2), rotate("x", 70), translate(0.5, 2.2, -0.5))
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sphere(-1, 0.7, 0.3, 0.7, diffuse(0.7, 0.5, 0.3))
@@ -261,8 +262,9 @@ def disk_light() -> str:
     )  # fmt: skip
 
 
-@scene("a lamp that is a mesh, and one that is a cube")
+@scene
 def mesh_light() -> str:
+    """A lamp that is a mesh, and one that is a cube."""
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sphere(0, 0.6, 0.8, 0.6, diffuse(0.7, 0.5, 0.3))
         + shape("ply", text("filename", "meshes/bumps.ply"), flag("face_normals"),
@@ -276,6 +278,7 @@ def mesh_light() -> str:
 
 
 def mesh(name: str, *content: str) -> str:
+    """A mesh on the floor under a lamp."""
     place = transform(scale(1.1), rotate("y", 40), translate(0, 1.2, 0))
     kind = name.rpartition(".")[2]
     return (
@@ -284,23 +287,27 @@ def mesh(name: str, *content: str) -> str:
     )  # fmt: skip
 
 
-@scene("a closed mesh with vertex normals in the file, more bent than the mesh")
+@scene
 def smooth_normals() -> str:
+    """A closed mesh with vertex normals in the file, more bent than the mesh."""
     return mesh("bumps.ply")
 
 
-@scene("the same mesh without vertex normals: they are computed, weighted by angle")
+@scene
 def computed_normals() -> str:
+    """The same mesh without vertex normals: they are computed, weighted by angle."""
     return mesh("bumps.obj")
 
 
-@scene("the same mesh, flat: vertex normals in the file are not used")
+@scene
 def face_normals() -> str:
+    """The same mesh, flat: vertex normals in the file are not used."""
     return mesh("bumps.ply", flag("face_normals"))
 
 
-@scene("flipped shapes: a room in a sphere, a lamp, and ones that are mirrored as well")
+@scene
 def flip_normals() -> str:
+    """Flipped shapes: a room in a sphere, a lamp, and ones that are mirrored as well."""
     turned = flag("flip_normals")
     return (
         sensor((0, 0.5, 3.5), (0, 0, 0), 60)
@@ -320,8 +327,9 @@ def flip_normals() -> str:
     )  # fmt: skip
 
 
-@scene("disks sheared and scaled to ellipses, one of them a lamp")
+@scene
 def disk_ellipse() -> str:
+    """Disks sheared and scaled to ellipses, one of them a lamp."""
     shear = matrix(1, 0.8, 0, 0, 0, 0.5, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4)
@@ -334,8 +342,9 @@ def disk_ellipse() -> str:
     )  # fmt: skip
 
 
-@scene("rectangles sheared to parallelograms, one of them a lamp")
+@scene
 def rectangle_sheared() -> str:
+    """Rectangles sheared to parallelograms, one of them a lamp."""
     shear = matrix(1, 0.8, 0, 0, 0, 0.5, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4)
@@ -348,8 +357,9 @@ def rectangle_sheared() -> str:
     )  # fmt: skip
 
 
-@scene("cubes under any affine map, one of them open to the camera's side by a mirror map")
+@scene
 def cube_affine() -> str:
+    """Cubes under affine maps, one of them mirrored."""
     shear = matrix(1, 0.5, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 1)
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4) + lamp(8, 7, 6)
@@ -360,8 +370,9 @@ def cube_affine() -> str:
     )  # fmt: skip
 
 
-@scene("a ground sphere of radius 1,000 under spheres of radius 0.6 to 0.01")
+@scene
 def large_small_spheres() -> str:
+    """A ground sphere of radius 1,000 under spheres of radius 0.6 to 0.01."""
     parts = [sensor((0, 0.9, 2.4), (0, 0.2, 0), 40), sky(0.3, 0.35, 0.4), lamp(8, 7, 6)]
     parts.append(sphere(0, -1000, 0, 1000, diffuse(0.5, 0.6, 0.5)))
     for x, z, r in ((-0.6, -0.4, 0.6), (0.3, 0, 0.3), (0.1, 0.6, 0.1), (-0.2, 0.9, 0.03),
@@ -370,8 +381,9 @@ def large_small_spheres() -> str:
     return "".join(parts)
 
 
-@scene("300 random spheres with diffuse colours, one in ten emits")
+@scene
 def spheres_300() -> str:
+    """300 random spheres with diffuse colours, one in ten emits."""
     rng = np.random.default_rng(SEED)
     parts = [sensor((0, 3.2, 7.5), (0, 0.4, 0), 42), floor(0.5), sky(0.25, 0.3, 0.35)]
     placed: list[tuple[float, float, float]] = []
@@ -391,20 +403,24 @@ def spheres_300() -> str:
 
 # ---- materials ----
 
+MIRROR = bsdf("conductor", text("material", "none"))
 
-@scene("ideal mirrors: a ball, a tilted pane, a tinted cube")
+
+@scene
 def conductor_mirror() -> str:
+    """Ideal mirrors: a ball, a tilted pane, a tinted cube."""
     pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.9, -0.6))
+    tinted = bsdf("conductor", text("material", "none"), rgb("specular_reflectance", 0.9, 0.7, 0.3))
     return (
-        sensor() + striped() + sphere(-0.7, 0.8, 0.3, 0.8, bsdf("conductor", text("material", "none")))
-        + shape("rectangle", pane, bsdf("conductor", text("material", "none")))
-        + shape("cube", transform(scale(0.25), rotate("y", 20), translate(0.8, 0.25, 1.3)),
-                bsdf("conductor", text("material", "none"), rgb("specular_reflectance", 0.9, 0.7, 0.3)))
+        sensor() + striped() + sphere(-0.7, 0.8, 0.3, 0.8, MIRROR)
+        + shape("rectangle", pane, MIRROR)
+        + shape("cube", transform(scale(0.25), rotate("y", 20), translate(0.8, 0.25, 1.3)), tinted)
     )  # fmt: skip
 
 
-@scene("metals by eta and k: a ball, a two-sided pane, a smooth mesh")
+@scene
 def conductor_metal() -> str:
+    """Metals by eta and k: a ball, a two-sided pane, a smooth mesh."""
     gold = rgb("eta", 0.143, 0.375, 1.442) + rgb("k", 3.983, 2.386, 1.603)
     iron = rgb("eta", 2.9, 2.92, 2.53) + rgb("k", 3.05, 2.93, 2.73)
     pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.5, 0.9, -0.6))
@@ -417,8 +433,9 @@ def conductor_metal() -> str:
     )  # fmt: skip
 
 
-@scene("a glass ball, with indices by name and by number, one tinted")
+@scene
 def dielectric_sphere() -> str:
+    """A glass ball, with indices by name and by number, one tinted."""
     tinted = bsdf("dielectric", number("int_ior", 1.5), number("ext_ior", 1),
                   rgb("specular_transmittance", 0.9, 0.7, 0.5),
                   rgb("specular_reflectance", 0.6, 0.9, 1))  # fmt: skip
@@ -430,8 +447,9 @@ def dielectric_sphere() -> str:
     )  # fmt: skip
 
 
-@scene("a ball of index 1.5 and a bubble of air in a ball of water, with a matt core")
+@scene
 def nested_dielectrics() -> str:
+    """A ball of index 1.5 and a bubble of air in a ball of water, with a matt core."""
     return (
         sensor() + striped()
         + sphere(0, 1.3, 0, 1.2, bsdf("dielectric", number("int_ior", 1.33), number("ext_ior", 1)))
@@ -443,8 +461,9 @@ def nested_dielectrics() -> str:
     )  # fmt: skip
 
 
-@scene("a cube of glass that the camera sees by total internal reflection, and a smooth mesh")
+@scene
 def glass_cube() -> str:
+    """Cubes of glass, one given inside out, with total internal reflection."""
     return (
         sensor() + striped()
         + shape("cube", transform(scale(0.6), rotate("y", 25), translate(-0.7, 0.7, 0.3)),
@@ -455,8 +474,9 @@ def glass_cube() -> str:
     )  # fmt: skip
 
 
-@scene("a smooth mesh of glass: shading normals in refraction, on a mesh without concavities")
+@scene
 def glass_mesh() -> str:
+    """A smooth mesh of glass: shading normals in refraction, on a mesh without concavities."""
     return (
         sensor() + striped()
         + shape("ply", text("filename", "meshes/egg.ply"),
@@ -465,10 +485,12 @@ def glass_mesh() -> str:
     )  # fmt: skip
 
 
-@scene("thin panes and a thin shell before the walls")
+@scene
 def thindielectric() -> str:
+    """Thin panes and a thin shell before the walls."""
     pane = transform(scale(0.8), rotate("y", 25), translate(-0.9, 1, 0.5))
-    tinted = bsdf("thindielectric", number("int_ior", 1.8), rgb("specular_transmittance", 0.9, 0.6, 0.4))
+    colour = rgb("specular_transmittance", 0.9, 0.6, 0.4)
+    tinted = bsdf("thindielectric", number("int_ior", 1.8), colour)
     return (
         sensor() + striped() + shape("rectangle", pane, bsdf("thindielectric"))
         + sphere(0.8, 0.8, 0.5, 0.7, bsdf("thindielectric", number("int_ior", 2.2)))
@@ -476,8 +498,9 @@ def thindielectric() -> str:
     )  # fmt: skip
 
 
-@scene("plastic: a glossy ball and pane with the default indices and others")
+@scene
 def plastic() -> str:
+    """Plastic: a glossy ball and pane with the default indices and others."""
     pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.9, -0.6))
     return (
         sensor() + striped()
@@ -490,8 +513,9 @@ def plastic() -> str:
     )  # fmt: skip
 
 
-@scene("plastic whose base takes the colour shift of internal reflections")
+@scene
 def plastic_nonlinear() -> str:
+    """Plastic whose base takes the colour shift of internal reflections."""
     base = rgb("diffuse_reflectance", 0.9, 0.5, 0.2) + number("int_ior", 1.5)
     return (
         sensor() + striped()
@@ -500,8 +524,10 @@ def plastic_nonlinear() -> str:
     )  # fmt: skip
 
 
-@scene("opacity 0.3, 0.6 and 0.9 over diffuse, plastic and mirror")
+@scene
 def mask() -> str:
+    """Opacity 0.3, 0.6 and 0.9 over diffuse, plastic and mirror."""
+
     def masked(opacity: float, *inner: str) -> str:
         return bsdf("mask", number("opacity", opacity), bsdf(*inner))
 
@@ -515,8 +541,10 @@ def mask() -> str:
     )  # fmt: skip
 
 
-@scene("open surfaces that reflect on both sides, beside ones that are black from behind")
+@scene
 def twosided() -> str:
+    """Open surfaces that reflect on both sides, beside ones that are black from behind."""
+
     def pane(x: float, angle: float) -> str:
         return transform(scale(0.45, 0.9, 1), rotate("y", angle), translate(x, 1, 0.3))
 
@@ -524,7 +552,7 @@ def twosided() -> str:
     return (
         sensor() + striped() + shape("rectangle", pane(-1.8, 160), both)
         + shape("rectangle", pane(-0.6, 200), bsdf("twosided", bsdf("plastic")))
-        + shape("rectangle", pane(0.6, 160), bsdf("twosided", bsdf("conductor", text("material", "none"))))
+        + shape("rectangle", pane(0.6, 160), bsdf("twosided", MIRROR))
         + shape("rectangle", pane(1.8, 200), diffuse(0.8))
         + shape("disk", transform(scale(0.5), rotate("x", 80), translate(0, 0.6, 1.2)), both)
     )  # fmt: skip
@@ -535,8 +563,9 @@ def twosided() -> str:
 NULL = bsdf("null")
 
 
-@scene("a scattering medium in an index-matched ball, beside a matt one")
+@scene
 def null_medium() -> str:
+    """A scattering medium in an index-matched ball, beside a matt one."""
     return (
         sensor() + striped()
         + sphere(-0.7, 1, 0.2, 0.9, NULL, inside((1.5,), (0.8, 0.8, 0.8)))
@@ -544,14 +573,16 @@ def null_medium() -> str:
     )  # fmt: skip
 
 
-@scene("a scattering medium in a glass ball: subsurface scattering")
+@scene
 def medium_in_glass() -> str:
+    """A scattering medium in a glass ball: subsurface scattering."""
     glass = bsdf("dielectric", number("int_ior", 1.4))
     return sensor() + striped() + sphere(0, 1.1, 0.3, 1, glass, inside((3,), (0.9, 0.9, 0.9)))
 
 
-@scene("extinction and albedo by colour, index-matched and in glass")
+@scene
 def chromatic_medium() -> str:
+    """Extinction and albedo by colour, index-matched and in glass."""
     glass = bsdf("dielectric", number("int_ior", 1.3))
     return (
         sensor() + striped()
@@ -560,8 +591,9 @@ def chromatic_medium() -> str:
     )  # fmt: skip
 
 
-@scene("clear and coloured glass that absorbs: albedo 0")
+@scene
 def absorbing_glass() -> str:
+    """Clear and coloured glass that absorbs: albedo 0."""
     glass = bsdf("dielectric", number("int_ior", 1.5))
     return (
         sensor() + striped()
@@ -571,21 +603,24 @@ def absorbing_glass() -> str:
     )  # fmt: skip
 
 
-@scene("Henyey-Greenstein forward scattering, g = 0.8")
+@scene
 def hg_forward() -> str:
+    """Henyey-Greenstein forward scattering, g = 0.8."""
     return sensor() + striped() + sphere(0, 1.1, 0.2, 1, NULL, inside((2.5,), (0.95,), 0.8))
 
 
-@scene("Henyey-Greenstein backward scattering, g = -0.6, with a scale")
+@scene
 def hg_backward() -> str:
+    """Henyey-Greenstein backward scattering, g = -0.6, with a scale."""
     return (
         sensor() + striped()
         + sphere(0, 1.1, 0.2, 1, NULL, inside((0.2,), (0.9,), -0.6, scaling=10))
     )  # fmt: skip
 
 
-@scene("the camera stands in the medium, inside a null cube, and sees a lamp and a ball in it")
+@scene
 def camera_in_medium() -> str:
+    """The camera stands in the medium, inside a null cube, and sees a lamp and a ball in it."""
     fog = medium("fog", (0.08, 0.1, 0.14), (0.9, 0.8, 0.7), 0.3)
     return (
         fog + sensor(extra=number("near_clip", 1e-5) + ref("fog", "medium")) + sky(0.5, 0.6, 0.7)
@@ -597,8 +632,9 @@ def camera_in_medium() -> str:
     )  # fmt: skip
 
 
-@scene("two media that share a wall, one around a third, all index-matched")
+@scene
 def touching_media() -> str:
+    """Two media that share a wall, one around a third, all index-matched."""
     media = (
         medium("left", (1.2,), (0.9, 0.6, 0.4)) + medium("right", (0.6, 0.9, 1.2), (0.5, 0.7, 0.9))
         + medium("core", (4,), (0.9,), 0.5)
@@ -618,13 +654,15 @@ def touching_media() -> str:
             wall(2 * side, 1.1, 0.2, rotate("y", 90 if side > 0 else -90), name),
         ]
     shared = transform(scale(0.7), rotate("y", 90), translate(0, 1.1, 0.2))
-    parts.append(shape("rectangle", shared, NULL, ref("left", "interior"), ref("right", "exterior")))
-    parts.append(sphere(0.7, 1.1, 0.2, 0.35, NULL, ref("core", "interior"), ref("right", "exterior")))
+    outside = ref("right", "exterior")
+    parts.append(shape("rectangle", shared, NULL, ref("left", "interior"), outside))
+    parts.append(sphere(0.7, 1.1, 0.2, 0.35, NULL, ref("core", "interior"), outside))
     return "".join(parts)
 
 
-@scene("a point light in a hollow of a medium: shadow rays through two null boundaries")
+@scene
 def point_in_medium() -> str:
+    """A point light in a hollow of a medium: shadow rays through two null boundaries."""
     haze = medium("haze", (0.5, 0.7, 0.9), (0.8, 0.6, 0.4))
     return (
         haze + sensor() + floor(0.5, 0.6, 0.5) + sky(0.15, 0.2, 0.25)
@@ -635,8 +673,9 @@ def point_in_medium() -> str:
     )  # fmt: skip
 
 
-@scene("lamps inside media: a sphere in fog in glass, a rectangle behind a null boundary")
+@scene
 def lamp_in_medium() -> str:
+    """Lamps inside media: a sphere in fog in glass, a rectangle behind a null boundary."""
     glass = bsdf("dielectric", number("int_ior", 1.3))
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sky(0.3, 0.35, 0.4)
@@ -649,8 +688,9 @@ def lamp_in_medium() -> str:
     )  # fmt: skip
 
 
-@scene("a mesh of wax: refractive smooth boundary, dense medium, scale")
+@scene
 def medium_in_mesh() -> str:
+    """A mesh of wax: refractive smooth boundary, dense medium, scale."""
     return (
         sensor() + striped()
         + shape("ply", text("filename", "meshes/egg.ply"),
@@ -663,8 +703,9 @@ def medium_in_mesh() -> str:
 # ---- cameras and filters ----
 
 
-@scene("depth of field: a thin lens focused on the middle ball")
+@scene
 def thinlens() -> str:
+    """Depth of field: a thin lens focused on the middle ball."""
     lens = number("aperture_radius", 0.25) + number("focus_distance", 5.5)
     parts = [sensor((0, 1.6, 6), (0, 0.6, 0), 40, kind="thinlens", extra=lens), striped()]
     for x, z, colour in ((-1.2, -2, (0.8, 0.3, 0.2)), (0, 0.5, (0.3, 0.8, 0.2)),
@@ -674,6 +715,7 @@ def thinlens() -> str:
 
 
 def edges(rfilter: str) -> str:
+    """A tilted edge against the sky and a dark ball."""
     return (
         sensor(rfilter=f'<rfilter type="{rfilter}"/>') + floor(0.5, 0.6, 0.5) + sky(0.5, 0.5, 0.5)
         + shape("rectangle", transform(scale(0.8), rotate("z", 20), translate(-1, 1.2, 0)),
@@ -682,18 +724,21 @@ def edges(rfilter: str) -> str:
     )  # fmt: skip
 
 
-@scene("edges under the filter tent")
+@scene
 def tent() -> str:
+    """Edges under the filter tent."""
     return edges("tent")
 
 
-@scene("edges under the filter gaussian")
+@scene
 def gaussian() -> str:
+    """Edges under the filter gaussian."""
     return edges("gaussian")
 
 
-@scene("edges under the filter mitchell, which has negative lobes")
+@scene
 def mitchell() -> str:
+    """Edges under the filter mitchell, which has negative lobes."""
     return edges("mitchell")
 
 
@@ -770,7 +815,7 @@ def xml(about: str, body: str) -> str:
     )
     root = ET.fromstring(f'<scene version="3.0.0">{head}{integrator}{body}</scene>')
     ET.indent(root, "    ")
-    comment = f"<!-- {about[0].upper()}{about[1:]}. Made by make.py. -->"
+    comment = f"<!-- {about} Made by make.py. -->"
     content = ET.tostring(root, encoding="unicode").replace(" />", "/>")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{comment}\n{content}\n'
 
@@ -796,8 +841,8 @@ def files() -> dict[str, str]:
         "meshes/bumps.obj": obj(ball, ball_faces),
         "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),
     }
-    result |= {f"{name}.xml": xml(about, make()) for name, (about, make) in SCENES.items()}
-    rows = [f"| `{name}` | {about} |\n" for name, (about, _) in SCENES.items()]
+    result |= {f"{name}.xml": xml(str(make.__doc__), make()) for name, make in SCENES.items()}
+    rows = [f"| `{name}` | {str(make.__doc__)[:-1]} |\n" for name, make in SCENES.items()]
     result["README.md"] = README + "".join(rows)
     return result
 

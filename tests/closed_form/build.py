@@ -110,9 +110,7 @@ def scene(sensor: Dict, *objects: Dict, max_depth: int = -1, rr_depth: int = 5) 
     """The scene of a sensor and objects."""
     integrator = {"type": "volpath", "max_depth": max_depth, "rr_depth": rr_depth}
     parts = {f"object_{k}": o for k, o in enumerate(objects)}
-    return veriray.load_dict(
-        {"type": "scene", "integrator": integrator, "sensor": sensor, **parts}
-    )
+    return veriray.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor, **parts})
 
 
 # ---- theory ----

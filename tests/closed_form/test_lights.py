@@ -15,6 +15,7 @@ import pytest
 from tests.closed_form.build import (
     BLACK,
     Dict,
+    area,
     cuboid,
     diffuse,
     direction,
@@ -26,7 +27,7 @@ from tests.closed_form.build import (
     sphere,
     view,
 )
-from tests.support import FAST, agrees
+from tests.support import FAST, agrees, lambert
 
 pytestmark = pytest.mark.parametrize("device", FAST)
 FLOOR = flat("rectangle", [0, 0, 0], [0, 0, 1], 30, diffuse(0.5))
@@ -47,7 +48,7 @@ def cap(theta: float, alpha: float) -> float:
 
 @pytest.mark.parametrize(
     ("radius", "distance", "angle"),
-    [(0.5, 2.0, 0), (0.5, 2.0, 60), (0.5, 2.0, 85), (0.01, 10.0, 30), (0.99, 1.0, 0), (2.0, 2.1, 80)],
+    [(0.5, 2, 0), (0.5, 2, 60), (0.5, 2, 85), (0.01, 10, 30), (0.99, 1, 0), (2, 2.1, 80)],
 )
 def test_a9_sphere_light(device: str, radius: float, distance: float, angle: float) -> None:
     """rho L (R / d)^2 cos above the horizon; by quadrature where the ball dips below it."""
@@ -135,16 +136,16 @@ def falloff(angle: float, cutoff: float, beam: float) -> float:
     return float(np.clip((cutoff - angle) / (cutoff - beam), 0, 1))
 
 
+WHERE = direction(-20)
 LIGHTS: dict[str, tuple[Dict, float]] = {
-    "point": ({"type": "point", "position": 3 * direction(-20), "intensity": rgb([1, 2, 5])}, 1 / 9),
-    "directional": ({"type": "directional", "direction": -direction(-20),
-                     "irradiance": rgb([1, 2, 5])}, 1.0),
+    "point": ({"type": "point", "position": 3 * WHERE, "intensity": rgb([1, 2, 5])}, 1 / 9),
+    "directional": (
+        {"type": "directional", "direction": -WHERE, "irradiance": rgb([1, 2, 5])}, 1.0),
 }  # fmt: skip
 for _angle in (0.0, 9.0, 14.0, 29.0, 31.0):
-    _axis = look(3 * direction(-20), [0, 0, 0]) @ look([0, 0, 0], direction(_angle))
-    LIGHTS[f"spot at {_angle:g}"] = (
-        {"type": "spot", "to_world": _axis, "intensity": rgb([1, 2, 5]), "cutoff_angle": 30.0,
-         "beam_width": 10.0}, falloff(_angle, 30, 10) / 9)  # fmt: skip
+    _axis = look(3 * WHERE, [0, 0, 0]) @ look([0, 0, 0], direction(_angle))
+    _spot = {"type": "spot", "to_world": _axis, "intensity": rgb([1, 2, 5]), "cutoff_angle": 30.0}
+    LIGHTS[f"spot at {_angle:g}"] = {**_spot, "beam_width": 10.0}, falloff(_angle, 30, 10) / 9
 
 
 @pytest.mark.parametrize("name", LIGHTS)
@@ -212,8 +213,8 @@ def test_a_hundred_lights_of_all_kinds(device: str) -> None:
     objects: list[Dict] = []
     for k in range(100):
         z = 0.98 - 0.93 * k / 100
-        phi = 2.399963 * k
-        d = np.array([math.sqrt(1 - z * z) * math.cos(phi), math.sqrt(1 - z * z) * math.sin(phi), z])
+        phi, s = 2.399963 * k, math.sqrt(1 - z * z)
+        d = np.array([s * math.cos(phi), s * math.sin(phi), z])
         colour = np.array([(0.3, 1, 2), (2, 0.5, 0.2), (1, 1, 1)][k % 3]) * (1 + k % 7)
         kind = ("ball", "disk", "point", "spot")[k % 4]
         if kind == "ball":
@@ -256,10 +257,7 @@ def test_lights_behind_are_dark(device: str) -> None:
 
 def test_a_lamp_that_is_a_cube(device: str) -> None:
     """Convex and uniform: irradiance by Lambert's sum over the faces that look down and aside."""
-    from tests.support import lambert
-
-    lamp = {**cuboid([-0.5, -0.4, 1], [0.6, 0.7, 2], BLACK), "emitter": {"type": "area",
-            "radiance": rgb(2)}}  # fmt: skip
+    lamp = {**cuboid([-0.5, -0.4, 1], [0.6, 0.7, 2], BLACK), "emitter": area(2)}
     below = [[-0.5, -0.4, 1], [0.6, -0.4, 1], [0.6, 0.7, 1], [-0.5, 0.7, 1]]
     exact = 0.5 * 2 * lambert([0, 0, 0], [0, 0, 1], below)  # the sides are behind it from here
     agrees(scene(EYE, FLOOR, lamp), exact, device, 800_000, sees=0.01)

@@ -68,6 +68,10 @@ CASES = {
     ),
     **{name: Case(f"checks/{name}.xml", _CHECK) for name in _CHECKS},
     "mask, depth 3": Case("checks/mask.xml", (*_CHECK, "--max-depth", "3")),
+    # The base is chosen rarely, so that its density matters.
+    "plastic of high index": Case(
+        "checks/plastic.xml", _CHECK, (('"int_ior" value="1.9"', '"int_ior" value="6"'),)
+    ),
     # The edge of a ball in the plane of focus.
     "lens from near": Case(
         "checks/thinlens.xml", _CHECK,
@@ -80,6 +84,12 @@ CASES = {
         "checks/lamp_in_medium.xml", _CHECK,
         (('<bsdf type="dielectric"><float name="int_ior" value="1.3"/></bsdf>',
           '<bsdf type="null"/>'),),
+    ),
+    # Normals far from those of the facets, on a surface that lets light through.
+    "bent glass": Case(
+        "checks/smooth_normals.xml", _CHECK,
+        (('<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.6, 0.4"/></bsdf>',
+          '<bsdf type="dielectric"/>'),),
     ),
     # The first of two surfaces in one place is the one that is seen.
     "two floors": Case("checks/smooth_normals.xml", _CHECK, hidden=(("</scene>", _SECOND_FLOOR),)),
@@ -193,7 +203,10 @@ _MATERIALS = (
            "transmission * (F(1.f) - fresnel.reflected)", "one", "thindielectric"),
     Mutant("plastic's base lit through no coat", _MATERIAL, "value.f_cos * (in * base)",
            "value.f_cos * base", "plastic"),
-    Mutant("plastic's base seen through no coat", _MATERIAL, "pdf * base", "pdf", "plastic"),
+    Mutant("plastic's base seen through no coat", _MATERIAL, "value.f_cos * (in * base)",
+           "value.f_cos * in", "plastic"),
+    Mutant("choice of plastic's base left out of its density", _MATERIAL, "pdf * base", "pdf",
+           "plastic of high index"),
     Mutant("plastic's base sampled through no coat", _MATERIAL, "albedo * in", "albedo",
            "plastic"),
     Mutant("no reflection within plastic", _TABLES,
@@ -313,7 +326,7 @@ _GEOMETRY = (
     Mutant("interpolated normal not normalised", _SURFACE, "ns * (F(1.f) / sqrt(d2))", "ns",
            "smooth_normals"),
     Mutant("front told by the shading normal", _SURFACE, "dot(at.ng, ray.d) < F(0.f)",
-           "dot(at.ns, ray.d) < F(0.f)", "glass_mesh"),
+           "dot(at.ns, ray.d) < F(0.f)", "bent glass"),
     Mutant("side of a direction told by the shading normal", _PATH, "dot(vertex.ng, next.wi)",
            "dot(vertex.ns, next.wi)", "glass_mesh"),
     Mutant("sphere's side ignored", _SURFACE, "s.n * primitive_column(scene, prim, kPrimSide)",

@@ -20,7 +20,7 @@ import reference  # noqa: E402
 
 FOLDER = Path(__file__).resolve().parents[2] / "scenes" / "checks"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.xml"))
-SIZE, BATCHES, SPP = 16, 64, 4
+SIZE, BATCHES, SPP = 16, 16, 16
 
 
 def strange(name: str, seed: int) -> veriray.Render:

@@ -54,7 +54,7 @@ def test_sees_one_more_bounce(root: Path) -> None:
 
 @pytest.mark.parametrize("name", CHECKS)
 def test_checks_agree_with_mitsuba(root: Path, name: str) -> None:
-    """Materials, media, lights, cameras; where one's noise is far below the other's, Welch tests."""
+    """By Welch tests where one's noise is far below the other's."""
     report = verdict(root, f"checks/{name}.xml", 64, 64, 24)
     assert report.passed, report.verdict
 

@@ -303,6 +303,6 @@ def test_degenerate_parts_of_a_scene_do_no_harm(device: str) -> None:
         warnings.simplefilter("ignore", veriray.SceneWarning)
         scene = make([pile, lines], camera([0.3, 0.3, 2], [0.3, 0.3, 0]), 1.0)
     host = native_scene(scene, device)
-    assert host.primitives == {"quads": 0, "polygons": 0, "triangles": 1000, "dropped": 2}
+    assert {k: n for k, n in host.primitives.items() if n} == {"triangles": 1000, "dropped": 2}
     agrees(scene, 0.5, device, 50_000, sees=0.03)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 8 << 20

@@ -60,7 +60,8 @@ def soup(triangles: int, size: float, seed: int) -> Part:
 @pytest.mark.parametrize(("triangles", "size"), [(12, 0.6), (60, 0.3), (100, 0.3), (2000, 0.1)])
 def test_against_brute_force(device: str, triangles: int, size: float) -> None:
     """Flat primitives below 64, a tree above: the same triangle; t relative 1e-5 unless the ray
-    is near the surface or grazes it, where the rounding of its origin counts: 1e-6 / cos."""
+    is near the surface or grazes it, where the rounding of its origin counts, and without a tree the
+    2^-22 of the scene (here 9.5e-7) by which planes stand back: 1e-6 / cos and 2e-6 / cos."""
     scene = make([soup(triangles, size, triangles)])
     host = native_scene(scene, device)
     assert ("bvh" in host.features) == (triangles > 64)
@@ -72,8 +73,9 @@ def test_against_brute_force(device: str, triangles: int, size: float) -> None:
     hit = clear & (triangle >= 0)
     assert hit.sum() > 100
     error = np.abs(got_t[hit] - t[hit])
-    assert (error < np.maximum(1e-5 * t[hit], 1e-6 / cos[hit])).all()
-    assert (error * cos[hit]).max() < 1e-6 and np.median(error / t[hit]) < 3e-7
+    bound, middle = (1e-6, 3e-7) if triangles > 64 else (2e-6, 3e-6)
+    assert (error < np.maximum(1e-5 * t[hit], bound / cos[hit])).all()
+    assert (error * cos[hit]).max() < bound and np.median(error / t[hit]) < middle
     assert np.isinf(got_t[got < 0]).all()
 
 
@@ -197,7 +199,7 @@ def test_slivers_of_one_to_a_million_do_not_leak(device: str) -> None:
 def test_coplanar_triangles_become_quads() -> None:
     """Cornell box of Mitsuba: 18 parallelograms. The measured one: its sides are not all flat."""
     mitsuba = native_scene(veriray.load_file("cornell-box-mitsuba"), FAST[0]).primitives
-    assert mitsuba == {"quads": 18, "polygons": 0, "triangles": 0, "dropped": 0}
+    assert {k: n for k, n in mitsuba.items() if n} == {"quads": 18}
     measured = native_scene(veriray.cornell_box(), FAST[0]).primitives
     assert measured["quads"] + measured["polygons"] <= 20 and measured["triangles"] == 0
 
@@ -208,7 +210,7 @@ def test_degenerate_triangles_are_dropped_and_counted(device: str) -> None:
     bad = Part([[0, 0, 1], [1, 0, 1], [2, 0, 1]], [[0, 1, 2], [0, 0, 1], [1, 1, 1]], 0, 1e6)
     lamp = quad([0.5, -0.5, 1], [-1, 0, 0], [0, 1, 0], 0, 1)
     host = native_scene(make([floor, bad, lamp]), device)
-    assert host.primitives == {"quads": 2, "polygons": 0, "triangles": 0, "dropped": 3}
+    assert {k: n for k, n in host.primitives.items() if n} == {"quads": 2, "dropped": 3}
     view = {"width": 8, "height": 8}
     images = [veriray.render(make(p, **view), spp=16, device=device, max_depth=3).film_sha256
               for p in ([floor, bad, lamp], [floor, lamp])]  # fmt: skip

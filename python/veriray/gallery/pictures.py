@@ -68,7 +68,7 @@ PICTURES = (
         "studio", 1, "gallery/studio.xml",
         "A studio: a hare with subsurface scattering, a knot of gold, clear and tinted glass, "
         "milk, a mirror, plastic and a bubble under three soft boxes; thin lens, 40 bounces.",
-        meshes=("hare", "knot", "sweep"), spp=2048, cost=2.0,
+        meshes=("hare", "knot", "sweep"), spp=1536, cost=5.0,
     ),
     Picture(
         "spheres", 3, "gallery/spheres.xml",
@@ -78,26 +78,28 @@ PICTURES = (
         "lens", 4, "gallery/lens.xml",
         "Rows of glossy, mirror and glass spheres at dusk; far lamps become discs of light in a "
         "wide aperture.",
+        cost=2.0,
     ),
-    _subsurface(64, _AMBER, 6.0),
-    _subsurface(16, _AMBER, 4.0),
-    _subsurface(4, _AMBER, 2.0),
-    _subsurface(1, _BLUE, 1.5),
+    _subsurface(64, _AMBER, 14.0),
+    _subsurface(16, _AMBER, 9.0),
+    _subsurface(4, _AMBER, 4.0),
+    _subsurface(1, _BLUE, 2.5),
     Picture(
         "spheres-300", 6, "",
         "300 random spheres from a seed: diffuse colours, one in six a lamp.",
+        cost=4.0,
     ),
     Picture(
         "cornell", 7, "cornell/cornell_box.xml",
         "The measured Cornell box, our render on the left, the independent reference in the "
         "middle, their difference in standard errors on the right (blue -4, red +4).",
-        {"width": "128", "height": "128"}, spp=4096, batches=64,
+        {"width": "128", "height": "128"}, spp=4096, batches=64, cost=0.5,
     ),
     Picture(
         "room", 8, "gallery/room.xml",
         "A room by day: window, ceiling light and sphere lamps, a glossy floor, a hare of jade, a "
         "glass knot, a round mirror; thin lens, 40 bounces.",
-        meshes=("hare", "knot", "tiles_dark", "tiles_light"), spp=2048, cost=2.0,
+        meshes=("hare", "knot", "tiles_dark", "tiles_light"), cost=11.0,
     ),
 )  # fmt: skip
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-SHEET_WIDTH = 1200
-ROW_HEIGHT = 345  # of a row at most
+SHEET_WIDTH = 960
+ROW_HEIGHT = 276  # of a row at most
 PAGE_WIDTH = 1024  # of a picture on the page at most
 _MARGIN, _CAPTION = 10, 40
 _KEYS = (
@@ -94,7 +94,7 @@ def make(folder: Path, docs: Path) -> list[Path]:
         small = image.copy()
         small.thumbnail((PAGE_WIDTH, PAGE_WIDTH))
         with replacing(path) as file:
-            small.save(file, format="jpeg", quality=88, optimize=True, subsampling=0)
+            small.save(file, format="jpeg", quality=85, optimize=True, subsampling=0)
         written.append(path)
     path = images / "gallery.png"
     with replacing(path) as file:

@@ -715,12 +715,12 @@ def thinlens() -> str:
 
 
 def edges(rfilter: str) -> str:
-    """A tilted edge against the sky and a dark ball."""
+    """A tilted edge and a ball of low contrast: no mean is negative under a signed filter."""
     return (
-        sensor(rfilter=f'<rfilter type="{rfilter}"/>') + floor(0.5, 0.6, 0.5) + sky(0.5, 0.5, 0.5)
+        sensor(rfilter=f'<rfilter type="{rfilter}"/>') + floor(0.7, 0.8, 0.7) + sky(1, 1, 1)
         + shape("rectangle", transform(scale(0.8), rotate("z", 20), translate(-1, 1.2, 0)),
-                diffuse(0), area(2, 1, 0.5))
-        + sphere(1, 0.8, 0.3, 0.8, diffuse(0.1, 0.2, 0.3))
+                diffuse(0), area(2, 1.7, 1.4))
+        + sphere(1, 0.8, 0.3, 0.8, diffuse(0.5, 0.6, 0.7))
     )  # fmt: skip
 
 

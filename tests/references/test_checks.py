@@ -23,10 +23,10 @@ NAMES = sorted(path.stem for path in FOLDER.glob("*.xml"))
 SIZE, BATCHES, SPP = 16, 16, 16
 
 
-def strange(name: str, seed: int) -> veriray.Render:
+def strange(name: str, seed: int, spp: int = BATCHES * SPP) -> veriray.Render:
     """The reference's render of a scene, as a Render."""
     scene = reference.with_settings(reference.load(FOLDER / f"{name}.xml"), width=SIZE, height=SIZE)
-    picture = reference.render(scene, spp=BATCHES * SPP, seed=seed, batches=BATCHES)
+    picture = reference.render(scene, spp=spp, seed=seed, batches=BATCHES)
     columns = {c: picture.ledger[:, k].tolist() for k, c in enumerate(reference.COLUMNS)}
     image, stderr = picture.mean.astype(np.float32), picture.stderr.astype(np.float32)
     return veriray.Render(
@@ -41,8 +41,10 @@ def strange(name: str, seed: int) -> veriray.Render:
 @pytest.mark.parametrize("name", NAMES)
 def test_agrees_with_the_reference(name: str) -> None:
     scene = veriray.load_file(FOLDER / f"{name}.xml").with_(width=SIZE, height=SIZE)
-    ours = veriray.render(scene, spp=BATCHES * SPP, seed=1, batches=BATCHES, device="cpu")
-    report = veriray.compare(ours, strange(name, 2))
+    # Signed weights: the mean of few samples may be negative, which `compare` calls invalid.
+    spp = BATCHES * SPP * (4 if scene.film.filter == "mitchell" else 1)
+    ours = veriray.render(scene, spp=spp, seed=1, batches=BATCHES, device="cpu")
+    report = veriray.compare(ours, strange(name, 2, spp))
     assert report.effort == "equal", report.reason
     assert report.passed, report.verdict
     assert any(test.name == "L4 ends of paths" for test in report.tests)

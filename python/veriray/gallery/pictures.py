@@ -91,8 +91,7 @@ PICTURES = (
     ),
     Picture(
         "cornell", 7, "cornell/cornell_box.xml",
-        "The measured Cornell box, our render on the left, the independent reference in the "
-        "middle, their difference in standard errors on the right (blue -4, red +4).",
+        "The measured Cornell box.",
         {"width": "128", "height": "128"}, spp=4096, batches=64, cost=0.5,
     ),
     Picture(

@@ -208,7 +208,9 @@ def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
             lines += _figure_2(docs)
         lines += ["", f"## {picture.name}", "", f"Figure {picture.figure}. {picture.text}"]
         if fact.get("compare"):
-            lines += ["", fact["compare"]]
+            lines += ["", "Our render on the left, the independent reference in the middle, their "]
+            lines[-1] += "difference in standard errors on the right (blue -4, red +4). "
+            lines[-1] += fact["compare"]
         lines += ["", f"![{picture.name}](images/{picture.name}.jpg)"]
     return "\n".join(lines) + "\n"
 

@@ -127,7 +127,8 @@ def test_a45_transmittance_of_shadow_rays(device: str, shells: int) -> None:
     floor = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(rho))
     light = {"type": "point", "position": position, "intensity": rgb(7)}
     seen = scene(view([-3, 0, 1], [0, 0, 0]), floor, light, *balls, max_depth=2)
-    agrees(seen, exact, device, 10_000, sees=1e-4, margin=2e-5)
+    # A medium ends 2^-21 of the coordinates before its surface.
+    agrees(seen, exact, device, 10_000, sees=1e-3, margin=3e-5 * shells)
 
 
 def test_chromatic_distance_to_a_wall(device: str) -> None:

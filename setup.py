@@ -24,7 +24,8 @@ def scene_files() -> list[Path]:
     """Shipped scene files relative to scenes/, without reference pictures and check scenes."""
     root = ROOT / "scenes"
     files = (path.relative_to(root) for path in sorted(root.rglob("*")))
-    return [f for f in files if f.suffix in SCENE_SUFFIXES and not {"refs", "checks"} & set(f.parts)]
+    kept = (f for f in files if not {"refs", "checks"} & set(f.parts))
+    return [f for f in kept if f.suffix in SCENE_SUFFIXES]
 
 
 def find_tools() -> dict[str, str | None]:

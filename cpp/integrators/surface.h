@@ -155,8 +155,8 @@ struct SurfaceReader {
         return at;
     }
 
-    // A medium ends so far before the ray's hit: a collision nearer to the surface could lie beyond it
-    // when rounded, and its path would never leave the medium.
+    // A medium ends so far before the ray's hit: a collision nearer to the surface could lie beyond
+    // it when rounded, and its path would never leave the medium.
     static VR_HD F exit_margin(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
                                M valid) {
         const U prim = select(valid, hit.primitive, U(0u));

@@ -60,8 +60,8 @@ def soup(triangles: int, size: float, seed: int) -> Part:
 @pytest.mark.parametrize(("triangles", "size"), [(12, 0.6), (60, 0.3), (100, 0.3), (2000, 0.1)])
 def test_against_brute_force(device: str, triangles: int, size: float) -> None:
     """Flat primitives below 64, a tree above: the same triangle; t relative 1e-5 unless the ray
-    is near the surface or grazes it, where the rounding of its origin counts, and without a tree the
-    2^-22 of the scene (here 9.5e-7) by which planes stand back: 1e-6 / cos and 2e-6 / cos."""
+    is near the surface or grazes it, where the rounding of its origin counts, and without a tree
+    the 2^-22 of the scene (here 9.5e-7) by which planes stand back: 1e-6 / cos and 2e-6 / cos."""
     scene = make([soup(triangles, size, triangles)])
     host = native_scene(scene, device)
     assert ("bvh" in host.features) == (triangles > 64)

@@ -218,9 +218,12 @@ def _condition(name: str, finds: str, problems: list[str]) -> Test:
 
 
 def _valid(x: Render, letter: str) -> Test:
-    """S0: nothing but finite numbers >= 0, in the pictures and among the samples."""
+    """S0: nothing but finite numbers, >= 0 unless the filter has negative lobes, in pictures and
+    among samples."""
+    features = x.stats.get("features") or ()
+    signed = "signed_filter" in features or x.stats.get("filter") == "mitchell"
     arrays = [x.image] + ([] if x.batch_means is None else [x.batch_means])
-    bad = sum(int(np.count_nonzero(~(np.isfinite(v) & (v >= 0)))) for v in arrays)
+    bad = sum(int(np.count_nonzero(~(np.isfinite(v) & (signed | (v >= 0))))) for v in arrays)
     samples = int(x.stats.get("nonfinite_samples") or 0)
     invalid = sum((x.stats.get("ledger") or {}).get("invalid") or [])
     count = max(samples, invalid)

@@ -85,5 +85,5 @@ VR_HD Quad<float> load4(const float* p) {
 #elif defined(__AVX2__) && defined(__FMA__)
 #include "core/lane_avx2.h"
 #else
-#include "core/lane_array.h"
+#include "core/lane_scalar.h"
 #endif

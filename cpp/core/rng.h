@@ -58,9 +58,10 @@ VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
 }
 
 // Uniform on the 2^24 multiples of 2^-24 in [0, 1): never 1.
-VR_HD float uniform(uint32_t u) { return to_float(u >> 8) * 0x1p-24f; }
-#if !VR_CUDA
-VR_HD Simd::F uniform(Simd::U u) { return to_float(u >> 8) * Simd::F(0x1p-24f); }
-#endif
+template <class U>
+VR_HD auto uniform(U u) {
+    using F = decltype(to_float(u));
+    return to_float(u >> 8) * F(0x1p-24f);
+}
 
 }  // namespace veriray

@@ -100,7 +100,7 @@ LINES = {
     "lookat at itself": (TO_WORLD.format('<lookat origin="1,2,3" target="1,2,3" up="0,1,0"/>'), "origin and target are the same point"),
     "lookat along up": (TO_WORLD.format('<lookat origin="0,0,0" target="0,5,0" up="0,1,0"/>'), "up is parallel to the viewing direction"),
     "lookat without up": (TO_WORLD.format('<lookat origin="0,0,0" target="0,5,0"/>'), '<lookat> lacks the attribute "up"'),
-    "missing mesh": (OBJ.format("nowhere.obj"), "cannot read", 'nowhere.obj": No such file or directory'),
+    "missing mesh": (OBJ.format("nowhere.obj"), "cannot read", "No such file or directory"),
     "mesh without file name": ('<shape type="obj"/>', 'obj: "filename" (string) is missing'),
     "folder as mesh": (OBJ.format("."), "is not a file"),
     "long file name": (OBJ.format("x" * 5000 + ".obj"), "File name too long"),

@@ -266,6 +266,7 @@ def test_threads_render_the_same_scene_at_once(cornell: vr.Scene, picture: vr.Re
 
 
 def test_native_scenes_go_with_their_owner() -> None:
+    gc.collect()  # owners that earlier tests left behind
     before = len(render_module._scenes)
     scene = vr.cornell_box()
     for size in (8, 9, 10):

@@ -45,7 +45,7 @@ from reference.shadows import Shadows
 from reference.tracer import Start, Tracer
 from reference.vectors import dot, unit_sphere
 
-SEGMENTS = 65535
+SEGMENTS = 262143
 
 
 class Integrator:

@@ -11,7 +11,7 @@ from reference.scene import Scene
 from reference.tracer import Start, Tracer
 from reference.vectors import dot
 
-_STEPS = 65535
+_STEPS = 262143
 
 
 class Shadows:

@@ -18,6 +18,7 @@ namespace {
 // ---- kernels ----
 constexpr uint32_t kFusedBlock = 128;
 constexpr uint32_t kLedgerRowsShared = 32;  // deeper events go to device memory at once
+constexpr uint64_t kLedgerRowsFetched = 4096;
 
 __global__ void resolve_kernel(FilmView film, uint64_t n, uint64_t values, float* mean,
                                float* error) {
@@ -407,10 +408,15 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
                       });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = seconds_since(start);
-    stats.ledger = ledger.download();
     const uint64_t samples = s.sample_end - s.sample_begin;
     film.impl->samples += samples;
-    complete_ledger(stats.ledger, samples * pixels);
+    uint64_t live = samples * pixels;  // rows beyond the last path's end stay on the device
+    for (uint64_t row = 0; row < depths && live; row += kLedgerRowsFetched) {
+        const std::vector<uint64_t> rows = ledger.download(
+            row * kLedgerColumns, std::min(kLedgerRowsFetched, depths - row) * kLedgerColumns);
+        stats.ledger.insert(stats.ledger.end(), rows.begin(), rows.end());
+        live = complete_ledger(stats.ledger, samples * pixels);
+    }
     return stats;
 }
 

@@ -53,9 +53,11 @@ class Buffer {
     void zero() {
         if (n_) check(cudaMemset(p_, 0, n_ * sizeof(T)), "clear");
     }
-    std::vector<T> download() const {
-        std::vector<T> out(n_);
-        if (n_) check(cudaMemcpy(out.data(), p_, n_ * sizeof(T), cudaMemcpyDeviceToHost), "copy");
+    std::vector<T> download() const { return download(0, n_); }
+    std::vector<T> download(size_t first, size_t n) const {
+        std::vector<T> out(n);
+        if (n)
+            check(cudaMemcpy(out.data(), p_ + first, n * sizeof(T), cudaMemcpyDeviceToHost), "copy");
         return out;
     }
 

@@ -84,7 +84,8 @@ void for_sample_ranges(const RenderSettings& s, uint64_t pixels, const Poll& pol
 }
 
 // Fills the live column from the paths begun and the causes of their ends, and drops empty depths.
-inline void complete_ledger(std::vector<uint64_t>& ledger, uint64_t paths) {
+// Returns the paths that live on after the last row.
+inline uint64_t complete_ledger(std::vector<uint64_t>& ledger, uint64_t paths) {
     uint64_t live = paths;
     size_t depths = 0;
     for (; depths * kLedgerColumns < ledger.size() && live; ++depths) {
@@ -93,6 +94,7 @@ inline void complete_ledger(std::vector<uint64_t>& ledger, uint64_t paths) {
         for (uint32_t c = kEscaped; c <= kInvalid; ++c) live -= row[c];
     }
     ledger.resize(depths * kLedgerColumns);
+    return live;
 }
 
 inline void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width,

@@ -21,6 +21,6 @@ enum LedgerColumn : uint32_t {
 };
 
 // Paths are cut here whatever max_depth says, and counted as depth_cut.
-inline constexpr uint32_t kHardMaxDepth = 65535;
+inline constexpr uint32_t kHardMaxDepth = 262143;
 
 }  // namespace veriray

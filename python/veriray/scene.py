@@ -25,7 +25,7 @@ from .numeric import MAX_COORDINATE, array, in_range, number, whole
 Array = npt.NDArray[Any]
 
 #: Segments of a path at most; -1 in a scene stands for this.
-MAX_PATH_DEPTH = 65535
+MAX_PATH_DEPTH = 262143
 SHIPPED = {
     "cornell-box": "cornell/cornell_box.xml",
     "cornell-box-mitsuba": "cornell/cornell_box_mitsuba.xml",

@@ -17,6 +17,7 @@ import trimesh
 from scipy import stats
 
 import veriray
+from veriray.scene import MAX_PATH_DEPTH
 from tests.support import (
     FAST,
     Part,
@@ -321,18 +322,18 @@ def test_a25_pinhole_under_constant_light(device: str) -> None:
 
 
 def test_n12_albedo_of_almost_one(device: str) -> None:
-    """Albedo .999999 as float32 is .99999898672; emission 1e-6; paths are cut at 65,535 segments.
+    """Albedo .999999 as float32 is .99999898672; emission 1e-6; paths are cut at MAX_PATH_DEPTH.
 
-    Exact, truncated: E (1 - rho^65535) / (1 - rho). Margin 1e-4: the throughput is rounded 65,535
-    times. No stack and no cap but the stated one.
+    Exact, truncated: E (1 - rho^n) / (1 - rho), n = MAX_PATH_DEPTH. Margin 4e-4: the throughput is
+    rounded n times. No stack and no cap but the stated one.
     """
     rho, e = float(np.float32(0.999999)), float(np.float32(1e-6))
     assert abs(rho - 0.99999898672) < 1e-11 and abs(e / (1 - rho) - 0.986895) < 1e-6
     r = veriray.render(furnace(0.999999, 1e-6, rr_depth=2**31 - 1), spp=16, device=device)
     ledger_adds_up(r)
-    assert r.stats["live_rays"] == [16] * 65535 and r.stats["ledger"]["depth_cut"][-1] == 16
-    exact = e * (1 - rho**65535) / (1 - rho)
-    assert abs(r.image.mean() / exact - 1) < 4 * r.stderr.max() / exact + 1e-4
+    assert r.stats["live_rays"] == [16] * MAX_PATH_DEPTH and r.stats["ledger"]["depth_cut"][-1] == 16
+    exact = e * (1 - rho**MAX_PATH_DEPTH) / (1 - rho)
+    assert abs(r.image.mean() / exact - 1) < 4 * r.stderr.max() / exact + 4e-4
 
 
 def test_native_scene_counts(device: str) -> None:

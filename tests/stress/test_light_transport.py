@@ -116,8 +116,7 @@ def test_n11_deep_and_almost_white(device: str) -> None:
     ground = cuboid([-1e4, -1e4, -1e4], [1e4, 1e4, 0], NULL, interior=medium(1.0, w))
     seen = scene(view([0, 0, 5], [0, 0, 0]), ground, sky(1))
     r = agrees(seen, exact, device, 40_000, sees=0.015)
-    # One path in 40,000 is alive after 65,535 segments: roulette takes 1e-4 of them at each.
-    assert len(r.stats["live_rays"]) > 1000 and sum(r.stats["ledger"]["depth_cut"]) <= 10
+    assert len(r.stats["live_rays"]) > 1000 and not any(r.stats["ledger"]["depth_cut"])
 
 
 def test_n11_ink(device: str) -> None:

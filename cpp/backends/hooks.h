@@ -7,8 +7,9 @@
 #include <stdexcept>
 #include <string>
 
-#include "core/mapping.h"
-#include "lights/sphere_light.h"
+#include "lights/light.h"
+#include "materials/material.h"
+#include "media/medium.h"
 
 namespace veriray {
 
@@ -17,7 +18,7 @@ struct FunctionInfo {
     uint32_t inputs, outputs;  // columns
 };
 
-inline constexpr uint32_t kMaxColumns = 16;
+inline constexpr uint32_t kMaxColumns = 20;
 
 enum class Function : uint32_t {
     kSin2Pi,
@@ -41,6 +42,14 @@ enum class Function : uint32_t {
     kHenyeyGreensteinP,  // d, w, g -> pdf
     kSphere,             // record, o, d, t_max -> t (infinite: missed), p, n, offset
     kSphereLight,        // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
+    kFresnelDielectric,  // cos_i, eta -> reflected, cos_t
+    kFresnelConductor,   // cos_i, eta, k -> reflected
+    kBsdfSample,        // material, n, wo, u, v, lobe -> wi, weight, pdf, transmitted, pass, mirror
+    kBsdfEval,          // material, n, wo, wi -> f cos, pdf, share that passes straight through
+    kLight,             // shape, p, e1, e2, n, offset, chance, receiver, u, v
+                        //   -> wi, pdf, distance, radiance for 1, delta
+    kFreeFlight,        // sigma, limit, upper and lower 16 bits -> t, collides
+    kFreeFlightColour,  // sigma, albedo, throughput: 3 each; limit, u24, bits -> t, weight
 };
 
 inline constexpr FunctionInfo kFunctions[] = {
@@ -65,6 +74,13 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"henyey_greenstein_pdf", 7, 1},
     {"sphere", 15, 8},
     {"sphere_light", 13, 7},
+    {"fresnel_dielectric", 2, 2},
+    {"fresnel_conductor", 3, 1},
+    {"bsdf_sample", 16, 8},
+    {"bsdf_eval", 16, 3},
+    {"light", 20, 7},
+    {"free_flight", 4, 2},
+    {"free_flight_colour", 13, 4},
 };
 
 // The index in kFunctions, with which `evaluate` is called.
@@ -166,6 +182,89 @@ VR_HD void evaluate_sphere(const typename L::F* x, typename L::F* y) {
     y[7] = s.offset;
 }
 
+// A grey material seen from wo: kind, front (1: wo sees it), albedo, specular reflectance and
+// transmittance, eta, k, n (on wo's side), wo.
+template <class L>
+VR_HD Bsdf<L, (1u << kMaterialCount) - 1u> bsdf_of(const typename L::F* x) {
+    using F = typename L::F;
+    const Vec3<F> n{x[7], x[8], x[9]}, wo{x[10], x[11], x[12]};
+    Bsdf<L, (1u << kMaterialCount) - 1u> b;
+    b.kind = to_uint(x[0]);
+    b.albedo = {x[2], x[2], x[2]};
+    b.reflection = {x[3], x[3], x[3]};
+    b.transmission = {x[4], x[4], x[4]};
+    b.eta = {x[5], x[5], x[5]};
+    b.k = {x[6], x[6], x[6]};
+    b.set_view(n, dot(n, wo), x[1] > F(0.f));
+    return b;
+}
+
+template <class L>
+VR_HD void evaluate_bsdf(Function which, const typename L::F* x, typename L::F* y) {
+    using F = typename L::F;
+    const F one(1.f), none(0.f);
+    const auto b = bsdf_of<L>(x);
+    if (which == Function::kBsdfSample) {
+        const Vec3<F> wo{x[10], x[11], x[12]};
+        const BsdfSample<L> s = b.sample(wo, x[13], x[14], x[15]);
+        put(y, s.wi);
+        y[3] = s.weight.x, y[4] = s.pdf_sa;
+        y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
+        y[7] = b.fresnel.reflected;
+        return;
+    }
+    const F cos_i = dot(b.n, Vec3<F>{x[13], x[14], x[15]});
+    const auto lit = b.smooth() & (cos_i > none);
+    const BsdfValue<F> value = b.eval(max(cos_i, none));
+    y[0] = select(lit, value.f_cos.x, none), y[1] = select(lit, value.pdf_sa, none);
+    y[2] = b.pass_through().x;
+}
+
+// Radiance 1 (intensity, irradiance), vacuum.
+template <class L>
+VR_HD void evaluate_light(const typename L::F* x, typename L::F* y) {
+    using F = typename L::F;
+    const F one(1.f), none(0.f);
+    const auto column = [&](uint32_t c) {
+        if (c == kLightShape) return x[0];
+        if (c < kLightOffset) return x[1 + c - kLightP];
+        if (c == kLightOffset) return x[13];
+        return c == kLightChance ? x[14] : one;
+    };
+    const Vec3<F> p{x[15], x[16], x[17]};
+    const LightSample<L> s =
+        LightSampler<L, kFlatLights | kDeltaShapes | shape_bit(LightShape::kSphere)>::sample(
+            column, p, x[18], x[19], one < none);
+    put(y, s.wi);
+    y[3] = s.pdf_sa, y[4] = s.distance, y[5] = s.radiance.x;
+    y[6] = select(s.delta, one, none);
+}
+
+template <class F>
+VR_HD auto word_of(F high, F low) {
+    return (to_uint(high) << 16) | to_uint(low);
+}
+
+template <class L>
+VR_HD void evaluate_optics(Function which, const typename L::F* x, typename L::F* y) {
+    using F = typename L::F;
+    const auto v = [&](uint32_t c) { return Vec3<F>{x[c], x[c + 1], x[c + 2]}; };
+    if (which == Function::kFresnelDielectric) {
+        const FresnelSplit<F> f = fresnel_dielectric(x[0], x[1]);
+        y[0] = f.reflected, y[1] = f.cos_t;
+    } else if (which == Function::kFresnelConductor) {
+        y[0] = fresnel_conductor(x[0], x[1], x[2]);
+    } else if (which == Function::kFreeFlight) {
+        const Vec3<F> s{x[0], x[0], x[0]}, one{F(1.f), F(1.f), F(1.f)},
+            zero{F(0.f), F(0.f), F(0.f)};
+        const Flight<F> f = free_flight(s, zero, one, x[1], F(0.f), word_of(x[2], x[3]), false);
+        y[0] = f.t, y[1] = F(1.f) - f.weight.x;
+    } else {
+        const Flight<F> f = free_flight(v(0), v(3), v(6), x[9], x[10], word_of(x[11], x[12]), true);
+        y[0] = f.t, put(y + 1, f.weight);
+    }
+}
+
 // x: kFunctions[which].inputs lanes; y: outputs.
 template <class L>
 VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
@@ -177,6 +276,12 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         evaluate_mapping(f, x, y);
     } else if (f == Function::kSphere) {
         evaluate_sphere<L>(x, y);
+    } else if (f == Function::kBsdfSample || f == Function::kBsdfEval) {
+        evaluate_bsdf<L>(f, x, y);
+    } else if (f == Function::kLight) {
+        evaluate_light<L>(x, y);
+    } else if (f > Function::kSphereLight) {
+        evaluate_optics<L>(f, x, y);
     } else {
         const Vec3<F> p{x[8], x[9], x[10]};
         const SphereLightSample<F> s = sample_sphere_light(x, p, x[11], x[12]);

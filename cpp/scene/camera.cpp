@@ -25,7 +25,7 @@ void HostScene::set_camera(const SceneInput& in) {
     }
     c.focus = static_cast<float>(in.focus_distance / unit);
     if (in.aperture_radius > 0) view.features |= kLens;
-    // Clipping that cuts nothing costs nothing: the scene lies between the planes.
+    // Clipping that cuts nothing, no shape and no medium before the camera, costs nothing.
     double nearest = INFINITY, farthest = -INFINITY;
     const auto span = [&](Double3 p, double reach) {
         const double z = dot(p - centre, forward);
@@ -40,7 +40,8 @@ void HostScene::set_camera(const SceneInput& in) {
     for (size_t i = 0; i < in.disks.count; ++i)
         span(row3(in.disks, 3 * i),
              length(row3(in.disks, 3 * i + 1)) + length(row3(in.disks, 3 * i + 2)));
-    const bool cuts_near = in.near_clip > 0 && !(nearest > in.near_clip * (1 + 1e-6));
+    const bool cuts_near =
+        in.near_clip > 0 && (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
     const bool cuts_far = !(farthest < in.far_clip * (1 - 1e-6));
     c.near_clip = cuts_near ? static_cast<float>(in.near_clip / unit) : 0.f;
     c.far_clip = cuts_far ? static_cast<float>(in.far_clip / unit) : INFINITY;
@@ -71,7 +72,8 @@ double mitchell(double x, double b, double c) {
 }  // namespace
 
 // Edges of cells of equal probability under |density(z)|, |z| < reach, in pixels of size `scale`;
-// the sign changes once a side at most.
+// the sign changes once a side at most, at the table's quantile of the share before it, so that
+// the signed weights of the samples integrate to 1.
 template <class Density>
 void HostScene::tabulate_filter(Density density, double reach, double scale) {
     constexpr int kSteps = 1 << 16;
@@ -79,17 +81,16 @@ void HostScene::tabulate_filter(Density density, double reach, double scale) {
     f.kind = FilterKind::kTable;
     std::vector<double> cdf(kSteps + 1, 0.0);
     double net = 0;
+    int change = kSteps;  // first step of the far negative lobe
     for (int i = 0; i < kSteps; ++i) {
         const double z = -reach + 2 * reach * (i + 0.5) / kSteps, y = density(z);
         cdf[i + 1] = cdf[i] + std::abs(y);
         net += y;
-        if (z > 0 && y < 0 && !(f.positive < INFINITY))
-            f.positive = static_cast<float>((z - reach / kSteps) * scale);
-        if (z > 0 && y > 0 && f.positive < INFINITY)
+        if (z > 0 && y < 0) change = std::min(change, i);
+        if (z > 0 && y > 0 && change < kSteps)
             throw std::invalid_argument("a filter whose sign changes more than once a side");
     }
     f.weight = static_cast<float>(cdf[kSteps] / net);
-    if (f.positive < INFINITY) view.features |= kSignedFilter;
     int i = 0;
     for (uint32_t e = 0; e <= kFilterTable; ++e) {
         const double want = cdf[kSteps] * e / kFilterTable;
@@ -97,6 +98,13 @@ void HostScene::tabulate_filter(Density density, double reach, double scale) {
         const double z =
             -reach + 2 * reach * (i + (want - cdf[i]) / (cdf[i + 1] - cdf[i])) / kSteps;
         filter_edges[e] = static_cast<float>(z * scale);
+    }
+    if (change < kSteps) {
+        const double x = cdf[change] / cdf[kSteps] * kFilterTable;
+        const int cell = static_cast<int>(x);
+        const double a = filter_edges[cell], b = filter_edges[cell + 1];
+        f.positive = static_cast<float>(a + (x - cell) * (b - a));
+        view.features |= kSignedFilter;
     }
 }
 

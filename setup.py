@@ -21,10 +21,10 @@ SCENE_SUFFIXES = {".xml", ".obj", ".ply", ".csv", ".json", ".txt", ".md"}
 
 
 def scene_files() -> list[Path]:
-    """Shipped scene files relative to scenes/, without reference pictures and check scenes."""
+    """Shipped scene files relative to scenes/, without reference pictures."""
     root = ROOT / "scenes"
     files = (path.relative_to(root) for path in sorted(root.rglob("*")))
-    kept = (f for f in files if not {"refs", "checks"} & set(f.parts))
+    kept = (f for f in files if "refs" not in f.parts)
     return [f for f in kept if f.suffix in SCENE_SUFFIXES]
 
 

@@ -256,51 +256,7 @@ def errors(image: Array, reference: Array) -> dict[str, float]:
 RELMSE = "relMSE = mean (I-R)^2/(R^2 + 0.01), MSE = mean (I-R)^2, after scaling so that mean R = 1"
 
 
-# ---- meshes: the same numbers on every machine ----
-
-
-def icosphere(levels: int) -> tuple[Array, Array]:
-    """The unit sphere: vertices (V, 3) float64, triangles (20 * 4^levels, 3), fronts outside."""
-    g = (1 + math.sqrt(5)) / 2
-    v = _unit(np.array([
-        (-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g),
-        (0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1),
-    ]))  # fmt: skip
-    f = np.array([
-        (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4),
-        (11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8),
-        (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1),
-    ])  # fmt: skip
-    for _ in range(levels):
-        edges = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
-        keys, which = np.unique(edges[:, 0] * len(v) + edges[:, 1], return_inverse=True)
-        a, b, c = f.T
-        ab, bc, ca = which.reshape(3, -1) + len(v)
-        v = np.concatenate([v, _unit(v[keys // len(v)] + v[keys % len(v)])])
-        faces = ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))
-        f = np.concatenate([np.stack(face, axis=1) for face in faces])
-    return v, f
-
-
-def displaced_icosphere(levels: int) -> tuple[Array, Array]:
-    """An icosphere with bumps along the radius, 0.86 to 1.14 from the centre."""
-    v, f = icosphere(levels)
-    x, y, z = v.T
-    bumps = 0.12 * _wave(1.9 * x) * _wave(1.75 * y) * _wave(2.1 * z)
-    return v * (1 + bumps + 0.02 * _wave(14.3 * x) * _wave(12.7 * y))[:, None], f
-
-
-def _unit(v: Array) -> Array:
-    x, y, z = v.T
-    unit: Array = v / np.sqrt(x * x + y * y + z * z)[:, None]
-    return unit
-
-
-def _wave(x: Array) -> Array:
-    """Parabolas from -1 to 1 with period 1, close to a sine."""
-    u = x - np.floor(x + 0.5)
-    wave: Array = 8 * u * (1 - 2 * np.abs(u))
-    return wave
+# ---- meshes: those of veriray.validate.leaks, too ----
 
 
 def write_ply(path: Path, vertices: Array, triangles: Array) -> None:
@@ -313,13 +269,3 @@ def write_ply(path: Path, vertices: Array, triangles: Array) -> None:
         f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
-
-
-def mesh_scene(vertices: Array, triangles: Array, camera: veriray.Camera) -> veriray.Scene:
-    """One grey mesh with face normals under a constant sky, one pixel."""
-    return veriray.Scene(
-        vertices=vertices, triangles=triangles,
-        triangle_material=np.zeros(len(triangles), np.uint32), triangle_emission=None,
-        reflectance=np.full((1, 3), 0.8), two_sided=np.zeros(1, bool), emissions=np.zeros((0, 3)),
-        environment=np.ones(3), camera=camera, film=veriray.Film(1, 1, "box"),
-    )  # fmt: skip

@@ -18,7 +18,6 @@ from __future__ import annotations
 import io
 import math
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,57 +25,13 @@ import numpy as np
 import numpy.typing as npt
 from common import ROOT, header, parser, write
 
-from veriray import device as devices
+from veriray.validate.generators import Numbers, native_numbers, seeded_2016
 
 Array = npt.NDArray[Any]
-Numbers = Callable[[Array, int, int], Array]  # pixels (P,), pass, bounce -> (P, 2) in [0, 1)
 
 BOUNCES = 8
 LAMP, CAP = 10.0, 0.8  # radiance of the lamp, which is the part of the sphere above y = CAP
 DARK, BRIGHT, BANDS = 0.5, 0.95, 9  # reflectances of the bands between y = -1 and y = CAP
-MODULUS, FACTOR = 2**31 - 1, 48271  # minstd
-
-
-# ---- generators ----
-
-
-def hash32(value: Array | int) -> Array:
-    """A 32-bit integer hash with good avalanche (C. Wellons, "lowbias32", 2018)."""
-    x = np.atleast_1d(np.asarray(value, np.uint32)).copy()
-    for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
-        x ^= x >> np.uint32(shift)
-        x *= np.uint32(factor)
-    return x ^ (x >> np.uint32(16))
-
-
-def seeded_2016(ticks_a_pass: int, ticks_a_bounce: int) -> Numbers:
-    """Two numbers of a linear generator, seeded anew for each pixel, pass and bounce.
-
-    seed = hash(pixel) + hash(pass + clock) + hash(depth), modulo 2^32. The clock starts at an
-    arbitrary value and goes on by the given ticks.
-    """
-
-    def numbers(pixel: Array, sample: int, bounce: int) -> Array:
-        clock = 40_961 + sample * ticks_a_pass + bounce * ticks_a_bounce
-        seed = hash32(pixel) + hash32(sample + clock) + hash32(bounce)
-        first = np.maximum(seed.astype(np.uint64) % MODULUS, 1) * FACTOR % MODULUS
-        second = first * FACTOR % MODULUS
-        return np.stack([first, second], axis=1) / MODULUS
-
-    return numbers
-
-
-def ours(seed: int = 0) -> Numbers:
-    """The direction numbers of the bounce as the native module makes them."""
-    native = devices.select("cpu")[0].native
-
-    def numbers(pixel: Array, sample: int, bounce: int) -> Array:
-        samples = np.full(len(pixel), sample, np.uint64)
-        block = np.full(len(pixel), 3 * bounce + 1, np.uint32)  # "scatter" of segment `bounce`
-        words = native.random(seed, pixel.astype(np.uint32), samples, block)
-        return (words[:, 2:] >> 8) * 2.0**-24
-
-    return numbers
 
 
 # ---- scene ----
@@ -247,7 +202,7 @@ def main() -> int:
     generators = {
         "2016, clock still within a pass": seeded_2016(ticks_a_pass=7, ticks_a_bounce=0),
         "2016, clock read each bounce": seeded_2016(ticks_a_pass=7_411, ticks_a_bounce=877),
-        "ours (pcg4d)": ours(),
+        "ours (pcg4d)": native_numbers(),
     }
     rows, shown = {}, {}
     for name, numbers in generators.items():

@@ -11,10 +11,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from common import ROOT, displaced_icosphere, mesh_scene
+from common import ROOT
 
 import veriray as vr
 from veriray.render import native_scene_arguments
+from veriray.validate.leaks import displaced_icosphere, mesh_scene
 
 SIZE = {"width": 16, "height": 12}
 SPP = 2

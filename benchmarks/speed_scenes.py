@@ -25,7 +25,6 @@ from common import (
     Mitsuba,
     Ours,
     cpu_count,
-    displaced_icosphere,
     header,
     means_agree,
     median,
@@ -37,6 +36,7 @@ from common import (
 )
 
 import veriray
+from veriray.validate.leaks import displaced_icosphere
 
 SCENE = """<scene version="3.0.0">
     <default name="width" value="512"/>

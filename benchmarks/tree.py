@@ -19,20 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import (
-    Array,
-    cpu_count,
-    displaced_icosphere,
-    header,
-    mesh_scene,
-    parser,
-    spread,
-    write,
-)
+from common import Array, cpu_count, header, parser, spread, write
 
 import veriray
 from veriray.formats import ply
 from veriray.render import native_scene_arguments, scene_facts
+from veriray.validate.leaks import displaced_icosphere, mesh_scene
 
 WIDTHS = (2, 4, 8)
 FOV = 40.0  # degrees

@@ -75,7 +75,8 @@ class Shadows:
             if medium is not None:
                 medium = medium[at]
                 boundary = self.scene.boundary.take(primitive)
-                beyond = self.scene.boundaries[boundary, (ahead >= 0).astype(np.int64)]
-                medium = np.where(boundary >= 0, beyond, medium)
+                new = np.flatnonzero(boundary >= 0)
+                side_of = (ahead[new] >= 0).astype(np.int64)
+                medium[new] = self.scene.boundaries[boundary[new], side_of]
         seen = np.flatnonzero(arrived)
         return seen, through[:, seen]

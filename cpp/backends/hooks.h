@@ -210,7 +210,7 @@ VR_HD void evaluate_bsdf(Function which, const typename L::F* x, typename L::F* 
         put(y, s.wi);
         y[3] = s.weight.x, y[4] = s.pdf_sa;
         y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
-        y[7] = b.fresnel.reflected;
+        y[7] = select(b.eta.x > none, b.fresnel.reflected, none);
         return;
     }
     const F cos_i = dot(b.n, Vec3<F>{x[13], x[14], x[15]});

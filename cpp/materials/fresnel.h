@@ -32,7 +32,9 @@ VR_HD F fresnel_conductor(F cos_i, F eta, F k) {
     const F e2 = eta * eta, k2 = k * k;
     const F d = e2 - k2 - s2;
     const F ab = sqrt(fma(d, d, F(4.f) * e2 * k2));  // a^2 + b^2
-    const F a = sqrt(max(F(0.5f) * (ab + d), F(0.f)));
+    // a^2 = (ab + d) / 2 = 2 e2 k2 / (ab - d): the form that does not cancel
+    const F a =
+        sqrt(select(d > F(0.f), F(0.5f) * (ab + d), F(2.f) * e2 * k2 / max(ab - d, F(1e-30f))));
     const F t = F(2.f) * a * cos_i;
     const F s = (ab + c2 - t) / (ab + c2 + t);
     const F u = fma(c2, ab, s2 * s2), v = t * s2;

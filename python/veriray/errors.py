@@ -2,20 +2,38 @@
 
 from __future__ import annotations
 
+MAX_MESSAGE = 2000
+
+
+def printable(text: str) -> str:
+    """`text` as a message: control characters and the like as escapes, the middle cut if too long.
+
+    Files may hold any character, and names of any length.
+    """
+    if len(text) > MAX_MESSAGE:
+        half = MAX_MESSAGE // 2 - 4
+        text = f"{text[:half]} [...] {text[-half:]}"
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
 
 class SceneError(ValueError):
     """Bad scene: names the place (file:line or key path), the value and what is allowed.
 
-    `where` holds the place alone, "" when there is none (arrays given directly).
+    One printable line. `where` holds the place alone, "" where arrays were given directly.
     """
 
     def __init__(self, message: str, where: str = "") -> None:
-        super().__init__(f"{where}: {message}" if where else message)
+        super().__init__(printable(f"{where}: {message}" if where else message))
         self.where = where
 
 
 class SceneWarning(UserWarning):
     """A scene that renders, but hardly as meant: no light, for example."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class DeviceError(RuntimeError):

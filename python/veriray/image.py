@@ -44,6 +44,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from veriray.errors import printable
 from veriray.render import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
@@ -61,6 +62,9 @@ _INT_KEYS = ("seed", "spp", "max_depth", "rr_depth")
 
 class ImageError(ValueError):
     """A file that cannot be read as a render, or a picture that cannot be written as asked."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 def save(
@@ -155,10 +159,10 @@ def load_with_regions(
     image = _group(channels, "", where)
     assert image is not None
     stderr = _group(channels, "stderr.", where)
-    batches = [g for k in range(_MAX_BATCHES)
+    named = sum(name.startswith("batch.") for name in channels)
+    batches = [g for k in range(min(-(-named // 3), _MAX_BATCHES))
                if (g := _group(channels, f"batch.{k:03d}.", where)) is not None]  # fmt: skip
     stats = _stats(header, where)
-    named = sum(name.startswith("batch.") for name in channels)
     if named != 3 * len(batches) or any(f"batch.{k:03d}.R" not in channels
                                         for k in range(len(batches))):  # fmt: skip
         raise ImageError(f"{where}: channels batch.NNN.R/G/B are not numbered 000, 001, ...")

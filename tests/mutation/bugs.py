@@ -28,7 +28,7 @@ class Case:
 class Mutant:
     """A planted bug: `old` becomes `new` in cpp/`file`, or `shape` reflects `factor` times.
 
-    also: further (old, new) in the same file.
+    also: further (old, new) in the same file; elsewhere: (file, old, new).
     """
 
     name: str
@@ -39,11 +39,15 @@ class Mutant:
     shape: str = ""
     factor: float = 1.0
     also: tuple[tuple[str, str], ...] = ()
+    elsewhere: tuple[tuple[str, str, str], ...] = ()
 
     @property
-    def edits(self) -> tuple[tuple[str, str], ...]:
-        """All (old, new) in the file."""
-        return ((self.old, self.new), *self.also) if self.file else ()
+    def edits(self) -> tuple[tuple[str, str, str], ...]:
+        """All (file, old, new)."""
+        if not self.file:
+            return ()
+        own = ((self.old, self.new), *self.also)
+        return (*((self.file, old, new) for old, new in own), *self.elsewhere)
 
 
 _QUICK = ("--width", "48", "--height", "48", "--spp", "1024")

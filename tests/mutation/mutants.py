@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.mutation.bugs import CASES, MUTANTS, Mutant
+from tests.mutation.level_bugs import MORE
 from veriray import device
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -86,12 +87,16 @@ def switched(text: str, edits: Sequence[tuple[int, str, str]]) -> str:
     return text
 
 
-def sources(mutants: Sequence[Mutant] = MUTANTS) -> dict[str, str]:
-    """Files of cpp/ with all mutants in them; mutant k of MUTANTS has the number k + 1."""
+#: Everything that one build holds; mutant k has the number k + 1.
+BUILT = (*MUTANTS, *MORE)
+
+
+def sources() -> dict[str, str]:
+    """Files of cpp/ with all mutants in them."""
     edits: dict[str, list[tuple[int, str, str]]] = {}
-    for mutant in mutants:
-        for old, new in mutant.edits:
-            edits.setdefault(mutant.file, []).append((MUTANTS.index(mutant) + 1, old, new))
+    for number, mutant in enumerate(BUILT, 1):
+        for file, old, new in mutant.edits:
+            edits.setdefault(file, []).append((number, old, new))
     return {file: switched((ROOT / "cpp" / file).read_text(), e) for file, e in edits.items()}
 
 
@@ -169,7 +174,7 @@ class Workshop:
         scene, reference = self.case(case)
         begin = time.perf_counter()
         edit = (mutant.shape, mutant.factor) if mutant and mutant.shape else ()
-        number = str(MUTANTS.index(mutant) + 1 if mutant else 0)
+        number = str(BUILT.index(mutant) + 1 if mutant else 0)
         answer: dict[str, Any] = json.loads(
             self._call(sys.executable, "-m", "tests.mutation.judge", self.target, self.module,
                        scene, reference, seed, *edit, **{SWITCH: number})

@@ -7,26 +7,37 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutation import mutants
+from tests.mutation import mutants, table
 from tests.mutation.bugs import CASES, MUTANTS, Mutant
-from tests.mutation.mutants import Workshop
+from tests.mutation.level_bugs import EXPLAINED, PYTHON
+from tests.mutation.mutants import BUILT, Workshop
 
-SOURCE = [m for m in MUTANTS if m.file]
+SOURCE = [m for m in BUILT if m.file]
 SLOW = [m for m in MUTANTS if m.case != "shipped"][::8]
 
 
 @pytest.mark.parametrize("mutant", SOURCE, ids=lambda m: m.name)
 def test_mutant_fits_the_source(root: Path, mutant: Mutant) -> None:
-    text = (root / "cpp" / mutant.file).read_text()
-    assert mutants.planted(text, mutant.edits) != text
+    for file in {file for file, _, _ in mutant.edits}:
+        text = (root / "cpp" / file).read_text()
+        edits = [(old, new) for name, old, new in mutant.edits if name == file]
+        assert mutants.planted(text, edits) != text
+
+
+@pytest.mark.parametrize("mutant", PYTHON, ids=lambda m: m.name)
+def test_python_mutant_fits_the_source(root: Path, mutant: Mutant) -> None:
+    text = (root / "python" / "veriray" / mutant.file).read_text()
+    assert text.count(mutant.old) == 1
+    compile(text.replace(mutant.old, mutant.new), mutant.file, "exec")
 
 
 def test_all_mutants_fit_one_build() -> None:
-    assert set(mutants.sources()) == {m.file for m in SOURCE}
+    assert set(mutants.sources()) == {file for m in SOURCE for file, _, _ in m.edits}
 
 
 def test_names_are_unique() -> None:
-    assert len({m.name for m in MUTANTS}) == len(MUTANTS)
+    names = {m.name for m in (*BUILT, *PYTHON)}
+    assert len(names) == len(BUILT) + len(PYTHON) and set(EXPLAINED) <= names
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -47,6 +58,22 @@ def test_switch_tells_edits_apart() -> None:
         mutants.switched(text, [(1, "b + c", "b"), (2, "c; d", "c; e")])
     with pytest.raises(ValueError, match="2 times"):
         mutants.switched("b b", [(1, "b", "c")])
+
+
+def test_page_of_the_levels() -> None:
+    caught = {"case": "closed.furnace", "verdict": "fail", "seconds": 0.25}
+    missed = {"case": None, "verdict": "pass", "seconds": 9.0}
+    row = {"language": "C++", "edits": [], "seconds": 9.2}
+    text = table.page({
+        "levels": [3, 4], "planted": 2, "caught_quick": 1, "caught": 1, "score_quick": 0.5,
+        "score": 0.5, "sound": True, "survivors": {"b": ""},
+        "unchanged": {n: {"ran": 5, "seconds": 9.4} for n in "34"},
+        "by_level": {"3": {"caught": 1, "alone": 1}, "4": {"caught": 0, "alone": 0}},
+        "rows": [{**row, "name": "a", "levels": {"3": caught, "4": missed}, "caught_by": [3]},
+                 {**row, "name": "b", "levels": {"3": missed, "4": missed}, "caught_by": []}],
+    })  # fmt: skip
+    assert "| a | 0.2 |  | `closed.furnace` |" in text and "| b |  |  | - |" in text
+    assert "finds 1 (50 %)" in text and "- b: unexplained" in text
 
 
 @pytest.fixture(scope="module")

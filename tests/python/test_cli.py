@@ -227,6 +227,12 @@ BAD: list[tuple[list[str], str]] = [
     (["compare", "missing.exr", "missing.exr"], "missing.exr"),
     (["compare", "empty.xml", "empty.xml"], "empty.xml"),
     (["compare", "a.exr", "b.exr", "-o", "report.pdf"], "report.pdf: unknown suffix"),
+    (["validate", "--level", "12"], "level = 12 is outside [1, 9]"),
+    (["validate", "--quick", "--full"], "not allowed with"),
+    (["validate", "--jobs", "-1"], "jobs = -1 is outside"),
+    (["validate", "--device", "gpu"], "device = 'gpu' is unknown"),
+    (["validate", "-o", "missing/r.html"], "missing/r.html: folder"),
+    (["validate", "-o", "r.pdf"], "r.pdf: unknown suffix; expected .html or .json"),
     (["bench"], "required: KIND"),
     (["bench", "live-rays", "cornell-box", "--json", "missing/b.json"], "missing/b.json: folder"),
     (["info"], "required: SCENE"),
@@ -334,7 +340,7 @@ def test_without_gpu() -> None:
 
 def test_version_and_help() -> None:
     assert run("--version").stdout == f"veriray {vr.__version__}\n"
-    commands = ("", "render", "compare", "info", "gallery", "bench live-rays", "doctor")
+    commands = ("", "render", "compare", "validate", "info", "gallery", "bench live-rays", "doctor")
     for command in map(str.split, commands):
         result = run(*command, "--help")
         assert result.returncode == 0 and result.stdout.startswith("usage: veriray")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import json
 import math
 import os
 from dataclasses import asdict, dataclass, field
@@ -13,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from veriray import html
 from veriray.compare.statistics import Cells, Test
+from veriray.html import BLUE, GREY, ORANGE, percent, plain
 from veriray.image import replacing, to_srgb8
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Array = NDArray[Any]
 
 _TEMPLATE = Path(__file__).with_name("report.html.j2")
-_BLUE, _ORANGE, _GREY = "#1f5fa8", "#c8581a", "#888888"
 
 
 @dataclass
@@ -139,14 +136,14 @@ class Report:
             self.verdict = f"No verdict: the mean of the picture cannot be tested ({why})."
         elif target is not None and (seen is None or not seen <= target):
             self.verdict = (
-                f"No verdict: no difference found, but a bias of {_percent(seen)} "
-                f"all over the picture could hide; the target is {_percent(target)}."
+                f"No verdict: no difference found, but a bias of {percent(seen)} "
+                f"all over the picture could hide; the target is {percent(target)}."
             )
         else:
             self.result = "pass"
             self.verdict = (
                 f"The pictures agree: no difference found {rate}; a bias of "
-                f"{_percent(seen)} all over the picture would be found 9 times in 10."
+                f"{percent(seen)} all over the picture would be found 9 times in 10."
             )
 
     def to_dict(self) -> dict[str, Any]:
@@ -156,11 +153,11 @@ class Report:
                      "figures", "ledger", "notes", "a", "b"):  # fmt: skip
             out[name] = getattr(self, name)
         out["tests"] = [asdict(t) for t in self.tests]
-        return {str(k): _plain(v) for k, v in out.items()}
+        return {str(k): plain(v) for k, v in out.items()}
 
     def to_json(self) -> str:
         """`to_dict` as JSON text; numbers that are not finite become null."""
-        return json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        return html.as_json(self.to_dict())
 
     def __str__(self) -> str:
         width = max((len(t.name) for t in self.tests), default=0)
@@ -173,7 +170,7 @@ class Report:
             lines.append(f"  {t.result:12} {t.name:{width}}{p}  {t.where}".rstrip())
         lines += [f"  not run      {name}: {why}" for name, why in self.not_run]
         lines += [
-            f"  sees         {row['scale']}: {_percent(row['median'])} (median of {row['cells']})"
+            f"  sees         {row['scale']}: {percent(row['median'])} (median of {row['cells']})"
             for row in self.power
         ]
         shown = ", ".join(f"{k} {v:.4g}" for k, v in self.metrics.items() if v is not None)
@@ -198,82 +195,23 @@ class Report:
 
     def to_html(self) -> str:
         """The report as one HTML page."""
-        import jinja2
-
-        environment = jinja2.Environment(
-            autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-        )
-        environment.filters.update(percent=_percent, number=_number)
-        template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
-        embedded = self.to_json().replace("<", "\\u003c")
-        return template.render(
-            r=self,
-            pictures=_pictures(self),
-            plots=_plots(self),
-            json=embedded,
-            ledger=_by_depth(self.ledger),
-        )
-
-
-def _percent(value: float | None) -> str:
-    return "unknown" if value is None or not math.isfinite(value) else f"{100 * value:.3g} %"
-
-
-def _number(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "" if value is None else str(value)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
-
-
-def _uri(data: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(data).decode()
+        return html.page(
+            _TEMPLATE, self.result, self.verdict, self.to_json(), r=self,
+            pictures=_pictures(self), plots=_plots(self), ledger=_by_depth(self.ledger),
+        )  # fmt: skip
 
 
 def _pictures(report: Report) -> list[tuple[str, str, str]]:
     """(title, caption, PNG data URI) of both pictures, on one display scale."""
-    from PIL import Image
-
     from veriray.compare.metrics import display_scale
 
     out = []
     maps = report.maps
     for title, picture in (("A", maps.a), ("B", maps.b)):
-        file = io.BytesIO()
         scaled = np.asarray(picture, np.float64) * display_scale(maps.b)
-        Image.fromarray(to_srgb8(scaled)).save(file, format="png")
         facts = report.a if title == "A" else report.b
-        out.append((title, f"{title}: {facts['name']}", _uri(file.getvalue())))
+        out.append((title, f"{title}: {facts['name']}", html.picture(to_srgb8(scaled))))
     return out
-
-
-def _figure(width: float, height: float, columns: int = 1) -> Figure:
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    style = {"font.size": 9, "font.family": "sans-serif", "axes.spines.top": False,
-             "axes.spines.right": False}  # fmt: skip
-    with matplotlib.rc_context(style):
-        figure = Figure(figsize=(width, height), layout="constrained", dpi=160)
-        figure.subplots(1, columns)
-    return figure
-
-
-def _png(figure: Figure) -> str:
-    file = io.BytesIO()
-    figure.savefig(file, format="png")
-    return _uri(file.getvalue())
 
 
 def _plots(report: Report) -> list[tuple[str, str, str]]:
@@ -291,18 +229,26 @@ def _plots(report: Report) -> list[tuple[str, str, str]]:
         )
         if maps.t is not None:
             limit = max(4.0, math.ceil(float(np.abs(maps.t).max())))
-            out.append(("map", "z-score of the difference per pixel", _map(maps.t, limit, "z")))
+            out.append(
+                ("map", "z-score of the difference per pixel", html.signed_map(maps.t, limit, "z"))
+            )
             out.append(
                 (
                     "plot",
                     "Do the z-scores follow chance? Left: their distribution; right: "
                     "quantiles. Under the curve and on the line: yes",
-                    _quantiles(maps),
+                    html.z_plot(maps.t, maps.dof),
                 )
             )
         if maps.t_blocks is not None and min(maps.t_blocks.shape) > 1:
             limit = max(4.0, math.ceil(float(np.abs(maps.t_blocks).max())))
-            out.append(("map", "z-score per block of 8x8 pixels", _map(maps.t_blocks, limit, "z")))
+            out.append(
+                (
+                    "map",
+                    "z-score per block of 8x8 pixels",
+                    html.signed_map(maps.t_blocks, limit, "z"),
+                )
+            )
     if report.means:
         out.append(
             (
@@ -325,70 +271,18 @@ def _plots(report: Report) -> list[tuple[str, str, str]]:
 
 def _difference_map(maps: Maps) -> str:
     a, b = (np.asarray(x, np.float64).mean(axis=-1) for x in (maps.a, maps.b))
-    percent = 100 * (a - b) / max(float(b.mean()), 1e-300)
-    limit = float(np.percentile(np.abs(percent), 99)) or float(np.abs(percent).max()) or 1.0
-    return _map(percent, limit, "%")
-
-
-def _map(values: Array, limit: float, unit: str) -> str:
-    height, width = values.shape
-    figure = _figure(4.6, min(max(4.0 * height / width, 1.2), 8))
-    axes = figure.axes[0]
-    shown = axes.imshow(values, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
-    axes.set_axis_off()
-    bar = figure.colorbar(shown, ax=axes, fraction=0.046, pad=0.02)
-    bar.set_label(unit)
-    bar.outline.set_visible(False)
-    return _png(figure)
-
-
-def _quantiles(maps: Maps) -> str:
-    from scipy.stats import t as student
-
-    assert maps.t is not None
-    z = np.sort(maps.t, axis=None)
-    figure = _figure(8.4, 3.2, columns=2)
-    left, right = figure.axes
-    edge = max(4.5, float(np.abs(z).max()) * 1.05)
-    grid = np.linspace(-edge, edge, 400)
-    left.hist(z, bins=np.linspace(-edge, edge, 81), density=True, color=_BLUE, alpha=0.55)
-    left.plot(
-        grid, student.pdf(grid, maps.dof), color=_ORANGE, lw=1.5, label="without a difference"
-    )
-    left.set_yscale("log")
-    left.set_ylim(bottom=0.3 / z.size)
-    left.set_xlabel("z")
-    left.set_ylabel("density")
-    left.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1))
-    pick = np.unique(
-        np.concatenate(
-            [
-                np.arange(min(200, z.size)),
-                np.linspace(0, z.size - 1, 600).astype(int),
-                np.arange(max(0, z.size - 200), z.size),
-            ]
-        )
-    )
-    from scipy.stats import beta
-
-    expected = student.ppf((pick + 0.5) / z.size, maps.dof)
-    band = [student.ppf(beta.ppf(q, pick + 1, z.size - pick), maps.dof) for q in (5e-4, 0.9995)]
-    right.fill_between(expected, *band, color=_ORANGE, alpha=0.2, lw=0, label="99.9 %, one by one")
-    right.plot(expected, expected, color=_ORANGE, lw=1)
-    right.plot(expected, z[pick], ".", ms=3, color=_BLUE)
-    right.set_xlabel("expected z")
-    right.set_ylabel("measured z")
-    right.legend(frameon=False)
-    return _png(figure)
+    relative = 100 * (a - b) / max(float(b.mean()), 1e-300)
+    limit = float(np.percentile(np.abs(relative), 99)) or float(np.abs(relative).max()) or 1.0
+    return html.signed_map(relative, limit, "%")
 
 
 def _means_plot(means: list[dict[str, Any]]) -> str:
     rows = means[:60]
-    figure = _figure(8.4, 0.8 + 0.2 * len(rows))
+    figure = html.figure(8.4, 0.8 + 0.2 * len(rows))
     axes = figure.axes[0]
-    colours = {"R": "#b3261e", "G": "#2e7d32", "B": _BLUE}
+    colours = {"R": "#b3261e", "G": "#2e7d32", "B": BLUE}
     for k, row in enumerate(rows):
-        colour = colours.get(row["name"][-1], _GREY)
+        colour = colours.get(row["name"][-1], GREY)
         axes.errorbar(
             100 * row["relative"],
             k,
@@ -398,32 +292,32 @@ def _means_plot(means: list[dict[str, Any]]) -> str:
             color=colour,
             elinewidth=1.5,
         )
-    axes.axvline(0, color=_GREY, lw=0.8)
+    axes.axvline(0, color=GREY, lw=0.8)
     axes.set_yticks(range(len(rows)), [row["name"] for row in rows])
     axes.invert_yaxis()
     axes.set_xlabel("A - B, per cent")
-    return _png(figure)
+    return html.png(figure)
 
 
 def _ledger_plot(ledger: list[dict[str, Any]]) -> str:
     live = [row for row in ledger if row["column"] == "live"]
     depth = [row["depth"] for row in live]
-    figure = _figure(8.4, 3.2, columns=2)
+    figure = html.figure(8.4, 3.2, columns=2)
     left, right = figure.axes
-    for key, colour, marker in (("share_a", _BLUE, "o"), ("share_b", _ORANGE, "x")):
+    for key, colour, marker in (("share_a", BLUE, "o"), ("share_b", ORANGE, "x")):
         share = [row[key] or math.nan for row in live]
         left.plot(depth, share, marker, ms=4, color=colour, label=key[-1].upper())
     left.set_yscale("log")
     left.set_xlabel("depth")
     left.set_ylabel("live rays / paths")
     left.legend(frameon=False)
-    right.axhspan(-3.29, 3.29, color=_GREY, alpha=0.15, lw=0, label="99.9 %, one by one")
-    right.plot(depth, [row["z"] for row in live], "o", ms=4, color=_BLUE)
-    right.axhline(0, color=_GREY, lw=0.8)
+    right.axhspan(-3.29, 3.29, color=GREY, alpha=0.15, lw=0, label="99.9 %, one by one")
+    right.plot(depth, [row["z"] for row in live], "o", ms=4, color=BLUE)
+    right.axhline(0, color=GREY, lw=0.8)
     right.set_xlabel("depth")
     right.set_ylabel("z of the difference")
     right.legend(frameon=False)
-    return _png(figure)
+    return html.png(figure)
 
 
 def _by_depth(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -352,7 +352,8 @@ def variance_ratio(a: Array, r: Array) -> tuple[float, float, Array]:
     """
     va, vr = (block_means(x.var(axis=0, ddof=1), 8) for x in (a, r))
     both = va + vr
-    used = (both > 0).all(axis=-1)
+    level = block_means(0.5 * (a.mean(axis=0) + r.mean(axis=0)), 8)
+    used = (both > 2e-12 * level**2).all(axis=-1)  # less is rounding alone
     if not used.any():
         return 1.0, 0.0, np.zeros(1)
     q = np.mean((va - vr)[used] / both[used], axis=-1)

@@ -9,6 +9,7 @@ Limits: 512 MiB a file, regular files only; PLY polygons with 3 or 4 corners. Po
 from __future__ import annotations
 
 import io
+import logging
 import re
 import warnings
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from .ply import MeshFileError
 
 Array = npt.NDArray[Any]
 MAX_BYTES = 512 * 2**20
-_NUMBER = re.compile(rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_NUMBER = re.compile(rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 
 
@@ -218,7 +219,10 @@ def _stl(data: bytes) -> tuple[Array, Array, None]:
                 " is not STL: neither binary of the stated size nor solid ... endsolid"
             )
         count = len(re.findall(rb"\bendfacet\b", data))
+    log = logging.getLogger("trimesh")  # prints tracebacks of what it then raises
+    level = log.level
     try:
+        log.setLevel(logging.CRITICAL + 1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             loaded: Any = trimesh.load(
@@ -229,6 +233,8 @@ def _stl(data: bytes) -> tuple[Array, Array, None]:
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         message = f"{type(error).__name__}: {str(error)[:200]}"
         raise MeshFileError(f" cannot be read as STL: {message}") from None
+    finally:
+        log.setLevel(level)
     if len(triangles) != count:
         raise MeshFileError(f" is damaged: {len(triangles)} triangles read, {count} expected")
     return vertices, triangles, None

@@ -79,7 +79,7 @@ class _Reader:
             text = read_bytes(path, MAX_BYTES, where).decode("utf-8-sig")
         except UnicodeDecodeError as error:
             raise SceneError(f"not UTF-8 text (byte {error.start})", name) from None
-        bare = re.sub(r"<!--.*?-->", lambda m: "\n" * m[0].count("\n"), text, flags=re.DOTALL)
+        bare = _without_comments(text)
         for word in ("<!DOCTYPE", "<!ENTITY"):
             at = bare.find(word)
             if at >= 0:
@@ -98,7 +98,8 @@ class _Reader:
             root = etree.fromstring(text.encode(), parser)
         except etree.XMLSyntaxError as error:
             line = error.lineno or 1
-            raise SceneError(f"not well-formed XML: {error.msg}", f"{name}:{line}") from None
+            reason = " ".join(str(error.msg).split())
+            raise SceneError(f"not well-formed XML: {reason}", f"{name}:{line}") from None
         return root, name
 
     def version(self, root: etree._Element, where: str) -> None:
@@ -322,6 +323,15 @@ class _Reader:
             with np.errstate(over="ignore", invalid="ignore"):
                 matrix = tf.compose(step, matrix)
         return matrix
+
+
+def _without_comments(text: str) -> str:
+    """`text` with comments replaced by their line ends."""
+    parts, at = [], 0
+    while (begin := text.find("<!--", at)) >= 0 and (end := text.find("-->", begin + 4)) >= 0:
+        parts += [text[at:begin], "\n" * text.count("\n", begin, end)]
+        at = end + 3
+    return "".join([*parts, text[at:]])
 
 
 def _text(value: object) -> str:

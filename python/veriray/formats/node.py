@@ -18,7 +18,7 @@ from typing import Any
 from ..errors import SceneError
 
 MAX_DEPTH = 32
-_FLOAT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_FLOAT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]{1,20}")
 
 
@@ -81,9 +81,13 @@ def shorten(value: object) -> str:
 
 
 def allowed(name: str, names: Iterable[str], what: str = "allowed") -> str:
-    """End of a message about an unknown `name`: the known names, and the closest of them."""
-    known = sorted(names)
-    text = f"; {what}: {', '.join(known)}" if known else f"; {what}: none"
+    """End of a message about an unknown `name`: the known names, and the closest of them.
+
+    At most 50 names are listed, and 1,000 compared.
+    """
+    known = sorted(names)[:1000]
+    listed = known[:50] + ["..."] * (len(known) > 50)
+    text = f"; {what}: {', '.join(listed)}" if known else f"; {what}: none"
     close = difflib.get_close_matches(name[:64], known, n=1)
     return f'{text}; did you mean "{close[0]}"?' if close else text
 

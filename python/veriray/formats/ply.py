@@ -192,8 +192,10 @@ class _Text:
             if length:
                 if not len(table) or at >= table.shape[1] or (table[:, at] != table[0, at]).any():
                     return None
+                if not 0 <= table[0, at] <= table.shape[1] or table[0, at] % 1:
+                    return None
                 count, at = int(table[0, at]), at + 1
-            if count < 0 or at + count > table.shape[1]:
+            if at + count > table.shape[1]:
                 return None
             result[name] = table[:, at : at + count] if length else table[:, at]
             at += count

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..html import tint
 from ..image import replacing, to_srgb8
 from .pictures import PICTURES, Picture
 
@@ -70,10 +71,7 @@ def side_by_side(ours: Render, theirs: Render, zoom: int = 4) -> Array:
     error = np.sqrt(np.square(ours.stderr, dtype=np.float64) + np.square(theirs.stderr))
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.nan_to_num((ours.image - theirs.image.astype(np.float64)) / error).mean(axis=-1)
-    high = np.clip(z / 4, 0, 1)[..., None]
-    low = np.clip(-z / 4, 0, 1)[..., None]
-    tint = 1 - high * [0.2, 0.85, 0.9] - low * [0.9, 0.65, 0.2]
-    panels = [to_srgb8(ours.image), to_srgb8(theirs.image), np.round(255 * tint).astype(np.uint8)]
+    panels = [to_srgb8(ours.image), to_srgb8(theirs.image), tint(z)]
     return np.concatenate(panels, axis=1).repeat(zoom, axis=0).repeat(zoom, axis=1)
 
 

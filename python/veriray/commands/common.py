@@ -1,0 +1,162 @@
+"""What the commands share: arguments, checks before work starts, progress."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import json
+import math
+import os
+import secrets
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from ..image import replacing
+from ..scene import SHIPPED, Scene, load_file
+
+LARGE_MESH = 50_000  # triangles above which the tree's build shows its progress
+DEVICES = "auto, cuda, cuda:N, cpu, cpu:avx512, cpu:avx2, cpu:portable"
+
+
+class CommandError(Exception):
+    """A mistake on the command line; its text is all that the user needs."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are `CommandError`."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raises CommandError."""
+        raise CommandError(f"{message} (see {self.prog} --help)")
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of commands that read a scene; `load` takes them."""
+    parser.add_argument(
+        "scene",
+        metavar="SCENE",
+        help=f"a Mitsuba 3 XML file, or a shipped scene: {', '.join(SHIPPED)}",
+    )
+    parser.add_argument(
+        "-D",
+        dest="defines",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="value of $KEY in the scene file (repeatable)",
+    )
+    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
+    parser.add_argument("--width", type=integer, help="film width in pixels")
+    parser.add_argument("--height", type=integer, help="film height in pixels")
+
+
+def integer(text: str) -> int:
+    """An argument that is a whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer") from None
+
+
+def number(text: str) -> float:
+    """An argument that is a number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+
+
+def load(arguments: argparse.Namespace) -> Scene:
+    """The scene that the arguments of `add_scene` name."""
+    parameters: dict[str, object] = {}
+    for define in arguments.defines:
+        key, sign, value = define.partition("=")
+        if not sign or not key:
+            raise CommandError(f"-D {define}: expected KEY=VALUE")
+        parameters[key] = value
+    name = arguments.scene
+    if name not in SHIPPED and not os.path.exists(name) and not os.path.splitext(name)[1]:
+        raise CommandError(
+            f"{name}: no such file, and no shipped scene of that name; shipped: "
+            f"{', '.join(SHIPPED)}"
+        )
+    return load_file(name, parameters)
+
+
+def check_output(path: str, suffixes: Sequence[str]) -> None:
+    """Raise for a path that cannot become a file: found out before hours of rendering, not after.
+
+    CommandError for an unknown suffix; OSError naming the path for a folder that is missing or not
+    writable, and for a path that is a folder or a device.
+    """
+    if Path(path).suffix.lower() not in suffixes:
+        raise CommandError(f"{path}: unknown suffix; expected {' or '.join(suffixes)}")
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), path)
+    if target.exists() and not target.is_file():
+        raise OSError(errno.EINVAL, "not a regular file", path)
+    if not target.parent.is_dir():
+        code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
+        raise OSError(code, f"folder {target.parent}: {os.strerror(code)}", path)
+    probe = target.with_name(f".veriray-{secrets.token_hex(8)}.tmp")
+    try:
+        os.close(os.open(probe, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+        os.unlink(probe)
+    except OSError as error:
+        raise OSError(error.errno, f"folder not writable: {error.strerror}", path) from error
+
+
+def write_json(path: str, values: dict[str, Any]) -> None:
+    """Write a JSON object, one key a line, so that the file appears whole or not at all.
+
+    Numbers that are not finite become strings ("nan", "inf"), as JSON has none. Raises OSError
+    naming the path.
+    """
+    lines = (
+        f"{json.dumps(k)}: {json.dumps(_finite(v), allow_nan=False)}" for k, v in values.items()
+    )
+    text = "{\n" + ",\n".join(lines) + "\n}\n"
+    with replacing(path) as file:
+        file.write(text.encode())
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(entry) for entry in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextlib.contextmanager
+def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """A progress callback: a bar on a terminal, one plain line elsewhere, None when quiet."""
+    if quiet:
+        yield None
+        return
+    if not sys.stderr.isatty():
+        print(title, file=sys.stderr, flush=True)
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda fraction: bar.update(task, completed=fraction)
+
+
+def show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """A warning as one line on standard error; fits `warnings.showwarning`."""
+    print(f"veriray: warning: {message}", file=sys.stderr)

@@ -1,0 +1,50 @@
+"""`veriray gallery`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from .common import DEVICES, integer, number, show_progress
+
+
+def add(commands: Any) -> None:
+    """Adds `gallery` to the parser."""
+    parser = commands.add_parser("gallery", help="render the figures of the 2016 report")
+    parser.add_argument("names", metavar="NAME", nargs="*", help="pictures (default: all)")
+    parser.add_argument("-o", "--output", metavar="DIR", default="gallery", help="(gallery)")
+    parser.add_argument("--mesh", metavar="PATH", help="closed mesh (default: a generated one)")
+    parser.add_argument("--spp", type=integer, help="samples per pixel (default: the scene's)")
+    parser.add_argument("--seed", type=integer, default=0, help="0 to 2^64-1 (default: 0)")
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--width", type=integer, help="pixels; the height keeps the shape")
+    size.add_argument("--scale", type=number, default=1.0, help="factor on width and height")
+    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
+    parser.add_argument("--threads", type=integer, help="CPU threads (default: all)")
+    parser.add_argument("--force", action="store_true", help="render finished pictures again")
+    parser.add_argument("--sheet", action="store_true", help="contact sheet alone, from DIR")
+    parser.add_argument("--docs", metavar="DIR", help="for the page and the sheet (default: -o)")
+    parser.add_argument("--list", action="store_true", help="print the names and leave")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    parser.set_defaults(handler=_gallery)
+
+
+def _gallery(arguments: argparse.Namespace) -> int:
+    from .. import gallery
+
+    if arguments.list:
+        print("\n".join(gallery.names()))
+        return 0
+    quiet = arguments.quiet
+    gallery.run(
+        arguments.names,
+        arguments.output,
+        sheet_only=arguments.sheet,
+        show=lambda title: show_progress(title, quiet),
+        say=None if quiet else lambda line: print(line, flush=True),
+        **{
+            name: getattr(arguments, name)
+            for name in "mesh spp seed width scale device threads force docs".split()
+        },
+    )
+    return 0

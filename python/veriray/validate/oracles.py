@@ -1,0 +1,119 @@
+"""Exact counterparts, in float64, of the renderer's mappings, phase function and Fresnel equations.
+
+`INVERSE` maps a sampled point to the unit square by its cumulative distribution, where it must be
+uniform; densities are per solid angle, per area of the disc and per unit of the weights of the
+triangle.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+#: Random numbers at the ends of their range and in its middle.
+CORNERS = (0.0, 2.0**-24, 0.5, 1 - 2.0**-24)
+
+
+def single(x: Any) -> Array:
+    """Rounded to float32, as float64."""
+    return np.asarray(x, np.float32).astype(np.float64)
+
+
+def normalised(v: Array) -> Array:
+    """Rows of unit length."""
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def directions(rng: np.random.Generator, n: int) -> Array:
+    """Uniform on the sphere, (n, 3)."""
+    return normalised(rng.normal(size=(n, 3)))
+
+
+def azimuth(p: Array) -> Array:
+    """Of the first two columns, in turns, [0, 1)."""
+    return np.arctan2(p[:, 1], p[:, 0]) / (2 * np.pi) % 1.0
+
+
+def one_minus_cos(p: Array) -> Array:
+    """1 - z of unit vectors, without cancellation about +z."""
+    r2 = p[:, 0] ** 2 + p[:, 1] ** 2
+    return np.where(p[:, 2] > 0, r2 / (1 + np.abs(p[:, 2])), 1 - p[:, 2])
+
+
+INVERSE: dict[str, Callable[[Array], tuple[Array, Array]]] = {
+    "cosine_hemisphere": lambda p: (1 - p[:, 2] ** 2, azimuth(p)),
+    "uniform_sphere": lambda p: ((1 - p[:, 2]) / 2, azimuth(p)),
+    "uniform_triangle": lambda p: (
+        (p[:, 0] + p[:, 1]) ** 2,
+        p[:, 1] / np.maximum(p[:, 0] + p[:, 1], 1e-30),
+    ),
+    "uniform_disk": lambda p: (p[:, 0] ** 2 + p[:, 1] ** 2, azimuth(p)),
+}
+
+
+def density(name: str, p: Array) -> Array:
+    """Of a mapping of `INVERSE` at its points."""
+    if name == "cosine_hemisphere":
+        return p[:, 2] / np.pi
+    constant = {"uniform_sphere": 1 / (4 * np.pi), "uniform_triangle": 2.0}
+    return np.full(len(p), constant.get(name, 1 / np.pi))
+
+
+def phase(away: Array, g: float) -> Array:
+    """L. Henyey, J. Greenstein, Astrophysical Journal 93 (1941), per solid angle.
+
+    away: half the squared distance of the two unit vectors (g < 0: of one and the opposite of the
+    other), which is 1 - cos without cancellation.
+    """
+    a = abs(g)
+    return (1 - a * a) / (4 * np.pi * ((1 - a) ** 2 + 2 * a * away) ** 1.5)
+
+
+def phase_inverse(p: Array, g: float) -> tuple[Array, Array]:
+    """Directions scattered about +z to the unit square.
+
+    For g > 0 the share beyond a cosine is
+    (1 - g^2) / (2 g) (1 / (1 - g) - 1 / sqrt(1 + g^2 - 2 g cos)).
+    """
+    a = abs(g)
+    less = one_minus_cos(p * [1, 1, math.copysign(1, g)])
+    root = np.sqrt((1 - a) ** 2 + 2 * a * less)
+    return np.clip(less * (1 + a) / (root * (root + 1 - a)), 0, 1), azimuth(p)
+
+
+def fresnel(cos_i: Any, eta: Any, k: Any = 0.0) -> Array:
+    """Reflectance for unpolarised light, by complex amplitudes: M. Born, E. Wolf, chapter 14.2.
+
+    eta + ik: index beyond over index here.
+    """
+    c = np.asarray(cos_i, np.float64)
+    n = np.asarray(eta, np.float64) + 1j * np.asarray(k, np.float64)
+    root = np.sqrt(n * n - (1 - c * c))
+    with np.errstate(invalid="ignore"):
+        s, p = (c - root) / (c + root), (n * n * c - root) / (n * n * c + root)
+    total = (n.imag == 0) & (n.real**2 <= 1 - c * c) & (n != 1)
+    return np.where(n == 1, 0.0, np.where(total, 1.0, (np.abs(s) ** 2 + np.abs(p) ** 2) / 2))
+
+
+def refracted(wo: Array, eta: float) -> Array:
+    """Snell's law about +z for rows wo with z > 0; eta: index beyond over index here."""
+    z2 = 1 - (1 - wo[:, 2:] ** 2) / eta**2
+    return np.concatenate([-wo[:, :2] / eta, -np.sqrt(np.maximum(z2, 0))], axis=1)
+
+
+@functools.lru_cache(maxsize=8)
+def _legendre(n: int) -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(n)
+
+
+def gauss(n: int, low: float, high: float) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss and Legendre's quadrature."""
+    x, w = _legendre(n)
+    return (low + high) / 2 + (high - low) / 2 * x, (high - low) / 2 * w

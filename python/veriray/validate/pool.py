@@ -1,0 +1,128 @@
+"""Jobs in worker processes. A worker that dies takes its own job with it and no other.
+
+Workers are spawned, not forked, as CUDA wants it. They are gone when the iteration is, however it
+ends: Ctrl-C reaches the parent alone, which ends them; one whose parent was killed ends itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing import connection, resource_tracker
+from typing import Any
+
+_CONTEXT = multiprocessing.get_context("spawn")
+_PATIENCE = 10.0  # seconds for a worker to leave
+
+
+@dataclass(frozen=True)
+class Died:
+    """In the place of a result: the job raised, its process ended, or its answer cannot be sent."""
+
+    how: str
+
+    def __str__(self) -> str:
+        return self.how
+
+
+def results(
+    function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int
+) -> Iterator[tuple[int, Any]]:
+    """Yields (k, function(*jobs[k])) in the order of completion, with `workers` processes.
+
+    function: importable by its name, its arguments and results can be pickled. The result of a job
+    that raised or whose process died is a `Died`. Close the iterator to end the workers early.
+    """
+    left = list(enumerate(jobs))[::-1]
+    crew: dict[Any, tuple[Any, int]] = {}  # pipe -> process, number of its job
+    leaving: list[Any] = []
+    try:
+        while left or crew:
+            while left and len(crew) < max(workers, 1):
+                pipe, process = _hire(function)
+                crew[pipe] = process, _give(pipe, left)
+            for pipe in connection.wait(list(crew)):
+                process, job = crew[pipe]
+                try:
+                    answer = pipe.recv()
+                except (EOFError, OSError):
+                    process.join()
+                    answer = Died(_how(process.exitcode))
+                    del crew[pipe]
+                else:
+                    if left:
+                        crew[pipe] = process, _give(pipe, left)
+                    else:
+                        pipe.close()  # it leaves
+                        leaving.append(process)
+                        del crew[pipe]
+                yield job, answer
+    finally:
+        for pipe, (process, _) in crew.items():
+            process.terminate()
+            pipe.close()
+            leaving.append(process)
+        for process in leaving:
+            process.join(_PATIENCE)
+            if process.exitcode is None:
+                process.kill()
+                process.join()
+
+
+def _give(pipe: Any, left: list[tuple[int, tuple[Any, ...]]]) -> int:
+    """Sends the next job; returns its number."""
+    number, arguments = left.pop()
+    with contextlib.suppress(OSError):  # a dead worker shows when it is asked for its answer
+        pipe.send(arguments)
+    return number
+
+
+def _hire(function: Callable[..., Any]) -> tuple[Any, Any]:
+    """A new worker: our end of its pipe, and its process."""
+    ours, theirs = _CONTEXT.Pipe()
+    process = _CONTEXT.Process(target=_serve, args=(theirs, function))
+    resource_tracker.ensure_running()  # it unblocks SIGINT
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        theirs.close()
+    return ours, process
+
+
+def _how(status: int) -> str:
+    if status < 0:
+        return f"the process died of signal {-status} ({signal.strsignal(-status)})"
+    return f"the process ended with status {status}"
+
+
+def _serve(pipe: Any, function: Callable[..., Any]) -> None:
+    """A worker: jobs in, results out, until the pipe ends."""
+    os.setpgrp()  # the terminal's Ctrl-C is the parent's
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            arguments = pipe.recv()
+            try:
+                answer = function(*arguments)
+            except Exception as error:
+                answer = Died(f"{type(error).__name__}: {error}")
+            try:
+                pipe.send(answer)
+            except (TypeError, AttributeError, ValueError, pickle.PicklingError) as error:
+                pipe.send(Died(f"its result cannot be sent: {error}"))
+
+
+def _leave_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,177 @@
+"""Running cases: on which devices, in which processes, with what false-alarm rate in all."""
+
+from __future__ import annotations
+
+import contextlib
+import fnmatch
+import importlib
+import os
+import pkgutil
+import platform
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from veriray import __version__
+from veriray import device as device_module
+from veriray.validate import pool
+from veriray.validate.trial import CASES, FIRST, LEVELS, SECOND, Case, Outcome, judge
+
+#: The whole run of a sound program fails less often than this.
+FAMILY = 1e-3
+FULL_EFFORT = 4
+MAX_WORKERS = 64
+
+
+def cases(levels: Iterable[int] | None = None, *, full: bool = False,
+          pattern: str = "*") -> list[Case]:  # fmt: skip
+    """The cases of some levels (default: all), the quick ones or all; `pattern`: of ids."""
+    from veriray.validate import levels as modules
+
+    for module in pkgutil.iter_modules(modules.__path__):
+        importlib.import_module(f"{modules.__name__}.{module.name}")
+    wanted = set(LEVELS if levels is None else levels)
+    return [
+        c for c in sorted(CASES.values(), key=lambda c: c.level)
+        if c.level in wanted and (full or c.quick)
+        and (pattern == c.id or fnmatch.fnmatchcase(c.id, pattern))
+    ]  # fmt: skip
+
+
+def fast_devices() -> list[str]:
+    """The fastest CPU device and every GPU: enough where level 6 proves the others equal."""
+    names = [d.name for d in device_module.devices()]
+    cpu = [n for n in names if n.startswith("cpu")]
+    return cpu[:1] + [n for n in names if n.startswith("cuda")]
+
+
+@dataclass
+class Validation:
+    """Outcome of a run; `passed` if no case failed and none was inconclusive.
+
+    false_alarm: bound on the probability that a sound program fails. seconds: elapsed.
+    """
+
+    full: bool
+    seed: int
+    devices: dict[str, str]
+    false_alarm: float
+    outcomes: list[Outcome] = field(default_factory=list)
+    seconds: float = 0.0
+    facts: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """No failure, error or inconclusive case, and something ran."""
+        verdicts = {o.verdict for o in self.outcomes}
+        return "pass" in verdicts and verdicts <= {"pass", "skip"}
+
+    def levels(self) -> list[dict[str, Any]]:
+        """One row a level: number, name, cases, verdict, sees (smallest, largest), seconds ..."""
+        rows = []
+        for level, name in LEVELS.items():
+            own = [o for o in self.outcomes if o.level == level]
+            if not own:
+                continue
+            seen = [o.sees for o in own if o.sees is not None]
+            counts = {v: sum(o.verdict == v for o in own)
+                      for v in ("pass", "fail", "error", "inconclusive", "skip")}  # fmt: skip
+            bad = counts["fail"] + counts["error"]
+            verdict = "fail" if bad else "inconclusive" if counts["inconclusive"] else "pass"
+            rows.append({
+                "level": level, "name": name, "cases": len(own), **counts,
+                "verdict": verdict if counts["pass"] or verdict != "pass" else "skip",
+                "checks": sum(o.checks for o in own), "tests": sum(o.tests for o in own),
+                "first_stage": sum(o.p is not None and o.p < FIRST for o in own),
+                "sees": [min(seen), max(seen)] if seen else None,
+                "samples": sum(o.samples for o in own), "seconds": sum(o.seconds for o in own),
+            })  # fmt: skip
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, as plain numbers, strings, lists and dictionaries."""
+        return {
+            "veriray": __version__, "passed": self.passed, "full": self.full, "seed": self.seed,
+            "devices": self.devices, "false_alarm": self.false_alarm, "seconds": self.seconds,
+            "facts": self.facts, "levels": self.levels(),
+            "cases": [asdict(o) for o in self.outcomes],
+        }  # fmt: skip
+
+
+def validate(
+    devices: Sequence[str] | None = None,
+    *,
+    levels: Iterable[int] | None = None,
+    full: bool = False,
+    pattern: str = "*",
+    seed: int = 1,
+    workers: int | None = None,
+    effort: int | None = None,
+    progress: Callable[[Outcome, int, int], object] | None = None,
+) -> Validation:
+    """Runs the validation suite on this machine.
+
+    Args:
+        devices: names as for `veriray.render`; None: the fastest CPU device and every GPU.
+        levels: numbers 1 to 9; None: all. pattern: of case ids, as in a shell.
+        full: all cases with four times the samples, not the quick ones alone.
+        seed: of everything random; the run is a function of it.
+        workers: processes; 0 runs in this one; None takes the processors, at most 64.
+        effort: factor on the samples instead of 1 (quick) or 4 (full).
+        progress: called after each case with its outcome, cases done and cases in all.
+
+    Returns:
+        The validation with every outcome, in the order of the cases.
+
+    Raises:
+        ValueError: no case fits. DeviceError: a device that cannot be used.
+    """
+    names = [device_module.select(d)[0].name for d in devices] if devices else fast_devices()
+    chosen = cases(levels, full=full, pattern=pattern)
+    if not chosen:
+        raise ValueError(f"no case fits levels {levels!r}, pattern {pattern!r}")
+    jobs = [(c.id, d) for c in chosen for d in (names[:1] if c.once else names)]
+    # each case fails a sound program with probability FIRST x second
+    second = min(SECOND, FAMILY / FIRST / (2 * len(jobs)))
+    effort = effort or (FULL_EFFORT if full else 1)
+    about = {d.name: d.description for d in device_module.devices()}
+    result = Validation(full, seed, {n: about[n] for n in names}, len(jobs) * FIRST * second)
+    result.facts = {
+        "system": platform.platform(terse=True), "machine": platform.machine(),
+        "python": platform.python_version(), "cpus": os.cpu_count(), "effort": effort,
+        "first": FIRST, "second": second,
+        "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }  # fmt: skip
+    begin = time.perf_counter()
+    done: dict[tuple[str, str], Outcome] = {}
+
+    def add(job: tuple[str, str], outcome: Outcome) -> None:
+        done[job] = outcome
+        if progress:
+            progress(outcome, len(done), len(jobs))
+
+    if workers is None:
+        workers = min(len(os.sched_getaffinity(0)), MAX_WORKERS)
+    if workers < 1:
+        for job in jobs:
+            add(job, _work(*job, seed, effort, second, None))
+    else:
+        work = [(*job, seed, effort, second, 1) for job in jobs]
+        with contextlib.closing(pool.results(_work, work, min(workers, len(jobs)))) as answers:
+            for k, answer in answers:
+                if isinstance(answer, pool.Died):
+                    c = CASES[jobs[k][0]]
+                    answer = Outcome(c.id, c.level, c.title, jobs[k][1], "error", str(answer))
+                add(jobs[k], answer)
+    result.outcomes = [done[job] for job in jobs]
+    result.seconds = time.perf_counter() - begin
+    return result
+
+
+def _work(name: str, device: str, seed: int, effort: int, second: float,
+          threads: int | None) -> Outcome:  # fmt: skip
+    """One job, in whatever process."""
+    if name not in CASES:
+        cases()
+    return judge(CASES[name], device, seed=seed, effort=effort, threads=threads, second=second)

@@ -1,0 +1,157 @@
+"""Tests of counts and means, each with its error rates: what the levels are made of.
+
+Every function returns a p value: the probability of data at least as far off if the expectation is
+right. Tests of whole pictures are in `veriray.compare.statistics`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+Array = npt.NDArray[Any]
+
+#: Relative bias of a float32 renderer that is not called an error.
+MARGIN = 1e-5
+
+
+def sidak(p: float, tests: int) -> float:
+    """The p value of the smallest of `tests` independent p values."""
+    return float(-np.expm1(tests * np.log1p(-min(p, 1.0)))) if p < 1 else 1.0
+
+
+def max_z(z: Array) -> float:
+    """The p value of the largest |z| of independent standard normals."""
+    return sidak(2 * float(stats.norm.sf(np.abs(z).max())), np.size(z))
+
+
+def pooled(observed: Array, expected: Array, least: float = 10.0) -> tuple[Array, Array]:
+    """Cells joined in order of expectation until each expects at least `least`; none is lost."""
+    order = np.argsort(expected.ravel(), kind="stable")
+    groups = np.floor(np.cumsum(expected.ravel()[order]) / least).astype(np.int64)
+    starts = np.flatnonzero(np.diff(groups, prepend=-1))
+    o = np.add.reduceat(observed.ravel()[order], starts).astype(np.float64)
+    e = np.add.reduceat(expected.ravel()[order], starts).astype(np.float64)
+    if len(e) > 1 and e[-1] < least:
+        o[-2:], e[-2:] = o[-2:].sum(), e[-2:].sum()
+        o, e = o[:-1], e[:-1]
+    low = np.flatnonzero(e < least)
+    if len(low) and len(e) > 1:  # a thin group joins its neighbour
+        keep = np.ones(len(e), bool)
+        for i in low:
+            j = i + 1 if i + 1 < len(e) else i - 1
+            o[j] += o[i]
+            e[j] += e[i]
+            keep[i] = False
+        o, e = o[keep], e[keep]
+    return o, e
+
+
+def chi_square(observed: Array, expected: Array) -> float:
+    """The p value of counts against expectations of one total; 0 for a hit in an empty cell."""
+    if (observed[expected == 0] > 0).any():
+        return 0.0
+    o, e = pooled(np.asarray(observed), np.asarray(expected))
+    if len(e) < 2:
+        return 1.0
+    return float(stats.chi2.sf(((o - e) ** 2 / e).sum(), len(e) - 1))
+
+
+def grids(u: Array, v: Array) -> float:
+    """Uniformity of points in the unit square: three grids, coarse to fine, over the same points.
+
+    Points outside the square are a failure. Sidak over the three.
+    """
+    if not ((u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)).all():
+        return 0.0
+    worst = 1.0
+    for m, n in ((1, 8), (8, 4), (16, 32)):
+        i = np.minimum((u * m).astype(np.int64), m - 1)
+        j = np.minimum((v * n).astype(np.int64), n - 1)
+        counts = np.bincount(i * n + j, minlength=m * n)
+        worst = min(worst, chi_square(counts, np.full(m * n, len(u) / (m * n))))
+    return sidak(worst, 3)
+
+
+def binomial(count: int, n: int, p: float) -> float:
+    """Two-sided exact test of `count` successes in n trials of probability p.
+
+    C. J. Clopper and E. S. Pearson, Biometrika 26 (1934): twice the smaller tail.
+    """
+    tail = min(stats.binom.cdf(count, n, p), stats.binom.sf(count - 1, n, p))
+    return min(1.0, 2 * float(tail))
+
+
+def homogeneous(counts: Array) -> float:
+    """Chi-square test that rows of counts (one per sample, columns are classes) are alike.
+
+    K. Pearson, Biometrika 8 (1911). Classes expecting fewer than 10 in a row join their neighbour.
+    """
+    table = np.asarray(counts, np.float64)
+    total = table.sum(axis=0)
+    share = table.sum(axis=1).min() / max(total.sum(), 1)
+    groups = np.floor(np.cumsum(total * share) / 10).astype(np.int64)
+    starts = np.flatnonzero(np.diff(groups, prepend=-1))
+    table = np.add.reduceat(table, starts, axis=1)
+    if table.shape[1] > 1 and (table.sum(axis=0) * share)[-1] < 10:
+        table = np.concatenate([table[:, :-2], table[:, -2:].sum(axis=1, keepdims=True)], axis=1)
+    table = table[:, table.sum(axis=0) > 0]
+    if table.shape[1] < 2:
+        return 1.0
+    expected = np.outer(table.sum(axis=1), table.sum(axis=0)) / table.sum()
+    dof = (table.shape[0] - 1) * (table.shape[1] - 1)
+    return float(stats.chi2.sf(((table - expected) ** 2 / expected).sum(), dof))
+
+
+def welch(a: Array, b: Array) -> float:
+    """Two-sided p value that two samples have one mean: B. L. Welch, Biometrika 34 (1947).
+
+    Columns are tested one by one; the smallest p value, corrected by Sidak, is returned.
+    """
+    x, y = (np.asarray(v, np.float64).reshape(len(v), -1) for v in (a, b))
+    same = (x.var(axis=0) == 0) & (y.var(axis=0) == 0)
+    if (x.mean(axis=0) != y.mean(axis=0))[same].any():
+        return 0.0
+    p = stats.ttest_ind(x[:, ~same], y[:, ~same], equal_var=False).pvalue
+    return sidak(float(p.min()), p.size) if p.size else 1.0
+
+
+def smallest_bias(error: float, mean: float, alpha: float = 1e-3, power: float = 0.9) -> float:
+    """Relative bias that a two-sided z test at level alpha finds with the given power.
+
+    (z of alpha / 2 + z of power) x standard error / mean.
+    """
+    z = float(stats.norm.isf(alpha / 2) + stats.norm.ppf(power))
+    return z * error / abs(mean) if mean else math.inf
+
+
+#: Coarse grids see a wrong scale or tilt, fine ones a wrong place.
+GRIDS = ((1, 8), (8, 4), (16, 16), (32, 64))
+
+
+def grid_family(u: Array, v: Array, drawn: int | None = None, chance: float = 1.0) -> float:
+    """Uniformity of points in the unit square: chi-square on four grids over the same points.
+
+    One grid is weak: 2,500 cells with 10^6 points accept a density that is 1 % wrong. drawn:
+    samples in all, each of which gives a point with probability `chance`; the lost ones fill a cell
+    of their own. A point outside the square is a failure. Sidak over the four.
+    """
+    drawn = len(u) if drawn is None else drawn
+    inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    if not inside.all() or (chance >= 1 and drawn != len(u)):
+        return 0.0
+    worst = 1.0
+    for m, n in GRIDS:
+        i = np.minimum((u * m).astype(np.int64), m - 1)
+        j = np.minimum((v * n).astype(np.int64), n - 1)
+        counts = np.bincount(i * n + j, minlength=m * n).astype(np.float64)
+        expected = np.full(m * n, drawn * chance / (m * n))
+        if chance < 1:
+            counts = np.append(counts, drawn - len(u))
+            expected = np.append(expected, drawn * (1 - chance))
+        worst = min(worst, chi_square(counts, expected))
+    return sidak(worst, len(GRIDS))

@@ -1,0 +1,15 @@
+"""The targets by name."""
+
+import importlib
+from pathlib import Path
+
+from tests.fuzz.contract import Target
+
+FORMATS = ("xml", "dictionary", "obj", "ply", "stl", "exr")
+CORPUS = Path(__file__).parent / "corpus"
+
+
+def target(name: str) -> Target:
+    """The target of a format."""
+    found: Target = importlib.import_module(f"tests.fuzz.{name}").TARGET
+    return found

@@ -1,0 +1,381 @@
+"""Planted bugs for `tests.mutation.levels` alone: some change no picture, some one file of Python.
+
+MORE: in C++, as in `bugs`. PYTHON: in python/veriray, `old` a part of a line that becomes `new`.
+EXPLAINED: why a bug may survive.
+"""
+
+from __future__ import annotations
+
+from tests.mutation.bugs import (
+    _ADD,
+    _CAMERA,
+    _DIRECT,
+    _DIVIDE,
+    _EVAL,
+    _FRESNEL,
+    _HIT,
+    _JITTER_X,
+    _LIGHT,
+    _LIT,
+    _MAPPING,
+    _MATERIAL,
+    _MEDIUM,
+    _PATH,
+    _PDF,
+    _Q,
+    _ROUND_LIGHT,
+    _T_MAX,
+    _TABLES,
+    Mutant,
+)  # fmt: skip
+
+_RNG, _FILM, _TILE, _CPU = "core/rng.h", "film/film.h", "schedulers/tile.h", "backends/cpu.cpp"
+_JOBS, _TRIANGLE, _SPHERE = "backends/instances.h", "geometry/triangle.h", "geometry/sphere.h"
+_FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/bvh_collapse.cpp", "scene/scene.cpp"
+_LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
+
+_HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
+_LEAVE = "fma(at.ng, at.offset * side, at.p)"
+_R = "F(0.5f) * fma(s, s, p * p)"
+_FLIGHT = "select(t < limit, albedo, one)"
+_MIS = "pdf / (pdf + other)"
+_NEE = "light.pdf_sa + value.pdf_sa"
+_UNIFORM = "to_float(u >> 8) * F(0x1p-24f)"
+_BETWEEN = "and_less(and_less(inside, F(0.f), t), t, t_max)"
+_KEY = "random_key(s.seed, upper)"
+_MET = "select(mirror, colour, s.weight)"
+_PHASE_PDF = "F(0.25f * kInvPi)"
+_SIGMA = "put(kMediumSigma + k, scaled);"
+_CHANCE = "lookup(scene.light_chance, prim, scene.primitive_count)"
+_PLAYS = "plays = plays & (most < F(1.f));"
+_FLOAT_FILM = """{
+    uint64_t* w = job.film.words + static_cast<uint64_t>(pixel[k]) * kFilmWords;
+    for (int c = 0; c < 3; ++c) {
+        const double x = static_cast<double>(radiance[c] * weight[k] * job.film.scale);
+        const float sum = static_cast<float>(to_double({w[4 * c], w[4 * c + 1]}, kSumScale)) +
+                          static_cast<float>(x);
+        const Fixed128 size = to_fixed(static_cast<double>(sum < 0 ? -sum : sum), kSumScale);
+        const Fixed128 total = sum < 0 ? negated(size) : size;
+        w[4 * c] = total.lo; w[4 * c + 1] = total.hi;
+        add_shared(w + 4 * c + 2, to_fixed(x * x, kSquareScale));
+    } }"""
+
+
+def _add(condition: str, value: str) -> str:
+    """The film's addition with another radiance where `condition` holds of radiance x."""
+    parts = ", ".join(
+        f"[&] {{ const float x = radiance[{c}]; return {condition} ? {value} : x; }}()"
+        for c in range(3)
+    )
+    call = "add_sample(sums_[pixel[k] - first_pixel_], changed, weight[k], job.film.scale);"
+    return f"{{ const float changed[3] = {{{parts}}}; {call} }}"
+
+
+_SCATTERING = (
+    Mutant("pi twice", _MATERIAL, _EVAL, "albedo * (pdf * F(kInvPi))"),
+    Mutant("hemisphere sampled evenly", _MAPPING, _HEMISPHERE,
+           "sincos_2pi(v, s, c); const F z = F(1.f) - u, r = sqrt(F(1.f) - z * z);"
+           " return {r * c, r * s, z};"),
+    Mutant("hemisphere 2 % too narrow", _MAPPING, _HEMISPHERE,
+           "sincos_2pi(v, s, c); const F r = F(.98f) * sqrt(u);"
+           " return {r * c, r * s, sqrt(F(1.f) - r * r)};"),
+    Mutant("albedo squared at the first bounce", _PATH,
+           "bsdf.sample(wo, uniform(random.z), uniform(random.w), uniform(lobe))",
+           "[&] { BsdfSample<L> n = bsdf.sample(wo, uniform(random.z), uniform(random.w),"
+           " uniform(lobe)); if (segment == 0) n.weight = n.weight * n.weight; return n; }()"),
+    Mutant("light from below the horizon", _DIRECT, "active & (cos_i > F(0.f))", "active",
+           also=(("material.eval(cos_i)", "material.eval(abs(cos_i))"),)),
+    Mutant("Schlick for Fresnel", _FRESNEL, _R,
+           "[&] { const F q = (F(1.f) - eta) / (F(1.f) + eta), r0 = q * q,"
+           " m = F(1.f) - select(eta < F(1.f), cos_t, cos_i);"
+           " return fma(F(1.f) - r0, m * m * m * m * m, r0); }()"),
+    Mutant("Fresnel +2 %", _FRESNEL, _R, "F(0.51f) * fma(s, s, p * p)"),
+    Mutant("total reflection from outside", _FRESNEL, "sin2_t >= F(1.f)",
+           "sin2_t * (eta * eta) * (eta * eta) >= F(1.f)"),
+    Mutant("Fresnel twice in the mirror", _MATERIAL, _MET,
+           "select(mirror, kInterface ? colour * fresnel.reflected : colour, s.weight)"),
+    Mutant("metal mirrors without Fresnel", _MATERIAL,
+           "reflection * V{fresnel_conductor(c, eta.x, k.x), fresnel_conductor(c, eta.y, k.y),"
+           " fresnel_conductor(c, eta.z, k.z)}", "reflection"),
+    Mutant("refraction starts on the wrong side", _PATH, "fma(vertex.ng, -at.offset, at.p)",
+           "fma(vertex.ng, at.offset, at.p)"),
+    Mutant("reflection starts on the wrong side", _PATH, _LEAVE,
+           "fma(at.ng, -at.offset * side, at.p)"),
+)  # fmt: skip
+
+_ESTIMATOR = (
+    Mutant("power heuristic when hit, balance when sampled", _PATH, _MIS,
+           "pdf * pdf / (pdf * pdf + other * other)"),
+    Mutant("MIS weights swapped", _PATH, _MIS, "other / (pdf + other)",
+           elsewhere=((_DIRECT, _NEE,
+                       "light.pdf_sa * (light.pdf_sa + value.pdf_sa) / value.pdf_sa"),)),
+    Mutant("MIS density of another light", _PATH, _CHANCE,
+           f"select({_CHANCE} > F(0.f), F(scene.lights.count ?"
+           " scene.lights.table[kLightChance * scene.lights.stride] : 0.f), F(0.f))"),
+    Mutant("emission lost after a mirror", _PATH, _HIT,
+           "emitted * select((path.pdf_sa == F(0.f)) & !((path.ray.o.x == F(0.f)) &"
+           " (path.ray.o.y == F(0.f))), F(0.f), mis_weight(path.pdf_sa, pdf_light))"),
+    Mutant("emission lost at depth 0", _PATH, _LIT,
+           "(segment == 0 ? no_lanes(valid) : hit_emitter(scene, path, hit, at, valid))"),
+    Mutant("emission lost at depth 1", _PATH, _LIT,
+           "(segment == 1 ? no_lanes(valid) : hit_emitter(scene, path, hit, at, valid))"),
+    Mutant("roulette by luminance", _PATH, _PLAYS,
+           "{ most = F(.2126f) * path.throughput.x + F(.7152f) * path.throughput.y +"
+           " F(.0722f) * path.throughput.z;"
+           " if constexpr (has(kDielectric)) most = most * path.scale;"
+           " plays = plays & (most < F(1.f)); }"),
+    Mutant("roulette capped at 0.95", _PATH, _Q, _Q.replace("min(F(1.f), to", "min(F(.95f), to")),
+    Mutant("roulette divided out 1 % too much", _PATH, _DIVIDE,
+           "path.throughput * (F(1.01f) / q)"),
+    Mutant("roulette blind to the index", _PATH, "most * path.scale", "most"),
+)  # fmt: skip
+
+_LIGHTS = (
+    Mutant("light chosen and sampled by one number", _DIRECT,
+           "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).x >> 8",
+           "scatter.x >> 8"),
+    Mutant("lamp sampled on 98 % of its side", _LIGHT,
+           "fma(column3(column, kLightE1), u, fma(column3(column, kLightE2), v,"
+           " column3(column, kLightP)))",
+           "fma(column3(column, kLightE1), u * F(.98f), fma(column3(column, kLightE2), v,"
+           " column3(column, kLightP)))"),
+    Mutant("chance of a light left out of its density", _LIGHT_TABLE, "(end - before) * 0x1p-24",
+           "1.0"),
+    Mutant("density by area, not by solid angle", _LIGHT, _PDF, "column(kLightChance)"),
+    Mutant("triangle lamp sampled without the root", _MAPPING, "b1 = r * (F(1.f) - v); b2 = r * v;",
+           "b1 = u * (F(1.f) - v); b2 = u * v;"),
+    Mutant("inside of a sphere lamp dark", _LIGHT, "(at.cos_light * side) > F(0.f)",
+           "at.cos_light > F(0.f)"),
+    Mutant("sphere lamp's side ignored when sampled", _LIGHT, "(at.cos_light * side) > F(0.f)",
+           "abs(at.cos_light * side) > F(0.f)"),
+    Mutant("cone of a sphere lamp 2 % too wide", _ROUND_LIGHT,
+           "select(excess > F(0.f), cone, F(2.f))",
+           "select(excess > F(0.f), cone * F(1.02f), F(2.f))"),
+    Mutant("sky sampled over half the azimuth", _MAPPING,
+           "sincos_2pi(v, s, c); const F z = fma(F(-2.f), u, F(1.f)); const F r = F(2.f) *"
+           " sqrt(u * (F(1.f) - u)); return {r * c, r * s, z};",
+           "sincos_2pi(v * F(.5f), s, c); const F z = fma(F(-2.f), u, F(1.f)); const F r = F(2.f) *"
+           " sqrt(u * (F(1.f) - u)); return {r * c, r * s, z};"),
+    Mutant("edge of a spot 1 % too far", _LIGHT_TABLE, "cutoff * (kPiDouble / 180)",
+           "1.01 * cutoff * (kPiDouble / 180)"),
+    Mutant("sky's share left out when sampled", _LIGHT, "share * F(kUniformSpherePdf)",
+           "F(kUniformSpherePdf)"),
+)  # fmt: skip
+
+_MEDIA = (
+    Mutant("absorption for extinction", _TABLES, _SIGMA,
+           "put(kMediumSigma + k, scaled * (1 - static_cast<double>(in.albedo.data[3 * (m - 1) +"
+           " k])));"),
+    Mutant("extinction +2 %", _TABLES, _SIGMA, "put(kMediumSigma + k, scaled * 1.02);"),
+    Mutant("medium attenuates twice", _MEDIUM, _FLIGHT,
+           "select(t < limit, albedo, transmittance(sigma, limit))"),
+    Mutant("phase function over half the sphere", _MAPPING, _PHASE_PDF, "F(0.5f * kInvPi)"),
+    Mutant("phase function never backward", _MAPPING, "select(g < F(0.f), -cosine, cosine)",
+           "cosine"),
+    Mutant("medium ends before its boundary", _PATH,
+           "hit.t - Reader::exit_margin(scene, path.ray, hit, bounded)", "hit.t * F(.98f)"),
+    Mutant("camera always in vacuum", _PATH, "U(scene.camera_medium)", "U(0u)"),
+)  # fmt: skip
+
+_GEOMETRY = (
+    Mutant("rays start 0.02 off", _PATH, _LEAVE, "fma(at.ng, F(.02f) * side, at.p)"),
+    Mutant("rays start on the surface", _PATH, _LEAVE, "at.p"),
+    Mutant("shadow rays reach the lamp", _DIRECT, _T_MAX,
+           "shadow.t_max = light.distance * F(1.000001f);"),
+    Mutant("hits behind the ray accepted", _FLAT, _BETWEEN, "and_less(inside, t, t_max)"),
+    Mutant("hits nearer than 0.001 missed", _FLAT, _BETWEEN,
+           "and_less(and_less(inside, F(1e-3f), t), t, t_max)"),
+    Mutant("sphere by the naive discriminant", _SPHERE,
+           "c.square = fma(along, along, -excess(record, nearest));",
+           "c.square = fma(c.middle, c.middle, -c.outside);"),
+    Mutant("low part of a sphere's centre lost", _SCENE,
+           "low = static_cast<float>(x - static_cast<double>(high));", "low = 0.f;"),
+    Mutant("edges of triangles belong to none", _TRIANGLE, "least >= F(0.f)", "least > F(0.f)",
+           also=(("most <= F(0.f)", "most < F(0.f)"),)),
+    Mutant("fused products in the edge functions", _TRIANGLE, "x[1] * y[2] - y[1] * x[2]",
+           "fma(x[1], y[2], -(y[1] * x[2]))",
+           also=(("x[2] * y[0] - y[2] * x[0]", "fma(x[2], y[0], -(y[2] * x[0]))"),
+                 ("x[0] * y[1] - y[0] * x[1]", "fma(x[0], y[1], -(y[0] * x[1]))"))),
+    Mutant("boxes not padded", _BOXES, "x + sign * static_cast<double>(kBoxPad)", "x"),
+    Mutant("boxes too small by 1e-4", _BOXES, "x + sign * static_cast<double>(kBoxPad)",
+           "x - sign * 1e-4"),
+    Mutant("disc 1 % too small", "geometry/disk.h", "fma(a, a, b * b) <= F(1.f)",
+           "fma(a, a, b * b) <= F(.98f)"),
+    Mutant("quads 1e-4 too small", "scene/flat.cpp",
+           "shared[k] || shared[k + 2] ? static_cast<double>(kEdgeSlack) : 0.0", "-1e-4"),
+    Mutant("front of a smooth triangle by its corners", _SCENE,
+           "dot(f.area_vector(), n[0] + n[1] + n[2]) < 0", "false"),
+    Mutant("half of a leaf left out", "geometry/walk_batch.h", "hits &= (1u << count) - 1u;",
+           "hits &= (1u << (count + 1) / 2) - 1u;"),
+)  # fmt: skip
+
+_PICTURE = (
+    Mutant("no jitter", _PATH, _JITTER_X, "F(0.5f)"),
+    Mutant("field of view +1 %", _CAMERA_TABLE, "-2 * in.tan_half_x / in.width",
+           "-2.02 * in.tan_half_x / in.width"),
+    Mutant("camera ray not of unit length", _CAMERA, "at * (F(1.f) / sqrt(dot(at, at)))", "at"),
+    Mutant("lens ray not of unit length", _CAMERA, "d * (F(1.f) / sqrt(dot(d, d)))", "d"),
+    Mutant("lens sampled without the root", _CAMERA, "uniform_disk(u, v, x, y);",
+           "uniform_disk(u * u, v, x, y);"),
+    Mutant("near plane is a sphere", _PATH, "F(scene.camera.near_clip) / cosine",
+           "F(scene.camera.near_clip)"),
+    Mutant("tent filter 10 % too narrow", _FILTER, "tent(u) * F(f.radius)",
+           "tent(u) * F(0.9f * f.radius)"),
+    Mutant("mean over n + 1", _FILM, "static_cast<double>(n)", "static_cast<double>(n + 1)"),
+    Mutant("error bars 20 % short", _FILM, "ieee_sqrt(variance / (count - 1.0))",
+           "0.8 * ieee_sqrt(variance / (count - 1.0))"),
+    Mutant("samples clamped at 50", _TILE, _ADD, _add("x > 50.f", "50.f")),
+    Mutant("fireflies to 0", _TILE, _ADD, _add("x > 20.f", "0.f")),
+    Mutant("negative weights to 0", _TILE, _ADD,
+           "add_sample(sums_[pixel[k] - first_pixel_], radiance, weight[k] < 0 ? 0.f : weight[k],"
+           " job.film.scale);"),
+    Mutant("film summed in float32", _TILE, _ADD, _FLOAT_FILM),
+    Mutant("refused samples not reported", _TILE,
+           "log_fault(job.faults, pixel[k], sample[k], radiance);", "(void)radiance;"),
+    Mutant("film shifted by a pixel", _TILE, "flush(job.film, pixel + k, sums_[k]);",
+           "flush(job.film, (pixel + k + 1) % static_cast<uint32_t>(job.pixels()), sums_[k]);"),
+    Mutant("film shifted by a pixel when merged", _CPU,
+           "veriray::add(a, {other.impl->words[i], other.impl->words[i + 1]});",
+           "{ const size_t from = (i + kFilmWords) % impl->words.size();"
+           " veriray::add(a, {other.impl->words[from], other.impl->words[from + 1]}); }"),
+    Mutant("last samples of a picture lost", _CPU, "(job.samples + samples - 1) / samples",
+           "std::max(1u, job.samples / samples)"),
+    Mutant("first path of thrust lost", "schedulers/thrust.h", "index < 0", "index <= 0"),
+)  # fmt: skip
+
+_RANDOM = (
+    Mutant("random numbers may be 1", _RNG, _UNIFORM, "(to_float(u >> 8) + F(1.f)) * F(0x1p-24f)"),
+    Mutant("random numbers of 16 bits", _RNG, _UNIFORM, "to_float(u >> 16) * F(0x1p-16f)"),
+    Mutant("random numbers of 8 bits", _RNG, _UNIFORM, "to_float(u >> 24) * F(0x1p-8f)"),
+    Mutant("same numbers in every pixel", _RNG, "pixel + U(key.k0)", "U(key.k0)"),
+    Mutant("seed ignored", _JOBS, _KEY, "random_key(0, upper)"),
+    Mutant("upper half of the seed ignored", _RNG, "static_cast<uint32_t>(seed >> 32)", "0u"),
+    Mutant("upper half of the sample number ignored", _JOBS, _KEY, "random_key(s.seed, 0)"),
+    Mutant("batches share their numbers", _JOBS, "static_cast<uint32_t>(at)", "0u"),
+    Mutant("every second bounce shares its numbers", _RNG, "segment * kBlocksPerSegment + d",
+           "(segment & 1u) * kBlocksPerSegment + d"),
+    Mutant("neighbouring seeds share their numbers", _RNG, "return {h.x, h.y};",
+           "return {static_cast<uint32_t>(seed) + 0u * h.x, sample_high};"),
+    Mutant("hash without its shifts", _RNG,
+           "v = {v.x ^ (v.x >> 16), v.y ^ (v.y >> 16), v.z ^ (v.z >> 16), v.w ^ (v.w >> 16)};",
+           "v.x = v.x;"),
+)  # fmt: skip
+
+_COUNTS = (
+    Mutant("ledger one depth early", _TILE, "ledger.row(depth)",
+           "ledger.row(depth ? depth - 1 : 0)"),
+    Mutant("an ended path not counted", _TILE, "count(e.absorbed & !bad)",
+           "(count(e.absorbed & !bad) & ~1u)"),
+    Mutant("roulette counted as absorption", _TILE, "row[kRrKilled] += count(e.rr_killed & !bad);",
+           "row[kAbsorbed] += count(e.rr_killed & !bad);"),
+    Mutant("blocked shadow rays counted as free", _TILE, "count(e.visible)",
+           "count(e.visible | e.occluded)"),
+)  # fmt: skip
+
+_REPAIRED = (  # bugs that veriray had
+    Mutant("near plane ignored in a medium", _CAMERA_TABLE,
+           "in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6))",
+           "!(nearest > in.near_clip * (1 + 1e-6))"),
+    Mutant("Mitchell's sign changes between the table's edges", _CAMERA_TABLE,
+           "static_cast<float>(a + (x - cell) * (b - a))",
+           "static_cast<float>((-reach + 2. * reach * change / kSteps) * scale)"),
+    Mutant("root of a metal's Fresnel cancels", _FRESNEL,
+           "sqrt(select(d > F(0.f), F(0.5f) * (ab + d), F(2.f) * e2 * k2 /"
+           " max(ab - d, F(1e-30f))))",
+           "sqrt(max(F(0.5f) * (ab + d), F(0.f)))"),
+)  # fmt: skip
+
+#: Further bugs in C++, found by levels of `veriray validate` if at all.
+MORE = (
+    *_SCATTERING,
+    *_ESTIMATOR,
+    *_LIGHTS,
+    *_MEDIA,
+    *_GEOMETRY,
+    *_PICTURE,
+    *_RANDOM,
+    *_COUNTS,
+    *_REPAIRED,
+)
+
+
+def _python(name: str, file: str, old: str, new: str) -> Mutant:
+    return Mutant(name, file, old, new)
+
+
+#: Bugs in the package's Python.
+PYTHON = (
+    # camera and film
+    _python("degrees of the whole field of view", "numeric.py", "sin_cos_degrees(0.5 * angle)",
+            "sin_cos_degrees(angle)"),
+    _python("field of view always across", "camera.py", 'if axis == "y":', 'if axis == "":'),
+    _python("picture's aspect inverted", "camera.py",
+            "self.tan_half_x(width, height) * (height / width)",
+            "self.tan_half_x(width, height) * (width / height)"),
+    _python("principal point to the other side", "render.py",
+            '"principal_x": float(camera.principal_point_offset[0])',
+            '"principal_x": -float(camera.principal_point_offset[0])'),
+    _python("aperture's diameter for its radius", "render.py",
+            '"aperture_radius": camera.aperture_radius',
+            '"aperture_radius": 0.5 * camera.aperture_radius'),
+    _python("near plane forgotten", "render.py", '"near_clip": camera.near_clip',
+            '"near_clip": 0.0'),
+    _python("picture mirrored by lookat", "transform.py", "side = cross(upward, forward)",
+            "side = cross(forward, upward)"),
+    # transforms and meshes
+    _python("rotation clockwise", "transform.py", "s, c = sin_cos_degrees(angle)",
+            "s, c = sin_cos_degrees(-angle)"),
+    _python("transforms in reverse order", "formats/mitsuba_xml.py", "tf.compose(step, matrix)",
+            "tf.compose(matrix, step)"),
+    _python("normals transformed as points", "transform.py",
+            "m: Array = matrix[:3, :3] / np.abs(matrix[:3, :3]).max()",
+            "return matrix\n    m: Array = matrix[:3, :3]"),
+    _python("vertex normals not weighted by angle", "formats/mesh.py",
+            "np.tile(facing[:, axis], 3) * angles", "np.tile(facing[:, axis], 3)"),
+    _python("mirrored shapes inside out", "formats/shapes.py",
+            "flip = flip != (determinant(matrix) < 0)", "flip = bool(flip)"),
+    _python("disc's front behind", "formats/shapes.py", "        first, second = (0, 1)\n",
+            "        first, second = (1, 0)\n"),
+    _python("flip_normals of spheres ignored", "formats/shapes.py",
+            'bool(values["flip_normals"]) != (determinant(matrix) < 0)', "determinant(matrix) < 0"),
+    # materials, media, lights
+    _python("indices inside and outside swapped", "formats/materials.py",
+            'values["int_ior"] / values["ext_ior"]', 'values["ext_ior"] / values["int_ior"]'),
+    _python("red and blue swapped", "formats/mitsuba_xml.py",
+            "numbers = parse_floats(text, label, where, (1, 3))",
+            "numbers = parse_floats(text, label, where, (1, 3))[::-1]"),
+    _python("metal's outside ignored", "formats/materials.py", 'outside = values["ext_eta"]',
+            "outside = 1.0"),
+    _python("albedo of a medium from its absorption", "formats/materials.py",
+            "zip(scattering, total, strict=True)", "zip(absorption, total, strict=True)"),
+    _python("scale of a medium ignored", "formats/materials.py", 'x * values["scale"]', "x"),
+    _python("media inside and outside swapped", "formats/build.py",
+            'media.get("interior", -1), media.get("exterior", -1)',
+            'media.get("exterior", -1), media.get("interior", -1)'),
+    _python("beam of a spot as wide as its cutoff", "formats/build.py", "0.75 * cutoff",
+            "cutoff"),
+    _python("twosided forgotten", "formats/build.py", '"two_sided": True}', '"two_sided": False}'),
+    _python("mask transparent where it is opaque", "formats/build.py",
+            '"opacity": values["opacity"]', '"opacity": 1.0 - values["opacity"]'),
+    _python("point lights of a scaled scene not scaled", "scene.py",
+            "intensity[near] *= factor * factor", "intensity[near] *= factor"),
+    # merging and statistics
+    _python("film index shift in batches", "render.py", "means[k] = piece.sums() / size",
+            "means[k] = np.roll(piece.sums(), 1, axis=1) / size"),
+    _python("batches share their samples", "render.py",
+            "sample_begin=k * size, sample_end=(k + 1) * size", "sample_begin=0, sample_end=size"),
+    _python("last batch lost", "render.py", "            total.add(piece)\n",
+            "            if k + 1 < pieces:\n                total.add(piece)\n"),
+    _python("ledger of the last batch alone", "render.py", "total[: len(array)] += array",
+            "total[: len(array)] = array"),
+    _python("maximal depth one less", "render.py",
+            '"seed": seed,\n        "max_depth": scene_used.max_depth,',
+            '"seed": seed,\n        "max_depth": max(scene_used.max_depth - 1, -1),'),
+    _python("red and blue swapped in files", "image.py", 'enumerate("RGB")', 'enumerate("BGR")'),
+    _python("batch means in float16 in files", "image.py",
+            'add(f"batch.{k:03d}.", batch, f"batch_means[{k}]")',
+            'add(f"batch.{k:03d}.", np.float16(batch), f"batch_means[{k}]")'),
+)  # fmt: skip
+
+#: Survivors and why they are no fault of the suite.
+EXPLAINED: dict[str, str] = {}

@@ -1,0 +1,65 @@
+"""Runs one level of `veriray validate` until its first failure; prints JSON.
+
+    python -m tests.mutation.level_judge LEVEL quick|full SECONDS [LOG.json]
+
+with the package to be judged first on PYTHONPATH, alone with its native module. SECONDS: of work,
+after which the level ends as survived. LOG.json: seconds of the cases that a sound run passed: they
+alone run, cheap ones first; without it all run to the end and the seconds are told.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+FAILED = ("fail", "error")
+
+
+def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, Any]:
+    """Verdict on a level."""
+    begin = time.perf_counter()
+    try:
+        from veriray.validate.run import FAMILY, FULL_EFFORT, cases
+        from veriray.validate.trial import FIRST, SECOND, judge
+
+        second = min(SECOND, FAMILY / FIRST / (2 * len(cases(full=full))))
+        chosen = cases([level], full=full)
+    except Exception as error:  # a bug in Python may break whatever builds a scene
+        message = f"{type(error).__name__}: {error}"
+        return {"case": "(import)", "verdict": "error", "message": message, "ran": 0, "times": {},
+                "seconds": round(time.perf_counter() - begin, 2)}  # fmt: skip
+    known: dict[str, float] = json.loads(log.read_text()) if log else {}
+    if log:
+        chosen = sorted((c for c in chosen if c.id in known), key=lambda c: known[c.id])
+    times: dict[str, float] = {}
+    ran = 0
+    verdicts: dict[str, list[str]] = {}
+    found: dict[str, Any] = {"case": None, "verdict": "pass", "message": ""}
+    for case in chosen:
+        if log and time.perf_counter() - begin > limit:
+            found["message"] = f"stopped after {ran} of {len(chosen)} cases"
+            break
+        outcome = judge(case, "cpu", effort=FULL_EFFORT if full else 1, threads=1, second=second)
+        ran += 1
+        verdicts.setdefault(outcome.verdict, []).append(case.id)
+        if outcome.verdict == "pass":
+            times[case.id] = round(outcome.seconds, 3)
+        if outcome.verdict in FAILED and found["case"] is None:
+            found = {"case": case.id, "verdict": outcome.verdict, "p": outcome.p,
+                     "message": outcome.message[:300]}  # fmt: skip
+            if log:
+                break
+    return {
+        **found, "ran": ran, "seconds": round(time.perf_counter() - begin, 2),
+        "inconclusive": verdicts.get("inconclusive", [])[:5], "skipped": verdicts.get("skip", []),
+        "failed": [c for v in FAILED for c in verdicts.get(v, [])], "times": times,
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    answer = main(int(sys.argv[1]), sys.argv[2] == "full", float(sys.argv[3]),
+                  Path(sys.argv[4]) if sys.argv[4:] else None)  # fmt: skip
+    print("\n" + json.dumps(answer))

@@ -1,0 +1,78 @@
+"""Page of the planted bugs and the levels that catch them.
+
+Run as `python -m tests.mutation.table [FILE.json] [-o docs/mutation.md]`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from tests.mutation.level_bugs import EXPLAINED
+from tests.mutation.levels import RESULT
+from tests.mutation.mutants import ROOT
+from veriray.validate.trial import LEVELS
+
+
+def page(result: dict[str, Any]) -> str:
+    """Markdown of a result of `tests.mutation.levels`."""
+    levels = [str(n) for n in result["levels"]]
+    rows = result["rows"]
+    lines = [
+        "# Planted bugs, and which level finds them",
+        "",
+        f"{result['planted']} bugs of one place each were planted in C++ and Python and given to "
+        f"the quick levels of `veriray validate` on a CPU. **The quick run alone finds "
+        f"{result['caught_quick']} ({100 * result['score_quick']:.0f} %)"
+        + (f", the full run {result['caught']} ({100 * result['score']:.0f} %)"
+           if result["caught"] > result["caught_quick"] else "")
+        + f".** The unchanged program {'passes' if result['sound'] else 'FAILS'}. Written by "
+        "`python -m tests.mutation.table` from `benchmarks/results/mutants_levels.json`; the bugs "
+        "are in `tests/mutation/bugs.py` and `level_bugs.py`.",
+        "",
+        "| level | | cases | seconds | bugs found | found by it alone |",
+        "|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for n in levels:
+        sound, found = result["unchanged"][n], result["by_level"][n]
+        lines.append(f"| {n} | {LEVELS[int(n)]} | {sound['ran']} | {sound['seconds']:.0f} | "
+                     f"{found['caught']} | {found['alone']} |")  # fmt: skip
+    lines += [
+        "",
+        "Seconds of one processor until a level's first failed case; cheap cases go first. Empty: "
+        "the level passes. The case named is the quickest.",
+        "",
+        "| bug | " + " | ".join(levels) + " | found by |",
+        "|---|" + "---|" * (len(levels) + 1),
+    ]
+    for row in rows:
+        cells = []
+        for n in levels:
+            answer = row["levels"][n]
+            cells.append(f"{answer['seconds']:.1f}" if answer["case"] else "")
+        hits = [a for a in row["levels"].values() if a["case"]]
+        best = min(hits, key=lambda a: a["seconds"])["case"] if hits else ""
+        if not hits and row.get("full"):
+            best = "full run: " + next(iter(row["full"].values()))["case"]
+        name = row["name"] + (" (Python)" if row["language"] == "Python" else "")
+        lines.append(f"| {name} | " + " | ".join(cells) + f" | {f'`{best}`' if best else '-'} |")
+    if result["survivors"]:
+        lines += ["", "## Survivors", ""]
+        lines += [f"- {name}: {EXPLAINED.get(name) or why or 'unexplained'}"
+                  for name, why in result["survivors"].items()]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Command line."""
+    p = argparse.ArgumentParser(description="Page of the planted bugs")
+    p.add_argument("result", nargs="?", type=Path, default=RESULT)
+    p.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "mutation.md")
+    args = p.parse_args()
+    args.output.write_text(page(json.loads(args.result.read_text())))
+
+
+if __name__ == "__main__":
+    main()

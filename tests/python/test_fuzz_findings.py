@@ -1,0 +1,118 @@
+"""What fuzzing found stays repaired."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from veriray import image
+from veriray.errors import SceneError, SceneWarning
+from veriray.formats import mesh
+from veriray.scene import load_dict, load_file
+
+SCENE = '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>{}</scene>'  # noqa: E501
+ESCAPE = "\x1b[2J\x07\u202e"  # clears a terminal, rings, turns the text round
+
+
+def message(path: Path, content: str | bytes) -> str:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(SceneError) as caught:
+        if path.suffix == ".xml":
+            load_file(path)
+        else:
+            mesh.read(path, path.suffix[1:], "here")
+    return str(caught.value)
+
+
+def test_messages_hold_no_control_characters(tmp_path: Path) -> None:
+    texts = [
+        message(tmp_path / "a.obj", f"v 0 0 {ESCAPE}\n"),
+        message(tmp_path / "a.ply", f"ply\nformat ascii 1.0\n{ESCAPE}\nend_header\n"),
+        message(tmp_path / "a.xml", SCENE.format('<bsdf type="\u202ediffuse"/>')),
+        message(tmp_path / "a.xml", SCENE.format('<ref id="\u202e"/>')),
+        message(tmp_path / "a.xml", "<scene>\0</scene>"),
+    ]
+    with pytest.raises(SceneError) as caught:
+        load_dict({"type": "scene", "s": {"type": f"cube{ESCAPE}"}})
+    for text in (*texts, str(caught.value)):
+        assert text.isprintable()
+    assert "\\x1b[2J\\x07\\u202e" in texts[0]
+
+
+def test_warnings_hold_no_control_characters(tmp_path: Path) -> None:
+    (tmp_path / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "a.xml").write_text(SCENE.format(
+        '<shape type="obj" id="\u202e"><string name="filename" value="open.obj"/>'
+        '<bsdf type="dielectric"/></shape><emitter type="constant"/>'
+    ))  # fmt: skip
+    with pytest.warns(SceneWarning) as caught:
+        load_file(tmp_path / "a.xml")
+    assert all(str(w.message).isprintable() for w in caught)
+
+
+def test_channel_names_are_escaped(tmp_path: Path) -> None:
+    import OpenEXR
+
+    path = tmp_path / "a.exr"
+    pixels = np.zeros((2, 2), np.float32)
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {f"x{ESCAPE}": pixels}).write(str(path))
+    with pytest.raises(image.ImageError) as caught:
+        image.load(path)
+    assert str(caught.value).isprintable() and "\\x1b" in str(caught.value)
+
+
+DIGITS = "1" * 60_000
+SLOW = {
+    "digits of OBJ": ("a.obj", f"v 0 0 {DIGITS}x\n", "is not a vertex of 3 finite numbers"),
+    "digits of XML": ("a.xml", SCENE.replace("40", f"{DIGITS}x").format(""), "is not a number"),
+    "comments": ("a.xml", "<!--" * 500_000, "not well-formed XML"),
+    "many ids": (
+        "a.xml",
+        SCENE.format(
+            "".join(f'<bsdf type="null" id="{k}"/>' for k in range(9000))
+            + '<shape type="cube"><ref id="a"/></shape>'
+        ),
+        'there is no object with the id "a"; known: 0, 1, 10,',
+    ),
+    "long id": (
+        "a.xml",
+        SCENE.format(f'<shape type="cube" id="{DIGITS}"><float name="q" value="1"/></shape>'),
+        'unknown parameter "q"',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_large_files_end_soon_and_with_short_messages(tmp_path: Path, name: str) -> None:
+    file, content, words = SLOW[name]
+    begin = time.process_time()
+    text = message(tmp_path / file, content)
+    assert time.process_time() - begin < 2
+    assert words in text or name == "long id"
+    assert len(text) < 2100
+
+
+def test_comments_keep_their_lines(tmp_path: Path) -> None:
+    text = message(tmp_path / "a.xml", "<!-- a\n<!-- b --><!---->\n\n<!DOCTYPE x><scene/>")
+    assert "a.xml:4: DOCTYPE" in text
+
+
+@pytest.mark.parametrize("length", ["inf", "nan", "-inf", "1e300", "2.5", "-3", "4"])
+def test_length_of_a_face_is_a_number_of_corners(tmp_path: Path, length: str) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    text = message(tmp_path / "a.ply", f"{head}0 0 0\n1 0 0\n0 1 0\n{length} 0 1 2\n")
+    assert f'is damaged: "{length} 0 1 2" is no element face' in text
+
+
+def test_damaged_stl_prints_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture,
+                                    capfd: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+    level = logging.getLogger("trimesh").level
+    text = "solid x\nfacet normal 0 0 zero\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    message(tmp_path / "a.stl", text + "endloop\nendfacet\nvertex nan\nendsolid x\n")
+    assert not caplog.records and capfd.readouterr() == ("", "")
+    assert logging.getLogger("trimesh").level == level

@@ -48,7 +48,8 @@ def stranger(path: Path, cache: Path | None, *, size: int, batches: int, spp: in
             np.savez(kept, means=means, ledger=ledger)
     columns = {c: ledger[:, k].tolist() for k, c in enumerate(reference.COLUMNS)}
     stats = {"renderer": f"reference {reference.__version__}", "ledger": columns,
-             "max_depth": scene.max_depth, "rr_depth": scene.rr_depth, "filter": scene.film.filter}  # fmt: skip
+             "max_depth": scene.max_depth, "rr_depth": scene.rr_depth,
+             "filter": scene.film.filter}  # fmt: skip
     return as_render(np.asarray(means, np.float64), spp, seed, stats), found
 
 

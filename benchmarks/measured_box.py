@@ -58,8 +58,9 @@ def figure(render: veriray.Render, found: box.Difference, path: Path) -> None:
     for axes, name, k in zip(columns[1], "XYZ", range(3), strict=True):
         base = spectral.blocks(exact, BLOCK)[..., k]
         change = 100 * (spectral.blocks(ours, BLOCK)[..., k] / np.where(base > 0, base, 1) - 1)
-        limit = (5, 5, 20)[k]
-        view = axes.imshow(np.where(hidden, np.nan, change), cmap="RdBu_r", vmin=-limit, vmax=limit)
+        change[hidden] = np.nan
+        limit = 5 * np.ceil(np.nanpercentile(np.abs(change), 98) / 5)
+        view = axes.imshow(change, cmap="RdBu_r", vmin=-limit, vmax=limit)
         axes.set_title(f"{name}, error in %")
         plt.colorbar(view, ax=axes)
     for axes in columns.ravel():
@@ -80,7 +81,7 @@ def spectra(path: Path) -> None:
         left.plot(spectral.FINE, fine[paint], color=colour, label=paint)
     left.plot(spectral.FINE, lamp / lamp.max(), "k--", label="lamp, over its maximum")
     left.set(xlabel="nm", title="reflectance", ylim=(0, 1.02))
-    left.legend()
+    left.legend(loc=(0.02, 0.44), fontsize="small")
     shown = {"red, white": "tab:red", "green, white": "tab:green", "red, red": "darkred",
              "red, green": "tab:orange"}  # fmt: skip
     for name, colour in shown.items():

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.fuzz.contract import MAX_INPUT
-from tests.fuzz.formats import CORPUS, FORMATS, target
+from tests.fuzz.formats import FORMATS, corpus, target
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "fuzz.json"
@@ -52,7 +52,7 @@ class Run:
         self.work, self.findings, self.logs = (
             folder / name / place for place in ("work", "findings", "logs")
         )
-        for place in (self.work, self.findings, self.logs, CORPUS / name):
+        for place in (self.work, self.findings, self.logs, corpus(name)):
             place.mkdir(parents=True, exist_ok=True)
         self.words = folder / name / "words"
         self.words.write_text("\n".join(map(escaped, filter(None, target(name).words))) + "\n")
@@ -67,7 +67,7 @@ class Run:
             f"-max_total_time={left}", f"-max_len={MAX_INPUT}", f"-timeout={HANG}",
             "-rss_limit_mb=4096", "-print_final_stats=1", "-reload=5", "-len_control=0",
             f"-seed={self.seed * 1000 + self.starts}", f"-dict={self.words}",
-            f"-artifact_prefix={self.findings}/", str(self.work), str(CORPUS / self.name),
+            f"-artifact_prefix={self.findings}/", str(self.work), str(corpus(self.name)),
         ]  # fmt: skip
         threads = {f"{x}_NUM_THREADS": "1" for x in ("OPENBLAS", "OMP", "MKL")}
         with open(self.logs / str(self.starts), "wb") as log:
@@ -165,16 +165,16 @@ def main() -> int:
               "formats": {run.name: run.result() for run in runs}}  # fmt: skip
     for name, row in result["formats"].items():
         small = folder / name / "corpus"
-        row["corpus"] = minimised(name, small, CORPUS / name, folder / name / "work")
-        if args.keep and "error" not in row["corpus"]:
-            shutil.copytree(small, CORPUS / name, dirs_exist_ok=True)
-            for old in CORPUS.joinpath(name).iterdir():
+        row["corpus"] = minimised(name, small, corpus(name), folder / name / "work")
+        if args.keep and name != "render" and "error" not in row["corpus"]:
+            shutil.copytree(small, corpus(name), dirs_exist_ok=True)
+            for old in corpus(name).iterdir():
                 if not (small / old.name).exists():
                     old.unlink()
-        corpus = row["corpus"]
+        kept = row["corpus"]
         print(f"{name}: {row['executions']} executions in {row['seconds']} s x {row['processes']}, "
-              f"{row['edges']} edges; {corpus.get('lines_run')} of {corpus.get('lines')} lines by "
-              f"{corpus.get('inputs')} inputs ({corpus.get('bytes')} bytes); "
+              f"{row['edges']} edges; {kept.get('lines_run')} of {kept.get('lines')} lines by "
+              f"{kept.get('inputs')} inputs ({kept.get('bytes')} bytes); "
               f"{len(row['findings'])} findings")  # fmt: skip
         for finding in row["findings"]:
             print(f"  {finding['key']}: {finding['text']}")

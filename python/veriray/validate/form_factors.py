@@ -119,9 +119,8 @@ def perpendicular_rectangles(width: float, height: float, edge: float) -> float:
         + h * h * math.log(h * h * s / (q * z))
     )
     root = math.sqrt(z)
-    return (
-        w * math.atan(1 / w) + h * math.atan(1 / h) - root * math.atan(1 / root) + logs / 4
-    ) / (math.pi * w)
+    angles = w * math.atan(1 / w) + h * math.atan(1 / h) - root * math.atan(1 / root)
+    return (angles + logs / 4) / (math.pi * w)
 
 
 def coaxial_disks(r1: float, r2: float, h: float) -> float:

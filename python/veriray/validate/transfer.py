@@ -21,7 +21,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+from scipy import linalg, special
 
 from veriray.validate.dicts import fresnel
 from veriray.validate.form_factors import gauss
@@ -57,9 +57,9 @@ def _source(tau: float, mu: float, albedo: float, cells: int) -> tuple[Array, Ar
     row = np.empty(cells)  # integral of E1 over the cell at distance k cells
     row[0] = 2 * (1 - half[0])
     row[1:] = half[:-1] - half[1:]
-    kernel = row[np.abs(np.arange(cells)[:, None] - np.arange(cells))]
-    source = np.linalg.solve(np.eye(cells) - albedo / 2 * kernel, albedo * np.exp(-t / mu))
-    return t, source, h
+    column = -albedo / 2 * row
+    column[0] += 1
+    return t, linalg.solve_toeplitz(column, albedo * np.exp(-t / mu)), h
 
 
 def slab_reflectance(tau: float, mu: float, albedo: float = 1.0, cells: int = 1000) -> float:

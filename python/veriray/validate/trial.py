@@ -252,6 +252,18 @@ class Trial:
         most = int(stats.poisson.isf(1e-9, LEAKS * segments))
         self.check(out <= most, f"{out} of {segments} segments left a closed room")
 
+    def leaks(self, r: Render) -> Array:
+        """Paths that left a closed furnace of flat walls, by depth; no more than `LEAKS` allows.
+
+        They escape, or meet the back of a wall from outside and are absorbed.
+        """
+        ledger = r.stats["ledger"]
+        lost = np.array(ledger["escaped"]) + np.array(ledger["absorbed"])
+        most = stats.poisson.isf(1e-9, LEAKS * sum(ledger["live"]))
+        self.check(lost.sum() <= most, f"{lost.sum()} paths left a closed room")
+        self.check(sum(ledger["shadow_occluded"]) <= most, "walls of a box hide each other")
+        return lost
+
     def agrees(self, scene: Scene, exact: float | Sequence[float] | Array, spp: int, sees: float,
                margin: float = MARGIN, **settings: Any) -> Render:  # fmt: skip
         """Pixels of a render against `exact` (broadcast to the picture); returns the render.

@@ -137,8 +137,8 @@ def furnace_with_roulette(t: Trial, albedo: float, rr_depth: int) -> None:
     r = t.agrees(scene, 1 / (1 - rho), 1_600_000 if albedo < 0.9 else 320_000, sees=0.01)
     ledger = {name: np.array(column) for name, column in r.stats["ledger"].items()}
     dead = ledger["rr_killed"]
-    t.check(dead.sum() == r.spp and not dead[: rr_depth - 1].any(), "who dies, and when")
-    t.check(not ledger["escaped"].any() and not ledger["shadow_occluded"].any(), "closed")
+    lost = int(t.leaks(r).sum())
+    t.check(dead.sum() == r.spp - lost and not dead[: rr_depth - 1].any(), "who dies, and when")
     d = np.arange(len(dead) + 1)
     alive = np.where(d < rr_depth, 1.0, rho**d)
     expected = np.append((alive[:-1] - alive[1:]), alive[-1]) * r.spp
@@ -161,7 +161,7 @@ def truncated_furnace(t: Trial, depth: int) -> None:
     t.check(depth > 1 or not r.stderr.any(), "emission alone has no noise")
 
 
-@case(3, each={"room": ("long box", "mesh")}, quick=lambda room: room == "mesh")
+@case(3, each={"room": ("long box", "mesh")}, quick=lambda room: room != "mesh")
 def furnace_in_three_colours(t: Trial, room: str) -> None:
     """Colours do not mix; long walls; turned, in a tree, with triangle lights (A1).
 
@@ -224,7 +224,7 @@ def patched_sphere(targets: Array, fine: int = 6) -> tuple[list[Part], Array, Ar
 
 
 @case(3, each={"patch": (0, 1, 2), "depth": (1, 2, 3, 6, -1)},
-      quick=lambda patch, depth: patch == 2 and depth in (2, -1))  # fmt: skip
+      quick=lambda patch, depth: (patch, depth) in ((1, 2), (2, -1)))  # fmt: skip
 def integrating_sphere(t: Trial, patch: int, depth: int) -> None:
     """A sphere in three patches, one of them lit, and its series in depth (A6, L3).
 
@@ -296,7 +296,7 @@ def sphere_with_ports(t: Trial, wall: float) -> None:
     t.p(chi_square(counts, r.spp * np.append(expected, max(rest, 0))), "depths of death")
 
 
-@case(3, each={"where": ("wall", "disk")})
+@case(3, each={"where": ("wall", "disk")}, quick=lambda where: where == "wall")
 def sphere_with_a_flat_patch(t: Trial, where: str) -> None:
     """Part of a sphere is cut off by a reflecting disk that shines (A6).
 
@@ -314,7 +314,7 @@ def sphere_with_a_flat_patch(t: Trial, where: str) -> None:
     t.agrees(scene, wall if where == "wall" else e + b * wall, 800_000, sees=0.01)
 
 
-@case(3, each={"shape": ("cube", "box")})
+@case(3, each={"shape": ("cube", "box")}, quick=False)
 def mean_irradiance_of_a_closed_room(t: Trial, shape: str) -> None:
     """A point light off the centre of a room of one albedo: the mean over its walls (A7).
 
@@ -350,7 +350,7 @@ def mean_irradiance_of_a_closed_room(t: Trial, shape: str) -> None:
         t.sees(smallest_bias(error, truth), 0.01)
 
 
-@case(3, each={"kind": ("room", "glass", "medium")})
+@case(3, each={"kind": ("room", "glass", "medium")}, quick=lambda kind: kind == "glass")
 def equilibrium_of_a_furnished_room(t: Trial, kind: str) -> None:
     """Everything shines with what it does not reflect: G. Kirchhoff, 1860 (E1, E6).
 
@@ -368,13 +368,13 @@ def equilibrium_of_a_furnished_room(t: Trial, kind: str) -> None:
     objects = [d.flat("rectangle", 2 * n, -n, 2, *grey(shade))
                for n, shade in zip(sides, shades, strict=True)]  # fmt: skip
     metal = {**d.MIRROR, "specular_reflectance": d.rgb(0.7)}
+    block, shine = grey([0.9, 0.1, 0.4])
+    coat = d.glass(1.5, 1.0, "plastic", nonlinear=True, diffuse_reflectance=d.rgb(1))
     objects += [
         d.sphere([1.2, -1.1, -1.2], 0.7, *grey(0.8)),
         d.sphere([-1.2, -1.3, 0.8], 0.6, metal, 0.3 * radiance),
-        d.cuboid([-0.3, 1.0, -1.8], [0.6, 1.7, -1.1], grey([0.9, 0.1, 0.4])[0],
-                 emitter=d.area(grey([0.9, 0.1, 0.4])[1])),
-        d.sphere([-1.1, 1.2, 1.0], 0.5, d.glass(1.5, 1.0, "plastic", nonlinear=True,
-                                                diffuse_reflectance=d.rgb(1))),  # fmt: skip
+        d.cuboid([-0.3, 1.0, -1.8], [0.6, 1.7, -1.1], block, emitter=d.area(shine)),
+        d.sphere([-1.1, 1.2, 1.0], 0.5, coat),
     ]
     if kind == "glass":
         objects += [
@@ -385,8 +385,10 @@ def equilibrium_of_a_furnished_room(t: Trial, kind: str) -> None:
         ]  # fmt: skip
     if kind == "medium":
         fog = d.medium([1.0, 2.0, 3.0], 1.0, 0.5)
-        objects += [d.sphere([0.2, 0.1, 0.3], 0.8, d.NULL, interior=fog),
-                    d.cuboid([-1.4, 0.2, -1.2], [-0.6, 1.0, -0.4], d.glass(1.3), interior=fog)]  # fmt: skip
+        objects += [
+            d.sphere([0.2, 0.1, 0.3], 0.8, d.NULL, interior=fog),
+            d.cuboid([-1.4, 0.2, -1.2], [-0.6, 1.0, -0.4], d.glass(1.3), interior=fog),
+        ]
     eye = d.view([-0.2, -1.6, -0.5], [0.3, 0.2, 0.1], 100, 6)
     scene = d.scene(eye, *objects)
     # Single precision rounds 1 - albedo: the walls are off by 6e-8 / (1 - albedo) at most.
@@ -534,7 +536,8 @@ def over(half: float, height: float, size: int = 1) -> Any:
     return camera([0, 0, height], [0, 0, 0], 2 * math.degrees(math.atan(half / height)), [0, 1, 0])
 
 
-@case(3, each={"pair": ("parallel", "upright", "long parallel", "tall upright")})
+@case(3, each={"pair": ("parallel", "upright", "long parallel", "tall upright")},
+      quick=lambda pair: " " not in pair)  # fmt: skip
 def square_to_square(t: Trial, pair: str) -> None:
     """Form factors of squares and rectangles, parallel and at a right angle (A14).
 
@@ -605,7 +608,7 @@ HALVES = {
 
 
 @case(3, each={"light": HALVES, "screen": ("quad", "disk", "mesh")},
-      quick=lambda light, screen: screen == "quad" or light == "ball")  # fmt: skip
+      quick=lambda light, screen: screen == "quad")  # fmt: skip
 def occluded_half(t: Trial, light: str, screen: str) -> None:
     """An upright screen through the normal hides half of a lamp, or of the sky (A17).
 
@@ -621,8 +624,8 @@ def occluded_half(t: Trial, light: str, screen: str) -> None:
     else:
         grid = [quad([gap, y, z], [0, 5, 0], [0, 0, 5], 0, 0, True)
                 for y in np.arange(-50, 50, 5) for z in np.arange(0, 50, 5)]  # fmt: skip
-        hides = Part(np.concatenate([q.vertices for q in grid]),
-                     np.concatenate([q.faces + 4 * k for k, q in enumerate(grid)]), 0, 0, True)  # fmt: skip
+        faces = np.concatenate([q.faces + 4 * k for k, q in enumerate(grid)])
+        hides = Part(np.concatenate([q.vertices for q in grid]), faces, 0, 0, True)
     plate = quad([-0.2, -0.2, 0], [0.2, 0, 0], [0, 0.4, 0], 0.5)
     # seen at x = -1e-5: the plate's edge is behind the screen
     at = [-1e-5, 0, 0]
@@ -671,7 +674,7 @@ def small_bright_light(t: Trial) -> None:
     t.agrees(scene, exact, 1_600_000, sees=0.003)
 
 
-@case(3)
+@case(3, quick=False)
 def small_bright_light_found_by_the_path(t: Trial) -> None:
     """Radiance 10^4 outside a glass bowl over the point: only paths find it, as fireflies (A22).
 
@@ -842,7 +845,7 @@ def swap_room(kind: str, shine: int, rng: np.random.Generator) -> tuple[veriray.
     return d.scene(eye, *objects), (2 * half) ** 2 / albedo * patches[shine][4]
 
 
-@case(3, each={"kind": ROOMS}, quick=lambda kind: kind in ("glass", "fog"))
+@case(3, each={"kind": ROOMS}, quick=lambda kind: kind in ("diffuse", "glass"))
 def source_and_sensor_change_places(t: Trial, kind: str) -> None:
     """The light of one patch on another, and the other way round, in a random room (E5, E7).
 
@@ -878,8 +881,9 @@ def albedo_of_almost_one(t: Trial) -> None:
     rho, e = single(0.999999), single(1e-6)
     t.check(abs(rho - 0.99999898672) < 1e-11 and abs(e / (1 - rho) - 0.986895) < 1e-6)
     r = t.render(furnace(0.999999, 1e-6, rr_depth=2**31 - 1), 16)
-    t.check(r.stats["live_rays"] == [r.spp] * n)
-    t.check(r.stats["ledger"]["depth_cut"][-1] == r.spp)
+    arrive = r.spp - int(t.leaks(r).sum())
+    t.check(len(r.stats["live_rays"]) == n and r.stats["live_rays"][-1] == arrive, "live rays")
+    t.check(r.stats["ledger"]["depth_cut"][-1] == arrive, "all are cut at the end")
     exact = e * (1 - rho**n) / (1 - rho)
     off = abs(float(r.image.mean()) / exact - 1)
     t.check(off < 4 * float(r.stderr.max()) / exact + 4e-4, f"off by {off:.2g}")

@@ -248,7 +248,7 @@ def shadow_of_a_ball(t: Trial) -> None:
         t.agrees(scene(eye, FLOOR, ball, light), value, 10_000, sees=1e-3, margin=1e-4)
 
 
-@case(3)
+@case(3, quick=False)
 def penumbra_of_a_disk(t: Trial) -> None:
     """A disk of light behind the edge of a half plane, at seven places of the penumbra (A17).
 

@@ -74,7 +74,8 @@ LOSSLESS = {
 }
 
 
-@case(3, each={"name": LOSSLESS, "kind": ("sphere", "cube")})
+@case(3, each={"name": LOSSLESS, "kind": ("sphere", "cube")}, quick=lambda name, kind: (
+    kind == "sphere" or name in ("glass", "bubble", "plastic", "mask of mirror")))  # fmt: skip
 def white_furnace(t: Trial, name: str, kind: str) -> None:
     """A lossless body in a constant sky is invisible, at every pixel, silhouettes too (E2, A36).
 
@@ -143,7 +144,8 @@ def thermodynamic_equilibrium(t: Trial) -> None:
     t.agrees(within, n * n, 20_000, sees=1e-3)
 
 
-@case(3, each={"place": ("outside", "water", "glass")})
+@case(3, each={"place": ("outside", "water", "glass")},
+      quick=lambda place: place == "outside")  # fmt: skip
 def equilibrium_in_nested_glass(t: Trial, place: str) -> None:
     """Grey bodies at equilibrium in glass in water in a sky: G. Kirchhoff, 1860 (E6).
 
@@ -256,7 +258,11 @@ def facing(*above: Dict, rr_depth: int = 5) -> veriray.Scene:
     return scene(eye, ground, patch, *above, rr_depth=rr_depth)
 
 
-@case(3, each={"name": ("outside", "inside", "black plastic", "gold", "thin")})
+DIFFUSE_LIGHT = {"outside": 4_000_000, "inside": 800_000, "black plastic": 4_000_000,
+                 "gold": 200_000, "thin": 2_000_000}  # fmt: skip
+
+
+@case(3, each={"name": DIFFUSE_LIGHT}, quick=lambda name: name in ("inside", "gold"))
 def reflectance_for_diffuse_light(t: Trial, name: str) -> None:
     """A plane lit by diffuse light from one side (A31).
 
@@ -278,7 +284,7 @@ def reflectance_for_diffuse_light(t: Trial, name: str) -> None:
     for known, value in (("outside", 0.091778), ("inside", 0.596346)):
         t.check(name != known or abs(exact - value) < 1e-6)
     plane = flat("rectangle", [0, 0, 1], [0, 0, -1], 2000, material)
-    t.agrees(facing(plane), exact, 4_000_000, sees=0.01, margin=3e-5)
+    t.agrees(facing(plane), exact, DIFFUSE_LIGHT[name], sees=0.01, margin=3e-5)
 
 
 # ---- plates and stacks ----
@@ -377,7 +383,7 @@ STACKS = {  # indices from above, extinction of each layer between
 
 
 @case(3, each={"name": STACKS, "angle": (0, 50, 75)},
-      quick=lambda name, angle: angle == 50 or name == "filters")  # fmt: skip
+      quick=lambda name, angle: angle == 50 and name in ("coated", "aquarium"))  # fmt: skip
 def stack_of_plates(t: Trial, name: str, angle: float) -> None:
     """A pile of plates of any index, clear and coloured, at any angle (A32, A33).
 
@@ -415,7 +421,7 @@ def stack_of_plates(t: Trial, name: str, angle: float) -> None:
         t.agrees(seen, exact, 1_600_000 if name == "filters" else 800_000, sees=0.03)
 
 
-@case(3, each={"angle": (0, 60, 80)})
+@case(3, each={"angle": (0, 60, 80)}, quick=lambda angle: angle == 60)
 def varnish_over_a_diffuse_wall(t: Trial, angle: float) -> None:
     """A sheet of clear glass on a diffuse wall, by its geometry (A34, A31).
 
@@ -627,7 +633,7 @@ def shadow_rays_pass(t: Trial, material: str) -> None:
     t.check(not any(r.stats["ledger"]["shadow_occluded"]), "a shadow ray was stopped")
 
 
-@case(3, each={"depth": (2, -1)})
+@case(3, each={"depth": (2, -1)}, quick=lambda depth: depth == 2)
 def passes_do_not_count_as_bounces(t: Trial, depth: int) -> None:
     """Ten null shells around a floor and its lamp (A10, A2).
 
@@ -638,7 +644,7 @@ def passes_do_not_count_as_bounces(t: Trial, depth: int) -> None:
     shells = [sphere([0, 0, 0], 0.1 + 0.15 * k, NULL) for k in range(10)]
     exact = 0.5 * 3 * 4 * rectangle_above_corner(0.25, 0.25)
     seen = scene(view([-3, 0.3, 1], [0, 0, 0]), floor, lamp, *shells, max_depth=depth)
-    t.agrees(seen, exact, 400_000, sees=0.02)
+    t.agrees(seen, exact, 200_000, sees=0.02)
 
 
 # ---- shading normals ----

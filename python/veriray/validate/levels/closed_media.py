@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 from scipy import stats
 
 from veriray.validate.dicts import (
@@ -27,6 +28,7 @@ from veriray.validate.dicts import (
 )
 from veriray.validate.form_factors import gauss
 from veriray.validate.levels.closed_materials import facing
+from veriray.validate.scenes import Medium, Part, box, camera, make, material
 from veriray.validate.statistics import chi_square, max_z, smallest_bias
 from veriray.validate.transfer import (
     adding_doubling,
@@ -56,7 +58,8 @@ WHITE = {
 }
 
 
-@case(3, each={"name": WHITE, "boundary": ("null", "glass")})
+@case(3, each={"name": WHITE, "boundary": ("null", "glass")}, quick=lambda name, boundary: (
+    name != "grey" and (name == "forward") == (boundary == "glass")))  # fmt: skip
 def white_furnace_of_a_medium(t: Trial, name: str, boundary: str) -> None:
     """Albedo 1 in a null ball and in a glass ball, in a sky of 1 (E2).
 
@@ -141,7 +144,7 @@ def beer_lambert(t: Trial, boundary: str) -> None:
     t.agrees(seen, np.exp(-tau), 800_000, sees=0.02)
 
 
-@case(3)
+@case(3, quick=False)
 def beer_lambert_of_ten(t: Trial) -> None:
     """A lamp behind an absorbing slab of optical depth 10 (A40).
 
@@ -236,7 +239,7 @@ def chromatic_distance_to_a_wall(t: Trial) -> None:
 # ---- theory ----
 
 
-@case(3, once=True)
+@case(3, once=True, quick=False)
 def transfer_theory(t: Trial) -> None:
     """Solvers of the transfer equation against each other and printed values (A42, A43, A44).
 
@@ -281,7 +284,7 @@ HALF_SPACE = {1.0: (0.115226, 0.414947, 0.752721), 0.5: (0.160144, 0.507939, 0.8
               0.3: (0.191148, 0.560016, 0.844129)}  # fmt: skip
 
 
-@case(3, each={"mu": HALF_SPACE})
+@case(3, each={"mu": HALF_SPACE}, quick=lambda mu: mu == 0.5)
 def half_space(t: Trial, mu: float) -> None:
     """An isotropic half space in a sky of 1, three albedos as three channels; tau is 200 (A43).
 
@@ -293,7 +296,7 @@ def half_space(t: Trial, mu: float) -> None:
     t.agrees(scene(view(at(mu), [0, 0, 0]), ground, sky(1)), exact, 200_000, sees=0.02)
 
 
-@case(3)
+@case(3, quick=False)
 def spherical_albedo_of_a_half_space(t: Trial) -> None:
     """An isotropic half space lit by diffuse light (A43).
 
@@ -308,7 +311,7 @@ def spherical_albedo_of_a_half_space(t: Trial) -> None:
     t.agrees(facing(above), exact, 800_000, sees=0.02, margin=5e-5)
 
 
-@case(3, each={"mu": (1.0, 0.7, 0.25)})
+@case(3, each={"mu": (1.0, 0.7, 0.25)}, quick=lambda mu: mu == 0.7)
 def half_space_in_parallel_light(t: Trial, mu: float) -> None:
     """An isotropic half space under a sun at cosine .4 (A43).
 
@@ -328,7 +331,7 @@ def half_space_in_parallel_light(t: Trial, mu: float) -> None:
 
 @case(3, each={"mu": (1.0, 0.4)})
 def conservative_slab(t: Trial, mu: float) -> None:
-    """tau = 1, albedo 1, isotropic: of the sky above and of a lamp below (A44).
+    """Tau = 1, albedo 1, isotropic: of the sky above and of a lamp below (A44).
 
     R = .341329, T = .658671 at mu = 1; R + T = 1. Sees 1 %.
     """
@@ -344,7 +347,7 @@ def conservative_slab(t: Trial, mu: float) -> None:
 @case(
     3,
     each={"eta": (1.0, 1.5), "g": (0.0, 0.75, -0.5), "tau": (0.5, 2.0, 1000.0), "mu": (1.0, 0.5)},
-    quick=lambda eta, g, tau, mu: (g, tau, mu) in ((0.75, 2.0, 1.0), (-0.5, 1000.0, 0.5)),
+    quick=lambda eta, g, tau, mu: (g, tau, mu) == (0.75, 2.0, 1.0),
 )  # fmt: skip
 def scattering_slab(t: Trial, eta: float, g: float, tau: float, mu: float) -> None:
     """Reflectance and transmittance of a slab, Henyey-Greenstein, matched or glassy (A43, A44).
@@ -361,14 +364,16 @@ def scattering_slab(t: Trial, eta: float, g: float, tau: float, mu: float) -> No
     slab = cuboid([-wide, -wide, -tau], [wide, wide, 0], material, interior=fog)
     dark = flat("rectangle", [0, 0, -tau - 20], [0, 0, 1], 1e6, BLACK)
     eye, below = at(mu), np.array([0, 0, -tau])
-    t.agrees(scene(view(eye, [0, 0, 0], 1e-3), slab, dark, sky(1)), exact[:, 0], 400_000, sees=0.03,
-             margin=5e-5)  # fmt: skip
+    seen = scene(view(eye, [0, 0, 0], 1e-3), slab, dark, sky(1))
+    spp = 800_000 if tau < 1 and eta == 1 else 300_000
+    t.agrees(seen, exact[:, 0], spp, sees=0.03, margin=5e-5)
     if tau < 1000:  # from below, the dark plane behind the camera
         under = view(below - eye, below, 1e-3)
-        t.agrees(scene(under, slab, dark, sky(1)), exact[:, 1], 400_000, sees=0.03, margin=5e-5)
+        t.agrees(scene(under, slab, dark, sky(1)), exact[:, 1], spp, sees=0.03, margin=5e-5)
 
 
-@case(3, each={"side": ("above", "below"), "mu": (1.0, 0.3)})
+@case(3, each={"side": ("above", "below"), "mu": (1.0, 0.3)},
+      quick=lambda side, mu: (side == "above") == (mu == 0.3))  # fmt: skip
 def slab_in_parallel_light(t: Trial, side: str, mu: float) -> None:
     """An isotropic slab of tau = 1 under a sun at cosine .6, from above and below (A44).
 
@@ -422,7 +427,7 @@ def single_scattering_has_the_phase_function(t: Trial, g: float) -> None:
 
 
 @case(3, each={"g": (0.0, 0.6, -0.8), "mu": (0.5, 1.0)},
-      quick=lambda g, mu: mu == 0.5)  # fmt: skip
+      quick=lambda g, mu: (g, mu) == (0.6, 0.5))  # fmt: skip
 def single_scattering_through_a_slab(t: Trial, g: float, mu: float) -> None:
     """One scattering, seen from below, in three colours (A42).
 
@@ -451,7 +456,7 @@ SCATTERINGS = {1.0: (0.153426, 0.097273, 0.069241, 0.052697, 0.041916, 0.034406)
 
 
 @case(3, each={"mu": SCATTERINGS, "rr_depth": (1, 1000)},
-      quick=lambda mu, rr_depth: mu == 0.5 or (mu == 1 and rr_depth == 1))  # fmt: skip
+      quick=lambda mu, rr_depth: (mu, rr_depth) == (0.5, 1))  # fmt: skip
 def leaves_after_n_scatterings(t: Trial, mu: float, rr_depth: int) -> None:
     """Half space, isotropic, albedo 1: paths out after n scatterings (L3, A43).
 
@@ -543,30 +548,41 @@ def mean_path_in_a_lossless_ball(t: Trial, body: tuple[float, float]) -> None:
 BOXES = {"cube": ([1.0, 1, 1], 0.666667), "box": ([1.0, 2, 3], 1.090909)}
 
 
-@case(3, each={"body": BOXES, "g": (0.0, 0.8)}, quick=lambda body, g: body == "box" and g == 0)
-def mean_path_in_a_lossless_box(t: Trial, body: str, g: float) -> None:
+@case(3, each={"body": BOXES, "made": ("quads", "mesh"), "g": (0.0, 0.8)},
+      quick=lambda body, made, g: (body, made, g) == ("box", "quads", 0))  # fmt: skip
+def mean_path_in_a_lossless_box(t: Trial, body: str, made: str, g: float) -> None:
     """Scatterings in a cube and in a box 1 x 2 x 3 that light enters from all sides (A48).
 
-    4 V / S = .666667 and 1.090909 mean free paths, whatever g. One far picture of the sphere around
-    it from each of 400 random directions: the rays that meet the box obey the cosine law. Ratio of
-    sums, error from the directions; sees 4 %.
+    4 V / S = .666667 and 1.090909 mean free paths, whatever g. Limit: 3 in 100,000 rays may meet a
+    face so near its edge that they miss the next one, and stay in the medium until they are cut;
+    they are counted (no more is allowed) and left out. One far picture of the sphere around it from
+    each of 300 random directions: the rays that meet the box obey the cosine law. Ratio of sums,
+    error from the directions; sees 4 %. Six quads, or 192 triangles in a tree.
     """
     size, exact = np.array(BOXES[body][0]), BOXES[body][1]
     surface = 2 * float(size @ np.roll(size, 1))
     t.check(abs(4 * size.prod() / surface - exact) < 1e-6)
-    radius, distance, sigma = float(np.linalg.norm(size)) / 2, 300.0, 2.0
+    radius, distance, sigma = float(np.linalg.norm(size)) / 2, 100.0, 2.0
     fov = 2 * math.degrees(math.atan(1.02 * radius / distance))
-    fog = medium(sigma, 1.0, g)
-    hits, turns = [], []
-    for _ in range(400 * t.effort):
+    mesh = trimesh.creation.box(size).subdivide().subdivide()
+    fog = {"interior": Medium(sigma, 1.0, g), "material": material("null")}
+    if made == "quads":
+        part = box(-size / 2, size / 2, False, **fog)
+    else:
+        part = Part(mesh.vertices, mesh.faces, **fog)
+    hits, turns, lost = [], [], 0
+    for _ in range(300 * t.effort):
         d = t.rng.normal(size=3)
-        eye = view(distance * d / np.linalg.norm(d), [0, 0, 0], fov)
-        far = scene(eye, cuboid(-size / 2, size / 2, NULL, interior=fog), sky(1), max_depth=60_000)
-        r = t.render(far, max(1, 1000 // t.effort), rr_depth=10**6)
-        live = np.array(r.stats["live_rays"], np.float64)
-        hits.append(live[1])
-        turns.append(live[2:].sum() - live[1])  # segments inside, less the first, and outside
+        eye = camera(distance * d / np.linalg.norm(d), [0, 0, 0], fov)
+        far = make([part], eye, 1.0, max_depth=2000)
+        r = t.render(far, 1000 // t.effort, rr_depth=10**6)
+        escaped = np.array(r.stats["ledger"]["escaped"], np.float64)[2:]  # after n scatterings
+        lost += sum(r.stats["ledger"]["depth_cut"])
+        hits.append(escaped.sum())
+        turns.append(escaped @ np.arange(len(escaped)))
     n, s = np.array(hits), np.array(turns)
+    t.check(lost <= stats.poisson.isf(1e-9, 3e-5 * n.sum()), f"{lost} never leave the medium")
+    t.figure("rays that never leave", lost)
     mean = s.sum() / n.sum()
     error = math.sqrt(float(((s - mean * n) ** 2).sum())) / n.sum()
     t.p(2 * float(stats.norm.sf(abs(mean - sigma * exact) / error)), "mean scatterings")

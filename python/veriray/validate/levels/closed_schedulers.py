@@ -112,7 +112,7 @@ def _lens() -> Known:
     return d.scene(eye, disk), math.pi * (r / (2 * half)) ** 2
 
 
-SCENES: dict[str, tuple[Callable[[], Known], float]] = {  # and margin
+SCENES: dict[str, tuple[Callable[[], Known], float]] = {  # scene and answer; margin
     "furnace": (lambda: (furnace(0.9, 1.0), 1 / (1 - float(np.float32(0.9)))), MARGIN),
     "cut furnace": (lambda: (furnace(0.5, 0.5, max_depth=3), 0.875), MARGIN),
     "mesh": (_mesh, MARGIN),
@@ -129,16 +129,23 @@ SCENES: dict[str, tuple[Callable[[], Known], float]] = {  # and margin
 }
 
 
-@case(3, each={"name": SCENES, "scheduler": [s for s in SCHEDULERS if s != "auto"]})
-def scheduler(t: Trial, name: str, scheduler: str) -> None:
-    """A scene of each kind under each scheduler (A1, A2, A10, A12, A20, A33, A34, A42, A43, E2, E6).
+SAMPLES = {"hundred lights": 80, "lens": 80, "passes": 8}
 
-    The known answer in the mean over 128 x 128 pixels, per channel. Sees 3 %.
+
+HEAVY = ("furnace", "mesh", "hundred lights", "passes", "scattering glass")
+
+
+@case(3, each={"name": SCENES, "scheduler": [s for s in SCHEDULERS if s != "auto"]},
+      quick=lambda name, scheduler: scheduler == "thrust" and name not in HEAVY)  # fmt: skip
+def scheduler(t: Trial, name: str, scheduler: str) -> None:
+    """A scene of each kind under each scheduler (A1, A2, A10, A12, A20, A33, A34, A42, A43, E6).
+
+    The known answer in the mean over 128 x 128 pixels, per channel (E2 too). Sees 4 %.
     """
     build, margin = SCENES[name]
     scene, exact = build()
     film = dataclasses.replace(scene.film, width=SIDE, height=SIDE)
-    r = t.render(dataclasses.replace(scene, film=film), 24, scheduler=scheduler)
+    r = t.render(dataclasses.replace(scene, film=film), SAMPLES.get(name, 24), scheduler=scheduler)
     truth = np.broadcast_to(np.asarray(exact, np.float64), 3)
     mean = r.image.mean(axis=(0, 1), dtype=np.float64)
     error = np.sqrt((r.stderr.astype(np.float64) ** 2).sum(axis=(0, 1))) / SIDE**2
@@ -147,4 +154,4 @@ def scheduler(t: Trial, name: str, scheduler: str) -> None:
     t.check((off == 0) | (error > 0), f"{mean} for {truth}")
     t.p(max_z(off[error > 0] / error[error > 0]) if (error > 0).any() else 1.0, "picture mean")
     t.sees(float(max(smallest_bias(e, m) for e, m in zip(error, truth, strict=True))) + margin,
-           0.03)  # fmt: skip
+           0.04)  # fmt: skip

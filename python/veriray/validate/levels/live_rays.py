@@ -85,12 +85,8 @@ def survivors(t: Trial, live: Array, rates: Array, what: str) -> None:
 
 
 def leaks_aside(t: Trial, r: Render) -> Array:
-    """Live rays of a closed room of flat walls without the few that left it at its edges."""
-    t.sealed(r)
-    for name in ("escaped", "shadow_occluded"):
-        t.check(column(r, name).sum() <= column(r, "live").sum() * 1e-6 + 5, f"{name} in a room")
-    escaped = column(r, "escaped")
-    return column(r, "live") - escaped[::-1].cumsum()[::-1]
+    """Live rays of a closed furnace without the few that left it at its edges."""
+    return column(r, "live") - t.leaks(r)[::-1].cumsum()[::-1]
 
 
 def smallest_rate(n: float, rate: float) -> float:
@@ -123,7 +119,7 @@ def closed_furnace(t: Trial, albedo: float, rr_depth: int, scheduler: str) -> No
     start, later = int(live[rr_depth]), int(live[rr_depth + 1 :].sum())
     law = stats.nbinom(start, 1 - rho)
     t.p(min(1.0, 2 * float(min(law.cdf(later), law.sf(later - 1)))), "all later survivors")
-    for end in set(ENDS) - {"rr_killed", "escaped"}:
+    for end in set(ENDS) - {"rr_killed", "escaped", "absorbed"}:
         t.check(not column(r, end).any(), f"paths end as {end}")
     # Light choice: 5 of 6 walls are not one's own, whatever the vertex.
     t.p(binomial(int(column(r, "shadow_visible").sum()), int(live.sum()), 5 / 6), "shadow rays")
@@ -161,7 +157,7 @@ def weight_of_survivors(t: Trial, albedo: float) -> None:
     exact = (1 - rho**k) / (1 - rho)
     t.agrees(furnace(albedo, 1.0, rr_depth=1, max_depth=k), exact, 200_000, sees=0.01)
     r = t.agrees(furnace(albedo, 1.0, rr_depth=1000, max_depth=k), exact, 50_000, sees=0.01)
-    n = r.spp - int(column(r, "escaped").sum())
+    n = r.spp - int(t.leaks(r).sum())
     t.check(leaks_aside(t, r) == n, "a path ends before max_depth")
     t.check(column(r, "depth_cut") == [0] * (k - 1) + [n], "depth_cut")
 

@@ -97,7 +97,8 @@ def filters(t: Trial, name: str, edge: str) -> None:
     image = t.render(half_plane(edge_x, edge_y, kind, parameter), 25_000).image[:, :, 0]
     hits = np.rint(image.astype(np.float64) * n)
     certain = (exact < 1e-12) | (exact > 1 - 1e-12)
-    t.check(image[certain] == np.rint(exact[certain]), "certain pixels")
+    # an edge at the filter's very rim: one sample in 2^24 falls on it
+    t.check(np.abs(hits - n * exact)[certain].sum() <= 3, "certain pixels")
     nearest = np.clip(hits / n, np.maximum(exact - table, 0), np.minimum(exact + table, 1))
     for h, e in zip(hits[~certain], nearest[~certain], strict=True):
         t.p(binomial(int(h), n, float(e)), f"{edge}")

@@ -57,7 +57,8 @@ class Buffer {
     std::vector<T> download(size_t first, size_t n) const {
         std::vector<T> out(n);
         if (n)
-            check(cudaMemcpy(out.data(), p_ + first, n * sizeof(T), cudaMemcpyDeviceToHost), "copy");
+            check(cudaMemcpy(out.data(), p_ + first, n * sizeof(T), cudaMemcpyDeviceToHost),
+                  "copy");
         return out;
     }
 

@@ -76,7 +76,7 @@ VR_HD typename L::M may_meet_sphere(const Record* record, const Ray<L>& ray, typ
 }
 
 // Whether a ray meets the sphere at 0 < t < t_max, and where first. Relative error of t: 2e-7 for
-// origins 1e-6 to 1e6 radii off the surface, outside and inside (tests/unit/test_shapes.py).
+// origins 1e-6 to 1e6 radii off the surface, outside and inside (validate/levels/geometry.py).
 template <class L, class Record>
 VR_HD typename L::M meets_sphere(const Record* record, const Ray<L>& ray, typename L::F t_max,
                                  typename L::F& t) {

@@ -10,7 +10,7 @@ at once. A level ends at its first failed case; a bug is caught by a level if a 
 an error, kills the process or hangs. --first: no further levels for a bug that is caught, cheap
 levels first. --full-survivors: what no quick level catches is given to the full ones. --folder
 keeps the build and every answer: the same command goes on where it was stopped, unless a source
-changed.
+changed. Films compared with recorded hashes are told apart and do not count: any change shows.
 
 Prints and writes as JSON which level catches which bug, by which case, after how many seconds. Ends
 with status 1, before any bug is judged, if the unchanged copy fails. `python -m
@@ -37,6 +37,7 @@ from typing import Any
 
 from tests.mutation.bugs import Mutant
 from tests.mutation.level_bugs import EXPLAINED, PYTHON
+from tests.mutation.level_judge import RECORDED
 from tests.mutation.mutants import BUILT, ROOT, SWITCH, Workshop
 
 RESULT = ROOT / "benchmarks" / "results" / "mutants_levels.json"
@@ -139,9 +140,10 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
         full_survivors: bool = False, first: bool = False) -> dict[str, Any]:  # fmt: skip
     """Judges the bugs; prints as it goes."""
     levels = sorted(levels)
+    asked = levels if first else [RECORDED, *levels]
     with ThreadPoolExecutor(jobs) as pool:
-        quick = _sound(stand, pool, levels, "quick")
-        order = sorted(levels, key=lambda n: quick[n]["seconds"])
+        quick = _sound(stand, pool, asked, "quick")
+        order = sorted(asked, key=lambda n: quick[n]["seconds"])
         print("unchanged:", {n: f"{a['verdict']}, {a['ran']} cases, {a['seconds']} s"
                              for n, a in quick.items()}, flush=True)  # fmt: skip
         times = _times(stand.folder / "quick_times.json", quick)
@@ -155,12 +157,14 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
         for k, row in enumerate(rows):
             found = answers[k].result() if first else {n: tasks[k, n].result() for n in order}
             row["levels"] = {n: _brief(answer) for n, answer in found.items()}
+            row["recorded"] = bool(row["levels"].pop(RECORDED, {}).get("case"))
             row["caught_by"] = [n for n in levels if row["levels"].get(n, {}).get("case")]
             row["seconds"] = round(sum(a["seconds"] for a in row["levels"].values()), 1)
             print(f"{row['name']}: {row['caught_by'] or 'SURVIVED'} ({row['seconds']} s)",
                   flush=True)  # fmt: skip
         left = [k for k, row in enumerate(rows) if not row["caught_by"]]
         if full_survivors and left:
+            order = levels
             sound = _sound(stand, pool, levels, "full")
             times = _times(stand.folder / "full_times.json", sound)
             again = {(k, n): pool.submit(stand.judge, chosen[k], n, "full", sound[n], times)
@@ -174,6 +178,7 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
     return {
         "levels": levels, "build_seconds": stand.shop.build_seconds, "planted": len(rows),
         "caught_quick": caught, "caught": overall,
+        "recorded": sum(row["recorded"] for row in rows),
         "score_quick": round(caught / max(1, len(rows)), 4),
         "score": round(overall / max(1, len(rows)), 4),
         "sound": all(a["verdict"] == "pass" for a in quick.values()),

@@ -41,6 +41,9 @@ def page(result: dict[str, Any]) -> str:
                      f"{found['caught']} | {found['alone']} |")  # fmt: skip
     lines += [
         "",
+        f"Films with recorded hashes, which tell that something changed and not that it is wrong, "
+        f"changed for {result['recorded']} of the bugs; they count nowhere here.",
+        "",
         "Seconds of one processor until a level's first failed case; cheap cases go first. Empty: "
         "the level passes. The case named is the quickest.",
         "",

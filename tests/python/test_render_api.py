@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 import veriray as vr
-from tests.support import Part, camera, make
 from veriray.render import prepare
+from veriray.validate.scenes import Part, camera, make
 
 device_module = sys.modules["veriray.device"]
 render_module = sys.modules["veriray.render"]

@@ -43,7 +43,7 @@ def machine() -> dict[str, Any]:
             if key in keys:
                 info[keys[key]] = value
     if meminfo.exists():
-        info["memory_gib"] = round(int(meminfo.read_text().split()[1]) / 2**20, 1)
+        info["memory_gib"] = round(int(meminfo.read_text("utf-8").split()[1]) / 2**20, 1)
     usable, reasons = _device.survey()
     info["devices"] = {d.name: d.description for d in usable}
     info["not_usable"] = reasons

@@ -24,7 +24,7 @@ r = veriray.render(veriray.load_file(scene), spp=int(spp), width=size, height=si
                    scheduler=scheduler)
 status = pathlib.Path("/proc/self/status")
 if status.exists():
-    peak = int(status.read_text().split("VmHWM:")[1].split()[0]) * 1024
+    peak = int(status.read_text("utf-8").split("VmHWM:")[1].split()[0]) * 1024
 else:
     unit = 1 if sys.platform == "darwin" else 1024
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -100,7 +100,7 @@ class Run:
         for file in sorted(self.findings.iterdir()):
             if file.suffix == ".json":
                 data = file.with_suffix(".bin").read_bytes()
-                found.append({**json.loads(file.read_text()), "input": packed(data)})
+                found.append({**json.loads(file.read_text("utf-8")), "input": packed(data)})
             elif file.suffix != ".bin":
                 kind, data = file.name.split("-")[0], file.read_bytes()
                 if again := replayed(self.name, file):  # else the machine paused, not the parser

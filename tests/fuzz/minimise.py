@@ -72,7 +72,7 @@ def lines(modules: Iterable[str]) -> set[tuple[str, int]]:
                 walk(module, constant, inside or optimised)
 
     for module in modules:
-        walk(module, compile((PACKAGE / module).read_text(), module, "exec"), False)
+        walk(module, compile((PACKAGE / module).read_text("utf-8"), module, "exec"), False)
     return result
 
 

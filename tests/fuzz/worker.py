@@ -58,7 +58,7 @@ def main(findings: Path, arguments: list[str]) -> None:
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the parsers' libraries print
     atheris.Setup([sys.argv[0], *arguments], one, custom_mutator=mutated)
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    pages = int(Path("/proc/self/statm").read_text("utf-8").split()[0])
     limit = pages * resource.getpagesize() + contract.BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     atheris.Fuzz()

@@ -39,7 +39,7 @@ def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, An
         message = f"{type(error).__name__}: {error}"
         return {"case": "(import)", "verdict": "error", "message": message, "ran": 0, "times": {},
                 "seconds": round(time.perf_counter() - begin, 2)}  # fmt: skip
-    known: dict[str, float] = json.loads(log.read_text()) if log else {}
+    known: dict[str, float] = json.loads(log.read_text("utf-8")) if log else {}
     if log:
         chosen = sorted((c for c in chosen if c.id in known), key=lambda c: known[c.id])
     times: dict[str, float] = {}

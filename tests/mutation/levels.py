@@ -72,11 +72,11 @@ class Stand:
         (folder / "veriray" / self.shop.module.name).symlink_to(self.shop.module.resolve())
         if bug:
             file = folder / "veriray" / bug.file
-            text = file.read_text()
+            text = file.read_text("utf-8")
             if text.count(bug.old) != 1:
                 raise ValueError(f"{bug.name}: {bug.old!r} occurs {text.count(bug.old)} times")
             file.unlink()
-            file.write_text(text.replace(bug.old, bug.new))
+            file.write_text(text.replace(bug.old, bug.new), "utf-8")
         return folder
 
     def judge(self, bug: Mutant | None, level: int, mode: str, sound: dict[str, Any] | None,
@@ -88,7 +88,7 @@ class Stand:
             answer = self._judged(bug, level, mode, sound, times)
             file.with_suffix(".part").write_text(json.dumps(answer))
             file.with_suffix(".part").replace(file)
-        kept: dict[str, Any] = json.loads(file.read_text())
+        kept: dict[str, Any] = json.loads(file.read_text("utf-8"))
         return kept
 
     def _judged(self, bug: Mutant | None, level: int, mode: str, sound: dict[str, Any] | None,

@@ -97,7 +97,9 @@ def sources() -> dict[str, str]:
     for number, mutant in enumerate(BUILT, 1):
         for file, old, new in mutant.edits:
             edits.setdefault(file, []).append((number, old, new))
-    return {file: switched((ROOT / "cpp" / file).read_text(), e) for file, e in edits.items()}
+    return {
+        file: switched((ROOT / "cpp" / file).read_text("utf-8"), e) for file, e in edits.items()
+    }
 
 
 class Workshop:
@@ -130,11 +132,13 @@ class Workshop:
         for part in ("cpp", "python/bindings"):
             copied += [str(f.relative_to(ROOT)) for f in (ROOT / part).rglob("*") if f.is_file()]
         for name in copied:
-            files.setdefault(name, (ROOT / name).read_text())
+            files.setdefault(name, (ROOT / name).read_text("utf-8"))
         for name, text in files.items():
             file = self.source / name
             file.parent.mkdir(parents=True, exist_ok=True)
-            if not file.exists() or file.read_text() != text:  # an unchanged file is not compiled
+            if (
+                not file.exists() or file.read_text("utf-8") != text
+            ):  # an unchanged file is not compiled
                 file.write_text(text)
         build = self.folder / "build"
         self._call("cmake", "-S", self.source, "-B", build, "-G", "Ninja",
@@ -166,7 +170,7 @@ class Workshop:
         shutil.copytree(
             scene.parent, copy, ignore=shutil.ignore_patterns("refs"), dirs_exist_ok=True
         )
-        (copy / scene.name).write_text(planted(scene.read_text(), edits))
+        (copy / scene.name).write_text(planted(scene.read_text("utf-8"), edits))
         return copy / scene.name
 
     def judge(self, mutant: Mutant | None, case: str, seed: int = 7) -> dict[str, Any]:

@@ -74,7 +74,7 @@ def main() -> None:
     p.add_argument("result", nargs="?", type=Path, default=RESULT)
     p.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "mutation.md")
     args = p.parse_args()
-    args.output.write_text(page(json.loads(args.result.read_text())))
+    args.output.write_text(page(json.loads(args.result.read_text("utf-8"))), "utf-8")
 
 
 if __name__ == "__main__":

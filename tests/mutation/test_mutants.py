@@ -19,14 +19,14 @@ SLOW = [m for m in MUTANTS if m.case != "shipped"][::8]
 @pytest.mark.parametrize("mutant", SOURCE, ids=lambda m: m.name)
 def test_mutant_fits_the_source(root: Path, mutant: Mutant) -> None:
     for file in {file for file, _, _ in mutant.edits}:
-        text = (root / "cpp" / file).read_text()
+        text = (root / "cpp" / file).read_text("utf-8")
         edits = [(old, new) for name, old, new in mutant.edits if name == file]
         assert mutants.planted(text, edits) != text
 
 
 @pytest.mark.parametrize("mutant", PYTHON, ids=lambda m: m.name)
 def test_python_mutant_fits_the_source(root: Path, mutant: Mutant) -> None:
-    text = (root / "python" / "veriray" / mutant.file).read_text()
+    text = (root / "python" / "veriray" / mutant.file).read_text("utf-8")
     assert text.count(mutant.old) == 1
     compile(text.replace(mutant.old, mutant.new), mutant.file, "exec")
 
@@ -44,7 +44,7 @@ def test_names_are_unique() -> None:
 def test_case_is_used_and_fits_its_scene(root: Path, name: str) -> None:
     case = CASES[name]
     assert any(m.case == name for m in MUTANTS)
-    mutants.planted((root / "scenes" / case.scene).read_text(), case.edits + case.hidden)
+    mutants.planted((root / "scenes" / case.scene).read_text("utf-8"), case.edits + case.hidden)
 
 
 def test_switch_tells_edits_apart() -> None:

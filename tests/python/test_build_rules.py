@@ -45,7 +45,7 @@ each_source = pytest.mark.parametrize("path", SOURCES, ids=NAMES)
 
 def code(path: Path) -> str:
     """The text without comments and string literals; line breaks stay."""
-    text = path.read_text()
+    text = path.read_text("utf-8")
     text = re.sub(r"/\*.*?\*/", lambda m: "\n" * m[0].count("\n"), text, flags=re.S)
     text = re.sub(r"//[^\n]*", "", text)
     return re.sub(r'(?<!include )"(?:\\.|[^"\\\n])*"', '""', text)
@@ -127,20 +127,21 @@ def test_no_process_wide_effects(path: Path) -> None:
 @each_source
 def test_no_floating_point_switches(path: Path) -> None:
     pattern = r"fast.?math|FP_CONTRACT|float_control|_MM_SET_|optimize\s*\(|__fdividef|use_fast"
-    assert not re.findall(pattern, path.read_text(), flags=re.I)
+    assert not re.findall(pattern, path.read_text("utf-8"), flags=re.I)
 
 
 @each_source
 def test_sizes(path: Path) -> None:
-    lines = len(path.read_text().splitlines())
+    lines = len(path.read_text("utf-8").splitlines())
     if path.suffix == ".h":
         assert lines < (200 if room(path) == "materials" else 400)
-        assert "#pragma once" in path.read_text()
+        assert "#pragma once" in path.read_text("utf-8")
 
 
 def test_build_flags() -> None:
     text = "\n".join(
-        re.sub(r"#.*", "", (ROOT / name).read_text()) for name in ("CMakeLists.txt", "setup.py")
+        re.sub(r"#.*", "", (ROOT / name).read_text("utf-8"))
+        for name in ("CMakeLists.txt", "setup.py")
     )
     for banned in ("fast-math", "fast_math", "-Ofast", "march=native", "unsafe-math", "ftz=true"):
         assert banned not in text
@@ -152,7 +153,7 @@ def test_build_flags() -> None:
 def imported(path: Path) -> set[str]:
     """Top-level names that a Python file imports; relative imports do not count."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
@@ -165,7 +166,9 @@ def test_reference_and_package_are_strangers() -> None:
     assert reference
     for path in reference:
         assert "veriray" not in imported(path), path
-        assert "veriray" not in re.findall(r"import_module\(\W*(\w+)", path.read_text()), path
+        assert "veriray" not in re.findall(r"import_module\(\W*(\w+)", path.read_text("utf-8")), (
+            path
+        )
     for path in (ROOT / "python" / "veriray").rglob("*.py"):
         assert "reference" not in imported(path), path
 
@@ -189,4 +192,4 @@ def test_version_is_stated_once() -> None:
     from importlib.metadata import version
 
     assert version("veriray") == veriray.__version__
-    assert f"## {veriray.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+    assert f"## {veriray.__version__}" in (ROOT / "CHANGELOG.md").read_text("utf-8")

@@ -39,7 +39,7 @@ def test_render_writes_and_reports(capsys: Any) -> None:
     assert main(["render", "cornell-box", *SMALL, *outputs]) == 0
     out = capsys.readouterr().out
     picture = load("a.exr")
-    stats = json.loads(Path("a.json").read_text())
+    stats = json.loads(Path("a.json").read_text("utf-8"))
     assert stats["film_sha256"] in out and stats["device"] in out
     for word in ("samples/s", "Live rays", "mean standard error", "fused", stats["device_reason"]):
         assert word in out
@@ -59,7 +59,7 @@ def test_quiet(capsys: Any) -> None:
 def test_parameters_reach_the_scene_file() -> None:
     arguments = ["-D", "spp=3", "-D", "width=8", "-D", "height=8", "--device", "cpu"]
     assert main(["render", "cornell-box", *arguments, "-o", "a.exr", "--stats", "a.json"]) == 0
-    stats = json.loads(Path("a.json").read_text())
+    stats = json.loads(Path("a.json").read_text("utf-8"))
     assert (stats["spp"], stats["width"], stats["height"]) == (3, 8, 8)
 
 
@@ -76,7 +76,7 @@ def test_bench_live_rays(capsys: Any) -> None:
     out = capsys.readouterr().out
     for header in ("Depth", "Live rays", "Thread blocks", "Share %", "ms"):
         assert header in out
-    result = json.loads(Path("b.json").read_text())
+    result = json.loads(Path("b.json").read_text("utf-8"))
     assert result["law_holds"] is True
     rows = result["rows"]
     assert rows[0]["live"] == 64 * 40 and rows[1]["blocks"] == 10
@@ -173,7 +173,7 @@ def test_compare(capsys: Any) -> None:
     dim = vr.render(vr.cornell_box().with_emission_scaled(0.8), 64, width=16, height=16, batches=32)
     dim.save("dim.exr")
     assert main(["compare", "1.exr", "2.exr", "-o", "r.html"]) == 0
-    assert Path("r.html").read_text().lstrip().lower().startswith("<!doctype html")
+    assert Path("r.html").read_text("utf-8").lstrip().lower().startswith("<!doctype html")
     assert main(["compare", "1.exr", "dim.exr"]) == 1
     capsys.readouterr()
     assert main(["compare", "1.exr", "dim.exr", "--json"]) == 1

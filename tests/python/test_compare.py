@@ -429,7 +429,7 @@ def test_report_forms(pair: tuple[Render, Render], tmp_path: Path) -> None:
     inside = re.search(r'<script type="application/json"[^>]*>(.*)</script>', page, re.S)
     assert inside and json.loads(inside[1]) == json.loads(report.to_json())
     report.save(tmp_path / "r.json")
-    assert json.loads((tmp_path / "r.json").read_text())["passed"] is True
+    assert json.loads((tmp_path / "r.json").read_text("utf-8"))["passed"] is True
     assert str(report).startswith("The pictures agree")
     with pytest.raises(ValueError, match="expected .html or .json"):
         report.save(tmp_path / "r.txt")

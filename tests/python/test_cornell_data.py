@@ -24,7 +24,7 @@ def make():
 
 @pytest.fixture(scope="module")
 def geometry():
-    return json.loads((FOLDER / "geometry.json").read_text())
+    return json.loads((FOLDER / "geometry.json").read_text("utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_spectra(make):
 
 def test_colours_reproduce_the_recorded_ones(make):
     pytest.importorskip("colour", reason="colour-science has the CIE 1931 functions")
-    recorded = dict(leaves(json.loads((FOLDER / "derived_rgb.json").read_text())["values"]))
+    recorded = dict(leaves(json.loads((FOLDER / "derived_rgb.json").read_text("utf-8"))["values"]))
     count = 0
     for path, value in leaves(make.derive()):
         assert np.abs(value - recorded[path]).max() < 1e-4, path
@@ -77,7 +77,7 @@ def test_made_files_are_up_to_date(make):
 
 
 def test_box_holds_the_recorded_colours(box):
-    values = json.loads((FOLDER / "derived_rgb.json").read_text())["values"]
+    values = json.loads((FOLDER / "derived_rgb.json").read_text("utf-8"))["values"]
     paints = {
         name: np.array(values["measured_light"][name]["rgb_over_light_rgb"])
         for name in ("white", "green", "red")
@@ -151,7 +151,7 @@ def test_left_wall_is_split_as_documented(box):
 
 
 def test_camera(box):
-    data = json.loads((FOLDER / "camera.json").read_text())
+    data = json.loads((FOLDER / "camera.json").read_text("utf-8"))
     to_world = box.camera.to_world
     assert to_world[:3, 3].tolist() == data["position_mm"]
     assert to_world[:3, 2].tolist() == data["direction"]

@@ -48,7 +48,7 @@ def test_warnings_hold_no_control_characters(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text(SCENE.format(
         '<shape type="obj" id="\u202e"><string name="filename" value="open.obj"/>'
         '<bsdf type="dielectric"/></shape><emitter type="constant"/>'
-    ))  # fmt: skip
+    ), "utf-8")  # fmt: skip
     with pytest.warns(SceneWarning) as caught:
         load_file(tmp_path / "a.xml")
     assert all(str(w.message).isprintable() for w in caught)

@@ -180,7 +180,7 @@ def test_sheet_from_pngs_alone(tmp_path: Path) -> None:
     )
     assert {path.name for path in made} == {"gallery.md", "gallery.png", "spheres.jpg",
                                             "cornell.jpg"}  # fmt: skip
-    text = (tmp_path / "docs" / "gallery.md").read_text()
+    text = (tmp_path / "docs" / "gallery.md").read_text("utf-8")
     render = image.load(tmp_path / "all" / "spheres.exr")
     assert f"`{render.film_sha256[:16]}`" in text and "## correlated-seeds" in text
     assert "(images/spheres.jpg)" in text and "Figure 7" in text and "| 2 |" in text
@@ -200,7 +200,7 @@ def test_cornell_stands_beside_its_reference(
     assert any(line.startswith("compare    ") for line in lines)
     assert (tmp_path / "cornell-report.html").is_file()
     assert Image.open(tmp_path / "cornell.png").size == (3 * 512, 512)
-    assert "agree" in (tmp_path / "gallery.md").read_text()
+    assert "agree" in (tmp_path / "gallery.md").read_text("utf-8")
 
 
 def test_bad_settings(tmp_path: Path) -> None:

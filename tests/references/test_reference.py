@@ -683,7 +683,7 @@ def test_command(scene, tmp_path, capsys):
     assert main(arguments) == 0
     channels, strings = read_exr(out)
     assert channels["R"].shape == (5, 6) and strings["max_depth"] == "2"
-    assert json.loads(numbers.read_text())["ledger"]["live"][0] == 5 * 6 * 32
+    assert json.loads(numbers.read_text("utf-8"))["ledger"]["live"][0] == 5 * 6 * 32
     assert "64/64" not in capsys.readouterr().err
     assert main([*arguments[:5], "33"]) == 2
     assert "multiple" in capsys.readouterr().err

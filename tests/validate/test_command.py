@@ -75,11 +75,11 @@ def test_exit_status_and_files(
         shown = f"{kind}: test_command.synthetic[{kind}] on cpu" in err
         assert shown == (kind not in ("pass", "skip"))
     assert f"{len(kinds)} of {len(kinds)} cases" in err
-    page = Path("r.html").read_text()
+    page = Path("r.html").read_text("utf-8")
     assert sentence.partition(": ")[2][:40] in page and "A planted verdict (A0)" in page
     start = page.index('<script type="application/json"')
     inside = json.loads(page[page.index(">", start) + 1 : page.index("</script>", start)])
-    assert inside == json.loads(Path("r.json").read_text())
+    assert inside == json.loads(Path("r.json").read_text("utf-8"))
     assert sorted(os.listdir()) == ["r.html", "r.json"]
 
 

@@ -119,7 +119,7 @@ def test_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
     report.save(v, tmp_path / "r.json")
     report.save(v, tmp_path / "r.html")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r.html", "r.json"]
-    lines = (tmp_path / "r.json").read_text().splitlines()
+    lines = (tmp_path / "r.json").read_text("utf-8").splitlines()
     assert sum("closed.furnace" in line for line in lines) == 1
 
 

@@ -315,7 +315,7 @@ def test_agrees_finds_a_bias_and_says_what_it_sees(suite: Suite) -> None:
 
 
 def test_example_of_the_docs(suite: Suite, capsys: Any) -> None:
-    text = (ROOT / "docs" / "how-we-know.md").read_text()
+    text = (ROOT / "docs" / "how-we-know.md").read_text("utf-8")
     (example,) = re.findall(r"```python\n(.*?)```", text, re.S)
     exec(compile(example, "how-we-know.md", "exec"), {"__name__": "example"})
     assert capsys.readouterr().out.startswith("True ")

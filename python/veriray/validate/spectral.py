@@ -59,7 +59,7 @@ def reflectance(wavelengths: Any) -> dict[str, Array]:
     """Reflectance of white, green, red and lamp at `wavelengths` (nm)."""
     at, table = np.asarray(wavelengths, np.float64), _table("reflectance.csv")
     result = {p: np.interp(at, table["wavelength_nm"], table[p]) for p in PAINTS}
-    text = (find_shipped("cornell-box").parent / "light.json").read_text()
+    text = (find_shipped("cornell-box").parent / "light.json").read_text("utf-8")
     result["lamp"] = np.full(at.shape, float(json.loads(text)["reflectance"]))
     return result
 

@@ -77,11 +77,11 @@ def main() -> int:
     parser.add_argument("validation", type=Path, help="JSON of veriray validate")
     parser.add_argument("-o", "--output", type=Path, help="Markdown file; default: standard output")
     args = parser.parse_args()
-    text = stress_table(json.loads(args.validation.read_text()))
+    text = stress_table(json.loads(args.validation.read_text("utf-8")))
     if args.output is None:
         sys.stdout.write(text)
     else:
-        args.output.write_text(text)
+        args.output.write_text(text, "utf-8")
     return 0
 
 

@@ -361,7 +361,7 @@ def label(entry: Mapping[str, Any]) -> str:
     return f"{entry['scene']} {entry['width']}x{entry['width']}x{entry['spp']}"
 
 
-ENTRIES = {label(entry): entry for entry in json.loads(RECORDED.read_text())}
+ENTRIES = {label(entry): entry for entry in json.loads(RECORDED.read_text("utf-8"))}
 
 
 @case(6, once=True)
@@ -421,7 +421,7 @@ def write() -> None:
         json.dumps(record("cpu", recorded_scene(name, width), name, spp))
         for name, width, spp in lines
     )
-    RECORDED.write_text(f"[\n{rows}\n]\n")
+    RECORDED.write_text(f"[\n{rows}\n]\n", "utf-8")
 
 
 if __name__ == "__main__":

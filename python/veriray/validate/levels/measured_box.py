@@ -122,7 +122,7 @@ def data(t: Trial) -> None:
     t.check(spectral.emission([400, 500, 600, 700]) == [0, 8, 15.6, 18.4], "emission")
     t.check(nodes["lamp"] == 0.78, "reflectance of the lamp")
 
-    recorded = json.loads((folder / "derived_rgb.json").read_text())["values"]
+    recorded = json.loads((folder / "derived_rgb.json").read_text("utf-8"))["values"]
     fine = spectral.reflectance(spectral.FINE)
     names = {**{p: p for p in spectral.PAINTS}, "lamp": "light_surface_0.78"}
     lamp = spectral.emission(spectral.FINE)

@@ -26,7 +26,7 @@ def _checkout() -> Path | None:
     for root in (Path(veriray.__file__).resolve().parents[2], Path.cwd()):
         own = root / "python" / "veriray" / "__init__.py"
         if (root / "tests" / "mutation" / "levels.py").is_file() and own.is_file():
-            if f'"{veriray.__version__}"' in own.read_text():
+            if f'"{veriray.__version__}"' in own.read_text("utf-8"):
                 return root
     return None
 
@@ -34,7 +34,9 @@ def _checkout() -> Path | None:
 def _committed(root: Path | None) -> dict[str, Any] | None:
     """The result of the last run on all bugs."""
     file = root / _RESULT if root else None
-    found: dict[str, Any] | None = json.loads(file.read_text()) if file and file.is_file() else None
+    found: dict[str, Any] | None = (
+        json.loads(file.read_text("utf-8")) if file and file.is_file() else None
+    )
     return found
 
 
@@ -78,7 +80,7 @@ def planted_bugs(t: Trial) -> None:
             cwd=root, capture_output=True, text=True,
         )  # fmt: skip
         t.check(output.is_file(), f"{COMMAND}: {done.stderr[-500:]}")
-        result = json.loads(output.read_text())
+        result = json.loads(output.read_text("utf-8"))
     t.check(result["sound"], "the unchanged build fails")
     rows = [[row["name"], ", ".join(map(str, row["caught_by"])) or "none", row["seconds"]]
             for row in result["rows"]]  # fmt: skip

@@ -86,6 +86,19 @@ def load(arguments: argparse.Namespace) -> Scene:
     return load_file(name, parameters)
 
 
+def add_outputs(parser: argparse.ArgumentParser, text: str) -> None:
+    """Adds -o, repeatable; a list of paths."""
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", action="append", default=[], help=f"{text}; repeatable"
+    )
+
+
+def check_distinct(paths: Sequence[str]) -> None:
+    """Raises CommandError where two paths are one file."""
+    if len({os.path.realpath(path) for path in paths}) < len(paths):
+        raise CommandError(f"the same output twice: {', '.join(paths)}")
+
+
 def check_output(path: str, suffixes: Sequence[str]) -> None:
     """Raise for a path that cannot become a file: found out before hours of rendering, not after.
 

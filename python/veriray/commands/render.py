@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import os
 from typing import Any
 
 from .common import (
     LARGE_MESH,
     CommandError,
+    add_outputs,
     add_scene,
+    check_distinct,
     check_output,
     integer,
     load,
@@ -26,14 +27,7 @@ def add(commands: Any) -> None:
     """Adds `render` to the parser."""
     parser = commands.add_parser("render", help="render a scene")
     add_scene(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        action="append",
-        default=[],
-        help="FILE.exr (everything) or FILE.png (display copy); repeatable",
-    )
+    add_outputs(parser, "FILE.exr (everything) or FILE.png (display copy)")
     parser.add_argument("--spp", type=integer, help="samples per pixel (default: the scene's)")
     parser.add_argument("--seed", type=integer, default=0, help="0 to 2^64-1 (default: 0)")
     parser.add_argument("--scheduler", default="auto", help="auto, fused or thrust")
@@ -64,8 +58,7 @@ def _render(arguments: argparse.Namespace) -> int:
     if not arguments.output:
         raise CommandError("no output: add -o FILE.exr or -o FILE.png")
     targets = [*arguments.output, *([arguments.stats] if arguments.stats else [])]
-    if len({os.path.realpath(path) for path in targets}) < len(targets):
-        raise CommandError(f"the same output twice: {', '.join(targets)}")
+    check_distinct(targets)
     for path in arguments.output:
         check_output(path, PICTURE_SUFFIXES)
     if arguments.stats:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from .common import DEVICES, CommandError, check_output, integer
+from .common import (
+    DEVICES,
+    CommandError,
+    add_outputs,
+    check_distinct,
+    check_output,
+    integer,
+)
 
 if TYPE_CHECKING:
     from ..validate import Outcome
@@ -39,14 +45,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--jobs", type=integer, help="processes (default: a processor each); 0: this one"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        action="append",
-        default=[],
-        help="FILE.html (report) or FILE.json (numbers); repeatable",
-    )
+    add_outputs(parser, "FILE.html (report) or FILE.json (numbers)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(handler=_validate)
 
@@ -54,8 +53,7 @@ def add(commands: Any) -> None:
 def _validate(arguments: argparse.Namespace) -> int:
     for path in arguments.output:
         check_output(path, SUFFIXES)
-    if len({os.path.realpath(path) for path in arguments.output}) < len(arguments.output):
-        raise CommandError(f"the same output twice: {', '.join(arguments.output)}")
+    check_distinct(arguments.output)
     for name, low, high in (("seed", 0, 2**64 - 1), ("jobs", 0, 2**16 - 1)):
         value = getattr(arguments, name)
         if value is not None and not low <= value <= high:

@@ -7,6 +7,7 @@ right. Tests of whole pictures are in `veriray.compare.statistics`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,6 @@ import numpy.typing as npt
 from scipy import stats
 
 Array = npt.NDArray[Any]
-
-#: Relative bias of a float32 renderer that is not called an error.
-MARGIN = 1e-5
 
 
 def sidak(p: float, tests: int) -> float:
@@ -62,19 +60,8 @@ def chi_square(observed: Array, expected: Array) -> float:
 
 
 def grids(u: Array, v: Array) -> float:
-    """Uniformity of points in the unit square: three grids, coarse to fine, over the same points.
-
-    Points outside the square are a failure. Sidak over the three.
-    """
-    if not ((u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)).all():
-        return 0.0
-    worst = 1.0
-    for m, n in ((1, 8), (8, 4), (16, 32)):
-        i = np.minimum((u * m).astype(np.int64), m - 1)
-        j = np.minimum((v * n).astype(np.int64), n - 1)
-        counts = np.bincount(i * n + j, minlength=m * n)
-        worst = min(worst, chi_square(counts, np.full(m * n, len(u) / (m * n))))
-    return sidak(worst, 3)
+    """`grid_family` on three grids: enough where points are plenty and none is lost."""
+    return grid_family(u, v, sizes=((1, 8), (8, 4), (16, 32)))
 
 
 def binomial(count: int, n: int, p: float) -> float:
@@ -133,19 +120,25 @@ def smallest_bias(error: float, mean: float, alpha: float = 1e-3, power: float =
 GRIDS = ((1, 8), (8, 4), (16, 16), (32, 64))
 
 
-def grid_family(u: Array, v: Array, drawn: int | None = None, chance: float = 1.0) -> float:
-    """Uniformity of points in the unit square: chi-square on four grids over the same points.
+def grid_family(
+    u: Array,
+    v: Array,
+    drawn: int | None = None,
+    chance: float = 1.0,
+    sizes: Sequence[tuple[int, int]] = GRIDS,
+) -> float:
+    """Uniformity of points in the unit square: chi-square on several grids over the same points.
 
     One grid is weak: 2,500 cells with 10^6 points accept a density that is 1 % wrong. drawn:
     samples in all, each of which gives a point with probability `chance`; the lost ones fill a cell
-    of their own. A point outside the square is a failure. Sidak over the four.
+    of their own. A point outside the square is a failure. Sidak over the grids.
     """
     drawn = len(u) if drawn is None else drawn
     inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
     if not inside.all() or (chance >= 1 and drawn != len(u)):
         return 0.0
     worst = 1.0
-    for m, n in GRIDS:
+    for m, n in sizes:
         i = np.minimum((u * m).astype(np.int64), m - 1)
         j = np.minimum((v * n).astype(np.int64), n - 1)
         counts = np.bincount(i * n + j, minlength=m * n).astype(np.float64)
@@ -154,4 +147,4 @@ def grid_family(u: Array, v: Array, drawn: int | None = None, chance: float = 1.
             counts = np.append(counts, drawn - len(u))
             expected = np.append(expected, drawn * (1 - chance))
         worst = min(worst, chi_square(counts, expected))
-    return sidak(worst, len(GRIDS))
+    return sidak(worst, len(sizes))

@@ -22,10 +22,10 @@ import numpy.typing as npt
 from scipy import stats
 
 from veriray import device as device_module
-from veriray.compare.statistics import ledger_problems
+from veriray.compare.statistics import MARGIN, ledger_problems
 from veriray.render import Render, native_scene_arguments, render
 from veriray.scene import Scene
-from veriray.validate.statistics import MARGIN, max_z, sidak, smallest_bias
+from veriray.validate.statistics import max_z, sidak, smallest_bias
 
 Array = npt.NDArray[Any]
 
@@ -167,19 +167,21 @@ class Trial:
         return [d.name for d in device_module.devices()]
 
     @property
+    def _chosen(self) -> device_module.Device:
+        return device_module.select(self.device)[0]
+
+    @property
     def native(self) -> Any:
         """The native module of the device."""
-        return device_module.select(self.device)[0].native
+        return self._chosen.native
 
     def native_scene(self, scene: Scene) -> Any:
         """The scene as the native module holds it."""
-        chosen = device_module.select(self.device)[0]
-        return chosen.native.Scene(**native_scene_arguments(scene), device=chosen.index)
+        return self.native.Scene(**native_scene_arguments(scene), device=self._chosen.index)
 
     def native_film(self, width: int, height: int) -> Any:
         """An empty film of the device."""
-        chosen = device_module.select(self.device)[0]
-        return chosen.native.Film(width, height, device=chosen.index)
+        return self.native.Film(width, height, device=self._chosen.index)
 
     def function(self, name: str, *columns: Any) -> Array:
         """A function of the core, by its name in backends/hooks.h, over columns; (n, k) float64."""

@@ -10,9 +10,10 @@ import numpy.typing as npt
 from scipy import stats
 
 import veriray
+from veriray.compare.statistics import MARGIN
 from veriray.validate.dicts import BLACK, flat, scene, sky, sphere, view
 from veriray.validate.scenes import Part, camera, make
-from veriray.validate.statistics import MARGIN, chi_square, sidak, smallest_bias
+from veriray.validate.statistics import chi_square, sidak, smallest_bias
 from veriray.validate.trial import Trial, case
 
 Array = npt.NDArray[np.float64]

@@ -15,13 +15,14 @@ import numpy as np
 import trimesh
 
 import veriray
+from veriray.compare.statistics import MARGIN
 from veriray.render import SCHEDULERS
 from veriray.validate import dicts as d
 from veriray.validate.form_factors import rectangle_above_corner
 from veriray.validate.levels.closed_analytic import DOWN, FIVE, ceiling, floor, lamp
 from veriray.validate.levels.closed_lights import hundred_lights
 from veriray.validate.scenes import Part, camera, furnace, lambert, make
-from veriray.validate.statistics import MARGIN, max_z, smallest_bias
+from veriray.validate.statistics import max_z, smallest_bias
 from veriray.validate.transfer import adding_doubling
 from veriray.validate.trial import Trial, case
 

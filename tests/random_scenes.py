@@ -16,7 +16,8 @@ from scipy import stats
 
 import reference
 import veriray
-from veriray.validate.statistics import MARGIN, homogeneous, sidak
+from veriray.compare.statistics import MARGIN
+from veriray.validate.statistics import homogeneous, sidak
 
 Array = npt.NDArray[Any]
 SIZE, BATCHES = 6, 32

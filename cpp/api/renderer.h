@@ -48,6 +48,7 @@ struct RenderSettings {
     uint64_t seed = 0, sample_begin = 0, sample_end = 1;
     int64_t max_depth = -1;  // -1: unlimited (kHardMaxDepth)
     uint32_t rr_depth = 5;
+    Sampler sampler = Sampler::kIndependent;
     std::string scheduler = "fused";
     uint32_t threads = 0;  // 0: all; CPU only
     uint32_t batch = 0;    // paths in flight; 0: the scheduler's choice
@@ -140,7 +141,8 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& set
 std::vector<float> eval_function(const std::string& name, const std::vector<float>& x);
 // Columns of its input and output.
 std::pair<size_t, size_t> function_shape(const std::string& name);
-std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
+std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
+                                   const std::vector<uint32_t>& pixel,
                                    const std::vector<uint64_t>& sample,
                                    const std::vector<uint32_t>& block);
 // Rays in world units; t in world units, primitive of the input (see PathVertex) or -1.

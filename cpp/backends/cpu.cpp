@@ -401,12 +401,13 @@ std::vector<float> eval_function(const std::string& name, const std::vector<floa
     return y;
 }
 
-std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
+std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
+                                   const std::vector<uint32_t>& pixel,
                                    const std::vector<uint64_t>& sample,
                                    const std::vector<uint32_t>& block) {
     std::vector<uint32_t> out;
     for (size_t i = 0; i < pixel.size(); ++i) {
-        const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32));
+        const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32), sampler);
         const Block<uint32_t> r =
             random_block(key, pixel[i], static_cast<uint32_t>(sample[i]), block[i]);
         out.insert(out.end(), {r.x, r.y, r.z, r.w});

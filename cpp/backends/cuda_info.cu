@@ -98,11 +98,12 @@ __global__ void function_kernel(uint32_t which, uint32_t inputs, uint32_t output
     if (i < n) evaluate<Scalar>(which, x + i * inputs, y + i * outputs);
 }
 
-__global__ void random_kernel(uint64_t seed, const uint32_t* pixel, const uint64_t* sample,
-                              const uint32_t* block, uint32_t* out, uint64_t n) {
+__global__ void random_kernel(uint64_t seed, Sampler sampler, const uint32_t* pixel,
+                              const uint64_t* sample, const uint32_t* block, uint32_t* out,
+                              uint64_t n) {
     const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i >= n) return;
-    const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32));
+    const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32), sampler);
     const Block<uint32_t> r =
         random_block(key, pixel[i], static_cast<uint32_t>(sample[i]), block[i]);
     out[4 * i] = r.x, out[4 * i + 1] = r.y, out[4 * i + 2] = r.z, out[4 * i + 3] = r.w;
@@ -127,15 +128,16 @@ std::vector<float> eval_function(const std::string& name, const std::vector<floa
     return out.download();
 }
 
-std::vector<uint32_t> random_words(uint64_t seed, const std::vector<uint32_t>& pixel,
+std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
+                                   const std::vector<uint32_t>& pixel,
                                    const std::vector<uint64_t>& sample,
                                    const std::vector<uint32_t>& block) {
     use_device(0);
     Buffer<uint32_t> p(pixel, "arguments"), b(block, "arguments"), out(4 * pixel.size(), "values");
     Buffer<uint64_t> s(sample, "arguments");
     if (!pixel.empty())
-        random_kernel<<<blocks_for(pixel.size(), 256), 256>>>(seed, p.get(), s.get(), b.get(),
-                                                              out.get(), pixel.size());
+        random_kernel<<<blocks_for(pixel.size(), 256), 256>>>(seed, sampler, p.get(), s.get(),
+                                                              b.get(), out.get(), pixel.size());
     check_launch("random");
     return out.download();
 }

@@ -69,7 +69,7 @@ void for_sample_ranges(const RenderSettings& s, uint64_t pixels, const Poll& pol
         const uint64_t samples = std::min(end - at, largest);
         const uint32_t upper = static_cast<uint32_t>(at >> 32);
         PathSettings settings;
-        settings.key = random_key(s.seed, upper);
+        settings.key = random_key(s.seed, upper, s.sampler);
         // 0 and 1 trace the camera segment alone.
         settings.max_depth = s.max_depth < 0 ? kHardMaxDepth : static_cast<uint32_t>(s.max_depth);
         settings.rr_depth = s.rr_depth;

@@ -2,7 +2,7 @@
 // No state, no clock, no order of execution.
 #pragma once
 
-#include "core/lane.h"
+#include "core/sobol.h"
 
 namespace veriray {
 
@@ -29,14 +29,17 @@ VR_HD Block<U> hash(Block<U> v) {
     return v;
 }
 
+enum class Sampler : uint32_t { kIndependent, kSobol };
+
 // 64 key bits from the seed and the upper half of the sample index; one per launch.
 struct RandomKey {
     uint32_t k0, k1;
+    Sampler sampler;
 };
-VR_HD RandomKey random_key(uint64_t seed, uint32_t sample_high) {
+VR_HD RandomKey random_key(uint64_t seed, uint32_t sample_high, Sampler sampler) {
     const Block<uint32_t> h = hash(Block<uint32_t>{
         static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32), sample_high, 0x76657269u});
-    return {h.x, h.y};
+    return {h.x, h.y, sampler};
 }
 
 // Named dimensions. A block is four numbers; a path uses block kCamera once and up to three blocks
@@ -52,9 +55,17 @@ VR_HD uint32_t dimension_block(uint32_t segment, Dimension d) {
     return segment * kBlocksPerSegment + d;
 }
 
+// Four words: independent, or two pairs of a Sobol sequence. What is not used costs nothing.
 template <class U>
 VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
-    return hash(Block<U>{pixel + U(key.k0), sample, U(block), U(key.k1)});
+    const U p = pixel + U(key.k0), k1(key.k1);
+    if (key.sampler == Sampler::kIndependent) return hash(Block<U>{p, sample, U(block), k1});
+    Block<U> r;
+    const Block<U> a = hash(Block<U>{p, U(~0u), U(2 * block), k1});
+    const Block<U> b = hash(Block<U>{p, U(~0u), U(2 * block + 1), k1});
+    sobol_pair(sample, a.x, a.y, a.z, r.x, r.y);
+    sobol_pair(sample, b.x, b.y, b.z, r.z, r.w);
+    return r;
 }
 
 // Uniform on the 2^24 multiples of 2^-24 in [0, 1): never 1.

@@ -110,6 +110,12 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     return std::make_unique<Scene>(in, device, poll);
 }
 
+Sampler find_sampler(const std::string& name) {
+    if (name == "independent") return Sampler::kIndependent;
+    if (name == "sobol") return Sampler::kSobol;
+    throw py::value_error("sampler = '" + name + "'; allowed: independent, sobol");
+}
+
 std::vector<std::string> feature_names(uint32_t mask) {
     std::vector<std::string> names;
     for (uint32_t k = 0; k < kFeatureCount; ++k)
@@ -163,9 +169,10 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
 
 #if defined(VR_BACKEND_CPU)
 py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, uint64_t sample,
-                    int64_t max_depth, uint32_t rr_depth) {
+                    int64_t max_depth, uint32_t rr_depth, const std::string& sampler) {
     RenderSettings s;
     s.seed = seed;
+    s.sampler = find_sampler(sampler);
     s.max_depth = max_depth;
     s.rr_depth = rr_depth;
     py::list out;
@@ -288,14 +295,16 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
     m.def(
         "render",
         [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,
-           uint64_t sample_end, int64_t max_depth, uint32_t rr_depth, const std::string& scheduler,
-           uint32_t threads, uint32_t batch, bool all_features, const py::object& poll) {
+           uint64_t sample_end, int64_t max_depth, uint32_t rr_depth, const std::string& sampler,
+           const std::string& scheduler, uint32_t threads, uint32_t batch, bool all_features,
+           const py::object& poll) {
             RenderSettings s;
             s.seed = seed;
             s.sample_begin = sample_begin;
             s.sample_end = sample_end;
             s.max_depth = max_depth;
             s.rr_depth = rr_depth;
+            s.sampler = find_sampler(sampler);
             s.scheduler = scheduler;
             s.threads = threads;
             s.batch = batch;
@@ -303,11 +312,11 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
             return render_dict(scene, film, s, poll);
         },
         "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
-        "max_depth"_a = -1, "rr_depth"_a = 5, "scheduler"_a = "fused", "threads"_a = 0,
-        "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none());
+        "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent", "scheduler"_a = "fused",
+        "threads"_a = 0, "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none());
 #if defined(VR_BACKEND_CPU)
     m.def("trace_path", &trace_list, "scene"_a, py::kw_only(), "seed"_a = 0, "x"_a = 0, "y"_a = 0,
-          "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5);
+          "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent");
 #endif
 
     m.def("eval_function", [](const std::string& name, const Array<float>& x) {
@@ -317,13 +326,17 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         return to_array(eval_function(name, to_vector(x)),
                         {x.shape(0), static_cast<py::ssize_t>(outputs)});
     });
-    m.def("random", [](uint64_t seed, const Array<uint32_t>& pixel, const Array<uint64_t>& sample,
-                       const Array<uint32_t>& block) {
-        if (pixel.size() != sample.size() || pixel.size() != block.size())
-            throw py::value_error("pixel, sample and block must have the same length");
-        return to_array(random_words(seed, to_vector(pixel), to_vector(sample), to_vector(block)),
-                        {pixel.size(), 4});
-    });
+    m.def(
+        "random",
+        [](uint64_t seed, const Array<uint32_t>& pixel, const Array<uint64_t>& sample,
+           const Array<uint32_t>& block, const std::string& sampler) {
+            if (pixel.size() != sample.size() || pixel.size() != block.size())
+                throw py::value_error("pixel, sample and block must have the same length");
+            return to_array(random_words(seed, find_sampler(sampler), to_vector(pixel),
+                                         to_vector(sample), to_vector(block)),
+                            {pixel.size(), 4});
+        },
+        "seed"_a, "pixel"_a, "sample"_a, "block"_a, "sampler"_a = "independent");
     m.def("intersect",
           [](const Scene& scene, const Array<double>& origins, const Array<double>& directions) {
               need_shape(origins, "origins", {-1, 3});

@@ -16,9 +16,10 @@ from .device import Device, devices
 from .errors import DeviceError, OutOfMemoryError, SceneError, SceneWarning
 from .image import ImageError
 from .render import Render, film_hash, render, trace_path
-from .scene import Scene, cornell_box, load_dict, load_file
+from .scene import SAMPLERS, Scene, cornell_box, load_dict, load_file
 
 __all__ = [
+    "SAMPLERS",
     "Camera",
     "Device",
     "DeviceError",

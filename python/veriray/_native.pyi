@@ -143,6 +143,7 @@ def render(
     sample_end: int,
     max_depth: int,
     rr_depth: int,
+    sampler: str,
     scheduler: str,
     threads: int,
     batch: int,
@@ -158,6 +159,7 @@ def trace_path(
     sample: int,
     max_depth: int,
     rr_depth: int,
+    sampler: str,
 ) -> list[dict[str, Any]]: ...
 def eval_function(name: str, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]: ...
 def random(
@@ -165,6 +167,7 @@ def random(
     pixel: npt.NDArray[np.uint32],
     sample: npt.NDArray[np.uint64],
     block: npt.NDArray[np.uint32],
+    sampler: str = "independent",
 ) -> npt.NDArray[np.uint32]: ...
 def intersect(
     scene: Scene, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]

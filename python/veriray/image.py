@@ -17,7 +17,7 @@ Channels, FLOAT (32 bits) unless said otherwise, linear scene-referred radiance:
 
 Header attributes, all of them strings, each optional (a missing one reads as empty or 0):
 - `veriray.format` "1"; `veriray.renderer` program that made it: "veriray", "reference", ...
-- `veriray.version`, `veriray.device`, `veriray.scheduler`: free text
+- `veriray.version`, `veriray.device`, `veriray.scheduler`, `veriray.sampler`: free text
 - `veriray.scene_sha256`, `veriray.film_sha256`: 64 hexadecimal digits
 - `veriray.seed`, `veriray.spp`, `veriray.max_depth`, `veriray.rr_depth`: decimal integers
 - `veriray.batches`: B as a decimal integer, "0" for none; `veriray.seconds`: decimal number
@@ -56,7 +56,15 @@ _MAX_BATCHES = 1000
 _MAX_DEPTHS = 1 << 20
 _MAX_BYTES = 1 << 31
 _DEFLATE_LIMIT = 1100  # deflate cannot shrink data to less than 1/1032
-_TEXT_KEYS = ("scene_sha256", "film_sha256", "device", "scheduler", "version", "renderer")
+_TEXT_KEYS = (
+    "scene_sha256",
+    "film_sha256",
+    "device",
+    "scheduler",
+    "sampler",
+    "version",
+    "renderer",
+)
 _INT_KEYS = ("seed", "spp", "max_depth", "rr_depth")
 
 

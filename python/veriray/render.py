@@ -100,6 +100,7 @@ def render(
     scheduler: str = "auto",
     max_depth: int | None = None,
     rr_depth: int | None = None,
+    sampler: str | None = None,
     width: int | None = None,
     height: int | None = None,
     threads: int | None = None,
@@ -110,8 +111,9 @@ def render(
 ) -> Render:
     """Render a scene.
 
-    The film depends on scene, spp, seed, max_depth, rr_depth, width and height alone: device,
-    scheduler, threads, batches and batch_size change the time taken, never a bit of the picture.
+    The film depends on scene, spp, seed, max_depth, rr_depth, sampler, width and height alone:
+    device, scheduler, threads, batches and batch_size change the time taken, never a bit of the
+    picture.
 
     Args:
         scene: from `load_file`, `load_dict` or `cornell_box`.
@@ -122,6 +124,9 @@ def render(
         max_depth: longest path in segments, as Mitsuba counts: 1 is emission alone, 2 adds direct
             light, -1 is unlimited; None takes the scene's.
         rr_depth: first depth of Russian roulette, >= 1; None takes the scene's.
+        sampler: "independent" or "sobol" (Owen-scrambled, padded pairs; Burley 2020), which lowers
+            the error of pictures with many samples; its `stderr` is that of as many independent
+            samples, an upper estimate. None takes the scene's.
         width, height: film size in pixels; None takes the scene's.
         threads: CPU threads, 1 to 1024; None takes all processors. Ignored on CUDA.
         batches: 0, or the number 2 to 1000 of equal sample ranges whose means are kept in
@@ -140,8 +145,8 @@ def render(
         path_bytes (stored for each path in flight, in the scene's variant), primitives (count by
         kind; dropped: triangles without area), tree (width, nodes, references, depth, seconds;
         empty without one), nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]),
-        seed, spp, max_depth, rr_depth, width, height, batches, batch_size, threads, launches,
-        memory (bytes of scene and film), scene_sha256, version, mean_stderr.
+        seed, spp, max_depth, rr_depth, sampler, width, height, batches, batch_size, threads,
+        launches, memory (bytes of scene and film), scene_sha256, version, mean_stderr.
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -151,8 +156,8 @@ def render(
         KeyboardInterrupt: Ctrl-C; nothing is kept, and the next render works.
     """
     scene_used, spp = check_settings(
-        scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, width=width,
-        height=height, threads=threads, batches=batches, batch_size=batch_size,
+        scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler,
+        width=width, height=height, threads=threads, batches=batches, batch_size=batch_size,
     )  # fmt: skip
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {progress!r} is not callable")
@@ -163,6 +168,7 @@ def render(
         "seed": seed,
         "max_depth": scene_used.max_depth,
         "rr_depth": scene_used.rr_depth,
+        "sampler": scene_used.sampler,
         "scheduler": scheduler,
         "threads": threads or 0,
         "batch": batch_size,
@@ -190,6 +196,7 @@ def render(
         "spp": spp,
         "max_depth": scene_used.max_depth,
         "rr_depth": scene_used.rr_depth,
+        "sampler": scene_used.sampler,
         "width": scene_used.film.width,
         "height": scene_used.film.height,
         "batches": batches,
@@ -219,6 +226,7 @@ def check_settings(
     seed: int = 0,
     max_depth: int | None = None,
     rr_depth: int | None = None,
+    sampler: str | None = None,
     width: int | None = None,
     height: int | None = None,
     threads: int | None = None,
@@ -242,7 +250,8 @@ def check_settings(
     _whole("batch_size", batch_size, 0, 2**26)
     if threads is not None:
         _whole("threads", threads, 1, 1024)
-    used = scene.with_(width=width, height=height, max_depth=max_depth, rr_depth=rr_depth)
+    size = {"width": width, "height": height}
+    used = scene.with_(max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size)
     return used, spp
 
 
@@ -460,16 +469,18 @@ def trace_path(
     seed: int = 0,
     max_depth: int | None = None,
     rr_depth: int | None = None,
+    sampler: str | None = None,
     width: int | None = None,
     height: int | None = None,
 ) -> list[dict[str, Any]]:
     """Replay one path of a render on the CPU, vertex by vertex.
 
-    Gives the path that `render` with the same scene, seed, size and depths traced for sample number
-    `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel outside the
-    film, and otherwise as `render`.
+    Gives the path that `render` with the same scene, seed, sampler, size and depths traced for
+    sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel
+    outside the film, and otherwise as `render`.
     """
-    used = scene.with_(width=width, height=height, max_depth=max_depth, rr_depth=rr_depth)
+    size = {"width": width, "height": height}
+    used = scene.with_(max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size)
     x = _whole("x", x, 0, used.film.width - 1)
     y = _whole("y", y, 0, used.film.height - 1)
     sample = _whole("sample", sample, 0, MAX_SPP - 1)
@@ -484,6 +495,7 @@ def trace_path(
             sample=sample,
             max_depth=used.max_depth,
             rr_depth=used.rr_depth,
+            sampler=used.sampler,
         )
     return path
 

@@ -26,6 +26,7 @@ Array = npt.NDArray[Any]
 
 #: Segments of a path at most; -1 in a scene stands for this.
 MAX_PATH_DEPTH = 262143
+SAMPLERS = ("independent", "sobol")
 SHIPPED = {
     "cornell-box": "cornell/cornell_box.xml",
     "cornell-box-mitsuba": "cornell/cornell_box_mitsuba.xml",
@@ -65,7 +66,8 @@ class Scene:
     float64: a spot's cutoff and beam width in degrees from its axis.
 
     max_depth counts as Mitsuba's does (1 emission only, 2 direct light, -1 unlimited); rr_depth is
-    the first depth with Russian roulette; spp and seed are the file's sampler settings.
+    the first depth with Russian roulette; sampler (of SAMPLERS), spp and seed are
+    the file's sampler settings.
 
     None stands for an empty table, or for the default of a column: no normals, no emission, no
     boundary, diffuse, specular colours 1, eta 1, k 0, opacity 1, isotropic, cutoff 20, beam 15.
@@ -84,6 +86,7 @@ class Scene:
     film: Film
     max_depth: int = -1
     rr_depth: int = 5
+    sampler: str = "independent"
     spp: int = 4
     seed: int = 0
     triangle_shape: Array | None = None
@@ -123,6 +126,8 @@ class Scene:
             raise SceneError(f"camera is {type(self.camera).__name__}, expected Camera")
         if not isinstance(self.film, Film):
             raise SceneError(f"film is {type(self.film).__name__}, expected Film")
+        if self.sampler not in SAMPLERS:
+            raise SceneError(f"sampler = {self.sampler!r}; allowed: {', '.join(SAMPLERS)}")
         arrays = checked({name: getattr(self, name) for name in COLUMNS})
         whole("camera medium", self.camera.medium, -1, len(arrays["sigma_t"]) - 1)
         shapes = [name for name in ("triangle", "sphere", "disk") if len(arrays[f"{name}s"])]
@@ -147,7 +152,7 @@ class Scene:
 
     @property
     def sha256(self) -> str:
-        """Hash (hex) of all that changes the expected picture: not names, spp or seed.
+        """Hash (hex) of all that changes the expected picture: not names, sampler, spp or seed.
 
         Does not depend on the machine, the process or the file that the scene came from.
         """
@@ -182,6 +187,7 @@ class Scene:
         filter_parameter: float | tuple[float, float] | None = None,
         max_depth: int | None = None,
         rr_depth: int | None = None,
+        sampler: str | None = None,
         spp: int | None = None,
         seed: int | None = None,
         camera: Camera | None = None,
@@ -197,7 +203,7 @@ class Scene:
             filter_parameter,
         )
         settings: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "spp": spp}
-        settings |= {"seed": seed, "camera": camera}
+        settings |= {"sampler": sampler, "seed": seed, "camera": camera}
         changed = {name: value for name, value in settings.items() if value is not None}
         return dataclasses.replace(self, film=film, **changed)
 

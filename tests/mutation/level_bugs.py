@@ -31,6 +31,7 @@ from tests.mutation.bugs import (
 
 _RNG, _FILM, _TILE, _CPU = "core/rng.h", "film/film.h", "schedulers/tile.h", "backends/cpu.cpp"
 _JOBS, _TRIANGLE, _SPHERE = "backends/instances.h", "geometry/triangle.h", "geometry/sphere.h"
+_SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/bvh_collapse.cpp", "scene/scene.cpp"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
@@ -42,7 +43,7 @@ _MIS = "pdf / (pdf + other)"
 _NEE = "light.pdf_sa + value.pdf_sa"
 _UNIFORM = "to_float(u >> 8) * F(0x1p-24f)"
 _BETWEEN = "and_less(and_less(inside, F(0.f), t), t, t_max)"
-_KEY = "random_key(s.seed, upper)"
+_KEY = "random_key(s.seed, upper, s.sampler)"
 _MET = "select(mirror, colour, s.weight)"
 _PHASE_PDF = "F(0.25f * kInvPi)"
 _SIGMA = "put(kMediumSigma + k, scaled);"
@@ -248,17 +249,29 @@ _RANDOM = (
     Mutant("random numbers of 16 bits", _RNG, _UNIFORM, "to_float(u >> 16) * F(0x1p-16f)"),
     Mutant("random numbers of 8 bits", _RNG, _UNIFORM, "to_float(u >> 24) * F(0x1p-8f)"),
     Mutant("same numbers in every pixel", _RNG, "pixel + U(key.k0)", "U(key.k0)"),
-    Mutant("seed ignored", _JOBS, _KEY, "random_key(0, upper)"),
+    Mutant("seed ignored", _JOBS, _KEY, "random_key(0, upper, s.sampler)"),
     Mutant("upper half of the seed ignored", _RNG, "static_cast<uint32_t>(seed >> 32)", "0u"),
-    Mutant("upper half of the sample number ignored", _JOBS, _KEY, "random_key(s.seed, 0)"),
+    Mutant("upper half of the sample number ignored", _JOBS, _KEY,
+           "random_key(s.seed, 0, s.sampler)"),
     Mutant("batches share their numbers", _JOBS, "static_cast<uint32_t>(at)", "0u"),
     Mutant("every second bounce shares its numbers", _RNG, "segment * kBlocksPerSegment + d",
            "(segment & 1u) * kBlocksPerSegment + d"),
-    Mutant("neighbouring seeds share their numbers", _RNG, "return {h.x, h.y};",
-           "return {static_cast<uint32_t>(seed) + 0u * h.x, sample_high};"),
+    Mutant("neighbouring seeds share their numbers", _RNG, "return {h.x, h.y, sampler};",
+           "return {static_cast<uint32_t>(seed) + 0u * h.x, sample_high, sampler};"),
     Mutant("hash without its shifts", _RNG,
            "v = {v.x ^ (v.x >> 16), v.y ^ (v.y >> 16), v.z ^ (v.z >> 16), v.w ^ (v.w >> 16)};",
            "v.x = v.x;"),
+    Mutant("Sobol points not shuffled", _SOBOL,
+           "scramble_reversed(reverse_bits(sample), seed_order)", "reverse_bits(sample)"),
+    Mutant("Sobol points not scrambled", _SOBOL, "reverse_bits(scramble_reversed(i, seed_x))",
+           "reverse_bits(i)"),
+    Mutant("Sobol's second dimension is the first", _SOBOL,
+           "scramble_reversed(second_dimension_reversed(i), seed_y)",
+           "scramble_reversed(i, seed_y)"),
+    Mutant("Sobol's second dimension lacks a step", _SOBOL, "0xf0f0f0f0u)) >> 4", "0u)) >> 4"),
+    Mutant("Sobol pairs of a block alike", _RNG, "U(2 * block + 1)", "U(2 * block)"),
+    Mutant("Sobol points alike in all pixels", _RNG, "hash(Block<U>{p, U(~0u), U(2 * block), k1})",
+           "hash(Block<U>{U(0u), U(~0u), U(2 * block), k1})"),
 )  # fmt: skip
 
 _COUNTS = (

@@ -33,6 +33,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--scheduler", default="auto", help="auto, fused or thrust")
     parser.add_argument("--max-depth", type=integer, help="longest path; 1 emission, -1 unlimited")
     parser.add_argument("--rr-depth", type=integer, help="first depth of Russian roulette")
+    parser.add_argument("--sampler", help="independent or sobol (default: the scene's)")
     parser.add_argument("--threads", type=integer, help="CPU threads (default: all)")
     parser.add_argument("--batches", type=integer, default=0, help="batch means to keep, 0 or 2+")
     parser.add_argument("--batch-size", type=integer, default=0, help="paths in flight; 0: auto")
@@ -71,7 +72,9 @@ def _render(arguments: argparse.Namespace) -> int:
     scene = load(arguments)
     settings: dict[str, Any] = {
         name: getattr(arguments, name)
-        for name in ("spp seed max_depth rr_depth width height threads batches batch_size").split()
+        for name in (
+            "spp seed max_depth rr_depth sampler width height threads batches batch_size"
+        ).split()
     }
     used, spp = check_settings(scene, **settings)
     chosen, reason = device_module.select(arguments.device)
@@ -152,6 +155,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         max_depth=arguments.max_depth,
         rr_depth=arguments.rr_depth,
+        sampler=arguments.sampler,
         width=arguments.width,
         height=arguments.height,
     )

@@ -17,7 +17,7 @@ from ..numeric import check_rigid, view_angle
 from ..scene import Scene
 from . import materials
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
-from .plugins import PLUGINS
+from .plugins import PLUGINS, STRATIFIED
 from .shapes import Shapes, must_be_closed
 from .values import check, located
 
@@ -88,7 +88,7 @@ class _Builder:
         self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         path = self.check(integrator)
-        camera, film, sampler = self.sensor(parts["sensor"][0])
+        camera, film, sampling = self.sensor(parts["sensor"][0])
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
             self.material(bsdf)
@@ -113,8 +113,7 @@ class _Builder:
                 film=film,
                 max_depth=path["max_depth"],
                 rr_depth=path["rr_depth"],
-                spp=sampler["sample_count"],
-                seed=sampler["seed"],
+                **sampling,
             ),
         )
         return scene
@@ -177,7 +176,10 @@ class _Builder:
                 self.medium(parts["medium"][0]) if parts["medium"] else -1,
             ),
         )
-        return camera, film, self.check(sampler)
+        given = self.check(sampler)
+        kind = "sobol" if sampler.plugin in STRATIFIED else sampler.plugin
+        sampling = {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
+        return camera, film, sampling
 
     def material(self, node: Node) -> materials.Row:
         """The row of a bsdf."""

@@ -118,9 +118,15 @@ _PERSPECTIVE = {
     "far_clip": Param("float", inf, 0.0, MAX_COORDINATE, open=True, doc="default none"),
     "to_world": _TO_WORLD,
 }
+#: Mitsuba's stratified samplers.
+STRATIFIED = ("stratified", "multijitter", "ldsampler")
+_SAMPLER: dict[str, Any] = {
+    "sample_count": Param("integer", 4, 1, 2**63 - 1, doc="samples per pixel"),
+    "seed": Param("integer", 0, 0, 2**64 - 1),
+}
 _ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
     "film": (("hdrfilm",), 0, 1),
-    "sampler": (("independent",), 0, 1),
+    "sampler": (("independent", *STRATIFIED), 0, 1),
     "medium": (("homogeneous",), 0, 1),
 }
 _COEFFICIENT: dict[str, Any] = {"low": 0.0, "high": MAX_COORDINATE}
@@ -195,13 +201,8 @@ PLUGINS: dict[str, Plugin] = {
         {name: Param("float", 1.0 / 3.0, **_SHARE) for name in "BC"},
         doc="Mitchell and Netravali, 1988; 4 pixels wide, with negative lobes",
     ),
-    "independent": Plugin(
-        "sampler",
-        {
-            "sample_count": Param("integer", 4, 1, 2**63 - 1, doc="samples per pixel"),
-            "seed": Param("integer", 0, 0, 2**64 - 1),
-        },
-    ),
+    "independent": Plugin("sampler", _SAMPLER),
+    **{name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol") for name in STRATIFIED},
     "rectangle": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^2 at z = 0, front towards +z"),
     "disk": Plugin("shape", _PLACED, _ON_SHAPES, doc="unit disc at z = 0, front towards +z"),
     "cube": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^3, front outside"),

@@ -36,23 +36,64 @@ def pcg4d(v: Sequence[Array]) -> list[Array]:
     return [x, y, z, w]
 
 
-def expected(seed: int, pixel: Array, sample: Array, block: Array) -> Array:
+def expected(
+    seed: int, pixel: Array, sample: Array, block: Array, sampler: str = "independent"
+) -> Array:
     """What ours must give; the key is a hash of seed, upper half of the sample and a constant."""
     shape = np.zeros(len(pixel), np.uint64)
     sample = sample.astype(np.uint64)
     key = pcg4d([shape + np.uint64(seed & 0xFFFFFFFF), shape + np.uint64(seed >> 32),
                  sample >> np.uint64(32), shape + np.uint64(0x76657269)])  # fmt: skip
-    words = pcg4d([(pixel.astype(np.uint64) + key[0]) & U32, sample & U32,
-                   block.astype(np.uint64), key[1]])  # fmt: skip
-    return np.stack(words, axis=1).astype(np.uint32)
+    place = (pixel.astype(np.uint64) + key[0]) & U32
+    if sampler == "independent":
+        words = pcg4d([place, sample & U32, block.astype(np.uint64), key[1]])
+        return np.stack(words, axis=1).astype(np.uint32)
+    columns = []
+    for half in (0, 1):
+        which = (np.uint64(2) * block.astype(np.uint64) + np.uint64(half)) & U32
+        order, *scrambles = pcg4d([place, shape + U32, which, key[1]])[:3]
+        index = owen(sample & U32, order)
+        for scramble, dimension in zip(scrambles, sobol(index), strict=True):
+            columns.append(owen(dimension, scramble))
+    return np.stack(columns, axis=1).astype(np.uint32)
 
 
-def native_words(native: Any) -> Words:
+def reverse_bits(x: Array) -> Array:
+    """32-bit words held in uint64, bit 0 to bit 31."""
+    bits = x.astype("<u4")[:, None].view(np.uint8)
+    return (
+        np.packbits(np.unpackbits(bits, axis=1, bitorder="little"), axis=1)
+        .view(">u4")[:, 0]
+        .astype(np.uint64)
+    )
+
+
+def owen(x: Array, seed: Array) -> Array:
+    """Owen's scrambling by the hash of Laine and Karras (2011) with N. Vegdahl's constants."""
+    x = reverse_bits(x)
+    x ^= x * np.uint64(0x3D20ADEA) & U32
+    x = (x + seed) & U32
+    x = x * (seed >> np.uint64(16) | np.uint64(1)) & U32
+    for factor in (0x05526C56, 0x53A22864):
+        x ^= x * np.uint64(factor) & U32
+    return reverse_bits(x)
+
+
+def sobol(index: Array) -> tuple[Array, Array]:
+    """The first two dimensions, by direction numbers: 2^31-k and v_k = v_k-1 xor v_k-1 / 2."""
+    second, v = np.zeros_like(index), 1 << 31
+    for k in range(32):
+        second ^= np.uint64(v) * (index >> np.uint64(k) & np.uint64(1))
+        v ^= v >> 1
+    return reverse_bits(index), second
+
+
+def native_words(native: Any, sampler: str = "independent") -> Words:
     """Ours, from a native module."""
 
     def words(seed: int, pixel: Array, sample: Array, block: Array) -> Array:
         out: Array = native.random(seed % 2**64, pixel.astype(np.uint32), sample.astype(np.uint64),
-                                   block.astype(np.uint32))  # fmt: skip
+                                   block.astype(np.uint32), sampler)  # fmt: skip
         return out
 
     return words

@@ -55,11 +55,15 @@ VR_HD uint32_t dimension_block(uint32_t segment, Dimension d) {
     return segment * kBlocksPerSegment + d;
 }
 
+// Vertices from the seventh on take independent numbers: little of a picture's noise is theirs.
+inline constexpr uint32_t kSobolBlocks = 6 * kBlocksPerSegment + 1;
+
 // Four words: independent, or two pairs of a Sobol sequence. What is not used costs nothing.
 template <class U>
 VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
     const U p = pixel + U(key.k0), k1(key.k1);
-    if (key.sampler == Sampler::kIndependent) return hash(Block<U>{p, sample, U(block), k1});
+    if (key.sampler == Sampler::kIndependent || block >= kSobolBlocks)
+        return hash(Block<U>{p, sample, U(block), k1});
     Block<U> r;
     const Block<U> a = hash(Block<U>{p, U(~0u), U(2 * block), k1});
     const Block<U> b = hash(Block<U>{p, U(~0u), U(2 * block + 1), k1});

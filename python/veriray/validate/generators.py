@@ -20,6 +20,7 @@ Numbers = Callable[[Array, int, int], Array]  # pixels (P,), pass, bounce -> (P,
 
 U32 = np.uint64(0xFFFFFFFF)
 MODULUS, FACTOR = 2**31 - 1, 48271  # minstd
+SOBOL_BLOCKS = 19  # later blocks hold independent numbers with either sampler
 
 
 def pcg4d(v: Sequence[Array]) -> list[Array]:
@@ -45,9 +46,10 @@ def expected(
     key = pcg4d([shape + np.uint64(seed & 0xFFFFFFFF), shape + np.uint64(seed >> 32),
                  sample >> np.uint64(32), shape + np.uint64(0x76657269)])  # fmt: skip
     place = (pixel.astype(np.uint64) + key[0]) & U32
+    words = pcg4d([place, sample & U32, block.astype(np.uint64), key[1]])
+    independent = np.stack(words, axis=1).astype(np.uint32)
     if sampler == "independent":
-        words = pcg4d([place, sample & U32, block.astype(np.uint64), key[1]])
-        return np.stack(words, axis=1).astype(np.uint32)
+        return independent
     columns = []
     for half in (0, 1):
         which = (np.uint64(2) * block.astype(np.uint64) + np.uint64(half)) & U32
@@ -55,7 +57,8 @@ def expected(
         index = owen(sample & U32, order)
         for scramble, dimension in zip(scrambles, sobol(index), strict=True):
             columns.append(owen(dimension, scramble))
-    return np.stack(columns, axis=1).astype(np.uint32)
+    points = np.stack(columns, axis=1).astype(np.uint32)
+    return np.where(block[:, None] < SOBOL_BLOCKS, points, independent)
 
 
 def reverse_bits(x: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from veriray import device as device_module
-from veriray.validate.generators import expected, native_words
+from veriray.validate.generators import SOBOL_BLOCKS, expected, native_words
 from veriray.validate.levels.randomness import correlations
 from veriray.validate.scenes import furnace
 from veriray.validate.statistics import chi_square, max_z, sidak
@@ -19,7 +19,7 @@ def sobol_known_answers(t: Trial) -> None:
 
     Equal to the bit, for sample numbers about 2^32, 2^63 and 2^64 too.
     """
-    pixel, block = t.rng.integers(0, 2**31, 4000), t.rng.integers(0, 2**17, 4000)
+    pixel, block = t.rng.integers(0, 2**31, 4000), t.rng.integers(0, 2 * SOBOL_BLOCKS, 4000)
     sample = t.rng.integers(0, 2**63, 4000, np.uint64)
     sample[:6] = [0, 2**32 - 1, 2**32, 2**63 - 1, 2**63, 2**64 - 1]
     for name in t.devices:
@@ -33,12 +33,12 @@ def sobol_known_answers(t: Trial) -> None:
 def sobol_points_are_nets(t: Trial, first: int) -> None:
     """2^m samples from a multiple of 2^m on: one in each cell of every dyadic partition.
 
-    Exact; pairs of 20 blocks, m = 10. A. Owen 1997: scrambling keeps a (0, m, 2)-net.
+    Exact; pairs of all blocks, m = 10. A. Owen 1997: scrambling keeps a (0, m, 2)-net.
     """
     m = 10
     index = np.arange(first, first + 2**m, dtype=np.uint64)
     words = native_words(t.native, "sobol")
-    for block in range(20):
+    for block in range(SOBOL_BLOCKS):
         same = np.zeros(len(index), np.int64)
         got = words(t.fresh(), same + int(t.rng.integers(2**20)), index, same + block)
         for x, y in (got[:, :2].T, got[:, 2:].T):
@@ -53,14 +53,15 @@ def sobol_points_are_nets(t: Trial, first: int) -> None:
 def sobol_pixels_are_independent(t: Trial) -> None:
     """Words of one sample along pixels, blocks and seeds: uniform, and without correlation.
 
-    Chi-square of the upper 8 bits and of 8^4 cells of a block's words, 2^17 blocks; correlations of
-    words and of |u - 1/2| in a block, with the next pixel, block and seed, 2^14 pairs: sees .043.
+    Chi-square of the upper 8 bits and of 8^4 cells of a block's words, 2^17 of them; correlations
+    of words and of |u - 1/2| in a block, with the next pixel, block and seed, 2^14 pairs: sees
+    .043.
     """
     n, words = 2**17 * t.effort, native_words(t.native, "sobol")
     i, zero = np.arange(n), np.zeros(n, np.int64)
     sample, seed = zero + int(t.rng.integers(2**20)), t.fresh()
     worst = 1.0
-    for got in (words(seed, i, sample, zero), words(seed, zero, sample, i)):
+    for got in (words(seed, i, sample, zero), words(seed, i, sample, zero + 5)):
         for column in got.T:
             counts = np.bincount(column >> 24, minlength=256)
             worst = min(worst, chi_square(counts, np.full(256, n / 256)))

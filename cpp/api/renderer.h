@@ -53,6 +53,7 @@ struct RenderSettings {
     uint32_t threads = 0;  // 0: all; CPU only
     uint32_t batch = 0;    // paths in flight; 0: the scheduler's choice
     bool all_features = false;
+    std::vector<uint32_t> pixels;  // row-major indices, ascending; empty: all
 };
 
 struct Fault {
@@ -86,12 +87,12 @@ class Film {
 
     uint32_t width() const;
     uint32_t height() const;
-    uint64_t samples() const;  // of every pixel
+    uint64_t samples() const;  // of every pixel; renders of listed pixels do not count
     size_t memory() const;
     void clear();
     void add(const Film& other);  // exact: the order of additions never shows
-    // width * height * 3 each, row 0 on top. scale = 2^-e of the scene rendered.
-    void resolve(float* mean, float* standard_error) const;
+    // width * height * 3 each, row 0 on top. counts: samples by pixel; null: samples() of each.
+    void resolve(float* mean, float* standard_error, const uint64_t* counts) const;
     void sums(double* out) const;
     void words(uint64_t* out) const;  // width * height * kFilmWords, for tests and checkpoints
 

@@ -71,11 +71,11 @@ void Film::add(const Film& other) {
     impl->samples += other.impl->samples;
 }
 
-void Film::resolve(float* mean, float* standard_error) const {
+void Film::resolve(float* mean, float* standard_error, const uint64_t* counts) const {
     const float scale = impl->view.scale ? impl->view.scale : 1.f;
     for (size_t i = 0; i < impl->words.size() / 4; ++i)
         veriray::resolve(&impl->words[i / 3 * kFilmWords], static_cast<uint32_t>(i % 3), scale,
-                         impl->samples, mean[i], standard_error[i]);
+                         counts ? counts[i / 3] : impl->samples, mean[i], standard_error[i]);
 }
 
 void Film::sums(double* out) const {
@@ -191,11 +191,21 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
                   std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
     const uint32_t tile = s.batch ? std::min(s.batch, kTilePaths) : kTilePaths;
     const uint64_t pixels = job.pixels();
+    // Listed pixels come in runs side by side.
+    std::vector<std::pair<uint32_t, uint32_t>> runs;
     // A tile holds as many samples of a pixel as it can once its pixels run out, 64 before.
     const uint32_t samples = static_cast<uint32_t>(std::min<uint64_t>(
         {job.samples, tile, std::max<uint64_t>(64, tile / std::min<uint64_t>(pixels, tile))}));
     const uint32_t width = std::max(1u, tile / samples);
-    const uint64_t pixel_runs = (pixels + width - 1) / width;
+    for (uint32_t pixel : s.pixels) {
+        const bool next = !runs.empty() && runs.back().first + runs.back().second == pixel &&
+                          runs.back().second < width;
+        if (next)
+            ++runs.back().second;
+        else
+            runs.push_back({pixel, 1});
+    }
+    const uint64_t pixel_runs = job.listed ? runs.size() : (pixels + width - 1) / width;
     const uint64_t sample_runs = (job.samples + samples - 1) / samples;
     std::vector<std::unique_ptr<Tile>> tiles(stats.threads);
     bool complete = false;
@@ -203,11 +213,15 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
         complete = parallel(
             stats.threads, pixel_runs * sample_runs, poll, [&](uint32_t worker, uint64_t unit) {
                 if (!tiles[worker]) tiles[worker] = std::make_unique<Tile>();
-                const uint32_t p = static_cast<uint32_t>(unit % pixel_runs) * width;
+                const uint64_t run = unit % pixel_runs;
                 const uint32_t k = static_cast<uint32_t>(unit / pixel_runs) * samples;
-                tiles[worker]->run<kFeatures>(
-                    view, job, p, static_cast<uint32_t>(std::min<uint64_t>(width, pixels - p)), k,
-                    std::min(samples, job.samples - k), ledgers[worker]);
+                const auto [first, count] =
+                    job.listed ? runs[run]
+                               : std::pair(static_cast<uint32_t>(run * width),
+                                           static_cast<uint32_t>(
+                                               std::min<uint64_t>(width, pixels - run * width)));
+                tiles[worker]->run<kFeatures>(view, job, first, count, k,
+                                              std::min(samples, job.samples - k), ledgers[worker]);
             });
     });
     ++stats.launches;
@@ -231,13 +245,19 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     std::vector<LedgerRows> ledgers(stats.threads);
     const auto start = std::chrono::steady_clock::now();
     bool complete = true;
-    const uint64_t pixels = static_cast<uint64_t>(film.width()) * film.height();
+    const uint64_t pixels = pixel_count(s, film);
     for_sample_ranges(s, pixels, poll,
                       [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
                           uint32_t upper, const Poll& part) {
                           if (!complete) return;
                           FaultLog faults{};
-                          const Job job{settings, film.impl->view, &faults, begin, samples};
+                          const Job job{settings,
+                                        film.impl->view,
+                                        &faults,
+                                        begin,
+                                        samples,
+                                        s.pixels.empty() ? nullptr : s.pixels.data(),
+                                        static_cast<uint32_t>(s.pixels.size())};
                           complete = s.scheduler == "thrust"
                                          ? render_thrust(host.view, job, s, ledgers, stats, part)
                                          : render_tiles(host.view, job, s, ledgers, stats, part);
@@ -250,7 +270,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
         for (size_t i = 0; i < rows.counts.size(); ++i) stats.ledger[i] += rows.counts[i];
     }
     const uint64_t samples = s.sample_end - s.sample_begin;
-    film.impl->samples += samples;
+    if (s.pixels.empty()) film.impl->samples += samples;
     complete_ledger(stats.ledger, samples * pixels);
     return stats;
 }

@@ -20,12 +20,12 @@ constexpr uint32_t kFusedBlock = 128;
 constexpr uint32_t kLedgerRowsShared = 32;  // deeper events go to device memory at once
 constexpr uint64_t kLedgerRowsFetched = 4096;
 
-__global__ void resolve_kernel(FilmView film, uint64_t n, uint64_t values, float* mean,
-                               float* error) {
+__global__ void resolve_kernel(FilmView film, uint64_t n, const uint64_t* counts, uint64_t values,
+                               float* mean, float* error) {
     const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i >= values) return;
-    resolve(film.words + i / 3 * kFilmWords, static_cast<uint32_t>(i % 3), film.scale, n, mean[i],
-            error[i]);
+    resolve(film.words + i / 3 * kFilmWords, static_cast<uint32_t>(i % 3), film.scale,
+            counts ? counts[i / 3] : n, mean[i], error[i]);
 }
 
 __global__ void add_kernel(uint64_t* a, const uint64_t* b, uint64_t numbers) {
@@ -142,14 +142,16 @@ void Film::add(const Film& other) {
     impl->samples += other.impl->samples;
 }
 
-void Film::resolve(float* mean, float* standard_error) const {
+void Film::resolve(float* mean, float* standard_error, const uint64_t* counts) const {
     use_device(impl->device);
     const uint64_t values = impl->words.size() / 4;
     Buffer<float> out(2 * values, "resolved film");
+    Buffer<uint64_t> by_pixel;
+    if (counts) by_pixel = {std::vector<uint64_t>(counts, counts + values / 3), "resolved film"};
     FilmView view = impl->view;
     if (view.scale == 0) view.scale = 1.f;
-    resolve_kernel<<<blocks_for(values, 256), 256>>>(view, impl->samples, values, out.get(),
-                                                     out.get() + values);
+    resolve_kernel<<<blocks_for(values, 256), 256>>>(view, impl->samples, by_pixel.get(), values,
+                                                     out.get(), out.get() + values);
     check_launch("resolve film");
     check(cudaMemcpy(mean, out.get(), values * 4, cudaMemcpyDeviceToHost), "copy film");
     check(cudaMemcpy(standard_error, out.get() + values, values * 4, cudaMemcpyDeviceToHost),
@@ -388,11 +390,13 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     Buffer<uint64_t> ledger(std::max<uint64_t>(depths, kLedgerRowsShared) * kLedgerColumns,
                             "ledger");
     Buffer<FaultLog> faults(1, "fault log");
+    Buffer<uint32_t> listed;
+    if (!s.pixels.empty()) listed = {s.pixels, "pixel list"};
     ledger.zero();
     check(cudaDeviceSynchronize(), "prepare");
     const Clock::time_point start = Clock::now();
     bool complete = true;
-    const uint64_t pixels = static_cast<uint64_t>(film.width()) * film.height();
+    const uint64_t pixels = pixel_count(s, film);
     for_sample_ranges(s, pixels, poll,
                       [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
                           uint32_t upper, const Poll& part) {
@@ -401,7 +405,13 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
                                                   side,        control, ledger, part};
                           faults.zero();
                           check(cudaDeviceSynchronize(), "prepare");
-                          const Job job{settings, film.impl->view, faults.get(), begin, samples};
+                          const Job job{settings,
+                                        film.impl->view,
+                                        faults.get(),
+                                        begin,
+                                        samples,
+                                        listed.get(),
+                                        static_cast<uint32_t>(s.pixels.size())};
                           complete = s.scheduler == "thrust" ? render_thrust(launches, job)
                                                              : render_fused(launches, job);
                           add_faults(stats, faults.download()[0], film.width(), upper);
@@ -409,7 +419,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = seconds_since(start);
     const uint64_t samples = s.sample_end - s.sample_begin;
-    film.impl->samples += samples;
+    if (s.pixels.empty()) film.impl->samples += samples;
     uint64_t live = samples * pixels;  // rows beyond the last path's end stay on the device
     for (uint64_t row = 0; row < depths && live; row += kLedgerRowsFetched) {
         const std::vector<uint64_t> rows = ledger.download(

@@ -40,6 +40,16 @@ inline void check_settings(const RenderSettings& s, const HostScene& scene, cons
         fail("the film has " + std::to_string(film.width()) + " x " +
              std::to_string(film.height()) + " pixels, the scene's camera " +
              std::to_string(scene.width) + " x " + std::to_string(scene.height));
+    const uint64_t all = static_cast<uint64_t>(film.width()) * film.height();
+    for (size_t i = 0; i < s.pixels.size(); ++i)
+        if (s.pixels[i] >= all || (i && s.pixels[i] <= s.pixels[i - 1]))
+            fail("pixels[" + std::to_string(i) + "] = " + std::to_string(s.pixels[i]) +
+                 "; allowed: ascending numbers below " + std::to_string(all));
+}
+
+// Pixels that a render draws samples of.
+inline uint64_t pixel_count(const RenderSettings& s, const Film& film) {
+    return s.pixels.empty() ? static_cast<uint64_t>(film.width()) * film.height() : s.pixels.size();
 }
 
 inline void check_film_size(uint32_t width, uint32_t height) {

@@ -28,7 +28,7 @@ VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& i
                 const uint64_t item = take();
                 if (item >= items.count) return;
                 const uint64_t run = item / job.pixels();
-                pixel = static_cast<uint32_t>(item - run * job.pixels());
+                pixel = job.pixel(static_cast<uint32_t>(item - run * job.pixels()));
                 sample = static_cast<uint32_t>(run) * items.samples_per_item;
                 sample_end = sample + items.samples_per_item;
                 if (sample_end > job.samples) sample_end = job.samples;

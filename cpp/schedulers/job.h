@@ -1,4 +1,5 @@
-// What a scheduler is given: samples [sample_begin, sample_begin + samples) of every pixel.
+// What a scheduler is given: samples [sample_begin, sample_begin + samples) of every pixel, or of
+// those of a list.
 #pragma once
 
 #include "integrators/path.h"
@@ -10,8 +11,13 @@ struct Job {
     FilmView film;
     FaultLog* faults;
     uint32_t sample_begin, samples;  // lower 32 bits; a job never crosses a multiple of 2^32
+    const uint32_t* listed;          // ascending; null: all pixels
+    uint32_t listed_count;
 
-    VR_HD uint64_t pixels() const { return static_cast<uint64_t>(film.width) * film.height; }
+    VR_HD uint64_t pixels() const {
+        return listed ? listed_count : static_cast<uint64_t>(film.width) * film.height;
+    }
+    VR_HD uint32_t pixel(uint32_t place) const { return listed ? listed[place] : place; }
     VR_HD uint64_t paths() const { return pixels() * samples; }
 };
 

@@ -49,7 +49,7 @@ VR_HD void thrust_begin(const SceneView& scene, const Job& job, const PathColumn
                         int32_t* indices, uint64_t first, uint32_t i) {
     const uint64_t g = first + i;
     const uint32_t sample = static_cast<uint32_t>(g / job.pixels());
-    const uint32_t pixel = static_cast<uint32_t>(g - sample * job.pixels());
+    const uint32_t pixel = job.pixel(static_cast<uint32_t>(g - sample * job.pixels()));
     store_path<kFeatures>(paths, i,
                           PathTracer<Scalar, kFeatures>::begin(
                               scene, job.settings, pixel % job.film.width, pixel / job.film.width,

@@ -264,17 +264,21 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         .def_property_readonly("memory", &Film::memory)
         .def("clear", &Film::clear, py::call_guard<py::gil_scoped_release>())
         .def("add", &Film::add, "other"_a, py::call_guard<py::gil_scoped_release>())
-        .def("resolve",
-             [](const Film& f) {
-                 const std::vector<py::ssize_t> shape{f.height(), f.width(), 3};
-                 py::array_t<float> mean(shape), error(shape);
-                 float *a = mean.mutable_data(), *b = error.mutable_data();
-                 {
-                     py::gil_scoped_release release;
-                     f.resolve(a, b);
-                 }
-                 return py::make_tuple(mean, error);
-             })
+        .def(
+            "resolve",
+            [](const Film& f, const std::optional<Array<uint64_t>>& counts) {
+                const std::vector<py::ssize_t> shape{f.height(), f.width(), 3};
+                py::array_t<float> mean(shape), error(shape);
+                float *a = mean.mutable_data(), *b = error.mutable_data();
+                if (counts) need_shape(*counts, "counts", {f.height(), f.width()});
+                const uint64_t* n = counts ? counts->data() : nullptr;
+                {
+                    py::gil_scoped_release release;
+                    f.resolve(a, b, n);
+                }
+                return py::make_tuple(mean, error);
+            },
+            "counts"_a = py::none())
         .def("sums",
              [](const Film& f) {
                  py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});
@@ -297,7 +301,7 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,
            uint64_t sample_end, int64_t max_depth, uint32_t rr_depth, const std::string& sampler,
            const std::string& scheduler, uint32_t threads, uint32_t batch, bool all_features,
-           const py::object& poll) {
+           const py::object& poll, const std::optional<Array<uint32_t>>& pixels) {
             RenderSettings s;
             s.seed = seed;
             s.sample_begin = sample_begin;
@@ -309,11 +313,14 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
             s.threads = threads;
             s.batch = batch;
             s.all_features = all_features;
+            if (pixels) s.pixels = to_vector(*pixels);
+            if (pixels && s.pixels.empty()) throw py::value_error("pixels is empty");
             return render_dict(scene, film, s, poll);
         },
         "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
         "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent", "scheduler"_a = "fused",
-        "threads"_a = 0, "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none());
+        "threads"_a = 0, "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none(),
+        "pixels"_a = py::none());
 #if defined(VR_BACKEND_CPU)
     m.def("trace_path", &trace_list, "scene"_a, py::kw_only(), "seed"_a = 0, "x"_a = 0, "y"_a = 0,
           "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent");

@@ -12,6 +12,8 @@ Channels, FLOAT (32 bits) unless said otherwise, linear scene-referred radiance:
   [k spp/B, (k+1) spp/B) of the pixel. Three digits, B <= 1000, B divides spp, no gaps. The means
   are float64 in memory and float32 here: the loss is the rounding, 6e-8 of a batch mean, far below
   its own standard error and below the margin (1e-5) of every test in `veriray.compare`.
+- `samples`                          UINT (32 bits), optional: samples of each pixel, where they
+  differ.
 - `region`                           UINT (32 bits), optional: what the ray through the pixel's
   centre hits first, k + 1 for shape k of the scene file in its order, 0 for nothing.
 
@@ -65,6 +67,7 @@ _TEXT_KEYS = (
     "version",
     "renderer",
 )
+_WHOLE = ("region", "samples")  # channels of integers
 _INT_KEYS = ("seed", "spp", "max_depth", "rr_depth")
 
 
@@ -190,6 +193,7 @@ def load_with_regions(
         height=image.shape[0],
         spp=stats["spp"],
         seed=stats["seed"],
+        samples=channels.get("samples"),
     )
     return render, channels.get("region"), names
 
@@ -218,6 +222,8 @@ def _save_exr(
         raise ImageError(f"{len(batches)} batches; an EXR file holds at most {_MAX_BATCHES}")
     for k, batch in enumerate(batches):
         add(f"batch.{k:03d}.", batch, f"batch_means[{k}]")
+    if render.samples is not None:
+        channels["samples"] = np.ascontiguousarray(render.samples, np.uint32)
     stats = dict(render.stats)
     stats.update(film_sha256=render.film_sha256, spp=render.spp, seed=render.seed)
     own = {*_TEXT_KEYS, *_INT_KEYS, "seconds", "features", "ledger"}
@@ -291,7 +297,7 @@ def _read_exr(
         if values.shape != shape or values.dtype not in (np.float16, np.float32, np.uint32):
             raise ImageError(f"{where}: channel {name!r} is {values.dtype} {values.shape}; "
                              f"expected float32 {shape}")  # fmt: skip
-        pixels[name] = values.astype(np.uint32 if name == "region" else np.float32)
+        pixels[name] = values.astype(np.uint32 if name in _WHOLE else np.float32)
     return header, pixels
 
 

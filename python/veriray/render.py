@@ -7,7 +7,6 @@ import io
 import os
 import struct
 import threading
-import time
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ import numpy.typing as npt
 from . import device as device_module
 from .columns import COLUMNS
 from .device import Device
+from .numeric import number
+from .sampling import PILOT, Progress, adaptive, uniform
 from .scene import Scene
 
 #: Columns of the ray ledger, in the native modules' order.
@@ -42,6 +43,7 @@ class Render:
     image: (H, W, 3) float32, mean linear radiance; row 0 is the top of the picture.
     stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
     batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None.
+    samples: (H, W) uint32, the samples of each pixel, or None where all have spp.
     film_sha256: see `film_hash`; equal hashes mean equal bytes.
     stats: what was done (plain Python numbers, strings and lists; `render` lists the keys).
     """
@@ -55,6 +57,7 @@ class Render:
     height: int
     spp: int
     seed: int
+    samples: Array | None = None
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
         """Write an `.exr` (everything) or a `.png` (display copy); see `veriray.image.save`.
@@ -77,18 +80,21 @@ class Render:
         return file.getvalue()
 
 
-def film_hash(image: Array, stderr: Array, spp: int) -> str:
+def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = None) -> str:
     """SHA-256 (hex) of a film.
 
     Hashed are the bytes "veriray film 1", then width, height and spp as unsigned 64-bit
     little-endian integers, then image and stderr, (H, W, 3) each, as little-endian float32 in C
-    order. Every NaN counts as the same NaN.
+    order. Every NaN counts as the same NaN. Samples by pixel, where they differ, follow as (H, W)
+    little-endian uint32.
     """
     height, width = image.shape[:2]
     digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
     for values in (image, stderr):
         plain = np.where(np.isnan(values), np.float32(np.nan), values)
         digest.update(np.ascontiguousarray(plain, dtype="<f4").tobytes())
+    if samples is not None:
+        digest.update(np.ascontiguousarray(samples, dtype="<u4").tobytes())
     return digest.hexdigest()
 
 
@@ -108,12 +114,13 @@ def render(
     batch_size: int = 0,
     progress: Callable[[float], object] | None = None,
     all_features: bool = False,
+    target_error: float | None = None,
 ) -> Render:
     """Render a scene.
 
-    The film depends on scene, spp, seed, max_depth, rr_depth, sampler, width and height alone:
-    device, scheduler, threads, batches and batch_size change the time taken, never a bit of the
-    picture.
+    The film depends on scene, spp, seed, max_depth, rr_depth, sampler, width, height and
+    target_error alone: device, scheduler, threads, batches and batch_size change the time taken,
+    never a bit of the picture.
 
     Args:
         scene: from `load_file`, `load_dict` or `cornell_box`.
@@ -136,6 +143,9 @@ def render(
             tree is built over a large mesh, that is the first tenth. An exception that it raises
             stops the render and propagates.
         all_features: use the variant compiled for everything even if the scene needs less.
+        target_error: None, or the relative standard error in (0, 1) at which tiles of 16 x 16
+            pixels stop: adaptive sampling without bias (see `veriray.sampling`), of spp samples a
+            pixel at most (at least 16). Not together with batches.
 
     Returns:
         Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per
@@ -146,7 +156,11 @@ def render(
         kind; dropped: triangles without area), tree (width, nodes, references, depth, seconds;
         empty without one), nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]),
         seed, spp, max_depth, rr_depth, sampler, width, height, batches, batch_size, threads,
-        launches, memory (bytes of scene and film), scene_sha256, version, mean_stderr.
+        launches, memory (bytes of scene and film), scene_sha256, version, mean_stderr. With
+        target_error also target_error, pilot_spp, first_sample (number of the picture's first
+        sample), mean_spp, tiles, tiles_at_limit (which need more than spp), tiles_above_target and
+        tile_error (median, nine tenths, largest) of the finished picture; paths and ledger then
+        hold the pilot's too.
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -158,6 +172,7 @@ def render(
     scene_used, spp = check_settings(
         scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler,
         width=width, height=height, threads=threads, batches=batches, batch_size=batch_size,
+        target_error=target_error,
     )  # fmt: skip
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {progress!r} is not callable")
@@ -177,12 +192,16 @@ def render(
     with device_module.native_errors():
         building, sampling = _shares(progress)
         native_scene = _native_scene(scene, scene_used, chosen, building)
-        done = _sample(chosen, native_scene, scene_used, spp, batches, settings, sampling)
-        image, stderr = done.film.resolve()
+        run = (chosen, native_scene, scene_used, spp)
+        if target_error is None:
+            done = uniform(*run, batches, settings, sampling)
+        else:
+            done = adaptive(*run, float(target_error), settings, sampling)
+        image, stderr = done.image, done.stderr
         memory = int(native_scene.memory) + int(done.film.memory)
     if progress is not None:
         progress(1.0)
-    stats = _statistics(done.results, scene_used.film.width * scene_used.film.height * spp)
+    stats = _statistics(done.results, done.paths)
     finite = bool(np.isfinite(stderr).all())
     stats |= {
         "device": chosen.name,
@@ -205,17 +224,19 @@ def render(
         "scene_sha256": scene_used.sha256,
         "version": _version(),
         "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
+        **done.facts,
     }
     return Render(
         image=image,
         stderr=stderr,
         batch_means=done.batch_means,
-        film_sha256=film_hash(image, stderr, spp),
+        film_sha256=film_hash(image, stderr, spp, done.counts),
         stats=stats,
         width=scene_used.film.width,
         height=scene_used.film.height,
         spp=spp,
         seed=seed,
+        samples=done.counts,
     )
 
 
@@ -232,6 +253,7 @@ def check_settings(
     threads: int | None = None,
     batches: int = 0,
     batch_size: int = 0,
+    target_error: float | None = None,
 ) -> tuple[Scene, int]:
     """Checks settings of `render`; returns the scene with those that belong to it, and spp.
 
@@ -250,6 +272,12 @@ def check_settings(
     _whole("batch_size", batch_size, 0, 2**26)
     if threads is not None:
         _whole("threads", threads, 1, 1024)
+    if target_error is not None:
+        number("target_error", target_error, 0.0, 1.0, open_=True)
+        if not PILOT <= spp <= 2**31:
+            raise ValueError(f"spp = {spp}; with target_error {PILOT} to {2**31}")
+        if batches:
+            raise ValueError(f"batches = {batches}; with target_error 0")
     size = {"width": width, "height": height}
     used = scene.with_(max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size)
     return used, spp
@@ -267,60 +295,7 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
     return scheduler, "asked for"
 
 
-@dataclass
-class _Sampled:
-    film: Any
-    batch_means: Array | None
-    results: list[dict[str, Any]]
-
-
-def _sample(
-    device: Device,
-    native_scene: Any,
-    scene: Scene,
-    spp: int,
-    batches: int,
-    settings: dict[str, Any],
-    progress: Callable[[float], object] | None,
-) -> _Sampled:
-    """Run the sample range, in one piece or in `batches` pieces with a film each."""
-    native, width, height = device.native, scene.film.width, scene.film.height
-    pieces = batches or 1
-    size = spp // pieces
-    total = native.Film(width, height, device=device.index)
-    piece = native.Film(width, height, device=device.index) if batches else total
-    means = np.empty((batches, height, width, 3)) if batches else None
-    results = []
-    for k in range(pieces):
-        poll = None
-        if progress is not None:
-            poll = _scaled(progress, k, pieces)
-        start = time.perf_counter()
-        result = native.render(
-            native_scene, piece, sample_begin=k * size, sample_end=(k + 1) * size, poll=poll,
-            **settings,
-        )  # fmt: skip
-        results.append({**result, "seconds": time.perf_counter() - start})
-        if means is not None:
-            means[k] = piece.sums() / size
-            total.add(piece)
-            piece.clear()
-    return _Sampled(total, means, results)
-
-
-def _scaled(progress: Callable[[float], object], k: int, n: int) -> Callable[[float], None]:
-    """A poll function for piece k of n."""
-
-    def poll(fraction: float) -> None:
-        progress(min((k + fraction) / n, 1.0))
-
-    return poll
-
-
-_Progress = Callable[[float], object] | None
-
-
-def _shares(progress: _Progress) -> tuple[_Progress, _Progress]:
+def _shares(progress: Progress) -> tuple[Progress, Progress]:
     """Callbacks for building and sampling; building is the first BUILD_SHARE if it reports."""
     if progress is None:
         return None, None

@@ -14,6 +14,7 @@ from .common import (
     check_output,
     integer,
     load,
+    number,
     show_progress,
     show_warning,
     write_json,
@@ -38,6 +39,12 @@ def add(commands: Any) -> None:
     parser.add_argument("--batches", type=integer, default=0, help="batch means to keep, 0 or 2+")
     parser.add_argument("--batch-size", type=integer, default=0, help="paths in flight; 0: auto")
     parser.add_argument("--all-features", action="store_true", help="run the all-features variant")
+    parser.add_argument(
+        "--target-error",
+        type=number,
+        metavar="E",
+        help="stop tiles at this relative standard error; --spp is then the most",
+    )
     parser.add_argument("--stats", metavar="FILE.json", help="write the statistics as JSON")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument(
@@ -73,7 +80,8 @@ def _render(arguments: argparse.Namespace) -> int:
     settings: dict[str, Any] = {
         name: getattr(arguments, name)
         for name in (
-            "spp seed max_depth rr_depth sampler width height threads batches batch_size"
+            "spp seed max_depth rr_depth sampler width height threads batches batch_size "
+            "target_error"
         ).split()
     }
     used, spp = check_settings(scene, **settings)
@@ -123,6 +131,13 @@ def _print_result(result: Any, outputs: list[str]) -> None:
         f"{stats['samples_per_second']:,.0f} samples/s"
     )
     print(livebench.as_text(livebench.rows(result), TABLE_ROWS))
+    if "target_error" in stats:
+        good = stats["tiles"] - stats["tiles_above_target"]
+        print(
+            f"target     {stats['target_error']:g} reached by {good} of {stats['tiles']} tiles, "
+            f"{stats['tiles_at_limit']} need more than {stats['spp']} spp; "
+            f"mean {stats['mean_spp']:.1f} spp"
+        )
     error = stats["mean_stderr"]
     print(f"mean standard error  {'needs 2 spp' if error is None else f'{error:.6g}'}")
     if stats["nonfinite_samples"]:

@@ -193,7 +193,10 @@ def _exact(report: Report, a: Render, b: Render) -> None:
     ledgers = [x.stats.get("ledger") or {} for x in (a, b)]
     for x, ledger, letter in zip((a, b), ledgers, "AB", strict=True):
         if all(ledger.get(column) for column in ("live", *st.ENDS, "invalid")):
-            problems = st.ledger_problems(ledger, a.image.shape[0] * a.image.shape[1] * x.spp)
+            paths = a.image.shape[0] * a.image.shape[1] * x.spp
+            if x.samples is not None:
+                paths = x.stats.get("paths", paths)
+            problems = st.ledger_problems(ledger, paths)
             report.tests.append(
                 _condition(f"L1 ledger of {letter} adds up", "lost or invented paths", problems)
             )
@@ -295,6 +298,9 @@ def _ledger(report: Report, a: Render, b: Render, same_estimator: bool) -> None:
         if a.stats.get(key) != b.stats.get(key):
             report.not_run.append((name, f"{key} differs"))
             return
+    if a.samples is not None or b.samples is not None:
+        report.not_run.append((name, "pixels have different numbers of samples"))
+        return
     finds = "another depth limit, roulette or visibility"
     report.tests.append(Test(name, finds, "pass", result.statistic, result.p, where=result.where))
     if same_estimator:

@@ -156,9 +156,8 @@ def _t_test(
     errors: list[Array] = []
     dofs: list[float] = []
     for x, image in zip((a, b), images, strict=True):
-        enough &= (
-            st.effective_samples(image, _error(x), x.spp, partition) >= st.MIN_EFFECTIVE_SAMPLES
-        )
+        n = x.spp if x.samples is None else x.samples[..., None].astype(np.float64)
+        enough &= st.effective_samples(image, _error(x), n, partition) >= st.MIN_EFFECTIVE_SAMPLES
         if x.batch_means is None:
             errors.append(np.sqrt(partition.mean(_error(x) ** 2) / partition.pixels))
             dofs.append(math.inf)

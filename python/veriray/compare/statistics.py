@@ -400,14 +400,14 @@ def asymmetry(a: Array, r: Array) -> float:
     return float(np.mean(np.mean(d**3, axis=0)[used] / spread[used] ** 3)) if used.any() else 0.0
 
 
-def effective_samples(mean: Array, error: Array, spp: int, partition: Partition) -> Array:
+def effective_samples(mean: Array, error: Array, n: int | Array, partition: Partition) -> Array:
     """(sum x)^2 / sum x^2 per cell, from the pixels' means and standard errors.
 
-    Per pixel sum x^2 = n ((n - 1) se^2 + mean^2) for n samples.
+    Per pixel sum x^2 = n ((n - 1) se^2 + mean^2) for n samples, a number or (H, W, 1).
     """
-    first, second = partition.mean(mean), partition.mean((spp - 1) * error**2 + mean**2)
+    first, second = partition.mean(n * mean), partition.mean(n * ((n - 1) * error**2 + mean**2))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(second == 0, np.inf, partition.pixels * spp * first**2 / second)
+        return np.where(second == 0, np.inf, partition.pixels * first**2 / second)
 
 
 def welch(

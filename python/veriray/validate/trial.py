@@ -241,11 +241,13 @@ class Trial:
         settings = {"device": self.device, "threads": self.threads, **settings}
         settings.setdefault("seed", self.fresh())
         result = render(scene, spp=spp * self.effort, **settings)
-        self.samples += result.width * result.height * result.spp
+        paths = result.width * result.height * result.spp
+        if result.samples is not None:
+            pilot = result.stats["pilot_spp"] * result.samples.size
+            paths = pilot + int(result.samples.sum(dtype=np.int64))
+        self.samples += paths
         self.check(result.stats["nonfinite_samples"] == 0, "non-finite samples")
-        problems = ledger_problems(
-            result.stats["ledger"], result.width * result.height * result.spp
-        )
+        problems = ledger_problems(result.stats["ledger"], paths)
         self.check(not problems, "ledger: " + "; ".join(problems))
         return result
 

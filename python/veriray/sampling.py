@@ -1,0 +1,167 @@
+"""How many samples each pixel gets, and their sum: the same number everywhere, or by error.
+
+Adaptive sampling follows D. Kirk and J. Arvo, "Unbiased Sampling Techniques for Image Synthesis"
+(1991): samples that decide how many more are drawn would bias the picture, since a tile that was
+dark by chance stops early. So `PILOT` samples a pixel decide the number of each tile, and none of
+them is in the picture: that number and the samples of the picture are independent.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .device import Device
+from .scene import Scene
+
+Array = npt.NDArray[Any]
+Progress = Callable[[float], object] | None
+
+#: Samples a pixel that decide, and pixels a side of the tiles that are decided of.
+PILOT, TILE = 16, 16
+#: Samples over what the pilot's variance asks for: it is off by a tenth, and more for rare light.
+HEADROOM = 1.2
+#: Share of the picture's mean that is added to the radiance of which the error is a part.
+FLOOR = 0.1
+
+
+@dataclass
+class Sampled:
+    """Result of a sampling.
+
+    image, stderr: (H, W, 3) float32. counts: (H, W) uint32 samples by pixel, or None where all have
+    as many. results: what the native renders reported. facts: for `Render.stats`.
+    """
+
+    image: Array
+    stderr: Array
+    results: list[dict[str, Any]]
+    film: Any
+    paths: int
+    batch_means: Array | None = None
+    counts: Array | None = None
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+class _Runs:
+    """Native renders one after the other, with one progress."""
+
+    def __init__(self, device: Device, held: Any, scene: Scene, settings: dict[str, Any],
+                 progress: Progress) -> None:  # fmt: skip
+        self.device, self.held, self.settings, self.progress = device, held, settings, progress
+        self.size = scene.film.width, scene.film.height
+        self.results: list[dict[str, Any]] = []
+        self.done, self.ahead = 0.0, 1.0  # paths
+
+    def film(self) -> Any:
+        return self.device.native.Film(*self.size, device=self.device.index)
+
+    def render(self, film: Any, begin: int, end: int, pixels: Array | None = None) -> None:
+        paths = (end - begin) * (self.size[0] * self.size[1] if pixels is None else len(pixels))
+
+        def poll(share: float) -> None:
+            assert self.progress
+            self.progress(min((self.done + share * paths) / self.ahead, 1.0))
+
+        start = time.perf_counter()
+        result = self.device.native.render(
+            self.held, film, sample_begin=begin, sample_end=end, pixels=pixels,
+            poll=poll if self.progress else None, **self.settings,
+        )  # fmt: skip
+        self.results.append({**result, "seconds": time.perf_counter() - start})
+        self.done += paths
+
+
+def uniform(device: Device, held: Any, scene: Scene, spp: int, batches: int,
+            settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
+    """The same samples of every pixel, in one piece or in `batches` pieces whose means are kept."""
+    runs = _Runs(device, held, scene, settings, progress)
+    width, height = runs.size
+    runs.ahead = float(width * height * spp)
+    size = spp // (batches or 1)
+    total = runs.film()
+    piece = runs.film() if batches else total
+    means = np.empty((batches, height, width, 3)) if batches else None
+    for k in range(batches or 1):
+        runs.render(piece, k * size, (k + 1) * size)
+        if means is not None:
+            means[k] = piece.sums() / size
+            total.add(piece)
+            piece.clear()
+    return Sampled(*total.resolve(), runs.results, total, width * height * spp, means)
+
+
+def adaptive(device: Device, held: Any, scene: Scene, spp: int, target: float,
+             settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
+    """As many samples as each tile needs for `target`, `PILOT` to spp a pixel; see the module."""
+    runs = _Runs(device, held, scene, settings, progress)
+    width, height = runs.size
+    pilot = runs.film()
+    runs.ahead = float(2 * PILOT * width * height)
+    runs.render(pilot, 0, PILOT)
+    wanted = tile_errors(*pilot.resolve())[0] * (HEADROOM * PILOT / target**2)
+    tiles = np.minimum(_round_up(wanted), spp)
+    counts = _spread(tiles, width, height)
+    film, before = runs.film(), 0
+    runs.ahead = float(runs.done + counts.sum(dtype=np.int64))
+    # from a power of two on, so that a tile's samples are a net of sampler sobol
+    first = 1 << (spp - 1).bit_length()
+    for size in np.unique(tiles).tolist():
+        pixels = np.flatnonzero(counts >= size).astype(np.uint32)
+        runs.render(film, first + before, first + size, pixels)
+        before = size
+    image, stderr = film.resolve(counts.astype(np.uint64))
+    reached = np.sqrt(tile_errors(image, stderr)[0])
+    facts = {
+        "target_error": target,
+        "pilot_spp": PILOT,
+        "first_sample": first,
+        "mean_spp": float(counts.mean(dtype=np.float64)),
+        "tiles": int(tiles.size),
+        "tiles_at_limit": int((wanted > spp).sum()),
+        "tiles_above_target": int((reached > target).sum()),
+        "tile_error": [float(x) for x in np.quantile(reached, (0.5, 0.9, 1.0))],
+    }
+    return Sampled(
+        image, stderr, runs.results, film, int(runs.done), None, counts.astype(np.uint32), facts
+    )
+
+
+def tile_errors(image: Array, stderr: Array) -> tuple[Array, Array]:
+    """Squared relative standard error of each tile, and of each pixel (float64).
+
+    Of a pixel: the mean over channels of stderr^2 / (radiance^2 + (`FLOOR` times the picture's
+    mean)^2); of a tile: the mean of its pixels. Sums are of integers, so that every machine decides
+    alike; nothing changes with the scale of radiance by a power of two.
+    """
+    height, width = image.shape[:2]
+    mean, error = image.astype(np.float64), stderr.astype(np.float64)
+    dark = FLOOR * math.fsum(image.ravel().tolist()) / image.size
+    scale = mean**2 + dark**2
+    share = np.where(scale > 0, error**2 / np.where(scale > 0, scale, 1), 0)
+    whole = np.minimum(share * 2.0**32, 2.0**52).astype(np.int64).sum(axis=2)
+    down, right = np.arange(0, height, TILE), np.arange(0, width, TILE)
+    sums = np.add.reduceat(np.add.reduceat(whole, down, axis=0), right, axis=1)
+    sizes = np.outer(np.minimum(TILE, height - down), np.minimum(TILE, width - right))
+    return sums / (3 * 2.0**32) / sizes, whole / (3 * 2.0**32)
+
+
+def _round_up(wanted: Array) -> Array:
+    """The next number 2^k or 3 2^k from `PILOT` on; int64."""
+    part, exponent = np.frexp(np.clip(wanted, PILOT, 2.0**61))  # part in [1/2, 1)
+    power = np.ldexp(np.where(part == 0.5, 0.5, 1.0), exponent)
+    return np.where((wanted <= 0.75 * power) & (power > PILOT), 0.75 * power, power).astype(
+        np.int64
+    )
+
+
+def _spread(tiles: Array, width: int, height: int) -> Array:
+    """A number by tile as one by pixel."""
+    whole: Array = tiles.repeat(TILE, axis=0).repeat(TILE, axis=1)[:height, :width]
+    return whole

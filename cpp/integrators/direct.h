@@ -152,9 +152,20 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         return select(border, to_uint(beyond), c.medium);
     }
 
+    // Rays in a medium that meet nothing have left it, at an edge within rounding, if its boundary
+    // is closed.
+    template <class Carrier>
+    static VR_HD void leave_closed(const SceneView& scene, Carrier& c, M endless) {
+        if (none(endless)) return;
+        const U beyond = to_uint(medium_column(scene, c.medium, kMediumBeyond));
+        c.medium = select(endless, beyond, c.medium);
+    }
+
     static VR_HD void attenuate(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
                                 M active) {
-        const M inside = active & !(shadow.medium == U(0u));
+        M inside = active & !(shadow.medium == U(0u));
+        leave_closed(scene, shadow, inside & !(distance < F(kInfinity)));
+        inside = inside & !(shadow.medium == U(0u));
         if (none(inside)) return;
         const V t = transmittance(medium_column3(scene, shadow.medium, kMediumSigma), distance);
         shadow.radiance = select(inside, shadow.radiance * t, shadow.radiance);

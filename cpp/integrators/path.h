@@ -16,8 +16,9 @@ template <class L, uint32_t kFeatures>
 struct PathTracer : DirectLight<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;
-    using Direct::kShapes, Direct::medium_beyond, Direct::medium_column, Direct::medium_column3,
-        Direct::no_lanes, Direct::one, Direct::request, Direct::unblocked, Direct::zero;
+    using Direct::kShapes, Direct::leave_closed, Direct::medium_beyond, Direct::medium_column,
+        Direct::medium_column3, Direct::no_lanes, Direct::one, Direct::request, Direct::unblocked,
+        Direct::zero;
     using Reader::closest, Reader::has, Reader::material, Reader::surface_at,
         Reader::surface_column, Reader::surface_column3;
     using typename Direct::Vertex;
@@ -77,7 +78,9 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // before it ----
     static VR_HD M cross(const SceneView& scene, const PathSettings& s, PathState<L>& path,
                          Hit<L>& hit, uint32_t segment, M active) {
-        const M inside = active & !(path.medium == U(0u));
+        M inside = active & !(path.medium == U(0u));
+        leave_closed(scene, path, inside & !(hit.t < F(kInfinity)));
+        inside = inside & !(path.medium == U(0u));
         if (none(inside)) return inside;
         const Block<U> r =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));

@@ -13,6 +13,7 @@ enum MediumColumn : uint32_t {
     kMediumSigma,                      // extinction: 3 columns
     kMediumAlbedo = kMediumSigma + 3,  // 3 columns
     kMediumG = kMediumAlbedo + 3,      // mean cosine of Henyey and Greenstein's phase function
+    kMediumBeyond = kMediumG + 1,      // medium of a ray that meets nothing; itself if unbounded
     kMediumColumns,
 };
 

@@ -141,6 +141,7 @@ class HostScene {
     void add_source(const SceneInput& in, ShapeGroup group, uint32_t row, double area);
     void set_surfaces(const SceneInput& in);
     void set_media(const SceneInput& in);
+    std::vector<uint32_t> media_beyond(const SceneInput& in) const;
     void set_lights(const SceneInput& in);
     Flat light_shape(const SceneInput& in, uint32_t primitive) const {
         return flats_.empty() ? triangle(in, sources[primitive].row) : flats_[primitive];

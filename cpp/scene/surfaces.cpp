@@ -30,6 +30,33 @@ double diffuse_reflectance_inside(double eta) {
 
 using SurfaceKey = std::tuple<uint32_t, int32_t, int32_t>;
 
+// A bijection that scatters bits: G. Steele, D. Lea, C. Flood, "Fast Splittable Pseudorandom Number
+// Generators", OOPSLA 2014 (variant 13 of MurmurHash3's finisher).
+uint64_t mixed(uint64_t x) {
+    x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
+    x = (x ^ x >> 27) * 0x94d049bb133111ebu;
+    return x ^ x >> 31;
+}
+uint64_t hashed(Double3 p) {
+    uint64_t h = 0;
+    for (int k = 0; k < 3; ++k) h = mixed(h + bit_cast<uint32_t>(static_cast<float>(p[k]) + 0.f));
+    return h;
+}
+// Opposite for a -> b and b -> a.
+uint64_t edge(uint64_t a, uint64_t b) { return mixed(a + 3 * b) - mixed(b + 3 * a); }
+
+// What bounds a medium. edges: sum over the edges of triangles, which run around the medium's
+// outer side; 0 if the surface is closed, by chance with a probability of 2^-64. volume: enclosed;
+// negative where the medium surrounds. other: the one medium beyond, 0 if there are several.
+struct Enclosure {
+    uint64_t edges = 0;
+    double volume = 0;
+    uint32_t other = ~0u;
+    bool disks = false;
+
+    bool closed() const { return edges == 0 && volume > 0 && !disks; }
+};
+
 }  // namespace
 
 void HostScene::set_surfaces(const SceneInput& in) {
@@ -91,6 +118,48 @@ void HostScene::set_surfaces(const SceneInput& in) {
     view.surfaces = surfaces.data();
 }
 
+// By medium: that of a ray which is in it and meets nothing, having left at an edge within
+// rounding. Itself where that may be right: around the camera, or if its boundary is open.
+std::vector<uint32_t> HostScene::media_beyond(const SceneInput& in) const {
+    std::vector<Enclosure> media(in.sigma_t.count + 1);
+    // volume: behind the front, times 6
+    const auto bound = [&](int32_t boundary, uint64_t edges, double volume, bool disk) {
+        const int32_t* border = in.boundaries.data + 2 * boundary;
+        if (border[0] == border[1]) return;
+        for (const int k : {0, 1}) {
+            Enclosure& m = media[static_cast<size_t>(border[k] + 1)];
+            const uint32_t other = static_cast<uint32_t>(border[1 - k] + 1);
+            m.edges += k == 0 ? edges : 0 - edges;
+            m.volume += k == 0 ? volume : -volume;
+            m.other = m.other == ~0u || m.other == other ? other : 0;
+            m.disks |= disk;
+        }
+    };
+    for (size_t i = 0; i < in.triangles.count; ++i) {
+        if (in.boundary[kTriangleGroup].data[i] < 0) continue;
+        const Flat f = triangle(in, i);
+        const uint64_t h[3] = {hashed(f.v[0]), hashed(f.v[1]), hashed(f.v[2])};
+        bound(f.boundary, edge(h[0], h[1]) + edge(h[1], h[2]) + edge(h[2], h[0]),
+              dot(f.v[0], cross(f.v[1], f.v[2])), false);
+    }
+    for (size_t i = 0; i < in.spheres.count; ++i) {
+        const double r = in.spheres.data[4 * i + 3] / unit;
+        const double volume = 8 * 3.14159265358979323846 * r * r * r;
+        if (const int32_t b = in.boundary[kSphereGroup].data[i]; b >= 0)
+            bound(b, 0, in.sphere_inward.data[i] ? -volume : volume, false);
+    }
+    for (size_t i = 0; i < in.disks.count; ++i)
+        if (const int32_t b = in.boundary[kDiskGroup].data[i]; b >= 0) bound(b, 0, 0, true);
+    media[static_cast<size_t>(in.camera_medium + 1)].volume = 0;
+
+    std::vector<uint32_t> beyond(media.size());
+    for (uint32_t m = 1; m < beyond.size(); ++m) {
+        const uint32_t other = media[m].other;
+        beyond[m] = !media[m].closed() ? m : media[other].closed() ? 0 : other;
+    }
+    return beyond;
+}
+
 void HostScene::set_media(const SceneInput& in) {
     const size_t count = in.sigma_t.count + 1;  // 0: vacuum
     view.medium_stride = padded(count);
@@ -101,6 +170,7 @@ void HostScene::set_media(const SceneInput& in) {
         if (p.boundary >= 0)
             for (int k = 0; k < 2; ++k)
                 used[static_cast<size_t>(in.boundaries.data[2 * p.boundary + k] + 1)] = true;
+    const std::vector<uint32_t> beyond = media_beyond(in);
     for (size_t m = 1; m < count; ++m) {
         const float* sigma = in.sigma_t.data + 3 * (m - 1);
         const auto put = [&](uint32_t c, double x) {
@@ -115,6 +185,7 @@ void HostScene::set_media(const SceneInput& in) {
             put(kMediumAlbedo + k, in.albedo.data[3 * (m - 1) + k]);
         }
         put(kMediumG, in.phase_g.data[m - 1]);
+        put(kMediumBeyond, beyond[m]);
         if (!used[m]) continue;
         view.features |= kMedia;
         if (sigma[0] != sigma[1] || sigma[0] != sigma[2]) view.features |= kChromatic;

@@ -19,6 +19,8 @@ from typing import Any
 
 _CONTEXT = multiprocessing.get_context("spawn")
 _PATIENCE = 10.0  # seconds for a worker to leave
+#: A worker is one processor's: linear algebra with threads of its own would take the others'.
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,13 @@ def _hire(function: Callable[..., Any]) -> tuple[Any, Any]:
     process = _CONTEXT.Process(target=_serve, args=(theirs, function))
     resource_tracker.ensure_running()  # it unblocks SIGINT
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    unset = [name for name in _ONE_THREAD if name not in os.environ]
+    os.environ.update(dict.fromkeys(unset, "1"))  # read when NumPy is loaded
     try:
         process.start()
     finally:
+        for name in unset:
+            del os.environ[name]
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         theirs.close()
     return ours, process

@@ -176,6 +176,10 @@ _MEDIA = (
     Mutant("medium ends before its boundary", _PATH,
            "hit.t - Reader::exit_margin(scene, path.ray, hit, bounded)", "hit.t * F(.98f)"),
     Mutant("camera always in vacuum", _PATH, "U(scene.camera_medium)", "U(0u)"),
+    Mutant("open media taken for closed ones", _TABLES, "edges == 0 && volume > 0 && !disks",
+           "other != ~0u"),
+    Mutant("media around closed surfaces taken for closed ones", _TABLES,
+           "edges == 0 && volume > 0 && !disks", "edges == 0 && volume != 0 && !disks"),
 )  # fmt: skip
 
 _GEOMETRY = (
@@ -239,6 +243,11 @@ _PICTURE = (
            "veriray::add(a, {other.impl->words[i], other.impl->words[i + 1]});",
            "{ const size_t from = (i + kFilmWords) % impl->words.size();"
            " veriray::add(a, {other.impl->words[from], other.impl->words[from + 1]}); }"),
+    Mutant("carry lost when films are added", _CPU, "impl->words[i + 1] = a.hi;",
+           "impl->words[i + 1] += other.impl->words[i + 1];"),
+    Mutant("samples of added films counted in 32 bits", _CPU,
+           "impl->samples += other.impl->samples;",
+           "impl->samples = static_cast<uint32_t>(impl->samples + other.impl->samples);"),
     Mutant("last samples of a picture lost", _CPU, "(job.samples + samples - 1) / samples",
            "std::max(1u, job.samples / samples)"),
     Mutant("first path of thrust lost", "schedulers/thrust.h", "index < 0", "index <= 0"),
@@ -292,6 +301,8 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("Mitchell's sign changes between the table's edges", _CAMERA_TABLE,
            "static_cast<float>(a + (x - cell) * (b - a))",
            "static_cast<float>((-reach + 2. * reach * change / kSteps) * scale)"),
+    Mutant("a ray that misses the way out of a medium stays in it", _DIRECT,
+           "select(endless, beyond, c.medium)", "select(endless, c.medium, c.medium)"),
     Mutant("root of a metal's Fresnel cancels", _FRESNEL,
            "sqrt(select(d > F(0.f), F(0.5f) * (ab + d), F(2.f) * e2 * k2 /"
            " max(ab - d, F(1e-30f))))",

@@ -274,6 +274,31 @@ def energy(t: Trial, name: str, front: bool) -> None:
             t.check(abs(total - 1) < 2e-5, f"{total} at {angle}")
 
 
+@case(2, each={"name": MATERIALS, "front": [True, False]})
+def albedo_by_samples(t: Trial, name: str, front: bool) -> None:
+    """No incidence gives back more than it gets, by the weights of samples (E4).
+
+    Lobes by their probability, the mean weight of each by quadrature over its random numbers, of
+    refraction times the squared index: at most 1 + 1e-4, of lossless materials 1 within 1e-4;
+    sixteen angles, four of them down to a cosine of 1e-4.
+    """
+    grey, (x, w) = MATERIALS[name], gauss(32, 0, 1)
+    # nodes crowd at u = 1, where the base of plastic meets its horizon
+    u, v = np.repeat(1 - x * x, 8), np.tile((np.arange(8) + 0.5) / 8, 32)
+    weights = np.repeat(2 * x * w / 8, 8)
+    for cosine in (*t.rng.random(12), 1e-1, 1e-2, 1e-3, 1e-4):
+        wo, _ = view(math.degrees(math.acos(cosine)))
+        albedo, left = 0.0, 1.0
+        for lobe in (0.0, 1 - 2.0**-24):
+            s = sampled(t, grey, front, wo, u, v, lobe)
+            chance = float(s[0, 7]) if lobe == 0 else left
+            squared = np.where(s[:, 5] > 0, grey.relative(front) ** 2, 1)
+            albedo, left = albedo + chance * float(weights @ (s[:, 3] * squared)), left - chance
+        t.check(albedo <= 1 + 1e-4, f"{albedo} at a cosine of {cosine}")
+        if name in LOSSLESS:
+            t.check(albedo >= 1 - 1e-4, f"{albedo} at a cosine of {cosine}")
+
+
 @case(2, each={"name": SMOOTH})
 def reciprocity(t: Trial, name: str) -> None:
     """f(a, b) = f(b, a) for 10^5 pairs of directions (E5).
@@ -297,8 +322,9 @@ def reciprocity(t: Trial, name: str) -> None:
 def reciprocity_of_refraction(t: Trial, eta: float) -> None:
     """Reflectance from both sides is the same, and so is f(a, b) / n_b^2 (E5).
 
-    10^4 angles: R(cos_i, eta) = R(cos_t, 1 / eta) within 1e-5 / cos_i; weight times the squared
-    index is alike within 1e-6.
+    10^4 angles: R(cos_i, eta) = R(cos_t, 1 / eta) within 1e-5 / cos_i. A refracted direction, sent
+    back, is the one that came, within 1e-6 / cos, and weight times the squared index is alike
+    within 1e-6: with the reflectances, f(a, b) / n_b^2 = f(b, a) / n_a^2.
     """
     cos_i = single(t.rng.random(10_000 * t.effort))
     r, cos_t = hooked(t, "fresnel_dielectric", cos_i, eta).T
@@ -307,13 +333,25 @@ def reciprocity_of_refraction(t: Trial, eta: float) -> None:
     off = (np.abs(back - r) * cos_i)[steep].max()
     t.check(off < 1e-5, f"reflectance off by {off:.2g} / cos")
     t.check((np.abs(cos_again - cos_i) * cos_i)[steep].max() < 1e-6, "cosine")
-    grey = Grey("dielectric", eta=eta)
-    sides = []
+    grey = Grey("dielectric", reflection=0.7, transmission=0.6, eta=eta)
+    _, frame = view(0.0)
+    wo = single(random_points(t, "cosine_hemisphere", 10_000 * t.effort) @ frame)
     for front in (True, False):
-        wo, _ = view(0.0)
-        s = sampled(t, grey, front, wo, 0.5, 0.5, [1 - 2.0**-24])
-        sides.append(s[0, 3] * grey.relative(front) ** 2)
-    t.check(abs(sides[0] - sides[1]) < 1e-6, "squared index")
+        columns = grey.columns(front), grey.columns(not front)
+        forth = hooked(t, "bsdf_sample", *columns[0], *NORMAL, *wo.T, 0.5, 0.5, 1 - 2.0**-24)
+        through = forth[:, 5] > 0
+        t.check(through.mean() > 0.1, "nothing is refracted")
+        forth, came = forth[through], wo[through]
+        back = hooked(t, "bsdf_sample", *columns[1], *-NORMAL, *forth[:, :3].T, 0.5, 0.5,
+                      1 - 2.0**-24)  # fmt: skip
+        again = back[:, 5] > 0
+        cosine = np.minimum(came @ NORMAL, -(forth[:, :3] @ NORMAL))
+        t.check(again[cosine > 1e-3], "no way back")
+        off = np.abs(back[:, :3] - came).max(axis=1) * cosine
+        t.check(off[again].max() < 1e-6, f"direction off by {off[again].max():.2g} / cos")
+        carried = [s[again, 3] * grey.relative(side) ** 2
+                   for s, side in ((forth, front), (back, not front))]  # fmt: skip
+        t.check(np.abs(carried[0] - carried[1]).max() < 1e-6, "squared index")
 
 
 INDICES = (1e-3, 1 / 2.4, 1 / 1.5, 1 / 1.0001, 1.0, 1.0001, 1.33, 1.5, 2.4, 4.0, 1e3)

@@ -98,6 +98,53 @@ def same_statistics_far_out(t: Trial, begin: int) -> None:
     t.sees(4.57 * error, 0.006)
 
 
+@case(8)
+def films_of_more_than_two_to_the_32_samples(t: Trial) -> None:
+    """Two films of one sample, added to each other in turn until they hold 2^48 [N15].
+
+    A Fibonacci number of either sample: sums and number of samples are those of Python's integers,
+    exactly, at each step.
+    """
+    host = t.native_scene(furnace(0.7, 0.5, width=4, height=3))
+    films = [t.native_film(4, 3), t.native_film(4, 3)]
+    for k, film in enumerate(films):
+        t.native.render(host, film, sample_begin=k, sample_end=k + 1)
+    words = [film.words().astype(object) for film in films]
+    sums = [w[..., 0::2] + (w[..., 1::2] << 64) for w in words]
+    counts = [1, 1]
+    while counts[0] < 2**48:
+        films[0].add(films[1])
+        sums[0], counts[0] = (sums[0] + sums[1]) % 2**128, counts[0] + counts[1]
+        now = films[0].words().astype(object)
+        t.check(films[0].samples == counts[0], f"{films[0].samples} of {counts[0]} samples")
+        t.check(now[..., 0::2] + (now[..., 1::2] << 64) == sums[0], f"{counts[0]} samples")
+        films, sums, counts = films[::-1], sums[::-1], counts[::-1]
+
+
+@case(8, quick=False)
+def more_than_two_to_the_32_paths_in_one_call(t: Trial) -> None:
+    """64 x 64 pixels, 2^20 + 50 samples: 2^32 paths and 204,800 more [N15].
+
+    One call has the ledger and the film of two that meet within a job, to the bit; live[0] is the
+    number of paths. A lamp hides a part of every pixel's view. Minutes on one thread.
+    """
+    lamps = [quad([-9, y, 9], [0, 0.02, 0], [18, 0, 0], 0, 1) for y in np.arange(-8, 8, 0.4)]
+    host = t.native_scene(make(lamps[:20], camera([0, 0, 0], [0.1, 0.2, 1], 40)))
+    n, middle, seed = 2**20 + 50, 600_000, t.fresh()
+
+    def render(begin: int, end: int, film: Any) -> Array:
+        done = t.native.render(host, film, seed=seed, sample_begin=begin, sample_end=end)
+        ledger: Array = done["ledger"]
+        return ledger
+
+    whole, parts = t.native_film(64, 64), t.native_film(64, 64)
+    ledger = render(0, n, whole)
+    t.check(ledger[0, 0] == 4096 * n and ledger[0, 0] > 2**32, f"{ledger[0, 0]} paths")
+    again = render(0, middle, parts) + render(middle, n, parts)
+    t.check(ledger == again, "another ledger")
+    t.check(whole.words() == parts.words(), "other bits")
+
+
 # ---- N18: film sizes and settings ----
 
 

@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
+from scipy import stats
 
 import veriray
 from veriray.scene import MAX_PATH_DEPTH
 from veriray.validate import dicts
 from veriray.validate.form_factors import cap, perpendicular_rectangle
-from veriray.validate.scenes import camera, lambert, make, quad
-from veriray.validate.statistics import binomial
+from veriray.validate.scenes import Part, box, camera, disk, lambert, make, quad, sphere
+from veriray.validate.statistics import binomial, smallest_bias
 from veriray.validate.transfer import chandrasekhar
 from veriray.validate.trial import Trial, case
 
@@ -510,3 +512,42 @@ def lamp_in_the_ceiling(t: Trial, ceiling: str) -> None:
         t.check((r.image >= 0) & (r.image < exact + 5 * r.stderr), "more light than the lamp's")
     else:
         t.agrees(scene, exact, 400_000, 0.01, margin=3e-5)
+
+
+def near_lamps() -> dict[str, list[Part]]:
+    """Lamps of radiance 1 at the origin of a floor: they touch it, cut it, contain the origin."""
+    solid = trimesh.creation.icosphere(2)
+    room = box([-0.5, -0.6, -0.4], [0.7, 0.5, 0.8], True, 0, 1)
+    return {
+        "ball that touches": [sphere([0.05, 0, 1], 1, 0, 1)],
+        "ball that cuts": [sphere([1.01, 0, 0.1], 1, 0, 1)],
+        "ball around": [sphere([0.1, 0, 0.3], 1, 0, 1, True)],
+        "quad that cuts": [quad([0.01, -1, -1], [0, 0, 2], [0, 2, 0], 0, 1)],
+        "quad through the point": [quad([0, -1, -1], [0, 0, 2], [1, 2, 0], 0, 1)],
+        "triangle that touches": [
+            Part([[0.001, 0, 0], [0.3, -1, 1], [0.3, 1, 1]], [[0, 1, 2]], 0, 1)
+        ],
+        "disk that cuts": [disk([0.01, 0, 0], [0, 0, 1], [0, 1, 0], 0, 1)],
+        "mesh that cuts": [Part(solid.vertices + [1.01, 0, 0.1], solid.faces, 0, 1)],
+        "box around": [room],
+    }
+
+
+@case(8, each={"lamp": near_lamps()})
+def lamps_in_odd_places_without_light_samples(t: Trial, lamp: str) -> None:
+    """Lamps that touch, cut or contain the point: light samples change nothing [N22].
+
+    A lamp below the floor, a million times as strong, takes all light samples and gives no light.
+    The picture is left to the directions that hit, and has the same mean as without it: z test of
+    both renders; sees 2 %.
+    """
+    parts = [quad([-3, -3, 0], [6, 0, 0], [0, 6, 0], 0.5), *near_lamps()[lamp]]
+    decoy = quad([-1, -1, -2], [0, 2, 0], [2, 0, 0], 0, 1e6)
+    eye = camera([-0.3, 0.02, 0.01], [0, 0, 0])
+    a, b = (t.render(make(p, eye, max_depth=2), 400_000) for p in (parts, [*parts, decoy]))
+    t.check(b.stats["ledger"]["shadow_visible"][0] < 1e-3 * b.spp, "light is sampled")
+    error = math.hypot(float(a.stderr[0, 0, 0]), float(b.stderr[0, 0, 0]))
+    mean, other = float(a.image[0, 0, 0]), float(b.image[0, 0, 0])
+    t.check(mean > 0, "the lamp gives no light")
+    t.p(2 * float(stats.norm.sf(abs(mean - other) / max(error, 1e-6 * mean))), "light samples")
+    t.sees(smallest_bias(error, mean), 0.025)

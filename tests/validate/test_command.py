@@ -89,7 +89,7 @@ def test_json(suite: Suite, capsys: Any) -> None:
     report = json.loads(capsys.readouterr().out)
     assert set(report) == {
         "result", "verdict", "veriray", "passed", "full", "seed", "devices", "false_alarm",
-        "seconds", "facts", "levels", "cases",
+        "seconds", "first_stage", "facts", "levels", "cases",
     }  # fmt: skip
     assert (report["result"], report["passed"], report["full"]) == ("fail", False, False)
     assert (report["seed"], report["veriray"]) == (7, veriray.__version__)

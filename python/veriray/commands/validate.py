@@ -75,8 +75,8 @@ def _validate(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     for path in arguments.output:
-        report.save(validation, path)
-    print(report.to_json(validation) if arguments.json else report.as_text(validation))
+        validation.save(path)
+    print(report.to_json(validation) if arguments.json else validation)
     if arguments.output and not arguments.json:
         print(f"written    {', '.join(arguments.output)}")
     return _STATUS[report.verdict(validation)[0]]

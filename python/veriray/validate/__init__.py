@@ -1,9 +1,10 @@
 """`veriray validate`: evidence that the renderer on this machine is right, and its building blocks.
 
-    >>> from veriray.validate import report, validate
+    >>> from veriray.validate import validate
     >>> run = validate(["cpu"], levels=[1, 3])
     >>> run.passed, run.false_alarm, run.levels()
-    >>> report.save(run, "report.html")
+    >>> print(run)
+    >>> run.save("report.html")
 
 `validate` runs the suite, in worker processes: a script calls it under
 `if __name__ == "__main__":`, or with workers=0. `Trial`, `case` and `judge` are what a case is made

@@ -26,7 +26,7 @@ import numpy as np
 from veriray import __version__, html
 from veriray.html import BLUE, GREEN, GREY, ORANGE, number, percent
 from veriray.image import replacing, to_srgb8
-from veriray.validate.run import Validation
+from veriray.validate.run import MANY, Validation
 from veriray.validate.trial import CASES, FIRST, SECOND, Outcome
 
 if TYPE_CHECKING:
@@ -78,6 +78,17 @@ def verdict(validation: Validation) -> tuple[str, str]:
             f"Of {_cases(len(outcomes))} on {where}, {' and '.join(parts)}, the first "
             f"{bad[0].id} ({_first_line(bad[0].message)}){skipped}: {so}."
         )
+    stage = validation.first_stage()
+    how_many = (
+        f"{stage['low']} of {stage['of']:,} statistical cases had p < {FIRST:g} in the first "
+        f"stage, where chance makes {stage['of'] * FIRST:.2g}, and as many with probability "
+        f"{stage['p']:.2g}"
+    )
+    if validation.crowded:
+        return "fail", (
+            f"No case failed on {where}{skipped}, but {how_many}. That is too many: veriray "
+            f"{__version__} is wrong by less than the cases see, or their p values are too small."
+        )
     if count["inconclusive"]:
         first = count["inconclusive"][0]
         return "inconclusive", (
@@ -90,7 +101,7 @@ def verdict(validation: Validation) -> tuple[str, str]:
     return "pass", (
         f"veriray {__version__} passed all of {_cases(len(count['pass']))}, each with an answer "
         f"known beforehand, on {where}, seed {validation.seed}{samples}{skipped}; a sound renderer "
-        f"fails a run like this less than {chance}."
+        f"fails a run like this less than {chance}" + (f". {how_many}." if stage["of"] else ".")
     )
 
 
@@ -129,7 +140,8 @@ def to_html(validation: Validation) -> str:
     rows = validation.levels()
     return html.page(
         _TEMPLATE, result, sentence, to_json(validation), facts=_facts(validation), rows=rows,
-        plots=_plots(outcomes), shows=SHOWS, first=_first_stage(outcomes), range=_range,
+        plots=_plots(outcomes), shows=SHOWS, first=validation.first_stage(), many=MANY,
+        range=_range,
         threshold=validation.facts.get("second", SECOND),
         unclear=[o for v in _ORDER[:3] for o in outcomes if o.verdict == v][:20],
         levels=[
@@ -206,15 +218,6 @@ def _facts(validation: Validation) -> list[tuple[str, str]]:
         system, processor, cpus, python = machine
         rows.append(("machine", f"{system}, {processor}, {cpus} processors, Python {python}"))
     return rows + [(name, number(value)) for name, value in known.items()]
-
-
-def _first_stage(outcomes: list[Outcome]) -> dict[str, Any] | None:
-    """Cases whose first stage was below FIRST, of how many, and the chance of so many."""
-    from scipy.stats import binom
-
-    p = [o.p for o in outcomes if o.p is not None]
-    low = sum(q < FIRST for q in p)
-    return {"low": low, "of": len(p), "p": float(binom.sf(low - 1, len(p), FIRST))} if p else None
 
 
 def _level(row: dict[str, Any], outcomes: list[Outcome]) -> dict[str, Any]:

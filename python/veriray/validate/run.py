@@ -8,18 +8,23 @@ import importlib
 import os
 import pkgutil
 import platform
+import subprocess
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
+
+from scipy import stats
 
 from veriray import __version__
 from veriray import device as device_module
 from veriray.validate import pool
 from veriray.validate.trial import CASES, FIRST, LEVELS, SECOND, Case, Outcome, judge
 
-#: The whole run of a sound program fails less often than this.
-FAMILY = 1e-3
+#: The whole run of a sound program fails less often than this: FAMILY / 2 by its cases, MANY by so
+#: many first-stage p values below FIRST that chance makes no more of them with this probability.
+FAMILY, MANY = 1e-3, 1e-4
 FULL_EFFORT = 4
 MAX_WORKERS = 64
 
@@ -48,9 +53,11 @@ def fast_devices() -> list[str]:
 
 @dataclass
 class Validation:
-    """Outcome of a run; `passed` if no case failed and none was inconclusive.
+    """Outcome of a run; as a string its levels and the verdict.
 
-    false_alarm: bound on the probability that a sound program fails. seconds: elapsed.
+    false_alarm: bound on the probability that a sound program fails. seconds: elapsed. facts: of
+    machine and run; commit: that of the checkout, ending in -dirty if files differ from it, else
+    None.
     """
 
     full: bool
@@ -63,9 +70,35 @@ class Validation:
 
     @property
     def passed(self) -> bool:
-        """No failure, error or inconclusive case, and something ran."""
+        """No failure, error or inconclusive case, something ran, and not `crowded`."""
         verdicts = {o.verdict for o in self.outcomes}
-        return "pass" in verdicts and verdicts <= {"pass", "skip"}
+        return "pass" in verdicts and verdicts <= {"pass", "skip"} and not self.crowded
+
+    def first_stage(self) -> dict[str, Any]:
+        """Cases with p < FIRST in the first stage (low), of how many (of), and p of so many.
+
+        Exact binomial, one-sided. A case counts once, on the first of its devices: their bits, and
+        with them their p values, are the same.
+        """
+        p = {o.id: o.p for o in reversed(self.outcomes) if o.p is not None}
+        low = sum(q < FIRST for q in p.values())
+        return {"low": low, "of": len(p), "p": float(stats.binom.sf(low - 1, len(p), FIRST))}
+
+    @property
+    def crowded(self) -> bool:
+        """Whether more first-stage p values are below FIRST than chance can explain."""
+        return bool(self.first_stage()["p"] < MANY)
+
+    def __str__(self) -> str:
+        from veriray.validate import report
+
+        return report.as_text(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the report (.html) or the numbers (.json); see `report.save`."""
+        from veriray.validate import report
+
+        report.save(self, path)
 
     def levels(self) -> list[dict[str, Any]]:
         """One row a level: number, name, cases, verdict, sees (smallest, largest), seconds ..."""
@@ -94,7 +127,7 @@ class Validation:
         return {
             "veriray": __version__, "passed": self.passed, "full": self.full, "seed": self.seed,
             "devices": self.devices, "false_alarm": self.false_alarm, "seconds": self.seconds,
-            "facts": self.facts, "levels": self.levels(),
+            "first_stage": self.first_stage(), "facts": self.facts, "levels": self.levels(),
             "cases": [asdict(o) for o in self.outcomes],
         }  # fmt: skip
 
@@ -136,8 +169,9 @@ def validate(
     second = min(SECOND, FAMILY / FIRST / (2 * len(jobs)))
     effort = effort or (FULL_EFFORT if full else 1)
     about = {d.name: d.description for d in device_module.devices()}
-    result = Validation(full, seed, {n: about[n] for n in names}, len(jobs) * FIRST * second)
+    result = Validation(full, seed, {n: about[n] for n in names}, len(jobs) * FIRST * second + MANY)
     result.facts = {
+        "commit": _commit(),
         "system": platform.platform(terse=True), "machine": platform.machine(),
         "python": platform.python_version(), "cpus": os.cpu_count(), "effort": effort,
         "first": FIRST, "second": second,
@@ -167,6 +201,19 @@ def validate(
     result.outcomes = [done[job] for job in jobs]
     result.seconds = time.perf_counter() - begin
     return result
+
+
+def _commit() -> str | None:
+    """Commit of the checkout that this file belongs to."""
+    root = Path(__file__).resolve().parents[3]
+    if not (root / ".git").exists():
+        return None
+    words = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        done = subprocess.run(words, cwd=root, capture_output=True, text=True, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def _work(name: str, device: str, seed: int, effort: int, second: float,

@@ -67,6 +67,21 @@ def glass(int_ior: float, ext_ior: float = 1.0, kind: str = "dielectric", **more
     return {"type": kind, "int_ior": float(int_ior), "ext_ior": float(ext_ior), **more}
 
 
+def plastic(base: Any, eta: float, **more: Any) -> Dict:
+    """A smooth coat of index eta on a diffuse base."""
+    return glass(eta, 1.0, "plastic", diffuse_reflectance=rgb(base), **more)
+
+
+def masked(opacity: float, inner: Dict) -> Dict:
+    """A material with holes."""
+    return {"type": "mask", "opacity": opacity, "bsdf": inner}
+
+
+def both(inner: Dict) -> Dict:
+    """A material on both sides."""
+    return {"type": "twosided", "bsdf": inner}
+
+
 def shape(kind: str, bsdf: Dict, radiance: Any = None, **more: Any) -> Dict:
     """A shape with a material, and an emitter if `radiance` is given."""
     result = {"type": kind, "bsdf": bsdf, **more}
@@ -111,6 +126,18 @@ def scene(sensor: Dict, *objects: Dict, max_depth: int = -1, rr_depth: int = 5) 
     integrator = {"type": "volpath", "max_depth": max_depth, "rr_depth": rr_depth}
     parts = {f"object_{k}": o for k, o in enumerate(objects)}
     return veriray.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor, **parts})
+
+
+def facing(*above: Dict, rr_depth: int = 5) -> veriray.Scene:
+    """A small diffuse disk (albedo 1) over a black floor of radiance 1; `above`: what hangs there.
+
+    Things above are at z = 1 and wide. The disk's radiance is the reflectance of what is above for
+    diffuse light, less 3e-6 of it: the disk hides so much of its own picture in a mirror.
+    """
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 2000, BLACK, 1)
+    patch = flat("disk", [0, 0, 0.05], [0, 0, 1], 0.003, diffuse(1))
+    eye = view([0.3, 0.1, 0.3], [0, 0, 0.05], 1e-3)
+    return scene(eye, ground, patch, *above, rr_depth=rr_depth)
 
 
 # ---- theory ----

@@ -34,8 +34,8 @@ def cases(levels: Iterable[int] | None = None, *, full: bool = False,
     """The cases of some levels (default: all), the quick ones or all; `pattern`: of ids."""
     from veriray.validate import levels as modules
 
-    for module in pkgutil.iter_modules(modules.__path__):
-        importlib.import_module(f"{modules.__name__}.{module.name}")
+    for module in pkgutil.walk_packages(modules.__path__, f"{modules.__name__}."):
+        importlib.import_module(module.name)
     wanted = set(LEVELS if levels is None else levels)
     return [
         c for c in sorted(CASES.values(), key=lambda c: c.level)

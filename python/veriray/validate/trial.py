@@ -66,9 +66,10 @@ class Skipped(Exception):  # noqa: N818
 class Case:
     """One question with its answer.
 
-    id: module.function[arguments]; title: first line of the function's docstring; expects: the rest
-    of it. quick: part of the quick run. once: runs once for the machine, not once a device.
-    stored: compares with stored data, whose noise both stages share.
+    id: module.function[arguments], or package.function[arguments] where a module of the levels has
+    become a package; title: first line of the function's docstring; expects: the rest of it. quick:
+    part of the quick run. once: runs once for the machine, not once a device. stored: compares with
+    stored data, whose noise both stages share.
     """
 
     id: str
@@ -127,7 +128,9 @@ def case(
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
         title, _, expects = (function.__doc__ or "").strip().partition("\n")
-        name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
+        _, ours, module = function.__module__.rpartition("veriray.validate.levels.")
+        parts = module.split(".")
+        name = f"{parts[0] if ours else parts[-1]}.{function.__name__}"
         names, values = list(each or {}), [list(v) for v in (each or {}).values()]
         for combination in itertools.product(*values):
             arguments = dict(zip(names, combination, strict=True))

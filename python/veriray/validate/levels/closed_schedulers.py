@@ -19,7 +19,8 @@ from veriray.compare.statistics import MARGIN
 from veriray.render import SCHEDULERS
 from veriray.validate import dicts as d
 from veriray.validate.form_factors import rectangle_above_corner
-from veriray.validate.levels.closed_analytic import DOWN, FIVE, ceiling, floor, lamp
+from veriray.validate.levels.closed_analytic.direct import FIVE
+from veriray.validate.levels.closed_analytic.parts import DOWN, ceiling, floor, lamp
 from veriray.validate.levels.closed_lights import hundred_lights
 from veriray.validate.scenes import Part, camera, furnace, lambert, make
 from veriray.validate.statistics import max_z, smallest_bias

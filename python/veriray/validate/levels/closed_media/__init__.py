@@ -1,0 +1,1 @@
+"""Media against closed forms and radiative transfer."""

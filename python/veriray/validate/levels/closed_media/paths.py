@@ -184,7 +184,7 @@ def mean_path_in_a_lossless_box(t: Trial, body: str, made: str, g: float) -> Non
     """Scatterings in a cube and in a box 1 x 2 x 3 that light enters from all sides (A48).
 
     4 V / S = .666667 and 1.090909 mean free paths, whatever g; none is cut (exact). One far picture
-    of the sphere around it from each of 300 random directions: the rays that meet the box obey the
+    of the sphere around it from each of 200 random directions: the rays that meet the box obey the
     cosine law. Ratio of sums, error from the directions; sees 4 %. Six quads, or 192 triangles in a
     tree.
     """
@@ -200,7 +200,7 @@ def mean_path_in_a_lossless_box(t: Trial, body: str, made: str, g: float) -> Non
     else:
         part = Part(mesh.vertices, mesh.faces, **fog)
     hits, turns = [], []
-    for _ in range(300 * t.effort):
+    for _ in range(200 * t.effort):
         d = t.rng.normal(size=3)
         eye = camera(distance * d / np.linalg.norm(d), [0, 0, 0], fov)
         far = make([part], eye, 1.0, max_depth=2000, rr_depth=10**6)

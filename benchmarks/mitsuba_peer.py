@@ -7,8 +7,6 @@ ours without the cap: the same mean, slightly other noise.
 from __future__ import annotations
 
 import math
-import os
-import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,46 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray import Render, film_hash
+from veriray.bench.mitsuba import start
 
+__all__ = ["batch_means", "picture", "render", "start"]
 Array = npt.NDArray[Any]
-_LLVM_FOLDERS = ("/usr/lib", "/usr/lib64", "/usr/local/lib", "/opt/homebrew/opt/llvm/lib")
-_OLDEST_LLVM = 17  # 15 ends the process: "Cannot select: fminimum"
-
-
-def libllvm() -> Path | None:
-    """The newest libLLVM that Mitsuba's llvm variants work with; DRJIT_LIBLLVM_PATH comes first."""
-    if os.environ.get("DRJIT_LIBLLVM_PATH"):
-        return Path(os.environ["DRJIT_LIBLLVM_PATH"])
-    found = []
-    for folder in map(Path, _LLVM_FOLDERS):
-        for pattern in ("libLLVM*", "*-linux-gnu/libLLVM*", "llvm*/lib/libLLVM*"):
-            for path in folder.glob(pattern):
-                version = re.fullmatch(r"libLLVM(?:-|\.so\.)(\d+).*", path.name)
-                if version and int(version[1]) >= _OLDEST_LLVM:
-                    found.append((int(version[1]), path))
-    return max(found)[1] if found else None
-
-
-def start(variant: str) -> Any:
-    """The module mitsuba with `variant` set; ImportError or RuntimeError says why not.
-
-    variant: "scalar_rgb", "llvm_ad_rgb" or "cuda_ad_rgb".
-    """
-    if variant.startswith("llvm"):
-        library = libllvm()
-        if library is None:
-            raise RuntimeError(
-                f"no libLLVM >= {_OLDEST_LLVM}: install one (Debian: apt install libllvm19) or "
-                "name it with DRJIT_LIBLLVM_PATH"
-            )
-        os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
-    import mitsuba
-
-    try:
-        mitsuba.set_variant(variant)
-    except Exception as error:
-        raise RuntimeError(f"Mitsuba cannot use {variant}: {error}") from error
-    return mitsuba
 
 
 def picture(mi: Any, scene: Any, spp: int, seed: int) -> Array:

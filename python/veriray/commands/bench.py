@@ -1,17 +1,131 @@
-"""`veriray bench live-rays`."""
+"""`veriray bench`: all, report, live-rays."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from .common import Parser, add_scene, check_output, integer, load, show_progress, write_json
+from .common import (
+    DEVICES,
+    CommandError,
+    Parser,
+    add_outputs,
+    add_scene,
+    check_distinct,
+    check_output,
+    integer,
+    load,
+    number,
+    show_progress,
+    write_json,
+)
+
+RESULTS = "veriray-bench"
+REPORT_SUFFIXES = (".html", ".md")
 
 
 def add(commands: Any) -> None:
-    """Adds `bench live-rays` to the parser."""
+    """Adds `bench all`, `bench report` and `bench live-rays` to the parser."""
     bench = commands.add_parser("bench", help="measurements")
     kinds = bench.add_subparsers(metavar="KIND", required=True, parser_class=Parser)
+    _add_all(kinds)
+    _add_report(kinds)
+    _add_live_rays(kinds)
+
+
+# ---- all ----
+
+
+def _add_all(kinds: Any) -> None:
+    parser = kinds.add_parser(
+        "all", help="speed, error, scaling, start, memory; beside other renderers"
+    )
+    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
+    parser.add_argument(
+        "--only", metavar="NAME", nargs="+", action="extend", default=[], help="these scenarios"
+    )
+    parser.add_argument(
+        "--peers",
+        metavar="LIST",
+        default="mitsuba",
+        help="renderers to race, with commas between: mitsuba (default), or none",
+    )
+    parser.add_argument("--quick", action="store_true", help="a smoke test of about two minutes")
+    parser.add_argument("--again", action="store_true", help="measure again what DIR holds")
+    parser.add_argument(
+        "--wait", type=number, default=0.0, metavar="S", help="wait up to S s for an idle machine"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", default=RESULTS, help=f"results (default: {RESULTS})"
+    )
+    parser.set_defaults(handler=_bench_all)
+
+
+def _bench_all(arguments: argparse.Namespace) -> int:
+    if not 0 <= arguments.wait <= 86400:
+        raise CommandError(f"wait = {arguments.wait:g} is outside [0, 86400]")
+
+    from .. import device as device_module
+    from ..bench import report, run
+    from ..bench.peers import parse
+
+    backend = device_module.select(arguments.device)[0].backend
+    bad = []
+
+    def done(scenario: Any, row: dict[str, Any], kept: bool) -> None:
+        print(report.line(scenario, row, backend) + (" (kept)" if kept else ""), flush=True)
+        if any(report.void_rows(row)):
+            bad.append(scenario.name)
+
+    path = run(
+        arguments.output,
+        arguments.device,
+        only=arguments.only,
+        peers=parse(arguments.peers),
+        quick=arguments.quick,
+        again=arguments.again,
+        wait=arguments.wait,
+        show=lambda title: show_progress(title, False),
+        done=done,
+    )
+    print(f"written    {path}")
+    return 1 if bad else 0
+
+
+# ---- report ----
+
+
+def _add_report(kinds: Any) -> None:
+    parser = kinds.add_parser("report", help="a page of the results of `bench all`")
+    parser.add_argument(
+        "results", metavar="PATH", nargs="+", help="folders or files of `bench all`"
+    )
+    add_outputs(parser, "FILE.html or FILE.md")
+    parser.set_defaults(handler=_bench_report)
+
+
+def _bench_report(arguments: argparse.Namespace) -> int:
+    for path in arguments.output:
+        check_output(path, REPORT_SUFFIXES)
+    check_distinct(arguments.output)
+
+    from ..bench import report
+
+    results = report.find(arguments.results)
+    for path in arguments.output:
+        report.save(results, path)
+    for t in report.targets(results):
+        print(f"{t['state']:13} {t['device']}, {t['scenario'].name}: {t['target'].what}")
+    print(report.verdict(results)[1])
+    if arguments.output:
+        print(f"written    {', '.join(arguments.output)}")
+    return 0
+
+
+# ---- live-rays ----
+
+
+def _add_live_rays(kinds: Any) -> None:
     parser = kinds.add_parser("live-rays", help="live rays, thread blocks and time at each depth")
     add_scene(parser)
     parser.set_defaults(handler=_bench_live_rays, width=1280, height=720)

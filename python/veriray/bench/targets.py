@@ -1,0 +1,92 @@
+"""Whether targets are met, and what is no result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from .scenarios import SCENARIOS, Target
+
+Result = dict[str, Any]
+DISTURBED = 0.1  # cores used by others above which a time is doubted
+
+
+def judge(target: Target, backend: str, row: Result | None, quick: bool = False) -> dict[str, Any]:
+    """A target on a back end against a scenario's result (None: not measured).
+
+    Keys: state ("met", "missed", "void", "error", "not measured" or "quick"), value, goal,
+    moonshot, reached (share of the goal, above 1 where met) and why (for the other states).
+    """
+    goal, moonshot = target.goals[backend]
+    out: dict[str, Any] = {"value": None, "goal": goal, "moonshot": moonshot, "reached": None,
+                           "why": ""}  # fmt: skip
+    if row is None:
+        return {**out, "state": "not measured"}
+    if "error" in row:
+        return {**out, "state": "error", "why": row["error"]}
+    value = row["figures"].get(target.figure)
+    if value is None:
+        why = "; ".join(f"{name}: {reason}" for name, reason in void_rows(row))
+        return {**out, "state": "void" if why else "not measured", "why": why}
+    if quick:
+        return {**out, "state": "quick", "value": value, "why": "a quick run is no measurement"}
+    reached = goal / value if target.below else value / goal
+    state = "met" if reached >= 1 else "missed"
+    return {**out, "state": state, "value": value, "reached": reached}
+
+
+def targets(results: Sequence[Result]) -> list[dict[str, Any]]:
+    """Every target of the devices in the results, with its judgement."""
+    found = []
+    for result in results:
+        backend = result["build"]["backend"]
+        for scenario in SCENARIOS:
+            for target in scenario.targets:
+                if backend in target.goals and backend in scenario.backends:
+                    row = result["scenarios"].get(scenario.name)
+                    judged = judge(target, backend, row, result["settings"]["quick"])
+                    found.append({"device": result["device"]["name"], "scenario": scenario,
+                                  "target": target, **judged})  # fmt: skip
+    return found
+
+
+def verdict(results: Sequence[Result]) -> tuple[str, str]:
+    """("pass", "fail" or "inconclusive", one sentence)."""
+    judged = targets(results)
+    met, missed = ([t for t in judged if t["state"] == s] for s in ("met", "missed"))
+    where = ", ".join(f"{r['device']['name']} ({r['device']['description']})" for r in results)
+    text = f"{len(met)} of {len(judged)} targets met on {where}"
+    if missed:
+        worst = min(missed, key=lambda t: t["reached"])
+        text += (
+            f", {len(missed)} missed; the farthest: {worst['scenario'].name}, "
+            f"{worst['target'].what}, at {100 * worst['reached']:.0f} % of its target"
+        )
+    states = {"void": "void", "error": "ended in an error", "not measured": "not measured",
+              "quick": "of a quick run, which judges none"}  # fmt: skip
+    for state, how in states.items():
+        if count := sum(t["state"] == state for t in judged):
+            text += f", {count} {how}"
+    if missed:
+        return "fail", text + "."
+    return ("pass" if len(met) == len(judged) else "inconclusive"), text + "."
+
+
+def void_rows(row: Result) -> Iterator[tuple[str, str]]:
+    """(contestant, why) of what is no result in a scenario's result."""
+    if "error" in row:
+        yield "", row["error"]
+    if "void" in row:
+        yield "", row["void"]
+    for point in row.get("points", [row]):
+        for name, entry in point.get("rows", {}).items():
+            if "void" in entry:
+                at = f"{name} at {row['varies']} {point['value']:,}" if "points" in row else name
+                yield at, entry["void"]
+
+
+def disturbed(row: Result) -> float:
+    """The most cores that others used while a contestant of a scenario ran, by its median."""
+    entries = [e for point in row.get("points", [row]) for e in point.get("rows", {}).values()]
+    entries += [point for e in entries for point in e.get("points", [])]
+    return max((e.get("foreign") or 0.0 for e in entries), default=0.0)

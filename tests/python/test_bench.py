@@ -1,0 +1,342 @@
+"""`veriray bench all` and `bench report`. No time is asserted."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import veriray
+from veriray.bench import SCENARIOS, BenchError, peers, report, run, targets
+from veriray.bench.measure import at_error, errors, slope
+from veriray.bench.race import Veriray, compare, race
+from veriray.bench.run import KINDS, choose, read
+from veriray.bench.scenarios import BACKENDS, scene_file
+from veriray.cli import main
+from veriray.scene import SHIPPED
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# ---- the table ----
+
+
+def test_scenarios_are_well_formed() -> None:
+    assert len({s.name for s in SCENARIOS}) == len(SCENARIOS)
+    for s in SCENARIOS:
+        assert s.kind in KINDS and s.name.replace("-", "").replace(".", "").isalnum()
+        assert s.scene in SHIPPED or s.scene.split()[0] in ("icosphere", "glass")
+        assert bool(s.vary) == (s.kind == "scaling") and bool(s.reference_spp) == (
+            s.kind == "error"
+        )
+        assert s.backends and set(s.backends) <= set(BACKENDS)
+        for backend in s.backends:
+            for quick in (False, True):
+                used = s.settings(backend, quick)
+                json.dumps(used)
+                assert used["width"] == used["height"] <= 2048 and used["rounds"] >= 2
+                assert used["spp"] == sorted(used["spp"]) and used["spp"][0] >= 1
+        for target in s.targets:
+            for goal, moonshot in target.goals.values():
+                assert moonshot <= goal if target.below else moonshot >= goal
+
+
+def test_every_target_of_issue_5_is_there() -> None:
+    """Its rows: box (rate, limit), box to relMSE 1e-3, mesh, medium, overhead, tree, start."""
+    having = {s.name for s in SCENARIOS if s.targets}
+    assert having == {"cornell", "cornell-error", "mesh-1.3M", "medium", "scaling-spp", "build",
+                      "cold-start"}  # fmt: skip
+
+
+def test_the_files_of_a_scene_differ_in_the_sampler_alone(folder: Path) -> None:
+    for name in ("cornell-box-mitsuba", "glass medium", "icosphere 1"):
+        plain = scene_file(name, folder)
+        other = scene_file(name, folder, "multijitter")
+        assert veriray.load_file(plain, {"width": 8, "height": 8}).film.width == 8
+        assert other.read_text().replace("multijitter", "independent") == plain.read_text()
+
+
+def test_choose() -> None:
+    assert [s.name for s in choose(["medium", "cornell"], "cpu")] == ["cornell", "medium"]
+    assert "scaling-threads" not in {s.name for s in choose([], "cuda")}
+    with pytest.raises(ValueError, match="'cornel' is unknown; expected some of: cornell, "):
+        choose(["cornel"], "cpu")
+    with pytest.raises(ValueError, match="is not for cuda; it is for: cpu"):
+        choose(["scaling-threads"], "cuda")
+
+
+# ---- numbers ----
+
+
+def test_error_is_unbiased_by_the_reference() -> None:
+    """Image and reference with known noise: the estimate is the image's own variance within 5
+    standard deviations (false once in 1.7 million).
+    """
+    rng = np.random.default_rng(5)
+    truth = np.linspace(0.1, 2, 64 * 64 * 3).reshape(64, 64, 3)
+    stderr = np.full(truth.shape, 0.05)
+    found = [
+        errors(truth + rng.normal(0, 0.1, truth.shape), truth + rng.normal(0, 0.05, truth.shape),
+               stderr)["mse"] for _ in range(50)
+    ]  # fmt: skip
+    assert abs(np.mean(found) - 0.01) < 5 * np.std(found) / math.sqrt(50)
+    biased = np.mean([f + 0.05**2 for f in found])
+    assert abs(biased - 0.01) > 5 * np.std(found) / math.sqrt(50)
+
+
+def test_time_to_an_error_is_interpolated_in_logarithms() -> None:
+    seconds, error = [1.0, 4.0, 16.0], [1e-2, 2.5e-3, 6.25e-4]
+    assert at_error(seconds, error, 5e-3) == (pytest.approx(2), False)
+    assert at_error(seconds, error, 1.25e-3) == (pytest.approx(8), False)
+    assert at_error(seconds, error, 1e-4) == (pytest.approx(100), True)
+    assert at_error(seconds, error, 4e-2) == (pytest.approx(0.25), True)
+    assert at_error(seconds, [1e-2, 1e-2, 1e-2], 1e-3) == (None, False)
+    assert at_error([1.0], [1e-2], 1e-3) == (None, False)
+    assert slope(seconds, error) == pytest.approx(-1)
+    assert slope([1, 1], [2, 3]) is None
+
+
+# ---- races ----
+
+
+class Stand:
+    """A peer whose picture is ours of other seeds, times `gain`; fails from round `dies` on."""
+
+    def __init__(self, scene: veriray.Scene, gain: float = 1.0, dies: int = 99) -> None:
+        self.own, self.gain, self.dies = Veriray(scene, device="cpu"), gain, dies
+
+    def run(self, spp: int, seed: int) -> tuple[dict[str, Any], Any]:
+        if seed >= self.dies:
+            raise BenchError("stand: ended with status -9")
+        row, image = self.own.run(spp, seed + 1000)
+        return row, image * self.gain
+
+
+def rows_of(scene: veriray.Scene, stand: Any) -> dict[str, Any]:
+    field = {"veriray": Veriray(scene, device="cpu"), "stand": stand}
+    return compare(field, race(field, 64, 3), 1e-5, "wall")
+
+
+def test_same_pictures_are_raced(cornell: veriray.Scene) -> None:
+    rows = rows_of(cornell, Stand(cornell))
+    assert "void" not in rows["stand"] and rows["stand"]["agreement"]["agree"]
+    ratio = rows["stand"]["times_faster"]["wall"]
+    assert len(ratio["rounds"]) == 3 and ratio["median"] > 0
+    assert rows["veriray"]["film_sha256"] and rows["veriray"]["live_rays"]
+
+
+def test_a_planted_bias_voids_the_row(cornell: veriray.Scene) -> None:
+    row = rows_of(cornell, Stand(cornell, gain=1.05))["stand"]
+    assert max(abs(z) for z in row["agreement"]["z"]) > 8  # 4 voids it
+    assert row["void"].startswith("the means of the pictures differ by -")
+    assert "times_faster" not in row and "wall" not in row and len(row["rounds"]) == 3
+
+
+def test_another_film_of_ours_voids_the_row(cornell: veriray.Scene) -> None:
+    row = rows_of(cornell, Veriray(cornell, device="cpu", max_depth=3))["stand"]
+    assert row["void"] == "the film differs from that of veriray"
+
+
+def test_a_peer_that_fails_drops_out(cornell: veriray.Scene) -> None:
+    row = rows_of(cornell, Stand(cornell, dies=2))["stand"]
+    assert row == {"void": "stand: ended with status -9", "rounds": row["rounds"]}
+
+
+def test_a_peer_that_cannot_start_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(peers.VARIANTS, "ghost", {"cpu": "none"})
+    path = run("out", "cpu", only=["cold-start"], peers=["ghost"], quick=True)
+    result = read(path)
+    assert "No module named veriray.bench.ghost" in result["peers"]["ghost"]["missing"]
+    row = result["scenarios"]["cold-start"]
+    assert row["rows"]["ghost"]["void"] == result["peers"]["ghost"]["missing"]
+    assert row["figures"]["seconds"] > 0 and "share_of_peer" not in row["figures"]
+
+
+def test_mitsuba_in_its_process(folder: Path) -> None:
+    pytest.importorskip("mitsuba")
+    film = {"width": 16, "height": 16, "max_depth": 8, "rr_depth": 5}
+    peer = peers.Peer("mitsuba", "scalar_rgb")
+    try:
+        path = scene_file("cornell-box-mitsuba", folder)
+        assert peer.load("box", path, film) > 0
+        row, image = peer.run("box", 4, 1)
+        assert image.shape == (16, 16, 3) and image.mean() > 0.1
+        assert set(row) == {"seconds", "wall", "cpu", "foreign"}
+        with pytest.raises(BenchError, match="mitsuba: KeyError"):
+            peer.run("no such scene", 4, 1)
+        assert peer.alive
+    finally:
+        peer.close()
+    assert not peer.alive
+
+
+# ---- the runner ----
+
+
+def test_run_and_resume(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["cornell", "depth-open"]
+    seen: list[tuple[str, bool]] = []
+
+    def stop(scenario: Any, row: Any, kept: bool) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run("out", "cpu", only=names, quick=True, done=stop)
+    first = read("out/bench_cpu.json")
+    assert list(first["scenarios"]) == ["cornell"]
+    row = first["scenarios"]["cornell"]
+    assert row["rows"]["veriray"]["film_sha256"] == row["rows"]["veriray thrust"]["film_sha256"]
+    assert 0 < row["figures"]["percent_of_limit"] < 200
+
+    def note(scenario: Any, row: Any, kept: bool) -> None:
+        seen.append((scenario.name, kept))
+
+    run("out", "cpu", only=names, quick=True, done=note)
+    assert seen == [("cornell", True), ("depth-open", False)]
+    second = read("out/bench_cpu.json")
+    assert second["scenarios"]["cornell"] == row
+    for key in ("commit", "machine", "versions", "device", "build", "settings", "peers"):
+        assert second[key] == first[key]
+    run("out", "cpu", only=["depth-open"], quick=True, again=True, done=note)
+    assert seen[-1] == ("depth-open", False)
+    with pytest.raises(BenchError, match=r"of another run: settings was .*name another folder"):
+        run("out", "cpu", only=names)
+    assert read("out/bench_cpu.json")["scenarios"]["cornell"] == row
+
+
+def test_a_scenario_in_error_is_kept_and_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any) -> dict[str, Any]:
+        raise veriray.OutOfMemoryError("needed 1 TiB")
+
+    with monkeypatch.context() as patch:
+        patch.setitem(KINDS, "depth", broken)
+        path = run("out", "cpu", only=["depth-open"], quick=True)
+    row = read(path)["scenarios"]["depth-open"]
+    assert row["error"] == "OutOfMemoryError: needed 1 TiB"
+    assert list(targets.void_rows(row)) == [("", row["error"])]
+    row = read(run("out", "cpu", only=["depth-open"], quick=True))["scenarios"]["depth-open"]
+    assert "error" not in row and row["table"]["rows"][0]["live"] == 64 * 64
+
+
+# ---- the report ----
+
+
+def canned(ratio: float = 7.0) -> dict[str, Any]:
+    """A result as the runner writes it, with a void row."""
+    spread = {"seconds": 0.01, "wall": 0.01}
+    times = {"seconds": 1.0, "wall": 1.0, "cpu": 2.0, "foreign": 0.0, "spread": spread}
+    speed = {"seconds": 1.0, "mpaths_per_second": 20.0, "mpaths_per_cpu_second": 10.0, **times}
+    faster = {key: {"median": ratio, "spread": 0.0, "rounds": [ratio]}
+              for key in ("seconds", "wall", "cpu")}  # fmt: skip
+    agreement = {"relative_difference": [1e-5, -3e-5, 0], "z": [0.2, -1.1, 0], "agree": True}
+    settings = {"width": 512, "height": 512, "spp": [64]}
+    common = {"kind": "speed", "settings": settings, "measured_seconds": 9.0}
+    mitsuba = {**speed, "mpaths_per_second": 20 / ratio, "times_faster": faster,
+               "agreement": agreement}  # fmt: skip
+    points = [{"spp": n, **times, "wall": n / 64, "mse": 0.1 / n, "relmse": 0.16 / n}
+              for n in (1, 16, 256)]  # fmt: skip
+    curve = {"points": points, "slope": {"relmse": -1.0, "mse": -1.0}, "seconds_to_target": 2.5,
+             "extrapolated": False, "efficiency": 3.0, "agreement": agreement}  # fmt: skip
+    return {
+        "benchmark": "bench", "time": "2026-01-01T00:00:00Z", "commit": "c0ffee", "modified": False,
+        "versions": {"veriray": "0.1.0"}, "device": {"name": "cpu:avx512", "description": "a CPU"},
+        "machine": {"processor": "x86_64", "cpus": 2, "system": "Linux"},
+        "build": {"backend": "cpu"},
+        "settings": {"quick": False, "ratio_by": "wall", "limits": {"cpu": "41 Mpaths/s"}},
+        "peers": {"mitsuba": {"version": "3.9.1", "variant": "llvm_ad_rgb"}},
+        "scenarios": {
+            "cornell": {**common, "title": "box", "rows": {"veriray": speed, "mitsuba": mitsuba},
+                        "figures": {"times_faster": ratio}},
+            "mesh-1.3M": {**common, "title": "mesh", "figures": {},
+                          "rows": {"veriray": speed, "mitsuba": {"void": "the means differ"}}},
+            "cornell-error": {**common, "kind": "error", "title": "curve", "target_relmse": 1e-3,
+                              "rows": {"veriray independent": curve},
+                              "figures": {"seconds_to_target": 2.5}},
+        },
+    }  # fmt: skip
+
+
+def states(result: dict[str, Any]) -> dict[str, str]:
+    return {t["scenario"].name: t["state"] for t in targets.targets([result])}
+
+
+def test_targets_are_judged() -> None:
+    judged = states(canned())
+    assert judged["cornell"] == "met" and judged["mesh-1.3M"] == "void"
+    assert judged["build"] == judged["cornell-error"] == "not measured"
+    assert states(canned(5.9))["cornell"] == "missed"
+    quick = canned()
+    quick["settings"]["quick"] = True
+    assert states(quick)["cornell"] == "quick"
+    assert targets.verdict([canned(5.4)])[0] == "fail"
+    assert "the farthest: cornell" in targets.verdict([canned(5.4)])[1]
+    assert "at 90 % of its target" in targets.verdict([canned(5.4)])[1]
+    assert targets.verdict([canned()])[0] == "inconclusive"
+
+
+def test_smaller_is_better_where_the_target_says_so() -> None:
+    build = next(s for s in SCENARIOS if s.name == "build").targets[0]
+    for value, state in ((0.3, "met"), (0.6, "met"), (0.61, "missed")):
+        assert targets.judge(build, "cpu", {"figures": {build.figure: value}})["state"] == state
+
+
+@pytest.mark.parametrize("suffix", [".html", ".md"])
+def test_report_has_the_rows(folder: Path, suffix: str) -> None:
+    (folder / "out").mkdir()
+    (folder / "out" / "bench_cpu.json").write_text(json.dumps(canned()))
+    path = folder / f"r{suffix}"
+    report.save(report.find(["out"]), path)
+    text = path.read_text("utf-8")
+    for expected in (
+        "1 of 6 targets met", "the means differ", "cornell, 512 x 512, 64 spp", "7 x", "2.5 s",
+        "-3.0e-05, 1.1", "c0ffee", "llvm_ad_rgb", "at least 6 x",
+    ):  # fmt: skip
+        assert expected in text, expected
+    pictures = list((folder / "r_plots").glob("*.png")) if suffix == ".md" else []
+    assert len(pictures) == (2 if suffix == ".md" else 0)
+    assert all(f"(r_plots/{p.name})" in text for p in pictures)
+    assert suffix == ".md" or text.count("data:image/png;base64,") == 2
+
+
+# ---- the command ----
+
+
+def test_commands(capsys: Any) -> None:
+    arguments = ["--only", "depth-open", "--peers", "none", "--quick", "--device", "cpu"]
+    assert main(["bench", "all", *arguments, "-o", "out"]) == 0
+    assert "depth-open: done" in capsys.readouterr().out
+    assert main(["bench", "report", "out", "-o", "r.html"]) == 0
+    assert "targets met on cpu" in capsys.readouterr().out
+    assert Path("r.html").read_text().startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["all", "--only", "cornel"], "scenario 'cornel' is unknown"),
+        (["all", "--peers", "arnold"], "peer 'arnold' is unknown; expected none or some of: mit"),
+        (["all", "--peers", ","], "no peers named"),
+        (["all", "--wait", "-1"], "wait = -1 is outside [0, 86400]"),
+        (["all", "--device", "gpu"], "device = 'gpu' is unknown"),
+        (["all", "--only", "depth-open", "--peers", "none", "-o", "file"], "file"),
+        (["report"], "required: PATH"),
+        (["report", "missing"], "missing: No such file"),
+        (["report", "file"], "file: not JSON"),
+        (["report", "other.json"], "other.json: not a result of"),
+        (["report", "."], "no bench_*.json inside"),
+        (["report", "x", "-o", "r.pdf"], "r.pdf: unknown suffix; expected .html or .md"),
+    ],
+)
+def test_errors(arguments: list[str], message: str, capsys: Any) -> None:
+    Path("file").write_text("{")
+    Path("other.json").write_text("[]")
+    assert main(["bench", *arguments]) == 2
+    assert message in capsys.readouterr().err

@@ -1,7 +1,7 @@
 """How each kind of scenario is measured.
 
 A kind takes the `Bench`, a scenario and its settings and returns plain data: `rows`, `points` or
-`curves` (what was measured) and `figures` (numbers that targets look at). Times of a render:
+a `table` (what was measured) and `figures` (numbers that targets look at). Times of a render:
 `seconds` until the film is complete in device memory; `wall`, `cpu` and `foreign` of the whole call
 to a picture in NumPy, own CPU time and cores used by others. Ratios are by `seconds` on CUDA, by
 `wall` on the CPU.
@@ -37,7 +37,7 @@ from .measure import (
 )
 from .peers import SAMPLERS as PEER_SAMPLERS
 from .peers import Crew
-from .race import Contestant, Lane, PeerRun, Veriray, compare, differ, race, summary
+from .race import Contestant, Lane, PeerRun, Veriray, absent, compare, differ, race, summary
 from .scenarios import NO_ROULETTE, TARGET_RELMSE, Scenario, scene_file
 
 try:
@@ -111,7 +111,8 @@ def _peers(
               if "missing" in about and scenario.peers}  # fmt: skip
     for name in bench.crew.names() if scenario.peers else ():
         for sampler in PEER_SAMPLERS[name][: None if all_samplers else 1]:
-            path = scene_file(settings["scene"], bench.folder, sampler)
+            named = "independent" if sampler == "own" else sampler
+            path = scene_file(settings["scene"], bench.folder, named)
             label = f"{name} {sampler}" if all_samplers else name
             try:
                 found[label] = PeerRun(bench.crew.get(name), label, path, _film(settings))
@@ -164,7 +165,7 @@ def _compared(
     for name, seconds in first.items():
         rows[name]["seconds_to_first_sample"] = seconds
     bench.crew.forget()
-    return rows | {name: {"void": why} for name, why in failed.items()}
+    return rows | {name: absent(why) for name, why in failed.items()}
 
 
 def _ratios(rows: dict[str, dict[str, Any]], by: str) -> dict[str, float]:
@@ -206,7 +207,7 @@ def error(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
             lanes[name].append(lane)
     bench.crew.forget()
     rows = {name: _curve(own, curve, lanes[name], scenario.margin, bench.by) for name in lanes}
-    rows |= {name: {"void": why} for name, why in failed.items()}
+    rows |= {name: absent(why) for name, why in failed.items()}
     return {
         "target_relmse": TARGET_RELMSE,
         "reference": {"film_sha256": reference.film_sha256, "seed": _REFERENCE_SEED,

@@ -19,11 +19,13 @@ from typing import Any
 
 from .measure import Array, BenchError
 
-#: Peer -> backend -> variant; the samplers that are raced, the first one at equal samples.
+#: Peer -> backend -> variant; the samplers that are raced, the first one at equal samples. "own" is
+#: the peer's, whatever the file says.
 VARIANTS: dict[str, dict[str, str]] = {
     "mitsuba": {"cpu": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"},
+    "cycles": {"cpu": "cpu"},
 }
-SAMPLERS = {"mitsuba": ("independent", "multijitter")}
+SAMPLERS = {"mitsuba": ("independent", "multijitter"), "cycles": ("own",)}
 
 
 class Peer:
@@ -100,9 +102,11 @@ class Crew:
     """The peers of one backend; started when first asked for, again if they died."""
 
     def __init__(self, names: Sequence[str], backend: str) -> None:
-        self._variants = {name: VARIANTS[name][backend] for name in names}
+        self._variants = {n: VARIANTS[n][backend] for n in names if backend in VARIANTS[n]}
         self._running: dict[str, Peer] = {}
-        self.about: dict[str, dict[str, Any]] = {}
+        self.about: dict[str, dict[str, Any]] = {
+            n: {"missing": f"not raced on {backend}"} for n in names if n not in self._variants
+        }
 
     def __enter__(self) -> Crew:
         """Start all once, to know what is there."""

@@ -16,7 +16,7 @@ import numpy as np
 from .measure import BenchError, mean, mean_error, means_agree, spread
 from .mitsuba import libllvm
 from .peers import VARIANTS
-from .race import differ
+from .race import absent, differ
 from .scenarios import Scenario, scene_file
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def cold(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
             variant = VARIANTS[name][bench.device.backend]
             commands[name] = [sys.executable, "-c", _MITSUBA, str(path), "", variant, str(spp)]
         else:
-            rows[name] = {"void": about.get("missing", "not measured from a cold start")}
+            rows[name] = absent(about.get("missing", "not measured from a cold start"))
     times: dict[str, list[float]] = {name: [] for name in commands}
     step = bench.steps(settings["rounds"] + 1)
     for _ in range(settings["rounds"] + 1):

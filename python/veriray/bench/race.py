@@ -173,6 +173,11 @@ def compare(
     return rows
 
 
+def absent(why: str) -> dict[str, Any]:
+    """The row of a peer that did not take part."""
+    return {"void": why, "absent": True}
+
+
 def differ(agreement: dict[str, Any]) -> str:
     """Why a row is void whose means do not agree."""
     far = max(agreement["relative_difference"], key=abs)

@@ -106,16 +106,18 @@ def _targets(results: Sequence[Result]) -> Section:
         unit, sign = t["target"].unit, "at most " if t["target"].below else "at least "
         far = "-" if t["reached"] is None else f"{100 * t['reached']:.0f} %"
         rows.append([
-            t["state"], t["device"], t["scenario"].title, t["target"].what,
-            _unit(t["value"], unit), sign + _unit(t["goal"], unit), _unit(t["moonshot"], unit), far,
-            t["why"],
+            t["state"], t["device"], t["scenario"].name, t["target"].what,
+            _unit(t["value"], unit), far, sign + _unit(t["goal"], unit),
+            _unit(t["moonshot"], unit), t["why"],
         ])  # fmt: skip
-    columns = ("", "device", "scenario", "what", " measured", " target", " moonshot",
-               " of the target", "why")  # fmt: skip
+    columns = ("", "device", "scenario", "what", " measured", " reached", " target", " moonshot",
+               "why")  # fmt: skip
+    if not any(row[-1] for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
     return Section(
         "Targets",
-        "Ratios compare renderers in one run, alternating, on the same scene file. The last number "
-        "is the share of the target that was reached; above 100 % it is met.",
+        "Ratios compare renderers in one run, alternating, on the same scene file. Reached is the "
+        "share of the target: it is met at 100 %.",
         [Table(columns, rows)],
     )
 
@@ -124,20 +126,21 @@ def _void(results: Sequence[Result]) -> Section:
     rows = []
     for result in results:
         device = result["device"]["name"]
-        rows += [[device, "all", name, about["missing"]]
-                 for name, about in result["peers"].items() if "missing" in about]  # fmt: skip
-        absent = {name for name, about in result["peers"].items() if "missing" in about}
+        missing = {name: about["missing"] for name, about in result["peers"].items()
+                   if "missing" in about}  # fmt: skip
+        rows += [["absent", device, "all", name, why] for name, why in missing.items()]
         for name, row in result["scenarios"].items():
-            rows += [[device, name, who or "all", why] for who, why in void_rows(row)
-                     if who.split(" at ")[0] not in absent]  # fmt: skip
+            rows += [["void", device, name, who or "all", why] for who, why in void_rows(row)]
+            rows += [["absent", device, name, who, why] for who, why in void_rows(row, True)
+                     if who.split()[0] not in missing]  # fmt: skip
             if (cores := disturbed(row)) > DISTURBED:
-                rows.append([device, name, "all", f"in doubt: others used {cores:.2g} cores"])
-    columns = ("device", "scenario", "renderer", "why")
+                rows.append(["in doubt", device, name, "all", f"others used {cores:.2g} cores"])
+    columns = ("", "device", "scenario", "renderer", "why")
     return Section(
-        "Void and doubtful",
+        "Void, absent, in doubt",
         "A row is void where the means of the pictures differ by more than chance and the stated "
-        "margin, where a film of ours is not the same, or where a renderer failed. Times are in "
-        f"doubt where others used more than {DISTURBED} cores meanwhile.",
+        "margin, where a film of ours is not the same, or where a renderer failed: no time is "
+        f"quoted. Times are in doubt where others used more than {DISTURBED} cores meanwhile.",
         [Table(columns, rows)] if rows else [],
     )
 
@@ -146,10 +149,10 @@ def _speed(results: Sequence[Result]) -> Section:
     rows = []
     for device, name, result in of_kind(results, "speed"):
         s, by = result["settings"], _by(results, device)
-        label = f"{name}, {s['width']} x {s['height']}, {s['spp'][0]} spp"
+        label = f"{name}, {s['width']}x{s['height']}, {s['spp'][0]} spp"
         for who, row in result["rows"].items():
             if "void" in row:
-                rows.append([device, label, who, "void", *["-"] * 6])
+                rows.append([device, label, who, _none(row), *["-"] * 6])
                 continue
             ratio = row.get("times_faster", {}).get(by, {}).get("median")
             rows.append([
@@ -159,13 +162,14 @@ def _speed(results: Sequence[Result]) -> Section:
                 f"{row['seconds_to_first_sample']:.2f}" if "seconds_to_first_sample" in row else "",
                 _agreement(row),
             ])  # fmt: skip
-    columns = ("device", "scenario", "renderer", " Mpaths/s", " spread", " a CPU-second",
-               " veriray is faster", " of the limit", " s to first sample", " means")  # fmt: skip
+    columns = ("device", "scenario", "renderer", " Mpaths/s", " spread", " a CPU-s", " veriray",
+               " of limit", " first, s", " means")  # fmt: skip
     out = Section(
         "Samples per second",
         "Medians of alternating rounds; spread is largest less smallest over the median. Times end "
         "with the film in device memory on CUDA, with the picture in memory on the CPU. Means: the "
-        "relative difference of the pictures' means and its largest |z|.",
+        "relative difference of the pictures' means and its largest |z|. Veriray: how many times "
+        "faster it is; first: seconds to read the file and draw one sample a pixel.",
         [Table(columns, rows)] if rows else [],
     )
     if rows:
@@ -184,6 +188,10 @@ def _by(results: Sequence[Result], device: str) -> str:
     return by
 
 
+def _none(row: Result) -> str:
+    return "absent" if row.get("absent") else "void"
+
+
 def _agreement(row: Result) -> str:
     known = row.get("agreement")
     if not known:
@@ -199,7 +207,7 @@ def _error(results: Sequence[Result]) -> Section:
         by = _by(results, device)
         for who, row in result["rows"].items():
             if "void" in row:
-                rows.append([device, name, who, "void", *["-"] * 5])
+                rows.append([device, name, who, _none(row), *["-"] * 5])
                 continue
             last = row["points"][-1]
             curves[who] = {
@@ -286,7 +294,7 @@ def _rest(results: Sequence[Result]) -> Section:
     rows = []
     for device, _, result in of_kind(results, "cold"):
         for who, row in result["rows"].items():
-            times = ("void", "") if "void" in row else (
+            times = (_none(row), "") if "void" in row else (
                 f"{row['seconds']:.2f} s", f"first run {row['first']:.2f} s"
             )  # fmt: skip
             rows.append([device, result["title"], who, *times])
@@ -379,5 +387,6 @@ def line(scenario: Scenario, row: Result, backend: str) -> str:
             t = judge(target, backend, row)
             parts.append(f"{target.what} {_unit(t['value'], target.unit)}: {t['state']} "
                          f"(target {_unit(t['goal'], target.unit)})")  # fmt: skip
-    voids = [f"VOID {who}: {why}" if who else f"VOID: {why}" for who, why in void_rows(row)]
-    return f"{scenario.name}: " + "; ".join(parts + voids or ["done"])
+    parts += [f"VOID {who}: {why}" if who else f"VOID: {why}" for who, why in void_rows(row)]
+    parts += [f"no {who}: {why}" for who, why in void_rows(row, absent=True)]
+    return f"{scenario.name}: " + "; ".join(parts or ["done"])

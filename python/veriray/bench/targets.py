@@ -26,8 +26,10 @@ def judge(target: Target, backend: str, row: Result | None, quick: bool = False)
         return {**out, "state": "error", "why": row["error"]}
     value = row["figures"].get(target.figure)
     if value is None:
-        why = "; ".join(f"{name}: {reason}" for name, reason in void_rows(row))
-        return {**out, "state": "void" if why else "not measured", "why": why}
+        for state, absent in (("void", False), ("not measured", True)):
+            if why := "; ".join(f"{name}: {w}" for name, w in void_rows(row, absent)):
+                return {**out, "state": state, "why": why}
+        return {**out, "state": "not measured"}
     if quick:
         return {**out, "state": "quick", "value": value, "why": "a quick run is no measurement"}
     reached = goal / value if target.below else value / goal
@@ -72,17 +74,23 @@ def verdict(results: Sequence[Result]) -> tuple[str, str]:
     return ("pass" if len(met) == len(judged) else "inconclusive"), text + "."
 
 
-def void_rows(row: Result) -> Iterator[tuple[str, str]]:
-    """(contestant, why) of what is no result in a scenario's result."""
-    if "error" in row:
-        yield "", row["error"]
-    if "void" in row:
-        yield "", row["void"]
+def void_rows(row: Result, absent: bool = False) -> Iterator[tuple[str, str]]:
+    """(contestant, why) of what is no result in a scenario's result; "" for all of it.
+
+    absent: list the peers that did not take part instead.
+    """
+    if not absent:
+        for key in ("error", "void"):
+            if key in row:
+                yield "", row[key]
+    seen = set()
     for point in row.get("points", [row]):
         for name, entry in point.get("rows", {}).items():
-            if "void" in entry:
-                at = f"{name} at {row['varies']} {point['value']:,}" if "points" in row else name
-                yield at, entry["void"]
+            if "void" in entry and entry.get("absent", False) == absent:
+                at = f" at {row['varies']} {point['value']:,}" if "points" in row else ""
+                if not absent or name not in seen:
+                    yield name + ("" if absent else at), entry["void"]
+                seen.add(name)
 
 
 def disturbed(row: Result) -> float:

@@ -252,7 +252,7 @@ def canned(ratio: float = 7.0) -> dict[str, Any]:
         "versions": {"veriray": "0.1.0"}, "device": {"name": "cpu:avx512", "description": "a CPU"},
         "machine": {"processor": "x86_64", "cpus": 2, "system": "Linux"},
         "build": {"backend": "cpu"},
-        "settings": {"quick": False, "ratio_by": "wall", "limits": {"cpu": "41 Mpaths/s"}},
+        "settings": {"quick": False, "ratio_by": "wall", "limit": "41 Mpaths/s"},
         "peers": {"mitsuba": {"version": "3.9.1", "variant": "llvm_ad_rgb"}},
         "scenarios": {
             "cornell": {**common, "title": "box", "rows": {"veriray": speed, "mitsuba": mitsuba},

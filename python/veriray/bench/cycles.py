@@ -1,8 +1,8 @@
 """Blender's Cycles as a peer, by the package `bpy`: diffuse meshes, area lights, constant sky.
 
-Built from our reading of the scene file. Sampling by Cycles' tabulated Sobol pattern, box
-filter, paths of the same length; no clamp, no adaptive sampling, no denoiser. Times hold the way over a file
-that `bpy` needs to hand out a picture. Its roulette has another rule: the same mean, other noise.
+Built from our reading of the scene file. Tabulated Sobol pattern, box filter, paths of the same
+length; no clamp, no adaptive sampling, no denoiser. Times hold the way over the file by which `bpy`
+hands out a picture. Its roulette has another rule: the same mean, other noise.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Cycles:
         return time.perf_counter() - begin
 
     def run(self, key: str, spp: int, seed: int) -> tuple[dict[str, Any], Array]:
-        """seconds and wall are one: there is no film to wait for but the file."""
+        """Seconds and wall are one: there is no film to wait for but the file."""
         if key != self._shown:
             self._show(key)
         scene = self._bpy.context.scene

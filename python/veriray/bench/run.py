@@ -107,8 +107,8 @@ def _header(chosen: Any, crew: Crew, quick: bool) -> dict[str, Any]:
     result["settings"] = {
         "quick": quick, "filter": "box", "threads": cpu_count(), "errors": RELMSE,
         "ratio_by": "seconds" if chosen.backend == "cuda" else "wall",
-        "limits": {b: f"{v:.3g} paths/s at max_depth 8 without roulette"
-                   for b, v in kinds.LIMITS.items()},
+        "limit": f"{kinds.LIMITS[chosen.backend]:.3g} paths/s {kinds.LIMIT_OF[chosen.backend]} at "
+                 "max_depth 8 without roulette, by rays a path at other depths",
     }  # fmt: skip
     result["peers"] = {name: dict(about) for name, about in crew.about.items()}
     return result
@@ -159,4 +159,12 @@ def _measure(bench: kinds.Bench, scenario: Scenario, quick: bool) -> dict[str, A
 
 
 def _text(result: dict[str, Any]) -> str:
-    return html.as_json(result) + "\n"
+    """JSON, a scenario a line."""
+    lines = []
+    for key, value in html.plain(result).items():
+        text = json.dumps(value, allow_nan=False)
+        if key == "scenarios":
+            rows = (f" {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in value.items())
+            text = "{\n" + ",\n".join(rows) + "\n}"
+        lines.append(f"{json.dumps(key)}: {text}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"

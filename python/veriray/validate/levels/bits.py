@@ -47,6 +47,9 @@ def mesh_scene() -> Scene:
 
 LARGER: Mapping[str, Callable[[], Scene]] = {
     "cornell-box": lambda: veriray.cornell_box().with_(width=24, height=20),
+    "cornell-box by sobol": lambda: veriray.cornell_box().with_(
+        width=24, height=20, sampler="sobol"
+    ),
     "open": lambda: veriray.load_file("open").with_(width=24, height=20),
     "mesh": mesh_scene,
     "gaussian furnace": lambda: furnace(0.5, 1.0, width=24, height=20, filter="gaussian"),
@@ -71,7 +74,8 @@ class Host:
         self.trial = t if device is None else Trial(device, t.seed, 1, t.threads)
         self.held = self.trial.native_scene(scene)
         self.size = scene.film.width, scene.film.height
-        self.depths = {"max_depth": scene.max_depth, "rr_depth": scene.rr_depth}
+        names = ("max_depth", "rr_depth", "sampler")
+        self.settings = {name: getattr(scene, name) for name in names}
         self.asked = t
 
     def film(self) -> Any:
@@ -82,7 +86,7 @@ class Host:
         """Film (a new one, or the given one with more samples) and ledger of a sample range."""
         film = self.film() if film is None else film
         done = self.trial.native.render(
-            self.held, film, sample_begin=begin, sample_end=end, **self.depths, **more
+            self.held, film, sample_begin=begin, sample_end=end, **self.settings, **more
         )
         self.asked.check(done["nonfinite_samples"] == 0, "non-finite samples")
         return film, done["ledger"]
@@ -115,6 +119,17 @@ def merged(host: Host, spp: int, schedulers: tuple[str, str]) -> tuple[str, str,
     return sha(total, sums), sha(resumed, again), total.samples == resumed.samples == spp
 
 
+def in_parts(host: Host, spp: int) -> str:
+    """Hash of every third pixel, and then the others, rendered by list."""
+    film, every = host.film(), np.arange(host.size[0] * host.size[1], dtype=np.uint32)
+    part = every % 3 == 0
+    counts = [
+        host.render(0, spp, film, scheduler=scheduler, pixels=every[chosen])[1]
+        for scheduler, chosen in (("fused", part), ("thrust", ~part))
+    ]
+    return sha(film, add_rows(*counts))
+
+
 def add_rows(a: Array, b: Array) -> Array:
     """Sum of two ledgers of any lengths."""
     short, long = sorted((a, b), key=len)
@@ -130,7 +145,8 @@ def one_hash(t: Trial, name: str) -> None:
 
     (D1-D3, D5-D7, D9, D11, D13, D14.) Equal: all devices and instruction sets of this machine x
     fused, thrust x 1, 2, 16 threads x samples in flight, code for absent features forced on, the
-    run repeated, cut into ranges that are merged in shuffled order, and stopped and resumed.
+    run repeated, cut into ranges that are merged in shuffled order, stopped and resumed, and
+    rendered by lists of pixels.
     """
     scene, spp = scene_of(name)
     wanted: str | None = None
@@ -151,6 +167,7 @@ def one_hash(t: Trial, name: str) -> None:
             t.check(added == wanted, f"{device}: other bits from merged ranges, {order}")
             t.check(resumed == wanted, f"{device}: other bits when resumed, {order}")
             t.check(complete, "samples of merged films")
+        t.check(in_parts(host, spp) == wanted, f"{device}: other bits from lists of pixels")
 
 
 @case(6, once=True)

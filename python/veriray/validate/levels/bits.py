@@ -351,10 +351,13 @@ def moved_by_a_million(t: Trial) -> None:
 
 #: Largest depth of recorded films. In glass_mesh total reflection traps paths for ever.
 DEPTHS = {"checks/glass_mesh": 64}
+BY_SOBOL = " by sobol"
 
 
 def recorded_scene(name: str, width: int) -> Scene:
     """A scene as recorded.json names it, its depth as in DEPTHS, else without a limit."""
+    if name.endswith(BY_SOBOL):
+        return recorded_scene(name.removesuffix(BY_SOBOL), width).with_(sampler="sobol")
     if name in SHIPPED:
         scene = veriray.load_file(name).with_(width=width, height=width)
     else:
@@ -434,6 +437,7 @@ def recorded_films(t: Trial, entry: str) -> None:
 def write() -> None:
     """Writes recorded.json anew, from the fastest CPU device."""
     lines = [("cornell-box", 32, 16), ("open", 32, 16), ("cornell-box", 128, 64)]
+    lines += [("cornell-box" + BY_SOBOL, 32, 64), ("checks/thinlens" + BY_SOBOL, 24, 16)]
     lines += [(f"checks/{name}", 24, 4) for name in CHECKS]
     rows = ",\n".join(
         json.dumps(record("cpu", recorded_scene(name, width), name, spp))

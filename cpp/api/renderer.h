@@ -63,9 +63,10 @@ struct Fault {
 };
 
 struct RenderStats {
-    std::vector<uint64_t> ledger;  // [depth][column of LedgerColumn]
-    std::vector<uint64_t> blocks;  // by depth; scheduler `thrust`
-    std::vector<double> depth_seconds;
+    std::vector<uint64_t> ledger;            // [depth][column of LedgerColumn]
+    std::vector<uint64_t> blocks;            // by depth; scheduler `thrust`
+    std::vector<double> depth_seconds;       // scheduler `thrust`
+    std::vector<double> compaction_seconds;  // of these, closing the gaps of ended paths
     double seconds = 0;
     uint64_t fault_count = 0;
     std::vector<Fault> faults;

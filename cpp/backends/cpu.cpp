@@ -104,7 +104,7 @@ struct HostExec {
     const SceneView& scene;
     const Job& job;
     const PathColumns& paths;
-    std::vector<int32_t>& index;
+    Compaction compaction;
     std::vector<LedgerRows>& ledgers;
     uint32_t threads;
     const Poll& on_poll;
@@ -123,23 +123,24 @@ struct HostExec {
             for (uint32_t k = first; k < std::min(n, first + kThrustBlock); ++k) body(worker, k);
         });
     }
-    void begin(uint64_t first, uint32_t n) {
+    void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
         launch(n, [&](uint32_t, uint32_t i) {
-            thrust_begin<kFeatures>(scene, job, paths, index.data(), first, i);
+            thrust_begin<kFeatures>(scene, job, paths, indices.now, first, i);
         });
     }
-    void bounce(uint32_t depth, uint32_t n) {
+    void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
+        *indices.appended = 0;
         for (LedgerRows& rows : ledgers) rows.row(depth);
         launch(n, [&](uint32_t worker, uint32_t k) {
             const BounceOutcome out =
-                thrust_bounce<kFeatures>(scene, job, paths, index.data(), depth, k);
+                thrust_bounce<kFeatures>(scene, job, paths, indices, compaction, depth, k);
             uint64_t* row = ledgers[worker].row(depth);
             if (out.cause != kLive) ++row[out.cause];
             if (out.shadow != kLive) ++row[out.shadow];
         });
     }
     auto policy() const { return thrust::host; }
-    int32_t* indices() { return index.data(); }
+    static uint32_t appended(const uint32_t* counter) { return *counter; }
     static double clock() {
         return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
             .count();
@@ -175,13 +176,18 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
         pool_memory<float>(static_cast<size_t>(path_floats(features)) * pool, "path pool");
     auto uints =
         pool_memory<uint32_t>(static_cast<size_t>(path_uints(features)) * pool, "path pool");
-    auto index = pool_memory<int32_t>(pool, "path pool");
+    const Compaction compaction = find_scheduler(s.scheduler)->compaction;
+    const bool two = compaction == Compaction::kCopy || compaction == Compaction::kAppend;
+    auto index = pool_memory<int32_t>(two ? 2ull * pool : pool, "path pool");
+    uint32_t appended = 0;
+    const PathIndices indices{index.data(), two ? index.data() + pool : nullptr, &appended};
     const PathColumns paths{floats.data(), uints.data(), pool};
     bool complete = false;
     with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
-        HostExec<kFeatures> exec{view,    job,           paths, index,
+        HostExec<kFeatures> exec{view,    job,           paths, compaction,
                                  ledgers, stats.threads, poll,  &stats.launches};
-        run_thrust(exec, job.paths(), pool, stats.blocks, stats.depth_seconds);
+        run_thrust(exec, job.paths(), pool, indices, compaction,
+                   {stats.blocks, stats.depth_seconds, stats.compaction_seconds});
         complete = !exec.stopped;
     });
     return complete;
@@ -258,7 +264,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
                                         samples,
                                         s.pixels.empty() ? nullptr : s.pixels.data(),
                                         static_cast<uint32_t>(s.pixels.size())};
-                          complete = s.scheduler == "thrust"
+                          complete = find_scheduler(s.scheduler)->thrust
                                          ? render_thrust(host.view, job, s, ledgers, stats, part)
                                          : render_tiles(host.view, job, s, ledgers, stats, part);
                           add_faults(stats, faults, film.width(), upper);

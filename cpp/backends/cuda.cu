@@ -82,14 +82,15 @@ __global__ void __launch_bounds__(kThrustBlock)
 template <uint32_t kFeatures>
 __global__ void __launch_bounds__(kThrustBlock)
     thrust_bounce_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
-                         PathColumns paths, int32_t* indices, uint32_t depth, uint32_t n,
-                         uint64_t* ledger_row) {
+                         PathColumns paths, PathIndices indices, Compaction compaction,
+                         uint32_t depth, uint32_t n, uint64_t* ledger_row) {
     __shared__ uint32_t counts[kLedgerColumns];
     if (threadIdx.x < kLedgerColumns) counts[threadIdx.x] = 0;
     __syncthreads();
     const uint32_t k = blockIdx.x * kThrustBlock + threadIdx.x;
     if (k < n) {
-        const BounceOutcome out = thrust_bounce<kFeatures>(scene, job, paths, indices, depth, k);
+        const BounceOutcome out =
+            thrust_bounce<kFeatures>(scene, job, paths, indices, compaction, depth, k);
         if (out.cause != kLive) atomicAdd(&counts[out.cause], 1u);
         if (out.shadow != kLive) atomicAdd(&counts[out.shadow], 1u);
     }
@@ -311,25 +312,32 @@ struct DeviceExec {
     const Launches& l;
     const Job& job;
     PathColumns paths;
-    int32_t* index;
+    Compaction compaction;
     bool stopped = false;
     Clock::time_point last = Clock::now();
 
-    void begin(uint64_t first, uint32_t n) {
+    void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
         thrust_begin_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
-            l.scene.view, job, paths, index, first, n);
+            l.scene.view, job, paths, indices.now, first, n);
         check_launch("begin");
         ++l.stats.launches;
     }
-    void bounce(uint32_t depth, uint32_t n) {
+    void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
+        if (compaction == Compaction::kAppend)
+            check(cudaMemsetAsync(indices.appended, 0, sizeof(uint32_t), l.work.s), "bounce");
         thrust_bounce_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
-            l.scene.view, job, paths, index, depth, n,
+            l.scene.view, job, paths, indices, compaction, depth, n,
             l.ledger.get() + static_cast<uint64_t>(depth) * kLedgerColumns);
         check_launch("bounce");
         ++l.stats.launches;
     }
     auto policy() const { return thrust::cuda::par.on(l.work.s); }
-    int32_t* indices() { return index; }
+    uint32_t appended(const uint32_t* counter) const {
+        uint32_t n = 0;
+        check(cudaMemcpyAsync(&n, counter, sizeof n, cudaMemcpyDeviceToHost, l.work.s), "bounce");
+        check(cudaStreamSynchronize(l.work.s), "bounce");
+        return n;
+    }
     double clock() const {
         check(cudaStreamSynchronize(l.work.s), "bounce");
         return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
@@ -349,12 +357,17 @@ bool render_thrust(const Launches& l, const Job& job) {
     const uint32_t features = kVariants[choose_variant(l.scene.view, l.s)];
     Buffer<float> floats(static_cast<size_t>(path_floats(features)) * pool, "path pool");
     Buffer<uint32_t> uints(static_cast<size_t>(path_uints(features)) * pool, "path pool");
-    Buffer<int32_t> index(pool, "path pool");
+    const Compaction compaction = find_scheduler(l.s.scheduler)->compaction;
+    const bool two = compaction == Compaction::kCopy || compaction == Compaction::kAppend;
+    Buffer<int32_t> index(two ? 2ull * pool : pool, "path pool");
+    Buffer<uint32_t> appended(1, "path pool");
+    const PathIndices indices{index.get(), two ? index.get() + pool : nullptr, appended.get()};
     bool complete = false;
     with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
-        DeviceExec<kFeatures> exec{l, job, {floats.get(), uints.get(), pool}, index.get()};
+        DeviceExec<kFeatures> exec{l, job, {floats.get(), uints.get(), pool}, compaction};
         try {
-            run_thrust(exec, job.paths(), pool, l.stats.blocks, l.stats.depth_seconds);
+            run_thrust(exec, job.paths(), pool, indices, compaction,
+                       {l.stats.blocks, l.stats.depth_seconds, l.stats.compaction_seconds});
         } catch (const thrust::system_error& error) {
             cudaGetLastError();
             throw DeviceError(std::string("thrust: ") + error.what());
@@ -397,25 +410,25 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     const Clock::time_point start = Clock::now();
     bool complete = true;
     const uint64_t pixels = pixel_count(s, film);
-    for_sample_ranges(s, pixels, poll,
-                      [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
-                          uint32_t upper, const Poll& part) {
-                          if (!complete) return;
-                          const Launches launches{*scene.impl, s,       stats,  work,
-                                                  side,        control, ledger, part};
-                          faults.zero();
-                          check(cudaDeviceSynchronize(), "prepare");
-                          const Job job{settings,
-                                        film.impl->view,
-                                        faults.get(),
-                                        begin,
-                                        samples,
-                                        listed.get(),
-                                        static_cast<uint32_t>(s.pixels.size())};
-                          complete = s.scheduler == "thrust" ? render_thrust(launches, job)
-                                                             : render_fused(launches, job);
-                          add_faults(stats, faults.download()[0], film.width(), upper);
-                      });
+    for_sample_ranges(
+        s, pixels, poll,
+        [&](const PathSettings& settings, uint32_t begin, uint32_t samples, uint32_t upper,
+            const Poll& part) {
+            if (!complete) return;
+            const Launches launches{*scene.impl, s, stats, work, side, control, ledger, part};
+            faults.zero();
+            check(cudaDeviceSynchronize(), "prepare");
+            const Job job{settings,
+                          film.impl->view,
+                          faults.get(),
+                          begin,
+                          samples,
+                          listed.get(),
+                          static_cast<uint32_t>(s.pixels.size())};
+            complete = find_scheduler(s.scheduler)->thrust ? render_thrust(launches, job)
+                                                           : render_fused(launches, job);
+            add_faults(stats, faults.download()[0], film.width(), upper);
+        });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = seconds_since(start);
     const uint64_t samples = s.sample_end - s.sample_begin;

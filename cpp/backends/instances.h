@@ -25,6 +25,12 @@ inline uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) 
     return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
 }
 
+inline const SchedulerInfo* find_scheduler(const std::string& name) {
+    for (const SchedulerInfo& i : kSchedulers)
+        if (name == i.name) return &i;
+    return nullptr;
+}
+
 inline void check_settings(const RenderSettings& s, const HostScene& scene, const Film& film) {
     const auto fail = [](const std::string& text) { throw std::invalid_argument(text); };
     if (s.sample_end < s.sample_begin)
@@ -33,8 +39,11 @@ inline void check_settings(const RenderSettings& s, const HostScene& scene, cons
     if (s.max_depth < -1 || s.max_depth > kHardMaxDepth)
         fail("max_depth = " + std::to_string(s.max_depth) + "; allowed: -1 (unlimited) to " +
              std::to_string(kHardMaxDepth));
-    if (s.scheduler != "fused" && s.scheduler != "thrust")
-        fail("scheduler = '" + s.scheduler + "'; allowed: fused, thrust");
+    if (!find_scheduler(s.scheduler)) {
+        std::string names;
+        for (const SchedulerInfo& i : kSchedulers) names += std::string(", ") + i.name;
+        fail("scheduler = '" + s.scheduler + "'; allowed: " + names.substr(2));
+    }
     if (s.batch > 1u << 26) fail("batch = " + std::to_string(s.batch) + "; allowed: 0 to 2^26");
     if (film.width() != scene.width || film.height() != scene.height)
         fail("the film has " + std::to_string(film.width()) + " x " +

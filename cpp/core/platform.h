@@ -42,6 +42,21 @@ VR_HD uint64_t atomic_add(uint64_t* acc, uint64_t value) {
 #endif
 }
 
+// The counter's value before it is raised by one for this thread; a warp raises it once.
+VR_HD uint32_t atomic_next(uint32_t* counter) {
+#if VR_DEVICE_CODE
+    const uint32_t together = __activemask(), lane = threadIdx.x & 31u;
+    const int leader = __ffs(static_cast<int>(together)) - 1;
+    uint32_t first = 0;
+    if (lane == static_cast<uint32_t>(leader))
+        first = atomicAdd(counter, static_cast<uint32_t>(__popc(together)));
+    first = __shfl_sync(together, first, leader);
+    return first + static_cast<uint32_t>(__popc(together & ((1u << lane) - 1u)));
+#else
+    return __atomic_fetch_add(counter, 1u, __ATOMIC_RELAXED);
+#endif
+}
+
 // Correctly rounded on either machine.
 VR_HD float ieee_fma(float a, float b, float c) {
 #if VR_DEVICE_CODE

@@ -21,6 +21,21 @@ struct Job {
     VR_HD uint64_t paths() const { return pixels() * samples; }
 };
 
+// Schedulers by name, and how `thrust` closes the gaps that ended paths leave in the index array
+// before the next bounce: not at all, by remove_if, partition, copy_if into another array, or by
+// appending to one during the bounce.
+enum class Compaction : uint32_t { kNone, kRemoveIf, kPartition, kCopy, kAppend };
+struct SchedulerInfo {
+    const char* name;
+    bool thrust;
+    Compaction compaction;
+};
+inline constexpr SchedulerInfo kSchedulers[] = {
+    {"fused", false, Compaction::kNone},      {"thrust", true, Compaction::kRemoveIf},
+    {"thrust-none", true, Compaction::kNone}, {"thrust-partition", true, Compaction::kPartition},
+    {"thrust-copy", true, Compaction::kCopy}, {"thrust-append", true, Compaction::kAppend},
+};
+
 // Why a path ended at this bounce; kLive if it goes on.
 VR_HD LedgerColumn cause_of(const Events<Scalar>& e) {
     if (e.escaped) return kEscaped;

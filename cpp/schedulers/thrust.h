@@ -1,10 +1,15 @@
 // Scheduler `thrust`: Algorithm 1 of H. Dahlberg, "Parallel Path Tracing in CUDA", KTH, 2016.
 // An array of rays and an array of path indices; every bounce is one launch of ceil(live / 256)
 // blocks over the live indices, ended paths write -1 over theirs, and thrust::remove_if closes the
-// gaps before the next bounce.
+// gaps before the next bounce. Other ways to close them are there to be compared.
 #pragma once
 
+#include <thrust/copy.h>
+#include <thrust/count.h>
+#include <thrust/partition.h>
 #include <thrust/remove.h>
+
+#include <utility>
 
 #include <vector>
 
@@ -13,6 +18,13 @@
 namespace veriray {
 
 inline constexpr uint32_t kThrustBlock = 256;
+
+// The index array.
+struct PathIndices {
+    int32_t* now;
+    int32_t* next;       // kCopy, kAppend: the other half
+    uint32_t* appended;  // kAppend: entries in next
+};
 
 // The ray array: paths as columns.
 struct PathColumns {
@@ -60,8 +72,10 @@ VR_HD void thrust_begin(const SceneView& scene, const Job& job, const PathColumn
 // Body of a bounce: the path whose index stands at place k.
 template <uint32_t kFeatures>
 VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const PathColumns& paths,
-                                  int32_t* indices, uint32_t depth, uint32_t k) {
-    const uint32_t i = static_cast<uint32_t>(indices[k]);
+                                  const PathIndices& indices, Compaction compaction, uint32_t depth,
+                                  uint32_t k) {
+    if (compaction == Compaction::kNone && indices.now[k] < 0) return {kLive, kLive};
+    const uint32_t i = static_cast<uint32_t>(indices.now[k]);
     PathState<Scalar> path = load_path<kFeatures>(paths, i);
     const Events<Scalar> e =
         PathTracer<Scalar, kFeatures>::bounce(scene, job.settings, path, depth, true);
@@ -70,11 +84,13 @@ VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const 
     if (e.occluded) out.shadow = kShadowOccluded;
     if (e.alive) {
         store_path<kFeatures>(paths, i, path);
+        if (compaction == Compaction::kAppend)
+            indices.next[atomic_next(indices.appended)] = static_cast<int32_t>(i);
     } else {
         PixelSum sum{};
         out.cause = finish<kFeatures>(scene, job, path, out.cause, sum);
         if (out.cause != kInvalid) flush(job.film, path.pixel, sum);
-        indices[k] = -1;
+        indices.now[k] = -1;
     }
     return out;
 }
@@ -82,25 +98,58 @@ VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const 
 struct IsDead {
     VR_HD bool operator()(int32_t index) const { return index < 0; }
 };
+struct IsLive {
+    VR_HD bool operator()(int32_t index) const { return index >= 0; }
+};
 
-// Exec: begin(first, n), bounce(depth, n), policy(), indices(), clock() -> seconds, poll(fraction).
-// blocks and seconds get one entry a depth, summed over the passes.
+// Closes the gaps in the first n indices; returns the live ones.
 template <class Exec>
-void run_thrust(Exec& exec, uint64_t paths, uint32_t pool, std::vector<uint64_t>& blocks,
-                std::vector<double>& seconds) {
+uint32_t compact(Exec& exec, PathIndices& indices, Compaction compaction, uint32_t n) {
+    int32_t *const first = indices.now, *const last = first + n;
+    if (compaction == Compaction::kNone)
+        return static_cast<uint32_t>(thrust::count_if(exec.policy(), first, last, IsLive()));
+    if (compaction == Compaction::kRemoveIf)
+        return static_cast<uint32_t>(thrust::remove_if(exec.policy(), first, last, IsDead()) -
+                                     first);
+    if (compaction == Compaction::kPartition)
+        return static_cast<uint32_t>(thrust::partition(exec.policy(), first, last, IsLive()) -
+                                     first);
+    std::swap(indices.now, indices.next);
+    if (compaction == Compaction::kAppend) return exec.appended(indices.appended);
+    return static_cast<uint32_t>(
+        thrust::copy_if(exec.policy(), first, last, indices.now, IsLive()) - indices.now);
+}
+
+// What each depth cost, summed over the passes.
+struct DepthCosts {
+    std::vector<uint64_t>& blocks;
+    std::vector<double>&seconds, &compaction;  // in all; of that, closing gaps
+};
+
+// Exec: begin(indices, first, n), bounce(indices, depth, n), policy(), appended(counter) -> count,
+// clock() -> seconds, poll(fraction).
+template <class Exec>
+void run_thrust(Exec& exec, uint64_t paths, uint32_t pool, PathIndices indices,
+                Compaction compaction, const DepthCosts& costs) {
     for (uint64_t first = 0; first < paths; first += pool) {
         const uint32_t begun = static_cast<uint32_t>(paths - first < pool ? paths - first : pool);
-        uint32_t live = begun;
-        exec.begin(first, live);
+        uint32_t live = begun, launched = begun;
+        exec.begin(indices, first, live);
         for (uint32_t depth = 0; live; ++depth) {
-            if (blocks.size() <= depth) blocks.push_back(0), seconds.push_back(0);
-            blocks[depth] += (live + kThrustBlock - 1) / kThrustBlock;
+            if (costs.blocks.size() <= depth) {
+                costs.blocks.push_back(0);
+                costs.seconds.push_back(0);
+                costs.compaction.push_back(0);
+            }
+            costs.blocks[depth] += (launched + kThrustBlock - 1) / kThrustBlock;
             const double start = exec.clock();
-            exec.bounce(depth, live);
-            const auto begin = exec.indices();
-            live = static_cast<uint32_t>(
-                thrust::remove_if(exec.policy(), begin, begin + live, IsDead()) - begin);
-            seconds[depth] += exec.clock() - start;
+            exec.bounce(indices, depth, launched);
+            const double middle = exec.clock();
+            live = compact(exec, indices, compaction, launched);
+            if (compaction != Compaction::kNone) launched = live;
+            const double end = exec.clock();
+            costs.seconds[depth] += end - start;
+            costs.compaction[depth] += end - middle;
             const uint64_t done = first + begun - live;
             if (!exec.poll(static_cast<double>(done) / static_cast<double>(paths))) return;
         }

@@ -161,6 +161,8 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
         "blocks"_a = to_array(stats.blocks, {static_cast<py::ssize_t>(stats.blocks.size())}),
         "depth_seconds"_a =
             to_array(stats.depth_seconds, {static_cast<py::ssize_t>(stats.depth_seconds.size())}),
+        "compaction_seconds"_a = to_array(
+            stats.compaction_seconds, {static_cast<py::ssize_t>(stats.compaction_seconds.size())}),
         "seconds"_a = stats.seconds, "nonfinite_samples"_a = stats.fault_count,
         "nonfinite"_a = faults, "launches"_a = stats.launches, "device"_a = stats.device,
         "scheduler"_a = s.scheduler, "features"_a = feature_names(stats.features),

@@ -72,12 +72,13 @@ class FilmArguments(TypedDict):
     filter_parameters: tuple[float, float]  # unused ones are 0
 
 class Report(TypedDict):
-    """ledger (D, 9) uint64; blocks (D,) uint64; depth_seconds (D,) float64; trailing zero depths
-    are left out, blocks and depth_seconds are empty where the scheduler has none."""
+    """ledger (D, 9) uint64; blocks (D,) uint64; depth_seconds and compaction_seconds (D,) float64;
+    trailing zero depths are left out, all but the ledger are empty where the scheduler has none."""
 
     ledger: npt.NDArray[np.uint64]
     blocks: npt.NDArray[np.uint64]
     depth_seconds: npt.NDArray[np.float64]
+    compaction_seconds: npt.NDArray[np.float64]
     seconds: float
     nonfinite_samples: int
     nonfinite: list[tuple[int, int, int, float, float, float]]

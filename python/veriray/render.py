@@ -27,7 +27,15 @@ LEDGER_COLUMNS = (
     "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
     "shadow_visible", "shadow_occluded",
 )  # fmt: skip
-SCHEDULERS = ("auto", "fused", "thrust")
+#: Ways in which scheduler `thrust` closes the gaps of ended paths; the 2016 report's is remove_if.
+COMPACTIONS = {
+    "none": "thrust-none",
+    "remove_if": "thrust",
+    "partition": "thrust-partition",
+    "copy_if": "thrust-copy",
+    "append": "thrust-append",
+}
+SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()))
 MAX_BATCHES = 1000
 MAX_NONFINITE = 64
 MAX_SPP = 2**40
@@ -127,7 +135,8 @@ def render(
         spp: samples per pixel, 1 to 2^40; None takes the scene's.
         seed: 0 to 2^64 - 1.
         device: "auto", "cuda", "cuda:N", "cpu", "cpu:avx512", "cpu:avx2" or "cpu:portable".
-        scheduler: "fused", "thrust" or "auto" (see `choose_scheduler`).
+        scheduler: "fused", "thrust" (the 2016 report's), "thrust-none", "thrust-partition",
+            "thrust-copy", "thrust-append" (see `COMPACTIONS`) or "auto" (see `choose_scheduler`).
         max_depth: longest path in segments, as Mitsuba counts: 1 is emission alone, 2 adds direct
             light, -1 is unlimited; None takes the scene's.
         rr_depth: first depth of Russian roulette, >= 1; None takes the scene's.
@@ -148,19 +157,19 @@ def render(
             pixel at most (at least 16). Not together with batches.
 
     Returns:
-        Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per
-        depth), blocks (thread blocks per depth), depth_seconds, rays, paths, seconds,
-        samples_per_second, device, device_name, device_reason, scheduler, scheduler_reason,
-        features (what the scene needs), variant (what the code that ran was compiled with),
-        path_bytes (stored for each path in flight, in the scene's variant), primitives (count by
-        kind; dropped: triangles without area), tree (width, nodes, references, depth, seconds;
-        empty without one), nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]),
-        seed, spp, max_depth, rr_depth, sampler, width, height, batches, batch_size, threads,
-        launches, memory (bytes of scene and film), scene_sha256, version, mean_stderr. With
-        target_error also target_error, pilot_spp, first_sample (number of the picture's first
-        sample), mean_spp, tiles, tiles_at_limit (which need more than spp), tiles_above_target and
-        tile_error (median, nine tenths, largest) of the finished picture; paths and ledger then
-        hold the pilot's too.
+        Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per depth),
+        blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
+        paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
+        scheduler_reason, features (what the scene needs), variant (what the code that ran was
+        compiled with), path_bytes (stored for each path in flight, in the scene's variant),
+        primitives (count by kind; dropped: triangles without area), tree (width, nodes, references,
+        depth, seconds; empty without one), nonfinite_samples, nonfinite (at most 64 of [x, y,
+        sample, r, g, b]), seed, spp, max_depth, rr_depth, sampler, width, height, batches,
+        batch_size, threads, launches, memory (bytes of scene and film), scene_sha256, version,
+        mean_stderr. With target_error also target_error, pilot_spp, first_sample (number of the
+        picture's first sample), mean_spp, tiles, tiles_at_limit (which need more than spp),
+        tiles_above_target and tile_error (median, nine tenths, largest) of the finished picture;
+        paths and ledger then hold the pilot's too.
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -316,7 +325,10 @@ def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
     """Sums the pieces' reports."""
     ledger = _padded_sum([np.asarray(r["ledger"], np.uint64) for r in results])
     blocks = _padded_sum([np.asarray(r["blocks"], np.uint64) for r in results])
-    by_depth = _padded_sum([np.asarray(r.get("depth_seconds", ()), np.float64) for r in results])
+    by_depth, closing = (
+        [float(s) for s in _padded_sum([np.asarray(r[key], np.float64) for r in results])]
+        for key in ("depth_seconds", "compaction_seconds")
+    )
     columns = {
         name: [int(n) for n in ledger[:, c]] if ledger.ndim == 2 else []
         for c, name in enumerate(LEDGER_COLUMNS)
@@ -327,7 +339,8 @@ def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
         "live_rays": columns["live"],
         "ledger": columns,
         "blocks": [int(n) for n in blocks],
-        "depth_seconds": [float(s) for s in by_depth],
+        "depth_seconds": by_depth,
+        "compaction_seconds": closing,
         "rays": sum(columns["live"] + columns["shadow_visible"] + columns["shadow_occluded"]),
         "paths": paths,
         "seconds": seconds,

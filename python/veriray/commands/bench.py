@@ -1,4 +1,4 @@
-"""`veriray bench`: all, report, live-rays."""
+"""`veriray bench`: all, report, compaction, live-rays."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ REPORT_SUFFIXES = (".html", ".md")
 
 
 def add(commands: Any) -> None:
-    """Adds `bench all`, `bench report` and `bench live-rays` to the parser."""
+    """Adds `bench` and its kinds to the parser."""
     bench = commands.add_parser("bench", help="measurements")
     kinds = bench.add_subparsers(metavar="KIND", required=True, parser_class=Parser)
     _add_all(kinds)
     _add_report(kinds)
+    _add_compaction(kinds)
     _add_live_rays(kinds)
 
 
@@ -120,6 +121,43 @@ def _bench_report(arguments: argparse.Namespace) -> int:
     if arguments.output:
         print(f"written    {', '.join(arguments.output)}")
     return 0
+
+
+# ---- compaction ----
+
+
+def _add_compaction(kinds: Any) -> None:
+    parser = kinds.add_parser("compaction", help="ways to close the gaps that ended paths leave")
+    add_scene(parser)
+    parser.set_defaults(handler=_bench_compaction, width=1280, height=720)
+    parser.add_argument("--spp", type=integer, default=16, help="samples per pixel (default: 16)")
+    parser.add_argument("--rounds", type=integer, default=5, help="of which medians (default: 5)")
+    parser.add_argument("--json", metavar="FILE", help="write tables and settings as JSON")
+
+
+def _bench_compaction(arguments: argparse.Namespace) -> int:
+    from ..bench import compaction
+
+    if arguments.json:
+        check_output(arguments.json, (".json",))
+    if arguments.rounds < 1:
+        raise CommandError(f"--rounds {arguments.rounds}; expected at least 1")
+    scene = load(arguments)
+    names = ("width", "height", "spp", "device", "rounds")
+    settings = {name: getattr(arguments, name) for name in names}
+    with show_progress("compaction", False) as progress:
+        result = compaction.study(scene, progress=progress, **settings)
+    result = {"scene": arguments.scene, **result}
+    if arguments.json:
+        write_json(arguments.json, result)
+    size = f"{result['width']} x {result['height']}, {result['spp']} spp"
+    print(f"{arguments.scene}, {size}, {result['device']} ({result['device_name']})")
+    for table in (compaction.by_depth(result), compaction.summary(result)):
+        print(compaction.as_text(table), end="\n\n")
+    print(f"winner     {result['winner']}")
+    films = "one SHA-256 for all" if result["same_film"] else "DIFFERENT FILMS"
+    print(f"films      {films}")
+    return 0 if result["same_film"] else 1
 
 
 # ---- live-rays ----

@@ -284,6 +284,15 @@ def test_targets_are_judged() -> None:
     assert targets.verdict([canned()])[0] == "inconclusive"
 
 
+def test_a_busy_machine_puts_a_target_in_doubt() -> None:
+    busy = canned()
+    busy["scenarios"]["cornell"]["rows"]["mitsuba"]["foreign"] = 0.5
+    judged = next(t for t in targets.targets([busy]) if t["scenario"].name == "cornell")
+    assert (judged["state"], judged["doubt"]) == ("met", "others used 0.5 cores")
+    assert "of those judged 1 in doubt" in targets.verdict([busy])[1]
+    assert "in doubt" not in targets.verdict([canned()])[1]
+
+
 def test_smaller_is_better_where_the_target_says_so() -> None:
     build = next(s for s in SCENARIOS if s.name == "build").targets[0]
     for value, state in ((0.3, "met"), (0.6, "met"), (0.61, "missed")):

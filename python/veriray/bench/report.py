@@ -108,7 +108,8 @@ def _targets(results: Sequence[Result]) -> Section:
         rows.append([
             t["state"], t["device"], t["scenario"].name, t["target"].what,
             _unit(t["value"], unit), far, sign + _unit(t["goal"], unit),
-            _unit(t["moonshot"], unit), t["why"],
+            _unit(t["moonshot"], unit),
+            t["why"] or (f"in doubt: {t['doubt']}" if t["doubt"] else ""),
         ])  # fmt: skip
     columns = ("", "device", "scenario", "what", " measured", " reached", " target", " moonshot",
                "why")  # fmt: skip
@@ -133,14 +134,15 @@ def _void(results: Sequence[Result]) -> Section:
             rows += [["void", device, name, who or "all", why] for who, why in void_rows(row)]
             rows += [["absent", device, name, who, why] for who, why in void_rows(row, True)
                      if who.split()[0] not in missing]  # fmt: skip
-            if (cores := disturbed(row)) > DISTURBED:
+            cores = disturbed(row)
+            if result["build"]["backend"] == "cpu" and cores > DISTURBED:
                 rows.append(["in doubt", device, name, "all", f"others used {cores:.2g} cores"])
     columns = ("", "device", "scenario", "renderer", "why")
     return Section(
         "Void, absent, in doubt",
         "A row is void where the means of the pictures differ by more than chance and the stated "
         "margin, where a film of ours is not the same, or where a renderer failed: no time is "
-        f"quoted. Times are in doubt where others used more than {DISTURBED} cores meanwhile.",
+        f"quoted. Times on a CPU are in doubt where others used more than {DISTURBED} cores.",
         [Table(columns, rows)] if rows else [],
     )
 
@@ -152,18 +154,20 @@ def _speed(results: Sequence[Result]) -> Section:
         label = f"{name}, {s['width']}x{s['height']}, {s['spp'][0]} spp"
         for who, row in result["rows"].items():
             if "void" in row:
-                rows.append([device, label, who, _none(row), *["-"] * 6])
+                rows.append([device, label, who, _none(row), *["-"] * 7])
                 continue
-            ratio = row.get("times_faster", {}).get(by, {}).get("median")
+            ratio, by_cpu = (row.get("times_faster", {}).get(key, {}).get("median")
+                             for key in (by, "cpu"))  # fmt: skip
             rows.append([
                 device, label, who, _num(row["mpaths_per_second"]),
                 f"{100 * row['spread'][by]:.1f} %", _num(row["mpaths_per_cpu_second"]),
-                _unit(ratio, "x"), _unit(row.get("percent_of_limit"), "%"),
+                _unit(ratio, "x"), _unit(None if by == "seconds" else by_cpu, "x"),
+                _unit(row.get("percent_of_limit"), "%"),
                 f"{row['seconds_to_first_sample']:.2f}" if "seconds_to_first_sample" in row else "",
                 _agreement(row),
             ])  # fmt: skip
     columns = ("device", "scenario", "renderer", " Mpaths/s", " spread", " a CPU-s", " veriray",
-               " of limit", " first, s", " means")  # fmt: skip
+               " by CPU time", " of limit", " first, s", " means")  # fmt: skip
     out = Section(
         "Samples per second",
         "Medians of alternating rounds; spread is largest less smallest over the median. Times end "

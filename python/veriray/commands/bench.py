@@ -49,7 +49,7 @@ def _add_all(kinds: Any) -> None:
         "--peers",
         metavar="LIST",
         default="mitsuba",
-        help="renderers to race, with commas between: mitsuba (default), or none",
+        help="renderers to race, with commas between, or none: mitsuba (default), cycles",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test of about two minutes")
     parser.add_argument("--again", action="store_true", help="measure again what DIR holds")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 import veriray
 from veriray.bench import SCENARIOS, BenchError, peers, report, run, targets
-from veriray.bench.measure import at_error, errors, slope
+from veriray.bench.measure import at_error, errors, mean, mean_error, slope
 from veriray.bench.race import Veriray, compare, race
 from veriray.bench.run import KINDS, choose, read
 from veriray.bench.scenarios import BACKENDS, scene_file
@@ -178,6 +179,34 @@ def test_mitsuba_in_its_process(folder: Path) -> None:
     finally:
         peer.close()
     assert not peer.alive
+
+
+def test_cycles_in_its_process(folder: Path) -> None:
+    """Seeds change the picture, and its mean is ours within 5 standard errors of ours."""
+    if importlib.util.find_spec("bpy") is None:
+        pytest.skip("bpy is not installed")
+    film = {"width": 32, "height": 32, "max_depth": 8, "rr_depth": 5}
+    path = scene_file("cornell-box-mitsuba", folder)
+    peer = peers.Peer("cycles", "cpu")
+    try:
+        peer.load("box", path, film)
+        first, second = (peer.run("box", 256, seed)[1] for seed in (1, 2))
+    finally:
+        peer.close()
+    ours = veriray.render(veriray.load_file(path, film), spp=256, device="cpu")
+    assert not np.array_equal(first, second)
+    far = mean(ours.image) - mean(first + second) / 2
+    assert (np.abs(far) < 5 * mean_error(ours.stderr)).all()
+
+
+def test_cycles_refuses_what_it_cannot_render(folder: Path) -> None:
+    from veriray.bench.cycles import Cycles
+
+    with pytest.raises(ValueError, match="spheres, media, dielectric: this peer takes"):
+        Cycles(None).load("glass", str(scene_file("glass medium", folder)), {})
+    with peers.Crew(["cycles"], "cuda") as crew:
+        assert crew.about == {"cycles": {"missing": "not raced on cuda"}}
+        assert not list(crew.names())
 
 
 # ---- the runner ----

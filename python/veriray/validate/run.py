@@ -22,8 +22,8 @@ from veriray import device as device_module
 from veriray.validate import pool
 from veriray.validate.trial import CASES, FIRST, LEVELS, SECOND, Case, Outcome, judge
 
-#: The whole run of a sound program fails less often than this: FAMILY / 2 by its cases, MANY by so
-#: many first-stage p values below FIRST that chance makes no more of them with this probability.
+#: The whole run of a sound program fails less often than FAMILY: FAMILY / 2 by its cases, and MANY
+#: by their number with p < FIRST in the first stage.
 FAMILY, MANY = 1e-3, 1e-4
 FULL_EFFORT = 4
 MAX_WORKERS = 64

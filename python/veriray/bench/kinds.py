@@ -21,7 +21,7 @@ import numpy as np
 from .. import livebench
 from ..device import Device
 from ..render import Render, prepare, render
-from ..scene import Scene, load_file
+from ..scene import SAMPLERS, Scene, load_file
 from .measure import (
     Array,
     BenchError,
@@ -40,16 +40,10 @@ from .peers import Crew
 from .race import Contestant, Lane, PeerRun, Veriray, absent, compare, differ, race, summary
 from .scenarios import NO_ROULETTE, TARGET_RELMSE, Scenario, scene_file
 
-try:
-    from ..render import SAMPLERS as _KNOWN
-except ImportError:
-    _KNOWN = ("independent",)
-
 #: Paths per second of the box, 18 quads, at max_depth 8 without roulette, by arithmetic alone (0.23
 #: ms per sample of 2^20 pixels on an H200), and what they are the limit of.
 LIMITS = {"cuda": 2**20 / 0.23e-3, "cpu": 41e6}
 LIMIT_OF = {"cuda": "of an H200", "cpu": "a core with two 512-bit FMA units at 4.1 GHz"}
-SAMPLERS = tuple(name for name in _KNOWN if name != "auto")
 _OVERHEAD_SPP = 64
 _REFERENCE_SEED = 2**32
 
@@ -94,8 +88,7 @@ class Bench:
     def ours(self, scene: Scene, settings: Settings, sampler: str = "independent",
              **more: Any) -> Veriray:  # fmt: skip
         """A contestant of ours."""
-        if len(_KNOWN) > 1:
-            more["sampler"] = sampler
+        more["sampler"] = sampler
         return Veriray(scene, device=self.device.name, **_film(settings), **more)
 
 

@@ -7,6 +7,7 @@ its local +Z with local +X on the left of the picture, pixel (0, 0) is top left.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import os
 from collections.abc import Mapping
@@ -122,14 +123,7 @@ class Scene:
     light_angles: Array | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.camera, Camera):
-            raise SceneError(f"camera is {type(self.camera).__name__}, expected Camera")
-        if not isinstance(self.film, Film):
-            raise SceneError(f"film is {type(self.film).__name__}, expected Film")
-        if self.sampler not in SAMPLERS:
-            raise SceneError(f"sampler = {self.sampler!r}; allowed: {', '.join(SAMPLERS)}")
         arrays = checked({name: getattr(self, name) for name in COLUMNS})
-        whole("camera medium", self.camera.medium, -1, len(arrays["sigma_t"]) - 1)
         shapes = [name for name in ("triangle", "sphere", "disk") if len(arrays[f"{name}s"])]
         names = tuple(self.shape_names) or (("scene",) if shapes else ())
         for kind in ("triangle", "sphere", "disk"):
@@ -139,9 +133,20 @@ class Scene:
             arrays[name] = array(name, given, np.uint32, (count,))
             note = f" (there are {len(names)} shapes)"
             in_range(name, arrays[name], 0, len(names) - 1, note)
+        for name, value in {**arrays, "shape_names": names}.items():
+            object.__setattr__(self, name, value)
+        self._check_settings()
+
+    def _check_settings(self) -> None:
+        """Checks all but the arrays."""
+        if not isinstance(self.camera, Camera):
+            raise SceneError(f"camera is {type(self.camera).__name__}, expected Camera")
+        if not isinstance(self.film, Film):
+            raise SceneError(f"film is {type(self.film).__name__}, expected Film")
+        if self.sampler not in SAMPLERS:
+            raise SceneError(f"sampler = {self.sampler!r}; allowed: {', '.join(SAMPLERS)}")
+        whole("camera medium", self.camera.medium, -1, len(_array(self.sigma_t)) - 1)
         values = {
-            **arrays,
-            "shape_names": names,
             "max_depth": whole("max_depth", self.max_depth, -1, MAX_PATH_DEPTH),
             "rr_depth": whole("rr_depth", self.rr_depth, 1, 2**31 - 1),
             "spp": whole("spp", self.spp, 1, 2**63 - 1),
@@ -150,17 +155,26 @@ class Scene:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_digest"}
+
+    @functools.cached_property
+    def _digest(self) -> Any:
+        """The hash so far, after the arrays."""
+        digest = hashlib.sha256(b"veriray scene 2\n")
+        for name in COLUMNS:
+            values: Array = getattr(self, name)
+            digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
+            digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
+        return digest
+
     @property
     def sha256(self) -> str:
         """Hash (hex) of all that changes the expected picture: not names, sampler, spp or seed.
 
         Does not depend on the machine, the process or the file that the scene came from.
         """
-        digest = hashlib.sha256(b"veriray scene 2\n")
-        for name in COLUMNS:
-            values: Array = getattr(self, name)
-            digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
-            digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
+        digest = self._digest.copy()
         camera, film = self.camera, self.film
         numbers = [
             *camera.to_world.ravel().tolist(),
@@ -205,7 +219,10 @@ class Scene:
         settings: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "spp": spp}
         settings |= {"sampler": sampler, "seed": seed, "camera": camera}
         changed = {name: value for name, value in settings.items() if value is not None}
-        return dataclasses.replace(self, film=film, **changed)
+        copy = object.__new__(Scene)  # the arrays are read-only and checked
+        copy.__dict__.update(self.__dict__, _digest=self._digest, film=film, **changed)
+        copy._check_settings()
+        return copy
 
     def scaled(self, factor: float) -> Scene:
         """A copy with all lengths, the camera's too, multiplied by `factor` > 0: the same picture.

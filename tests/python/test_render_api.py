@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import gc
 import hashlib
 import json
 import logging
+import pickle
 import struct
 import sys
 import threading
@@ -18,7 +21,7 @@ import numpy as np
 import pytest
 
 import veriray as vr
-from veriray.render import prepare
+from veriray.render import SCHEDULERS, prepare
 from veriray.validate.scenes import Part, camera, make
 
 device_module = sys.modules["veriray.device"]
@@ -65,7 +68,7 @@ def test_stats(picture: vr.Render, cornell: vr.Scene) -> None:
     assert stats["rays"] == sum(stats["live_rays"]) + shadow
 
 
-@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+@pytest.mark.parametrize("scheduler", SCHEDULERS[1:])
 @pytest.mark.parametrize("max_depth", [1, 2, 5, -1])
 def test_ledger_adds_up(cornell: vr.Scene, device: str, scheduler: str, max_depth: int) -> None:
     stats = vr.render(cornell, 2, device=device, scheduler=scheduler, max_depth=max_depth).stats
@@ -76,16 +79,18 @@ def test_ledger_adds_up(cornell: vr.Scene, device: str, scheduler: str, max_dept
         assert live == sum(ledger[cause][depth] for cause in CAUSES) + following[depth]
     if max_depth > 0:
         assert len(ledger["live"]) <= max_depth
-    if scheduler == "thrust":
+    if scheduler != "fused":
         assert len(stats["blocks"]) == len(ledger["live"])
+        for whole, part in zip(stats["depth_seconds"], stats["compaction_seconds"], strict=True):
+            assert 0 <= part <= whole
 
 
 def test_nothing_but_the_picture_settings_matters(
     cornell: vr.Scene, picture: vr.Render, device: str
 ) -> None:
     variants: list[dict[str, Any]] = [
-        {"scheduler": "fused"},
-        {"scheduler": "thrust"},
+        *({"scheduler": name} for name in SCHEDULERS),
+        *({"scheduler": name, "batch_size": 257} for name in SCHEDULERS),
         {"threads": 1},
         {"threads": 3, "batch_size": 1000},
         {"batches": 4},
@@ -106,6 +111,8 @@ def test_nothing_but_the_picture_settings_matters(
         {"max_depth": 3},
         {"rr_depth": 2},
         {"width": 33},
+        {"sampler": "sobol"},
+        {"target_error": 0.5},
         {"seed": 2**64 - 1},
     ],
     ids=str,
@@ -115,6 +122,14 @@ def test_each_picture_setting_matters(
 ) -> None:
     other = vr.render(cornell, **{"spp": 16, "device": "cpu", **change})
     assert other.film_sha256 != picture.film_sha256
+
+
+def test_scenes_can_be_copied(cornell: vr.Scene) -> None:
+    wanted = cornell.sha256
+    for other in (copy.deepcopy(cornell), pickle.loads(pickle.dumps(cornell)), cornell.with_()):
+        assert other.sha256 == wanted
+    assert cornell.with_(max_depth=3).sha256 != wanted
+    assert dataclasses.replace(cornell, vertices=cornell.vertices * 2).sha256 != wanted
 
 
 def test_batch_means(cornell: vr.Scene, picture: vr.Render) -> None:

@@ -1,16 +1,18 @@
 """Which level of `veriray validate` catches which planted bug.
 
     python -m tests.mutation.levels [NAME ...] [--jobs J] [--levels 1 2 ...] [--full-survivors]
-                                    [--first] [--random N] [--folder DIR] [-o FILE.json]
+                                    [--first] [--random N] [--limit S] [--folder DIR]
+                                    [-o FILE.json]
 
 from the repository root, with veriray installed or on PYTHONPATH. Builds one CPU module that holds
 all bugs of C++, puts it (and the bugs of Python, one a copy) into copies of the package, and runs
 the quick levels 1 to 8 on each bug and, first, on the unchanged copy, which must pass; J processes
 at once. A level ends at its first failed case; a bug is caught by a level if a case fails, ends in
 an error, kills the process or hangs. --first: no further levels for a bug that is caught, cheap
-levels first. --full-survivors: what no quick level catches is given to the full ones. --folder
-keeps the build and every answer: the same command goes on where it was stopped, unless a source
-changed. Films compared with recorded hashes are told apart and do not count: any change shows.
+levels first. --full-survivors: what no quick level catches is given to the full ones. --limit: no
+bug is begun after S seconds; those are named as not judged and count nowhere. --folder keeps the
+build and every answer: the same command goes on where it was stopped, unless a source changed.
+Films compared with recorded hashes are told apart and do not count: any change shows.
 
 Prints and writes as JSON which level catches which bug, by which case, after how many seconds. Ends
 with status 1, before any bug is judged, if the unchanged copy fails. `python -m
@@ -22,6 +24,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import random
 import re
@@ -44,6 +47,7 @@ RESULT = ROOT / "benchmarks" / "results" / "mutants_levels.json"
 LEVELS = (1, 2, 3, 4, 5, 6, 7, 8)
 #: A level stops, or is killed, after so many times the seconds that the unchanged copy takes.
 LIMIT, HANG = 1.5, 10
+UNJUDGED = "not judged"
 LEAST = 120  # seconds of such a limit at least
 #: Bugs of C++; those of `bugs` that change a scene's reflectance test the verdict of compare alone.
 COMPILED = tuple(m for m in BUILT if m.file)
@@ -52,8 +56,9 @@ COMPILED = tuple(m for m in BUILT if m.file)
 class Stand:
     """Copies of the package, one for all bugs of C++ and one for each of Python."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, limit: float | None = None) -> None:
         self.folder = folder
+        self.end = time.monotonic() + limit if limit else math.inf
         self.shop = Workshop(folder)
         self.compiled = self._package("compiled", None)
         self.answers = folder / "answers" / _digest()
@@ -85,6 +90,8 @@ class Stand:
         name = "unchanged" if bug is None else "_".join(re.findall(r"\w+", bug.name))
         file = self.answers / f"{mode}-{level}-{name}.json"
         if not file.exists():
+            if bug and time.monotonic() > self.end:
+                return {"case": None, "verdict": UNJUDGED, "ran": 0, "seconds": 0.0}
             answer = self._judged(bug, level, mode, sound, times)
             file.with_suffix(".part").write_text(json.dumps(answer))
             file.with_suffix(".part").replace(file)
@@ -159,15 +166,20 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
             row["levels"] = {n: _brief(answer) for n, answer in found.items()}
             row["recorded"] = bool(row["levels"].pop(RECORDED, {}).get("case"))
             row["caught_by"] = [n for n in levels if row["levels"].get(n, {}).get("case")]
+            row["judged"] = all(a["verdict"] != UNJUDGED for a in row["levels"].values())
             row["seconds"] = round(sum(a["seconds"] for a in row["levels"].values()), 1)
-            print(f"{row['name']}: {row['caught_by'] or 'SURVIVED'} ({row['seconds']} s)",
-                  flush=True)  # fmt: skip
+            said = (row["caught_by"] or "SURVIVED") if row["judged"] else UNJUDGED
+            print(f"{row['name']}: {said} ({row['seconds']} s)", flush=True)
+        unjudged = [row["name"] for row in rows if not row["judged"]]
+        rows = [row for row in rows if row["judged"]]
         left = [k for k, row in enumerate(rows) if not row["caught_by"]]
         if full_survivors and left:
             order = levels
             sound = _sound(stand, pool, levels, "full")
             times = _times(stand.folder / "full_times.json", sound)
-            again = {(k, n): pool.submit(stand.judge, chosen[k], n, "full", sound[n], times)
+            bugs = {m.name: m for m in chosen}
+            again = {(k, n): pool.submit(stand.judge, bugs[rows[k]["name"]], n, "full", sound[n],
+                                         times)
                      for k in left for n in order}  # fmt: skip
             for k in left:
                 answers = {n: _brief(again[k, n].result()) for n in order}
@@ -177,7 +189,7 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
     overall = sum(bool(row["caught_by"] or row.get("full")) for row in rows)
     return {
         "levels": levels, "build_seconds": stand.shop.build_seconds, "planted": len(rows),
-        "caught_quick": caught, "caught": overall,
+        "not_judged": unjudged, "caught_quick": caught, "caught": overall,
         "recorded": sum(row["recorded"] for row in rows),
         "score_quick": round(caught / max(1, len(rows)), 4),
         "score": round(overall / max(1, len(rows)), 4),
@@ -241,6 +253,7 @@ def main() -> int:
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--full-survivors", action="store_true")
     p.add_argument("--first", action="store_true", help="stop at the first level that catches")
+    p.add_argument("--limit", type=float, metavar="S", help="begin no bug after S seconds")
     p.add_argument("--folder", type=Path, help="keep the build here")
     p.add_argument("-o", "--output", type=Path, default=RESULT, help="JSON file")
     args = p.parse_args()
@@ -255,7 +268,7 @@ def main() -> int:
         chosen = random.Random(args.seed).sample(chosen, min(args.random, len(chosen)))
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        stand = Stand((args.folder or Path(folder)).resolve())
+        stand = Stand((args.folder or Path(folder)).resolve(), args.limit)
         print(f"built in {stand.shop.build_seconds} s", flush=True)
         result = run(stand, chosen, args.levels, args.jobs, args.full_survivors, args.first)
     result = {**header("mutants_levels"), "seconds": round(time.perf_counter() - begin), **result}
@@ -263,6 +276,8 @@ def main() -> int:
     print(f"{result['caught_quick']} of {result['planted']} bugs caught by the quick levels, "
           f"{result['caught']} in all; survivors: {left}")  # fmt: skip
     write(result, args.output)
+    if result["not_judged"]:
+        print(f"not judged: {', '.join(result['not_judged'])}")
     return 0
 
 

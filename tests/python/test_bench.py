@@ -35,7 +35,7 @@ def test_scenarios_are_well_formed() -> None:
     for s in SCENARIOS:
         assert s.kind in KINDS and s.name.replace("-", "").replace(".", "").isalnum()
         assert s.scene in SHIPPED or s.scene.split()[0] in ("icosphere", "glass")
-        assert bool(s.vary) == (s.kind == "scaling") and bool(s.reference_spp) == (
+        assert bool(s.vary) == (s.kind in ("scaling", "adaptive")) and bool(s.reference_spp) == (
             s.kind == "error"
         )
         assert s.backends and set(s.backends) <= set(BACKENDS)
@@ -50,7 +50,7 @@ def test_scenarios_are_well_formed() -> None:
                 assert moonshot <= goal if target.below else moonshot >= goal
 
 
-def test_every_target_of_issue_5_is_there() -> None:
+def test_every_target_is_there() -> None:
     """Its rows: box (rate, limit), box to relMSE 1e-3, mesh, medium, overhead, tree, start."""
     having = {s.name for s in SCENARIOS if s.targets}
     assert having == {"cornell", "cornell-error", "mesh-1.3M", "medium", "scaling-spp", "build",

@@ -3,41 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .. import html
 from ..image import replacing
 from . import plots
 from .run import read
 from .scenarios import Scenario
+from .sections import Section, Table, adaptive_section, compaction_section, num, of_kind, with_unit
 from .targets import DISTURBED, Result, disturbed, judge, targets, verdict, void_rows
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SUFFIXES = (".html", ".md")
 _TEMPLATE = Path(__file__).with_name("report.html.j2")
-
-
-@dataclass
-class Table:
-    """Cells as text; columns whose name starts with a space hold numbers."""
-
-    columns: Sequence[str]
-    rows: list[list[str]]
-
-
-@dataclass
-class Section:
-    """A part of the report."""
-
-    title: str
-    text: str = ""
-    tables: list[Table] = field(default_factory=list)
-    plots: list[tuple[str, Figure]] = field(default_factory=list)
 
 
 def find(paths: Sequence[str | os.PathLike[str]]) -> list[Result]:
@@ -76,28 +54,11 @@ def sections(results: Sequence[Result]) -> list[Section]:
         part
         for part in (
             _targets(results), _void(results), _speed(results), _error(results),
-            _scaling(results), _depth(results), _rest(results), _facts(results),
+            _scaling(results), _depth(results), compaction_section(results),
+            adaptive_section(results), _rest(results), _facts(results),
         )
         if part.tables or part.plots
     ]  # fmt: skip
-
-
-def of_kind(results: Sequence[Result], kind: str) -> Iterator[tuple[str, str, Result]]:
-    """(device, scenario, its result) of all results of a kind that have one."""
-    for result in results:
-        for name, row in result["scenarios"].items():
-            if row["kind"] == kind and "error" not in row:
-                yield result["device"]["name"], name, row
-
-
-def _num(value: float | None, digits: int = 3) -> str:
-    if value is None:
-        return "-"
-    return f"{value:,.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
-
-
-def _unit(value: float | None, unit: str) -> str:
-    return _num(value) + (f" {unit}" if unit and value is not None else "")
 
 
 def _targets(results: Sequence[Result]) -> Section:
@@ -107,8 +68,8 @@ def _targets(results: Sequence[Result]) -> Section:
         far = "-" if t["reached"] is None else f"{100 * t['reached']:.0f} %"
         rows.append([
             t["state"], t["device"], t["scenario"].name, t["target"].what,
-            _unit(t["value"], unit), far, sign + _unit(t["goal"], unit),
-            _unit(t["moonshot"], unit),
+            with_unit(t["value"], unit), far, sign + with_unit(t["goal"], unit),
+            with_unit(t["moonshot"], unit),
             t["why"] or (f"in doubt: {t['doubt']}" if t["doubt"] else ""),
         ])  # fmt: skip
     columns = ("", "device", "scenario", "what", " measured", " reached", " target", " moonshot",
@@ -159,10 +120,10 @@ def _speed(results: Sequence[Result]) -> Section:
             ratio, by_cpu = (row.get("times_faster", {}).get(key, {}).get("median")
                              for key in (by, "cpu"))  # fmt: skip
             rows.append([
-                device, label, who, _num(row["mpaths_per_second"]),
-                f"{100 * row['spread'][by]:.1f} %", _num(row["mpaths_per_cpu_second"]),
-                _unit(ratio, "x"), _unit(None if by == "seconds" else by_cpu, "x"),
-                _unit(row.get("percent_of_limit"), "%"),
+                device, label, who, num(row["mpaths_per_second"]),
+                f"{100 * row['spread'][by]:.1f} %", num(row["mpaths_per_cpu_second"]),
+                with_unit(ratio, "x"), with_unit(None if by == "seconds" else by_cpu, "x"),
+                with_unit(row.get("percent_of_limit"), "%"),
                 f"{row['seconds_to_first_sample']:.2f}" if "seconds_to_first_sample" in row else "",
                 _agreement(row),
             ])  # fmt: skip
@@ -223,7 +184,7 @@ def _error(results: Sequence[Result]) -> Section:
             rows.append([
                 device, name, who, f"{last['relmse']:.3g} at {last['spp']} spp",
                 f"{last['mse']:.3g}", f"{row['slope']['relmse'] or float('nan'):.2f}",
-                _unit(row["seconds_to_target"], "s") + mark, _num(row["efficiency"]),
+                with_unit(row["seconds_to_target"], "s") + mark, num(row["efficiency"]),
                 _agreement(row),
             ])  # fmt: skip
         ratio = result["figures"].get("times_faster_to_target")
@@ -254,11 +215,11 @@ def _scaling(results: Sequence[Result]) -> Section:
             good = {w: r for w, r in point["rows"].items() if "void" not in r}
             for who, row in good.items():
                 series.setdefault(who, []).append((point["value"], row["mpaths_per_second"]))
-            rates = ", ".join(f"{w} {_num(r['mpaths_per_second'])}" for w, r in good.items())
+            rates = ", ".join(f"{w} {num(r['mpaths_per_second'])}" for w, r in good.items())
             own = point["rows"]["veriray"]
             built = own["tree"].get("seconds")
-            rows.append([device, name, f"{point['value']:,}", rates, _num(own["seconds"]),
-                         _num(built), f"{own['memory'] / 2**20:,.1f}"])  # fmt: skip
+            rows.append([device, name, f"{point['value']:,}", rates, num(own["seconds"]),
+                         num(built), f"{own['memory'] / 2**20:,.1f}"])  # fmt: skip
         panels.append((f"{name}\n{device}", result["varies"], series))
     if rows:
         columns = ("device", "scenario", " value", "Mpaths/s", " veriray s", " tree s", " MiB")
@@ -277,13 +238,13 @@ def _depth(results: Sequence[Result]) -> Section:
     rows = []
     for device, name, result in found:
         table = result["table"]["rows"]
-        total = sum(row["seconds"] or 0 for row in table) or None
+        total = sum(row["seconds"] or 0 for row in table) / 100 or None
         for row in table[:10]:
             rows.append([device, name, str(row["depth"]), f"{row['live']:,}",
                          f"{row['blocks']:,}" if row["blocks"] else "-",
                          f"{100 * row['share']:.3g} %",
-                         _num(None if row["seconds"] is None else 1e3 * row["seconds"]),
-                         _unit(total and 100 * (row["seconds"] or 0) / total, "%")])  # fmt: skip
+                         num(None if row["seconds"] is None else 1e3 * row["seconds"]),
+                         with_unit(total and (row["seconds"] or 0) / total, "%")])  # fmt: skip
     if rows:
         columns = ("device", "scenario", " depth", " live rays", " blocks", " share", " ms",
                    " of the time")  # fmt: skip
@@ -378,19 +339,19 @@ def line(scenario: Scenario, row: Result, backend: str) -> str:
     parts = []
     for who, entry in row.get("rows", {}).items():
         if "mpaths_per_second" in entry:
-            parts.append(f"{who} {_num(entry['mpaths_per_second'])} Mpaths/s")
+            parts.append(f"{who} {num(entry['mpaths_per_second'])} Mpaths/s")
         elif entry.get("seconds_to_target"):
-            parts.append(f"{who} {_num(entry['seconds_to_target'])} s to relMSE 1e-3")
+            parts.append(f"{who} {num(entry['seconds_to_target'])} s to relMSE 1e-3")
         elif "seconds" in entry:
-            parts.append(f"{who} {_num(entry['seconds'])} s")
+            parts.append(f"{who} {num(entry['seconds'])} s")
     if "points" in row:
         rates = [p["rows"]["veriray"]["mpaths_per_second"] for p in row["points"]]
-        parts.append(f"veriray {_num(min(rates))} to {_num(max(rates))} Mpaths/s")
+        parts.append(f"veriray {num(min(rates))} to {num(max(rates))} Mpaths/s")
     for target in scenario.targets:
         if backend in target.goals:
             t = judge(target, backend, row)
-            parts.append(f"{target.what} {_unit(t['value'], target.unit)}: {t['state']} "
-                         f"(target {_unit(t['goal'], target.unit)})")  # fmt: skip
+            parts.append(f"{target.what} {with_unit(t['value'], target.unit)}: {t['state']} "
+                         f"(target {with_unit(t['goal'], target.unit)})")  # fmt: skip
     parts += [f"VOID {who}: {why}" if who else f"VOID: {why}" for who, why in void_rows(row)]
     parts += [f"no {who}: {why}" for who, why in void_rows(row, absent=True)]
     return f"{scenario.name}: " + "; ".join(parts or ["done"])

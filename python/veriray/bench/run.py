@@ -15,7 +15,7 @@ from .. import html
 from ..device import select
 from ..errors import DeviceError
 from ..image import replacing
-from . import kinds, process
+from . import kinds, process, studies
 from .measure import RELMSE, BenchError, cpu_count, header, now
 from .peers import Crew
 from .scenarios import SCENARIOS, Scenario
@@ -26,6 +26,8 @@ KINDS: dict[str, Callable[..., dict[str, Any]]] = {
     "scaling": kinds.scaling,
     "depth": kinds.depth,
     "build": kinds.build,
+    "compaction": studies.compaction,
+    "adaptive": studies.adaptive,
     "cold": process.cold,
     "memory": process.memory,
 }

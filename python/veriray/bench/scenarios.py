@@ -38,9 +38,10 @@ class Scenario:
 
     scene: a shipped scene, "icosphere N" (displaced, 20 * 4^N triangles) or "glass medium". kind:
     a function of `kinds`. size: width and height by backend; spp: samples a pixel, by backend;
-    several for kind "error". vary: (setting, values) for kind "scaling". schedulers: raced beside
-    "auto". peers: whether other renderers take part. margin: relative difference of means that is
-    no disagreement. limit: whether the physical limit of the box is stated.
+    several for kind "error". vary: (setting, values) for kinds "scaling" and "adaptive".
+    schedulers: raced beside "auto". peers: whether other renderers take part. margin: relative
+    difference of means that is no disagreement. limit: whether the physical limit of the box is
+    stated.
     """
 
     name: str
@@ -52,7 +53,7 @@ class Scenario:
     max_depth: int | None = 8
     rr_depth: int | None = 5
     rounds: int = 5
-    vary: tuple[str, tuple[int, ...]] | None = None
+    vary: tuple[str, tuple[float, ...]] | None = None
     schedulers: tuple[str, ...] = ()
     reference_spp: int = 0
     margin: float = 1e-5
@@ -150,6 +151,23 @@ SCENARIOS: tuple[Scenario, ...] = (
              _both((1,)), max_depth=None, rr_depth=None, peers=False),
     Scenario("depth-medium", "live rays and time by depth, glass sphere with a medium", _MEDIUM,
              "depth", _both(512), _both((1,)), max_depth=128, rr_depth=64, peers=False),
+    Scenario("compaction-cornell", "closing gaps, measured Cornell box", "cornell-box",
+             "compaction", _SIZE, _FEW, max_depth=None, rr_depth=None, peers=False),
+    Scenario("compaction-open", "closing gaps, open scene", "open", "compaction", _SIZE, _FEW,
+             max_depth=None, rr_depth=None, peers=False),
+    Scenario("compaction-medium", "closing gaps, glass sphere with a medium", _MEDIUM, "compaction",
+             _both(256, 512), _FEW, max_depth=128, rr_depth=64, rounds=3, peers=False),
+    Scenario("compaction-mesh", "closing gaps, 1,310,720 triangles", _MESH, "compaction", _SIZE,
+             _both((4,), (64,)), rounds=3, peers=False),
+    Scenario("adaptive-cornell", "to a worst tile of 5 %, measured Cornell box", "cornell-box",
+             "adaptive", _both(256, 1024), _ONE, max_depth=None, rr_depth=None, rounds=3,
+             vary=("target_error", (0.05,)), peers=False),
+    Scenario("adaptive-open", "to a worst tile of 5 %, open scene", "open", "adaptive",
+             _both(256, 1024), _ONE, max_depth=None, rr_depth=None, rounds=3,
+             vary=("target_error", (0.05,)), peers=False),
+    Scenario("adaptive-medium", "to a worst tile of 5 %, glass sphere with a medium", _MEDIUM,
+             "adaptive", _both(128, 512), _ONE, max_depth=128, rr_depth=64, rounds=3,
+             vary=("target_error", (0.05,)), peers=False),
     Scenario(
         "build", "the tree over 1,310,720 triangles", _MESH, "build", _both(64), _both((1,)),
         peers=False,

@@ -329,6 +329,12 @@ def _python(name: str, file: str, old: str, new: str) -> Mutant:
 
 #: Bugs in the package's Python.
 PYTHON = (
+    # samples
+    _python("samples that decide are in the picture", "sampling.py",
+            "first = 1 << (spp - 1).bit_length()", "first = 0"),
+    _python("largest number of samples for all pixels", "sampling.py",
+            "film.resolve(counts.astype(np.uint64))",
+            "film.resolve(np.full_like(counts, counts.max(), np.uint64))"),
     # camera and film
     _python("degrees of the whole field of view", "numeric.py", "sin_cos_degrees(0.5 * angle)",
             "sin_cos_degrees(angle)"),
@@ -384,11 +390,11 @@ PYTHON = (
     _python("point lights of a scaled scene not scaled", "scene.py",
             "intensity[near] *= factor * factor", "intensity[near] *= factor"),
     # merging and statistics
-    _python("film index shift in batches", "render.py", "means[k] = piece.sums() / size",
+    _python("film index shift in batches", "sampling.py", "means[k] = piece.sums() / size",
             "means[k] = np.roll(piece.sums(), 1, axis=1) / size"),
-    _python("batches share their samples", "render.py",
-            "sample_begin=k * size, sample_end=(k + 1) * size", "sample_begin=0, sample_end=size"),
-    _python("last batch lost", "render.py", "            total.add(piece)\n",
+    _python("batches share their samples", "sampling.py",
+            "runs.render(piece, k * size, (k + 1) * size)", "runs.render(piece, 0, size)"),
+    _python("last batch lost", "sampling.py", "            total.add(piece)\n",
             "            if k + 1 < pieces:\n                total.add(piece)\n"),
     _python("ledger of the last batch alone", "render.py", "total[: len(array)] += array",
             "total[: len(array)] = array"),

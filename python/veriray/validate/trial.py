@@ -291,7 +291,9 @@ class Trial:
         self.check(off[still] == 0, f"{mean[still].ravel()[:3]} for {truth[still].ravel()[:3]}")
         if not still.all():
             m, e = mean[~still], error[~still]
-            carried = r.spp * m**2 / np.maximum(e**2 * (r.spp - 1) + m**2, 1e-300)
+            n: Any = r.spp if r.samples is None else r.samples[..., None].astype(np.float64)
+            n = np.broadcast_to(n, mean.shape)[~still]
+            carried = n * m**2 / np.maximum(e**2 * (n - 1) + m**2, 1e-300)
             if mean.any() and carried.min() < EFFECTIVE:
                 raise Inconclusive(f"{carried.min():.0f} samples carry a pixel: raise spp")
             z = off[~still] / e

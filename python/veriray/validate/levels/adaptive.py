@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from veriray.sampling import PILOT
-from veriray.validate.scenes import furnace
+from veriray.compare.statistics import MARGIN
+from veriray.sampling import PILOT, TILE
+from veriray.validate.scenes import camera, furnace, make, sphere
+from veriray.validate.statistics import max_z
 from veriray.validate.trial import Trial, case
 
 #: Relative error at which four pixels in five of `furnace(0.5, 0.5)` stop at once.
@@ -34,3 +36,24 @@ def adaptive_means_are_unbiased(t: Trial) -> None:
     t.check(z[1] < -5, f"the planted bias is not seen: z = {z[1]:.1f}")
     t.sees((3.29 + 1.28) * float(np.std(kept, ddof=1)) / np.sqrt(len(kept)))
     t.p(2 * float(stats.norm.sf(abs(z[0]))), "mean")
+
+
+@case(3)
+def adaptive_tiles_agree(t: Trial) -> None:
+    """A white ball under an even sky of 1 is invisible, though its tiles get most of the samples.
+
+    z of the means of 9 tiles, which get from 16 to some hundred samples a pixel. Sees 1 % in each.
+    """
+    view = camera([0, 0, 4], [0.5, 0.4, 0], 40)
+    scene = make([sphere([0, 0, 0], 1, 1.0)], view, 1.0, 48, 48)
+    r = t.render(scene, 2048, target_error=0.02)
+    t.check(r.samples is not None and len(np.unique(r.samples)) > 2, "all tiles get as many")
+    starts = np.arange(0, 48, TILE)
+    off, square = (
+        np.add.reduceat(np.add.reduceat(x[..., 0].astype(np.float64), starts, 0), starts, 1)
+        for x in (r.image - 1, r.stderr**2)
+    )
+    error = np.sqrt(square)
+    t.check(np.abs(off[error == 0]) < 256 * MARGIN, "a tile without noise")
+    t.sees((3.89 + 1.28) * float(error.max()) / TILE**2)
+    t.p(max_z(off[error > 0] / error[error > 0]), "tiles")

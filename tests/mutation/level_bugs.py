@@ -395,7 +395,7 @@ PYTHON = (
     _python("batches share their samples", "sampling.py",
             "runs.render(piece, k * size, (k + 1) * size)", "runs.render(piece, 0, size)"),
     _python("last batch lost", "sampling.py", "            total.add(piece)\n",
-            "            if k + 1 < pieces:\n                total.add(piece)\n"),
+            "            if k + 1 < batches:\n                total.add(piece)\n"),
     _python("ledger of the last batch alone", "render.py", "total[: len(array)] += array",
             "total[: len(array)] = array"),
     _python("maximal depth one less", "render.py",

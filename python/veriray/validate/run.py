@@ -191,9 +191,12 @@ def validate(
         for job in jobs:
             add(job, _work(*job, seed, effort, second, None))
     else:
-        work = [(*job, seed, effort, second, 1) for job in jobs]
+        # the longest cases are of the full run alone: last, they would run on their own
+        order = sorted(range(len(jobs)), key=lambda k: CASES[jobs[k][0]].quick)
+        work = [(*jobs[k], seed, effort, second, 1) for k in order]
         with contextlib.closing(pool.results(_work, work, min(workers, len(jobs)))) as answers:
-            for k, answer in answers:
+            for place, answer in answers:
+                k = order[place]
                 if isinstance(answer, pool.Died):
                     c = CASES[jobs[k][0]]
                     answer = Outcome(c.id, c.level, c.title, jobs[k][1], "error", str(answer))

@@ -277,7 +277,7 @@ _RANDOM = (
     Mutant("Sobol's second dimension is the first", _SOBOL,
            "scramble_reversed(second_dimension_reversed(i), seed_y)",
            "scramble_reversed(i, seed_y)"),
-    Mutant("Sobol's second dimension lacks a step", _SOBOL, "0xf0f0f0f0u)) >> 4", "0u)) >> 4"),
+    Mutant("Sobol's second dimension lacks a step", _SOBOL, "0xf0f0f0f0u", "0u"),
     Mutant("Sobol pairs of a block alike", _RNG, "U(2 * block + 1)", "U(2 * block)"),
     Mutant("Sobol points alike in all pixels", _RNG, "hash(Block<U>{p, U(~0u), U(2 * block), k1})",
            "hash(Block<U>{U(0u), U(~0u), U(2 * block), k1})"),

@@ -29,7 +29,7 @@ struct Scene::Impl {
     std::vector<WideNode<kCpuWidth>> nodes;
     std::vector<RecordBlock> blocks;
 
-    Impl(const SceneInput& in, const BuildPoll& poll) : host(in, poll) {
+    Impl(const SceneInput& in, const BuildPoll& poll) : host(in, kSimdWalk, poll) {
         if (!(host.view.features & kBvh)) return;
         nodes = collapse<kCpuWidth>(host.bvh, kSimdWalk);
         blocks = pack_blocks(nodes, host.records);

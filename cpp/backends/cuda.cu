@@ -184,7 +184,7 @@ struct Scene::Impl {
     SceneView view;
 
     Impl(const SceneInput& in, int dev, const BuildPoll& poll)
-        : device(dev), host(in, poll), view(host.view) {
+        : device(dev), host(in, kScalarWalk, poll), view(host.view) {
         use_device(dev);
         const auto upload = [](auto& buffer, const auto& v, auto& pointer) {
             buffer = std::remove_reference_t<decltype(buffer)>(v, "scene");

@@ -23,9 +23,8 @@ namespace {
 using namespace bvh;
 
 constexpr uint32_t kMaxRefs = 1u << 27;  // what a leaf of a wide node can address
-constexpr uint32_t kLeafRefs = 2;
-constexpr uint32_t kGrain = 2048;     // smaller subtrees stay on their thread
-constexpr float kFarthest = 0x1p60f;  // coordinates whose products stay finite
+constexpr uint32_t kGrain = 2048;        // smaller subtrees stay on their thread
+constexpr float kFarthest = 0x1p60f;     // coordinates whose products stay finite
 
 // Triangles are split in scenes where a line through the scene's box meets, on average, more than
 // kNeedless boxes of triangles that it would miss were they filled; in nodes where the children of
@@ -37,9 +36,9 @@ constexpr float kOverlap = 1e-4f;
 constexpr float kPatience = 1.15f;
 constexpr uint32_t kFreeRefs = 1u << 16;
 
-// A node to be divided: references [first, last), room up to `end`.
+// A node to be divided: references [first, last), room up to `end`; nodes below it start at `free`.
 struct Range {
-    uint32_t node, first, last, end, depth;
+    uint32_t node, first, last, end, depth, free;
     Box centres;
     uint32_t size() const { return last - first; }
 };
@@ -151,17 +150,17 @@ Survey survey(const float* lo, const float* hi, const float* triangles, uint32_t
     return out;
 }
 
-// Nodes stand apart while the tree grows, at places that no thread has to ask for: the children of
-// a node whose right child's references start at m are nodes 2 m - 1 and 2 m.
+// Nodes stand apart while the tree grows, at places that no thread has to ask for: r references
+// have 2 r - 2 nodes below their own at most.
 class Builder {
    public:
-    Builder(const float* lo, const float* hi, const float* triangles, uint32_t n)
-        : count_(n), spatial_(triangles) {
+    Builder(const float* lo, const float* hi, const float* triangles, uint32_t n, uint32_t leaf)
+        : count_(n), leaf_(leaf), spatial_(triangles) {
         const Survey all = survey(lo, hi, triangles, n);
         const float area = all.box.half_area();
         const bool split = all.needless > kNeedless * static_cast<double>(area);
         const uint32_t more = split ? std::max(n / 10 * 3, std::min(n, kFreeRefs)) : 0;
-        Range range{0, 0, n, std::min(kMaxRefs, n + more), 0, {}};
+        Range range{0, 0, n, std::min(kMaxRefs, n + more), 0, 1, {}};
         overlap_ = kOverlap * area;
         refs_ = std::unique_ptr<Ref[]>(new Ref[range.end]);
         nodes_ = std::unique_ptr<BinaryNode[]>(new BinaryNode[2 * static_cast<size_t>(range.end)]);
@@ -218,19 +217,24 @@ class Builder {
         }
     }
 
-    void build(Range r) {
-        while (r.size() > kLeafRefs) {
-            if (pool_.stopped()) return;
+    // Returns where the next nodes may stand.
+    uint32_t build(Range r) {
+        while (r.size() > leaf_) {
+            if (pool_.stopped()) return r.free;
             Range right;
             divide(r, right);
-            if (right.size() >= kGrain)
+            if (right.size() >= kGrain) {
+                right.free = r.free + 2 * (right.first - r.first) - 2;
                 pool_.push(right);
-            else
-                build(right);
+            } else {
+                right.free = r.free;
+                r.free = build(right);
+            }
         }
         nodes_[r.node].left_or_first = r.first;
         nodes_[r.node].count = r.size();
         finished_.fetch_add(r.size(), std::memory_order_relaxed);
+        return r.free;
     }
 
     // Makes `left` the left child of what it was.
@@ -240,14 +244,14 @@ class Builder {
         const uint32_t n = left.last - middle, shift = room(sides, left.end - left.last);
         const uint32_t start = middle + shift, moved = std::min(shift, n);
         std::copy_n(&refs_[middle], moved, &refs_[left.last + shift - moved]);
-        const uint32_t pair = 2 * start - 1;
+        const uint32_t pair = left.free;
         nodes_[left.node].left_or_first = pair;
         nodes_[left.node].count = 0;
         set_box(nodes_[pair], sides.box[0]);
         set_box(nodes_[pair + 1], sides.box[1]);
         const uint32_t depth = left.depth + 1;
-        right = {pair + 1, start, start + n, left.end, depth, sides.centres[1]};
-        left = {pair, left.first, middle, start, depth, sides.centres[0]};
+        right = {pair + 1, start, start + n, left.end, depth, 0, sides.centres[1]};
+        left = {pair, left.first, middle, start, depth, pair + 2, sides.centres[0]};
     }
 
     // The left child's part of `room`, shared by surface.
@@ -291,7 +295,7 @@ class Builder {
                e[0] * (e[1] + e[2]) + e[1] * e[2] > overlap_;
     }
 
-    const uint32_t count_;
+    const uint32_t count_, leaf_;
     const Spatial spatial_;
     float overlap_;
     std::unique_ptr<Ref[]> refs_;
@@ -303,12 +307,15 @@ class Builder {
 }  // namespace
 
 BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_vertices, uint32_t n,
-                   uint32_t threads, const std::function<bool(double)>& progress) {
+                   const WalkCost& walk, uint32_t threads,
+                   const std::function<bool(double)>& progress) {
     if (n > kMaxRefs)
         throw std::invalid_argument(std::to_string(n) + " primitives; a tree holds at most 2^27");
     if (n == 0) return {};
     const auto start = std::chrono::steady_clock::now();
-    BuiltBvh out = Builder(lo, hi, triangle_vertices, n).run(threads, progress);
+    const uint32_t leaf =
+        std::max(2u, walk.block_size);  // such leaves cost no more than their parts
+    BuiltBvh out = Builder(lo, hi, triangle_vertices, n, leaf).run(threads, progress);
     out.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return out;
 }

@@ -26,14 +26,6 @@ struct BuiltBvh {
     double seconds = 0;
 };
 
-// lo, hi: (n, 3). triangle_vertices: (n, 9), a row that starts with NaN is no triangle; null:
-// primitives are never split. threads: 0 for all; the tree does not depend on it.
-// progress(share done) is called on this thread about every 50 ms; false stops the build.
-// Throws std::invalid_argument for more than 2^27 primitives, an empty box, or one that leaves
-// [-2^60, 2^60]; std::runtime_error if stopped; what progress throws.
-BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_vertices, uint32_t n,
-                   uint32_t threads, const std::function<bool(double)>& progress);
-
 // What a walk pays, in units of a visit of a node, and the largest leaf (2 to 16).
 struct WalkCost {
     float block;          // for one block of records
@@ -41,6 +33,15 @@ struct WalkCost {
     uint32_t max_leaf;
 };
 inline constexpr WalkCost kSimdWalk{1.f, 8, 8}, kScalarWalk{1.f, 1, 8};
+
+// lo, hi: (n, 3). triangle_vertices: (n, 9), a row that starts with NaN is no triangle; null:
+// primitives are never split. threads: 0 for all; the tree does not depend on it.
+// progress(share done) is called on this thread about every 50 ms; false stops the build.
+// Throws std::invalid_argument for more than 2^27 primitives, an empty box, or one that leaves
+// [-2^60, 2^60]; std::runtime_error if stopped; what progress throws.
+BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_vertices, uint32_t n,
+                   const WalkCost& walk, uint32_t threads,
+                   const std::function<bool(double)>& progress);
 
 // The N-wide tree (2, 4 or 8) of least expected cost that the binary one holds: leaves too are
 // chosen here. Boxes are padded by kBoxPad, nodes are in depth-first order; nodes[0] is the root,

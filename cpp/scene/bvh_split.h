@@ -73,60 +73,73 @@ struct Split {
     Box box[2];
 };
 
-// Best of 3 (`count` - 1) planes between bins; axis -1 if all centres share one bin.
+// Half the surfaces of three boxes.
+inline Float4 half_areas(const Box* b) {
+    const Float4 e0 = b[0].hi - b[0].lo, e1 = b[1].hi - b[1].lo, e2 = b[2].hi - b[2].lo;
+    const Float4 xy{e0[0], e1[0], e0[1], e1[1]}, zw{e0[2], e1[2], e0[3], e1[3]};
+    const Float4 x{xy[0], xy[1], e2[0], e2[0]}, y{xy[2], xy[3], e2[1], e2[1]};
+    const Float4 z{zw[0], zw[1], e2[2], e2[2]};
+    return x * (y + z) + y * z;
+}
+
+// Best of 3 (`count` - 1) planes between bins; axis -1 if all centres share one bin. A side
+// without references costs infinity times 0, which is no number and less than none.
 inline Split binned_split(const Ref* refs, uint32_t n, const Bins& bins) {
-    Box box[3][kMaxBins];
-    uint32_t number[3][kMaxBins] = {};
+    Box box[kMaxBins][3];
+    Int4 number[kMaxBins];
+    std::fill_n(number, bins.count, Int4{0, 0, 0, 0});
     for (uint32_t i = 0; i < n; ++i) {
         const Int4 b = bins(refs[i]);
         for (int k = 0; k < 3; ++k) {
-            box[k][b[k]].grow(refs[i].lo, refs[i].hi);
-            ++number[k][b[k]];
+            box[b[k]][k].grow(refs[i].lo, refs[i].hi);
+            ++number[b[k]][k];
         }
+    }
+    const auto cost = [&](Box* acc, Int4& count, uint32_t b) {
+        for (int k = 0; k < 3; ++k) acc[k].grow(box[b][k]);
+        count += number[b];
+        return half_areas(acc) * __builtin_convertvector(count, Float4);
+    };
+    Float4 right[kMaxBins], least = splat(std::numeric_limits<float>::infinity());
+    Int4 at{};
+    Box from_right[3], from_left[3];
+    Int4 on_right{}, on_left{};
+    for (uint32_t b = bins.count - 1; b > 0; --b) right[b] = cost(from_right, on_right, b);
+    for (uint32_t b = 1; b < bins.count; ++b) {
+        const Float4 both = cost(from_left, on_left, b - 1) + right[b];
+        const int32_t i = static_cast<int32_t>(b);
+        at = both < least ? Int4{i, i, i, i} : at;
+        least = both < least ? both : least;
     }
     Split best;
-    for (int k = 0; k < 3; ++k) {
-        if (bins.scale[k] == 0.f) continue;
-        float right[kMaxBins];
-        Box acc;
-        uint32_t count = 0;
-        for (uint32_t b = bins.count - 1; b > 0; --b) {
-            acc.grow(box[k][b]);
-            count += number[k][b];
-            right[b] = acc.half_area() * static_cast<float>(count);
-        }
-        acc = Box(), count = 0;
-        for (uint32_t b = 1; b < bins.count; ++b) {
-            acc.grow(box[k][b - 1]);
-            count += number[k][b - 1];
-            const float cost = acc.half_area() * static_cast<float>(count) + right[b];
-            if (count > 0 && count < n && cost < best.cost)
-                best.cost = cost, best.axis = k, best.at = b;
-        }
-    }
+    for (int k = 0; k < 3; ++k)
+        if (least[k] < best.cost) best.cost = least[k], best.axis = k, best.at = at[k];
     if (best.axis >= 0)
-        for (uint32_t b = 0; b < bins.count; ++b) best.box[b >= best.at].grow(box[best.axis][b]);
+        for (uint32_t b = 0; b < bins.count; ++b) best.box[b >= best.at].grow(box[b][best.axis]);
     return best;
 }
 
 // Puts the references left of the plane first.
 inline Sides partition(Ref* refs, uint32_t n, const Split& split, const Bins& bins) {
     Sides out{0, {split.box[0], split.box[1]}, {}};
-    uint32_t i = 0, j = n;
     const int at = static_cast<int>(split.at);
-    while (i < j) {
+    const float origin = bins.origin[split.axis], scale = bins.scale[split.axis];
+    Box left, right;
+    for (uint32_t i = 0; i < n; ++i) {
         const Ref r = refs[i];
         const Float4 c = r.centre();
-        if (bins(r)[split.axis] < at) {
-            out.centres[0].grow(c, c);
-            ++i;
-        } else {
-            out.centres[1].grow(c, c);
-            refs[i] = refs[--j];
-            refs[j] = r;
-        }
+        const int32_t off = -(static_cast<int>((c[split.axis] - origin) * scale) >= at);
+        // No numbers, which comparisons pass over, for the side that it is not on.
+        const Int4 not_left{off, off, off, off};
+        const Float4 l = std::bit_cast<Float4>(std::bit_cast<Int4>(c) | not_left);
+        const Float4 h = std::bit_cast<Float4>(std::bit_cast<Int4>(c) | ~not_left);
+        left.lo = min4(l, left.lo), left.hi = max4(l, left.hi);
+        right.lo = min4(h, right.lo), right.hi = max4(h, right.hi);
+        refs[i] = refs[out.middle];
+        refs[out.middle] = r;
+        out.middle += 1 + off;
     }
-    out.middle = i;
+    out.centres[0] = left, out.centres[1] = right;
     return out;
 }
 

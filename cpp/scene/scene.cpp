@@ -37,11 +37,11 @@ uint32_t padded(size_t n) {
     return static_cast<uint32_t>(std::max<size_t>(32, (n + 15) / 16 * 16));
 }
 
-HostScene::HostScene(const SceneInput& in, const BuildPoll& poll)
+HostScene::HostScene(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll)
     : view{}, width(in.width), height(in.height) {
     check_input(in);
     normalise(in);
-    if (!set_flat(in)) set_tree(in, poll);
+    if (!set_flat(in)) set_tree(in, walk, poll);
     view.primitives = primitives.data();
     set_surfaces(in);
     set_media(in);
@@ -156,7 +156,7 @@ bool HostScene::set_flat(const SceneInput& in) {
 }
 
 // Triangles, discs and spheres, in this order, in one tree.
-void HostScene::set_tree(const SceneInput& in, const BuildPoll& poll) {
+void HostScene::set_tree(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll) {
     std::vector<uint32_t> kept;
     kept.reserve(in.triangles.count);
     for (size_t i = 0; i < in.triangles.count; ++i)
@@ -209,7 +209,8 @@ void HostScene::set_tree(const SceneInput& in, const BuildPoll& poll) {
             box(at, k, (s[k] - centre[k] - s[3]) / unit, (s[k] - centre[k] + s[3]) / unit);
     }
     if (count == 0) return;
-    bvh = build_bvh(lo.data(), hi.data(), corners.data(), static_cast<uint32_t>(count), 0, poll);
+    bvh = build_bvh(lo.data(), hi.data(), corners.data(), static_cast<uint32_t>(count), walk, 0,
+                    poll);
     records.assign(bvh.order.size() * kRecordFloats, 0.f);
     for (size_t slot = 0; slot < bvh.order.size(); ++slot) {
         const uint32_t p = bvh.order[slot];

@@ -106,7 +106,7 @@ using BuildPoll = std::function<bool(double)>;
 
 class HostScene {
    public:
-    HostScene(const SceneInput& in, const BuildPoll& poll);
+    HostScene(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll);
     HostScene(const HostScene&) = delete;
     HostScene& operator=(const HostScene&) = delete;
 
@@ -132,7 +132,7 @@ class HostScene {
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
     Flat triangle(const SceneInput& in, size_t i) const;
     bool set_flat(const SceneInput& in);
-    void set_tree(const SceneInput& in, const BuildPoll& poll);
+    void set_tree(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll);
     void allocate_primitives(size_t count, uint32_t row);
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);
     void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);

@@ -16,6 +16,7 @@
 #include <thread>
 
 #include "scene/bvh_spatial.h"
+#include "scene/tree_layout.h"
 
 namespace veriray {
 namespace {
@@ -23,8 +24,15 @@ namespace {
 using namespace bvh;
 
 constexpr uint32_t kMaxRefs = 1u << 27;  // what a leaf of a wide node can address
+constexpr uint32_t kLeafRefs = 2;        // or a block's, where no triangle is split
 constexpr uint32_t kGrain = 2048;        // smaller subtrees stay on their thread
 constexpr float kFarthest = 0x1p60f;     // coordinates whose products stay finite
+
+// Where no triangle is split, the references are first counted in a grid of one cell for every
+// kCellRefs of them, and nodes of more than kFewCells full cells are divided between cells.
+// J. Pantaleoni, D. Luebke, "HLBVH: Hierarchical LBVH Construction for Real-Time Ray Tracing of
+// Dynamic Geometry", HPG 2010.
+constexpr uint32_t kCellRefs = 4, kFewCells = 128;
 
 // Triangles are split in scenes where a line through the scene's box meets, on average, more than
 // kNeedless boxes of triangles that it would miss were they filled; in nodes where the children of
@@ -129,7 +137,7 @@ void set_box(BinaryNode& node, const Box& box) {
 }
 
 struct Survey {
-    Box box;
+    Box box, centres;
     double needless = 0;  // half surface of boxes that their triangles do not fill
 };
 
@@ -142,6 +150,7 @@ Survey survey(const float* lo, const float* hi, const float* triangles, uint32_t
                                             " is empty or not finite");
         const Box b{load3(lo + 3 * i), load3(hi + 3 * i)};
         out.box.grow(b);
+        out.centres.grow(b.lo + b.hi, b.lo + b.hi);
         if (!triangles) continue;
         const float* t = triangles + 9 * static_cast<size_t>(i);
         if (!std::isnan(t[0]))
@@ -154,25 +163,27 @@ Survey survey(const float* lo, const float* hi, const float* triangles, uint32_t
 // have 2 r - 2 nodes below their own at most.
 class Builder {
    public:
-    Builder(const float* lo, const float* hi, const float* triangles, uint32_t n, uint32_t leaf)
-        : count_(n), leaf_(leaf), spatial_(triangles) {
+    Builder(const float* lo, const float* hi, const float* triangles, uint32_t n,
+            const WalkCost& walk)
+        : count_(n), spatial_(triangles) {
         const Survey all = survey(lo, hi, triangles, n);
         const float area = all.box.half_area();
         const bool split = all.needless > kNeedless * static_cast<double>(area);
         const uint32_t more = split ? std::max(n / 10 * 3, std::min(n, kFreeRefs)) : 0;
         Range range{0, 0, n, std::min(kMaxRefs, n + more), 0, 1, {}};
         overlap_ = kOverlap * area;
+        leaf_ = split ? kLeafRefs : std::max(kLeafRefs, walk.block_size);
         refs_ = std::unique_ptr<Ref[]>(new Ref[range.end]);
+        use_large_pages(refs_.get(), range.end * sizeof(Ref));
         nodes_ = std::unique_ptr<BinaryNode[]>(new BinaryNode[2 * static_cast<size_t>(range.end)]);
-        for (uint32_t i = 0; i < n; ++i) {
-            Ref& r = refs_[i];
-            const bool divisible = split && !std::isnan(triangles[9 * static_cast<size_t>(i)]);
-            r.lo = load3(lo + 3 * i, Ref::primitive_bits(i));
-            r.hi = load3(hi + 3 * i, divisible ? 1.f : 0.f);
-            range.centres.grow(r.centre(), r.centre());
-        }
         set_box(nodes_[0], all.box);
-        pool_.push(range);
+        const auto ref = [&](uint32_t i) {
+            const bool divisible = split && !std::isnan(triangles[9 * static_cast<size_t>(i)]);
+            return Ref{load3(lo + 3 * i, Ref::primitive_bits(i)),
+                       load3(hi + 3 * i, divisible ? 1.f : 0.f)};
+        };
+        const uint32_t side = split ? 1 : static_cast<uint32_t>(std::cbrt(n / kCellRefs)) + 1;
+        sort(range, Bins(all.centres, side), ref);
     }
 
     BuiltBvh run(uint32_t threads, const std::function<bool(double)>& progress) {
@@ -180,8 +191,12 @@ class Builder {
             return !progress || progress(std::min(1.0, static_cast<double>(finished_) / count_));
         };
         if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
-        pool_.run(std::min(threads, count_ / kGrain + 1), poll,
-                  [this](const Range& r) { build(r); });
+        pool_.run(std::min(threads, count_ / kGrain + 1), poll, [this](Range r) {
+            r.centres = {};
+            for (uint32_t i = r.first; i < r.last; ++i)
+                r.centres.grow(refs_[i].centre(), refs_[i].centre());
+            build(r);
+        });
         BuiltBvh out;
         pool_.push({});
         pool_.run(1, poll, [&](const Range&) { gather(out); });
@@ -189,6 +204,69 @@ class Builder {
     }
 
    private:
+    // Brings the references ref(0), ref(1) ... into the order of the cells of a grid.
+    template <class Reference>
+    void sort(Range root, const Bins& grid, Reference ref) {
+        const uint32_t side = grid.count;
+        const auto cell = [&](const Ref& r) {
+            const Int4 b = grid(r.centre());
+            return static_cast<uint32_t>(b[0]) +
+                   side * (static_cast<uint32_t>(b[1]) + side * static_cast<uint32_t>(b[2]));
+        };
+        std::vector<Box> box(side * side * side);
+        std::vector<uint32_t> next(box.size());
+        for (uint32_t i = 0; i < count_; ++i) {
+            const Ref r = ref(i);
+            const uint32_t c = cell(r);
+            box[c].grow(r.lo, r.hi);
+            ++next[c];
+        }
+        std::vector<Cell> cells;
+        root.centres = {};
+        for (uint32_t c = 0; c < box.size(); ++c) {
+            if (next[c] == 0) continue;
+            const Float4 at{static_cast<float>(c % side), static_cast<float>(c / side % side),
+                            static_cast<float>(c / side / side), 0.f};
+            cells.push_back({box[c].lo, box[c].hi, at, c, static_cast<int32_t>(next[c])});
+            root.centres.grow(at, at);
+        }
+        box = {};
+        divide_cells(root, cells.data(), static_cast<uint32_t>(cells.size()), next.data());
+        for (uint32_t i = 0; i < count_; ++i) {
+            const Ref r = ref(i);
+            refs_[next[cell(r)]++] = r;
+        }
+    }
+
+    // next[cell]: where its first reference comes to stand.
+    void divide_cells(Range r, Cell* cells, uint32_t n, uint32_t* next) {
+        while (n > kFewCells && r.size() > kGrain && !deep(r)) {
+            const Bins bins(r.centres, Bins::enough(n));
+            const Split best = binned_split(cells, n, bins);
+            if (best.axis < 0) break;
+            Sides sides = partition(cells, n, best, bins);
+            Cell* const middle = cells + sides.middle;
+            sides.middle = 0;
+            for (const Cell* c = cells; c < middle; ++c)
+                sides.middle += static_cast<uint32_t>(c->references);
+            Range right;
+            divide(r, right, sides);
+            divide_cells(right, middle, n - static_cast<uint32_t>(middle - cells), next);
+            n = static_cast<uint32_t>(middle - cells);
+        }
+        uint32_t at = r.first;
+        for (uint32_t i = 0; i < n; ++i) {
+            next[cells[i].number] = at;
+            at += static_cast<uint32_t>(cells[i].references);
+        }
+        pool_.push(r);
+    }
+
+    // From here on halves are just deep enough.
+    static bool deep(const Range& r) {
+        return r.depth + std::bit_width(r.size() - 1) >= kMaxBvhDepth;
+    }
+
     // Nodes and slots in depth-first order.
     void gather(BuiltBvh& out) const {
         struct Item {
@@ -208,7 +286,6 @@ class Builder {
             out.nodes[at.to].left_or_first = count > 0 ? slot : to;
             for (uint32_t i = from; i < from + count; ++i)
                 out.order.push_back(refs_[i].primitive());
-            std::sort(out.order.begin() + slot, out.order.end());
             if (count > 0) continue;
             out.nodes.push_back(nodes_[from]);
             out.nodes.push_back(nodes_[from + 1]);
@@ -222,9 +299,8 @@ class Builder {
         while (r.size() > leaf_) {
             if (pool_.stopped()) return r.free;
             Range right;
-            divide(r, right);
+            divide(r, right, split(r));
             if (right.size() >= kGrain) {
-                right.free = r.free + 2 * (right.first - r.first) - 2;
                 pool_.push(right);
             } else {
                 right.free = r.free;
@@ -238,8 +314,7 @@ class Builder {
     }
 
     // Makes `left` the left child of what it was.
-    void divide(Range& left, Range& right) {
-        const Sides sides = split(left);
+    void divide(Range& left, Range& right, const Sides& sides) {
         const uint32_t middle = left.first + sides.middle;
         const uint32_t n = left.last - middle, shift = room(sides, left.end - left.last);
         const uint32_t start = middle + shift, moved = std::min(shift, n);
@@ -250,7 +325,9 @@ class Builder {
         set_box(nodes_[pair], sides.box[0]);
         set_box(nodes_[pair + 1], sides.box[1]);
         const uint32_t depth = left.depth + 1;
-        right = {pair + 1, start, start + n, left.end, depth, 0, sides.centres[1]};
+        right = {pair + 1,        start, start + n,
+                 left.end,        depth, left.free + 2 * (start - left.first),
+                 sides.centres[1]};
         left = {pair, left.first, middle, start, depth, pair + 2, sides.centres[0]};
     }
 
@@ -264,10 +341,9 @@ class Builder {
     Sides split(Range& r) {
         Ref* refs = &refs_[r.first];
         uint32_t n = r.size();
-        // From here on halves are just deep enough.
-        if (r.depth + std::bit_width(n - 1) >= kMaxBvhDepth) return halves(r);
+        if (deep(r)) return halves(r);
         if (n <= kSwept) return swept_split(refs, n);
-        const Bins bins(r.centres, n);
+        const Bins bins(r.centres, Bins::enough(n));
         const Split best = binned_split(refs, n, bins);
         if (n < r.end - r.first && (best.axis < 0 || overlaps(best.box))) {
             const SpatialSplit spatial =
@@ -295,9 +371,10 @@ class Builder {
                e[0] * (e[1] + e[2]) + e[1] * e[2] > overlap_;
     }
 
-    const uint32_t count_, leaf_;
+    const uint32_t count_;
     const Spatial spatial_;
     float overlap_;
+    uint32_t leaf_;
     std::unique_ptr<Ref[]> refs_;
     std::unique_ptr<BinaryNode[]> nodes_;
     std::atomic<uint64_t> finished_{0};
@@ -313,9 +390,7 @@ BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_verti
         throw std::invalid_argument(std::to_string(n) + " primitives; a tree holds at most 2^27");
     if (n == 0) return {};
     const auto start = std::chrono::steady_clock::now();
-    const uint32_t leaf =
-        std::max(2u, walk.block_size);  // such leaves cost no more than their parts
-    BuiltBvh out = Builder(lo, hi, triangle_vertices, n, leaf).run(threads, progress);
+    BuiltBvh out = Builder(lo, hi, triangle_vertices, n, walk).run(threads, progress);
     out.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return out;
 }

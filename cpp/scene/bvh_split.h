@@ -35,8 +35,18 @@ struct Ref {
     Float4 lo, hi;
     bool divisible() const { return hi[3] == 1.f; }
     Float4 centre() const { return lo + hi; }  // twice the centre
+    int32_t weight() const { return 1; }
     uint32_t primitive() const { return std::bit_cast<uint32_t>(float(lo[3])) & 0x07ffffffu; }
     static float primitive_bits(uint32_t p) { return std::bit_cast<float>(p | 0x40000000u); }
+};
+
+// The references of one cell of a grid; its centre is its place in the grid.
+struct Cell {
+    Float4 lo, hi, at;
+    uint32_t number;
+    int32_t references;
+    Float4 centre() const { return at; }
+    int32_t weight() const { return references; }
 };
 
 inline constexpr uint32_t kMaxBins = 32, kSwept = 8;
@@ -47,12 +57,12 @@ struct Sides {
     Box box[2], centres[2];
 };
 
+// Equal slices between the least and the largest centre of each axis.
 struct Bins {
     uint32_t count;
     Float4 origin, scale;  // of twice the centre
 
-    Bins(const Box& centres, uint32_t n)
-        : count(std::min(kMaxBins, 4 + n / 8)), origin(centres.lo) {
+    Bins(const Box& centres, uint32_t bins) : count(bins), origin(centres.lo) {
         scale = splat(0.f);
         for (int k = 0; k < 3; ++k) {
             const float width = centres.hi[k] - centres.lo[k];
@@ -61,8 +71,9 @@ struct Bins {
         }
         origin[3] = 0.f;
     }
-    Int4 operator()(const Ref& r) const {
-        return __builtin_convertvector((r.centre() - origin) * scale, Int4);
+    static uint32_t enough(uint32_t n) { return std::min(kMaxBins, 4 + n / 8); }
+    Int4 operator()(Float4 centre) const {
+        return __builtin_convertvector((centre - origin) * scale, Int4);
     }
 };
 
@@ -74,7 +85,7 @@ struct Split {
 };
 
 // Half the surfaces of three boxes.
-inline Float4 half_areas(const Box* b) {
+inline Float4 half_areas(const Box (&b)[3]) {
     const Float4 e0 = b[0].hi - b[0].lo, e1 = b[1].hi - b[1].lo, e2 = b[2].hi - b[2].lo;
     const Float4 xy{e0[0], e1[0], e0[1], e1[1]}, zw{e0[2], e1[2], e0[3], e1[3]};
     const Float4 x{xy[0], xy[1], e2[0], e2[0]}, y{xy[2], xy[3], e2[1], e2[1]};
@@ -84,19 +95,23 @@ inline Float4 half_areas(const Box* b) {
 
 // Best of 3 (`count` - 1) planes between bins; axis -1 if all centres share one bin. A side
 // without references costs infinity times 0, which is no number and less than none.
-inline Split binned_split(const Ref* refs, uint32_t n, const Bins& bins) {
-    Box box[kMaxBins][3];
+template <class Item>
+Split binned_split(const Item* items, uint32_t n, const Bins& bins) {
+    Float4 lo[kMaxBins][3], hi[kMaxBins][3];
     Int4 number[kMaxBins];
+    std::fill_n(lo[0], 3 * bins.count, Box().lo);
+    std::fill_n(hi[0], 3 * bins.count, Box().hi);
     std::fill_n(number, bins.count, Int4{0, 0, 0, 0});
     for (uint32_t i = 0; i < n; ++i) {
-        const Int4 b = bins(refs[i]);
+        const Int4 b = bins(items[i].centre());
         for (int k = 0; k < 3; ++k) {
-            box[b[k]][k].grow(refs[i].lo, refs[i].hi);
-            ++number[b[k]][k];
+            lo[b[k]][k] = min4(lo[b[k]][k], items[i].lo);
+            hi[b[k]][k] = max4(hi[b[k]][k], items[i].hi);
+            number[b[k]][k] += items[i].weight();
         }
     }
-    const auto cost = [&](Box* acc, Int4& count, uint32_t b) {
-        for (int k = 0; k < 3; ++k) acc[k].grow(box[b][k]);
+    const auto cost = [&](Box(&acc)[3], Int4& count, uint32_t b) {
+        for (int k = 0; k < 3; ++k) acc[k].grow(lo[b][k], hi[b][k]);
         count += number[b];
         return half_areas(acc) * __builtin_convertvector(count, Float4);
     };
@@ -115,18 +130,20 @@ inline Split binned_split(const Ref* refs, uint32_t n, const Bins& bins) {
     for (int k = 0; k < 3; ++k)
         if (least[k] < best.cost) best.cost = least[k], best.axis = k, best.at = at[k];
     if (best.axis >= 0)
-        for (uint32_t b = 0; b < bins.count; ++b) best.box[b >= best.at].grow(box[b][best.axis]);
+        for (uint32_t b = 0; b < bins.count; ++b)
+            best.box[b >= best.at].grow(lo[b][best.axis], hi[b][best.axis]);
     return best;
 }
 
 // Puts the references left of the plane first.
-inline Sides partition(Ref* refs, uint32_t n, const Split& split, const Bins& bins) {
+template <class Item>
+Sides partition(Item* refs, uint32_t n, const Split& split, const Bins& bins) {
     Sides out{0, {split.box[0], split.box[1]}, {}};
     const int at = static_cast<int>(split.at);
     const float origin = bins.origin[split.axis], scale = bins.scale[split.axis];
     Box left, right;
     for (uint32_t i = 0; i < n; ++i) {
-        const Ref r = refs[i];
+        const Item r = refs[i];
         const Float4 c = r.centre();
         const int32_t off = -(static_cast<int>((c[split.axis] - origin) * scale) >= at);
         // No numbers, which comparisons pass over, for the side that it is not on.

@@ -10,19 +10,13 @@
 namespace veriray {
 namespace {
 
-// An empty vector with room for n, on large pages where the system has them: incoherent rays miss
-// the translation of small ones at every step.
+// An empty vector with room for n, on large pages: incoherent rays miss the translation of small
+// ones at every step.
 template <class T>
 std::vector<T> room_for(size_t n) {
     std::vector<T> v;
     v.reserve(n);
-#if defined(__linux__)
-    constexpr size_t kPage = 1u << 21;
-    const size_t from = reinterpret_cast<size_t>(v.data());
-    const size_t first = (from + kPage - 1) / kPage * kPage, last = (from + n * sizeof(T)) / kPage;
-    if (first < last * kPage)
-        madvise(reinterpret_cast<void*>(first), last * kPage - first, MADV_HUGEPAGE);
-#endif
+    use_large_pages(v.data(), n * sizeof(T));
     return v;
 }
 
@@ -36,6 +30,16 @@ void each_leaf(std::vector<WideNode<kCpuWidth>>& nodes, Fn fn) {
 }
 
 }  // namespace
+
+void use_large_pages([[maybe_unused]] const void* memory, [[maybe_unused]] size_t bytes) {
+#if defined(__linux__)
+    constexpr size_t kPage = 1u << 21;
+    const size_t from = reinterpret_cast<size_t>(memory);
+    const size_t first = (from + kPage - 1) / kPage * kPage, last = (from + bytes) / kPage;
+    if (first < last * kPage)
+        madvise(reinterpret_cast<void*>(first), last * kPage - first, MADV_HUGEPAGE);
+#endif
+}
 
 std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
                                      const std::vector<float>& records) {

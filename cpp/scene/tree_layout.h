@@ -7,6 +7,9 @@
 
 namespace veriray {
 
+// Asks for large pages, where the system has them, for memory that was not touched yet.
+void use_large_pages(const void* memory, size_t bytes);
+
 // The CPU's leaves from records in slot order (kRecordFloats each). The leaves of `nodes` then
 // begin at blocks, not at slots. Throws std::invalid_argument for a leaf of more than kCpuLeaf
 // records and for more than 2^27 blocks.

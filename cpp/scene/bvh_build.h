@@ -35,7 +35,8 @@ struct WalkCost {
 inline constexpr WalkCost kSimdWalk{1.f, 8, 8}, kScalarWalk{1.f, 1, 8};
 
 // lo, hi: (n, 3). triangle_vertices: (n, 9), a row that starts with NaN is no triangle; null:
-// primitives are never split. threads: 0 for all; the tree does not depend on it.
+// primitives are never split. walk: what it tests at once stays together, unless triangles are
+// split. threads: 0 for all; the tree does not depend on it.
 // progress(share done) is called on this thread about every 50 ms; false stops the build.
 // Throws std::invalid_argument for more than 2^27 primitives, an empty box, or one that leaves
 // [-2^60, 2^60]; std::runtime_error if stopped; what progress throws.

@@ -70,10 +70,10 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     }
 
     // ---- request: what the light sample would add, as a shadow ray ----
-    static VR_HD ShadowRequest<L> request(const SceneView& scene, const PathSettings& s,
-                                          const PathState<L>& path, const Vertex& at,
-                                          const Material& material, uint32_t segment,
-                                          Block<U> scatter, M active) {
+    static VR_HD void request(const SceneView& scene, const PathSettings& s,
+                              const PathState<L>& path, const Vertex& at, const Material& material,
+                              uint32_t segment, Block<U> scatter, M active,
+                              ShadowRequest<L>& shadow) {
         const LightSample<L> light = sample_light(scene, s, path, at.p, segment, scatter, active);
         const F cos_i = dot(at.ns, light.wi);
         BsdfValue<F> value = material.eval(cos_i);
@@ -87,14 +87,12 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         }
         F pdf = light.pdf_sa + value.pdf_sa;
         if constexpr (has(kDeltaLights)) pdf = select(light.delta, light.pdf_sa, pdf);
-        ShadowRequest<L> shadow;
         shadow.wanted = lit & (max_component(light.radiance) > F(0.f));
         shadow.ray = {at.p, light.wi};
         shadow.t_max = light.distance;
         shadow.radiance = path.throughput * light.radiance * value.f_cos * (F(1.f) / pdf);
         shadow.skip = light.skip;
-        shadow.medium = path.medium;
-        return shadow;
+        if constexpr (has(kMedia)) shadow.medium = path.medium;
     }
 
     // ---- shadow: the lanes whose light arrives; what media and passes leave of it ----

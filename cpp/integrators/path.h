@@ -219,7 +219,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
             const M receives = ((scatters & bsdf.smooth()) | collided) & !deep;
             if ((kShapes != 0 && scene.lights.count) || has(kEnvironment))
                 if (any(receives))
-                    shadow = request(scene, s, path, vertex, bsdf, segment, random, receives);
+                    request(scene, s, path, vertex, bsdf, segment, random, receives, shadow);
         }
         U lobe(0u);
         if constexpr (!Material::kDiffuseOnly)
@@ -298,7 +298,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- one bounce: from the ray of segment `segment` to the next one ----
     static VR_HD Events<L> bounce(const SceneView& scene, const PathSettings& s, PathState<L>& path,
                                   uint32_t segment, M active) {
-        ShadowRequest<L> shadow{};
+        ShadowRequest<L> shadow{no_lanes(active), {zero(), zero()}, F(0.f), zero(), U(0u), U(0u)};
         const Hit<L> hit = closest(scene, path.ray, F(kInfinity), active);
         Events<L> e = scatter(scene, s, path, hit, segment, active, shadow);
         if (any(shadow.wanted)) {

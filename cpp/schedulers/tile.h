@@ -66,7 +66,7 @@ class Tile {
 
     template <uint32_t kFeatures>
     PathState<Simd> load_path(uint32_t i) const {
-        PathState<Simd> p{};
+        PathState<Simd> p;  // fields that the variant lacks are not read
         each_field<kFeatures>(
             p, [&](uint32_t c, F& x) { x = load(floats_[c].data() + i, F()); },
             [&](uint32_t c, U& x) { x = load(uints_[c].data() + i, U()); });

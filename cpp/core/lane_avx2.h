@@ -82,7 +82,19 @@ VR_HD F8 gather(const float* p, U8 i) { return _mm256_i32gather_ps(p, i.v, 4); }
 VR_HD U8 gather(const uint32_t* p, U8 i) {
     return _mm256_i32gather_epi32(reinterpret_cast<const int*>(p), i.v, 4);
 }
-VR_HD F8 lookup(const float* column, U8 i, uint32_t) { return gather(column, i); }
+// Permutations choose by the index's low three bits, blends by the fourth and fifth.
+VR_HD F8 lookup(const float* column, U8 i, uint32_t n) {
+    const auto of_eight = [&](uint32_t k) {
+        return _mm256_permutevar8x32_ps(_mm256_loadu_ps(column + k), i.v);
+    };
+    if (n <= 8) return of_eight(0);
+    if (n > 32) return gather(column, i);
+    const __m256 fourth = _mm256_castsi256_ps(_mm256_slli_epi32(i.v, 28));
+    const __m256 low = _mm256_blendv_ps(of_eight(0), of_eight(8), fourth);
+    if (n <= 16) return low;
+    const __m256 high = _mm256_blendv_ps(of_eight(16), of_eight(24), fourth);
+    return _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32(i.v, 27)));
+}
 VR_HD F8 load(const float* p, F8) { return _mm256_loadu_ps(p); }
 VR_HD U8 load(const uint32_t* p, U8) {
     return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));

@@ -30,15 +30,16 @@ struct SurfaceReader {
         static constexpr uint32_t value = kCount;
     };
 
-    // Calls test(meets, primitive) for every primitive of a scene without a tree in ascending
-    // order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max. Unrolled, the loops
-    // run out of uniform registers: 16 % slower on an H200.
+    // Calls test(meets, primitive) for every primitive from `first` (a quad) on of a scene without
+    // a tree in ascending order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max.
+    // Unrolled, the loops run out of uniform registers: 16 % slower on an H200.
     template <class Test>
-    static VR_HD void each_flat(const SceneView& scene, const Ray<L>& ray, Test test) {
+    static VR_HD void each_flat(const SceneView& scene, const Ray<L>& ray, uint32_t first,
+                                Test test) {
         uint32_t primitive = 0;
         if constexpr (has(kQuads)) {
             VR_ROLLED
-            for (uint32_t i = 0; i < scene.quad_count; ++i)
+            for (uint32_t i = first; i < scene.quad_count; ++i)
                 test(
                     [&](F t_max, F& t) {
                         return meets_flat<L, 2>(scene.quads + i * kQuadFloats, ray, t_max, t);
@@ -85,7 +86,7 @@ struct SurfaceReader {
                 closest_in_bvh<L, kTreeKinds>(scene.bvh, ray, active, hit);
                 return hit;
             }
-        each_flat(scene, ray, [&](auto meets, uint32_t primitive) {
+        each_flat(scene, ray, 0, [&](auto meets, uint32_t primitive) {
             F t;
             const M take = meets(hit.t, t);
             hit.t = select(take, t, hit.t);
@@ -94,18 +95,34 @@ struct SurfaceReader {
         return hit;
     }
 
+    // The first quad that shadow rays can meet: from in front of a plane to in front of it, none
+    // meets it.
+    static VR_HD uint32_t first_blocker(const SceneView& scene, const ShadowRequest<L>& shadow) {
+        if constexpr (has(kQuads)) {
+            M behind = shadow.wanted & !shadow.wanted;
+            VR_ROLLED
+            for (uint32_t i = 0; i < scene.first_occluder; ++i) {
+                const F height = height_over<L>(scene.quads + i * kQuadFloats, shadow.ray.o);
+                behind = behind | !(height > F(0.f));
+            }
+            if (none(behind & shadow.wanted)) return scene.first_occluder;
+        }
+        return 0;
+    }
+
     static VR_HD M occluded(const SceneView& scene, const ShadowRequest<L>& shadow) {
         if constexpr (has(kBvh))
             if (scene.features & kBvh)
                 return occluded_in_bvh<L, kTreeKinds>(scene.bvh, shadow.ray, shadow.t_max,
                                                       shadow.wanted, shadow.skip);
         M blocked = shadow.wanted & !shadow.wanted;
-        each_flat(scene, shadow.ray, [&](auto meets, uint32_t primitive) {
-            F t;
-            M hit = meets(shadow.t_max, t);
-            if constexpr (has(kSphereLights)) hit = hit & !(shadow.skip == U(primitive));
-            blocked = blocked | hit;
-        });
+        each_flat(scene, shadow.ray, first_blocker(scene, shadow),
+                  [&](auto meets, uint32_t primitive) {
+                      F t;
+                      M hit = meets(shadow.t_max, t);
+                      if constexpr (has(kSphereLights)) hit = hit & !(shadow.skip == U(primitive));
+                      blocked = blocked | hit;
+                  });
         return blocked & shadow.wanted;
     }
 

@@ -33,6 +33,28 @@ void sin_cos_degrees(double degrees, double& s, double& c) {
 
 }  // namespace
 
+// Quads that no shadow ray meets which begins in front of them, counted from the first: the light
+// itself where it is the only one (a shadow ray ends before it), and those that have the lights in
+// front of them by more than the rounding of a shadow ray and its distance to the plane (2^-18).
+// Only those count that have the rest in front of them too (to 2^-8), so that shadow rays begin so.
+void HostScene::set_first_occluder() {
+    const auto in_front = [&](const Flat& f, const Flat& other, double least) {
+        const Double3 n = normalised(f.area_vector());
+        for (uint32_t k = 0; k < other.corners; ++k)
+            if (!(dot(n, other.v[k] - f.v[0]) >= least)) return false;
+        return true;
+    };
+    uint32_t& first = view.first_occluder;
+    for (; first < view.quad_count; ++first) {
+        const Flat& f = flats_[first];
+        if (f.emission >= 0 && view.lights.count == 1) continue;
+        for (size_t i = 0; i < sources.size(); ++i)
+            if (sources[i].emission >= 0 ? i >= flats_.size() || !in_front(f, flats_[i], 0x1p-16)
+                                         : i < flats_.size() && !in_front(f, flats_[i], -0x1p-8))
+                return;
+    }
+}
+
 // Chances are in proportion to emitted power, in units of 2^-24, at least one each.
 void HostScene::set_lights(const SceneInput& in) {
     std::vector<uint32_t> lit;
@@ -91,6 +113,7 @@ void HostScene::set_lights(const SceneInput& in) {
     l.table = light_table.data();
     l.cdf = light_cdf.data();
     view.light_chance = light_chance.data();
+    if (delta.empty() && !sky) set_first_occluder();
     view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
 
     // A delta light's radiance at a receiver has no bound: a 64th of the scene's size stands for

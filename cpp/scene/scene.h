@@ -147,6 +147,7 @@ class HostScene {
         return flats_.empty() ? triangle(in, sources[primitive].row) : flats_[primitive];
     }
     void put_area_light(const SceneInput& in, size_t light, uint32_t primitive);
+    void set_first_occluder();
     void put_delta_light(const SceneInput& in, size_t light, size_t row);
     void set_camera(const SceneInput& in);
     void set_filter(const SceneInput& in);

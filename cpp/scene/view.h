@@ -50,7 +50,8 @@ struct SceneView {
     uint32_t features;
     // Primitives without a tree come in this order; with a tree: triangles, disks, spheres.
     uint32_t quad_count, polygon_count, disk_count, sphere_count;
-    uint32_t first_sphere;  // primitives from here on are spheres
+    uint32_t first_occluder;  // quads before it have all light samples in front of them
+    uint32_t first_sphere;    // primitives from here on are spheres
     uint32_t primitive_count, primitive_row, primitive_column;
     uint32_t surface_count, surface_stride;
     uint32_t medium_stride;

@@ -32,10 +32,10 @@ VR_HD Fixed128 to_fixed(double x, int scale) {
     const int exponent = static_cast<int>(b >> 52);
     const uint64_t m = (b & 0xfffffffffffffull) | 0x10000000000000ull;
     const int shift = exponent - 1075 + scale;
+    if (shift > 0 && shift < 64) return {m << shift, m >> (64 - shift)};
     if (exponent == 0 || shift < -54) return {0, 0};
     if (shift < 0) return {(m + (1ull << (-shift - 1))) >> -shift, 0};
     if (shift == 0) return {m, 0};
-    if (shift < 64) return {m << shift, m >> (64 - shift)};
     return {0, m << (shift - 64)};
 }
 

@@ -40,9 +40,9 @@ VR_HD auto film_accepts(Vec3<F> radiance, float scale) {
 // weight: of the filter, for a radiance that the film accepts.
 VR_HD void add_sample(PixelSum& p, const float radiance[3], float weight, float scale) {
     for (int k = 0; k < 3; ++k) {
-        const double x = static_cast<double>(radiance[k] * weight * scale);
-        const Fixed128 size = to_fixed(x < 0 ? -x : x, kSumScale);
-        add(p.sum[k], x < 0 ? negated(size) : size);
+        const double x = static_cast<double>(abs(radiance[k] * weight * scale));
+        const Fixed128 size = to_fixed(x, kSumScale);
+        add(p.sum[k], weight < 0 ? negated(size) : size);
         add(p.square[k], to_fixed(x * x, kSquareScale));
     }
 }

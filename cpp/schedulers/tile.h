@@ -114,11 +114,13 @@ class Tile {
     template <uint32_t kFeatures>
     M end_paths(const SceneView& scene, const Job& job, const PathState<Simd>& path, M ended) {
         const M bad = ended & !film_accepts(path.radiance, job.film.scale);
+        constexpr bool kWeighted = (kFeatures & kSignedFilter) != 0;
         float r[3][Simd::kWidth], weight[Simd::kWidth];
         uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
         const M all = first_lanes(Simd::kWidth, M());
-        compress_store(weight,
-                       PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path), all);
+        if constexpr (kWeighted)
+            compress_store(
+                weight, PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path), all);
         compress_store(r[0], path.radiance.x, all);
         compress_store(r[1], path.radiance.y, all);
         compress_store(r[2], path.radiance.z, all);
@@ -131,7 +133,8 @@ class Tile {
             if (refused >> k & 1u)
                 log_fault(job.faults, pixel[k], sample[k], radiance);
             else
-                add_sample(sums_[pixel[k] - first_pixel_], radiance, weight[k], job.film.scale);
+                add_sample(sums_[pixel[k] - first_pixel_], radiance, kWeighted ? weight[k] : 1.f,
+                           job.film.scale);
         }
         return bad;
     }

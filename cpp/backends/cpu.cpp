@@ -28,8 +28,11 @@ struct Scene::Impl {
     HostScene host;
     std::vector<WideNode<kCpuWidth>> nodes;
     std::vector<RecordBlock> blocks;
+    std::vector<Simd::Uniform> quads;
 
     Impl(const SceneInput& in, const BuildPoll& poll) : host(in, kSimdWalk, poll) {
+        quads.assign(host.view.quads, host.view.quads + host.view.quad_count * kQuadFloats);
+        host.view.uniform_quads = quads.data();
         if (!(host.view.features & kBvh)) return;
         nodes = collapse<kCpuWidth>(host.bvh, kSimdWalk);
         blocks = pack_blocks(nodes, host.records);

@@ -1,5 +1,6 @@
 // Lane types. Stage code is written once on a lane policy L with
 //   L::F  float lanes     L::U  uint32 lanes     L::M  mask lanes     L::kWidth
+//   L::Uniform  a number that is equal in all lanes, in tables that loops run over
 // Scalar (CUDA threads, CPU tests) and the widest vector the translation unit is compiled for.
 // Lanes load and store; compress_store(p, a, m) writes the lanes of m side by side from p on (up
 // to kWidth entries from p may be overwritten); first_lanes(n) is the mask of the first n and
@@ -15,6 +16,7 @@ struct Scalar {
     using F = float;
     using U = uint32_t;
     using M = bool;
+    using Uniform = float;
     static constexpr uint32_t kWidth = 1;
 };
 
@@ -29,7 +31,10 @@ VR_HD float select(bool m, float a, float b) { return m ? a : b; }
 VR_HD uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
 // m & (a < b), the comparison only where m.
 VR_HD bool and_less(bool m, float a, float b) { return m & (a < b); }
-VR_HD bool and_less_equal(bool m, float a, float b) { return m & (a <= b); }
+// |a| and |b| <= limit; undefined if one is NaN and the other within.
+VR_HD bool both_within(float a, float b, float limit) {
+    return (abs(a) <= limit) & (abs(b) <= limit);
+}
 VR_HD bool any(bool m) { return m; }
 VR_HD bool none(bool m) { return !m; }
 VR_HD uint32_t bits(bool m) { return m ? 1u : 0u; }

@@ -25,6 +25,7 @@ struct Simd {
     using F = F8;
     using U = U8;
     using M = M8;
+    using Uniform = F8;  // an operand in memory; a float would be an instruction of its own
     static constexpr uint32_t kWidth = 8;
 };
 using Batch = Simd;
@@ -69,7 +70,7 @@ VR_HD U8 select(M8 m, U8 a, U8 b) {
         _mm256_blendv_ps(_mm256_castsi256_ps(b.v), _mm256_castsi256_ps(a.v), m.m));
 }
 VR_HD M8 and_less(M8 m, F8 a, F8 b) { return m & (a < b); }
-VR_HD M8 and_less_equal(M8 m, F8 a, F8 b) { return m & (a <= b); }
+VR_HD M8 both_within(F8 a, F8 b, F8 limit) { return max(abs(a), abs(b)) <= limit; }
 VR_HD uint32_t bits(M8 m) { return static_cast<uint32_t>(_mm256_movemask_ps(m.m)); }
 VR_HD bool any(M8 m) { return bits(m) != 0; }
 VR_HD bool none(M8 m) { return bits(m) == 0; }

@@ -30,6 +30,7 @@ struct Simd {
     using F = F16;
     using U = U16;
     using M = M16;
+    using Uniform = float;
     static constexpr uint32_t kWidth = 16;
 };
 
@@ -66,8 +67,8 @@ VR_HD U16 select(M16 m, U16 a, U16 b) { return _mm512_mask_blend_epi32(m.m, b.v,
 VR_HD M16 and_less(M16 m, F16 a, F16 b) {
     return {_mm512_mask_cmp_ps_mask(m.m, a.v, b.v, _CMP_LT_OQ)};
 }
-VR_HD M16 and_less_equal(M16 m, F16 a, F16 b) {
-    return {_mm512_mask_cmp_ps_mask(m.m, a.v, b.v, _CMP_LE_OQ)};
+VR_HD M16 both_within(F16 a, F16 b, F16 limit) {
+    return {_mm512_mask_cmp_ps_mask((abs(a) <= limit).m, abs(b).v, limit.v, _CMP_LE_OQ)};
 }
 VR_HD bool any(M16 m) { return m.m != 0; }
 VR_HD bool none(M16 m) { return m.m == 0; }

@@ -60,9 +60,9 @@ template <class F, class M>
 VR_HD Vec3<F> select(M m, Vec3<F> a, Vec3<F> b) {
     return {select(m, a.x, b.x), select(m, a.y, b.y), select(m, a.z, b.z)};
 }
-// A vector equal in all lanes, from three consecutive floats.
-template <class F>
-VR_HD Vec3<F> broadcast(const float* p) {
+// A vector from three consecutive floats (equal in all lanes) or lanes.
+template <class F, class Number>
+VR_HD Vec3<F> broadcast(const Number* p) {
     return {F(p[0]), F(p[1]), F(p[2])};
 }
 

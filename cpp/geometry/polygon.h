@@ -19,9 +19,9 @@ inline constexpr float kEdgeSlack = 0x1p-20f;
 inline constexpr float kPlaneSlack = 0x1p-22f;
 
 // Whether a ray meets the primitive at 0 < t < t_max, and where. A ray within the plane has an
-// infinite or NaN t: neither passes.
-template <class L, uint32_t kEdges>
-VR_HD typename L::M meets_flat(const float* record, const Ray<L>& ray, typename L::F t_max,
+// infinite or NaN t: neither passes. Record: float or lanes that are equal.
+template <class L, uint32_t kEdges, class Record>
+VR_HD typename L::M meets_flat(const Record* record, const Ray<L>& ray, typename L::F t_max,
                                typename L::F& t) {
     using F = typename L::F;
     t = plane_distance<L>(record, ray);
@@ -30,7 +30,7 @@ VR_HD typename L::M meets_flat(const float* record, const Ray<L>& ray, typename 
     for (uint32_t k = 0; k < kEdges; ++k) e[k] = height_over<L>(record + 4 + 4 * k, p);
     typename L::M inside;
     if constexpr (kEdges == 2)  // slabs
-        inside = and_less_equal(abs(e[0]) <= F(1.f), abs(e[1]), F(1.f));
+        inside = both_within(e[0], e[1], F(1.f));
     else
         inside = min(min(e[0], e[1]), min(e[2], e[3])) >= F(0.f);
     return and_less(and_less(inside, F(0.f), t), t, t_max);

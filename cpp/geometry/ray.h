@@ -31,15 +31,15 @@ VR_HD void keep_closest(Hit<L>& hit, typename L::M inside, typename L::F t, uint
 }
 
 // n.p + w of a plane or edge function {n, w}, uniform over lanes.
-template <class L>
-VR_HD typename L::F height_over(const float* plane, Vec3<typename L::F> p) {
+template <class L, class Record>
+VR_HD typename L::F height_over(const Record* plane, Vec3<typename L::F> p) {
     using F = typename L::F;
     return fma(F(plane[2]), p.z, fma(F(plane[1]), p.y, fma(F(plane[0]), p.x, F(plane[3]))));
 }
 
 // Distance along the ray to the plane n.p + w = 0; infinite or NaN for a ray within it.
-template <class L>
-VR_HD typename L::F plane_distance(const float* plane, const Ray<L>& ray) {
+template <class L, class Record>
+VR_HD typename L::F plane_distance(const Record* plane, const Ray<L>& ray) {
     return -height_over<L>(plane, ray.o) / dot(broadcast<typename L::F>(plane), ray.d);
 }
 

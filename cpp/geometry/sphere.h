@@ -13,10 +13,6 @@ namespace veriray {
 inline constexpr uint32_t kSphereFloats = 8;  // centre, its low part, radius, its low part
 
 // The functions below take a record of floats (equal in all lanes) or of lanes.
-template <class F, class Record>
-VR_HD Vec3<F> record_vec3(const Record* record) {
-    return {F(record[0]), F(record[1]), F(record[2])};
-}
 
 // p - centre.
 template <class F, class Record>
@@ -68,7 +64,7 @@ VR_HD Chord<F> chord(const Record* record, Vec3<F> o, Vec3<F> d) {
 template <class L, class Record>
 VR_HD typename L::M may_meet_sphere(const Record* record, const Ray<L>& ray, typename L::F t_max) {
     using F = typename L::F;
-    const Vec3<F> f = ray.o - record_vec3<F>(record) - record_vec3<F>(record + 3);
+    const Vec3<F> f = ray.o - broadcast<F>(record) - broadcast<F>(record + 3);
     const F r(record[6]), middle = -dot(f, ray.d);
     const F reach = fma(abs(f.x) + abs(f.y) + (abs(f.z) + r), F(0x1p-20f), r);
     const Vec3<F> apart = fma(ray.d, middle, f);

@@ -1,6 +1,8 @@
 // From a ray and its hit to the surface there: closest hits, points, normals, materials.
 #pragma once
 
+#include <type_traits>
+
 #include "integrators/path_state.h"
 
 namespace veriray {
@@ -30,6 +32,13 @@ struct SurfaceReader {
         static constexpr uint32_t value = kCount;
     };
 
+    static VR_HD const typename L::Uniform* quads(const SceneView& scene) {
+        if constexpr (std::is_same_v<typename L::Uniform, float>)
+            return scene.quads;
+        else
+            return static_cast<const typename L::Uniform*>(scene.uniform_quads);
+    }
+
     // Calls test(meets, primitive) for every primitive from `first` (a quad) on of a scene without
     // a tree in ascending order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max.
     // Unrolled, the loops run out of uniform registers: 16 % slower on an H200.
@@ -42,7 +51,7 @@ struct SurfaceReader {
             for (uint32_t i = first; i < scene.quad_count; ++i)
                 test(
                     [&](F t_max, F& t) {
-                        return meets_flat<L, 2>(scene.quads + i * kQuadFloats, ray, t_max, t);
+                        return meets_flat<L, 2>(quads(scene) + i * kQuadFloats, ray, t_max, t);
                     },
                     i);
             primitive = scene.quad_count;
@@ -102,7 +111,7 @@ struct SurfaceReader {
             M behind = shadow.wanted & !shadow.wanted;
             VR_ROLLED
             for (uint32_t i = 0; i < scene.first_occluder; ++i) {
-                const F height = height_over<L>(scene.quads + i * kQuadFloats, shadow.ray.o);
+                const F height = height_over<L>(quads(scene) + i * kQuadFloats, shadow.ray.o);
                 behind = behind | !(height > F(0.f));
             }
             if (none(behind & shadow.wanted)) return scene.first_occluder;

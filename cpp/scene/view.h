@@ -66,7 +66,8 @@ struct SceneView {
     LightView lights;
     CameraView camera;
     FilterView filter;
-    float emission_scale;  // 2^-e of the film
+    float emission_scale;       // 2^-e of the film
+    const void* uniform_quads;  // the quads as Simd::Uniform; CPU
     float quads[kMaxFlat * kQuadFloats];
     float polygons[kMaxFlat * kPolygonFloats];
     float disks[kMaxFlat * kDiskFloats];

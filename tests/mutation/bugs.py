@@ -130,7 +130,7 @@ _HIT = "emitted * mis_weight(path.pdf_sa, pdf_light)"
 _LIT = "hit_emitter(scene, path, hit, at, valid)"
 _T_MAX = "shadow.t_max = light.distance;"
 _ALBEDO = "surface_column3(scene, row, kSurfaceAlbedo)"
-_ADD = "add_sample(sums_[pixel[k] - first_pixel_], radiance, weight[k], job.film.scale);"
+_ADD = "add_sample(sums_[pixel[k] - first_pixel_], radiance, w, job.film.scale);"
 _JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
 _PHASE = "henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w))"
 
@@ -160,7 +160,7 @@ _CORNELL = (
     Mutant("samples clamped at 10", "schedulers/tile.h", _ADD,
            "{ const float clamped[3] = {__builtin_fminf(r[0][k], 10.f),"
            " __builtin_fminf(r[1][k], 10.f), __builtin_fminf(r[2][k], 10.f)};"
-           " add_sample(sums_[pixel[k] - first_pixel_], clamped, weight[k], job.film.scale); }"),
+           " add_sample(sums_[pixel[k] - first_pixel_], clamped, w, job.film.scale); }"),
     Mutant("half-pixel shift", _PATH, _JITTER_X, _JITTER_X.replace("0.5f", "1.0f")),
     Mutant("albedo +1 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.01f)"),
     Mutant("albedo +0.2 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.002f)"),

@@ -52,7 +52,7 @@ _PLAYS = "plays = plays & (most < F(1.f));"
 _FLOAT_FILM = """{
     uint64_t* w = job.film.words + static_cast<uint64_t>(pixel[k]) * kFilmWords;
     for (int c = 0; c < 3; ++c) {
-        const double x = static_cast<double>(radiance[c] * weight[k] * job.film.scale);
+        const double x = static_cast<double>(radiance[c] * w * job.film.scale);
         const float sum = static_cast<float>(to_double({w[4 * c], w[4 * c + 1]}, kSumScale)) +
                           static_cast<float>(x);
         const Fixed128 size = to_fixed(static_cast<double>(sum < 0 ? -sum : sum), kSumScale);
@@ -68,7 +68,7 @@ def _add(condition: str, value: str) -> str:
         f"[&] {{ const float x = radiance[{c}]; return {condition} ? {value} : x; }}()"
         for c in range(3)
     )
-    call = "add_sample(sums_[pixel[k] - first_pixel_], changed, weight[k], job.film.scale);"
+    call = "add_sample(sums_[pixel[k] - first_pixel_], changed, w, job.film.scale);"
     return f"{{ const float changed[3] = {{{parts}}}; {call} }}"
 
 
@@ -232,7 +232,7 @@ _PICTURE = (
     Mutant("samples clamped at 50", _TILE, _ADD, _add("x > 50.f", "50.f")),
     Mutant("fireflies to 0", _TILE, _ADD, _add("x > 20.f", "0.f")),
     Mutant("negative weights to 0", _TILE, _ADD,
-           "add_sample(sums_[pixel[k] - first_pixel_], radiance, weight[k] < 0 ? 0.f : weight[k],"
+           "add_sample(sums_[pixel[k] - first_pixel_], radiance, w < 0 ? 0.f : w,"
            " job.film.scale);"),
     Mutant("film summed in float32", _TILE, _ADD, _FLOAT_FILM),
     Mutant("refused samples not reported", _TILE,

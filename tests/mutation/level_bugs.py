@@ -186,7 +186,7 @@ _GEOMETRY = (
     Mutant("rays start 0.02 off", _PATH, _LEAVE, "fma(at.ng, F(.02f) * side, at.p)"),
     Mutant("rays start on the surface", _PATH, _LEAVE, "at.p"),
     Mutant("shadow rays reach the lamp", _DIRECT, _T_MAX,
-           "shadow.t_max = light.distance * F(1.000001f);"),
+           "shadow.t_max = light.distance * F(1.00001f);"),
     Mutant("hits behind the ray accepted", _FLAT, _BETWEEN, "and_less(inside, t, t_max)"),
     Mutant("hits nearer than 0.001 missed", _FLAT, _BETWEEN,
            "and_less(and_less(inside, F(1e-3f), t), t, t_max)"),

@@ -182,7 +182,8 @@ class Builder {
             return Ref{load3(lo + 3 * i, Ref::primitive_bits(i)),
                        load3(hi + 3 * i, divisible ? 1.f : 0.f)};
         };
-        const uint32_t side = split ? 1 : static_cast<uint32_t>(std::cbrt(n / kCellRefs)) + 1;
+        uint32_t side = 1;
+        while (!split && side * side * side <= n / kCellRefs) ++side;
         sort(range, Bins(all.centres, side), ref);
     }
 

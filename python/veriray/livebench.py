@@ -112,7 +112,12 @@ def as_text(table: list[dict[str, Any]], limit: int | None = None) -> str:
             lines.append([cell(row, key) for key in shown])
         elif index == limit:
             lines.append(["..." for _ in shown])
-    widths = [max(len(line[c]) for line in lines) for c in range(len(shown))]
+    return aligned(lines)
+
+
+def aligned(lines: list[list[str]]) -> str:
+    """Lines of as many cells each, aligned on the right."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join(text.rjust(w) for text, w in zip(line, widths, strict=True)) for line in lines
     )

@@ -11,6 +11,7 @@ import pytest
 import veriray
 from veriray.bench import compaction
 from veriray.cli import main
+from veriray.livebench import aligned
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_tables_hold_every_ray(study: dict[str, Any]) -> None:
     assert sum(int(line[1].replace(",", "")) for line in table[1:]) == sum(study["live_rays"])
     assert len(compaction.summary(study)) == 1 + len(compaction.STRATEGIES)
     assert len({len(line) for line in compaction.summary(study)}) == 1
-    text = compaction.as_text(table).splitlines()
+    text = aligned(table).splitlines()
     assert len({len(line) for line in text}) == 1
     assert compaction.as_markdown(table).count("\n") == len(table)
 

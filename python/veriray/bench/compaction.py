@@ -146,14 +146,6 @@ def by_depth(result: dict[str, Any], limit: int = 16) -> list[list[str]]:
     return table
 
 
-def as_text(table: list[list[str]]) -> str:
-    """A table, aligned on the right."""
-    widths = [max(len(line[c]) for line in table) for c in range(len(table[0]))]
-    return "\n".join(
-        "  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in table
-    )
-
-
 def as_markdown(table: list[list[str]]) -> str:
     """The same for a page."""
     head, *lines = (f"| {' | '.join(line)} |" for line in table)

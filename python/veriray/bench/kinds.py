@@ -303,11 +303,16 @@ def _overhead(points: list[dict[str, Any]]) -> float:
 # ---- depth, build ----
 
 
-def depth(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
-    """Live rays, blocks and time by depth with the scheduler `thrust`; a row's fastest time."""
-    scene = load_file(scene_file(settings["scene"], bench.folder)).with_(
+def loaded(bench: Bench, settings: Settings) -> Scene:
+    """The scenario's scene with its depths."""
+    return load_file(scene_file(settings["scene"], bench.folder)).with_(
         max_depth=settings["max_depth"], rr_depth=settings["rr_depth"]
     )
+
+
+def depth(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
+    """Live rays, blocks and time by depth with the scheduler `thrust`; a row's fastest time."""
+    scene = loaded(bench, settings)
     step = bench.steps(settings["rounds"])
     size = {"width": settings["width"], "height": settings["height"]}
     runs = []

@@ -8,11 +8,10 @@ import numpy as np
 
 from ..render import Render, render
 from ..sampling import PILOT, tile_errors
-from ..scene import load_file
 from .compaction import STRATEGIES, study
-from .kinds import Bench, Result, Settings
+from .kinds import Bench, Result, Settings, loaded
 from .measure import median, spread
-from .scenarios import Scenario, scene_file
+from .scenarios import Scenario
 
 LIMIT = 2**16  # samples of a pixel at most, of either way
 _TRY = 256  # samples of the render that says how many uniform ones need
@@ -20,9 +19,7 @@ _TRY = 256  # samples of the render that says how many uniform ones need
 
 def compaction(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     """All ways to close the gaps of ended paths; see `bench.compaction.study`."""
-    scene = load_file(scene_file(settings["scene"], bench.folder)).with_(
-        max_depth=settings["max_depth"], rr_depth=settings["rr_depth"]
-    )
+    scene = loaded(bench, settings)
     step = bench.steps(len(STRATEGIES) * (settings["rounds"] + 1))
     found = study(
         scene, width=settings["width"], height=settings["height"], spp=settings["spp"][0],
@@ -43,12 +40,9 @@ def adaptive(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     foretold from a render of their own; both are then timed in turn. figures: saving in paths (the
     pilot's counted) and in time.
     """
-    scene = load_file(scene_file(settings["scene"], bench.folder)).with_(
-        max_depth=settings["max_depth"], rr_depth=settings["rr_depth"],
-        width=settings["width"], height=settings["height"],
-    )  # fmt: skip
+    scene = loaded(bench, settings).with_(width=settings["width"], height=settings["height"])
     target = float(settings["vary"][1][0])
-    step = bench.steps(3 + 2 * settings["rounds"])
+    step = bench.steps(2 + 2 * settings["rounds"])
     common = {"device": bench.device.name, "seed": 1}
     first = render(scene, spp=LIMIT, target_error=target, **common)
     step()

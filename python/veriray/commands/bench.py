@@ -136,6 +136,7 @@ def _add_compaction(kinds: Any) -> None:
 
 
 def _bench_compaction(arguments: argparse.Namespace) -> int:
+    from .. import livebench
     from ..bench import compaction
 
     if arguments.json:
@@ -153,7 +154,7 @@ def _bench_compaction(arguments: argparse.Namespace) -> int:
     size = f"{result['width']} x {result['height']}, {result['spp']} spp"
     print(f"{arguments.scene}, {size}, {result['device']} ({result['device_name']})")
     for table in (compaction.by_depth(result), compaction.summary(result)):
-        print(compaction.as_text(table), end="\n\n")
+        print(livebench.aligned(table), end="\n\n")
     print(f"winner     {result['winner']}")
     films = "one SHA-256 for all" if result["same_film"] else "DIFFERENT FILMS"
     print(f"films      {films}")

@@ -50,15 +50,15 @@ _SIGMA = "put(kMediumSigma + k, scaled);"
 _CHANCE = "lookup(scene.light_chance, prim, scene.primitive_count)"
 _PLAYS = "plays = plays & (most < F(1.f));"
 _FLOAT_FILM = """{
-    uint64_t* w = job.film.words + static_cast<uint64_t>(pixel[k]) * kFilmWords;
+    uint64_t* words = job.film.words + static_cast<uint64_t>(pixel[k]) * kFilmWords;
     for (int c = 0; c < 3; ++c) {
         const double x = static_cast<double>(radiance[c] * w * job.film.scale);
-        const float sum = static_cast<float>(to_double({w[4 * c], w[4 * c + 1]}, kSumScale)) +
-                          static_cast<float>(x);
+        const double old = to_double({words[4 * c], words[4 * c + 1]}, kSumScale);
+        const float sum = static_cast<float>(old) + static_cast<float>(x);
         const Fixed128 size = to_fixed(static_cast<double>(sum < 0 ? -sum : sum), kSumScale);
         const Fixed128 total = sum < 0 ? negated(size) : size;
-        w[4 * c] = total.lo; w[4 * c + 1] = total.hi;
-        add_shared(w + 4 * c + 2, to_fixed(x * x, kSquareScale));
+        words[4 * c] = total.lo; words[4 * c + 1] = total.hi;
+        add_shared(words + 4 * c + 2, to_fixed(x * x, kSquareScale));
     } }"""
 
 

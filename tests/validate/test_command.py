@@ -89,7 +89,7 @@ def test_json(suite: Suite, capsys: Any) -> None:
     report = json.loads(capsys.readouterr().out)
     assert set(report) == {
         "result", "verdict", "veriray", "passed", "full", "seed", "devices", "false_alarm",
-        "seconds", "first_stage", "facts", "levels", "cases",
+        "seconds", "first_stage", "facts", "missing", "levels", "cases",
     }  # fmt: skip
     assert (report["result"], report["passed"], report["full"]) == ("fail", False, False)
     assert (report["seed"], report["veriray"]) == (7, veriray.__version__)
@@ -175,11 +175,11 @@ def test_a_worker_that_dies_is_an_error_of_its_case(command: Any) -> None:
     assert len(verdict) == 5 and "signal 9" in result.stderr
 
 
-def test_interrupt_leaves_no_process_and_no_file(command: Any) -> None:
+def test_interrupt_leaves_no_process_and_says_what_is_missing(command: Any) -> None:
     script = command(CASES)
     arguments = ["validate", "--device", "cpu", "--level", "1", "--level", "3", "--jobs", "2"]
     process = subprocess.Popen(
-        [sys.executable, script, *arguments, "-o", "r.html"], stdout=subprocess.PIPE,
+        [sys.executable, script, *arguments, "-o", "r.json"], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
@@ -192,6 +192,12 @@ def test_interrupt_leaves_no_process_and_no_file(command: Any) -> None:
         out, err = process.communicate(timeout=60)  # a worker would hold the pipes open
     finally:
         process.kill()
-    assert process.returncode == 130 and out == ""
+    assert (
+        process.returncode == 130 and "INCONCLUSIVE: No verdict: stopped with 3 cases to go" in out
+    )
     assert err.endswith("veriray: error: interrupted\n") and "Traceback" not in err
-    assert os.listdir() == []
+    report = json.loads(Path("r.json").read_text("utf-8"))
+    assert report["missing"] == [
+        f"synthetic.endless[{k}] on {veriray.devices()[-1].name}" for k in range(3)
+    ]
+    assert not report["passed"] and len(report["cases"]) == 5 and os.listdir() == ["r.json"]

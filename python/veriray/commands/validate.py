@@ -59,26 +59,32 @@ def _validate(arguments: argparse.Namespace) -> int:
         if value is not None and not low <= value <= high:
             raise CommandError(f"{name} = {value} is outside [{low}, {high}]")
 
-    from ..validate import LEVELS, report, validate
+    from ..validate import LEVELS, Stopped, report, validate
 
     for level in arguments.level or ():
         if level not in LEVELS:
             raise CommandError(f"level = {level} is outside [{min(LEVELS)}, {max(LEVELS)}]")
-    with _progress("full" if arguments.full else "quick") as progress:
-        validation = validate(
-            arguments.device,
-            levels=arguments.level,
-            full=arguments.full,
-            pattern=arguments.case,
-            seed=arguments.seed,
-            workers=arguments.jobs,
-            progress=progress,
-        )
+    stopped = False
+    try:
+        with _progress("full" if arguments.full else "quick") as progress:
+            validation = validate(
+                arguments.device,
+                levels=arguments.level,
+                full=arguments.full,
+                pattern=arguments.case,
+                seed=arguments.seed,
+                workers=arguments.jobs,
+                progress=progress,
+            )
+    except Stopped as stop:
+        stopped, validation = True, stop.validation
     for path in arguments.output:
         validation.save(path)
     print(report.to_json(validation) if arguments.json else validation)
     if arguments.output and not arguments.json:
         print(f"written    {', '.join(arguments.output)}")
+    if stopped:
+        raise KeyboardInterrupt
     return _STATUS[report.verdict(validation)[0]]
 
 

@@ -13,7 +13,7 @@ counts and means, `scenes` small scenes with known answers, `report` the verdict
 and the JSON.
 """
 
-from veriray.validate.run import Validation, cases, validate
+from veriray.validate.run import Stopped, Validation, cases, validate
 from veriray.validate.scenes import furnace
 from veriray.validate.statistics import (
     binomial,
@@ -40,7 +40,7 @@ from veriray.validate.trial import (
 )
 
 __all__ = [
-    "CASES", "LEVELS", "Case", "Failed", "Inconclusive", "Outcome", "Skipped", "Trial",
-    "Validation", "binomial", "case", "cases", "chi_square", "furnace", "grids", "homogeneous",
-    "judge", "max_z", "pooled", "sidak", "smallest_bias", "validate", "welch",
+    "CASES", "LEVELS", "Case", "Failed", "Inconclusive", "Outcome", "Skipped", "Stopped",
+    "Trial", "Validation", "binomial", "case", "cases", "chi_square", "furnace", "grids",
+    "homogeneous", "judge", "max_z", "pooled", "sidak", "smallest_bias", "validate", "welch",
 ]  # fmt: skip

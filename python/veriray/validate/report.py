@@ -89,6 +89,11 @@ def verdict(validation: Validation) -> tuple[str, str]:
             f"No case failed on {where}{skipped}, but {how_many}. That is too many: veriray "
             f"{__version__} is wrong by less than the cases see, or their p values are too small."
         )
+    if validation.missing:
+        return "inconclusive", (
+            f"No verdict: stopped with {_cases(len(validation.missing))} to go, the first "
+            f"{validation.missing[0]}; {len(count['pass'])} passed on {where}{skipped}."
+        )
     if count["inconclusive"]:
         first = count["inconclusive"][0]
         return "inconclusive", (

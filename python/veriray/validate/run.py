@@ -57,7 +57,7 @@ class Validation:
 
     false_alarm: bound on the probability that a sound program fails. seconds: elapsed. facts: of
     machine and run; commit: that of the checkout, ending in -dirty if files differ from it, else
-    None.
+    None. missing: what a stopped run did not judge, in the order in which it begins.
     """
 
     full: bool
@@ -67,12 +67,14 @@ class Validation:
     outcomes: list[Outcome] = field(default_factory=list)
     seconds: float = 0.0
     facts: dict[str, Any] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
 
     @property
     def passed(self) -> bool:
-        """No failure, error or inconclusive case, something ran, and not `crowded`."""
+        """No failure, error, inconclusive or missing case, something ran, and not `crowded`."""
         verdicts = {o.verdict for o in self.outcomes}
-        return "pass" in verdicts and verdicts <= {"pass", "skip"} and not self.crowded
+        clean = "pass" in verdicts and verdicts <= {"pass", "skip"}
+        return clean and not self.crowded and not self.missing
 
     def first_stage(self) -> dict[str, Any]:
         """Cases with p < FIRST in the first stage (low), of how many (of), and p of so many.
@@ -127,9 +129,17 @@ class Validation:
         return {
             "veriray": __version__, "passed": self.passed, "full": self.full, "seed": self.seed,
             "devices": self.devices, "false_alarm": self.false_alarm, "seconds": self.seconds,
-            "first_stage": self.first_stage(), "facts": self.facts, "levels": self.levels(),
-            "cases": [asdict(o) for o in self.outcomes],
+            "first_stage": self.first_stage(), "facts": self.facts, "missing": self.missing,
+            "levels": self.levels(), "cases": [asdict(o) for o in self.outcomes],
         }  # fmt: skip
+
+
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C during `validate`; validation: what was judged until then, the rest as `missing`."""
+
+    def __init__(self, validation: Validation) -> None:
+        super().__init__(f"{len(validation.missing)} cases were not judged")
+        self.validation = validation
 
 
 def validate(
@@ -158,7 +168,7 @@ def validate(
         The validation with every outcome, in the order of the cases.
 
     Raises:
-        ValueError: no case fits. DeviceError: a device that cannot be used.
+        ValueError: no case fits. DeviceError: a device that cannot be used. Stopped: Ctrl-C.
     """
     names = [device_module.select(d)[0].name for d in devices] if devices else fast_devices()
     chosen = cases(levels, full=full, pattern=pattern)
@@ -187,22 +197,26 @@ def validate(
 
     if workers is None:
         workers = min(len(os.sched_getaffinity(0)), MAX_WORKERS)
-    if workers < 1:
-        for job in jobs:
-            add(job, _work(*job, seed, effort, second, None))
-    else:
-        # the longest cases are of the full run alone: last, they would run on their own
-        order = sorted(range(len(jobs)), key=lambda k: CASES[jobs[k][0]].quick)
-        work = [(*jobs[k], seed, effort, second, 1) for k in order]
-        with contextlib.closing(pool.results(_work, work, min(workers, len(jobs)))) as answers:
-            for place, answer in answers:
-                k = order[place]
-                if isinstance(answer, pool.Died):
-                    c = CASES[jobs[k][0]]
-                    answer = Outcome(c.id, c.level, c.title, jobs[k][1], "error", str(answer))
-                add(jobs[k], answer)
-    result.outcomes = [done[job] for job in jobs]
+    # the longest cases are of the full run alone: last, they would run on their own
+    order = jobs if workers < 1 else sorted(jobs, key=lambda job: CASES[job[0]].quick)
+    try:
+        if workers < 1:
+            for job in order:
+                add(job, _work(*job, seed, effort, second, None))
+        else:
+            work = [(*job, seed, effort, second, 1) for job in order]
+            with contextlib.closing(pool.results(_work, work, min(workers, len(jobs)))) as answers:
+                for k, answer in answers:
+                    if isinstance(answer, pool.Died):
+                        c = CASES[order[k][0]]
+                        answer = Outcome(c.id, c.level, c.title, order[k][1], "error", str(answer))
+                    add(order[k], answer)
+    except KeyboardInterrupt:
+        result.missing = [" on ".join(job) for job in order if job not in done]
+    result.outcomes = [done[job] for job in jobs if job in done]
     result.seconds = time.perf_counter() - begin
+    if result.missing:
+        raise Stopped(result)
     return result
 
 

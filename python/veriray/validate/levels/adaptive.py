@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from veriray.compare.statistics import MARGIN
+from veriray.render import render
 from veriray.sampling import PILOT, TILE
 from veriray.validate.scenes import camera, furnace, make, sphere
 from veriray.validate.statistics import max_z
@@ -19,21 +20,21 @@ TARGET = 0.04
 def adaptive_means_are_unbiased(t: Trial) -> None:
     """Pictures of one pixel with a target error, in a closed box with the exact answer 1.
 
-    200 pictures; z of their mean. Sees a bias of 1.4 %. The planted estimate, which keeps the
-    pilot's samples where they were enough, is rejected (z below -5): dark pilots stop early.
+    300 pictures; z of their mean. Sees a bias of 1.2 %. The planted estimate, which keeps the
+    pilot's samples where they were enough, is rejected at -3.3 (its z is about -9, so that a sound
+    run misses it less than once in 10^8): dark pilots stop early.
     """
     scene, kept, planted = furnace(0.5, 0.5), [], []
-    for _ in range(200 * t.effort):
+    for _ in range(300 * t.effort):
         seed = t.fresh()
         r = t.render(scene, 256, seed=seed, target_error=TARGET)
         kept.append(float(r.image[0, 0, 0]))
-        stopped = r.stats["mean_spp"] == PILOT
-        planted.append(
-            float(t.render(scene, PILOT, seed=seed).image[0, 0, 0]) if stopped else kept[-1]
-        )
+        if r.stats["mean_spp"] == PILOT:
+            r = render(scene, PILOT, seed=seed, device=t.device, threads=t.threads)
+        planted.append(float(r.image[0, 0, 0]))
     z = [(np.mean(x) - 1) / (np.std(x, ddof=1) / np.sqrt(len(x))) for x in (kept, planted)]
     t.figure("z of the mean; planted", z)
-    t.check(z[1] < -5, f"the planted bias is not seen: z = {z[1]:.1f}")
+    t.check(z[1] < -3.3, f"the planted bias is not seen: z = {z[1]:.1f}")
     t.sees((3.29 + 1.28) * float(np.std(kept, ddof=1)) / np.sqrt(len(kept)))
     t.p(2 * float(stats.norm.sf(abs(z[0]))), "mean")
 

@@ -408,4 +408,7 @@ PYTHON = (
 )  # fmt: skip
 
 #: Survivors and why they are no fault of the suite.
-EXPLAINED: dict[str, str] = {}
+EXPLAINED: dict[str, str] = {
+    "boxes not padded": "equal in effect: rays carry a slack of 2^-20 of their own "
+    "(`geometry/triangle.h`), as wide as the padding, and either covers the rounding of the tests.",
+}

@@ -18,6 +18,7 @@ from scipy import stats
 import veriray
 from veriray.validate import Inconclusive, Skipped, furnace, pool, validate
 from veriray.validate.run import FAMILY, MANY, Validation
+from veriray.validate.run import _held as held_by
 from veriray.validate.trial import CASES, CONFIRM, FIRST, SECOND, Case, Outcome, Trial, case, judge
 
 Suite = dict[str, Case]
@@ -410,6 +411,29 @@ def test_pool_survives_its_workers() -> None:
     assert {k: v for k, v in got.items() if k not in died} == {0: 0, 1: 1, 5: 25}
     assert "signal 9" in died[2] and "ValueError: planted" in died[3]
     assert "cannot be sent" in died[4]
+
+
+def span(seconds: float) -> tuple[float, float]:
+    begin = time.time()
+    time.sleep(seconds)
+    return begin, time.time()
+
+
+def test_jobs_that_hold_the_same_take_turns() -> None:
+    holds = ["gpu", "gpu", "gpu", None, "other", "gpu"]
+    got = dict(pool.results(span, [(0.3,)] * 6, 3, holds))
+    turns = sorted(got[k] for k, held in enumerate(holds) if held == "gpu")
+    assert all(end <= begin for (_, end), (begin, _) in zip(turns, turns[1:], strict=False))
+    assert len(got) == 6 and got[4][0] < turns[-1][0]  # it did not wait for them
+
+
+def test_processes_share_a_gpu_where_cuda_lets_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CUDA_MPS_PIPE_DIRECTORY", str(tmp_path))
+    assert held_by("cuda:1") == "cuda:1" and held_by("cpu:avx2") is None
+    (tmp_path / "control").touch()
+    assert held_by("cuda:1") is None
 
 
 def test_pool_that_is_left_early_leaves_no_process() -> None:

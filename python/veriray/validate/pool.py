@@ -34,21 +34,28 @@ class Died:
 
 
 def results(
-    function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int
-) -> Iterator[tuple[int, Any]]:
+    function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int,
+    holds: Sequence[str | None] | None = None,
+) -> Iterator[tuple[int, Any]]:  # fmt: skip
     """Yields (k, function(*jobs[k])) in the order of completion, with `workers` processes.
 
-    function: importable by its name, its arguments and results can be pickled. The result of a job
-    that raised or whose process died is a `Died`. Close the iterator to end the workers early.
+    function: importable by its name, its arguments and results can be pickled. holds[k]: what job k
+    has for itself while it runs; it waits for a job that holds the same, and others overtake it.
+    The result of a job that raised or whose process died is a `Died`. Close the iterator to end the
+    workers early.
     """
-    left = list(enumerate(jobs))[::-1]
+    left = list(range(len(jobs)))[::-1]
+    held = [None] * len(jobs) if holds is None else holds
     crew: dict[Any, tuple[Any, int]] = {}  # pipe -> process, number of its job
     leaving: list[Any] = []
     try:
         while left or crew:
-            while left and len(crew) < max(workers, 1):
+            while len(crew) < max(workers, 1):
+                job = _next(left, held, [running for _, running in crew.values()])
+                if job is None:
+                    break
                 pipe, process = _hire(function)
-                crew[pipe] = process, _give(pipe, left)
+                crew[pipe] = process, _give(pipe, job, jobs)
             for pipe in connection.wait(list(crew)):
                 process, job = crew[pipe]
                 try:
@@ -58,8 +65,10 @@ def results(
                     answer = Died(_how(process.exitcode))
                     del crew[pipe]
                 else:
-                    if left:
-                        crew[pipe] = process, _give(pipe, left)
+                    others = [running for p, (_, running) in crew.items() if p is not pipe]
+                    following = _next(left, held, others)
+                    if following is not None:
+                        crew[pipe] = process, _give(pipe, following, jobs)
                     else:
                         pipe.close()  # it leaves
                         leaving.append(process)
@@ -77,12 +86,20 @@ def results(
                 process.join()
 
 
-def _give(pipe: Any, left: list[tuple[int, tuple[Any, ...]]]) -> int:
-    """Sends the next job; returns its number."""
-    number, arguments = left.pop()
+def _next(left: list[int], held: Sequence[str | None], running: list[int]) -> int | None:
+    """Takes from `left` (the next one last) the next job that need not wait; None: all must."""
+    taken = {held[job] for job in running} - {None}
+    for place in range(len(left) - 1, -1, -1):
+        if held[left[place]] not in taken:
+            return left.pop(place)
+    return None
+
+
+def _give(pipe: Any, job: int, jobs: Sequence[tuple[Any, ...]]) -> int:
+    """Sends a job; returns its number."""
     with contextlib.suppress(OSError):  # a dead worker shows when it is asked for its answer
-        pipe.send(arguments)
-    return number
+        pipe.send(jobs[job])
+    return job
 
 
 def _hire(function: Callable[..., Any]) -> tuple[Any, Any]:

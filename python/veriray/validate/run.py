@@ -160,7 +160,8 @@ def validate(
         levels: numbers 1 to 9; None: all. pattern: of case ids, as in a shell.
         full: all cases with four times the samples, not the quick ones alone.
         seed: of everything random; the run is a function of it.
-        workers: processes; 0 runs in this one; None takes the processors, at most 64.
+        workers: processes; 0 runs in this one; None takes the processors, at most 64. A GPU serves
+            one at a time, or all where CUDA's Multi-Process Service runs.
         effort: factor on the samples instead of 1 (quick) or 4 (full).
         progress: called after each case with its outcome, cases done and cases in all.
 
@@ -205,7 +206,8 @@ def validate(
                 add(job, _work(*job, seed, effort, second, None))
         else:
             work = [(*job, seed, effort, second, 1) for job in order]
-            with contextlib.closing(pool.results(_work, work, min(workers, len(jobs)))) as answers:
+            holds = [_held(device) for _, device in order]
+            with contextlib.closing(pool.results(_work, work, workers, holds)) as answers:
                 for k, answer in answers:
                     if isinstance(answer, pool.Died):
                         c = CASES[order[k][0]]
@@ -218,6 +220,15 @@ def validate(
     if result.missing:
         raise Stopped(result)
     return result
+
+
+def _held(device: str) -> str | None:
+    """What a case on the device has for itself: the GPU, unless CUDA's Multi-Process Service runs.
+
+    Processes on one GPU take turns: eight on an H200 needed over thirty times as long as one.
+    """
+    folder = os.environ.get("CUDA_MPS_PIPE_DIRECTORY", "/tmp/nvidia-mps")
+    return device if device.startswith("cuda") and not Path(folder, "control").exists() else None
 
 
 def _commit() -> str | None:

@@ -89,6 +89,16 @@ def inside_a_shining_sphere(t: Trial) -> None:
     t.agrees(scene(view([1.5, 2, 3], [2, 2.2, 3.5], 60), room), exact, 800_000, sees=0.01)
 
 
+@case(3, each={"inside": (True, False)})
+def backs_of_spheres_are_black(t: Trial, inside: bool) -> None:
+    """A floor within a ball that shines outwards, and before one that shines inwards (A1, A19).
+
+    Exactly 0: light samples see the side too.
+    """
+    ball = {**sphere([0, 0, 2], 5 if inside else 1, BLACK, 3), "flip_normals": not inside}
+    t.agrees(scene(view([-0.5, 0.02, 0.02], [0, 0, 0]), FLOOR, ball), 0.0, 100_000, sees=1e-4)
+
+
 @case(3, each={"angle": (0, 50)})
 def disk_light(t: Trial, angle: float) -> None:
     """A disk on the axis, and the same over a tilted plane (A8).

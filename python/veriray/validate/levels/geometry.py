@@ -677,3 +677,27 @@ def spheres_in_scenes(t: Trial, count: int) -> None:
     need(hit.sum() > 300, "too few hits")
     t.check(np.abs(got_t[hit] - first[hit]).max() < 1e-4, "t")
     t.check(np.median(np.abs(got_t[hit] / first[hit] - 1)) < 3e-7, "median error of t")
+
+
+@case(1, each={"tree": [False, True]})
+def a_pebble_off_the_grid_of_floats(t: Trial, tree: bool) -> None:
+    """A sphere of radius 1e-5 at (.1, .2, .3) in a scene of size 1, where floats are 3e-8 apart.
+
+    Rays from 20 radii before it meet it 1e-4 R within the rim and more, and miss it 1e-4 R without.
+    Its centre as one float would be 2e-3 R off.
+    """
+    n, radius = 20_000, 1e-5
+    centre = np.array([0.1, 0.2, 0.3])
+    ends = [(sign * np.ones(3), 1e-3, False) for sign in (-1, 1)]
+    more = [(t.rng.uniform(0.5, 0.9, 3), 1e-3, False) for _ in range(70 if tree else 0)]
+    scene = t.native_scene(make([Part(spheres=[(centre, radius, False), *ends, *more])]))
+    t.check(("bvh" in scene.features) == tree, "tree")
+    o = (centre - 20 * radius * directions(t.rng, n)).astype(np.float32).astype(np.float64)
+    away = np.linalg.norm(centre - o, axis=1, keepdims=True)
+    ahead = (centre - o) / away
+    gap = t.rng.choice([-1, 1], (n, 1)) * 10 ** t.rng.uniform(-5, -2, (n, 1))
+    sine = radius * (1 + gap) / away
+    d = np.sqrt(1 - sine**2) * ahead + sine * normalised(np.cross(ahead, directions(t.rng, n)))
+    hit, gap = t.native.intersect(scene, o, d)[1] == 0, gap[:, 0]
+    t.check(hit[gap < -1e-4], "misses within the rim")
+    t.check(~hit[gap > 1e-4], "hits without the rim")

@@ -120,17 +120,21 @@ def shadow_rays_pass(t: Trial, material: str) -> None:
     t.check(not any(r.stats["ledger"]["shadow_occluded"]), "a shadow ray was stopped")
 
 
-@case(3, each={"depth": (2, -1)}, quick=lambda depth: depth == 2)
-def passes_do_not_count_as_bounces(t: Trial, depth: int) -> None:
-    """Ten null shells around a floor and its lamp (A10, A2).
+@case(3, each={"lamp": ("rectangle", "sphere"), "depth": (2, -1)},
+      quick=lambda lamp, depth: depth == 2)  # fmt: skip
+def passes_do_not_count_as_bounces(t: Trial, lamp: str, depth: int) -> None:
+    """Ten null shells around a floor, before its lamp (A10, A2).
 
     The form factor of the lamp, as without them, at max_depth 2 too.
     """
     floor = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(0.5))
-    lamp = flat("rectangle", [0, 0, 2], [0, 0, -1], 0.5, BLACK, 3)
+    lamps = {"rectangle": (flat("rectangle", [0, 0, 2], [0, 0, -1], 0.5, BLACK, 3),
+                           4 * rectangle_above_corner(0.25, 0.25)),
+             "sphere": (sphere([0, 0, 2], 1.2, BLACK, 3), (1.2 / 2) ** 2)}  # fmt: skip
     shells = [sphere([0, 0, 0], 0.1 + 0.15 * k, NULL) for k in range(10)]
-    exact = 0.5 * 3 * 4 * rectangle_above_corner(0.25, 0.25)
-    seen = scene(view([-3, 0.3, 1], [0, 0, 0]), floor, lamp, *shells, max_depth=depth)
+    shining, factor = lamps[lamp]
+    exact = 0.5 * 3 * factor
+    seen = scene(view([-3, 0.3, 1], [0, 0, 0]), floor, shining, *shells, max_depth=depth)
     t.agrees(seen, exact, 200_000, sees=0.02)
 
 
@@ -175,3 +179,34 @@ def mirror_about_a_shading_normal(t: Trial, degrees: float) -> None:
         t.agrees(seen, [1, 2, 3], 1000, sees=1e-4)
     else:
         t.agrees(bent, 0.0, 1000, sees=1e-4)
+
+
+@case(3)
+def interpolated_normals_have_unit_length(t: Trial) -> None:
+    """A plate with normals 45 degrees to the left at its left end, to the right at its right one.
+
+    Halfway between the middle and the right end they lean by atan(1 / 2): rho / pi I cos / d^2 of a
+    point light.
+    """
+    plate = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(0.5))
+    light = {"type": "point", "position": [6.5, 0, 3], "intensity": rgb(4)}
+    seen = scene(view([3.5, 0.1, 2], [4.5, 0.1, 0]), plate, light, max_depth=2)
+    leaning = (np.sign(seen.vertices) * [1, 0, 0] + [0, 0, 1]) / math.sqrt(2)
+    to_light = np.array([2, -0.1, 3])
+    cosine = to_light @ [1, 0, 2] / math.sqrt(5) / np.linalg.norm(to_light)
+    exact = 0.5 / math.pi * 4 * cosine / (to_light @ to_light)
+    t.agrees(dataclasses.replace(seen, normals=leaning), exact, 10_000, sees=1e-3, margin=1e-4)
+
+
+@case(3, each={"turned": (False, True)})
+def the_front_is_the_faces(t: Trial, turned: bool) -> None:
+    """A lamp whose vertex normals lean by 60 degrees, seen at 50 degrees from the other side.
+
+    All of its radiance on the side of the face where its vertex normals are, exactly 0 on the
+    other, whichever way the corners run.
+    """
+    for eye in (direction(-50), -direction(-50)):
+        seen = scene(view(5 * eye, [0, 0, 0]), flat("rectangle", [0, 0, 0], [0, 0, 1], 9, BLACK, 3))
+        normals = np.broadcast_to(direction(60) * (-1 if turned else 1), seen.vertices.shape)
+        exact = 3.0 if (eye[2] > 0) != turned else 0.0
+        t.agrees(dataclasses.replace(seen, normals=normals), exact, 1000, sees=1e-4)

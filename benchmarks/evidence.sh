@@ -9,8 +9,9 @@
 #   fuzz       an hour of CPU time for each format (needs atheris)
 #
 # from the repository root with veriray[test] installed, PYTHON naming the interpreter. LIMIT=S: no
-# new work of a step after S seconds; its file says how much was done. In core hours: validate 4,
-# mutants 8, alarms 5, fuzz 6.
+# new work of a step after S seconds; its file says how much was done. In core hours: validate 1
+# a device, mutants 7, alarms 5, fuzz 6. Where nvidia-cuda-mps-control is installed, it runs meanwhile:
+# processes on one GPU take turns without it.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
@@ -26,6 +27,11 @@ jobs=$(($(nproc) / 6 > 0 ? $(nproc) / 6 : 1))
 for step in "${steps[@]:?name a step: validate, mutants, alarms, fuzz}"; do
     case $step in
     validate)
+        if [[ -z ${CUDA_MPS_PIPE_DIRECTORY-} ]] && command -v nvidia-cuda-mps-control >/dev/null; then
+            CUDA_MPS_PIPE_DIRECTORY=$(mktemp -d) && export CUDA_MPS_PIPE_DIRECTORY
+            export CUDA_MPS_LOG_DIRECTORY=$CUDA_MPS_PIPE_DIRECTORY
+            nvidia-cuda-mps-control -d && trap 'echo quit | nvidia-cuda-mps-control' EXIT
+        fi
         # shellcheck disable=SC2046
         $python -m veriray validate --full $(printf -- "--level %d " {1..8}) \
             -o "$folder/validate_full.json" -o "$folder/validate_full.html" ;;

@@ -22,6 +22,7 @@ from common import RESULTS, header, write
 from scipy import stats
 
 from veriray.validate import CASES, cases, judge, pool
+from veriray.validate.run import held_by
 from veriray.validate.trial import FIRST
 
 
@@ -56,7 +57,8 @@ def main() -> int:
     rows: dict[tuple[int, bool], dict[str, Any]] = {}
     failed: Counter[str] = Counter()
     begin, done = time.perf_counter(), 0
-    for k, answer in pool.results(work, jobs, args.jobs):
+    holds = [held_by(args.device)] * len(jobs)
+    for k, answer in pool.results(work, jobs, args.jobs, holds):
         name = jobs[k][0]
         c = CASES[name]
         row = rows.setdefault((c.level, c.stored), Counter())

@@ -1,4 +1,5 @@
-"""What compute-sanitizer watches: every compiled variant under both schedulers, and the hooks.
+"""What compute-sanitizer watches: every compiled variant under the two main schedulers, the other
+ways to compact, the Sobol sampler, lists of pixels, and the hooks.
 
 compute-sanitizer --tool memcheck --error-exitcode 1 python benchmarks/sanitizer_target.py
 (likewise --tool racecheck, --tool initcheck, --tool synccheck; names of scenes: those alone)
@@ -14,7 +15,7 @@ import numpy as np
 from common import ROOT
 
 import veriray as vr
-from veriray.render import native_scene_arguments
+from veriray.render import SCHEDULERS, native_scene_arguments
 from veriray.validate.leaks import displaced_icosphere, mesh_scene
 
 SIZE = {"width": 16, "height": 12}
@@ -27,6 +28,14 @@ CHECKS = (
     "medium_in_mesh", "thinlens", "mitchell",
 )  # fmt: skip
 ALL_FEATURES = ("cornell-box", "chromatic_medium", "medium_in_mesh")
+MAIN = ("fused", "thrust")
+#: Settings of further renders of EXTRA.
+EXTRA = ("cornell-box-mitsuba", "medium_in_mesh")
+FURTHER: tuple[dict[str, Any], ...] = (
+    *({"scheduler": name} for name in SCHEDULERS if name not in ("auto", *MAIN)),
+    *({"scheduler": name, "sampler": "sobol"} for name in MAIN),
+    *({"scheduler": name, "target_error": 0.3, "spp": 64} for name in MAIN),
+)
 
 
 def cubes() -> vr.Scene:
@@ -98,17 +107,19 @@ def main() -> None:
     variants = set()
     for name in sys.argv[1:] or scenes:
         scene = scenes[name]().with_(**SIZE)
-        for scheduler in ("fused", "thrust"):
-            for every in (False, True) if name in ALL_FEATURES else (False,):
-                shas = set()
-                for device in ("cuda", "cpu"):
-                    r = vr.render(scene, spp=SPP, device=device, scheduler=scheduler,
-                                  all_features=every)  # fmt: skip
-                    shas.add(r.film_sha256)
-                variants.add((scheduler, *r.stats["variant"]))
-                assert len(shas) == 1, f"{name}, {scheduler}: CUDA and CPU differ"
-                print(f"{name:20} {scheduler:7} all_features={every!s:5} {shas.pop()[:16]}",
-                      flush=True)  # fmt: skip
+        renders: list[dict[str, Any]] = [
+            {"scheduler": scheduler, "all_features": every}
+            for scheduler in MAIN
+            for every in ((False, True) if name in ALL_FEATURES else (False,))
+        ]
+        for settings in (*renders, *(FURTHER if name in EXTRA else ())):
+            shas = set()
+            for device in ("cuda", "cpu"):
+                r = vr.render(scene, device=device, **{"spp": SPP, **settings})
+                shas.add(r.film_sha256)
+            variants.add((settings["scheduler"], *r.stats["variant"]))
+            assert len(shas) == 1, f"{name}, {settings}: CUDA and CPU differ"
+            print(f"{name:20} {settings} {shas.pop()[:16]}", flush=True)
     print(f"{len(variants)} pairs of scheduler and variant")
     hooks()
 

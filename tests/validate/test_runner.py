@@ -17,8 +17,7 @@ from scipy import stats
 
 import veriray
 from veriray.validate import Inconclusive, Skipped, furnace, pool, validate
-from veriray.validate.run import FAMILY, MANY, Validation
-from veriray.validate.run import _held as held_by
+from veriray.validate.run import FAMILY, MANY, Validation, held_by
 from veriray.validate.trial import CASES, CONFIRM, FIRST, SECOND, Case, Outcome, Trial, case, judge
 
 Suite = dict[str, Case]

@@ -206,7 +206,7 @@ def validate(
                 add(job, _work(*job, seed, effort, second, None))
         else:
             work = [(*job, seed, effort, second, 1) for job in order]
-            holds = [_held(device) for _, device in order]
+            holds = [held_by(device) for _, device in order]
             with contextlib.closing(pool.results(_work, work, workers, holds)) as answers:
                 for k, answer in answers:
                     if isinstance(answer, pool.Died):
@@ -222,7 +222,7 @@ def validate(
     return result
 
 
-def _held(device: str) -> str | None:
+def held_by(device: str) -> str | None:
     """What a case on the device has for itself: the GPU, unless CUDA's Multi-Process Service runs.
 
     Processes on one GPU take turns: eight on an H200 needed over thirty times as long as one.

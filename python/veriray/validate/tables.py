@@ -1,6 +1,6 @@
 """Tables of a validation for the documentation.
 
-python -m veriray.validate.tables validation.json [-o docs/stress.md]
+python -m veriray.validate.tables VALIDATION.json ... [-o docs/stress.md]
 """
 
 from __future__ import annotations
@@ -29,28 +29,27 @@ def verdict(outcomes: list[Mapping[str, Any]]) -> str:
     return worst if count == len(names) == 1 else f"{worst} ({count} of {len(names)})"
 
 
-def stress_table(validation: Mapping[str, Any]) -> str:
-    """The page docs/stress.md from `Validation.to_dict()`, or its JSON: one row a stress line.
+def stress_table(*validations: Mapping[str, Any]) -> str:
+    """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row a stress line.
 
     Columns: the numbers in the plan, the case, the scene, what is expected (the case's docstring),
     verdicts on the CPU and on CUDA. Cases with arguments share a row.
     """
     expected = {c.id.partition("[")[0]: c.expects for c in cases([STRESS], full=True)}
     rows: dict[str, list[Mapping[str, Any]]] = {}
-    for outcome in validation["cases"]:
+    for outcome in (o for validation in validations for o in validation["cases"]):
         if outcome["level"] == STRESS:
             rows.setdefault(str(outcome["id"]).partition("[")[0], []).append(outcome)
-    devices = validation["devices"]
-    extent = "full" if validation["full"] else "quick"
+    extent = "full" if all(v["full"] for v in validations) else "quick"
     lines = [
         "# Numerical stress",
         "",
         f"Written by `python -m veriray.validate.tables` from a {extent} `veriray validate` of",
-        f"veriray {validation['veriray']}. What is expected was stated first; besides it, in every",
+        f"veriray {validations[0]['veriray']}. What is expected was stated first; besides it, in every",
         "case no sample is non-finite and the ledger of rays adds up. N1 to N23 are the numbers of",
         "the plan. Limits are named as such.",
         "",
-        *(f"- {name}: {about}" for name, about in devices.items()),
+        *(f"- {name}: {about}" for v in validations for name, about in v["devices"].items()),
         "",
         "| | case | scene | expected | CPU | CUDA |",
         "|---|---|---|---|---|---|",
@@ -74,10 +73,10 @@ def stress_table(validation: Mapping[str, Any]) -> str:
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m veriray.validate.tables", description=__doc__)
-    parser.add_argument("validation", type=Path, help="JSON of veriray validate")
+    parser.add_argument("validation", type=Path, nargs="+", help="JSON of veriray validate")
     parser.add_argument("-o", "--output", type=Path, help="Markdown file; default: standard output")
     args = parser.parse_args()
-    text = stress_table(json.loads(args.validation.read_text("utf-8")))
+    text = stress_table(*(json.loads(path.read_text("utf-8")) for path in args.validation))
     if args.output is None:
         sys.stdout.write(text)
     else:

@@ -46,7 +46,7 @@ def stress_table(*validations: Mapping[str, Any]) -> str:
         "",
         f"Written by `python -m veriray.validate.tables` from a {extent} `veriray validate` of",
         f"veriray {validations[0]['veriray']}. What is expected was stated first; besides it, in",
-        "every case no sample is non-finite and the ledger of rays adds up. N1 to N23 are the numbers",
+        "every case no sample is non-finite and the ledger of rays adds up. N1 to N23 are numbers",
         "of the plan. Limits are named as such.",
         "",
         *(f"- {name}: {about}" for v in validations for name, about in v["devices"].items()),

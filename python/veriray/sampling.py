@@ -105,7 +105,7 @@ def adaptive(device: Device, held: Any, scene: Scene, spp: int, target: float,
     pilot = runs.film()
     runs.ahead = float(2 * PILOT * width * height)
     runs.render(pilot, 0, PILOT)
-    wanted = tile_errors(*pilot.resolve())[0] * (HEADROOM * PILOT / target**2)
+    wanted = tile_errors(*pilot.resolve()) * (HEADROOM * PILOT / target**2)
     tiles = np.minimum(_round_up(wanted), spp)
     counts = _spread(tiles, width, height)
     film, before = runs.film(), 0
@@ -117,7 +117,7 @@ def adaptive(device: Device, held: Any, scene: Scene, spp: int, target: float,
         runs.render(film, first + before, first + size, pixels)
         before = size
     image, stderr = film.resolve(counts.astype(np.uint64))
-    reached = np.sqrt(tile_errors(image, stderr)[0])
+    reached = np.sqrt(tile_errors(image, stderr))
     facts = {
         "target_error": target,
         "pilot_spp": PILOT,
@@ -133,8 +133,8 @@ def adaptive(device: Device, held: Any, scene: Scene, spp: int, target: float,
     )
 
 
-def tile_errors(image: Array, stderr: Array) -> tuple[Array, Array]:
-    """Squared relative standard error of each tile, and of each pixel (float64).
+def tile_errors(image: Array, stderr: Array) -> Array:
+    """Squared relative standard error of each tile (float64).
 
     Of a pixel: the mean over channels of stderr^2 / (radiance^2 + (`FLOOR` times the picture's
     mean)^2); of a tile: the mean of its pixels. Sums are of integers, so that every machine decides
@@ -142,14 +142,16 @@ def tile_errors(image: Array, stderr: Array) -> tuple[Array, Array]:
     """
     height, width = image.shape[:2]
     mean, error = image.astype(np.float64), stderr.astype(np.float64)
-    dark = FLOOR * math.fsum(image.ravel().tolist()) / image.size
+    unit = 2.0 ** (math.frexp(float(np.abs(mean).max()))[1] - 32)
+    dark = FLOOR * float((mean / unit).astype(np.int64).sum()) * unit / image.size
     scale = mean**2 + dark**2
     share = np.where(scale > 0, error**2 / np.where(scale > 0, scale, 1), 0)
     whole = np.minimum(share * 2.0**32, 2.0**52).astype(np.int64).sum(axis=2)
     down, right = np.arange(0, height, TILE), np.arange(0, width, TILE)
     sums = np.add.reduceat(np.add.reduceat(whole, down, axis=0), right, axis=1)
     sizes = np.outer(np.minimum(TILE, height - down), np.minimum(TILE, width - right))
-    return sums / (3 * 2.0**32) / sizes, whole / (3 * 2.0**32)
+    tiles: Array = sums / (3 * 2.0**32) / sizes
+    return tiles
 
 
 def _round_up(wanted: Array) -> Array:

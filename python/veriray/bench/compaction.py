@@ -144,9 +144,3 @@ def by_depth(result: dict[str, Any], limit: int = 16) -> list[list[str]]:
             line += [f"{blocks:,}", f"{bounce:.2f} + {closing:.2f}"]
         table.append(line)
     return table
-
-
-def as_markdown(table: list[list[str]]) -> str:
-    """The same for a page."""
-    head, *lines = (f"| {' | '.join(line)} |" for line in table)
-    return "\n".join([head, "|" + "---:|" * len(table[0]), *lines])

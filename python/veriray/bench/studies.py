@@ -66,7 +66,7 @@ def adaptive(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
 
 
 def _worst(picture: Render) -> float:
-    return float(np.sqrt(tile_errors(picture.image, picture.stderr)[0].max()))
+    return float(np.sqrt(tile_errors(picture.image, picture.stderr).max()))
 
 
 def _row(pictures: list[Render]) -> Result:

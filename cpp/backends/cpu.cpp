@@ -28,11 +28,13 @@ struct Scene::Impl {
     HostScene host;
     std::vector<WideNode<kCpuWidth>> nodes;
     std::vector<RecordBlock> blocks;
-    std::vector<Simd::Uniform> quads;
+    std::vector<Simd::Uniform> quads, levels;
 
     Impl(const SceneInput& in, const BuildPoll& poll) : host(in, kSimdWalk, poll) {
         quads.assign(host.view.quads, host.view.quads + host.view.quad_count * kQuadFloats);
+        levels.assign(host.view.levels, host.view.levels + host.view.quad_count * kLevelFloats);
         host.view.uniform_quads = quads.data();
+        host.view.uniform_levels = levels.data();
         if (!(host.view.features & kBvh)) return;
         nodes = collapse<kCpuWidth>(host.bvh, kSimdWalk);
         blocks = pack_blocks(nodes, host.records);

@@ -32,6 +32,7 @@ enum class Function : uint32_t {
     kExponential,        // upper and lower 16 bits of the word
     kTwoSum,             // a, b -> high, low
     kTwoProduct,         // a, b -> high, low
+    kPlainQuotient,      // a, b -> a / b
     kCosineHemisphere,   // u, v -> direction
     kUniformSphere,      // u, v -> direction
     kUniformTriangle,    // u, v -> barycentric weights of the 2nd, 3rd and 1st vertex
@@ -64,6 +65,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"exponential", 2, 1},
     {"two_sum", 2, 2},
     {"two_product", 2, 2},
+    {"plain_quotient", 2, 1},
     {"cosine_hemisphere", 2, 3},
     {"uniform_sphere", 2, 3},
     {"uniform_triangle", 2, 3},
@@ -136,6 +138,9 @@ VR_HD void evaluate_mapping(Function which, const F* x, F* y) {
             y[0] = p.hi, y[1] = p.lo;
             break;
         }
+        case Function::kPlainQuotient:
+            y[0] = plain_quotient(u, v);
+            break;
         case Function::kCosineHemisphere:
             put(y, cosine_hemisphere(u, v));
             break;

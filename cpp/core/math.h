@@ -15,6 +15,11 @@ inline constexpr float kInfinity = __builtin_huge_valf();
 inline constexpr float kLn2High = 0x1.62e4p-1f, kLn2Low = 0x1.7f7d1cp-20f;
 inline constexpr float kRootHalf = 0x1.6a09e6p-1f;
 
+template <class F>
+VR_HD F plain_quotient(F a, F b) {
+    return a / b;
+}
+
 // s = sin(2 pi u), c = cos(2 pi u) for u in [0, 1).
 // Quarter turns are taken off exactly; the rest |r| <= 1/2 of a quarter goes through minimax
 // polynomials (relative error 3.3e-9 and 5.7e-11 before rounding).

@@ -65,6 +65,20 @@ VR_HD float ieee_fma(float a, float b, float c) {
     return __builtin_fmaf(a, b, c);
 #endif
 }
+// a / b, correctly rounded where |b|, |a| and |a / b| lie in [2^-100, 2^100], and for a = 0 so far
+// as |b| does; else of no use. It is what the compiler makes of a division, without the branch for
+// the rest.
+VR_HD float plain_quotient(float a, float b) {
+#if VR_DEVICE_CODE
+    float r;
+    asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(r) : "f"(b));
+    r = __fmaf_rn(r, __fmaf_rn(-b, r, 1.f), r);
+    const float q = __fmul_rn(a, r);
+    return __fmaf_rn(r, __fmaf_rn(-b, q, a), q);
+#else
+    return a / b;
+#endif
+}
 VR_HD float ieee_sqrt(float a) {
 #if VR_DEVICE_CODE
     return __fsqrt_rn(a);

@@ -14,12 +14,13 @@ namespace veriray {
 
 inline constexpr uint32_t kMaxFlat = 64;        // primitives for which no tree is built
 inline constexpr uint32_t kQuadFloats = 12;     // plane, {U, w}, {V, w}: |U.p + w| <= 1
+inline constexpr uint32_t kLevelFloats = 8;     // of a quad across axis a: w; U_w, U_b, U_c; V ...
 inline constexpr uint32_t kPolygonFloats = 20;  // plane, four edges e.p + w >= 0
 inline constexpr float kEdgeSlack = 0x1p-20f;
 inline constexpr float kPlaneSlack = 0x1p-22f;
 
-// Whether a ray meets the primitive at 0 < t < t_max, and where. A ray within the plane has an
-// infinite or NaN t: neither passes. Record: float or lanes that are equal.
+// Whether a ray meets the primitive at 0 < t < t_max, and where. A ray within the plane has a t
+// that is NaN or beyond the primitive: it does not pass. Record: float or lanes that are equal.
 template <class L, uint32_t kEdges, class Record>
 VR_HD typename L::M meets_flat(const Record* record, const Ray<L>& ray, typename L::F t_max,
                                typename L::F& t) {
@@ -33,7 +34,31 @@ VR_HD typename L::M meets_flat(const Record* record, const Ray<L>& ray, typename
         inside = both_within(e[0], e[1], F(1.f));
     else
         inside = min(min(e[0], e[1]), min(e[2], e[3])) >= F(0.f);
-    return and_less(and_less(inside, F(0.f), t), t, t_max);
+    return between<L>(inside, t, t_max);
+}
+
+// A run of quads that are tested alike: across axis 0, 1 or 2, or any way (kAnyWay).
+inline constexpr uint32_t kAnyWay = 3;
+struct QuadRun {
+    uint32_t axis, end;  // the first quad after it
+};
+
+// The same for a parallelogram across an axis, to the bit: what is left out are products with 0
+// and sums with them.
+template <class L, uint32_t kAxis, class Record>
+VR_HD typename L::M meets_level(const Record* record, const Ray<L>& ray, typename L::F t_max,
+                                typename L::F& t) {
+    using F = typename L::F;
+    const F o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
+    t = plain_quotient(-(o[kAxis] + F(record[0])), d[kAxis]);
+    const Vec3<F> at = ray.at(t);
+    const F p[3] = {at.x, at.y, at.z};
+    const auto edge = [&](const Record* e) {
+        constexpr uint32_t b = kAxis == 0 ? 1 : 0, c = kAxis == 2 ? 1 : 2;
+        return fma(F(e[2]), p[c], fma(F(e[1]), p[b], F(e[0])));
+    };
+    const typename L::M inside = both_within(edge(record + 1), edge(record + 4), F(1.f));
+    return between<L>(inside, t, t_max);
 }
 
 }  // namespace veriray

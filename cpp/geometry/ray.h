@@ -30,6 +30,12 @@ VR_HD void keep_closest(Hit<L>& hit, typename L::M inside, typename L::F t, uint
     hit.primitive = select(take, U(primitive), hit.primitive);
 }
 
+// inside, where 0 < t < t_max; false for a NaN.
+template <class L>
+VR_HD typename L::M between(typename L::M inside, typename L::F t, typename L::F t_max) {
+    return and_less(and_less(inside, typename L::F(0.f), t), t, t_max);
+}
+
 // n.p + w of a plane or edge function {n, w}, uniform over lanes.
 template <class L, class Record>
 VR_HD typename L::F height_over(const Record* plane, Vec3<typename L::F> p) {
@@ -37,10 +43,12 @@ VR_HD typename L::F height_over(const Record* plane, Vec3<typename L::F> p) {
     return fma(F(plane[2]), p.z, fma(F(plane[1]), p.y, fma(F(plane[0]), p.x, F(plane[3]))));
 }
 
-// Distance along the ray to the plane n.p + w = 0; infinite or NaN for a ray within it.
+// Distance along the ray to the plane n.p + w = 0; of no use (infinite, NaN or beyond the scene)
+// for a ray within it.
 template <class L, class Record>
 VR_HD typename L::F plane_distance(const Record* plane, const Ray<L>& ray) {
-    return -height_over<L>(plane, ray.o) / dot(broadcast<typename L::F>(plane), ray.d);
+    return plain_quotient(-height_over<L>(plane, ray.o),
+                          dot(broadcast<typename L::F>(plane), ray.d));
 }
 
 }  // namespace veriray

@@ -38,6 +38,29 @@ struct SurfaceReader {
         else
             return static_cast<const typename L::Uniform*>(scene.uniform_quads);
     }
+    static VR_HD const typename L::Uniform* levels(const SceneView& scene) {
+        if constexpr (std::is_same_v<typename L::Uniform, float>)
+            return scene.levels;
+        else
+            return static_cast<const typename L::Uniform*>(scene.uniform_levels);
+    }
+
+    // Tests the quads of a run from i on.
+    template <uint32_t kAxis, class Test>
+    static VR_HD void each_of_run(const SceneView& scene, const Ray<L>& ray, uint32_t i,
+                                  uint32_t end, Test test) {
+        VR_ROLLED
+        for (; i < end; ++i)
+            test(
+                [&](F t_max, F& t) {
+                    if constexpr (kAxis == kAnyWay)
+                        return meets_flat<L, 2>(quads(scene) + i * kQuadFloats, ray, t_max, t);
+                    else
+                        return meets_level<L, kAxis>(levels(scene) + i * kLevelFloats, ray, t_max,
+                                                     t);
+                },
+                i);
+    }
 
     // Calls test(meets, primitive) for every primitive from `first` (a quad) on of a scene without
     // a tree in ascending order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max.
@@ -47,13 +70,21 @@ struct SurfaceReader {
                                 Test test) {
         uint32_t primitive = 0;
         if constexpr (has(kQuads)) {
+            uint32_t i = first;
             VR_ROLLED
-            for (uint32_t i = first; i < scene.quad_count; ++i)
-                test(
-                    [&](F t_max, F& t) {
-                        return meets_flat<L, 2>(quads(scene) + i * kQuadFloats, ray, t_max, t);
-                    },
-                    i);
+            for (uint32_t k = 0; k < scene.run_count; ++k) {
+                const QuadRun run = scene.runs[k];
+                if (run.end <= i) continue;
+                if (run.axis == 0)
+                    each_of_run<0>(scene, ray, i, run.end, test);
+                else if (run.axis == 1)
+                    each_of_run<1>(scene, ray, i, run.end, test);
+                else if (run.axis == 2)
+                    each_of_run<2>(scene, ray, i, run.end, test);
+                else
+                    each_of_run<kAnyWay>(scene, ray, i, run.end, test);
+                i = run.end;
+            }
             primitive = scene.quad_count;
         }
         if constexpr (has(kPolygons)) {

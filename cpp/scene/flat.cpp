@@ -122,6 +122,19 @@ void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
     }
 }
 
+uint32_t write_level(const float* quad, float* out) {
+    for (uint32_t a = 0; a < 3; ++a) {
+        const uint32_t b = a == 0 ? 1 : 0, c = a == 2 ? 1 : 2;
+        if (quad[b] != 0 || quad[c] != 0 || std::abs(quad[a]) != 1) continue;
+        if (quad[4 + a] != 0 || quad[8 + a] != 0) continue;
+        *out++ = quad[3] * quad[a];
+        for (const float* edge : {quad + 4, quad + 8})
+            *out++ = edge[3], *out++ = edge[b], *out++ = edge[c];
+        return a;
+    }
+    return kAnyWay;
+}
+
 void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out) {
     write_plane(f, out);
     out[3] += kPlaneSlack;

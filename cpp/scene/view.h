@@ -66,12 +66,16 @@ struct SceneView {
     LightView lights;
     CameraView camera;
     FilterView filter;
-    float emission_scale;       // 2^-e of the film
-    const void* uniform_quads;  // the quads as Simd::Uniform; CPU
-    float quads[kMaxFlat * kQuadFloats];
-    float polygons[kMaxFlat * kPolygonFloats];
-    float disks[kMaxFlat * kDiskFloats];
-    float spheres[kMaxFlat * kSphereFloats];
+    float emission_scale;        // 2^-e of the film
+    const void* uniform_quads;   // the quads as Simd::Uniform; CPU
+    const void* uniform_levels;  // likewise
+    uint32_t run_count;
+    QuadRun runs[kMaxFlat];
+    alignas(16) float quads[kMaxFlat * kQuadFloats];
+    alignas(16) float levels[kMaxFlat * kLevelFloats];  // by quad, where it is across an axis
+    alignas(16) float polygons[kMaxFlat * kPolygonFloats];
+    alignas(16) float disks[kMaxFlat * kDiskFloats];
+    alignas(16) float spheres[kMaxFlat * kSphereFloats];
 };
 
 }  // namespace veriray

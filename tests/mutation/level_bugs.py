@@ -33,6 +33,7 @@ _RNG, _FILM, _TILE, _CPU = "core/rng.h", "film/film.h", "schedulers/tile.h", "ba
 _JOBS, _TRIANGLE, _SPHERE = "backends/instances.h", "geometry/triangle.h", "geometry/sphere.h"
 _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/bvh_collapse.cpp", "scene/scene.cpp"
+_RAY = "geometry/ray.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
@@ -42,7 +43,7 @@ _FLIGHT = "select(t < limit, albedo, one)"
 _MIS = "pdf / (pdf + other)"
 _NEE = "light.pdf_sa + value.pdf_sa"
 _UNIFORM = "to_float(u >> 8) * F(0x1p-24f)"
-_BETWEEN = "and_less(and_less(inside, F(0.f), t), t, t_max)"
+_BETWEEN = "and_less(and_less(inside, typename L::F(0.f), t), t, t_max)"
 _KEY = "random_key(s.seed, upper, s.sampler)"
 _MET = "select(mirror, colour, s.weight)"
 _PHASE_PDF = "F(0.25f * kInvPi)"
@@ -187,9 +188,13 @@ _GEOMETRY = (
     Mutant("rays start on the surface", _PATH, _LEAVE, "at.p"),
     Mutant("shadow rays reach the lamp", _DIRECT, _T_MAX,
            "shadow.t_max = light.distance * F(1.00001f);"),
-    Mutant("hits behind the ray accepted", _FLAT, _BETWEEN, "and_less(inside, t, t_max)"),
-    Mutant("hits nearer than 0.001 missed", _FLAT, _BETWEEN,
-           "and_less(and_less(inside, F(1e-3f), t), t, t_max)"),
+    Mutant("hits behind the ray accepted", _RAY, _BETWEEN, "and_less(inside, t, t_max)"),
+    Mutant("hits nearer than 0.001 missed", _RAY, _BETWEEN,
+           "and_less(and_less(inside, typename L::F(1e-3f), t), t, t_max)"),
+    Mutant("quads across an axis without their second edge", _FLAT, "edge(record + 4)",
+           "edge(record + 1)"),
+    Mutant("planes of quads that face down an axis mirrored", "scene/flat.cpp",
+           "*out++ = quad[3] * quad[a];", "*out++ = quad[3];"),
     Mutant("sphere by the naive discriminant", _SPHERE,
            "c.square = fma(along, along, -excess(record, nearest));",
            "c.square = fma(c.middle, c.middle, -c.outside);"),

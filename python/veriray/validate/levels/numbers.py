@@ -228,6 +228,24 @@ def root_and_quotient(t: Trial, step: int) -> None:
 
 
 @case(1)
+def quotients_of_lengths(t: Trial) -> None:
+    """The quotient that gives the distance to a plane, which checks no ranges.
+
+    Correctly rounded: equal to NumPy's to the bit for 500,000 pairs, 0 and 2^-60 to 2^4 over
+    2^-90 to 2^2.
+    """
+    n = 500_000 * t.effort
+    a, b = (
+        single(np.ldexp(t.rng.choice([-1, 1], n) * t.rng.uniform(0.5, 1, n), t.rng.integers(*e, n)))
+        for e in ((-60, 4), (-90, 2))
+    )
+    a[: n // 50] = 0
+    kept = np.abs(a) <= np.abs(b) * 2.0**100
+    a, b = a[kept], b[kept]
+    t.check(t.function("plain_quotient", a, b)[:, 0] == single(np.float32(a) / np.float32(b)))
+
+
+@case(1)
 def error_free_sum_and_product(t: Trial) -> None:
     """The sum high + low of two_sum and two_product is the exact result.
 
@@ -360,6 +378,7 @@ WIDE: dict[str, Arguments] = {
     "exponential": lambda rng, n: rng.integers(0, 2**16, (n, 2)).astype(np.float64),
     "two_sum": _pairs,
     "two_product": _pairs,
+    "plain_quotient": _pairs,
 }
 UNIT_ONLY = ("sin_2pi", "cos_2pi", "tent")
 MANY: dict[str, Arguments] = {

@@ -65,6 +65,8 @@ def page(result: dict[str, Any]) -> str:
         lines += ["", "## Survivors", ""]
         lines += [f"- {name}: {EXPLAINED.get(name) or why or 'unexplained'}"
                   for name, why in result["survivors"].items()]  # fmt: skip
+    if result["not_judged"]:
+        lines += ["", f"For want of time not judged: {', '.join(result['not_judged'])}."]
     return "\n".join(lines) + "\n"
 
 

@@ -66,14 +66,14 @@ def test_page_of_the_levels() -> None:
     row = {"language": "C++", "edits": [], "seconds": 9.2}
     text = table.page({
         "levels": [3, 4], "planted": 2, "caught_quick": 1, "caught": 1, "score_quick": 0.5,
-        "score": 0.5, "recorded": 2, "sound": True, "survivors": {"b": ""},
+        "score": 0.5, "recorded": 2, "sound": True, "survivors": {"b": ""}, "not_judged": ["c"],
         "unchanged": {n: {"ran": 5, "seconds": 9.4} for n in "34"},
         "by_level": {"3": {"caught": 1, "alone": 1}, "4": {"caught": 0, "alone": 0}},
         "rows": [{**row, "name": "a", "levels": {"3": caught, "4": missed}, "caught_by": [3]},
                  {**row, "name": "b", "levels": {"3": missed, "4": missed}, "caught_by": []}],
     })  # fmt: skip
     assert "| a | 0.2 |  | `closed.furnace` |" in text and "| b |  |  | - |" in text
-    assert "finds 1 (50 %)" in text and "- b: unexplained" in text
+    assert "finds 1 (50 %)" in text and "- b: unexplained" in text and "not judged: c." in text
 
 
 @pytest.fixture(scope="module")

@@ -427,6 +427,8 @@ EXPLAINED: dict[str, str] = {
                 "closed_materials.interpolated_normals_have_unit_length",
             "way before a pass forgotten, sphere lamp":
                 "closed_materials.passes_do_not_count_as_bounces",
+            "Mitchell's sign changes between the table's edges":
+                "closed_cameras.negative_lobes_weigh_what_they_should",
         }.items()
     },
 }  # fmt: skip

@@ -41,6 +41,21 @@ def uniform_light_on_the_film(t: Trial, filter: str, lens: float) -> None:
     t.check(r.stats["live_rays"] == [16 * 9 * r.spp])
 
 
+@case(3, each={"parameter": ((1 / 3, 1 / 3), (0.2, 0.4), (0.0, 0.5))})
+def negative_lobes_weigh_what_they_should(t: Trial, parameter: tuple[float, float]) -> None:
+    """Pixels of a uniform light under Mitchell's filter, with Sobol's samples.
+
+    Their mean is the light (t test over 64 pixels, whose scrambles are independent). Sees 1e-4.
+    """
+    uniform = make([], camera([0, 0, 0], [1, 2, 3]), 1.0, 8, 8, "mitchell", parameter)
+    r = t.render(uniform, 2**16, sampler="sobol")
+    values = r.image[..., 0].astype(np.float64).ravel()
+    error = float(values.std(ddof=1)) / math.sqrt(len(values))
+    off = max(abs(float(values.mean()) - 1) - MARGIN, 0)
+    t.p(2 * float(stats.t.sf(off / error, len(values) - 1)), "mean")
+    t.sees((3.29 + 1.28) * error + MARGIN, 1e-4)
+
+
 @case(3, each={"angle": (0, 25, 50)})
 def ball_off_the_axis(t: Trial, angle: float) -> None:
     """A ball's picture is an ellipse: its share of a wide film (A24).

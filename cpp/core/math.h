@@ -15,6 +15,7 @@ inline constexpr float kInfinity = __builtin_huge_valf();
 inline constexpr float kLn2High = 0x1.62e4p-1f, kLn2Low = 0x1.7f7d1cp-20f;
 inline constexpr float kRootHalf = 0x1.6a09e6p-1f;
 
+// Of lanes; what a float's promises is in platform.h.
 template <class F>
 VR_HD F plain_quotient(F a, F b) {
     return a / b;

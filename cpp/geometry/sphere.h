@@ -83,7 +83,7 @@ VR_HD typename L::M meets_sphere(const Record* record, const Ray<L>& ray, typena
     const Chord<F> c = chord(record, ray.o, ray.d);
     const F far = c.far_root(), near = c.outside / far;
     t = select(near > F(0.f), near, far);
-    return and_less(and_less(c.square >= F(0.f), F(0.f), t), t, t_max);
+    return between<L>(c.square >= F(0.f), t, t_max);
 }
 
 // A point put on a sphere and then moved along its normal n is rounded three times: its height is

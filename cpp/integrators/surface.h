@@ -32,17 +32,18 @@ struct SurfaceReader {
         static constexpr uint32_t value = kCount;
     };
 
-    static VR_HD const typename L::Uniform* quads(const SceneView& scene) {
+    // One lane reads the numbers as they are, several as the CPU has laid them out for lanes.
+    static VR_HD const typename L::Uniform* laid_out(const float* plain, const void* uniform) {
         if constexpr (std::is_same_v<typename L::Uniform, float>)
-            return scene.quads;
+            return plain;
         else
-            return static_cast<const typename L::Uniform*>(scene.uniform_quads);
+            return static_cast<const typename L::Uniform*>(uniform);
+    }
+    static VR_HD const typename L::Uniform* quads(const SceneView& scene) {
+        return laid_out(scene.quads, scene.uniform_quads);
     }
     static VR_HD const typename L::Uniform* levels(const SceneView& scene) {
-        if constexpr (std::is_same_v<typename L::Uniform, float>)
-            return scene.levels;
-        else
-            return static_cast<const typename L::Uniform*>(scene.uniform_levels);
+        return laid_out(scene.levels, scene.uniform_levels);
     }
 
     // Tests the quads of a run from i on.

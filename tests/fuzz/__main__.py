@@ -43,6 +43,12 @@ def escaped(word: str) -> str:
                          for c in plain) + '"'  # fmt: skip
 
 
+def cpu_seconds(pid: int) -> float:
+    """Processor time of a running process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()  # proc(5), from 3 on
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 class Run:
     """The processes of one format."""
 
@@ -57,6 +63,7 @@ class Run:
         self.words = folder / name / "words"
         self.words.write_text("\n".join(map(escaped, filter(None, target(name).words))) + "\n")
         self.starts = 0
+        self.cpu: dict[int, float] = {}  # seconds of processor time by process
         self.processes = [self.start() for _ in range(jobs)]
 
     def start(self) -> subprocess.Popen[bytes]:
@@ -78,6 +85,9 @@ class Run:
 
     def alive(self) -> bool:
         """Starts again what crashed; whether anything is left to wait for."""
+        for process in self.processes:
+            if process.poll() is None:
+                self.cpu[process.pid] = cpu_seconds(process.pid)
         for k, process in enumerate(self.processes):
             if process.poll() == 1:  # not libFuzzer's: an exception outside the target
                 texts = [log.read_text(errors="replace")[-1500:] for log in self.logs.iterdir()]
@@ -110,6 +120,7 @@ class Run:
             raise RuntimeError(f"{self.name}: nothing ran:\n{texts[0][-2000:]}")
         return {
             "executions": executions, "seconds": round(time.monotonic() - self.begin),
+            "cpu_seconds": round(sum(self.cpu.values())),
             "processes": self.jobs, "restarts": self.starts - self.jobs, "edges": edges,
             "features": features, "findings": found,
         }  # fmt: skip
@@ -172,7 +183,7 @@ def main() -> int:
                 if not (small / old.name).exists():
                     old.unlink()
         kept = row["corpus"]
-        print(f"{name}: {row['executions']} executions in {row['seconds']} s x {row['processes']}, "
+        print(f"{name}: {row['executions']} executions in {row['cpu_seconds']} CPU seconds, "
               f"{row['edges']} edges; {kept.get('lines_run')} of {kept.get('lines')} lines by "
               f"{kept.get('inputs')} inputs ({kept.get('bytes')} bytes); "
               f"{len(row['findings'])} findings")  # fmt: skip

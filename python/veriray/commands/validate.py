@@ -64,7 +64,6 @@ def _validate(arguments: argparse.Namespace) -> int:
     for level in arguments.level or ():
         if level not in LEVELS:
             raise CommandError(f"level = {level} is outside [{min(LEVELS)}, {max(LEVELS)}]")
-    stopped = False
     try:
         with _progress("full" if arguments.full else "quick") as progress:
             validation = validate(
@@ -77,13 +76,13 @@ def _validate(arguments: argparse.Namespace) -> int:
                 progress=progress,
             )
     except Stopped as stop:
-        stopped, validation = True, stop.validation
+        validation = stop.validation
     for path in arguments.output:
         validation.save(path)
     print(report.to_json(validation) if arguments.json else validation)
     if arguments.output and not arguments.json:
         print(f"written    {', '.join(arguments.output)}")
-    if stopped:
+    if validation.missing:
         raise KeyboardInterrupt
     return _STATUS[report.verdict(validation)[0]]
 

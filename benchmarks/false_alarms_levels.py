@@ -1,6 +1,6 @@
 """False alarms of `veriray validate`: its statistical cases on a sound build, with many seeds.
 
-    python benchmarks/false_alarms_levels.py [--seeds 200] [--levels 1 2 3 4 5] [--jobs N]
+    python benchmarks/false_alarms_levels.py [--seeds 200] [--levels 1 2 3 4 5] [--case PATTERN]
 
 Per level: first-stage p values at or below 1e-3, their number, the exact binomial probability of so
 many or more, and cases that failed (both stages). Conservative tests give fewer than 1 in 1,000.
@@ -44,13 +44,14 @@ def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     p.add_argument("--seeds", type=int, default=200)
     p.add_argument("--levels", type=int, nargs="+", default=[1, 2, 3, 4, 5])
+    p.add_argument("--case", default="*", help="cases whose id matches, as in veriray validate")
     p.add_argument("--device", default="cpu")
     p.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     p.add_argument("--piece", type=int, default=20, help="seeds of one job")
     p.add_argument("--limit", type=float, help="seconds after which no more answers are awaited")
     p.add_argument("-o", "--output", type=Path, default=RESULTS / "false_alarms_levels.json")
     args = p.parse_args()
-    chosen = cases(args.levels)
+    chosen = cases(args.levels, pattern=args.case)
     pieces = [list(range(first, min(first + args.piece, args.seeds + 1)))
               for first in range(1, args.seeds + 1, args.piece)]  # fmt: skip
     jobs = [(c.id, args.device, piece) for piece in pieces for c in chosen]
@@ -77,8 +78,8 @@ def main() -> int:
         if args.limit and time.perf_counter() - begin > args.limit:
             break
     result = header("false_alarms_levels")
-    result["settings"] = {"seeds": args.seeds, "device": args.device, "first": FIRST,
-                          "jobs": len(jobs), "jobs_done": done}  # fmt: skip
+    result["settings"] = {"seeds": args.seeds, "device": args.device, "case": args.case,
+                          "first": FIRST, "jobs": len(jobs), "jobs_done": done}  # fmt: skip
     result["failed"] = dict(failed.most_common())
     result["rows"], sound = [], not failed
     for (level, stored), row in sorted(rows.items()):

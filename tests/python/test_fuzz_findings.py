@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,20 @@ def test_damaged_stl_prints_nothing(tmp_path: Path, caplog: pytest.LogCaptureFix
     message(tmp_path / "a.stl", text + "endloop\nendfacet\nvertex nan\nendsolid x\n")
     assert not caplog.records and capfd.readouterr() == ("", "")
     assert logging.getLogger("trimesh").level == level
+
+
+def test_long_names_are_not_repeated(tmp_path: Path) -> None:
+    name = "n" * 5000
+    head = f"ply\nformat ascii 1.0\nelement {name} 1\nproperty float x\nend_header\n"
+    text = message(tmp_path / "a.ply", head + "zero\n")
+    assert "bad header line" in text and len(text) < 300
+
+
+def test_a_small_file_needs_little_memory(tmp_path: Path) -> None:
+    """`read(n)` takes n bytes of memory, whatever the file holds."""
+    tracemalloc.start()
+    try:
+        message(tmp_path / "a.ply", b"1")
+        assert tracemalloc.get_traced_memory()[1] < 2**20
+    finally:
+        tracemalloc.stop()

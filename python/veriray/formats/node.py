@@ -99,7 +99,8 @@ def read_bytes(path: Path, limit: int, where: str) -> bytes:
         if not stat.S_ISREG(os.stat(path).st_mode):
             raise SceneError(f"{name} is not a file", where)
         with open(path, "rb") as file:
-            data = file.read(limit + 1)
+            size = os.fstat(file.fileno()).st_size  # read() asks for the memory first
+            data = file.read(min(size, limit) + 1)
     except OSError as error:
         raise SceneError(f"cannot read {name}: {error.strerror}", where) from None
     except SceneError:

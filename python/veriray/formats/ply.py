@@ -76,6 +76,8 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
         match tokens:
             case [] | ["comment" | "obj_info", *_]:
                 continue
+            case _ if max(map(len, tokens)) > 80:  # messages quote names
+                pass
             case ["element", name, count] if re.fullmatch("[0-9]{1,10}", count):
                 if all(name != element.name for element in elements):
                     elements.append(_Element(name, int(count)))

@@ -133,7 +133,7 @@ def source_and_sensor_change_places(t: Trial, kind: str) -> None:
     flux, error = [], []
     for shine in (0, 1):
         scene, weight = swap_room(kind, shine, np.random.default_rng(seed))
-        r = t.render(scene, 4_000_000 if kind == "immersed" else 600_000)
+        r = t.render(scene, {"immersed": 4_000_000, "glass": 1_600_000}.get(kind, 600_000))
         flux.append(r.image[0, 0].astype(np.float64) * weight)
         error.append(r.stderr[0, 0].astype(np.float64) * weight)
     spread = np.hypot(*error)

@@ -29,12 +29,21 @@ struct Scene::Impl {
     std::vector<WideNode<kCpuWidth>> nodes;
     std::vector<RecordBlock> blocks;
     std::vector<Simd::Uniform> quads, levels;
+    std::vector<QuadRun> runs;
 
     Impl(const SceneInput& in, const BuildPoll& poll) : host(in, kSimdWalk, poll) {
         quads.assign(host.view.quads, host.view.quads + host.view.quad_count * kQuadFloats);
-        levels.assign(host.view.levels, host.view.levels + host.view.quad_count * kLevelFloats);
+        for (uint32_t i = 0; i < host.view.quad_count; ++i) {
+            float level[kLevelFloats] = {};
+            const uint32_t axis = write_level(host.view.quads + kQuadFloats * i, level);
+            levels.insert(levels.end(), level, level + kLevelFloats);
+            if (runs.empty() || runs.back().axis != axis) runs.push_back({axis, i});
+            ++runs.back().end;
+        }
         host.view.uniform_quads = quads.data();
         host.view.uniform_levels = levels.data();
+        host.view.runs = runs.data();
+        host.view.run_count = static_cast<uint32_t>(runs.size());
         if (!(host.view.features & kBvh)) return;
         nodes = collapse<kCpuWidth>(host.bvh, kSimdWalk);
         blocks = pack_blocks(nodes, host.records);

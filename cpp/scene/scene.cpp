@@ -138,14 +138,9 @@ bool HostScene::set_flat(const SceneInput& in) {
         bool widened = false;
         for (const bool w : shared[i]) widened |= w;
         put_plane(i, f, plane, widened ? kEdgeSlack : 2 * kPlaneSlack);
-        if (f.parallelogram) {
-            float* quad = view.quads + kQuadFloats * i;
-            write_quad(f, shared[i], quad);
-            const uint32_t axis = write_level(quad, view.levels + kLevelFloats * i);
-            if (view.run_count == 0 || view.runs[view.run_count - 1].axis != axis)
-                view.runs[view.run_count++].axis = axis;
-            view.runs[view.run_count - 1].end = ++view.quad_count;
-        } else
+        if (f.parallelogram)
+            write_quad(f, shared[i], view.quads + kQuadFloats * view.quad_count++);
+        else
             write_polygon(f, shared[i], view.polygons + kPolygonFloats * view.polygon_count++);
         add_source(in, kTriangleGroup, f.triangle, length(f.area_vector()));
     }

@@ -67,15 +67,14 @@ struct SceneView {
     CameraView camera;
     FilterView filter;
     float emission_scale;        // 2^-e of the film
-    const void* uniform_quads;   // the quads as Simd::Uniform; CPU
-    const void* uniform_levels;  // likewise
+    const void* uniform_quads;   // CPU: the quads as Simd::Uniform
+    const void* uniform_levels;  // CPU: likewise, of kLevelFloats, those across an axis
+    const QuadRun* runs;         // CPU
     uint32_t run_count;
-    QuadRun runs[kMaxFlat];
-    alignas(16) float quads[kMaxFlat * kQuadFloats];
-    alignas(16) float levels[kMaxFlat * kLevelFloats];  // by quad, where it is across an axis
-    alignas(16) float polygons[kMaxFlat * kPolygonFloats];
-    alignas(16) float disks[kMaxFlat * kDiskFloats];
-    alignas(16) float spheres[kMaxFlat * kSphereFloats];
+    float quads[kMaxFlat * kQuadFloats];
+    float polygons[kMaxFlat * kPolygonFloats];
+    float disks[kMaxFlat * kDiskFloats];
+    float spheres[kMaxFlat * kSphereFloats];
 };
 
 }  // namespace veriray

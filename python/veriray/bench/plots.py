@@ -129,3 +129,27 @@ def depths(groups: Sequence[tuple[str, Sequence[Mapping[str, Any]]]]) -> Figure:
         _decades(axes, "y")
     drawn.axes[0].legend(frameon=False, fontsize=8)
     return drawn
+
+
+def gaps(groups: Sequence[tuple[str, Mapping[str, Sequence[float]], Sequence[float]]]) -> Figure:
+    """A panel for each (title, milliseconds of each bounce by strategy, share of live rays)."""
+    looks = ((GREY, "o"), (BLUE, "s"), (ORANGE, "^"), (GREEN, "d"), ("black", "v"))
+    drawn = figure(8.4, 0.4 + 2.6 * -(-len(groups) // 2), 2, -(-len(groups) // 2))
+    for axes, (title, strategies, share) in zip(drawn.axes, groups, strict=False):
+        shown = range(1, min(len(share), 12) + 1)
+        for (name, ms), (colour, mark) in zip(strategies.items(), looks, strict=False):
+            axes.plot(shown, ms[: len(shown)], color=colour, marker=mark, ms=3, lw=1.2, label=name)
+        # without compaction a bounce costs what the first did, in proportion to what lives
+        first = next(iter(strategies.values()))[0]
+        axes.plot(shown, [first * x or np.nan for x in share[: len(shown)]], color=GREY, lw=0.8,
+                  ls="--", label="live rays, in scale")  # fmt: skip
+        axes.set_xlabel("bounce")
+        axes.set_ylabel("ms")
+        axes.set_ylim(first / 60, first * 4)
+        _decades(axes, "y")
+        axes.set_xticks(shown)
+        axes.set_title(title, fontsize=8)
+    drawn.axes[0].legend(frameon=False, fontsize=7)
+    for axes in drawn.axes[len(groups) :]:
+        axes.set_axis_off()
+    return drawn

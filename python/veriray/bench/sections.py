@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from . import compaction
+from . import compaction, plots
 from .targets import Result
 
 if TYPE_CHECKING:
@@ -59,14 +59,29 @@ def compaction_section(results: Sequence[Result]) -> Section:
         "compaction`); lanes: share of the launched threads whose path lived; closing gaps: share "
         "of the time.",
     )
+    found = list(of_kind(results, "compaction"))
     rows: list[list[str]] = []
     columns: tuple[str, ...] = ()
-    for device, name, result in of_kind(results, "compaction"):
-        head, *lines = compaction.summary(result["study"])
+    times = []
+    for device, name, result in found:
+        study = result["study"]
+        head, *lines = compaction.summary(study)
         columns = ("device", "scenario", head[0], *(f" {cell}" for cell in head[1:]))
         rows += [[device, name, *line] for line in lines]
+        times.append((f"{name}, {device}", {
+            row["strategy"]: [
+                1e3 * sum(pair) / study["spp"]
+                for pair in zip(row["bounce_seconds"], row["compaction_seconds"], strict=True)
+            ]
+            for row in study["rows"] if "bounce_seconds" in row
+        }, [n / study["paths"] for n in study["live_rays"]]))  # fmt: skip
     if rows:
         out.tables.append(Table(columns, rows))
+        out.plots.append((
+            "Milliseconds of each bounce of a wave of one sample a pixel, closing the gaps "
+            "included, and the live rays in proportion to the first bounce without compaction",
+            plots.gaps(times),
+        ))  # fmt: skip
     return out
 
 

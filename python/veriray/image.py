@@ -338,9 +338,12 @@ def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:
         stats[key] = None if text is None else _integer(text, f"veriray.{key}", where)
     stats["spp"], stats["seed"] = stats["spp"] or 0, stats["seed"] or 0
     try:
-        stats["seconds"] = float(header.get("veriray.seconds", 0.0))
+        seconds = float(header.get("veriray.seconds", 0.0))
     except ValueError:
         raise ImageError(f"{where}: veriray.seconds is not a number") from None
+    if not 0 <= seconds < np.inf:
+        raise ImageError(f"{where}: veriray.seconds = {seconds} is not in [0, inf)")
+    stats["seconds"] = abs(seconds)  # of -0 too
     stats["features"] = [str(x) for x in _json(header, "veriray.features", list, where)]
     ledger = _json(header, "veriray.ledger", dict, where)
     columns = {name: ledger[name] for name in LEDGER_COLUMNS if name in ledger}

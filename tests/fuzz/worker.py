@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import json
 import os
 import random
@@ -25,6 +26,13 @@ with atheris.instrument_imports(include=["veriray", "trimesh.exchange.stl"]):
     TARGET = formats.target(sys.argv[1])
 
 
+def limit_memory() -> None:
+    """What an input may take beyond what the process has; the fuzzer grows with its corpus."""
+    pages = int(Path("/proc/self/statm").read_text("utf-8").split()[0])
+    limit = pages * resource.getpagesize() + contract.BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+
+
 def main(findings: Path, arguments: list[str]) -> None:
     """Fuzzes until libFuzzer's own limits end it."""
     shm = Path("/dev/shm")
@@ -34,7 +42,11 @@ def main(findings: Path, arguments: list[str]) -> None:
     with contextlib.suppress(contract.Finding):  # what it imports is not the first input's
         contract.judge(TARGET, b"", path)
 
+    runs = itertools.count(1)
+
     def one(data: bytes) -> None:
+        if next(runs) % 256 == 0:
+            limit_memory()
         try:
             contract.judge(TARGET, data, path)
         except contract.Finding as finding:
@@ -61,9 +73,7 @@ def main(findings: Path, arguments: list[str]) -> None:
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the parsers' libraries print
     atheris.Setup([sys.argv[0], *arguments], one, custom_mutator=mutated)
-    pages = int(Path("/proc/self/statm").read_text("utf-8").split()[0])
-    limit = pages * resource.getpagesize() + contract.BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    limit_memory()
     atheris.Fuzz()
 
 

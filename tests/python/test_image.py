@@ -227,6 +227,8 @@ def header_with(tmp_path: Path, **attributes: str) -> Path:
         ("spp", "-1"),
         ("seed", "9" * 5000),
         ("seconds", "soon"),
+        ("seconds", "nan"),
+        ("seconds", "-1"),
         ("ledger", "{"),
         ("ledger", "[]"),
         ("ledger", "[" * 100_000),
@@ -243,6 +245,11 @@ def test_bad_headers(tmp_path: Path, key: str, value: str) -> None:
     path = header_with(tmp_path, **{key: value})
     with pytest.raises(ImageError, match=rf"bad\.exr.*{key}"):
         image.load(path)
+
+
+def test_minus_zero_seconds_are_zero(tmp_path: Path) -> None:
+    seconds = image.load(header_with(tmp_path, seconds="-0")).stats["seconds"]
+    assert str(seconds) == "0.0"
 
 
 def test_bad_channels(tmp_path: Path) -> None:

@@ -139,7 +139,7 @@ def gaps(groups: Sequence[tuple[str, Mapping[str, Sequence[float]], Sequence[flo
         shown = range(1, min(len(share), 12) + 1)
         for (name, ms), (colour, mark) in zip(strategies.items(), looks, strict=False):
             axes.plot(shown, ms[: len(shown)], color=colour, marker=mark, ms=3, lw=1.2, label=name)
-        # without compaction a bounce costs what the first did, in proportion to what lives
+        # what the first strategy's first bounce would cost in proportion to the living rays
         first = next(iter(strategies.values()))[0]
         axes.plot(shown, [first * x or np.nan for x in share[: len(shown)]], color=GREY, lw=0.8,
                   ls="--", label="live rays, in scale")  # fmt: skip

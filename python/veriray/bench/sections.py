@@ -59,11 +59,10 @@ def compaction_section(results: Sequence[Result]) -> Section:
         "compaction`); lanes: share of the launched threads whose path lived; closing gaps: share "
         "of the time.",
     )
-    found = list(of_kind(results, "compaction"))
     rows: list[list[str]] = []
     columns: tuple[str, ...] = ()
     times = []
-    for device, name, result in found:
+    for device, name, result in of_kind(results, "compaction"):
         study = result["study"]
         head, *lines = compaction.summary(study)
         columns = ("device", "scenario", head[0], *(f" {cell}" for cell in head[1:]))

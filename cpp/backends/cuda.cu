@@ -8,9 +8,11 @@
 
 #include "backends/device.cuh"
 #include "backends/instances.h"
+#include "backends/items.cuh"
 #include "backends/leaks.h"
 #include "schedulers/fused.h"
 #include "schedulers/thrust.h"
+#include "schedulers/walking.h"
 
 namespace veriray {
 namespace {
@@ -37,12 +39,6 @@ __global__ void add_kernel(uint64_t* a, const uint64_t* b, uint64_t numbers) {
     a[2 * i + 1] = x.hi;
 }
 
-// Device words shared by the launches of one render.
-struct Control {
-    unsigned long long next;  // items handed out
-    uint32_t cancel;
-};
-
 template <uint32_t kFeatures>
 __global__ void __launch_bounds__(kFusedBlock)
     fused_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
@@ -51,21 +47,29 @@ __global__ void __launch_bounds__(kFusedBlock)
     __shared__ uint32_t counts[kLedgerRowsShared * kLedgerColumns];
     for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
         counts[i] = 0;
+    __shared__ Stock stocks[kFusedBlock / 32];
     PixelSum& sum = sums[threadIdx.x];
     sum = PixelSum{};
+    Stock& stock = stocks[threadIdx.x / 32];
+    if (threadIdx.x % 32 == 0) stock = {};
+    fill_block_quads<kFeatures>(scene);
     __syncthreads();
-    run_fused<kFeatures>(
-        scene, job, items, sum,
-        [&]() -> uint64_t {
-            if (*reinterpret_cast<volatile uint32_t*>(&control->cancel)) return items.count;
-            return atomicAdd(&control->next, 1ull);
-        },
-        [&](uint32_t depth, uint32_t column) {
-            if (depth < kLedgerRowsShared)
-                atomicAdd(&counts[depth * kLedgerColumns + column], 1u);
-            else
-                atomic_add(ledger + static_cast<uint64_t>(depth) * kLedgerColumns + column, 1);
-        });
+    const auto take = [&](bool asks) { return take_items(stock, control, items.count, asks); };
+    const auto record = [&](uint32_t depth, uint32_t column) {
+        if (depth < kLedgerRowsShared)
+            atomicAdd(&counts[depth * kLedgerColumns + column], 1u);
+        else
+            atomic_add(ledger + static_cast<uint64_t>(depth) * kLedgerColumns + column, 1);
+    };
+    const auto run_flat = [&](auto take_one) {
+        run_fused<kFeatures & ~kBvh>(scene, job, items, sum, take_one, record);
+    };
+    if ((kFeatures & kBvh) && (scene.features & kBvh))
+        run_walking<kFeatures>(scene, job, items, sum, take, record);
+    else if constexpr (kInStep<kFeatures>)
+        run_flat(take);
+    else
+        run_flat([&](bool asks) { return asks ? take_item(control, items.count) : items.count; });
     __syncthreads();
     for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
         if (counts[i]) atomic_add(ledger + i, counts[i]);
@@ -86,6 +90,7 @@ __global__ void __launch_bounds__(kThrustBlock)
                          uint32_t depth, uint32_t n, uint64_t* ledger_row) {
     __shared__ uint32_t counts[kLedgerColumns];
     if (threadIdx.x < kLedgerColumns) counts[threadIdx.x] = 0;
+    fill_block_quads<kFeatures>(scene);
     __syncthreads();
     const uint32_t k = blockIdx.x * kThrustBlock + threadIdx.x;
     if (k < n) {
@@ -447,6 +452,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
 namespace {
 __global__ void intersect_kernel(const __grid_constant__ SceneView scene, const float* rays,
                                  uint64_t n, float* t, uint32_t* primitive) {
+    fill_block_quads<kAllFeatures>(scene);
     const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i >= n) return;
     const float* r = rays + 6 * i;
@@ -485,6 +491,7 @@ void intersect(const Scene& scene, const double* origins, const double* directio
 namespace {
 __global__ void leak_kernel(const __grid_constant__ SceneView scene, const LeakTargets targets,
                             uint64_t first, uint64_t n, uint64_t* missed) {
+    fill_block_quads<kAllFeatures>(scene);
     const uint64_t stride = static_cast<uint64_t>(gridDim.x) * blockDim.x;
     for (uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x; i < n;
          i += stride) {

@@ -19,13 +19,6 @@ VR_HD Fixed128 negated(Fixed128 a) {
     return {lo, ~a.hi + (lo == 0 ? 1u : 0u)};
 }
 
-// Threads may add to the same number at once; the sum is defined when all are done.
-VR_HD void add_shared(uint64_t* a, Fixed128 b) {
-    const uint64_t before = atomic_add(a, b.lo);
-    const uint64_t high = b.hi + (before + b.lo < b.lo ? 1u : 0u);
-    if (high) atomic_add(a + 1, high);
-}
-
 // round(x * 2^scale), halves up, for 0 <= x < 2^(127 - scale).
 VR_HD Fixed128 to_fixed(double x, int scale) {
     const uint64_t b = bit_cast<uint64_t>(x);

@@ -57,6 +57,22 @@ VR_HD uint32_t atomic_next(uint32_t* counter) {
 #endif
 }
 
+// Lanes of a warp that a branch has parted go on together. All that have not ended must call it.
+VR_HD void rejoin_warp() {
+#if VR_DEVICE_CODE
+    __syncwarp();
+#endif
+}
+
+// How many lanes of the warp say so; all that have not ended must call it.
+VR_HD uint32_t lanes_with(bool x) {
+#if VR_DEVICE_CODE
+    return static_cast<uint32_t>(__popc(__ballot_sync(~0u, x)));
+#else
+    return x;
+#endif
+}
+
 // Correctly rounded on either machine.
 VR_HD float ieee_fma(float a, float b, float c) {
 #if VR_DEVICE_CODE

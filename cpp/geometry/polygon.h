@@ -19,6 +19,12 @@ inline constexpr uint32_t kPolygonFloats = 20;  // plane, four edges e.p + w >= 
 inline constexpr float kEdgeSlack = 0x1p-20f;
 inline constexpr float kPlaneSlack = 0x1p-22f;
 
+// A quad's record on its own: of shared memory, three loads.
+struct alignas(16) QuadRecord {
+    float v[kQuadFloats];
+    VR_HD const float& operator[](uint32_t k) const { return v[k]; }
+};
+
 // Whether a ray meets the primitive at 0 < t < t_max, and where. A ray within the plane has a t
 // that is NaN or beyond the primitive: it does not pass. Record: float or lanes that are equal.
 template <class L, uint32_t kEdges, class Record>

@@ -27,68 +27,80 @@ struct RayFrame {
     Slabs<Scalar> slabs;
     Shear<Scalar> shear;
 };
+VR_HD RayFrame frame_of(const Ray<Scalar>& ray) {
+    return {ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
+}
 
 struct WaitingNode {
     float entry;
     uint32_t node;
 };
 
-// Calls leaf(first, count) for the leaves that the ray reaches within t, which leaf may lower;
-// until it returns true. kSorted: near first, else in the order of children.
-template <uint32_t N, bool kSorted, class Leaf>
-VR_HD void walk(const BvhView& bvh, const Slabs<Scalar>& s, const float& t, Leaf leaf) {
-    const auto* nodes = static_cast<const WideNode<N>*>(bvh.nodes);
-    const uint32_t flip_x = s.inverse.x < 0.f ? 3 * N : 0, flip_y = s.inverse.y < 0.f ? 3 * N : 0,
-                   flip_z = s.inverse.z < 0.f ? 3 * N : 0;
+// Where a walk stands: the next node, or kWalkEnd, and those that wait.
+inline constexpr uint32_t kWalkEnd = ~0u;
+template <uint32_t N>
+struct WalkPlace {
+    uint32_t node, size;
     WaitingNode stack[kWalkStack<N>];
-    uint32_t size = 0, node = 0;
-    for (;;) {
-        while (!(node & kLeafFlag)) {
-            const float* rows = nodes[node].lo[0];
-            float x0[N], x1[N], y0[N], y1[N], z0[N], z1[N], child[N], entry[N];
-            load_row<N>(rows + flip_x, x0), load_row<N>(rows + 3 * N - flip_x, x1);
-            load_row<N>(rows + N + flip_y, y0), load_row<N>(rows + 4 * N - flip_y, y1);
-            load_row<N>(rows + 2 * N + flip_z, z0), load_row<N>(rows + 5 * N - flip_z, z1);
-            load_row<N>(rows + 6 * N, child);
-            for (uint32_t k = 0; k < N; ++k) {
-                const float near =
-                    max(max(fma(x0[k], s.inverse.x, s.near.x), fma(y0[k], s.inverse.y, s.near.y)),
-                        max(fma(z0[k], s.inverse.z, s.near.z), 0.f));
-                const float far =
-                    min(min(fma(x1[k], s.inverse.x, s.far.x), fma(y1[k], s.inverse.y, s.far.y)),
-                        min(fma(z1[k], s.inverse.z, s.far.z), t));
-                entry[k] = near <= far ? near : kInfinity;
-            }
-            // A network that puts the near ones first; missed boxes go last.
-            const auto order = [&](uint32_t a, uint32_t b) {
-                const bool swap = entry[b] < entry[a];
-                const float e = swap ? entry[b] : entry[a], c = swap ? child[b] : child[a];
-                entry[b] = swap ? entry[a] : entry[b], child[b] = swap ? child[a] : child[b];
-                entry[a] = e, child[a] = c;
-            };
-            if constexpr (N == 2) {
-                order(0, 1);
-            } else if constexpr (N == 4) {
-                order(0, 2), order(1, 3), order(0, 1), order(2, 3), order(1, 2);
-            } else {
-                order(0, 2), order(1, 3), order(4, 6), order(5, 7);
-                order(0, 4), order(1, 5), order(2, 6), order(3, 7);
-                order(0, 1), order(2, 3), order(4, 5), order(6, 7);
-                order(2, 4), order(3, 5);
-                order(1, 4), order(3, 6);
-                order(1, 2), order(3, 4), order(5, 6);
-            }
-            if (!(entry[0] < kInfinity)) break;
-            for (uint32_t k = N - 1; k > 0; --k)
-                if (entry[k] < kInfinity) stack[size++] = {entry[k], as_uint(child[k])};
-            node = as_uint(child[0]);
-        }
-        if ((node & kLeafFlag) && leaf((node & ~kLeafFlag) >> 4, (node & 15u) + 1u)) return;
+
+    VR_HD void begin() { node = size = 0; }
+    VR_HD bool walking() const { return node != kWalkEnd; }
+    VR_HD bool at_node() const { return !(node & kLeafFlag); }
+    VR_HD bool at_leaf() const { return !at_node() && walking(); }
+    VR_HD void next_waiting(float t) {
         do {
-            if (size == 0) return;
+            if (size == 0) {
+                node = kWalkEnd;
+                return;
+            }
             node = stack[--size].node;
         } while (stack[size].entry > t);
     }
+};
+
+// From a node to its nearest child that the ray reaches within t; the others wait.
+template <uint32_t N>
+VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float t, WalkPlace<N>& place) {
+    const float* rows = static_cast<const WideNode<N>*>(bvh.nodes)[place.node].lo[0];
+    const uint32_t flip_x = s.inverse.x < 0.f ? 3 * N : 0, flip_y = s.inverse.y < 0.f ? 3 * N : 0,
+                   flip_z = s.inverse.z < 0.f ? 3 * N : 0;
+    float x0[N], x1[N], y0[N], y1[N], z0[N], z1[N], child[N], entry[N];
+    load_row<N>(rows + flip_x, x0), load_row<N>(rows + 3 * N - flip_x, x1);
+    load_row<N>(rows + N + flip_y, y0), load_row<N>(rows + 4 * N - flip_y, y1);
+    load_row<N>(rows + 2 * N + flip_z, z0), load_row<N>(rows + 5 * N - flip_z, z1);
+    load_row<N>(rows + 6 * N, child);
+    for (uint32_t k = 0; k < N; ++k) {
+        const float near =
+            max(max(fma(x0[k], s.inverse.x, s.near.x), fma(y0[k], s.inverse.y, s.near.y)),
+                max(fma(z0[k], s.inverse.z, s.near.z), 0.f));
+        const float far =
+            min(min(fma(x1[k], s.inverse.x, s.far.x), fma(y1[k], s.inverse.y, s.far.y)),
+                min(fma(z1[k], s.inverse.z, s.far.z), t));
+        entry[k] = near <= far ? near : kInfinity;
+    }
+    // A network that puts the near ones first; missed boxes go last.
+    const auto order = [&](uint32_t a, uint32_t b) {
+        const bool swap = entry[b] < entry[a];
+        const float e = swap ? entry[b] : entry[a], c = swap ? child[b] : child[a];
+        entry[b] = swap ? entry[a] : entry[b], child[b] = swap ? child[a] : child[b];
+        entry[a] = e, child[a] = c;
+    };
+    if constexpr (N == 2) {
+        order(0, 1);
+    } else if constexpr (N == 4) {
+        order(0, 2), order(1, 3), order(0, 1), order(2, 3), order(1, 2);
+    } else {
+        order(0, 2), order(1, 3), order(4, 6), order(5, 7);
+        order(0, 4), order(1, 5), order(2, 6), order(3, 7);
+        order(0, 1), order(2, 3), order(4, 5), order(6, 7);
+        order(2, 4), order(3, 5);
+        order(1, 4), order(3, 6);
+        order(1, 2), order(3, 4), order(5, 6);
+    }
+    if (!(entry[0] < kInfinity)) return place.next_waiting(t);
+    for (uint32_t k = N - 1; k > 0; --k)
+        if (entry[k] < kInfinity) place.stack[place.size++] = {entry[k], as_uint(child[k])};
+    place.node = as_uint(child[0]);
 }
 
 // Distance at which the ray meets a record, and its primitive; infinity where it does not.
@@ -115,37 +127,46 @@ VR_HD float record_distance(const float* record, const RayFrame& f, uint32_t& pr
     return bounded_distance<Scalar>(plane_distance<Scalar>(plane, f.ray), f.slabs, v);
 }
 
+// What a ray looks for: the closest hit, or any with a primitive other than `skip`.
+struct WalkAim {
+    bool any;
+    uint32_t skip;
+};
+
+// Tests the records of the leaf that the walk has come to, and goes on.
 template <uint32_t N, uint32_t kKinds>
-VR_HD void closest_in_width(const BvhView& bvh, const Ray<Scalar>& ray, Hit<Scalar>& hit) {
-    const RayFrame f{ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
-    const auto* records = static_cast<const float*>(bvh.records);
-    walk<N, true>(bvh, f.slabs, hit.t, [&](uint32_t first, uint32_t count) {
-        for (uint32_t i = first; i < first + count; ++i) {
-            uint32_t primitive = ~0u;
-            const float t = record_distance<kKinds>(
-                records + static_cast<uint64_t>(i) * kRecordFloats, f, primitive);
+VR_HD void walk_leaf(const BvhView& bvh, const RayFrame& f, WalkAim aim, Hit<Scalar>& hit,
+                     WalkPlace<N>& place) {
+    const float* record = static_cast<const float*>(bvh.records) +
+                          static_cast<uint64_t>((place.node & ~kLeafFlag) >> 4) * kRecordFloats;
+    for (uint32_t count = (place.node & 15u) + 1u; count; --count, record += kRecordFloats) {
+        uint32_t primitive = ~0u;
+        const float t = record_distance<kKinds>(record, f, primitive);
+        if (!aim.any) {
             if (t < kInfinity && closer(t, primitive, hit)) hit = {t, primitive};
+        } else if (t > 0.f && t < hit.t && primitive != aim.skip) {
+            hit = {t, primitive};
+            place.node = kWalkEnd;
+            return;
         }
-        return false;
-    });
+    }
+    place.next_waiting(hit.t);
 }
 
 template <uint32_t N, uint32_t kKinds>
-VR_HD bool occluded_in_width(const BvhView& bvh, const Ray<Scalar>& ray, float t_max,
-                             uint32_t skip) {
-    const RayFrame f{ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
-    const auto* records = static_cast<const float*>(bvh.records);
-    bool blocked = false;
-    walk<N, false>(bvh, f.slabs, t_max, [&](uint32_t first, uint32_t count) {
-        for (uint32_t i = first; i < first + count && !blocked; ++i) {
-            uint32_t primitive = ~0u;
-            const float t = record_distance<kKinds>(
-                records + static_cast<uint64_t>(i) * kRecordFloats, f, primitive);
-            blocked = t > 0.f && t < t_max && primitive != skip;
-        }
-        return blocked;
-    });
-    return blocked;
+VR_HD void walk(const BvhView& bvh, const Ray<Scalar>& ray, WalkAim aim, Hit<Scalar>& hit) {
+    const RayFrame f = frame_of(ray);
+    WalkPlace<N> place;
+    place.begin();
+    while (place.walking()) {
+        while (place.at_node()) walk_node<N>(bvh, f.slabs, hit.t, place);
+        if (place.at_leaf()) walk_leaf<N, kKinds>(bvh, f, aim, hit, place);
+    }
+}
+
+template <uint32_t N, uint32_t kKinds>
+VR_HD void closest_in_width(const BvhView& bvh, const Ray<Scalar>& ray, Hit<Scalar>& hit) {
+    walk<N, kKinds>(bvh, ray, {false, ~0u}, hit);
 }
 
 template <class L, uint32_t kKinds>
@@ -157,7 +178,9 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, bool active, Hi
 template <class L, uint32_t kKinds>
 VR_HD bool occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, float t_max, bool active,
                            uint32_t skip) {
-    return active && occluded_in_width<kDeviceWidth, kKinds>(bvh, ray, t_max, skip);
+    Hit<Scalar> hit{t_max, ~0u};
+    if (active) walk<kDeviceWidth, kKinds>(bvh, ray, {true, skip}, hit);
+    return hit.t < t_max;
 }
 
 }  // namespace veriray

@@ -95,39 +95,51 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         if constexpr (has(kMedia)) shadow.medium = path.medium;
     }
 
+    // Whether shadow rays go on behind surfaces that let them through.
+    static VR_HD bool shadows_pass(const SceneView& scene) {
+        return has(kPass) && (scene.features & kPass);
+    }
+
     // ---- shadow: the lanes whose light arrives; what media and passes leave of it ----
     static VR_HD M unblocked(const SceneView& scene, ShadowRequest<L>& shadow) {
-        if (!has(kPass) || !(scene.features & kPass)) {
+        if (!shadows_pass(scene)) {
             const M free = shadow.wanted & !occluded(scene, shadow);
             if constexpr (has(kMedia)) attenuate(scene, shadow, shadow.t_max, free);
             return free;
         }
         M todo = shadow.wanted, free = no_lanes(todo);
-        while (any(todo)) {
-            const Hit<L> hit = closest(scene, shadow.ray, shadow.t_max, todo);
-            M met = todo & (hit.t < shadow.t_max);
-            met = met & !(hit.primitive == shadow.skip);  // t_max has lost bits by subtraction
-            if constexpr (has(kMedia)) {
-                const F margin = Reader::exit_margin(scene, shadow.ray, hit, met);
-                attenuate(scene, shadow, max(hit.t - margin, F(0.f)), todo);
-            }
-            free = free | (todo & !met);
-            todo = met;
-            if (none(todo)) break;
-            const Surface<L> at = surface_at(scene, shadow.ray, hit, todo);
-            Material bsdf = material(scene, at.row);
-            const V wo = -shadow.ray.d;
-            const F side = select(at.front, F(1.f), F(-1.f));
-            bsdf.set_view(at.ns * side, abs(dot(at.ns, wo)), at.front);
-            const F opacity = surface_column(scene, at.row, kSurfaceOpacity);
-            const F open = F(1.f) - opacity;
-            const V share = fma(bsdf.pass_through(), opacity, V{open, open, open});
-            shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
-            todo = todo & (max_component(shadow.radiance) > F(0.f));
-            shadow.ray.o = select(todo, fma(at.ng, -at.offset * side, at.p), shadow.ray.o);
-            shadow.t_max = select(todo, shadow.t_max - hit.t, shadow.t_max);
-            if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
+        while (any(todo))
+            free = free |
+                   shadow_hit(scene, shadow, closest(scene, shadow.ray, shadow.t_max, todo), todo);
+        return free;
+    }
+
+    // Where shadow rays pass: what the hit of one leaves of it. Returns the lanes whose light has
+    // arrived; in todo remain those that go on, by shadow.ray.
+    static VR_HD M shadow_hit(const SceneView& scene, ShadowRequest<L>& shadow, const Hit<L>& hit,
+                              M& todo) {
+        M met = todo & (hit.t < shadow.t_max);
+        met = met & !(hit.primitive == shadow.skip);  // t_max has lost bits by subtraction
+        if constexpr (has(kMedia)) {
+            const F margin = Reader::exit_margin(scene, shadow.ray, hit, met);
+            attenuate(scene, shadow, max(hit.t - margin, F(0.f)), todo);
         }
+        const M free = todo & !met;
+        todo = met;
+        if (none(todo)) return free;
+        const Surface<L> at = surface_at(scene, shadow.ray, hit, todo);
+        Material bsdf = material(scene, at.row);
+        const V wo = -shadow.ray.d;
+        const F side = select(at.front, F(1.f), F(-1.f));
+        bsdf.set_view(at.ns * side, abs(dot(at.ns, wo)), at.front);
+        const F opacity = surface_column(scene, at.row, kSurfaceOpacity);
+        const F open = F(1.f) - opacity;
+        const V share = fma(bsdf.pass_through(), opacity, V{open, open, open});
+        shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
+        todo = todo & (max_component(shadow.radiance) > F(0.f));
+        shadow.ray.o = select(todo, fma(at.ng, -at.offset * side, at.p), shadow.ray.o);
+        shadow.t_max = select(todo, shadow.t_max - hit.t, shadow.t_max);
+        if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
         return free;
     }
 

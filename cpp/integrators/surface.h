@@ -7,6 +7,25 @@
 
 namespace veriray {
 
+#if VR_CUDA
+// A block's copy of the scene's quads: a record takes three loads here, seven from the constant
+// bank, which was a tenth of the Cornell box's time (H200). Kernels that trace fill it first.
+__device__ inline QuadRecord* block_quads() {
+    __shared__ QuadRecord copy[kMaxFlat];
+    return copy;
+}
+
+template <uint32_t kFeatures>
+__device__ void fill_block_quads(const SceneView& scene) {
+    if constexpr ((kFeatures & kQuads) != 0) {
+        float* const copy = block_quads()->v;
+        for (uint32_t i = threadIdx.x; i < scene.quad_count * kQuadFloats; i += blockDim.x)
+            copy[i] = scene.quads[i];
+        __syncthreads();
+    }
+}
+#endif
+
 template <class L, uint32_t kFeatures>
 struct SurfaceReader {
     using F = typename L::F;
@@ -29,12 +48,20 @@ struct SurfaceReader {
 
     static constexpr bool kOneLane = std::is_same_v<typename L::Uniform, float>;
 
-    // One lane reads the numbers as they are, several as the CPU has laid them out for lanes.
-    static VR_HD const typename L::Uniform* quads(const SceneView& scene) {
-        if constexpr (kOneLane)
-            return scene.quads;
-        else
-            return static_cast<const typename L::Uniform*>(scene.uniform_quads);
+    // The record of quad i: several lanes read it as the CPU has laid it out for lanes, CUDA from
+    // the block's copy.
+    static VR_HD auto quad(const SceneView& scene, uint32_t i) {
+        if constexpr (!kOneLane) {
+            return static_cast<const typename L::Uniform*>(scene.uniform_quads) + i * kQuadFloats;
+        } else {
+#if VR_DEVICE_CODE
+            return block_quads()[i];
+#else
+            QuadRecord record;
+            memcpy(record.v, scene.quads + i * kQuadFloats, sizeof record.v);
+            return record;
+#endif
+        }
     }
 
     // Tests the quads of a run from i on.
@@ -45,9 +72,10 @@ struct SurfaceReader {
         for (; i < end; ++i)
             test(
                 [&](F t_max, F& t) {
-                    if constexpr (kAxis == kAnyWay)
-                        return meets_flat<L, 2>(quads(scene) + i * kQuadFloats, ray, t_max, t);
-                    else
+                    if constexpr (kAxis == kAnyWay) {
+                        const auto record = quad(scene, i);
+                        return meets_flat<L, 2>(&record[0], ray, t_max, t);
+                    } else
                         return meets_level<L, kAxis>(
                             static_cast<const typename L::Uniform*>(scene.uniform_levels) +
                                 i * kLevelFloats,
@@ -56,8 +84,7 @@ struct SurfaceReader {
                 i);
     }
 
-    // Quads from i on, run by run. With one lane the runs of a box are too short to pay: on an H200
-    // as fast as without them in Mitsuba's Cornell box, 3 and 16 % slower in the shipped scenes.
+    // Quads from i on, run by run. With one lane the runs of a box are too short to pay.
     template <class Test>
     static VR_HD void each_quad_by_runs(const SceneView& scene, const Ray<L>& ray, uint32_t i,
                                         Test test) {
@@ -145,7 +172,8 @@ struct SurfaceReader {
             M behind = shadow.wanted & !shadow.wanted;
             VR_ROLLED
             for (uint32_t i = 0; i < scene.first_occluder; ++i) {
-                const F height = height_over<L>(quads(scene) + i * kQuadFloats, shadow.ray.o);
+                const auto record = quad(scene, i);
+                const F height = height_over<L>(&record[0], shadow.ray.o);
                 behind = behind | !(height > F(0.f));
             }
             if (none(behind & shadow.wanted)) return scene.first_occluder;
@@ -159,13 +187,18 @@ struct SurfaceReader {
                 return occluded_in_bvh<L, kTreeKinds>(scene.bvh, shadow.ray, shadow.t_max,
                                                       shadow.wanted, shadow.skip);
         M blocked = shadow.wanted & !shadow.wanted;
+        uint32_t mark = 0;  // CUDA: a condition kept in a register costs two instructions more
         each_flat(scene, shadow.ray, first_blocker(scene, shadow),
                   [&](auto meets, uint32_t primitive) {
                       F t;
                       M hit = meets(shadow.t_max, t);
                       if constexpr (has(kSphereLights)) hit = hit & !(shadow.skip == U(primitive));
-                      blocked = blocked | hit;
+                      if constexpr (kOneLane)
+                          mark = hit ? 1u : mark;
+                      else
+                          blocked = blocked | hit;
                   });
+        if constexpr (kOneLane) blocked = mark != 0;
         return blocked & shadow.wanted;
     }
 

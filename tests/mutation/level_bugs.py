@@ -59,7 +59,9 @@ _FLOAT_FILM = """{
         const Fixed128 size = to_fixed(static_cast<double>(sum < 0 ? -sum : sum), kSumScale);
         const Fixed128 total = sum < 0 ? negated(size) : size;
         words[4 * c] = total.lo; words[4 * c + 1] = total.hi;
-        add_shared(words + 4 * c + 2, to_fixed(x * x, kSquareScale));
+        Fixed128 square{words[4 * c + 2], words[4 * c + 3]};
+        add(square, to_fixed(x * x, kSquareScale));
+        words[4 * c + 2] = square.lo; words[4 * c + 3] = square.hi;
     } }"""
 
 

@@ -46,7 +46,7 @@ struct SurfaceReader {
              : 0u);
     using Material = Bsdf<L, kMaterials>;
 
-    static constexpr bool kOneLane = std::is_same_v<typename L::Uniform, float>;
+    static constexpr bool kOneLane = std::is_same_v<F, float>;
 
     // The record of quad i: several lanes read it as the CPU has laid it out for lanes, CUDA from
     // the block's copy.

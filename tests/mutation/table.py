@@ -45,7 +45,7 @@ def page(result: dict[str, Any]) -> str:
         f"changed for {result['recorded']} of the bugs; they count nowhere here.",
         "",
         "Seconds of one processor until a level's first failed case; cheap cases go first. Empty: "
-        "the level passes. The case named is the quickest.",
+        "the level passes; -: not asked after another had failed. The case named is the quickest.",
         "",
         "| bug | " + " | ".join(levels) + " | found by |",
         "|---|" + "---|" * (len(levels) + 1),
@@ -53,8 +53,9 @@ def page(result: dict[str, Any]) -> str:
     for row in rows:
         cells = []
         for n in levels:
-            answer = row["levels"][n]
-            cells.append(f"{answer['seconds']:.1f}" if answer["case"] else "")
+            answer = row["levels"].get(n)
+            found = f"{answer['seconds']:.1f}" if answer and answer["case"] else ""
+            cells.append(found if answer else "-")
         hits = [a for a in row["levels"].values() if a["case"]]
         best = min(hits, key=lambda a: a["seconds"])["case"] if hits else ""
         if not hits and row.get("full"):

@@ -2,8 +2,9 @@
 
 Layout of an EXR file, version 1 (any program that writes it can be compared by `veriray.compare`)
 --------------------------------------------------------------------------------------------------
-One part, scan lines, lossless compression (RLE: of a render's noise ZIP saves 3 % more and takes four
-times as long), dataWindow = displayWindow = (0, 0)-(W-1, H-1), row 0 = top. All lengths below: H rows, W columns. "required" is all that `load` insists on.
+One part, scan lines, lossless compression (RLE: of a render's noise ZIP saves 3 % more and takes
+four times as long), dataWindow = displayWindow = (0, 0)-(W-1, H-1), row 0 = top.
+All lengths below: H rows, W columns. "required" is all that `load` insists on.
 
 Channels, FLOAT (32 bits) unless said otherwise, linear scene-referred radiance:
 - `R` `G` `B`                        required; mean over all samples of the pixel.

@@ -35,6 +35,7 @@ FURTHER: tuple[dict[str, Any], ...] = (
     *({"scheduler": name} for name in SCHEDULERS if name not in ("auto", *MAIN)),
     *({"scheduler": name, "sampler": "sobol"} for name in MAIN),
     *({"scheduler": name, "target_error": 0.3, "spp": 64} for name in MAIN),
+    {"scheduler": "fused", "batch_size": 128, "spp": 16},  # one block: its warps take in stock
 )
 
 

@@ -37,7 +37,7 @@ __device__ uint64_t take_items(Stock& stock, Control* control, uint64_t count, b
     Stock now{had.next + given, had.end};
     uint64_t refill = count;
     if (given < wanted && had.next < count) {
-        // Towards the end no warp keeps items that others could work on.
+        // Towards its end, judged by its own last item, a warp takes no more than it needs.
         const uint64_t last = 2ull * gridDim.x * blockDim.x;
         const uint32_t size = had.next + last < count ? kRefill : wanted - given;
         if (lane == leader && !*reinterpret_cast<volatile uint32_t*>(&control->cancel))

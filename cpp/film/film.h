@@ -47,8 +47,8 @@ VR_HD void add_sample(PixelSum& p, const float radiance[3], float weight, float 
     }
 }
 
-// Threads may flush to one pixel at once. The additions that return a carry do not wait for each
-// other, three at a time: six take 8 registers more.
+// Threads may flush to one pixel at once. Three additions at a time return their carries: six would
+// take 8 registers more.
 VR_HD void flush(const FilmView& film, uint32_t pixel, PixelSum& p) {
     uint64_t* w = film.words + static_cast<uint64_t>(pixel) * kFilmWords;
     const auto add = [](uint64_t* out, const Fixed128* part) {

@@ -105,7 +105,7 @@ struct SurfaceReader {
 
     // Calls test(meets, primitive) for every primitive from `first` (a quad) on of a scene without
     // a tree in ascending order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max.
-    // Unrolled, the loops run out of uniform registers: 16 % slower on an H200.
+    // On CUDA a block's copy of the quads must have been filled.
     template <class Test>
     static VR_HD void each_flat(const SceneView& scene, const Ray<L>& ray, uint32_t first,
                                 Test test) {

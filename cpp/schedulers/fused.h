@@ -13,8 +13,8 @@ struct FusedItems {
 };
 inline constexpr uint64_t kNoItems = ~0ull;
 
-// Lanes of a warp stay in step where bounces cost much the same; those that would have to wait for
-// another in a medium lose 6 % by it (H200).
+// Lanes of a warp stay in step where bounces cost much the same; variants that hold media lose 6 %
+// by it (H200).
 template <uint32_t kFeatures>
 inline constexpr bool kInStep = (kFeatures & kMedia) == 0;
 
@@ -26,8 +26,9 @@ struct FusedLane {
 
     // A lane whose path has `ended` gets its next sample, or where its item is done a new one.
     // take(asks): lanes that ask get the next item. In step, the lanes of a warp call it together:
-    // where no item is left, or the render is cancelled, it gives count or more, and kNoItems to
-    // all lanes once all ask; out of step, kNoItems at once. Returns false then.
+    // where no item is left, or the render is cancelled and the warp's stock used, it gives count
+    // or more, and kNoItems to all lanes once all ask; out of step, kNoItems at once. Returns false
+    // then.
     template <class Take>
     VR_HD bool serve(const Job& job, const FusedItems& items, bool ended, Take take,
                      PixelSum& sum) {

@@ -42,7 +42,8 @@ def page(result: dict[str, Any]) -> str:
     lines += [
         "",
         f"Films with recorded hashes, which tell that something changed and not that it is wrong, "
-        f"changed for {result['recorded']} of the bugs; they count nowhere here.",
+        f"changed for {result['recorded']} of {result.get('recorded_of', len(rows))} bugs; they "
+        "count nowhere here.",
         "",
         "Seconds of one processor until a level's first failed case; cheap cases go first. Empty: "
         "the level passes; -: not asked after another had failed. The case named is the quickest.",

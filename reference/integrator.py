@@ -1,4 +1,4 @@
-"""Path tracing with next-event estimation, balance-heuristic MIS, media and Russian roulette.
+"""Path tracing with next-event estimation, power-heuristic MIS, media and Russian roulette.
 
 Vertex 0 is what the camera ray meets; segment d, row d of the ledger, ends at vertex d of its path.
 A vertex is a surface or a scattering in a medium; an event there is real or a pass (``materials``):
@@ -12,11 +12,11 @@ then roulette if k + 1 >= rr_depth: the path goes on with probability q = min(1,
 largest throughput component, eta^2 what refraction has scaled radiance by so far, and is divided by
 q. No clamp, no cap. A path ends after 65,535 segments at the latest (depth_cut).
 
-Balance heuristic: Veach and Guibas 1995, so a light sample adds f cos L / (pdf_light + pdf_event),
-densities per solid angle at the last real event, whatever lies between. Shadow rays go through
-passes with their transmittance, and media attenuate them. At a crossing, by refraction or pass, of
-a surface with media the path is in its interior from then on if it goes against ng, else in its
-exterior.
+Power heuristic, exponent 2: Veach and Guibas 1995, so a light sample adds f cos L pdf_light /
+(pdf_light^2 + pdf_event^2), densities per solid angle at the last real event, whatever lies
+between. Shadow rays go through passes with their transmittance, and media attenuate them. At a
+crossing, by refraction or pass, of a surface with media the path is in its interior from then on if
+it goes against ng, else in its exterior.
 """
 
 from __future__ import annotations
@@ -118,11 +118,8 @@ class Integrator:
             return
         tally.cause[live.path[lost]] = ESCAPED
         if self.lights.environment is not None:
-            pdf = self.lights.p_environment / (4 * math.pi)
             tally.radiance[:, live.path[lost]] += (
-                live.throughput[:, lost]
-                * self.lights.environment[:, None]
-                / (1 + pdf / live.pdf[lost])
+                live.throughput[:, lost] * self.lights.environment[:, None]
             )
         stay = np.flatnonzero(~gone)
         live.keep(stay)
@@ -171,7 +168,7 @@ class Integrator:
         tally.radiance[:, live.path[at]] += (
             live.throughput[:, at]
             * self.lights.radiance.take(emission[at], axis=1)
-            / (1 + pdf / live.pdf[at])
+            / (1 + (pdf / live.pdf[at]) ** 2)
         )
 
     # -- at the vertex -------------------------------------------------------------------------
@@ -246,7 +243,7 @@ class Integrator:
         tally.counts[-1][1] = len(seen)
         tally.counts[-1][2] = len(at) - len(seen)
         at = at.take(seen)
-        share /= np.where(sample.delta, 1.0, pdf + sample.pdf)
+        share /= np.where(sample.delta, 1.0, sample.pdf + pdf**2 / sample.pdf)
         light = live.throughput.take(at, axis=1)
         light *= sample.radiance.take(seen, axis=1)
         light *= share.take(seen)

@@ -1,11 +1,11 @@
 """Where the light comes from: choice of a light, a point or direction on it, densities.
 
-One sample a vertex. The environment (uniform over the sphere) with probability 1/2 if there are
-other lights; else one of those with probability proportional to its power, the sum over channels:
+One sample a vertex, of a light chosen in proportion to its power, the sum over channels:
 area lights pi A L, points 4 pi I, spots the integral of I, directional lights pi R^2 E with R the
 radius of a ball about the scene. On triangles and disks the point is uniform in area; a sphere that
 shines outwards is sampled uniformly in the cone that it fills; from within a sphere that shines
-inwards every direction meets it, so directions are uniform. Densities are per solid angle at the
+inwards every direction meets it, so directions are uniform. The environment is not sampled: paths
+that escape bring its light. Densities are per solid angle at the
 vertex and include the choice of the light.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from reference.scene import Light, Scene
 from reference.tracer import Tracer
-from reference.vectors import about, dot, unit_sphere
+from reference.vectors import about, dot
 
 GRAZING = 1e-10  # cosines below this are 0: a coplanar point's, after float64 rounding
 
@@ -45,7 +45,7 @@ class Sample:
 
 
 class Lights:
-    """The lights of a scene. ``any`` is false if there is none."""
+    """The lights of a scene. ``any`` is false if there is none to sample."""
 
     def __init__(self, scene: Scene, tracer: Tracer) -> None:
         self.tracer, self.quadrics = tracer, tracer.quadrics
@@ -64,9 +64,8 @@ class Lights:
         power = power[power > 0]
         environment = scene.environment
         self.environment = environment if environment is not None and environment.any() else None
-        self.p_environment = (self.environment is not None) * (0.5 if len(power) else 1.0)
-        self.any = bool(self.p_environment or len(power))
-        chance = (1 - self.p_environment) * power / max(power.sum(), 1e-300)
+        self.any = bool(len(power))
+        chance = power / max(power.sum(), 1e-300)
         self.cdf = np.cumsum(power[:-1]) / max(power.sum(), 1e-300)
         self.chance = np.zeros(len(tracer.areas))  # to sample a primitive
         self.chance[self.primitive[self.primitive >= 0]] = chance[self.primitive >= 0]
@@ -132,8 +131,6 @@ class Lights:
         """One light sample for each point (3, n)."""
         n = point.shape[1]
         u, v = rng.random(n), rng.random(n)
-        if self.p_environment == 1:
-            return self._sky(u, v)
         choice = np.searchsorted(self.cdf, rng.random(n), side="right")
         primitive = self.primitive.take(choice)
         sample = self._area(primitive, u, v, point)
@@ -141,22 +138,7 @@ class Lights:
             at = np.flatnonzero(primitive < 0)
             for light in np.unique(self.number[choice[at]]):
                 self._delta(sample, light, at[self.number[choice[at]] == light], point)
-        if self.p_environment:
-            sky, at = self._sky(u, v), rng.random(n) < self.p_environment
-            for name in vars(sky):
-                setattr(sample, name, np.where(at, getattr(sky, name), getattr(sample, name)))
         return sample
-
-    def _sky(self, u: np.ndarray, v: np.ndarray) -> Sample:
-        n = len(u)
-        return Sample(
-            direction=unit_sphere(u, v),
-            radiance=np.broadcast_to(self.environment[:, None], (3, n)),
-            distance=np.full(n, np.inf),
-            pdf=np.full(n, self.p_environment / (4 * math.pi)),
-            target=np.full(n, -1, np.int32),
-            delta=np.zeros(n, bool),
-        )
 
     def _area(
         self, primitive: np.ndarray, u: np.ndarray, v: np.ndarray, point: np.ndarray

@@ -48,28 +48,36 @@ __global__ void __launch_bounds__(kFusedBlock)
     for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
         counts[i] = 0;
     __shared__ Stock stocks[kFusedBlock / 32];
+    __shared__ EndedSample ended_samples[kFusedBlock];
+    const uint32_t warp = threadIdx.x / 32;
     PixelSum& sum = sums[threadIdx.x];
     sum = PixelSum{};
-    Stock& stock = stocks[threadIdx.x / 32];
+    Stock& stock = stocks[warp];
     if (threadIdx.x % 32 == 0) stock = {};
     fill_block_quads<kFeatures>(scene);
     __syncthreads();
     const auto take = [&](bool asks) { return take_items(stock, control, items.count, asks); };
+    const auto add = [&](bool ended, Vec3<float> sample) {
+        add_together(sums + warp * 32, ended_samples + warp * 32, ended, sample);
+    };
     const auto record = [&](uint32_t depth, uint32_t column) {
         if (depth < kLedgerRowsShared)
             atomicAdd(&counts[depth * kLedgerColumns + column], 1u);
         else
             atomic_add(ledger + static_cast<uint64_t>(depth) * kLedgerColumns + column, 1);
     };
-    const auto run_flat = [&](auto take_one) {
-        run_fused<kFeatures & ~kBvh>(scene, job, items, sum, take_one, record);
+    const auto run_flat = [&](auto take_one, auto add_one) {
+        run_fused<kFeatures & ~kBvh>(scene, job, items, sum, take_one, add_one, record);
     };
     if ((kFeatures & kBvh) && (scene.features & kBvh))
-        run_walking<kFeatures>(scene, job, items, sum, take, record);
+        run_walking<kFeatures>(scene, job, items, sum, take, add, record);
     else if constexpr (kInStep<kFeatures>)
-        run_flat(take);
+        run_flat(take, add);
     else
-        run_flat([&](bool asks) { return asks ? take_item(control, items.count) : items.count; });
+        run_flat([&](bool asks) { return asks ? take_item(control, items.count) : items.count; },
+                 [&](bool ended, Vec3<float> sample) {
+                     if (ended) add_sample(sum, sample);
+                 });
     __syncthreads();
     for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
         if (counts[i]) atomic_add(ledger + i, counts[i]);
@@ -453,6 +461,7 @@ namespace {
 __global__ void intersect_kernel(const __grid_constant__ SceneView scene, const float* rays,
                                  uint64_t n, float* t, uint32_t* primitive) {
     fill_block_quads<kAllFeatures>(scene);
+    __syncthreads();
     const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i >= n) return;
     const float* r = rays + 6 * i;
@@ -492,6 +501,7 @@ namespace {
 __global__ void leak_kernel(const __grid_constant__ SceneView scene, const LeakTargets targets,
                             uint64_t first, uint64_t n, uint64_t* missed) {
     fill_block_quads<kAllFeatures>(scene);
+    __syncthreads();
     const uint64_t stride = static_cast<uint64_t>(gridDim.x) * blockDim.x;
     for (uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x; i < n;
          i += stride) {

@@ -33,8 +33,7 @@ enum class Function : uint32_t {
     kTwoSum,             // a, b -> high, low
     kTwoProduct,         // a, b -> high, low
     kPlainQuotient,      // a, b -> a / b
-    kCosineHemisphere,   // u, v -> direction
-    kUniformSphere,      // u, v -> direction
+    kCosineHemisphere,   // u, v -> direction      // u, v -> direction
     kUniformTriangle,    // u, v -> barycentric weights of the 2nd, 3rd and 1st vertex
     kUniformDisk,        // u, v -> x, y
     kUniformCone,        // u, v, 1 - cos -> direction, pdf
@@ -67,7 +66,6 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"two_product", 2, 2},
     {"plain_quotient", 2, 1},
     {"cosine_hemisphere", 2, 3},
-    {"uniform_sphere", 2, 3},
     {"uniform_triangle", 2, 3},
     {"uniform_disk", 2, 2},
     {"uniform_cone", 3, 4},
@@ -143,9 +141,6 @@ VR_HD void evaluate_mapping(Function which, const F* x, F* y) {
             break;
         case Function::kCosineHemisphere:
             put(y, cosine_hemisphere(u, v));
-            break;
-        case Function::kUniformSphere:
-            put(y, uniform_sphere(u, v));
             break;
         case Function::kUniformTriangle:
             uniform_triangle(u, v, y[0], y[1]);
@@ -234,14 +229,14 @@ VR_HD void evaluate_light(const typename L::F* x, typename L::F* y) {
         if (c == kLightShape) return x[0];
         if (c < kLightOffset) return x[1 + c - kLightP];
         if (c == kLightOffset) return x[13];
-        return c == kLightChance ? x[14] : one;
+        return c == kLightInverse ? one / x[14] : one;
     };
     const Vec3<F> p{x[15], x[16], x[17]};
     const LightSample<L> s =
         LightSampler<L, kFlatLights | kDeltaShapes | shape_bit(LightShape::kSphere)>::sample(
             column, p, x[18], x[19], one < none);
     put(y, s.wi);
-    y[3] = s.pdf_sa, y[4] = s.distance, y[5] = s.radiance.x;
+    y[3] = F(1.f) / s.inverse_pdf, y[4] = s.distance, y[5] = s.radiance.x;
     y[6] = select(s.delta, one, none);
 }
 
@@ -291,7 +286,7 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         const Vec3<F> p{x[8], x[9], x[10]};
         const SphereLightSample<F> s = sample_sphere_light(x, p, x[11], x[12]);
         put(y, s.wi);
-        y[3] = s.pdf_sa, y[4] = s.distance, y[5] = s.cos_light;
+        y[3] = F(1.f) / s.inverse_pdf, y[4] = s.distance, y[5] = s.cos_light;
         y[6] = sphere_light_pdf(x, p);
     }
 }

@@ -1,4 +1,4 @@
-// How the threads of the fused launch come by their work.
+// How the threads of the fused launch come by their work, and where its samples go.
 #pragma once
 
 #include "schedulers/fused.h"
@@ -50,6 +50,27 @@ __device__ uint64_t take_items(Stock& stock, Control* control, uint64_t count, b
     __syncwarp();
     if (asking == kAll && (given ? had.next : refill) >= count) return kNoItems;
     return place < given ? had.next + place : refill + (place - given);
+}
+
+// A warp's samples on their way to its lanes' sums.
+struct EndedSample {
+    float x[3];
+    uint32_t lane;
+};
+
+// Adds the samples of lanes that have `ended` to their sums; all of a warp call it. Few end at a
+// time, so each lane takes one channel of any of them.
+__device__ void add_together(PixelSum* sums, EndedSample* list, bool ended, Vec3<float> sample) {
+    const uint32_t all = __ballot_sync(~0u, ended);
+    if (!all) return;
+    const uint32_t lane = threadIdx.x & 31u, channels = 3u * __popc(all);
+    if (ended) list[__popc(all & ((1u << lane) - 1u))] = {{sample.x, sample.y, sample.z}, lane};
+    __syncwarp();
+    for (uint32_t i = lane; i < channels; i += 32) {
+        const EndedSample& from = list[i / 3];
+        add_sample(sums[from.lane], static_cast<int>(i % 3), from.x[i % 3]);
+    }
+    __syncwarp();
 }
 
 }  // namespace

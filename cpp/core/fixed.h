@@ -19,17 +19,12 @@ VR_HD Fixed128 negated(Fixed128 a) {
     return {lo, ~a.hi + (lo == 0 ? 1u : 0u)};
 }
 
-// round(x * 2^scale), halves up, for 0 <= x < 2^(127 - scale).
-VR_HD Fixed128 to_fixed(double x, int scale) {
-    const uint64_t b = bit_cast<uint64_t>(x);
-    const int exponent = static_cast<int>(b >> 52);
-    const uint64_t m = (b & 0xfffffffffffffull) | 0x10000000000000ull;
-    const int shift = exponent - 1075 + scale;
-    if (shift > 0 && shift < 64) return {m << shift, m >> (64 - shift)};
-    if (exponent == 0 || shift < -54) return {0, 0};
-    if (shift < 0) return {(m + (1ull << (-shift - 1))) >> -shift, 0};
-    if (shift == 0) return {m, 0};
-    return {0, m << (shift - 64)};
+// round(m * 2^shift), halves up, for m < 2^48 and shift < 80.
+VR_HD Fixed128 to_fixed(uint64_t m, int shift) {
+    if (shift >= 64) return {0, m << (shift - 64)};
+    if (shift > 0) return {m << shift, m >> (64 - shift)};
+    if (shift < -48) return {0, 0};
+    return {(m + ((1ull << -shift) >> 1)) >> -shift, 0};
 }
 
 // Nearest double of a * 2^-scale, up to two roundings; exactly odd in a.

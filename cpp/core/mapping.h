@@ -19,17 +19,6 @@ VR_HD F cosine_hemisphere_pdf_sa(F cos_theta) {
     return cos_theta * F(kInvPi);
 }
 
-// Whole sphere with density 1/(4 pi) per solid angle.
-template <class F>
-VR_HD Vec3<F> uniform_sphere(F u, F v) {
-    F s, c;
-    sincos_2pi(v, s, c);
-    const F z = fma(F(-2.f), u, F(1.f));
-    const F r = F(2.f) * sqrt(u * (F(1.f) - u));
-    return {r * c, r * s, z};
-}
-inline constexpr float kUniformSpherePdf = 0.0795774715459476678844f;
-
 // Barycentric weights of the second and third vertex, uniform over a triangle (A. Turk, 1990).
 template <class F>
 VR_HD void uniform_triangle(F u, F v, F& b1, F& b2) {

@@ -57,7 +57,8 @@ VR_HD uint32_t atomic_next(uint32_t* counter) {
 #endif
 }
 
-// Lanes of a warp that a branch has parted go on together. All that have not ended must call it.
+// Lanes of a warp that a branch has parted go on together. All that have not ended must call it;
+// one that waits at __syncthreads has not ended.
 VR_HD void rejoin_warp() {
 #if VR_DEVICE_CODE
     __syncwarp();

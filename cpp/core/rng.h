@@ -61,14 +61,13 @@ inline constexpr uint32_t kSobolBlocks = 6 * kBlocksPerSegment + 1;
 // Four words: independent, or two pairs of a Sobol sequence. What is not used costs nothing.
 template <class U>
 VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
-    const U p = pixel + U(key.k0), k1(key.k1);
-    if (key.sampler == Sampler::kIndependent || block >= kSobolBlocks)
-        return hash(Block<U>{p, sample, U(block), k1});
-    Block<U> r;
-    const Block<U> a = hash(Block<U>{p, U(~0u), U(2 * block), k1});
-    const Block<U> b = hash(Block<U>{p, U(~0u), U(2 * block + 1), k1});
-    sobol_pair(sample, a.x, a.y, a.z, r.x, r.y);
-    sobol_pair(sample, b.x, b.y, b.z, r.z, r.w);
+    const bool alone = key.sampler == Sampler::kIndependent || block >= kSobolBlocks;
+    const U all(~0u);
+    Block<U> r = hash(Block<U>{pixel + U(key.k0), alone ? sample : all, U(block), U(key.k1)});
+    if (alone) return r;
+    const Block<U> seed = r;
+    sobol_pair(sample, seed.x, seed.z, seed.w, r.x, r.y);
+    sobol_pair(sample, seed.y, seed.z, seed.w, r.z, r.w);
     return r;
 }
 

@@ -33,7 +33,8 @@ VR_HD U second_dimension_reversed(U i) {
     return i ^ ((i & U(0xaaaaaaaau)) >> 1);
 }
 
-// The pair (x, y) of a sample in units of 2^-32; three seeds to a pair.
+// The pair (x, y) of a sample in units of 2^-32. Pairs may share seed_x and seed_y: orders are
+// enough to make them independent.
 template <class U>
 VR_HD void sobol_pair(U sample, U seed_order, U seed_x, U seed_y, U& x, U& y) {
     const U i = reverse_bits(scramble_reversed(reverse_bits(sample), seed_order));

@@ -37,14 +37,19 @@ VR_HD auto film_accepts(Vec3<F> radiance, float scale) {
            (radiance.x * s < limit) & (radiance.y * s < limit) & (radiance.z * s < limit);
 }
 
-// weight: of the filter, for a radiance that the film accepts.
-VR_HD void add_sample(PixelSum& p, const float radiance[3], float weight, float scale) {
-    for (int k = 0; k < 3; ++k) {
-        const double x = static_cast<double>(abs(radiance[k] * weight * scale));
-        const Fixed128 size = to_fixed(x, kSumScale);
-        add(p.sum[k], weight < 0 ? negated(size) : size);
-        add(p.square[k], to_fixed(x * x, kSquareScale));
-    }
+// x: a channel of a sample that the film accepts, times the weight of the filter and the scale.
+VR_HD void add_sample(PixelSum& p, int channel, float x) {
+    const uint32_t bits = bit_cast<uint32_t>(x) & 0x7fffffffu;
+    const uint64_t m = (bits & 0x7fffffu) | 0x800000u;  // |x| = m 2^exponent; 2^-126 counts as 0
+    const int exponent = static_cast<int>(bits >> 23) - 150;
+    const Fixed128 size = to_fixed(m, exponent + kSumScale);
+    add(p.sum[channel], x < 0 ? negated(size) : size);
+    add(p.square[channel], to_fixed(m * m, 2 * exponent + kSquareScale));
+}
+VR_HD void add_sample(PixelSum& p, Vec3<float> x) {
+    add_sample(p, 0, x.x);
+    add_sample(p, 1, x.y);
+    add_sample(p, 2, x.z);
 }
 
 // Threads may flush to one pixel at once. Three additions at a time return their carries: six would
@@ -95,9 +100,9 @@ struct FaultLog {
     SampleFault first[kMaxFaults];
 };
 
-VR_HD void log_fault(FaultLog* log, uint32_t pixel, uint32_t sample, const float radiance[3]) {
+VR_HD void log_fault(FaultLog* log, uint32_t pixel, uint32_t sample, Vec3<float> radiance) {
     const uint64_t k = atomic_add(&log->count, 1);
-    if (k < kMaxFaults) log->first[k] = {pixel, sample, {radiance[0], radiance[1], radiance[2]}};
+    if (k < kMaxFaults) log->first[k] = {pixel, sample, {radiance.x, radiance.y, radiance.z}};
 }
 
 }  // namespace veriray

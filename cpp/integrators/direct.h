@@ -40,33 +40,19 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const F u = uniform(scatter.x), v = uniform(scatter.y);
         const M nobody = no_lanes(active);
         using Sampler = LightSampler<L, kShapes>;
-        if constexpr (!has(kManyLights | kEnvironment))
+        if constexpr (!has(kManyLights))
             return Sampler::sample([&](uint32_t c) { return F(lights.table[c * lights.stride]); },
                                    p, u, v, nobody);
-        LightSample<L> light{zero(), F(1.f), F(0.f), path.ray.d, nobody, U(~0u)};
-        const uint32_t choices = lights.count + (lights.environment_share ? 1u : 0u);
-        U u24(0u);
-        if (choices > 1)
-            u24 =
+        U row(0u);
+        if (lights.count > 1) {
+            const U u24 =
                 random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).x >>
                 8;
-        if constexpr (kShapes != 0)
-            if (lights.count) {
-                const U row = choose_light(lights, u24);
-                const U safe = select(row < U(lights.count), row, U(0u));
-                light = Sampler::sample(
-                    [&](uint32_t c) {
-                        return lookup(lights.table + c * lights.stride, safe, lights.count);
-                    },
-                    p, u, v, nobody);
-            }
-        if constexpr (has(kEnvironment))
-            if (lights.environment_share) {
-                const M sky = active & (u24 < U(lights.environment_share));
-                if (any(sky))
-                    Sampler::merge(light, sky, sample_environment<L>(lights, u, v, nobody));
-            }
-        return light;
+            row = choose_light(lights, u24);
+        }
+        return Sampler::sample(
+            [&](uint32_t c) { return lookup(lights.table + c * lights.stride, row, lights.count); },
+            p, u, v, nobody);
     }
 
     // ---- request: what the light sample would add, as a shadow ray ----
@@ -85,12 +71,14 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
             value.pdf_sa = select(at.surface, value.pdf_sa, phase);
             lit = (lit & at.surface) | (active & !at.surface);
         }
-        F pdf = light.pdf_sa + value.pdf_sa;
-        if constexpr (has(kDeltaLights)) pdf = select(light.delta, light.pdf_sa, pdf);
+        // Power heuristic.
+        const F ratio = value.pdf_sa * light.inverse_pdf;
+        F weight = light.inverse_pdf / fma(ratio, ratio, F(1.f));
+        if constexpr (has(kDeltaLights)) weight = select(light.delta, light.inverse_pdf, weight);
         shadow.wanted = lit & (max_component(light.radiance) > F(0.f));
         shadow.ray = {at.p, light.wi};
         shadow.t_max = light.distance;
-        shadow.radiance = path.throughput * light.radiance * value.f_cos * (F(1.f) / pdf);
+        shadow.radiance = path.throughput * light.radiance * value.f_cos * weight;
         shadow.skip = light.skip;
         if constexpr (has(kMedia)) shadow.medium = path.medium;
     }

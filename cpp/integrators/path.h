@@ -1,10 +1,11 @@
 // Unidirectional path tracing as stages on a path's state. A stage knows no loop, queue or launch:
 // schedulers own those. J. Kajiya 1986; E. Veach 1997 (multiple importance sampling, chapter 9).
 //
-// Next-event estimation and direction sampling are combined by the balance heuristic, which bounds
-// a light sample's contribution by radiance times throughput. A segment is a ray from one surface
-// or collision to the next; passes (null surfaces, uncovered parts of masks, thin glass) end a
-// segment but are no vertices: depth, roulette and the density for the heuristic skip them.
+// Next-event estimation and direction sampling are combined by the power heuristic
+// with exponent 2. The constant environment has no light samples: directions sampled for the
+// surface meet all of it alike. A segment is a ray from one surface or collision to the next;
+// passes (null surfaces, uncovered parts of masks, thin glass) end a segment but are no vertices:
+// depth, roulette and the density for the heuristic skip them.
 #pragma once
 
 #include "film/film.h"
@@ -68,9 +69,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- miss: the environment ----
     static VR_HD void miss(const SceneView& scene, PathState<L>& path, M escaped) {
         if constexpr (has(kEnvironment)) {
-            const float share = static_cast<float>(scene.lights.environment_share) * 0x1p-24f;
-            const F w = mis_weight(path.pdf_sa, F(share * kUniformSpherePdf));
-            add_radiance(path, escaped, broadcast<F>(scene.lights.environment) * w);
+            add_radiance(path, escaped, broadcast<F>(scene.lights.environment));
         }
     }
 
@@ -108,7 +107,8 @@ struct PathTracer : DirectLight<L, kFeatures> {
                 F distance = hit.t;
                 if constexpr (has(kPass)) distance = distance + path.travelled;
                 const F cos_light = -dot(at.ng, path.ray.d);
-                F pdf_light = chance * (distance * distance) / cos_light;
+                // Density of light samples over that of the direction.
+                F ratio = chance * (distance * distance) / (cos_light * path.pdf_sa);
                 if constexpr (has(kSphereLights)) {
                     const M round = lit & !(prim < U(scene.first_sphere));
                     if (any(round)) {
@@ -116,12 +116,12 @@ struct PathTracer : DirectLight<L, kFeatures> {
                         Reader::sphere_record(scene, prim, record);
                         V from = path.ray.o;
                         if constexpr (has(kPass)) from = fma(path.ray.d, -path.travelled, from);
-                        const F pdf = sphere_light_pdf(record, from);
-                        pdf_light = select(round, chance * pdf, pdf_light);
+                        const F pdf = chance * sphere_light_pdf(record, from);
+                        ratio = select(round, pdf / path.pdf_sa, ratio);
                     }
                 }
                 const V emitted = surface_column3(scene, at.row, kSurfaceRadiance);
-                add_radiance(path, lit, emitted * mis_weight(path.pdf_sa, pdf_light));
+                add_radiance(path, lit, emitted * mis_weight(path.pdf_sa, ratio));
             }
         }
         return lit;
@@ -217,9 +217,8 @@ struct PathTracer : DirectLight<L, kFeatures> {
         }
         if constexpr (has(kAnyLight)) {
             const M receives = ((scatters & bsdf.smooth()) | collided) & !deep;
-            if ((kShapes != 0 && scene.lights.count) || has(kEnvironment))
-                if (any(receives))
-                    request(scene, s, path, vertex, bsdf, segment, random, receives, shadow);
+            if (scene.lights.count && any(receives))
+                request(scene, s, path, vertex, bsdf, segment, random, receives, shadow);
         }
         U lobe(0u);
         if constexpr (!Material::kDiffuseOnly)
@@ -310,9 +309,9 @@ struct PathTracer : DirectLight<L, kFeatures> {
     }
 
    private:
-    // Balance heuristic; 1 where no light sample competes.
-    static VR_HD F mis_weight(F pdf, F other) {
-        return select(pdf == F(0.f), F(1.f), pdf / (pdf + other));
+    // Power heuristic; 1 where no light sample competes.
+    static VR_HD F mis_weight(F pdf, F ratio) {
+        return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));
     }
     static VR_HD void add_radiance(PathState<L>& path, M m, V radiance) {
         path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);

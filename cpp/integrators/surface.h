@@ -9,7 +9,8 @@ namespace veriray {
 
 #if VR_CUDA
 // A block's copy of the scene's quads: a record takes three loads here, seven from the constant
-// bank, which was a tenth of the Cornell box's time (H200). Kernels that trace fill it first.
+// bank, which was a tenth of the Cornell box's time (H200). Kernels that trace fill it first, and
+// wait for each other.
 __device__ inline QuadRecord* block_quads() {
     __shared__ QuadRecord copy[kMaxFlat];
     return copy;
@@ -21,7 +22,6 @@ __device__ void fill_block_quads(const SceneView& scene) {
         float* const copy = block_quads()->v;
         for (uint32_t i = threadIdx.x; i < scene.quad_count * kQuadFloats; i += blockDim.x)
             copy[i] = scene.quads[i];
-        __syncthreads();
     }
 }
 #endif

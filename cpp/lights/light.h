@@ -1,5 +1,4 @@
-// Light sampling: area lights of every shape, point, spot and directional lights, a constant
-// environment.
+// Light sampling: area lights of every shape, point, spot and directional lights.
 #pragma once
 
 #include "core/mapping.h"
@@ -35,7 +34,7 @@ enum LightColumn : uint32_t {
     kLightN = kLightE2 + 3,      // unit: normal of the emitting side, or the way the light goes
     kLightOffset = kLightN + 3,  // shift along the normal past the rounding of a point (see below)
     kLightShape,
-    kLightChance,    // of being chosen; over the area for flat lights
+    kLightInverse,   // 1 / the chance of being chosen; times the area for flat lights
     kLightRadiance,  // radiance, intensity, or irradiance across the beam: 3 columns
     kLightPrimitive = kLightRadiance + 3,  // bits
     kLightColumns,
@@ -53,21 +52,20 @@ struct LightView {
     uint32_t stride, count;
     uint32_t top_step;  // largest power of two <= count
     float environment[3];
-    uint32_t environment_share;  // of 2^24: probability of choosing the environment
 };
 
 template <class L>
 struct LightSample {
     using F = typename L::F;
     Vec3<F> radiance;     // towards the receiver; 0 from the back
-    F pdf_sa;             // choice included; of a delta light the chance alone
-    F distance;           // a shadow ray's length; infinity for the environment
+    F inverse_pdf;        // per solid angle, choice included; of a delta light the choice alone
+    F distance;           // a shadow ray's length; infinity for directional lights
     Vec3<F> wi;           // unit
     typename L::M delta;  // no ray can meet the light
     typename L::U skip;   // primitive that does not block: the light, which the ray meets once
 };
 
-// The light whose interval holds u24 in [environment_share, 2^24): chosen with exactly its share of
+// The light whose interval holds u24 in [0, 2^24): chosen with exactly its share of
 // 2^-24ths.
 template <class U>
 VR_HD U choose_light(const LightView& lights, U u24) {
@@ -117,7 +115,7 @@ struct LightSampler {
             const M far = is(column, LightShape::kDirectional);
             if (any(far))
                 merge(s, far,
-                      {column3(column, kLightRadiance), column(kLightChance), F(kInfinity),
+                      {column3(column, kLightRadiance), column(kLightInverse), F(kInfinity),
                        -column3(column, kLightN), far, U(~0u)});
         }
         return s;
@@ -125,10 +123,10 @@ struct LightSampler {
 
     static VR_HD void merge(LightSample<L>& s, M m, const LightSample<L>& other) {
         s.radiance = select(m, other.radiance, s.radiance);
-        s.pdf_sa = select(m, other.pdf_sa, s.pdf_sa);
+        s.inverse_pdf = select(m, other.inverse_pdf, s.inverse_pdf);
         s.distance = select(m, other.distance, s.distance);
         s.wi = select(m, other.wi, s.wi);
-        s.delta = (s.delta & !m) | (m & other.delta);
+        s.delta = s.delta | (m & other.delta);
         s.skip = select(m, other.skip, s.skip);
     }
 
@@ -158,14 +156,13 @@ struct LightSampler {
                   fma(column3(column, kLightE2), v, column3(column, kLightP)));
         q = fma(n, column(kLightOffset), q);
         const V to = q - p;
-        const F d2 = dot(to, to);
-        const F distance = sqrt(d2);
+        const F distance = sqrt(dot(to, to)), inverse = F(1.f) / distance;
         s.distance = distance * F(kShadowShorten);
-        s.wi = to * (F(1.f) / distance);
+        s.wi = to * inverse;
         const F cos_light = -dot(n, s.wi);
         const V zero{F(0.f), F(0.f), F(0.f)};
         s.radiance = select(cos_light > F(0.f), column3(column, kLightRadiance), zero);
-        s.pdf_sa = column(kLightChance) * d2 / cos_light;
+        s.inverse_pdf = column(kLightInverse) * (inverse * inverse) * cos_light;
         s.skip = as_uint(column(kLightPrimitive));
     }
 
@@ -180,7 +177,7 @@ struct LightSampler {
         const M lit = (at.cos_light * side) > F(0.f);
         const V zero{F(0.f), F(0.f), F(0.f)};
         return {select(lit, column3(column, kLightRadiance), zero),
-                column(kLightChance) * at.pdf_sa,
+                column(kLightInverse) * at.inverse_pdf,
                 at.distance,
                 at.wi,
                 nobody,
@@ -205,21 +202,8 @@ struct LightSampler {
                 radiance = select(spot, radiance * share, radiance);
             }
         }
-        return {radiance, column(kLightChance), distance * F(kShadowShorten), wi, valid, U(~0u)};
+        return {radiance, column(kLightInverse), distance * F(kShadowShorten), wi, valid, U(~0u)};
     }
 };
-
-template <class L>
-VR_HD LightSample<L> sample_environment(const LightView& lights, typename L::F u, typename L::F v,
-                                        typename L::M nobody) {
-    using F = typename L::F;
-    const F share(static_cast<float>(lights.environment_share) * 0x1p-24f);
-    return {broadcast<F>(lights.environment),
-            share * F(kUniformSpherePdf),
-            F(kInfinity),
-            uniform_sphere(u, v),
-            nobody,
-            typename L::U(~0u)};
-}
 
 }  // namespace veriray

@@ -9,10 +9,10 @@ namespace veriray {
 
 template <class F>
 struct SphereLightSample {
-    Vec3<F> wi;  // unit
-    F pdf_sa;
-    F distance;   // to the first point of the sphere
-    F cos_light;  // of -wi to the outward normal there: negative where the inside is seen
+    Vec3<F> wi;     // unit
+    F inverse_pdf;  // the solid angle of the directions
+    F distance;     // to the first point of the sphere
+    F cos_light;    // of -wi to the outward normal there: negative where the inside is seen
 };
 
 // The sphere as seen from p. p is outside where |p - centre|^2 - r^2 > 0 as `excess` rounds it:
@@ -32,7 +32,6 @@ struct SphereView {
         const F cone = r * r / d2 / (F(1.f) + sqrt(max(excess / d2, F(0.f))));
         one_minus_cos = select(excess > F(0.f), cone, F(2.f));
     }
-    VR_HD F pdf_sa() const { return uniform_cone_pdf_sa(one_minus_cos); }
 };
 
 template <class F, class Record>
@@ -54,7 +53,7 @@ VR_HD SphereLightSample<F> sample_sphere_light(const Record* record, Vec3<F> p, 
     const F far = middle + select(middle < F(0.f), -half, half), near = view.excess / far;
     SphereLightSample<F> s;
     s.wi = fma(a, local.x, fma(b, local.y, axis * local.z));
-    s.pdf_sa = view.pdf_sa();
+    s.inverse_pdf = F(2.f * kPi) * open;
     s.distance = select(outside | (middle < F(0.f)), near, far);
     s.cos_light = select(outside, half, -half) / F(record[6]);
     return s;
@@ -62,7 +61,7 @@ VR_HD SphereLightSample<F> sample_sphere_light(const Record* record, Vec3<F> p, 
 
 template <class F, class Record>
 VR_HD F sphere_light_pdf(const Record* record, Vec3<F> p) {
-    return SphereView<F>(record, p).pdf_sa();
+    return uniform_cone_pdf_sa(SphereView<F>(record, p).one_minus_cos);
 }
 
 }  // namespace veriray

@@ -14,7 +14,7 @@ enum Feature : uint32_t {
     kBvh = 1u << 4,     // primitives in a tree
     kSmooth = 1u << 5,  // interpolated normals
     kAreaLights = 1u << 6,
-    kManyLights = 1u << 7,  // more than one light to choose from, the environment apart
+    kManyLights = 1u << 7,  // more than one light to choose from
     kTriangleLights = 1u << 8,
     kDiskLights = 1u << 9,
     kSphereLights = 1u << 10,
@@ -43,7 +43,7 @@ inline constexpr const char* kFeatureNames[] = {"quads",         "polygons",    
                                                 "media",         "chromatic"};
 inline constexpr uint32_t kFeatureCount = 23;
 
-inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights | kEnvironment;
+inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // that are sampled
 inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
                                          kTriangleLights | kEnvironment | kClip | kDiffuse;
 

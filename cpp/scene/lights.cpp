@@ -72,7 +72,6 @@ void HostScene::set_lights(const SceneInput& in) {
 
     const bool sky = sum3(in.environment) > 0;
     std::copy_n(in.environment, 3, l.environment);
-    l.environment_share = sky ? (l.count ? 1u << 23 : 1u << 24) : 0u;
 
     std::vector<double> power;
     for (const uint32_t p : lit)
@@ -91,29 +90,27 @@ void HostScene::set_lights(const SceneInput& in) {
     }
     double total = 0, sum = 0;
     for (const double p : power) total += p;
-    const uint32_t spare = (1u << 24) - l.environment_share - l.count;
+    const uint32_t spare = (1u << 24) - l.count;
     light_cdf.assign(std::max<size_t>(1, l.count), 1u << 24);
-    uint32_t before = l.environment_share;
+    uint32_t before = 0;
     for (uint32_t k = 0; k < l.count; ++k) {
         sum += power[k];
-        const uint32_t end = k + 1 == l.count ? 1u << 24
-                                              : l.environment_share + k + 1 +
-                                                    static_cast<uint32_t>(sum / total * spare);
+        const uint32_t end =
+            k + 1 == l.count ? 1u << 24 : k + 1 + static_cast<uint32_t>(sum / total * spare);
         light_cdf[k] = end;
         const double chance = (end - before) * 0x1p-24;
         before = end;
-        light_table[static_cast<size_t>(kLightChance) * l.stride + k] = static_cast<float>(chance);
         if (k < lit.size())
-            put_area_light(in, k, lit[k]);
+            put_area_light(in, k, lit[k], chance);
         else
-            put_delta_light(in, k, delta[k - lit.size()]);
+            put_delta_light(in, k, delta[k - lit.size()], chance);
     }
     l.top_step = 1;
     while (l.top_step * 2 <= l.count) l.top_step *= 2;
     l.table = light_table.data();
     l.cdf = light_cdf.data();
     view.light_chance = light_chance.data();
-    if (delta.empty() && !sky) set_first_occluder();
+    if (delta.empty()) set_first_occluder();
     view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
 
     // A delta light's radiance at a receiver has no bound: a 64th of the scene's size stands for
@@ -136,7 +133,8 @@ void HostScene::set_lights(const SceneInput& in) {
     view.emission_scale = std::ldexp(1.f, -exponent);
 }
 
-void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t primitive) {
+void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t primitive,
+                               double chance) {
     const PrimitiveSource& source = sources[primitive];
     const auto at = [&](uint32_t c) -> float& {
         return light_table[static_cast<size_t>(c) * view.lights.stride + light];
@@ -156,7 +154,8 @@ void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t prim
         shape(LightShape::kSphere, kSphereLights);
         for (uint32_t k = 0; k < kSphereFloats; ++k) at(kLightP + k) = prim(k);
         at(kLightN) = prim(kPrimSide);
-        light_chance[primitive] = at(kLightChance);
+        at(kLightInverse) = static_cast<float>(1 / chance);
+        light_chance[primitive] = static_cast<float>(chance);
         return;
     }
     Double3 p, e1, e2;
@@ -178,11 +177,11 @@ void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t prim
         at(kLightN + k) = prim(kPrimN + k);
     }
     at(kLightOffset) = prim(kPrimOffset);
-    at(kLightChance) = static_cast<float>(static_cast<double>(at(kLightChance)) / source.area);
-    light_chance[primitive] = at(kLightChance);
+    at(kLightInverse) = static_cast<float>(source.area / chance);
+    light_chance[primitive] = static_cast<float>(chance / source.area);
 }
 
-void HostScene::put_delta_light(const SceneInput& in, size_t light, size_t row) {
+void HostScene::put_delta_light(const SceneInput& in, size_t light, size_t row, double chance) {
     const auto at = [&](uint32_t c) -> float& {
         return light_table[static_cast<size_t>(c) * view.lights.stride + light];
     };
@@ -199,6 +198,7 @@ void HostScene::put_delta_light(const SceneInput& in, size_t light, size_t row) 
     static constexpr LightShape kShapes[3] = {LightShape::kPoint, LightShape::kSpot,
                                               LightShape::kDirectional};
     at(kLightShape) = static_cast<float>(kShapes[kind]);
+    at(kLightInverse) = static_cast<float>(1 / chance);
     at(kLightPrimitive) = bit_cast<float>(~0u);
     view.features |= kDeltaLights;
     if (kind != 1) return;

@@ -148,9 +148,9 @@ class HostScene {
     Flat light_shape(const SceneInput& in, uint32_t primitive) const {
         return flats_.empty() ? triangle(in, sources[primitive].row) : flats_[primitive];
     }
-    void put_area_light(const SceneInput& in, size_t light, uint32_t primitive);
+    void put_area_light(const SceneInput& in, size_t light, uint32_t primitive, double chance);
     void set_first_occluder();
-    void put_delta_light(const SceneInput& in, size_t light, size_t row);
+    void put_delta_light(const SceneInput& in, size_t light, size_t row, double chance);
     void set_camera(const SceneInput& in);
     void set_filter(const SceneInput& in);
     template <class Density>

@@ -55,11 +55,13 @@ struct FusedLane {
     }
 };
 
-// record(depth, column) counts one event of the ledger.
-template <uint32_t kFeatures, class Take, class Record>
+// add(ended, sample) adds to `sum` the samples of lanes whose path has ended; in step, the lanes of
+// a warp call it together. record(depth, column) counts one event of the ledger.
+template <uint32_t kFeatures, class Take, class Add, class Record>
 VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& items, PixelSum& sum,
-                     Take take, Record record) {
+                     Take take, Add add, Record record) {
     PathState<Scalar> path;
+    Vec3<float> sample{};
     FusedLane lane;
     uint32_t depth = 0;
     bool alive = false;
@@ -71,17 +73,21 @@ VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& i
             depth = 0;
         }
         if constexpr (kInStep<kFeatures>) rejoin_warp();
-        if (idle) continue;
-        const Events<Scalar> e =
-            PathTracer<Scalar, kFeatures>::bounce(scene, job.settings, path, depth, true);
-        if (e.visible) record(depth, kShadowVisible);
-        if (e.occluded) record(depth, kShadowOccluded);
-        alive = e.alive;
-        if (!alive) {
-            record(depth, finish<kFeatures>(scene, job, path, cause_of(e), sum));
-            ++lane.sample;
+        bool ended = false;
+        if (!idle) {
+            const Events<Scalar> e =
+                PathTracer<Scalar, kFeatures>::bounce(scene, job.settings, path, depth, true);
+            if (e.visible) record(depth, kShadowVisible);
+            if (e.occluded) record(depth, kShadowOccluded);
+            alive = e.alive;
+            ended = !alive;
+            if (ended) {
+                record(depth, finish<kFeatures>(scene, job, path, cause_of(e), sample));
+                ++lane.sample;
+            }
+            ++depth;
         }
-        ++depth;
+        add(ended, sample);
     }
 }
 

@@ -45,17 +45,18 @@ VR_HD LedgerColumn cause_of(const Events<Scalar>& e) {
     return e.rr_killed ? kRrKilled : kLive;
 }
 
-// finish: hands a scalar path's sample to the pixel's sum, or logs it. Returns the path's cause.
+// finish: the sample that a scalar path has for the film; none if the film refuses it, which is
+// logged. Returns the path's cause.
 template <uint32_t kFeatures>
 VR_HD LedgerColumn finish(const SceneView& scene, const Job& job, const PathState<Scalar>& path,
-                          LedgerColumn cause, PixelSum& sum) {
-    const float radiance[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
+                          LedgerColumn cause, Vec3<float>& sample) {
+    sample = {0.f, 0.f, 0.f};
     if (!film_accepts(path.radiance, job.film.scale)) {
-        log_fault(job.faults, path.pixel, path.sample, radiance);
+        log_fault(job.faults, path.pixel, path.sample, path.radiance);
         return kInvalid;
     }
     const float weight = PathTracer<Scalar, kFeatures>::sample_weight(scene, job.settings, path);
-    add_sample(sum, radiance, weight, job.film.scale);
+    sample = path.radiance * weight * job.film.scale;
     return cause;
 }
 

@@ -87,8 +87,10 @@ VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const 
         if (compaction == Compaction::kAppend)
             indices.next[atomic_next(indices.appended)] = static_cast<int32_t>(i);
     } else {
+        Vec3<float> sample;
         PixelSum sum{};
-        out.cause = finish<kFeatures>(scene, job, path, out.cause, sum);
+        out.cause = finish<kFeatures>(scene, job, path, out.cause, sample);
+        add_sample(sum, sample);
         if (out.cause != kInvalid) flush(job.film, path.pixel, sum);
         indices.now[k] = -1;
     }

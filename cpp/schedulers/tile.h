@@ -130,11 +130,11 @@ class Tile {
         for (uint32_t todo = bits(ended); todo; todo &= todo - 1) {
             const uint32_t k = static_cast<uint32_t>(__builtin_ctz(todo));
             const float w = kWeighted ? weight[k] : 1.f;
-            const float radiance[3] = {r[0][k], r[1][k], r[2][k]};
+            const Vec3<float> radiance{r[0][k], r[1][k], r[2][k]};
             if (refused >> k & 1u)
                 log_fault(job.faults, pixel[k], sample[k], radiance);
             else
-                add_sample(sums_[pixel[k] - first_pixel_], radiance, w, job.film.scale);
+                add_sample(sums_[pixel[k] - first_pixel_], radiance * w * job.film.scale);
         }
         return bad;
     }

@@ -14,13 +14,14 @@ namespace veriray {
 inline constexpr uint32_t kStayPart = 3, kNodePart = 4;
 
 // As run_fused, in step.
-template <uint32_t kFeatures, class Take, class Record>
+template <uint32_t kFeatures, class Take, class Add, class Record>
 VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems& items,
-                       PixelSum& sum, Take take, Record record) {
+                       PixelSum& sum, Take take, Add add, Record record) {
     using Tracer = PathTracer<Scalar, kFeatures>;
     enum class Aim : uint32_t { kNone, kNext, kLight };  // of a lane's walk
     FusedLane lane;
-    PathState<Scalar> path;
+    PathState<Scalar> path{};
+    Vec3<float> sample{};
     ShadowRequest<Scalar> shadow{};
     LedgerColumn cause = kEscaped;  // of the path's end; kLive: it goes on after its shadow ray
     uint32_t depth = 0;
@@ -53,10 +54,12 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         }
         // Those whose bounce is complete begin the next one, or the next path.
         const bool complete = arrived && !to_light, ended = complete && cause != kLive;
-        if (ended && aim != Aim::kNone) {
-            record(depth, finish<kFeatures>(scene, job, path, cause, sum));
+        const bool done = ended && aim != Aim::kNone;
+        if (done) {
+            record(depth, finish<kFeatures>(scene, job, path, cause, sample));
             ++lane.sample;
         }
+        add(done, sample);
         if (!lane.serve(job, items, ended, take, sum)) return;
         const bool idle = lane.idle();
         if (complete) {

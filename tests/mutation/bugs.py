@@ -121,16 +121,18 @@ _LIGHT, _ROUND_LIGHT = "lights/light.h", "lights/sphere_light.h"
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 
 _EVAL = "albedo * pdf"
-_PDF = "column(kLightChance) * d2 / cos_light"
+_PDF = "column(kLightInverse) * (inverse * inverse) * cos_light"
 _Q = "min(F(1.f), to_float(to_uint(min(most, F(1.f)) * F(0x1p24f)) + U(1u)) * F(0x1p-24f))"
 _DIVIDE = "path.throughput * (F(1.f) / q)"
 _SURVIVE = "plays & (uniform(u) < q)"
 _CUT = "segment + 1 >= s.max_depth ? scatters : no_lanes(scatters)"
-_HIT = "emitted * mis_weight(path.pdf_sa, pdf_light)"
+_HIT = "emitted * mis_weight(path.pdf_sa, ratio)"
+_NEE = "light.inverse_pdf / fma(ratio, ratio, F(1.f))"
+_SKY = "broadcast<F>(scene.lights.environment)"
 _LIT = "hit_emitter(scene, path, hit, at, valid)"
 _T_MAX = "shadow.t_max = light.distance;"
 _ALBEDO = "surface_column3(scene, row, kSurfaceAlbedo)"
-_ADD = "add_sample(sums_[pixel[k] - first_pixel_], radiance, w, job.film.scale);"
+_ADD = "add_sample(sums_[pixel[k] - first_pixel_], radiance * w * job.film.scale);"
 _JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
 _PHASE = "henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w))"
 
@@ -142,8 +144,7 @@ def _wall(shape: str, percent: float) -> Mutant:
 _CORNELL = (
     *(_wall(shape, 0.5) for shape in ("floor", "back_wall", "right_wall", "left_wall")),
     Mutant("MIS weight missing on hit", _PATH, _HIT, "emitted"),
-    Mutant("MIS weight missing on light sample", _DIRECT, "light.pdf_sa + value.pdf_sa",
-           "light.pdf_sa"),
+    Mutant("MIS weight missing on light sample", _DIRECT, _NEE, "light.inverse_pdf"),
     Mutant("cosine missing in eval", _MATERIAL, _EVAL, "albedo * F(kInvPi)"),
     Mutant("cosine squared in eval", _MATERIAL, _EVAL, "albedo * (pdf * cos_i)"),
     Mutant("roulette not divided out", _PATH, _DIVIDE, "path.throughput"),
@@ -151,16 +152,16 @@ _CORNELL = (
            "path.throughput * (F(1.f) / (q * q))"),
     Mutant("roulette survives 2 % too rarely", _PATH, _SURVIVE,
            "plays & (uniform(u) < q * F(.98f))"),
-    Mutant("light cosine missing", _LIGHT, _PDF, "column(kLightChance) * d2"),
-    Mutant("1/r for 1/r^2", _LIGHT, _PDF, "column(kLightChance) * distance / cos_light"),
-    Mutant("light pdf doubled", _LIGHT, _PDF, "F(2.f) * column(kLightChance) * d2 / cos_light"),
+    Mutant("light cosine missing", _LIGHT, _PDF, "column(kLightInverse) * (inverse * inverse)"),
+    Mutant("1/r for 1/r^2", _LIGHT, _PDF, "column(kLightInverse) * inverse * cos_light"),
+    Mutant("light pdf doubled", _LIGHT, _PDF, f"F(.5f) * {_PDF}"),
     Mutant("emission doubled at depth 1", _PATH, _LIT,
            "((void)(segment == 1 ? hit_emitter(scene, path, hit, at, valid) : valid),"
            " hit_emitter(scene, path, hit, at, valid))"),
     Mutant("samples clamped at 10", "schedulers/tile.h", _ADD,
-           "{ const float clamped[3] = {__builtin_fminf(r[0][k], 10.f),"
+           "{ const Vec3<float> clamped{__builtin_fminf(r[0][k], 10.f),"
            " __builtin_fminf(r[1][k], 10.f), __builtin_fminf(r[2][k], 10.f)};"
-           " add_sample(sums_[pixel[k] - first_pixel_], clamped, w, job.film.scale); }"),
+           " add_sample(sums_[pixel[k] - first_pixel_], clamped * w * job.film.scale); }"),
     Mutant("half-pixel shift", _PATH, _JITTER_X, _JITTER_X.replace("0.5f", "1.0f")),
     Mutant("albedo +1 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.01f)"),
     Mutant("albedo +0.2 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.002f)"),
@@ -273,7 +274,7 @@ _MEDIA = (
            "henyey_greenstein_pdf(path.ray.d, light.wi, at.g)",
            "henyey_greenstein_pdf(path.ray.d, light.wi, -at.g)", "hg_forward"),
     Mutant("phase isotropic for the heuristic", _PATH,
-           "henyey_greenstein_pdf(path.ray.d, next.wi, vertex.g)", "F(kUniformSpherePdf)",
+           "henyey_greenstein_pdf(path.ray.d, next.wi, vertex.g)", "F(0.25f * kInvPi)",
            "hg_forward"),
     Mutant("no transmittance to the light", _DIRECT,
            "transmittance(medium_column3(scene, shadow.medium, kMediumSigma), distance)", "one()",
@@ -287,10 +288,10 @@ _MEDIA = (
 )  # fmt: skip
 
 _LIGHTS = (
-    Mutant("sphere light's density halved", _ROUND_LIGHT, "view.pdf_sa()", "F(.5f) * view.pdf_sa()",
+    Mutant("sphere light's density halved", _ROUND_LIGHT, "F(2.f * kPi) * open", "F(4.f * kPi) * open",
            "sphere_light"),
     Mutant("sphere light's density halved when hit", _ROUND_LIGHT,
-           "SphereView<F>(record, p).pdf_sa()", "F(.5f) * SphereView<F>(record, p).pdf_sa()",
+           "return uniform_cone_pdf_sa(", "return F(.5f) * uniform_cone_pdf_sa(",
            "sphere_light"),
     # Uniform on the cap that p sees; the density stays that of the cone.
     Mutant("sphere light sampled by area", _ROUND_LIGHT, "uniform_cone(u, v, open)",
@@ -298,7 +299,7 @@ _LIGHTS = (
            " const F along = F(1.f) - r * c, s2 = r * r * (F(1.f) - c * c);"
            " const F z = along / sqrt(along * along + s2);"
            " return uniform_cone((F(1.f) - z) / open, v, open); }()", "sphere_light"),
-    Mutant("sphere light's chance left out when hit", _PATH, "chance * pdf", "pdf", "spheres_300"),
+    Mutant("sphere light's chance left out when hit", _PATH, "chance * sphere_light_pdf(", "sphere_light_pdf(", "spheres_300"),
     Mutant("spot without falloff", _LIGHT,
            "select(c <= column(kSpotCosCutoff), F(0.f), edge)",
            "select(c <= column(kSpotCosCutoff), F(0.f), F(1.f))", "spot_light"),
@@ -308,20 +309,17 @@ _LIGHTS = (
            "spot_light"),
     Mutant("point light by 1/r", _LIGHT, "column3(column, kLightRadiance) * (F(1.f) / d2)",
            "column3(column, kLightRadiance) * (F(1.f) / distance)", "point_light"),
-    Mutant("point light without its chance", _LIGHT, "return {radiance, column(kLightChance),"
+    Mutant("point light without its chance", _LIGHT, "return {radiance, column(kLightInverse),"
            " distance * F(kShadowShorten), wi, valid, U(~0u)};",
            "return {radiance, F(1.f), distance * F(kShadowShorten), wi, valid, U(~0u)};",
            "spot_light"),
     Mutant("directional light without its chance", _LIGHT,
-           "merge(s, far, {column3(column, kLightRadiance), column(kLightChance), F(kInfinity),"
+           "merge(s, far, {column3(column, kLightRadiance), column(kLightInverse), F(kInfinity),"
            " -column3(column, kLightN), far, U(~0u)});",
            "merge(s, far, {column3(column, kLightRadiance), F(1.f), F(kInfinity),"
            " -column3(column, kLightN), far, U(~0u)});", "directional_light"),
-    Mutant("sky sampled beside a point light as one", _LIGHT,
-           "(s.delta & !m) | (m & other.delta)", "s.delta | (m & other.delta)",
-           "point_light"),
-    Mutant("sky's share left out when met", _PATH, "F(share * kUniformSpherePdf)",
-           "F(kUniformSpherePdf)", "null_medium"),
+    Mutant("sky weighted as if it were sampled too", _PATH, _SKY,
+           f"{_SKY} * mis_weight(path.pdf_sa, F(0.25f * kInvPi))", "null_medium"),
     Mutant("disk light with the area of its box", "scene/scene.cpp",
            "3.14159265358979323846 * area", "4 * area", "disk_light"),
     Mutant("disk mapped without the root", _MAPPING, "x = r * c; y = r * s;",

@@ -20,10 +20,12 @@ from tests.mutation.bugs import (
     _MAPPING,
     _MATERIAL,
     _MEDIUM,
+    _NEE,
     _PATH,
     _PDF,
     _Q,
     _ROUND_LIGHT,
+    _SKY,
     _T_MAX,
     _TABLES,
     Mutant,
@@ -40,8 +42,7 @@ _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, s
 _LEAVE = "fma(at.ng, at.offset * side, at.p)"
 _R = "F(0.5f) * fma(s, s, p * p)"
 _FLIGHT = "select(t < limit, albedo, one)"
-_MIS = "pdf / (pdf + other)"
-_NEE = "light.pdf_sa + value.pdf_sa"
+_MIS = "F(1.f) / fma(ratio, ratio, F(1.f))"
 _UNIFORM = "to_float(u >> 8) * F(0x1p-24f)"
 _BETWEEN = "and_less(and_less(inside, typename L::F(0.f), t), t, t_max)"
 _KEY = "random_key(s.seed, upper, s.sampler)"
@@ -53,26 +54,28 @@ _PLAYS = "plays = plays & (most < F(1.f));"
 _FLOAT_FILM = """{
     uint64_t* words = job.film.words + static_cast<uint64_t>(pixel[k]) * kFilmWords;
     for (int c = 0; c < 3; ++c) {
-        const double x = static_cast<double>(radiance[c] * w * job.film.scale);
+        const float x = r[c][k] * w * job.film.scale;
         const double old = to_double({words[4 * c], words[4 * c + 1]}, kSumScale);
-        const float sum = static_cast<float>(old) + static_cast<float>(x);
-        const Fixed128 size = to_fixed(static_cast<double>(sum < 0 ? -sum : sum), kSumScale);
-        const Fixed128 total = sum < 0 ? negated(size) : size;
-        words[4 * c] = total.lo; words[4 * c + 1] = total.hi;
-        Fixed128 square{words[4 * c + 2], words[4 * c + 3]};
-        add(square, to_fixed(x * x, kSquareScale));
-        words[4 * c + 2] = square.lo; words[4 * c + 3] = square.hi;
+        const float sum = static_cast<float>(old) + x;
+        PixelSum total{};
+        add_sample(total, c, sum);
+        total.square[c] = {words[4 * c + 2], words[4 * c + 3]};
+        PixelSum one{};
+        add_sample(one, c, x);
+        add(total.square[c], one.square[c]);
+        words[4 * c] = total.sum[c].lo; words[4 * c + 1] = total.sum[c].hi;
+        words[4 * c + 2] = total.square[c].lo; words[4 * c + 3] = total.square[c].hi;
     } }"""
 
 
 def _add(condition: str, value: str) -> str:
     """The film's addition with another radiance where `condition` holds of radiance x."""
     parts = ", ".join(
-        f"[&] {{ const float x = radiance[{c}]; return {condition} ? {value} : x; }}()"
+        f"[&] {{ const float x = r[{c}][k]; return {condition} ? {value} : x; }}()"
         for c in range(3)
     )
-    call = "add_sample(sums_[pixel[k] - first_pixel_], changed, w, job.film.scale);"
-    return f"{{ const float changed[3] = {{{parts}}}; {call} }}"
+    call = "add_sample(sums_[pixel[k] - first_pixel_], changed * w * job.film.scale);"
+    return f"{{ const Vec3<float> changed{{{parts}}}; {call} }}"
 
 
 _SCATTERING = (
@@ -108,17 +111,17 @@ _SCATTERING = (
 )  # fmt: skip
 
 _ESTIMATOR = (
-    Mutant("power heuristic when hit, balance when sampled", _PATH, _MIS,
-           "pdf * pdf / (pdf * pdf + other * other)"),
-    Mutant("MIS weights swapped", _PATH, _MIS, "other / (pdf + other)",
+    Mutant("balance heuristic when hit, power when sampled", _PATH, _MIS,
+           "F(1.f) / (ratio + F(1.f))"),
+    Mutant("MIS weights swapped", _PATH, _MIS, "ratio * ratio / fma(ratio, ratio, F(1.f))",
            elsewhere=((_DIRECT, _NEE,
-                       "light.pdf_sa * (light.pdf_sa + value.pdf_sa) / value.pdf_sa"),)),
+                       "light.inverse_pdf * ratio * ratio / fma(ratio, ratio, F(1.f))"),)),
     Mutant("MIS density of another light", _PATH, _CHANCE,
-           f"select({_CHANCE} > F(0.f), F(scene.lights.count ?"
-           " scene.lights.table[kLightChance * scene.lights.stride] : 0.f), F(0.f))"),
+           f"select({_CHANCE} > F(0.f), F(scene.lights.count ? 1.f /"
+           " scene.lights.table[kLightInverse * scene.lights.stride] : 0.f), F(0.f))"),
     Mutant("emission lost after a mirror", _PATH, _HIT,
            "emitted * select((path.pdf_sa == F(0.f)) & !((path.ray.o.x == F(0.f)) &"
-           " (path.ray.o.y == F(0.f))), F(0.f), mis_weight(path.pdf_sa, pdf_light))"),
+           " (path.ray.o.y == F(0.f))), F(0.f), mis_weight(path.pdf_sa, ratio))"),
     Mutant("emission lost at depth 0", _PATH, _LIT,
            "(segment == 0 ? no_lanes(valid) : hit_emitter(scene, path, hit, at, valid))"),
     Mutant("emission lost at depth 1", _PATH, _LIT,
@@ -145,7 +148,7 @@ _LIGHTS = (
            " column3(column, kLightP)))"),
     Mutant("chance of a light left out of its density", _LIGHT_TABLE, "(end - before) * 0x1p-24",
            "1.0"),
-    Mutant("density by area, not by solid angle", _LIGHT, _PDF, "column(kLightChance)"),
+    Mutant("density by area, not by solid angle", _LIGHT, _PDF, "column(kLightInverse)"),
     Mutant("triangle lamp sampled without the root", _MAPPING, "b1 = r * (F(1.f) - v); b2 = r * v;",
            "b1 = u * (F(1.f) - v); b2 = u * v;"),
     Mutant("inside of a sphere lamp dark", _LIGHT, "(at.cos_light * side) > F(0.f)",
@@ -155,15 +158,12 @@ _LIGHTS = (
     Mutant("cone of a sphere lamp 2 % too wide", _ROUND_LIGHT,
            "select(excess > F(0.f), cone, F(2.f))",
            "select(excess > F(0.f), cone * F(1.02f), F(2.f))"),
-    Mutant("sky sampled over half the azimuth", _MAPPING,
-           "sincos_2pi(v, s, c); const F z = fma(F(-2.f), u, F(1.f)); const F r = F(2.f) *"
-           " sqrt(u * (F(1.f) - u)); return {r * c, r * s, z};",
-           "sincos_2pi(v * F(.5f), s, c); const F z = fma(F(-2.f), u, F(1.f)); const F r = F(2.f) *"
-           " sqrt(u * (F(1.f) - u)); return {r * c, r * s, z};"),
     Mutant("edge of a spot 1 % too far", _LIGHT_TABLE, "cutoff * (kPiDouble / 180)",
            "1.01 * cutoff * (kPiDouble / 180)"),
-    Mutant("sky's share left out when sampled", _LIGHT, "share * F(kUniformSpherePdf)",
-           "F(kUniformSpherePdf)"),
+    Mutant("sky met by camera rays alone", _PATH, _SKY,
+           f"{_SKY} * select(path.pdf_sa == F(0.f), F(1.f), F(0.f))"),
+    Mutant("half of the lights' chance kept for a sky", _LIGHT_TABLE, "(end - before) * 0x1p-24",
+           "(end - before) * (sky ? 0x1p-25 : 0x1p-24)"),
 )  # fmt: skip
 
 _MEDIA = (
@@ -239,8 +239,8 @@ _PICTURE = (
     Mutant("samples clamped at 50", _TILE, _ADD, _add("x > 50.f", "50.f")),
     Mutant("fireflies to 0", _TILE, _ADD, _add("x > 20.f", "0.f")),
     Mutant("negative weights to 0", _TILE, _ADD,
-           "add_sample(sums_[pixel[k] - first_pixel_], radiance, w < 0 ? 0.f : w,"
-           " job.film.scale);"),
+           "add_sample(sums_[pixel[k] - first_pixel_],"
+           " radiance * (w < 0 ? 0.f : w) * job.film.scale);"),
     Mutant("film summed in float32", _TILE, _ADD, _FLOAT_FILM),
     Mutant("refused samples not reported", _TILE,
            "log_fault(job.faults, pixel[k], sample[k], radiance);", "(void)radiance;"),
@@ -285,9 +285,10 @@ _RANDOM = (
            "scramble_reversed(second_dimension_reversed(i), seed_y)",
            "scramble_reversed(i, seed_y)"),
     Mutant("Sobol's second dimension lacks a step", _SOBOL, "0xf0f0f0f0u", "0u"),
-    Mutant("Sobol pairs of a block alike", _RNG, "U(2 * block + 1)", "U(2 * block)"),
-    Mutant("Sobol points alike in all pixels", _RNG, "hash(Block<U>{p, U(~0u), U(2 * block), k1})",
-           "hash(Block<U>{U(0u), U(~0u), U(2 * block), k1})"),
+    Mutant("Sobol pairs of a block alike", _RNG, "sobol_pair(sample, seed.y,",
+           "sobol_pair(sample, seed.x,"),
+    Mutant("Sobol points alike in all pixels", _RNG, "pixel + U(key.k0), alone",
+           "alone ? pixel + U(key.k0) : U(key.k0), alone"),
 )  # fmt: skip
 
 _COUNTS = (

@@ -51,11 +51,10 @@ def expected(
     if sampler == "independent":
         return independent
     columns = []
-    for half in (0, 1):
-        which = (np.uint64(2) * block.astype(np.uint64) + np.uint64(half)) & U32
-        order, *scrambles = pcg4d([place, shape + U32, which, key[1]])[:3]
+    seeds = pcg4d([place, shape + U32, block.astype(np.uint64), key[1]])
+    for order in seeds[:2]:
         index = owen(sample & U32, order)
-        for scramble, dimension in zip(scrambles, sobol(index), strict=True):
+        for scramble, dimension in zip(seeds[2:], sobol(index), strict=True):
             columns.append(owen(dimension, scramble))
     points = np.stack(columns, axis=1).astype(np.uint32)
     return np.where(block[:, None] < SOBOL_BLOCKS, points, independent)

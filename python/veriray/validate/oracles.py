@@ -49,7 +49,6 @@ def one_minus_cos(p: Array) -> Array:
 
 INVERSE: dict[str, Callable[[Array], tuple[Array, Array]]] = {
     "cosine_hemisphere": lambda p: (1 - p[:, 2] ** 2, azimuth(p)),
-    "uniform_sphere": lambda p: ((1 - p[:, 2]) / 2, azimuth(p)),
     "uniform_triangle": lambda p: (
         (p[:, 0] + p[:, 1]) ** 2,
         p[:, 1] / np.maximum(p[:, 0] + p[:, 1], 1e-30),
@@ -62,8 +61,7 @@ def density(name: str, p: Array) -> Array:
     """Of a mapping of `INVERSE` at its points."""
     if name == "cosine_hemisphere":
         return p[:, 2] / np.pi
-    constant = {"uniform_sphere": 1 / (4 * np.pi), "uniform_triangle": 2.0}
-    return np.full(len(p), constant.get(name, 1 / np.pi))
+    return np.full(len(p), 2.0 if name == "uniform_triangle" else 1 / np.pi)
 
 
 def phase(away: Array, g: float) -> Array:

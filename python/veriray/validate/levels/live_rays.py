@@ -290,8 +290,9 @@ def one_ledger_everywhere(t: Trial, name: str) -> None:
 def nothing_for_nothing(t: Trial) -> None:
     """No work for what a scene lacks [L6].
 
-    Exact: no lights, no shadow rays; black walls, no second segment; mirrors, no shadow rays; an
-    empty scene, one segment; a light that shines on nothing, no shadow ray arrives; a lone lamp.
+    Exact: no lights, or a sky alone, no shadow rays; black walls, no second segment; mirrors, no
+    shadow rays; an empty scene, one segment; a light that shines on nothing, no shadow ray arrives;
+    a lone lamp.
     """
     view = camera([0.4, 0.45, 0.3], [0.6, 0.3, 1.0], 30)
     room = ([0, 0, 0], [1, 1, 1])
@@ -309,6 +310,8 @@ def nothing_for_nothing(t: Trial) -> None:
     t.check(counts(make([box(*room, True, 0.0)], view, **size)) == ([n], 0), "black walls")
     t.check(counts(make([], view, **size)) == ([n], 0), "an empty scene")
     t.check(counts(make([], view, 1.0, **size)) == ([n], 0), "the sky alone")
+    floor = quad([-1, -1, 2], [0, 3, 0], [3, 0, 0], 0.5)
+    t.check(counts(make([floor], view, 1.0, **size)) == ([n, n], 0), "shadow rays to the sky")
     lamp = quad([-1, -1, 2], [0, 3, 0], [3, 0, 0], 0.0, 2.0)
     t.check(counts(make([lamp], view, **size)) == ([n], 0), "a lamp alone")
     mirror = Part(*_shell(*room), two_sided=True, material=MIRROR)

@@ -101,12 +101,10 @@ def moments(t: Trial) -> None:
     """
     n, z = 100_000 * t.effort, []
     lobe = random_points(t, "cosine_hemisphere", n)
-    ball = random_points(t, "uniform_sphere", n)
     triangle = random_points(t, "uniform_triangle", n)
     disk = random_points(t, "uniform_disk", n)
     for values, mean in (
         (lobe[:, 2], 2 / 3), (lobe[:, 2] ** 2, 1 / 2), (lobe[:, 0], 0), (lobe[:, 1], 0),
-        (ball[:, 2], 0), (ball[:, 0], 0), (ball[:, 2] ** 2, 1 / 3),
         (triangle[:, 0], 1 / 3), (triangle[:, 1], 1 / 3), (triangle[:, 2], 1 / 3),
         (disk[:, 0], 0), (disk[:, 1], 0), ((disk**2).sum(1), 1 / 2),
     ):  # fmt: skip

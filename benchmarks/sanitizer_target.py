@@ -1,5 +1,5 @@
-"""What compute-sanitizer watches: every compiled variant under the two main schedulers, the other
-ways to compact, the Sobol sampler, lists of pixels, and the hooks.
+"""What compute-sanitizer watches: every compiled variant under a scheduler of each method, the
+others, the Sobol sampler, lists of pixels, and the hooks.
 
 compute-sanitizer --tool memcheck --error-exitcode 1 python benchmarks/sanitizer_target.py
 (likewise --tool racecheck, --tool initcheck, --tool synccheck; names of scenes: those alone)
@@ -15,7 +15,7 @@ import numpy as np
 from common import ROOT
 
 import veriray as vr
-from veriray.render import SCHEDULERS, native_scene_arguments
+from veriray.render import METHODS, SCHEDULERS, native_scene_arguments
 from veriray.validate.leaks import displaced_icosphere, mesh_scene
 
 SIZE = {"width": 16, "height": 12}
@@ -28,7 +28,7 @@ CHECKS = (
     "medium_in_mesh", "thinlens", "mitchell",
 )  # fmt: skip
 ALL_FEATURES = ("cornell-box", "chromatic_medium", "medium_in_mesh")
-MAIN = ("fused", "thrust")
+MAIN = METHODS
 #: Settings of further renders of EXTRA.
 EXTRA = ("cornell-box-mitsuba", "medium_in_mesh")
 FURTHER: tuple[dict[str, Any], ...] = (
@@ -36,6 +36,7 @@ FURTHER: tuple[dict[str, Any], ...] = (
     *({"scheduler": name, "sampler": "sobol"} for name in MAIN),
     *({"scheduler": name, "target_error": 0.3, "spp": 64} for name in MAIN),
     {"scheduler": "fused", "batch_size": 128, "spp": 16},  # one block: its warps take in stock
+    {"scheduler": "wavefront", "batch_size": 33, "spp": 16},  # refilled, warps not full
 )
 
 

@@ -17,6 +17,7 @@ from scipy import stats
 import reference
 import veriray
 from veriray.compare.statistics import MARGIN
+from veriray.render import METHODS
 from veriray.validate.statistics import homogeneous, sidak
 
 Array = npt.NDArray[Any]
@@ -293,15 +294,16 @@ def against_the_reference(path: Path, scene: veriray.Scene, seed: int, effort: i
 
 
 def judge(text: str, path: Path) -> None:
-    """Renders the scene in two ways, same bits and no faults, and against the reference."""
+    """Renders the scene in three ways, same bits and no faults, and against the reference."""
     path.write_text(text)
     scene = veriray.load_file(path)
     first = veriray.render(scene, spp=16, seed=1, device="cpu", scheduler="fused", threads=1)
-    again = veriray.render(scene, spp=16, seed=1, device="cpu", scheduler="thrust", threads=2,
-                           batch_size=100, all_features=True)  # fmt: skip
     assert first.stats["nonfinite_samples"] == 0, first.stats["nonfinite"]
-    assert first.film_sha256 == again.film_sha256
-    assert first.stats["ledger"] == again.stats["ledger"]
+    for scheduler in METHODS[1:]:
+        again = veriray.render(scene, spp=16, seed=1, device="cpu", scheduler=scheduler, threads=2,
+                               batch_size=100, all_features=True)  # fmt: skip
+        assert first.film_sha256 == again.film_sha256, scheduler
+        assert first.stats["ledger"] == again.stats["ledger"], scheduler
     p = against_the_reference(path, scene, 2, 1)
     if p < 1e-3:
         confirmed = against_the_reference(path, scene, 4, 4)

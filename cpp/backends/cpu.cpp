@@ -1,5 +1,4 @@
 // The CPU backend. Compiled once per instruction set into a module of its own.
-#include <thrust/execution_policy.h>
 #include <thrust/version.h>
 #include <unistd.h>
 
@@ -12,8 +11,8 @@
 #include "backends/instances.h"
 #include "backends/leaks.h"
 #include "backends/thread_pool.h"
+#include "backends/waves_cpu.h"
 #include "scene/tree_layout.h"
-#include "schedulers/thrust.h"
 #include "schedulers/tile.h"
 
 namespace veriray {
@@ -112,101 +111,6 @@ TreeInfo Scene::tree() const {
 
 namespace {
 
-// Executor of the `thrust` scheduler on Thrust's host system: blocks are shared out to threads.
-template <uint32_t kFeatures>
-struct HostExec {
-    const SceneView& scene;
-    const Job& job;
-    const PathColumns& paths;
-    Compaction compaction;
-    std::vector<LedgerRows>& ledgers;
-    uint32_t threads;
-    const Poll& on_poll;
-    uint64_t* launches;
-    double share = 0;
-    bool stopped = false;
-    std::chrono::steady_clock::time_point polled = std::chrono::steady_clock::now();
-
-    template <class Body>
-    void launch(uint32_t n, Body body) {
-        ++*launches;
-        const uint64_t blocks = (n + kThrustBlock - 1) / kThrustBlock;
-        const Poll each = [&](double) { return poll_now(); };
-        stopped |= !parallel(threads, blocks, each, [&](uint32_t worker, uint64_t block) {
-            const uint32_t first = static_cast<uint32_t>(block) * kThrustBlock;
-            for (uint32_t k = first; k < std::min(n, first + kThrustBlock); ++k) body(worker, k);
-        });
-    }
-    void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
-        launch(n, [&](uint32_t, uint32_t i) {
-            thrust_begin<kFeatures>(scene, job, paths, indices.now, first, i);
-        });
-    }
-    void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
-        *indices.appended = 0;
-        for (LedgerRows& rows : ledgers) rows.row(depth);
-        launch(n, [&](uint32_t worker, uint32_t k) {
-            const BounceOutcome out =
-                thrust_bounce<kFeatures>(scene, job, paths, indices, compaction, depth, k);
-            uint64_t* row = ledgers[worker].row(depth);
-            if (out.cause != kLive) ++row[out.cause];
-            if (out.shadow != kLive) ++row[out.shadow];
-        });
-    }
-    auto policy() const { return thrust::host; }
-    static uint32_t appended(const uint32_t* counter) { return *counter; }
-    static double clock() {
-        return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
-            .count();
-    }
-    bool poll_now() {
-        polled = std::chrono::steady_clock::now();
-        return !on_poll || on_poll(share);
-    }
-    bool poll(double done) {
-        share = done;
-        if (std::chrono::steady_clock::now() - polled > std::chrono::milliseconds(50))
-            stopped |= !poll_now();
-        return !stopped;
-    }
-};
-
-template <class T>
-std::vector<T> pool_memory(size_t n, const char* what) {
-    try {
-        return std::vector<T>(n);
-    } catch (const std::bad_alloc&) {
-        throw OutOfMemoryError(std::string(what) + ": needs " + std::to_string(n * sizeof(T)) +
-                               " bytes");
-    }
-}
-
-bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& s,
-                   std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
-    const uint64_t wanted = s.batch ? s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
-    const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    const uint32_t features = kVariants[choose_variant(view, s)];
-    auto floats =
-        pool_memory<float>(static_cast<size_t>(path_floats(features)) * pool, "path pool");
-    auto uints =
-        pool_memory<uint32_t>(static_cast<size_t>(path_uints(features)) * pool, "path pool");
-    const Compaction compaction = find_scheduler(s.scheduler)->compaction;
-    const bool two = compaction == Compaction::kCopy || compaction == Compaction::kAppend;
-    auto index = pool_memory<int32_t>(two ? 2ull * pool : pool, "path pool");
-    uint32_t appended = 0;
-    const PathIndices indices{index.data(), two ? index.data() + pool : nullptr, &appended};
-    const PathColumns paths{floats.data(), uints.data(), pool};
-    bool complete = false;
-    with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
-        HostExec<kFeatures> exec{view,    job,           paths, compaction,
-                                 ledgers, stats.threads, poll,  &stats.launches};
-        run_thrust(exec, job.paths(), pool, indices, compaction,
-                   {stats.blocks, stats.depth_seconds, stats.compaction_seconds});
-        complete = !exec.stopped;
-    });
-    return complete;
-}
-
 bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s,
                   std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
     const uint32_t tile = s.batch ? std::min(s.batch, kTilePaths) : kTilePaths;
@@ -278,9 +182,9 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
                                         samples,
                                         s.pixels.empty() ? nullptr : s.pixels.data(),
                                         static_cast<uint32_t>(s.pixels.size())};
-                          complete = find_scheduler(s.scheduler)->thrust
-                                         ? render_thrust(host.view, job, s, ledgers, stats, part)
-                                         : render_tiles(host.view, job, s, ledgers, stats, part);
+                          complete = by_method(find_scheduler(s.scheduler)->method, render_tiles,
+                                               render_thrust, render_wavefront)(
+                              host.view, job, s, ledgers, stats, part);
                           add_faults(stats, faults, film.width(), upper);
                       });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");

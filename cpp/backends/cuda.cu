@@ -1,17 +1,10 @@
 // The CUDA backend: memory, launches and errors; no radiance is computed here.
 #include <cuda_runtime.h>
-#include <thrust/execution_policy.h>
-#include <thrust/system_error.h>
 
-#include <chrono>
-#include <thread>
-
-#include "backends/device.cuh"
-#include "backends/instances.h"
 #include "backends/items.cuh"
+#include "backends/launches.cuh"
 #include "backends/leaks.h"
 #include "schedulers/fused.h"
-#include "schedulers/thrust.h"
 #include "schedulers/walking.h"
 
 namespace veriray {
@@ -19,7 +12,6 @@ namespace {
 
 // ---- kernels ----
 constexpr uint32_t kFusedBlock = 128;
-constexpr uint32_t kLedgerRowsShared = 32;  // deeper events go to device memory at once
 constexpr uint64_t kLedgerRowsFetched = 4096;
 
 __global__ void resolve_kernel(FilmView film, uint64_t n, const uint64_t* counts, uint64_t values,
@@ -44,9 +36,8 @@ __global__ void __launch_bounds__(kFusedBlock)
     fused_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                  const FusedItems items, Control* control, uint64_t* ledger) {
     __shared__ PixelSum sums[kFusedBlock];
-    __shared__ uint32_t counts[kLedgerRowsShared * kLedgerColumns];
-    for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
-        counts[i] = 0;
+    __shared__ BlockLedger counts;
+    counts.clear();
     __shared__ Stock stocks[kFusedBlock / 32];
     __shared__ EndedSample ended_samples[kFusedBlock];
     const uint32_t warp = threadIdx.x / 32;
@@ -61,10 +52,7 @@ __global__ void __launch_bounds__(kFusedBlock)
         add_together(sums + warp * 32, ended_samples + warp * 32, ended, sample);
     };
     const auto record = [&](uint32_t depth, uint32_t column) {
-        if (depth < kLedgerRowsShared)
-            atomicAdd(&counts[depth * kLedgerColumns + column], 1u);
-        else
-            atomic_add(ledger + static_cast<uint64_t>(depth) * kLedgerColumns + column, 1);
+        counts.record(ledger, depth, column);
     };
     const auto run_flat = [&](auto take_one, auto add_one) {
         run_fused<kFeatures & ~kBvh>(scene, job, items, sum, take_one, add_one, record);
@@ -79,37 +67,7 @@ __global__ void __launch_bounds__(kFusedBlock)
                      if (ended) add_sample(sum, sample);
                  });
     __syncthreads();
-    for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += kFusedBlock)
-        if (counts[i]) atomic_add(ledger + i, counts[i]);
-}
-
-template <uint32_t kFeatures>
-__global__ void __launch_bounds__(kThrustBlock)
-    thrust_begin_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
-                        PathColumns paths, int32_t* indices, uint64_t first, uint32_t n) {
-    const uint32_t i = blockIdx.x * kThrustBlock + threadIdx.x;
-    if (i < n) thrust_begin<kFeatures>(scene, job, paths, indices, first, i);
-}
-
-template <uint32_t kFeatures>
-__global__ void __launch_bounds__(kThrustBlock)
-    thrust_bounce_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
-                         PathColumns paths, PathIndices indices, Compaction compaction,
-                         uint32_t depth, uint32_t n, uint64_t* ledger_row) {
-    __shared__ uint32_t counts[kLedgerColumns];
-    if (threadIdx.x < kLedgerColumns) counts[threadIdx.x] = 0;
-    fill_block_quads<kFeatures>(scene);
-    __syncthreads();
-    const uint32_t k = blockIdx.x * kThrustBlock + threadIdx.x;
-    if (k < n) {
-        const BounceOutcome out =
-            thrust_bounce<kFeatures>(scene, job, paths, indices, compaction, depth, k);
-        if (out.cause != kLive) atomicAdd(&counts[out.cause], 1u);
-        if (out.shadow != kLive) atomicAdd(&counts[out.shadow], 1u);
-    }
-    __syncthreads();
-    if (threadIdx.x < kLedgerColumns && counts[threadIdx.x])
-        atomic_add(ledger_row + threadIdx.x, counts[threadIdx.x]);
+    counts.add_to(ledger);
 }
 
 }  // namespace
@@ -230,170 +188,33 @@ TreeInfo Scene::tree() const {
 }
 
 // ---- render ----
-namespace {
-
-using Clock = std::chrono::steady_clock;
-double seconds_since(Clock::time_point start) {
-    return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
-struct Stream {
-    cudaStream_t s = nullptr;
-    Stream() { check(cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking), "stream"); }
-    ~Stream() { cudaStreamDestroy(s); }
-};
-
-// Waits for `work`, polling; cancels through the device word when poll stops the render.
-bool wait(cudaStream_t work, cudaStream_t side, Control* control, uint64_t items,
-          const Poll& poll) {
-    Clock::time_point last = Clock::now();
-    bool stopped = false;
-    std::exception_ptr error;
-    for (;;) {
-        const cudaError_t status = cudaStreamQuery(work);
-        if (status == cudaSuccess) break;
-        if (status != cudaErrorNotReady) check(status, "render");
-        if (poll && !stopped && seconds_since(last) > 0.05) {
-            unsigned long long next = 0;
-            check(cudaMemcpyAsync(&next, &control->next, sizeof next, cudaMemcpyDeviceToHost, side),
-                  "progress");
-            check(cudaStreamSynchronize(side), "progress");
-            try {
-                stopped =
-                    !poll(std::min(1.0, static_cast<double>(next) / static_cast<double>(items)));
-            } catch (...) {
-                error = std::current_exception();
-                stopped = true;
-            }
-            if (stopped) {
-                const uint32_t yes = 1;
-                check(cudaMemcpyAsync(&control->cancel, &yes, sizeof yes, cudaMemcpyHostToDevice,
-                                      side),
-                      "cancel");
-                check(cudaStreamSynchronize(side), "cancel");
-            }
-            last = Clock::now();
-        } else {
-            std::this_thread::yield();
-        }
-    }
-    if (error) std::rethrow_exception(error);
-    return !stopped;
-}
-
-struct Launches {
-    const Scene::Impl& scene;
-    const RenderSettings& s;
-    RenderStats& stats;
-    Stream& work;
-    Stream& side;
-    Buffer<Control>& control;
-    Buffer<uint64_t>& ledger;
-    const Poll& poll;
-};
-
 bool render_fused(const Launches& l, const Job& job) {
     FusedItems items;
     // Runs of 16 samples, shorter where that would leave the device without 8 items a thread.
-    int sms = 0, per_sm = 0;
-    check(cudaDeviceGetAttribute(&sms, cudaDevAttrMultiProcessorCount, l.scene.device), "device");
-    items.samples_per_item =
-        static_cast<uint32_t>(std::clamp<uint64_t>(job.paths() / (8ull * 2048 * sms), 1, 16));
+    items.samples_per_item = static_cast<uint32_t>(
+        std::clamp<uint64_t>(job.paths() / (8ull * 2048 * l.multiprocessors), 1, 16));
     if (l.s.batch) items.samples_per_item = std::clamp(l.s.batch / 65536u, 1u, 64u);
     const uint64_t runs = (job.samples + items.samples_per_item - 1) / items.samples_per_item;
     items.count = runs * job.pixels();
+    Buffer<Control> control(1, "control");
     // In the stream's order: a non-blocking stream does not wait for the default one.
-    check(cudaMemsetAsync(l.control.get(), 0, sizeof(Control), l.work.s), "control");
-    with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
-        check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, fused_kernel<kFeatures>,
-                                                            kFusedBlock, 0),
-              "occupancy");
-        const uint64_t resident = static_cast<uint64_t>(per_sm) * sms;
-        uint64_t blocks = std::min<uint64_t>(resident, blocks_for(items.count, kFusedBlock));
-        if (l.s.batch) blocks = std::clamp<uint64_t>(l.s.batch / kFusedBlock, 1, blocks);
-        fused_kernel<kFeatures><<<static_cast<unsigned>(blocks), kFusedBlock, 0, l.work.s>>>(
-            l.scene.view, job, items, l.control.get(), l.ledger.get());
+    check(cudaMemsetAsync(control.get(), 0, sizeof(Control), l.work.s), "control");
+    with_variant(choose_variant(l.scene, l.s), [&]<uint32_t kFeatures>() {
+        unsigned blocks = resident_blocks(l, fused_kernel<kFeatures>, kFusedBlock, items.count);
+        if (l.s.batch) blocks = std::clamp(l.s.batch / kFusedBlock, 1u, blocks);
+        fused_kernel<kFeatures><<<blocks, kFusedBlock, 0, l.work.s>>>(
+            l.scene, job, items, control.get(), l.ledger.get());
         check_launch("fused");
     });
     ++l.stats.launches;
-    return wait(l.work.s, l.side.s, l.control.get(), items.count, l.poll);
+    Watch watch(l, &control.get()->cancel);
+    watch.wait([&] { return cudaStreamQuery(l.work.s); },
+               [&] {
+                   return static_cast<double>(read_word(&control.get()->next, l.side)) /
+                          static_cast<double>(items.count);
+               });
+    return watch.complete();
 }
-
-// Executor of the `thrust` scheduler.
-template <uint32_t kFeatures>
-struct DeviceExec {
-    const Launches& l;
-    const Job& job;
-    PathColumns paths;
-    Compaction compaction;
-    bool stopped = false;
-    Clock::time_point last = Clock::now();
-
-    void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
-        thrust_begin_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
-            l.scene.view, job, paths, indices.now, first, n);
-        check_launch("begin");
-        ++l.stats.launches;
-    }
-    void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
-        if (compaction == Compaction::kAppend)
-            check(cudaMemsetAsync(indices.appended, 0, sizeof(uint32_t), l.work.s), "bounce");
-        thrust_bounce_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
-            l.scene.view, job, paths, indices, compaction, depth, n,
-            l.ledger.get() + static_cast<uint64_t>(depth) * kLedgerColumns);
-        check_launch("bounce");
-        ++l.stats.launches;
-    }
-    auto policy() const { return thrust::cuda::par.on(l.work.s); }
-    uint32_t appended(const uint32_t* counter) const {
-        uint32_t n = 0;
-        check(cudaMemcpyAsync(&n, counter, sizeof n, cudaMemcpyDeviceToHost, l.work.s), "bounce");
-        check(cudaStreamSynchronize(l.work.s), "bounce");
-        return n;
-    }
-    double clock() const {
-        check(cudaStreamSynchronize(l.work.s), "bounce");
-        return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
-    }
-    bool poll(double share) {
-        if (l.poll && seconds_since(last) > 0.05) {
-            stopped = !l.poll(share);
-            last = Clock::now();
-        }
-        return !stopped;
-    }
-};
-
-bool render_thrust(const Launches& l, const Job& job) {
-    const uint64_t wanted = l.s.batch ? l.s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
-    const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    const uint32_t features = kVariants[choose_variant(l.scene.view, l.s)];
-    Buffer<float> floats(static_cast<size_t>(path_floats(features)) * pool, "path pool");
-    Buffer<uint32_t> uints(static_cast<size_t>(path_uints(features)) * pool, "path pool");
-    const Compaction compaction = find_scheduler(l.s.scheduler)->compaction;
-    const bool two = compaction == Compaction::kCopy || compaction == Compaction::kAppend;
-    Buffer<int32_t> index(two ? 2ull * pool : pool, "path pool");
-    Buffer<uint32_t> appended(1, "path pool");
-    const PathIndices indices{index.get(), two ? index.get() + pool : nullptr, appended.get()};
-    bool complete = false;
-    with_variant(choose_variant(l.scene.view, l.s), [&]<uint32_t kFeatures>() {
-        DeviceExec<kFeatures> exec{l, job, {floats.get(), uints.get(), pool}, compaction};
-        try {
-            run_thrust(exec, job.paths(), pool, indices, compaction,
-                       {l.stats.blocks, l.stats.depth_seconds, l.stats.compaction_seconds});
-        } catch (const thrust::system_error& error) {
-            cudaGetLastError();
-            throw DeviceError(std::string("thrust: ") + error.what());
-        } catch (const std::bad_alloc& error) {
-            throw OutOfMemoryError(std::string("thrust: ") + error.what());
-        }
-        check(cudaStreamSynchronize(l.work.s), "thrust");
-        complete = !exec.stopped;
-    });
-    return complete;
-}
-
-}  // namespace
 
 RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
     const HostScene& host = scene.host();
@@ -412,7 +233,6 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     const bool bounded = s.max_depth >= 0 && !(host.view.features & kPass);
     const uint64_t depths = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
     Stream work, side;
-    Buffer<Control> control(1, "control");
     Buffer<uint64_t> ledger(std::max<uint64_t>(depths, kLedgerRowsShared) * kLedgerColumns,
                             "ledger");
     Buffer<FaultLog> faults(1, "fault log");
@@ -423,25 +243,26 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     const Clock::time_point start = Clock::now();
     bool complete = true;
     const uint64_t pixels = pixel_count(s, film);
-    for_sample_ranges(
-        s, pixels, poll,
-        [&](const PathSettings& settings, uint32_t begin, uint32_t samples, uint32_t upper,
-            const Poll& part) {
-            if (!complete) return;
-            const Launches launches{*scene.impl, s, stats, work, side, control, ledger, part};
-            faults.zero();
-            check(cudaDeviceSynchronize(), "prepare");
-            const Job job{settings,
-                          film.impl->view,
-                          faults.get(),
-                          begin,
-                          samples,
-                          listed.get(),
-                          static_cast<uint32_t>(s.pixels.size())};
-            complete = find_scheduler(s.scheduler)->thrust ? render_thrust(launches, job)
-                                                           : render_fused(launches, job);
-            add_faults(stats, faults.download()[0], film.width(), upper);
-        });
+    for_sample_ranges(s, pixels, poll,
+                      [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
+                          uint32_t upper, const Poll& part) {
+                          if (!complete) return;
+                          const Launches launches{
+                              scene.impl->view, s,   stats, prop.multiProcessorCount, work, side,
+                              ledger,           part};
+                          faults.zero();
+                          check(cudaDeviceSynchronize(), "prepare");
+                          const Job job{settings,
+                                        film.impl->view,
+                                        faults.get(),
+                                        begin,
+                                        samples,
+                                        listed.get(),
+                                        static_cast<uint32_t>(s.pixels.size())};
+                          complete = by_method(find_scheduler(s.scheduler)->method, render_fused,
+                                               render_thrust, render_wavefront)(launches, job);
+                          add_faults(stats, faults.download()[0], film.width(), upper);
+                      });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = seconds_since(start);
     const uint64_t samples = s.sample_end - s.sample_begin;

@@ -31,6 +31,12 @@ inline const SchedulerInfo* find_scheduler(const std::string& name) {
     return nullptr;
 }
 
+// One of three by the scheduler's method.
+template <class T>
+T by_method(Method method, T fused, T thrust, T wavefront) {
+    return method == Method::kFused ? fused : method == Method::kThrust ? thrust : wavefront;
+}
+
 inline void check_settings(const RenderSettings& s, const HostScene& scene, const Film& film) {
     const auto fail = [](const std::string& text) { throw std::invalid_argument(text); };
     if (s.sample_end < s.sample_begin)

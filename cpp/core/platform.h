@@ -42,18 +42,44 @@ VR_HD uint64_t atomic_add(uint64_t* acc, uint64_t value) {
 #endif
 }
 
-// The counter's value before it is raised by one for this thread; a warp raises it once.
-VR_HD uint32_t atomic_next(uint32_t* counter) {
+// A word that other threads may write meanwhile.
+VR_HD uint32_t atomic_load(const uint32_t* word) {
 #if VR_DEVICE_CODE
-    const uint32_t together = __activemask(), lane = threadIdx.x & 31u;
+    return *static_cast<const volatile uint32_t*>(word);
+#else
+    return __atomic_load_n(word, __ATOMIC_RELAXED);
+#endif
+}
+
+#if VR_CUDA
+// Raises the counter by the number of lanes in `together`, which call it; each gets a value of its
+// own.
+__device__ inline uint32_t raise_together(uint32_t together, uint32_t* counter) {
+    const uint32_t lane = threadIdx.x & 31u;
     const int leader = __ffs(static_cast<int>(together)) - 1;
     uint32_t first = 0;
     if (lane == static_cast<uint32_t>(leader))
         first = atomicAdd(counter, static_cast<uint32_t>(__popc(together)));
     first = __shfl_sync(together, first, leader);
     return first + static_cast<uint32_t>(__popc(together & ((1u << lane) - 1u)));
+}
+#endif
+
+// The counter's value before it is raised by one for this thread; a warp raises it once.
+VR_HD uint32_t atomic_next(uint32_t* counter) {
+#if VR_DEVICE_CODE
+    return raise_together(__activemask(), counter);
 #else
     return __atomic_fetch_add(counter, 1u, __ATOMIC_RELAXED);
+#endif
+}
+
+// The same for counters[which], where lanes may mean different ones.
+VR_HD uint32_t atomic_next(uint32_t* counters, uint32_t which) {
+#if VR_DEVICE_CODE
+    return raise_together(__match_any_sync(__activemask(), which), counters + which);
+#else
+    return atomic_next(counters + which);
 #endif
 }
 

@@ -44,6 +44,8 @@ VR_HD void each_field(Path& p, FloatField f, UintField u) {
     }
     if constexpr (kFeatures & kMedia) u((kFeatures & kPass) ? 3 : 2, p.medium);
 }
+// Fields that some stages need alone; the ray's are the first 6.
+inline constexpr uint32_t kRadianceField = 9, kPixelField = 0, kSampleField = 1;
 constexpr uint32_t path_floats(uint32_t features) {
     return 13 + ((features & kDielectric) ? 1 : 0) + ((features & kPass) ? 1 : 0);
 }
@@ -51,15 +53,33 @@ constexpr uint32_t path_uints(uint32_t features) {
     return 2 + ((features & kPass) ? 1 : 0) + ((features & kMedia) ? 1 : 0);
 }
 
+// Features with which a shadow ray leaves a primitive out.
+inline constexpr uint32_t kShadowSkips = kSphereLights | kPass | kBvh;
+
 template <class L>
 struct ShadowRequest {
     typename L::M wanted;
     Ray<L> ray;
     typename L::F t_max;
     Vec3<typename L::F> radiance;  // added if the ray is free
-    typename L::U skip;            // kSphereLights, kPass: primitive that does not block
+    typename L::U skip;            // kShadowSkips: primitive that does not block
     typename L::U medium;          // kMedia: around the ray's origin
 };
+
+// Its list of fields; `wanted` is none.
+template <uint32_t kFeatures, class Request, class FloatField, class UintField>
+VR_HD void each_shadow_field(Request& s, FloatField f, UintField u) {
+    f(0, s.ray.o.x), f(1, s.ray.o.y), f(2, s.ray.o.z);
+    f(3, s.ray.d.x), f(4, s.ray.d.y), f(5, s.ray.d.z);
+    f(6, s.t_max);
+    f(7, s.radiance.x), f(8, s.radiance.y), f(9, s.radiance.z);
+    if constexpr (kFeatures & kShadowSkips) u(0, s.skip);
+    if constexpr (kFeatures & kMedia) u((kFeatures & kShadowSkips) ? 1 : 0, s.medium);
+}
+inline constexpr uint32_t kShadowFloats = 10;
+constexpr uint32_t shadow_uints(uint32_t features) {
+    return ((features & kShadowSkips) ? 1 : 0) + ((features & kMedia) ? 1 : 0);
+}
 
 // What happened to the lanes of a bounce; disjoint but for the last three.
 template <class L>

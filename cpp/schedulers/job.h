@@ -21,19 +21,26 @@ struct Job {
     VR_HD uint64_t paths() const { return pixels() * samples; }
 };
 
-// Schedulers by name, and how `thrust` closes the gaps that ended paths leave in the index array
-// before the next bounce: not at all, by remove_if, partition, copy_if into another array, or by
-// appending to one during the bounce.
+// How `thrust` closes the gaps that ended paths leave in the index array before the next bounce:
+// not at all, by remove_if, partition, copy_if into another array, or by appending to one during
+// the bounce.
 enum class Compaction : uint32_t { kNone, kRemoveIf, kPartition, kCopy, kAppend };
+enum class Method : uint32_t { kFused, kThrust, kWavefront };
 struct SchedulerInfo {
     const char* name;
-    bool thrust;
-    Compaction compaction;
+    Method method;
+    Compaction compaction = Compaction::kNone;  // kThrust
+    bool sorted = false;                        // kWavefront: by material
 };
 inline constexpr SchedulerInfo kSchedulers[] = {
-    {"fused", false, Compaction::kNone},      {"thrust", true, Compaction::kRemoveIf},
-    {"thrust-none", true, Compaction::kNone}, {"thrust-partition", true, Compaction::kPartition},
-    {"thrust-copy", true, Compaction::kCopy}, {"thrust-append", true, Compaction::kAppend},
+    {"fused", Method::kFused},
+    {"thrust", Method::kThrust, Compaction::kRemoveIf},
+    {"thrust-none", Method::kThrust, Compaction::kNone},
+    {"thrust-partition", Method::kThrust, Compaction::kPartition},
+    {"thrust-copy", Method::kThrust, Compaction::kCopy},
+    {"thrust-append", Method::kThrust, Compaction::kAppend},
+    {"wavefront", Method::kWavefront, Compaction::kNone, true},
+    {"wavefront-unsorted", Method::kWavefront},
 };
 
 // Why a path ended at this bounce; kLive if it goes on.

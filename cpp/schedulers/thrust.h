@@ -1,5 +1,5 @@
 // Scheduler `thrust`: Algorithm 1 of H. Dahlberg, "Parallel Path Tracing in CUDA", KTH, 2016.
-// An array of rays and an array of path indices; every bounce is one launch of ceil(live / 256)
+// An array of paths and one of their indices; every bounce is one launch of ceil(live / 256)
 // blocks over the live indices, ended paths write -1 over theirs, and thrust::remove_if closes the
 // gaps before the next bounce. Other ways to close them are there to be compared.
 #pragma once
@@ -13,7 +13,7 @@
 
 #include <vector>
 
-#include "schedulers/job.h"
+#include "schedulers/columns.h"
 
 namespace veriray {
 
@@ -26,29 +26,6 @@ struct PathIndices {
     uint32_t* appended;  // kAppend: entries in next
 };
 
-// The ray array: paths as columns.
-struct PathColumns {
-    float* floats;    // [path_floats][capacity]
-    uint32_t* uints;  // [path_uints][capacity]
-    uint32_t capacity;
-};
-
-template <uint32_t kFeatures>
-VR_HD PathState<Scalar> load_path(const PathColumns& c, uint32_t i) {
-    PathState<Scalar> p{};
-    each_field<kFeatures>(
-        p, [&](uint64_t k, float& x) { x = c.floats[k * c.capacity + i]; },
-        [&](uint64_t k, uint32_t& x) { x = c.uints[k * c.capacity + i]; });
-    return p;
-}
-
-template <uint32_t kFeatures>
-VR_HD void store_path(const PathColumns& c, uint32_t i, PathState<Scalar> p) {
-    each_field<kFeatures>(
-        p, [&](uint64_t k, float x) { c.floats[k * c.capacity + i] = x; },
-        [&](uint64_t k, uint32_t x) { c.uints[k * c.capacity + i] = x; });
-}
-
 // What one path did in one launch, for the ledger.
 struct BounceOutcome {
     LedgerColumn cause;   // kLive: goes on
@@ -57,21 +34,16 @@ struct BounceOutcome {
 
 // Body of the first launch: path `first + i` of the job begins in slot i.
 template <uint32_t kFeatures>
-VR_HD void thrust_begin(const SceneView& scene, const Job& job, const PathColumns& paths,
+VR_HD void thrust_begin(const SceneView& scene, const Job& job, const Columns& paths,
                         int32_t* indices, uint64_t first, uint32_t i) {
-    const uint64_t g = first + i;
-    const uint32_t sample = static_cast<uint32_t>(g / job.pixels());
-    const uint32_t pixel = job.pixel(static_cast<uint32_t>(g - sample * job.pixels()));
     store_path<kFeatures>(paths, i,
-                          PathTracer<Scalar, kFeatures>::begin(
-                              scene, job.settings, pixel % job.film.width, pixel / job.film.width,
-                              job.film.width, job.sample_begin + sample));
+                          begin_path<kFeatures>(scene, job, static_cast<uint32_t>(first + i)));
     indices[i] = static_cast<int32_t>(i);
 }
 
 // Body of a bounce: the path whose index stands at place k.
 template <uint32_t kFeatures>
-VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const PathColumns& paths,
+VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const Columns& paths,
                                   const PathIndices& indices, Compaction compaction, uint32_t depth,
                                   uint32_t k) {
     if (compaction == Compaction::kNone && indices.now[k] < 0) return {kLive, kLive};
@@ -87,11 +59,7 @@ VR_HD BounceOutcome thrust_bounce(const SceneView& scene, const Job& job, const 
         if (compaction == Compaction::kAppend)
             indices.next[atomic_next(indices.appended)] = static_cast<int32_t>(i);
     } else {
-        Vec3<float> sample;
-        PixelSum sum{};
-        out.cause = finish<kFeatures>(scene, job, path, out.cause, sample);
-        add_sample(sum, sample);
-        if (out.cause != kInvalid) flush(job.film, path.pixel, sum);
+        out.cause = end_path<kFeatures>(scene, job, path, out.cause);
         indices.now[k] = -1;
     }
     return out;

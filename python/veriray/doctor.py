@@ -12,7 +12,7 @@ from . import __version__
 from . import device as device_module
 from .device import CPU_MODULES, Device
 from .errors import DeviceError
-from .render import render
+from .render import METHODS, render
 from .scene import cornell_box
 
 #: The self-test: the measured Cornell box at this size, seed 0, the scene file's depths.
@@ -87,7 +87,7 @@ def run_self_test(usable: list[Device]) -> dict[str, Any]:
     scene = cornell_box()
     runs = []
     for device in usable:
-        for scheduler in ("fused", "thrust"):
+        for scheduler in METHODS:
             run: dict[str, Any] = {"device": device.name, "scheduler": scheduler}
             start = time.perf_counter()
             try:
@@ -137,9 +137,9 @@ def as_text(report: dict[str, Any]) -> str:
         for run in test["runs"]:
             result = run.get("film_sha256") or f"FAILED: {run['error']}"
             lines.append(
-                f"  {run['device']:<13} {run['scheduler']:<7} {run['seconds']:6.2f} s  {result}"
+                f"  {run['device']:<13} {run['scheduler']:<9} {run['seconds']:6.2f} s  {result}"
             )
-        lines.append(f"  {'expected':<30} {test['expected']}")
+        lines.append(f"  {'expected':<32} {test['expected']}")
         lines.append("  passed" if test["passed"] else "  FAILED: not the expected hash everywhere")
     return "\n".join(lines)
 

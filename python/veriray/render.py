@@ -35,7 +35,9 @@ COMPACTIONS = {
     "copy_if": "thrust-copy",
     "append": "thrust-append",
 }
-SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()))
+#: One scheduler of each method.
+METHODS = ("fused", "thrust", "wavefront")
+SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()), "wavefront", "wavefront-unsorted")
 MAX_BATCHES = 1000
 MAX_NONFINITE = 64
 MAX_SPP = 2**40
@@ -136,7 +138,9 @@ def render(
         seed: 0 to 2^64 - 1.
         device: "auto", "cuda", "cuda:N", "cpu", "cpu:avx512", "cpu:avx2" or "cpu:portable".
         scheduler: "fused", "thrust" (the 2016 report's), "thrust-none", "thrust-partition",
-            "thrust-copy", "thrust-append" (see `COMPACTIONS`) or "auto" (see `choose_scheduler`).
+            "thrust-copy", "thrust-append" (see `COMPACTIONS`), "wavefront" (a launch for each stage
+            of a bounce, hits sorted by material), "wavefront-unsorted" or "auto" (see
+            `choose_scheduler`).
         max_depth: longest path in segments, as Mitsuba counts: 1 is emission alone, 2 adds direct
             light, -1 is unlimited; None takes the scene's.
         rr_depth: first depth of Russian roulette, >= 1; None takes the scene's.

@@ -258,6 +258,13 @@ _PICTURE = (
     Mutant("last samples of a picture lost", _CPU, "(job.samples + samples - 1) / samples",
            "std::max(1u, job.samples / samples)"),
     Mutant("first path of thrust lost", "schedulers/thrust.h", "index < 0", "index <= 0"),
+    Mutant("wave's shadow ray delivers after the path's end", "schedulers/wavefront.h",
+           "Tracer::visible(path, shadow, free);",
+           "Tracer::visible(path, shadow, free & (cause == kLive));"),
+    Mutant("last path of a wave lost", "schedulers/wavefront.h", "g < job.paths()",
+           "g + 1 < job.paths()"),
+    Mutant("wave skips every second segment", "schedulers/wavefront.h", "w.state[i] = state + 1;",
+           "w.state[i] = state == Wave::kFree ? 0u : state + 2u;"),
 )  # fmt: skip
 
 _RANDOM = (

@@ -10,6 +10,7 @@ import pytest
 
 import veriray
 from veriray import image
+from veriray.render import METHODS
 from veriray.sampling import PILOT, TILE, tile_errors
 
 SIZE: dict[str, Any] = {"width": 40, "height": 36}
@@ -38,7 +39,8 @@ def test_every_tile_gets_what_it_needs(sampler: str) -> None:
 
 def test_same_bits_whatever_the_way(device: str) -> None:
     wanted = picture().film_sha256
-    for way in ({}, {"scheduler": "thrust"}, {"batch_size": 777}, {"all_features": True}):
+    ways = [{"scheduler": name} for name in METHODS]
+    for way in (*ways, {"batch_size": 777}, {"all_features": True}):
         assert picture(device, **way).film_sha256 == wanted, way
     assert picture(device, threads=1).film_sha256 == wanted
 

@@ -19,6 +19,7 @@ import veriray as vr
 from veriray import info
 from veriray.cli import main
 from veriray.image import load
+from veriray.render import METHODS
 
 SMALL = ["--width", "16", "--height", "16", "--spp", "2", "--device", "cpu"]
 COMMAND = [sys.executable, "-m", "veriray"]
@@ -289,7 +290,7 @@ def test_disk_full_keeps_the_earlier_file() -> None:
     assert Path("a.exr").read_bytes() == before and os.listdir() == ["a.exr"]
 
 
-@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+@pytest.mark.parametrize("scheduler", METHODS)
 def test_interrupt_leaves_nothing(scheduler: str) -> None:
     endless = ["render", "cornell-box", "--device", "cpu", "--spp", "1000000000", "-o", "a.exr"]
     endless += ["--scheduler", scheduler, "--width", "64", "--height", "64"]

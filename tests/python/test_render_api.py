@@ -21,8 +21,8 @@ import numpy as np
 import pytest
 
 import veriray as vr
-from veriray.render import SCHEDULERS, prepare
-from veriray.validate.scenes import Part, camera, make
+from veriray.render import METHODS, SCHEDULERS, prepare
+from veriray.validate.scenes import Part, camera, check_scene, make
 
 device_module = sys.modules["veriray.device"]
 render_module = sys.modules["veriray.render"]
@@ -58,7 +58,7 @@ def test_stats(picture: vr.Render, cornell: vr.Scene) -> None:
     assert stats["scene_sha256"] == cornell.sha256
     assert stats["version"] == vr.__version__
     assert stats["device"].startswith("cpu:") and stats["device_reason"]
-    assert stats["scheduler"] in ("fused", "thrust") and stats["scheduler_reason"]
+    assert stats["scheduler"] in METHODS and stats["scheduler_reason"]
     assert stats["features"] and stats["threads"] >= 1 and stats["memory"] > 0
     assert set(stats["features"]) <= set(stats["variant"]) and stats["path_bytes"] > 0
     assert stats["tree"] == {} and stats["primitives"]["dropped"] == 0
@@ -79,7 +79,7 @@ def test_ledger_adds_up(cornell: vr.Scene, device: str, scheduler: str, max_dept
         assert live == sum(ledger[cause][depth] for cause in CAUSES) + following[depth]
     if max_depth > 0:
         assert len(ledger["live"]) <= max_depth
-    if scheduler != "fused":
+    if scheduler.startswith("thrust"):
         assert len(stats["blocks"]) == len(ledger["live"])
         for whole, part in zip(stats["depth_seconds"], stats["compaction_seconds"], strict=True):
             assert 0 <= part <= whole
@@ -95,12 +95,30 @@ def test_nothing_but_the_picture_settings_matters(
         {"threads": 3, "batch_size": 1000},
         {"batches": 4},
         {"batches": 16, "scheduler": "thrust", "batch_size": 257},
-        {"all_features": True},
+        {"batches": 4, "scheduler": "wavefront", "batch_size": 33},
+        *({"all_features": True, "scheduler": name} for name in METHODS),
     ]
     for variant in variants:
         other = vr.render(cornell, spp=16, device=device, **variant)
         assert other.film_sha256 == picture.film_sha256, variant
         assert other.stats["ledger"] == picture.stats["ledger"], variant
+
+
+@pytest.mark.parametrize("scheduler", ["wavefront", "wavefront-unsorted"])
+@pytest.mark.parametrize(
+    "name", ["mask", "medium_in_mesh", "nested_dielectrics", "spheres_300", "thinlens"]
+)
+def test_waves_of_any_size(device: str, scheduler: str, name: str) -> None:
+    """One path, a warp and one more, more than there are: slots are refilled in every pattern."""
+    scene = check_scene(name, 5).with_(sampler="sobol")
+    for depth in (1, -1):
+        wanted = vr.render(scene, 3, device="cpu", scheduler="fused", max_depth=depth)
+        for batch in (1, 33, 1000):
+            other = vr.render(
+                scene, 3, device=device, scheduler=scheduler, max_depth=depth, batch_size=batch
+            )
+            assert other.film_sha256 == wanted.film_sha256, (depth, batch)
+            assert other.stats["ledger"] == wanted.stats["ledger"], (depth, batch)
 
 
 @pytest.mark.parametrize(
@@ -219,7 +237,7 @@ def stop_at_once(fraction: float) -> None:
 @pytest.mark.parametrize(
     "error", [RuntimeError("stop"), KeyboardInterrupt(), SystemExit(3)], ids=repr
 )
-@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+@pytest.mark.parametrize("scheduler", METHODS)
 def test_progress_can_stop(
     cornell: vr.Scene, picture: vr.Render, cpu: str, scheduler: str, error: BaseException
 ) -> None:
@@ -227,7 +245,7 @@ def test_progress_can_stop(
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("scheduler", ["fused", "thrust"])
+@pytest.mark.parametrize("scheduler", METHODS)
 def test_progress_can_stop_cuda(cornell: vr.Scene, picture: vr.Render, scheduler: str) -> None:
     check_stop(cornell, picture, "cuda", scheduler, KeyboardInterrupt(), 2**22)
 
@@ -273,7 +291,7 @@ def test_other_threads_run_while_rendering(cornell: vr.Scene) -> None:
 
 def test_threads_render_the_same_scene_at_once(cornell: vr.Scene, picture: vr.Render) -> None:
     def job(k: int) -> str:
-        name = "fused" if k % 2 else "thrust"
+        name = METHODS[k % len(METHODS)]
         return vr.render(cornell, spp=16, device="cpu", scheduler=name, threads=2).film_sha256
 
     with ThreadPoolExecutor(8) as pool:

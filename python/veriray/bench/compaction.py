@@ -3,8 +3,11 @@
 Rows, each a scheduler of `veriray.render`. "none": every bounce is launched for all paths begun,
 ended ones return at once. "remove_if" (the 2016 report's), "partition": Thrust's algorithm on the
 array of path indices after each bounce. "copy_if": the same into a second array. "append": the
-bounce itself appends its survivors, one atomic addition a warp. "regenerate": no array at all; a
-thread whose path ends begins the next one (scheduler `fused`), as in J. Novak, V. Havran, C.
+bounce itself appends its survivors, one atomic addition a warp. "wavefront": a launch for each
+stage of a bounce, over queues filled by appending, hits sorted by material; gaps are refilled with
+new paths, and the host waits for no count; after S. Laine, T. Karras and T. Aila, "Megakernels
+Considered Harmful", 2013. "unsorted": the same with one queue of hits. "regenerate": no array at
+all; a thread whose path ends begins the next one (scheduler `fused`), as in J. Novak, V. Havran, C.
 Dachsbacher, "Path Regeneration for Interactive Path Tracing", 2010, and T. Aila and S. Laine's ray
 pool, "Understanding the Efficiency of Ray Traversal on GPUs", 2009.
 """
@@ -19,7 +22,12 @@ from ..render import COMPACTIONS, Render, render
 from ..scene import Scene
 from .measure import median, spread
 
-STRATEGIES = {**COMPACTIONS, "regenerate": "fused"}
+STRATEGIES = {
+    **COMPACTIONS,
+    "wavefront": "wavefront",
+    "unsorted": "wavefront-unsorted",
+    "regenerate": "fused",
+}
 _KEYS = (
     "device device_name width height spp seed max_depth rr_depth scene_sha256 version paths "
     "live_rays"
@@ -38,12 +46,12 @@ def study(
 ) -> dict[str, Any]:
     """Renders a scene by every strategy, in turn, `rounds` times after one to warm up.
 
-    One sample of every pixel is in flight at a time. Returns settings, live_rays, same_film (all
-    films have one hash), winner, and rows, one a strategy: strategy, scheduler, seconds (median),
-    spread, samples_per_second, times_slower (than the winner), film_sha256 and, but for
-    "regenerate", blocks, bounce_seconds and compaction_seconds by depth (medians), lanes (share of
-    the launched threads whose path lived) and compaction_share (of the time of all bounces). Raises
-    as `veriray.render`, ValueError for rounds below 1.
+    As many paths as pixels are in flight, but for "regenerate". Returns settings, live_rays,
+    same_film (all films have one hash), winner, and rows, one a strategy: strategy, scheduler,
+    seconds (median), spread, samples_per_second, times_slower (than the winner), film_sha256 and,
+    for those of `COMPACTIONS`, blocks, bounce_seconds and compaction_seconds by depth (medians),
+    lanes (share of the launched threads whose path lived) and compaction_share (of the time of all
+    bounces). Raises as `veriray.render`, ValueError for rounds below 1.
     """
     if rounds < 1:
         raise ValueError(f"rounds = {rounds} is below 1")
@@ -53,7 +61,7 @@ def study(
     for turn in range(rounds + 1):
         names = list(STRATEGIES)
         for name in names[turn % len(names) :] + names[: turn % len(names)]:
-            batch = min(width * height, 2**26) if name in COMPACTIONS else 0
+            batch = 0 if name == "regenerate" else min(width * height, 2**26)
             result = render(scene, scheduler=STRATEGIES[name], batch_size=batch, **common)
             runs[name] = [result] if turn == 0 else [*runs[name], result]
             done += 1

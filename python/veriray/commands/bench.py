@@ -169,7 +169,7 @@ def _add_live_rays(kinds: Any) -> None:
     add_scene(parser)
     parser.set_defaults(handler=_bench_live_rays, width=1280, height=720)
     parser.add_argument("--spp", type=integer, default=1, help="samples per pixel (default: 1)")
-    parser.add_argument("--scheduler", default="thrust", help="thrust (default), fused or auto")
+    parser.add_argument("--scheduler", default="thrust", help="thrust (default) or any other")
     parser.add_argument("--json", metavar="FILE", help="write table and settings as JSON")
 
 

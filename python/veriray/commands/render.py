@@ -31,7 +31,7 @@ def add(commands: Any) -> None:
     add_outputs(parser, "FILE.exr (everything) or FILE.png (display copy)")
     parser.add_argument("--spp", type=integer, help="samples per pixel (default: the scene's)")
     parser.add_argument("--seed", type=integer, default=0, help="0 to 2^64-1 (default: 0)")
-    parser.add_argument("--scheduler", default="auto", help="auto, fused or thrust")
+    parser.add_argument("--scheduler", default="auto", help="auto, fused, thrust or wavefront")
     parser.add_argument("--max-depth", type=integer, help="longest path; 1 emission, -1 unlimited")
     parser.add_argument("--rr-depth", type=integer, help="first depth of Russian roulette")
     parser.add_argument("--sampler", help="independent or sobol (default: the scene's)")

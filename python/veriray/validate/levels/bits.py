@@ -21,6 +21,7 @@ import numpy.typing as npt
 import trimesh
 
 import veriray
+from veriray.render import METHODS
 from veriray.scene import SHIPPED, Scene
 from veriray.validate.scenes import Part, box, camera, check_scene, checks, furnace, make, quad
 from veriray.validate.trial import Skipped, Trial, case
@@ -120,14 +121,13 @@ def merged(host: Host, spp: int, schedulers: tuple[str, str]) -> tuple[str, str,
 
 
 def in_parts(host: Host, spp: int) -> str:
-    """Hash of every third pixel, and then the others, rendered by list."""
+    """Hash of every third pixel, then the next ones, then the rest, rendered by list."""
     film, every = host.film(), np.arange(host.size[0] * host.size[1], dtype=np.uint32)
-    part = every % 3 == 0
-    counts = [
-        host.render(0, spp, film, scheduler=scheduler, pixels=every[chosen])[1]
-        for scheduler, chosen in (("fused", part), ("thrust", ~part))
-    ]
-    return sha(film, add_rows(*counts))
+    counts = np.zeros((0, 9), np.uint64)
+    for k, scheduler in enumerate(METHODS):
+        listed = every[k :: len(METHODS)]
+        counts = add_rows(counts, host.render(0, spp, film, scheduler=scheduler, pixels=listed)[1])
+    return sha(film, counts)
 
 
 def add_rows(a: Array, b: Array) -> Array:
@@ -144,25 +144,26 @@ def one_hash(t: Trial, name: str) -> None:
     """One SHA-256 whatever the way: device, scheduler, threads, batch, variant, resume.
 
     (D1-D3, D5-D7, D9, D11, D13, D14.) Equal: all devices and instruction sets of this machine x
-    fused, thrust x 1, 2, 16 threads x samples in flight, code for absent features forced on, the
-    run repeated, cut into ranges that are merged in shuffled order, stopped and resumed, and
-    rendered by lists of pixels.
+    fused, thrust, wavefront x 1, 2, 16 threads x samples in flight, code for absent features forced
+    on, the run repeated, cut into ranges that are merged in shuffled order, stopped and resumed,
+    and rendered by lists of pixels.
     """
     scene, spp = scene_of(name)
     wanted: str | None = None
     ways: list[dict[str, Any]] = [
         {"scheduler": scheduler, "threads": threads, "batch": batch}
-        for scheduler in ("fused", "thrust")
+        for scheduler in METHODS
         for threads, batch in ((1, 0), (2, 300), (2, 1000), (2, 0), (1, 77), (16, 0))
     ]
-    ways += [{}, {"all_features": True}, {"scheduler": "thrust", "all_features": True}]
+    ways += [{}, *({"scheduler": scheduler, "all_features": True} for scheduler in METHODS)]
+    ways += [{"scheduler": "wavefront-unsorted", "batch": batch} for batch in (0, 33)]
     for device in t.devices:
         host = Host(t, scene, device)
         for way in (*ways, *[{}] * (4 if name in ("cornell-box", "mesh") else 0)):
             found = host.sha(spp, **way)
             wanted = wanted or found
             t.check(found == wanted, f"{device}: other bits with {way}")
-        for order in (("thrust", "fused"), ("fused", "thrust")):
+        for order in (("thrust", "fused"), ("fused", "wavefront")):
             added, resumed, complete = merged(host, spp, order)
             t.check(added == wanted, f"{device}: other bits from merged ranges, {order}")
             t.check(resumed == wanted, f"{device}: other bits when resumed, {order}")
@@ -411,8 +412,8 @@ def recorded_films(t: Trial, entry: str) -> None:
     """The films of recorded.json, from every device and in every way (D13, D14).
 
     Equal hashes on this processor or GPU, with its driver and compiler, as when they were recorded,
-    under both schedulers; of the large film with threads x samples in flight, and not from slow
-    code. `one_hash` has all ways for small ones.
+    under fused, thrust and wavefront; of the large film with threads x samples in flight, and not
+    from slow code. `one_hash` has all ways for small ones.
     """
     wanted = ENTRIES[entry]
     name, spp, small = wanted["scene"], wanted["spp"], is_small(entry)
@@ -420,11 +421,11 @@ def recorded_films(t: Trial, entry: str) -> None:
     for device in t.devices:
         if not small and device == SLOW:
             continue  # the small films say the same of that code
-        ways: list[dict[str, Any]] = [{}, {"scheduler": "thrust"}]
+        ways: list[dict[str, Any]] = [{"scheduler": scheduler} for scheduler in METHODS]
         if not small:
             ways += [
                 {"scheduler": scheduler, "threads": threads, "batch_size": batch}
-                for scheduler in ("fused", "thrust")
+                for scheduler in METHODS
                 for threads in (1, 2)
                 for batch in (0, 3000)
             ]

@@ -24,7 +24,7 @@ from scipy import stats
 import veriray
 from veriray import livebench
 from veriray.compare import statistics as st
-from veriray.render import LEDGER_COLUMNS, Render
+from veriray.render import LEDGER_COLUMNS, METHODS, Render
 from veriray.scene import Scene
 from veriray.validate import dicts, references
 from veriray.validate.scenes import (
@@ -47,7 +47,7 @@ from veriray.validate.trial import FIRST, Trial, case
 Array = npt.NDArray[Any]
 
 NAMES = tuple(checks())
-SCHEDULERS = ("fused", "thrust")
+SCHEDULERS = METHODS
 #: Scenes of the quick run against the reference.
 QUICK = {
     "chromatic_medium", "conductor_mirror", "disk_light", "glass_cube", "hg_forward", "mask",

@@ -1,0 +1,137 @@
+// What the schedulers of the CUDA backend have in common.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include <chrono>
+#include <exception>
+#include <thread>
+
+#include "backends/device.cuh"
+#include "backends/instances.h"
+
+namespace veriray {
+
+using Clock = std::chrono::steady_clock;
+inline double seconds_since(Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+struct Stream {
+    cudaStream_t s = nullptr;
+    Stream() { check(cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking), "stream"); }
+    ~Stream() { cudaStreamDestroy(s); }
+    Stream(const Stream&) = delete;
+    Stream& operator=(const Stream&) = delete;
+};
+
+// What a scheduler is given beside the job. Work goes to stream `work`; words are read and written
+// through `side` meanwhile.
+struct Launches {
+    const SceneView& scene;
+    const RenderSettings& s;
+    RenderStats& stats;
+    int multiprocessors;
+    Stream& work;
+    Stream& side;
+    Buffer<uint64_t>& ledger;
+    const Poll& poll;
+};
+
+// Each returns false if poll stopped it.
+bool render_fused(const Launches& l, const Job& job);
+bool render_thrust(const Launches& l, const Job& job);
+bool render_wavefront(const Launches& l, const Job& job);
+
+// A device word as it is now.
+template <class T>
+T read_word(const T* word, const Stream& side) {
+    T value{};
+    check(cudaMemcpyAsync(&value, word, sizeof value, cudaMemcpyDeviceToHost, side.s), "read");
+    check(cudaStreamSynchronize(side.s), "read");
+    return value;
+}
+
+// Asks poll every 50 ms while the device works; where it stops the render, the device's word
+// *cancel is raised.
+class Watch {
+   public:
+    Watch(const Launches& l, uint32_t* cancel) : l_(l), cancel_(cancel) {}
+
+    // query() until what it asks for is done; share() is the part of the work that is.
+    template <class Query, class Share>
+    void wait(Query query, Share share) {
+        for (;;) {
+            const cudaError_t status = query();
+            if (status == cudaSuccess) return;
+            if (status != cudaErrorNotReady) check(status, "render");
+            cudaGetLastError();  // not ready is no error of a later launch
+            if (l_.poll && !stopped_ && seconds_since(last_) > 0.05)
+                ask(share());
+            else
+                std::this_thread::yield();
+        }
+    }
+    bool stopped() const { return stopped_; }
+    // After all work: false if poll stopped it; throws what poll threw.
+    bool complete() const {
+        if (error_) std::rethrow_exception(error_);
+        return !stopped_;
+    }
+
+   private:
+    const Launches& l_;
+    uint32_t* cancel_;
+    Clock::time_point last_ = Clock::now();
+    bool stopped_ = false;
+    std::exception_ptr error_;
+
+    void ask(double share) {
+        try {
+            stopped_ = !l_.poll(std::min(1.0, share));
+        } catch (...) {
+            error_ = std::current_exception();
+            stopped_ = true;
+        }
+        last_ = Clock::now();
+        if (!stopped_) return;
+        const uint32_t yes = 1;
+        check(cudaMemcpyAsync(cancel_, &yes, sizeof yes, cudaMemcpyHostToDevice, l_.side.s),
+              "cancel");
+        check(cudaStreamSynchronize(l_.side.s), "cancel");
+    }
+};
+
+// Blocks of `threads` that n bodies fill, as many as the device holds at once.
+template <class Kernel>
+unsigned resident_blocks(const Launches& l, Kernel kernel, uint32_t threads, uint64_t n) {
+    int per_sm = 0;
+    check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, kernel, threads, 0), "occupancy");
+    return static_cast<unsigned>(std::min<uint64_t>(
+        static_cast<uint64_t>(per_sm) * l.multiprocessors, (n + threads - 1) / threads));
+}
+
+inline constexpr uint64_t kLedgerRowsShared = 32;
+
+// A block's counts of the ledger, in shared memory; deeper events go to device memory at once.
+struct BlockLedger {
+    uint32_t counts[kLedgerRowsShared * kLedgerColumns];
+
+    __device__ void clear() {
+        for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += blockDim.x)
+            counts[i] = 0;
+    }
+    __device__ void record(uint64_t* ledger, uint32_t depth, uint32_t column) {
+        if (depth < kLedgerRowsShared)
+            atomicAdd(&counts[depth * kLedgerColumns + column], 1u);
+        else
+            atomic_add(ledger + static_cast<uint64_t>(depth) * kLedgerColumns + column, 1);
+    }
+    // After a barrier.
+    __device__ void add_to(uint64_t* ledger) const {
+        for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += blockDim.x)
+            if (counts[i]) atomic_add(ledger + i, counts[i]);
+    }
+};
+
+}  // namespace veriray

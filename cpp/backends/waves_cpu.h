@@ -1,0 +1,160 @@
+// The schedulers that keep their paths in memory, `thrust` and `wavefront`, on CPU threads.
+#pragma once
+
+#include <thrust/execution_policy.h>
+
+#include <algorithm>
+#include <chrono>
+#include <string>
+#include <vector>
+
+#include "backends/instances.h"
+#include "backends/thread_pool.h"
+#include "schedulers/thrust.h"
+#include "schedulers/tile.h"
+#include "schedulers/wavefront.h"
+
+namespace veriray {
+namespace {
+
+template <class T>
+std::vector<T> pool_memory(size_t n, const char* what) {
+    try {
+        return std::vector<T>(n);
+    } catch (const std::bad_alloc&) {
+        throw OutOfMemoryError(std::string(what) + ": needs " + std::to_string(n * sizeof(T)) +
+                               " bytes");
+    }
+}
+
+// Launches of n bodies each, in blocks that are shared out to threads.
+struct HostLaunches {
+    uint32_t threads;
+    const Poll& on_poll;
+    uint64_t* launches;
+    double share = 0;
+    bool stopped = false;
+    std::chrono::steady_clock::time_point polled = std::chrono::steady_clock::now();
+
+    template <class Body>
+    void launch(uint32_t n, Body body) {
+        ++*launches;
+        const uint64_t blocks = (n + kThrustBlock - 1) / kThrustBlock;
+        const Poll each = [&](double) { return poll_now(); };
+        stopped |= !parallel(threads, blocks, each, [&](uint32_t worker, uint64_t block) {
+            const uint32_t first = static_cast<uint32_t>(block) * kThrustBlock;
+            for (uint32_t k = first; k < std::min(n, first + kThrustBlock); ++k) body(worker, k);
+        });
+    }
+    bool poll_now() {
+        polled = std::chrono::steady_clock::now();
+        return !on_poll || on_poll(share);
+    }
+    bool poll(double done) {
+        share = done;
+        if (std::chrono::steady_clock::now() - polled > std::chrono::milliseconds(50))
+            stopped |= !poll_now();
+        return !stopped;
+    }
+};
+
+// Executor of `thrust` on Thrust's host system.
+template <uint32_t kFeatures>
+struct HostExec : HostLaunches {
+    const SceneView& scene;
+    const Job& job;
+    const Columns& paths;
+    Compaction compaction;
+    std::vector<LedgerRows>& ledgers;
+
+    void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
+        launch(n, [&](uint32_t, uint32_t i) {
+            thrust_begin<kFeatures>(scene, job, paths, indices.now, first, i);
+        });
+    }
+    void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
+        *indices.appended = 0;
+        for (LedgerRows& rows : ledgers) rows.row(depth);
+        launch(n, [&](uint32_t worker, uint32_t k) {
+            const BounceOutcome out =
+                thrust_bounce<kFeatures>(scene, job, paths, indices, compaction, depth, k);
+            uint64_t* row = ledgers[worker].row(depth);
+            if (out.cause != kLive) ++row[out.cause];
+            if (out.shadow != kLive) ++row[out.shadow];
+        });
+    }
+    auto policy() const { return thrust::host; }
+    static uint32_t appended(const uint32_t* counter) { return *counter; }
+    static double clock() {
+        return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
+            .count();
+    }
+};
+
+bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& s,
+                   std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
+    const uint64_t wanted = s.batch ? s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
+    const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
+    const uint32_t features = kVariants[choose_variant(view, s)];
+    auto floats =
+        pool_memory<float>(static_cast<size_t>(path_floats(features)) * pool, "path pool");
+    auto uints =
+        pool_memory<uint32_t>(static_cast<size_t>(path_uints(features)) * pool, "path pool");
+    const Compaction compaction = find_scheduler(s.scheduler)->compaction;
+    const bool two = compaction == Compaction::kCopy || compaction == Compaction::kAppend;
+    auto index = pool_memory<int32_t>(two ? 2ull * pool : pool, "path pool");
+    uint32_t appended = 0;
+    const PathIndices indices{index.data(), two ? index.data() + pool : nullptr, &appended};
+    const Columns paths{floats.data(), uints.data(), pool};
+    bool complete = false;
+    with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
+        HostExec<kFeatures> exec{
+            {stats.threads, poll, &stats.launches}, view, job, paths, compaction, ledgers};
+        run_thrust(exec, job.paths(), pool, indices, compaction,
+                   {stats.blocks, stats.depth_seconds, stats.compaction_seconds});
+        complete = !exec.stopped;
+    });
+    return complete;
+}
+
+bool render_wavefront(const SceneView& view, const Job& job, const RenderSettings& s,
+                      std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
+    const uint32_t variant = choose_variant(view, s), features = kVariants[variant];
+    const uint32_t kinds = find_scheduler(s.scheduler)->sorted ? kHitKinds : 1;
+    const uint32_t capacity =
+        static_cast<uint32_t>(std::min<uint64_t>(s.batch ? s.batch : 1u << 16, job.paths()));
+    auto floats = pool_memory<float>(static_cast<size_t>(wave_floats(features)) * capacity, "wave");
+    auto uints =
+        pool_memory<uint32_t>(static_cast<size_t>(wave_uints(features, kinds)) * capacity, "wave");
+    WaveCounts counts{};
+    const Wave w = make_wave(features, kinds, capacity, floats.data(), uints.data(), &counts);
+    std::fill_n(w.state, capacity, Wave::kFree);
+    HostLaunches cpu{stats.threads, poll, &stats.launches};
+    with_variant(variant, [&]<uint32_t kFeatures>() {
+        const auto recorder = [&](uint32_t worker) {
+            return [&ledger = ledgers[worker]](uint32_t depth, uint32_t column) {
+                ++ledger.row(depth)[column];
+            };
+        };
+        do {
+            const uint32_t begun = counts.begun;
+            counts = {};
+            counts.begun = begun;
+            cpu.launch(capacity,
+                       [&](uint32_t, uint32_t i) { wave_refill<kFeatures>(view, job, w, i); });
+            cpu.launch(counts.live,
+                       [&](uint32_t, uint32_t k) { wave_trace<kFeatures>(view, w, k); });
+            cpu.launch(hit_places(w), [&](uint32_t worker, uint32_t k) {
+                wave_scatter<kFeatures>(view, job, w, k, recorder(worker));
+            });
+            cpu.launch(counts.shadows, [&](uint32_t worker, uint32_t k) {
+                wave_shadow<kFeatures>(view, job, w, k, recorder(worker));
+            });
+        } while (counts.live && cpu.poll(std::min(1.0, static_cast<double>(counts.begun) /
+                                                           static_cast<double>(job.paths()))));
+    });
+    return !cpu.stopped;
+}
+
+}  // namespace
+}  // namespace veriray

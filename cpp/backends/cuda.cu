@@ -200,9 +200,14 @@ bool render_fused(const Launches& l, const Job& job) {
     // In the stream's order: a non-blocking stream does not wait for the default one.
     check(cudaMemsetAsync(control.get(), 0, sizeof(Control), l.work.s), "control");
     with_variant(choose_variant(l.scene, l.s), [&]<uint32_t kFeatures>() {
-        unsigned blocks = resident_blocks(l, fused_kernel<kFeatures>, kFusedBlock, items.count);
-        if (l.s.batch) blocks = std::clamp(l.s.batch / kFusedBlock, 1u, blocks);
-        fused_kernel<kFeatures><<<blocks, kFusedBlock, 0, l.work.s>>>(
+        int per_sm = 0;
+        check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, fused_kernel<kFeatures>,
+                                                            kFusedBlock, 0),
+              "occupancy");
+        const uint64_t resident = static_cast<uint64_t>(per_sm) * l.multiprocessors;
+        uint64_t blocks = std::min<uint64_t>(resident, blocks_for(items.count, kFusedBlock));
+        if (l.s.batch) blocks = std::clamp<uint64_t>(l.s.batch / kFusedBlock, 1, blocks);
+        fused_kernel<kFeatures><<<static_cast<unsigned>(blocks), kFusedBlock, 0, l.work.s>>>(
             l.scene, job, items, control.get(), l.ledger.get());
         check_launch("fused");
     });

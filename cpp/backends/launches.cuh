@@ -102,15 +102,6 @@ class Watch {
     }
 };
 
-// Blocks of `threads` that n bodies fill, as many as the device holds at once.
-template <class Kernel>
-unsigned resident_blocks(const Launches& l, Kernel kernel, uint32_t threads, uint64_t n) {
-    int per_sm = 0;
-    check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, kernel, threads, 0), "occupancy");
-    return static_cast<unsigned>(std::min<uint64_t>(
-        static_cast<uint64_t>(per_sm) * l.multiprocessors, (n + threads - 1) / threads));
-}
-
 inline constexpr uint64_t kLedgerRowsShared = 32;
 
 // A block's counts of the ledger, in shared memory; deeper events go to device memory at once.

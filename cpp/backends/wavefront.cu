@@ -1,6 +1,5 @@
-// Scheduler `wavefront` on CUDA. A stage is a grid as large as the device holds, which strides over
-// a queue whose count it reads on the device; a CUDA graph launches kSteps steps at once. The host
-// keeps one graph ahead and ends when a step has traced nothing.
+// Scheduler `wavefront` on CUDA: a launch a stage, a block a tile. A CUDA graph launches kSteps
+// steps at once; the host keeps one graph ahead and ends when all tiles are idle.
 #include "schedulers/wavefront.h"
 
 #include "backends/launches.cuh"
@@ -9,54 +8,67 @@ namespace veriray {
 namespace {
 
 constexpr uint32_t kWaveBlock = 128;
-constexpr uint32_t kSteps = 8;  // the last graphs' steps find nothing: four idle launches each
+constexpr uint32_t kSteps = 8;  // those after the job's end are four idle launches each
 
+// Calls body(k) for k < n; the threads of the block share.
 template <class Body>
-__device__ void each_place(uint32_t n, Body body) {
-    for (uint32_t k = blockIdx.x * kWaveBlock + threadIdx.x; k < n; k += gridDim.x * kWaveBlock)
-        body(k);
+__device__ void each_of(uint32_t n, Body body) {
+    for (uint32_t k = threadIdx.x; k < n; k += kWaveBlock) body(k);
 }
-
-__device__ bool is_first_thread() { return blockIdx.x == 0 && threadIdx.x == 0; }
 
 template <uint32_t kFeatures>
 __global__ void __launch_bounds__(kWaveBlock)
     refill_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                   const __grid_constant__ Wave w) {
-    if (is_first_thread()) {  // the last step's queues
-        for (uint32_t& n : w.counts->hits) n = 0;
-        w.counts->shadows = 0;
+    if (w.queues[blockIdx.x].idle) return;
+    __shared__ TileQueues q;
+    __shared__ Refill r;
+    const uint32_t first = blockIdx.x * kTileSlots;
+    __syncthreads();  // all have read idle
+    if (threadIdx.x == 0) q = {};
+    __syncthreads();
+    each_of(w.slots(first), [&](uint32_t k) { wave_sweep(w, q, first, first + k); });
+    __syncthreads();
+    if (threadIdx.x == 0) {
+        r = wave_take(job, w, q);
+        w.queues[blockIdx.x] = q;
     }
-    if (atomic_load(&w.counts->stopped)) return;
-    each_place(w.capacity, [&](uint32_t i) { wave_refill<kFeatures>(scene, job, w, i); });
+    __syncthreads();
+    each_of(r.begins, [&](uint32_t k) { wave_begin<kFeatures>(scene, job, w, r, first, k); });
 }
 
 template <uint32_t kFeatures>
 __global__ void __launch_bounds__(kWaveBlock)
     trace_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Wave w) {
-    const uint32_t n = w.counts->live;
-    if (is_first_thread()) w.counts->traced = n;
-    if (n == 0) return;
+    const uint32_t live = w.queues[blockIdx.x].live;
+    if (live == 0) return;
+    __shared__ TileQueues q;
+    if (threadIdx.x == 0) q = w.queues[blockIdx.x];
     fill_block_quads<kFeatures>(scene);
-    each_place(n, [&](uint32_t k) { wave_trace<kFeatures>(scene, w, k); });
+    __syncthreads();
+    each_of(live,
+            [&](uint32_t k) { wave_trace<kFeatures>(scene, w, q, blockIdx.x * kTileSlots, k); });
+    __syncthreads();
+    if (threadIdx.x == 0) w.queues[blockIdx.x] = q;
 }
 
 template <uint32_t kFeatures>
 __global__ void __launch_bounds__(kWaveBlock)
     scatter_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                    const __grid_constant__ Wave w, uint64_t* ledger) {
-    const uint32_t n = hit_places(w);
-    if (is_first_thread()) w.counts->live = 0;  // traced
-    if (n == 0) return;
+    if (w.queues[blockIdx.x].live == 0) return;
+    __shared__ TileQueues q;
     __shared__ BlockLedger counts;
+    if (threadIdx.x == 0) q = w.queues[blockIdx.x];
     counts.clear();
     __syncthreads();
-    each_place(n, [&](uint32_t k) {
-        wave_scatter<kFeatures>(scene, job, w, k, [&](uint32_t depth, uint32_t column) {
-            counts.record(ledger, depth, column);
-        });
+    each_of(hit_places(q), [&](uint32_t k) {
+        wave_scatter<kFeatures>(
+            scene, job, w, q, blockIdx.x * kTileSlots, k,
+            [&](uint32_t depth, uint32_t column) { counts.record(ledger, depth, column); });
     });
     __syncthreads();
+    if (threadIdx.x == 0) w.queues[blockIdx.x] = q;
     counts.add_to(ledger);
 }
 
@@ -64,16 +76,16 @@ template <uint32_t kFeatures>
 __global__ void __launch_bounds__(kWaveBlock)
     shadow_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                   const __grid_constant__ Wave w, uint64_t* ledger) {
-    const uint32_t n = w.counts->shadows;
-    if (n == 0) return;
+    const uint32_t shadows = w.queues[blockIdx.x].shadows;
+    if (shadows == 0) return;
     __shared__ BlockLedger counts;
     counts.clear();
     fill_block_quads<kFeatures>(scene);
     __syncthreads();
-    each_place(n, [&](uint32_t k) {
-        wave_shadow<kFeatures>(scene, job, w, k, [&](uint32_t depth, uint32_t column) {
-            counts.record(ledger, depth, column);
-        });
+    each_of(shadows, [&](uint32_t k) {
+        wave_shadow<kFeatures>(
+            scene, job, w, blockIdx.x * kTileSlots, k,
+            [&](uint32_t depth, uint32_t column) { counts.record(ledger, depth, column); });
     });
     __syncthreads();
     counts.add_to(ledger);
@@ -118,25 +130,29 @@ struct Event {
     Event& operator=(const Event&) = delete;
 };
 
+// A capture does not allow that a kernel is loaded.
+template <class... Kernels>
+void load_kernels(Kernels... kernels) {
+    cudaFuncAttributes attributes;
+    (check(cudaFuncGetAttributes(&attributes, kernels), "kernels"), ...);
+}
+
 template <uint32_t kFeatures>
 Graph record_steps(const Launches& l, const Job& job, const Wave& w) {
-    // Asking for the occupancy also loads the kernels, which a capture does not allow.
-    const unsigned refill = resident_blocks(l, refill_kernel<kFeatures>, kWaveBlock, w.capacity),
-                   trace = resident_blocks(l, trace_kernel<kFeatures>, kWaveBlock, w.capacity),
-                   scatter = resident_blocks(l, scatter_kernel<kFeatures>, kWaveBlock,
-                                             w.capacity + w.kinds * kKindPlaces),
-                   shadow = resident_blocks(l, shadow_kernel<kFeatures>, kWaveBlock, w.capacity);
+    load_kernels(refill_kernel<kFeatures>, trace_kernel<kFeatures>, scatter_kernel<kFeatures>,
+                 shadow_kernel<kFeatures>);
+    const uint32_t tiles = tile_count(w.capacity);
     const cudaStream_t s = l.work.s;
     uint64_t* const ledger = l.ledger.get();
     return Graph(l.work, [&] {
         for (uint32_t step = 0; step < kSteps; ++step) {
-            refill_kernel<kFeatures><<<refill, kWaveBlock, 0, s>>>(l.scene, job, w);
+            refill_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w);
             check_launch("refill");
-            trace_kernel<kFeatures><<<trace, kWaveBlock, 0, s>>>(l.scene, w);
+            trace_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, w);
             check_launch("trace");
-            scatter_kernel<kFeatures><<<scatter, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
+            scatter_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
             check_launch("scatter");
-            shadow_kernel<kFeatures><<<shadow, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
+            shadow_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
             check_launch("shadow");
         }
     });
@@ -147,23 +163,26 @@ Graph record_steps(const Launches& l, const Job& job, const Wave& w) {
 bool render_wavefront(const Launches& l, const Job& job) {
     const uint32_t variant = choose_variant(l.scene, l.s), features = kVariants[variant];
     const uint32_t kinds = find_scheduler(l.s.scheduler)->sorted ? kHitKinds : 1;
-    // By default 8,192 paths a multiprocessor: four for each thread that it can hold.
-    const uint64_t wanted = l.s.batch ? l.s.batch : 8192ull * l.multiprocessors;
+    // By default 16 tiles a multiprocessor, whose blocks fill one that holds 2,048 threads.
+    const uint64_t wanted = l.s.batch ? l.s.batch : 16ull * kTileSlots * l.multiprocessors;
     const uint32_t capacity = static_cast<uint32_t>(std::min(wanted, job.paths()));
     Buffer<float> floats(static_cast<size_t>(wave_floats(features)) * capacity, "wave");
     Buffer<uint32_t> uints(static_cast<size_t>(wave_uints(features, kinds)) * capacity, "wave");
-    Buffer<WaveCounts> counts(1, "wave");
-    const Wave w = make_wave(features, kinds, capacity, floats.get(), uints.get(), counts.get());
+    Buffer<TileQueues> queues(tile_count(capacity), "wave");
+    Buffer<WaveControl> control(1, "wave");
+    const Wave w = make_wave(features, kinds, capacity, floats.get(), uints.get(), queues.get(),
+                             control.get());
     check(cudaMemsetAsync(w.state, 0xff, capacity * sizeof(uint32_t), l.work.s), "wave");
-    check(cudaMemsetAsync(w.counts, 0, sizeof(WaveCounts), l.work.s), "wave");
+    check(cudaMemsetAsync(w.queues, 0, queues.size() * sizeof(TileQueues), l.work.s), "wave");
+    check(cudaMemsetAsync(w.control, 0, sizeof(WaveControl), l.work.s), "wave");
     check(cudaStreamSynchronize(l.work.s), "wave");
     bool complete = false;
     with_variant(variant, [&]<uint32_t kFeatures>() {
         const Graph steps = record_steps<kFeatures>(l, job, w);
         const Event ends[2];
-        Watch watch(l, &w.counts->stopped);
+        Watch watch(l, &w.control->stopped);
         const auto share = [&] {
-            return static_cast<double>(read_word(&w.counts->begun, l.side)) /
+            return static_cast<double>(read_word(&w.control->begun, l.side)) /
                    static_cast<double>(job.paths());
         };
         for (uint64_t launch = 0; !watch.stopped(); ++launch) {
@@ -172,8 +191,7 @@ bool render_wavefront(const Launches& l, const Job& job) {
             ++l.stats.launches;
             if (launch == 0) continue;
             watch.wait([&] { return cudaEventQuery(ends[(launch - 1) % 2].e); }, share);
-            // Once 0 it stays so: the graph under way may have written it anew.
-            if (read_word(&w.counts->traced, l.side) == 0) break;
+            if (read_word(&w.control->idle, l.side) == queues.size()) break;
         }
         watch.wait([&] { return cudaStreamQuery(l.work.s); }, share);
         complete = watch.complete();

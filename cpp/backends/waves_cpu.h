@@ -27,8 +27,14 @@ std::vector<T> pool_memory(size_t n, const char* what) {
     }
 }
 
-// Launches of n bodies each, in blocks that are shared out to threads.
-struct HostLaunches {
+// Executor of the `thrust` scheduler on Thrust's host system: blocks are shared out to threads.
+template <uint32_t kFeatures>
+struct HostExec {
+    const SceneView& scene;
+    const Job& job;
+    const Columns& paths;
+    Compaction compaction;
+    std::vector<LedgerRows>& ledgers;
     uint32_t threads;
     const Poll& on_poll;
     uint64_t* launches;
@@ -46,27 +52,6 @@ struct HostLaunches {
             for (uint32_t k = first; k < std::min(n, first + kThrustBlock); ++k) body(worker, k);
         });
     }
-    bool poll_now() {
-        polled = std::chrono::steady_clock::now();
-        return !on_poll || on_poll(share);
-    }
-    bool poll(double done) {
-        share = done;
-        if (std::chrono::steady_clock::now() - polled > std::chrono::milliseconds(50))
-            stopped |= !poll_now();
-        return !stopped;
-    }
-};
-
-// Executor of `thrust` on Thrust's host system.
-template <uint32_t kFeatures>
-struct HostExec : HostLaunches {
-    const SceneView& scene;
-    const Job& job;
-    const Columns& paths;
-    Compaction compaction;
-    std::vector<LedgerRows>& ledgers;
-
     void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
         launch(n, [&](uint32_t, uint32_t i) {
             thrust_begin<kFeatures>(scene, job, paths, indices.now, first, i);
@@ -89,6 +74,16 @@ struct HostExec : HostLaunches {
         return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
             .count();
     }
+    bool poll_now() {
+        polled = std::chrono::steady_clock::now();
+        return !on_poll || on_poll(share);
+    }
+    bool poll(double done) {
+        share = done;
+        if (std::chrono::steady_clock::now() - polled > std::chrono::milliseconds(50))
+            stopped |= !poll_now();
+        return !stopped;
+    }
 };
 
 bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& s,
@@ -108,8 +103,8 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
     const Columns paths{floats.data(), uints.data(), pool};
     bool complete = false;
     with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
-        HostExec<kFeatures> exec{
-            {stats.threads, poll, &stats.launches}, view, job, paths, compaction, ledgers};
+        HostExec<kFeatures> exec{view,    job,           paths, compaction,
+                                 ledgers, stats.threads, poll,  &stats.launches};
         run_thrust(exec, job.paths(), pool, indices, compaction,
                    {stats.blocks, stats.depth_seconds, stats.compaction_seconds});
         complete = !exec.stopped;
@@ -117,43 +112,45 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
     return complete;
 }
 
+// Each thread moves on a tile at a time, through all stages, which stays in its cache.
 bool render_wavefront(const SceneView& view, const Job& job, const RenderSettings& s,
                       std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
     const uint32_t variant = choose_variant(view, s), features = kVariants[variant];
     const uint32_t kinds = find_scheduler(s.scheduler)->sorted ? kHitKinds : 1;
-    const uint32_t capacity =
-        static_cast<uint32_t>(std::min<uint64_t>(s.batch ? s.batch : 1u << 16, job.paths()));
+    const uint32_t capacity = static_cast<uint32_t>(
+        std::min<uint64_t>(s.batch ? s.batch : stats.threads * kTileSlots, job.paths()));
     auto floats = pool_memory<float>(static_cast<size_t>(wave_floats(features)) * capacity, "wave");
     auto uints =
         pool_memory<uint32_t>(static_cast<size_t>(wave_uints(features, kinds)) * capacity, "wave");
-    WaveCounts counts{};
-    const Wave w = make_wave(features, kinds, capacity, floats.data(), uints.data(), &counts);
+    WaveControl control{};
+    const Wave w =
+        make_wave(features, kinds, capacity, floats.data(), uints.data(), nullptr, &control);
     std::fill_n(w.state, capacity, Wave::kFree);
-    HostLaunches cpu{stats.threads, poll, &stats.launches};
+    const Poll watch = [&](double) {
+        const double share =
+            static_cast<double>(atomic_add(&control.begun, 0)) / static_cast<double>(job.paths());
+        try {
+            if (!poll || poll(std::min(1.0, share))) return true;
+        } catch (...) {
+            atomic_next(&control.stopped);
+            throw;
+        }
+        atomic_next(&control.stopped);
+        return false;
+    };
+    bool complete = false;
     with_variant(variant, [&]<uint32_t kFeatures>() {
-        const auto recorder = [&](uint32_t worker) {
-            return [&ledger = ledgers[worker]](uint32_t depth, uint32_t column) {
-                ++ledger.row(depth)[column];
-            };
-        };
-        do {
-            const uint32_t begun = counts.begun;
-            counts = {};
-            counts.begun = begun;
-            cpu.launch(capacity,
-                       [&](uint32_t, uint32_t i) { wave_refill<kFeatures>(view, job, w, i); });
-            cpu.launch(counts.live,
-                       [&](uint32_t, uint32_t k) { wave_trace<kFeatures>(view, w, k); });
-            cpu.launch(hit_places(w), [&](uint32_t worker, uint32_t k) {
-                wave_scatter<kFeatures>(view, job, w, k, recorder(worker));
-            });
-            cpu.launch(counts.shadows, [&](uint32_t worker, uint32_t k) {
-                wave_shadow<kFeatures>(view, job, w, k, recorder(worker));
-            });
-        } while (counts.live && cpu.poll(std::min(1.0, static_cast<double>(counts.begun) /
-                                                           static_cast<double>(job.paths()))));
+        complete = parallel(stats.threads, tile_count(capacity), watch,
+                            [&](uint32_t worker, uint64_t tile) {
+                                run_wave_tile<kFeatures>(
+                                    view, job, w, static_cast<uint32_t>(tile),
+                                    [&ledger = ledgers[worker]](uint32_t depth, uint32_t column) {
+                                        ++ledger.row(depth)[column];
+                                    });
+                            });
     });
-    return !cpu.stopped;
+    ++stats.launches;
+    return complete;
 }
 
 }  // namespace

@@ -1,12 +1,14 @@
 // Scheduler `wavefront`: a wave of paths in memory that moves on by a segment at a step. Every
 // stage is a launch of its own over a queue of slots, which the stage before it has filled by
-// appending; the counts stay with the queues. A step:
-//   refill   a slot whose path has ended begins the job's next one; queue `live`
+// appending:
+//   refill   slots whose path has ended begin the job's next ones; queue `live`
 //   trace    the closest hit of each path; a queue by kind of what was hit, or one for all
 //   scatter  from the hit to the next ray; shadow rays to queue `shadows`
 //   shadow   shadow rays, which deliver where they are free
-// A path that ends at a hit with a shadow ray under way is finished when that is back: radiance is
-// summed in the order of PathTracer::bounce. Before a stage, the queues that it fills are empty.
+// A wave is cut into tiles of slots with queues of their own: a tile is a block's, so that counts
+// are shared memory's and no word is wanted by the whole device. A path that ends at a hit with a
+// shadow ray under way is finished when that is back: radiance is summed in the order of
+// PathTracer::bounce.
 // S. Laine, T. Karras and T. Aila, "Megakernels considered harmful: wavefront path tracing on
 // GPUs", 2013; refilled as in J. Novak, V. Havran and C. Dachsbacher, "Path regeneration for
 // interactive path tracing", 2010.
@@ -18,42 +20,54 @@
 
 namespace veriray {
 
+inline constexpr uint32_t kTileSlots = 512;
 inline constexpr uint32_t kHitKinds = 1 + kMaterialCount;  // nothing, or a material
-inline constexpr uint32_t kKindPlaces = 32;                // of a kind together: no warp mixes them
+inline constexpr uint32_t kKindPlaces = 32;  // of a kind side by side: no warp mixes them
 
-struct WaveCounts {
-    uint32_t begun;  // paths of the job
-    uint32_t live, hits[kHitKinds], shadows;
-    uint32_t traced;   // paths of the last step; 0: the job is done
-    uint32_t stopped;  // no path goes on
+// Entries of a tile's queues.
+struct TileQueues {
+    uint32_t live, ended, hits[kHitKinds], shadows;
+    uint32_t idle;  // no path is left to the tile
+};
+struct WaveControl {
+    uint64_t begun;          // paths of the job; may pass their number
+    uint32_t idle, stopped;  // tiles that are; by the host: no path goes on
 };
 
 struct Wave {
-    Columns paths;                    // by slot
-    Columns requests;                 // by place in `shadows`
-    float* distance;                  // hits, by slot
-    uint32_t *primitive, *state;      // by slot
-    uint32_t *live, *shadows, *hits;  // queues: slots; [kind][capacity]
-    WaveCounts* counts;
-    uint32_t capacity, kinds;  // kHitKinds, or 1: not sorted
+    Columns paths;                            // by slot
+    Columns requests;                         // shadow rays, by place in `shadows`
+    float* distance;                          // of hits, by slot
+    uint32_t *primitive, *state;              // by slot
+    uint32_t *live, *ended, *shadows, *hits;  // slots; a tile's from its first slot on; [kind]
+    TileQueues* queues;                       // by tile
+    WaveControl* control;
+    uint32_t capacity, kinds;  // slots; kHitKinds, or 1: not sorted
 
     // The state of a slot: its path's segment, and the cause of its end where that waits for a
-    // shadow ray; or kFree, whose successor is segment 0.
+    // shadow ray; or kFree.
     static constexpr uint32_t kFree = ~0u, kCauseShift = 20;
     static_assert(kHardMaxDepth >> kCauseShift == 0);
+
+    VR_HD uint32_t slots(uint32_t first) const {
+        return capacity - first < kTileSlots ? capacity - first : kTileSlots;
+    }
 };
 
+constexpr uint32_t tile_count(uint32_t capacity) {
+    return (capacity + kTileSlots - 1) / kTileSlots;
+}
 // Columns that a wave needs: floats and uints by slot.
 constexpr uint32_t wave_floats(uint32_t features) {
     return path_floats(features) + kShadowFloats + 1;
 }
 constexpr uint32_t wave_uints(uint32_t features, uint32_t kinds) {
-    return path_uints(features) + shadow_uints(features) + 4 + kinds;
+    return path_uints(features) + shadow_uints(features) + 5 + kinds;
 }
 
-// Lays a wave out in memory of that many columns. States must be kFree and counts 0.
+// Lays a wave out in memory of that many columns. States must become kFree, queues and control 0.
 inline Wave make_wave(uint32_t features, uint32_t kinds, uint32_t capacity, float* floats,
-                      uint32_t* uints, WaveCounts* counts) {
+                      uint32_t* uints, TileQueues* queues, WaveControl* control) {
     const auto take = [&](auto*& from, size_t columns) {
         return std::exchange(from, from + columns * capacity);
     };
@@ -61,31 +75,54 @@ inline Wave make_wave(uint32_t features, uint32_t kinds, uint32_t capacity, floa
     w.paths = {take(floats, path_floats(features)), take(uints, path_uints(features)), capacity};
     w.requests = {take(floats, kShadowFloats), take(uints, shadow_uints(features)), capacity};
     w.distance = take(floats, 1);
-    w.primitive = take(uints, 1);
-    w.state = take(uints, 1);
-    w.live = take(uints, 1);
-    w.shadows = take(uints, 1);
-    w.hits = take(uints, kinds);
-    w.counts = counts;
+    for (uint32_t** column : {&w.primitive, &w.state, &w.live, &w.ended, &w.shadows})
+        *column = take(uints, 1);
+    w.hits = uints;
+    w.queues = queues;
+    w.control = control;
     w.capacity = capacity;
     w.kinds = kinds;
     return w;
 }
 
-// ---- refill: slot i ----
-template <uint32_t kFeatures>
-VR_HD void wave_refill(const SceneView& scene, const Job& job, const Wave& w, uint32_t i) {
+// In what follows `first` is a tile's first slot and q its queues.
+
+// ---- refill: all slots i of a tile, then once, then all paths k that begin ----
+VR_HD void wave_sweep(const Wave& w, TileQueues& q, uint32_t first, uint32_t i) {
     const uint32_t state = w.state[i];
-    bool lives = state != Wave::kFree;
-    // The counter passes the number of paths by less than a wave.
-    if (!lives && atomic_load(&w.counts->begun) < job.paths()) {
-        const uint32_t g = atomic_next(&w.counts->begun);
-        lives = g < job.paths();
-        if (lives) store_path<kFeatures>(w.paths, i, begin_path<kFeatures>(scene, job, g));
+    if (state == Wave::kFree) {
+        w.ended[first + atomic_next(&q.ended)] = i;
+    } else {
+        w.state[i] = state + 1;
+        w.live[first + atomic_next(&q.live)] = i;
     }
-    if (!lives) return;
-    w.state[i] = state + 1;
-    w.live[atomic_next(&w.counts->live)] = i;
+}
+
+struct Refill {
+    uint64_t path;  // of the job, the first to begin
+    uint32_t begins, survivors;
+};
+VR_HD Refill wave_take(const Job& job, const Wave& w, TileQueues& q) {
+    Refill r{0, 0, q.live};
+    if (q.ended) r.path = atomic_add(&w.control->begun, q.ended);
+    if (r.path < job.paths())
+        r.begins =
+            job.paths() - r.path < q.ended ? static_cast<uint32_t>(job.paths() - r.path) : q.ended;
+    if (atomic_load(&w.control->stopped)) r.begins = r.survivors = 0;
+    q.live = r.survivors + r.begins;
+    q.idle = q.live == 0;
+    if (q.idle) atomic_next(&w.control->idle);
+    return r;
+}
+
+template <uint32_t kFeatures>
+VR_HD void wave_begin(const SceneView& scene, const Job& job, const Wave& w, const Refill& r,
+                      uint32_t first, uint32_t k) {
+    const uint32_t i = w.ended[first + k];
+    store_path<kFeatures>(w.paths, i,
+                          begin_path<kFeatures>(scene, job, static_cast<uint32_t>(r.path + k)));
+    w.state[i] = 0;
+    w.live[first + r.survivors + k] = i;
 }
 
 // ---- trace: place k of `live` ----
@@ -101,43 +138,44 @@ VR_HD uint32_t kind_of(const SceneView& scene, const Hit<Scalar>& hit) {
 }
 
 template <uint32_t kFeatures>
-VR_HD void wave_trace(const SceneView& scene, const Wave& w, uint32_t k) {
-    const uint32_t i = w.live[k];
+VR_HD void wave_trace(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
+                      uint32_t k) {
+    const uint32_t i = w.live[first + k];
     const Columns& c = w.paths;
     const Ray<Scalar> ray{{c.f(0, i), c.f(1, i), c.f(2, i)}, {c.f(3, i), c.f(4, i), c.f(5, i)}};
     const Hit<Scalar> hit = PathTracer<Scalar, kFeatures>::closest(scene, ray, kInfinity, true);
     w.distance[i] = hit.t;
     w.primitive[i] = hit.primitive;
     const uint32_t kind = w.kinds == 1 ? 0 : kind_of<kFeatures>(scene, hit);
-    const uint32_t place = atomic_next(w.counts->hits, kind);
+    const uint32_t place = first + atomic_next(q.hits, kind);
     w.hits[static_cast<uint64_t>(kind) * w.capacity + place] = i;
 }
 
 // ---- scatter: place k of the queues of hits, laid end to end, each rounded up to kKindPlaces ----
-VR_HD uint32_t hit_places(const Wave& w, uint32_t kind) {
-    return (w.counts->hits[kind] + kKindPlaces - 1) / kKindPlaces * kKindPlaces;
+VR_HD uint32_t hit_places(const TileQueues& q, uint32_t kind) {
+    return (q.hits[kind] + kKindPlaces - 1) / kKindPlaces * kKindPlaces;
 }
-VR_HD uint32_t hit_places(const Wave& w) {
+VR_HD uint32_t hit_places(const TileQueues& q) {
     uint32_t places = 0;
-    for (uint32_t kind = 0; kind < w.kinds; ++kind) places += hit_places(w, kind);
+    for (uint32_t kind = 0; kind < kHitKinds; ++kind) places += hit_places(q, kind);
     return places;
 }
 
 // record(depth, column) counts one event of the ledger.
 template <uint32_t kFeatures, class Record>
-VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, uint32_t k,
-                        Record record) {
+VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, TileQueues& q,
+                        uint32_t first, uint32_t k, Record record) {
     uint32_t kind = 0;
-    for (; k >= hit_places(w, kind); ++kind) k -= hit_places(w, kind);
-    if (k >= w.counts->hits[kind]) return;
-    const uint32_t i = w.hits[static_cast<uint64_t>(kind) * w.capacity + k];
+    for (; k >= hit_places(q, kind); ++kind) k -= hit_places(q, kind);
+    if (k >= q.hits[kind]) return;
+    const uint32_t i = w.hits[static_cast<uint64_t>(kind) * w.capacity + first + k];
     const uint32_t segment = w.state[i];
     PathState<Scalar> path = load_path<kFeatures>(w.paths, i);
     ShadowRequest<Scalar> shadow{};
     const LedgerColumn cause = cause_of(PathTracer<Scalar, kFeatures>::scatter(
         scene, job.settings, path, {w.distance[i], w.primitive[i]}, segment, true, shadow));
     if (shadow.wanted) {
-        const uint32_t place = atomic_next(&w.counts->shadows);
+        const uint32_t place = first + atomic_next(&q.shadows);
         w.shadows[place] = i;
         each_shadow_field<kFeatures>(
             shadow, [&](uint64_t c, float x) { w.requests.f(c, place) = x; },
@@ -154,16 +192,16 @@ VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, u
 
 // ---- shadow: place k of `shadows` ----
 template <uint32_t kFeatures, class Record>
-VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, uint32_t k,
-                       Record record) {
+VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, uint32_t first,
+                       uint32_t k, Record record) {
     using Tracer = PathTracer<Scalar, kFeatures>;
     ShadowRequest<Scalar> shadow{};
     each_shadow_field<kFeatures>(
-        shadow, [&](uint64_t c, float& x) { x = w.requests.f(c, k); },
-        [&](uint64_t c, uint32_t& x) { x = w.requests.u(c, k); });
+        shadow, [&](uint64_t c, float& x) { x = w.requests.f(c, first + k); },
+        [&](uint64_t c, uint32_t& x) { x = w.requests.u(c, first + k); });
     shadow.wanted = true;
     const bool free = Tracer::unblocked(scene, shadow);
-    const uint32_t i = w.shadows[k], state = w.state[i];
+    const uint32_t i = w.shadows[first + k], state = w.state[i];
     const uint32_t segment = state & ((1u << Wave::kCauseShift) - 1);
     const LedgerColumn cause = static_cast<LedgerColumn>(state >> Wave::kCauseShift);
     record(segment, free ? kShadowVisible : kShadowOccluded);
@@ -182,6 +220,26 @@ VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, ui
         path.sample = w.paths.u(kSampleField, i);
         record(segment, end_path<kFeatures>(scene, job, path, cause));
         w.state[i] = Wave::kFree;
+    }
+}
+
+// All steps of a tile: what CUDA does by launches.
+template <uint32_t kFeatures, class Record>
+void run_wave_tile(const SceneView& scene, const Job& job, const Wave& w, uint32_t tile,
+                   Record record) {
+    const uint32_t first = tile * kTileSlots, slots = w.slots(first);
+    for (;;) {
+        TileQueues q{};
+        for (uint32_t k = 0; k < slots; ++k) wave_sweep(w, q, first, first + k);
+        const Refill r = wave_take(job, w, q);
+        if (q.idle) return;
+        for (uint32_t k = 0; k < r.begins; ++k) wave_begin<kFeatures>(scene, job, w, r, first, k);
+        for (uint32_t k = 0; k < q.live; ++k) wave_trace<kFeatures>(scene, w, q, first, k);
+        const uint32_t places = hit_places(q);
+        for (uint32_t k = 0; k < places; ++k)
+            wave_scatter<kFeatures>(scene, job, w, q, first, k, record);
+        for (uint32_t k = 0; k < q.shadows; ++k)
+            wave_shadow<kFeatures>(scene, job, w, first, k, record);
     }
 }
 

@@ -261,8 +261,8 @@ _PICTURE = (
     Mutant("wave's shadow ray delivers after the path's end", "schedulers/wavefront.h",
            "Tracer::visible(path, shadow, free);",
            "Tracer::visible(path, shadow, free & (cause == kLive));"),
-    Mutant("last path of a wave lost", "schedulers/wavefront.h", "g < job.paths()",
-           "g + 1 < job.paths()"),
+    Mutant("last paths of a wave lost", "schedulers/wavefront.h", "r.path < job.paths()",
+           "r.path + kTileSlots < job.paths()"),
     Mutant("wave skips every second segment", "schedulers/wavefront.h", "w.state[i] = state + 1;",
            "w.state[i] = state == Wave::kFree ? 0u : state + 2u;"),
 )  # fmt: skip

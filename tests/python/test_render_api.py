@@ -109,11 +109,11 @@ def test_nothing_but_the_picture_settings_matters(
     "name", ["mask", "medium_in_mesh", "nested_dielectrics", "spheres_300", "thinlens"]
 )
 def test_waves_of_any_size(device: str, scheduler: str, name: str) -> None:
-    """One path, a warp and one more, more than there are: slots are refilled in every pattern."""
-    scene = check_scene(name, 5).with_(sampler="sobol")
+    """One path, a warp and one more, a tile and a part of one, more than there are."""
+    scene = check_scene(name, 16).with_(sampler="sobol")
     for depth in (1, -1):
         wanted = vr.render(scene, 3, device="cpu", scheduler="fused", max_depth=depth)
-        for batch in (1, 33, 1000):
+        for batch in (1, 33, 700, 2000):
             other = vr.render(
                 scene, 3, device=device, scheduler=scheduler, max_depth=depth, batch_size=batch
             )

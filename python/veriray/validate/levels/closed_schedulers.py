@@ -16,7 +16,7 @@ import trimesh
 
 import veriray
 from veriray.compare.statistics import MARGIN
-from veriray.render import SCHEDULERS
+from veriray.render import METHODS, SCHEDULERS
 from veriray.validate import dicts as d
 from veriray.validate.form_factors import rectangle_above_corner
 from veriray.validate.levels.closed_analytic.direct import FIVE
@@ -138,7 +138,7 @@ HEAVY = ("furnace", "mesh", "hundred lights", "passes", "scattering glass")
 
 
 @case(3, each={"name": SCENES, "scheduler": [s for s in SCHEDULERS if s != "auto"]},
-      quick=lambda name, scheduler: scheduler == "thrust" and name not in HEAVY)  # fmt: skip
+      quick=lambda name, scheduler: scheduler in METHODS[1:] and name not in HEAVY)  # fmt: skip
 def scheduler(t: Trial, name: str, scheduler: str) -> None:
     """A scene of each kind under each scheduler (A1, A2, A10, A12, A20, A33, A34, A42, A43, E6).
 

@@ -102,7 +102,7 @@ class Watch {
     }
 };
 
-inline constexpr uint64_t kLedgerRowsShared = 32;
+inline constexpr uint32_t kLedgerRowsShared = 32;
 
 // A block's counts of the ledger, in shared memory; deeper events go to device memory at once.
 struct BlockLedger {

@@ -24,7 +24,6 @@ __global__ void __launch_bounds__(kWaveBlock)
     __shared__ TileQueues q;
     __shared__ Refill r;
     const uint32_t first = blockIdx.x * kTileSlots;
-    __syncthreads();  // all have read idle
     if (threadIdx.x == 0) q = {};
     __syncthreads();
     each_of(w.slots(first), [&](uint32_t k) { wave_sweep(w, q, first, first + k); });

@@ -62,6 +62,12 @@ struct Fault {
     float radiance[3];
 };
 
+// What the kernel that traces paths takes of a multiprocessor; all 0 on a CPU.
+struct KernelUse {
+    uint32_t registers = 0, local_bytes = 0;  // of a thread
+    uint32_t resident_threads = 0;
+};
+
 struct RenderStats {
     std::vector<uint64_t> ledger;            // [depth][column of LedgerColumn]
     std::vector<uint64_t> blocks;            // by depth; scheduler `thrust`
@@ -74,6 +80,7 @@ struct RenderStats {
     std::string device;
     uint32_t features = 0;  // the compiled variant that ran
     uint32_t threads = 0;
+    KernelUse kernel;
 };
 
 // Called about every 50 ms on the calling thread with the share done; false stops the render.

@@ -200,10 +200,7 @@ bool render_fused(const Launches& l, const Job& job) {
     // In the stream's order: a non-blocking stream does not wait for the default one.
     check(cudaMemsetAsync(control.get(), 0, sizeof(Control), l.work.s), "control");
     with_variant(choose_variant(l.scene, l.s), [&]<uint32_t kFeatures>() {
-        int per_sm = 0;
-        check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, fused_kernel<kFeatures>,
-                                                            kFusedBlock, 0),
-              "occupancy");
+        const int per_sm = note_kernel(l.stats, fused_kernel<kFeatures>, kFusedBlock);
         const uint64_t resident = static_cast<uint64_t>(per_sm) * l.multiprocessors;
         uint64_t blocks = std::min<uint64_t>(resident, blocks_for(items.count, kFusedBlock));
         if (l.s.batch) blocks = std::clamp<uint64_t>(l.s.batch / kFusedBlock, 1, blocks);

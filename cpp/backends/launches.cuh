@@ -43,6 +43,20 @@ bool render_fused(const Launches& l, const Job& job);
 bool render_thrust(const Launches& l, const Job& job);
 bool render_wavefront(const Launches& l, const Job& job);
 
+// Notes what the kernel that traces takes; returns its resident blocks on a multiprocessor.
+template <class... Arguments>
+int note_kernel(RenderStats& stats, void (*kernel)(Arguments...), uint32_t block) {
+    cudaFuncAttributes use{};
+    int per_sm = 0;
+    check(cudaFuncGetAttributes(&use, kernel), "kernel");
+    check(
+        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, kernel, static_cast<int>(block), 0),
+        "occupancy");
+    stats.kernel = {static_cast<uint32_t>(use.numRegs), static_cast<uint32_t>(use.localSizeBytes),
+                    static_cast<uint32_t>(per_sm) * block};
+    return per_sm;
+}
+
 // A device word as it is now.
 template <class T>
 T read_word(const T* word, const Stream& side) {

@@ -98,6 +98,7 @@ bool render_thrust(const Launches& l, const Job& job) {
     const PathIndices indices{index.get(), two ? index.get() + pool : nullptr, appended.get()};
     bool complete = false;
     with_variant(choose_variant(l.scene, l.s), [&]<uint32_t kFeatures>() {
+        note_kernel(l.stats, thrust_bounce_kernel<kFeatures>, kThrustBlock);
         DeviceExec<kFeatures> exec{l, job, {floats.get(), uints.get(), pool}, compaction};
         try {
             run_thrust(exec, job.paths(), pool, indices, compaction,

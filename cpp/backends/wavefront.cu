@@ -177,6 +177,7 @@ bool render_wavefront(const Launches& l, const Job& job) {
     check(cudaStreamSynchronize(l.work.s), "wave");
     bool complete = false;
     with_variant(variant, [&]<uint32_t kFeatures>() {
+        note_kernel(l.stats, trace_kernel<kFeatures>, kWaveBlock);
         const Graph steps = record_steps<kFeatures>(l, job, w);
         const Event ends[2];
         Watch watch(l, &w.control->stopped);

@@ -52,6 +52,9 @@ constexpr uint32_t path_floats(uint32_t features) {
 constexpr uint32_t path_uints(uint32_t features) {
     return 2 + ((features & kPass) ? 1 : 0) + ((features & kMedia) ? 1 : 0);
 }
+constexpr uint32_t path_bytes(uint32_t features) {
+    return 4 * (path_floats(features) + path_uints(features));
+}
 
 // Features with which a shadow ray leaves a primitive out.
 inline constexpr uint32_t kShadowSkips = kSphereLights | kPass | kBvh;

@@ -4,6 +4,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+
 #include "api/renderer.h"
 
 namespace py = pybind11;
@@ -123,6 +125,17 @@ std::vector<std::string> feature_names(uint32_t mask) {
     return names;
 }
 
+uint32_t to_mask(const std::vector<std::string>& names) {
+    uint32_t mask = 0;
+    for (const std::string& name : names) {
+        const auto* found = std::find(kFeatureNames, kFeatureNames + kFeatureCount, name);
+        if (found == kFeatureNames + kFeatureCount)
+            throw py::value_error("feature '" + name + "' is unknown");
+        mask |= 1u << (found - kFeatureNames);
+    }
+    return mask;
+}
+
 template <class T>
 py::array_t<T> to_array(const std::vector<T>& v, std::vector<py::ssize_t> shape) {
     py::array_t<T> out(shape);
@@ -133,6 +146,13 @@ py::array_t<T> to_array(const std::vector<T>& v, std::vector<py::ssize_t> shape)
 template <class T>
 std::vector<T> to_vector(const Array<T>& a) {
     return {a.data(), a.data() + a.size()};
+}
+
+py::dict kernel_dict(const KernelUse& use) {
+    if (use.registers == 0) return {};
+    using namespace py::literals;
+    return py::dict("registers"_a = use.registers, "local_bytes"_a = use.local_bytes,
+                    "resident_threads"_a = use.resident_threads);
 }
 
 py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
@@ -166,7 +186,8 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
         "seconds"_a = stats.seconds, "nonfinite_samples"_a = stats.fault_count,
         "nonfinite"_a = faults, "launches"_a = stats.launches, "device"_a = stats.device,
         "scheduler"_a = s.scheduler, "features"_a = feature_names(stats.features),
-        "threads"_a = stats.threads);
+        "threads"_a = stats.threads, "path_bytes"_a = path_bytes(stats.features),
+        "kernel"_a = kernel_dict(stats.kernel));
 }
 
 #if defined(VR_BACKEND_CPU)
@@ -212,6 +233,12 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         const std::string why = why_unusable();
         return py::make_tuple(why.empty(), why);
     });
+    m.def("variants", [] {
+        std::vector<std::vector<std::string>> out;
+        for (const uint32_t mask : kVariants) out.push_back(feature_names(mask));
+        return out;
+    });
+    m.def("path_bytes", [](const std::vector<std::string>& f) { return path_bytes(to_mask(f)); });
     m.def("devices", [] {
         py::list out;
         for (const DeviceInfo& d : devices())
@@ -230,11 +257,8 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
                                [](const Scene& s) { return feature_names(s.host().view.features); })
         .def_property_readonly(
             "variant", [](const Scene& s) { return feature_names(variant_mask(s.host().view)); })
-        .def_property_readonly("path_bytes",
-                               [](const Scene& s) {
-                                   const uint32_t mask = variant_mask(s.host().view);
-                                   return 4 * (path_floats(mask) + path_uints(mask));
-                               })
+        .def_property_readonly(
+            "path_bytes", [](const Scene& s) { return path_bytes(variant_mask(s.host().view)); })
         .def_property_readonly(
             "primitives",
             [](const Scene& s) {

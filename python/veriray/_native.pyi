@@ -87,6 +87,8 @@ class Report(TypedDict):
     scheduler: str
     features: list[str]
     threads: int
+    path_bytes: int  # stored for a path in flight, in the variant that ran
+    kernel: dict[str, int]  # registers local_bytes resident_threads; empty on the CPU
 
 class Scene:
     """A scene as the back end keeps it. Raises ValueError, MemoryError, and what progress raises.
@@ -136,6 +138,8 @@ class Film:
 
 def build_info() -> dict[str, Any]: ...
 def status() -> tuple[bool, str]: ...
+def variants() -> list[list[str]]: ...  # features of those compiled, smallest first
+def path_bytes(features: list[str]) -> int: ...  # of a path in flight, in code that has these
 def devices() -> list[dict[str, Any]]: ...
 def render(
     scene: Scene,

@@ -165,15 +165,16 @@ def render(
         blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
         paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
         scheduler_reason, features (what the scene needs), variant (what the code that ran was
-        compiled with), path_bytes (stored for each path in flight, in the scene's variant),
-        primitives (count by kind; dropped: triangles without area), tree (width, nodes, references,
-        depth, seconds; empty without one), nonfinite_samples, nonfinite (at most 64 of [x, y,
-        sample, r, g, b]), seed, spp, max_depth, rr_depth, sampler, width, height, batches,
-        batch_size, threads, launches, memory (bytes of scene and film), scene_sha256, version,
-        mean_stderr. With target_error also target_error, pilot_spp, first_sample (number of the
-        picture's first sample), mean_spp, tiles, tiles_at_limit (which need more than spp),
-        tiles_above_target and tile_error (median, nine tenths, largest) of the finished picture;
-        paths and ledger then hold the pilot's too.
+        compiled with), path_bytes (stored for each path in flight, in that code), kernel (of the
+        one that traces paths on CUDA: registers and local_bytes of a thread, resident_threads on a
+        multiprocessor; empty on a CPU), primitives (count by kind; dropped: triangles without
+        area), tree (width, nodes, references, depth, seconds; empty without one),
+        nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]), seed, spp, max_depth,
+        rr_depth, sampler, width, height, batches, batch_size, threads, launches, memory (bytes of
+        scene and film), scene_sha256, version, mean_stderr. With target_error also target_error,
+        pilot_spp, first_sample (number of the picture's first sample), mean_spp, tiles,
+        tiles_at_limit (which need more than spp), tiles_above_target and tile_error (median, nine
+        tenths, largest) of the finished picture; paths and ledger then hold the pilot's too.
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -224,6 +225,8 @@ def render(
         "scheduler_reason": scheduler_reason,
         **scene_facts(native_scene),
         "variant": [str(name) for name in done.results[-1]["features"]],
+        "path_bytes": int(done.results[-1]["path_bytes"]),
+        "kernel": {str(k): int(v) for k, v in done.results[-1]["kernel"].items()},
         "seed": seed,
         "spp": spp,
         "max_depth": scene_used.max_depth,

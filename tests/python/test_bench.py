@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import veriray
-from veriray.bench import SCENARIOS, BenchError, peers, report, run, targets
-from veriray.bench.measure import at_error, errors, mean, mean_error, slope
+from veriray.bench import SCENARIOS, BenchError, peers, report, run, studies, targets
+from veriray.bench.measure import at_error, errors, mean, mean_error, slope, slope_error
 from veriray.bench.race import Veriray, compare, race
 from veriray.bench.run import KINDS, choose, read
 from veriray.bench.scenarios import BACKENDS, scene_file
 from veriray.cli import main
+from veriray.info import FEATURES
 from veriray.scene import SHIPPED
 
 
@@ -34,10 +36,14 @@ def test_scenarios_are_well_formed() -> None:
     assert len({s.name for s in SCENARIOS}) == len(SCENARIOS)
     for s in SCENARIOS:
         assert s.kind in KINDS and s.name.replace("-", "").replace(".", "").isalnum()
-        assert s.scene in SHIPPED or s.scene.split()[0] in ("icosphere", "glass")
-        assert bool(s.vary) == (s.kind in ("scaling", "adaptive")) and bool(s.reference_spp) == (
-            s.kind == "error"
+        assert s.scene in SHIPPED or s.scene.split()[0] in (
+            "icosphere",
+            "glass",
+            "cornell",
+            "lights",
         )
+        assert bool(s.vary) == (s.kind in ("scaling", "adaptive", "roulette"))
+        assert bool(s.reference_spp) == (s.kind in ("error", "roulette"))
         assert s.backends and set(s.backends) <= set(BACKENDS)
         for backend in s.backends:
             for quick in (False, True):
@@ -58,7 +64,8 @@ def test_every_target_is_there() -> None:
 
 
 def test_the_files_of_a_scene_differ_in_the_sampler_alone(folder: Path) -> None:
-    for name in ("cornell-box-mitsuba", "glass medium", "icosphere 1"):
+    for name in ("cornell-box-mitsuba", "cornell spheres", "glass medium", "glass sphere",
+                 "icosphere 1", "glass icosphere 1", "lights", "lights 7"):  # fmt: skip
         plain = scene_file(name, folder)
         other = scene_file(name, folder, "multijitter")
         assert veriray.load_file(plain, {"width": 8, "height": 8}).film.width == 8
@@ -103,6 +110,16 @@ def test_time_to_an_error_is_interpolated_in_logarithms() -> None:
     assert at_error([1.0], [1e-2], 1e-3) == (None, False)
     assert slope(seconds, error) == pytest.approx(-1)
     assert slope([1, 1], [2, 3]) is None
+
+
+def test_slope_has_the_standard_error_of_least_squares() -> None:
+    x, y = [1.0, 4.0, 16.0, 64.0, 256.0], [1.1, 0.24, 0.07, 0.015, 0.0042]
+    line = stats.linregress(np.log(x), np.log(y))
+    assert slope(x, y) == pytest.approx(line.slope)
+    assert slope_error(x, y) == pytest.approx(line.stderr)
+    assert slope_error([*x, 1024.0], [*y, -1e-6]) == slope_error(x, y)
+    assert slope_error(x[:2], y[:2]) is None
+    assert slope_error([1, 4, 16], [1, 1 / 4, 1 / 16]) == pytest.approx(0, abs=1e-12)
 
 
 # ---- races ----
@@ -209,6 +226,79 @@ def test_cycles_refuses_what_it_cannot_render(folder: Path) -> None:
         assert not list(crew.names())
 
 
+# ---- studies ----
+
+
+def quick(name: str) -> dict[str, Any]:
+    """The result of one scenario's smoke test."""
+    result = read(run("out", "cpu", only=[name], quick=True, again=True))
+    row: dict[str, Any] = result["scenarios"][name]
+    return row
+
+
+def test_variants_draw_one_film() -> None:
+    row = quick("variants-cornell")
+    exact, everything = row["rows"]["exact"], row["rows"]["everything"]
+    assert exact["film_sha256"] == everything["film_sha256"]
+    assert len(exact["variant"]) < len(everything["variant"]) == len(FEATURES)
+    assert exact["path_bytes"] == row["path_bytes"]["of every path"] == 60
+    assert everything["path_bytes"] == sum(row["path_bytes"].values())
+    assert row["figures"]["times_faster"] > 0 and not list(targets.void_rows(row))
+
+
+def test_variants_of_two_films_are_void(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Veriray.run
+
+    def other(self: Veriray, spp: int, seed: int) -> Any:
+        return plain(self, spp, seed + 100 * bool(self.settings.get("all_features")))
+
+    monkeypatch.setattr(Veriray, "run", other)
+    row = quick("variants-cornell")
+    assert list(targets.void_rows(row)) == [("everything", "the film differs from that of exact")]
+    assert row["figures"] == {}
+
+
+def test_roulette_is_judged_against_its_own_rounds() -> None:
+    row = quick("roulette-open")
+    rows, figures = row["rows"], row["figures"]
+    assert list(rows) == [*(f"rr_depth {d}" for d in (1, 2, 3, 5, 8, 16)), "no roulette"]
+    assert rows["rr_depth 5"]["efficiency"] == {"mse": [1, 0], "relmse": [1, 0]}
+    rays = [r["rays_per_path"] for r in rows.values()]
+    assert rays == sorted(rays) and rays[0] < rays[-1]
+    best = max(r["efficiency"]["mse"][0] for r in rows.values())
+    assert rows[figures["winner"]]["efficiency"]["mse"][0] == figures["efficiency"] == best
+    for r in rows.values():
+        pairs = zip(rows["rr_depth 5"]["rounds"], r["rounds"], strict=True)
+        gains = [b["wall"] * b["mse"] / (o["wall"] * o["mse"]) for b, o in pairs]
+        assert r["efficiency"]["mse"][0] == pytest.approx(math.prod(gains) ** (1 / len(gains)))
+
+
+def test_a_start_with_another_mean_is_void(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Veriray.run
+
+    def dark(self: Veriray, spp: int, seed: int) -> Any:
+        row, image = plain(self, spp, seed)
+        return row, image * (0.8 if self.settings["rr_depth"] == 8 else 1)
+
+    monkeypatch.setattr(Veriray, "run", dark)
+    row = quick("roulette-open")
+    assert row["rows"]["rr_depth 8"]["void"].startswith("the means of the pictures differ by 25")
+    assert [who for who, _ in targets.void_rows(row)] == ["rr_depth 8"]
+    assert row["figures"]["winner"] != "rr_depth 8"
+
+
+def test_lights_follow_from_their_classes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planted: powers that the lamps do not have."""
+    row = quick("lights")
+    assert row["lamps"] == 1024 and row["powers"] == [4.0**k for k in range(8)]
+    assert "void" not in row and row["figures"]["uniform_over_power"] > 4
+    assert row["figures"]["best_over_power"] <= 1
+    monkeypatch.setattr(studies, "LAMP_RATIO", 2)
+    row = quick("lights")
+    assert row["void"].startswith("the classes foretell the measured variance +")
+    assert row["figures"] == {}
+
+
 # ---- the runner ----
 
 
@@ -276,6 +366,11 @@ def canned(ratio: float = 7.0) -> dict[str, Any]:
               for n in (1, 16, 256)]  # fmt: skip
     curve = {"points": points, "slope": {"relmse": -1.0, "mse": -1.0}, "seconds_to_target": 2.5,
              "extrapolated": False, "efficiency": 3.0, "agreement": agreement}  # fmt: skip
+    exact = {**speed, "kernel": {"registers": 96, "local_bytes": 0, "resident_threads": 640},
+             "path_bytes": 60, "variant": ["quads"]}  # fmt: skip
+    start = {**speed, "mse": 0.1, "relmse": 0.2, "rays_per_path": 5.5, "agreement": agreement,
+             "efficiency": {"mse": [1.0, 0.0], "relmse": [1.0, 0.0]}}  # fmt: skip
+    early = {**start, "efficiency": {"mse": [1.25, 0.0625], "relmse": [0.875, 0.03125]}}
     return {
         "benchmark": "bench", "time": "2026-01-01T00:00:00Z", "commit": "c0ffee", "modified": False,
         "versions": {"veriray": "0.1.0"}, "device": {"name": "cpu:avx512", "description": "a CPU"},
@@ -291,6 +386,24 @@ def canned(ratio: float = 7.0) -> dict[str, Any]:
             "cornell-error": {**common, "kind": "error", "title": "curve", "target_relmse": 1e-3,
                               "rows": {"veriray independent": curve},
                               "figures": {"seconds_to_target": 2.5}},
+            "variants-cornell": {
+                **common, "kind": "variants", "title": "v", "path_bytes": {"of every path": 60},
+                "figures": {"times_faster": 1.5},
+                "rows": {"exact": exact,
+                         "everything": {**exact, "variant": ["quads", "bvh"],
+                                        "times_faster": faster}},
+            },
+            "roulette-open": {
+                **common, "kind": "roulette", "title": "r",
+                "rows": {"rr_depth 2": early, "rr_depth 5": start, "rr_depth 8": {"void": "means"}},
+                "figures": {"winner": "rr_depth 2", "efficiency": 1.25, "error": 0.0625},
+            },
+            "lights": {
+                **common, "kind": "lights", "title": "l", "lamps": 1024, "powers": [1.0, 4.0],
+                "rows": {"by power": {"variance": 2.0, "spread": 0.01},
+                         "uniform": {"variance": 11.0, "spread": 0.02}},
+                "figures": {"uniform_over_power": 5.5},
+            },
         },
     }  # fmt: skip
 
@@ -338,12 +451,14 @@ def test_report_has_the_rows(folder: Path, suffix: str) -> None:
     for expected in (
         "1 of 6 targets met", "the means differ", "cornell, 512x512, 64 spp", "7 x", "2.5 s",
         "-3.0e-05, 1.1", "c0ffee", "llvm_ad_rgb", "at least 6 x",
+        "-1.000", "640", "everything", "of every path 60", "rr_depth 2 (best)",
+        "1.250 \u00b1 0.062", "0.875 \u00b1 0.031", "1,024 lamps whose powers are 1, 4", "5.5 x",
     ):  # fmt: skip
         assert expected in text, expected
     pictures = list((folder / "r_plots").glob("*.png")) if suffix == ".md" else []
-    assert len(pictures) == (2 if suffix == ".md" else 0)
+    assert len(pictures) == (3 if suffix == ".md" else 0)
     assert all(f"(r_plots/{p.name})" in text for p in pictures)
-    assert suffix == ".md" or text.count("data:image/png;base64,") == 2
+    assert suffix == ".md" or text.count("data:image/png;base64,") == 3
 
 
 # ---- the command ----

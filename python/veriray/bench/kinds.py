@@ -33,6 +33,7 @@ from .measure import (
     means_agree,
     median,
     slope,
+    slope_error,
     spread,
 )
 from .peers import SAMPLERS as PEER_SAMPLERS
@@ -45,7 +46,7 @@ from .scenarios import NO_ROULETTE, TARGET_RELMSE, Scenario, scene_file
 LIMITS = {"cuda": 2**20 / 0.23e-3, "cpu": 41e6}
 LIMIT_OF = {"cuda": "of an H200", "cpu": "a core with two 512-bit FMA units at 4.1 GHz"}
 _OVERHEAD_SPP = 64
-_REFERENCE_SEED = 2**32
+REFERENCE_SEED = 2**32
 
 Settings = dict[str, Any]
 Result = dict[str, Any]
@@ -182,7 +183,7 @@ def error(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     step = bench.steps((rounds + 1) * len(curve) + 4)
     scene = load_file(scene_file(settings["scene"], bench.folder))
     own = bench.ours(scene, settings)
-    own.run(settings["reference_spp"], _REFERENCE_SEED)
+    own.run(settings["reference_spp"], REFERENCE_SEED)
     reference = own.last
     for _ in range(4):
         step()
@@ -204,7 +205,7 @@ def error(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     rows |= {name: absent(why) for name, why in failed.items()}
     return {
         "target_relmse": TARGET_RELMSE,
-        "reference": {"film_sha256": reference.film_sha256, "seed": _REFERENCE_SEED,
+        "reference": {"film_sha256": reference.film_sha256, "seed": REFERENCE_SEED,
                       "spp": reference.spp, "seconds": reference.stats["seconds"]},
         "rows": rows,
         "figures": _best(rows),
@@ -235,6 +236,9 @@ def _curve(reference: Veriray, curve: list[int], lanes: list[Lane], margin: floa
         **row,
         "points": points,
         "slope": {key: slope(curve, [p[key] for p in points]) for key in ("mse", "relmse")},
+        "slope_error": {
+            key: slope_error(curve, [p[key] for p in points]) for key in ("mse", "relmse")
+        },
         "seconds_to_target": seconds,
         "extrapolated": beyond,
         "efficiency": 1 / max(points[-1]["mse"] * points[-1][by], 1e-300),

@@ -212,6 +212,17 @@ def slope(x: Sequence[float], y: Sequence[float]) -> float | None:
     return float(np.polyfit(*zip(*pairs, strict=True), 1)[0])
 
 
+def slope_error(x: Sequence[float], y: Sequence[float]) -> float | None:
+    """Standard error of `slope` by the scatter about the line; None for less than three pairs."""
+    pairs = [(math.log(a), math.log(b)) for a, b in zip(x, y, strict=True) if a > 0 and b > 0]
+    if len(pairs) < 3 or len({a for a, _ in pairs}) < 2:
+        return None
+    u, v = np.array(pairs).T
+    line = np.polyfit(u, v, 1)
+    left = float(((v - np.polyval(line, u)) ** 2).sum()) / (len(pairs) - 2)
+    return math.sqrt(left / float(((u - u.mean()) ** 2).sum()))
+
+
 def at_error(
     seconds: Sequence[float], error: Sequence[float], target: float
 ) -> tuple[float | None, bool]:

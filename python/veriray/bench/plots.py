@@ -153,3 +153,21 @@ def gaps(groups: Sequence[tuple[str, Mapping[str, Sequence[float]], Sequence[flo
     for axes in drawn.axes[len(groups) :]:
         axes.set_axis_off()
     return drawn
+
+
+def efficiency(groups: Sequence[tuple[str, Sequence[tuple[str, float, float]]]]) -> Figure:
+    """A line for each (title, points); a point is a name, a number and its standard error."""
+    drawn = figure(8.4, 3.4)
+    axes = drawn.axes[0]
+    names = list(dict.fromkeys(name for _, points in groups for name, _, _ in points))
+    for k, (title, points) in enumerate(groups):
+        at = [names.index(name) for name, _, _ in points]
+        axes.errorbar(at, [y for _, y, _ in points], [e for _, _, e in points], label=title,
+                      color=(BLUE, ORANGE, GREEN)[k % 3], marker=_MARKS[k // 3 % 5], ms=4, lw=1.2,
+                      capsize=2)  # fmt: skip
+    axes.set_xticks(range(len(names)), names)
+    axes.set_ylim(0)
+    axes.set_xlabel("roulette from vertex")
+    axes.set_ylabel("efficiency against rr_depth 5")
+    axes.legend(frameon=False, fontsize=8)
+    return drawn

@@ -25,8 +25,8 @@ from .measure import (
 from .peers import Peer
 
 TIMES = ("seconds", "wall", "cpu")
-_FACTS = ("device", "scheduler", "threads", "variant", "path_bytes", "primitives", "tree",
-          "live_rays", "memory", "launches")  # fmt: skip
+_FACTS = ("device", "scheduler", "threads", "features", "variant", "path_bytes", "kernel",
+          "primitives", "tree", "live_rays", "memory", "launches")  # fmt: skip
 
 
 class Contestant(Protocol):

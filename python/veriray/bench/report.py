@@ -11,7 +11,19 @@ from ..image import replacing
 from . import plots
 from .run import read
 from .scenarios import Scenario
-from .sections import Section, Table, adaptive_section, compaction_section, num, of_kind, with_unit
+from .sections import (
+    Section,
+    Table,
+    adaptive_section,
+    compaction_section,
+    lights_section,
+    num,
+    of_kind,
+    ratio_by,
+    roulette_section,
+    variants_section,
+    with_unit,
+)
 from .targets import DISTURBED, Result, disturbed, judge, targets, verdict, void_rows
 
 SUFFIXES = (".html", ".md")
@@ -55,6 +67,7 @@ def sections(results: Sequence[Result]) -> list[Section]:
         for part in (
             _targets(results), _void(results), _speed(results), _error(results),
             _scaling(results), _depth(results), compaction_section(results),
+            variants_section(results), roulette_section(results), lights_section(results),
             adaptive_section(results), _rest(results), _facts(results),
         )
         if part.tables or part.plots
@@ -111,7 +124,7 @@ def _void(results: Sequence[Result]) -> Section:
 def _speed(results: Sequence[Result]) -> Section:
     rows = []
     for device, name, result in of_kind(results, "speed"):
-        s, by = result["settings"], _by(results, device)
+        s, by = result["settings"], ratio_by(results, device)
         label = f"{name}, {s['width']}x{s['height']}, {s['spp'][0]} spp"
         for who, row in result["rows"].items():
             if "void" in row:
@@ -147,12 +160,6 @@ def _speed(results: Sequence[Result]) -> Section:
     return out
 
 
-def _by(results: Sequence[Result], device: str) -> str:
-    found = next(r for r in results if r["device"]["name"] == device)
-    by: str = found["settings"]["ratio_by"]
-    return by
-
-
 def _none(row: Result) -> str:
     return "absent" if row.get("absent") else "void"
 
@@ -169,13 +176,17 @@ def _error(results: Sequence[Result]) -> Section:
     rows, out = [], Section("Time against error")
     for device, name, result in of_kind(results, "error"):
         curves = {}
-        by = _by(results, device)
+        by = ratio_by(results, device)
         for who, row in result["rows"].items():
             if "void" in row:
                 rows.append([device, name, who, _none(row), *["-"] * 5])
                 continue
             last = row["points"][-1]
-            curves[who] = {
+            slope, error = row["slope"]["relmse"], row.get("slope_error", {}).get("relmse")
+            steep = (
+                "-" if slope is None else f"{slope:.3f}" + (f" \u00b1 {error:.3f}" if error else "")
+            )
+            curves[f"{who}, slope {steep}"] = {
                 "spp": [p["spp"] for p in row["points"]],
                 "seconds": [p[by] for p in row["points"]],
                 "relmse": [p["relmse"] for p in row["points"]],
@@ -183,7 +194,7 @@ def _error(results: Sequence[Result]) -> Section:
             mark = " (extrapolated)" if row["extrapolated"] else ""
             rows.append([
                 device, name, who, f"{last['relmse']:.3g} at {last['spp']} spp",
-                f"{last['mse']:.3g}", f"{row['slope']['relmse'] or float('nan'):.2f}",
+                f"{last['mse']:.3g}", steep,
                 with_unit(row["seconds_to_target"], "s") + mark, num(row["efficiency"]),
                 _agreement(row),
             ])  # fmt: skip
@@ -198,8 +209,9 @@ def _error(results: Sequence[Result]) -> Section:
     out.tables = [Table(columns, rows)] if rows else []
     out.text = (
         "relMSE = mean (I-R)^2/(R^2 + 0.01) against a converged picture R of ours, whose own "
-        "variance is taken off. The slope is that of log relMSE against log spp: -1 for "
-        "independent samples. The time to relMSE 1e-3 is interpolated in logarithms."
+        "variance is taken off. The slope is that of log relMSE against log spp by least squares, "
+        "with its standard error: -1 for independent samples. The time to relMSE 1e-3 is "
+        "interpolated in logarithms."
     )
     return out
 
@@ -347,6 +359,9 @@ def line(scenario: Scenario, row: Result, backend: str) -> str:
     if "points" in row:
         rates = [p["rows"]["veriray"]["mpaths_per_second"] for p in row["points"]]
         parts.append(f"veriray {num(min(rates))} to {num(max(rates))} Mpaths/s")
+    if row["kind"] in ("variants", "roulette", "lights"):
+        parts += [f"{key} {v if isinstance(v, str) else num(v)}" for key, v in
+                  row.get("figures", {}).items()]  # fmt: skip
     for target in scenario.targets:
         if backend in target.goals:
             t = judge(target, backend, row)

@@ -28,6 +28,9 @@ KINDS: dict[str, Callable[..., dict[str, Any]]] = {
     "build": kinds.build,
     "compaction": studies.compaction,
     "adaptive": studies.adaptive,
+    "variants": studies.variants,
+    "roulette": studies.roulette,
+    "lights": studies.lights,
     "cold": process.cold,
     "memory": process.memory,
 }

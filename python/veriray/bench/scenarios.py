@@ -36,12 +36,11 @@ class Target:
 class Scenario:
     """One measurement.
 
-    scene: a shipped scene, "icosphere N" (displaced, 20 * 4^N triangles) or "glass medium". kind:
-    a function of `kinds`. size: width and height by backend; spp: samples a pixel, by backend;
-    several for kind "error". vary: (setting, values) for kinds "scaling" and "adaptive".
-    schedulers: raced beside "auto". peers: whether other renderers take part. margin: relative
-    difference of means that is no disagreement. limit: whether the physical limit of the box is
-    stated.
+    scene: a shipped scene or one that `scene_file` makes. kind: a function of `kinds` or `studies`.
+    size: width and height by backend; spp: samples a pixel, by backend; several for kind "error".
+    vary: (setting, values) for kinds "scaling", "adaptive" and "roulette". schedulers: raced beside
+    "auto". peers: whether other renderers take part. margin: relative difference of means that is
+    no disagreement. limit: whether the physical limit of the box is stated.
     """
 
     name: str
@@ -70,7 +69,7 @@ class Scenario:
         if quick:
             size, rounds, reference = min(size, 64), 2, min(reference, 1024)
             spp = spp[:3] if len(spp) > 1 else (min(spp[0], 16),)
-            vary = (vary[0], vary[1][:3]) if vary else None
+            vary = (vary[0], vary[1][:3]) if vary and self.kind != "roulette" else vary
             scene = "icosphere 4" if scene.startswith("icosphere") else scene
         out = {
             "scene": scene, "width": size, "height": size, "spp": list(spp),
@@ -91,6 +90,7 @@ _ONE = _both((64,))
 _FEW = _both((16,), (64,))
 _CURVE = _both((1, 4, 16, 64, 256))
 _BOX, _MEDIUM, _MESH = "cornell-box-mitsuba", "glass medium", "icosphere 8"
+_STARTS = ("rr_depth", (1, 2, 3, 5, 8, 16, NO_ROULETTE))
 _RATE = "samples/s against Mitsuba's"
 _TIME = "time to relMSE 1e-3 against Mitsuba's best sampler"
 
@@ -113,6 +113,9 @@ SCENARIOS: tuple[Scenario, ...] = (
         targets=(Target("times_faster_to_target", _TIME, {"cpu": (7, 14), "cuda": (14, 28)},
                         unit="x"),),
     ),
+    Scenario("sampler-error", "error against samples, independent and sobol", _BOX, "error",
+             _both(256), _both((1, 4, 16, 64, 256, 1024, 4096)), rounds=3, reference_spp=65536,
+             peers=False),
     Scenario("mesh-82k", "displaced icosphere, 81,920 triangles", "icosphere 6", "speed", _SIZE,
              _ONE, margin=1e-4),
     Scenario(
@@ -168,6 +171,30 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("adaptive-medium", "to a worst tile of 5 %, glass sphere with a medium", _MEDIUM,
              "adaptive", _both(128, 512), _ONE, max_depth=128, rr_depth=64, rounds=3,
              vary=("target_error", (0.05,)), peers=False),
+    Scenario("variants-cornell", "the scene's code against everything, Mitsuba's Cornell box", _BOX,
+             "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-open", "the same, open scene", "open", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-mesh", "the same, 1,310,720 triangles", _MESH, "variants", _SIZE, _ONE,
+             peers=False),
+    Scenario("variants-glass", "the same, glass sphere", "glass sphere", "variants", _SIZE, _SPP,
+             peers=False),
+    Scenario("variants-medium", "the same, glass sphere with a medium", _MEDIUM, "variants",
+             _both(512), _ONE, max_depth=128, rr_depth=64, peers=False),
+    Scenario("variants-spheres", "the same, box with a mirror and a glass sphere",
+             "cornell spheres", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-glass-mesh", "the same, 81,920 triangles of glass", "glass icosphere 6",
+             "variants", _SIZE, _ONE, max_depth=32, peers=False),
+    Scenario("roulette-cornell", "where roulette starts, Mitsuba's Cornell box", _BOX, "roulette",
+             _both(256, 512), _ONE, max_depth=64, rounds=9, vary=_STARTS, reference_spp=8192,
+             peers=False),
+    Scenario("roulette-open", "where roulette starts, open scene", "open", "roulette",
+             _both(256, 512), _ONE, max_depth=64, rounds=9, vary=_STARTS, reference_spp=8192,
+             peers=False),
+    Scenario("roulette-medium", "where roulette starts, glass sphere with a medium", _MEDIUM,
+             "roulette", _both(256), _ONE, max_depth=128, rounds=9, vary=_STARTS,
+             reference_spp=8192, peers=False),
+    Scenario("lights", "choice by power against uniform choice, 1,024 lamps", "lights", "lights",
+             _both(64, 256), _both((1024,)), max_depth=2, rounds=3, peers=False),
     Scenario(
         "build", "the tree over 1,310,720 triangles", _MESH, "build", _both(64), _both((1,)),
         peers=False,
@@ -217,54 +244,80 @@ _SCENE = """<scene version="3.0.0">
         </film>
         <sampler type="independent"/>
     </sensor>
-    <emitter type="constant">
-        <rgb name="radiance" value="1, 1, 1"/>
-    </emitter>
-    {shape}
+    {sky}{shape}
 </scene>
 """
+_SKY = """<emitter type="constant">
+        <rgb name="radiance" value="1, 1, 1"/>
+    </emitter>
+    """
 _PLY = """<shape type="ply">
         <string name="filename" value="{name}.ply"/>
         <boolean name="face_normals" value="true"/>
-        <bsdf type="diffuse">
-            <rgb name="reflectance" value="0.8, 0.8, 0.8"/>
-        </bsdf>
+        {bsdf}
     </shape>"""
-_GLASS = """<shape type="sphere">
-        <bsdf type="dielectric">
+_WHITE = """<bsdf type="diffuse">
+            <rgb name="reflectance" value="0.8, 0.8, 0.8"/>
+        </bsdf>"""
+_GLASS = """<bsdf type="dielectric">
             <float name="int_ior" value="1.3"/>
             <float name="ext_ior" value="1"/>
-        </bsdf>
+        </bsdf>"""
+_MEDIUM_INSIDE = """
         <medium type="homogeneous" name="interior">
             <float name="sigma_t" value="16"/>
             <rgb name="albedo" value="0.9, 0.9, 0.9"/>
             <phase type="isotropic"/>
-        </medium>
+        </medium>"""
+_TWO_SPHERES = f"""<shape type="sphere">
+        <point name="center" x="-0.42" y="-0.6" z="-0.3"/>
+        <float name="radius" value="0.4"/>
+        <bsdf type="conductor">
+            <string name="material" value="none"/>
+        </bsdf>
+    </shape>
+    <shape type="sphere">
+        <point name="center" x="0.42" y="-0.65" z="0.3"/>
+        <float name="radius" value="0.35"/>
+        {_GLASS}
+    </shape>
+</scene>
+"""
+_FLOOR = f"""<shape type="rectangle">
+        <transform name="to_world">
+            <scale value="8"/>
+            <translate z="-4"/>
+        </transform>
+        {_WHITE}
+    </shape>"""
+_LAMP = """<shape type="rectangle">
+        <transform name="to_world">
+            <scale value="0.01"/>
+            <rotate x="1" angle="180"/>
+            <translate x="{:.4f}" y="{:.4f}" z="{:.4f}"/>
+        </transform>
+        <emitter type="area"><rgb name="radiance" value="{:d}"/></emitter>
     </shape>"""
 _SAMPLER = 'sampler type="independent"'
+#: Scene "lights": classes of lamps, lamps in each, and the ratio of power from class to class.
+LAMP_CLASSES, LAMPS, LAMP_RATIO = 8, 128, 4
 
 
 def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     """The scene's file, made in `folder` where it is not shipped, its mesh beside it.
 
-    Parameters of the file: width, height, max_depth and rr_depth. sampler: Mitsuba's name; the only
-    word in which the files of a scene differ.
+    Made are "icosphere N" (displaced, 20 * 4^N triangles) and "glass icosphere N", "glass sphere"
+    and "glass medium" (with one inside) under a constant sky; "cornell spheres", Mitsuba's box with
+    two of them for its boxes; "lights", small lamps over a floor, and "lights C", those of class C
+    alone. Parameters of the file: width, height, max_depth and rr_depth. sampler: Mitsuba's name;
+    the only word in which the files of a scene differ.
     """
     if name in SHIPPED:
         path = find_shipped(name)
         text = path.read_text("utf-8")
     else:
-        kind, _, level = name.partition(" ")
-        stem = name.replace(" ", "_")
-        path = folder / f"{stem}.xml"
-        shape = _GLASS
-        if kind == "icosphere":
-            shape = _PLY.format(name=stem)
-            if not path.exists():
-                from ..validate.leaks import displaced_icosphere
-
-                write_ply(folder / f"{stem}.ply", *displaced_icosphere(int(level)))
-        text = _SCENE.format(shape=shape, integrator="path" if level.isdigit() else "volpath")
+        path = folder / f"{name.replace(' ', '_')}.xml"
+        text = _made(name, folder)
         path.write_text(text)
     if sampler == "independent":
         return path
@@ -273,6 +326,35 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     other = folder / f"{path.stem}-{sampler}.xml"
     other.write_text(text.replace(_SAMPLER, f'sampler type="{sampler}"'))
     return other
+
+
+def _made(name: str, folder: Path) -> str:
+    """The text of a scene that is not shipped; its mesh is written to `folder`."""
+    if name == "cornell spheres":
+        text = find_shipped(_BOX).read_text("utf-8")
+        return text[: text.index('<shape type="cube"')] + _TWO_SPHERES
+    if name.startswith("lights"):
+        chosen = name.removeprefix("lights").strip()
+        return _SCENE.format(sky="", shape=_lamps(chosen), integrator="path")
+    if name.startswith("glass") and "icosphere" not in name:
+        inside = _MEDIUM_INSIDE if name == "glass medium" else ""
+        shape = f'<shape type="sphere">\n        {_GLASS}{inside}\n    </shape>'
+        return _SCENE.format(sky=_SKY, shape=shape, integrator="volpath")
+    stem, level = name.replace(" ", "_"), int(name.split()[-1])
+    if not (folder / f"{stem}.ply").exists():
+        from ..validate.leaks import displaced_icosphere
+
+        write_ply(folder / f"{stem}.ply", *displaced_icosphere(level))
+    shape = _PLY.format(name=stem, bsdf=_GLASS if name.startswith("glass") else _WHITE)
+    return _SCENE.format(sky=_SKY, shape=shape, integrator="path")
+
+
+def _lamps(chosen: str) -> str:
+    """The floor and the lamps of class `chosen`, of all for "". Places differ in all classes."""
+    place = np.random.default_rng(7).uniform((-8, -8, -3), (8, 8, -1), (LAMP_CLASSES, LAMPS, 3))
+    classes = range(LAMP_CLASSES) if chosen == "" else (int(chosen),)
+    lamps = [_LAMP.format(*at, LAMP_RATIO**c) for c in classes for at in place[c]]
+    return "\n    ".join([_FLOOR, *lamps])
 
 
 def write_ply(path: Path, vertices: Array, triangles: Array) -> None:

@@ -39,6 +39,13 @@ def of_kind(results: Sequence[Result], kind: str) -> Iterator[tuple[str, str, Re
                 yield result["device"]["name"], name, row
 
 
+def ratio_by(results: Sequence[Result], device: str) -> str:
+    """The time that ratios on a device are of."""
+    found = next(r for r in results if r["device"]["name"] == device)
+    by: str = found["settings"]["ratio_by"]
+    return by
+
+
 def num(value: float | None, digits: int = 3) -> str:
     """A number with so many digits; "-" for None."""
     if value is None:
@@ -102,3 +109,112 @@ def adaptive_section(results: Sequence[Result]) -> Section:
         "pixels to the same relative standard error.",
         [Table(columns, rows)] if rows else [],
     )
+
+
+def variants_section(results: Sequence[Result]) -> Section:
+    """Scenarios of kind "variants"."""
+    out = Section("The scene's own code against code for everything")
+    rows = []
+    for device, name, result in of_kind(results, "variants"):
+        for who, row in result["rows"].items():
+            if "void" in row:
+                rows.append([device, name, who, "void", *["-"] * 7])
+                continue
+            use, times = row["kernel"], row.get("times_faster")
+            by = ratio_by(results, device)
+            rows.append([
+                device, name, who, num(row["mpaths_per_second"]),
+                f"{100 * row['spread'][by]:.1f} %",
+                with_unit(times and times[by]["median"], "x"),
+                *(num(use.get(key)) for key in ("registers", "local_bytes", "resident_threads")),
+                str(row["path_bytes"]),
+                _short(row["variant"], result["rows"]["everything"]["variant"]),
+            ])  # fmt: skip
+        out.text = (
+            "The smallest compiled variant that holds what the scene has, and the one that holds "
+            "everything, in alternating rounds; both draw one film, bit for bit, or the row is "
+            "void. Registers and local memory (spilled) are a thread's, resident threads a "
+            "multiprocessor's, of the kernel that traces paths. Bytes that schedulers which store "
+            "paths keep for each in flight: "
+            + ", ".join(f"{k} {n}" for k, n in result["path_bytes"].items()) + "."
+        )  # fmt: skip
+    columns = (
+        "device",
+        "scenario",
+        "variant",
+        " Mpaths/s",
+        " spread",
+        " exact is faster",
+        " registers",
+        " local bytes",
+        " resident threads",
+        " bytes a path",
+        "compiled in",
+    )
+    out.tables = [Table(columns, rows)] if rows else []
+    return out
+
+
+def _short(names: Sequence[str], everything: Sequence[str]) -> str:
+    """Features in words; those that are missing where they are fewer."""
+    missing = [name for name in everything if name not in names]
+    if not missing:
+        return "everything"
+    few = len(missing) < len(names)
+    return "all but " + ", ".join(missing) if few else ", ".join(names)
+
+
+def roulette_section(results: Sequence[Result]) -> Section:
+    """Scenarios of kind "roulette"."""
+    out = Section(
+        "Where roulette starts",
+        "Roulette by throughput from the vertex rr_depth on. Efficiency is 1 / (time x MSE) in "
+        "multiples of that of rr_depth 5: geometric mean of the rounds, each against its own, and "
+        "the standard error of that mean; MSE and relMSE against a converged picture. A row is "
+        "void where its mean is not that picture's.",
+    )
+    rows, curves = [], []
+    for device, name, result in of_kind(results, "roulette"):
+        points = []
+        for who, row in result["rows"].items():
+            if "void" in row:
+                rows.append([device, name, who, "void", *["-"] * 6])
+                continue
+            gain, error = row["efficiency"]["mse"]
+            points.append((who.removeprefix("rr_depth "), gain, error))
+            best = " (best)" if who == result["figures"]["winner"] else ""
+            spp = result["settings"]["spp"][0]
+            rows.append([
+                device, name, who + best, num(1e3 * row[ratio_by(results, device)] / spp),
+                f"{row['rays_per_path']:.2f}", num(row["mse"]), num(row["relmse"]),
+                *("{:.3f} \u00b1 {:.3f}".format(*row["efficiency"][k]) for k in ("mse", "relmse")),
+                f"{max(abs(z) for z in row['agreement']['z']):.1f}",
+            ])  # fmt: skip
+        curves.append((f"{name}, {device}", points))
+    columns = ("device", "scenario", "start", " ms a sample", " rays a path", " MSE", " relMSE",
+               " efficiency", " by relMSE", " |z| of means")  # fmt: skip
+    if rows:
+        out.tables.append(Table(columns, rows))
+        out.plots.append(("Efficiency by start depth, with standard errors",
+                          plots.efficiency(curves)))  # fmt: skip
+    return out
+
+
+def lights_section(results: Sequence[Result]) -> Section:
+    """Scenarios of kind "lights"."""
+    rows = []
+    text = ""
+    for device, name, result in of_kind(results, "lights"):
+        by_power = result["rows"]["by power"]["variance"]
+        for who, row in result["rows"].items():
+            rows.append([device, name, who, num(row["variance"]), f"{100 * row['spread']:.1f} %",
+                         with_unit(row["variance"] / by_power, "x")])  # fmt: skip
+        text = (
+            f"Variance of one sample of direct light from {result['lamps']:,} lamps whose powers "
+            f"are {', '.join(f'{p:,.0f}' for p in result['powers'])}, as many of each. Uniform "
+            "choice is no setting of the renderer: its variance follows from pictures of each "
+            "power's lamps alone, as does that of choice by power, which is checked against the "
+            "measured one. Best: the best chances that are the same at every point."
+        )
+    columns = ("device", "scenario", "choice", " variance", " spread", " of that by power")
+    return Section("Choice among many lights", text, [Table(columns, rows)] if rows else [])

@@ -1,0 +1,81 @@
+"""The compiled variants: which one a scene takes, and what its paths store."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import veriray
+from veriray.bench import SCENARIOS
+from veriray.bench.scenarios import scene_file
+from veriray.device import select
+from veriray.info import FEATURES
+from veriray.render import prepare
+from veriray.scene import SHIPPED, find_shipped
+
+#: Bytes that a path stores for a feature, above those of every path.
+NEEDS = {"dielectric": 4, "pass": 8, "media": 4}
+SCENES = [*SHIPPED, *sorted((find_shipped("open").parent / "checks").glob("*.xml"))]
+
+
+def smallest(needed: list[str], variants: list[list[str]]) -> list[str]:
+    """The first that covers what is needed; the list has the smallest first."""
+    return next(v for v in variants if set(needed) <= set(v))
+
+
+def test_the_list_has_the_smallest_first(device: str) -> None:
+    native = select(device)[0].native
+    variants = native.variants()
+    assert set(variants[-1]) == set(FEATURES)
+    for earlier, later in itertools.combinations(variants, 2):
+        assert not set(later) <= set(earlier)
+        assert native.path_bytes(earlier) <= native.path_bytes(later)
+
+
+def test_a_path_stores_what_its_features_need(device: str) -> None:
+    native = select(device)[0].native
+    base = native.path_bytes([])
+    assert base == 4 * (3 + 3 + 3 + 3 + 1 + 2)  # ray, throughput, radiance, pdf; pixel, sample
+    for name in FEATURES:
+        assert native.path_bytes([name]) == base + NEEDS.get(name, 0), name
+    for names in [*itertools.product(*([n, ""] for n in NEEDS)), *native.variants()]:
+        used = [name for name in names if name]
+        assert native.path_bytes(used) == base + sum(NEEDS.get(name, 0) for name in used)
+    with pytest.raises(ValueError, match="feature 'fur' is unknown"):
+        native.path_bytes(["quads", "fur"])
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda s: Path(s).stem)
+def test_a_scene_takes_the_smallest_variant_that_covers_it(scene: Any, cpu: str) -> None:
+    native = select(cpu)[0].native
+    facts = prepare(veriray.load_file(scene), cpu, width=8, height=8)
+    assert facts["features"] and set(facts["features"]) <= set(facts["variant"])
+    assert facts["variant"] == smallest(facts["features"], native.variants())
+    assert facts["path_bytes"] == native.path_bytes(facts["variant"])
+
+
+def test_the_scenarios_reach_every_variant(tmp_path: Path, cpu: str) -> None:
+    used = [s.settings("cpu", True)["scene"] for s in SCENARIOS if s.kind == "variants"]
+    found = [prepare(veriray.load_file(scene_file(name, tmp_path)), cpu) for name in used]
+    *others, _ = select(cpu)[0].native.variants()
+    assert {tuple(f["variant"]) for f in found} == set(map(tuple, others))
+
+
+def test_what_ran_is_reported(cornell: veriray.Scene, device: str) -> None:
+    native = select(device)[0].native
+    for scheduler, everything in itertools.product(("fused", "thrust"), (False, True)):
+        stats = veriray.render(cornell, 1, device=device, scheduler=scheduler,
+                               all_features=everything).stats  # fmt: skip
+        variants = native.variants()
+        expected = variants[-1] if everything else smallest(stats["features"], variants)
+        assert stats["variant"] == expected
+        assert stats["path_bytes"] == native.path_bytes(expected)
+        if device.startswith("cpu"):
+            assert stats["kernel"] == {}
+            continue
+        assert set(stats["kernel"]) == {"registers", "local_bytes", "resident_threads"}
+        assert 16 <= stats["kernel"]["registers"] <= 255 and stats["kernel"]["local_bytes"] >= 0
+        assert stats["kernel"]["resident_threads"] % 128 == 0 < stats["kernel"]["resident_threads"]

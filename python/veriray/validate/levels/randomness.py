@@ -8,6 +8,7 @@ report of 2016, re-made, is the planted failure.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -294,6 +295,20 @@ def batches_are_independent(t: Trial) -> None:
     t.figure("variance of batches over samples", float(ratio.mean()))
 
 
+SAMPLES = (4, 16, 64, 256, 1024)
+
+
+def decay(images: Sequence[Array]) -> tuple[Array, float, float]:
+    """MSE of pictures of SAMPLES samples whose exact answer is 1; slope of log MSE, its error."""
+    squares = [(image.astype(np.float64) - 1) ** 2 for image in images]
+    mse = np.array([s.mean() for s in squares])
+    error = np.array([s.std() / math.sqrt(s.size) / s.mean() for s in squares])
+    x, weight = np.log(np.array(SAMPLES, np.float64)), 1 / error**2
+    x -= (weight * x).sum() / weight.sum()
+    slope = float((weight * x * np.log(mse)).sum() / (weight * x**2).sum())
+    return mse, slope, float(1 / np.sqrt((weight * x**2).sum()))
+
+
 @case(1)
 def error_falls_as_one_over_samples(t: Trial) -> None:
     """The mean squared error falls by 4.0 +- 0.3 per four times the samples.
@@ -302,21 +317,26 @@ def error_falls_as_one_over_samples(t: Trial) -> None:
     log MSE against log n within its standard error, which must be so small that a factor of 3.7 or
     4.3 is found. A flatter slope is a stuck generator, or bias.
     """
-    counts = 4 ** np.arange(1, 6)
     scene = furnace(0.5, 0.5, width=64, height=64)
-    mse, error = np.empty(5), np.empty(5)
-    for k, n in enumerate(counts):
-        squares = (t.render(scene, int(n)).image[:, :, 0].astype(np.float64) - 1) ** 2
-        mse[k] = squares.mean()
-        error[k] = squares.std() / math.sqrt(squares.size) / squares.mean()
-    x, weight = np.log(counts.astype(np.float64)), 1 / error**2
-    x -= (weight * x).sum() / weight.sum()
-    slope = float((weight * x * np.log(mse)).sum() / (weight * x**2).sum())
-    deviation = float(1 / np.sqrt((weight * x**2).sum()))
+    mse, slope, deviation = decay([t.render(scene, n).image[:, :, 0] for n in SAMPLES])
     factor, spread = 4.0**-slope, 4 * math.log(4) * deviation
-    t.figure("error against spp", [[int(n), float(m)] for n, m in zip(counts, mse, strict=True)])
+    t.figure("error against spp", [[n, float(m)] for n, m in zip(SAMPLES, mse, strict=True)])
     t.figure("factor", [factor, spread])
     if (3.29 + 1.28) * spread > 0.3:
         raise Inconclusive(f"the factor's standard error is {spread:.2g}")
     t.sees((3.29 + 1.28) * spread / 4)
     t.p(2 * float(stats.norm.sf(abs(slope + 1) / deviation)), f"factor {factor:.3f}")
+
+
+@case(1, each={"period": (64, 256)}, once=True)
+def a_stream_that_repeats_is_found_out(t: Trial, period: int) -> None:
+    """Planted: after `period` samples each pixel's numbers come again, so the mean stays.
+
+    The test of the error's fall rejects it, p below 1e-9.
+    """
+    scene = furnace(0.5, 0.5, width=64, height=64)
+    images = [t.render(scene, min(n, period), seed=n if n < period else period).image[:, :, 0]
+              for n in SAMPLES]  # fmt: skip
+    _, slope, deviation = decay(images)
+    p = 2 * float(stats.norm.sf(abs(slope + 1) / deviation))
+    t.check(p < 1e-9, f"not rejected: slope {slope:.3f}, p = {p:.2g}")

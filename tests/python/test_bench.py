@@ -236,6 +236,16 @@ def quick(name: str) -> dict[str, Any]:
     return row
 
 
+def test_slopes_of_both_samplers_are_reported() -> None:
+    row = quick("sampler-error")
+    assert list(row["rows"]) == ["veriray independent", "veriray sobol"]
+    for entry in row["rows"].values():
+        assert set(entry["slope"]) == set(entry["slope_error"]) == {"mse", "relmse"}
+        assert entry["slope"]["relmse"] < 0 < entry["slope_error"]["relmse"]
+    report.save(report.find(["out"]), "r.md")
+    assert " \u00b1 " in Path("r.md").read_text("utf-8")
+
+
 def test_variants_draw_one_film() -> None:
     row = quick("variants-cornell")
     exact, everything = row["rows"]["exact"], row["rows"]["everything"]

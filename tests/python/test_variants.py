@@ -55,6 +55,8 @@ def test_a_scene_takes_the_smallest_variant_that_covers_it(scene: Any, cpu: str)
     assert facts["features"] and set(facts["features"]) <= set(facts["variant"])
     assert facts["variant"] == smallest(facts["features"], native.variants())
     assert facts["path_bytes"] == native.path_bytes(facts["variant"])
+    wider = [v for v in native.variants() if set(facts["features"]) <= set(v)]
+    assert facts["path_bytes"] == min(map(native.path_bytes, wider))
 
 
 def test_the_scenarios_reach_every_variant(tmp_path: Path, cpu: str) -> None:
@@ -73,6 +75,8 @@ def test_what_ran_is_reported(cornell: veriray.Scene, device: str) -> None:
         expected = variants[-1] if everything else smallest(stats["features"], variants)
         assert stats["variant"] == expected
         assert stats["path_bytes"] == native.path_bytes(expected)
+        # one launch, or one to begin and one a bounce: no stage has a launch of its own
+        assert stats["launches"] == (1 if scheduler == "fused" else 1 + len(stats["live_rays"]))
         if device.startswith("cpu"):
             assert stats["kernel"] == {}
             continue

@@ -133,24 +133,14 @@ def variants_section(results: Sequence[Result]) -> Section:
         out.text = (
             "The smallest compiled variant that holds what the scene has, and the one that holds "
             "everything, in alternating rounds; both draw one film, bit for bit, or the row is "
-            "void. Registers and local memory (spilled) are a thread's, resident threads a "
-            "multiprocessor's, of the kernel that traces paths. Bytes that schedulers which store "
-            "paths keep for each in flight: "
+            "void. Registers and local memory (spills, the tree's stack) are a thread's, resident "
+            "threads a multiprocessor's, of the kernel that traces paths. Bytes that schedulers "
+            "which store paths keep for each in flight, and for a feature more: "
             + ", ".join(f"{k} {n}" for k, n in result["path_bytes"].items()) + "."
         )  # fmt: skip
-    columns = (
-        "device",
-        "scenario",
-        "variant",
-        " Mpaths/s",
-        " spread",
-        " exact is faster",
-        " registers",
-        " local bytes",
-        " resident threads",
-        " bytes a path",
-        "compiled in",
-    )
+    columns = ("device", "scenario", "variant", " Mpaths/s", " spread", " exact is faster",
+               " registers", " local bytes", " resident threads", " bytes a path",
+               "compiled in")  # fmt: skip
     out.tables = [Table(columns, rows)] if rows else []
     return out
 
@@ -182,7 +172,7 @@ def roulette_section(results: Sequence[Result]) -> Section:
                 continue
             gain, error = row["efficiency"]["mse"]
             points.append((who.removeprefix("rr_depth "), gain, error))
-            best = " (best)" if who == result["figures"]["winner"] else ""
+            best = " (best)" if who == result["figures"].get("winner") else ""
             spp = result["settings"]["spp"][0]
             rows.append([
                 device, name, who + best, num(1e3 * row[ratio_by(results, device)] / spp),

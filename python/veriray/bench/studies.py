@@ -143,7 +143,7 @@ def roulette(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
             for name in field}  # fmt: skip
     valid = {name: row["efficiency"]["mse"] for name, row in rows.items() if "void" not in row}
     figures = {}
-    if valid:
+    if start_name(BASE) in valid:
         winner = max(valid, key=lambda name: valid[name][0])
         figures = {"winner": winner, "efficiency": valid[winner][0], "error": valid[winner][1]}
     return {"rows": rows, "figures": figures}

@@ -109,15 +109,17 @@ class Film {
 };
 
 struct TreeInfo {
+    std::string builder;
     uint32_t width = 0, depth = 0;  // width 0: the scene has no tree
     size_t nodes = 0, references = 0, memory = 0;
-    double seconds = 0;
+    double cost = 0, seconds = 0;  // see WideTree; CUDA: from the primitives on the device on
 };
 
 class Scene {
    public:
-    // poll: progress of the tree's build; false stops it (std::runtime_error).
-    Scene(const SceneInput& in, int device, const BuildPoll& poll);
+    // builder: of kTreeBuilders; the films do not depend on it. poll: progress of the tree's build;
+    // false stops it (std::runtime_error).
+    Scene(const SceneInput& in, int device, const std::string& builder, const BuildPoll& poll);
     ~Scene();
     Scene(const Scene&) = delete;
     Scene& operator=(const Scene&) = delete;
@@ -162,6 +164,14 @@ void intersect(const Scene& scene, const double* origins, const double* directio
 // edges of the scene's triangles; how many hit nothing: {aimed at corners, aimed at edges}.
 std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,
                                           size_t origin_count, uint64_t first, uint64_t n);
+// A tree as words: rows of lo, hi (as bits) and child, 7 * width; primitives by slot.
+struct TreeWords {
+    std::vector<uint32_t> nodes, order;
+};
+// The scene's tree of 2, 4 or 8 boxes a node, built anew by `ploc` on the host.
+TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads);
+// The tree that the device holds. CUDA only.
+TreeWords device_tree(const Scene& scene);
 // As intersect, through a tree of 2, 4 or 8 boxes a node, which the answers do not show; returns
 // the kernel's seconds. CUDA only.
 double intersect_width(const Scene& scene, uint32_t width, const double* origins,

@@ -10,8 +10,8 @@
 #include "backends/hooks.h"
 #include "backends/instances.h"
 #include "backends/leaks.h"
-#include "backends/thread_pool.h"
 #include "backends/waves_cpu.h"
+#include "scene/thread_pool.h"
 #include "scene/tree_layout.h"
 #include "schedulers/tile.h"
 
@@ -29,8 +29,9 @@ struct Scene::Impl {
     std::vector<RecordBlock> blocks;
     std::vector<Simd::Uniform> quads, levels;
     std::vector<QuadRun> runs;
+    TreeInfo info;
 
-    Impl(const SceneInput& in, const BuildPoll& poll) : host(in, kSimdWalk, poll) {
+    Impl(const SceneInput& in, TreeBuilder builder, const BuildPoll& poll) : host(in) {
         quads.assign(host.view.quads, host.view.quads + host.view.quad_count * kQuadFloats);
         for (uint32_t i = 0; i < host.view.quad_count; ++i) {
             float level[kLevelFloats] = {};
@@ -44,8 +45,12 @@ struct Scene::Impl {
         host.view.runs = runs.data();
         host.view.run_count = static_cast<uint32_t>(runs.size());
         if (!(host.view.features & kBvh)) return;
-        nodes = collapse<kCpuWidth>(host.bvh, kSimdWalk);
-        blocks = pack_blocks(nodes, host.records);
+        auto tree = build_tree<kCpuWidth>(host.tree_input(), builder, kSimdWalk, kAllThreads, poll);
+        blocks = pack_blocks(tree.nodes, tree.order, host.records);
+        info = tree_info(
+            builder, tree,
+            tree.nodes.size() * sizeof(WideNode<kCpuWidth>) + blocks.size() * sizeof(RecordBlock));
+        nodes = std::move(tree.nodes);
         host.view.bvh = {nodes.data(), blocks.data()};
     }
 };
@@ -99,14 +104,13 @@ void Film::sums(double* out) const {
 
 void Film::words(uint64_t* out) const { std::copy(impl->words.begin(), impl->words.end(), out); }
 
-Scene::Scene(const SceneInput& in, int, const BuildPoll& poll)
-    : impl(std::make_unique<Impl>(in, poll)) {}
+Scene::Scene(const SceneInput& in, int, const std::string& builder, const BuildPoll& poll)
+    : impl(std::make_unique<Impl>(in, find_builder(builder), poll)) {}
 Scene::~Scene() = default;
 const HostScene& Scene::host() const { return impl->host; }
-TreeInfo Scene::tree() const {
-    return tree_info(impl->host, kCpuWidth, impl->nodes.size(),
-                     impl->nodes.size() * sizeof(WideNode<kCpuWidth>) +
-                         impl->blocks.size() * sizeof(RecordBlock));
+TreeInfo Scene::tree() const { return impl->info; }
+TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads) {
+    return host_ploc(scene.host(), kSimdWalk, width, threads);
 }
 
 namespace {

@@ -4,6 +4,7 @@
 #include "backends/items.cuh"
 #include "backends/launches.cuh"
 #include "backends/leaks.h"
+#include "backends/tree.cuh"
 #include "schedulers/fused.h"
 #include "schedulers/walking.h"
 
@@ -150,12 +151,12 @@ struct Scene::Impl {
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, surfaces, media, light_table, filter_edges;
     Buffer<uint32_t> surface_of, light_cdf;
-    Buffer<WideNode<kDeviceWidth>> nodes;
-    Buffer<float> records;
+    TreeBuilder builder;
+    DeviceTree tree;
     SceneView view;
 
-    Impl(const SceneInput& in, int dev, const BuildPoll& poll)
-        : device(dev), host(in, kScalarWalk, poll), view(host.view) {
+    Impl(const SceneInput& in, int dev, TreeBuilder tree_builder, const BuildPoll& poll)
+        : device(dev), host(in), builder(tree_builder), view(host.view) {
         use_device(dev);
         const auto upload = [](auto& buffer, const auto& v, auto& pointer) {
             buffer = std::remove_reference_t<decltype(buffer)>(v, "scene");
@@ -171,20 +172,22 @@ struct Scene::Impl {
         upload(light_cdf, host.light_cdf, view.lights.cdf);
         upload(filter_edges, host.filter_edges, view.filter.edges);
         if (!(host.view.features & kBvh)) return;
-        nodes = {collapse<kDeviceWidth>(host.bvh, kScalarWalk), "tree"};
-        records = {host.records, "tree"};
-        view.bvh = {nodes.get(), records.get()};
+        tree = build_tree_of(host, builder, poll);
+        view.bvh = {tree.nodes.get(), tree.records.get()};
     }
 };
 
-Scene::Scene(const SceneInput& in, int device, const BuildPoll& poll)
-    : impl(std::make_unique<Impl>(in, device, poll)) {}
+Scene::Scene(const SceneInput& in, int device, const std::string& builder, const BuildPoll& poll)
+    : impl(std::make_unique<Impl>(in, device, find_builder(builder), poll)) {}
 Scene::~Scene() = default;
 const HostScene& Scene::host() const { return impl->host; }
-TreeInfo Scene::tree() const {
-    return tree_info(
-        impl->host, kDeviceWidth, impl->nodes.size(),
-        impl->nodes.size() * sizeof(WideNode<kDeviceWidth>) + impl->records.size() * sizeof(float));
+TreeInfo Scene::tree() const { return impl->tree.info; }
+TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads) {
+    return host_ploc(scene.host(), kScalarWalk, width, threads);
+}
+TreeWords device_tree(const Scene& scene) {
+    use_device(scene.impl->device);
+    return scene.impl->tree.words();
 }
 
 // ---- render ----
@@ -347,13 +350,15 @@ __global__ void width_kernel(BvhView bvh, const float* rays, uint64_t n, float* 
 }
 
 template <uint32_t N>
-double time_width(const HostScene& host, const Buffer<float>& records, const Buffer<float>& rays,
-                  uint64_t n, Buffer<float>& t, Buffer<uint32_t>& primitive) {
-    const Buffer<WideNode<N>> nodes(collapse<N>(host.bvh, kScalarWalk), "tree");
+double time_width(const Scene::Impl& scene, const Buffer<float>& rays, uint64_t n, Buffer<float>& t,
+                  Buffer<uint32_t>& primitive) {
+    // Built anew: the slots are those of any width.
+    const Buffer<WideNode<N>> nodes(
+        build_tree<N>(scene.host.tree_input(), scene.builder, kScalarWalk, 0, {}).nodes, "tree");
     check(cudaDeviceSynchronize(), "prepare");
     const Clock::time_point start = Clock::now();
-    width_kernel<N><<<blocks_for(n, 128), 128>>>({nodes.get(), records.get()}, rays.get(), n,
-                                                 t.get(), primitive.get());
+    width_kernel<N><<<blocks_for(n, 128), 128>>>({nodes.get(), scene.tree.records.get()},
+                                                 rays.get(), n, t.get(), primitive.get());
     check_launch("intersect");
     check(cudaDeviceSynchronize(), "intersect");
     return seconds_since(start);
@@ -380,23 +385,16 @@ double intersect_width(const Scene& scene, uint32_t width, const double* origins
                        const double* directions, size_t n, float* t, int32_t* input) {
     use_device(scene.impl->device);
     const HostScene& host = scene.host();
-    if (host.bvh.nodes.empty() || n == 0)
+    if (!(host.view.features & kBvh) || n == 0)
         throw std::invalid_argument("intersect_width needs a scene with a tree, and rays");
     std::vector<float> rays(6 * n);
     for (size_t i = 0; i < n; ++i)
         normalise_ray(host, origins + 3 * i, directions + 3 * i, &rays[6 * i]);
     Buffer<float> in(rays, "rays"), distance(n, "hits");
     Buffer<uint32_t> primitive(n, "hits");
-    const Buffer<float>& records = scene.impl->records;
-    double seconds = 0;
-    if (width == 2)
-        seconds = time_width<2>(host, records, in, n, distance, primitive);
-    else if (width == 4)
-        seconds = time_width<4>(host, records, in, n, distance, primitive);
-    else if (width == 8)
-        seconds = time_width<8>(host, records, in, n, distance, primitive);
-    else
-        throw std::invalid_argument("width = " + std::to_string(width) + "; allowed: 2, 4, 8");
+    const double seconds = with_width(width, [&]<uint32_t N>() {
+        return time_width<N>(*scene.impl, in, n, distance, primitive);
+    });
     put_hits(host, distance.download(), primitive.download(), t, input);
     return seconds;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <iterator>
 #include <string>
 #include <utility>
 
@@ -138,9 +139,49 @@ inline void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width,
     });
 }
 
-inline TreeInfo tree_info(const HostScene& scene, uint32_t width, size_t nodes, size_t memory) {
-    if (!(scene.view.features & kBvh)) return {};
-    return {width, scene.bvh.depth, nodes, scene.bvh.order.size(), memory, scene.bvh.seconds};
+inline TreeBuilder find_builder(const std::string& name) {
+    std::string names;
+    for (uint32_t k = 0; k < std::size(kTreeBuilders); ++k) {
+        if (name == kTreeBuilders[k]) return static_cast<TreeBuilder>(k);
+        names += std::string(k ? ", " : "") + kTreeBuilders[k];
+    }
+    throw std::invalid_argument("builder = '" + name + "'; allowed: " + names);
+}
+
+template <uint32_t N>
+TreeInfo tree_info(TreeBuilder builder, const WideTree<N>& tree, size_t memory) {
+    return {kTreeBuilders[static_cast<uint32_t>(builder)],
+            N,
+            tree.depth,
+            tree.nodes.size(),
+            tree.order.size(),
+            memory,
+            tree.cost,
+            tree.seconds};
+}
+
+template <uint32_t N>
+TreeWords tree_words(const WideTree<N>& tree) {
+    TreeWords out{std::vector<uint32_t>(tree.nodes.size() * 7 * N), tree.order};
+    for (size_t i = 0; i < tree.nodes.size(); ++i)
+        std::memcpy(&out.nodes[i * 7 * N], &tree.nodes[i], 7 * N * sizeof(uint32_t));
+    return out;
+}
+
+// Calls fn.template operator()<width>().
+template <class Fn>
+auto with_width(uint32_t width, Fn fn) {
+    if (width == 2) return fn.template operator()<2>();
+    if (width == 4) return fn.template operator()<4>();
+    if (width == 8) return fn.template operator()<8>();
+    throw std::invalid_argument("width = " + std::to_string(width) + "; allowed: 2, 4, 8");
+}
+
+inline TreeWords host_ploc(const HostScene& host, const WalkCost& walk, uint32_t width,
+                           uint32_t threads) {
+    return with_width(width, [&]<uint32_t N>() {
+        return tree_words(build_ploc<N>(host.tree_input(), walk, threads, {}));
+    });
 }
 
 // World rays to normalised ones.

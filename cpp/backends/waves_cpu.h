@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "backends/instances.h"
-#include "backends/thread_pool.h"
+#include "scene/thread_pool.h"
 #include "schedulers/thrust.h"
 #include "schedulers/tile.h"
 #include "schedulers/wavefront.h"

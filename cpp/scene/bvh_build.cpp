@@ -141,20 +141,21 @@ struct Survey {
     double needless = 0;  // half surface of boxes that their triangles do not fill
 };
 
-Survey survey(const float* lo, const float* hi, const float* triangles, uint32_t n) {
+Survey survey(const TreeInput& in) {
     Survey out;
-    for (uint32_t i = 0; i < n; ++i) {
-        for (uint32_t k = 3 * i; k < 3 * i + 3; ++k)
+    for (uint32_t i = 0; i < in.count; ++i) {
+        float lo[3], hi[3];
+        in.box(i, lo, hi);
+        for (int k = 0; k < 3; ++k)
             if (!(-kFarthest <= lo[k] && lo[k] <= hi[k] && hi[k] <= kFarthest))
                 throw std::invalid_argument("the box of primitive " + std::to_string(i) +
                                             " is empty or not finite");
-        const Box b{load3(lo + 3 * i), load3(hi + 3 * i)};
+        const Box b{load3(lo), load3(hi)};
         out.box.grow(b);
         out.centres.grow(b.lo + b.hi, b.lo + b.hi);
-        if (!triangles) continue;
-        const float* t = triangles + 9 * static_cast<size_t>(i);
-        if (!std::isnan(t[0]))
-            out.needless += static_cast<double>(b.half_area() - filled_half_area(t));
+        if (i >= in.triangles) continue;
+        const float* t = in.records + static_cast<size_t>(i) * kRecordFloats;
+        out.needless += static_cast<double>(b.half_area() - filled_half_area(t));
     }
     return out;
 }
@@ -163,10 +164,9 @@ Survey survey(const float* lo, const float* hi, const float* triangles, uint32_t
 // have 2 r - 2 nodes below their own at most.
 class Builder {
    public:
-    Builder(const float* lo, const float* hi, const float* triangles, uint32_t n,
-            const WalkCost& walk)
-        : count_(n), spatial_(triangles) {
-        const Survey all = survey(lo, hi, triangles, n);
+    Builder(const TreeInput& in, const WalkCost& walk) : count_(in.count), spatial_(in.records) {
+        const uint32_t n = count_;
+        const Survey all = survey(in);
         const float area = all.box.half_area();
         const bool split = all.needless > kNeedless * static_cast<double>(area);
         const uint32_t more = split ? std::max(n / 10 * 3, std::min(n, kFreeRefs)) : 0;
@@ -178,16 +178,17 @@ class Builder {
         nodes_ = std::unique_ptr<BinaryNode[]>(new BinaryNode[2 * static_cast<size_t>(range.end)]);
         set_box(nodes_[0], all.box);
         const auto ref = [&](uint32_t i) {
-            const bool divisible = split && !std::isnan(triangles[9 * static_cast<size_t>(i)]);
-            return Ref{load3(lo + 3 * i, Ref::primitive_bits(i)),
-                       load3(hi + 3 * i, divisible ? 1.f : 0.f)};
+            float lo[3], hi[3];
+            in.box(i, lo, hi);
+            return Ref{load3(lo, Ref::primitive_bits(i)),
+                       load3(hi, split && i < in.triangles ? 1.f : 0.f)};
         };
         uint32_t side = 1;
         while (!split && side * side * side <= n / kCellRefs) ++side;
         sort(range, Bins(all.centres, side), ref);
     }
 
-    BuiltBvh run(uint32_t threads, const std::function<bool(double)>& progress) {
+    BuiltBvh run(uint32_t threads, const BuildPoll& progress) {
         const auto poll = [&] {
             return !progress || progress(std::min(1.0, static_cast<double>(finished_) / count_));
         };
@@ -384,14 +385,14 @@ class Builder {
 
 }  // namespace
 
-BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_vertices, uint32_t n,
-                   const WalkCost& walk, uint32_t threads,
-                   const std::function<bool(double)>& progress) {
-    if (n > kMaxRefs)
-        throw std::invalid_argument(std::to_string(n) + " primitives; a tree holds at most 2^27");
-    if (n == 0) return {};
+BuiltBvh build_bvh(const TreeInput& in, const WalkCost& walk, uint32_t threads,
+                   const BuildPoll& progress) {
+    if (in.count > kMaxRefs)
+        throw std::invalid_argument(std::to_string(in.count) +
+                                    " primitives; a tree holds at most 2^27");
+    if (in.count == 0) return {};
     const auto start = std::chrono::steady_clock::now();
-    BuiltBvh out = Builder(lo, hi, triangle_vertices, n, walk).run(threads, progress);
+    BuiltBvh out = Builder(in, walk).run(threads, progress);
     out.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return out;
 }

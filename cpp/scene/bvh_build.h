@@ -1,4 +1,4 @@
-// Builds bounding volume hierarchies on the host: a binary tree, and wide trees for the walks.
+// Builds bounding volume hierarchies: the host's binary tree, and wide trees for the walks.
 #pragma once
 
 #include <cstddef>
@@ -10,6 +10,31 @@
 namespace veriray {
 
 inline constexpr uint32_t kMaxBvhDepth = 62;  // inner nodes on a path from the root to a leaf
+
+enum class TreeBuilder : uint32_t { kSah, kPloc };
+inline constexpr const char* kTreeBuilders[] = {"sah", "ploc"};
+
+// share done -> go on
+using BuildPoll = std::function<bool(double)>;
+
+// The primitives of a tree: records by primitive, triangles first, then boxes of the others.
+struct TreeInput {
+    const float* records;      // kRecordFloats each
+    const float* round_boxes;  // lo, hi: 6 floats each, from primitive `triangles` on
+    uint32_t triangles, count;
+
+    VR_HD void box(uint32_t primitive, float (&lo)[3], float (&hi)[3]) const {
+        const float* r = primitive < triangles
+                             ? records + static_cast<size_t>(primitive) * kRecordFloats
+                             : round_boxes + static_cast<size_t>(primitive - triangles) * 6;
+        for (int k = 0; k < 3; ++k) {
+            lo[k] = r[k], hi[k] = r[3 + k];
+            if (primitive >= triangles) continue;
+            lo[k] = min(min(r[k], r[3 + k]), r[6 + k]);
+            hi[k] = max(max(r[k], r[3 + k]), r[6 + k]);
+        }
+    }
+};
 
 // count 0: inner, children at left_or_first and the next index, both behind their parent.
 // Else a leaf: slots [left_or_first, left_or_first + count). Boxes are not padded.
@@ -34,21 +59,41 @@ struct WalkCost {
 };
 inline constexpr WalkCost kSimdWalk{1.f, 8, 8}, kScalarWalk{1.f, 1, 8};
 
-// lo, hi: (n, 3). triangle_vertices: (n, 9), a row that starts with NaN is no triangle; null:
-// primitives are never split. walk: what it tests at once stays together, unless triangles are
-// split. threads: 0 for all; the tree does not depend on it.
+// The `sah` builder. walk: what it tests at once stays together, unless triangles are split.
+// threads: 0 for all; the tree does not depend on it.
 // progress(share done) is called on this thread about every 50 ms; false stops the build.
 // Throws std::invalid_argument for more than 2^27 primitives, an empty box, or one that leaves
 // [-2^60, 2^60]; std::runtime_error if stopped; what progress throws.
-BuiltBvh build_bvh(const float* lo, const float* hi, const float* triangle_vertices, uint32_t n,
-                   const WalkCost& walk, uint32_t threads,
-                   const std::function<bool(double)>& progress);
+BuiltBvh build_bvh(const TreeInput& in, const WalkCost& walk, uint32_t threads,
+                   const BuildPoll& progress);
+
+// A tree as a walk reads it. Boxes are padded by kBoxPad, nodes are in depth-first order; nodes[0]
+// is the root, also of a tree that is one leaf or empty. At most kMaxBvhDepth nodes lie on a path.
+template <uint32_t N>
+struct WideTree {
+    std::vector<WideNode<N>> nodes;
+    std::vector<uint32_t> order;  // slot -> primitive
+    uint32_t depth = 0;           // of the binary tree
+    double cost = 0;              // of a line through the root's box, in visits of a node
+    double seconds = 0;
+};
 
 // The N-wide tree (2, 4 or 8) of least expected cost that the binary one holds: leaves too are
-// chosen here. Boxes are padded by kBoxPad, nodes are in depth-first order; nodes[0] is the root,
-// also of a tree that is one leaf or empty. At most kMaxBvhDepth nodes lie on a path.
-// Throws std::invalid_argument for more than 2^27 references.
+// chosen here. Throws std::invalid_argument for more than 2^27 references.
 template <uint32_t N>
-std::vector<WideNode<N>> collapse(const BuiltBvh& bvh, const WalkCost& cost = kSimdWalk);
+WideTree<N> collapse(const BuiltBvh& bvh, WalkCost walk = kSimdWalk);
+
+// The `ploc` builder on the host; see scene/ploc.h. The primitives' boxes are finite and not empty.
+// threads, progress: as for build_bvh.
+template <uint32_t N>
+WideTree<N> build_ploc(const TreeInput& in, WalkCost walk, uint32_t threads,
+                       const BuildPoll& progress);
+
+template <uint32_t N>
+WideTree<N> build_tree(const TreeInput& in, TreeBuilder builder, const WalkCost& walk,
+                       uint32_t threads, const BuildPoll& progress) {
+    if (builder == TreeBuilder::kPloc) return build_ploc<N>(in, walk, threads, progress);
+    return collapse<N>(build_bvh(in, walk, threads, progress), walk);
+}
 
 }  // namespace veriray

@@ -104,7 +104,7 @@ struct SpatialBins {
 
 class Spatial {
    public:
-    explicit Spatial(const float* triangles) : triangles_(triangles) {}  // (primitives, 9)
+    explicit Spatial(const float* records) : records_(records) {}  // kRecordFloats each
 
     // Best plane that divides at most `room` references; axis -1 if there is none.
     SpatialSplit find(const Ref* refs, uint32_t n, uint32_t room, const Box& box) const {
@@ -168,7 +168,7 @@ class Spatial {
 
    private:
     const float* triangle(const Ref& r) const {
-        return triangles_ + 9 * static_cast<size_t>(r.primitive());
+        return records_ + static_cast<size_t>(r.primitive()) * kRecordFloats;
     }
 
     void add_parts(const Ref& r, int axis, const SpatialBins& bins, Box* part) const {
@@ -203,7 +203,7 @@ class Spatial {
         return side;
     }
 
-    const float* triangles_;
+    const float* records_;
 };
 
 }  // namespace veriray::bvh

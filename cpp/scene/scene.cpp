@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "scene/thread_pool.h"
+
 namespace veriray {
 namespace {
 
@@ -37,11 +39,10 @@ uint32_t padded(size_t n) {
     return static_cast<uint32_t>(std::max<size_t>(32, (n + 15) / 16 * 16));
 }
 
-HostScene::HostScene(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll)
-    : view{}, width(in.width), height(in.height) {
+HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.height) {
     check_input(in);
     normalise(in);
-    if (!set_flat(in)) set_tree(in, walk, poll);
+    if (!set_flat(in)) set_tree(in);
     view.primitives = primitives.data();
     set_surfaces(in);
     set_media(in);
@@ -142,25 +143,48 @@ bool HostScene::set_flat(const SceneInput& in) {
             write_quad(f, shared[i], view.quads + kQuadFloats * view.quad_count++);
         else
             write_polygon(f, shared[i], view.polygons + kPolygonFloats * view.polygon_count++);
-        add_source(in, kTriangleGroup, f.triangle, length(f.area_vector()));
+        put_source(in, i, kTriangleGroup, f.triangle, length(f.area_vector()));
     }
     for (uint32_t i = 0; i < in.disks.count; ++i)
-        put_disk(in, sources.size(), i, view.disks + kDiskFloats * view.disk_count++);
-    view.first_sphere = static_cast<uint32_t>(sources.size());
+        put_disk(in, flats.size() + i, i, view.disks + kDiskFloats * view.disk_count++);
+    view.first_sphere = static_cast<uint32_t>(flats.size() + in.disks.count);
     for (uint32_t i = 0; i < in.spheres.count; ++i)
-        put_sphere(in, sources.size(), i, view.spheres + kSphereFloats * view.sphere_count++);
+        put_sphere(in, view.first_sphere + i, i,
+                   view.spheres + kSphereFloats * view.sphere_count++);
     flats_ = std::move(flats);
     view.features = (view.quad_count ? kQuads : 0u) | (view.polygon_count ? kPolygons : 0u) |
                     (view.disk_count ? kDisks : 0u) | (view.sphere_count ? kSpheres : 0u);
     return true;
 }
 
-// Triangles, discs and spheres, in this order, in one tree.
-void HostScene::set_tree(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll) {
+// The triangles that have one, in order.
+std::vector<uint32_t> HostScene::with_area(const SceneInput& in) const {
+    std::vector<uint8_t> has(in.triangles.count);
+    in_chunks(kAllThreads, has.size(), [&](size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) has[i] = length(triangle(in, i).area_vector()) > 0;
+    });
     std::vector<uint32_t> kept;
-    kept.reserve(in.triangles.count);
-    for (size_t i = 0; i < in.triangles.count; ++i)
-        if (length(triangle(in, i).area_vector()) > 0) kept.push_back(static_cast<uint32_t>(i));
+    kept.reserve(has.size());
+    for (size_t i = 0; i < has.size(); ++i)
+        if (has[i]) kept.push_back(static_cast<uint32_t>(i));
+    return kept;
+}
+
+void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t row) {
+    const Flat f = triangle(in, row);
+    float plane[4];
+    write_plane(f, plane);
+    put_plane(primitive, f, plane, 0);
+    put_source(in, primitive, kTriangleGroup, row, length(f.area_vector()));
+    if (!smooth.empty()) put_smooth(in, primitive, f);
+    float* r = &records[primitive * kRecordFloats];
+    for (int k = 0; k < 9; ++k) r[k] = static_cast<float>(f.v[k / 3][k % 3]);
+    std::copy_n(plane, 4, r + kRecordPlane);
+}
+
+// Triangles, discs and spheres, in this order, for one tree.
+void HostScene::set_tree(const SceneInput& in) {
+    const std::vector<uint32_t> kept = with_area(in);
     dropped = static_cast<uint32_t>(in.triangles.count - kept.size());
     const size_t count = kept.size() + in.disks.count + in.spheres.count;
     if (count >= 1u << 27) throw std::invalid_argument("more than 2^27 - 1 primitives");
@@ -169,29 +193,20 @@ void HostScene::set_tree(const SceneInput& in, const WalkCost& walk, const Build
     for (size_t i = 0; i < in.normals.count && smooth.empty(); ++i)
         if (length(row3(in.normals, i)) > 0)
             smooth.assign(static_cast<size_t>(view.first_sphere) * kSmoothFloats, 0.f);
+    if (count == 0) return;
 
-    std::vector<float> lo(3 * count, INFINITY), hi(3 * count, -INFINITY);
-    std::vector<float> corners(9 * count, NAN), round(16 * (count - kept.size()));
-    const auto box = [&](size_t i, int axis, double low, double high) {
-        const float l = static_cast<float>(low), h = static_cast<float>(high);
-        lo[3 * i + axis] = std::min(lo[3 * i + axis], l);
-        hi[3 * i + axis] = std::max(hi[3 * i + axis], h);
+    records.assign(count * kRecordFloats, 0.f);
+    round_boxes.resize(6 * (count - kept.size()));
+    in_chunks(kAllThreads, kept.size(), [&](size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) put_triangle(in, i, kept[i]);
+    });
+    const auto box = [&](size_t primitive, int axis, double low, double high) {
+        float* b = &round_boxes[6 * (primitive - kept.size())];
+        b[axis] = static_cast<float>(low), b[3 + axis] = static_cast<float>(high);
     };
-    for (size_t i = 0; i < kept.size(); ++i) {
-        const Flat f = triangle(in, kept[i]);
-        float plane[4];
-        write_plane(f, plane);
-        put_plane(i, f, plane, 0);
-        add_source(in, kTriangleGroup, kept[i], length(f.area_vector()));
-        if (!smooth.empty()) put_smooth(in, i, f);
-        for (int k = 0; k < 9; ++k) {
-            corners[9 * i + k] = static_cast<float>(f.v[k / 3][k % 3]);
-            box(i, k % 3, f.v[k / 3][k % 3], f.v[k / 3][k % 3]);
-        }
-    }
     for (uint32_t i = 0; i < in.disks.count; ++i) {
-        const size_t at = sources.size();
-        put_disk(in, at, i, &round[16 * (at - kept.size())]);
+        const size_t at = kept.size() + i;
+        put_disk(in, at, i, &records[at * kRecordFloats]);
         const Double3 c = (row3(in.disks, 3 * i) - centre) * (1 / unit);
         const Double3 a = row3(in.disks, 3 * i + 1) * (1 / unit),
                       b = row3(in.disks, 3 * i + 2) * (1 / unit);
@@ -202,29 +217,19 @@ void HostScene::set_tree(const SceneInput& in, const WalkCost& walk, const Build
         if (!smooth.empty()) put_smooth(in, at, Flat{});
     }
     for (uint32_t i = 0; i < in.spheres.count; ++i) {
-        const size_t at = sources.size();
-        put_sphere(in, at, i, &round[16 * (at - kept.size())]);
+        const size_t at = view.first_sphere + i;
+        put_sphere(in, at, i, &records[at * kRecordFloats]);
         const double* s = in.spheres.data + 4 * i;
         for (int k = 0; k < 3; ++k)
             box(at, k, (s[k] - centre[k] - s[3]) / unit, (s[k] - centre[k] + s[3]) / unit);
     }
-    if (count == 0) return;
-    bvh = build_bvh(lo.data(), hi.data(), corners.data(), static_cast<uint32_t>(count), walk, 0,
-                    poll);
-    records.assign(bvh.order.size() * kRecordFloats, 0.f);
-    for (size_t slot = 0; slot < bvh.order.size(); ++slot) {
-        const uint32_t p = bvh.order[slot];
-        float* r = &records[slot * kRecordFloats];
-        if (p < kept.size()) {
-            std::copy_n(&corners[9 * p], 9, r);
-            for (uint32_t k = 0; k < 4; ++k)
-                r[9 + k] = primitives[static_cast<size_t>(p) * view.primitive_row + k];
-            r[12] = -r[12];
-        } else {
-            std::copy_n(&round[16 * (p - kept.size())], 13, r);
-        }
-        const uint32_t kind = p < kept.size() ? 0u : p < view.first_sphere ? 2u : 1u;
-        r[13] = bit_cast<float>(p), r[14] = bit_cast<float>(kind);
+    for (size_t p = 0; p < count; ++p) {
+        const uint32_t kind = p < kept.size()         ? kTriangleRecord
+                              : p < view.first_sphere ? kDiskRecord
+                                                      : kSphereRecord;
+        float* r = &records[p * kRecordFloats];
+        r[kRecordId] = bit_cast<float>(static_cast<uint32_t>(p));
+        r[kRecordKind] = bit_cast<float>(kind);
     }
     view.disk_count = static_cast<uint32_t>(in.disks.count);
     view.sphere_count = static_cast<uint32_t>(in.spheres.count);
@@ -240,8 +245,8 @@ void HostScene::allocate_primitives(size_t count, uint32_t row) {
     view.primitive_column = row == 1 ? padded(count) : 1;
     const size_t columns = row == 1 ? static_cast<size_t>(kPrimColumns) : row;
     primitives.assign(columns * padded(count), 0.f);
-    sources.reserve(count);
-    input_index.reserve(count);
+    sources.resize(count);
+    input_index.resize(count);
 }
 
 namespace {
@@ -280,7 +285,7 @@ void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, f
     }
     record[7] = static_cast<float>(-dot(u, c));
     record[11] = static_cast<float>(-dot(v, c));
-    add_source(in, kDiskGroup, row, 3.14159265358979323846 * area);
+    put_source(in, primitive, kDiskGroup, row, 3.14159265358979323846 * area);
 }
 
 void HostScene::put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record) {
@@ -293,7 +298,7 @@ void HostScene::put_sphere(const SceneInput& in, size_t primitive, uint32_t row,
     for (uint32_t k = 0; k < kSphereFloats; ++k) at(primitives, view, primitive, k) = record[k];
     at(primitives, view, primitive, kPrimSide) = in.sphere_inward.data[row] ? -1.f : 1.f;
     const double r = s[3] / unit;
-    add_source(in, kSphereGroup, row, 4 * 3.14159265358979323846 * r * r);
+    put_source(in, primitive, kSphereGroup, row, 4 * 3.14159265358979323846 * r * r);
 }
 
 // Normals at the corners as an affine function of the point; a flat triangle's is constant.
@@ -316,23 +321,24 @@ void HostScene::put_smooth(const SceneInput& in, size_t primitive, const Flat& f
     }
 }
 
-void HostScene::add_source(const SceneInput& in, ShapeGroup group, uint32_t row, double area) {
+void HostScene::put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
+                           double area) {
     int32_t emission = in.emission[group].data[row];
     if (emission >= 0) {
         const float* e = in.emissions.data + 3 * emission;
         if (!(e[0] > 0 || e[1] > 0 || e[2] > 0)) emission = -1;
     }
-    sources.push_back(
-        {group, row, in.material[group].data[row], emission, in.boundary[group].data[row], area});
+    sources[primitive] = {
+        group, row, in.material[group].data[row], emission, in.boundary[group].data[row], area};
     const size_t before[3] = {0, in.triangles.count, in.triangles.count + in.spheres.count};
-    input_index.push_back(static_cast<uint32_t>(before[group] + row));
+    input_index[primitive] = static_cast<uint32_t>(before[group] + row);
 }
 
 size_t HostScene::memory() const {
     return sizeof(SceneView) +
            4 * (primitives.size() + smooth.size() + light_chance.size() + surfaces.size() +
                 media.size() + light_table.size() + filter_edges.size() + surface_of.size() +
-                light_cdf.size() + records.size());
+                light_cdf.size() + records.size() + round_boxes.size());
 }
 
 }  // namespace veriray

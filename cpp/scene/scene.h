@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cmath>
-#include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -104,11 +103,9 @@ struct PrimitiveSource {
     double area;  // normalised
 };
 
-using BuildPoll = std::function<bool(double)>;
-
 class HostScene {
    public:
-    HostScene(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll);
+    explicit HostScene(const SceneInput& in);
     HostScene(const HostScene&) = delete;
     HostScene& operator=(const HostScene&) = delete;
 
@@ -122,9 +119,14 @@ class HostScene {
 
     std::vector<float> primitives, smooth, light_chance, surfaces, media, light_table, filter_edges;
     std::vector<uint32_t> surface_of, light_cdf;
-    BuiltBvh bvh;
-    std::vector<float> records;  // of the tree's leaves, kRecordFloats each, in slot order
+    // Of a scene with a tree, which the back end builds; see TreeInput.
+    std::vector<float> records, round_boxes;
 
+    TreeInput tree_input() const {
+        const uint32_t others = static_cast<uint32_t>(round_boxes.size() / 6);
+        return {records.data(), round_boxes.data(), view.primitive_count - others,
+                view.primitive_count};
+    }
     size_t memory() const;
     const std::vector<Flat>& flats() const { return flats_; }
 
@@ -134,13 +136,16 @@ class HostScene {
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
     Flat triangle(const SceneInput& in, size_t i) const;
     bool set_flat(const SceneInput& in);
-    void set_tree(const SceneInput& in, const WalkCost& walk, const BuildPoll& poll);
+    void set_tree(const SceneInput& in);
+    std::vector<uint32_t> with_area(const SceneInput& in) const;
+    void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
     void allocate_primitives(size_t count, uint32_t row);
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);
     void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     void put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);
-    void add_source(const SceneInput& in, ShapeGroup group, uint32_t row, double area);
+    void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
+                    double area);
     void set_surfaces(const SceneInput& in);
     void set_media(const SceneInput& in);
     std::vector<uint32_t> media_beyond(const SceneInput& in) const;

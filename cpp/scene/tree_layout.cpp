@@ -42,6 +42,7 @@ void use_large_pages([[maybe_unused]] const void* memory, [[maybe_unused]] size_
 }
 
 std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
+                                     const std::vector<uint32_t>& order,
                                      const std::vector<float>& records) {
     size_t need = 0;
     each_leaf(nodes, [&](uint32_t, uint32_t count) {
@@ -60,7 +61,7 @@ std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
         const size_t first = (child & ~kLeafFlag) >> 4;
         float* rows = blocks[at].f;
         for (uint32_t i = 0; i < count; ++i) {
-            const float* record = &records[(first + i) * kRecordFloats];
+            const float* record = &records[size_t{order[first + i]} * kRecordFloats];
             for (uint32_t r = 0; r < kRecordId; ++r) rows[r * count + i] = record[r];
             rows[kRecordId * count + i] =
                 as_float(kRecordMark | as_uint(record[kRecordKind]) << kRecordKindShift |

@@ -46,7 +46,8 @@ struct Reader {
 };
 
 std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera,
-                                  const py::dict& film, int device, const py::object& progress) {
+                                  const py::dict& film, int device, const py::object& progress,
+                                  const std::string& builder) {
     SceneInput in{};
     Reader read{arrays, {}};
     read("vertices", {-1, 3}, in.vertices);
@@ -109,7 +110,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
         return true;
     };
     py::gil_scoped_release release;
-    return std::make_unique<Scene>(in, device, poll);
+    return std::make_unique<Scene>(in, device, builder, poll);
 }
 
 Sampler find_sampler(const std::string& name) {
@@ -190,6 +191,14 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
         "kernel"_a = kernel_dict(stats.kernel));
 }
 
+// Nodes (n, 7 * width) and primitives by slot, both uint32.
+py::tuple tree_arrays(const TreeWords& tree, uint32_t width) {
+    const py::ssize_t row = 7 * static_cast<py::ssize_t>(width);
+    return py::make_tuple(
+        to_array(tree.nodes, {static_cast<py::ssize_t>(tree.nodes.size()) / row, row}),
+        to_array(tree.order, {static_cast<py::ssize_t>(tree.order.size())}));
+}
+
 #if defined(VR_BACKEND_CPU)
 py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, uint64_t sample,
                     int64_t max_depth, uint32_t rr_depth, const std::string& sampler) {
@@ -252,7 +261,7 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
 
     py::class_<Scene>(m, "Scene", py::module_local())
         .def(py::init(&make_scene), "arrays"_a, "camera"_a, "film"_a, "device"_a = 0,
-             "progress"_a = py::none())
+             "progress"_a = py::none(), "builder"_a = "sah")
         .def_property_readonly("features",
                                [](const Scene& s) { return feature_names(s.host().view.features); })
         .def_property_readonly(
@@ -277,7 +286,8 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
                                    return py::dict("width"_a = t.width, "nodes"_a = t.nodes,
                                                    "references"_a = t.references,
                                                    "depth"_a = t.depth, "seconds"_a = t.seconds,
-                                                   "memory"_a = t.memory);
+                                                   "memory"_a = t.memory, "cost"_a = t.cost,
+                                                   "builder"_a = t.builder);
                                })
         .def_property_readonly("memory",
                                [](const Scene& s) { return s.host().memory() + s.tree().memory; });
@@ -387,7 +397,15 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         py::gil_scoped_release release;
         return count_leaks(scene, origins.data(), static_cast<size_t>(origins.shape(0)), first, n);
     });
+    m.def(
+        "host_ploc",
+        [](const Scene& scene, uint32_t width, uint32_t threads) {
+            return tree_arrays(host_ploc(scene, width, threads), width);
+        },
+        "scene"_a, "width"_a, "threads"_a = 0);
 #if !defined(VR_BACKEND_CPU)
+    m.def("device_tree",
+          [](const Scene& scene) { return tree_arrays(device_tree(scene), kDeviceWidth); });
     m.def("intersect_width", [](const Scene& scene, uint32_t width, const Array<double>& origins,
                                 const Array<double>& directions) {
         need_shape(origins, "origins", {-1, 3});

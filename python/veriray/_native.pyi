@@ -1,6 +1,7 @@
 """The surface that every native module has: `_cpu`, `_cpu_v3`, `_cpu_v4` and `_cuda`.
 
-Lengths are world units. A GPU module has no `trace_path`. The modules live in one process side by
+Lengths are world units. A GPU module has no `trace_path`, only that has
+`device_tree` and `intersect_width`. The modules live in one process side by
 side, so their pybind11 types are module-local.
 """
 
@@ -93,7 +94,7 @@ class Report(TypedDict):
 class Scene:
     """A scene as the back end keeps it. Raises ValueError, MemoryError, and what progress raises.
 
-    progress: called with the share of the tree's build that is done."""
+    progress: called with the share of the tree's build that is done. builder: sah or ploc."""
 
     def __init__(
         self,
@@ -102,6 +103,7 @@ class Scene:
         film: FilmArguments,
         device: int = 0,
         progress: Callable[[float], object] | None = None,
+        builder: str = "sah",
     ) -> None: ...
     @property
     def features(self) -> list[str]: ...  # what the scene needs
@@ -112,7 +114,7 @@ class Scene:
     @property
     def primitives(self) -> dict[str, int]: ...
     @property
-    def tree(self) -> dict[str, float]: ...  # width nodes references depth seconds; or empty
+    def tree(self) -> dict[str, Any]: ...  # see veriray.render; or empty
     @property
     def memory(self) -> int: ...
 
@@ -183,6 +185,10 @@ def intersect(
 def count_leaks(
     scene: Scene, origins: npt.NDArray[np.float64], first: int, n: int
 ) -> tuple[int, int]: ...
+def host_ploc(
+    scene: Scene, width: int, threads: int = 0
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
+def device_tree(scene: Scene) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
 def intersect_width(
     scene: Scene,
     width: int,

@@ -71,4 +71,19 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
     return !stop;
 }
 
+inline constexpr uint32_t kAllThreads = 0;
+
+// Runs work(first, last) for pieces of [0, n) on `threads` threads; exceptions propagate.
+template <class Work>
+void in_chunks(uint32_t threads, size_t n, Work work) {
+    constexpr size_t kGrain = 4096;
+    if (threads == kAllThreads) threads = std::max(1u, std::thread::hardware_concurrency());
+    if (n <= kGrain || threads == 1) return work(size_t{0}, n);
+    const auto chunk = [&](uint32_t, uint64_t k) {
+        work(static_cast<size_t>(k) * kGrain, std::min<size_t>(n, (k + 1) * kGrain));
+    };
+    parallel(static_cast<uint32_t>(std::min<size_t>(threads, n / kGrain + 1)),
+             (n + kGrain - 1) / kGrain, {}, chunk);
+}
+
 }  // namespace veriray

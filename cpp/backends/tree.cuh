@@ -1,0 +1,170 @@
+// The scene's tree on the device: built there by `ploc`, or on the host by `sah`.
+#pragma once
+
+#include <thrust/iterator/counting_iterator.h>
+#include <thrust/iterator/transform_iterator.h>
+
+#include <chrono>
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_reduce.cuh>
+#include <cub/device/device_scan.cuh>
+
+#include "backends/device.cuh"
+#include "backends/instances.h"
+#include "scene/ploc.h"
+
+namespace veriray {
+namespace {
+
+constexpr uint32_t kTreeBlock = 128;
+
+template <class Body>
+__global__ void __launch_bounds__(kTreeBlock)
+    each_kernel(const __grid_constant__ Body body, uint32_t n) {
+    const uint32_t i = blockIdx.x * kTreeBlock + threadIdx.x;
+    if (i < n) body(i);
+}
+
+template <class Body>
+void each_on_device(uint32_t n, const Body& body) {
+    if (n == 0) return;
+    each_kernel<<<blocks_for(n, kTreeBlock), kTreeBlock>>>(body, n);
+    check_launch("tree");
+}
+
+// Executor of scene/ploc.h, on the default stream.
+class TreeExec {
+   public:
+    static constexpr uint32_t kRounds = 4;
+
+    void* memory(size_t bytes) {
+        memory_ = Buffer<char>(bytes, "tree");
+        return memory_.get();
+    }
+    template <class Body>
+    void each(uint32_t n, const Body& body) {
+        each_on_device(n, body);
+    }
+    template <class Body, class Join, class T>
+    void reduce(uint32_t n, const Body& body, const Join& join, T none, T* out) {
+        with_scratch([&](void* scratch, size_t& bytes) {
+            return cub::DeviceReduce::Reduce(scratch, bytes, results_of(body), out,
+                                             static_cast<int>(n), join, none);
+        });
+    }
+    const uint32_t* sort(uint32_t n, uint32_t bits, uint64_t* const* keys,
+                         uint32_t* const* values) {
+        cub::DoubleBuffer<uint64_t> key(keys[0], keys[1]);
+        cub::DoubleBuffer<uint32_t> value(values[0], values[1]);
+        with_scratch([&](void* scratch, size_t& bytes) {
+            return cub::DeviceRadixSort::SortPairs(scratch, bytes, key, value, static_cast<int>(n),
+                                                   0, static_cast<int>(bits));
+        });
+        return value.Current();
+    }
+    template <class Flag>
+    void sum(uint32_t n, const Flag& flag, uint32_t* out) {
+        with_scratch([&](void* scratch, size_t& bytes) {
+            return cub::DeviceScan::ExclusiveSum(scratch, bytes, results_of(flag), out,
+                                                 static_cast<int>(n));
+        });
+    }
+    void clear(uint32_t* p, size_t n) { check(cudaMemset(p, 0, n * sizeof *p), "tree"); }
+    template <class T>
+    T read(const T* p) {
+        T value;
+        check(cudaMemcpy(&value, p, sizeof value, cudaMemcpyDeviceToHost), "tree");
+        return value;
+    }
+    void progress(double) {}
+
+   private:
+    template <class Body>
+    static auto results_of(const Body& body) {
+        return thrust::make_transform_iterator(thrust::make_counting_iterator(0u), body);
+    }
+    // call(null, bytes) tells what call(scratch, bytes) needs.
+    template <class Call>
+    void with_scratch(Call call) {
+        size_t bytes = 0;
+        check(call(nullptr, bytes), "tree");
+        if (bytes > scratch_.size()) scratch_ = Buffer<char>(bytes, "tree");
+        check(call(scratch_.get(), bytes), "tree");
+    }
+
+    Buffer<char> memory_, scratch_;
+};
+
+// out[slot] = in[order[slot]], records of kRecordFloats, a quarter a thread.
+struct GatherStep {
+    const float4* in;
+    const uint32_t* order;
+    float4* out;
+    VR_HD void operator()(uint32_t i) const {
+        out[i] = in[static_cast<size_t>(order[i / 4]) * 4 + i % 4];
+    }
+};
+
+struct DeviceTree {
+    Buffer<WideNode<kDeviceWidth>> nodes;
+    Buffer<float> records;  // by slot
+    TreeInfo info;
+
+    TreeWords words() const {
+        WideTree<kDeviceWidth> tree{nodes.download(), {}};
+        const std::vector<float> r = records.download();
+        for (size_t at = 0; at < r.size(); at += kRecordFloats)
+            tree.order.push_back(bit_cast<uint32_t>(r[at + kRecordId]));
+        return tree_words(tree);
+    }
+};
+
+// in: on the device.
+inline DeviceTree build_on_device(const TreeInput& in, Buffer<uint32_t>& order) {
+    DeviceTree out;
+    check(cudaDeviceSynchronize(), "tree");
+    const auto start = std::chrono::steady_clock::now();
+    TreeExec exec;
+    ploc::Builder<kDeviceWidth, TreeExec> builder(exec, in, kScalarWalk);
+    const ploc::Node<kDeviceWidth> root = builder.merge();
+    out.nodes = {std::max<size_t>(1, root.row.wide[0]), "tree"};
+    order = {in.count, "tree"};
+    builder.emit(root, out.nodes.get(), order.get());
+    check(cudaDeviceSynchronize(), "tree");
+    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
+    out.info.depth = root.depth;
+    out.info.cost = tree_cost(root.row, root.lo, root.hi);
+    out.info.seconds = seconds.count();
+    return out;
+}
+
+inline DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const BuildPoll& poll) {
+    DeviceTree out;
+    const Buffer<float> records(host.records, "tree"), boxes(host.round_boxes, "tree");
+    Buffer<uint32_t> order;
+    TreeInput in = host.tree_input();
+    if (builder == TreeBuilder::kPloc) {
+        in.records = records.get(), in.round_boxes = boxes.get();
+        out = build_on_device(in, order);
+    } else {
+        const auto tree = build_tree<kDeviceWidth>(in, builder, kScalarWalk, 0, poll);
+        out.nodes = {tree.nodes, "tree"};
+        order = {tree.order, "tree"};
+        out.info = tree_info(builder, tree, 0);
+    }
+    out.records = {order.size() * kRecordFloats, "tree"};
+    each_on_device(static_cast<uint32_t>(order.size() * 4),
+                   GatherStep{reinterpret_cast<const float4*>(records.get()), order.get(),
+                              reinterpret_cast<float4*>(out.records.get())});
+    check(cudaDeviceSynchronize(), "tree");
+    out.info.builder = kTreeBuilders[static_cast<uint32_t>(builder)];
+    out.info.width = kDeviceWidth;
+    out.info.nodes = out.nodes.size();
+    out.info.references = order.size();
+    out.info.memory =
+        out.nodes.size() * sizeof(WideNode<kDeviceWidth>) + out.records.size() * sizeof(float);
+    return out;
+}
+
+}  // namespace
+}  // namespace veriray

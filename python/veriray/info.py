@@ -115,5 +115,6 @@ def tree_text(tree: dict[str, Any]) -> str:
         return "none: the primitives are tested one by one"
     return (
         f"{tree['width']} wide, {tree['nodes']:,} nodes, {tree['references']:,} references, depth "
-        f"{tree['depth']}, built in {tree['seconds']:.2f} s"
+        f"{tree['depth']}, cost {tree['cost']:.1f}, built by {tree['builder']} in "
+        f"{tree['seconds']:.3g} s"
     )

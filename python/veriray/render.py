@@ -38,6 +38,9 @@ COMPACTIONS = {
 #: One scheduler of each method.
 METHODS = ("fused", "thrust", "wavefront")
 SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()), "wavefront", "wavefront-unsorted")
+#: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
+#: device. The films are the same.
+BUILDERS = ("auto", "sah", "ploc")
 MAX_BATCHES = 1000
 MAX_NONFINITE = 64
 MAX_SPP = 2**40
@@ -125,12 +128,13 @@ def render(
     progress: Callable[[float], object] | None = None,
     all_features: bool = False,
     target_error: float | None = None,
+    builder: str = "auto",
 ) -> Render:
     """Render a scene.
 
     The film depends on scene, spp, seed, max_depth, rr_depth, sampler, width, height and
-    target_error alone: device, scheduler, threads, batches and batch_size change the time taken,
-    never a bit of the picture.
+    target_error alone: device, scheduler, builder, threads, batches and batch_size change the time
+    taken, never a bit of the picture.
 
     Args:
         scene: from `load_file`, `load_dict` or `cornell_box`.
@@ -159,6 +163,7 @@ def render(
         target_error: None, or the relative standard error in (0, 1) at which tiles of 16 x 16
             pixels stop: adaptive sampling without bias (see `veriray.sampling`), of spp samples a
             pixel at most (at least 16). Not together with batches.
+        builder: of the tree, where the scene needs one: of BUILDERS (see `choose_builder`).
 
     Returns:
         Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per depth),
@@ -168,13 +173,14 @@ def render(
         compiled with), path_bytes (stored for each path in flight, in that code), kernel (of the
         one that traces paths on CUDA: registers and local_bytes of a thread, resident_threads on a
         multiprocessor; empty on a CPU), primitives (count by kind; dropped: triangles without
-        area), tree (width, nodes, references, depth, seconds; empty without one),
-        nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]), seed, spp, max_depth,
-        rr_depth, sampler, width, height, batches, batch_size, threads, launches, memory (bytes of
-        scene and film), scene_sha256, version, mean_stderr. With target_error also target_error,
-        pilot_spp, first_sample (number of the picture's first sample), mean_spp, tiles,
-        tiles_at_limit (which need more than spp), tiles_above_target and tile_error (median, nine
-        tenths, largest) of the finished picture; paths and ledger then hold the pilot's too.
+        area), tree (builder, width, nodes, references, depth, cost: expected visits and tests of a
+        line through its box, seconds, memory; empty without one), nonfinite_samples, nonfinite (at
+        most 64 of [x, y, sample, r, g, b]), seed, spp, max_depth, rr_depth, sampler, width, height,
+        batches, batch_size, threads, launches, memory (bytes of scene and film), scene_sha256,
+        version, mean_stderr. With target_error also target_error, pilot_spp, first_sample (number
+        of the picture's first sample), mean_spp, tiles, tiles_at_limit (which need more than spp),
+        tiles_above_target and tile_error (median, nine tenths, largest) of the finished picture;
+        paths and ledger then hold the pilot's too.
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -191,6 +197,7 @@ def render(
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {progress!r} is not callable")
     scheduler, scheduler_reason = choose_scheduler(scheduler)
+    builder = choose_builder(builder)
     chosen, device_reason = device_module.select(device)
 
     settings = {
@@ -205,7 +212,7 @@ def render(
     }
     with device_module.native_errors():
         building, sampling = _shares(progress)
-        native_scene = _native_scene(scene, scene_used, chosen, building)
+        native_scene = _native_scene(scene, scene_used, chosen, building, builder)
         run = (chosen, native_scene, scene_used, spp)
         if target_error is None:
             done = uniform(*run, batches, settings, sampling)
@@ -311,6 +318,13 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
     return scheduler, "asked for"
 
 
+def choose_builder(builder: str) -> str:
+    """The builder that runs. Rule of "auto": `sah`, for every scene, on every device."""
+    if builder not in BUILDERS:
+        raise ValueError(f"builder = {builder!r} is unknown; allowed: {', '.join(BUILDERS)}")
+    return "sah" if builder == "auto" else builder
+
+
 def _shares(progress: Progress) -> tuple[Progress, Progress]:
     """Callbacks for building and sampling; building is the first BUILD_SHARE if it reports."""
     if progress is None:
@@ -406,9 +420,11 @@ def _native_scene(
     scene: Scene,
     device: Device,
     progress: Callable[[float], object] | None = None,
+    builder: str = "sah",
 ) -> Any:
     """The native form of `scene`, kept until its owner (the user's object) goes away."""
-    key = (device.native.__name__, device.index, scene.film.width, scene.film.height)
+    size = (scene.film.width, scene.film.height)
+    key = (device.native.__name__, device.index, *size, builder)
     with _scenes_lock:
         if id(owner) not in _scenes:
             _scenes[id(owner)] = {}
@@ -418,7 +434,10 @@ def _native_scene(
             while len(kept) >= _KEPT_PER_SCENE:
                 kept.pop(next(iter(kept)))
             kept[key] = device.native.Scene(
-                **native_scene_arguments(scene), device=device.index, progress=progress
+                **native_scene_arguments(scene),
+                device=device.index,
+                progress=progress,
+                builder=builder,
             )
         return kept[key]
 
@@ -429,16 +448,17 @@ def prepare(
     width: int | None = None,
     height: int | None = None,
     progress: Callable[[float], object] | None = None,
+    builder: str = "auto",
 ) -> dict[str, Any]:
     """Build what a device needs of a scene, a tree for example, and keep it for the next render.
 
-    progress: as in `render`, for the build alone. Returns features, variant, path_bytes,
-    primitives, tree (see `render`) and memory (bytes of the scene). Raises as `render`.
+    progress: as in `render`, for the build alone; builder: as there. Returns features, variant,
+    path_bytes, primitives, tree (see `render`) and memory (bytes of the scene). Raises as `render`.
     """
     used, _ = check_settings(scene, width=width, height=height)
     chosen, _ = device_module.select(device)
     with device_module.native_errors():
-        native_scene = _native_scene(scene, used, chosen, progress)
+        native_scene = _native_scene(scene, used, chosen, progress, choose_builder(builder))
         return {**scene_facts(native_scene), "memory": int(native_scene.memory)}
 
 
@@ -449,9 +469,7 @@ def scene_facts(native_scene: Any) -> dict[str, Any]:
         "variant": [str(name) for name in native_scene.variant],
         "path_bytes": int(native_scene.path_bytes),
         "primitives": {str(k): int(v) for k, v in native_scene.primitives.items()},
-        "tree": {
-            str(k): float(v) if k == "seconds" else int(v) for k, v in native_scene.tree.items()
-        },
+        "tree": dict(native_scene.tree),
     }
 
 

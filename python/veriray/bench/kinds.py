@@ -20,7 +20,7 @@ import numpy as np
 
 from .. import livebench
 from ..device import Device
-from ..render import Render, prepare, render
+from ..render import BUILDERS, Render, choose_builder, prepare, render
 from ..scene import SAMPLERS, Scene, load_file
 from .measure import (
     Array,
@@ -336,36 +336,59 @@ def depth(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
 
 
 def build(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
-    """Seconds of the tree alone, on all cores and, on the CPU, on one."""
+    """By builder: seconds of the tree alone, of the scene and to a first picture, and the rate of
+    renders; on the CPU the tree of "auto" on one core too."""
     scene = load_file(scene_file(settings["scene"], bench.folder))
-    step = bench.steps(2 * settings["rounds"])
+    builders = BUILDERS[1:]
+    step = bench.steps((len(builders) + 1) * settings["rounds"])
     millions = len(scene.triangles) / 1e6
-    rows = {"all cores": _built(bench, scene, settings["rounds"], step)}
-    figures = {"seconds_per_million": rows["all cores"]["tree_seconds"] / millions}
+    rows = {name: _built(bench, scene, settings, name, step) for name in builders}
+    auto = rows[choose_builder("auto")]
+    figures = {"seconds_per_million": auto["tree_seconds"] / millions}
+    figures |= {f"{name}_seconds_per_million": row["tree_seconds"] / millions
+                for name, row in rows.items()}  # fmt: skip
+    # Samples a pixel from which on the better tree has made up for the time that it took.
+    fast, good = sorted(rows.values(), key=lambda row: row["scene_seconds"])
+    lost = fast["seconds_per_spp"] - good["seconds_per_spp"]
+    if lost > 0:
+        figures["spp_to_catch_up"] = (good["scene_seconds"] - fast["scene_seconds"]) / lost
     if bench.device.backend == "cpu" and hasattr(os, "sched_setaffinity"):
         allowed = os.sched_getaffinity(0)
         os.sched_setaffinity(0, {min(allowed)})  # of this thread and those that it starts
         try:
-            rows["one core"] = _built(bench, scene, settings["rounds"], step)
+            rows["auto, one core"] = _built(bench, scene, settings, "auto", step)
         finally:
             os.sched_setaffinity(0, allowed)
-        figures["cpu_seconds_per_million"] = rows["one core"]["tree_seconds"] / millions
-    return {"triangles": len(scene.triangles), "rows": rows, "figures": figures}
+        figures["cpu_seconds_per_million"] = rows["auto, one core"]["tree_seconds"] / millions
+    out: Result = {"triangles": len(scene.triangles), "rows": rows, "figures": figures}
+    if len({row["film_sha256"] for row in rows.values()}) > 1:
+        out["void"] = "the builders' trees gave different films"
+    return out
 
 
-def _built(bench: Bench, scene: Scene, rounds: int, step: Callable[[], None]) -> Result:
-    trees, walls = [], []
-    facts: Result = {}
-    for _ in range(rounds):
+def _built(bench: Bench, scene: Scene, settings: Settings, builder: str,
+           step: Callable[[], None]) -> Result:  # fmt: skip
+    times: dict[str, list[float]] = {"tree": [], "scene": [], "first_picture": [], "render": []}
+    spp = settings["spp"][0]
+    size = {key: settings[key] for key in ("width", "height")}
+    for _ in range(settings["rounds"]):
+        fresh = scene.with_()
         begin = time.perf_counter()
-        facts = prepare(scene.with_(), bench.device.name)
-        walls.append(time.perf_counter() - begin)
-        trees.append(facts["tree"]["seconds"])
+        facts = prepare(fresh, bench.device.name, **size, builder=builder)
+        times["scene"].append(time.perf_counter() - begin)
+        bench.render(fresh, settings, spp=1, builder=builder)
+        times["first_picture"].append(time.perf_counter() - begin)
+        times["tree"].append(facts["tree"]["seconds"])
+        picture = bench.render(fresh, settings, spp=spp, builder=builder)
+        times["render"].append(picture.stats["seconds"])
         step()
+    medians = {f"{name}_seconds": float(np.median(values)) for name, values in times.items()}
     return {
-        "tree_seconds": float(np.median(trees)),
-        "scene_seconds": float(np.median(walls)),
-        "spread": {"tree": spread(trees), "scene": spread(walls)},
+        **medians,
+        "seconds_per_spp": medians["render_seconds"] / spp,
+        "mpaths_per_second": picture.stats["paths"] / medians["render_seconds"] / 1e6,
+        "spread": {name: spread(values) for name, values in times.items()},
         "memory": facts["memory"],
         "tree": facts["tree"],
+        "film_sha256": picture.film_sha256,
     }

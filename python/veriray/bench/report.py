@@ -278,6 +278,9 @@ def _rest(results: Sequence[Result]) -> Section:
     for device, _, result in of_kind(results, "build"):
         for who, row in result["rows"].items():
             more = f"scene with tables and copies {row['scene_seconds']:.3g} s"
+            if "first_picture_seconds" in row:
+                more += (f", to a picture of 1 spp {row['first_picture_seconds']:.3g} s, then "
+                         f"{row['mpaths_per_second']:,.0f} Mpaths/s")  # fmt: skip
             rows.append([device, result["title"], f"veriray, {who}",
                          f"{row['tree_seconds']:.3g} s", more])  # fmt: skip
     for device, _, result in of_kind(results, "memory"):

@@ -196,8 +196,7 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("lights", "choice by power against uniform choice, 1,024 lamps", "lights", "lights",
              _both(64, 256), _both((1024,)), max_depth=2, rounds=3, peers=False),
     Scenario(
-        "build", "the tree over 1,310,720 triangles", _MESH, "build", _both(64), _both((1,)),
-        peers=False,
+        "build", "the tree over 1,310,720 triangles", _MESH, "build", _SIZE, _FEW, peers=False,
         targets=(
             Target("cpu_seconds_per_million", "CPU seconds a million triangles",
                    {"cpu": (0.6, 0.6)}, below=True, unit="s"),

@@ -32,6 +32,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--spp", type=integer, help="samples per pixel (default: the scene's)")
     parser.add_argument("--seed", type=integer, default=0, help="0 to 2^64-1 (default: 0)")
     parser.add_argument("--scheduler", default="auto", help="auto, fused, thrust or wavefront")
+    parser.add_argument("--builder", default="auto", help="of the tree: auto, sah or ploc")
     parser.add_argument("--max-depth", type=integer, help="longest path; 1 emission, -1 unlimited")
     parser.add_argument("--rr-depth", type=integer, help="first depth of Russian roulette")
     parser.add_argument("--sampler", help="independent or sobol (default: the scene's)")
@@ -90,7 +91,7 @@ def _render(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"device     {chosen.name}, {chosen.description} ({reason})")
         print(f"scheduler  {scheduler} ({scheduler_reason})", flush=True)
-    size = {"width": arguments.width, "height": arguments.height}
+    size = {"width": arguments.width, "height": arguments.height, "builder": arguments.builder}
     if len(scene.triangles) >= LARGE_MESH:
         title = f"building the tree over {len(scene.triangles):,} triangles"
         with show_progress(title, arguments.quiet) as progress:
@@ -107,6 +108,7 @@ def _render(arguments: argparse.Namespace) -> int:
             scene,
             device=arguments.device,
             scheduler=arguments.scheduler,
+            builder=arguments.builder,
             progress=progress,
             all_features=arguments.all_features,
             **settings,

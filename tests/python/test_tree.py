@@ -1,0 +1,280 @@
+"""Trees: what both builders must hold, and that no picture shows which one it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import veriray as vr
+from veriray.render import BUILDERS, native_scene_arguments, prepare
+from veriray.validate.levels.geometry import brute_force, random_rays
+from veriray.validate.scenes import Part, camera, disk, make, sphere
+
+Array = npt.NDArray[Any]
+
+MAX_DEPTH = 62
+PAD = 2.0**-20
+LEAF, EMPTY = 1 << 31, 0xFFFFFFFF
+WIDTHS = (2, 4, 8)
+
+
+def triangles(corners: Array) -> Part:
+    """Corners (n, 3, 3)."""
+    return Part(corners, np.arange(3 * len(corners)), 0.5)
+
+
+def around(centres: Array, size: Any, seed: int = 7) -> Part:
+    """Triangles of about `size` at the centres (n, 3)."""
+    rng = np.random.default_rng(seed)
+    offsets = rng.normal(size=(len(centres), 3, 3)) * np.reshape(size, (-1, 1, 1))
+    return triangles(centres[:, None] + offsets)
+
+
+def soup(n: int, size: float = 0.02) -> Part:
+    return around(np.random.default_rng(n).uniform(-1, 1, (n, 3)), size, n)
+
+
+def equal(n: int) -> Part:
+    return triangles(np.tile([[0.3, 0.2, 0.1], [0.35, 0.2, 0.1], [0.3, 0.25, 0.12]], (n, 1, 1)))
+
+
+def same_centre(n: int) -> Part:
+    """Boxes of all sizes about one point."""
+    size = np.random.default_rng(1).uniform(0.1, 1, (n, 1, 1))
+    one = np.array([[-1.0, -1, -1], [1, 1, 1], [1, -1, 0.5]]) * 0.1
+    return triangles(one * size)
+
+
+def flat(n: int) -> Part:
+    part = soup(n)
+    part.vertices[:, 1] = 0.25
+    return part
+
+
+def graded(n: int) -> Part:
+    """Along a line, each farther from the next: one pair alone is nearest both ways."""
+    x = np.cumsum(1.0 + 1e-3 * np.arange(n))
+    x *= 1.5 / x[-1]
+    return around(np.stack([x - 0.5, 0 * x, 0 * x], axis=1), 1e-5)
+
+
+def powers(n: int) -> Part:
+    """Distances from 1e-30 to 1."""
+    size = 10.0 ** np.linspace(-30, 0, n)
+    return around(np.stack([size, size, 0 * size], axis=1), 0.1 * size)
+
+
+def all_kinds() -> list[Part]:
+    rng = np.random.default_rng(3)
+    p = rng.uniform(-1, 1, (400, 3))
+    return [
+        soup(300, 0.1),
+        *(sphere(c, r, 0.4) for c, r in zip(p[:150], rng.uniform(0.01, 0.1, 150), strict=True)),
+        *(disk(c, [r, 0, 0.1 * r], [0, 0.5 * r, 0], 0.6)
+          for c, r in zip(p[200:], rng.uniform(0.01, 0.1, 200), strict=True)),
+        sphere([0, 0, 0.9], 0.05, 0.0, 20.0),
+    ]  # fmt: skip
+
+
+SHAPES: dict[str, Callable[[], list[Part]]] = {
+    "one": lambda: [soup(1, 1e-3)],
+    "two": lambda: [soup(2, 1e-3)],
+    "three": lambda: [soup(3, 1e-3)],
+    "127": lambda: [soup(127)],
+    "129": lambda: [soup(129)],
+    "soup": lambda: [soup(20_000)],
+    "hundred large": lambda: [soup(100, 0.4)],
+    "large triangles": lambda: [soup(2000, 0.4)],
+    "equal": lambda: [equal(100_000)],
+    "pairs": lambda: [soup(500), soup(500)],
+    "same centre": lambda: [same_centre(5000)],
+    "flat": lambda: [flat(3000)],
+    "graded": lambda: [graded(3000)],
+    "powers": lambda: [powers(1000)],
+    "all kinds": all_kinds,
+}
+each_shape = pytest.mark.parametrize("name", SHAPES)
+
+
+def scene_of(name: str, scale: float = 1.0, **settings: Any) -> vr.Scene:
+    """Seen from the origin, so that vertices / unit are the tree's coordinates."""
+    scene = make(SHAPES[name](), camera([0, 0, 0], [0, 0, 1], 90), 1.0, 16, 16, **settings)
+    return scene if scale == 1.0 else scene.scaled(scale)
+
+
+def native(scene: vr.Scene, device: str, builder: str) -> tuple[Any, Any]:
+    """The native module and its scene."""
+    chosen, _ = vr.device.select(device)
+    host = chosen.native.Scene(
+        **native_scene_arguments(scene), device=chosen.index, builder=builder
+    )
+    assert "bvh" in host.features and host.tree["builder"] == builder
+    return chosen.native, host
+
+
+def split(nodes: Array, width: int) -> tuple[Array, Array, Array]:
+    """lo, hi (n, width, 3) float64 and child (n, width)."""
+    boxes = nodes[:, : 6 * width].copy().view(np.float32).reshape(-1, 2, 3, width)
+    lo, hi = boxes.transpose(1, 0, 3, 2).astype(np.float64)
+    return lo, hi, nodes[:, 6 * width :]
+
+
+def primitive_boxes(scene: vr.Scene) -> tuple[Array, Array]:
+    """lo, hi of the triangles in normalised units, as float32 holds their corners."""
+    most = np.abs(scene.vertices).max()
+    unit = 2.0 ** (np.frexp(most)[1])
+    v = (scene.vertices / unit).astype(np.float32).astype(np.float64)[scene.triangles]
+    return v.min(axis=1), v.max(axis=1)
+
+
+def check_tree(nodes: Array, order: Array, width: int, count: int) -> None:
+    """A tree over `count` primitives, each in one leaf; boxes hold those below them."""
+    lo, hi, child = split(nodes, width)
+    assert sorted(order.tolist()) == list(range(count))
+    used, inner = child != EMPTY, (child & LEAF) == 0
+    assert (used | (np.isposinf(lo).all(axis=2) & np.isneginf(hi).all(axis=2))).all()
+    # Every node but the root is one node's child, and leaves share out the slots.
+    assert sorted(child[inner].tolist()) == list(range(1, len(nodes)))
+    leaves = child[used & ~inner]
+    first, number = (leaves & ~np.uint32(LEAF)) >> 4, (leaves & 15) + 1
+    at = np.argsort(first)
+    assert np.array_equal(first[at], np.cumsum([0, *number[at]])[:-1]) and number.sum() == count
+    assert number.max() <= 8
+    parent, slot = np.nonzero(inner)
+    below = child[parent, slot]
+    assert (lo[parent, slot] <= lo[below].min(axis=1)).all()
+    assert (hi[parent, slot] >= hi[below].max(axis=1)).all()
+    depth = np.zeros(len(nodes), int)
+    for p, c in sorted(zip(parent, below, strict=True)):  # parents stand before their children
+        assert c > p
+        depth[c] = depth[p] + 1
+    assert depth.max() < MAX_DEPTH
+
+
+def check_boxes(nodes: Array, order: Array, width: int, scene: vr.Scene) -> None:
+    """Leaves hold their triangles' boxes, padded."""
+    lo, hi, child = split(nodes, width)
+    low, high = primitive_boxes(scene)
+    for node, slot in zip(*np.nonzero((child != EMPTY) & (child & LEAF != 0)), strict=True):
+        first, number = (int(child[node, slot]) & ~LEAF) >> 4, (int(child[node, slot]) & 15) + 1
+        held = order[first : first + number]
+        held = held[held < len(low)]
+        assert (lo[node, slot] <= low[held] - PAD).all()
+        assert (hi[node, slot] >= high[held] + PAD).all()
+
+
+@each_shape
+def test_structure(name: str) -> None:
+    scene = scene_of(name)
+    module, host = native(scene, "cpu", "ploc")
+    count = len(scene.triangles) + len(scene.spheres) + len(scene.disks)
+    assert host.tree["references"] == count and host.primitives["dropped"] == 0
+    assert host.tree["depth"] <= MAX_DEPTH
+    orders = []
+    for width in WIDTHS:
+        nodes, order = module.host_ploc(host, width)
+        check_tree(nodes, order, width, count)
+        check_boxes(nodes, order, width, scene)
+        orders.append(order)
+    assert all(np.array_equal(o, orders[0]) for o in orders)
+
+
+def test_depth_is_bounded_where_few_pairs_are_nearest_both_ways() -> None:
+    depth = native(scene_of("same centre"), "cpu", "ploc")[1].tree["depth"]
+    assert 50 < depth <= MAX_DEPTH, "the scene no longer calls for the bound"
+    # Equally near: halved each round.
+    assert native(scene_of("equal"), "cpu", "ploc")[1].tree["depth"] == 17
+
+
+@pytest.mark.parametrize("name", ["soup", "equal", "all kinds"])
+def test_threads_do_not_show(name: str) -> None:
+    module, host = native(scene_of(name), "cpu", "ploc")
+    one = module.host_ploc(host, 4, threads=1)
+    for threads in (2, 7):
+        many = module.host_ploc(host, 4, threads=threads)
+        assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+@each_shape
+def test_hits_are_those_of_the_sah_tree(device: str, name: str, scale: float) -> None:
+    if name == "equal" and scale != 1.0:
+        pytest.skip("every ray visits them all: once is enough")
+    scene = scene_of(name, scale)
+    rng = np.random.default_rng(5)
+    n = 100 if name == "equal" else 4000
+    o, d = random_rays(rng, n)
+    v = scene.vertices[scene.triangles].mean(axis=1)
+    d[::2] = (v[rng.integers(0, len(v), n)] / scale - o)[::2]  # half of them aimed
+    module, sah = native(scene, device, "sah")
+    _, ploc = native(scene, device, "ploc")
+    t0, p0 = module.intersect(sah, o * scale, d)
+    t1, p1 = module.intersect(ploc, o * scale, d)
+    assert t0.tobytes() == t1.tobytes() and np.array_equal(p0, p1)
+    assert (p0 >= 0).any()
+
+
+@pytest.mark.parametrize("name", ["hundred large", "large triangles"])
+def test_hits_are_those_of_brute_force(device: str, name: str) -> None:
+    scene = scene_of(name)
+    module, host = native(scene, device, "ploc")
+    o, d = random_rays(np.random.default_rng(9), 1000)
+    _, expected, _, clear = brute_force(scene, o, d)
+    assert clear.mean() > 0.5 and (expected[clear] >= 0).sum() > 10
+    _, found = module.intersect(host, o, d)
+    assert np.array_equal(found[clear], expected[clear])
+
+
+@pytest.mark.parametrize("name", ["one", "soup", "all kinds", "equal"])
+def test_films_are_those_of_the_sah_tree(device: str, name: str) -> None:
+    scene = scene_of(name)
+    spp = 1 if name == "equal" else 8
+    films = {b: vr.render(scene, spp, device=device, builder=b) for b in BUILDERS}
+    assert len({film.film_sha256 for film in films.values()}) == 1
+    assert [films[b].stats["tree"]["builder"] for b in BUILDERS] == ["sah", "sah", "ploc"]
+    ledgers = [film.stats["ledger"] for film in films.values()]
+    assert ledgers[0] == ledgers[1] == ledgers[2]
+    assert prepare(scene, device, builder="ploc")["tree"] == films["ploc"].stats["tree"]
+    for film in films.values():
+        assert film.stats["tree"]["cost"] > 0 and film.stats["tree"]["seconds"] > 0
+
+
+def test_progress_stops_the_build() -> None:
+    shares: list[float] = []
+
+    def stop(share: float) -> None:
+        shares.append(share)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        prepare(scene_of("soup"), "cpu", progress=stop, builder="ploc")
+    assert len(shares) == 1 and 0 < shares[0] < 1
+
+
+def test_unknown_builders_are_refused(cpu: str) -> None:
+    scene = scene_of("one")
+    for call in (vr.render, prepare):
+        with pytest.raises(ValueError, match=r"builder = 'lbvh' is unknown; allowed: auto, sah, p"):
+            call(scene, device=cpu, builder="lbvh")
+    with pytest.raises(ValueError, match=r"builder = 'auto'; allowed: sah, ploc"):
+        native(scene, cpu, "auto")
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", [*SHAPES, "large"])
+def test_the_device_builds_the_tree_of_the_host(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setitem(SHAPES, "large", lambda: [soup(300_000, 0.005)])
+    scene = scene_of(name)
+    module, host = native(scene, "cuda", "ploc")
+    nodes, order = module.device_tree(host)
+    expected_nodes, expected_order = module.host_ploc(host, 4)
+    assert np.array_equal(order, expected_order)
+    assert nodes.shape == expected_nodes.shape
+    assert np.array_equal(nodes, expected_nodes)
+    again = native(scene, "cuda", "ploc")
+    assert all(np.array_equal(a, b) for a, b in zip(
+        module.device_tree(again[1]), (nodes, order), strict=True))  # fmt: skip

@@ -89,17 +89,20 @@ def hooks() -> None:
     rng = np.random.default_rng(1)
     o, d = rng.normal(size=(2, 200, 3))
     answers = []
-    for name in ("cuda", "cpu"):
+    for name, builder in (("cuda", "sah"), ("cuda", "ploc"), ("cpu", "sah")):
         device, _ = vr.device.select(name)
         native = device.native
-        host = native.Scene(**native_scene_arguments(scene), device=device.index)
+        host = native.Scene(**native_scene_arguments(scene), device=device.index, builder=builder)
+        if hasattr(native, "device_tree") and builder == "ploc":
+            trees = native.device_tree(host), native.host_ploc(host, 4)
+            assert all(np.array_equal(a, b) for a, b in zip(*trees, strict=True)), "trees differ"
         found = [native.intersect(host, o, d)]
         if hasattr(native, "intersect_width"):
             found += [native.intersect_width(host, width, o, d)[:2] for width in (2, 4, 8)]
         leaks = native.count_leaks(host, np.zeros((1, 3)), 0, 500)
         assert tuple(leaks) == (0, 0), f"{name}: {leaks} leaks"
         answers += [tuple(array.tobytes() for array in pair) for pair in found]
-    assert len(set(answers)) == 1, "CUDA and CPU, or two widths, differ"
+    assert len(set(answers)) == 1, "CUDA and CPU, two widths or two builders differ"
     print("hooks agree")
 
 

@@ -44,7 +44,9 @@ def look(vertices: Array) -> veriray.Camera:
     return veriray.Camera.look_at(middle + size * np.array([0, 0.15, 1.9]), middle, fov=FOV)
 
 
-def build(device: veriray.Device, scene: veriray.Scene, rounds: int) -> tuple[Any, dict[str, Any]]:
+def build(
+    device: veriray.Device, scene: veriray.Scene, rounds: int, builder: str
+) -> tuple[Any, dict[str, Any]]:
     """The native scene and its times."""
     arguments, walls, trees = native_scene_arguments(scene), [], []
     calls: list[float] = []
@@ -52,7 +54,9 @@ def build(device: veriray.Device, scene: veriray.Scene, rounds: int) -> tuple[An
     for _ in range(rounds):
         host = None  # the memory of the one before is free again
         begin = time.perf_counter()
-        host = device.native.Scene(**arguments, device=device.index, progress=calls.append)
+        host = device.native.Scene(
+            **arguments, device=device.index, progress=calls.append, builder=builder
+        )
         walls.append(time.perf_counter() - begin)
         trees.append(host.tree["seconds"])
     return host, {
@@ -125,11 +129,11 @@ def trace(device: veriray.Device, host: Any, o: Array, d: Array, rounds: int) ->
 
 
 def measure(
-    device: veriray.Device, vertices: Array, triangles: Array, size: int, rounds: int
+    device: veriray.Device, vertices: Array, triangles: Array, size: int, rounds: int, builder: str
 ) -> dict[str, Any]:
     """One mesh."""
     scene = mesh_scene(vertices, triangles, look(vertices))
-    host, row = build(device, scene, rounds)
+    host, row = build(device, scene, rounds, builder)
     o, d = camera_rays(scene.camera, size)
     sets = {"camera": (o, d), **second_rays(scene, o, d, *device.native.intersect(host, o, d))}
     row["rays"] = {name: trace(device, host, *rays, rounds) for name, rays in sets.items()}
@@ -144,19 +148,25 @@ def main() -> int:
     p.add_argument("--device", default="cuda")
     p.add_argument("--size", type=int, default=1024, help="camera rays along a side")
     p.add_argument("--rounds", type=int, default=5)
+    p.add_argument("--builder", default="sah", help="sah or ploc")
     args = p.parse_args()
     device, _ = veriray.device.select(args.device)
     result = header("tree")
     result["device"] = {"name": device.name, "description": device.description, **device.details}
     result["build"] = device.native.build_info()
-    result["settings"] = {"size": args.size, "rounds": args.rounds, "threads": cpu_count()}
+    result["settings"] = {
+        "size": args.size,
+        "rounds": args.rounds,
+        "threads": cpu_count(),
+        "builder": args.builder,
+    }
     meshes: dict[str, Any] = {
         f"icosphere_{20 * 4**n}": lambda n=n: displaced_icosphere(n) for n in args.levels
     }
     meshes |= {path.name.split(".")[0]: lambda path=path: load(path) for path in args.mesh}
     rows = {}
     for name, make in meshes.items():
-        row = rows[name] = measure(device, *make(), args.size, args.rounds)
+        row = rows[name] = measure(device, *make(), args.size, args.rounds, args.builder)
         print(
             f"{name}: {row['triangles']} triangles, tree {row['tree_seconds']:.3f} s, native "
             f"scene {row['scene_seconds']:.3f} s, {row['progress_calls']:.0f} progress calls"

@@ -13,7 +13,7 @@
 
 namespace veriray::ploc {
 
-inline constexpr uint32_t kRadius = 16;  // neighbours on either side that a cluster looks at
+inline constexpr uint32_t kRadius = 8;  // neighbours on either side that a cluster looks at
 inline constexpr uint32_t kMortonBits = 21;
 inline constexpr uint32_t kLeaf = ~0u;
 
@@ -153,9 +153,8 @@ struct NearestStep : Round {
     VR_HD void operator()(uint32_t i) const {
         const uint32_t n = *count;
         if (i >= n) return;
-        nearest[i] = i;
         if (bit_width(n - 1) >= kMaxBvhDepth - number) {
-            if ((i ^ 1u) < n) nearest[i] = i ^ 1u;
+            nearest[i] = (i ^ 1u) < n ? i ^ 1u : i;
             return;
         }
         const Cluster own = from[i];
@@ -166,8 +165,9 @@ struct NearestStep : Round {
             const Cluster both = joined(own, from[j]);
             const uint64_t key =
                 static_cast<uint64_t>(as_uint(half_area(both.lo, both.hi))) << 32 | (i ^ j);
-            if (key < least) least = key, nearest[i] = j;
+            if (key < least) least = key;
         }
+        nearest[i] = least == ~0ull ? i : i ^ static_cast<uint32_t>(least);
     }
 };
 

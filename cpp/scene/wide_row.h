@@ -117,7 +117,7 @@ VR_HD uint32_t wide_children(const Tree& tree, uint32_t node, uint32_t (&out)[N]
 
 // x + sign kBoxPad, rounded to that side.
 VR_HD float outward(float x, double sign) {
-    const double y = static_cast<double>(x) + sign * static_cast<double>(kBoxPad);
+    const double y = x + sign * static_cast<double>(kBoxPad);
     return static_cast<float>(y + sign * 0x1p-23 * (y < 0 ? -y : y));
 }
 

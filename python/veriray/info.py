@@ -115,6 +115,5 @@ def tree_text(tree: dict[str, Any]) -> str:
         return "none: the primitives are tested one by one"
     return (
         f"{tree['width']} wide, {tree['nodes']:,} nodes, {tree['references']:,} references, depth "
-        f"{tree['depth']}, cost {tree['cost']:.1f}, built by {tree['builder']} in "
-        f"{tree['seconds']:.3g} s"
+        f"{tree['depth']}, built by {tree['builder']} in {tree['seconds']:.2g} s"
     )

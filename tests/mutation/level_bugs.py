@@ -34,7 +34,7 @@ from tests.mutation.bugs import (
 _RNG, _FILM, _TILE, _CPU = "core/rng.h", "film/film.h", "schedulers/tile.h", "backends/cpu.cpp"
 _JOBS, _TRIANGLE, _SPHERE = "backends/instances.h", "geometry/triangle.h", "geometry/sphere.h"
 _SOBOL = "core/sobol.h"
-_FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/bvh_collapse.cpp", "scene/scene.cpp"
+_FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 

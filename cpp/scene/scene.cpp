@@ -58,6 +58,8 @@ void HostScene::normalise(const SceneInput& in) {
         for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r);
     };
     for (size_t i = 0; i < in.vertices.count; ++i) reach(row3(in.vertices, i), 0);
+    for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
+        has_normals_ = length(row3(in.normals, i)) > 0;
     for (size_t i = 0; i < in.spheres.count; ++i) {
         const double* s = in.spheres.data + 4 * i;
         reach({s[0], s[1], s[2]}, s[3]);
@@ -80,7 +82,7 @@ Double3 HostScene::point(const SceneInput& in, size_t vertex) const {
 
 // Unit vertex normals of a smooth triangle; false if it is flat.
 bool HostScene::vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const {
-    if (in.normals.count == 0) return false;
+    if (!has_normals_) return false;
     for (int k = 0; k < 3; ++k) {
         const Double3 given = row3(in.normals, in.triangles.data[3 * i + k]);
         if (!(length(given) > 0)) return false;
@@ -110,8 +112,7 @@ Flat HostScene::triangle(const SceneInput& in, size_t i) const {
 bool HostScene::set_flat(const SceneInput& in) {
     const size_t round = in.spheres.count + in.disks.count;
     if (in.triangles.count > 4 * kMaxFlat || round > kMaxFlat) return false;
-    for (size_t i = 0; i < in.normals.count; ++i)
-        if (length(row3(in.normals, i)) > 0) return false;
+    if (has_normals_) return false;
     std::vector<Flat> flats;
     for (size_t i = 0; i < in.triangles.count; ++i) {
         flats.push_back(triangle(in, i));
@@ -190,9 +191,7 @@ void HostScene::set_tree(const SceneInput& in) {
     if (count >= 1u << 27) throw std::invalid_argument("more than 2^27 - 1 primitives");
     allocate_primitives(count, in.spheres.count ? 12u : 8u);
     view.first_sphere = static_cast<uint32_t>(kept.size() + in.disks.count);
-    for (size_t i = 0; i < in.normals.count && smooth.empty(); ++i)
-        if (length(row3(in.normals, i)) > 0)
-            smooth.assign(static_cast<size_t>(view.first_sphere) * kSmoothFloats, 0.f);
+    if (has_normals_) smooth.assign(static_cast<size_t>(view.first_sphere) * kSmoothFloats, 0.f);
     if (count == 0) return;
 
     records.assign(count * kRecordFloats, 0.f);

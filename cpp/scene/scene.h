@@ -161,7 +161,8 @@ class HostScene {
     template <class Density>
     void tabulate_filter(Density density, double reach, double scale);
 
-    std::vector<Flat> flats_;  // of a scene without a tree
+    std::vector<Flat> flats_;   // of a scene without a tree
+    bool has_normals_ = false;  // some that are not zero
 };
 
 // Raises std::invalid_argument for what SceneInput's arrays must not hold.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "scene/thread_pool.h"
+
 #if defined(__linux__)
 #include <sys/mman.h>
 #endif
@@ -23,10 +25,9 @@ std::vector<T> room_for(size_t n) {
 size_t blocks_for(uint32_t count) { return (count * kLeafRows + kBlockFloats - 1) / kBlockFloats; }
 
 template <class Fn>
-void each_leaf(std::vector<WideNode<kCpuWidth>>& nodes, Fn fn) {
-    for (WideNode<kCpuWidth>& node : nodes)
-        for (uint32_t& child : node.child)
-            if (child != kEmptyChild && child & kLeafFlag) fn(child, (child & 15u) + 1);
+void each_leaf(WideNode<kCpuWidth>& node, Fn fn) {
+    for (uint32_t& child : node.child)
+        if (child != kEmptyChild && child & kLeafFlag) fn(child, (child & 15u) + 1);
 }
 
 }  // namespace
@@ -45,10 +46,14 @@ std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
                                      const std::vector<uint32_t>& order,
                                      const std::vector<float>& records) {
     size_t need = 0;
-    each_leaf(nodes, [&](uint32_t, uint32_t count) {
-        if (count > kCpuLeaf) throw std::invalid_argument("a leaf of more than 8 records");
-        need += blocks_for(count);
-    });
+    std::vector<size_t> begin(nodes.size());  // of a node's leaves
+    for (size_t i = 0; i < nodes.size(); ++i) {
+        begin[i] = need;
+        each_leaf(nodes[i], [&](uint32_t, uint32_t count) {
+            if (count > kCpuLeaf) throw std::invalid_argument("a leaf of more than 8 records");
+            need += blocks_for(count);
+        });
+    }
     if (need > 1u << 27) throw std::invalid_argument("more than 2^27 blocks of records");
     auto own = room_for<WideNode<kCpuWidth>>(nodes.size());
     own.assign(nodes.begin(), nodes.end());
@@ -56,19 +61,23 @@ std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
     need += kCpuLeaf * sizeof(float) / sizeof(RecordBlock) + 1;  // vectors read past the last row
     auto blocks = room_for<RecordBlock>(need);
     blocks.resize(need);
-    size_t at = 0;
-    each_leaf(nodes, [&](uint32_t& child, uint32_t count) {
-        const size_t first = (child & ~kLeafFlag) >> 4;
-        float* rows = blocks[at].f;
-        for (uint32_t i = 0; i < count; ++i) {
-            const float* record = &records[size_t{order[first + i]} * kRecordFloats];
-            for (uint32_t r = 0; r < kRecordId; ++r) rows[r * count + i] = record[r];
-            rows[kRecordId * count + i] =
-                as_float(kRecordMark | as_uint(record[kRecordKind]) << kRecordKindShift |
-                         as_uint(record[kRecordId]));
-        }
-        child = kLeafFlag | static_cast<uint32_t>(at) << 4 | (count - 1);
-        at += blocks_for(count);
+    const auto pack = [&](WideNode<kCpuWidth>& node, size_t at) {
+        each_leaf(node, [&](uint32_t& child, uint32_t count) {
+            const size_t first = (child & ~kLeafFlag) >> 4;
+            float* rows = blocks[at].f;
+            for (uint32_t i = 0; i < count; ++i) {
+                const float* record = &records[size_t{order[first + i]} * kRecordFloats];
+                for (uint32_t r = 0; r < kRecordId; ++r) rows[r * count + i] = record[r];
+                rows[kRecordId * count + i] =
+                    as_float(kRecordMark | as_uint(record[kRecordKind]) << kRecordKindShift |
+                             as_uint(record[kRecordId]));
+            }
+            child = kLeafFlag | static_cast<uint32_t>(at) << 4 | (count - 1);
+            at += blocks_for(count);
+        });
+    };
+    in_chunks(kAllThreads, nodes.size(), [&](size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) pack(nodes[i], begin[i]);
     });
     return blocks;
 }

@@ -1,6 +1,6 @@
 """The surface that every native module has: `_cpu`, `_cpu_v3`, `_cpu_v4` and `_cuda`.
 
-Lengths are world units. A GPU module has no `trace_path`, only that has
+Lengths are world units. A GPU module has no `trace_path`; it alone has
 `device_tree` and `intersect_width`. The modules live in one process side by
 side, so their pybind11 types are module-local.
 """

@@ -288,8 +288,8 @@ _MEDIA = (
 )  # fmt: skip
 
 _LIGHTS = (
-    Mutant("sphere light's density halved", _ROUND_LIGHT, "F(2.f * kPi) * open", "F(4.f * kPi) * open",
-           "sphere_light"),
+    Mutant("sphere light's density halved", _ROUND_LIGHT, "F(2.f * kPi) * open",
+           "F(4.f * kPi) * open", "sphere_light"),
     Mutant("sphere light's density halved when hit", _ROUND_LIGHT,
            "return uniform_cone_pdf_sa(", "return F(.5f) * uniform_cone_pdf_sa(",
            "sphere_light"),
@@ -299,7 +299,8 @@ _LIGHTS = (
            " const F along = F(1.f) - r * c, s2 = r * r * (F(1.f) - c * c);"
            " const F z = along / sqrt(along * along + s2);"
            " return uniform_cone((F(1.f) - z) / open, v, open); }()", "sphere_light"),
-    Mutant("sphere light's chance left out when hit", _PATH, "chance * sphere_light_pdf(", "sphere_light_pdf(", "spheres_300"),
+    Mutant("sphere light's chance left out when hit", _PATH, "chance * sphere_light_pdf(",
+           "sphere_light_pdf(", "spheres_300"),
     Mutant("spot without falloff", _LIGHT,
            "select(c <= column(kSpotCosCutoff), F(0.f), edge)",
            "select(c <= column(kSpotCosCutoff), F(0.f), F(1.f))", "spot_light"),

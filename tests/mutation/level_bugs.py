@@ -294,8 +294,8 @@ _RANDOM = (
     Mutant("Sobol's second dimension lacks a step", _SOBOL, "0xf0f0f0f0u", "0u"),
     Mutant("Sobol pairs of a block alike", _RNG, "sobol_pair(sample, seed.y,",
            "sobol_pair(sample, seed.x,"),
-    Mutant("Sobol points alike in all pixels", _RNG, "pixel + U(key.k0), alone",
-           "alone ? pixel + U(key.k0) : U(key.k0), alone"),
+    Mutant("Sobol points alike in all pixels", _RNG, "pixel + U(key.k0)",
+           "alone ? pixel + U(key.k0) : U(key.k0)"),
 )  # fmt: skip
 
 _COUNTS = (

@@ -33,7 +33,7 @@ enum class Function : uint32_t {
     kTwoSum,             // a, b -> high, low
     kTwoProduct,         // a, b -> high, low
     kPlainQuotient,      // a, b -> a / b
-    kCosineHemisphere,   // u, v -> direction      // u, v -> direction
+    kCosineHemisphere,   // u, v -> direction
     kUniformTriangle,    // u, v -> barycentric weights of the 2nd, 3rd and 1st vertex
     kUniformDisk,        // u, v -> x, y
     kUniformCone,        // u, v, 1 - cos -> direction, pdf

@@ -41,6 +41,9 @@ SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()), "wavefront", "wave
 #: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
 #: device. The films are the same.
 BUILDERS = ("auto", "sah", "ploc")
+#: Paths a triangle from which on a tree by `sah` saves more time on CUDA than it takes (an H200 and
+#: 16 cores: scenario `build` of `veriray bench`).
+CATCH_UP = 2000
 MAX_BATCHES = 1000
 MAX_NONFINITE = 64
 MAX_SPP = 2**40
@@ -197,7 +200,7 @@ def render(
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {progress!r} is not callable")
     scheduler, scheduler_reason = choose_scheduler(scheduler)
-    builder = choose_builder(builder)
+    check_builder(builder)
     chosen, device_reason = device_module.select(device)
 
     settings = {
@@ -212,7 +215,7 @@ def render(
     }
     with device_module.native_errors():
         building, sampling = _shares(progress)
-        native_scene = _native_scene(scene, scene_used, chosen, building, builder)
+        native_scene = _native_scene(scene, scene_used, chosen, building, builder, spp)
         run = (chosen, native_scene, scene_used, spp)
         if target_error is None:
             done = uniform(*run, batches, settings, sampling)
@@ -318,11 +321,21 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
     return scheduler, "asked for"
 
 
-def choose_builder(builder: str) -> str:
-    """The builder that runs. Rule of "auto": `sah`, for every scene, on every device."""
+def check_builder(builder: str) -> None:
+    """ValueError for an unknown builder."""
     if builder not in BUILDERS:
         raise ValueError(f"builder = {builder!r} is unknown; allowed: {', '.join(BUILDERS)}")
-    return "sah" if builder == "auto" else builder
+
+
+def choose_builder(backend: str, triangles: int, paths: int) -> str:
+    """The builder that "auto" takes: `sah` on a CPU; on CUDA `ploc`, until `sah` pays.
+
+    A tree by `ploc` is there at once on CUDA, one by `sah` is traced faster: from CATCH_UP paths a
+    triangle on that is worth its time, and below 2^14 triangles it takes none. A tree by `sah` that
+    is there already is taken.
+    """
+    early = backend == "cuda" and triangles >= 1 << 14 and paths < CATCH_UP * triangles
+    return "ploc" if early else "sah"
 
 
 def _shares(progress: Progress) -> tuple[Progress, Progress]:
@@ -420,16 +433,21 @@ def _native_scene(
     scene: Scene,
     device: Device,
     progress: Callable[[float], object] | None = None,
-    builder: str = "sah",
+    builder: str = "auto",
+    spp: int = 1,
 ) -> Any:
     """The native form of `scene`, kept until its owner (the user's object) goes away."""
-    size = (scene.film.width, scene.film.height)
-    key = (device.native.__name__, device.index, *size, builder)
+    width, height = scene.film.width, scene.film.height
+    key = (device.native.__name__, device.index, width, height)
     with _scenes_lock:
         if id(owner) not in _scenes:
             _scenes[id(owner)] = {}
             weakref.finalize(owner, _scenes.pop, id(owner), None)
         kept = _scenes[id(owner)]
+        if builder == "auto":
+            work = len(scene.triangles), width * height * spp
+            builder = "sah" if (*key, "sah") in kept else choose_builder(device.backend, *work)
+        key = (*key, builder)
         if key not in kept:
             while len(kept) >= _KEPT_PER_SCENE:
                 kept.pop(next(iter(kept)))
@@ -455,10 +473,11 @@ def prepare(
     progress: as in `render`, for the build alone; builder: as there. Returns features, variant,
     path_bytes, primitives, tree (see `render`) and memory (bytes of the scene). Raises as `render`.
     """
-    used, _ = check_settings(scene, width=width, height=height)
+    used, spp = check_settings(scene, width=width, height=height)
+    check_builder(builder)
     chosen, _ = device_module.select(device)
     with device_module.native_errors():
-        native_scene = _native_scene(scene, used, chosen, progress, choose_builder(builder))
+        native_scene = _native_scene(scene, used, chosen, progress, builder, spp)
         return {**scene_facts(native_scene), "memory": int(native_scene.memory)}
 
 

@@ -10,7 +10,8 @@ import numpy.typing as npt
 import pytest
 
 import veriray as vr
-from veriray.render import BUILDERS, native_scene_arguments, prepare
+from veriray.render import BUILDERS, CATCH_UP, choose_builder, native_scene_arguments, prepare
+from veriray.validate.leaks import displaced_icosphere, mesh_scene
 from veriray.validate.levels.geometry import brute_force, random_rays
 from veriray.validate.scenes import Part, camera, disk, make, sphere
 
@@ -253,6 +254,22 @@ def test_progress_stops_the_build() -> None:
     with pytest.raises(KeyboardInterrupt):
         prepare(scene_of("soup"), "cpu", progress=stop, builder="ploc")
     assert len(shares) == 1 and 0 < shares[0] < 1
+
+
+def test_auto_takes_the_fast_builder_on_cuda_until_the_other_pays() -> None:
+    many = 1 << 14
+    assert choose_builder("cpu", many, 1) == "sah"
+    assert choose_builder("cuda", many, CATCH_UP * many - 1) == "ploc"
+    assert choose_builder("cuda", many, CATCH_UP * many) == "sah"
+    assert choose_builder("cuda", many - 1, 1) == "sah"
+
+
+def test_a_better_tree_that_is_there_is_taken(device: str) -> None:
+    scene = mesh_scene(*displaced_icosphere(5), vr.Camera.look_at([0, 0, 4], [0, 0, 0]))
+    first = "ploc" if device.startswith("cuda") else "sah"
+    assert vr.render(scene, 1, device=device).stats["tree"]["builder"] == first
+    vr.render(scene, 1, device=device, builder="sah")
+    assert vr.render(scene, 1, device=device).stats["tree"]["builder"] == "sah"
 
 
 def test_unknown_builders_are_refused(cpu: str) -> None:

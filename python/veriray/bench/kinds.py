@@ -343,7 +343,7 @@ def build(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     step = bench.steps((len(builders) + 1) * settings["rounds"])
     millions = len(scene.triangles) / 1e6
     rows = {name: _built(bench, scene, settings, name, step) for name in builders}
-    auto = rows[choose_builder("auto")]
+    auto = rows[choose_builder(bench.device.backend, len(scene.triangles), paths=0)]
     figures = {"seconds_per_million": auto["tree_seconds"] / millions}
     figures |= {f"{name}_seconds_per_million": row["tree_seconds"] / millions
                 for name, row in rows.items()}  # fmt: skip

@@ -64,7 +64,7 @@ def occluded_half(t: Trial, light: str, screen: str) -> None:
     at = [-1e-5, 0, 0]
     parts = [plate, hides] + ([] if source is None else [source])
     scene = make(parts, camera([-0.5, 0.1, 0.4], at, 1e-5), 2.0 if source is None else 0.0)
-    t.agrees(scene, 0.5 * 2 * form / 2, 800_000, sees=0.005, margin=1e-4)
+    t.agrees(scene, 0.5 * 2 * form / 2, 900_000, sees=0.005, margin=1e-4)
 
 
 CORNELL = {

@@ -79,12 +79,19 @@ void HostScene::set_lights(const SceneInput& in) {
                         sum3(in.emissions.data + 3 * sources[p].emission));
     for (const uint32_t q : delta) {
         const double intensity = sum3(in.light_intensity.data + 3 * q);
-        double s, c = -1, s2, c2 = -1;
+        double mean = -1;  // cosine, over the angles of the linear edge
         if (in.light_kind.data[q] == 1) {
-            sin_cos_degrees(in.light_angles.data[2 * q], s, c);
-            sin_cos_degrees(in.light_angles.data[2 * q + 1], s2, c2);
+            const double cutoff = in.light_angles.data[2 * q],
+                         beam = in.light_angles.data[2 * q + 1];
+            const double width = (cutoff - beam) * (kPiDouble / 180);
+            double s, s2;
+            sin_cos_degrees(cutoff, s, mean);
+            if (width > 1e-6) {
+                sin_cos_degrees(beam, s2, mean);
+                mean = (s - s2) / width;
+            }
         }
-        const double solid_angle = 2 * kPiDouble * (1 - 0.5 * (c + c2));
+        const double solid_angle = 2 * kPiDouble * (1 - mean);
         power.push_back(in.light_kind.data[q] == 2 ? kPiDouble * intensity
                                                    : solid_angle * intensity / (unit * unit));
     }

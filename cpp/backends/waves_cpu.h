@@ -117,8 +117,9 @@ bool render_wavefront(const SceneView& view, const Job& job, const RenderSetting
                       std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
     const uint32_t variant = choose_variant(view, s), features = kVariants[variant];
     const uint32_t kinds = find_scheduler(s.scheduler)->sorted ? kHitKinds : 1;
-    const uint32_t capacity = static_cast<uint32_t>(
-        std::min<uint64_t>(s.batch ? s.batch : stats.threads * kTileSlots, job.paths()));
+    const uint64_t most = std::min<uint64_t>(stats.threads * kTileSlots, job.paths());
+    const uint32_t capacity =
+        static_cast<uint32_t>(s.batch ? std::min<uint64_t>(s.batch, most) : most);
     auto floats = pool_memory<float>(static_cast<size_t>(wave_floats(features)) * capacity, "wave");
     auto uints =
         pool_memory<uint32_t>(static_cast<size_t>(wave_uints(features, kinds)) * capacity, "wave");
@@ -140,14 +141,18 @@ bool render_wavefront(const SceneView& view, const Job& job, const RenderSetting
     };
     bool complete = false;
     with_variant(variant, [&]<uint32_t kFeatures>() {
-        complete = parallel(stats.threads, tile_count(capacity), watch,
-                            [&](uint32_t worker, uint64_t tile) {
-                                run_wave_tile<kFeatures>(
-                                    view, job, w, static_cast<uint32_t>(tile),
-                                    [&ledger = ledgers[worker]](uint32_t depth, uint32_t column) {
-                                        ++ledger.row(depth)[column];
-                                    });
-                            });
+        complete = parallel(
+            stats.threads, tile_count(capacity), watch, [&](uint32_t worker, uint64_t tile) {
+                const auto record = [&ledger = ledgers[worker]](uint32_t depth, uint32_t column) {
+                    ++ledger.row(depth)[column];
+                };
+                try {
+                    run_wave_tile<kFeatures>(view, job, w, static_cast<uint32_t>(tile), record);
+                } catch (...) {
+                    atomic_next(&control.stopped);
+                    throw;
+                }
+            });
     });
     ++stats.launches;
     return complete;

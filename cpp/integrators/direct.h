@@ -75,6 +75,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const F ratio = value.pdf_sa * light.inverse_pdf;
         F weight = light.inverse_pdf / fma(ratio, ratio, F(1.f));
         if constexpr (has(kDeltaLights)) weight = select(light.delta, light.inverse_pdf, weight);
+        // From nearer than 2^-64 the inverse has no number; its weight would be 0.
+        lit = lit & (light.inverse_pdf < F(kInfinity));
         shadow.wanted = lit & (max_component(light.radiance) > F(0.f));
         shadow.ray = {at.p, light.wi};
         shadow.t_max = light.distance;

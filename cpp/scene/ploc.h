@@ -164,7 +164,7 @@ struct NearestStep : Round {
             if (j == i) continue;
             const Cluster both = joined(own, from[j]);
             const uint64_t key =
-                static_cast<uint64_t>(as_uint(half_area(both.lo, both.hi))) << 32 | (i ^ j);
+                static_cast<uint64_t>(as_uint(half_area(both.lo, both.hi) + 0.f)) << 32 | (i ^ j);
             if (key < least) least = key;
         }
         nearest[i] = least == ~0ull ? i : i ^ static_cast<uint32_t>(least);

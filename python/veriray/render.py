@@ -173,7 +173,8 @@ def render(
         blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
         paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
         scheduler_reason, features (what the scene needs), variant (what the code that ran was
-        compiled with), path_bytes (stored for each path in flight, in that code), kernel (of the
+        compiled with), path_bytes (stored for each path in flight, in that code;
+        `wavefront` stores its hit and shadow ray besides), kernel (of the
         one that traces paths on CUDA: registers and local_bytes of a thread, resident_threads on a
         multiprocessor; empty on a CPU), primitives (count by kind; dropped: triangles without
         area), tree (builder, width, nodes, references, depth, cost: expected visits and tests of a
@@ -467,13 +468,15 @@ def prepare(
     height: int | None = None,
     progress: Callable[[float], object] | None = None,
     builder: str = "auto",
+    spp: int | None = None,
 ) -> dict[str, Any]:
-    """Build what a device needs of a scene, a tree for example, and keep it for the next render.
+    """Build what a device needs of a scene, a tree for example, and keep it for a render of `spp`.
 
-    progress: as in `render`, for the build alone; builder: as there. Returns features, variant,
-    path_bytes, primitives, tree (see `render`) and memory (bytes of the scene). Raises as `render`.
+    progress: as in `render`, for the build alone; builder, spp: as there. Returns features,
+    variant, path_bytes, primitives, tree (see `render`) and memory (bytes of the scene). Raises as
+    `render`.
     """
-    used, spp = check_settings(scene, width=width, height=height)
+    used, spp = check_settings(scene, spp=spp, width=width, height=height)
     check_builder(builder)
     chosen, _ = device_module.select(device)
     with device_module.native_errors():

@@ -296,3 +296,10 @@ def test_the_device_builds_the_tree_of_the_host(monkeypatch: pytest.MonkeyPatch,
     again = native(scene, "cuda", "ploc")
     assert all(np.array_equal(a, b) for a, b in zip(
         module.device_tree(again[1]), (nodes, order), strict=True))  # fmt: skip
+
+
+def test_a_scene_is_prepared_for_the_render_that_follows(device: str) -> None:
+    scene = mesh_scene(*displaced_icosphere(5), vr.Camera.look_at([0, 0, 4], [0, 0, 0]))
+    long = CATCH_UP * len(scene.triangles)
+    assert prepare(scene, device, spp=long)["tree"]["builder"] == "sah"
+    assert vr.render(scene, 1, device=device).stats["tree"]["builder"] == "sah"

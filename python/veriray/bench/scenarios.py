@@ -127,12 +127,12 @@ SCENARIOS: tuple[Scenario, ...] = (
              _CURVE, rounds=3, reference_spp=8192, margin=3e-4),
     Scenario(
         "medium", "glass sphere with a medium", _MEDIUM, "speed", _both(512), _ONE, max_depth=128,
-        rr_depth=64, margin=3e-4,
+        rr_depth=64, margin=1e-4,
         targets=(Target("times_faster", _RATE, {"cuda": (10, 20)}, unit="x"),),
     ),
     Scenario("medium-error", "time against error, glass sphere with a medium", _MEDIUM, "error",
              _both(256), _CURVE, max_depth=128, rr_depth=64, rounds=3, reference_spp=8192,
-             margin=3e-4),
+             margin=1e-4),
     Scenario(
         "scaling-spp", "time against samples per pixel", _BOX, "scaling", _both(256, 1024), _ONE,
         rounds=3, vary=("spp", (1, 4, 16, 64, 256, 1024, 4096)), peers=False,

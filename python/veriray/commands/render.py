@@ -91,13 +91,14 @@ def _render(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"device     {chosen.name}, {chosen.description} ({reason})")
         print(f"scheduler  {scheduler} ({scheduler_reason})", flush=True)
-    size = {"width": arguments.width, "height": arguments.height, "builder": arguments.builder}
+    asked = {"width": arguments.width, "height": arguments.height, "spp": spp,
+             "builder": arguments.builder}  # fmt: skip
     if len(scene.triangles) >= LARGE_MESH:
         title = f"building the tree over {len(scene.triangles):,} triangles"
         with show_progress(title, arguments.quiet) as progress:
-            facts = prepare(scene, arguments.device, **size, progress=progress)
+            facts = prepare(scene, arguments.device, **asked, progress=progress)
     else:
-        facts = prepare(scene, arguments.device, **size)
+        facts = prepare(scene, arguments.device, **asked)
     if not arguments.quiet:
         if facts["tree"]:
             print(f"tree       {tree_text(facts['tree'])}")

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from veriray import device as device_module
 from veriray.camera import Camera, Film
 from veriray.gallery import meshes
-from veriray.render import native_scene_arguments
+from veriray.render import BUILDERS, native_scene_arguments
 from veriray.scene import Scene
 
 Array = npt.NDArray[Any]
@@ -186,13 +186,17 @@ def run(device: str, rays: int, names: tuple[str, ...] = (), first: int = 0) -> 
                 origins = np.ascontiguousarray(inside * scale + move)
                 camera = Camera.look_at(move, move + scale * np.array([0.0, 0.0, 1.0]))
                 scene = mesh_scene(vertices * scale + move, triangles, camera)
-                host = chosen.native.Scene(**native_scene_arguments(scene), device=chosen.index)
+                builder = BUILDERS[1 + len(rows) % 2]
+                host = chosen.native.Scene(
+                    **native_scene_arguments(scene), device=chosen.index, builder=builder
+                )
                 begin = time.perf_counter()
                 start = first + len(rows) * each
                 vertex, edge = chosen.native.count_leaks(host, origins, start, each)
                 rows.append({
                     "mesh": name, "triangles": len(triangles), "scale": scale, "shift": shift,
-                    "tree": "bvh" in host.features, "dropped": host.primitives["dropped"],
+                    "tree": "bvh" in host.features, "builder": builder,
+                    "dropped": host.primitives["dropped"],
                     "origins": len(origins), "rays": each, "vertex_misses": int(vertex),
                     "edge_misses": int(edge), "seconds": time.perf_counter() - begin,
                 })  # fmt: skip

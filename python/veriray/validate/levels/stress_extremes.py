@@ -221,7 +221,7 @@ def a_film_beyond_memory(t: Trial) -> None:
 PEAK = """
 import resource, sys, veriray
 scene = veriray.cornell_box().with_(width=32, height=32)
-for scheduler in ("fused", "thrust") if sys.argv[3] == "all" else ("fused",):
+for scheduler in ("fused", "thrust", "wavefront") if sys.argv[3] == "all" else ("fused",):
     veriray.render(scene, spp=int(sys.argv[1]), device=sys.argv[2], scheduler=scheduler)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
@@ -229,7 +229,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 @case(8, each={"which": ["all", "fused"]}, quick=False)
 def memory_does_not_depend_on_spp(t: Trial, which: str) -> None:
-    """Peak resident memory at 16 and at 512 (both schedulers) or 4,096 spp.
+    """Peak resident memory at 16 and at 512 (all schedulers) or 4,096 spp.
 
     Equal within 1 %.
     """

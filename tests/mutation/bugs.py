@@ -291,7 +291,8 @@ _LIGHTS = (
     Mutant("sphere light's density halved", _ROUND_LIGHT, "F(2.f * kPi) * open",
            "F(4.f * kPi) * open", "sphere_light"),
     Mutant("sphere light's density halved when hit", _ROUND_LIGHT,
-           "return uniform_cone_pdf_sa(", "return F(.5f) * uniform_cone_pdf_sa(",
+           "uniform_cone_pdf_sa(SphereView<F>(record, p).one_minus_cos)",
+           "F(.5f) * uniform_cone_pdf_sa(SphereView<F>(record, p).one_minus_cos)",
            "sphere_light"),
     # Uniform on the cap that p sees; the density stays that of the cone.
     Mutant("sphere light sampled by area", _ROUND_LIGHT, "uniform_cone(u, v, open)",
@@ -299,8 +300,9 @@ _LIGHTS = (
            " const F along = F(1.f) - r * c, s2 = r * r * (F(1.f) - c * c);"
            " const F z = along / sqrt(along * along + s2);"
            " return uniform_cone((F(1.f) - z) / open, v, open); }()", "sphere_light"),
-    Mutant("sphere light's chance left out when hit", _PATH, "chance * sphere_light_pdf(",
-           "sphere_light_pdf(", "spheres_300"),
+    Mutant("sphere light's chance left out when hit", _PATH,
+           "chance * sphere_light_pdf(record, from)", "sphere_light_pdf(record, from)",
+           "spheres_300"),
     Mutant("spot without falloff", _LIGHT,
            "select(c <= column(kSpotCosCutoff), F(0.f), edge)",
            "select(c <= column(kSpotCosCutoff), F(0.f), F(1.f))", "spot_light"),

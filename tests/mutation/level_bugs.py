@@ -292,8 +292,9 @@ _RANDOM = (
            "scramble_reversed(second_dimension_reversed(i), seed_y)",
            "scramble_reversed(i, seed_y)"),
     Mutant("Sobol's second dimension lacks a step", _SOBOL, "0xf0f0f0f0u", "0u"),
-    Mutant("Sobol pairs of a block alike", _RNG, "sobol_pair(sample, seed.y,",
-           "sobol_pair(sample, seed.x,"),
+    Mutant("Sobol pairs of a block alike", _RNG,
+           "sobol_pair(sample, seed.y, seed.z, seed.w, r.z, r.w);",
+           "sobol_pair(sample, seed.x, seed.z, seed.w, r.z, r.w);"),
     Mutant("Sobol points alike in all pixels", _RNG, "pixel + U(key.k0)",
            "alone ? pixel + U(key.k0) : U(key.k0)"),
 )  # fmt: skip

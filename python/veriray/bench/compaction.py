@@ -8,8 +8,8 @@ stage of a bounce, over queues filled by appending, hits sorted by material; gap
 new paths, and the host waits for eight steps at a time; after S. Laine, T. Karras and T. Aila,
 "Megakernels Considered Harmful", 2013. "unsorted": the same with one queue of hits. "regenerate":
 no array at all; a thread whose path ends begins the next one (scheduler `fused`), as in J. Novak,
-V. Havran, C. Dachsbacher, "Path Regeneration for Interactive Path Tracing", 2010, and T. Aila and S.
-Laine's ray pool, "Understanding the Efficiency of Ray Traversal on GPUs", 2009.
+V. Havran, C. Dachsbacher, "Path Regeneration for Interactive Path Tracing", 2010, and T. Aila and
+S. Laine's ray pool, "Understanding the Efficiency of Ray Traversal on GPUs", 2009.
 """
 
 from __future__ import annotations

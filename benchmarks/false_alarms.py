@@ -14,6 +14,7 @@ import numpy as np
 from common import ROOT, Meter, header, parser, write
 
 import veriray
+from veriray.image import load
 
 SCENE = ROOT / "scenes" / "cornell" / "cornell_box.xml"
 REFERENCE = ROOT / "scenes" / "cornell" / "refs" / "cornell_box_128.exr"
@@ -26,7 +27,7 @@ def main() -> int:
     p.add_argument("--first", type=int, default=1, help="first seed")
     p.add_argument("--device", default="auto")
     args = p.parse_args()
-    reference = veriray.image.load(REFERENCE)
+    reference = load(REFERENCE)
     if reference.batch_means is None:
         raise SystemExit(f"{REFERENCE.name} has no batch means")
     scene = veriray.load_file(SCENE)

@@ -33,7 +33,7 @@ sys.path.insert(0, str(ROOT))
 
 import reference  # noqa: E402
 import veriray  # noqa: E402
-from veriray.compare import statistics as st  # noqa: E402
+from veriray.comparison import statistics as st  # noqa: E402
 from veriray.validate import references as store  # noqa: E402
 from veriray.validate.levels.stranger import power  # noqa: E402
 from veriray.validate.scenes import checks  # noqa: E402

@@ -15,7 +15,8 @@ import numpy as np
 from common import ROOT
 
 import veriray as vr
-from veriray.render import METHODS, SCHEDULERS, native_scene_arguments
+from veriray.native_scene import native_scene_arguments
+from veriray.rendering import METHODS, SCHEDULERS
 from veriray.validate.leaks import displaced_icosphere, mesh_scene
 
 SIZE = {"width": 16, "height": 12}

@@ -16,8 +16,8 @@ from scipy import stats
 
 import reference
 import veriray
-from veriray.compare.statistics import MARGIN
-from veriray.render import METHODS
+from veriray.comparison.statistics import MARGIN
+from veriray.rendering import METHODS
 from veriray.validate.statistics import homogeneous, sidak
 
 Array = npt.NDArray[Any]

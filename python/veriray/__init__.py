@@ -11,11 +11,11 @@ Works without a GPU and without a driver: `veriray doctor` says what can be used
 __version__ = "0.1.0"
 
 from .camera import Camera, Film
-from .compare import Report, compare
+from .comparison import Report, compare
 from .device import Device, devices
 from .errors import DeviceError, OutOfMemoryError, SceneError, SceneWarning
 from .image import ImageError
-from .render import Render, film_hash, render, trace_path
+from .rendering import Render, film_hash, render, trace_path
 from .scene import SAMPLERS, Scene, cornell_box, load_dict, load_file
 
 __all__ = [

@@ -12,12 +12,12 @@ from . import __version__
 from . import device as device_module
 from .device import CPU_MODULES, Device
 from .errors import DeviceError
-from .render import METHODS, render
+from .rendering import METHODS, render
 from .scene import cornell_box
 
 #: The self-test: the measured Cornell box at this size, seed 0, the scene file's depths.
 SELF_TEST: dict[str, Any] = {"width": 64, "height": 64, "spp": 4}
-#: Its film hash (`veriray.render.film_hash`) on every device.
+#: Its film hash (`veriray.film_hash`) on every device.
 EXPECTED_SHA256 = "76f001a6278508264ae4847e96eb2b5d22fded194ea17146c83bd29bb2bf68d1"
 
 

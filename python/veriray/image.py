@@ -40,7 +40,6 @@ import io
 import json
 import math
 import os
-import secrets
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -48,7 +47,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from veriray.errors import printable
-from veriray.render import LEDGER_COLUMNS, Render
+from veriray.rendering import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -405,7 +404,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     """
     target = Path(os.path.realpath(path))
     where = os.fspath(path)
-    temporary = target.with_name(f".veriray-{secrets.token_hex(8)}.tmp")
+    temporary = target.with_name(f".veriray-{os.urandom(8).hex()}.tmp")
     try:
         if target.is_dir():
             raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))

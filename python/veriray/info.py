@@ -7,7 +7,7 @@ from typing import Any
 
 from . import device as device_module
 from .columns import MATERIAL_KINDS
-from .render import prepare
+from .rendering import prepare
 from .scene import Scene
 
 #: Features by the native modules' names. One not listed here is shown without its meaning.
@@ -49,7 +49,7 @@ def examine(
 
     Keys: device, device_reason, features (needed), variant (compiled in), unused (compiled in, not
     needed), skipped (not compiled in), path_bytes, primitives, tree and memory (as
-    `veriray.render.prepare` gives them), counts (rows of the scene's tables), materials (count by
+    `rendering.prepare` gives them), counts (rows of the scene's tables), materials (count by
     kind), width, height, scene_sha256. Raises as `veriray.render`.
     """
     chosen, reason = device_module.select(device)

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from .render import Render, render
+from .rendering import Render, render
 from .scene import Scene
 
 BLOCK_SIZE = 256

@@ -22,17 +22,13 @@ from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked
 from .errors import SceneError
 from .numeric import MAX_COORDINATE, array, in_range, number, whole
+from .shipped import SHIPPED, find_shipped
 
 Array = npt.NDArray[Any]
 
 #: Segments of a path at most; -1 in a scene stands for this.
 MAX_PATH_DEPTH = 262143
 SAMPLERS = ("independent", "sobol")
-SHIPPED = {
-    "cornell-box": "cornell/cornell_box.xml",
-    "cornell-box-mitsuba": "cornell/cornell_box_mitsuba.xml",
-    "open": "open.xml",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,16 +263,6 @@ def _array(values: Array | None) -> Array:
     """A column of a finished Scene, in which none is None."""
     assert values is not None
     return values
-
-
-def find_shipped(name: str) -> Path:
-    """Path of a shipped scene: in the installed package, else in the source checkout."""
-    package = Path(__file__).resolve().parent
-    for root in (package / "scenes", package.parents[1] / "scenes"):
-        path = root / SHIPPED[name]
-        if path.is_file():
-            return path
-    raise SceneError(f"shipped scene {name!r} is not installed ({SHIPPED[name]} is missing)")
 
 
 def load_file(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tests.fuzz.contract import Target
 from veriray import image
 from veriray.image import ImageError
-from veriray.render import Render
+from veriray.rendering import Render
 
 _TEXTS = (
     "", "0", "-1", "1", "18446744073709551615", "18446744073709551616", "1e400", "nan", "[]", "{}",

@@ -8,9 +8,9 @@ import numpy as np
 
 from tests.fuzz.contract import Target
 from tests.fuzz.xml import TARGET as XML
-from veriray.compare.statistics import ledger_problems
+from veriray.comparison.statistics import ledger_problems
 from veriray.errors import DeviceError, OutOfMemoryError
-from veriray.render import Render, render
+from veriray.rendering import Render, render
 from veriray.scene import load_file
 
 SIDE, DEPTH = 2, 40
@@ -32,6 +32,6 @@ def _valid(result: Render) -> str:
 
 
 TARGET = Target(
-    ".xml", _load, _valid, (ValueError, DeviceError, OutOfMemoryError), ("render.py", "scene.py"),
-    XML.words, XML.mutate, XML.beside,
+    ".xml", _load, _valid, (ValueError, DeviceError, OutOfMemoryError),
+    ("native_scene.py", "rendering.py", "scene.py"), XML.words, XML.mutate, XML.beside,
 )  # fmt: skip

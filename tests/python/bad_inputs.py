@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 from tests.python.test_cli import BAD, RENDER
-from veriray.scene import find_shipped
+from veriray.shipped import find_shipped
 
 SCENE_FILES = str(find_shipped("open").parent)
 TABLE = Path(__file__).with_name("bad_inputs.md")

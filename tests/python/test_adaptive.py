@@ -10,7 +10,7 @@ import pytest
 
 import veriray
 from veriray import image
-from veriray.render import METHODS
+from veriray.rendering import METHODS
 from veriray.sampling import PILOT, TILE, tile_errors
 
 SIZE: dict[str, Any] = {"width": 40, "height": 36}

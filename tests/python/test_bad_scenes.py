@@ -16,7 +16,8 @@ import pytest
 from veriray.camera import Camera, Film
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats import mitsuba_xml
-from veriray.scene import SHIPPED, Scene, find_shipped, load_dict, load_file
+from veriray.scene import Scene, load_dict, load_file
+from veriray.shipped import SHIPPED, find_shipped
 
 SENSOR = '<sensor type="perspective"><float name="fov" value="40"/></sensor>'
 SKY = '<emitter type="constant"/>'

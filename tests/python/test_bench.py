@@ -20,7 +20,7 @@ from veriray.bench.run import KINDS, choose, read
 from veriray.bench.scenarios import BACKENDS, scene_file
 from veriray.cli import main
 from veriray.info import FEATURES
-from veriray.scene import SHIPPED
+from veriray.shipped import SHIPPED
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import veriray
-from veriray.scene import SHIPPED, find_shipped
+from veriray.shipped import SHIPPED, find_shipped
 
 ROOT = Path(__file__).resolve().parents[2]
 CPP = ROOT / "cpp"

@@ -19,7 +19,7 @@ import veriray as vr
 from veriray import info
 from veriray.cli import main
 from veriray.image import load
-from veriray.render import METHODS
+from veriray.rendering import METHODS
 
 SMALL = ["--width", "16", "--height", "16", "--spp", "2", "--device", "cpu"]
 COMMAND = [sys.executable, "-m", "veriray"]

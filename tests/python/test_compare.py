@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from veriray.compare import CompareError, Report, compare
-from veriray.compare import statistics as st
-from veriray.compare.metrics import figures
+from veriray.comparison import CompareError, Report, compare
+from veriray.comparison import statistics as st
+from veriray.comparison.metrics import figures
 from veriray.image import ImageError, save
-from veriray.render import LEDGER_COLUMNS, Render
+from veriray.rendering import LEDGER_COLUMNS, Render
 
 NAMES = ["back wall", "floor", "ceiling", "red wall", "green wall", "block", "lamp"]
 
@@ -106,7 +106,7 @@ def pair() -> tuple[Render, Render]:
 def _no_figures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Error measures are no part of the verdict; only tests named so wait for them."""
     if "figures" not in request.node.name and "report" not in request.node.name:
-        monkeypatch.setattr(import_module("veriray.compare.metrics"), "figures", lambda a, b: {})
+        monkeypatch.setattr(import_module("veriray.comparison.metrics"), "figures", lambda a, b: {})
 
 
 # --- false alarms ---------------------------------------------------------------------------------

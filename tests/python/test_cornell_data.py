@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from veriray.scene import cornell_box, find_shipped, load_file
+from veriray.scene import cornell_box, load_file
+from veriray.shipped import find_shipped
 
 FOLDER = find_shipped("cornell-box").parent
 

@@ -16,7 +16,8 @@ from veriray.columns import COLUMNS
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats.plugins import PLUGINS, describe
 from veriray.numeric import sin_cos_degrees
-from veriray.scene import SHIPPED, Scene, find_shipped, load_dict, load_file
+from veriray.scene import Scene, load_dict, load_file
+from veriray.shipped import SHIPPED, find_shipped
 
 HEAD = (
     '<scene version="3.0.0">\n<sensor type="perspective"><float name="fov" value="40"/></sensor>\n'

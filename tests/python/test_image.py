@@ -17,7 +17,7 @@ import pytest
 
 from veriray import image
 from veriray.image import ImageError
-from veriray.render import LEDGER_COLUMNS, Render
+from veriray.rendering import LEDGER_COLUMNS, Render
 
 
 def make_render(height: int = 5, width: int = 7, batches: int = 4, **stats: object) -> Render:

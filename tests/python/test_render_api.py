@@ -21,11 +21,11 @@ import numpy as np
 import pytest
 
 import veriray as vr
-from veriray.render import METHODS, SCHEDULERS, prepare
+from veriray import device as device_module
+from veriray import native_scene
+from veriray.rendering import METHODS, SCHEDULERS, prepare
 from veriray.validate.scenes import Part, camera, check_scene, make
 
-device_module = sys.modules["veriray.device"]
-render_module = sys.modules["veriray.render"]
 CAUSES = ("escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid")
 
 
@@ -300,15 +300,15 @@ def test_threads_render_the_same_scene_at_once(cornell: vr.Scene, picture: vr.Re
 
 def test_native_scenes_go_with_their_owner() -> None:
     gc.collect()  # owners that earlier tests left behind
-    before = len(render_module._scenes)
+    before = len(native_scene._scenes)
     scene = vr.cornell_box()
     for size in (8, 9, 10):
         vr.render(scene, 1, width=size, height=size, device="cpu")
-    assert len(render_module._scenes) == before + 1
-    assert len(render_module._scenes[id(scene)]) == render_module._KEPT_PER_SCENE
+    assert len(native_scene._scenes) == before + 1
+    assert len(native_scene._scenes[id(scene)]) == native_scene._KEPT_PER_SCENE
     del scene
     gc.collect()
-    assert len(render_module._scenes) == before
+    assert len(native_scene._scenes) == before
 
 
 def test_trace_path_agrees_with_the_film(cornell: vr.Scene) -> None:

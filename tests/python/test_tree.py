@@ -10,7 +10,8 @@ import numpy.typing as npt
 import pytest
 
 import veriray as vr
-from veriray.render import BUILDERS, CATCH_UP, choose_builder, native_scene_arguments, prepare
+from veriray.native_scene import BUILDERS, CATCH_UP, choose_builder, native_scene_arguments
+from veriray.rendering import prepare
 from veriray.validate.leaks import displaced_icosphere, mesh_scene
 from veriray.validate.levels.geometry import brute_force, random_rays
 from veriray.validate.scenes import Part, camera, disk, make, sphere

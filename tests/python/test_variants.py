@@ -13,8 +13,8 @@ from veriray.bench import SCENARIOS
 from veriray.bench.scenarios import scene_file
 from veriray.device import select
 from veriray.info import FEATURES
-from veriray.render import METHODS, prepare
-from veriray.scene import SHIPPED, find_shipped
+from veriray.rendering import METHODS, prepare
+from veriray.shipped import SHIPPED, find_shipped
 
 #: Bytes that a path stores for a feature, above those of every path.
 NEEDS = {"dielectric": 4, "pass": 8, "media": 4}

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import veriray
-from veriray.compare import Report
+from veriray.comparison import Report
 
 pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
 from benchmarks import mitsuba_peer  # noqa: E402

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..livebench import BLOCK_SIZE
-from ..render import COMPACTIONS, Render, render
+from ..rendering import COMPACTIONS, Render, render
 from ..scene import Scene
 from .measure import median, spread
 

@@ -20,7 +20,8 @@ import numpy as np
 
 from .. import livebench
 from ..device import Device
-from ..render import BUILDERS, Render, choose_builder, prepare, render
+from ..native_scene import BUILDERS, choose_builder
+from ..rendering import Render, prepare, render
 from ..scene import SAMPLERS, Scene, load_file
 from .measure import (
     Array,

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..render import Render, render
+from ..rendering import Render, render
 from ..scene import Scene
 from .measure import (
     Array,

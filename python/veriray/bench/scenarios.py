@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene import SHIPPED, find_shipped
+from ..shipped import SHIPPED, find_shipped
 from .measure import Array
 
 NO_ROULETTE = 1000  # rr_depth beyond every max_depth used here

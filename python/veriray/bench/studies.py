@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from ..render import Render, render
+from ..rendering import Render, render
 from ..sampling import PILOT, tile_errors
 from ..scene import load_file
 from .compaction import STRATEGIES, study

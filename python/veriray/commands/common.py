@@ -8,14 +8,15 @@ import errno
 import json
 import math
 import os
-import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from ..image import replacing
-from ..scene import SHIPPED, Scene, load_file
+from ..shipped import SHIPPED
+
+if TYPE_CHECKING:
+    from ..scene import Scene
 
 LARGE_MESH = 50_000  # triangles above which the tree's build shows its progress
 DEVICES = "auto, cuda, cuda:N, cpu, cpu:avx512, cpu:avx2, cpu:portable"
@@ -71,6 +72,8 @@ def number(text: str) -> float:
 
 def load(arguments: argparse.Namespace) -> Scene:
     """The scene that the arguments of `add_scene` name."""
+    from ..scene import load_file
+
     parameters: dict[str, object] = {}
     for define in arguments.defines:
         key, sign, value = define.partition("=")
@@ -115,7 +118,7 @@ def check_output(path: str, suffixes: Sequence[str]) -> None:
     if not target.parent.is_dir():
         code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
         raise OSError(code, f"folder {target.parent}: {os.strerror(code)}", path)
-    probe = target.with_name(f".veriray-{secrets.token_hex(8)}.tmp")
+    probe = target.with_name(f".veriray-{os.urandom(8).hex()}.tmp")
     try:
         os.close(os.open(probe, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         os.unlink(probe)
@@ -129,6 +132,8 @@ def write_json(path: str, values: dict[str, Any]) -> None:
     Numbers that are not finite become strings ("nan", "inf"), as JSON has none. Raises OSError
     naming the path.
     """
+    from ..image import replacing
+
     lines = (
         f"{json.dumps(k)}: {json.dumps(_finite(v), allow_nan=False)}" for k, v in values.items()
     )

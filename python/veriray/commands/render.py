@@ -75,7 +75,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
     from .. import device as device_module
     from ..info import primitives_text, tree_text
-    from ..render import check_settings, choose_scheduler, prepare, render
+    from ..rendering import check_settings, choose_scheduler, prepare, render
 
     scene = load(arguments)
     settings: dict[str, Any] = {
@@ -158,7 +158,7 @@ def _nonfinite_text(stats: dict[str, Any]) -> str:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from ..render import trace_path
+    from ..rendering import trace_path
 
     if arguments.output or arguments.stats:
         raise CommandError("--pixel prints a path and writes no file: leave out -o and --stats")

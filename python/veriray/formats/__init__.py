@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..errors import SceneError
-from ..scene import SHIPPED, Scene
+from ..scene import Scene
+from ..shipped import SHIPPED
 from . import build, mitsuba_xml
 from .node import Tree, allowed, shorten
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from .pictures import Picture, find, load, names, select
 
 if TYPE_CHECKING:
-    from ..render import Render
+    from ..rendering import Render
     from ..scene import Scene
 
 __all__ = ["load", "names", "run"]
@@ -118,7 +118,7 @@ def _render_all(
     say: Callable[[str], object],
 ) -> list[Path]:
     """Render what is missing; returns the files written."""
-    from ..render import check_settings, render
+    from ..rendering import check_settings, render
     from . import sheet
 
     work = [p.cost * s.film.width * s.film.height * spp for p, s, spp in jobs]

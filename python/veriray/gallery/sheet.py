@@ -20,7 +20,7 @@ from .pictures import PICTURES, Picture
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from ..render import Render
+    from ..rendering import Render
 
 Array = npt.NDArray[Any]
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from veriray import device as device_module
 from veriray.camera import Camera, Film
 from veriray.gallery import meshes
-from veriray.render import BUILDERS, native_scene_arguments
+from veriray.native_scene import BUILDERS, native_scene_arguments
 from veriray.scene import Scene
 
 Array = npt.NDArray[Any]

@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from veriray.scene import Scene, find_shipped
+from veriray.scene import Scene
+from veriray.shipped import find_shipped
 from veriray.validate.form_factors import (
     mean_over,
     parallel_rectangles,

@@ -1,7 +1,7 @@
 """Tests of counts and means, each with its error rates: what the levels are made of.
 
 Every function returns a p value: the probability of data at least as far off if the expectation is
-right. Tests of whole pictures are in `veriray.compare.statistics`.
+right. Tests of whole pictures are in `veriray.comparison.statistics`.
 """
 
 from __future__ import annotations

@@ -22,8 +22,9 @@ import numpy.typing as npt
 from scipy import stats
 
 from veriray import device as device_module
-from veriray.compare.statistics import MARGIN, ledger_problems
-from veriray.render import Render, native_scene_arguments, render
+from veriray.comparison.statistics import MARGIN, ledger_problems
+from veriray.native_scene import native_scene_arguments
+from veriray.rendering import Render, render
 from veriray.scene import Scene
 from veriray.validate.statistics import max_z, sidak, smallest_bias
 

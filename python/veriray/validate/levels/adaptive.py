@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from veriray.compare.statistics import MARGIN
-from veriray.render import render
+from veriray.comparison.statistics import MARGIN
+from veriray.rendering import render
 from veriray.sampling import PILOT, TILE
 from veriray.validate.scenes import camera, furnace, make, sphere
 from veriray.validate.statistics import max_z

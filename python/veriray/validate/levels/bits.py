@@ -21,8 +21,9 @@ import numpy.typing as npt
 import trimesh
 
 import veriray
-from veriray.render import METHODS
-from veriray.scene import SHIPPED, Scene
+from veriray.rendering import METHODS
+from veriray.scene import Scene
+from veriray.shipped import SHIPPED
 from veriray.validate.scenes import Part, box, camera, check_scene, checks, furnace, make, quad
 from veriray.validate.trial import Skipped, Trial, case
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy import stats
 
 import veriray
-from veriray.compare.statistics import MARGIN
+from veriray.comparison.statistics import MARGIN
 from veriray.validate.dicts import BLACK, flat, scene, sky, sphere, view
 from veriray.validate.scenes import Part, camera, make
 from veriray.validate.statistics import chi_square, sidak, smallest_bias

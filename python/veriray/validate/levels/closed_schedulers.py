@@ -15,8 +15,8 @@ import numpy as np
 import trimesh
 
 import veriray
-from veriray.compare.statistics import MARGIN
-from veriray.render import METHODS, SCHEDULERS
+from veriray.comparison.statistics import MARGIN
+from veriray.rendering import METHODS, SCHEDULERS
 from veriray.validate import dicts as d
 from veriray.validate.form_factors import rectangle_above_corner
 from veriray.validate.levels.closed_analytic.direct import FIVE

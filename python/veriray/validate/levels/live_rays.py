@@ -23,8 +23,8 @@ from scipy import stats
 
 import veriray
 from veriray import livebench
-from veriray.compare import statistics as st
-from veriray.render import LEDGER_COLUMNS, METHODS, Render
+from veriray.comparison import statistics as st
+from veriray.rendering import LEDGER_COLUMNS, METHODS, Render
 from veriray.scene import Scene
 from veriray.validate import dicts, references
 from veriray.validate.scenes import (

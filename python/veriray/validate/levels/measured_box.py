@@ -20,10 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray.camera import Film
-from veriray.compare import statistics as pictures
+from veriray.comparison import statistics as pictures
 from veriray.image import to_srgb8
-from veriray.render import Render
-from veriray.scene import Scene, cornell_box, find_shipped
+from veriray.rendering import Render
+from veriray.scene import Scene, cornell_box
+from veriray.shipped import find_shipped
 from veriray.validate import spectral
 from veriray.validate.scenes import camera, lambert, without
 from veriray.validate.statistics import smallest_bias, welch

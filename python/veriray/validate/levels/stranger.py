@@ -41,7 +41,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from veriray.columns import MATERIAL_KINDS
-from veriray.compare import statistics as st
+from veriray.comparison import statistics as st
 from veriray.scene import Scene
 from veriray.validate import references
 from veriray.validate.references import Run

@@ -22,7 +22,7 @@ from scipy import stats
 import veriray
 from veriray.columns import COLUMNS
 from veriray.gallery import pictures
-from veriray.scene import SHIPPED
+from veriray.shipped import SHIPPED
 from veriray.validate import dicts
 from veriray.validate.scenes import (
     Part,

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from veriray.compare.statistics import block_means
-from veriray.render import LEDGER_COLUMNS
+from veriray.comparison.statistics import block_means
+from veriray.rendering import LEDGER_COLUMNS
 
 Array = npt.NDArray[Any]
 

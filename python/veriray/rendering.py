@@ -6,8 +6,6 @@ import hashlib
 import io
 import os
 import struct
-import threading
-import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
-from .columns import COLUMNS
-from .device import Device
+from .native_scene import check_builder, native_scene, scene_facts
 from .numeric import number
 from .sampling import PILOT, Progress, adaptive, uniform
 from .scene import Scene
@@ -38,12 +35,6 @@ COMPACTIONS = {
 #: One scheduler of each method.
 METHODS = ("fused", "thrust", "wavefront")
 SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()), "wavefront", "wavefront-unsorted")
-#: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
-#: device. The films are the same.
-BUILDERS = ("auto", "sah", "ploc")
-#: Paths a triangle from which on a tree by `sah` saves more time on CUDA than it takes (an H200 and
-#: 16 cores: scenario `build` of `veriray bench`).
-CATCH_UP = 2000
 MAX_BATCHES = 1000
 MAX_NONFINITE = 64
 MAX_SPP = 2**40
@@ -166,7 +157,8 @@ def render(
         target_error: None, or the relative standard error in (0, 1) at which tiles of 16 x 16
             pixels stop: adaptive sampling without bias (see `veriray.sampling`), of spp samples a
             pixel at most (at least 16). Not together with batches.
-        builder: of the tree, where the scene needs one: of BUILDERS (see `choose_builder`).
+        builder: of the tree, where the scene needs one: "auto", "sah" or "ploc" (see
+            `veriray.native_scene`).
 
     Returns:
         Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per depth),
@@ -216,14 +208,14 @@ def render(
     }
     with device_module.native_errors():
         building, sampling = _shares(progress)
-        native_scene = _native_scene(scene, scene_used, chosen, building, builder, spp)
-        run = (chosen, native_scene, scene_used, spp)
+        native = native_scene(scene, scene_used, chosen, building, builder, spp)
+        run = (chosen, native, scene_used, spp)
         if target_error is None:
             done = uniform(*run, batches, settings, sampling)
         else:
             done = adaptive(*run, float(target_error), settings, sampling)
         image, stderr = done.image, done.stderr
-        memory = int(native_scene.memory) + int(done.film.memory)
+        memory = int(native.memory) + int(done.film.memory)
     if progress is not None:
         progress(1.0)
     stats = _statistics(done.results, done.paths)
@@ -234,7 +226,7 @@ def render(
         "device_reason": device_reason,
         "scheduler": scheduler,
         "scheduler_reason": scheduler_reason,
-        **scene_facts(native_scene),
+        **scene_facts(native),
         "variant": [str(name) for name in done.results[-1]["features"]],
         "path_bytes": int(done.results[-1]["path_bytes"]),
         "kernel": {str(k): int(v) for k, v in done.results[-1]["kernel"].items()},
@@ -322,23 +314,6 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
     return scheduler, "asked for"
 
 
-def check_builder(builder: str) -> None:
-    """ValueError for an unknown builder."""
-    if builder not in BUILDERS:
-        raise ValueError(f"builder = {builder!r} is unknown; allowed: {', '.join(BUILDERS)}")
-
-
-def choose_builder(backend: str, triangles: int, paths: int) -> str:
-    """The builder that "auto" takes: `sah` on a CPU; on CUDA `ploc`, until `sah` pays.
-
-    A tree by `ploc` is there at once on CUDA, one by `sah` is traced faster: from CATCH_UP paths a
-    triangle on that is worth its time, and below 2^14 triangles it takes none. A tree by `sah` that
-    is there already is taken.
-    """
-    early = backend == "cuda" and triangles >= 1 << 14 and paths < CATCH_UP * triangles
-    return "ploc" if early else "sah"
-
-
 def _shares(progress: Progress) -> tuple[Progress, Progress]:
     """Callbacks for building and sampling; building is the first BUILD_SHARE if it reports."""
     if progress is None:
@@ -397,70 +372,6 @@ def _padded_sum(arrays: list[Array]) -> Array:
     return total
 
 
-_scenes: dict[int, dict[tuple[object, ...], Any]] = {}
-_scenes_lock = threading.RLock()  # a progress callback may render
-_KEPT_PER_SCENE = 2
-
-
-def native_scene_arguments(scene: Scene) -> dict[str, Any]:
-    """The arguments arrays, camera and film of the native `Scene`; see `_native.pyi`."""
-    camera, film = scene.camera, scene.film
-    arrays = {name: getattr(scene, name) for name in COLUMNS}
-    return {
-        "arrays": {n: a.view(np.uint8) if a.dtype == np.bool_ else a for n, a in arrays.items()},
-        "camera": {
-            "to_world": camera.to_world,
-            "tan_half_x": camera.tan_half_x(film.width, film.height),
-            "tan_half_y": camera.tan_half_y(film.width, film.height),
-            "near_clip": camera.near_clip,
-            "far_clip": camera.far_clip,
-            "principal_x": float(camera.principal_point_offset[0]),
-            "principal_y": float(camera.principal_point_offset[1]),
-            "aperture_radius": camera.aperture_radius,
-            "focus_distance": camera.focus_distance,
-            "medium": camera.medium,
-        },
-        "film": {
-            "width": film.width,
-            "height": film.height,
-            "filter": film.filter,
-            "filter_parameters": film.filter_parameters,
-        },
-    }
-
-
-def _native_scene(
-    owner: Scene,
-    scene: Scene,
-    device: Device,
-    progress: Callable[[float], object] | None = None,
-    builder: str = "auto",
-    spp: int = 1,
-) -> Any:
-    """The native form of `scene`, kept until its owner (the user's object) goes away."""
-    width, height = scene.film.width, scene.film.height
-    key = (device.native.__name__, device.index, width, height)
-    with _scenes_lock:
-        if id(owner) not in _scenes:
-            _scenes[id(owner)] = {}
-            weakref.finalize(owner, _scenes.pop, id(owner), None)
-        kept = _scenes[id(owner)]
-        if builder == "auto":
-            work = len(scene.triangles), width * height * spp
-            builder = "sah" if (*key, "sah") in kept else choose_builder(device.backend, *work)
-        key = (*key, builder)
-        if key not in kept:
-            while len(kept) >= _KEPT_PER_SCENE:
-                kept.pop(next(iter(kept)))
-            kept[key] = device.native.Scene(
-                **native_scene_arguments(scene),
-                device=device.index,
-                progress=progress,
-                builder=builder,
-            )
-        return kept[key]
-
-
 def prepare(
     scene: Scene,
     device: str = "auto",
@@ -480,19 +391,8 @@ def prepare(
     check_builder(builder)
     chosen, _ = device_module.select(device)
     with device_module.native_errors():
-        native_scene = _native_scene(scene, used, chosen, progress, builder, spp)
-        return {**scene_facts(native_scene), "memory": int(native_scene.memory)}
-
-
-def scene_facts(native_scene: Any) -> dict[str, Any]:
-    """What a native scene says of itself, as plain data."""
-    return {
-        "features": [str(name) for name in native_scene.features],
-        "variant": [str(name) for name in native_scene.variant],
-        "path_bytes": int(native_scene.path_bytes),
-        "primitives": {str(k): int(v) for k, v in native_scene.primitives.items()},
-        "tree": dict(native_scene.tree),
-    }
+        native = native_scene(scene, used, chosen, progress, builder, spp)
+        return {**scene_facts(native), "memory": int(native.memory)}
 
 
 def trace_path(
@@ -523,7 +423,7 @@ def trace_path(
     chosen, _ = device_module.select("cpu")
     with device_module.native_errors():
         path: list[dict[str, Any]] = chosen.native.trace_path(
-            _native_scene(scene, used, chosen),
+            native_scene(scene, used, chosen),
             seed=seed,
             x=x,
             y=y,

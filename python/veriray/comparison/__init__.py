@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from veriray.compare import statistics as st
-from veriray.compare.effort import equal_effort, unequal_effort
-from veriray.compare.report import Maps, Report
-from veriray.compare.statistics import Test
+from veriray.comparison import statistics as st
+from veriray.comparison.effort import equal_effort, unequal_effort
+from veriray.comparison.report import Maps, Report
+from veriray.comparison.statistics import Test
 from veriray.image import load_with_regions
-from veriray.render import LEDGER_COLUMNS, Render
+from veriray.rendering import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,7 +75,7 @@ def compare(
         CompareError: different sizes, bad masks or settings.
         ImageError, OSError: a file that cannot be read.
     """
-    from veriray.compare.metrics import figures
+    from veriray.comparison.metrics import figures
 
     if not 1e-6 <= alpha <= 0.2:
         raise CompareError(f"alpha {alpha!r}; expected 1e-6 to 0.2")

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from veriray.compare import statistics as st
-from veriray.compare.statistics import Cells, Partition, Test
+from veriray.comparison import statistics as st
+from veriray.comparison.statistics import Cells, Partition, Test
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from veriray.compare.report import Report
-    from veriray.render import Render
+    from veriray.comparison.report import Report
+    from veriray.rendering import Render
 
     Array = NDArray[Any]
     Mask = NDArray[np.integer[Any]]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from veriray import html
-from veriray.compare.statistics import Cells, Test
+from veriray.comparison.statistics import Cells, Test
 from veriray.html import BLUE, GREY, ORANGE, percent, plain
 from veriray.image import replacing, to_srgb8
 
@@ -49,12 +49,12 @@ class Report:
             median, smallest and largest over them.
         means: relative difference of the whole picture and of each object per channel, with its
             relative standard error, t and two-sided p (one by one, without Holm).
-        metrics: error measures (`veriray.compare.metrics`); no part of the verdict.
+        metrics: error measures (`veriray.comparison.metrics`); no part of the verdict.
         maps: the pictures, and z-scores of their difference.
         figures: variance_ratio (A over B, of one sample) and its standard error, independence
             (variance of the picture's mean over that of independent pixels, about 1) of A and B,
             correlation of their noise, asymmetry (skewness of A - B), number of flips.
-        ledger: rows of `veriray.compare.statistics.LedgerComparison`.
+        ledger: rows of `veriray.comparison.statistics.LedgerComparison`.
         notes: things to know. `a`, `b`: where the pictures come from.
     """
 
@@ -203,7 +203,7 @@ class Report:
 
 def _pictures(report: Report) -> list[tuple[str, str, str]]:
     """(title, caption, PNG data URI) of both pictures, on one display scale."""
-    from veriray.compare.metrics import display_scale
+    from veriray.comparison.metrics import display_scale
 
     out = []
     maps = report.maps

@@ -1,0 +1,115 @@
+"""The native form of a scene: what it is made of, who builds its tree, how long it is kept."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .columns import COLUMNS
+from .device import Device
+from .scene import Scene
+
+#: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
+#: device. The films are the same.
+BUILDERS = ("auto", "sah", "ploc")
+#: Paths a triangle from which on a tree by `sah` saves more time on CUDA than it takes (an H200 and
+#: 16 cores: scenario `build` of `veriray bench`).
+CATCH_UP = 2000
+
+_scenes: dict[int, dict[tuple[object, ...], Any]] = {}
+_scenes_lock = threading.RLock()  # a progress callback may render
+_KEPT_PER_SCENE = 2
+
+
+def native_scene_arguments(scene: Scene) -> dict[str, Any]:
+    """The arguments arrays, camera and film of the native `Scene`; see `_native.pyi`."""
+    camera, film = scene.camera, scene.film
+    arrays = {name: getattr(scene, name) for name in COLUMNS}
+    return {
+        "arrays": {n: a.view(np.uint8) if a.dtype == np.bool_ else a for n, a in arrays.items()},
+        "camera": {
+            "to_world": camera.to_world,
+            "tan_half_x": camera.tan_half_x(film.width, film.height),
+            "tan_half_y": camera.tan_half_y(film.width, film.height),
+            "near_clip": camera.near_clip,
+            "far_clip": camera.far_clip,
+            "principal_x": float(camera.principal_point_offset[0]),
+            "principal_y": float(camera.principal_point_offset[1]),
+            "aperture_radius": camera.aperture_radius,
+            "focus_distance": camera.focus_distance,
+            "medium": camera.medium,
+        },
+        "film": {
+            "width": film.width,
+            "height": film.height,
+            "filter": film.filter,
+            "filter_parameters": film.filter_parameters,
+        },
+    }
+
+
+def check_builder(builder: str) -> None:
+    """ValueError for an unknown builder."""
+    if builder not in BUILDERS:
+        raise ValueError(f"builder = {builder!r} is unknown; allowed: {', '.join(BUILDERS)}")
+
+
+def choose_builder(backend: str, triangles: int, paths: int) -> str:
+    """The builder that "auto" takes: `sah` on a CPU; on CUDA `ploc`, until `sah` pays.
+
+    A tree by `ploc` is there at once on CUDA, one by `sah` is traced faster: from CATCH_UP paths a
+    triangle on that is worth its time, and below 2^14 triangles it takes none. A tree by `sah` that
+    is there already is taken.
+    """
+    early = backend == "cuda" and triangles >= 1 << 14 and paths < CATCH_UP * triangles
+    return "ploc" if early else "sah"
+
+
+def native_scene(
+    owner: Scene,
+    scene: Scene,
+    device: Device,
+    progress: Callable[[float], object] | None = None,
+    builder: str = "auto",
+    spp: int = 1,
+) -> Any:
+    """The native form of `scene`, kept until its owner (the user's object) goes away.
+
+    progress, builder: as in `veriray.render`; spp: of the render that it is for.
+    """
+    width, height = scene.film.width, scene.film.height
+    key = (device.native.__name__, device.index, width, height)
+    with _scenes_lock:
+        if id(owner) not in _scenes:
+            _scenes[id(owner)] = {}
+            weakref.finalize(owner, _scenes.pop, id(owner), None)
+        kept = _scenes[id(owner)]
+        if builder == "auto":
+            work = len(scene.triangles), width * height * spp
+            builder = "sah" if (*key, "sah") in kept else choose_builder(device.backend, *work)
+        key = (*key, builder)
+        if key not in kept:
+            while len(kept) >= _KEPT_PER_SCENE:
+                kept.pop(next(iter(kept)))
+            kept[key] = device.native.Scene(
+                **native_scene_arguments(scene),
+                device=device.index,
+                progress=progress,
+                builder=builder,
+            )
+        return kept[key]
+
+
+def scene_facts(native: Any) -> dict[str, Any]:
+    """What a native scene says of itself, as plain data."""
+    return {
+        "features": [str(name) for name in native.features],
+        "variant": [str(name) for name in native.variant],
+        "path_bytes": int(native.path_bytes),
+        "primitives": {str(k): int(v) for k, v in native.primitives.items()},
+        "tree": dict(native.tree),
+    }

@@ -239,7 +239,11 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
                         "cuda_architectures"_a = b.cuda_architectures);
     });
     m.def("status", [] {
-        const std::string why = why_unusable();
+        // Without the lock: a GPU's first answer takes a good part of a second.
+        const std::string why = [] {
+            py::gil_scoped_release release;
+            return why_unusable();
+        }();
         return py::make_tuple(why.empty(), why);
     });
     m.def("variants", [] {

@@ -6,17 +6,41 @@
     >>> picture.film_sha256  # the same on every device
 
 Works without a GPU and without a driver: `veriray doctor` says what can be used, and why not.
+Names are imported when they are first used (PEP 562); no module bears one of them, as importing
+`veriray.NAME` would put the module in its place.
 """
 
-__version__ = "0.1.0"
+from importlib import import_module
 
-from .camera import Camera, Film
-from .comparison import Report, compare
-from .device import Device, devices
-from .errors import DeviceError, OutOfMemoryError, SceneError, SceneWarning
-from .image import ImageError
-from .rendering import Render, film_hash, render, trace_path
-from .scene import SAMPLERS, Scene, cornell_box, load_dict, load_file
+__version__ = "0.1.0"
+TYPE_CHECKING = False  # as type checkers read it; without an import of typing
+
+if TYPE_CHECKING:
+    from .camera import Camera, Film
+    from .comparison import Report, compare
+    from .device import Device, devices
+    from .errors import DeviceError, OutOfMemoryError, SceneError, SceneWarning
+    from .image import ImageError
+    from .rendering import Render, film_hash, render, trace_path
+    from .scene import SAMPLERS, Scene, cornell_box, load_dict, load_file
+else:
+    _HOMES = {
+        "camera": ("Camera", "Film"),
+        "comparison": ("Report", "compare"),
+        "device": ("Device", "devices"),
+        "errors": ("DeviceError", "OutOfMemoryError", "SceneError", "SceneWarning"),
+        "image": ("ImageError",),
+        "rendering": ("Render", "film_hash", "render", "trace_path"),
+        "scene": ("SAMPLERS", "Scene", "cornell_box", "load_dict", "load_file"),
+    }
+
+    def __getattr__(name: str) -> object:
+        for module, names in _HOMES.items():
+            if name in names:
+                value = globals()[name] = getattr(import_module(f".{module}", __name__), name)
+                return value
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 __all__ = [
     "SAMPLERS",
@@ -41,3 +65,7 @@ __all__ = [
     "render",
     "trace_path",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

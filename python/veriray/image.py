@@ -45,6 +45,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+import OpenEXR
 
 from veriray.errors import printable
 from veriray.rendering import LEDGER_COLUMNS, Render
@@ -204,8 +205,6 @@ def _save_exr(
     regions: NDArray[np.integer[Any]] | None,
     region_names: list[str] | None,
 ) -> None:
-    import OpenEXR
-
     image = _picture(render.image, "image", None)
     channels: dict[str, NDArray[Any]] = {}
 
@@ -260,8 +259,6 @@ def _read_exr(
     path: str | os.PathLike[str], max_bytes: int
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Header and channels (name -> (H, W) float32, `region` uint32) of the first part."""
-    import OpenEXR
-
     where = os.fspath(path)
     with open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size

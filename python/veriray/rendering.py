@@ -98,10 +98,12 @@ def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = Non
     height, width = image.shape[:2]
     digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
     for values in (image, stderr):
-        plain = np.where(np.isnan(values), np.float32(np.nan), values)
-        digest.update(np.ascontiguousarray(plain, dtype="<f4").tobytes())
+        plain = np.ascontiguousarray(values, dtype="<f4")
+        if (nan := np.isnan(plain)).any():
+            plain = np.where(nan, np.float32(np.nan), plain).astype("<f4")
+        digest.update(plain.reshape(-1).view(np.uint8))
     if samples is not None:
-        digest.update(np.ascontiguousarray(samples, dtype="<u4").tobytes())
+        digest.update(np.ascontiguousarray(samples, dtype="<u4").reshape(-1).view(np.uint8))
     return digest.hexdigest()
 
 

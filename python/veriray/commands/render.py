@@ -74,6 +74,7 @@ def _render(arguments: argparse.Namespace) -> int:
         check_output(arguments.stats, (".json",))
 
     from .. import device as device_module
+    from ..image import save
     from ..info import primitives_text, tree_text
     from ..rendering import check_settings, choose_scheduler, prepare, render
 
@@ -115,7 +116,7 @@ def _render(arguments: argparse.Namespace) -> int:
             **settings,
         )
     for path in arguments.output:
-        result.save(path)
+        save(result, path)
     if arguments.stats:
         write_json(arguments.stats, {**result.stats, "film_sha256": result.film_sha256})
     if not arguments.quiet:

@@ -18,7 +18,7 @@ def main() -> int:
 def may_use_cuda(words: list[str]) -> bool:
     """Whether this command line may render on CUDA; what is wrong in it is left to the parser."""
     device = "auto"
-    for word, following in zip(words, [*words[1:], ""], strict=True):
+    for word, following in zip(words, [*words[1:], ""], strict=False):
         name, equals, value = word.partition("=")
         if len(name) > 2 and "--device".startswith(name):
             device = value if equals else following

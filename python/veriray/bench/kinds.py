@@ -34,7 +34,6 @@ from .measure import (
     means_agree,
     median,
     slope,
-    slope_error,
     spread,
 )
 from .peers import SAMPLERS as PEER_SAMPLERS
@@ -233,13 +232,12 @@ def _curve(reference: Veriray, curve: list[int], lanes: list[Lane], margin: floa
         return {**row, "void": differ(agreement), "points": points}
     relmse = [p["relmse"] for p in points]
     seconds, beyond = at_error([p[by] for p in points], relmse, TARGET_RELMSE)
+    slopes = {key: slope(curve, [p[key] for p in points]) for key in ("mse", "relmse")}
     return {
         **row,
         "points": points,
-        "slope": {key: slope(curve, [p[key] for p in points]) for key in ("mse", "relmse")},
-        "slope_error": {
-            key: slope_error(curve, [p[key] for p in points]) for key in ("mse", "relmse")
-        },
+        "slope": {key: steep for key, (steep, _) in slopes.items()},
+        "slope_error": {key: error for key, (_, error) in slopes.items()},
         "seconds_to_target": seconds,
         "extrapolated": beyond,
         "efficiency": 1 / max(points[-1]["mse"] * points[-1][by], 1e-300),

@@ -204,23 +204,21 @@ def errors(image: Array, reference: Array, stderr: Array) -> dict[str, float]:
     return {"mse": float(np.mean(d)), "relmse": float(np.mean(d / (r**2 + 0.01)))}
 
 
-def slope(x: Sequence[float], y: Sequence[float]) -> float | None:
-    """Slope of y against x in logarithms, least squares; None for less than two positive pairs."""
+def slope(x: Sequence[float], y: Sequence[float]) -> tuple[float | None, float | None]:
+    """Slope of log y against log x by least squares, and its standard error by the scatter.
+
+    Pairs that are not positive are left out; None below two different x, for the error below three
+    pairs.
+    """
     pairs = [(math.log(a), math.log(b)) for a, b in zip(x, y, strict=True) if a > 0 and b > 0]
     if len({a for a, _ in pairs}) < 2:
-        return None
-    return float(np.polyfit(*zip(*pairs, strict=True), 1)[0])
-
-
-def slope_error(x: Sequence[float], y: Sequence[float]) -> float | None:
-    """Standard error of `slope` by the scatter about the line; None for less than three pairs."""
-    pairs = [(math.log(a), math.log(b)) for a, b in zip(x, y, strict=True) if a > 0 and b > 0]
-    if len(pairs) < 3 or len({a for a, _ in pairs}) < 2:
-        return None
+        return None, None
     u, v = np.array(pairs).T
     line = np.polyfit(u, v, 1)
+    if len(pairs) < 3:
+        return float(line[0]), None
     left = float(((v - np.polyval(line, u)) ** 2).sum()) / (len(pairs) - 2)
-    return math.sqrt(left / float(((u - u.mean()) ** 2).sum()))
+    return float(line[0]), math.sqrt(left / float(((u - u.mean()) ** 2).sum()))
 
 
 def at_error(

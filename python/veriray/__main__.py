@@ -1,6 +1,7 @@
 """The command `veriray`, also as `python -m veriray`."""
 
 import contextlib
+import gc
 import importlib
 import sys
 import threading
@@ -12,7 +13,9 @@ def main() -> int:
         start_cuda()
     from .cli import main
 
-    return main()
+    status = main()
+    gc.freeze()  # the process ends: no last search for cycles among all that was imported
+    return status
 
 
 def may_use_cuda(words: list[str]) -> bool:

@@ -159,6 +159,7 @@ def test_cuda_that_fails_on_the_thread(
 
     monkeypatch.setitem(sys.modules, "veriray._cuda", SimpleNamespace(status=status))  # type: ignore[misc]
     monkeypatch.setattr(device_module, "_cuda_process", None)
+    monkeypatch.setattr(command.gc, "freeze", lambda: None)
     outcome = []
     for words in (["--device", "auto"], ["--device", "cuda"]):
         line = [*RENDER[:2], *RENDER[3:], *words, "-o", str(tmp_path / "a.exr")]

@@ -4,7 +4,10 @@
 // The closest hit does not depend on the tree. A primitive's test is one sequence of operations
 // whichever way it is scheduled; ties go to the smaller primitive; and no box is passed over that
 // holds a primitive which counts: boxes are padded beyond the rounding of the tests, a box is
-// skipped only if it starts beyond the closest hit, and no hit lies before its primitive's own box.
+// skipped only if it starts beyond the closest hit, and no hit lies before its primitive's own box
+// or counts where the ray misses that (bounded_distance). The boxes of a triangle's parts, which
+// `sah` splits, hold less: rays that lie in its plane to within rounding have a distance that is
+// noise, and may meet one of its parts after something behind it.
 #pragma once
 
 #include "geometry/disk.h"
@@ -67,7 +70,7 @@ VR_HD float round_distance(const float* record, uint32_t kind, const Ray<Scalar>
         }
     if constexpr (kKinds & kTreeDisks)
         if (kind == kDiskRecord) met = meets_disk<Scalar>(record, ray, kInfinity, t);
-    return met ? t : kInfinity;
+    return met && t > 0.f ? t : kInfinity;
 }
 
 VR_HD bool closer(float t, uint32_t primitive, const Hit<Scalar>& hit) {

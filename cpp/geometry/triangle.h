@@ -84,7 +84,10 @@ VR_HD typename L::M inside_sheared(const Shear<L>& s, const Vec3<typename L::F> 
 }
 
 // Distance to the plane, but not before the ray enters the box about the corners v: so boxes may be
-// passed over by distance, however the ray grazes the plane.
+// passed over by distance, however the ray grazes the plane. 0 where it passes that box by, by the
+// arithmetic of a node's boxes, which hold it: then the edge functions were products rounded alike,
+// of a triangle that is edge on and points at the line from afar. No other is lost: the sheared
+// corners are off by 5/8 and slabs by 5/16 of their slack at most.
 template <class L>
 VR_HD typename L::F bounded_distance(typename L::F t, const Slabs<L>& s,
                                      const Vec3<typename L::F> (&v)[3]) {
@@ -92,10 +95,17 @@ VR_HD typename L::F bounded_distance(typename L::F t, const Slabs<L>& s,
     const auto entry = [](F a, F b, F c, F inverse, F near) {
         return min(min(fma(a, inverse, near), fma(b, inverse, near)), fma(c, inverse, near));
     };
+    const auto leave = [](F a, F b, F c, F inverse, F far) {
+        return max(max(fma(a, inverse, far), fma(b, inverse, far)), fma(c, inverse, far));
+    };
     const F box = max(max(entry(v[0].x, v[1].x, v[2].x, s.inverse.x, s.near.x),
                           entry(v[0].y, v[1].y, v[2].y, s.inverse.y, s.near.y)),
                       entry(v[0].z, v[1].z, v[2].z, s.inverse.z, s.near.z));
-    return select((t > box) & (t < F(kInfinity)), t, box);
+    const F end = min(min(leave(v[0].x, v[1].x, v[2].x, s.inverse.x, s.far.x),
+                          leave(v[0].y, v[1].y, v[2].y, s.inverse.y, s.far.y)),
+                      leave(v[0].z, v[1].z, v[2].z, s.inverse.z, s.far.z));
+    const F at = select((t > box) & (t < F(kInfinity)), t, box);
+    return select(max(box, F(0.f)) <= end, at, F(0.f));
 }
 
 }  // namespace veriray

@@ -101,7 +101,7 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w,
         const auto row = [&](uint32_t r) { return load(rows + r * count + k, F()); };
         const Vec3<F> v[3] = {
             {row(0), row(1), row(2)}, {row(3), row(4), row(5)}, {row(6), row(7), row(8)}};
-        const Slabs<Batch> slabs{all_of(w.inverse, i), all_of(w.near, i), {}};
+        const Slabs<Batch> slabs{all_of(w.inverse, i), all_of(w.near, i), all_of(w.far, i)};
         const Ray<Batch> ray{all_of(w.o, i), all_of(w.d, i)};
         const Vec3<F> n{row(kRecordPlane), row(kRecordPlane + 1), row(kRecordPlane + 2)};
         const F height =

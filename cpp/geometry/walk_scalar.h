@@ -103,7 +103,7 @@ VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float t, WalkPl
     place.node = as_uint(child[0]);
 }
 
-// Distance at which the ray meets a record, and its primitive; infinity where it does not.
+// Distance at which the ray meets a record, and its primitive; infinity or 0 where it does not.
 template <uint32_t kKinds>
 VR_HD float record_distance(const float* record, const RayFrame& f, uint32_t& primitive) {
     const Quad<float> a = load4(record), b = load4(record + 4), c = load4(record + 8);

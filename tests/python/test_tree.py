@@ -57,11 +57,11 @@ def flat(n: int) -> Part:
     return part
 
 
-def graded(n: int) -> Part:
+def graded(n: int, size: float = 1e-5) -> Part:
     """Along a line, each farther from the next: one pair alone is nearest both ways."""
     x = np.cumsum(1.0 + 1e-3 * np.arange(n))
     x *= 1.5 / x[-1]
-    return around(np.stack([x - 0.5, 0 * x, 0 * x], axis=1), 1e-5)
+    return around(np.stack([x - 0.5, 0 * x, 0 * x], axis=1), size)
 
 
 def powers(n: int) -> Part:
@@ -96,6 +96,7 @@ SHAPES: dict[str, Callable[[], list[Part]]] = {
     "same centre": lambda: [same_centre(5000)],
     "flat": lambda: [flat(3000)],
     "graded": lambda: [graded(3000)],
+    "graded, of the size of rounding": lambda: [graded(3000, 3e-8)],
     "powers": lambda: [powers(1000)],
     "all kinds": all_kinds,
 }
@@ -218,6 +219,28 @@ def test_hits_are_those_of_the_sah_tree(device: str, name: str, scale: float) ->
     t1, p1 = module.intersect(ploc, o * scale, d)
     assert t0.tobytes() == t1.tobytes() and np.array_equal(p0, p1)
     assert (p0 >= 0).any()
+
+
+@pytest.mark.parametrize("size", [1e-7, 3e-8, 1e-8])
+def test_no_tree_shows_in_triangles_of_the_size_of_rounding(
+    device: str, size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Seen edge on, rays far beside them have edge functions that are rounded to nothing."""
+    monkeypatch.setitem(SHAPES, "tiny", lambda: [graded(3000, size)])
+    scene = scene_of("tiny")
+    rng = np.random.default_rng(5)
+    o, d = random_rays(rng, 100_000)
+    centre = scene.vertices[scene.triangles].mean(axis=1)
+    d[::2] = (centre[rng.integers(0, len(centre), len(d))] - o)[::2]
+    module, sah = native(scene, device, "sah")
+    _, ploc = native(scene, device, "ploc")
+    t, primitive = module.intersect(sah, o, d)
+    assert (primitive >= 0).sum() > 1000
+    others = [module.intersect(ploc, o, d)]
+    if hasattr(module, "intersect_width"):
+        others += [module.intersect_width(ploc, width, o, d)[:2] for width in WIDTHS]
+    for other, index in others:
+        assert other.tobytes() == t.tobytes() and np.array_equal(index, primitive)
 
 
 @pytest.mark.parametrize("name", ["hundred large", "large triangles"])

@@ -43,22 +43,21 @@ template <uint32_t kFeatures>
 struct DeviceExec {
     const Launches& l;
     const Job& job;
-    Columns paths;
-    Compaction compaction;
+    const PathPool& pool;
     bool stopped = false;
     Clock::time_point last = Clock::now();
 
     void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
         thrust_begin_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
-            l.scene, job, paths, indices.now, first, n);
+            l.scene, job, pool.paths, indices.now, first, n);
         check_launch("begin");
         ++l.stats.launches;
     }
     void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
-        if (compaction == Compaction::kAppend)
+        if (pool.compaction == Compaction::kAppend)
             check(cudaMemsetAsync(indices.appended, 0, sizeof(uint32_t), l.work.s), "bounce");
         thrust_bounce_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
-            l.scene, job, paths, indices, compaction, depth, n,
+            l.scene, job, pool.paths, indices, pool.compaction, depth, n,
             l.ledger.get() + static_cast<uint64_t>(depth) * kLedgerColumns);
         check_launch("bounce");
         ++l.stats.launches;
@@ -86,22 +85,21 @@ struct DeviceExec {
 }  // namespace
 
 bool render_thrust(const Launches& l, const Job& job) {
-    const uint64_t wanted = l.s.batch ? l.s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
-    const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    const uint32_t features = kVariants[choose_variant(l.scene, l.s)];
-    Buffer<float> floats(static_cast<size_t>(path_floats(features)) * pool, "path pool");
-    Buffer<uint32_t> uints(static_cast<size_t>(path_uints(features)) * pool, "path pool");
+    const uint32_t variant = choose_variant(l.scene, l.s), features = kVariants[variant];
     const Compaction compaction = find_scheduler(l.s.scheduler)->compaction;
-    const bool two = compaction == Compaction::kCopy || compaction == Compaction::kAppend;
-    Buffer<int32_t> index(two ? 2ull * pool : pool, "path pool");
+    const size_t slots = pool_slots(l.s.batch, job);
+    Buffer<float> floats(path_floats(features) * slots, "path pool");
+    Buffer<uint32_t> uints(path_uints(features) * slots, "path pool");
+    Buffer<int32_t> index(index_columns(compaction) * slots, "path pool");
     Buffer<uint32_t> appended(1, "path pool");
-    const PathIndices indices{index.get(), two ? index.get() + pool : nullptr, appended.get()};
+    const PathPool pool = make_pool(compaction, static_cast<uint32_t>(slots), floats.get(),
+                                    uints.get(), index.get(), appended.get());
     bool complete = false;
-    with_variant(choose_variant(l.scene, l.s), [&]<uint32_t kFeatures>() {
+    with_variant(variant, [&]<uint32_t kFeatures>() {
         note_kernel(l.stats, thrust_bounce_kernel<kFeatures>, kThrustBlock);
-        DeviceExec<kFeatures> exec{l, job, {floats.get(), uints.get(), pool}, compaction};
+        DeviceExec<kFeatures> exec{l, job, pool};
         try {
-            run_thrust(exec, job.paths(), pool, indices, compaction,
+            run_thrust(exec, job.paths(), pool,
                        {l.stats.blocks, l.stats.depth_seconds, l.stats.compaction_seconds});
         } catch (const thrust::system_error& error) {
             cudaGetLastError();

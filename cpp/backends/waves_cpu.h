@@ -32,8 +32,7 @@ template <uint32_t kFeatures>
 struct HostExec {
     const SceneView& scene;
     const Job& job;
-    const Columns& paths;
-    Compaction compaction;
+    const PathPool& pool;
     std::vector<LedgerRows>& ledgers;
     uint32_t threads;
     const Poll& on_poll;
@@ -54,15 +53,15 @@ struct HostExec {
     }
     void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
         launch(n, [&](uint32_t, uint32_t i) {
-            thrust_begin<kFeatures>(scene, job, paths, indices.now, first, i);
+            thrust_begin<kFeatures>(scene, job, pool.paths, indices.now, first, i);
         });
     }
     void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
         *indices.appended = 0;
         for (LedgerRows& rows : ledgers) rows.row(depth);
         launch(n, [&](uint32_t worker, uint32_t k) {
-            const BounceOutcome out =
-                thrust_bounce<kFeatures>(scene, job, paths, indices, compaction, depth, k);
+            const BounceOutcome out = thrust_bounce<kFeatures>(scene, job, pool.paths, indices,
+                                                               pool.compaction, depth, k);
             uint64_t* row = ledgers[worker].row(depth);
             if (out.cause != kLive) ++row[out.cause];
             if (out.shadow != kLive) ++row[out.shadow];
@@ -88,24 +87,19 @@ struct HostExec {
 
 bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& s,
                    std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
-    const uint64_t wanted = s.batch ? s.batch : std::min<uint64_t>(job.pixels(), 1u << 22);
-    const uint32_t pool = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    const uint32_t features = kVariants[choose_variant(view, s)];
-    auto floats =
-        pool_memory<float>(static_cast<size_t>(path_floats(features)) * pool, "path pool");
-    auto uints =
-        pool_memory<uint32_t>(static_cast<size_t>(path_uints(features)) * pool, "path pool");
+    const uint32_t variant = choose_variant(view, s), features = kVariants[variant];
     const Compaction compaction = find_scheduler(s.scheduler)->compaction;
-    const bool two = compaction == Compaction::kCopy || compaction == Compaction::kAppend;
-    auto index = pool_memory<int32_t>(two ? 2ull * pool : pool, "path pool");
+    const size_t slots = pool_slots(s.batch, job);
+    auto floats = pool_memory<float>(path_floats(features) * slots, "path pool");
+    auto uints = pool_memory<uint32_t>(path_uints(features) * slots, "path pool");
+    auto index = pool_memory<int32_t>(index_columns(compaction) * slots, "path pool");
     uint32_t appended = 0;
-    const PathIndices indices{index.data(), two ? index.data() + pool : nullptr, &appended};
-    const Columns paths{floats.data(), uints.data(), pool};
+    const PathPool pool = make_pool(compaction, static_cast<uint32_t>(slots), floats.data(),
+                                    uints.data(), index.data(), &appended);
     bool complete = false;
-    with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
-        HostExec<kFeatures> exec{view,    job,           paths, compaction,
-                                 ledgers, stats.threads, poll,  &stats.launches};
-        run_thrust(exec, job.paths(), pool, indices, compaction,
+    with_variant(variant, [&]<uint32_t kFeatures>() {
+        HostExec<kFeatures> exec{view, job, pool, ledgers, stats.threads, poll, &stats.launches};
+        run_thrust(exec, job.paths(), pool,
                    {stats.blocks, stats.depth_seconds, stats.compaction_seconds});
         complete = !exec.stopped;
     });

@@ -9,8 +9,8 @@
 #include <thrust/partition.h>
 #include <thrust/remove.h>
 
+#include <algorithm>
 #include <utility>
-
 #include <vector>
 
 #include "schedulers/columns.h"
@@ -25,6 +25,30 @@ struct PathIndices {
     int32_t* next;       // kCopy, kAppend: the other half
     uint32_t* appended;  // kAppend: entries in next
 };
+
+// The paths in flight and their indices.
+struct PathPool {
+    Columns paths;
+    PathIndices indices;
+    Compaction compaction;
+};
+
+// Slots of a pool: `batch`, or, if that is 0, one a pixel up to 2^22.
+inline uint32_t pool_slots(uint64_t batch, const Job& job) {
+    const uint64_t wanted = batch ? batch : std::min<uint64_t>(job.pixels(), 1u << 22);
+    return static_cast<uint32_t>(std::min(wanted, job.paths()));
+}
+constexpr uint32_t index_columns(Compaction compaction) {
+    return compaction == Compaction::kCopy || compaction == Compaction::kAppend ? 2 : 1;
+}
+
+// Lays a pool out in memory of path_floats, path_uints and index_columns columns of that many
+// slots, and a counter.
+inline PathPool make_pool(Compaction compaction, uint32_t slots, float* floats, uint32_t* uints,
+                          int32_t* index, uint32_t* appended) {
+    int32_t* const next = index_columns(compaction) == 2 ? index + slots : nullptr;
+    return {{floats, uints, slots}, {index, next, appended}, compaction};
+}
 
 // What one path did in one launch, for the ledger.
 struct BounceOutcome {
@@ -99,10 +123,12 @@ struct DepthCosts {
 // Exec: begin(indices, first, n), bounce(indices, depth, n), policy(), appended(counter) -> count,
 // clock() -> seconds, poll(fraction).
 template <class Exec>
-void run_thrust(Exec& exec, uint64_t paths, uint32_t pool, PathIndices indices,
-                Compaction compaction, const DepthCosts& costs) {
-    for (uint64_t first = 0; first < paths; first += pool) {
-        const uint32_t begun = static_cast<uint32_t>(paths - first < pool ? paths - first : pool);
+void run_thrust(Exec& exec, uint64_t paths, const PathPool& pool, const DepthCosts& costs) {
+    const uint32_t slots = pool.paths.capacity;
+    const Compaction compaction = pool.compaction;
+    PathIndices indices = pool.indices;
+    for (uint64_t first = 0; first < paths; first += slots) {
+        const uint32_t begun = static_cast<uint32_t>(paths - first < slots ? paths - first : slots);
         uint32_t live = begun, launched = begun;
         exec.begin(indices, first, live);
         for (uint32_t depth = 0; live; ++depth) {

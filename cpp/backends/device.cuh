@@ -11,8 +11,17 @@
 
 namespace veriray {
 
+[[noreturn]] inline void out_of_memory(const std::string& what_needs) {
+    cudaGetLastError();
+    size_t free = 0, total = 0;
+    cudaMemGetInfo(&free, &total);
+    throw OutOfMemoryError(what_needs + " of device memory, " + std::to_string(free) + " are free");
+}
+
 inline void check(cudaError_t status, const char* what) {
     if (status == cudaSuccess) return;
+    if (status == cudaErrorMemoryAllocation)
+        out_of_memory(std::string(what) + ": needs more bytes");
     cudaGetLastError();
     throw DeviceError(std::string(what) + ": " + cudaGetErrorName(status) + " (" +
                       cudaGetErrorString(status) + ")");
@@ -28,15 +37,10 @@ class Buffer {
     Buffer(size_t n, const char* what) : n_(n) {
         if (n == 0) return;
         const cudaError_t status = cudaMalloc(reinterpret_cast<void**>(&p_), n * sizeof(T));
-        if (status != cudaErrorMemoryAllocation) {
-            check(status, what);
-            return;
-        }
-        cudaGetLastError();
-        size_t free = 0, total = 0;
-        cudaMemGetInfo(&free, &total);
-        throw OutOfMemoryError(std::string(what) + ": needs " + std::to_string(n * sizeof(T)) +
-                               " bytes of device memory, " + std::to_string(free) + " are free");
+        if (status == cudaErrorMemoryAllocation)
+            out_of_memory(std::string(what) + ": needs " + std::to_string(n * sizeof(T)) +
+                          " bytes");
+        check(status, what);
     }
     Buffer(const std::vector<T>& v, const char* what) : Buffer(v.size(), what) {
         if (n_) check(cudaMemcpy(p_, v.data(), n_ * sizeof(T), cudaMemcpyHostToDevice), what);

@@ -37,6 +37,8 @@ class TreeExec {
    public:
     static constexpr uint32_t kRounds = 4;
 
+    explicit TreeExec(const BuildPoll& poll) : poll_(poll) {}
+
     void* memory(size_t bytes) {
         memory_ = Buffer<char>(bytes, "tree");
         return memory_.get();
@@ -76,7 +78,7 @@ class TreeExec {
         check(cudaMemcpy(&value, p, sizeof value, cudaMemcpyDeviceToHost), "tree");
         return value;
     }
-    void progress(double) {}
+    void progress(double share) { go_on(poll_, share); }
 
    private:
     template <class Body>
@@ -92,6 +94,7 @@ class TreeExec {
         check(call(scratch_.get(), bytes), "tree");
     }
 
+    const BuildPoll& poll_;
     Buffer<char> memory_, scratch_;
 };
 
@@ -120,11 +123,12 @@ struct DeviceTree {
 };
 
 // in: on the device.
-inline DeviceTree build_on_device(const TreeInput& in, Buffer<uint32_t>& order) {
+inline DeviceTree build_on_device(const TreeInput& in, const BuildPoll& poll,
+                                  Buffer<uint32_t>& order) {
     DeviceTree out;
     check(cudaDeviceSynchronize(), "tree");
     const auto start = std::chrono::steady_clock::now();
-    TreeExec exec;
+    TreeExec exec(poll);
     ploc::Builder<kDeviceWidth, TreeExec> builder(exec, in, kScalarWalk);
     const ploc::Node<kDeviceWidth> root = builder.merge();
     out.nodes = {std::max<size_t>(1, root.row.wide[0]), "tree"};
@@ -145,7 +149,7 @@ inline DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, cons
     TreeInput in = host.tree_input();
     if (builder == TreeBuilder::kPloc) {
         in.records = records.get(), in.round_boxes = boxes.get();
-        out = build_on_device(in, order);
+        out = build_on_device(in, poll, order);
     } else {
         const auto tree = build_tree<kDeviceWidth>(in, builder, kScalarWalk, 0, poll);
         out.nodes = {tree.nodes, "tree"};

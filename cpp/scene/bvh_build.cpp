@@ -66,7 +66,7 @@ class Pool {
     }
 
     template <class Work>
-    void run(uint32_t threads, const std::function<bool()>& poll, Work work) {
+    void run(uint32_t threads, const std::function<void()>& poll, Work work) {
         std::vector<std::thread> pool;
         pool.reserve(threads);
         std::unique_lock lock(mutex_);
@@ -80,7 +80,7 @@ class Pool {
             lock.unlock();
             std::exception_ptr error;
             try {
-                if (!poll()) throw std::runtime_error("the building of a tree was stopped");
+                poll();
             } catch (...) {
                 error = std::current_exception();
             }
@@ -190,7 +190,7 @@ class Builder {
 
     BuiltBvh run(uint32_t threads, const BuildPoll& progress) {
         const auto poll = [&] {
-            return !progress || progress(std::min(1.0, static_cast<double>(finished_) / count_));
+            go_on(progress, std::min(1.0, static_cast<double>(finished_) / count_));
         };
         if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
         pool_.run(std::min(threads, count_ / kGrain + 1), poll, [this](Range r) {
@@ -384,6 +384,10 @@ class Builder {
 };
 
 }  // namespace
+
+void go_on(const BuildPoll& poll, double share) {
+    if (poll && !poll(share)) throw std::runtime_error("the building of a tree was stopped");
+}
 
 BuiltBvh build_bvh(const TreeInput& in, const WalkCost& walk, uint32_t threads,
                    const BuildPoll& progress) {

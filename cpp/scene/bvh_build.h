@@ -16,6 +16,8 @@ inline constexpr const char* kTreeBuilders[] = {"sah", "ploc"};
 
 // share done -> go on
 using BuildPoll = std::function<bool(double)>;
+// Throws std::runtime_error if poll stops the build; what poll throws.
+void go_on(const BuildPoll& poll, double share);
 
 // The primitives of a tree: records by primitive, triangles first, then boxes of the others.
 struct TreeInput {

@@ -110,7 +110,12 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
         return true;
     };
     py::gil_scoped_release release;
-    return std::make_unique<Scene>(in, device, builder, poll);
+    try {
+        return std::make_unique<Scene>(in, device, builder, poll);
+    } catch (const std::bad_alloc&) {
+        throw OutOfMemoryError("scene: the host has too little memory for " +
+                               std::to_string(in.triangles.count) + " triangles");
+    }
 }
 
 Sampler find_sampler(const std::string& name) {

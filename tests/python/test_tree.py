@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -269,7 +272,8 @@ def test_films_are_those_of_the_sah_tree(device: str, name: str) -> None:
         assert film.stats["tree"]["cost"] > 0 and film.stats["tree"]["seconds"] > 0
 
 
-def test_progress_stops_the_build() -> None:
+def test_progress_stops_the_build(device: str) -> None:
+    scene = scene_of("soup")
     shares: list[float] = []
 
     def stop(share: float) -> None:
@@ -277,8 +281,105 @@ def test_progress_stops_the_build() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        prepare(scene_of("soup"), "cpu", progress=stop, builder="ploc")
+        prepare(scene, device, progress=stop, builder="ploc")
     assert len(shares) == 1 and 0 < shares[0] < 1
+    shares.clear()
+    assert prepare(scene, device, progress=shares.append, builder="ploc")["tree"]["nodes"] > 0
+    assert len(shares) > 2 and shares == sorted(shares)
+
+
+def test_auto_takes_the_other_tree_where_memory_is_short(
+    cpu: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = vr.device.select(cpu)[0].native
+    real, tried = module.Scene, []
+
+    def short(**arguments: Any) -> Any:
+        tried.append(arguments["builder"])
+        if arguments["builder"] == "ploc":
+            raise module.OutOfMemoryError("tree: needs 9 bytes of device memory, 1 are free")
+        return real(**arguments)
+
+    monkeypatch.setattr(module, "Scene", short)
+    monkeypatch.setattr(sys.modules["veriray.render"], "choose_builder", lambda *_: "ploc")
+    scene = scene_of("three")
+    for _ in range(2):
+        assert prepare(scene, cpu)["tree"]["builder"] == "sah"
+    assert tried == ["ploc", "sah"]
+    with pytest.raises(vr.OutOfMemoryError, match="needs 9 bytes of device memory, 1 are free"):
+        prepare(scene, cpu, builder="ploc")
+    assert tried == ["ploc", "sah", "ploc"]
+
+
+SHORT_OF_MEMORY = """
+import resource, sys
+import numpy as np
+import veriray
+from veriray.render import native_scene_arguments, prepare
+from veriray.validate.scenes import Part, camera, make
+
+vertices = np.random.default_rng(1).uniform(-1, 1, (900_000, 3))
+scene = make([Part(vertices, np.arange(900_000), 0.5)], camera([0, 0, 0], [0, 0, 1], 90))
+module = veriray.device.select(sys.argv[1])[0].native
+held = module.Scene(**native_scene_arguments(scene), builder="ploc")
+with open("/proc/self/statm") as file:
+    now = int(file.read().split()[0]) * resource.getpagesize()
+_, most = resource.getrlimit(resource.RLIMIT_AS)
+resource.setrlimit(resource.RLIMIT_AS, (now + (64 << 20), most))
+for build in (module.host_ploc, lambda *_: prepare(scene, sys.argv[1], builder="ploc")):
+    try:
+        build(held, 8)
+    except MemoryError as error:
+        print(type(error).__name__, error)
+resource.setrlimit(resource.RLIMIT_AS, (most, most))
+again = prepare(scene, sys.argv[1], builder="ploc")["tree"]
+print(again | {"seconds": 0} == held.tree | {"seconds": 0})
+"""
+
+
+@pytest.mark.skipif(
+    "libasan" in os.environ.get("LD_PRELOAD", ""),
+    reason="AddressSanitizer ends a process whose operator new fails",
+)
+def test_a_build_without_memory_leaves_the_process_whole(cpu: str) -> None:
+    """64 MiB of address space where it takes 82 in one piece."""
+    done = subprocess.run(
+        [sys.executable, "-c", SHORT_OF_MEMORY, cpu], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    first, second, third = done.stdout.splitlines()
+    assert first.startswith("MemoryError") and third == "True"
+    assert second == "OutOfMemoryError scene: the host has too little memory for 300000 triangles"
+
+
+@pytest.mark.gpu
+def test_a_build_without_memory_of_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A film fills the device so far that `sah` fits and `ploc` does not."""
+    count = 1_000_000
+    monkeypatch.setitem(SHAPES, "million", lambda: [soup(count, 0.003)])
+    scene = scene_of("million")
+    chosen, _ = vr.device.select("cuda")
+
+    def free() -> int:
+        return int(chosen.native.devices()[chosen.index]["memory_free"])
+
+    trees = [native(scene, "cuda", builder)[1].tree for builder in ("sah", "ploc")]
+    before = free()  # all kernels are loaded
+    held = native(scene, "cuda", "sah")[1]
+    used = before - free()
+    del held
+    # The primitives and the order of slots besides; 216 bytes a primitive for `ploc`.
+    room = used + 64 * count + 4 * trees[0]["references"] + (16 << 20)
+    assert room + (16 << 20) < used - trees[0]["memory"] + (64 + 216) * count
+    row = 1024 * 96
+    film = chosen.native.Film(1024, (free() - room) // row, device=chosen.index)
+    full = free()
+    with pytest.raises(vr.OutOfMemoryError, match=r"^tree: needs \d+ bytes .* \d+ are free$"):
+        prepare(scene, "cuda", builder="ploc")
+    assert free() == full
+    assert prepare(scene, "cuda")["tree"]["builder"] == "sah"
+    del film
+    assert prepare(scene, "cuda", builder="ploc")["tree"]["nodes"] == trees[1]["nodes"]
 
 
 def test_auto_takes_the_fast_builder_on_cuda_until_the_other_pays() -> None:

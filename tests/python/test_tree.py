@@ -376,7 +376,7 @@ def test_a_build_without_memory_of_the_device(monkeypatch: pytest.MonkeyPatch) -
     full = free()
     with pytest.raises(vr.OutOfMemoryError, match=r"^tree: needs \d+ bytes .* \d+ are free$"):
         prepare(scene, "cuda", builder="ploc")
-    assert free() == full
+    assert full - free() < 4 << 20  # the primitives are 64 MB
     assert prepare(scene, "cuda")["tree"]["builder"] == "sah"
     del film
     assert prepare(scene, "cuda", builder="ploc")["tree"]["nodes"] == trees[1]["nodes"]

@@ -208,6 +208,8 @@ _GEOMETRY = (
            "fma(x[1], y[2], -(y[1] * x[2]))",
            also=(("x[2] * y[0] - y[2] * x[0]", "fma(x[2], y[0], -(y[2] * x[0]))"),
                  ("x[0] * y[1] - y[0] * x[1]", "fma(x[0], y[1], -(y[0] * x[1]))"))),
+    Mutant("hits beside their triangle's box", _TRIANGLE, "max(box, F(0.f)) <= end",
+           "end <= end"),
     Mutant("boxes not padded", _BOXES, "x + sign * static_cast<double>(kBoxPad)", "x"),
     Mutant("boxes too small by 1e-4", _BOXES, "x + sign * static_cast<double>(kBoxPad)",
            "x - sign * 1e-4"),

@@ -179,14 +179,14 @@ class Trial:
         """The native module of the device."""
         return self._chosen.native
 
-    def native_scene(self, scene: Scene) -> Any:
-        """The scene as the native module holds it, on CUDA with a tree by `ploc`.
+    def native_scene(self, scene: Scene, builder: str | None = None) -> Any:
+        """The scene as the native module holds it, on CUDA with a tree by `ploc` if not told.
 
         Renders take `sah` for meshes as small as those of most cases, so both are seen.
         """
         return self.native.Scene(
             **native_scene_arguments(scene), device=self._chosen.index,
-            builder="ploc" if self._chosen.backend == "cuda" else "sah",
+            builder=builder or ("ploc" if self._chosen.backend == "cuda" else "sah"),
         )  # fmt: skip
 
     def native_film(self, width: int, height: int) -> Any:

@@ -189,6 +189,30 @@ def films_add_across_devices(t: Trial) -> None:
         t.check((low == whole[..., 0::2]).all() and (high == whole[..., 1::2]).all(), device)
 
 
+@case(6)
+def batches_of_a_render(t: Trial) -> None:
+    """A render in equal batches is the render in one go, whose every sample counts (D3, D6).
+
+    Equal to films of the native module: the whole in bits, each batch's mean the sums of its own
+    range over their number. Equal ledgers, of as many paths as were asked for. The paths in flight
+    do not divide a batch.
+    """
+    scene, spp = scene_of("cornell-box")
+    seed, host = t.fresh(), Host(t, scene)
+    for batches in (0, 2, 3, 24):
+        r = t.render(scene, spp, seed=seed, batches=batches, batch_size=77)
+        film, ledger = host.render(0, r.spp, seed=seed)
+        whole = zip((r.image, r.stderr), film.resolve(), strict=True)
+        t.check(all(np.array_equal(a, b) for a, b in whole), f"another film, {batches} batches")
+        t.check(np.transpose(list(r.stats["ledger"].values())) == ledger, "another ledger")
+        t.check(r.stats["paths"] == r.width * r.height * r.spp == film.samples * r.image.size // 3)
+        size = r.spp // (batches or 1)
+        for k, mean in enumerate(() if r.batch_means is None else r.batch_means):
+            piece, _ = host.render(k * size, (k + 1) * size, seed=seed)
+            t.check(mean == piece.sums() / size, f"another mean of batch {k} of {batches}")
+        t.check(batches == (0 if r.batch_means is None else len(r.batch_means)), "batches kept")
+
+
 # ---- exact relations ----
 
 

@@ -2,20 +2,22 @@
 
     python -m tests.mutation.levels [NAME ...] [--jobs J] [--levels 1 2 ...] [--full-survivors]
                                     [--first] [--random N] [--limit S] [--folder DIR]
-                                    [-o FILE.json]
+                                    [--add] [-o FILE.json]
 
 from the repository root, with veriray installed or on PYTHONPATH. Builds one CPU module that holds
-all bugs of C++, puts it (and the bugs of Python, one a copy) into copies of the package, and runs
-the quick levels 1 to 8 on each bug and, first, on the unchanged copy, which must pass; J processes
-at once. A level ends at its first failed case; a bug is caught by a level if a case fails, ends in
-an error, kills the process or hangs. --first: no further levels for a bug that is caught, cheap
-levels first. --full-survivors: what no quick level catches is given to the full ones. --limit: no
-bug is begun after S seconds; those are named as not judged and count nowhere. --folder keeps the
-build and every answer: the same command goes on where it was stopped, unless a source changed.
-Films compared with recorded hashes are told apart and do not count: any change shows.
+all bugs of C++ (none where Python's alone are asked for), puts it (and the bugs of Python, one a
+copy) into copies of the package, and runs the quick levels 1 to 8 on each bug and, first, on the
+unchanged copy, which must pass; J processes at once. A level ends at its first failed case; a bug
+is caught by a level if a case fails, ends in an error, kills the process or hangs. --first: no
+further levels for a bug that is caught, cheap levels first. --full-survivors: what no quick level
+catches is given to the full ones. --limit: no level is begun after S seconds; bugs without all
+their answers are named as not judged and count nowhere. Films compared with recorded hashes are
+told apart and do not count: any change shows.
 
-Prints and writes as JSON which level catches which bug, by which case, after how many seconds. Ends
-with status 1, before any bug is judged, if the unchanged copy fails. `python -m
+Prints and writes as JSON, after each bug, which level catches it, by which case, after how many
+seconds. A stopped run goes on: --folder keeps the build and every answer, until a source changes;
+--add keeps what the JSON file says of bugs whose own text is unchanged, and judges the named ones,
+or all others. Ends with status 1, before any bug is judged, if the unchanged copy fails. `python -m
 tests.mutation.table` makes a page of it.
 """
 
@@ -33,8 +35,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -42,26 +45,35 @@ from tests.mutation.bugs import Mutant
 from tests.mutation.level_bugs import EXPLAINED, PYTHON
 from tests.mutation.level_judge import RECORDED
 from tests.mutation.mutants import BUILT, ROOT, SWITCH, Workshop
+from veriray import device
+from veriray.image import replacing
 
 RESULT = ROOT / "benchmarks" / "results" / "mutants_levels.json"
 LEVELS = (1, 2, 3, 4, 5, 6, 7, 8)
 #: A level stops, or is killed, after so many times the seconds that the unchanged copy takes.
-LIMIT, HANG = 1.5, 10
+LIMIT, HANG = 2, 4
 UNJUDGED = "not judged"
 LEAST = 120  # seconds of such a limit at least
 #: Bugs of C++; those of `bugs` that change a scene's reflectance test the verdict of compare alone.
-COMPILED = tuple(m for m in BUILT if m.file)
+BUGS = (*(m for m in BUILT if m.file), *PYTHON)
 
 
 class Stand:
-    """Copies of the package, one for all bugs of C++ and one for each of Python."""
+    """Copies of the package, one for all bugs of C++ and one for each of Python.
 
-    def __init__(self, folder: Path, limit: float | None = None) -> None:
-        self.folder = folder
+    bugs: those to be judged; where all are of Python the installed module serves.
+    """
+
+    def __init__(self, folder: Path, bugs: Sequence[Mutant], limit: float | None = None) -> None:
+        self.folder, self.build_seconds = folder, 0.0
         self.end = time.monotonic() + limit if limit else math.inf
-        self.shop = Workshop(folder)
+        self.module = Path(device.select("cpu")[0].native.__file__)
+        if built := any(m in BUILT for m in bugs):
+            shop = Workshop(folder)
+            self.module, self.build_seconds = shop.module, shop.build_seconds
         self.compiled = self._package("compiled", None)
-        self.answers = folder / "answers" / _digest()
+        self.sources = _digest()
+        self.answers = folder / "answers" / (self.sources + ("-built" if built else ""))
         self.answers.mkdir(parents=True, exist_ok=True)
 
     def _package(self, name: str, bug: Mutant | None) -> Path:
@@ -74,7 +86,7 @@ class Stand:
                 link.parent.mkdir(parents=True, exist_ok=True)
                 link.symlink_to(file)
         (folder / "veriray" / "scenes").symlink_to(ROOT / "scenes")
-        (folder / "veriray" / self.shop.module.name).symlink_to(self.shop.module.resolve())
+        (folder / "veriray" / self.module.name).symlink_to(self.module.resolve())
         if bug:
             file = folder / "veriray" / bug.file
             text = file.read_text("utf-8")
@@ -144,53 +156,89 @@ def _digest() -> str:
 
 
 def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int,
-        full_survivors: bool = False, first: bool = False) -> dict[str, Any]:  # fmt: skip
-    """Judges the bugs; prints as it goes."""
+        full_survivors: bool = False, first: bool = False, kept: Iterable[dict[str, Any]] = (),
+        save: Callable[[dict[str, Any]], object] = lambda _: None) -> dict[str, Any]:  # fmt: skip
+    """Judges the bugs and returns all rows, also those `kept`; prints and saves as it goes."""
     levels = sorted(levels)
     asked = levels if first else [RECORDED, *levels]
+    rows = {row["name"]: row for row in kept}
     with ThreadPoolExecutor(jobs) as pool:
         quick = _sound(stand, pool, asked, "quick")
         order = sorted(asked, key=lambda n: quick[n]["seconds"])
         print("unchanged:", {n: f"{a['verdict']}, {a['ran']} cases, {a['seconds']} s"
                              for n, a in quick.items()}, flush=True)  # fmt: skip
-        times = _times(stand.folder / "quick_times.json", quick)
-        rows = [{"name": m.name, "language": "Python" if m in PYTHON else "C++",
-                 "edits": m.edits, "levels": {}} for m in chosen]  # fmt: skip
-        if first:
-            answers = [pool.submit(_until_caught, stand, m, order, quick, times) for m in chosen]
-        else:
-            tasks = {(k, n): pool.submit(stand.judge, m, n, "quick", quick[n], times)
-                     for k, m in enumerate(chosen) for n in order}  # fmt: skip
-        for k, row in enumerate(rows):
-            found = answers[k].result() if first else {n: tasks[k, n].result() for n in order}
-            row["levels"] = {n: _brief(answer) for n, answer in found.items()}
-            row["recorded"] = bool(row["levels"].pop(RECORDED, {}).get("case"))
-            row["caught_by"] = [n for n in levels if row["levels"].get(n, {}).get("case")]
-            row["judged"] = all(a["verdict"] != UNJUDGED for a in row["levels"].values())
-            row["seconds"] = round(sum(a["seconds"] for a in row["levels"].values()), 1)
-            said = (row["caught_by"] or "SURVIVED") if row["judged"] else UNJUDGED
-            print(f"{row['name']}: {said} ({row['seconds']} s)", flush=True)
-        unjudged = [row["name"] for row in rows if not row["judged"]]
-        rows = [row for row in rows if row["judged"]]
-        left = [k for k, row in enumerate(rows) if not row["caught_by"]]
+        groups = [order] if first else [[n] for n in order]
+        for bug, found in _answers(stand, pool, chosen, groups, "quick", quick):
+            row = _row(bug, found, levels)
+            if judged := all(a["verdict"] != UNJUDGED for a in found.values()):
+                rows[bug.name] = {**row, "sources": stand.sources}
+            said = (row["caught_by"] or "SURVIVED") if judged else UNJUDGED
+            print(f"{bug.name}: {said} ({row['seconds']} s)", flush=True)
+            save(_result(stand, chosen, levels, rows, quick))
+        left = [m for m in chosen if m.name in rows and not rows[m.name]["caught_by"]]
         if full_survivors and left:
-            order = levels
-            sound = _sound(stand, pool, levels, "full")
-            times = _times(stand.folder / "full_times.json", sound)
-            bugs = {m.name: m for m in chosen}
-            again = {(k, n): pool.submit(stand.judge, bugs[rows[k]["name"]], n, "full", sound[n],
-                                         times)
-                     for k in left for n in order}  # fmt: skip
-            for k in left:
-                answers = {n: _brief(again[k, n].result()) for n in order}
-                rows[k]["full"] = {n: a for n, a in answers.items() if a["case"]}
-                print(f"{rows[k]['name']}: full: {list(rows[k]['full']) or 'SURVIVED'}", flush=True)
+            full = _sound(stand, pool, levels, "full")
+            for bug, found in _answers(stand, pool, left, [[n] for n in levels], "full", full):
+                caught = {n: _brief(a) for n, a in sorted(found.items()) if a["case"]}
+                rows[bug.name]["full"] = caught
+                print(f"{bug.name}: full: {list(caught) or 'SURVIVED'}", flush=True)
+                save(_result(stand, chosen, levels, rows, quick))
+    return _result(stand, chosen, levels, rows, quick)
+
+
+def _answers(stand: Stand, pool: ThreadPoolExecutor, bugs: Sequence[Mutant],
+             groups: Sequence[Sequence[int]], mode: str, sound: dict[int, dict[str, Any]],
+             ) -> Iterator[tuple[Mutant, dict[int, dict[str, Any]]]]:  # fmt: skip
+    """Each bug, once it is judged, with its answers by level.
+
+    groups: levels that run one after the other, up to the first that catches the bug.
+    """
+    times = stand.folder / f"{mode}_times.json"
+    times.write_text(json.dumps({k: v for a in sound.values() for k, v in a["times"].items()}))
+
+    def until_caught(bug: Mutant, group: Sequence[int]) -> dict[int, dict[str, Any]]:
+        answers: dict[int, dict[str, Any]] = {}
+        for n in group:
+            answers[n] = stand.judge(bug, n, mode, sound[n], times)
+            if answers[n]["case"]:
+                break
+        return answers
+
+    found: dict[str, dict[int, dict[str, Any]]] = {m.name: {} for m in bugs}
+    waiting = Counter({m.name: len(groups) for m in bugs})
+    tasks = {pool.submit(until_caught, m, group): m for m in bugs for group in groups}
+    for task in as_completed(tasks):
+        bug = tasks[task]
+        found[bug.name] |= task.result()
+        waiting[bug.name] -= 1
+        if not waiting[bug.name]:
+            yield bug, found[bug.name]
+
+
+def _row(bug: Mutant, found: dict[int, dict[str, Any]], levels: Iterable[int]) -> dict[str, Any]:
+    answers = {n: _brief(answer) for n, answer in sorted(found.items())}
+    recorded = answers.pop(RECORDED, None)
+    return {
+        "name": bug.name, "language": "Python" if bug in PYTHON else "C++", "edits": bug.edits,
+        "levels": answers, "recorded": recorded and bool(recorded["case"]),
+        "caught_by": [n for n in levels if answers.get(n, {}).get("case")],
+        "seconds": round(sum(a["seconds"] for a in answers.values()), 1),
+    }  # fmt: skip
+
+
+def _result(stand: Stand, chosen: Sequence[Mutant], levels: Sequence[int],
+            by_name: dict[str, dict[str, Any]], quick: dict[int, dict[str, Any]],
+            ) -> dict[str, Any]:  # fmt: skip
+    """The JSON file's content; rows in the order of the lists of bugs."""
+    rows = [by_name[m.name] for m in BUGS if m.name in by_name]
     caught = sum(bool(row["caught_by"]) for row in rows)
     overall = sum(bool(row["caught_by"] or row.get("full")) for row in rows)
     return {
-        "levels": levels, "build_seconds": stand.shop.build_seconds, "planted": len(rows),
-        "not_judged": unjudged, "caught_quick": caught, "caught": overall,
-        "recorded": sum(row["recorded"] for row in rows),
+        "levels": levels, "build_seconds": stand.build_seconds, "sources": stand.sources,
+        "planted": len(rows), "not_judged": [m.name for m in chosen if m.name not in by_name],
+        "caught_quick": caught, "caught": overall,
+        "recorded": sum(bool(row["recorded"]) for row in rows),
+        "recorded_of": sum(row["recorded"] is not None for row in rows),
         "score_quick": round(caught / max(1, len(rows)), 4),
         "score": round(overall / max(1, len(rows)), 4),
         "sound": all(a["verdict"] == "pass" for a in quick.values()),
@@ -202,17 +250,6 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
                       if not r["caught_by"] and not r.get("full")},
         "rows": rows,
     }  # fmt: skip
-
-
-def _until_caught(stand: Stand, bug: Mutant, order: Sequence[int], sound: dict[int, dict[str, Any]],
-                  times: Path) -> dict[int, dict[str, Any]]:  # fmt: skip
-    """The levels' answers up to the first that catches the bug."""
-    answers: dict[int, dict[str, Any]] = {}
-    for n in order:
-        answers[n] = stand.judge(bug, n, "quick", sound[n], times)
-        if answers[n]["case"]:
-            break
-    return answers
 
 
 def _sound(stand: Stand, pool: ThreadPoolExecutor, levels: Iterable[int],
@@ -230,19 +267,21 @@ def _sound(stand: Stand, pool: ThreadPoolExecutor, levels: Iterable[int],
     return answers
 
 
-def _times(file: Path, answers: dict[int, dict[str, Any]]) -> Path:
-    file.write_text(json.dumps({k: v for a in answers.values() for k, v in a["times"].items()}))
-    return file
-
-
 def _brief(answer: dict[str, Any]) -> dict[str, Any]:
     keys = ("case", "verdict", "message", "p", "ran", "seconds", "inconclusive")
     return {k: answer[k] for k in keys if answer.get(k) not in (None, [], "") or k == "case"}
 
 
+def known(file: Path) -> dict[str, dict[str, Any]]:
+    """Rows of a JSON file by name, but for bugs that are gone or whose text is another now."""
+    rows = json.loads(file.read_text("utf-8"))["rows"] if file.exists() else []
+    texts = {m.name: [list(edit) for edit in m.edits] for m in BUGS}
+    return {row["name"]: row for row in rows if texts.get(row["name"]) == row["edits"]}
+
+
 def main() -> int:
     """Command line."""
-    from benchmarks.common import cpu_count, header, write
+    from benchmarks.common import cpu_count, header
 
     p = argparse.ArgumentParser(description="Planted bugs against the levels of veriray validate")
     p.add_argument("names", nargs="*", help="bugs, default all")
@@ -255,27 +294,37 @@ def main() -> int:
     p.add_argument("--first", action="store_true", help="stop at the first level that catches")
     p.add_argument("--limit", type=float, metavar="S", help="begin no bug after S seconds")
     p.add_argument("--folder", type=Path, help="keep the build here")
+    p.add_argument("--add", action="store_true", help="keep what the JSON file says of others")
     p.add_argument("-o", "--output", type=Path, default=RESULT, help="JSON file")
     args = p.parse_args()
-    bugs = (*COMPILED, *PYTHON)
     if args.list:
-        print("\n".join(m.name for m in bugs))
+        print("\n".join(m.name for m in BUGS))
         return 0
-    if unknown := set(args.names) - {m.name for m in bugs}:
+    if unknown := set(args.names) - {m.name for m in BUGS}:
         p.error(f"unknown bugs: {', '.join(sorted(unknown))}; --list shows all")
-    chosen = [m for m in bugs if not args.names or m.name in args.names]
+    before = known(args.output)
+    kept = before if args.add else {}
+    chosen = [m for m in BUGS if m.name in args.names or not args.names and m.name not in kept]
     if args.random:
         chosen = random.Random(args.seed).sample(chosen, min(args.random, len(chosen)))
-    begin = time.perf_counter()
+    # the slowest first, so that none is alone at the end
+    chosen.sort(key=lambda m: -before.get(m.name, {"seconds": math.inf})["seconds"])
+    about, begin = header("mutants_levels"), time.perf_counter()
+
+    def save(result: dict[str, Any]) -> None:
+        seconds = round(time.perf_counter() - begin)
+        with replacing(args.output) as file:
+            file.write(json.dumps({**about, "seconds": seconds, **result}, indent=1).encode())
+
     with tempfile.TemporaryDirectory() as folder:
-        stand = Stand((args.folder or Path(folder)).resolve(), args.limit)
-        print(f"built in {stand.shop.build_seconds} s", flush=True)
-        result = run(stand, chosen, args.levels, args.jobs, args.full_survivors, args.first)
-    result = {**header("mutants_levels"), "seconds": round(time.perf_counter() - begin), **result}
+        stand = Stand((args.folder or Path(folder)).resolve(), chosen, args.limit)
+        print(f"built in {stand.build_seconds} s", flush=True)
+        result = run(stand, chosen, args.levels, args.jobs, args.full_survivors, args.first,
+                     kept.values(), save)  # fmt: skip
+    save(result)
     left = ", ".join(result["survivors"]) or "none"
     print(f"{result['caught_quick']} of {result['planted']} bugs caught by the quick levels, "
           f"{result['caught']} in all; survivors: {left}")  # fmt: skip
-    write(result, args.output)
     if result["not_judged"]:
         print(f"not judged: {', '.join(result['not_judged'])}")
     return 0

@@ -20,6 +20,7 @@ def page(result: dict[str, Any]) -> str:
     """Markdown of a result of `tests.mutation.levels`."""
     levels = [str(n) for n in result["levels"]]
     rows = result["rows"]
+    old = sum(row.get("sources") != result.get("sources") for row in rows)
     lines = [
         "# Planted bugs, and which level finds them",
         "",
@@ -43,7 +44,8 @@ def page(result: dict[str, Any]) -> str:
         "",
         f"Films with recorded hashes, which tell that something changed and not that it is wrong, "
         f"changed for {result['recorded']} of {result.get('recorded_of', len(rows))} bugs; they "
-        "count nowhere here.",
+        "count nowhere here."
+        + (f" Judged in an earlier state of the sources: {old}." if old else ""),
         "",
         "Seconds of one processor until a level's first failed case; cheap cases go first. Empty: "
         "the level passes; -: not asked after another had failed. The case named is the quickest.",

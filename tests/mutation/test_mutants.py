@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from tests.mutation import mutants, table
+from tests.mutation import levels, mutants, table
 from tests.mutation.bugs import CASES, MUTANTS, Mutant
 from tests.mutation.level_bugs import EXPLAINED, PYTHON
 from tests.mutation.mutants import BUILT, Workshop
@@ -74,6 +77,47 @@ def test_page_of_the_levels() -> None:
     })  # fmt: skip
     assert "| a | 0.2 |  | `closed.furnace` |" in text and "| b |  |  | - |" in text
     assert "finds 1 (50 %)" in text and "- b: unexplained" in text and "not judged: c." in text
+
+
+def test_what_is_known_of_bugs(tmp_path: Path) -> None:
+    file = tmp_path / "levels.json"
+    assert levels.known(file) == {}
+    same, other = ({"name": m.name, "edits": m.edits} for m in levels.BUGS[:2])
+    other["edits"] = [("a", "b", "c")]
+    file.write_text(json.dumps({"rows": [{"name": "gone", "edits": []}, other, same]}))
+    assert list(levels.known(file)) == [same["name"]]
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_every_bug_is_saved_and_old_ones_kept(tmp_path: Path, first: bool) -> None:
+    """Level 3 is cheaper than 1 and finds the second bug; the third is not judged for want of time.
+
+    The first bug's row is an old one.
+    """
+
+    def judge(bug: Mutant | None, level: int, *_: object) -> dict[str, Any]:
+        answer = {"case": None, "verdict": "pass", "seconds": 5 - level, "times": {}, "ran": 1}
+        if bug is judged and level == 3:
+            answer |= {"case": "closed.furnace", "verdict": "fail"}
+        elif bug is late and level == 3:
+            answer |= {"verdict": levels.UNJUDGED}
+        return answer
+
+    old, judged, late = levels.BUGS[:3]
+    kept = {"name": old.name, "edits": [], "levels": {}, "recorded": True, "caught_by": [1]}
+    stand: Any = SimpleNamespace(judge=judge, folder=tmp_path, build_seconds=1.0, sources="now")
+    saved: list[dict[str, Any]] = []
+    result = levels.run(stand, [late, judged], [1, 3], 2, first=first, kept=[kept],
+                        save=saved.append)  # fmt: skip
+    assert [row["name"] for row in result["rows"]] == [old.name, judged.name]
+    assert len(saved) == 2 and saved[-1] == result and result["not_judged"] == [late.name]
+    assert result["rows"][1]["caught_by"] == [3] and result["caught_quick"] == 2
+    assert result["by_level"] == {1: {"caught": 1, "alone": 1}, 3: {"caught": 1, "alone": 1}}
+    assert list(result["rows"][1]["levels"]) == ([3] if first else [1, 3])
+    assert (result["recorded"], result["recorded_of"]) == (1, 1 if first else 2)
+    page = table.page(json.loads(json.dumps({**result, "rows": [
+        {**row, "language": "C++", "levels": {}} for row in result["rows"]]})))  # fmt: skip
+    assert "Judged in an earlier state of the sources: 1." in page
 
 
 @pytest.fixture(scope="module")

@@ -1,18 +1,20 @@
 """Runs one level of `veriray validate` until its first failure; prints JSON.
 
-    python -m tests.mutation.level_judge LEVEL quick|full SECONDS [LOG.json]
+    python -m tests.mutation.level_judge LEVEL quick|full SECONDS MOST [LOG.json]
 
 with the package to be judged first on PYTHONPATH, alone with its native module. LEVEL 0: the films
 of level 6 that are compared with recorded hashes, which the other levels leave out: they tell that
 something changed, not that it is wrong. SECONDS: of CPU time, after which the level ends as
-survived. LOG.json: seconds of the cases that a sound run passed: they alone run, cheap ones first;
-without it all run to the end and the seconds are told.
+survived; MOST: after which it is killed (SIGXCPU) in a case that does not end. LOG.json: seconds of
+the cases that a sound run passed: they alone run, cheap ones first; without it all run to the end
+and the seconds are told.
 """
 
 from __future__ import annotations
 
 import fnmatch
 import json
+import resource
 import sys
 import time
 from pathlib import Path
@@ -67,6 +69,7 @@ def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, An
 
 
 if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[4]), resource.RLIM_INFINITY))
     answer = main(int(sys.argv[1]), sys.argv[2] == "full", float(sys.argv[3]),
-                  Path(sys.argv[4]) if sys.argv[4:] else None)  # fmt: skip
+                  Path(sys.argv[5]) if sys.argv[5:] else None)  # fmt: skip
     print("\n" + json.dumps(answer))

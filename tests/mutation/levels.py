@@ -31,6 +31,7 @@ import os
 import random
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -50,10 +51,11 @@ from veriray.image import replacing
 
 RESULT = ROOT / "benchmarks" / "results" / "mutants_levels.json"
 LEVELS = (1, 2, 3, 4, 5, 6, 7, 8)
-#: A level stops, or is killed, after so many times the seconds that the unchanged copy takes.
-LIMIT, HANG = 2, 4
+#: A level stops after LIMIT times the CPU seconds that the unchanged copy takes, but not before
+#: LEAST. A case that goes on for HANG times as long hangs; so does a level after ASLEEP times that
+#: by the clock, which only one that waits for nothing takes.
+LIMIT, LEAST, HANG, ASLEEP = 2, 120, 2, 4
 UNJUDGED = "not judged"
-LEAST = 120  # seconds of such a limit at least
 #: Bugs of C++; those of `bugs` that change a scene's reflectance test the verdict of compare alone.
 BUGS = (*(m for m in BUILT if m.file), *PYTHON)
 
@@ -120,18 +122,21 @@ class Stand:
         places = [str(package), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = {**os.environ, **threads, SWITCH: str(number),
                        "PYTHONPATH": os.pathsep.join(places)}  # fmt: skip
-        limits = [max(LEAST, k * sound["seconds"]) if sound else 1e6 for k in (LIMIT, HANG)]
+        limit = round(max(LEAST, LIMIT * sound["seconds"])) if sound else 10**5
+        most = HANG * limit
         words = [sys.executable, "-m", "tests.mutation.level_judge", str(level), mode,
-                 str(limits[0]), *([str(times)] if times else [])]  # fmt: skip
+                 str(limit), str(most), *([str(times)] if times else [])]  # fmt: skip
         begin = time.perf_counter()
         with tempfile.TemporaryDirectory() as place:
             try:
                 done = subprocess.run(words, cwd=place, env=environment, capture_output=True,
-                                      text=True, timeout=limits[1])  # fmt: skip
+                                      text=True, timeout=ASLEEP * most)  # fmt: skip
             except subprocess.TimeoutExpired:
-                return self._ended("(hang)", f"no answer in {limits[1]:.0f} s", begin)
+                return self._ended("(hang)", f"no answer in {ASLEEP * most} s", begin)
         if package is not self.compiled:
             shutil.rmtree(package, ignore_errors=True)
+        if done.returncode == -signal.SIGXCPU:
+            return self._ended("(hang)", f"no answer in {most} s of CPU time", begin)
         if done.returncode < 0:
             return self._ended("(crash)", f"signal {-done.returncode}", begin)
         if done.returncode:

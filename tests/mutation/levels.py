@@ -307,12 +307,12 @@ def main() -> int:
         return 0
     if unknown := set(args.names) - {m.name for m in BUGS}:
         p.error(f"unknown bugs: {', '.join(sorted(unknown))}; --list shows all")
-    before = known(args.output)
-    kept = before if args.add else {}
+    kept = known(args.output) if args.add else {}
     chosen = [m for m in BUGS if m.name in args.names or not args.names and m.name not in kept]
     if args.random:
         chosen = random.Random(args.seed).sample(chosen, min(args.random, len(chosen)))
-    # the slowest first, so that none is alone at the end
+    # by the committed table the slowest first, so that none is alone at the end
+    before = known(RESULT)
     chosen.sort(key=lambda m: -before.get(m.name, {"seconds": math.inf})["seconds"])
     about, begin = header("mutants_levels"), time.perf_counter()
 

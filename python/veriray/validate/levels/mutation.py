@@ -65,8 +65,12 @@ def planted_bugs(t: Trial) -> None:
     missing = [name for name in ("c++", "cmake", "ninja") if not shutil.which(name, path=tools)]
     if missing:
         raise Skipped(f"needs {', '.join(missing)}: {COMMAND}")
+    command = [sys.executable, *COMMAND.split()[1:]]
     if committed:
-        known = [row["name"] for row in committed["rows"] if row["caught_by"]]
+        listed = subprocess.run([*command, "--list"], cwd=root, capture_output=True, text=True)
+        there = set(listed.stdout.splitlines())
+        known = [r["name"] for r in committed["rows"] if r["caught_by"] and r["name"] in there]
+        t.check(len(known) > 0, f"{COMMAND} --list: {listed.stderr[-500:]}")
         chosen = np.random.default_rng(t.fresh()).choice(known, min(CHOSEN, len(known)), False)
         words, least = chosen.tolist(), len(chosen)
     else:
@@ -75,8 +79,7 @@ def planted_bugs(t: Trial) -> None:
         output = Path(folder) / "result.json"
         jobs = t.threads or len(os.sched_getaffinity(0))
         done = subprocess.run(
-            [sys.executable, "-m", "tests.mutation.levels", *words, "--first", "--jobs", str(jobs),
-             "-o", str(output)],
+            [*command, *words, "--first", "--jobs", str(jobs), "-o", str(output)],
             cwd=root, capture_output=True, text=True,
         )  # fmt: skip
         t.check(output.is_file(), f"{COMMAND}: {done.stderr[-500:]}")

@@ -2,7 +2,8 @@
 
 One sample a vertex, of a light chosen in proportion to its power, the sum over channels:
 area lights pi A L, points 4 pi I, spots the integral of I, directional lights pi R^2 E with R the
-radius of a ball about the scene. On triangles and disks the point is uniform in area; a sphere that
+radius of a ball about the scene. On triangles and disks the point is uniform in area; on two
+triangles that make a rectangle near to a surface, in solid angle where that is large; a sphere that
 shines outwards is sampled uniformly in the cone that it fills; from within a sphere that shines
 inwards every direction meets it, so directions are uniform. The environment is not sampled: paths
 that escape bring its light. Densities are per solid angle at the
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reference.rectangles import Rectangles
 from reference.scene import Light, Scene
 from reference.tracer import Tracer
 from reference.vectors import about, dot
@@ -65,6 +67,7 @@ class Lights:
         environment = scene.environment
         self.environment = environment if environment is not None and environment.any() else None
         self.any = bool(len(power))
+        self.rectangles = Rectangles(scene, tracer, shining)
         chance = power / max(power.sum(), 1e-300)
         self.cdf = np.cumsum(power[:-1]) / max(power.sum(), 1e-300)
         self.chance = np.zeros(len(tracer.areas))  # to sample a primitive
@@ -100,12 +103,18 @@ class Lights:
         distance from the source, cosine > 0 at the light.
         """
         pdf = self.pdf_area.take(primitive) * distance**2 / cosine
+        wide, rectangle, solid = self.rectangles.wide(source, primitive)
+        pdf[wide] = self.chance_of(rectangle) / solid
         if self.quadrics.spheres:
             at = np.flatnonzero(self.tracer.curved.take(primitive))
             sphere = primitive[at] - self.tracer.count
             solid = self.solid_angle(source[:, at], sphere)
             pdf[at] = self.chance.take(primitive[at]) / solid
         return pdf
+
+    def chance_of(self, rectangle: np.ndarray) -> np.ndarray:
+        """Probability (n,) that one of the halves of a rectangle is sampled."""
+        return self.chance.take(self.rectangles.halves[:, rectangle]).sum(axis=0)
 
     def solid_angle(self, source: np.ndarray, sphere: np.ndarray) -> np.ndarray:
         """Solid angle (n,) that a sphere light is sampled in: its cone, or 4 pi from within."""
@@ -157,6 +166,13 @@ class Lights:
             place[:, at] = self.quadrics.place.take(disk, axis=1)
             place[:, at] += self.quadrics.a.take(disk, axis=1) * (r * np.cos(phi))
             place[:, at] += self.quadrics.b.take(disk, axis=1) * (r * np.sin(phi))
+        wide, rectangle, solid = self.rectangles.wide(point, primitive)
+        if len(wide):
+            place[:, wide], half = self.rectangles.sample(
+                point[:, wide], rectangle, u[wide], v[wide]
+            )
+            primitive = primitive.copy()
+            primitive[wide] = self.rectangles.halves[half, rectangle]
         place -= point
         square = dot(place, place)
         distance = np.sqrt(square)
@@ -164,6 +180,7 @@ class Lights:
             place /= distance
             cosine = -dot(tracer.normals.take(primitive, axis=1), place)
             pdf = self.pdf_area.take(primitive) * square / cosine
+        pdf[wide] = self.chance_of(rectangle) / solid
         pdf[~(cosine > GRAZING)] = 0
         radiance = self.radiance.take(self.emission.take(primitive), axis=1)
         sample = Sample(place, radiance, distance, pdf, primitive, np.zeros(n, bool))

@@ -67,7 +67,7 @@ class Tracer:
     """Rays against a scene's geometry. All ray arrays are (3, n) float64, directions unit.
 
     normals (3, P) float64, unit, front side, zero for spheres; areas (P,) float64, world units
-    squared; extent: radius of a ball about ``centre`` that holds every shape.
+    squared; lowest, highest (3, P): their boxes; extent: radius of a ball that holds every shape.
     """
 
     def __init__(self, geometry: Geometry) -> None:
@@ -93,15 +93,14 @@ class Tracer:
     def _bounds(self, geometry: Geometry) -> None:
         spheres, disks = geometry.spheres, geometry.disks
         reach = np.sqrt(disks[:, 1] ** 2 + disks[:, 2] ** 2)  # half of a disk's box
-        corners = [
-            geometry.triangles.reshape(-1, 3),
-            spheres[:, :3] - spheres[:, 3:],
-            spheres[:, :3] + spheres[:, 3:],
-            disks[:, 0] - reach,
-            disks[:, 0] + reach,
-        ]
-        points = np.concatenate(corners)
-        low, high = points.min(axis=0), points.max(axis=0)
+        triangles, centre, radius = geometry.triangles, spheres[:, :3], spheres[:, 3:]
+        self.lowest = np.concatenate(
+            [triangles.min(axis=1), centre - radius, disks[:, 0] - reach]
+        ).T
+        self.highest = np.concatenate(
+            [triangles.max(axis=1), centre + radius, disks[:, 0] + reach]
+        ).T
+        low, high = self.lowest.min(axis=1), self.highest.max(axis=1)
         self.middle, self.extent = (low + high) / 2, float(np.linalg.norm(high - low) / 2)
         self.on_plane = 1e-11 * (np.abs(high - low).max() / 2 + np.abs(self.middle).max())
 

@@ -149,7 +149,8 @@ void Film::words(uint64_t* out) const {
 struct Scene::Impl {
     int device;
     HostScene host;
-    Buffer<float> primitives, smooth, light_chance, surfaces, media, light_table, filter_edges;
+    Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
+        filter_edges;
     Buffer<uint32_t> surface_of, light_cdf;
     TreeBuilder builder;
     DeviceTree tree;
@@ -165,6 +166,7 @@ struct Scene::Impl {
         upload(primitives, host.primitives, view.primitives);
         upload(smooth, host.smooth, view.smooth);
         upload(light_chance, host.light_chance, view.light_chance);
+        upload(light_row, host.light_row, view.light_row);
         upload(surfaces, host.surfaces, view.surfaces);
         upload(media, host.media, view.media);
         upload(surface_of, host.surface_of, view.surface_of);

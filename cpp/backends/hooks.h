@@ -33,6 +33,7 @@ enum class Function : uint32_t {
     kTwoSum,             // a, b -> high, low
     kTwoProduct,         // a, b -> high, low
     kPlainQuotient,      // a, b -> a / b
+    kAngle,              // x, y -> the angle
     kCosineHemisphere,   // u, v -> direction
     kUniformTriangle,    // u, v -> barycentric weights of the 2nd, 3rd and 1st vertex
     kUniformDisk,        // u, v -> x, y
@@ -65,6 +66,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"two_sum", 2, 2},
     {"two_product", 2, 2},
     {"plain_quotient", 2, 1},
+    {"angle", 2, 1},
     {"cosine_hemisphere", 2, 3},
     {"uniform_triangle", 2, 3},
     {"uniform_disk", 2, 2},
@@ -138,6 +140,9 @@ VR_HD void evaluate_mapping(Function which, const F* x, F* y) {
         }
         case Function::kPlainQuotient:
             y[0] = plain_quotient(u, v);
+            break;
+        case Function::kAngle:
+            y[0] = angle(u, v);
             break;
         case Function::kCosineHemisphere:
             put(y, cosine_hemisphere(u, v));
@@ -225,8 +230,12 @@ template <class L>
 VR_HD void evaluate_light(const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
     const F one(1.f), none(0.f);
+    const Vec3<F> e1{x[4], x[5], x[6]}, e2{x[7], x[8], x[9]};
+    const F a = sqrt(dot(e1, e1)), b = sqrt(dot(e2, e2));
+    const F rectangle[kRectangleFloats] = {F(kInfinity), one / a, one / b, b / a, one / (a * b)};
     const auto column = [&](uint32_t c) {
         if (c == kLightShape) return x[0];
+        if (c >= kRectangleReach && c < kRectangleOther) return rectangle[c - kRectangleReach];
         if (c < kLightOffset) return x[1 + c - kLightP];
         if (c == kLightOffset) return x[13];
         return c == kLightInverse ? one / x[14] : one;

@@ -119,4 +119,24 @@ VR_HD F acos(F x) {
     return select(middle, from_half_pi, twice);
 }
 
+// The angle of (x, y) in [-pi, pi], radians; 0 at the origin, odd in y.
+// By the arc tangent of the smaller over the larger. At most 1.5 ulp. The polynomial's relative
+// error is 2.7e-9.
+template <class F>
+VR_HD F angle(F x, F y) {
+    constexpr float c[] = {-0x1.55553ep-2f, 0x1.9991e4p-3f,  -0x1.242086p-3f,
+                           0x1.c08c48p-4f,  -0x1.5808c4p-4f, 0x1.da272ep-5f,
+                           -0x1.fd73aep-6f, 0x1.641384p-7f,  -0x1.d32e8ap-10f};
+    constexpr float half_pi = 0x1.921fb6p+0f, half_pi_low = -0x1.777a5cp-25f;
+    const F ax = abs(x), ay = abs(y), zero(0.f);
+    const auto steep = ax < ay, back = x < zero;
+    const F larger = select(steep, ay, ax);
+    const F t = select(steep, ax, ay) / select(larger > zero, larger, F(1.f)), t2 = t * t;
+    const F first = fma(t * t2, polynomial(t2, c), t);
+    const F rest = select((steep & back) | !(steep | back), first, -first);
+    const F quarters = select(steep, F(1.f), select(back, F(2.f), zero));
+    const F turned = fma(quarters, F(half_pi), fma(quarters, F(half_pi_low), rest));
+    return as_float(as_uint(turned) | (as_uint(y) & as_uint(F(-0.f))));
+}
+
 }  // namespace veriray

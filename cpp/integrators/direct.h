@@ -17,8 +17,11 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         (has(kAreaLights) ? shape_bit(LightShape::kParallelogram) : 0u) |
         (has(kTriangleLights) ? shape_bit(LightShape::kTriangle) : 0u) |
         (has(kDiskLights) ? shape_bit(LightShape::kDisk) : 0u) |
+        (has(kRectangleLights) ? shape_bit(LightShape::kRectangle) : 0u) |
         (has(kSphereLights) ? shape_bit(LightShape::kSphere) : 0u) |
         (has(kDeltaLights) ? kDeltaShapes : 0u);
+
+    using Sampler = LightSampler<L, kShapes>;
 
     // A vertex: where and how light is scattered.
     struct Vertex {
@@ -39,20 +42,22 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const LightView& lights = scene.lights;
         const F u = uniform(scatter.x), v = uniform(scatter.y);
         const M nobody = no_lanes(active);
-        using Sampler = LightSampler<L, kShapes>;
-        if constexpr (!has(kManyLights))
-            return Sampler::sample([&](uint32_t c) { return F(lights.table[c * lights.stride]); },
-                                   p, u, v, nobody);
         U row(0u);
-        if (lights.count > 1) {
+        if (has(kManyLights) && lights.count > 1) {
             const U u24 =
                 random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).x >>
                 8;
             row = choose_light(lights, u24);
         }
-        return Sampler::sample(
-            [&](uint32_t c) { return lookup(lights.table + c * lights.stride, row, lights.count); },
-            p, u, v, nobody);
+        return Sampler::sample([&](uint32_t c) { return light_column(scene, row, c); }, p, u, v,
+                               nobody);
+    }
+
+    static VR_HD F light_column(const SceneView& scene, U row, uint32_t c) {
+        const LightView& lights = scene.lights;
+        const float* column = lights.table + c * lights.stride;
+        if constexpr (has(kManyLights)) return lookup(column, row, lights.count);
+        return F(*column);
     }
 
     // ---- request: what the light sample would add, as a shadow ray ----

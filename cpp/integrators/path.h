@@ -22,7 +22,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         Direct::zero;
     using Reader::closest, Reader::has, Reader::material, Reader::surface_at,
         Reader::surface_column, Reader::surface_column3;
-    using typename Direct::Vertex;
+    using typename Direct::Sampler, typename Direct::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
     using typename Reader::Material;
 
@@ -109,13 +109,22 @@ struct PathTracer : DirectLight<L, kFeatures> {
                 const F cos_light = -dot(at.ng, path.ray.d);
                 // Density of light samples over that of the direction.
                 F ratio = chance * (distance * distance) / (cos_light * path.pdf_sa);
+                V from = path.ray.o;  // of the density: the last vertex
+                if constexpr (has(kPass)) from = fma(path.ray.d, -path.travelled, from);
+                if constexpr (has(kRectangleLights)) {
+                    if (scene.features & kRectangleLights) {
+                        const U row = to_uint(lookup(scene.light_row, prim, scene.primitive_count));
+                        const F inverse = Sampler::inverse_pdf_by_angle(
+                            [&](uint32_t c) { return Direct::light_column(scene, row, c); }, from,
+                            lit);
+                        ratio = select(inverse > F(0.f), F(1.f) / (inverse * path.pdf_sa), ratio);
+                    }
+                }
                 if constexpr (has(kSphereLights)) {
                     const M round = lit & !(prim < U(scene.first_sphere));
                     if (any(round)) {
                         F record[kSphereFloats];
                         Reader::sphere_record(scene, prim, record);
-                        V from = path.ray.o;
-                        if constexpr (has(kPass)) from = fma(path.ray.d, -path.travelled, from);
                         const F pdf = chance * sphere_light_pdf(record, from);
                         ratio = select(round, pdf / path.pdf_sa, ratio);
                     }

@@ -3,6 +3,7 @@
 
 #include "core/mapping.h"
 #include "core/rng.h"
+#include "lights/rectangle_light.h"
 #include "lights/sphere_light.h"
 
 namespace veriray {
@@ -17,11 +18,12 @@ enum class LightShape : uint32_t {
     kPoint,
     kSpot,
     kDirectional,
+    kRectangle,  // sampled by solid angle where that is large
 };
 constexpr uint32_t shape_bit(LightShape s) { return 1u << static_cast<uint32_t>(s); }
-inline constexpr uint32_t kFlatLights = shape_bit(LightShape::kParallelogram) |
-                                        shape_bit(LightShape::kTriangle) |
-                                        shape_bit(LightShape::kDisk);
+inline constexpr uint32_t kFlatLights =
+    shape_bit(LightShape::kParallelogram) | shape_bit(LightShape::kTriangle) |
+    shape_bit(LightShape::kDisk) | shape_bit(LightShape::kRectangle);
 inline constexpr uint32_t kDeltaShapes = shape_bit(LightShape::kPoint) |
                                          shape_bit(LightShape::kSpot) |
                                          shape_bit(LightShape::kDirectional);
@@ -36,7 +38,9 @@ enum LightColumn : uint32_t {
     kLightShape,
     kLightInverse,   // 1 / the chance of being chosen; times the area for flat lights
     kLightRadiance,  // radiance, intensity, or irradiance across the beam: 3 columns
-    kLightPrimitive = kLightRadiance + 3,  // bits
+    kLightPrimitive = kLightRadiance + 3,                  // bits
+    kRectangleReach,                                       // rectangles: RectangleView's, 5 columns
+    kRectangleOther = kRectangleReach + kRectangleFloats,  // bits: the primitive with u >= v
     kLightColumns,
     // A sphere has its record (geometry/sphere.h) from kLightP on and its side (1: outside, -1) in
     // kLightN. A spot has these:
@@ -130,10 +134,30 @@ struct LightSampler {
         s.skip = select(m, other.skip, s.skip);
     }
 
-    // Uniform on the area. A shadow ray must end before the light itself: the point is moved off
-    // the light by the bound on the absolute rounding of its plane's distance, and the ray
-    // shortened by a bound on the relative one (plane distance, length and their division: below 6
-    // units of 2^-24).
+    // The light as a rectangle seen from p.
+    template <class Column>
+    static VR_HD RectangleView<F> rectangle(Column column, V p) {
+        F shape[kRectangleFloats];
+        for (uint32_t k = 0; k < kRectangleFloats; ++k) shape[k] = column(kRectangleReach + k);
+        return {shape, column3(column, kLightP) - p, column3(column, kLightE1),
+                column3(column, kLightE2), column3(column, kLightN)};
+    }
+
+    // 1 / the density of light samples at p, choice included, where they are drawn by solid angle;
+    // else 0.
+    template <class Column>
+    static VR_HD F inverse_pdf_by_angle(Column column, V p, M valid) {
+        valid = valid & is(column, LightShape::kRectangle);
+        if (none(valid)) return F(0.f);
+        const RectangleView<F> view = rectangle(column, p);
+        return select(valid & view.by_angle(), column(kLightInverse) * view.share(), F(0.f));
+    }
+
+    // Uniform on the area, or by solid angle. A shadow ray must end before the light itself: the
+    // point is moved off the light by the bound on the absolute rounding of its plane's distance,
+    // and the ray shortened by a bound on the relative one (plane distance, length and their
+    // division: below 6 units of 2^-24). By solid angle the point stays, as moving it would change
+    // the density of directions near to the light, and the ray ends before the moved plane.
     template <class Column>
     static VR_HD void flat(Column column, V p, F u, F v, LightSample<L>& s) {
         const F u0 = u, v0 = v;
@@ -151,10 +175,29 @@ struct LightSampler {
             u = select(disk, x, u);
             v = select(disk, y, v);
         }
+        F share(0.f);  // of the area, as a solid angle
+        M by_angle = u0 < F(0.f);
+        s.skip = as_uint(column(kLightPrimitive));
+        if constexpr (has(LightShape::kRectangle)) {
+            const M rectangular = is(column, LightShape::kRectangle);
+            if (any(rectangular)) {
+                const RectangleView<F> view = rectangle(column, p);
+                by_angle = rectangular & view.by_angle();
+                if (any(by_angle)) {
+                    F a, b;
+                    view.sample(u0, v0, a, b);
+                    u = select(by_angle, a, u);
+                    v = select(by_angle, b, v);
+                    share = view.share();
+                }
+                s.skip = select(rectangular & (u >= v), as_uint(column(kRectangleOther)), s.skip);
+            }
+        }
         const V n = column3(column, kLightN);
         V q = fma(column3(column, kLightE1), u,
                   fma(column3(column, kLightE2), v, column3(column, kLightP)));
-        q = fma(n, column(kLightOffset), q);
+        const F offset = column(kLightOffset);
+        q = fma(n, select(by_angle, F(0.f), offset), q);
         const V to = q - p;
         const F distance = sqrt(dot(to, to)), inverse = F(1.f) / distance;
         s.distance = distance * F(kShadowShorten);
@@ -162,8 +205,12 @@ struct LightSampler {
         const F cos_light = -dot(n, s.wi);
         const V zero{F(0.f), F(0.f), F(0.f)};
         s.radiance = select(cos_light > F(0.f), column3(column, kLightRadiance), zero);
-        s.inverse_pdf = column(kLightInverse) * (inverse * inverse) * cos_light;
-        s.skip = as_uint(column(kLightPrimitive));
+        const F whole = column(kLightInverse);
+        s.inverse_pdf = whole * (inverse * inverse) * cos_light;
+        if constexpr (has(LightShape::kRectangle)) {
+            s.inverse_pdf = select(by_angle, whole * share, s.inverse_pdf);
+            s.distance = select(by_angle, max(s.distance - offset / cos_light, F(0.f)), s.distance);
+        }
     }
 
     // The sphere is convex, so that it hides none of its own points that p can see: it is skipped

@@ -29,29 +29,33 @@ enum Feature : uint32_t {
     kPlastic = 1u << 19,
     kPass = 1u << 20,  // null, mask, thin dielectric: straight through
     kMedia = 1u << 21,
-    kChromatic = 1u << 22,  // a medium whose extinction depends on the channel
-    kAllFeatures = (1u << 23) - 1,
+    kChromatic = 1u << 22,        // a medium whose extinction depends on the channel
+    kRectangleLights = 1u << 23,  // near to what they light: sampled by solid angle
+    kAllFeatures = (1u << 24) - 1,
 };
 
-inline constexpr const char* kFeatureNames[] = {"quads",         "polygons",      "disks",
-                                                "spheres",       "bvh",           "smooth",
-                                                "area_lights",   "many_lights",   "triangle_lights",
-                                                "disk_lights",   "sphere_lights", "delta_lights",
-                                                "environment",   "clip",          "lens",
-                                                "signed_filter", "diffuse",       "conductor",
-                                                "dielectric",    "plastic",       "pass",
-                                                "media",         "chromatic"};
-inline constexpr uint32_t kFeatureCount = 23;
+inline constexpr const char* kFeatureNames[] = {
+    "quads",         "polygons",      "disks",
+    "spheres",       "bvh",           "smooth",
+    "area_lights",   "many_lights",   "triangle_lights",
+    "disk_lights",   "sphere_lights", "delta_lights",
+    "environment",   "clip",          "lens",
+    "signed_filter", "diffuse",       "conductor",
+    "dielectric",    "plastic",       "pass",
+    "media",         "chromatic",     "rectangle_lights"};
+inline constexpr uint32_t kFeatureCount = 24;
 
 inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // that are sampled
 inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
-                                         kTriangleLights | kEnvironment | kClip | kDiffuse;
+                                         kTriangleLights | kRectangleLights | kEnvironment | kClip |
+                                         kDiffuse;
 
 // Compiled variants, smallest first; the last holds everything.
 inline constexpr uint32_t kVariants[] = {
     kQuads | kAreaLights | kDiffuse,
     kDiffuseFlat,
-    kBvh | kSmooth | kAreaLights | kManyLights | kTriangleLights | kEnvironment | kClip | kDiffuse,
+    kBvh | kSmooth | kAreaLights | kManyLights | kTriangleLights | kRectangleLights | kEnvironment |
+        kClip | kDiffuse,
     kSpheres | kEnvironment | kDielectric | kMedia,
     kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
     kAllFeatures & ~(kMedia | kChromatic),

@@ -20,8 +20,10 @@ bool convex(const Flat& f) {
     return true;
 }
 
-// The union of two triangles that share the edge a[i] -> a[i + 1] (b runs it backwards).
-bool join(const Flat& a, const Flat& b, Flat& out) {
+}  // namespace
+
+// They share the edge a[i] -> a[i + 1], which b runs backwards.
+bool join_coplanar(const Flat& a, const Flat& b, Flat& out) {
     for (uint32_t i = 0; i < 3; ++i)
         for (uint32_t j = 0; j < 3; ++j) {
             if (!same(a.v[i], b.v[(j + 1) % 3]) || !same(a.v[(i + 1) % 3], b.v[j])) continue;
@@ -39,8 +41,6 @@ bool join(const Flat& a, const Flat& b, Flat& out) {
     return false;
 }
 
-}  // namespace
-
 std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles) {
     std::vector<Flat> out;
     std::vector<bool> used(triangles.size(), false);
@@ -52,7 +52,7 @@ std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles) {
             if (used[j] || triangles[j].material != triangles[i].material ||
                 triangles[j].emission != triangles[i].emission ||
                 triangles[j].boundary != triangles[i].boundary ||
-                !join(triangles[i], triangles[j], joined))
+                !join_coplanar(triangles[i], triangles[j], joined))
                 continue;
             best = joined;
             used[j] = true;

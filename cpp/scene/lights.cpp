@@ -57,9 +57,7 @@ void HostScene::set_first_occluder() {
 
 // Chances are in proportion to emitted power, in units of 2^-24, at least one each.
 void HostScene::set_lights(const SceneInput& in) {
-    std::vector<uint32_t> lit;
-    for (uint32_t i = 0; i < sources.size(); ++i)
-        if (sources[i].emission >= 0) lit.push_back(i);
+    const std::vector<AreaLight> lit = area_lights(in);
     std::vector<uint32_t> delta;
     for (uint32_t q = 0; q < in.light_kind.count; ++q)
         if (sum3(in.light_intensity.data + 3 * q) > 0) delta.push_back(q);
@@ -68,15 +66,16 @@ void HostScene::set_lights(const SceneInput& in) {
     l.stride = padded(l.count);
     light_table.assign(static_cast<size_t>(kLightColumns) * l.stride, 0.f);
     light_chance.assign(padded(sources.size()), 0.f);
+    light_row.assign(padded(sources.size()), 0.f);
     if (l.count >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 lights");
 
     const bool sky = sum3(in.environment) > 0;
     std::copy_n(in.environment, 3, l.environment);
 
     std::vector<double> power;
-    for (const uint32_t p : lit)
-        power.push_back(kPiDouble * sources[p].area *
-                        sum3(in.emissions.data + 3 * sources[p].emission));
+    for (const AreaLight& a : lit)
+        power.push_back(kPiDouble * a.area *
+                        sum3(in.emissions.data + 3 * sources[a.primitive].emission));
     for (const uint32_t q : delta) {
         const double intensity = sum3(in.light_intensity.data + 3 * q);
         double mean = -1;  // cosine, over the angles of the linear edge
@@ -117,15 +116,18 @@ void HostScene::set_lights(const SceneInput& in) {
     l.table = light_table.data();
     l.cdf = light_cdf.data();
     view.light_chance = light_chance.data();
+    if (!(view.features & kRectangleLights)) light_row = {};
+    view.light_row = light_row.empty() ? nullptr : light_row.data();
     if (delta.empty()) set_first_occluder();
     view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
 
     // A delta light's radiance at a receiver has no bound: a 64th of the scene's size stands for
     // the nearest receiver.
     float brightest = std::max({in.environment[0], in.environment[1], in.environment[2]});
-    for (const uint32_t p : lit)
+    for (const AreaLight& a : lit)
         for (int k = 0; k < 3; ++k)
-            brightest = std::max(brightest, in.emissions.data[3 * sources[p].emission + k]);
+            brightest =
+                std::max(brightest, in.emissions.data[3 * sources[a.primitive].emission + k]);
     for (const uint32_t q : delta)
         for (int k = 0; k < 3; ++k) {
             const double near = in.light_kind.data[q] == 2 ? 1 : unit / 64;
@@ -140,29 +142,35 @@ void HostScene::set_lights(const SceneInput& in) {
     view.emission_scale = std::ldexp(1.f, -exponent);
 }
 
-void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t primitive,
+void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight& light,
                                double chance) {
-    const PrimitiveSource& source = sources[primitive];
+    const PrimitiveSource& source = sources[light.primitive];
     const auto at = [&](uint32_t c) -> float& {
-        return light_table[static_cast<size_t>(c) * view.lights.stride + light];
+        return light_table[static_cast<size_t>(c) * view.lights.stride + row];
     };
-    const auto prim = [&](uint32_t c) {
+    const auto column_of = [&](uint32_t primitive, uint32_t c) {
         return primitives[static_cast<size_t>(primitive) * view.primitive_row +
                           static_cast<size_t>(c) * view.primitive_column];
     };
+    const auto prim = [&](uint32_t c) { return column_of(light.primitive, c); };
     const auto shape = [&](LightShape s, uint32_t feature) {
         at(kLightShape) = static_cast<float>(s);
         view.features |= feature;
     };
+    const bool sphere = source.group == kSphereGroup;
+    const double area = sphere ? 1 : light.area;
+    at(kLightInverse) = static_cast<float>(area / chance);
+    for (const uint32_t p : {light.primitive, light.other}) {
+        light_chance[p] = static_cast<float>(chance / area);
+        light_row[p] = static_cast<float>(row);
+    }
     for (uint32_t k = 0; k < 3; ++k)
         at(kLightRadiance + k) = in.emissions.data[3 * source.emission + k];
-    at(kLightPrimitive) = bit_cast<float>(primitive);
-    if (source.group == kSphereGroup) {
+    at(kLightPrimitive) = bit_cast<float>(light.primitive);
+    if (sphere) {
         shape(LightShape::kSphere, kSphereLights);
         for (uint32_t k = 0; k < kSphereFloats; ++k) at(kLightP + k) = prim(k);
         at(kLightN) = prim(kPrimSide);
-        at(kLightInverse) = static_cast<float>(1 / chance);
-        light_chance[primitive] = static_cast<float>(chance);
         return;
     }
     Double3 p, e1, e2;
@@ -172,10 +180,12 @@ void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t prim
         e1 = row3(in.disks, 3 * source.row + 1) * (1 / unit);
         e2 = row3(in.disks, 3 * source.row + 2) * (1 / unit);
     } else {
-        const Flat f = light_shape(in, primitive);
-        shape(f.corners == 3 ? LightShape::kTriangle : LightShape::kParallelogram,
-              f.corners == 3 ? kAreaLights | kTriangleLights : kAreaLights);
+        const Flat& f = light.shape;
         p = f.v[0], e1 = f.v[1] - f.v[0], e2 = f.v[f.corners - 1] - f.v[0];
+        if (f.corners == 3)
+            shape(LightShape::kTriangle, kAreaLights | kTriangleLights);
+        else
+            shape(LightShape::kParallelogram, kAreaLights);
     }
     for (uint32_t k = 0; k < 3; ++k) {
         at(kLightP + k) = static_cast<float>(p[static_cast<int>(k)]);
@@ -183,9 +193,15 @@ void HostScene::put_area_light(const SceneInput& in, size_t light, uint32_t prim
         at(kLightE2 + k) = static_cast<float>(e2[static_cast<int>(k)]);
         at(kLightN + k) = prim(kPrimN + k);
     }
-    at(kLightOffset) = prim(kPrimOffset);
-    at(kLightInverse) = static_cast<float>(source.area / chance);
-    light_chance[primitive] = static_cast<float>(chance / source.area);
+    at(kLightOffset) = std::max(prim(kPrimOffset), column_of(light.other, kPrimOffset));
+    if (!light.rectangle) return;
+    shape(LightShape::kRectangle, kRectangleLights);
+    const double a = length(e1), b = length(e2);
+    const double columns[kRectangleFloats] = {kReach * (a * a + b * b), 1 / a, 1 / b, b / a,
+                                              1 / area};
+    for (uint32_t k = 0; k < kRectangleFloats; ++k)
+        at(kRectangleReach + k) = static_cast<float>(columns[k]);
+    at(kRectangleOther) = bit_cast<float>(light.other);
 }
 
 void HostScene::put_delta_light(const SceneInput& in, size_t light, size_t row, double chance) {

@@ -199,28 +199,21 @@ void HostScene::set_tree(const SceneInput& in) {
     in_chunks(kAllThreads, kept.size(), [&](size_t first, size_t last) {
         for (size_t i = first; i < last; ++i) put_triangle(in, i, kept[i]);
     });
-    const auto box = [&](size_t primitive, int axis, double low, double high) {
+    const auto put_box = [&](size_t primitive, const Box& box) {
         float* b = &round_boxes[6 * (primitive - kept.size())];
-        b[axis] = static_cast<float>(low), b[3 + axis] = static_cast<float>(high);
+        for (int k = 0; k < 3; ++k)
+            b[k] = static_cast<float>(box.low[k]), b[3 + k] = static_cast<float>(box.high[k]);
     };
     for (uint32_t i = 0; i < in.disks.count; ++i) {
         const size_t at = kept.size() + i;
         put_disk(in, at, i, &records[at * kRecordFloats]);
-        const Double3 c = (row3(in.disks, 3 * i) - centre) * (1 / unit);
-        const Double3 a = row3(in.disks, 3 * i + 1) * (1 / unit),
-                      b = row3(in.disks, 3 * i + 2) * (1 / unit);
-        for (int k = 0; k < 3; ++k) {
-            const double r = std::sqrt(a[k] * a[k] + b[k] * b[k]);
-            box(at, k, c[k] - r, c[k] + r);
-        }
+        put_box(at, round_box(in, kDiskGroup, i));
         if (!smooth.empty()) put_smooth(in, at, Flat{});
     }
     for (uint32_t i = 0; i < in.spheres.count; ++i) {
         const size_t at = view.first_sphere + i;
         put_sphere(in, at, i, &records[at * kRecordFloats]);
-        const double* s = in.spheres.data + 4 * i;
-        for (int k = 0; k < 3; ++k)
-            box(at, k, (s[k] - centre[k] - s[3]) / unit, (s[k] - centre[k] + s[3]) / unit);
+        put_box(at, round_box(in, kSphereGroup, i));
     }
     for (size_t p = 0; p < count; ++p) {
         const uint32_t kind = p < kept.size()         ? kTriangleRecord
@@ -235,6 +228,21 @@ void HostScene::set_tree(const SceneInput& in) {
     view.smooth = smooth.empty() ? nullptr : smooth.data();
     view.features = kBvh | (smooth.empty() ? 0u : kSmooth) | (view.disk_count ? kDisks : 0u) |
                     (view.sphere_count ? kSpheres : 0u);
+}
+
+// Around a disk or sphere.
+Box HostScene::round_box(const SceneInput& in, ShapeGroup group, uint32_t row) const {
+    Double3 c, half;
+    if (group == kSphereGroup) {
+        const double* s = in.spheres.data + 4 * row;
+        c = {s[0], s[1], s[2]}, half = {s[3], s[3], s[3]};
+    } else {
+        c = row3(in.disks, 3 * row);
+        const Double3 a = row3(in.disks, 3 * row + 1), b = row3(in.disks, 3 * row + 2);
+        half = {std::sqrt(a.x * a.x + b.x * b.x), std::sqrt(a.y * a.y + b.y * b.y),
+                std::sqrt(a.z * a.z + b.z * b.z)};
+    }
+    return {(c - centre - half) * (1 / unit), (c - centre + half) * (1 / unit)};
 }
 
 // row 1: columns side by side for lookups; else rows of so many floats.
@@ -335,9 +343,9 @@ void HostScene::put_source(const SceneInput& in, size_t primitive, ShapeGroup gr
 
 size_t HostScene::memory() const {
     return sizeof(SceneView) +
-           4 * (primitives.size() + smooth.size() + light_chance.size() + surfaces.size() +
-                media.size() + light_table.size() + filter_edges.size() + surface_of.size() +
-                light_cdf.size() + records.size() + round_boxes.size());
+           4 * (primitives.size() + smooth.size() + light_chance.size() + light_row.size() +
+                surfaces.size() + media.size() + light_table.size() + filter_edges.size() +
+                surface_of.size() + light_cdf.size() + records.size() + round_boxes.size());
 }
 
 }  // namespace veriray

@@ -82,6 +82,9 @@ struct Flat {
     }
 };
 
+// The union of two triangles with a common edge, in one plane, if it is convex, or for lights a
+// parallelogram. Its edges at the first corner: to the second triangle's own, to the first's.
+bool join_coplanar(const Flat& a, const Flat& b, Flat& out);
 // Joins coplanar pairs that share an edge, material, emission and media into convex quadrilaterals.
 std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
 // Edge k (corner k to k + 1) of each primitive: true where it must be widened, because another
@@ -101,6 +104,23 @@ struct PrimitiveSource {
     uint32_t material;
     int32_t emission, boundary;
     double area;  // normalised
+
+    bool same_surface(const PrimitiveSource& b) const {
+        return material == b.material && emission == b.emission && boundary == b.boundary;
+    }
+};
+
+// An area light: one primitive, or two triangles that are the halves of a rectangle. Rectangles
+// here are those to be sampled by solid angle.
+struct AreaLight {
+    uint32_t primitive, other;
+    bool rectangle;
+    double area;
+    Flat shape;  // of flat ones
+};
+
+struct Box {
+    Double3 low, high;
 };
 
 class HostScene {
@@ -117,7 +137,8 @@ class HostScene {
     std::vector<PrimitiveSource> sources;  // by primitive
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
-    std::vector<float> primitives, smooth, light_chance, surfaces, media, light_table, filter_edges;
+    std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
+        filter_edges;
     std::vector<uint32_t> surface_of, light_cdf;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
@@ -143,6 +164,7 @@ class HostScene {
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);
     void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     void put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record);
+    Box round_box(const SceneInput& in, ShapeGroup group, uint32_t row) const;
     void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);
@@ -153,7 +175,9 @@ class HostScene {
     Flat light_shape(const SceneInput& in, uint32_t primitive) const {
         return flats_.empty() ? triangle(in, sources[primitive].row) : flats_[primitive];
     }
-    void put_area_light(const SceneInput& in, size_t light, uint32_t primitive, double chance);
+    bool lights_closely(const SceneInput& in, const Flat& light) const;
+    std::vector<AreaLight> area_lights(const SceneInput& in) const;
+    void put_area_light(const SceneInput& in, size_t row, const AreaLight& light, double chance);
     void set_first_occluder();
     void put_delta_light(const SceneInput& in, size_t light, size_t row, double chance);
     void set_camera(const SceneInput& in);

@@ -274,6 +274,23 @@ def mesh_light() -> str:
     )  # fmt: skip
 
 
+@scene
+def near_lamps() -> str:
+    """Rectangles that shine, one standing on the floor and one close over a box."""
+    return (
+        sensor() + floor(0.5, 0.6, 0.5)
+        + shape("ply", text("filename", "meshes/bumps.ply"), flag("face_normals"),
+                transform(scale(0.4), translate(0, 0.6, -0.8)), diffuse(0.8, 0.7, 0.4))
+        + shape("rectangle",
+                transform(scale(0.7, 0.4, 1), rotate("y", 40), translate(-1.1, 0.4, 0.2)),
+                diffuse(0.1), area(5, 4, 3))
+        + shape("rectangle",
+                transform(scale(0.5, 0.3, 1), rotate("x", 90), translate(1, 0.95, 0.3)),
+                diffuse(0.1), area(4, 5, 6))
+        + shape("cube", transform(scale(0.4), translate(1, 0.4, 0.3)), diffuse(0.7, 0.4, 0.5))
+    )  # fmt: skip
+
+
 # ---- shapes ----
 
 

@@ -315,7 +315,8 @@ SHORT_OF_MEMORY = """
 import resource, sys
 import numpy as np
 import veriray
-from veriray.render import native_scene_arguments, prepare
+from veriray.native_scene import native_scene_arguments
+from veriray.rendering import prepare
 from veriray.validate.scenes import Part, camera, make
 
 vertices = np.random.default_rng(1).uniform(-1, 1, (900_000, 3))

@@ -47,6 +47,28 @@ def one_minus_cos(p: Array) -> Array:
     return np.where(p[:, 2] > 0, r2 / (1 + np.abs(p[:, 2])), 1 - p[:, 2])
 
 
+def seen_rectangle(p: Array, corner: Array, e1: Array, e2: Array) -> tuple[Array, Array, Array]:
+    """A rectangle in the frame of its edges about points p (n, 3): x0, y0 and height, (n,) each.
+
+    Edges (3,) at right angles, in world units; the height is positive in front, which
+    cross(e1, e2) points to.
+    """
+    to = corner - np.atleast_2d(p)
+    n = np.cross(e1, e2)
+    x0, y0, z = (to @ (e / np.linalg.norm(e)) for e in (e1, e2, n))
+    return x0, y0, -z
+
+
+def solid_angle(x0: Array, x1: Array, y0: Array, y1: Array, z: Array) -> Array:
+    """Of a rectangle [x0, x1] x [y0, y1] at height z: the sum over the corners of
+    +-atan(x y / (z r))."""
+
+    def corner(x: Array, y: Array) -> Array:
+        return np.arctan2(x * y, z * np.sqrt(x * x + y * y + z * z))
+
+    return corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
+
+
 INVERSE: dict[str, Callable[[Array], tuple[Array, Array]]] = {
     "cosine_hemisphere": lambda p: (1 - p[:, 2] ** 2, azimuth(p)),
     "uniform_triangle": lambda p: (

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import veriray
 from veriray.image import load_with_regions
-from veriray.render import Render, film_hash
+from veriray.rendering import Render, film_hash
 from veriray.validate.trial import Trial, case
 
 Array = npt.NDArray[Any]

@@ -20,7 +20,15 @@ from veriray.validate.levels.samplers import (
     uniform,
     z_of_mean,
 )
-from veriray.validate.oracles import CORNERS, INVERSE, azimuth, normalised, single
+from veriray.validate.oracles import (
+    CORNERS,
+    INVERSE,
+    azimuth,
+    normalised,
+    seen_rectangle,
+    single,
+    solid_angle,
+)
 from veriray.validate.scenes import Part, camera, disk, make, quad, sphere
 from veriray.validate.statistics import chi_square, max_z
 from veriray.validate.trial import Trial, case
@@ -171,6 +179,71 @@ def samples_of_flat_lights(t: Trial, shape: str, where: str) -> None:
         t.check(off.max() < 1e-4, f"Jacobian off by {off.max():.2g}")
 
 
+#: A rectangle and, from its middle and in lengths of its first edge, receivers: along both edges
+#: and height. From the last two it is sampled by area.
+RIGHT = single([[0.9, 0.3, 0.6], [0.3, 0.3, -0.6]])
+RIGHT_NORMAL = normalised(np.cross(*RIGHT)[None])[0]
+SEEN = {"facing": (0, 0, 0.8), "off": (0.1, 0.7, 0.3), "near": (0.2, 0.1, 0.003),
+        "edge": (0.5, 0.0, 0.02), "corner": (0.6, 0.5, 0.2), "beside": (0.55, 0.1, 0.02),
+        "far": (0.2, 0.4, 2.6), "far off": (1.5, 1.0, 1.0), "grazing": (3.0, 0.2, 0.1)}  # fmt: skip
+
+
+def seen(where: str) -> Array:
+    """A receiver of SEEN."""
+    a, b, up = SEEN[where]
+    length, way = np.linalg.norm(RIGHT[0]), normalised(RIGHT)
+    return single(CORNER + RIGHT.sum(axis=0) / 2
+                  + length * (a * way[0] + b * way[1] + up * RIGHT_NORMAL))  # fmt: skip
+
+
+@case(2, each={"where": SEEN})
+def rectangles_by_solid_angle(t: Trial, where: str) -> None:
+    """Samples of a rectangle are uniform in its solid angle where that is 1/16 or more (C1, C3).
+
+    Against float64: the density is chance / solid angle, that within 5e-7 sr and what 1e-7 in a
+    coordinate, of the way to the lamp, makes; the solid angle
+    of what lies before a place's x is u of the whole within 4e-6 sr, and its y has the share v of
+    the sines between the edges, within 1e-5; no place is off the lamp. Below 1/16 the density is by
+    area. 20,000 places, corners included.
+    """
+    p = seen(where)
+    u, v = random_numbers(t, 20_000 * t.effort)[2:].astype(np.float64)
+    u[:16], v[:16] = np.array(list(itertools.product(CORNERS, CORNERS))).T
+    area = float(np.linalg.norm(np.cross(*RIGHT)))
+    s = hooked(t, "light", 7, *CORNER, *RIGHT[0], *RIGHT[1], *RIGHT_NORMAL, 0.0, 0.4 / area, *p,
+               u, v)  # fmt: skip
+    t.check(np.isfinite(s), "not finite")
+    (x0,), (y0,), (z,) = seen_rectangle(p, CORNER, *RIGHT)
+    w, h = np.linalg.norm(RIGHT, axis=1)
+    whole = float(solid_angle(x0, x0 + w, y0, y0 + h, z))
+    q = p + s[:, :3] * s[:, 4:5] / (1 - 2.0**-21) - CORNER
+    a, b = np.linalg.lstsq(RIGHT.T, q.T, rcond=None)[0]
+    slack = 1e-6 * max(1.0, float(np.linalg.norm(p - CORNER)))
+    t.check(np.abs(q @ RIGHT_NORMAL).max() < slack, "not on the lamp")
+    t.check((np.minimum(a, b) > -2 * slack) & (np.maximum(a, b) < 1 + 2 * slack), "outside")
+    if whole < 1 / 16:
+        cosine = -(s[:, :3] @ RIGHT_NORMAL)
+        t.check(np.abs(a - u).max() < 1e-5 and np.abs(b - v).max() < 1e-5, "not by area")
+        t.check(np.abs(s[:, 3] * cosine * area / (0.4 * s[:, 4] ** 2) - 1) < 1e-4, "pdf by area")
+        return
+    step = 1e-7 * max(1.0, float(np.linalg.norm(p - CORNER)))
+    slack = 5e-7 + sum(
+        abs(float(solid_angle(x, x + w, y, y + h, up)) - whole)
+        for x, y, up in ((x0 + step, y0, z), (x0, y0 + step, z), (x0, y0, z + step))
+    )
+    off = np.abs(0.4 / s[:, 3] - whole)
+    t.check(off < slack, f"solid angle off by {off.max():.2g} sr")
+    x, dx = x0 + a * w, 2 * step  # places are rounded too
+    low, high = (solid_angle(x0, x + side * dx, y0, y0 + h, z) for side in (-1, 1))
+    off = np.maximum(np.maximum(low - u * whole, u * whole - high), 0)
+    t.check(off.max() < 4e-6, f"x off by {off.max():.2g} sr")
+    across = np.sqrt(x**2 + z**2)
+    sines = [y / np.hypot(y, across) for y in (y0, y0 + b * h - dx, y0 + b * h + dx, y0 + h)]
+    low, high = ((sine - sines[0]) / (sines[3] - sines[0]) for sine in sines[1:3])
+    off = np.maximum(np.maximum(low - v, v - high), 0)
+    t.check(off.max() < 1e-5, f"y off by {off.max():.2g}")
+
+
 @case(2)
 def delta_lights(t: Trial) -> None:
     """Samples of point, spot and directional lights (C8).
@@ -295,7 +368,7 @@ def choice_of_light(t: Trial) -> None:
 #: and 1 in radiance; cells along either edge.
 JOINT = [(np.array(c), np.array(a), np.array(b)) for c, a, b in (
     ([-3.0, -0.5, 2.0], [0, 1.0, 0], [2.0, 0, 0]), ([1.0, -0.5, 2.0], [0, 1.0, 0], [1.0, 0, 0]),
-    ([-0.5, 1.0, 2.0], [0, 1.0, 0.3], [1.0, 0, 0.2]),
+    ([-0.5, 1.0, 2.0], [0, 1.0, 0.3], [1.0, 0, 0]),
 )]  # fmt: skip
 CELLS = 16
 
@@ -311,19 +384,30 @@ def stripes(bit: int, across: bool) -> list[Part]:
     return plates
 
 
+def cells_seen(corner: Array, a: Array, b: Array) -> Array:
+    """Solid angles of a rectangle's cells from the origin, (CELLS, CELLS), along a first."""
+    (x0,), (y0,), (z,) = seen_rectangle(np.zeros(3), corner, a, b)
+    x, y = (start + np.linalg.norm(e) * np.arange(CELLS + 1) / CELLS
+            for start, e in ((x0, a), (y0, b)))  # fmt: skip
+    return solid_angle(x[:-1, None], x[1:, None], y[:-1], y[1:], z)
+
+
 @case(2, each={"tree": [False, True]}, quick=lambda tree: not tree)
 def light_and_place_are_independent(t: Trial, tree: bool) -> None:
     """Which lamp is sampled, and where on it: one joint law (C7).
 
     A pixel is a sample: its channel tells the lamp, plates before half of the cells tell the bits
     of the cell, in nine renders with one seed; roulette ends all paths at the floor. Chi-square of
-    (lamp, u, v) over 3 x 16 x 16, 3 x 4 x 4 and 3 x 2 x 2 cells: areas times radiances, uniform on
-    each. 2.5 x 10^5 samples: sees 1.3 % between halves. In a tree lamps are pairs of triangles.
+    (lamp, u, v) over 3 x 16 x 16, 3 x 4 x 4 and 3 x 2 x 2 cells: areas times radiances, on each by
+    solid angle. 2.5 x 10^5 samples: sees 1.3 % between halves. In a tree lamps are pairs of
+    triangles.
     """
     side, seed = 500, t.fresh()
     once = Trial(t.device, seed, 1, t.threads)  # a larger film, not more samples of a pixel
     lamps = [quad(c, a, b, 0, np.eye(3)[k] * (3 - k)) for k, (c, a, b) in enumerate(JOINT)]
     floor = [quad([-2, -2, 0], [4, 0, 0], [0, 4, 0], 2.0**-24)]
+    # beside every lamp something near, so that it is sampled by solid angle without plates too
+    floor += [quad(_scaled(c - 0.2 * a), 0.01 * a, 0.01 * b) for c, a, b in JOINT]
     if tree:  # an edge too small for a scene without
         floor.append(quad([1.9, 1.9, -1], [1e-4, 0, 0], [0, 1e-4, 0]))
     view = camera([0.4, 0.6, 0.4], [0, 0, 0], 1e-4)
@@ -343,14 +427,15 @@ def light_and_place_are_independent(t: Trial, tree: bool) -> None:
     )
     counts = np.zeros((3, CELLS, CELLS))
     np.add.at(counts, (lamp, *place), 1)
+    share = np.array([cells_seen(*lamp) for lamp in JOINT])
+    share *= (power / power.sum() / share.sum(axis=(1, 2)))[:, None, None]
     for size in (16, 4, 2):
         cut = CELLS // size
-        seen = counts.reshape(3, size, cut, size, cut).sum(axis=(2, 4))
-        share = np.broadcast_to((power / power.sum() / size**2)[:, None, None], seen.shape)
-        t.p(chi_square(seen, share * counts.sum()), f"{size} x {size} cells a lamp")
+        observed, expected = (x.reshape(3, size, cut, size, cut).sum(axis=(2, 4))
+                              for x in (counts, share * counts.sum()))  # fmt: skip
+        t.p(chi_square(observed, expected), f"{size} x {size} cells a lamp")
     t.figure("cells", {"observed": counts.reshape(3 * CELLS, CELLS),
-                       "expected": np.repeat(power / power.sum() / CELLS**2 * counts.sum(), CELLS)
-                       [:, None].repeat(CELLS, axis=1)})  # fmt: skip
+                       "expected": (share * counts.sum()).reshape(3 * CELLS, CELLS)})  # fmt: skip
     t.sees(0.0063 / math.sqrt(counts.sum() / 1e6))
 
 
@@ -374,6 +459,10 @@ def choice_among_many_lights(t: Trial) -> None:
 # ---- lights that are hit ----
 
 
+#: Corner and edges of a rectangle near the origin.
+NEAR = tuple(np.array(v) for v in ([-0.3, -0.2, 0.25], [0.0, 0.7, 0.2], [0.8, 0.0, 0.0]))
+
+
 def _lit() -> dict[str, tuple[list[Part], float]]:
     """Lamps, the first of which is looked at, and the sky's radiance."""
     whole, _, _ = HIDERS["parallelogram u"]
@@ -381,10 +470,15 @@ def _lit() -> dict[str, tuple[list[Part], float]]:
     round_, _, _ = HIDERS["disk core"]
     ball = sphere([0, 0, 2.0], 1.0, 0, 1.0)
     other = quad([2, 2, 1], [0, 1, 0], [1, 0, 0], 0, 3.0)
-    return {"parallelogram": ([whole], 0.0), "triangle": ([three], 0.0), "disk": ([round_], 0.0),
-            "sphere": ([ball], 0.0), "two lamps": ([whole, other], 0.0),
-            "sphere and lamp": ([ball, other], 0.0), "lamp and sky": ([whole], 0.5),
-            "sky": ([], 0.5)}  # fmt: skip
+    near = quad(*NEAR, 0, 1.0)
+    far = quad([1.9, 1.9, 9], [1e-4, 0, 0], [0, 1e-4, 0])  # too small for a scene without a tree
+    return {
+        "rectangle": ([near], 0.0), "two rectangles": ([near, other], 0.0),
+        "rectangle in a tree": ([near, far], 0.0), "parallelogram": ([whole], 0.0),
+        "triangle": ([three], 0.0), "disk": ([round_], 0.0), "sphere": ([ball], 0.0),
+        "two lamps": ([whole, other], 0.0), "sphere and lamp": ([ball, other], 0.0),
+        "lamp and sky": ([whole], 0.5), "sky": ([], 0.5),
+    }  # fmt: skip
 
 
 LIT = _lit()
@@ -404,8 +498,9 @@ def density_when_hit(t: Trial, name: str) -> None:
     """A light that a direction meets is weighted with the density of its light samples (C3).
 
     Whole paths, replayed on the CPU: emission found after a diffuse bounce carries the weight
-    p^2 / (p^2 + q^2), p = cos / pi, q = chance distance^2 / (area cos), of a sphere chance over its
-    solid angle, of the sky 0; within 1e-4 for all paths that meet the light.
+    p^2 / (p^2 + q^2), p = cos / pi, q = chance distance^2 / (area cos), of a sphere and a near
+    rectangle chance over its solid angle, of the sky 0; within 1e-4 for all paths that meet the
+    light.
     """
     lamps, sky = LIT[name]
     scene: Scene = make([FLOOR, *lamps], VIEW, sky, max_depth=2)
@@ -428,6 +523,11 @@ def density_when_hit(t: Trial, name: str) -> None:
                 c, r = lamps[k].spheres[0, :3], lamps[k].spheres[0, 3]
                 solid = 2 * math.pi * (1 - math.sqrt(1 - r**2 / (c @ c)))
                 q = chance / solid
+            elif "rectangle" in name and k == 0:
+                corner, a, b = NEAR
+                (x0,), (y0,), (z,) = seen_rectangle(np.zeros(3), corner, a, b)
+                w, h = np.linalg.norm(a), np.linalg.norm(b)
+                q = chance / float(solid_angle(x0, x0 + w, y0, y0 + h, z))
             else:
                 cosine = -float(np.dot(last["normal"], d))
                 q = chance * far**2 / (_area(lamps[k]) * cosine)

@@ -1,0 +1,75 @@
+// Rectangular lights by solid angle: the map of C. Urena, M. Fajardo, A. King, "An Area-Preserving
+// Parametrization for Spherical Rectangles", CGF 32(4), 2013, turned round in another way.
+#pragma once
+
+#include "core/math.h"
+#include "core/vec.h"
+
+namespace veriray {
+
+// The least solid angle to sample by. Below it points on the area do as well, and the rounding of
+// the solid angle, 4e-7 at most, would show.
+inline constexpr float kLeastSolidAngle = 0x1p-4f;
+// |to|^2 that the solid angle is too small from: the diagonal's times this. It is at most A / d^2,
+// A at most half the diagonal's square, d at least |to| less the diagonal.
+inline constexpr double kReach = 15;
+
+// What the host gives: kReach |diagonal|^2, 1 / |e1|, 1 / |e2|, |e2| / |e1|, 1 / area.
+inline constexpr uint32_t kRectangleFloats = 5;
+
+// A rectangle seen from p, along its edges and in units of the first: x from x0 to x0 + 1, y from
+// y0 to y1, at height z above p, which is positive in front.
+template <class F>
+struct RectangleView {
+    using M = decltype(F() < F());
+    F x0, y0, y1, z;
+    F height, first, solid_angle, inverse_area;
+    M near;
+
+    // `to`: from p to the corner that the edges e1 and e2 leave.
+    VR_HD RectangleView(const F* shape, Vec3<F> to, Vec3<F> e1, Vec3<F> e2, Vec3<F> n) {
+        const F unit = shape[1];
+        x0 = dot(to, e1) * unit * unit;
+        y0 = dot(to, e2) * shape[2] * unit;
+        z = -dot(to, n) * unit;
+        height = shape[3];
+        y1 = y0 + height;
+        inverse_area = shape[4];
+        near = dot(to, to) < shape[0];
+        first = strip(x0);
+        solid_angle = strip(x0 + F(1.f)) - first;
+    }
+
+    VR_HD M by_angle() const { return near & (solid_angle >= F(kLeastSolidAngle)); }
+    VR_HD F share() const { return solid_angle * inverse_area; }  // of the area
+
+    // Signed solid angle of what lies between 0 and x: the difference of two angles, asin(s b1) and
+    // asin(s b0), with s = x / sqrt(x^2 + z^2) and b = y / sqrt(y^2 + z^2).
+    VR_HD F strip(F x) const {
+        const F zz = z * z, square = fma(x, x, zz);
+        const F r0 = sqrt(fma(y0, y0, square)), r1 = sqrt(fma(y1, y1, square));
+        return angle(fma(x * x, y0 * y1, zz * r0 * r1), x * z * fma(y1, r0, -(y0 * r1)));
+    }
+
+    // The point a e1 + b e2 uniform in solid angle. From strip(x) = w, by the sines of both angles:
+    // s = sin w / sqrt(b0^2 + b1^2 - 2 b0 b1 cos w), and
+    // x = z sin w / sqrt((cos w - b0 b1)^2 - (1 - b0^2) (1 - b1^2)).
+    // y is then uniform in its sine. Rounding alone puts x or y beyond an edge.
+    VR_HD void sample(F u, F v, F& a, F& b) const {
+        const F w = fma(u, solid_angle, first), zz = z * z, zero(0.f), one(1.f);
+        F s, c;
+        sincos_2pi(abs(w) * F(0.5f * kInvPi), s, c);
+        const F q = one / sqrt(fma(y0, y0, zz) * fma(y1, y1, zz));
+        const F k = c - y0 * y1 * q, g = zz * q;
+        const F far = z * s / sqrt(max((k - g) * (k + g), zero));
+        const F x = min(max(select(w < zero, -far, far), x0), x0 + one);
+        const F square = fma(x, x, zz);
+        const F h0 = y0 / sqrt(fma(y0, y0, square)), h1 = y1 / sqrt(fma(y1, y1, square));
+        const F h = fma(v, h1 - h0, h0);
+        const F y = min(max(h * sqrt(square / ((one - h) * (one + h))), y0), y1);
+        a = x - x0;
+        b = (y - y0) / height;
+    }
+};
+
+}  // namespace veriray

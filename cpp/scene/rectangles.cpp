@@ -1,0 +1,96 @@
+// Area lights as they are sampled: which are rectangles near to what they light.
+#include <algorithm>
+
+#include "scene/scene.h"
+
+namespace veriray {
+namespace {
+
+// The edges of a rectangle are at right angles to this.
+constexpr double kSquare = 0x1p-18;
+// Pairs of a light and a primitive that are looked at; beyond it every light counts as near.
+constexpr size_t kMostPairs = size_t{1} << 26;
+
+Box box_of(const Flat& f) {
+    Box box{f.v[0], f.v[0]};
+    for (uint32_t k = 1; k < f.corners; ++k) {
+        const Double3 p = f.v[k];
+        box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y), std::min(box.low.z, p.z)};
+        box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y),
+                    std::max(box.high.z, p.z)};
+    }
+    return box;
+}
+
+// Of the corner that lies farthest along n.
+double reach(const Box& box, Double3 n) {
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) sum += std::max(n[k] * box.low[k], n[k] * box.high[k]);
+    return sum;
+}
+
+double squared_gap(const Box& a, const Box& b) {
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) {
+        const double gap = std::max({b.low[k] - a.high[k], a.low[k] - b.high[k], 0.0});
+        sum += gap * gap;
+    }
+    return sum;
+}
+
+bool rectangular(const Flat& f) {
+    if (f.corners != 4 || !f.parallelogram) return false;
+    const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0];
+    return std::abs(dot(a, b)) <= kSquare * length(a) * length(b);
+}
+
+}  // namespace
+
+// Whether in front of the light something comes nearer to it than half the root of its area,
+// by boxes.
+bool HostScene::lights_closely(const SceneInput& in, const Flat& light) const {
+    const Double3 n = normalised(light.area_vector());
+    const double area = length(light.area_vector());
+    const double plane = dot(n, light.v[0]) + 0x1p-8 * std::sqrt(area);
+    const Box box = box_of(light);
+    for (uint32_t i = 0; i < sources.size(); ++i) {
+        const Box other = sources[i].group == kTriangleGroup
+                              ? box_of(light_shape(in, i))
+                              : round_box(in, sources[i].group, sources[i].row);
+        if (reach(other, n) > plane && squared_gap(box, other) < area / 4) return true;
+    }
+    return false;
+}
+
+std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
+    std::vector<uint32_t> lit;
+    for (uint32_t i = 0; i < sources.size(); ++i)
+        if (sources[i].emission >= 0) lit.push_back(i);
+    const bool many = lit.size() * sources.size() > kMostPairs;
+    std::vector<AreaLight> lights;
+    for (size_t k = 0; k < lit.size(); ++k) {
+        const uint32_t i = lit[k];
+        AreaLight light{i, i, false, sources[i].area, {}};
+        if (sources[i].group == kTriangleGroup) {
+            light.shape = light_shape(in, i);
+            Flat whole = light.shape;
+            const uint32_t next = k + 1 < lit.size() ? lit[k + 1] : i;
+            if (whole.corners == 3 && next == i + 1 && sources[next].group == kTriangleGroup &&
+                sources[i].same_surface(sources[next]) &&
+                join_coplanar(whole, light_shape(in, next), whole))
+                light.other = next;
+            light.rectangle = rectangular(whole) && (many || lights_closely(in, whole));
+            if (!light.rectangle) {
+                light.other = i;
+            } else if (light.other != i) {
+                light.shape = whole;
+                light.area += sources[next].area;
+                ++k;
+            }
+        }
+        lights.push_back(light);
+    }
+    return lights;
+}
+
+}  // namespace veriray

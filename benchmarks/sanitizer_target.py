@@ -23,7 +23,8 @@ SIZE = {"width": 16, "height": 12}
 SPP = 2
 #: Scenes of scenes/checks that hold every shape, material, light, lens and filter, and media.
 CHECKS = (
-    "smooth_normals", "mesh_light", "disk_light", "spheres_300", "sphere_light", "spot_light",
+    "smooth_normals", "mesh_light", "near_lamps", "disk_light", "spheres_300", "sphere_light",
+    "spot_light",
     "point_in_medium", "directional_light", "conductor_metal", "nested_dielectrics", "glass_mesh",
     "thindielectric", "plastic", "mask", "twosided", "chromatic_medium", "camera_in_medium",
     "medium_in_mesh", "thinlens", "mitchell",

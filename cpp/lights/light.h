@@ -205,10 +205,9 @@ struct LightSampler {
         const F cos_light = -dot(n, s.wi);
         const V zero{F(0.f), F(0.f), F(0.f)};
         s.radiance = select(cos_light > F(0.f), column3(column, kLightRadiance), zero);
-        const F whole = column(kLightInverse);
-        s.inverse_pdf = whole * (inverse * inverse) * cos_light;
+        s.inverse_pdf = column(kLightInverse) * (inverse * inverse) * cos_light;
         if constexpr (has(LightShape::kRectangle)) {
-            s.inverse_pdf = select(by_angle, whole * share, s.inverse_pdf);
+            s.inverse_pdf = select(by_angle, column(kLightInverse) * share, s.inverse_pdf);
             s.distance = select(by_angle, max(s.distance - offset / cos_light, F(0.f)), s.distance);
         }
     }

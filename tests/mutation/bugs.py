@@ -55,7 +55,8 @@ _CHECK = ("--width", "32", "--height", "32", "--spp", "1024")
 _CHECKS = (
     "chromatic_medium", "conductor_metal", "conductor_mirror", "dielectric_sphere",
     "directional_light", "disk_ellipse", "disk_light", "flip_normals", "glass_cube", "glass_mesh",
-    "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "null_medium", "plastic",
+    "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
+    "plastic",
     "plastic_nonlinear", "point_in_medium", "point_light", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
@@ -118,6 +119,7 @@ _PATH, _DIRECT = "integrators/path.h", "integrators/direct.h"
 _SURFACE, _MATERIAL = "integrators/surface.h", "materials/material.h"
 _FRESNEL, _MEDIUM, _TABLES = "materials/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
 _LIGHT, _ROUND_LIGHT = "lights/light.h", "lights/sphere_light.h"
+_RECTANGLE = "lights/rectangle_light.h"
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 
 _EVAL = "albedo * pdf"
@@ -303,6 +305,17 @@ _LIGHTS = (
     Mutant("sphere light's chance left out when hit", _PATH,
            "chance * sphere_light_pdf(record, from)", "sphere_light_pdf(record, from)",
            "spheres_300"),
+    Mutant("rectangle by area, weighted by solid angle", _LIGHT, "view.sample(u0, v0, a, b);",
+           "a = u0; b = v0;", "near_lamps"),
+    Mutant("rectangle's density by area when hit", _PATH,
+           "select(inverse > F(0.f), F(1.f) / (inverse * path.pdf_sa), ratio)", "ratio",
+           "near_lamps"),
+    Mutant("rectangle's solid angle 2 % too large", _RECTANGLE, "strip(x0 + F(1.f)) - first",
+           "F(1.02f) * (strip(x0 + F(1.f)) - first)", "near_lamps"),
+    Mutant("rectangle uniform along its second edge", _RECTANGLE,
+           "h * sqrt(square / ((one - h) * (one + h)))", "fma(v, height, y0)", "near_lamps"),
+    Mutant("rectangle with the area of its half", "scene/rectangles.cpp",
+           "light.area += sources[next].area;", "(void)next;", "near_lamps"),
     Mutant("spot without falloff", _LIGHT,
            "select(c <= column(kSpotCosCutoff), F(0.f), edge)",
            "select(c <= column(kSpotCosCutoff), F(0.f), F(1.f))", "spot_light"),

@@ -51,7 +51,8 @@ SCHEDULERS = METHODS
 #: Scenes of the quick run against the reference.
 QUICK = {
     "chromatic_medium", "conductor_mirror", "disk_light", "glass_cube", "hg_forward", "mask",
-    "medium_in_glass", "mesh_light", "nested_dielectrics", "null_medium", "plastic", "spheres_300",
+    "medium_in_glass", "mesh_light", "near_lamps", "nested_dielectrics", "null_medium", "plastic",
+    "spheres_300",
     "smooth_normals", "spot_light", "thindielectric", "touching_media",
 }  # fmt: skip
 ENDS = (*st.ENDS, "invalid")

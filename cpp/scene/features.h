@@ -49,13 +49,15 @@ inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // that are s
 inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
                                          kTriangleLights | kRectangleLights | kEnvironment | kClip |
                                          kDiffuse;
+inline constexpr uint32_t kDiffuseMesh =
+    kBvh | kSmooth | kAreaLights | kManyLights | kTriangleLights | kEnvironment | kClip | kDiffuse;
 
 // Compiled variants, smallest first; the last holds everything.
 inline constexpr uint32_t kVariants[] = {
     kQuads | kAreaLights | kDiffuse,
     kDiffuseFlat,
-    kBvh | kSmooth | kAreaLights | kManyLights | kTriangleLights | kRectangleLights | kEnvironment |
-        kClip | kDiffuse,
+    kDiffuseMesh,
+    kDiffuseMesh | kRectangleLights,
     kSpheres | kEnvironment | kDielectric | kMedia,
     kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
     kAllFeatures & ~(kMedia | kChromatic),

@@ -35,6 +35,7 @@ FEATURES = {
     "pass": "straight through: null, mask, thin dielectric",
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
+    "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
 }
 
 

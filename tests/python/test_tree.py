@@ -301,7 +301,7 @@ def test_auto_takes_the_other_tree_where_memory_is_short(
         return real(**arguments)
 
     monkeypatch.setattr(module, "Scene", short)
-    monkeypatch.setattr(sys.modules["veriray.render"], "choose_builder", lambda *_: "ploc")
+    monkeypatch.setattr(sys.modules["veriray.native_scene"], "choose_builder", lambda *_: "ploc")
     scene = scene_of("three")
     for _ in range(2):
         assert prepare(scene, cpu)["tree"]["builder"] == "sah"
@@ -354,6 +354,7 @@ def test_a_build_without_memory_leaves_the_process_whole(cpu: str) -> None:
 
 
 @pytest.mark.gpu
+@pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="fills the GPU: run it without -n")
 def test_a_build_without_memory_of_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     """A film fills the device so far that `sah` fits and `ploc` does not."""
     count = 1_000_000

@@ -14,8 +14,9 @@ from reference.vectors import cross, dot
 
 #: Rectangles are sampled by area where their solid angle is below this, in sr.
 LEAST = 1 / 16
-_SQUARE = 2.0**-18  # cosine of the edges at most
-_MOST_PAIRS = 1 << 26  # of a light and a primitive; beyond it every light counts as near
+_SQUARE = 2.0**-15  # cosine of the edges at most; gap of the fourth corner, in edges
+_NEAR = 0.24  # squared gap over the area
+_MOST_PAIRS = 1 << 22  # of a light and a primitive; beyond it every light counts as near
 
 
 class Rectangles:
@@ -119,8 +120,9 @@ def _joined(first: np.ndarray, second: np.ndarray) -> list[np.ndarray] | None:
             other = second[(j + 2) % 3]
             e1, e2 = other - start, apex - start
             size = np.linalg.norm(e1) * np.linalg.norm(e2)
-            gap = np.abs(start + e1 + e2 - end).max()
-            if gap <= 1e-6 * np.sqrt(size) and abs(e1 @ e2) <= _SQUARE * size:
+            gap = np.linalg.norm(start + e1 + e2 - end)
+            least = min(np.linalg.norm(e1), np.linalg.norm(e2))
+            if gap <= _SQUARE * least and abs(e1 @ e2) <= _SQUARE * size:
                 return [start, other, apex]
     return None
 
@@ -135,4 +137,4 @@ def _near(corners: list[np.ndarray], low: np.ndarray, high: np.ndarray) -> bool:
     reach = np.maximum(normal[:, None] * low, normal[:, None] * high).sum(axis=0)
     gap = np.maximum(np.maximum(low - box.max(axis=0)[:, None], box.min(axis=0)[:, None] - high), 0)
     front = reach > normal @ start + np.sqrt(area) / 256
-    return bool((front & ((gap**2).sum(axis=0) < area / 4)).any())
+    return bool((front & ((gap**2).sum(axis=0) < _NEAR * area)).any())

@@ -54,7 +54,9 @@ struct RectangleView {
     // The point a e1 + b e2 uniform in solid angle. From strip(x) = w, by the sines of both angles:
     // s = sin w / sqrt(b0^2 + b1^2 - 2 b0 b1 cos w), and
     // x = z sin w / sqrt((cos w - b0 b1)^2 - (1 - b0^2) (1 - b1^2)).
-    // y is then uniform in its sine. Rounding alone puts x or y beyond an edge.
+    // y is then uniform in its sine. Rounding puts x or y beyond an edge; close above the plane,
+    // and beside the rectangle, by as much as its length, of 1e-4 of the points at a height of
+    // 1e-4.
     VR_HD void sample(F u, F v, F& a, F& b) const {
         const F w = fma(u, solid_angle, first), zz = z * z, zero(0.f), one(1.f);
         F s, c;

@@ -66,7 +66,6 @@ void HostScene::set_lights(const SceneInput& in) {
     l.stride = padded(l.count);
     light_table.assign(static_cast<size_t>(kLightColumns) * l.stride, 0.f);
     light_chance.assign(padded(sources.size()), 0.f);
-    light_row.assign(padded(sources.size()), 0.f);
     if (l.count >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 lights");
 
     const bool sky = sum3(in.environment) > 0;
@@ -116,8 +115,12 @@ void HostScene::set_lights(const SceneInput& in) {
     l.table = light_table.data();
     l.cdf = light_cdf.data();
     view.light_chance = light_chance.data();
-    if (!(view.features & kRectangleLights)) light_row = {};
-    view.light_row = light_row.empty() ? nullptr : light_row.data();
+    if (view.features & kRectangleLights) {
+        light_row.assign(padded(sources.size()), 0.f);
+        for (size_t k = 0; k < lit.size(); ++k)
+            light_row[lit[k].primitive] = light_row[lit[k].other] = static_cast<float>(k);
+        view.light_row = light_row.data();
+    }
     if (delta.empty()) set_first_occluder();
     view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
 
@@ -162,7 +165,6 @@ void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight
     at(kLightInverse) = static_cast<float>(area / chance);
     for (const uint32_t p : {light.primitive, light.other}) {
         light_chance[p] = static_cast<float>(chance / area);
-        light_row[p] = static_cast<float>(row);
     }
     for (uint32_t k = 0; k < 3; ++k)
         at(kLightRadiance + k) = in.emissions.data[3 * source.emission + k];
@@ -180,7 +182,7 @@ void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight
         e1 = row3(in.disks, 3 * source.row + 1) * (1 / unit);
         e2 = row3(in.disks, 3 * source.row + 2) * (1 / unit);
     } else {
-        const Flat& f = light.shape;
+        const Flat f = shape_of(in, light);
         p = f.v[0], e1 = f.v[1] - f.v[0], e2 = f.v[f.corners - 1] - f.v[0];
         if (f.corners == 3)
             shape(LightShape::kTriangle, kAreaLights | kTriangleLights);

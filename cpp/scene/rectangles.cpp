@@ -6,10 +6,13 @@
 namespace veriray {
 namespace {
 
-// The edges of a rectangle are at right angles to this.
-constexpr double kSquare = 0x1p-18;
+// What the angles and, in edges, the corners of a rectangle may be off by: the rounding of
+// vertices.
+constexpr double kSquare = 0x1p-15;
+// Near: the squared gap is less than this of the area.
+constexpr double kNear = 0.24;
 // Pairs of a light and a primitive that are looked at; beyond it every light counts as near.
-constexpr size_t kMostPairs = size_t{1} << 26;
+constexpr size_t kMostPairs = size_t{1} << 22;
 
 Box box_of(const Flat& f) {
     Box box{f.v[0], f.v[0]};
@@ -39,15 +42,16 @@ double squared_gap(const Box& a, const Box& b) {
 }
 
 bool rectangular(const Flat& f) {
-    if (f.corners != 4 || !f.parallelogram) return false;
-    const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0];
-    return std::abs(dot(a, b)) <= kSquare * length(a) * length(b);
+    if (f.corners != 4) return false;
+    const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0], gap = f.v[0] + a + b - f.v[2];
+    return std::abs(dot(a, b)) <= kSquare * length(a) * length(b) &&
+           length(gap) <= kSquare * std::min(length(a), length(b));
 }
 
 }  // namespace
 
-// Whether in front of the light something comes nearer to it than half the root of its area,
-// by boxes.
+// Whether in front of the light something comes nearer to it than half the root of its area, by
+// boxes; what lies in its plane, to 2^-8 of that root, does not count.
 bool HostScene::lights_closely(const SceneInput& in, const Flat& light) const {
     const Double3 n = normalised(light.area_vector());
     const double area = length(light.area_vector());
@@ -57,9 +61,15 @@ bool HostScene::lights_closely(const SceneInput& in, const Flat& light) const {
         const Box other = sources[i].group == kTriangleGroup
                               ? box_of(light_shape(in, i))
                               : round_box(in, sources[i].group, sources[i].row);
-        if (reach(other, n) > plane && squared_gap(box, other) < area / 4) return true;
+        if (reach(other, n) > plane && squared_gap(box, other) < kNear * area) return true;
     }
     return false;
+}
+
+Flat HostScene::shape_of(const SceneInput& in, const AreaLight& light) const {
+    Flat shape = light_shape(in, light.primitive);
+    if (light.other != light.primitive) join_coplanar(shape, light_shape(in, light.other), shape);
+    return shape;
 }
 
 std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
@@ -69,21 +79,17 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
     const bool many = lit.size() * sources.size() > kMostPairs;
     std::vector<AreaLight> lights;
     for (size_t k = 0; k < lit.size(); ++k) {
-        const uint32_t i = lit[k];
-        AreaLight light{i, i, false, sources[i].area, {}};
+        const uint32_t i = lit[k], next = k + 1 < lit.size() ? lit[k + 1] : i;
+        AreaLight light{i, i, false, sources[i].area};
         if (sources[i].group == kTriangleGroup) {
-            light.shape = light_shape(in, i);
-            Flat whole = light.shape;
-            const uint32_t next = k + 1 < lit.size() ? lit[k + 1] : i;
-            if (whole.corners == 3 && next == i + 1 && sources[next].group == kTriangleGroup &&
-                sources[i].same_surface(sources[next]) &&
-                join_coplanar(whole, light_shape(in, next), whole))
-                light.other = next;
+            Flat whole = light_shape(in, i);
+            const bool pair = whole.corners == 3 && next == i + 1 &&
+                              sources[next].group == kTriangleGroup &&
+                              sources[i].same_surface(sources[next]) &&
+                              join_coplanar(whole, light_shape(in, next), whole);
             light.rectangle = rectangular(whole) && (many || lights_closely(in, whole));
-            if (!light.rectangle) {
-                light.other = i;
-            } else if (light.other != i) {
-                light.shape = whole;
+            if (light.rectangle && pair) {
+                light.other = next;
                 light.area += sources[next].area;
                 ++k;
             }

@@ -116,7 +116,6 @@ struct AreaLight {
     uint32_t primitive, other;
     bool rectangle;
     double area;
-    Flat shape;  // of flat ones
 };
 
 struct Box {
@@ -177,6 +176,7 @@ class HostScene {
     }
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
+    Flat shape_of(const SceneInput& in, const AreaLight& light) const;
     void put_area_light(const SceneInput& in, size_t row, const AreaLight& light, double chance);
     void set_first_occluder();
     void put_delta_light(const SceneInput& in, size_t light, size_t row, double chance);

@@ -39,7 +39,10 @@ else:
             if name in names:
                 value = globals()[name] = getattr(import_module(f".{module}", __name__), name)
                 return value
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        try:
+            return import_module(f".{name}", __name__)
+        except ModuleNotFoundError as error:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from error
 
 
 __all__ = [

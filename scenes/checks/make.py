@@ -276,7 +276,7 @@ def mesh_light() -> str:
 
 @scene
 def near_lamps() -> str:
-    """Rectangles that shine, one standing on the floor and one close over a box."""
+    """Rectangles that shine, one behind a null sheet on the floor and one close over a box."""
     return (
         sensor() + floor(0.5, 0.6, 0.5)
         + shape("ply", text("filename", "meshes/bumps.ply"), flag("face_normals"),
@@ -284,6 +284,9 @@ def near_lamps() -> str:
         + shape("rectangle",
                 transform(scale(0.7, 0.4, 1), rotate("y", 40), translate(-1.1, 0.4, 0.2)),
                 diffuse(0.1), area(5, 4, 3))
+        + shape("rectangle",
+                transform(scale(0.7, 0.4, 1), translate(0, 0, 0.2), rotate("y", 40),
+                          translate(-1.1, 0.4, 0.2)), bsdf("null"))
         + shape("rectangle",
                 transform(scale(0.5, 0.3, 1), rotate("x", 90), translate(1, 0.95, 0.3)),
                 diffuse(0.1), area(4, 5, 6))

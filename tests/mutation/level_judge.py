@@ -69,7 +69,8 @@ def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, An
 
 
 if __name__ == "__main__":
-    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[4]), resource.RLIM_INFINITY))
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[4]), hard))
     answer = main(int(sys.argv[1]), sys.argv[2] == "full", float(sys.argv[3]),
                   Path(sys.argv[5]) if sys.argv[5:] else None)  # fmt: skip
     print("\n" + json.dumps(answer))

@@ -6,6 +6,7 @@ import itertools
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import veriray
@@ -15,6 +16,7 @@ from veriray.device import select
 from veriray.info import FEATURES
 from veriray.rendering import METHODS, prepare
 from veriray.shipped import SHIPPED, find_shipped
+from veriray.validate.scenes import Part, camera, make, quad
 
 #: Bytes that a path stores for a feature, above those of every path.
 NEEDS = {"dielectric": 4, "pass": 8, "media": 4}
@@ -88,3 +90,33 @@ def test_what_ran_is_reported(cornell: veriray.Scene, device: str) -> None:
         assert set(stats["kernel"]) == {"registers", "local_bytes", "resident_threads"}
         assert 16 <= stats["kernel"]["registers"] <= 255 and stats["kernel"]["local_bytes"] >= 0
         assert stats["kernel"]["resident_threads"] % 128 == 0 < stats["kernel"]["resident_threads"]
+
+
+#: Corners of a lamp of two triangles, in its edges; height; whether it is a rectangle near to the
+#: floor.
+LAMPS = {
+    "rectangle": ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], 0.3, True),
+    "far": ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], 0.6, False),
+    "kite": ([(0, 0, 0), (1, 0, 0), (0.9, 0.9, 0), (0, 1, 0)], 0.3, False),
+    "lifted corner": ([(0, 0, 0), (1, 0, 0), (1, 1, 0.2), (0, 1, 0)], 0.3, False),
+    "sheared": ([(0, 0, 0), (1, 0, 0), (1.2, 1, 0), (0.2, 1, 0)], 0.3, False),
+}
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-4])
+@pytest.mark.parametrize("tree", [False, True])
+@pytest.mark.parametrize("name", LAMPS)
+def test_rectangles_near_to_something_are_found(
+    name: str, tree: bool, size: float, cpu: str
+) -> None:
+    corners, height, near = LAMPS[name]
+    if not tree and size < 1:
+        pytest.skip("so small a lamp makes a tree")
+    lamp = size * np.array(corners, float)
+    faces = [[0, 2, 1], [0, 3, 2]]  # shines down
+    parts = [Part(lamp, faces, 0.1, 1.0), quad([-9, -9, -height * size], [18, 0, 0], [0, 18, 0])]
+    if tree:  # far away and too small for a scene without
+        parts.append(quad([100, 0, -1], [1e-4, 0, 0], [0, 1e-4, 0]))
+    scene = make(parts, camera([0, 0, -0.1 * size], [0, 0, 1], 40), 0, 8, 8)
+    features = prepare(scene, cpu)["features"]
+    assert ("bvh" in features) is tree and ("rectangle_lights" in features) is near

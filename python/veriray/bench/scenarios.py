@@ -184,6 +184,8 @@ SCENARIOS: tuple[Scenario, ...] = (
              "cornell spheres", "variants", _SIZE, _SPP, peers=False),
     Scenario("variants-glass-mesh", "the same, 81,920 triangles of glass", "glass icosphere 6",
              "variants", _SIZE, _ONE, max_depth=32, peers=False),
+    Scenario("variants-lamp", "the same, 81,920 triangles under a near lamp", "lamp icosphere 6",
+             "variants", _SIZE, _ONE, peers=False),
     Scenario("roulette-cornell", "where roulette starts, Mitsuba's Cornell box", _BOX, "roulette",
              _both(256, 512), _SPP, max_depth=64, rounds=9, vary=_STARTS, reference_spp=8192,
              peers=False),
@@ -297,6 +299,15 @@ _LAMP = """<shape type="rectangle">
         </transform>
         <emitter type="area"><rgb name="radiance" value="{:d}"/></emitter>
     </shape>"""
+_NEAR_LAMP = """<shape type="rectangle">
+        <transform name="to_world">
+            <scale x="0.6" y="0.4"/>
+            <rotate x="1" angle="90"/>
+            <translate y="1.25"/>
+        </transform>
+        <emitter type="area"><rgb name="radiance" value="9, 8, 7"/></emitter>
+    </shape>
+    """
 _SAMPLER = 'sampler type="independent"'
 #: Scene "lights": classes of lamps, lamps in each, and the ratio of power from class to class.
 LAMP_CLASSES, LAMPS, LAMP_RATIO = 8, 128, 4
@@ -305,7 +316,8 @@ LAMP_CLASSES, LAMPS, LAMP_RATIO = 8, 128, 4
 def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     """The scene's file, made in `folder` where it is not shipped, its mesh beside it.
 
-    Made are "icosphere N" (displaced, 20 * 4^N triangles) and "glass icosphere N", "glass sphere"
+    Made are "icosphere N" (displaced, 20 * 4^N triangles), "glass icosphere N" and "lamp icosphere
+    N" (in the dark, under a rectangle that shines, a quarter of its width away), "glass sphere"
     and "glass medium" (with one inside) under a constant sky; "cornell spheres", Mitsuba's box with
     two of them for its boxes; "lights", small lamps over a floor, and "lights C", those of class C
     alone. Parameters of the file: width, height, max_depth and rr_depth. sampler: Mitsuba's name;
@@ -345,7 +357,8 @@ def _made(name: str, folder: Path) -> str:
 
         write_ply(folder / f"{stem}.ply", *displaced_icosphere(level))
     shape = _PLY.format(name=stem, bsdf=_GLASS if name.startswith("glass") else _WHITE)
-    return _SCENE.format(sky=_SKY, shape=shape, integrator="path")
+    sky = _NEAR_LAMP if name.startswith("lamp") else _SKY
+    return _SCENE.format(sky=sky, shape=shape, integrator="path")
 
 
 def _lamps(chosen: str) -> str:

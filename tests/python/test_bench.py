@@ -40,6 +40,7 @@ def test_scenarios_are_well_formed() -> None:
             "icosphere",
             "glass",
             "cornell",
+            "lamp",
             "lights",
         )
         assert bool(s.vary) == (s.kind in ("scaling", "adaptive", "roulette"))

@@ -441,6 +441,20 @@ def lamp_that_stands_on_the_floor(t: Trial, away: float) -> None:
     t.agrees(make([floor, lamp], eye), exact, 400_000, 0.02, margin=1e-3 if away < 1e-3 else 1e-4)
 
 
+@case(8, each={"away": [0.3, 8.0]})
+def lamp_of_two_triangles(t: Trial, away: float) -> None:
+    """The same lamp in a scene with a tree, where it is two triangles, nearby and far away [N22].
+
+    rho F; from far away the rectangle is sampled by area. Sees 1 %.
+    """
+    floor = quad([-20, -20, 0], [40, 0, 0], [0, 40, 0], 0.5)
+    lamp = quad([away, -1, 0], [0, 0, 1], [0, 2, 0], 0, 1)
+    speck = quad([-19, 0, 9], [1e-4, 0, 0], [0, 1e-4, 0])  # too small for a scene without a tree
+    exact = 0.5 * 2 * perpendicular_rectangle(1.0, 1.0, away)
+    eye = camera([-0.5 * away, 1e-3 * away, 0.3 * away], [0, 0, 0], 1e-3)
+    t.agrees(make([floor, lamp, speck], eye), exact, 400_000, 0.01)
+
+
 @case(8, each={"kind": ["quad", "triangle", "disk", "sphere"], "size": [1e-6, 1e-4]})
 def tiny_lamps(t: Trial, kind: str, size: float) -> None:
     """Lamps 1e-6 and 1e-4 wide at distance 1, their radiance such that all give the same light.

@@ -2,8 +2,8 @@
 
 Layout of an EXR file, version 1 (any program that writes it can be compared by `veriray.compare`)
 --------------------------------------------------------------------------------------------------
-One part, scan lines, lossless compression (RLE: of a render's noise ZIP saves 3 % more and takes
-four times as long), dataWindow = displayWindow = (0, 0)-(W-1, H-1), row 0 = top.
+One part, scan lines, not compressed (of a render's noise RLE saves 5 % and ZIP 8 %, in 1.6 and 4.5
+times the time), dataWindow = displayWindow = (0, 0)-(W-1, H-1), row 0 = top.
 All lengths below: H rows, W columns. "required" is all that `load` insists on.
 
 Channels, FLOAT (32 bits) unless said otherwise, linear scene-referred radiance:
@@ -227,7 +227,7 @@ def _save_exr(
     stats.update(film_sha256=render.film_sha256, spp=render.spp, seed=render.seed)
     own = {*_TEXT_KEYS, *_INT_KEYS, "seconds", "features", "ledger"}
     header: dict[str, Any] = {
-        "compression": OpenEXR.RLE_COMPRESSION,
+        "compression": OpenEXR.NO_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "veriray.format": "1",
         "veriray.renderer": str(stats.get("renderer") or "veriray"),

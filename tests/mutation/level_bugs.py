@@ -442,6 +442,7 @@ EXPLAINED: dict[str, str] = {
                 "closed_materials.passes_do_not_count_as_bounces",
             "Mitchell's sign changes between the table's edges":
                 "closed_cameras.negative_lobes_weigh_what_they_should",
+            "rectangle with the area of its half": "stress_light.lamp_of_two_triangles",
         }.items()
     },
 }  # fmt: skip

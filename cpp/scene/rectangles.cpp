@@ -67,9 +67,11 @@ bool HostScene::lights_closely(const SceneInput& in, const Flat& light) const {
 }
 
 Flat HostScene::shape_of(const SceneInput& in, const AreaLight& light) const {
-    Flat shape = light_shape(in, light.primitive);
-    if (light.other != light.primitive) join_coplanar(shape, light_shape(in, light.other), shape);
-    return shape;
+    const Flat own = light_shape(in, light.primitive);
+    if (light.other == light.primitive) return own;
+    Flat joined{};
+    join_coplanar(own, light_shape(in, light.other), joined);
+    return joined;
 }
 
 std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
@@ -82,11 +84,13 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
         const uint32_t i = lit[k], next = k + 1 < lit.size() ? lit[k + 1] : i;
         AreaLight light{i, i, false, sources[i].area};
         if (sources[i].group == kTriangleGroup) {
-            Flat whole = light_shape(in, i);
-            const bool pair = whole.corners == 3 && next == i + 1 &&
+            const Flat own = light_shape(in, i);
+            Flat joined{};
+            const bool pair = own.corners == 3 && next == i + 1 &&
                               sources[next].group == kTriangleGroup &&
                               sources[i].same_surface(sources[next]) &&
-                              join_coplanar(whole, light_shape(in, next), whole);
+                              join_coplanar(own, light_shape(in, next), joined);
+            const Flat& whole = pair ? joined : own;
             light.rectangle = rectangular(whole) && (many || lights_closely(in, whole));
             if (light.rectangle && pair) {
                 light.other = next;

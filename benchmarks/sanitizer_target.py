@@ -24,10 +24,9 @@ SPP = 2
 #: Scenes of scenes/checks that hold every shape, material, light, lens and filter, and media.
 CHECKS = (
     "smooth_normals", "mesh_light", "near_lamps", "disk_light", "spheres_300", "sphere_light",
-    "spot_light",
-    "point_in_medium", "directional_light", "conductor_metal", "nested_dielectrics", "glass_mesh",
-    "thindielectric", "plastic", "mask", "twosided", "chromatic_medium", "camera_in_medium",
-    "medium_in_mesh", "thinlens", "mitchell",
+    "spot_light", "point_in_medium", "directional_light", "conductor_metal", "nested_dielectrics",
+    "glass_mesh", "thindielectric", "plastic", "mask", "twosided", "chromatic_medium",
+    "camera_in_medium", "medium_in_mesh", "thinlens", "mitchell",
 )  # fmt: skip
 ALL_FEATURES = ("cornell-box", "chromatic_medium", "medium_in_mesh")
 MAIN = METHODS

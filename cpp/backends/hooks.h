@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "film/lane_sums.h"
 #include "lights/light.h"
 #include "materials/material.h"
 #include "media/medium.h"
@@ -51,6 +52,7 @@ enum class Function : uint32_t {
                         //   -> wi, pdf, distance, radiance for 1, delta
     kFreeFlight,        // sigma, limit, upper and lower 16 bits -> t, collides
     kFreeFlightColour,  // sigma, albedo, throughput: 3 each; limit, u24, bits -> t, weight
+    kFilmSums,  // x, y -> the film's sum and square of x and 63 times y, 16 bits a column from 2^0
 };
 
 inline constexpr FunctionInfo kFunctions[] = {
@@ -83,6 +85,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"light", 20, 7},
     {"free_flight", 4, 2},
     {"free_flight_colour", 13, 4},
+    {"film_sums", 2, 16},
 };
 
 // The index in kFunctions, with which `evaluate` is called.
@@ -232,10 +235,10 @@ VR_HD void evaluate_light(const typename L::F* x, typename L::F* y) {
     const F one(1.f), none(0.f);
     const Vec3<F> e1{x[4], x[5], x[6]}, e2{x[7], x[8], x[9]};
     const F a = sqrt(dot(e1, e1)), b = sqrt(dot(e2, e2));
-    const F rectangle[kRectangleFloats] = {F(kInfinity), one / a, one / b, b / a, one / (a * b)};
+    const F rectangle[kRectangleFloats] = {one / a, one / b, b / a, one / (a * b)};
     const auto column = [&](uint32_t c) {
         if (c == kLightShape) return x[0];
-        if (c >= kRectangleReach && c < kRectangleOther) return rectangle[c - kRectangleReach];
+        if (c >= kRectangleUnit && c < kRectangleOther) return rectangle[c - kRectangleUnit];
         if (c < kLightOffset) return x[1 + c - kLightP];
         if (c == kLightOffset) return x[13];
         return c == kLightInverse ? one / x[14] : one;
@@ -274,6 +277,26 @@ VR_HD void evaluate_optics(Function which, const typename L::F* x, typename L::F
     }
 }
 
+template <class L>
+VR_HD void evaluate_film(const typename L::F* x, typename L::F* y) {
+    PixelSum sums[L::kWidth] = {};
+    if constexpr (L::kWidth == 1) {
+        for (uint32_t s = 0; s < kLaneSamples; ++s) add_sample(sums[0], 0, x[s ? 1 : 0]);
+    } else {
+        LaneSums<L> lanes;
+        for (uint32_t s = 0; s < kLaneSamples; ++s) lanes.add(x[s ? 1 : 0]);
+        lanes.flush(sums, 0, L::kWidth);
+    }
+    for (uint32_t i = 0; i < 16; ++i) {
+        float column[L::kWidth];
+        for (uint32_t k = 0; k < L::kWidth; ++k) {
+            const Fixed128 a = i < 8 ? sums[k].sum[0] : sums[k].square[0];
+            column[k] = static_cast<float>(((i & 4u ? a.hi : a.lo) >> 16 * (i & 3u)) & 0xffffu);
+        }
+        y[i] = load(column, typename L::F());
+    }
+}
+
 // x: kFunctions[which].inputs lanes; y: outputs.
 template <class L>
 VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
@@ -289,6 +312,8 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         evaluate_bsdf<L>(f, x, y);
     } else if (f == Function::kLight) {
         evaluate_light<L>(x, y);
+    } else if (f == Function::kFilmSums) {
+        evaluate_film<L>(x, y);
     } else if (f > Function::kSphereLight) {
         evaluate_optics<L>(f, x, y);
     } else {

@@ -1,5 +1,6 @@
 // Lane types. Stage code is written once on a lane policy L with
 //   L::F  float lanes     L::U  uint32 lanes     L::M  mask lanes     L::kWidth
+//   L::D  double lanes, of which sums, products and floor are to be had
 //   L::Uniform  a number that is equal in all lanes, in tables that loops run over
 // Scalar (CUDA threads, CPU tests) and the widest vector the translation unit is compiled for.
 // Lanes load and store; compress_store(p, a, m) writes the lanes of m side by side from p on (up
@@ -14,6 +15,7 @@ namespace veriray {
 
 struct Scalar {
     using F = float;
+    using D = double;
     using U = uint32_t;
     using M = bool;
     using Uniform = float;
@@ -45,12 +47,15 @@ VR_HD float to_float(uint32_t u) { return static_cast<float>(static_cast<int32_t
 VR_HD uint32_t to_uint(float a) { return static_cast<uint32_t>(static_cast<int32_t>(a)); }
 VR_HD uint32_t as_uint(float a) { return bit_cast<uint32_t>(a); }
 VR_HD float as_float(uint32_t a) { return bit_cast<float>(a); }
+VR_HD double to_double(float a) { return static_cast<double>(a); }
+VR_HD double floor(double a) { return __builtin_floor(a); }
 VR_HD float gather(const float* p, uint32_t i) { return p[i]; }
 VR_HD uint32_t gather(const uint32_t* p, uint32_t i) { return p[i]; }
 VR_HD float load(const float* p, float) { return *p; }
 VR_HD uint32_t load(const uint32_t* p, uint32_t) { return *p; }
 VR_HD void store(float* p, float a) { *p = a; }
 VR_HD void store(uint32_t* p, uint32_t a) { *p = a; }
+VR_HD void store(double* p, double a) { *p = a; }
 VR_HD bool mask_of(uint32_t m, bool) { return m & 1u; }
 // gather from a column padded to at least 32 entries; n entries are in use.
 VR_HD float lookup(const float* column, uint32_t i, uint32_t) { return column[i]; }

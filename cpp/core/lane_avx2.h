@@ -21,8 +21,15 @@ struct F8 {
     VR_HD F8(float a) : v(_mm256_set1_ps(a)) {}
 };
 
+struct D8 {
+    __m256d low, high;
+    D8(__m256d a, __m256d b) : low(a), high(b) {}
+    VR_HD D8(double a) : low(_mm256_set1_pd(a)), high(low) {}
+};
+
 struct Simd {
     using F = F8;
+    using D = D8;
     using U = U8;
     using M = M8;
     using Uniform = F8;  // an operand in memory; a float would be an instruction of its own
@@ -133,6 +140,25 @@ VR_HD void compress_store(float* p, F8 a, M8 m) {
 VR_HD void compress_store(uint32_t* p, U8 a, M8 m) {
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(p),
                         _mm256_permutevar8x32_epi32(a.v, compress_order(bits(m))));
+}
+
+VR_HD D8 to_double(F8 a) {
+    return {_mm256_cvtps_pd(_mm256_castps256_ps128(a.v)),
+            _mm256_cvtps_pd(_mm256_extractf128_ps(a.v, 1))};
+}
+VR_HD D8 operator+(D8 a, D8 b) {
+    return {_mm256_add_pd(a.low, b.low), _mm256_add_pd(a.high, b.high)};
+}
+VR_HD D8 operator-(D8 a, D8 b) {
+    return {_mm256_sub_pd(a.low, b.low), _mm256_sub_pd(a.high, b.high)};
+}
+VR_HD D8 operator*(D8 a, D8 b) {
+    return {_mm256_mul_pd(a.low, b.low), _mm256_mul_pd(a.high, b.high)};
+}
+VR_HD D8 floor(D8 a) { return {_mm256_floor_pd(a.low), _mm256_floor_pd(a.high)}; }
+VR_HD void store(double* p, D8 a) {
+    _mm256_storeu_pd(p, a.low);
+    _mm256_storeu_pd(p + 4, a.high);
 }
 
 }  // namespace veriray

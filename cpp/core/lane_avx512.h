@@ -26,8 +26,15 @@ struct F16 {
     VR_HD F16(float a) : v(_mm512_set1_ps(a)) {}
 };
 
+struct D16 {
+    __m512d low, high;
+    D16(__m512d a, __m512d b) : low(a), high(b) {}
+    VR_HD D16(double a) : low(_mm512_set1_pd(a)), high(low) {}
+};
+
 struct Simd {
     using F = F16;
+    using D = D16;
     using U = U16;
     using M = M16;
     using Uniform = float;
@@ -110,6 +117,27 @@ VR_HD void compress_store(float* p, F16 a, M16 m) {
 }
 VR_HD void compress_store(uint32_t* p, U16 a, M16 m) {
     _mm512_storeu_si512(p, _mm512_maskz_compress_epi32(m.m, a.v));
+}
+VR_HD D16 to_double(F16 a) {
+    return {_mm512_cvtps_pd(_mm512_castps512_ps256(a.v)),
+            _mm512_cvtps_pd(_mm512_extractf32x8_ps(a.v, 1))};
+}
+VR_HD D16 operator+(D16 a, D16 b) {
+    return {_mm512_add_pd(a.low, b.low), _mm512_add_pd(a.high, b.high)};
+}
+VR_HD D16 operator-(D16 a, D16 b) {
+    return {_mm512_sub_pd(a.low, b.low), _mm512_sub_pd(a.high, b.high)};
+}
+VR_HD D16 operator*(D16 a, D16 b) {
+    return {_mm512_mul_pd(a.low, b.low), _mm512_mul_pd(a.high, b.high)};
+}
+VR_HD D16 floor(D16 a) {
+    constexpr int down = _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC;
+    return {_mm512_roundscale_pd(a.low, down), _mm512_roundscale_pd(a.high, down)};
+}
+VR_HD void store(double* p, D16 a) {
+    _mm512_storeu_pd(p, a.low);
+    _mm512_storeu_pd(p + 8, a.high);
 }
 
 // ---- eight lanes ----

@@ -38,9 +38,9 @@ enum LightColumn : uint32_t {
     kLightShape,
     kLightInverse,   // 1 / the chance of being chosen; times the area for flat lights
     kLightRadiance,  // radiance, intensity, or irradiance across the beam: 3 columns
-    kLightPrimitive = kLightRadiance + 3,                  // bits
-    kRectangleReach,                                       // rectangles: RectangleView's, 5 columns
-    kRectangleOther = kRectangleReach + kRectangleFloats,  // bits: the primitive with u >= v
+    kLightPrimitive = kLightRadiance + 3,                 // bits
+    kRectangleUnit,                                       // rectangles: RectangleView's, 4 columns
+    kRectangleOther = kRectangleUnit + kRectangleFloats,  // bits: the primitive with u >= v
     kLightColumns,
     // A sphere has its record (geometry/sphere.h) from kLightP on and its side (1: outside, -1) in
     // kLightN. A spot has these:
@@ -138,7 +138,7 @@ struct LightSampler {
     template <class Column>
     static VR_HD RectangleView<F> rectangle(Column column, V p) {
         F shape[kRectangleFloats];
-        for (uint32_t k = 0; k < kRectangleFloats; ++k) shape[k] = column(kRectangleReach + k);
+        for (uint32_t k = 0; k < kRectangleFloats; ++k) shape[k] = column(kRectangleUnit + k);
         return {shape, column3(column, kLightP) - p, column3(column, kLightE1),
                 column3(column, kLightE2), column3(column, kLightN)};
     }

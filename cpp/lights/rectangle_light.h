@@ -10,12 +10,9 @@ namespace veriray {
 // The least solid angle to sample by. Below it points on the area do as well, and the rounding of
 // the solid angle, 4e-7 at most, would show.
 inline constexpr float kLeastSolidAngle = 0x1p-4f;
-// |to|^2 that the solid angle is too small from: the diagonal's times this. It is at most A / d^2,
-// A at most half the diagonal's square, d at least |to| less the diagonal.
-inline constexpr double kReach = 15;
 
-// What the host gives: kReach |diagonal|^2, 1 / |e1|, 1 / |e2|, |e2| / |e1|, 1 / area.
-inline constexpr uint32_t kRectangleFloats = 5;
+// What the host gives: 1 / |e1|, 1 / |e2|, |e2| / |e1|, 1 / area.
+inline constexpr uint32_t kRectangleFloats = 4;
 
 // A rectangle seen from p, along its edges and in units of the first: x from x0 to x0 + 1, y from
 // y0 to y1, at height z above p, which is positive in front.
@@ -24,23 +21,22 @@ struct RectangleView {
     using M = decltype(F() < F());
     F x0, y0, y1, z;
     F height, first, solid_angle, inverse_area;
-    M near;
 
     // `to`: from p to the corner that the edges e1 and e2 leave.
     VR_HD RectangleView(const F* shape, Vec3<F> to, Vec3<F> e1, Vec3<F> e2, Vec3<F> n) {
-        const F unit = shape[1];
+        const F unit = shape[0];
         x0 = dot(to, e1) * unit * unit;
-        y0 = dot(to, e2) * shape[2] * unit;
+        y0 = dot(to, e2) * shape[1] * unit;
         z = -dot(to, n) * unit;
-        height = shape[3];
+        height = shape[2];
         y1 = y0 + height;
-        inverse_area = shape[4];
-        near = dot(to, to) < shape[0];
+        inverse_area = shape[3];
         first = strip(x0);
         solid_angle = strip(x0 + F(1.f)) - first;
     }
 
-    VR_HD M by_angle() const { return near & (solid_angle >= F(kLeastSolidAngle)); }
+    // Not where it is NaN, as it is from too far away for squares of squares of distances.
+    VR_HD M by_angle() const { return solid_angle >= F(kLeastSolidAngle); }
     VR_HD F share() const { return solid_angle * inverse_area; }  // of the area
 
     // Signed solid angle of what lies between 0 and x: the difference of two angles, asin(s b1) and

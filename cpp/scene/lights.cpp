@@ -199,10 +199,9 @@ void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight
     if (!light.rectangle) return;
     shape(LightShape::kRectangle, kRectangleLights);
     const double a = length(e1), b = length(e2);
-    const double columns[kRectangleFloats] = {kReach * (a * a + b * b), 1 / a, 1 / b, b / a,
-                                              1 / area};
+    const double columns[kRectangleFloats] = {1 / a, 1 / b, b / a, 1 / area};
     for (uint32_t k = 0; k < kRectangleFloats; ++k)
-        at(kRectangleReach + k) = static_cast<float>(columns[k]);
+        at(kRectangleUnit + k) = static_cast<float>(columns[k]);
     at(kRectangleOther) = bit_cast<float>(light.other);
 }
 

@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "film/lane_sums.h"
 #include "schedulers/job.h"
 
 namespace veriray {
@@ -27,6 +28,7 @@ class Tile {
     Tile() : sums_(kTilePaths) {
         for (auto& column : floats_) column.resize(kTilePaths + Simd::kWidth);
         for (auto& column : uints_) column.resize(kTilePaths + Simd::kWidth);
+        for (auto& column : samples_) column.resize(2 * kTilePaths);
     }
 
     // Pixels [pixel, pixel + pixels), samples [sample, sample + samples) of the job;
@@ -35,12 +37,16 @@ class Tile {
     void run(const SceneView& scene, const Job& job, uint32_t pixel, uint32_t pixels,
              uint32_t sample, uint32_t samples, LedgerRows& ledger) {
         uint32_t live = pixels * samples;
-        first_pixel_ = pixel;
+        // Sums by lanes pay from the third sample on. Their pixels come in whole vectors.
+        constexpr uint32_t kLanes = (kFeatures & kSignedFilter) != 0 ? 1 : Simd::kWidth;
+        const bool by_lanes = kLanes > 1 && pixels >= kLanes && samples > 2;
+        stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
+        first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
         uint32_t x = pixel % job.film.width, y = pixel / job.film.width, s = 0;
         live = bounce_all<kFeatures>(scene, job, live, 0, ledger, [&](uint32_t) {
             uint32_t xs[Simd::kWidth], ys[Simd::kWidth], ss[Simd::kWidth];
             for (uint32_t k = 0; k < Simd::kWidth; ++k) {
-                xs[k] = x, ys[k] = y, ss[k] = job.sample_begin + sample + s;
+                xs[k] = x, ys[k] = y, ss[k] = first_sample_ + s;
                 if (++s < samples) continue;
                 s = 0;
                 if (++x == job.film.width) x = 0, ++y;
@@ -51,6 +57,7 @@ class Tile {
         for (uint32_t depth = 1; live; ++depth)
             live = bounce_all<kFeatures>(scene, job, live, depth, ledger,
                                          [&](uint32_t i) { return load_path<kFeatures>(i); });
+        add_samples(pixels, samples, by_lanes);
         for (uint32_t k = 0; k < pixels; ++k) flush(job.film, pixel + k, sums_[k]);
     }
 
@@ -61,8 +68,9 @@ class Tile {
 
     std::vector<float> floats_[path_floats(kAllFeatures)];
     std::vector<uint32_t> uints_[path_uints(kAllFeatures)];
+    std::vector<float> samples_[3];  // [sample][pixel], times the film's scale
     std::vector<PixelSum> sums_;
-    uint32_t first_pixel_ = 0;
+    uint32_t first_pixel_ = 0, first_sample_ = 0, stride_ = 0;
 
     template <uint32_t kFeatures>
     PathState<Simd> load_path(uint32_t i) const {
@@ -110,33 +118,62 @@ class Tile {
         return kept;
     }
 
-    // Adds the samples of ended lanes to their pixels; returns the lanes that the film refused.
+    // Keeps the samples of ended lanes; returns the lanes that the film refuses.
     template <uint32_t kFeatures>
     M end_paths(const SceneView& scene, const Job& job, const PathState<Simd>& path, M ended) {
         const M bad = ended & !film_accepts(path.radiance, job.film.scale);
-        constexpr bool kWeighted = (kFeatures & kSignedFilter) != 0;
-        float r[3][Simd::kWidth], weight[Simd::kWidth];
-        uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
-        const M all = first_lanes(Simd::kWidth, M());
-        if constexpr (kWeighted)
-            compress_store(
-                weight, PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path), all);
-        compress_store(r[0], path.radiance.x, all);
-        compress_store(r[1], path.radiance.y, all);
-        compress_store(r[2], path.radiance.z, all);
-        compress_store(pixel, path.pixel, all);
-        compress_store(sample, path.sample, all);
-        const uint32_t refused = bits(bad);
+        Vec3<F> sample = path.radiance * F(job.film.scale);
+        if constexpr ((kFeatures & kSignedFilter) != 0)
+            sample = sample * PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path);
+        sample = select(bad, {F(0.f), F(0.f), F(0.f)}, sample);
+        const U place =
+            (path.sample + U(0u - first_sample_)) * U(stride_) + path.pixel + U(0u - first_pixel_);
+        float x[3][Simd::kWidth];
+        uint32_t at[Simd::kWidth];
+        store(x[0], sample.x);
+        store(x[1], sample.y);
+        store(x[2], sample.z);
+        store(at, place);
         for (uint32_t todo = bits(ended); todo; todo &= todo - 1) {
             const uint32_t k = static_cast<uint32_t>(__builtin_ctz(todo));
-            const float w = kWeighted ? weight[k] : 1.f;
-            const Vec3<float> radiance{r[0][k], r[1][k], r[2][k]};
-            if (refused >> k & 1u)
-                log_fault(job.faults, pixel[k], sample[k], radiance);
-            else
-                add_sample(sums_[pixel[k] - first_pixel_], radiance * w * job.film.scale);
+            for (uint32_t c = 0; c < 3; ++c) samples_[c][at[k]] = x[c][k];
         }
+        if (any(bad)) log_faults(job, path, bits(bad));
         return bad;
+    }
+
+    static void log_faults(const Job& job, const PathState<Simd>& path, uint32_t bad) {
+        float x[3][Simd::kWidth];
+        uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
+        store(x[0], path.radiance.x);
+        store(x[1], path.radiance.y);
+        store(x[2], path.radiance.z);
+        store(pixel, path.pixel);
+        store(sample, path.sample);
+        for (; bad; bad &= bad - 1) {
+            const uint32_t k = static_cast<uint32_t>(__builtin_ctz(bad));
+            log_fault(job.faults, pixel[k], sample[k], {x[0][k], x[1][k], x[2][k]});
+        }
+    }
+
+    // Adds the samples to their pixels.
+    void add_samples(uint32_t pixels, uint32_t samples, bool by_lanes) {
+        for (uint32_t c = 0; c < 3; ++c)
+            for (uint32_t first = 0; first < samples; first += kLaneSamples) {
+                const float* column = samples_[c].data() + first * stride_;
+                const uint32_t count = std::min(samples - first, kLaneSamples);
+                if (by_lanes)
+                    for (uint32_t k = 0; k < pixels; k += Simd::kWidth) {
+                        LaneSums<Simd> sums;
+                        for (uint32_t s = 0; s < count; ++s)
+                            sums.add(load(column + s * stride_ + k, F()));
+                        sums.flush(&sums_[k], c, std::min(pixels - k, Simd::kWidth));
+                    }
+                else
+                    for (uint32_t s = 0; s < count; ++s)
+                        for (uint32_t k = 0; k < pixels; ++k)
+                            add_sample(sums_[k], static_cast<int>(c), column[s * stride_ + k]);
+            }
     }
 };
 

@@ -134,7 +134,7 @@ _SKY = "broadcast<F>(scene.lights.environment)"
 _LIT = "hit_emitter(scene, path, hit, at, valid)"
 _T_MAX = "shadow.t_max = light.distance;"
 _ALBEDO = "surface_column3(scene, row, kSurfaceAlbedo)"
-_ADD = "add_sample(sums_[pixel[k] - first_pixel_], radiance * w * job.film.scale);"
+_KEEP = "samples_[c][at[k]] = x[c][k];"
 _JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
 _PHASE = "henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w))"
 
@@ -160,10 +160,8 @@ _CORNELL = (
     Mutant("emission doubled at depth 1", _PATH, _LIT,
            "((void)(segment == 1 ? hit_emitter(scene, path, hit, at, valid) : valid),"
            " hit_emitter(scene, path, hit, at, valid))"),
-    Mutant("samples clamped at 10", "schedulers/tile.h", _ADD,
-           "{ const Vec3<float> clamped{__builtin_fminf(r[0][k], 10.f),"
-           " __builtin_fminf(r[1][k], 10.f), __builtin_fminf(r[2][k], 10.f)};"
-           " add_sample(sums_[pixel[k] - first_pixel_], clamped * w * job.film.scale); }"),
+    Mutant("samples clamped at 10", "schedulers/tile.h", _KEEP,
+           "samples_[c][at[k]] = __builtin_fminf(x[c][k], 10.f * job.film.scale);"),
     Mutant("half-pixel shift", _PATH, _JITTER_X, _JITTER_X.replace("0.5f", "1.0f")),
     Mutant("albedo +1 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.01f)"),
     Mutant("albedo +0.2 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.002f)"),

@@ -7,7 +7,6 @@ EXPLAINED: why a bug may survive.
 from __future__ import annotations
 
 from tests.mutation.bugs import (
-    _ADD,
     _CAMERA,
     _DIRECT,
     _DIVIDE,
@@ -15,6 +14,7 @@ from tests.mutation.bugs import (
     _FRESNEL,
     _HIT,
     _JITTER_X,
+    _KEEP,
     _LIGHT,
     _LIT,
     _MAPPING,
@@ -52,30 +52,25 @@ _SIGMA = "put(kMediumSigma + k, scaled);"
 _CHANCE = "lookup(scene.light_chance, prim, scene.primitive_count)"
 _PLAYS = "plays = plays & (most < F(1.f));"
 _FLOAT_FILM = """{
-    uint64_t* words = job.film.words + static_cast<uint64_t>(pixel[k]) * kFilmWords;
-    for (int c = 0; c < 3; ++c) {
-        const float x = r[c][k] * w * job.film.scale;
-        const double old = to_double({words[4 * c], words[4 * c + 1]}, kSumScale);
-        const float sum = static_cast<float>(old) + x;
-        PixelSum total{};
-        add_sample(total, c, sum);
-        total.square[c] = {words[4 * c + 2], words[4 * c + 3]};
-        PixelSum one{};
-        add_sample(one, c, x);
-        add(total.square[c], one.square[c]);
-        words[4 * c] = total.sum[c].lo; words[4 * c + 1] = total.sum[c].hi;
-        words[4 * c + 2] = total.square[c].lo; words[4 * c + 3] = total.square[c].hi;
-    } }"""
+    samples_[c][at[k]] = 0.f;
+    const uint32_t pixel = first_pixel_ + at[k] % stride_;
+    uint64_t* words = job.film.words + static_cast<uint64_t>(pixel) * kFilmWords + 4 * c;
+    const float sum = static_cast<float>(to_double({words[0], words[1]}, kSumScale)) + x[c][k];
+    PixelSum total{}, one{};
+    add_sample(total, 0, sum);
+    add_sample(one, 0, x[c][k]);
+    total.square[0] = {words[2], words[3]};
+    add(total.square[0], one.square[0]);
+    words[0] = total.sum[0].lo; words[1] = total.sum[0].hi;
+    words[2] = total.square[0].lo; words[3] = total.square[0].hi; }"""
 
 
-def _add(condition: str, value: str) -> str:
-    """The film's addition with another radiance where `condition` holds of radiance x."""
-    parts = ", ".join(
-        f"[&] {{ const float x = r[{c}][k]; return {condition} ? {value} : x; }}()"
-        for c in range(3)
+def _keep(condition: str, value: str) -> str:
+    """Another radiance kept where `condition` holds of radiance r."""
+    return (
+        f"{{ const float r = x[c][k] / job.film.scale;"
+        f" samples_[c][at[k]] = ({condition} ? {value} : r) * job.film.scale; }}"
     )
-    call = "add_sample(sums_[pixel[k] - first_pixel_], changed * w * job.film.scale);"
-    return f"{{ const Vec3<float> changed{{{parts}}}; {call} }}"
 
 
 _SCATTERING = (
@@ -238,14 +233,16 @@ _PICTURE = (
     Mutant("mean over n + 1", _FILM, "static_cast<double>(n)", "static_cast<double>(n + 1)"),
     Mutant("error bars 20 % short", _FILM, "ieee_sqrt(variance / (count - 1.0))",
            "0.8 * ieee_sqrt(variance / (count - 1.0))"),
-    Mutant("samples clamped at 50", _TILE, _ADD, _add("x > 50.f", "50.f")),
-    Mutant("fireflies to 0", _TILE, _ADD, _add("x > 20.f", "0.f")),
-    Mutant("negative weights to 0", _TILE, _ADD,
-           "add_sample(sums_[pixel[k] - first_pixel_],"
-           " radiance * (w < 0 ? 0.f : w) * job.film.scale);"),
-    Mutant("film summed in float32", _TILE, _ADD, _FLOAT_FILM),
+    Mutant("samples clamped at 50", _TILE, _KEEP, _keep("r > 50.f", "50.f")),
+    Mutant("fireflies to 0", _TILE, _KEEP, _keep("r > 20.f", "0.f")),
+    Mutant("negative weights to 0", _TILE, _KEEP,
+           "samples_[c][at[k]] = __builtin_fmaxf(x[c][k], 0.f);"),
+    Mutant("film summed in float32", _TILE, _KEEP, _FLOAT_FILM),
+    Mutant("parts of sums of too many bits", "film/lane_sums.h", "kHigh = 27", "kHigh = 40"),
+    Mutant("parts of squares not rounded", "film/lane_sums.h",
+           "in_units<kSquareScale>(rest - middle)", "(rest - middle) * D(0x1p76)"),
     Mutant("refused samples not reported", _TILE,
-           "log_fault(job.faults, pixel[k], sample[k], radiance);", "(void)radiance;"),
+           "log_fault(job.faults, pixel[k], sample[k], {x[0][k], x[1][k], x[2][k]});", "(void)x;"),
     Mutant("film shifted by a pixel", _TILE, "flush(job.film, pixel + k, sums_[k]);",
            "flush(job.film, (pixel + k + 1) % static_cast<uint32_t>(job.pixels()), sums_[k]);"),
     Mutant("film shifted by a pixel when merged", _CPU,

@@ -283,6 +283,39 @@ def error_free_sum_and_product(t: Trial) -> None:
         t.check(high + low == exact, name)
 
 
+def in_units(mantissa: int, exponent: int) -> int:
+    """round(mantissa 2^exponent), halves up."""
+    if exponent >= 0:
+        return mantissa << exponent
+    return (mantissa + (1 << (-exponent - 1))) >> -exponent
+
+
+@case(1)
+def film_sums(t: Trial) -> None:
+    """A pixel's sums are the integers that the film states, added one by one or side by side.
+
+    x once and y 63 times: round(x 2^72) and round(x^2 2^76), halves up, to the bit for 20,000
+    pairs with exponents from -149 to 19; an eighth are halves of the resolution or 0.
+    """
+    n = 20_000 * t.effort
+    pairs = np.ldexp(t.rng.uniform(0.5, 1, (n, 2)), t.rng.integers(-60, 21, (n, 2)))
+    pairs[::8] = np.ldexp(t.rng.integers(0, 2**12, (n // 8, 2)), -73)
+    pairs[1::8] = np.ldexp(
+        t.rng.uniform(0.5, 1, (n // 8, 2)), t.rng.integers(-148, -60, (n // 8, 2))
+    )
+    pairs[2::32] = np.nextafter(np.float32(2**20), np.float32(0))  # the largest
+    pairs = single(pairs)
+    mantissa, exponent = np.frexp(pairs)
+    whole = np.ldexp(mantissa, 24).astype(np.int64).tolist()
+    low = (exponent - 24).tolist()
+    got = t.function("film_sums", *pairs.T).astype(np.int64)
+    for k, (m, e) in enumerate(zip(whole, low, strict=True)):
+        for power, scale, words in ((1, 72, got[k, :8]), (2, 76, got[k, 8:])):
+            x, y = (in_units(m[i] ** power, power * e[i] + scale) for i in (0, 1))
+            total = sum(int(word) << (16 * i) for i, word in enumerate(words))
+            t.check(total == x + 63 * y, f"{pairs[k]} to the power {power}: {total:#x}")
+
+
 @case(1)
 def tent(t: Trial) -> None:
     """The tent filter's offset inverts its distribution, at every 61st of all 2^24 arguments.

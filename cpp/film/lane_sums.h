@@ -1,0 +1,79 @@
+// Sums of pixels side by side, one a lane, in doubles: to the bit what add_sample gives.
+#pragma once
+
+#include "film/film.h"
+
+namespace veriray {
+
+// Samples that a lane may add up. A number is cut into multiples of fixed powers of two, the last
+// of the film's resolution; sums of so many of one part have at most 53 bits, and are exact.
+inline constexpr uint32_t kLaneSamples = 64;
+
+// The multiple of 2^-bits nearest to x, for |x| < 2^(51 - bits).
+template <int kBits, class D>
+VR_HD D nearest_multiple(D x) {
+    constexpr double shift = 0x1.8p52 / static_cast<double>(1ull << kBits);
+    return (x + D(shift)) - D(shift);
+}
+
+// x in units of 2^-scale, halves up, for numbers of at most 48 bits: where x has no room for the
+// half, it is below 1/32.
+template <int kScale, class D>
+VR_HD D in_units(D x) {
+    constexpr double units =
+        static_cast<double>(1ull << 38) * static_cast<double>(1ull << (kScale - 38));
+    return floor(x * D(units) + D(0.5));
+}
+
+template <class L>
+class LaneSums {
+   public:
+    // sample: a channel that the film accepts, not negative, times the scale.
+    void add(typename L::F sample) {
+        const D x = to_double(sample), high = nearest_multiple<kHigh>(x);
+        part_[0] = part_[0] + high;
+        part_[1] = part_[1] + in_units<kSumScale>(x - high);
+        const D square = x * x, top = nearest_multiple<kTop>(square), rest = square - top;
+        const D middle = nearest_multiple<kMiddle>(rest);
+        part_[2] = part_[2] + top;
+        part_[3] = part_[3] + middle;
+        part_[4] = part_[4] + in_units<kSquareScale>(rest - middle);
+    }
+
+    // Adds the sums of the first `count` lanes to a channel of their pixels.
+    void flush(PixelSum* pixels, uint32_t channel, uint32_t count) const {
+        double part[5][L::kWidth];
+        for (uint32_t i = 0; i < 5; ++i) store(part[i], part_[i]);
+        for (uint32_t k = 0; k < count; ++k) {
+            Fixed128 &sum = pixels[k].sum[channel], &square = pixels[k].square[channel];
+            veriray::add(sum, multiple<kHigh, kSumScale>(part[0][k]));
+            veriray::add(sum, multiple<0, 0>(part[1][k]));
+            veriray::add(square, multiple<kTop, kSquareScale>(part[2][k]));
+            veriray::add(square, multiple<kMiddle, kSquareScale>(part[3][k]));
+            veriray::add(square, multiple<0, 0>(part[4][k]));
+        }
+    }
+
+   private:
+    using D = typename L::D;
+    // A sample is below 2^20, what its first part leaves at most 2^-28; a square below 2^40, then
+    // 2^-8 and 2^-56.
+    static constexpr int kHigh = 27, kTop = 7, kMiddle = 55;
+
+    // A multiple of 2^-bits as fixed point.
+    template <int kBits, int kScale>
+    static Fixed128 multiple(double x) {
+        constexpr int shift = kScale - kBits;
+        const auto n = static_cast<int64_t>(x * static_cast<double>(1ull << kBits));
+        if constexpr (shift >= 64)
+            return {0, static_cast<uint64_t>(n) << (shift - 64)};
+        else if constexpr (shift > 0)
+            return {static_cast<uint64_t>(n) << shift, static_cast<uint64_t>(n >> (64 - shift))};
+        else
+            return {static_cast<uint64_t>(n), n < 0 ? ~0ull : 0ull};
+    }
+
+    D part_[5] = {D(0.), D(0.), D(0.), D(0.), D(0.)};
+};
+
+}  // namespace veriray

@@ -27,21 +27,21 @@ struct Scene::Impl {
     HostScene host;
     std::vector<WideNode<kCpuWidth>> nodes;
     std::vector<RecordBlock> blocks;
-    std::vector<Simd::Uniform> quads, levels;
+    std::vector<Simd::Uniform> quads, shorts;
     std::vector<QuadRun> runs;
     TreeInfo info;
 
     Impl(const SceneInput& in, TreeBuilder builder, const BuildPoll& poll) : host(in) {
         quads.assign(host.view.quads, host.view.quads + host.view.quad_count * kQuadFloats);
         for (uint32_t i = 0; i < host.view.quad_count; ++i) {
-            float level[kLevelFloats] = {};
-            const uint32_t axis = write_level(host.view.quads + kQuadFloats * i, level);
-            levels.insert(levels.end(), level, level + kLevelFloats);
-            if (runs.empty() || runs.back().axis != axis) runs.push_back({axis, i});
+            float record[kShortFloats] = {};
+            const uint32_t way = write_short(host.view.quads + kQuadFloats * i, record);
+            shorts.insert(shorts.end(), record, record + kShortFloats);
+            if (runs.empty() || runs.back().way != way) runs.push_back({way, i});
             ++runs.back().end;
         }
         host.view.uniform_quads = quads.data();
-        host.view.uniform_levels = levels.data();
+        host.view.uniform_shorts = shorts.data();
         host.view.runs = runs.data();
         host.view.run_count = static_cast<uint32_t>(runs.size());
         if (!(host.view.features & kBvh)) return;

@@ -12,9 +12,11 @@
 
 namespace veriray {
 
-inline constexpr uint32_t kMaxFlat = 64;        // primitives for which no tree is built
-inline constexpr uint32_t kQuadFloats = 12;     // plane, {U, w}, {V, w}: |U.p + w| <= 1
-inline constexpr uint32_t kLevelFloats = 8;     // of a quad across axis a: w; U_w, U_b, U_c; V ...
+inline constexpr uint32_t kMaxFlat = 64;     // primitives for which no tree is built
+inline constexpr uint32_t kQuadFloats = 12;  // plane, {U, w}, {V, w}: |U.p + w| <= 1
+// Of a quad across axis a: w; U_w, U_b, U_c; V_w, V_b, V_c. Of one along it: n_b, n_c, w; U_w, U_a;
+// V_w, V_b, V_c.
+inline constexpr uint32_t kShortFloats = 8;
 inline constexpr uint32_t kPolygonFloats = 20;  // plane, four edges e.p + w >= 0
 inline constexpr float kEdgeSlack = 0x1p-20f;
 inline constexpr float kPlaneSlack = 0x1p-22f;
@@ -43,28 +45,38 @@ VR_HD typename L::M meets_flat(const Record* record, const Ray<L>& ray, typename
     return between<L>(inside, t, t_max);
 }
 
-// A run of quads that are tested alike: across axis 0, 1 or 2, or any way (kAnyWay).
-inline constexpr uint32_t kAnyWay = 3;
+// A run of quads that are tested alike: across axis 0, 1 or 2, along axis 0, 1 or 2, or any way.
+// One along an axis has two edges along it, and two across.
+inline constexpr uint32_t kAlong = 3, kAnyWay = 6;
 struct QuadRun {
-    uint32_t axis, end;  // the first quad after it
+    uint32_t way, end;  // the first quad after it
 };
 
-// The same for a parallelogram across an axis, to the bit: what is left out are products with 0
-// and sums with them.
-template <class L, uint32_t kAxis, class Record>
-VR_HD typename L::M meets_level(const Record* record, const Ray<L>& ray, typename L::F t_max,
+// The same for a parallelogram across an axis or along it, to the bit: what is left out are
+// products with 0 and sums with them.
+template <class L, uint32_t kWay, class Record>
+VR_HD typename L::M meets_short(const Record* record, const Ray<L>& ray, typename L::F t_max,
                                 typename L::F& t) {
     using F = typename L::F;
+    constexpr uint32_t a = kWay % 3, b = a == 0 ? 1 : 0, c = a == 2 ? 1 : 2;
     const F o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
-    t = plain_quotient(-(o[kAxis] + F(record[0])), d[kAxis]);
-    const Vec3<F> at = ray.at(t);
-    const F p[3] = {at.x, at.y, at.z};
-    const auto edge = [&](const Record* e) {
-        constexpr uint32_t b = kAxis == 0 ? 1 : 0, c = kAxis == 2 ? 1 : 2;
+    F e[2];
+    const auto edge = [&](const Record* e, const F* p) {
         return fma(F(e[2]), p[c], fma(F(e[1]), p[b], F(e[0])));
     };
-    const typename L::M inside = both_within(edge(record + 1), edge(record + 4), F(1.f));
-    return between<L>(inside, t, t_max);
+    if constexpr (kWay < kAlong) {
+        t = plain_quotient(-(o[a] + F(record[0])), d[a]);
+        const Vec3<F> at = ray.at(t);
+        const F p[3] = {at.x, at.y, at.z};
+        e[0] = edge(record + 1, p), e[1] = edge(record + 4, p);
+    } else {
+        t = plain_quotient(-fma(F(record[1]), o[c], fma(F(record[0]), o[b], F(record[2]))),
+                           fma(F(record[1]), d[c], F(record[0]) * d[b]));
+        const Vec3<F> at = ray.at(t);
+        const F p[3] = {at.x, at.y, at.z};
+        e[0] = fma(F(record[4]), p[a], F(record[3])), e[1] = edge(record + 5, p);
+    }
+    return between<L>(both_within(e[0], e[1], F(1.f)), t, t_max);
 }
 
 }  // namespace veriray

@@ -65,20 +65,20 @@ struct SurfaceReader {
     }
 
     // Tests the quads of a run from i on.
-    template <uint32_t kAxis, class Test>
+    template <uint32_t kWay, class Test>
     static VR_HD void each_of_run(const SceneView& scene, const Ray<L>& ray, uint32_t i,
                                   uint32_t end, Test test) {
         VR_ROLLED
         for (; i < end; ++i)
             test(
                 [&](F t_max, F& t) {
-                    if constexpr (kAxis == kAnyWay) {
+                    if constexpr (kWay == kAnyWay) {
                         const auto record = quad(scene, i);
                         return meets_flat<L, 2>(&record[0], ray, t_max, t);
                     } else
-                        return meets_level<L, kAxis>(
-                            static_cast<const typename L::Uniform*>(scene.uniform_levels) +
-                                i * kLevelFloats,
+                        return meets_short<L, kWay>(
+                            static_cast<const typename L::Uniform*>(scene.uniform_shorts) +
+                                i * kShortFloats,
                             ray, t_max, t);
                 },
                 i);
@@ -91,14 +91,28 @@ struct SurfaceReader {
         for (uint32_t k = 0; k < scene.run_count; ++k) {
             const QuadRun run = scene.runs[k];
             if (run.end <= i) continue;
-            if (run.axis == 0)
-                each_of_run<0>(scene, ray, i, run.end, test);
-            else if (run.axis == 1)
-                each_of_run<1>(scene, ray, i, run.end, test);
-            else if (run.axis == 2)
-                each_of_run<2>(scene, ray, i, run.end, test);
-            else
-                each_of_run<kAnyWay>(scene, ray, i, run.end, test);
+            switch (run.way) {
+                case 0:
+                    each_of_run<0>(scene, ray, i, run.end, test);
+                    break;
+                case 1:
+                    each_of_run<1>(scene, ray, i, run.end, test);
+                    break;
+                case 2:
+                    each_of_run<2>(scene, ray, i, run.end, test);
+                    break;
+                case kAlong:
+                    each_of_run<kAlong>(scene, ray, i, run.end, test);
+                    break;
+                case kAlong + 1:
+                    each_of_run<kAlong + 1>(scene, ray, i, run.end, test);
+                    break;
+                case kAlong + 2:
+                    each_of_run<kAlong + 2>(scene, ray, i, run.end, test);
+                    break;
+                default:
+                    each_of_run<kAnyWay>(scene, ray, i, run.end, test);
+            }
             i = run.end;
         }
     }

@@ -122,15 +122,23 @@ void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
     }
 }
 
-uint32_t write_level(const float* quad, float* out) {
+uint32_t write_short(const float* quad, float* out) {
     for (uint32_t a = 0; a < 3; ++a) {
         const uint32_t b = a == 0 ? 1 : 0, c = a == 2 ? 1 : 2;
-        if (quad[b] != 0 || quad[c] != 0 || std::abs(quad[a]) != 1) continue;
-        if (quad[4 + a] != 0 || quad[8 + a] != 0) continue;
-        *out++ = quad[3] * quad[a];
-        for (const float* edge : {quad + 4, quad + 8})
-            *out++ = edge[3], *out++ = edge[b], *out++ = edge[c];
-        return a;
+        const float *plane = quad, *edge[2] = {quad + 4, quad + 8};
+        if (plane[b] == 0 && plane[c] == 0 && std::abs(plane[a]) == 1 && edge[0][a] == 0 &&
+            edge[1][a] == 0) {
+            *out++ = plane[3] * plane[a];
+            for (const float* e : edge) *out++ = e[3], *out++ = e[b], *out++ = e[c];
+            return a;
+        }
+        if (plane[a] != 0) continue;
+        if (edge[0][a] == 0) std::swap(edge[0], edge[1]);
+        if (edge[0][b] != 0 || edge[0][c] != 0 || edge[1][a] != 0) continue;
+        *out++ = plane[b], *out++ = plane[c], *out++ = plane[3];
+        *out++ = edge[0][3], *out++ = edge[0][a];
+        *out++ = edge[1][3], *out++ = edge[1][b], *out++ = edge[1][c];
+        return kAlong + a;
     }
     return kAnyWay;
 }

@@ -92,8 +92,8 @@ std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats);
 void write_plane(const Flat& f, float* out);
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out);
-// The short record of a quad across an axis; which axis, or kAnyWay.
-uint32_t write_level(const float* quad, float* out);
+// The short record of a quad across or along an axis; the way of its run, kAnyWay without a record.
+uint32_t write_short(const float* quad, float* out);
 void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out);
 
 // Where a primitive comes from: row `row` of group `group`; -1 for no emission, no change of

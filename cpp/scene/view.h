@@ -69,7 +69,7 @@ struct SceneView {
     FilterView filter;
     float emission_scale;        // 2^-e of the film
     const void* uniform_quads;   // CPU: the quads as Simd::Uniform
-    const void* uniform_levels;  // CPU: likewise, of kLevelFloats, those across an axis
+    const void* uniform_shorts;  // CPU: likewise, of kShortFloats, those across or along an axis
     const QuadRun* runs;         // CPU
     uint32_t run_count;
     float quads[kMaxFlat * kQuadFloats];

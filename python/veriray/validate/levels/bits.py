@@ -47,12 +47,25 @@ def mesh_scene() -> Scene:
                 filter="tent")  # fmt: skip
 
 
+def turned_boxes() -> Scene:
+    """Boxes across the axes, turned about each, and turned about all: quads of every way."""
+    angles = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.7, 0], [0, 0, 1.1], [0.3, 0.5, 0.9]])
+    parts = [box([-3] * 3, [3] * 3, True, 0.5), quad([-1, 2.9, -1], [2, 0, 0], [0, 0, 2], 0, 9)]
+    for k, turn in enumerate(angles):
+        part = box([-0.6] * 3, [0.6] * 3, False, [0.8, 0.2 * k, 0.5])
+        matrix = trimesh.transformations.euler_matrix(*turn)[:3, :3]
+        part.vertices = part.vertices @ matrix.T + [1.2 * k - 2.4, 1.5 * (k % 2) - 1, k % 3]
+        parts.append(part)
+    return make(parts, camera([0, 0, -2.9], [0, 0, 0], 90), width=24, height=20)
+
+
 LARGER: Mapping[str, Callable[[], Scene]] = {
     "cornell-box": lambda: veriray.cornell_box().with_(width=24, height=20),
     "cornell-box by sobol": lambda: veriray.cornell_box().with_(
         width=24, height=20, sampler="sobol"
     ),
     "open": lambda: veriray.load_file("open").with_(width=24, height=20),
+    "turned boxes": turned_boxes,
     "mesh": mesh_scene,
     "gaussian furnace": lambda: furnace(0.5, 1.0, width=24, height=20, filter="gaussian"),
     "touching media": lambda: check_scene("touching_media", 16),

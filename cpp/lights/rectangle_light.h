@@ -35,7 +35,7 @@ struct RectangleView {
         solid_angle = strip(x0 + F(1.f)) - first;
     }
 
-    // Not where it is NaN, as it is from too far away for squares of squares of distances.
+    // From so far away that squares of squares of distances are infinite, it is 0 or NaN.
     VR_HD M by_angle() const { return solid_angle >= F(kLeastSolidAngle); }
     VR_HD F share() const { return solid_angle * inverse_area; }  // of the area
 

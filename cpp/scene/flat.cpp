@@ -123,21 +123,22 @@ void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
 }
 
 uint32_t write_short(const float* quad, float* out) {
+    const float *plane = quad, *u = quad + 4, *v = quad + 8;
     for (uint32_t a = 0; a < 3; ++a) {
         const uint32_t b = a == 0 ? 1 : 0, c = a == 2 ? 1 : 2;
-        const float *plane = quad, *edge[2] = {quad + 4, quad + 8};
-        if (plane[b] == 0 && plane[c] == 0 && std::abs(plane[a]) == 1 && edge[0][a] == 0 &&
-            edge[1][a] == 0) {
-            *out++ = plane[3] * plane[a];
-            for (const float* e : edge) *out++ = e[3], *out++ = e[b], *out++ = e[c];
-            return a;
-        }
-        if (plane[a] != 0) continue;
-        if (edge[0][a] == 0) std::swap(edge[0], edge[1]);
-        if (edge[0][b] != 0 || edge[0][c] != 0 || edge[1][a] != 0) continue;
+        if (plane[b] != 0 || plane[c] != 0 || std::abs(plane[a]) != 1) continue;
+        if (u[a] != 0 || v[a] != 0) continue;
+        *out++ = plane[3] * plane[a];
+        for (const float* edge : {u, v}) *out++ = edge[3], *out++ = edge[b], *out++ = edge[c];
+        return a;
+    }
+    for (uint32_t a = 0; a < 3; ++a) {
+        const uint32_t b = a == 0 ? 1 : 0, c = a == 2 ? 1 : 2;
+        if (u[a] == 0) std::swap(u, v);
+        if (plane[a] != 0 || u[b] != 0 || u[c] != 0 || v[a] != 0) continue;
         *out++ = plane[b], *out++ = plane[c], *out++ = plane[3];
-        *out++ = edge[0][3], *out++ = edge[0][a];
-        *out++ = edge[1][3], *out++ = edge[1][b], *out++ = edge[1][c];
+        *out++ = u[3], *out++ = u[a];
+        *out++ = v[3], *out++ = v[b], *out++ = v[c];
         return kAlong + a;
     }
     return kAnyWay;

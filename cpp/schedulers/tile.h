@@ -38,8 +38,9 @@ class Tile {
              uint32_t sample, uint32_t samples, LedgerRows& ledger) {
         uint32_t live = pixels * samples;
         // Sums by lanes pay from the third sample on. Their pixels come in whole vectors.
-        constexpr uint32_t kLanes = (kFeatures & kSignedFilter) != 0 ? 1 : Simd::kWidth;
-        const bool by_lanes = kLanes > 1 && pixels >= kLanes && samples > 2;
+        constexpr uint32_t kLanes = Simd::kWidth;
+        const bool by_lanes =
+            kLanes > 1 && pixels >= kLanes && samples > 2 && !(scene.features & kSignedFilter);
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
         first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
         uint32_t x = pixel % job.film.width, y = pixel / job.film.width, s = 0;
@@ -122,10 +123,10 @@ class Tile {
     template <uint32_t kFeatures>
     M end_paths(const SceneView& scene, const Job& job, const PathState<Simd>& path, M ended) {
         const M bad = ended & !film_accepts(path.radiance, job.film.scale);
-        Vec3<F> sample = path.radiance * F(job.film.scale);
+        Vec3<F> sample = path.radiance;
         if constexpr ((kFeatures & kSignedFilter) != 0)
             sample = sample * PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path);
-        sample = select(bad, {F(0.f), F(0.f), F(0.f)}, sample);
+        sample = select(bad, {F(0.f), F(0.f), F(0.f)}, sample * F(job.film.scale));
         const U place =
             (path.sample + U(0u - first_sample_)) * U(stride_) + path.pixel + U(0u - first_pixel_);
         float x[3][Simd::kWidth];

@@ -299,6 +299,18 @@ def another_order_of_triangles(t: Trial, seed: int) -> None:
 
 
 @case(6)
+def many_samples_of_few_pixels(t: Trial) -> None:
+    """Films of 30, 37 and 16 pixels with 200, 7 and 257 samples: all schedulers agree (D2).
+
+    A tile of a CPU sums 64 samples of a pixel at a time, side by side with other pixels.
+    """
+    for width, height, spp in ((6, 5, 200), (37, 1, 7), (16, 1, 257)):
+        scene = veriray.cornell_box().with_(width=width, height=height)
+        films = {Host(t, scene).sha(spp, scheduler=scheduler) for scheduler in METHODS}
+        t.check(len(films) == 1, f"{width} x {height}, {spp} samples")
+
+
+@case(6)
 def dust_shows_no_tree(t: Trial) -> None:
     """3,000 triangles of 1e-8 to 1e-7 of the scene, in trees by both builders: the same hits (D8).
 

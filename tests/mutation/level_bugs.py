@@ -240,6 +240,8 @@ _PICTURE = (
     Mutant("negative weights to 0", _TILE, _KEEP,
            "samples_[c][at[k]] = __builtin_fmaxf(x[c][k], 0.f);"),
     Mutant("film summed in float32", _TILE, _KEEP, _FLOAT_FILM),
+    Mutant("samples beyond 64 read from another place", _TILE, "first * stride_",
+           "first * pixels"),
     Mutant("parts of sums of too many bits", "film/lane_sums.h", "nearest_multiple<kHigh>(x)",
            "nearest_multiple<40>(x)"),
     Mutant("parts of squares not rounded", "film/lane_sums.h",

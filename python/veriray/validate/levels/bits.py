@@ -311,6 +311,22 @@ def many_samples_of_few_pixels(t: Trial) -> None:
 
 
 @case(6)
+def faintest_light(t: Trial) -> None:
+    """A lamp of 1e-30 in a room that reflects 1e-9, mitchell filter: all schedulers agree (D2).
+
+    Samples are subnormal until they are scaled for the film.
+    """
+    parts = [
+        box([-3] * 3, [3] * 3, True, 1e-9),
+        quad([-1, 2.9, -1], [2, 0, 0], [0, 0, 2], 0, 1e-30),
+    ]
+    scene = make(parts, camera([0, 0, -2.9], [0, 0, 0], 60), width=24, height=20, filter="mitchell")
+    host = Host(t, scene)
+    t.check(host.render(0, 16)[0].words().any(), "no light")
+    t.check(len({host.sha(16, scheduler=scheduler) for scheduler in METHODS}) == 1, "other bits")
+
+
+@case(6)
 def dust_shows_no_tree(t: Trial) -> None:
     """3,000 triangles of 1e-8 to 1e-7 of the scene, in trees by both builders: the same hits (D8).
 

@@ -431,20 +431,4 @@ PYTHON = (
 EXPLAINED: dict[str, str] = {
     "boxes not padded": "equal in effect: rays carry a slack of 2^-20 of their own "
     "(`geometry/triangle.h`), as wide as the padding, and either covers the rounding of the tests.",
-    **{
-        name: f"found since by `{case}`, written for it."
-        for name, case in {
-            "sphere lamp's side ignored when sampled": "closed_lights.backs_of_spheres_are_black",
-            "front told by the shading normal": "closed_materials.the_front_is_the_faces",
-            "low part of a sphere's centre lost": "geometry.a_pebble_off_the_grid_of_floats",
-            "front of a smooth triangle by its corners": "closed_materials.the_front_is_the_faces",
-            "interpolated normal not normalised":
-                "closed_materials.interpolated_normals_have_unit_length",
-            "way before a pass forgotten, sphere lamp":
-                "closed_materials.passes_do_not_count_as_bounces",
-            "Mitchell's sign changes between the table's edges":
-                "closed_cameras.negative_lobes_weigh_what_they_should",
-            "rectangle with the area of its half": "stress_light.lamp_of_two_triangles",
-        }.items()
-    },
-}  # fmt: skip
+}

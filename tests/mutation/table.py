@@ -26,8 +26,8 @@ def page(result: dict[str, Any]) -> str:
         "",
         f"{result['planted']} bugs of one place each were planted in C++ and Python and given to "
         f"the quick levels of `veriray validate` on a CPU. **The quick run alone finds "
-        f"{result['caught_quick']} ({100 * result['score_quick']:.0f} %)"
-        + (f", the full run {result['caught']} ({100 * result['score']:.0f} %)"
+        f"{result['caught_quick']} ({100 * result['score_quick']:.1f} %)"
+        + (f", the full run {result['caught']} ({100 * result['score']:.1f} %)"
            if result["caught"] > result["caught_quick"] else "")
         + f".** The unchanged program {'passes' if result['sound'] else 'FAILS'}. Written by "
         "`python -m tests.mutation.table` from `benchmarks/results/mutants_levels.json`; the bugs "

@@ -76,7 +76,7 @@ def test_page_of_the_levels() -> None:
                  {**row, "name": "b", "levels": {"3": missed, "4": missed}, "caught_by": []}],
     })  # fmt: skip
     assert "| a | 0.2 |  | `closed.furnace` |" in text and "| b |  |  | - |" in text
-    assert "finds 1 (50 %)" in text and "- b: unexplained" in text and "not judged: c." in text
+    assert "finds 1 (50.0 %)" in text and "- b: unexplained" in text and "not judged: c." in text
 
 
 def test_what_is_known_of_bugs(tmp_path: Path) -> None:

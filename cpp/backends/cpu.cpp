@@ -222,7 +222,8 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
             bool alive = true;
             for (uint32_t depth = 0; alive; ++depth) {
                 const Ray<Scalar> ray = path.ray;
-                const Hit<Scalar> hit = Tracer::closest(host.view, ray, kInfinity, true);
+                const Hit<Scalar> hit =
+                    Tracer::closest(host.view, ray, Tracer::passed(path), kInfinity, true);
                 PathVertex v{};
                 v.depth = depth;
                 const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};
@@ -378,7 +379,7 @@ void intersect(const Scene& scene, const double* origins, const double* directio
         const auto column = [&](int c) { return load(rays[c], Simd::F()); };
         const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
         const Hit<Simd> hit = PathTracer<Simd, kAllFeatures>::closest(
-            host.view, ray, Simd::F(kInfinity), first_lanes(live, Simd::M()));
+            host.view, ray, nothing_met<Simd>(), Simd::F(kInfinity), first_lanes(live, Simd::M()));
         const auto all = first_lanes(Simd::kWidth, Simd::M());
         compress_store(distance, hit.t, all);
         compress_store(primitive, hit.primitive, all);

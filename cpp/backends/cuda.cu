@@ -294,7 +294,7 @@ __global__ void intersect_kernel(const __grid_constant__ SceneView scene, const 
     if (i >= n) return;
     const float* r = rays + 6 * i;
     const Hit<Scalar> hit = PathTracer<Scalar, kAllFeatures>::closest(
-        scene, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, kInfinity, true);
+        scene, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, nothing_met<Scalar>(), kInfinity, true);
     t[i] = hit.t;
     primitive[i] = hit.primitive;
 }
@@ -346,7 +346,7 @@ __global__ void width_kernel(BvhView bvh, const float* rays, uint64_t n, float* 
     const float* r = rays + 6 * i;
     Hit<Scalar> hit{kInfinity, ~0u};
     closest_in_width<N, kTreeTriangles | kTreeSpheres | kTreeDisks>(
-        bvh, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, hit);
+        bvh, {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}}, nothing_met<Scalar>(), hit);
     t[i] = hit.t;
     primitive[i] = hit.primitive;
 }

@@ -56,8 +56,9 @@ VR_HD Ray<Scalar> leak_ray(const LeakTargets& s, uint64_t i, bool& at_edge) {
 // Whether ray i hits nothing.
 VR_HD bool leaks(const SceneView& scene, const LeakTargets& s, uint64_t i, bool& at_edge) {
     const Ray<Scalar> ray = leak_ray(s, i, at_edge);
-    return !(SurfaceReader<Scalar, kAllFeatures>::closest(scene, ray, kInfinity, true).t <
-             kInfinity);
+    return !(SurfaceReader<Scalar, kAllFeatures>::closest(scene, ray, nothing_met<Scalar>(),
+                                                          kInfinity, true)
+                 .t < kInfinity);
 }
 
 }  // namespace veriray

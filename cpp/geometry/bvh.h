@@ -55,26 +55,37 @@ struct BvhView {
 // ---- one primitive, one ray ----
 using Scalar3 = Vec3<float>;
 
-// Distance to a sphere or disk record; infinity where it is missed.
+// Distance to a sphere or disk record beyond `last`; infinity where it is missed.
 template <uint32_t kKinds>
-VR_HD float round_distance(const float* record, uint32_t kind, const Ray<Scalar>& ray,
-                           const Slabs<Scalar>& slabs) {
-    float t = kInfinity;
-    bool met = false;
+VR_HD float round_distance(const float* record, uint32_t kind, uint32_t primitive,
+                           const Ray<Scalar>& ray, const Slabs<Scalar>& slabs,
+                           const Hit<Scalar>& last) {
     if constexpr (kKinds & kTreeSpheres)
         if (!(kKinds & kTreeDisks) || kind == kSphereRecord) {
-            met = meets_sphere<Scalar>(record, ray, kInfinity, t);
             const Scalar3 c{record[0], record[1], record[2]}, r{record[6], record[6], record[6]};
             const Scalar3 v[3] = {c - r, c + r, c};
-            t = bounded_distance<Scalar>(t, slabs, v);
+            float root[2];
+            if (!may_meet_sphere<Scalar>(record, ray, kInfinity) ||
+                !sphere_roots<Scalar>(record, ray, root[0], root[1]))
+                return kInfinity;
+            for (const float at : root) {
+                const float t = at > 0.f ? bounded_distance<Scalar>(at, slabs, v) : 0.f;
+                if (beyond<Scalar>(last, t, primitive)) return t;
+            }
         }
     if constexpr (kKinds & kTreeDisks)
-        if (kind == kDiskRecord) met = meets_disk<Scalar>(record, ray, kInfinity, t);
-    return met && t > 0.f ? t : kInfinity;
+        if (kind == kDiskRecord) {
+            float t;
+            if (meets_disk<Scalar>(record, ray, kInfinity, t) && beyond<Scalar>(last, t, primitive))
+                return t;
+        }
+    return kInfinity;
 }
 
-VR_HD bool closer(float t, uint32_t primitive, const Hit<Scalar>& hit) {
-    return t > 0.f && (t < hit.t || (t == hit.t && primitive < hit.primitive));
+// Whether a hit lies beyond `last` and before `hit`.
+VR_HD bool closer(float t, uint32_t primitive, const Hit<Scalar>& hit, const Hit<Scalar>& last) {
+    return beyond<Scalar>(last, t, primitive) &&
+           (t < hit.t || (t == hit.t && primitive < hit.primitive));
 }
 
 }  // namespace veriray

@@ -20,14 +20,17 @@ struct Hit {
     typename L::U primitive;
 };
 
+// Hits of a ray come in the order of (t, primitive). A ray that passes a surface goes on from there
+// by that order: nothing that coincides with the surface is met twice or left out.
+// What a ray has met that has met nothing yet: its hits have t > 0.
 template <class L>
-VR_HD void keep_closest(Hit<L>& hit, typename L::M inside, typename L::F t, uint32_t primitive) {
-    using F = typename L::F;
-    using U = typename L::U;
-    const auto closer = (t < hit.t) | ((t == hit.t) & (U(primitive) < hit.primitive));
-    const auto take = inside & (t > F(0.f)) & closer;
-    hit.t = select(take, t, hit.t);
-    hit.primitive = select(take, U(primitive), hit.primitive);
+VR_HD Hit<L> nothing_met() {
+    return {typename L::F(0.f), typename L::U(~0u)};
+}
+// Whether a hit of `primitive` at t lies beyond `last`.
+template <class L>
+VR_HD typename L::M beyond(const Hit<L>& last, typename L::F t, typename L::U primitive) {
+    return (t > last.t) | ((t == last.t) & (last.primitive < primitive));
 }
 
 // inside, where 0 < t < t_max; false for a NaN.

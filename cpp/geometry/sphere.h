@@ -71,19 +71,37 @@ VR_HD typename L::M may_meet_sphere(const Record* record, const Ray<L>& ray, typ
     return (dot(apart, apart) <= reach * reach) & (-reach <= middle) & (middle - reach <= t_max);
 }
 
-// Whether a ray meets the sphere at 0 < t < t_max, and where first. Relative error of t: 2e-7 for
-// origins 1e-6 to 1e6 radii off the surface, outside and inside (validate/levels/geometry.py).
+// Whether a ray meets the sphere, and where: lo < hi. A tangent meets nothing: it would enter a
+// sphere and never leave it. Relative error: 2e-7 for origins 1e-6 to 1e6 radii off the surface,
+// outside and inside (validate/levels/geometry.py).
 template <class L, class Record>
-VR_HD typename L::M meets_sphere(const Record* record, const Ray<L>& ray, typename L::F t_max,
-                                 typename L::F& t) {
+VR_HD typename L::M sphere_roots(const Record* record, const Ray<L>& ray, typename L::F& lo,
+                                 typename L::F& hi) {
+    using F = typename L::F;
+    const Chord<F> c = chord(record, ray.o, ray.d);
+    const F far = c.far_root(), near = c.outside / far;
+    lo = min(near, far), hi = max(near, far);
+    return (c.square >= F(0.f)) & (lo < hi);
+}
+
+// Whether a ray meets the sphere, which is `primitive`, beyond `last` and before t_max, and where
+// first.
+template <class L, class Record>
+VR_HD typename L::M meets_sphere(const Record* record, const Ray<L>& ray, const Hit<L>& last,
+                                 typename L::U primitive, typename L::F t_max, typename L::F& t) {
     using F = typename L::F;
     t = t_max;
     const auto close = may_meet_sphere<L>(record, ray, t_max);
     if (none(close)) return close;
-    const Chord<F> c = chord(record, ray.o, ray.d);
-    const F far = c.far_root(), near = c.outside / far;
-    t = select(near > F(0.f), near, far);
-    return between<L>(c.square >= F(0.f), t, t_max);
+    F lo, hi;
+    const auto met = sphere_roots<L>(record, ray, lo, hi);
+    t = select(beyond<L>(last, lo, primitive), lo, hi);
+    return and_less(met & beyond<L>(last, t, primitive), t, t_max);
+}
+template <class L, class Record>
+VR_HD typename L::M meets_sphere(const Record* record, const Ray<L>& ray, typename L::F t_max,
+                                 typename L::F& t) {
+    return meets_sphere<L>(record, ray, nothing_met<L>(), typename L::U(0u), t_max, t);
 }
 
 // A point put on a sphere and then moved along its normal n is rounded three times: its height is

@@ -17,11 +17,11 @@ struct Walkers {
     float sheared_o[3][kWidth], shear[2][kWidth];      // main axis last
     uint32_t near_row[3][kWidth], far_row[3][kWidth];  // of a node, in floats
     uint32_t axis[3][kWidth];                          // main axis last
-    float t[kWidth];
-    uint32_t primitive[kWidth], node[kWidth], waiting[kWidth];
+    float t[kWidth], after[kWidth];                    // hits count beyond (after, passed)
+    uint32_t passed[kWidth], primitive[kWidth], node[kWidth], waiting[kWidth];
     uint64_t stack[kWidth][kCpuStack];  // bits of the entry distance, child
 
-    VR_HD Walkers(const Ray<L>& ray, typename L::F t_max, typename L::U first) {
+    VR_HD Walkers(const Ray<L>& ray, const Hit<L>& last, typename L::F t_max, typename L::U first) {
         using F = typename L::F;
         using U = typename L::U;
         const Slabs<L> s = slabs_of<L>(ray);
@@ -39,6 +39,7 @@ struct Walkers {
         store(axis[0], select(h.from_x, U(2u), U(0u)));
         store(axis[1], select(h.from_y, U(2u), U(1u)));
         store(axis[2], select(h.from_x, U(0u), select(h.from_y, U(1u), U(2u))));
+        store(after, last.t), store(passed, last.primitive);
         store(t, t_max), store(primitive, first), store(node, U(0u)), store(waiting, U(0u));
     }
 
@@ -67,12 +68,16 @@ VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walkers<L>& w, uin
         const auto far = [&](uint32_t a) {
             return fma(load(rows + w.far_row[a][i] + k, F()), F(w.inverse[a][i]), F(w.far[a][i]));
         };
-        const F in = max(max(near(0), near(1)), max(near(2), F(0.f)));
+        const F in = max(max(near(0), near(1)), max(near(2), F(w.after[i])));
         const F out = min(min(far(0), far(1)), min(far(2), F(w.t[i])));
         store(entry + k, in);
         hits |= bits(in <= out) << k;
     }
     return hits;
+}
+
+VR_HD uint32_t record_primitive(const float* rows, uint32_t count, uint32_t j) {
+    return as_uint(rows[kRecordId * count + j]) & ((1u << kRecordKindShift) - 1u);
 }
 
 // Of the leaf's `count` records, those that ray i meets within its t: as bits, and where.
@@ -108,7 +113,8 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w,
             fma(n.z, ray.o.z, fma(n.y, ray.o.y, fma(n.x, ray.o.x, row(kRecordPlane + 3))));
         const F at = bounded_distance<Batch>(-height / dot(n, ray.d), slabs, v);
         store(t + k, at);
-        hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits((at > F(0.f)) & (at <= F(w.t[i]))) << k;
+        const auto ahead = (at > F(0.f)) & (at >= F(w.after[i])) & (at <= F(w.t[i]));
+        hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits(ahead) << k;
     }
     if constexpr (kKinds != kTreeTriangles)
         for (uint32_t j = 0; j < count; ++j) {
@@ -119,8 +125,9 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w,
             const auto one = [&](const float (&column)[3][L::kWidth]) {
                 return Scalar3{column[0][i], column[1][i], column[2][i]};
             };
-            t[j] = round_distance<kKinds>(record, kind, {one(w.o), one(w.d)},
-                                          {one(w.inverse), one(w.near), one(w.far)});
+            t[j] = round_distance<kKinds>(
+                record, kind, record_primitive(rows, count, j), {one(w.o), one(w.d)},
+                {one(w.inverse), one(w.near), one(w.far)}, {w.after[i], w.passed[i]});
             hits = (hits & ~(1u << j)) | (t[j] <= w.t[i] && t[j] < kInfinity ? 1u << j : 0u);
         }
     return hits;
@@ -143,11 +150,11 @@ VR_HD bool step(const BvhView& bvh, Walkers<L>& w, uint32_t i) {
         float t[kCpuLeaf];
         for (uint32_t m = leaf_hits<kKinds>(rows, count, w, i, t); m; m &= m - 1) {
             const uint32_t j = static_cast<uint32_t>(__builtin_ctz(m));
-            const uint32_t primitive =
-                as_uint(rows[kRecordId * count + j]) & ((1u << kRecordKindShift) - 1u);
+            const uint32_t primitive = record_primitive(rows, count, j);
             if constexpr (kAny) {
                 if (t[j] < w.t[i] && primitive != w.primitive[i]) return w.t[i] = -1.f, false;
-            } else if (closer(t[j], primitive, Hit<Scalar>{w.t[i], w.primitive[i]})) {
+            } else if (closer(t[j], primitive, {w.t[i], w.primitive[i]},
+                              {w.after[i], w.passed[i]})) {
                 w.t[i] = t[j], w.primitive[i] = primitive;
             }
         }
@@ -221,9 +228,9 @@ VR_HD void walk(const BvhView& bvh, Walkers<L>& w, typename L::M active) {
 }
 
 template <class L, uint32_t kKinds>
-VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::M active,
-                          Hit<L>& hit) {
-    Walkers<L> w(ray, hit.t, hit.primitive);
+VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& last,
+                          typename L::M active, Hit<L>& hit) {
+    Walkers<L> w(ray, last, hit.t, hit.primitive);
     walk<kKinds, false>(bvh, w, active);
     hit.t = load(w.t, typename L::F()), hit.primitive = load(w.primitive, typename L::U());
 }
@@ -232,7 +239,7 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::M a
 template <class L, uint32_t kKinds>
 VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::F t_max,
                                     typename L::M active, typename L::U skip) {
-    Walkers<L> w(ray, t_max, skip);
+    Walkers<L> w(ray, nothing_met<L>(), t_max, skip);
     walk<kKinds, true>(bvh, w, active);
     using F = typename L::F;
     return active & (t_max > F(0.f)) & (load(w.t, F()) < F(0.f));

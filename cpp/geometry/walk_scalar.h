@@ -60,7 +60,8 @@ struct WalkPlace {
 
 // From a node to its nearest child that the ray reaches within t; the others wait.
 template <uint32_t N>
-VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float t, WalkPlace<N>& place) {
+VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float after, float t,
+                     WalkPlace<N>& place) {
     const float* rows = static_cast<const WideNode<N>*>(bvh.nodes)[place.node].lo[0];
     const uint32_t flip_x = s.inverse.x < 0.f ? 3 * N : 0, flip_y = s.inverse.y < 0.f ? 3 * N : 0,
                    flip_z = s.inverse.z < 0.f ? 3 * N : 0;
@@ -72,7 +73,7 @@ VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float t, WalkPl
     for (uint32_t k = 0; k < N; ++k) {
         const float near =
             max(max(fma(x0[k], s.inverse.x, s.near.x), fma(y0[k], s.inverse.y, s.near.y)),
-                max(fma(z0[k], s.inverse.z, s.near.z), 0.f));
+                max(fma(z0[k], s.inverse.z, s.near.z), after));
         const float far =
             min(min(fma(x1[k], s.inverse.x, s.far.x), fma(y1[k], s.inverse.y, s.far.y)),
                 min(fma(z1[k], s.inverse.z, s.far.z), t));
@@ -105,14 +106,15 @@ VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float t, WalkPl
 
 // Distance at which the ray meets a record, and its primitive; infinity or 0 where it does not.
 template <uint32_t kKinds>
-VR_HD float record_distance(const float* record, const RayFrame& f, uint32_t& primitive) {
+VR_HD float record_distance(const float* record, const RayFrame& f, const Hit<Scalar>& last,
+                            uint32_t& primitive) {
     const Quad<float> a = load4(record), b = load4(record + 4), c = load4(record + 8);
     if constexpr (kKinds != kTreeTriangles) {
         const Quad<float> d = load4(record + 12);
         primitive = as_uint(d.y);
         if (!(kKinds & kTreeTriangles) || as_uint(d.z) != kTriangleRecord) {
             const float all[12] = {a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w};
-            return round_distance<kKinds>(all, as_uint(d.z), f.ray, f.slabs);
+            return round_distance<kKinds>(all, as_uint(d.z), primitive, f.ray, f.slabs, last);
         }
     }
     const Scalar3 v[3] = {{a.x, a.y, a.z}, {a.w, b.x, b.y}, {b.z, b.w, c.x}};
@@ -127,10 +129,11 @@ VR_HD float record_distance(const float* record, const RayFrame& f, uint32_t& pr
     return bounded_distance<Scalar>(plane_distance<Scalar>(plane, f.ray), f.slabs, v);
 }
 
-// What a ray looks for: the closest hit, or any with a primitive other than `skip`.
+// What a ray looks for: the closest hit beyond `last`, or any with a primitive other than `skip`.
 struct WalkAim {
     bool any;
     uint32_t skip;
+    Hit<Scalar> last;
 };
 
 // Tests the records of the leaf that the walk has come to, and goes on.
@@ -141,9 +144,9 @@ VR_HD void walk_leaf(const BvhView& bvh, const RayFrame& f, WalkAim aim, Hit<Sca
                           static_cast<uint64_t>((place.node & ~kLeafFlag) >> 4) * kRecordFloats;
     for (uint32_t count = (place.node & 15u) + 1u; count; --count, record += kRecordFloats) {
         uint32_t primitive = ~0u;
-        const float t = record_distance<kKinds>(record, f, primitive);
+        const float t = record_distance<kKinds>(record, f, aim.last, primitive);
         if (!aim.any) {
-            if (t < kInfinity && closer(t, primitive, hit)) hit = {t, primitive};
+            if (t < kInfinity && closer(t, primitive, hit, aim.last)) hit = {t, primitive};
         } else if (t > 0.f && t < hit.t && primitive != aim.skip) {
             hit = {t, primitive};
             place.node = kWalkEnd;
@@ -159,19 +162,21 @@ VR_HD void walk(const BvhView& bvh, const Ray<Scalar>& ray, WalkAim aim, Hit<Sca
     WalkPlace<N> place;
     place.begin();
     while (place.walking()) {
-        while (place.at_node()) walk_node<N>(bvh, f.slabs, hit.t, place);
+        while (place.at_node()) walk_node<N>(bvh, f.slabs, aim.last.t, hit.t, place);
         if (place.at_leaf()) walk_leaf<N, kKinds>(bvh, f, aim, hit, place);
     }
 }
 
 template <uint32_t N, uint32_t kKinds>
-VR_HD void closest_in_width(const BvhView& bvh, const Ray<Scalar>& ray, Hit<Scalar>& hit) {
-    walk<N, kKinds>(bvh, ray, {false, ~0u}, hit);
+VR_HD void closest_in_width(const BvhView& bvh, const Ray<Scalar>& ray, const Hit<Scalar>& last,
+                            Hit<Scalar>& hit) {
+    walk<N, kKinds>(bvh, ray, {false, ~0u, last}, hit);
 }
 
 template <class L, uint32_t kKinds>
-VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, bool active, Hit<L>& hit) {
-    if (active) closest_in_width<kDeviceWidth, kKinds>(bvh, ray, hit);
+VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& last, bool active,
+                          Hit<L>& hit) {
+    if (active) closest_in_width<kDeviceWidth, kKinds>(bvh, ray, last, hit);
 }
 
 // Whether the ray meets a primitive other than `skip` before t_max.
@@ -179,7 +184,7 @@ template <class L, uint32_t kKinds>
 VR_HD bool occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, float t_max, bool active,
                            uint32_t skip) {
     Hit<Scalar> hit{t_max, ~0u};
-    if (active) walk<kDeviceWidth, kKinds>(bvh, ray, {true, skip}, hit);
+    if (active) walk<kDeviceWidth, kKinds>(bvh, ray, {true, skip, nothing_met<L>()}, hit);
     return hit.t < t_max;
 }
 

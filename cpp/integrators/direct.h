@@ -8,8 +8,8 @@ namespace veriray {
 template <class L, uint32_t kFeatures>
 struct DirectLight : SurfaceReader<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
-    using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::surface_at,
-        Reader::surface_column;
+    using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::passed,
+        Reader::surface_at, Reader::surface_column;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
     using typename Reader::Material;
 
@@ -88,6 +88,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         shadow.radiance = path.throughput * light.radiance * value.f_cos * weight;
         shadow.skip = light.skip;
         if constexpr (has(kMedia)) shadow.medium = path.medium;
+        shadow.travelled = F(0.f), shadow.passed = U(~0u);
     }
 
     // Whether shadow rays go on behind surfaces that let them through.
@@ -104,21 +105,19 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         }
         M todo = shadow.wanted, free = no_lanes(todo);
         while (any(todo))
-            free = free |
-                   shadow_hit(scene, shadow, closest(scene, shadow.ray, shadow.t_max, todo), todo);
+            free = free | shadow_hit(scene, shadow,
+                                     closest(scene, shadow.ray, passed(shadow), shadow.t_max, todo),
+                                     todo);
         return free;
     }
 
     // Where shadow rays pass: what the hit of one leaves of it. Returns the lanes whose light has
-    // arrived; in todo remain those that go on, by shadow.ray.
+    // arrived; in todo remain those that go on.
     static VR_HD M shadow_hit(const SceneView& scene, ShadowRequest<L>& shadow, const Hit<L>& hit,
                               M& todo) {
         M met = todo & (hit.t < shadow.t_max);
-        met = met & !(hit.primitive == shadow.skip);  // t_max has lost bits by subtraction
-        if constexpr (has(kMedia)) {
-            const F margin = Reader::exit_margin(scene, shadow.ray, hit, met);
-            attenuate(scene, shadow, max(hit.t - margin, F(0.f)), todo);
-        }
+        met = met & !(hit.primitive == shadow.skip);
+        if constexpr (has(kMedia)) attenuate(scene, shadow, hit.t - shadow.travelled, todo);
         const M free = todo & !met;
         todo = met;
         if (none(todo)) return free;
@@ -132,8 +131,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const V share = fma(bsdf.pass_through(), opacity, V{open, open, open});
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
         todo = todo & (max_component(shadow.radiance) > F(0.f));
-        shadow.ray.o = select(todo, fma(at.ng, -at.offset * side, at.p), shadow.ray.o);
-        shadow.t_max = select(todo, shadow.t_max - hit.t, shadow.t_max);
+        shadow.travelled = select(todo, hit.t, shadow.travelled);
+        shadow.passed = select(todo, hit.primitive, shadow.passed);
         if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
         return free;
     }

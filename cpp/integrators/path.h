@@ -49,6 +49,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         path.pdf_sa = F(0.f);
         path.scale = F(1.f);
         path.travelled = F(0.f);
+        path.passed = U(~0u);
         path.vertices = U(0u);
         path.medium = U(scene.camera_medium);
         return path;
@@ -76,23 +77,38 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- cross: the medium between the ray's origin and its hit; returns the lanes that collide
     // before it ----
     static VR_HD M cross(const SceneView& scene, const PathSettings& s, PathState<L>& path,
-                         Hit<L>& hit, uint32_t segment, M active) {
+                         Hit<L>& hit, F far, uint32_t segment, M active) {
         M inside = active & !(path.medium == U(0u));
         leave_closed(scene, path, inside & !(hit.t < F(kInfinity)));
         inside = inside & !(path.medium == U(0u));
         if (none(inside)) return inside;
         const Block<U> r =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
-        const M bounded = inside & (hit.t < F(kInfinity));
-        const F limit = max(hit.t - Reader::exit_margin(scene, path.ray, hit, bounded), F(0.f));
+        const F limit = min(hit.t, far) - Reader::passed(path).t;
         const Flight<F> flight =
             free_flight(medium_column3(scene, path.medium, kMediumSigma),
                         medium_column3(scene, path.medium, kMediumAlbedo), path.throughput, limit,
                         uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
         path.throughput = select(inside, path.throughput * flight.weight, path.throughput);
         const M collided = inside & (flight.t < limit);
-        hit.t = select(collided, flight.t, hit.t);
+        hit.t = select(collided, Reader::passed(path).t + flight.t, hit.t);
         return collided;
+    }
+
+    // The point of a collision at t, before the ray's hit `end` and beyond what it has passed.
+    static VR_HD V collision_point(const SceneView& scene, const PathState<L>& path, F t,
+                                   const Hit<L>& end, M collided) {
+        V p = path.ray.at(t);
+        if constexpr (has(kPass)) {
+            const M begun = collided & (path.travelled > F(0.f));
+            if (any(begun))
+                p = Reader::on_this_side(scene, path.ray, path.travelled, path.passed, true, p,
+                                         begun);
+        }
+        const M bounded = collided & (end.t < F(kInfinity));
+        if (any(bounded))
+            p = Reader::on_this_side(scene, path.ray, end.t, end.primitive, false, p, bounded);
+        return p;
     }
 
     // ---- hit emitter: adds emission, returns the lanes that met an emitter's front ----
@@ -104,13 +120,10 @@ struct PathTracer : DirectLight<L, kFeatures> {
             const F chance = lookup(scene.light_chance, prim, scene.primitive_count);
             lit = valid & at.front & (chance > F(0.f));
             if (any(lit)) {
-                F distance = hit.t;
-                if constexpr (has(kPass)) distance = distance + path.travelled;
                 const F cos_light = -dot(at.ng, path.ray.d);
                 // Density of light samples over that of the direction.
-                F ratio = chance * (distance * distance) / (cos_light * path.pdf_sa);
-                V from = path.ray.o;  // of the density: the last vertex
-                if constexpr (has(kPass)) from = fma(path.ray.d, -path.travelled, from);
+                F ratio = chance * (hit.t * hit.t) / (cos_light * path.pdf_sa);
+                const V from = path.ray.o;  // of the density: the last vertex
                 if constexpr (has(kRectangleLights)) {
                     if (scene.features & kRectangleLights) {
                         const U row = to_uint(lookup(scene.light_row, prim, scene.primitive_count));
@@ -168,14 +181,17 @@ struct PathTracer : DirectLight<L, kFeatures> {
         e.visible = e.occluded = e.collided = shadow.wanted = nobody;
 
         M valid = active & (hit.t < F(kInfinity)), collided = nobody;
-        if constexpr (has(kClip))
-            if (segment == 0) {
-                valid = valid & within_far(scene, path.ray, hit.t);
-                hit.t = select(valid, hit.t, F(kInfinity));
-            }
+        V collision = path.ray.o;
+        const F far = far_end(scene, path, segment);
+        if constexpr (has(kClip)) {
+            valid = valid & (hit.t <= far);
+            hit.t = select(valid, hit.t, F(kInfinity));
+        }
         if constexpr (has(kMedia)) {
-            collided = cross(scene, s, path, hit, segment, active);
+            const Hit<L> end = hit;
+            collided = cross(scene, s, path, hit, far, segment, active);
             e.collided = collided;
+            if (any(collided)) collision = collision_point(scene, path, hit.t, end, collided);
             valid = valid & !collided;
         }
         e.escaped = active & !(valid | collided);
@@ -221,7 +237,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         const Block<U> random =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter));
         if constexpr (has(kMedia)) {
-            vertex.p = select(collided, path.ray.at(hit.t), vertex.p);
+            vertex.p = select(collided, collision, vertex.p);
             vertex.g = medium_column(scene, path.medium, kMediumG);
         }
         if constexpr (has(kAnyLight)) {
@@ -281,19 +297,22 @@ struct PathTracer : DirectLight<L, kFeatures> {
                               const Surface<L>& at, const Vertex& vertex, const Material& bsdf,
                               const BsdfSample<L>& next, M pass) {
         path.throughput = path.throughput * next.weight;
-        path.ray.o = vertex.p;
         if constexpr (has(kDielectric | kPass)) {
             const M through = next.transmitted | pass;
-            path.ray.o = select(through, fma(vertex.ng, -at.offset, at.p), path.ray.o);
             if constexpr (has(kMedia)) path.medium = medium_beyond(scene, path, at, through);
         }
+        V from = vertex.p;
+        if constexpr (has(kDielectric))
+            from = select(next.transmitted, fma(vertex.ng, -at.offset, at.p), from);
+        path.ray.o = select(pass, path.ray.o, from);
         if constexpr (has(kDielectric))
             path.scale =
                 select(next.transmitted, path.scale * (bsdf.relative * bsdf.relative), path.scale);
         path.ray.d = next.wi;
         path.pdf_sa = select(pass, path.pdf_sa, next.pdf_sa);
         if constexpr (has(kPass)) {
-            path.travelled = select(pass, path.travelled + hit.t, F(0.f));
+            path.travelled = select(pass, hit.t, F(0.f));
+            path.passed = select(pass, hit.primitive, U(~0u));
             path.vertices = select(pass, path.vertices, path.vertices + U(1u));
         }
     }
@@ -306,8 +325,9 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- one bounce: from the ray of segment `segment` to the next one ----
     static VR_HD Events<L> bounce(const SceneView& scene, const PathSettings& s, PathState<L>& path,
                                   uint32_t segment, M active) {
-        ShadowRequest<L> shadow{no_lanes(active), {zero(), zero()}, F(0.f), zero(), U(0u), U(0u)};
-        const Hit<L> hit = closest(scene, path.ray, F(kInfinity), active);
+        ShadowRequest<L> shadow{
+            no_lanes(active), {zero(), zero()}, F(0.f), zero(), U(0u), U(0u), F(0.f), U(~0u)};
+        const Hit<L> hit = closest(scene, path.ray, Reader::passed(path), F(kInfinity), active);
         Events<L> e = scatter(scene, s, path, hit, segment, active, shadow);
         if (any(shadow.wanted)) {
             e.visible = unblocked(scene, shadow);
@@ -325,9 +345,17 @@ struct PathTracer : DirectLight<L, kFeatures> {
     static VR_HD void add_radiance(PathState<L>& path, M m, V radiance) {
         path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
     }
-    static VR_HD M within_far(const SceneView& scene, const Ray<L>& ray, F t) {
-        const F cosine = dot(ray.d, broadcast<F>(scene.camera.forward));
-        return t * cosine <= F(scene.camera.far_clip - scene.camera.near_clip);
+    // Where the path's ray ends: a camera ray at the far plane.
+    static VR_HD F far_end(const SceneView& scene, const PathState<L>& path, uint32_t segment) {
+        if constexpr (!has(kClip)) return F(kInfinity);
+        M camera = path.pdf_sa >= F(0.f);
+        if constexpr (has(kPass))
+            camera = path.vertices == U(0u);
+        else if (segment)
+            return F(kInfinity);
+        const F cosine = dot(path.ray.d, broadcast<F>(scene.camera.forward));
+        const F depth(scene.camera.far_clip - scene.camera.near_clip);
+        return select(camera, depth / cosine, F(kInfinity));
     }
     // Reflects nothing: black, the back of a one-sided material, or seen from below the shading
     // normal's horizon.

@@ -22,10 +22,15 @@ struct PathState {
     Vec3<F> throughput, radiance;
     F pdf_sa;     // of the direction at the last scattering; 0 where no light sample competes
     F scale;      // kDielectric: undoes the compression of radiance, for roulette
-    F travelled;  // kPass: from the last scattering to the ray's origin
+    F travelled;  // kPass: the ray has passed all up to this distance
+    U passed;     // kPass: and, of what lies there, the primitives up to this one
     U vertices;   // kPass: scatterings so far
-    U medium;     // kMedia: around the ray's origin
+    U medium;     // kMedia: around the ray at `travelled`
 };
+
+// Of the fields below, those that say how far the ray has come.
+inline constexpr uint32_t kPassedField = 3;
+constexpr uint32_t travelled_field(uint32_t features) { return features & kDielectric ? 14 : 13; }
 
 // The one list of a path's fields, for the schedulers that store it: f(index, lanes&), u(index,
 // lanes&).
@@ -39,10 +44,11 @@ VR_HD void each_field(Path& p, FloatField f, UintField u) {
     u(0, p.pixel), u(1, p.sample);
     if constexpr (kFeatures & kDielectric) f(13, p.scale);
     if constexpr (kFeatures & kPass) {
-        f((kFeatures & kDielectric) ? 14 : 13, p.travelled);
+        f(travelled_field(kFeatures), p.travelled);
         u(2, p.vertices);
+        u(3, p.passed);
     }
-    if constexpr (kFeatures & kMedia) u((kFeatures & kPass) ? 3 : 2, p.medium);
+    if constexpr (kFeatures & kMedia) u((kFeatures & kPass) ? 4 : 2, p.medium);
 }
 // Fields that some stages need alone; the ray's are the first 6.
 inline constexpr uint32_t kRadianceField = 9, kPixelField = 0, kSampleField = 1;
@@ -50,7 +56,7 @@ constexpr uint32_t path_floats(uint32_t features) {
     return 13 + ((features & kDielectric) ? 1 : 0) + ((features & kPass) ? 1 : 0);
 }
 constexpr uint32_t path_uints(uint32_t features) {
-    return 2 + ((features & kPass) ? 1 : 0) + ((features & kMedia) ? 1 : 0);
+    return 2 + ((features & kPass) ? 2 : 0) + ((features & kMedia) ? 1 : 0);
 }
 constexpr uint32_t path_bytes(uint32_t features) {
     return 4 * (path_floats(features) + path_uints(features));
@@ -66,10 +72,12 @@ struct ShadowRequest {
     typename L::F t_max;
     Vec3<typename L::F> radiance;  // added if the ray is free
     typename L::U skip;            // kShadowSkips: primitive that does not block
-    typename L::U medium;          // kMedia: around the ray's origin
+    typename L::U medium;          // kMedia: around the ray where it goes on
+    typename L::F travelled;       // kPass: as of a path, and likewise
+    typename L::U passed;
 };
 
-// Its list of fields; `wanted` is none.
+// Its list of fields before it has passed anything; `wanted` is none.
 template <uint32_t kFeatures, class Request, class FloatField, class UintField>
 VR_HD void each_shadow_field(Request& s, FloatField f, UintField u) {
     f(0, s.ray.o.x), f(1, s.ray.o.y), f(2, s.ray.o.z);

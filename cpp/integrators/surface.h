@@ -118,11 +118,12 @@ struct SurfaceReader {
     }
 
     // Calls test(meets, primitive) for every primitive from `first` (a quad) on of a scene without
-    // a tree in ascending order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max.
+    // a tree in ascending order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max,
+    // where first, and a sphere beyond `last`.
     // On CUDA a block's copy of the quads must have been filled.
     template <class Test>
-    static VR_HD void each_flat(const SceneView& scene, const Ray<L>& ray, uint32_t first,
-                                Test test) {
+    static VR_HD void each_flat(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last,
+                                uint32_t first, Test test) {
         uint32_t primitive = 0;
         if constexpr (has(kQuads)) {
             if constexpr (kOneLane)
@@ -156,23 +157,34 @@ struct SurfaceReader {
             for (uint32_t i = 0; i < scene.sphere_count; ++i)
                 test(
                     [&](F t_max, F& t) {
-                        return meets_sphere<L>(scene.spheres + i * kSphereFloats, ray, t_max, t);
+                        return meets_sphere<L>(scene.spheres + i * kSphereFloats, ray, last,
+                                               U(primitive + i), t_max, t);
                     },
                     primitive + i);
         }
     }
 
-    // The nearest hit before t_max; t = t_max and primitive ~0 where there is none.
-    static VR_HD Hit<L> closest(const SceneView& scene, const Ray<L>& ray, F t_max, M active) {
+    // How far the ray of a path or shadow request has come.
+    template <class Carrier>
+    static VR_HD Hit<L> passed(const Carrier& c) {
+        if constexpr (has(kPass)) return {c.travelled, c.passed};
+        return nothing_met<L>();
+    }
+
+    // The nearest hit beyond `last` and before t_max; t = t_max and primitive ~0 where there is
+    // none.
+    static VR_HD Hit<L> closest(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last,
+                                F t_max, M active) {
         Hit<L> hit{t_max, U(~0u)};
         if constexpr (has(kBvh))
             if (scene.features & kBvh) {
-                closest_in_bvh<L, kTreeKinds>(scene.bvh, ray, active, hit);
+                closest_in_bvh<L, kTreeKinds>(scene.bvh, ray, last, active, hit);
                 return hit;
             }
-        each_flat(scene, ray, 0, [&](auto meets, uint32_t primitive) {
+        each_flat(scene, ray, last, 0, [&](auto meets, uint32_t primitive) {
             F t;
-            const M take = meets(hit.t, t);
+            M take = meets(hit.t, t);
+            if constexpr (has(kPass)) take = take & beyond<L>(last, t, U(primitive));
             hit.t = select(take, t, hit.t);
             hit.primitive = select(take, U(primitive), hit.primitive);
         });
@@ -202,7 +214,7 @@ struct SurfaceReader {
                                                       shadow.wanted, shadow.skip);
         M blocked = shadow.wanted & !shadow.wanted;
         uint32_t mark = 0;  // CUDA: a condition kept in a register costs two instructions more
-        each_flat(scene, shadow.ray, first_blocker(scene, shadow),
+        each_flat(scene, shadow.ray, nothing_met<L>(), first_blocker(scene, shadow),
                   [&](auto meets, uint32_t primitive) {
                       F t;
                       M hit = meets(shadow.t_max, t);
@@ -262,23 +274,34 @@ struct SurfaceReader {
         return at;
     }
 
-    // A medium ends so far before the ray's hit: a collision nearer to the surface could lie beyond
-    // it when rounded, and its path would never leave the medium.
-    static VR_HD F exit_margin(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
-                               M valid) {
-        const U prim = select(valid, hit.primitive, U(0u));
-        const V p = ray.at(hit.t);
-        F cosine = abs(dot(primitive_column3(scene, prim, kPrimN), ray.d));
+    // A collision's point p, which the ray reaches before (or, `after`, beyond) its point at t on
+    // primitive `prim`, put back to that side of it if rounding has taken it across: else its path
+    // would never meet the surface. By the arithmetic of the tests, so that they agree.
+    static VR_HD V on_this_side(const SceneView& scene, const Ray<L>& ray, F t, U prim, bool after,
+                                V p, M valid) {
+        prim = select(valid, prim, U(0u));
+        V n = primitive_column3(scene, prim, kPrimN);
+        F height =
+            fma(n.z, p.z, fma(n.y, p.y, fma(n.x, p.x, -primitive_column(scene, prim, kPrimPlane))));
+        F terms = fma(abs(n.z), abs(p.z), fma(abs(n.y), abs(p.y), abs(n.x) * abs(p.x)));
+        F towards = dot(n, ray.d);
         if constexpr (has(kSpheres)) {
             const M round = valid & !(prim < U(scene.first_sphere));
             if (any(round)) {
-                const V n = p - primitive_column3(scene, prim, kSphereCentre);
-                const F r = primitive_column(scene, prim, kSphereRadius);
-                cosine = select(round, abs(dot(n, ray.d)) / r, cosine);
+                F record[kSphereFloats];
+                sphere_record(scene, prim, record);
+                const TwoVec3<F> f = from_centre(record, p);
+                const V outward = f.hi * (F(1.f) / sqrt(dot(f.hi, f.hi)));
+                n = select(round, outward, n);
+                height = select(round, excess(record, f) / (F(2.f) * record[6]), height);
+                terms = select(round, sqrt(dot(p, p)), terms);
+                const V met = ray.at(t) - V{record[0], record[1], record[2]};
+                towards = select(round, dot(met, ray.d), towards);
             }
         }
-        const F size = max(max(abs(p.x), abs(p.y)), abs(p.z));
-        return select(valid, F(0x1p-22f) * (hit.t + F(2.f) * size / cosine), F(0.f));
+        const F front(after ? -1.f : 1.f), side = select(towards < F(0.f), front, -front);
+        const M across = valid & !(height * side > F(0.f));
+        return select(across, fma(n * side, fma(terms, F(0x1p-22f), abs(height)), p), p);
     }
 
     // The interpolated normal; the geometric one where it vanishes or the surface is not smooth.

@@ -72,13 +72,15 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         if (arrived && !idle) place.begin();
         rejoin_warp();
         // All walk.
-        const WalkAim look{aim == Aim::kLight && !through, aim == Aim::kLight ? shadow.skip : ~0u};
+        const Hit<Scalar> last = aim == Aim::kLight ? Tracer::passed(shadow) : Tracer::passed(path);
+        const WalkAim look{aim == Aim::kLight && !through, aim == Aim::kLight ? shadow.skip : ~0u,
+                           last};
         const RayFrame f = frame_of(aim == Aim::kLight ? shadow.ray : path.ray);
         const uint32_t enough = lanes_with(!idle) * kStayPart / 8;
         uint32_t on_way = lanes_with(place.walking());
         while (on_way > enough) {
             do {
-                if (place.at_node()) walk_node(scene.bvh, f.slabs, hit.t, place);
+                if (place.at_node()) walk_node(scene.bvh, f.slabs, last.t, hit.t, place);
             } while (8 * lanes_with(place.at_node()) > kNodePart * on_way);
             if (place.at_leaf())
                 walk_leaf<kDeviceWidth, Tracer::kTreeKinds>(scene.bvh, f, look, hit, place);

@@ -243,6 +243,11 @@ struct SurfaceReader {
             record[c] = primitive_column(scene, primitive, c);
     }
 
+    // Of n.p: what its rounding is in proportion to.
+    static VR_HD F terms(V n, V p) {
+        return fma(abs(n.z), abs(p.z), fma(abs(n.y), abs(p.y), abs(n.x) * abs(p.x)));
+    }
+
     static VR_HD Surface<L> surface_at(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
                                        M valid) {
         const U prim = select(valid, hit.primitive, U(0u));
@@ -251,6 +256,11 @@ struct SurfaceReader {
         at.offset = primitive_column(scene, prim, kPrimOffset);
         at.p = ray.at(hit.t);
         at.p = fma(at.ng, primitive_column(scene, prim, kPrimPlane) - dot(at.ng, at.p), at.p);
+        if constexpr (has(kBvh)) {
+            const M local = at.offset < F(0.f);
+            if (any(local))
+                at.offset = select(local, terms(at.ng, at.p) * F(kLocalOffset), at.offset);
+        }
         at.ns = at.ng;
         if constexpr (has(kSmooth))
             if (scene.smooth) at.ns = interpolated(scene, prim, at);
@@ -283,7 +293,7 @@ struct SurfaceReader {
         V n = primitive_column3(scene, prim, kPrimN);
         F height =
             fma(n.z, p.z, fma(n.y, p.y, fma(n.x, p.x, -primitive_column(scene, prim, kPrimPlane))));
-        F terms = fma(abs(n.z), abs(p.z), fma(abs(n.y), abs(p.y), abs(n.x) * abs(p.x)));
+        F size = terms(n, p);
         F towards = dot(n, ray.d);
         if constexpr (has(kSpheres)) {
             const M round = valid & !(prim < U(scene.first_sphere));
@@ -294,14 +304,14 @@ struct SurfaceReader {
                 const V outward = f.hi * (F(1.f) / sqrt(dot(f.hi, f.hi)));
                 n = select(round, outward, n);
                 height = select(round, excess(record, f) / (F(2.f) * record[6]), height);
-                terms = select(round, sqrt(dot(p, p)), terms);
+                size = select(round, sqrt(dot(p, p)), size);
                 const V met = ray.at(t) - V{record[0], record[1], record[2]};
                 towards = select(round, dot(met, ray.d), towards);
             }
         }
         const F front(after ? -1.f : 1.f), side = select(towards < F(0.f), front, -front);
         const M across = valid & !(height * side > F(0.f));
-        return select(across, fma(n * side, fma(terms, F(0x1p-22f), abs(height)), p), p);
+        return select(across, fma(n * side, fma(size, F(0x1p-22f), abs(height)), p), p);
     }
 
     // The interpolated normal; the geometric one where it vanishes or the surface is not smooth.

@@ -195,7 +195,13 @@ void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight
         at(kLightE2 + k) = static_cast<float>(e2[static_cast<int>(k)]);
         at(kLightN + k) = prim(kPrimN + k);
     }
+    // The offset of a face that is left by the point's own bound: the bound at its corners.
+    double most = 0;
+    for (int k = 0; k < 3; ++k)
+        most += std::abs(static_cast<double>(prim(kPrimN + static_cast<uint32_t>(k)))) *
+                (std::abs(p[k]) + std::abs(e1[k]) + std::abs(e2[k]));
     at(kLightOffset) = std::max(prim(kPrimOffset), column_of(light.other, kPrimOffset));
+    if (at(kLightOffset) < 0) at(kLightOffset) = static_cast<float>(most) * kLocalOffset;
     if (!light.rectangle) return;
     shape(LightShape::kRectangle, kRectangleLights);
     const double a = length(e1), b = length(e2);

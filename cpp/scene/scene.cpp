@@ -33,6 +33,20 @@ double leave(const float* plane, const Double3* corners, uint32_t count) {
     return 0x1p-20 * terms + off;
 }
 
+// Whether the rounding at the corners of a face is no measure for that at its points: a large face
+// that comes near to the origin.
+bool uneven(const float* plane, const Flat& f) {
+    double most = 0, near = std::abs(static_cast<double>(plane[3]));
+    for (int c = 0; c < 3; ++c) {
+        double low = f.v[0][c], high = low;
+        for (uint32_t k = 1; k < f.corners; ++k)
+            low = std::min(low, f.v[k][c]), high = std::max(high, f.v[k][c]);
+        most = std::max(most, std::abs(static_cast<double>(plane[c])) * std::max(-low, high));
+        near = std::max({near, low, -high});
+    }
+    return most > 64 * near;
+}
+
 }  // namespace
 
 uint32_t padded(size_t n) {
@@ -113,6 +127,9 @@ bool HostScene::set_flat(const SceneInput& in) {
     const size_t round = in.spheres.count + in.disks.count;
     if (in.triangles.count > 4 * kMaxFlat || round > kMaxFlat) return false;
     if (has_normals_) return false;
+    for (const ShapeGroup group : {kTriangleGroup, kDiskGroup})
+        for (uint32_t i = 0; i < in.material[group].count; ++i)
+            if (lets_through(in, group, i)) return false;
     std::vector<Flat> flats;
     for (size_t i = 0; i < in.triangles.count; ++i) {
         flats.push_back(triangle(in, i));
@@ -175,7 +192,7 @@ void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t ro
     const Flat f = triangle(in, row);
     float plane[4];
     write_plane(f, plane);
-    put_plane(primitive, f, plane, 0);
+    put_plane(primitive, f, plane, uneven(plane, f) ? -1.f : 0.f);
     put_source(in, primitive, kTriangleGroup, row, length(f.area_vector()));
     if (!smooth.empty()) put_smooth(in, primitive, f);
     float* r = &records[primitive * kRecordFloats];
@@ -223,6 +240,7 @@ void HostScene::set_tree(const SceneInput& in) {
         r[kRecordId] = bit_cast<float>(static_cast<uint32_t>(p));
         r[kRecordKind] = bit_cast<float>(kind);
     }
+    part_touching(in);
     view.disk_count = static_cast<uint32_t>(in.disks.count);
     view.sphere_count = static_cast<uint32_t>(in.spheres.count);
     view.smooth = smooth.empty() ? nullptr : smooth.data();
@@ -262,12 +280,13 @@ float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint3
 }
 }  // namespace
 
-// least: the offset must take a point past a neighbour's rim and the slack of its own plane.
+// least: the offset must take a point past a neighbour's rim and the slack of its own plane; -1: by
+// the point.
 void HostScene::put_plane(size_t primitive, const Flat& f, const float* plane, float least) {
     for (uint32_t k = 0; k < 3; ++k) at(primitives, view, primitive, kPrimN + k) = plane[k];
     at(primitives, view, primitive, kPrimPlane) = -plane[3];
     at(primitives, view, primitive, kPrimOffset) =
-        std::max(least, static_cast<float>(leave(plane, f.v.data(), f.corners)));
+        least < 0 ? -1.f : std::max(least, static_cast<float>(leave(plane, f.v.data(), f.corners)));
 }
 
 void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record) {
@@ -282,7 +301,7 @@ void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, f
     f.v = {c + a, c + b, c - a, c - b};
     float plane[4];
     write_plane(f, plane);
-    put_plane(primitive, f, plane, 0);
+    put_plane(primitive, f, plane, uneven(plane, f) ? -1.f : 0.f);
     std::copy_n(plane, 4, record);
     // U.p + w = 1 at c + a, 0 at c and along b; V likewise.
     const Double3 u = cross(b, n) * (1 / (area * area)), v = cross(n, a) * (1 / (area * area));

@@ -158,6 +158,8 @@ class HostScene {
     bool set_flat(const SceneInput& in);
     void set_tree(const SceneInput& in);
     std::vector<uint32_t> with_area(const SceneInput& in) const;
+    bool lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const;
+    void part_touching(const SceneInput& in);
     void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
     void allocate_primitives(size_t count, uint32_t row);
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);

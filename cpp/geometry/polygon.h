@@ -6,6 +6,10 @@
 // within rounding of a shared edge meets one of its primitives or both (scene/flat.cpp). A ray that
 // starts within rounding of a neighbour's plane counts as in front of it: records hold the plane
 // kPlaneSlack behind the surface.
+//
+// The back of a one-sided face has no such rim: it would stick out behind the silhouette of a body.
+// There the face ends as far within its own edges, to rounding: at |U.p + w| <= rim[0],
+// |V.p + w| <= rim[1] of a quad, e.p + w >= rim[k] of a polygon.
 #pragma once
 
 #include "geometry/ray.h"

@@ -180,6 +180,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         e.emitter_end = e.absorbed = e.depth_cut = e.rr_killed = e.alive = nobody;
         e.visible = e.occluded = e.collided = shadow.wanted = nobody;
 
+        hit = Reader::past_rims(scene, path.ray, hit, active);
         M valid = active & (hit.t < F(kInfinity)), collided = nobody;
         V collision = path.ray.o;
         const F far = far_end(scene, path, segment);

@@ -108,7 +108,8 @@ void write_edge(Double3 e, double w, float* out) {
 Double3 edge_normal(Double3 n, Double3 a, Double3 b) { return normalised(cross(n, b - a)); }
 }  // namespace
 
-void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
+void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out,
+                std::array<float, 4>& rim) {
     write_plane(f, out);
     out[3] += kPlaneSlack;
     const Double3 n = normalised(f.area_vector());
@@ -119,6 +120,7 @@ void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out) {
         const Double3 mid = (f.v[k] + f.v[k + 2]) * 0.5;
         const double scale = 1.0 / (half + slack);
         write_edge(e * scale, -dot(e, mid) * scale, out + 4 + 4 * k);
+        rim[k] = static_cast<float>((half - slack) * scale);
     }
 }
 
@@ -144,7 +146,8 @@ uint32_t write_short(const float* quad, float* out) {
     return kAnyWay;
 }
 
-void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out) {
+void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out,
+                   std::array<float, 4>& rim) {
     write_plane(f, out);
     out[3] += kPlaneSlack;
     const Double3 n = normalised(f.area_vector());
@@ -156,6 +159,7 @@ void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out)
         const Double3 e = edge_normal(n, f.v[k], f.v[(k + 1) % f.corners]);
         const double slack = shared[k] ? static_cast<double>(kEdgeSlack) : 0.0;
         write_edge(e, slack - dot(e, f.v[k]), out + 4 + 4 * k);
+        rim[k] = static_cast<float>(2 * slack);
     }
 }
 

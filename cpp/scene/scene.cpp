@@ -9,7 +9,9 @@
 namespace veriray {
 namespace {
 
-constexpr double kMinFlat = 0x1p-8;  // smallest edge or height for which kEdgeSlack is negligible
+// Smallest edge and height, and smallest radius and distance of a point light, for which kEdgeSlack
+// is negligible.
+constexpr double kMinFlat = 0x1p-8, kMinBeside = 0x1p-6;
 
 double rounded(double x) { return static_cast<double>(static_cast<float>(x)); }
 
@@ -17,6 +19,23 @@ double rounded(double x) { return static_cast<double>(static_cast<float>(x)); }
 void split(double x, float& high, float& low) {
     high = static_cast<float>(x);
     low = static_cast<float>(x - static_cast<double>(high));
+}
+
+float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint32_t column) {
+    return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
+}
+
+// From a point to the box about a face.
+double distance(Double3 p, const Flat& f) {
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) {
+        double low = f.v[0][k], high = low;
+        for (uint32_t c = 1; c < f.corners; ++c)
+            low = std::min(low, f.v[c][k]), high = std::max(high, f.v[c][k]);
+        const double gap = std::max({low - p[k], p[k] - high, 0.0});
+        sum += gap * gap;
+    }
+    return std::sqrt(sum);
 }
 
 // Leaving a plane n.p + w = 0 past the rounding of points on it: 16 units of 2^-24 of the terms of
@@ -122,6 +141,23 @@ Flat HostScene::triangle(const SceneInput& in, size_t i) const {
     return f;
 }
 
+// Of a scene with flat primitives: the smallest radius, and distance of a point light from their
+// boxes.
+double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>& flats) const {
+    double smallest = INFINITY;
+    if (flats.empty()) return smallest;
+    for (size_t i = 0; i < in.spheres.count; ++i)
+        smallest = std::min(smallest, in.spheres.data[4 * i + 3] / unit);
+    for (size_t i = 0; i < 2 * in.disks.count; ++i)
+        smallest = std::min(smallest, length(row3(in.disks, 3 * (i / 2) + 1 + i % 2)) / unit);
+    for (size_t i = 0; i < in.light_kind.count; ++i) {
+        if (in.light_kind.data[i] == 2) continue;
+        const Double3 p = (row3(in.light_position, i) - centre) * (1 / unit);
+        for (const Flat& f : flats) smallest = std::min(smallest, distance(p, f));
+    }
+    return smallest;
+}
+
 // A small scene without a tree; false if it needs one.
 bool HostScene::set_flat(const SceneInput& in) {
     const size_t round = in.spheres.count + in.disks.count;
@@ -142,7 +178,8 @@ bool HostScene::set_flat(const SceneInput& in) {
             const double edge = length(f.v[(k + 1) % f.corners] - f.v[k]);
             smallest = std::min({smallest, edge, 2 * length(f.area_vector()) / edge});
         }
-    if (flats.size() + round > kMaxFlat || smallest < kMinFlat) {
+    if (flats.size() + round > kMaxFlat || smallest < kMinFlat ||
+        smallest_beside(in, flats) < kMinBeside) {
         dropped = 0;
         return false;
     }
@@ -157,10 +194,12 @@ bool HostScene::set_flat(const SceneInput& in) {
         bool widened = false;
         for (const bool w : shared[i]) widened |= w;
         put_plane(i, f, plane, widened ? kEdgeSlack : 2 * kPlaneSlack);
+        std::array<float, 4> rim{};
         if (f.parallelogram)
-            write_quad(f, shared[i], view.quads + kQuadFloats * view.quad_count++);
+            write_quad(f, shared[i], view.quads + kQuadFloats * view.quad_count++, rim);
         else
-            write_polygon(f, shared[i], view.polygons + kPolygonFloats * view.polygon_count++);
+            write_polygon(f, shared[i], view.polygons + kPolygonFloats * view.polygon_count++, rim);
+        for (uint32_t k = 0; k < 4; ++k) at(primitives, view, i, kPrimRim + k) = rim[k];
         put_source(in, i, kTriangleGroup, f.triangle, length(f.area_vector()));
     }
     for (uint32_t i = 0; i < in.disks.count; ++i)
@@ -273,12 +312,6 @@ void HostScene::allocate_primitives(size_t count, uint32_t row) {
     sources.resize(count);
     input_index.resize(count);
 }
-
-namespace {
-float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint32_t column) {
-    return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
-}
-}  // namespace
 
 // least: the offset must take a point past a neighbour's rim and the slack of its own plane; -1: by
 // the point.

@@ -91,10 +91,13 @@ std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
 // primitive runs along it.
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats);
 void write_plane(const Flat& f, float* out);
-void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out);
+// rim: the face's own edges.
+void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out,
+                std::array<float, 4>& rim);
 // The short record of a quad across or along an axis; the way of its run, kAnyWay without a record.
 uint32_t write_short(const float* quad, float* out);
-void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out);
+void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out,
+                   std::array<float, 4>& rim);
 
 // Where a primitive comes from: row `row` of group `group`; -1 for no emission, no change of
 // medium.
@@ -155,6 +158,7 @@ class HostScene {
     Double3 point(const SceneInput& in, size_t vertex) const;
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
     Flat triangle(const SceneInput& in, size_t i) const;
+    double smallest_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
     bool set_flat(const SceneInput& in);
     void set_tree(const SceneInput& in);
     std::vector<uint32_t> with_area(const SceneInput& in) const;

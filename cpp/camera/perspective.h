@@ -1,4 +1,4 @@
-// Pinhole and thin lens; the camera is the origin.
+// Pinhole and thin lens. The camera is the origin, or far away from it.
 #pragma once
 
 #include "core/mapping.h"
@@ -14,6 +14,8 @@ struct CameraView {
     float near_clip, far_clip;   // along forward; 0 and infinity: not clipped
     float lens_x[3], lens_y[3];  // half axes of the aperture; 0 for a pinhole
     float focus;                 // distance of the plane of focus along forward
+    bool beside_origin;          // the camera is far away; then,
+    float plane[3][3];           // as corner, right and down, the points of the plane of the origin
 };
 
 // x, y: integer pixel; dx, dy: position from the pixel's corner. The two are kept apart, so that a
@@ -29,6 +31,19 @@ template <class L>
 VR_HD Ray<L> pinhole_ray(Vec3<typename L::F> at) {
     using F = typename L::F;
     return {{F(0.f), F(0.f), F(0.f)}, at * (F(1.f) / sqrt(dot(at, at)))};
+}
+
+// The pinhole ray of a camera far away from a scene about the origin, from 4 before the point that
+// is nearest to the origin: through its point of a plane there, which is rounded as the scene is.
+template <class L>
+VR_HD Ray<L> far_ray(const CameraView& c, typename L::F x, typename L::F y, typename L::F dx,
+                     typename L::F dy) {
+    using F = typename L::F;
+    const Vec3<F> d = pinhole_ray<L>(camera_point(c, x, y, dx, dy)).d;
+    const Vec3<F> right = broadcast<F>(c.plane[1]), down = broadcast<F>(c.plane[2]);
+    const Vec3<F> p = fma(right, x, fma(down, y, broadcast<F>(c.plane[0])));
+    const Vec3<F> q = fma(right, dx, fma(down, dy, p));
+    return {fma(d, -(dot(q, d) + F(4.f)), q), d};
 }
 
 // From a point uniform on the aperture through the point in focus.

@@ -37,6 +37,8 @@ struct PathTracer : DirectLight<L, kFeatures> {
         const F dy = F(0.5f) + filter_offset<L>(scene.filter, uniform(r.y));
         const V at = camera_point(scene.camera, to_float(x), to_float(y), dx, dy);
         path.ray = pinhole_ray<L>(at);
+        if (scene.camera.beside_origin)
+            path.ray = far_ray<L>(scene.camera, to_float(x), to_float(y), dx, dy);
         if constexpr (has(kLens))
             if (scene.features & kLens)
                 path.ray = lens_ray<L>(scene.camera, at, uniform(r.z), uniform(r.w));

@@ -24,11 +24,21 @@ void HostScene::set_camera(const SceneInput& in) {
         c.lens_y[k] = static_cast<float>(up[k] * (in.aperture_radius / unit));
     }
     c.focus = static_cast<float>(in.focus_distance / unit);
+    c.beside_origin = far;
+    if (far) {
+        const double depth = dot(centre - eye, forward) / unit;
+        const Double3 first = (eye - centre) * (1 / unit) + corner * depth;
+        for (int k = 0; k < 3; ++k) {
+            c.plane[0][k] = static_cast<float>(first[k]);
+            c.plane[1][k] = static_cast<float>(right[k] * depth);
+            c.plane[2][k] = static_cast<float>(down[k] * depth);
+        }
+    }
     if (in.aperture_radius > 0) view.features |= kLens;
     // Clipping that cuts nothing, no shape and no medium before the camera, costs nothing.
     double nearest = INFINITY, farthest = -INFINITY;
     const auto span = [&](Double3 p, double reach) {
-        const double z = dot(p - centre, forward);
+        const double z = dot(p - eye, forward);
         nearest = std::min(nearest, z - reach);
         farthest = std::max(farthest, z + reach);
     };

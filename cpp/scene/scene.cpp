@@ -66,6 +66,9 @@ bool uneven(const float* plane, const Flat& f) {
     return most > 64 * near;
 }
 
+// Distances of the camera, in sizes of the scene, from which the scene's middle is the origin.
+constexpr double kFar = 8;
+
 }  // namespace
 
 uint32_t padded(size_t n) {
@@ -84,26 +87,52 @@ HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.
     set_filter(in);
 }
 
-void HostScene::normalise(const SceneInput& in) {
-    centre = {in.to_world[3], in.to_world[7], in.to_world[11]};
-    double most = 0;
-    const auto reach = [&](Double3 p, double r) {
-        for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r);
-    };
-    for (size_t i = 0; i < in.vertices.count; ++i) reach(row3(in.vertices, i), 0);
-    for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
-        has_normals_ = length(row3(in.normals, i)) > 0;
+// Calls f(point, extent by axis) for every vertex, sphere and disk.
+template <class Visit>
+void each_extent(const SceneInput& in, Visit f) {
+    for (size_t i = 0; i < in.vertices.count; ++i) f(row3(in.vertices, i), Double3{0, 0, 0});
     for (size_t i = 0; i < in.spheres.count; ++i) {
         const double* s = in.spheres.data + 4 * i;
-        reach({s[0], s[1], s[2]}, s[3]);
+        f(Double3{s[0], s[1], s[2]}, Double3{s[3], s[3], s[3]});
     }
     for (size_t i = 0; i < in.disks.count; ++i) {
         const Double3 a = row3(in.disks, 3 * i + 1), b = row3(in.disks, 3 * i + 2);
-        for (int k = 0; k < 3; ++k)
-            most = std::max(most, std::abs(in.disks.data[9 * i + k] - centre[k]) +
-                                      std::sqrt(a[k] * a[k] + b[k] * b[k]));
+        f(row3(in.disks, 3 * i),
+          Double3{std::sqrt(a.x * a.x + b.x * b.x), std::sqrt(a.y * a.y + b.y * b.y),
+                  std::sqrt(a.z * a.z + b.z * b.z)});
     }
-    reach(centre, in.aperture_radius);
+}
+
+// The origin is the camera, near which things are then fine; or, of a scene that is small beside
+// its distance and that nothing but the pinhole ties to the camera, its middle.
+void HostScene::normalise(const SceneInput& in) {
+    for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
+        has_normals_ = length(row3(in.normals, i)) > 0;
+    eye = centre = {in.to_world[3], in.to_world[7], in.to_world[11]};
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    each_extent(in, [&](Double3 p, Double3 r) {
+        for (int k = 0; k < 3; ++k)
+            low[k] = std::min(low[k], p[k] - r[k]), high[k] = std::max(high[k], p[k] + r[k]);
+    });
+    double size = 0, gap = 0, middle[3], depth[2] = {0, 0};
+    for (int k = 0; k < 3; ++k) {
+        const double forward = in.to_world[4 * k + 2];
+        middle[k] = low[k] + 0.5 * (high[k] - low[k]);
+        size = std::max(size, high[k] - low[k]);
+        gap = std::max({gap, low[k] - eye[k], eye[k] - high[k]});
+        depth[0] += std::min(forward * (low[k] - eye[k]), forward * (high[k] - eye[k]));
+        depth[1] += std::max(forward * (low[k] - eye[k]), forward * (high[k] - eye[k]));
+    }
+    if (gap > kFar * size && size > 0 && std::isfinite(gap) && depth[0] > in.near_clip &&
+        depth[1] < in.far_clip && in.camera_medium < 0 && in.aperture_radius == 0) {
+        centre = {middle[0], middle[1], middle[2]};
+        far = true;
+    }
+    double most = 0;
+    each_extent(in, [&](Double3 p, Double3 r) {
+        for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r[k]);
+    });
+    most = std::max(most, in.aperture_radius);
     if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
     unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
 }

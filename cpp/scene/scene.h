@@ -133,7 +133,8 @@ class HostScene {
 
     SceneView view;        // pointers into the tables below; bvh is the back end's
     double unit;           // world length of 1 normalised; a power of two
-    Double3 centre;        // world: the camera
+    Double3 centre, eye;   // world: the origin; the camera
+    bool far = false;      // the origin is not the camera but the middle of the scene
     uint32_t dropped = 0;  // triangles without area
     uint32_t width, height;
     std::vector<PrimitiveSource> sources;  // by primitive

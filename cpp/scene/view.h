@@ -1,6 +1,6 @@
 // The scene as the stages see it: plain pointers and numbers, passed by value.
-// Lengths are normalised: the camera is the origin and the largest coordinate lies in [1/2, 1)
-// after a division by a power of two.
+// Lengths are normalised: the origin is the camera, or of a scene far away from it the scene's
+// middle, and the largest coordinate lies in [1/2, 1) after a division by a power of two.
 #pragma once
 
 #include "camera/perspective.h"

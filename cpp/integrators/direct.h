@@ -125,7 +125,10 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         Material bsdf = material(scene, at.row);
         const V wo = -shadow.ray.d;
         const F side = select(at.front, F(1.f), F(-1.f));
-        bsdf.set_view(at.ns * side, abs(dot(at.ns, wo)), at.front);
+        V ns = at.ns * side;
+        F cosine = dot(ns, wo);
+        Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
+        bsdf.set_view(ns, cosine, at.front);
         const F opacity = surface_column(scene, at.row, kSurfaceOpacity);
         const F open = F(1.f) - opacity;
         const V share = fma(bsdf.pass_through(), opacity, V{open, open, open});

@@ -209,7 +209,8 @@ struct PathTracer : DirectLight<L, kFeatures> {
         const F side = select(at.front, F(1.f), F(-1.f));
         Vertex vertex{fma(at.ng, at.offset * side, at.p), at.ng * side, at.ns * side, valid,
                       F(0.f)};
-        const F cos_o = dot(vertex.ns, wo);
+        F cos_o = dot(vertex.ns, wo);
+        if constexpr (has(kSmooth)) Reader::face_viewer(bsdf, wo, vertex.ng, vertex.ns, cos_o);
         bsdf.set_view(vertex.ns, cos_o, at.front);
         M pass = nobody, covered = valid;
         if constexpr (has(kPass)) {
@@ -269,8 +270,12 @@ struct PathTracer : DirectLight<L, kFeatures> {
         if constexpr (has(kSmooth)) {  // both normals must agree on the side
             const F up = dot(vertex.ng, next.wi);
             const M wrong =
-                (next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)));
-            next.weight = select(wrong & !pass, zero(), next.weight);
+                ((next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)))) &
+                !pass;
+            if (any(wrong)) {
+                next.weight = select(wrong, zero(), next.weight);
+                bsdf.sample_flat(next, wo, vertex.ng, at.front, wrong);
+            }
         }
         if constexpr (has(kMedia)) {
             if (any(collided)) {

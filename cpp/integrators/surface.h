@@ -209,8 +209,9 @@ struct SurfaceReader {
             F edge[4];
             for (uint32_t c = 0; c < 4; ++c) {
                 const uint32_t at = 4 + 4 * k + c;
-                edge[c] = select(quad, gather(scene.quads + (k < 2 ? at : 0), select(quad, i, U(0u))),
-                                 gather(scene.polygons + at, select(quad, U(0u), i)));
+                edge[c] =
+                    select(quad, gather(scene.quads + (k < 2 ? at : 0), select(quad, i, U(0u))),
+                           gather(scene.polygons + at, select(quad, U(0u), i)));
             }
             const F e = height_over<L>(edge, p), rim = primitive_column(scene, prim, kPrimRim + k);
             inside = inside & (((e >= rim) & !quad) | (quad & (k < 2 ? abs(e) <= rim : quad)));
@@ -323,6 +324,17 @@ struct SurfaceReader {
     static VR_HD void sphere_record(const SceneView& scene, U primitive, F record[kSphereFloats]) {
         for (uint32_t c = 0; c < kSphereFloats; ++c)
             record[c] = primitive_column(scene, primitive, c);
+    }
+
+    // A shading normal that looks away from the viewer is left for the geometric one where a
+    // surface is clear: it would be black there.
+    static VR_HD void face_viewer(const Material& bsdf, V wo, V ng, V& ns, F& cosine) {
+        if constexpr (Material::kClear) {
+            const M away = bsdf.clear() & !(cosine > F(0.f));
+            if (none(away)) return;
+            ns = select(away, ng, ns);
+            cosine = select(away, dot(ng, wo), cosine);
+        }
     }
 
     // Of n.p: what its rounding is in proportion to.

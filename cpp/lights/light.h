@@ -42,12 +42,10 @@ enum LightColumn : uint32_t {
     kRectangleUnit,                                       // rectangles: RectangleView's, 4 columns
     kRectangleOther = kRectangleUnit + kRectangleFloats,  // bits: the primitive with u >= v
     kLightColumns,
-    // A sphere has its record (geometry/sphere.h) from kLightP on and its side (1: outside, -1) in
-    // kLightN. A spot has these:
-    kSpotCosCutoff = kLightE1,
-    kSpotCosBeam,
-    kSpotCutoff,   // radians
-    kSpotInverse,  // 1 / (cutoff - beam)
+    // A sphere has its record (geometry/sphere.h) from kLightP on and its side in kLightN: 1
+    // outside, -1 inside, -2 inside of a surface that lets light through. A spot has these:
+    kSpotCutoff = kLightE1,  // radians
+    kSpotInverse,            // 1 / (cutoff - beam)
 };
 
 struct LightView {
@@ -213,21 +211,23 @@ struct LightSampler {
     }
 
     // The sphere is convex, so that it hides none of its own points that p can see: it is skipped
-    // by the shadow ray.
+    // by the shadow ray. From outside, its inside is seen across its own surface, where that lets
+    // light through: there the shadow ray ends before the far side.
     template <class Column>
     static VR_HD LightSample<L> from_sphere(Column column, V p, F u, F v, M nobody) {
         F record[kSphereFloats];
         for (uint32_t k = 0; k < kSphereFloats; ++k) record[k] = column(kLightP + k);
         const SphereLightSample<F> at = sample_sphere_light(record, p, u, v);
         const F side = column(kLightN);
-        const M lit = (at.cos_light * side) > F(0.f);
+        const M across = (side < F(-1.f)) & (at.cos_light > F(0.f));
+        const M lit = across | ((at.cos_light * side) > F(0.f));
         const V zero{F(0.f), F(0.f), F(0.f)};
         return {select(lit, column3(column, kLightRadiance), zero),
                 column(kLightInverse) * at.inverse_pdf,
-                at.distance,
+                select(across, at.far * F(kShadowShorten), at.distance),
                 at.wi,
                 nobody,
-                as_uint(column(kLightPrimitive))};
+                select(across, U(~0u), as_uint(column(kLightPrimitive)))};
     }
 
     // Intensity over squared distance; the falloff of a spot is linear in the angle, as Mitsuba's.
@@ -240,11 +240,11 @@ struct LightSampler {
         if constexpr (has(LightShape::kSpot)) {
             const M spot = is(column, LightShape::kSpot);
             if (any(spot)) {
-                const F c = -dot(wi, column3(column, kLightN));
-                const F edge = (column(kSpotCutoff) - acos(max(min(c, F(1.f)), F(-1.f)))) *
-                               column(kSpotInverse);
-                const F share = select(c >= column(kSpotCosBeam), F(1.f),
-                                       select(c <= column(kSpotCosCutoff), F(0.f), edge));
+                // By sine and cosine: a cosine alone does not tell small angles apart.
+                const V axis = column3(column, kLightN), across = cross(wi, axis);
+                const F off = angle(-dot(wi, axis), sqrt(dot(across, across)));
+                const F edge = (column(kSpotCutoff) - off) * column(kSpotInverse);
+                const F share = max(min(edge, F(1.f)), F(0.f));
                 radiance = select(spot, radiance * share, radiance);
             }
         }

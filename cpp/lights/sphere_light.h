@@ -12,6 +12,7 @@ struct SphereLightSample {
     Vec3<F> wi;     // unit
     F inverse_pdf;  // the solid angle of the directions
     F distance;     // to the first point of the sphere
+    F far;          // to the last
     F cos_light;    // of -wi to the outward normal there: negative where the inside is seen
 };
 
@@ -55,6 +56,7 @@ VR_HD SphereLightSample<F> sample_sphere_light(const Record* record, Vec3<F> p, 
     s.wi = fma(a, local.x, fma(b, local.y, axis * local.z));
     s.inverse_pdf = F(2.f * kPi) * open;
     s.distance = select(outside | (middle < F(0.f)), near, far);
+    s.far = max(near, far);
     s.cos_light = select(outside, half, -half) / F(record[6]);
     return s;
 }

@@ -52,6 +52,8 @@ struct Bsdf {
         has(MaterialKind::kDielectric) || has(MaterialKind::kThinDielectric);
     static constexpr bool kInterface = kGlass || has(MaterialKind::kPlastic);
 
+    static constexpr bool kClear = kGlass || has(MaterialKind::kNull);
+
     U kind;
     V albedo;  // diffuse: reflectance; plastic: reflectance of the base within the coat
     V reflection, transmission, eta, k;
@@ -79,6 +81,12 @@ struct Bsdf {
                     select(is(MaterialKind::kThinDielectric), slab, fresnel.reflected);
             }
         }
+    }
+
+    // Made of delta lobes that let light through.
+    VR_HD M clear() const {
+        return is(MaterialKind::kDielectric) | is(MaterialKind::kThinDielectric) |
+               is(MaterialKind::kNull);
     }
 
     VR_HD M smooth() const {
@@ -155,6 +163,25 @@ struct Bsdf {
             s.weight = select(s.pass, select(null, one, transmission), s.weight);
         }
         return s;
+    }
+
+    // Instead of a direction on the wrong side of a smooth surface, for clear lanes of `wrong`: the
+    // lobe that was chosen, about the geometric normal; the mirror where that reflects all.
+    VR_HD void sample_flat(BsdfSample<L>& s, V wo, V ng, M from_front, M wrong) const {
+        if constexpr (kGlass) {
+            wrong = wrong & clear();
+            if (none(wrong)) return;
+            Bsdf flat = *this;
+            flat.set_view(ng, dot(ng, wo), from_front);
+            const M through = wrong & s.transmitted & (flat.fresnel.cos_t > F(0.f));
+            const M mirror = wrong & !through;
+            s.wi = select(mirror, reflected(wo, ng, flat.cos_o), s.wi);
+            s.weight = select(mirror, reflection, s.weight);
+            s.wi = select(through, refracted(wo, ng, flat.cos_o, flat.fresnel.cos_t, flat.relative),
+                          s.wi);
+            s.weight = select(through, transmission * (F(1.f) / (relative * relative)), s.weight);
+            s.transmitted = s.transmitted & !mirror;
+        }
     }
 
     // Share of light that goes straight through.

@@ -22,6 +22,17 @@ bool convex(const Flat& f) {
 
 }  // namespace
 
+Box box_of(const Flat& f) {
+    Box box{f.v[0], f.v[0]};
+    for (uint32_t k = 1; k < f.corners; ++k) {
+        const Double3 p = f.v[k];
+        box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y), std::min(box.low.z, p.z)};
+        box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y),
+                    std::max(box.high.z, p.z)};
+    }
+    return box;
+}
+
 // They share the edge a[i] -> a[i + 1], which b runs backwards.
 bool join_coplanar(const Flat& a, const Flat& b, Flat& out) {
     for (uint32_t i = 0; i < 3; ++i)

@@ -55,6 +55,41 @@ void HostScene::set_first_occluder() {
     }
 }
 
+// A bound below on the distance of a point light from what it lights, world units: by planes and
+// boxes of primitives, the rounding of points, and in media 2^-14 of the shortest free path, nearer
+// than which 2^-14 of the light scattered once is lost (SampleFault).
+double HostScene::nearest_receiver(const SceneInput& in, Double3 position) const {
+    const Double3 p = (position - centre) * (1 / unit);
+    double nearest = INFINITY;
+    for (uint32_t i = 0; i < sources.size(); ++i) {
+        const PrimitiveSource& s = sources[i];
+        if (s.group == kSphereGroup) {
+            const double* sphere = in.spheres.data + 4 * s.row;
+            const Double3 c = (Double3{sphere[0], sphere[1], sphere[2]} - centre) * (1 / unit);
+            nearest = std::min(nearest, std::abs(length(p - c) - sphere[3] / unit));
+            continue;
+        }
+        const Box box =
+            s.group == kTriangleGroup ? box_of(light_shape(in, i)) : round_box(in, s.group, s.row);
+        double gap = 0, height = 0;
+        const float* prim = primitives.data() + static_cast<size_t>(i) * view.primitive_row;
+        for (int k = 0; k < 3; ++k) {
+            const double out = std::max({box.low[k] - p[k], p[k] - box.high[k], 0.0});
+            gap += out * out;
+            height += p[k] * static_cast<double>(
+                                 prim[(kPrimN + static_cast<size_t>(k)) * view.primitive_column]);
+        }
+        height -=
+            static_cast<double>(prim[kPrimPlane * static_cast<size_t>(view.primitive_column)]);
+        nearest = std::min(nearest, std::max(std::sqrt(gap), std::abs(height)));
+    }
+    for (size_t k = 0; k < 3 * in.sigma_t.count; ++k)
+        if (const double sigma = static_cast<double>(in.sigma_t.data[k]) * unit; sigma > 0)
+            nearest = std::min(nearest, 0x1p-14 / sigma);
+    const double rounding = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) * 0x1p-22;
+    return unit * std::min(std::max({nearest, rounding, 0x1p-40}), 1.0);
+}
+
 // Chances are in proportion to emitted power, in units of 2^-24, at least one each.
 void HostScene::set_lights(const SceneInput& in) {
     const std::vector<AreaLight> lit = area_lights(in);
@@ -124,8 +159,8 @@ void HostScene::set_lights(const SceneInput& in) {
     if (delta.empty()) set_first_occluder();
     view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
 
-    // A delta light's radiance at a receiver has no bound: a 64th of the scene's size stands for
-    // the nearest receiver.
+    // A delta light's radiance at a receiver has no bound. It counts as that at a 64th of the
+    // scene's size, or more, so that the nearest receiver's is below the film's limit of 2^20.
     float brightest = std::max({in.environment[0], in.environment[1], in.environment[2]});
     for (const AreaLight& a : lit)
         for (int k = 0; k < 3; ++k)
@@ -133,9 +168,14 @@ void HostScene::set_lights(const SceneInput& in) {
                 std::max(brightest, in.emissions.data[3 * sources[a.primitive].emission + k]);
     for (const uint32_t q : delta)
         for (int k = 0; k < 3; ++k) {
-            const double near = in.light_kind.data[q] == 2 ? 1 : unit / 64;
-            brightest = std::max(
-                brightest, static_cast<float>(in.light_intensity.data[3 * q + k] / (near * near)));
+            const double intensity = in.light_intensity.data[3 * q + k];
+            const double far = in.light_kind.data[q] == 2 ? 1 : unit / 64;
+            double most = intensity / (far * far);
+            if (in.light_kind.data[q] != 2) {
+                const double near = nearest_receiver(in, row3(in.light_position, q));
+                most = std::max(most, intensity / (near * near) * 0x1p-19);
+            }
+            brightest = std::max(brightest, static_cast<float>(most));
         }
     int exponent = 0;
     if (brightest > 0) std::frexp(brightest, &exponent);
@@ -172,7 +212,8 @@ void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight
     if (sphere) {
         shape(LightShape::kSphere, kSphereLights);
         for (uint32_t k = 0; k < kSphereFloats; ++k) at(kLightP + k) = prim(k);
-        at(kLightN) = prim(kPrimSide);
+        const bool inside = prim(kPrimSide) < 0;
+        at(kLightN) = inside && lets_through(in, kSphereGroup, source.row) ? -2.f : prim(kPrimSide);
         return;
     }
     Double3 p, e1, e2;
@@ -233,12 +274,7 @@ void HostScene::put_delta_light(const SceneInput& in, size_t light, size_t row, 
     view.features |= kDeltaLights;
     if (kind != 1) return;
     const double cutoff = in.light_angles.data[2 * row], beam = in.light_angles.data[2 * row + 1];
-    double s, c;
-    sin_cos_degrees(cutoff, s, c);
-    at(kSpotCosCutoff) = static_cast<float>(c);
     at(kSpotCutoff) = static_cast<float>(cutoff * (kPiDouble / 180));
-    sin_cos_degrees(beam, s, c);
-    at(kSpotCosBeam) = static_cast<float>(c);
     const double width = (cutoff - beam) * (kPiDouble / 180);
     at(kSpotInverse) = static_cast<float>(width > 1e-9 ? 1 / width : 1e9);
 }

@@ -14,17 +14,6 @@ constexpr double kNear = 0.24;
 // Pairs of a light and a primitive that are looked at; beyond it every light counts as near.
 constexpr size_t kMostPairs = size_t{1} << 22;
 
-Box box_of(const Flat& f) {
-    Box box{f.v[0], f.v[0]};
-    for (uint32_t k = 1; k < f.corners; ++k) {
-        const Double3 p = f.v[k];
-        box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y), std::min(box.low.z, p.z)};
-        box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y),
-                    std::max(box.high.z, p.z)};
-    }
-    return box;
-}
-
 // Of the corner that lies farthest along n.
 double reach(const Box& box, Double3 n) {
     double sum = 0;

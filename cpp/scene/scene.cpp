@@ -25,14 +25,11 @@ float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint3
     return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
 }
 
-// From a point to the box about a face.
-double distance(Double3 p, const Flat& f) {
+// From a point to a box.
+double distance(Double3 p, const Box& box) {
     double sum = 0;
     for (int k = 0; k < 3; ++k) {
-        double low = f.v[0][k], high = low;
-        for (uint32_t c = 1; c < f.corners; ++c)
-            low = std::min(low, f.v[c][k]), high = std::max(high, f.v[c][k]);
-        const double gap = std::max({low - p[k], p[k] - high, 0.0});
+        const double gap = std::max({box.low[k] - p[k], p[k] - box.high[k], 0.0});
         sum += gap * gap;
     }
     return std::sqrt(sum);
@@ -55,13 +52,12 @@ double leave(const float* plane, const Double3* corners, uint32_t count) {
 // Whether the rounding at the corners of a face is no measure for that at its points: a large face
 // that comes near to the origin.
 bool uneven(const float* plane, const Flat& f) {
+    const Box box = box_of(f);
     double most = 0, near = std::abs(static_cast<double>(plane[3]));
     for (int c = 0; c < 3; ++c) {
-        double low = f.v[0][c], high = low;
-        for (uint32_t k = 1; k < f.corners; ++k)
-            low = std::min(low, f.v[k][c]), high = std::max(high, f.v[k][c]);
-        most = std::max(most, std::abs(static_cast<double>(plane[c])) * std::max(-low, high));
-        near = std::max({near, low, -high});
+        const double n = std::abs(static_cast<double>(plane[c]));
+        most = std::max(most, n * std::max(-box.low[c], box.high[c]));
+        near = std::max({near, box.low[c], -box.high[c]});
     }
     return most > 64 * near;
 }
@@ -182,7 +178,7 @@ double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>&
     for (size_t i = 0; i < in.light_kind.count; ++i) {
         if (in.light_kind.data[i] == 2) continue;
         const Double3 p = (row3(in.light_position, i) - centre) * (1 / unit);
-        for (const Flat& f : flats) smallest = std::min(smallest, distance(p, f));
+        for (const Flat& f : flats) smallest = std::min(smallest, distance(p, box_of(f)));
     }
     return smallest;
 }

@@ -82,6 +82,11 @@ struct Flat {
     }
 };
 
+struct Box {
+    Double3 low, high;
+};
+Box box_of(const Flat& f);
+
 // The union of two triangles with a common edge, in one plane, if it is convex, or for lights a
 // parallelogram. Its edges at the first corner: to the second triangle's own, to the first's.
 bool join_coplanar(const Flat& a, const Flat& b, Flat& out);
@@ -119,10 +124,6 @@ struct AreaLight {
     uint32_t primitive, other;
     bool rectangle;
     double area;
-};
-
-struct Box {
-    Double3 low, high;
 };
 
 class HostScene {
@@ -184,6 +185,7 @@ class HostScene {
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;
+    double nearest_receiver(const SceneInput& in, Double3 position) const;
     void put_area_light(const SceneInput& in, size_t row, const AreaLight& light, double chance);
     void set_first_occluder();
     void put_delta_light(const SceneInput& in, size_t light, size_t row, double chance);

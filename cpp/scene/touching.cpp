@@ -112,8 +112,8 @@ void HostScene::part_touching(const SceneInput& in) {
             const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
             const double size = std::max(terms(common, a.n), terms(common, b.n));
             if (largest(common, a.n - b.n * turn, a.w - b.w * turn) > kOnePlane * size) continue;
-            if (turn > 0 && (own.same_surface(sources[b.primitive]) ||
-                             (b.clear && b.primitive > a.primitive)))
+            if (turn > 0 &&
+                (own.same_surface(sources[b.primitive]) || (b.clear && b.primitive > a.primitive)))
                 continue;
             // Into the body counts more than off another surface.
             double& by = move[a.primitive];

@@ -22,10 +22,11 @@ enum PrimitiveColumn : uint32_t {
     kPrimPlane = kPrimN + 3,       // n.p on the primitive
     kPrimOffset = kPrimPlane + 1,  // distance to leave the plane by, past a point's rounding; -1:
                                    // kLocalOffset of the terms of n.p at the point
-    kPrimRim = kPrimOffset + 1,  // without a tree: 4 columns, the face's own edges (geometry/polygon.h)
-    kSphereCentre = 0,             // upper parts: 3 columns
-    kSphereRadius = 6,             // upper part
-    kPrimSide = kSphereFloats,     // spheres: -1 where the front is inside, else 1
+    kPrimRim = kPrimOffset +
+        1,              // without a tree: 4 columns, the face's own edges (geometry/polygon.h)
+    kSphereCentre = 0,  // upper parts: 3 columns
+    kSphereRadius = 6,  // upper part
+    kPrimSide = kSphereFloats,  // spheres: -1 where the front is inside, else 1
     kPrimColumns,
 };
 

@@ -105,7 +105,7 @@ class Shapes:
         if not (np.abs(centre) <= MAX_COORDINATE).all() or not 0 < radius <= MAX_COORDINATE:
             raise SceneError(f"{node}: centre or radius exceeds {MAX_COORDINATE:g}", node.where)
         self.spheres.append([*centre.tolist(), radius])
-        self.inward.append(bool(values["flip_normals"]) != (determinant(matrix) < 0))
+        self.inward.append(bool(values["flip_normals"]))  # a mirror keeps the front in front
 
     def _disk(self, node: Node, values: dict[str, Any], solid: str) -> None:
         matrix = values["to_world"]

@@ -50,7 +50,7 @@ def disk(to_world: np.ndarray, flip: bool = False) -> Geometry:
 
 
 def sphere(centre: np.ndarray, radius: float, to_world: np.ndarray, flip: bool = False) -> Geometry:
-    """A sphere; ``to_world`` may rotate, move, mirror (which turns it inside out) and scale evenly.
+    """A sphere; ``to_world`` may rotate, move, mirror and scale evenly. The front is outside.
 
     ValueError if the scale differs between directions by more than 1e-5 of itself.
     """
@@ -61,7 +61,7 @@ def sphere(centre: np.ndarray, radius: float, to_world: np.ndarray, flip: bool =
     place = linear @ centre + to_world[:3, 3]
     return Geometry(
         spheres=np.append(place, radius * scale)[None],
-        inward=np.array([_mirrors(to_world) != flip]),
+        inward=np.array([flip]),
     )
 
 
@@ -71,20 +71,20 @@ def mesh(
     """Triangles of a mesh file's ``data``; ``kind`` is obj, ply or stl.
 
     Vertex normals are the file's; if it has none they are computed, weighted by the angle that a
-    face has at the vertex. stl and ``face_normals`` are flat. Front: by winding, which a mirror
-    turns round; where the file has normals they decide under a mirror.
+    face has at the vertex. stl and ``face_normals`` are flat. Front: by the file's winding, also
+    under a mirror, which turns it round.
     """
     vertices, faces, normals = _READERS[kind](data)
     if not np.isfinite(vertices).all() or (len(faces) and not _in_range(faces, len(vertices))):
         raise ValueError("non-finite vertex or index out of range")
     vertices = _moved(vertices, to_world)
+    if _mirrors(to_world):
+        faces = faces[:, ::-1]
     triangles = vertices[faces]
     if face_normals or kind == "stl":
         normals = None
     elif normals is not None:
         normals = _unit(normals @ np.linalg.inv(to_world[:3, :3]))
-        if _mirrors(to_world):
-            triangles, faces = triangles[:, ::-1], faces[:, ::-1]
     else:
         normals = angle_weighted_normals(vertices, faces)
     corner = np.zeros_like(triangles) if normals is None else normals[faces]

@@ -312,6 +312,13 @@ def test_mirrors_keep_the_front_and_flip_normals_swaps_it(shape):
     assert normal((1, 1, -1), False) == -1 and normal((1, 1, -1), True) == 1
 
 
+@pytest.mark.parametrize("flip", [False, True])
+def test_a_mirrored_sphere_is_the_sphere(flip):
+    values = {"to_world": np.diag([-1.0, 1, 1, 1]), "flip_normals": flip}
+    scene = load_dict(scene_dict(s={"type": "sphere", **values}))
+    assert scene.sphere_inward.tolist() == [flip]
+
+
 def test_transform_order(tmp_path):
     body = (
         '<shape type="rectangle"><transform name="to_world"><translate x="1"/><scale value="2"/>'

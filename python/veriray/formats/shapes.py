@@ -127,8 +127,10 @@ class Shapes:
             path = Path(node.folder) / values["filename"]
             loaded = mesh.read(path, node.plugin, where)
             vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
+            if determinant(matrix) < 0:  # here too
+                faces = faces[:, ::-1]
             if not values["face_normals"]:
-                normals = _normals(matrix, vertices, loaded)
+                normals = _normals(matrix, vertices, faces, loaded)
             if normals is not None:
                 faces = mesh.fronts_by_normals(vertices, faces, normals)
                 if mesh.is_flat(vertices, faces, normals):
@@ -157,10 +159,10 @@ def _placed(node: Node, matrix: Array, vertices: Array) -> Array:
     return placed
 
 
-def _normals(matrix: Array, vertices: Array, loaded: mesh.Mesh) -> Array:
+def _normals(matrix: Array, vertices: Array, faces: Array, loaded: mesh.Mesh) -> Array:
     """Unit normals in world space, of the file or computed."""
     if loaded.normals is None:
-        return mesh.vertex_normals(vertices, loaded.triangles)
+        return mesh.vertex_normals(vertices, faces)
     return mesh.unit(transform.apply(transform.for_normals(matrix), mesh.unit(loaded.normals)))
 
 

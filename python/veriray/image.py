@@ -35,19 +35,18 @@ Header attributes, all of them strings, each optional (a missing one reads as em
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import json
 import math
 import os
-from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import OpenEXR
 
 from veriray.errors import printable
+from veriray.files import open_regular, replacing
 from veriray.rendering import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
@@ -260,7 +259,7 @@ def _read_exr(
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Header and channels (name -> (H, W) float32, `region` uint32) of the first part."""
     where = os.fspath(path)
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         magic = file.read(8)
         if magic.startswith(b"\x89PNG"):
@@ -390,39 +389,3 @@ def _picture(values: Any, name: str, shape: tuple[int, ...] | None) -> NDArray[A
     if shape is not None and array.shape[:2] != shape:
         raise ImageError(f"{name}: shape {array.shape}; expected {(*shape, 3)}")
     return array
-
-
-@contextlib.contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """A binary file that takes the place of `path` when the block ends without an exception.
-
-    Written beside it, flushed to the disk, renamed; on any failure it is removed and `path`
-    stays as it was. Links are followed; a place that is not a regular file is refused.
-    """
-    target = Path(os.path.realpath(path))
-    where = os.fspath(path)
-    temporary = target.with_name(f".veriray-{os.urandom(8).hex()}.tmp")
-    try:
-        if target.is_dir():
-            raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
-        if target.exists() and not target.is_file():
-            raise OSError(errno.EINVAL, "not a regular file")
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, target)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-            raise
-        if hasattr(os, "O_DIRECTORY"):
-            folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
-    except OSError as error:
-        raise OSError(error.errno or errno.EIO, error.strerror or str(error), where) from error

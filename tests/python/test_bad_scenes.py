@@ -103,7 +103,7 @@ LINES = {
     "lookat without up": (TO_WORLD.format('<lookat origin="0,0,0" target="0,5,0"/>'), '<lookat> lacks the attribute "up"'),
     "missing mesh": (OBJ.format("nowhere.obj"), "cannot read", "No such file or directory"),
     "mesh without file name": ('<shape type="obj"/>', 'obj: "filename" (string) is missing'),
-    "folder as mesh": (OBJ.format("."), "is not a file"),
+    "folder as mesh": (OBJ.format("."), ": Is a directory"),
     "long file name": (OBJ.format("x" * 5000 + ".obj"), "File name too long"),
     "missing include": ('<include filename="nowhere.xml"/>', "cannot read", "No such file or directory"),
     "sphere of radius 0": (SPHERE.format('<float name="radius" value="0"/>'), 'sphere: "radius" = 0.0 is outside (0, '),
@@ -262,10 +262,10 @@ def test_missing_files_and_names(tmp_path):
     assert "No such file or directory" in message(tmp_path / "none.xml")
     assert 'did you mean "cornell-box"?' in message("cornel-box")
     assert "neither a scene file (.xml)" in message(tmp_path / "scene.gltf")
-    assert "is not a file" in message(_folder(tmp_path / "folder.xml"))
+    assert "Is a directory" in message(_folder(tmp_path / "folder.xml"))
     assert "cannot read" in message("nul\0.xml")
     os.mkfifo(tmp_path / "pipe.xml")
-    assert "is not a file" in message(tmp_path / "pipe.xml")
+    assert "not a regular file" in message(tmp_path / "pipe.xml")
     (tmp_path / "loop.xml").symlink_to(tmp_path / "loop.xml")
     assert "cannot read" in message(tmp_path / "loop.xml")
 

@@ -16,6 +16,7 @@ import OpenEXR
 import pytest
 
 from veriray import image
+from veriray.files import replacing
 from veriray.image import ImageError
 from veriray.rendering import LEDGER_COLUMNS, Render
 
@@ -194,7 +195,7 @@ def test_full_disk_leaves_the_earlier_file(tmp_path: Path, suffix: str) -> None:
 
 def test_interrupt_leaves_no_temporary_file(tmp_path: Path) -> None:
     def stop() -> None:
-        with image.replacing(tmp_path / "x.exr") as file:
+        with replacing(tmp_path / "x.exr") as file:
             file.write(b"half")
             raise KeyboardInterrupt
 

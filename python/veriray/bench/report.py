@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .. import html
-from ..image import replacing
+from ..files import replacing
 from . import plots
 from .run import read
 from .scenarios import Scenario

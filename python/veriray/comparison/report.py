@@ -12,8 +12,9 @@ import numpy as np
 
 from veriray import html
 from veriray.comparison.statistics import Cells, Test
+from veriray.files import replacing
 from veriray.html import BLUE, GREY, ORANGE, percent, plain
-from veriray.image import replacing, to_srgb8
+from veriray.image import to_srgb8
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

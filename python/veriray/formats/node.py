@@ -9,13 +9,13 @@ from __future__ import annotations
 import difflib
 import os
 import re
-import stat
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import SceneError
+from ..files import open_regular
 
 MAX_DEPTH = 32
 _FLOAT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -96,15 +96,11 @@ def read_bytes(path: Path, limit: int, where: str) -> bytes:
     """Contents of a regular file of at most `limit` bytes; anything else is a SceneError."""
     name = shorten(str(path))
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
-            raise SceneError(f"{name} is not a file", where)
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size  # read() asks for the memory first
             data = file.read(min(size, limit) + 1)
     except OSError as error:
         raise SceneError(f"cannot read {name}: {error.strerror}", where) from None
-    except SceneError:
-        raise
     except ValueError as error:  # a name with a null character
         raise SceneError(f"cannot read {name}: {error}", where) from None
     if len(data) > limit:

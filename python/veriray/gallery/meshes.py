@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
-from ..image import replacing
+from ..files import replacing
 from ..numeric import sin_cos_degrees
 
 Array = npt.NDArray[Any]

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..files import open_regular, replacing
 from ..html import tint
-from ..image import replacing, to_srgb8
+from ..image import to_srgb8
 from .pictures import PICTURES, Picture
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def _read(folder: Path, picture: Picture) -> tuple[Image, dict[str, Any]] | None
 
     path = folder / f"{picture.name}.png"
     try:
-        with Image.open(path) as opened:
+        with open_regular(path) as file, Image.open(file) as opened:
             text = opened.info.get("veriray")
             return (opened.convert("RGB"), json.loads(text)) if text else None
     except (FileNotFoundError, UnidentifiedImageError, ValueError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-from ..image import replacing
+from ..files import replacing
 
 COUNT = 300
 _WIDE, _DEEP, _HIGH = 7.0, 5.5, 4.2  # half width, half depth, height

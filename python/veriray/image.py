@@ -358,7 +358,7 @@ def _integer(text: str, key: str, where: str) -> int:
     try:
         value = int(text)
     except ValueError:
-        raise ImageError(f"{where}: {key} is {text[:40]!r}; expected an integer") from None
+        raise ImageError(f"{where}: {key} is {text[:24]!r}; expected an integer") from None
     if not low <= value < 1 << 64:
         raise ImageError(f"{where}: {key} is {value}; expected {low} to 2^64 - 1")
     return value

@@ -344,7 +344,7 @@ def _no_text(element: etree._Element, path: Path) -> None:
     for text in (element.text, *(child.tail for child in element)):
         if text and text.strip():
             where = f"{path}:{element.sourceline}"
-            raise SceneError(f"<{element.tag}> holds text {shorten(text.strip())}", where)
+            raise SceneError(f"<{element.tag}> holds text", where)
 
 
 def _empty(element: etree._Element, where: str) -> None:

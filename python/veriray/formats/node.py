@@ -80,6 +80,12 @@ def shorten(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:70]}...({len(text)} characters)"
 
 
+def quoted(word: bytes) -> str:
+    """A word of a foreign file for a message: no more of it than names the mistake."""
+    text = word.decode("utf-8", "replace")
+    return f'"{text}"' if len(text) <= 24 else f'"{text[:16]}..." ({len(text)} characters)'
+
+
 def allowed(name: str, names: Iterable[str], what: str = "allowed") -> str:
     """End of a message about an unknown `name`: the known names, and the closest of them.
 

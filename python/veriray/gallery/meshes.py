@@ -47,7 +47,7 @@ def standing(path: Path, height: float = 2.25) -> Mesh:
     try:
         loaded: Any = trimesh.load(path, force="mesh", process=True)
     except Exception as error:  # trimesh raises whatever its parsers stumble over
-        raise SceneError(f"{path} cannot be read as a mesh: {error}") from None
+        raise SceneError(f"{path} cannot be read as a mesh ({type(error).__name__})") from None
     if not len(loaded.faces) or not loaded.is_watertight:
         raise SceneError(f"{path} is not a closed mesh ({len(loaded.faces)} triangles)")
     if loaded.volume < 0:

@@ -122,7 +122,9 @@ class _Reader:
                     + allowed(str(key), names),
                     where,
                 )
-            result[str(key)] = _PARAMETER.sub(lambda m: self.lookup(m, where), str(text))
+            if "$" in text:
+                text = _PARAMETER.sub(lambda m: self.lookup(m, where), str(text))
+            result[str(key)] = str(text)
         for key in needed.split():
             if key not in result:
                 raise SceneError(f'<{element.tag}> lacks the attribute "{key}"', where)

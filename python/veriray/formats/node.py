@@ -22,7 +22,7 @@ _FLOAT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _INTEGER = re.compile(r"[+-]?[0-9]{1,20}")
 
 
-@dataclass
+@dataclass(slots=True)
 class Value:
     """A parameter: kind (float, integer, boolean, string, rgb, spectrum, vector, point, transform),
     its value (rgb and vector: tuple of float; transform: (4, 4) float64) and its place."""
@@ -32,7 +32,7 @@ class Value:
     where: str
 
 
-@dataclass
+@dataclass(slots=True)
 class Ref:
     """A use of an object that is defined elsewhere; name: what for, where that matters."""
 
@@ -41,7 +41,7 @@ class Ref:
     name: str = ""
 
 
-@dataclass
+@dataclass(slots=True)
 class Node:
     """An object: plugin name, category if the file states it, parameters and nested objects;
     name: what it is for in the object around it."""
@@ -59,7 +59,7 @@ class Node:
         return f'{self.plugin} "{self.id}"' if self.id else self.plugin
 
 
-@dataclass
+@dataclass(slots=True)
 class Tree:
     """A scene node and every object in it that has an id."""
 

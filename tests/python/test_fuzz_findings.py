@@ -98,8 +98,29 @@ def test_large_files_end_soon_and_with_short_messages(tmp_path: Path, name: str)
 
 
 def test_comments_keep_their_lines(tmp_path: Path) -> None:
-    text = message(tmp_path / "a.xml", "<!-- a\n<!-- b --><!---->\n\n<!DOCTYPE x><scene/>")
+    text = message(tmp_path / "a.xml", "<!-- a\n<! b --><!---->\n\n<!DOCTYPE x><scene/>")
     assert "a.xml:4: DOCTYPE" in text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<?x <!-- ?><!DOCTYPE scene [<!ENTITY v "3.0.0">]><?x --> ?><scene version="&v;"/>',
+        '\ufeff<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE scene><scene version="3.0.0"/>',
+        '<!-- <?x --><!DOCTYPE scene SYSTEM "/etc/passwd"><?x ?><scene version="3.0.0"/>',
+    ],
+)
+def test_no_doctype_hides(tmp_path: Path, text: str) -> None:
+    for content in (text, text.replace("<scene", "\n<scene")):
+        assert "a.xml:1: DOCTYPE and entities are not allowed" in message(
+            tmp_path / "a.xml", content
+        )
+
+
+def test_words_about_doctypes_are_no_doctype(tmp_path: Path) -> None:
+    bare = SCENE.format('<emitter type="constant"/>')
+    (tmp_path / "a.xml").write_text(f"<?x <!DOCTYPE ?><!-- <!ENTITY -->{bare}<!-- <!DOCTYPE -->")
+    load_file(tmp_path / "a.xml")
 
 
 @pytest.mark.parametrize("length", ["inf", "nan", "-inf", "1e300", "2.5", "-3", "4"])

@@ -39,6 +39,9 @@ import io
 import json
 import math
 import os
+import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -249,9 +252,32 @@ def _save_exr(
         header["veriray.regions"] = _dumps(list(region_names or []))
     with replacing(path) as file:
         try:
-            OpenEXR.File(header, channels).write(file)
+            with _library_silenced():
+                OpenEXR.File(header, channels).write(file)
         except (RuntimeError, ValueError, TypeError) as error:
             raise OSError(f"cannot be written as EXR: {error}") from error
+
+
+_STDERR = threading.RLock()  # held by a fork too: a child must not get the empty stderr
+os.register_at_fork(
+    before=_STDERR.acquire, after_in_parent=_STDERR.release, after_in_child=_STDERR.release
+)
+
+
+@contextlib.contextmanager
+def _library_silenced() -> Iterator[io.StringIO]:
+    """Gathers what OpenEXR's Python code prints and drops what its C code writes on descriptor 2.
+
+    There is no switch for it. What other threads write on stderr meanwhile is lost too.
+    """
+    with _STDERR, contextlib.ExitStack() as stack:
+        if sys.__stderr__ is not None:  # else descriptor 2 was closed, and may be any file
+            stderr = os.dup(2)
+            stack.callback(os.close, stderr)
+            stack.callback(os.dup2, stderr, 2)
+            with open(os.devnull, "wb") as null:
+                os.dup2(null.fileno(), 2)
+        yield stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
 
 
 def _read_exr(
@@ -269,14 +295,14 @@ def _read_exr(
             raise ImageError(f"{where}: not an OpenEXR file")
         try:
             file.seek(0)
-            header = OpenEXR.File(file, header_only=True).header()
+            with _library_silenced():
+                header = OpenEXR.File(file, header_only=True).header()
             for key, value in header.items():
                 if key.startswith("veriray.") and not isinstance(value, str):
                     raise ImageError(f"{where}: header attribute {key!r} is not a string")
             _check_header(header, size, max_bytes, where)
             file.seek(0)
-            # a damaged part is only printed about, and left out
-            with contextlib.redirect_stdout(io.StringIO()) as printed:
+            with _library_silenced() as printed:  # a damaged part is only printed about
                 parts = OpenEXR.File(file, separate_channels=True).channels()
             if printed.getvalue():
                 raise ValueError(printed.getvalue())

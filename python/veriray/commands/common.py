@@ -10,8 +10,9 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
+from ..errors import visible
 from ..files import check_writable, replacing
 from ..shipped import SHIPPED
 
@@ -113,6 +114,11 @@ def check_output(path: str, suffixes: Sequence[str]) -> None:
     check_writable(path)
 
 
+def say(text: object, *, file: TextIO | None = None) -> None:
+    """Prints text, as all commands do: what it holds of files and names commands no terminal."""
+    print(visible(str(text)), file=file, flush=True)
+
+
 def write_json(path: str, values: dict[str, Any]) -> None:
     """Write a JSON object, one key a line, so that the file appears whole or not at all.
 
@@ -142,7 +148,7 @@ def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] |
         yield None
         return
     if not sys.stderr.isatty():
-        print(title, file=sys.stderr, flush=True)
+        say(title, file=sys.stderr)
         yield None
         return
     from rich.console import Console
@@ -162,4 +168,5 @@ def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] |
 
 def show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """A warning as one line on standard error; fits `warnings.showwarning`."""
-    print(f"veriray: warning: {message}", file=sys.stderr)
+    text = " ".join(str(message).splitlines())
+    say(f"veriray: warning: {text}", file=sys.stderr)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .common import DEVICES, integer, number, show_progress
+from .common import DEVICES, integer, number, say, show_progress
 
 
 def add(commands: Any) -> None:
@@ -33,7 +33,7 @@ def _gallery(arguments: argparse.Namespace) -> int:
     from .. import gallery
 
     if arguments.list:
-        print("\n".join(gallery.names()))
+        say("\n".join(gallery.names()))
         return 0
     quiet = arguments.quiet
     gallery.run(
@@ -41,7 +41,7 @@ def _gallery(arguments: argparse.Namespace) -> int:
         arguments.output,
         sheet_only=arguments.sheet,
         show=lambda title: show_progress(title, quiet),
-        say=None if quiet else lambda line: print(line, flush=True),
+        say=None if quiet else say,
         **{
             name: getattr(arguments, name)
             for name in "mesh spp seed width scale device threads force docs".split()

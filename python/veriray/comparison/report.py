@@ -294,7 +294,7 @@ def _means_plot(means: list[dict[str, Any]]) -> str:
             elinewidth=1.5,
         )
     axes.axvline(0, color=GREY, lw=0.8)
-    axes.set_yticks(range(len(rows)), [row["name"] for row in rows])
+    axes.set_yticks(range(len(rows)), [row["name"] for row in rows], parse_math=False)
     axes.invert_yaxis()
     axes.set_xlabel("A - B, per cent")
     return html.png(figure)

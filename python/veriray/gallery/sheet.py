@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import printable
 from ..files import open_regular, replacing
 from ..html import tint
 from ..image import to_srgb8
@@ -113,7 +114,13 @@ def _read(folder: Path, picture: Picture) -> tuple[Image, dict[str, Any]] | None
     try:
         with open_regular(path) as file, Image.open(file) as opened:
             text = opened.info.get("veriray")
-            return (opened.convert("RGB"), json.loads(text)) if text else None
+            if not text:
+                return None
+            known = json.loads(text)
+            return opened.convert("RGB"), {
+                key: printable(value) if isinstance(value, str) else value
+                for key, value in known.items()
+            }
     except (FileNotFoundError, UnidentifiedImageError, ValueError):
         return None
 

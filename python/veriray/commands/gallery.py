@@ -21,7 +21,11 @@ def add(commands: Any) -> None:
     size.add_argument("--scale", type=number, default=1.0, help="factor on width and height")
     parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
     parser.add_argument("--threads", type=integer, help="CPU threads (default: all)")
-    parser.add_argument("--force", action="store_true", help="render finished pictures again")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="render finished pictures again, and replace files that the gallery did not make",
+    )
     parser.add_argument("--sheet", action="store_true", help="contact sheet alone, from DIR")
     parser.add_argument("--docs", metavar="DIR", help="for the page and the sheet (default: -o)")
     parser.add_argument("--list", action="store_true", help="print the names and leave")

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ..errors import SceneError
 from ..files import replacing
 from ..numeric import sin_cos_degrees
+from .own import MARK
 
 Array = npt.NDArray[Any]
 Mesh = tuple[Array, Array, Array]  # vertices (V, 3), normals (V, 3), triangles (T, 3)
@@ -24,7 +25,8 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     """Writes a binary PLY with vertex normals; the file appears whole or not at all."""
     vertices, normals, triangles = mesh
     names = "x y z nx ny nz".split()
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"comment {MARK}"]
+    header += [f"element vertex {len(vertices)}"]
     header += [f"property float {name}" for name in names]
     header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
     faces = np.empty(len(triangles), dtype=[("n", "u1"), ("v", "<i4", 3)])

@@ -46,14 +46,18 @@ def target_of(path: str | os.PathLike[str]) -> tuple[Path, os.stat_result | None
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Raises OSError naming `path` if `replacing` cannot write there; leaves nothing behind."""
     where = os.fspath(path)
-    target, _ = target_of(path)
+    target, old = target_of(path)
+    if old is not None and old.st_nlink > 1 and not os.access(target, os.W_OK):
+        raise OSError(errno.EACCES, os.strerror(errno.EACCES), where)
     if not target.parent.is_dir():
         reason = os.strerror(errno.ENOENT)
         raise OSError(errno.ENOENT, f"folder {target.parent}: {reason}", where)
     try:
         descriptor, temporary = _temporary(target, 0o600)
-        os.close(descriptor)
-        os.unlink(temporary)
+        try:
+            os.unlink(temporary)
+        finally:
+            os.close(descriptor)  # last: an unlocked one may be removed by another writer
     except OSError as error:
         raise OSError(error.errno, f"folder not writable: {error.strerror}", where) from error
 

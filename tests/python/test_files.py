@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -150,3 +151,18 @@ def test_the_next_write_removes_what_a_kill_left(tmp_path: Path, name: str) -> N
     check_writable(path)
     assert sorted(os.listdir(tmp_path)) == sorted([name, other.name])
     assert path.read_bytes() == b"new"
+
+
+def test_writers_do_not_disturb_each_other(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+
+    def repeat(k: int) -> None:
+        for _ in range(50):
+            check_writable(path)
+            write(path, b"%d" % k * 5000)
+            assert path.read_bytes() in contents
+
+    contents = [b"%d" % k * 5000 for k in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(repeat, range(4)))
+    assert os.listdir(tmp_path) == ["x"]

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 
 from . import __version__
 from .commands import bench, compare, doctor, gallery, info, render, validate
-from .commands.common import CommandError, Parser, show_warning
+from .commands.common import CommandError, Parser, say, show_warning
 
 COMMANDS = (render, compare, validate, info, gallery, bench, doctor)
 
@@ -63,7 +63,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 def _fail(message: str, status: int = 2) -> int:
     with contextlib.suppress(OSError, ValueError):
-        print("veriray: error: " + " ".join(message.split("\n")), file=sys.stderr, flush=True)
+        say("veriray: error: " + " ".join(message.split("\n")), file=sys.stderr)
     return status
 
 

@@ -13,6 +13,15 @@ def printable(text: str) -> str:
     if len(text) > MAX_MESSAGE:
         half = MAX_MESSAGE // 2 - 4
         text = f"{text[:half]} [...] {text[-half:]}"
+    return _escaped(text)
+
+
+def visible(text: str) -> str:
+    """`text` for a terminal or a report: as `printable`, but whole and in its lines."""
+    return "\n".join(map(_escaped, text.split("\n")))
+
+
+def _escaped(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -35,19 +35,21 @@ Header attributes, all of them strings, each optional (a missing one reads as em
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import json
 import math
 import os
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import OpenEXR
 
 from veriray.errors import printable
+from veriray.files import open_regular, replacing
 from veriray.rendering import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
@@ -250,9 +252,32 @@ def _save_exr(
         header["veriray.regions"] = _dumps(list(region_names or []))
     with replacing(path) as file:
         try:
-            OpenEXR.File(header, channels).write(file)
+            with _library_silenced():
+                OpenEXR.File(header, channels).write(file)
         except (RuntimeError, ValueError, TypeError) as error:
             raise OSError(f"cannot be written as EXR: {error}") from error
+
+
+_STDERR = threading.RLock()  # held by a fork too: a child must not get the empty stderr
+os.register_at_fork(
+    before=_STDERR.acquire, after_in_parent=_STDERR.release, after_in_child=_STDERR.release
+)
+
+
+@contextlib.contextmanager
+def _library_silenced() -> Iterator[io.StringIO]:
+    """Gathers what OpenEXR's Python code prints and drops what its C code writes on descriptor 2.
+
+    There is no switch for it. What other threads write on stderr meanwhile is lost too.
+    """
+    with _STDERR, contextlib.ExitStack() as stack:
+        if sys.__stderr__ is not None:  # else descriptor 2 was closed, and may be any file
+            stderr = os.dup(2)
+            stack.callback(os.close, stderr)
+            stack.callback(os.dup2, stderr, 2)
+            with open(os.devnull, "wb") as null:
+                os.dup2(null.fileno(), 2)
+        yield stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
 
 
 def _read_exr(
@@ -260,7 +285,7 @@ def _read_exr(
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Header and channels (name -> (H, W) float32, `region` uint32) of the first part."""
     where = os.fspath(path)
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         magic = file.read(8)
         if magic.startswith(b"\x89PNG"):
@@ -270,14 +295,14 @@ def _read_exr(
             raise ImageError(f"{where}: not an OpenEXR file")
         try:
             file.seek(0)
-            header = OpenEXR.File(file, header_only=True).header()
+            with _library_silenced():
+                header = OpenEXR.File(file, header_only=True).header()
             for key, value in header.items():
                 if key.startswith("veriray.") and not isinstance(value, str):
                     raise ImageError(f"{where}: header attribute {key!r} is not a string")
             _check_header(header, size, max_bytes, where)
             file.seek(0)
-            # a damaged part is only printed about, and left out
-            with contextlib.redirect_stdout(io.StringIO()) as printed:
+            with _library_silenced() as printed:  # a damaged part is only printed about
                 parts = OpenEXR.File(file, separate_channels=True).channels()
             if printed.getvalue():
                 raise ValueError(printed.getvalue())
@@ -359,7 +384,7 @@ def _integer(text: str, key: str, where: str) -> int:
     try:
         value = int(text)
     except ValueError:
-        raise ImageError(f"{where}: {key} is {text[:40]!r}; expected an integer") from None
+        raise ImageError(f"{where}: {key} is {text[:24]!r}; expected an integer") from None
     if not low <= value < 1 << 64:
         raise ImageError(f"{where}: {key} is {value}; expected {low} to 2^64 - 1")
     return value
@@ -390,39 +415,3 @@ def _picture(values: Any, name: str, shape: tuple[int, ...] | None) -> NDArray[A
     if shape is not None and array.shape[:2] != shape:
         raise ImageError(f"{name}: shape {array.shape}; expected {(*shape, 3)}")
     return array
-
-
-@contextlib.contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """A binary file that takes the place of `path` when the block ends without an exception.
-
-    Written beside it, flushed to the disk, renamed; on any failure it is removed and `path`
-    stays as it was. Links are followed; a place that is not a regular file is refused.
-    """
-    target = Path(os.path.realpath(path))
-    where = os.fspath(path)
-    temporary = target.with_name(f".veriray-{os.urandom(8).hex()}.tmp")
-    try:
-        if target.is_dir():
-            raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
-        if target.exists() and not target.is_file():
-            raise OSError(errno.EINVAL, "not a regular file")
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, target)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-            raise
-        if hasattr(os, "O_DIRECTORY"):
-            folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
-    except OSError as error:
-        raise OSError(error.errno or errno.EIO, error.strerror or str(error), where) from error

@@ -277,6 +277,8 @@ def load_file(
     from . import formats
 
     text = os.fspath(scene)
+    if text.endswith(os.sep):  # Path forgets it
+        raise SceneError(f"{text} names a folder, not a file")
     path = find_shipped(text) if text in SHIPPED else Path(text)
     return formats.load(path, parameters or {})
 

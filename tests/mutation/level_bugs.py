@@ -387,7 +387,7 @@ PYTHON = (
     _python("disc's front behind", "formats/shapes.py", "        first, second = (0, 1)\n",
             "        first, second = (1, 0)\n"),
     _python("flip_normals of spheres ignored", "formats/shapes.py",
-            'bool(values["flip_normals"]) != (determinant(matrix) < 0)', "determinant(matrix) < 0"),
+            "np.array(flipped) != (determinants(matrix) < 0)", "determinants(matrix) < 0"),
     # materials, media, lights
     _python("indices inside and outside swapped", "formats/materials.py",
             'values["int_ior"] / values["ext_ior"]', 'values["ext_ior"] / values["int_ior"]'),

@@ -47,7 +47,7 @@ from tests.mutation.level_bugs import EXPLAINED, PYTHON
 from tests.mutation.level_judge import RECORDED
 from tests.mutation.mutants import BUILT, ROOT, SWITCH, Workshop
 from veriray import device
-from veriray.image import replacing
+from veriray.files import replacing
 
 RESULT = ROOT / "benchmarks" / "results" / "mutants_levels.json"
 LEVELS = (1, 2, 3, 4, 5, 6, 7, 8)

@@ -173,6 +173,20 @@ def test_reference_and_package_are_strangers() -> None:
         assert "reference" not in imported(path), path
 
 
+def test_commands_print_by_say_alone() -> None:
+    """`say` escapes what files and names could do to a terminal."""
+    source = ROOT / "python" / "veriray"
+    found = [
+        f"{path.name}:{node.lineno}"
+        for path in (source / "cli.py", *sorted((source / "commands").glob("*.py")))
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "print"
+    ]
+    assert len(found) == 1 and found[0].startswith("common.py:"), found
+
+
 def test_every_subpackage_is_installed() -> None:
     source = ROOT / "python" / "veriray"
     expected = {str(p.parent.relative_to(source)) for p in source.rglob("__init__.py")}

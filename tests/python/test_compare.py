@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from veriray.cli import main
 from veriray.comparison import CompareError, Report, compare
 from veriray.comparison import statistics as st
 from veriray.comparison.metrics import figures
@@ -435,3 +436,33 @@ def test_report_forms(pair: tuple[Render, Render], tmp_path: Path) -> None:
         report.save(tmp_path / "r.txt")
     with pytest.raises(OSError, match="missing"):
         report.save(tmp_path / "missing" / "r.html")
+
+
+def test_foreign_text_commands_no_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Names, header texts and file names reach the terminal and the report escaped, on one line."""
+    evil = "\x1b[2J\x1b]0;pwn\x07\nThe pictures agree: forged\r\x9b31m\u202e$x^$"
+    good, bad = fake(1, size=16), fake(2, size=16)
+    bad = dataclasses.replace(
+        bad,
+        image=bad.image * 2,
+        batch_means=bad.batch_means * 2,
+        stats={**bad.stats, "device": evil, "version": evil, "features": [evil]},
+    )
+    regions = np.zeros((16, 16), np.uint32)
+    regions[4:12, 4:12] = 1
+    paths = [tmp_path / "a.exr", tmp_path / "\x1b[31mb.exr"]
+    save(bad, paths[0], regions=regions, region_names=[evil])
+    save(good, paths[1], regions=regions, region_names=[evil])
+    report = tmp_path / "report.html"
+    for more in ([], ["--json"], ["-o", str(report)]):
+        assert main(["compare", *map(str, paths), *more]) == 1
+        out = capsys.readouterr().out
+        assert all(line.isprintable() for line in out.split("\n"))
+        assert not any(line.startswith("The pictures agree") for line in out.split("\n"))
+    assert r"\x1b[2J\x1b]0;pwn\x07\nThe pictures agree: forged\r\x9b31m\u202e" in out
+    page = report.read_text("utf-8")
+    assert all(line.isprintable() for line in page.split("\n")) and "\nThe pictures" not in page
+    assert main(["compare", str(paths[0]), str(tmp_path / "\x1b[31mmissing.exr")]) == 2
+    assert capsys.readouterr().err.strip().isprintable()

@@ -68,7 +68,7 @@ def test_channel_names_are_escaped(tmp_path: Path) -> None:
 
 DIGITS = "1" * 60_000
 SLOW = {
-    "digits of OBJ": ("a.obj", f"v 0 0 {DIGITS}x\n", "is not a vertex of 3 finite numbers"),
+    "digits of OBJ": ("a.obj", f"v 0 0 {DIGITS}x\n", "is not a finite number"),
     "digits of XML": ("a.xml", SCENE.replace("40", f"{DIGITS}x").format(""), "is not a number"),
     "comments": ("a.xml", "<!--" * 500_000, "not well-formed XML"),
     "many ids": (
@@ -98,8 +98,29 @@ def test_large_files_end_soon_and_with_short_messages(tmp_path: Path, name: str)
 
 
 def test_comments_keep_their_lines(tmp_path: Path) -> None:
-    text = message(tmp_path / "a.xml", "<!-- a\n<!-- b --><!---->\n\n<!DOCTYPE x><scene/>")
+    text = message(tmp_path / "a.xml", "<!-- a\n<! b --><!---->\n\n<!DOCTYPE x><scene/>")
     assert "a.xml:4: DOCTYPE" in text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<?x <!-- ?><!DOCTYPE scene [<!ENTITY v "3.0.0">]><?x --> ?><scene version="&v;"/>',
+        '\ufeff<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE scene><scene version="3.0.0"/>',
+        '<!-- <?x --><!DOCTYPE scene SYSTEM "/etc/passwd"><?x ?><scene version="3.0.0"/>',
+    ],
+)
+def test_no_doctype_hides(tmp_path: Path, text: str) -> None:
+    for content in (text, text.replace("<scene", "\n<scene")):
+        assert "a.xml:1: DOCTYPE and entities are not allowed" in message(
+            tmp_path / "a.xml", content
+        )
+
+
+def test_words_about_doctypes_are_no_doctype(tmp_path: Path) -> None:
+    bare = SCENE.format('<emitter type="constant"/>')
+    (tmp_path / "a.xml").write_text(f"<?x <!DOCTYPE ?><!-- <!ENTITY -->{bare}<!-- <!DOCTYPE -->")
+    load_file(tmp_path / "a.xml")
 
 
 @pytest.mark.parametrize("length", ["inf", "nan", "-inf", "1e300", "2.5", "-3", "4"])
@@ -107,7 +128,7 @@ def test_length_of_a_face_is_a_number_of_corners(tmp_path: Path, length: str) ->
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
     text = message(tmp_path / "a.ply", f"{head}0 0 0\n1 0 0\n0 1 0\n{length} 0 1 2\n")
-    assert f'is damaged: "{length} 0 1 2" is no element face' in text
+    assert "is damaged: line 13 is no element face" in text
 
 
 def test_damaged_stl_prints_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture,
@@ -124,6 +145,45 @@ def test_long_names_are_not_repeated(tmp_path: Path) -> None:
     head = f"ply\nformat ascii 1.0\nelement {name} 1\nproperty float x\nend_header\n"
     text = message(tmp_path / "a.ply", head + "zero\n")
     assert "bad header line" in text and len(text) < 300
+
+
+@pytest.mark.parametrize("end", ["0\n3 0 1 2", "zero\n3 0 1 2", "0\n4 0 1 2"])
+def test_a_long_word_needs_little_memory(tmp_path: Path, end: str) -> None:
+    """Memory goes with the size of a PLY file, not with its words times the longest of them."""
+    head = "ply\nformat ascii 1.0\nelement vertex 9000\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    words = f"{'0' * 60_000}.5 0 {end}"
+    tracemalloc.start()
+    try:
+        text = message(tmp_path / "a.ply", head + "0 0 0\n" * 8999 + words)
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()
+    assert 'line 9009: "0000000000000000..." (60002 characters)' in text
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.xml"])
+def test_messages_do_not_read_a_file_aloud(tmp_path: Path, name: str) -> None:
+    """Of a file that is something else, a message quotes a short word at most."""
+    secret = "correct-horse-battery-staple-correct-horse"
+    data = "ply\nformat ascii 1.0\nelement x 1\nproperty float x\nend_header\n"
+    kinds = {
+        "a.obj": [
+            f"v password {secret}\n",
+            f"f 1 2 {secret}\n",
+            f"v 0 0 0 {secret}\nv 1 {secret}\n",
+        ],
+        "a.ply": [
+            f"ply\nformat {secret}\nend_header\n",
+            f"ply\nformat ascii 1.0\n{secret}\nend_header",
+            *(f"{data}{line}\n" for line in (secret, f"1 {secret}", f"1 2 3 {secret}")),
+        ],
+        "a.stl": [f"solid {secret}\nfacet normal 0 0 1\nvertex 0 0 {secret}\nendfacet\nendsolid\n"],
+        "a.xml": [f"password {secret}", f'<scene version="3.0.0">{secret}</scene>'],
+    }
+    for content in kinds[name]:
+        text = message(tmp_path / name, content)
+        assert secret[:20] not in text and str(tmp_path / name) in text.replace('"', "")
 
 
 def test_a_small_file_needs_little_memory(tmp_path: Path) -> None:

@@ -13,7 +13,9 @@ from PIL import Image
 
 import veriray
 from veriray import gallery, image
+from veriray.cli import main
 from veriray.gallery import meshes, pictures, sheet, spheres
+from veriray.gallery.own import is_foreign
 
 SMALL = {"scale": 0.05, "spp": 2, "device": "cpu"}
 
@@ -169,6 +171,38 @@ def test_run_resumes_by_file(tmp_path: Path) -> None:
     assert len(again(width=70, spp=3, seed=1, force=True)[0]) == 2
 
 
+def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
+    """Found before anything is rendered; --force replaces them, and what it made it may replace."""
+    folder, docs = tmp_path / "gallery", tmp_path / "docs"
+    (docs / "images").mkdir(parents=True)
+    folder.mkdir()
+    settings = {**SMALL, "docs": docs}
+    names = ["spheres-300", "room"]
+    places = ["spheres-300.exr", "spheres-300.png", "spheres-300.xml", "room.exr", "hare.ply"]
+    taken = [*(folder / name for name in places), docs / "gallery.md",
+             docs / "images" / "gallery.png", docs / "images" / "room.jpg"]  # fmt: skip
+    for path in taken:
+        path.write_text("mine")
+        titles: list[str] = []
+        with pytest.raises(FileExistsError, match="was not made by the gallery; --force") as caught:
+            gallery.run(names, folder, show=titles.append, **settings)  # type: ignore[arg-type]
+        assert caught.value.filename == str(path) and path.read_text() == "mine" and not titles
+        path.unlink()
+    for path in taken:
+        path.write_text("mine")
+    assert main(["gallery", "spheres-300", "-o", str(folder), "--docs", str(docs)]) == 2
+    assert all(path.read_text() == "mine" for path in taken)
+    gallery.run(names, folder, **settings, force=True)
+    gallery.run(names, folder, **{**settings, "spp": 3})
+    assert image.load(folder / "spheres-300.exr").spp == 3
+    own = image.load(folder / "spheres-300.exr")
+    del own.stats["origin"]
+    own.save(folder / "spheres-300.exr")  # as `veriray render` would have made it
+    gallery.run(names, folder, **{**settings, "spp": 3})
+    with pytest.raises(FileExistsError, match="spheres-300.exr"):
+        gallery.run(names, folder, **settings)
+
+
 def test_sheet_from_pngs_alone(tmp_path: Path) -> None:
     gallery.run(["spheres", "cornell"], tmp_path / "all", **SMALL)
     for file in (tmp_path / "all").glob("*.png"):
@@ -198,7 +232,7 @@ def test_cornell_stands_beside_its_reference(
     lines: list[str] = []
     gallery.run(["cornell"], tmp_path, spp=64, device="cpu", say=lines.append)
     assert any(line.startswith("compare    ") for line in lines)
-    assert (tmp_path / "cornell-report.html").is_file()
+    assert not is_foreign(tmp_path / "cornell-report.html")
     assert Image.open(tmp_path / "cornell.png").size == (3 * 512, 512)
     assert "agree" in (tmp_path / "gallery.md").read_text("utf-8")
 

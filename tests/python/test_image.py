@@ -8,6 +8,8 @@ import json
 import os
 import resource
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -16,6 +18,7 @@ import OpenEXR
 import pytest
 
 from veriray import image
+from veriray.files import replacing
 from veriray.image import ImageError
 from veriray.rendering import LEDGER_COLUMNS, Render
 
@@ -194,7 +197,7 @@ def test_full_disk_leaves_the_earlier_file(tmp_path: Path, suffix: str) -> None:
 
 def test_interrupt_leaves_no_temporary_file(tmp_path: Path) -> None:
     def stop() -> None:
-        with image.replacing(tmp_path / "x.exr") as file:
+        with replacing(tmp_path / "x.exr") as file:
             file.write(b"half")
             raise KeyboardInterrupt
 
@@ -290,6 +293,26 @@ def test_limits_come_before_pixels(tmp_path: Path) -> None:
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         image.load(tmp_path / "x.exr")
+
+
+def test_a_damaged_file_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Neither does the library's C code; stderr works as before afterwards, closed or open."""
+    path = tmp_path / "x.exr"
+    image.save(make_render(3, 4, batches=2), path)
+    data = path.read_bytes()
+    (tmp_path / "good.exr").write_bytes(data)
+    for end in (len(data) - 1, len(data) - 200, len(data) // 2, 400, 40):
+        path.write_bytes(data[:end])
+        with pytest.raises(ImageError):
+            image.load(path)
+    assert capfd.readouterr() == ("", "")
+    os.write(2, b"heard")
+    assert capfd.readouterr() == ("", "heard")
+    code = "from veriray import image\nimage.load('good.exr')\ntry: image.load('x.exr')\n"
+    code += "except image.ImageError: print('damaged')"
+    command = ["sh", "-c", 'exec "$@" 2>&-', "sh", sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, check=True, cwd=tmp_path)
+    assert done.stdout == b"damaged\n"
 
 
 def test_truncated_and_mutated_files(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Shapes, materials, media, lights and lenses of scene files: what each becomes in the arrays."""
 
+import cProfile
 import dataclasses
 import math
 
@@ -9,6 +10,7 @@ import pytest
 from veriray import transform
 from veriray.camera import Film
 from veriray.columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS
+from veriray.errors import SceneError
 from veriray.formats.plugins import IORS
 from veriray.scene import load_dict, load_file
 
@@ -452,3 +454,35 @@ def test_lights_shine_as_mitsubas(mi, values):
             expected *= min(max((cutoff - angle) / (cutoff - beam), 0), 1)
         assert np.array(value) == pytest.approx(expected, rel=2e-4, abs=1e-5)
         assert -np.array(sample.d) == pytest.approx(way, abs=1e-5)
+
+
+# ---- many shapes ----
+
+
+def calls(run):
+    """Calls of Python and C functions during run()."""
+    profile = cProfile.Profile()
+    profile.runcall(run)
+    return sum(entry.callcount for entry in profile.getstats())
+
+
+def test_reading_does_little_for_each_shape(tmp_path):
+    """Checks of spheres are for all at once; materials and childless objects are looked up."""
+    counts = []
+    for many in (100, 1100):
+        (tmp_path / "many.xml").write_text(HEAD + '<shape type="sphere"/>\n' * many + "</scene>\n")
+        counts.append(calls(lambda: load_file(tmp_path / "many.xml")))
+    assert (counts[1] - counts[0]) / 1000 < 80
+
+
+def test_the_first_bad_sphere_of_many_is_named(tmp_path):
+    ball = '<shape type="sphere" id="s{}">{}</shape>\n'
+    wide = '<transform name="to_world"><scale x="2" y="1" z="1"/></transform>'
+    huge = (
+        '<point name="center" x="1e100"/><transform name="to_world"><scale value="9"/></transform>'
+    )
+    for bad, words in (((wide, huge), "unevenly"), ((huge, wide), "centre or radius exceeds")):
+        body = "".join(ball.format(k, "") for k in range(5)) + ball.format(5, bad[0])
+        with pytest.raises(SceneError, match=words) as caught:
+            load(tmp_path, body + ball.format(6, "") + ball.format(7, bad[1]))
+        assert 'sphere "s5"' in str(caught.value) and caught.value.where.endswith("scene.xml:9")

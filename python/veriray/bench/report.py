@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .. import html
-from ..image import replacing
+from ..errors import visible
+from ..files import replacing
 from . import plots
 from .run import read
 from .scenarios import Scenario
@@ -54,7 +55,7 @@ def save(results: Sequence[Result], path: str | os.PathLike[str]) -> None:
     else:
         text = to_markdown(results, target.with_name(f"{target.stem}_plots"))
     with replacing(target) as file:
-        file.write(text.encode())
+        file.write(visible(text).encode())
 
 
 # ---- sections ----

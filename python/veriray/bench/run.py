@@ -14,7 +14,7 @@ from typing import Any
 from .. import html
 from ..device import select
 from ..errors import DeviceError
-from ..image import replacing
+from ..files import open_regular, replacing
 from . import kinds, process, studies
 from .measure import RELMSE, BenchError, cpu_count, header, now
 from .peers import Crew
@@ -142,7 +142,8 @@ def _short(value: Any) -> str:
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     """A result file; ValueError naming it where it is none."""
     try:
-        result = json.loads(Path(path).read_text("utf-8"))
+        with open_regular(path) as file:
+            result = json.load(file)
     except ValueError as error:
         raise ValueError(f"{os.fspath(path)}: not JSON: {error}") from None
     if not isinstance(result, dict) or result.get("benchmark") != "bench":

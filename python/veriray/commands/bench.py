@@ -16,6 +16,7 @@ from .common import (
     integer,
     load,
     number,
+    say,
     show_progress,
     write_json,
 )
@@ -74,7 +75,7 @@ def _bench_all(arguments: argparse.Namespace) -> int:
     bad = []
 
     def done(scenario: Any, row: dict[str, Any], kept: bool) -> None:
-        print(report.line(scenario, row, backend) + (" (kept)" if kept else ""), flush=True)
+        say(report.line(scenario, row, backend) + (" (kept)" if kept else ""))
         if any(report.void_rows(row)):
             bad.append(scenario.name)
 
@@ -89,7 +90,7 @@ def _bench_all(arguments: argparse.Namespace) -> int:
         show=lambda title: show_progress(title, False),
         done=done,
     )
-    print(f"written    {path}")
+    say(f"written    {path}")
     return 1 if bad else 0
 
 
@@ -116,10 +117,10 @@ def _bench_report(arguments: argparse.Namespace) -> int:
     for path in arguments.output:
         report.save(results, path)
     for t in report.targets(results):
-        print(f"{t['state']:13} {t['device']}, {t['scenario'].name}: {t['target'].what}")
-    print(report.verdict(results)[1])
+        say(f"{t['state']:13} {t['device']}, {t['scenario'].name}: {t['target'].what}")
+    say(report.verdict(results)[1])
     if arguments.output:
-        print(f"written    {', '.join(arguments.output)}")
+        say(f"written    {', '.join(arguments.output)}")
     return 0
 
 
@@ -152,12 +153,12 @@ def _bench_compaction(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, result)
     size = f"{result['width']} x {result['height']}, {result['spp']} spp"
-    print(f"{arguments.scene}, {size}, {result['device']} ({result['device_name']})")
+    say(f"{arguments.scene}, {size}, {result['device']} ({result['device_name']})")
     for table in (compaction.by_depth(result), compaction.summary(result)):
-        print(livebench.aligned(table), end="\n\n")
-    print(f"winner     {result['winner']}")
+        say(livebench.aligned(table) + "\n")
+    say(f"winner     {result['winner']}")
     films = "one SHA-256 for all" if result["same_film"] else "DIFFERENT FILMS"
-    print(f"films      {films}")
+    say(f"films      {films}")
     return 0 if result["same_film"] else 1
 
 
@@ -192,15 +193,15 @@ def _bench_live_rays(arguments: argparse.Namespace) -> int:
         )
     if arguments.json:
         write_json(arguments.json, result)
-    print(
-        f"{arguments.scene}, {result['width']} x {result['height']}, {result['spp']} spp, ", end=""
+    say(
+        f"{arguments.scene}, {result['width']} x {result['height']}, {result['spp']} spp, "
+        f"max_depth {result['max_depth']}, rr_depth {result['rr_depth']}"
     )
-    print(f"max_depth {result['max_depth']}, rr_depth {result['rr_depth']}")
-    print(f"device {result['device']} ({result['device_reason']})")
-    print(f"{result['device']} ({result['device_name']}), scheduler {result['scheduler']}")
-    print(livebench.as_text(result["rows"]))
-    print(f"{result['samples_per_second']:,.0f} samples/s; SHA-256 {result['film_sha256']}")
+    say(f"device {result['device']} ({result['device_reason']})")
+    say(f"{result['device']} ({result['device_name']}), scheduler {result['scheduler']}")
+    say(livebench.as_text(result["rows"]))
+    say(f"{result['samples_per_second']:,.0f} samples/s; SHA-256 {result['film_sha256']}")
     if result["law_holds"] is not None:
         verdict = "holds" if result["law_holds"] else "DOES NOT HOLD"
-        print(f"blocks[d+1] = ceil(live[d] / {livebench.BLOCK_SIZE}) {verdict} at every depth")
+        say(f"blocks[d+1] = ceil(live[d] / {livebench.BLOCK_SIZE}) {verdict} at every depth")
     return 0

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
 import json
 import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
+from ..errors import visible
+from ..files import check_writable, replacing
 from ..shipped import SHIPPED
 
 if TYPE_CHECKING:
@@ -110,20 +111,12 @@ def check_output(path: str, suffixes: Sequence[str]) -> None:
     """
     if Path(path).suffix.lower() not in suffixes:
         raise CommandError(f"{path}: unknown suffix; expected {' or '.join(suffixes)}")
-    target = Path(os.path.realpath(path))
-    if target.is_dir():
-        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), path)
-    if target.exists() and not target.is_file():
-        raise OSError(errno.EINVAL, "not a regular file", path)
-    if not target.parent.is_dir():
-        code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
-        raise OSError(code, f"folder {target.parent}: {os.strerror(code)}", path)
-    probe = target.with_name(f".veriray-{os.urandom(8).hex()}.tmp")
-    try:
-        os.close(os.open(probe, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
-        os.unlink(probe)
-    except OSError as error:
-        raise OSError(error.errno, f"folder not writable: {error.strerror}", path) from error
+    check_writable(path)
+
+
+def say(text: object, *, file: TextIO | None = None) -> None:
+    """Prints text, as all commands do: what it holds of files and names commands no terminal."""
+    print(visible(str(text)), file=file, flush=True)
 
 
 def write_json(path: str, values: dict[str, Any]) -> None:
@@ -132,8 +125,6 @@ def write_json(path: str, values: dict[str, Any]) -> None:
     Numbers that are not finite become strings ("nan", "inf"), as JSON has none. Raises OSError
     naming the path.
     """
-    from ..image import replacing
-
     lines = (
         f"{json.dumps(k)}: {json.dumps(_finite(v), allow_nan=False)}" for k, v in values.items()
     )
@@ -157,7 +148,7 @@ def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] |
         yield None
         return
     if not sys.stderr.isatty():
-        print(title, file=sys.stderr, flush=True)
+        say(title, file=sys.stderr)
         yield None
         return
     from rich.console import Console
@@ -177,4 +168,5 @@ def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] |
 
 def show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """A warning as one line on standard error; fits `warnings.showwarning`."""
-    print(f"veriray: warning: {message}", file=sys.stderr)
+    text = " ".join(str(message).splitlines())
+    say(f"veriray: warning: {text}", file=sys.stderr)

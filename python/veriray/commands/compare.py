@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .common import check_output
+from .common import check_output, say
 
 
 def add(commands: Any) -> None:
@@ -26,5 +26,5 @@ def _compare(arguments: argparse.Namespace) -> int:
     report = compare(arguments.a, arguments.b)
     if arguments.output:
         report.save(arguments.output)
-    print(report.to_json() if arguments.json else str(report))
+    say(report.to_json() if arguments.json else str(report))
     return {"pass": 0, "fail": 1}.get(report.result, 3)

@@ -6,6 +6,8 @@ import argparse
 import json
 from typing import Any
 
+from .common import say
+
 
 def add(commands: Any) -> None:
     """Adds `doctor` to the parser."""
@@ -19,6 +21,6 @@ def _doctor(arguments: argparse.Namespace) -> int:
     from .. import doctor
 
     report = doctor.examine(self_test=not arguments.no_self_test)
-    print(json.dumps(report, indent=2) if arguments.json else doctor.as_text(report))
+    say(json.dumps(report, indent=2) if arguments.json else doctor.as_text(report))
     test = report["self_test"]
     return 0 if report["auto"]["device"] and (test is None or test["passed"]) else 1

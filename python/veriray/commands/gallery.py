@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .common import DEVICES, integer, number, show_progress
+from .common import DEVICES, integer, number, say, show_progress
 
 
 def add(commands: Any) -> None:
@@ -21,7 +21,11 @@ def add(commands: Any) -> None:
     size.add_argument("--scale", type=number, default=1.0, help="factor on width and height")
     parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
     parser.add_argument("--threads", type=integer, help="CPU threads (default: all)")
-    parser.add_argument("--force", action="store_true", help="render finished pictures again")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="render finished pictures again, and replace files that the gallery did not make",
+    )
     parser.add_argument("--sheet", action="store_true", help="contact sheet alone, from DIR")
     parser.add_argument("--docs", metavar="DIR", help="for the page and the sheet (default: -o)")
     parser.add_argument("--list", action="store_true", help="print the names and leave")
@@ -33,7 +37,7 @@ def _gallery(arguments: argparse.Namespace) -> int:
     from .. import gallery
 
     if arguments.list:
-        print("\n".join(gallery.names()))
+        say("\n".join(gallery.names()))
         return 0
     quiet = arguments.quiet
     gallery.run(
@@ -41,7 +45,7 @@ def _gallery(arguments: argparse.Namespace) -> int:
         arguments.output,
         sheet_only=arguments.sheet,
         show=lambda title: show_progress(title, quiet),
-        say=None if quiet else lambda line: print(line, flush=True),
+        say=None if quiet else say,
         **{
             name: getattr(arguments, name)
             for name in "mesh spp seed width scale device threads force docs".split()

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from .common import LARGE_MESH, add_scene, load, show_progress
+from .common import LARGE_MESH, add_scene, load, say, show_progress
 
 
 def add(commands: Any) -> None:
@@ -24,5 +24,5 @@ def _info(arguments: argparse.Namespace) -> int:
     quiet = arguments.json or len(scene.triangles) < LARGE_MESH
     with show_progress("building the tree", quiet) as progress:
         report = info.examine(scene, arguments.device, arguments.width, arguments.height, progress)
-    print(json.dumps(report, indent=2) if arguments.json else info.as_text(report))
+    say(json.dumps(report, indent=2) if arguments.json else info.as_text(report))
     return 0

@@ -15,6 +15,7 @@ from .common import (
     integer,
     load,
     number,
+    say,
     show_progress,
     show_warning,
     write_json,
@@ -90,8 +91,8 @@ def _render(arguments: argparse.Namespace) -> int:
     chosen, reason = device_module.select(arguments.device)
     scheduler, scheduler_reason = choose_scheduler(arguments.scheduler)
     if not arguments.quiet:
-        print(f"device     {chosen.name}, {chosen.description} ({reason})")
-        print(f"scheduler  {scheduler} ({scheduler_reason})", flush=True)
+        say(f"device     {chosen.name}, {chosen.description} ({reason})")
+        say(f"scheduler  {scheduler} ({scheduler_reason})")
     asked = {"width": arguments.width, "height": arguments.height, "spp": spp,
              "builder": arguments.builder}  # fmt: skip
     if len(scene.triangles) >= LARGE_MESH:
@@ -102,8 +103,8 @@ def _render(arguments: argparse.Namespace) -> int:
         facts = prepare(scene, arguments.device, **asked)
     if not arguments.quiet:
         if facts["tree"]:
-            print(f"tree       {tree_text(facts['tree'])}")
-        print(f"primitives {primitives_text(facts['primitives'])}", flush=True)
+            say(f"tree       {tree_text(facts['tree'])}")
+        say(f"primitives {primitives_text(facts['primitives'])}")
     title = f"rendering {used.film.width} x {used.film.height}, {spp} spp"
     with show_progress(title, arguments.quiet) as progress:
         result = render(
@@ -130,24 +131,24 @@ def _print_result(result: Any, outputs: list[str]) -> None:
     from .. import livebench
 
     stats = result.stats
-    print(
+    say(
         f"samples    {stats['paths']:,} paths, {stats['rays']:,} rays in {stats['seconds']:.3f} s: "
         f"{stats['samples_per_second']:,.0f} samples/s"
     )
-    print(livebench.as_text(livebench.rows(result), TABLE_ROWS))
+    say(livebench.as_text(livebench.rows(result), TABLE_ROWS))
     if "target_error" in stats:
         good = stats["tiles"] - stats["tiles_above_target"]
-        print(
+        say(
             f"target     {stats['target_error']:g} reached by {good} of {stats['tiles']} tiles, "
             f"{stats['tiles_at_limit']} need more than {stats['spp']} spp; "
             f"mean {stats['mean_spp']:.1f} spp"
         )
     error = stats["mean_stderr"]
-    print(f"mean standard error  {'needs 2 spp' if error is None else f'{error:.6g}'}")
+    say(f"mean standard error  {'needs 2 spp' if error is None else f'{error:.6g}'}")
     if stats["nonfinite_samples"]:
-        print(_nonfinite_text(stats))
-    print(f"SHA-256    {result.film_sha256}")
-    print(f"written    {', '.join(outputs)}")
+        say(_nonfinite_text(stats))
+    say(f"SHA-256    {result.film_sha256}")
+    say(f"written    {', '.join(outputs)}")
 
 
 def _nonfinite_text(stats: dict[str, Any]) -> str:
@@ -178,12 +179,12 @@ def _replay(arguments: argparse.Namespace) -> int:
         width=arguments.width,
         height=arguments.height,
     )
-    print(f"pixel ({x}, {y}), sample {sample}, seed {arguments.seed}: {len(path)} vertices")
+    say(f"pixel ({x}, {y}), sample {sample}, seed {arguments.seed}: {len(path)} vertices")
     for vertex in path:
-        print(f"\nvertex {vertex['depth']}: {vertex['event']}")
+        say(f"\nvertex {vertex['depth']}: {vertex['event']}")
         for key, value in vertex.items():
             if key not in ("depth", "event"):
-                print(f"  {key:<12} {_value_text(value)}")
+                say(f"  {key:<12} {_value_text(value)}")
     return 0
 
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from ..errors import visible
 from .common import (
     DEVICES,
     CommandError,
@@ -15,6 +16,7 @@ from .common import (
     check_distinct,
     check_output,
     integer,
+    say,
 )
 
 if TYPE_CHECKING:
@@ -79,9 +81,9 @@ def _validate(arguments: argparse.Namespace) -> int:
         validation = stop.validation
     for path in arguments.output:
         validation.save(path)
-    print(report.to_json(validation) if arguments.json else validation)
+    say(report.to_json(validation) if arguments.json else validation)
     if arguments.output and not arguments.json:
-        print(f"written    {', '.join(arguments.output)}")
+        say(f"written    {', '.join(arguments.output)}")
     if validation.missing:
         raise KeyboardInterrupt
     return _STATUS[report.verdict(validation)[0]]
@@ -112,9 +114,9 @@ def _progress(title: str) -> Iterator[Callable[[Outcome, int, int], None]]:
 
         def line(outcome: Outcome, done: int, total: int) -> None:
             if text := noted(outcome):
-                print(text, file=sys.stderr, flush=True)
+                say(text, file=sys.stderr)
             if done == total or 10 * done // total > 10 * (done - 1) // total:
-                print(state(outcome, done, total), file=sys.stderr, flush=True)
+                say(state(outcome, done, total), file=sys.stderr)
 
         yield line
         return
@@ -128,7 +130,7 @@ def _progress(title: str) -> Iterator[Callable[[Outcome, int, int], None]]:
 
         def show(outcome: Outcome, done: int, total: int) -> None:
             if text := noted(outcome):
-                console.print(text, markup=False)
+                console.print(visible(text), markup=False)
             bar.update(task, completed=done, total=total, description=state(outcome, done, total))
 
         yield show

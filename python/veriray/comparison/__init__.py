@@ -16,6 +16,7 @@ from veriray.comparison import statistics as st
 from veriray.comparison.effort import equal_effort, unequal_effort
 from veriray.comparison.report import Maps, Report
 from veriray.comparison.statistics import Test
+from veriray.errors import printable
 from veriray.image import load_with_regions
 from veriray.rendering import LEDGER_COLUMNS, Render
 
@@ -90,7 +91,7 @@ def compare(
     else:
         names = list(region_names or [])
     regions = None if regions is None else _checked(regions, a.image.shape[:2])
-    labels = {0: "background", **{k + 1: str(name) for k, name in enumerate(names)}}
+    labels = {0: "background", **{k + 1: printable(str(n)) for k, n in enumerate(names)}}
 
     report = Report(
         alpha=alpha,
@@ -146,7 +147,7 @@ def _size(x: Render) -> str:
 def _facts(x: Render, name: str) -> dict[str, Any]:
     keys = ("renderer", "version", "device", "scheduler", "features", "scene_sha256", "max_depth",
             "rr_depth", "seconds")  # fmt: skip
-    return {
+    facts = {
         "name": name,
         "width": x.image.shape[1],
         "height": x.image.shape[0],
@@ -156,6 +157,13 @@ def _facts(x: Render, name: str) -> dict[str, Any]:
         "film_sha256": x.film_sha256,
         **{key: x.stats.get(key) for key in keys},
     }
+    return {key: _printable(value) for key, value in facts.items()}
+
+
+def _printable(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_printable(entry) for entry in value]
+    return printable(value) if isinstance(value, str) else value
 
 
 def _batches(x: Render) -> int:

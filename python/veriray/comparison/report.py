@@ -12,8 +12,9 @@ import numpy as np
 
 from veriray import html
 from veriray.comparison.statistics import Cells, Test
+from veriray.files import replacing
 from veriray.html import BLUE, GREY, ORANGE, percent, plain
-from veriray.image import replacing, to_srgb8
+from veriray.image import to_srgb8
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -293,7 +294,7 @@ def _means_plot(means: list[dict[str, Any]]) -> str:
             elinewidth=1.5,
         )
     axes.axvline(0, color=GREY, lw=0.8)
-    axes.set_yticks(range(len(rows)), [row["name"] for row in rows])
+    axes.set_yticks(range(len(rows)), [row["name"] for row in rows], parse_math=False)
     axes.invert_yaxis()
     axes.set_xlabel("A - B, per cent")
     return html.png(figure)

@@ -5,7 +5,9 @@ Supported objects and parameters are listed in `plugins`; elements of XML files 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+import gc
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import SceneError
@@ -26,4 +28,17 @@ def load(path: Path, parameters: Mapping[str, object]) -> Scene:
             f"{shorten(str(path))} is neither a scene file ({known}) nor a shipped scene"
             + allowed(path.name, SHIPPED, "shipped")
         )
-    return build.build(reader(path, parameters))
+    with _without_collector():
+        return build.build(reader(path, parameters))
+
+
+@contextlib.contextmanager
+def _without_collector() -> Iterator[None]:
+    """Stops the search for cycles: a tree has none, and a large one would be searched often."""
+    on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if on:
+            gc.enable()

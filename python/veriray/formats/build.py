@@ -22,6 +22,7 @@ from .shapes import Shapes, must_be_closed
 from .values import check, located
 
 Array = npt.NDArray[Any]
+_Parts = dict[str, list[Node]]
 _DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
 
 
@@ -34,26 +35,30 @@ def build(tree: Tree) -> Scene:
 class _Builder:
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
-        self.checked: dict[int, tuple[Node, dict[str, Any]]] = {}
+        self.checked: dict[int, tuple[Node, _Parts, dict[str, Any]]] = {}
+        self.childless: dict[str, _Parts] = {}
+        self.rows: dict[int, materials.Row] = {}
         self.tables = _Tables()
 
-    def check(self, node: Node) -> dict[str, Any]:
-        """`check`, once for each node however often it is used; its children's kinds too."""
-        if id(node) not in self.checked:
-            self.children(node)
-            self.checked[id(node)] = node, check(node)  # holding the node keeps its id unique
-        return self.checked[id(node)][1]
+    def check(self, node: Node) -> tuple[_Parts, dict[str, Any]]:
+        """A node's objects and parameters, checked once however often it is used."""
+        found = self.checked.get(id(node))
+        if found is None:  # holding the node keeps its id unique
+            found = self.checked[id(node)] = node, self.children(node), check(node)
+        return found[1:]
 
-    def children(self, node: Node) -> dict[str, list[Node]]:
+    def children(self, node: Node) -> _Parts:
         """A node's objects by category, references resolved, kinds and numbers checked."""
+        if not node.children and node.plugin in self.childless:
+            return self.childless[node.plugin]
         rules = PLUGINS[node.plugin].children
-        result: dict[str, list[Node]] = {category: [] for category in rules}
+        result: _Parts = {category: [] for category in rules}
         for item in node.children:
             if isinstance(item, Ref) and node.category == "scene":
                 raise SceneError("a ref must stand inside the object that uses it", item.where)
             child = self.resolve(item, node) if isinstance(item, Ref) else item
-            names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
             if child.category not in rules or child.plugin not in rules[child.category][0]:
+                names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
                 raise SceneError(
                     f"{node} cannot hold a {child.category} {shorten(child.plugin)}"
                     + allowed(child.plugin, names),
@@ -71,6 +76,8 @@ class _Builder:
                     "allowed",
                     found[most].where,
                 )
+        if not node.children:
+            self.childless[node.plugin] = result
         return result
 
     def resolve(self, ref: Ref, node: Node) -> Node:
@@ -84,10 +91,9 @@ class _Builder:
 
     def scene(self) -> Scene:
         root = self.tree.scene
-        parts = self.children(root)
-        self.check(root)
+        parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
-        path = self.check(integrator)
+        _, path = self.check(integrator)
         camera, film, sampling = self.sensor(parts["sensor"][0])
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
@@ -126,17 +132,16 @@ class _Builder:
         for node in nodes:
             if node.plugin != "constant":
                 self.light(node)
-        return self.check(skies[0])["radiance"] if skies else (0.0, 0.0, 0.0)
+        return self.check(skies[0])[1]["radiance"] if skies else (0.0, 0.0, 0.0)
 
     def sensor(self, node: Node) -> tuple[Camera, Film, dict[str, Any]]:
-        parts = self.children(node)
-        values = self.check(node)
+        parts, values = self.check(node)
         film_node = parts["film"][0] if parts["film"] else Node("hdrfilm", node.where)
         sampler = parts["sampler"][0] if parts["sampler"] else Node("independent", node.where)
-        filters = self.children(film_node)["rfilter"]
+        film_parts, size = self.check(film_node)
+        filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
-        size = self.check(film_node)
-        parameters = list(self.check(filter_node).values())
+        parameters = list(self.check(filter_node)[1].values())
         film = located(
             film_node,
             lambda: Film(
@@ -176,19 +181,24 @@ class _Builder:
                 self.medium(parts["medium"][0]) if parts["medium"] else -1,
             ),
         )
-        given = self.check(sampler)
+        _, given = self.check(sampler)
         kind = "sobol" if sampler.plugin in STRATIFIED else sampler.plugin
         sampling = {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
         return camera, film, sampling
 
     def material(self, node: Node) -> materials.Row:
-        """The row of a bsdf."""
-        parts, values = self.children(node), self.check(node)
-        if node.plugin == "twosided":
-            return {**self.material(parts["bsdf"][0]), "two_sided": True}
-        if node.plugin == "mask":
-            return {**self.material(parts["bsdf"][0]), "opacity": values["opacity"]}
-        return materials.material(node, values)
+        """The row of a bsdf, made once."""
+        parts, values = self.check(node)  # holds the node, and so its id
+        row = self.rows.get(id(node))
+        if row is None:
+            if node.plugin == "twosided":
+                row = {**self.material(parts["bsdf"][0]), "two_sided": True}
+            elif node.plugin == "mask":
+                row = {**self.material(parts["bsdf"][0]), "opacity": values["opacity"]}
+            else:
+                row = materials.material(node, values)
+            self.rows[id(node)] = row
+        return row
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
@@ -196,8 +206,9 @@ class _Builder:
         return self.tables.index("media", node, row)
 
     def check_medium(self, node: Node) -> materials.Row:
-        phase = self.children(node)["phase"]
-        return materials.medium(node, self.check(node), self.check(phase[0]) if phase else {})
+        parts, values = self.check(node)
+        phase = parts["phase"]
+        return materials.medium(node, values, self.check(phase[0])[1] if phase else {})
 
     def boundary(self, node: Node) -> tuple[int, int]:
         """The media inside and outside of a shape, -1 for vacuum."""
@@ -218,7 +229,7 @@ class _Builder:
         return media.get("interior", -1), media.get("exterior", -1)
 
     def shape(self, node: Node, shapes: Shapes) -> None:
-        parts, values = self.children(node), self.check(node)
+        parts, values = self.check(node)
         lamp = parts["emitter"][0] if parts["emitter"] else None
         if parts["bsdf"]:
             bsdf, row = parts["bsdf"][0], self.material(parts["bsdf"][0])
@@ -228,7 +239,7 @@ class _Builder:
         material = self.tables.index("materials", bsdf, row)
         emission = boundary = -1
         if lamp:
-            radiance = self.check(lamp)["radiance"]
+            radiance = self.check(lamp)[1]["radiance"]
             if _shines(radiance):
                 emission = self.tables.index("emissions", lamp, {"emissions": radiance})
         media = self.boundary(node)
@@ -239,7 +250,7 @@ class _Builder:
 
     def light(self, node: Node) -> None:
         """Adds a point, spot or directional light."""
-        values = self.check(node)
+        _, values = self.check(node)
         strength = values["irradiance" if node.plugin == "directional" else "intensity"]
         if not _shines(strength):
             return

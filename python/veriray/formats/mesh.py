@@ -22,7 +22,7 @@ import numpy.typing as npt
 from ..errors import SceneError
 from ..numeric import MAX_COORDINATE
 from . import ply
-from .node import read_bytes, shorten
+from .node import quoted, read_bytes, shorten
 from .ply import MeshFileError
 
 Array = npt.NDArray[Any]
@@ -169,7 +169,7 @@ def _obj_lines(text: bytes) -> _Obj:
                 corners.append(_corner(token, tables, number))
             faces += [(first, k, k + 1) for k in range(first + 1, len(corners) - 1)]
         elif kind in tables:
-            tables[kind].append(_row(kind, tokens, line, number))
+            tables[kind].append(_row(kind, tokens, number))
     return (
         [np.array(tables[k], np.float64).reshape(-1, n) for k, n in _KINDS.items()],
         np.array(corners, np.int64).reshape(-1, 3),
@@ -177,16 +177,16 @@ def _obj_lines(text: bytes) -> _Obj:
     )
 
 
-def _row(kind: bytes, tokens: list[bytes], line: bytes, number: int) -> list[float]:
+def _row(kind: bytes, tokens: list[bytes], number: int) -> list[float]:
     """The numbers of a line v, vt or vn."""
     count = 2 if kind == b"vt" else 3
-    numbers = tokens[1 : count + 1]
-    if len(tokens) < 2 if kind == b"vt" else len(tokens) < 4:
-        numbers = [b""]
-    if not all(_NUMBER.fullmatch(t) for t in numbers):
-        what = {b"v": "vertex of 3", b"vt": "texture coordinate of 1 to 3", b"vn": "normal of 3"}
-        given = shorten(line.decode("utf-8", "replace"))
-        raise MeshFileError(f", line {number}: {given} is not a {what[kind]} finite numbers")
+    numbers, least = tokens[1 : count + 1], 1 if kind == b"vt" else 3
+    for token in numbers:
+        if not _NUMBER.fullmatch(token):
+            raise MeshFileError(f", line {number}: {quoted(token)} is not a finite number")
+    if len(numbers) < least:
+        given = f"{kind.decode()} has {len(numbers)} finite numbers"
+        raise MeshFileError(f", line {number}: {given}, expected {least}")
     return [float(t) for t in numbers] + [0.0] * (count - len(numbers))
 
 
@@ -202,7 +202,7 @@ def _corner(token: bytes, tables: dict[bytes, list[Any]], number: int) -> tuple[
         index = int(part) if _INDEX.fullmatch(part) else 0
         if index == 0 or not -count <= index <= count or len(parts) > 3:
             raise MeshFileError(
-                f", line {number}: the index {shorten(token.decode('utf-8', 'replace'))} is not "
+                f", line {number}: the index {quoted(token)} is not "
                 f"within the {count} {of.decode()} lines before it"
             )
         result.append(index - 1 if index > 0 else index + count)
@@ -231,8 +231,7 @@ def _stl(data: bytes) -> tuple[Array, Array, None]:
         vertices = np.array(loaded.vertices, np.float64).reshape(-1, 3)
         triangles = np.array(loaded.faces, np.int64).reshape(-1, 3)
     except Exception as error:  # trimesh raises whatever its parsers stumble over
-        message = f"{type(error).__name__}: {str(error)[:200]}"
-        raise MeshFileError(f" cannot be read as STL: {message}") from None
+        raise MeshFileError(f" cannot be read as STL ({type(error).__name__})") from None
     finally:
         log.setLevel(level)
     if len(triangles) != count:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from xml.parsers import expat
 
 import numpy as np
 import numpy.typing as npt
@@ -79,12 +80,7 @@ class _Reader:
             text = read_bytes(path, MAX_BYTES, where).decode("utf-8-sig")
         except UnicodeDecodeError as error:
             raise SceneError(f"not UTF-8 text (byte {error.start})", name) from None
-        bare = _without_comments(text)
-        for word in ("<!DOCTYPE", "<!ENTITY"):
-            at = bare.find(word)
-            if at >= 0:
-                line = bare.count("\n", 0, at) + 1
-                raise SceneError(f"{word[2:]} and entities are not allowed", f"{name}:{line}")
+        _refuse_doctype(text, name)
         parser = etree.XMLParser(
             encoding="utf-8",
             resolve_entities=False,
@@ -122,7 +118,9 @@ class _Reader:
                     + allowed(str(key), names),
                     where,
                 )
-            result[str(key)] = _PARAMETER.sub(lambda m: self.lookup(m, where), str(text))
+            if "$" in text:
+                text = _PARAMETER.sub(lambda m: self.lookup(m, where), str(text))
+            result[str(key)] = str(text)
         for key in needed.split():
             if key not in result:
                 raise SceneError(f'<{element.tag}> lacks the attribute "{key}"', where)
@@ -325,13 +323,25 @@ class _Reader:
         return matrix
 
 
-def _without_comments(text: str) -> str:
-    """`text` with comments replaced by their line ends."""
-    parts, at = [], 0
-    while (begin := text.find("<!--", at)) >= 0 and (end := text.find("-->", begin + 4)) >= 0:
-        parts += [text[at:begin], "\n" * text.count("\n", begin, end)]
-        at = end + 3
-    return "".join([*parts, text[at:]])
+def _refuse_doctype(text: str, name: str) -> None:
+    """Raises SceneError for a DOCTYPE, the only place of entities, before any is expanded."""
+    parser = expat.ParserCreate("utf-8")
+
+    def doctype(*_: object) -> None:
+        where = f"{name}:{parser.CurrentLineNumber}"
+        raise SceneError("DOCTYPE and entities are not allowed", where)
+
+    def root(*_: object) -> None:
+        raise StopIteration  # no DOCTYPE can follow
+
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler = doctype, root
+    try:
+        parser.Parse(text, True)
+    except StopIteration:
+        return
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise SceneError(f"not well-formed XML: {reason}", f"{name}:{error.lineno}") from None
 
 
 def _text(value: object) -> str:
@@ -344,7 +354,7 @@ def _no_text(element: etree._Element, path: Path) -> None:
     for text in (element.text, *(child.tail for child in element)):
         if text and text.strip():
             where = f"{path}:{element.sourceline}"
-            raise SceneError(f"<{element.tag}> holds text {shorten(text.strip())}", where)
+            raise SceneError(f"<{element.tag}> holds text", where)
 
 
 def _empty(element: etree._Element, where: str) -> None:

@@ -9,20 +9,20 @@ from __future__ import annotations
 import difflib
 import os
 import re
-import stat
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import SceneError
+from ..files import open_regular
 
 MAX_DEPTH = 32
 _FLOAT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]{1,20}")
 
 
-@dataclass
+@dataclass(slots=True)
 class Value:
     """A parameter: kind (float, integer, boolean, string, rgb, spectrum, vector, point, transform),
     its value (rgb and vector: tuple of float; transform: (4, 4) float64) and its place."""
@@ -32,7 +32,7 @@ class Value:
     where: str
 
 
-@dataclass
+@dataclass(slots=True)
 class Ref:
     """A use of an object that is defined elsewhere; name: what for, where that matters."""
 
@@ -41,7 +41,7 @@ class Ref:
     name: str = ""
 
 
-@dataclass
+@dataclass(slots=True)
 class Node:
     """An object: plugin name, category if the file states it, parameters and nested objects;
     name: what it is for in the object around it."""
@@ -59,7 +59,7 @@ class Node:
         return f'{self.plugin} "{self.id}"' if self.id else self.plugin
 
 
-@dataclass
+@dataclass(slots=True)
 class Tree:
     """A scene node and every object in it that has an id."""
 
@@ -80,6 +80,12 @@ def shorten(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:70]}...({len(text)} characters)"
 
 
+def quoted(word: bytes) -> str:
+    """A word of a foreign file for a message: no more of it than names the mistake."""
+    text = word.decode("utf-8", "replace")
+    return f'"{text}"' if len(text) <= 24 else f'"{text[:16]}..." ({len(text)} characters)'
+
+
 def allowed(name: str, names: Iterable[str], what: str = "allowed") -> str:
     """End of a message about an unknown `name`: the known names, and the closest of them.
 
@@ -96,15 +102,11 @@ def read_bytes(path: Path, limit: int, where: str) -> bytes:
     """Contents of a regular file of at most `limit` bytes; anything else is a SceneError."""
     name = shorten(str(path))
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
-            raise SceneError(f"{name} is not a file", where)
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size  # read() asks for the memory first
             data = file.read(min(size, limit) + 1)
     except OSError as error:
         raise SceneError(f"cannot read {name}: {error.strerror}", where) from None
-    except SceneError:
-        raise
     except ValueError as error:  # a name with a null character
         raise SceneError(f"cannot read {name}: {error}", where) from None
     if len(data) > limit:

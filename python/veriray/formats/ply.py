@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .node import shorten
+from .node import quoted
 
 Array = npt.NDArray[Any]
 _TYPES = {
@@ -18,6 +21,7 @@ _TYPES = {
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _INDICES = ("vertex_indices", "vertex_index")
+_MAX_WORD = 1000  # characters of a number
 
 
 class MeshFileError(Exception):
@@ -41,7 +45,8 @@ def read(data: bytes) -> tuple[Array, Array, Array | None]:
     elements, order, body = _header(data)
     rows = sum(element.rows for element in elements)
     if order == "":
-        content: Any = _Text(body, rows)
+        head = data[: len(data) - len(body)]
+        content: Any = _Text(body, rows, head.count(b"\n") + 1)
     elif rows > len(body):
         raise MeshFileError(f" is damaged: {rows} elements in {len(body)} bytes")
     else:
@@ -69,9 +74,10 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
         raise MeshFileError(' is not PLY: no header "ply" ... "end_header"')
     form = re.fullmatch(r"format (ascii|binary_(little|big)_endian) 1\.0", lines[1].strip())
     if not form:
-        raise MeshFileError(f": unknown {shorten(lines[1])}")
+        raise MeshFileError(": header line 2 states no known format; expected ascii 1.0, "
+                            "binary_little_endian 1.0 or binary_big_endian 1.0")  # fmt: skip
     elements: list[_Element] = []
-    for line in lines[2:]:
+    for number, line in enumerate(lines[2:], 3):
         tokens = line.split()
         match tokens:
             case [] | ["comment" | "obj_info", *_]:
@@ -89,7 +95,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
                 if _TYPES.get(length, "f")[0] in "iu" and kind in _TYPES:
                     elements[-1].properties[name] = _TYPES[length], _TYPES[kind]
                     continue
-        raise MeshFileError(f": bad header line {shorten(line)}")
+        raise MeshFileError(f": bad header line {number}")
     return elements, {None: "", "little": "<", "big": ">"}[form[2]], data[end.end() :]
 
 
@@ -158,29 +164,28 @@ class _Binary:
 
 
 class _Text:
-    def __init__(self, body: bytes, rows: int) -> None:
+    """first: number in the file of the body's first line."""
+
+    def __init__(self, body: bytes, rows: int, first: int) -> None:
         body = body.rstrip()
+        found = body.count(b"\n") + 1 if body else 0
+        if found != rows:
+            raise MeshFileError(f" is damaged: {found} lines of data, {rows} expected")
         self.lines = body.split(b"\n") if body else []
-        if len(self.lines) != rows:
-            raise MeshFileError(f" is damaged: {len(self.lines)} lines of data, {rows} expected")
-        self.at = 0
+        self.first, self.at = first, 0
 
     def element(self, element: _Element) -> dict[str, Any]:
         """As _Binary's."""
-        lines = self.lines[self.at : self.at + element.rows]
+        lines, first = self.lines[self.at : self.at + element.rows], self.first + self.at
         self.at += element.rows
-        tokens = b" ".join(lines).split()
-        try:
-            values = np.array(tokens, dtype="S").astype(np.float64) if tokens else np.zeros(0)
-        except ValueError as error:
-            raise MeshFileError(f": {str(error)[:100]} among the elements {element.name}") from None
+        values = _numbers(lines, first, element.name)
         width = len(values) // max(element.rows, 1)
         if width * element.rows == len(values):
             table = values.reshape(element.rows, width)
             columns = self.columns(element, table)
             if columns is not None:
                 return columns
-        rows = [self.row(element, line) for line in lines]
+        rows = [self.row(element, line, number) for number, line in enumerate(lines, first)]
         return {
             name: [row[name] for row in rows] if length else np.array([row[name] for row in rows])
             for name, (length, _) in element.properties.items()
@@ -203,15 +208,37 @@ class _Text:
             at += count
         return result if at == table.shape[1] else None
 
-    def row(self, element: _Element, line: bytes) -> dict[str, Any]:
-        columns = self.columns(element, np.array([line.split()], dtype="S").astype(np.float64))
+    def row(self, element: _Element, line: bytes, number: int) -> dict[str, Any]:
+        columns = self.columns(element, _numbers([line], number, element.name)[None])
         if columns is None:
-            given = shorten(line.decode("latin-1"))
-            raise MeshFileError(f" is damaged: {given} is no element {element.name}")
+            raise MeshFileError(f" is damaged: line {number} is no element {element.name}")
         return {name: values[0] for name, values in columns.items()}
 
     def end(self) -> None:
         pass
+
+
+def _numbers(lines: list[bytes], first: int, what: str) -> Array:
+    """All numbers of the lines; `first` is the first line's number in the file."""
+    if max(map(len, lines), default=0) <= _MAX_WORD:
+        with contextlib.suppress(ValueError):
+            return np.fromiter(map(float, chain.from_iterable(map(bytes.split, lines))), np.float64)
+    return np.fromiter(_checked(lines, first, what), np.float64)
+
+
+def _checked(lines: list[bytes], first: int, what: str) -> Iterator[float]:
+    """As `_numbers`, slowly; raises MeshFileError at the first word that is none."""
+    for number, line in enumerate(lines, first):
+        for word in line.split():
+            try:
+                if len(word) > _MAX_WORD:
+                    raise ValueError
+                yield float(word)
+            except ValueError:
+                raise MeshFileError(
+                    f", line {number}: {quoted(word)} among the elements {what} is not a number of "
+                    f"at most {_MAX_WORD} characters"
+                ) from None
 
 
 def _fans(lists: Any) -> Array:

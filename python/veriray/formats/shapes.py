@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from .. import transform
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
-from ..numeric import MAX_COORDINATE, determinant
+from ..numeric import MAX_COORDINATE, determinant, determinants
 from . import mesh
 from .node import Node, shorten
 
@@ -32,6 +31,8 @@ _CUBE = np.array(  # four corners a face, counter-clockwise from outside: -y, +y
     ],
     np.float64,
 ).reshape(24, 3)
+_IDENTITY = np.eye(4)
+_IDENTITY.setflags(write=False)
 _CUBE_FACES = np.concatenate([_QUAD_FACES + 4 * face for face in range(6)])
 
 
@@ -43,8 +44,7 @@ class Shapes:
         self.vertices: list[Array] = []
         self.normals: list[Array] = []
         self.triangles: list[Array] = []
-        self.spheres: list[list[float]] = []
-        self.inward: list[bool] = []
+        self.spheres: list[tuple[Node, Array, tuple[float, ...], bool]] = []
         self.disks: list[Array] = []
         self.rows: dict[str, list[tuple[int, int, int, int]]] = {
             "triangle": [],
@@ -63,19 +63,20 @@ class Shapes:
         the shape must be closed, "" if it need not.
         """
         kind = {"sphere": "sphere", "disk": "disk"}.get(node.plugin, "triangle")
-        values["to_world"] = np.eye(4) if values["to_world"] is None else values["to_world"]
+        values["to_world"] = _IDENTITY if values["to_world"] is None else values["to_world"]
         getattr(self, f"_{kind}")(node, values, solid)
         self.rows[kind].append((*row, len(self.names)))
         self.names.append(node.id or f"{node.plugin}_{len(self.names)}")
 
     def arrays(self) -> dict[str, Any]:
         """The arguments of Scene."""
+        spheres, inward = _spheres(self.spheres)
         result: dict[str, Any] = {
             "vertices": np.concatenate(self.vertices or [np.zeros((0, 3))]),
             "normals": np.concatenate(self.normals or [np.zeros((0, 3))]),
             "triangles": np.concatenate(self.triangles or [np.zeros((0, 3), np.int64)]),
-            "spheres": np.array(self.spheres, np.float64).reshape(-1, 4),
-            "sphere_inward": np.array(self.inward, np.bool_),
+            "spheres": spheres,
+            "sphere_inward": inward,
             "disks": np.array(self.disks, np.float64).reshape(-1, 3, 3),
             "shape_names": tuple(self.names),
         }
@@ -88,24 +89,8 @@ class Shapes:
         return result
 
     def _sphere(self, node: Node, values: dict[str, Any], solid: str) -> None:
-        matrix = values["to_world"]
-        rows = matrix[:3, :3]
-        with np.errstate(all="ignore"):
-            products = (rows[:, None, :] * rows[None, :, :]).sum(axis=2)
-            square = float(products[0, 0])
-            uniform = np.abs(products - square * np.eye(3)).max() <= 2e-3 * square
-        if not uniform:
-            raise SceneError(
-                f'{node}: "to_world" scales a sphere unevenly; allowed: rotation, translation and '
-                "the same scale in all directions (or a mesh)",
-                node.values["to_world"].where,
-            )
-        centre = transform.apply(matrix, np.array([values["center"]]))[0]
-        radius = values["radius"] * math.sqrt(square)
-        if not (np.abs(centre) <= MAX_COORDINATE).all() or not 0 < radius <= MAX_COORDINATE:
-            raise SceneError(f"{node}: centre or radius exceeds {MAX_COORDINATE:g}", node.where)
-        self.spheres.append([*centre.tolist(), radius])
-        self.inward.append(bool(values["flip_normals"]))  # a mirror keeps the front in front
+        ball = *values["center"], values["radius"]
+        self.spheres.append((node, values["to_world"], ball, values["flip_normals"]))
 
     def _disk(self, node: Node, values: dict[str, Any], solid: str) -> None:
         matrix = values["to_world"]
@@ -149,6 +134,39 @@ class Shapes:
         self.triangles.append((faces[:, ::-1] if flip else faces) + self.vertex_count)
         self.counts.append(len(faces))
         self.vertex_count += len(vertices)
+
+
+def _spheres(
+    given: list[tuple[Node, Array, tuple[float, ...], bool]],
+) -> tuple[Array, Array]:
+    """Centres and radii (S, 4) in world space, and whether the front is inside, of spheres: node,
+    matrix, (x, y, z, radius), flipped. All at once: a file may hold a million."""
+    if not given:
+        return np.zeros((0, 4)), np.zeros(0, np.bool_)
+    nodes, matrices, balls, flipped = zip(*given, strict=True)
+    matrix, local = np.array(matrices), np.array(balls, np.float64)
+    rows = matrix[:, :3, :3]
+    with np.errstate(all="ignore"):
+        products = (rows[:, :, None, :] * rows[:, None, :, :]).sum(axis=3)
+        square = products[:, 0, 0]
+        uneven = np.abs(products - square[:, None, None] * np.eye(3)).max(axis=(1, 2))
+        centres = transform.apply(matrix, local[:, :3])
+        radii = local[:, 3] * np.sqrt(square)
+        inward = np.array(flipped, np.bool_)  # a mirror keeps the front in front
+    uniform = uneven <= 2e-3 * square
+    small = (np.abs(centres) <= MAX_COORDINATE).all(axis=1)
+    small &= (radii > 0) & (radii <= MAX_COORDINATE)
+    if not (uniform & small).all():
+        first = int(np.argmin(uniform & small))
+        node = nodes[first]
+        if uniform[first]:
+            raise SceneError(f"{node}: centre or radius exceeds {MAX_COORDINATE:g}", node.where)
+        raise SceneError(
+            f'{node}: "to_world" scales a sphere unevenly; allowed: rotation, translation and '
+            "the same scale in all directions (or a mesh)",
+            node.values["to_world"].where,
+        )
+    return np.column_stack([centres, radii]), inward
 
 
 def _placed(node: Node, matrix: Array, vertices: Array) -> Array:

@@ -14,6 +14,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .own import MARK, is_foreign, protect
 from .pictures import Picture, find, load, names, select
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def run(
         width: in pixels, of all pictures; the height follows. None takes scale times their own.
         scale: of width and height, 0 to 16.
         device, threads: as for `render`.
-        force: render pictures that are there too.
+        force: render pictures that are there too, and replace files that the gallery did not make.
         sheet_only: render nothing.
         docs: folder of gallery.md and images/; None takes `output`.
         show: from a title, a context that gives a progress callback or None.
@@ -68,7 +69,8 @@ def run(
 
     Raises:
         ValueError: an unknown name, or a setting out of range; and as `render` and `load` do.
-        OSError: a file that cannot be written.
+        OSError: a file that cannot be written; before anything is rendered, FileExistsError for a
+            file in the way that the gallery did not make.
     """
     from . import sheet
 
@@ -80,15 +82,23 @@ def run(
         raise ValueError(f"width = {width!r} is outside [1, 65536]")
     chosen = select(names)
     written: list[Path] = []
+    place = folder if docs is None else Path(docs)
+    protect(sheet.outputs(folder, place, () if sheet_only else [p.name for p in chosen]), force)
     if not sheet_only:
         folder.mkdir(parents=True, exist_ok=True)
         jobs = []
         for picture in chosen:
-            scene = _sized(load(picture.name, folder, Path(mesh) if mesh else None), width, scale)
+            loaded = load(picture.name, folder, Path(mesh) if mesh else None, force)
+            scene = _sized(loaded, width, scale)
             jobs.append((picture, scene, picture.spp if spp is None else spp))
+            ours = [folder / f"{picture.name}{end}" for end in (".exr", ".png", "-report.html")]
+            if any(map(is_foreign, ours)) and not (
+                ours[1].is_file() and _finished(ours[0], *jobs[-1][1:], seed)
+            ):
+                protect(ours, force)
         settings = {"seed": seed, "device": device, "threads": threads}
         written += _render_all(jobs, folder, settings, force, show or _quietly, say)
-    made = sheet.make(folder, folder if docs is None else Path(docs))
+    made = sheet.make(folder, place)
     for path in made:
         say(f"written    {path}")
     if not made:
@@ -141,6 +151,7 @@ def _render_all(
             )
             with show(title) as progress:
                 result = render(scene, spp, progress=progress, batches=batches, **settings)
+            result.stats["origin"] = MARK
             result.save(exr)
             written.append(exr)
             rendered += work[k]
@@ -179,6 +190,7 @@ def _display(picture: Picture, result: Render, folder: Path, say: Callable[[str]
     from .. import compare
 
     report = compare(result, theirs)
+    report.notes.append(f"{MARK}, for the picture {picture.name}")
     report.save(folder / f"{picture.name}-report.html")
     say(f"compare    {report.verdict}")
     result.stats["compare"] = report.verdict

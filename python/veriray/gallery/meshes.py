@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
-from ..image import replacing
+from ..files import replacing
 from ..numeric import sin_cos_degrees
+from .own import MARK
 
 Array = npt.NDArray[Any]
 Mesh = tuple[Array, Array, Array]  # vertices (V, 3), normals (V, 3), triangles (T, 3)
@@ -24,7 +25,8 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     """Writes a binary PLY with vertex normals; the file appears whole or not at all."""
     vertices, normals, triangles = mesh
     names = "x y z nx ny nz".split()
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"comment {MARK}"]
+    header += [f"element vertex {len(vertices)}"]
     header += [f"property float {name}" for name in names]
     header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
     faces = np.empty(len(triangles), dtype=[("n", "u1"), ("v", "<i4", 3)])
@@ -47,7 +49,7 @@ def standing(path: Path, height: float = 2.25) -> Mesh:
     try:
         loaded: Any = trimesh.load(path, force="mesh", process=True)
     except Exception as error:  # trimesh raises whatever its parsers stumble over
-        raise SceneError(f"{path} cannot be read as a mesh: {error}") from None
+        raise SceneError(f"{path} cannot be read as a mesh ({type(error).__name__})") from None
     if not len(loaded.faces) or not loaded.is_watertight:
         raise SceneError(f"{path} is not a closed mesh ({len(loaded.faces)} triangles)")
     if loaded.volume < 0:

@@ -11,6 +11,7 @@ from pathlib import Path
 from ..errors import SceneError
 from ..scene import Scene, load_file
 from . import meshes, spheres
+from .own import protect
 
 
 @dataclass(frozen=True)
@@ -139,16 +140,18 @@ def _made(name: str) -> meshes.Mesh:
     return meshes.MAKERS[name]()
 
 
-def load(name: str, folder: Path, mesh: Path | None = None) -> Scene:
+def load(name: str, folder: Path, mesh: Path | None = None, force: bool = False) -> Scene:
     """The scene of a picture. Generated meshes and scene files are written to `folder`.
 
     mesh: a closed mesh, y up and facing +z, for figure 5 in place of the hare.
+    force: replace files of these names that the gallery did not make, too.
     Raises ValueError for an unknown name, SceneError as `load_file` does or for a mesh that is not
-    closed, OSError if the folder cannot be written.
+    closed, OSError if the folder cannot be written or holds such files.
     """
     (picture,) = [p for p in PICTURES if p.name == name] or select([name])[:1]
     folder.mkdir(parents=True, exist_ok=True)
     if not picture.file:
+        protect([folder / f"{name}.xml"], force)
         spheres.write(folder / f"{name}.xml")
         return load_file(folder / f"{name}.xml")
     path = find(picture.file)
@@ -157,6 +160,7 @@ def load(name: str, folder: Path, mesh: Path | None = None) -> Scene:
     values: dict[str, object] = dict(picture.values)
     for wanted in picture.meshes:
         file = folder / f"{wanted}.ply"
+        protect([file], force)
         if wanted == "mesh" and mesh is not None:
             meshes.write_ply(file, meshes.standing(mesh))
         else:

@@ -7,14 +7,18 @@ sheet and page can be made where the EXR files are not.
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import printable
+from ..files import open_regular, replacing
 from ..html import tint
-from ..image import replacing, to_srgb8
+from ..image import to_srgb8
+from .own import MARK
 from .pictures import PICTURES, Picture
 
 if TYPE_CHECKING:
@@ -57,9 +61,18 @@ def save_png(path: Path, pixels: Array, render: Render) -> None:
     from PIL import Image, PngImagePlugin
 
     note = PngImagePlugin.PngInfo()
+    note.add_text("Comment", MARK)
     note.add_text("veriray", json.dumps(facts(render)))
     with replacing(path) as file:
         Image.fromarray(pixels).save(file, format="png", pnginfo=note, optimize=True)
+
+
+def outputs(folder: Path, docs: Path, names: Collection[str] = ()) -> list[Path]:
+    """What `make` writes once the pictures of these names are in `folder`: page, sheet, copies."""
+    images = docs / "images"
+    shown = [p for p in PICTURES if p.name in names or (folder / f"{p.name}.png").exists()]
+    copies = [images / f"{picture.name}.jpg" for picture in shown]
+    return [docs / "gallery.md", images / "gallery.png", *copies]
 
 
 def side_by_side(ours: Render, theirs: Render, zoom: int = 4) -> Array:
@@ -81,6 +94,8 @@ def make(folder: Path, docs: Path) -> list[Path]:
     Writes docs/gallery.md, docs/images/gallery.png and docs/images/NAME.jpg; nothing if `folder`
     holds no picture. Raises OSError.
     """
+    from PIL import PngImagePlugin
+
     shown = [(p, *found) for p in PICTURES if (found := _read(folder, p)) is not None]
     if not shown:
         return []
@@ -92,11 +107,15 @@ def make(folder: Path, docs: Path) -> list[Path]:
         small = image.copy()
         small.thumbnail((PAGE_WIDTH, PAGE_WIDTH))
         with replacing(path) as file:
-            small.save(file, format="jpeg", quality=85, optimize=True, subsampling=0)
+            small.save(
+                file, format="jpeg", quality=85, optimize=True, subsampling=0, comment=MARK.encode()
+            )
         written.append(path)
     path = images / "gallery.png"
+    note = PngImagePlugin.PngInfo()
+    note.add_text("Comment", MARK)
     with replacing(path) as file:
-        contact_sheet(shown).save(file, format="png", optimize=True)
+        contact_sheet(shown).save(file, format="png", pnginfo=note, optimize=True)
     written.append(path)
     path = docs / "gallery.md"
     with replacing(path) as file:
@@ -110,9 +129,15 @@ def _read(folder: Path, picture: Picture) -> tuple[Image, dict[str, Any]] | None
 
     path = folder / f"{picture.name}.png"
     try:
-        with Image.open(path) as opened:
+        with open_regular(path) as file, Image.open(file) as opened:
             text = opened.info.get("veriray")
-            return (opened.convert("RGB"), json.loads(text)) if text else None
+            if not text:
+                return None
+            known = json.loads(text)
+            return opened.convert("RGB"), {
+                key: printable(value) if isinstance(value, str) else value
+                for key, value in known.items()
+            }
     except (FileNotFoundError, UnidentifiedImageError, ValueError):
         return None
 
@@ -172,6 +197,8 @@ def _rows(shown: list[Any]) -> list[list[Any]]:
 def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
     """The page in Markdown; `docs` is asked whether it has the picture of figure 2."""
     lines = [
+        f"<!-- {MARK} -->",
+        "",
         "# Gallery",
         "",
         'Every figure of the report "Parallel Path Tracing in CUDA" (H. Dahlberg, KTH, 2016), made',

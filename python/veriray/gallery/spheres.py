@@ -5,7 +5,8 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-from ..image import replacing
+from ..files import replacing
+from .own import MARK
 
 COUNT = 300
 _WIDE, _DEEP, _HIGH = 7.0, 5.5, 4.2  # half width, half depth, height
@@ -16,7 +17,8 @@ _HUES = (  # reflectances, linear RGB
 _LIGHTS = ((1.0, 0.48, 0.13), (0.25, 0.52, 1.0), (1.0, 0.16, 0.30), (0.30, 0.90, 0.35))
 
 _HEAD = """<?xml version="1.0" encoding="utf-8"?>
-<!-- {count} random spheres that do not touch, diffuse, one in six a lamp; seed {seed}. -->
+<!-- {count} random spheres that do not touch, diffuse, one in six a lamp; seed {seed};
+     {mark}. -->
 <scene version="3.0.0">
     <default name="spp" value="1024"/>
     <default name="width" value="1280"/>
@@ -98,7 +100,7 @@ def _gap_squared(a: tuple[float, ...], b: tuple[float, ...]) -> float:
 def scene_text(count: int = COUNT, seed: int = 2016) -> str:
     """The scene file: `count` diffuse spheres, every sixth with an emission, over a grey floor."""
     draw = random.Random(seed + 1).random
-    parts = [_HEAD.format(count=count, seed=seed)]
+    parts = [_HEAD.format(count=count, seed=seed, mark=MARK)]
     for k, (x, y, z, r) in enumerate(place(count, seed)):
         colour = _HUES[int(draw() * len(_HUES))]
         tint, power = _LIGHTS[int(draw() * len(_LIGHTS))], 1.2 + 1.2 * draw()

@@ -24,8 +24,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from veriray import __version__, html
+from veriray.files import replacing
 from veriray.html import BLUE, GREEN, GREY, ORANGE, number, percent
-from veriray.image import replacing, to_srgb8
+from veriray.image import to_srgb8
 from veriray.validate.run import MANY, Validation
 from veriray.validate.trial import CASES, FIRST, SECOND, Outcome
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from veriray.files import replacing
 from veriray.validate.run import cases
 
 STRESS = 8
@@ -80,7 +81,8 @@ def main() -> int:
     if args.output is None:
         sys.stdout.write(text)
     else:
-        args.output.write_text(text, "utf-8")
+        with replacing(args.output) as file:
+            file.write(text.encode())
     return 0
 
 

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray.comparison.statistics import block_means
+from veriray.files import replacing
 from veriray.rendering import LEDGER_COLUMNS
 
 Array = npt.NDArray[Any]
@@ -101,10 +102,8 @@ def save(reference: Reference, path: Path) -> None:
     about = {"name": reference.name, "sha256": reference.sha256, "runs": runs,
              "facts": reference.facts}  # fmt: skip
     arrays["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
-    temporary = path.with_suffix(".part")
-    with open(temporary, "wb") as file:
+    with replacing(path) as file:
         np.savez_compressed(file, **arrays)
-    temporary.replace(path)
 
 
 def read(path: Path) -> Reference:

@@ -1,0 +1,157 @@
+"""Files: only regular ones are read, and what is written appears whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+
+def open_regular(path: str | os.PathLike[str]) -> IO[bytes]:
+    """A regular file opened for reading; anything else, a pipe too, is an OSError at once."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    try:
+        _must_be_regular(os.fstat(descriptor), os.fspath(path))
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def target_of(path: str | os.PathLike[str]) -> tuple[Path, os.stat_result | None]:
+    """The file that writing to `path` replaces, links followed, and its status if it is there.
+
+    Raises OSError naming `path` where that is no place for a regular file.
+    """
+    where = os.fspath(path)
+    if os.path.basename(where) in ("", ".", ".."):
+        raise OSError(errno.EISDIR, "names a folder, not a file", where)
+    target = Path(os.path.realpath(where))
+    try:
+        status = os.stat(target)
+    except FileNotFoundError:
+        return target, None
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, where) from None
+    _must_be_regular(status, where)
+    return target, status
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Raises OSError naming `path` if `replacing` cannot write there; leaves nothing behind."""
+    where = os.fspath(path)
+    target, old = target_of(path)
+    if old is not None and old.st_nlink > 1 and not os.access(target, os.W_OK):
+        raise OSError(errno.EACCES, os.strerror(errno.EACCES), where)
+    if not target.parent.is_dir():
+        reason = os.strerror(errno.ENOENT)
+        raise OSError(errno.ENOENT, f"folder {target.parent}: {reason}", where)
+    try:
+        descriptor, temporary = _temporary(target, 0o600)
+        try:
+            os.unlink(temporary)
+        finally:
+            os.close(descriptor)  # last: an unlocked one may be removed by another writer
+    except OSError as error:
+        raise OSError(error.errno, f"folder not writable: {error.strerror}", where) from error
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
+    """A binary file that takes the place of `path` when the block ends without an exception.
+
+    Written beside it, flushed to the disk, renamed; on any failure it is removed and `path`
+    stays as it was. What a killed process left is removed when `path` is written again. Links are
+    followed; a place that is not a regular file is refused. A new file's mode is the umask's; a
+    file that was there keeps its mode and, where permitted, its owner. One with several hard links
+    is overwritten in place once its new content is whole on the disk, so that all names see it: a
+    kill during this copy can cut it short.
+    """
+    where = os.fspath(path)
+    try:
+        target, old = target_of(path)
+        descriptor, temporary = _temporary(target, 0o666 if old is None else 0o600)
+        try:
+            with os.fdopen(descriptor, "w+b") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+                if old is not None and old.st_nlink > 1:
+                    _copy_into(file, target)
+                    os.unlink(temporary)
+                else:
+                    if old is not None:
+                        _adopt(file.fileno(), old)
+                    os.replace(temporary, target)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
+        folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), where) from error
+
+
+def _must_be_regular(status: os.stat_result, where: str) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), where)
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "not a regular file", where)
+
+
+def _temporary(target: Path, mode: int) -> tuple[int, Path]:
+    """A new locked file ".NAME.veriray-XXXXXXXX.tmp" beside `target`: its descriptor and path.
+
+    The kernel drops the lock when the process ends, however that happens: a file of this name
+    that can be locked is a dead process's, and is removed.
+    """
+    head = f".{os.fsdecode(os.fsencode(target.name)[:200])}.veriray-"  # names end at 255 bytes
+    with contextlib.suppress(OSError):
+        for name in os.listdir(target.parent):
+            if name.startswith(head) and name.endswith(".tmp"):
+                _remove_unlocked(target.with_name(name))
+    while True:
+        path = target.with_name(f"{head}{os.urandom(4).hex()}.tmp")
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, mode)
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if os.fstat(descriptor).st_nlink:
+            return descriptor, path
+        os.close(descriptor)  # removed as if stale before it was locked
+
+
+def _remove_unlocked(path: Path) -> None:
+    with contextlib.suppress(OSError), open_regular(path) as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.unlink(path)
+
+
+def _adopt(descriptor: int, old: os.stat_result) -> None:
+    """Gives a file the mode, and where permitted owner and group, of another."""
+    for owner in (old.st_uid, -1):
+        with contextlib.suppress(PermissionError):
+            os.fchown(descriptor, owner, old.st_gid)
+            break
+    os.fchmod(descriptor, old.st_mode & 0o777)
+
+
+def _copy_into(file: IO[bytes], target: Path) -> None:
+    """Overwrites `target` in place, after making sure of the room on the disk."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    with open(target, "r+b") as out:
+        os.posix_fallocate(out.fileno(), 0, max(size, 1))
+        shutil.copyfileobj(file, out)
+        out.truncate()
+        out.flush()
+        os.fsync(out.fileno())

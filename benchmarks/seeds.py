@@ -18,6 +18,7 @@ if every seed passes and no case is fragile.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -151,7 +152,9 @@ def main() -> int:
         now = time.perf_counter()
         if now - saved > SAVE:
             saved = now
-            write(report(args, tally, second, now - begin), args.output)
+            now_known = report(args, tally, second, now - begin)
+            args.output.parent.mkdir(parents=True, exist_ok=True)
+            args.output.write_text(json.dumps(now_known, indent=1) + "\n")
         if args.limit and now - begin > args.limit:
             break
     result = report(args, tally, second, time.perf_counter() - begin)

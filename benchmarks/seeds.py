@@ -108,6 +108,7 @@ def report(args: argparse.Namespace, tally: Tally, second: float, seconds: float
         "first_seed": args.first, "seeds": args.seeds, "cases": tally.wanted,
         "first": FIRST, "second": second, "jobs": args.jobs, "seconds": seconds,
     }  # fmt: skip
+    result["cases_done"] = sum(map(len, tally.by_case.values()))
     result["seeds_done"], result["seeds_failed"] = len(rows), failed
     result["false_alarm_bound"] = bound
     result["chance_of_so_many"] = float(stats.binom.sf(failed - 1, len(rows), bound))
@@ -159,8 +160,8 @@ def main() -> int:
             break
     result = report(args, tally, second, time.perf_counter() - begin)
     write(result, args.output)
-    print(f"{result['seeds_failed']} of {result['seeds_done']} runs failed; promised: one in "
-          f"{1 / result['false_alarm_bound']:,.0f}")  # fmt: skip
+    print(f"{result['cases_done']} cases; {result['seeds_failed']} of {result['seeds_done']} whole "
+          f"runs failed; promised: one in {1 / result['false_alarm_bound']:,.0f}")  # fmt: skip
     for row in result["cases"]:
         words = " fragile" if row["fragile"] else ""
         print(f"{row['not_passed']} of {row['seeds']} x {row['case']}; first stage "

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import veriray
+from veriray import livebench
 from veriray.bench import compaction
 from veriray.cli import main
-from veriray.livebench import aligned
+from veriray.livebench import BLOCK_SIZE, aligned
 
 
 @pytest.fixture(scope="module")
@@ -61,3 +64,51 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_errors() -> None:
     with pytest.raises(ValueError, match="rounds = 0"):
         compaction.study(veriray.load_file("open"), rounds=0)
+
+
+# ---- Table 1 of the 2016 report ----
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def report_table() -> list[tuple[int, int, int]]:
+    """Ray depth, live rays after it, blocks launched for it."""
+    with (ROOT / "benchmarks/results/report_table1.csv").open(newline="") as file:
+        return [
+            (int(row["ray_depth"]), int(row["live_rays"]), int(row["thread_blocks"]))
+            for row in csv.DictReader(file)
+        ]
+
+
+def test_the_report_obeys_the_law_in_every_row() -> None:
+    table = report_table()
+    assert [depth for depth, _, _ in table] == list(range(1, 12))
+    before = 1280 * 720
+    for depth, live, blocks in table:
+        assert blocks == -(-before // BLOCK_SIZE), f"bounce {depth}"
+        assert live < before
+        before = live
+
+
+def test_the_page_has_the_report_and_the_law() -> None:
+    page = (ROOT / "docs/compaction.md").read_text().split("## The report's Table 1")[1]
+    rows = [
+        [cell.strip().replace(",", "") for cell in line.strip("|").split("|")]
+        for line in page.splitlines()
+        if re.match(r"\| \d+ ", line)
+    ]
+    assert len(rows) == 12
+    assert [(int(r[0]), int(r[1]), int(r[2])) for r in rows[1:]] == report_table()
+    for live, blocks in ((1, 2), (4, 5), (7, 8), (9, 10)):  # columns: report, spheres, box, open
+        for above, row in zip(rows, rows[1:], strict=False):
+            assert int(row[blocks]) == -(-int(above[live]) // BLOCK_SIZE), row[0]
+
+
+def test_a_scene_of_the_report_s_kind_obeys_it() -> None:
+    scene = veriray.load_file(ROOT / "scenes/gallery/spheres.xml")
+    table = livebench.run(scene, device="cpu")
+    assert table["law_holds"] is True and table["rows"][1]["blocks"] == 3600
+    share = [row["share"] for row in table["rows"]]
+    assert 0.8 < share[1] < 0.9  # not the sky, as in the report
+    for row, (_, live, _) in zip(table["rows"][4:9], report_table()[3:8], strict=True):
+        assert abs(row["live"] / live - 1) < 0.05

@@ -1,0 +1,173 @@
+"""`veriray validate` with many seeds on one build: what fails, how often, and how near the rest is.
+
+    python benchmarks/seeds.py --seeds 400 --jobs 16                      # quick runs
+    python benchmarks/seeds.py --seeds 40 --full --jobs 16 -o full.json   # full ones
+
+Seed s gives each case the very run of `veriray validate [--full] --seed s`: both stages, the same
+thresholds. The JSON holds, for each case that ever failed, gave no verdict or was rejected in the
+first stage more often than chance explains: its seeds, p values of both stages and messages; and
+for each seed the verdict of the whole run. A case that is rejected with p < 0.001 in the first
+stage by k of n seeds is listed as fragile where the binomial probability of k or more is below
+0.001 over the number of cases: its margin or its truth is off by little, and a longer run fails.
+
+Seeds are worked on in order. `--limit` ends after so many seconds with those that are done; the
+file is written anew every minute, so that a run that is cut off leaves what it has. Exit status 0
+if every seed passes and no case is fragile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections import defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from common import RESULTS, header, write
+from scipy import stats
+
+from veriray.validate import CASES, cases, judge, pool
+from veriray.validate.run import FAMILY, FULL_EFFORT, MANY, fast_devices, held_by
+from veriray.validate.trial import FIRST, SECOND
+
+SAVE = 60.0  # seconds between files
+#: verdict, p of the first stage, p of the second, message, seconds
+Answer = tuple[str, float | None, float | None, str, float]
+
+
+def work(name: str, device: str, seed: int, effort: int, second: float) -> Answer:
+    """One case with one seed, as `veriray validate` runs it."""
+    if name not in CASES:
+        cases()
+    o = judge(CASES[name], device, seed=seed, effort=effort, threads=1, second=second)
+    return o.verdict, o.p, o.confirmed, o.message, o.seconds
+
+
+@dataclass
+class Tally:
+    """What the seeds done so far say."""
+
+    wanted: int  # cases of a seed
+    by_case: dict[str, dict[int, Answer]] = field(default_factory=lambda: defaultdict(dict))
+    by_seed: dict[int, dict[str, Answer]] = field(default_factory=lambda: defaultdict(dict))
+
+    def add(self, name: str, seed: int, answer: Answer) -> None:
+        """One case with one seed."""
+        self.by_case[name][seed] = self.by_seed[seed][name] = answer
+
+    def seeds(self) -> list[dict[str, Any]]:
+        """Verdicts of whole runs, of those seeds whose cases are all done."""
+        rows = []
+        for seed, answers in sorted(self.by_seed.items()):
+            if len(answers) < self.wanted:
+                continue
+            p = [a[1] for a in answers.values() if a[1] is not None]
+            low = sum(q < FIRST for q in p)
+            crowded = float(stats.binom.sf(low - 1, len(p), FIRST)) < MANY
+            bad = sorted(n for n, a in answers.items() if a[0] not in ("pass", "skip"))
+            rows.append({"seed": seed, "passed": not bad and not crowded, "not_passed": bad,
+                         "first_stage": low, "of": len(p), "crowded": crowded})  # fmt: skip
+        return rows
+
+    def cases(self) -> list[dict[str, Any]]:
+        """Cases that failed or are fragile, the worst first."""
+        rows = []
+        for name, answers in self.by_case.items():
+            p = [a[1] for a in answers.values() if a[1] is not None]
+            low = sum(q < FIRST for q in p)
+            chance = float(stats.binom.sf(low - 1, len(p), FIRST)) if p else 1.0
+            bad = {s: a for s, a in sorted(answers.items()) if a[0] not in ("pass", "skip")}
+            fragile = chance < FIRST / self.wanted
+            if bad or fragile:
+                rows.append({
+                    "case": name, "level": CASES[name].level, "seeds": len(answers),
+                    "not_passed": len(bad), "first_stage": low, "chance_of_so_many": chance,
+                    "fragile": fragile, "smallest_p": min(p, default=None),
+                    "median_p": sorted(p)[len(p) // 2] if p else None,
+                    "failures": [{"seed": s, "verdict": a[0], "p": a[1], "confirmed": a[2],
+                                  "message": a[3][:300]} for s, a in bad.items()],
+                })  # fmt: skip
+        return sorted(rows, key=lambda r: (-r["not_passed"], r["chance_of_so_many"], r["case"]))
+
+
+def report(args: argparse.Namespace, tally: Tally, second: float, seconds: float) -> dict[str, Any]:
+    """The result as it stands."""
+    rows = tally.seeds()
+    values = [a[1] for answers in tally.by_case.values() for a in answers.values()]
+    p = [q for q in values if q is not None]
+    failed = sum(not r["passed"] for r in rows)
+    # what the suite promises of a run, and how likely so many failures are if it holds
+    bound = tally.wanted * FIRST * second + MANY
+    result = header("seeds")
+    result["settings"] = {
+        "device": args.device, "full": args.full, "levels": args.level, "case": args.case,
+        "first_seed": args.first, "seeds": args.seeds, "cases": tally.wanted,
+        "first": FIRST, "second": second, "jobs": args.jobs, "seconds": seconds,
+    }  # fmt: skip
+    result["cases_done"] = sum(map(len, tally.by_case.values()))
+    result["seeds_done"], result["seeds_failed"] = len(rows), failed
+    result["false_alarm_bound"] = bound
+    result["chance_of_so_many"] = float(stats.binom.sf(failed - 1, len(rows), bound))
+    result["first_stage"] = {
+        "of": len(p), "low": sum(q < FIRST for q in p), "expected": len(p) * FIRST,
+    }  # fmt: skip
+    result["cases"] = tally.cases()
+    result["runs"] = rows
+    return result
+
+
+def main() -> int:
+    """Command line."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    p.add_argument("--seeds", type=int, default=20, help="how many")
+    p.add_argument("--first", type=int, default=1, help="the first of them")
+    p.add_argument("--full", action="store_true", help="as validate --full (default: quick)")
+    p.add_argument("--level", type=int, action="append", help="1 to 9; repeatable (default: all)")
+    p.add_argument("--case", default="*", help="cases whose id matches, as in veriray validate")
+    p.add_argument("--device", default=fast_devices()[0])
+    p.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    p.add_argument("--limit", type=float, help="seconds after which no more answers are awaited")
+    p.add_argument("-o", "--output", type=Path, default=RESULTS / "seeds.json")
+    args = p.parse_args()
+    chosen = cases(args.level, full=args.full, pattern=args.case)
+    if not chosen:
+        p.error(f"no case fits levels {args.level}, pattern {args.case!r}")
+    second = min(SECOND, FAMILY / FIRST / (2 * len(chosen)))
+    effort = FULL_EFFORT if args.full else 1
+    jobs = [(c.id, args.device, seed, effort, second)
+            for seed in range(args.first, args.first + args.seeds)
+            for c in sorted(chosen, key=lambda c: c.quick)]  # fmt: skip
+    tally, begin = Tally(len(chosen)), time.perf_counter()
+    saved = begin
+    for k, answer in pool.results(work, jobs, args.jobs, [held_by(args.device)] * len(jobs)):
+        name, _, seed, _, _ = jobs[k]
+        if isinstance(answer, pool.Died):
+            answer = ("error", None, None, str(answer), 0.0)
+        tally.add(name, seed, answer)
+        if answer[0] not in ("pass", "skip"):
+            print(f"seed {seed}: {name}: {answer[0]}: {answer[3][:160]}", flush=True)
+        now = time.perf_counter()
+        if now - saved > SAVE:
+            saved = now
+            now_known = report(args, tally, second, now - begin)
+            args.output.parent.mkdir(parents=True, exist_ok=True)
+            args.output.write_text(json.dumps(now_known, indent=1) + "\n")
+        if args.limit and now - begin > args.limit:
+            break
+    result = report(args, tally, second, time.perf_counter() - begin)
+    write(result, args.output)
+    print(f"{result['cases_done']} cases; {result['seeds_failed']} of {result['seeds_done']} whole "
+          f"runs failed; promised: one in {1 / result['false_alarm_bound']:,.0f}")  # fmt: skip
+    for row in result["cases"]:
+        words = " fragile" if row["fragile"] else ""
+        print(f"{row['not_passed']} of {row['seeds']} x {row['case']}; first stage "
+              f"{row['first_stage']}, median p {row['median_p'] or 0:.2g}{words}")  # fmt: skip
+    return 0 if not result["seeds_failed"] and not result["cases"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -136,17 +136,7 @@ def whole(name: str, value: Any, low: int, high: int) -> int:
 
 def determinant(matrix: Array) -> float:
     """Determinant of the upper left 3x3 block, in a fixed order of operations."""
-    result: float = _determinant(matrix[:3, :3].tolist())
-    return result
-
-
-def determinants(matrices: Array) -> Array:
-    """`determinant` of each of (N, 4, 4): the same bits."""
-    result: Array = _determinant(np.moveaxis(matrices[:, :3, :3], 0, 2))
-    return result
-
-
-def _determinant(rows: Any) -> Any:
+    rows: list[list[float]] = matrix[:3, :3].tolist()
     (a, b, c), (d, e, f), (g, h, i) = rows
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 

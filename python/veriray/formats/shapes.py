@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .. import transform
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
-from ..numeric import MAX_COORDINATE, determinant, determinants
+from ..numeric import MAX_COORDINATE, determinant
 from . import mesh
 from .node import Node, shorten
 

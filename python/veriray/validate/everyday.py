@@ -276,9 +276,10 @@ class Touch:
         look = np.array([math.cos(azimuth) * math.cos(elevation),
                          math.sin(azimuth) * math.cos(elevation), math.sin(elevation)])  # fmt: skip
         target = np.array([*self.at, 0.2 if self.floor else 0.6])
-        if self.way == "flush" and self.floor:
-            target[0] = 2.4
-        eye = np.clip(target + distance * look, [-2.9, -2.9, 0.05], [2.9, 2.9, 3.4])
+        if self.way == "flush":  # the eye keeps out of the body at the wall
+            target[0] = 2.4 if self.floor else 0.625
+        top = 1.8 if self.way == "flush" and self.floor else 2.9
+        eye = np.clip(target + distance * look, [-2.9, -2.9, 0.05], [top, 2.9, 3.4])
         up = np.array([0.0, 0.0, 1.0])
         if self.turn:
             turn = random_rotation_matrix(np.array(self.turn))
@@ -307,9 +308,12 @@ def settled(x: Touch) -> Touch:
     """A scene whose truth is no matter of definition: glass against a lamp keeps its distance.
 
     Light that a lamp sends into glass directly is not in balance, as its radiance there should be
-    that of air times the index squared.
+    that of air times the index squared. And glass within glass, a gap away, is a light guide: what
+    enters at its corners stays for 1 / gap bounces.
     """
     pair = {x.lower, x.upper}
+    if x.way == "inside" and pair <= REFRACTS:
+        x = Touch(**{**vars(x), "way": "stands"})
     if "lamp" in pair and pair & REFRACTS and x.way != "stands":
         x = Touch(**{**vars(x), "way": "stands"})
     if "lamp" in pair and pair & REFRACTS:

@@ -35,6 +35,7 @@ from veriray.validate.transfer import chandrasekhar
 Array = npt.NDArray[Any]
 Generator = Callable[[np.random.Generator], Question]
 NULL = material("null")
+FAR = 5.0  # decades from a lamp's height, a fog, a body to eyes, grounds and hidden things
 
 
 def decades(rng: np.random.Generator, low: float, high: float) -> float:
@@ -59,7 +60,7 @@ def framed(w: float, distance: float, size: int = 16, tilt: float = 0.0) -> Any:
     return camera(eye, [0, 0, 0], 2 * math.degrees(math.atan(w / distance)), up)
 
 
-def hidden(rng: np.random.Generator, most: float = 5.0) -> tuple[str, list[Part]]:
+def hidden(rng: np.random.Generator, most: float = FAR) -> tuple[str, list[Part]]:
     """Black things below the plane z = 0, or none: their light is none and they hide none."""
     kind = chosen(rng, ("nothing", "speck", "ball", "planet", "plain"))
     far = decades(rng, 1, 2.4 if rng.random() < 0.5 else most)
@@ -82,18 +83,19 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     """The ground below a lamp at height 1: point, sphere, disk, square.
 
     I / h^2; pi L (R / h)^2; pi L a^2 / (a^2 + h^2); Lambert's rectangle. The patch is at most 5e-3
-    wide, where all of these are within 1e-4 of the value at the foot.
+    wide, where all of these are within 1e-4 of the value at the foot. A planet's radius in float32
+    moves its top by a few 2^-24 of it, which makes 5e-7 of it the margin.
     """
     kind = chosen(rng, ("point", "sphere", "inward sphere", "disk", "square"))
     low = kind in ("disk", "square")
     size = decades(rng, -4, 2) if low else decades(rng, -4, -0.02)
     wide = low and size > 0.2 or not low and size > 0.5
     tilt = float(rng.uniform(0.3, 0.9))
-    eye = decades(rng, -1.5, -0.5 if wide else 5)
-    ground, half = chosen(rng, ("square", "disk", "planet")), decades(rng, -1, 5)
+    eye = decades(rng, -1.5, -0.5 if wide else FAR)
+    ground, half = chosen(rng, ("square", "disk", "planet")), decades(rng, -1, FAR)
     what, more = hidden(rng)
     if ground == "planet":
-        half, what, more = max(half, 10), "nothing", []
+        half, what, more = min(max(half, 10), 1e4), "nothing", []
     floor = {
         "square": lambda: square(half, reflectance=0.5),
         "disk": lambda: disk([0, 0, 0], [half, 0, 0], [0, half, 0], 0.5),
@@ -114,7 +116,8 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     view = framed(1e-3, eye, tilt=tilt)
     seen = make([floor, *lamps, *more], view, lights=lights, width=4, height=4, max_depth=2)
     drawn = f"{kind} {size:g} above {ground} {half:g}, eye {eye:g} away at {tilt:.3f}, {what}"
-    return Question(drawn, seen, truth, 1e-3, 1e-3, spp=1024)
+    margin = 1e-3 + (5e-7 * half if ground == "planet" else 0)
+    return Question(drawn, seen, truth, margin, margin, spp=1024)
 
 
 def lamp_by_a_wall(rng: np.random.Generator) -> Question:
@@ -187,7 +190,7 @@ def half_space(rng: np.random.Generator) -> Question:
     """
     body = chosen(rng, ("cube", "cube of quads", "sphere", "slab"))
     sigma = decades(rng, 4, 5) if body == "sphere" else decades(rng, 1.7, 5)
-    albedo, eye, half = chosen(rng, (0.5, 0.9)), decades(rng, 0.3, 4), decades(rng, 0, 5)
+    albedo, eye, half = chosen(rng, (0.5, 0.9)), decades(rng, 0.3, 4), decades(rng, 0, FAR)
     fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, albedo)}
     what, more = "nothing", []
     if rng.random() < 0.5:
@@ -267,7 +270,7 @@ def out_of_sight(rng: np.random.Generator) -> Question:
 def fog_and_speck(rng: np.random.Generator) -> Question:
     """A fog in the sky, and a black ball or square far behind the camera: less than 3e-5 of it."""
     body, sigma = chosen(rng, ("cube", "cube of quads", "sphere")), decades(rng, -0.5, 4)
-    far = decades(rng, 1.5, 2.6 if rng.random() < 0.5 else 5)
+    far = decades(rng, 1.5, 2.6 if rng.random() < 0.5 else FAR)
     fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, 0.9)}
     part = {
         "cube": lambda: box([-1, -1, -1], [1, 1, 1], False, **fog),

@@ -267,9 +267,9 @@ class Trial:
         most = stats.poisson.isf(1e-9, LEAKS * segments)
         self.check(count <= most, f"{count} of {segments} segments: {what}")
 
-    def sealed(self, r: Render) -> None:
+    def sealed(self, r: Render, room: str = "a closed room") -> None:
         """Nothing leaves a closed room but what `LEAKS` allows."""
-        self.rare(sum(r.stats["ledger"]["escaped"]), r, "left a closed room")
+        self.rare(sum(r.stats["ledger"]["escaped"]), r, f"left {room}")
 
     def leaks(self, r: Render) -> Array:
         """Paths that left a closed furnace of flat walls, by depth; no more than `LEAKS` allows.

@@ -38,7 +38,9 @@ def start_cuda() -> None:
         native = importlib.import_module("veriray._cuda")
 
         def start() -> None:
-            with contextlib.suppress(Exception):
+            from .device import native_errors
+
+            with contextlib.suppress(Exception), native_errors():
                 native.status()  # makes the context, without the interpreter's lock
 
         threading.Thread(target=start).start()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import os
 import struct
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
+from .errors import RefusedSamplesWarning
 from .native_scene import check_builder, native_scene, scene_facts
 from .numeric import number
 from .sampling import PILOT, Progress, adaptive, uniform
@@ -186,6 +189,10 @@ def render(
         DeviceError: the device cannot be used; the message says why.
         OutOfMemoryError, MemoryError: scene or film do not fit.
         KeyboardInterrupt: Ctrl-C; nothing is kept, and the next render works.
+
+    Warns:
+        RefusedSamplesWarning: samples that the film cannot hold were left out; see
+            stats["nonfinite"].
     """
     scene_used, spp = check_settings(
         scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler,
@@ -247,6 +254,8 @@ def render(
         "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
         **done.facts,
     }
+    if stats["nonfinite_samples"]:
+        warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=2)
     return Render(
         image=image,
         stderr=stderr,
@@ -362,6 +371,30 @@ def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
         "launches": sum(int(r["launches"]) for r in results),
         "threads": int(results[-1]["threads"]),
     }
+
+
+def _refused_text(stats: dict[str, Any]) -> str:
+    """How many samples the film refused, why, and how to see one again."""
+
+    def reason(radiance: list[float]) -> str:
+        if any(math.isnan(x) for x in radiance):
+            return "not a number"
+        if any(math.isinf(x) for x in radiance):
+            return "infinite"
+        return "negative" if min(radiance) < 0 else "2^20 times the largest radiance or more"
+
+    listed = stats["nonfinite"]
+    text = f"{stats['nonfinite_samples']:,} of {stats['paths']:,} samples count as black: the film "
+    if not listed:
+        return text + "cannot hold them"
+    reasons = [reason(entry[3:]) for entry in listed]
+    counts = ", ".join(f"{reasons.count(name)} {name}" for name in dict.fromkeys(reasons))
+    x, y, sample = listed[0][:3]
+    return (
+        f"{text}cannot hold them (of the {len(listed)} listed: {counts}); replay one with --pixel "
+        f"{x} {y} --sample {sample} --seed {stats['seed']}, in Python trace_path(scene, {x}, {y}, "
+        f"{sample}, seed={stats['seed']}), and this picture's size, depths and sampler"
+    )
 
 
 def _padded_sum(arrays: list[Array]) -> Array:

@@ -156,7 +156,7 @@ def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] |
     if quiet:
         yield None
         return
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         print(title, file=sys.stderr, flush=True)
         yield None
         return

@@ -244,7 +244,7 @@ def select(device: str = "auto") -> tuple[Device, str]:
     one that cannot be used here.
     """
     if not isinstance(device, str):
-        raise ValueError(f"device = {device!r}; expected a string such as 'auto'")
+        raise ValueError(f"device is {type(device).__name__}, expected a string such as 'auto'")
     backend, _, detail = device.partition(":")
     if device == "auto":
         try:

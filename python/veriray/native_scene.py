@@ -12,6 +12,7 @@ import numpy as np
 from .columns import COLUMNS
 from .device import Device, polled
 from .errors import SceneError
+from .numeric import choice
 from .scene import Scene
 
 #: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
@@ -64,8 +65,7 @@ def native_scene_arguments(scene: Scene) -> dict[str, Any]:
 
 def check_builder(builder: str) -> None:
     """ValueError for an unknown builder."""
-    if builder not in BUILDERS:
-        raise ValueError(f"builder = {builder!r} is unknown; allowed: {', '.join(BUILDERS)}")
+    choice("builder", builder, BUILDERS, error=ValueError)
 
 
 def choose_builder(backend: str, triangles: int, paths: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
 import math
@@ -18,7 +19,7 @@ import numpy.typing as npt
 from . import device as device_module
 from .errors import RefusedSamplesWarning
 from .native_scene import check_builder, native_scene, scene_facts
-from .numeric import number
+from .numeric import choice, number, shown, whole
 from .sampling import PILOT, Progress, adaptive, uniform
 from .scene import Scene
 
@@ -44,6 +45,7 @@ MAX_SPP = 2**40
 BUILD_SHARE = 0.1
 
 Array = npt.NDArray[Any]
+_whole = functools.partial(whole, error=ValueError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +100,20 @@ def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = Non
     order. Every NaN counts as the same NaN. Samples by pixel, where they differ, follow as (H, W)
     little-endian uint32.
     """
-    height, width = image.shape[:2]
+    shape: tuple[int, ...] = image.shape if isinstance(image, np.ndarray) else ()
+    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
+        raise ValueError(f"image is {shown(shape or image)}, expected an array (H, W, 3)")
+    others = {"stderr": (stderr, shape), "samples": (samples, shape[:2])}
+    for name, (given, expected) in others.items():
+        if given is None and name == "samples":
+            continue
+        if not isinstance(given, np.ndarray) or given.shape != expected:
+            raise ValueError(f"{name} is {shown(given)}, expected an array {expected}")
+    for name, given in (("image", image), ("stderr", stderr), ("samples", samples)):
+        if given is not None and given.dtype.kind not in "fiu":
+            raise ValueError(f"{name} has dtype {given.dtype}, expected numbers")
+    height, width = shape[:2]
+    spp = _whole("spp", spp, 0, 2**64 - 1)
     digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
     for values in (image, stderr):
         plain = np.ascontiguousarray(values, dtype="<f4")
@@ -199,8 +214,10 @@ def render(
         width=width, height=height, threads=threads, batches=batches, batch_size=batch_size,
         target_error=target_error,
     )  # fmt: skip
+    if not isinstance(all_features, (bool, int, np.bool_)):
+        raise ValueError(f"all_features = {shown(all_features)} is not a bool")
     if progress is not None and not callable(progress):
-        raise ValueError(f"progress = {progress!r} is not callable")
+        raise ValueError(f"progress = {shown(progress)} is not callable")
     scheduler, scheduler_reason = choose_scheduler(scheduler)
     check_builder(builder)
     chosen, device_reason = device_module.select(device)
@@ -318,8 +335,7 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
 
     Rule of "auto": `fused`, for every scene, on every device.
     """
-    if scheduler not in SCHEDULERS:
-        raise ValueError(f"scheduler = {scheduler!r} is unknown; allowed: {', '.join(SCHEDULERS)}")
+    choice("scheduler", scheduler, SCHEDULERS, error=ValueError)
     if scheduler == "auto":
         return "fused", "auto takes fused for every scene"
     return scheduler, "asked for"
@@ -449,12 +465,13 @@ def trace_path(
     sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel
     outside the film, and otherwise as `render`.
     """
-    size = {"width": width, "height": height}
-    used = scene.with_(max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size)
+    size: dict[str, Any] = {"width": width, "height": height}
+    used, _ = check_settings(
+        scene, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size
+    )
     x = _whole("x", x, 0, used.film.width - 1)
     y = _whole("y", y, 0, used.film.height - 1)
     sample = _whole("sample", sample, 0, MAX_SPP - 1)
-    seed = _whole("seed", seed, 0, 2**64 - 1)
     chosen, _ = device_module.select("cpu")
     with device_module.native_errors():
         path: list[dict[str, Any]] = chosen.native.trace_path(
@@ -468,15 +485,6 @@ def trace_path(
             sampler=used.sampler,
         )
     return path
-
-
-def _whole(name: str, value: Any, low: int, high: int) -> int:
-    """int(value) for an integer in [low, high]; ValueError naming value and range otherwise."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise ValueError(f"{name} = {value!r} is not an integer")
-    if not low <= int(value) <= high:
-        raise ValueError(f"{name} = {int(value)} is outside [{low}, {high}]")
-    return int(value)
 
 
 def _version() -> str:

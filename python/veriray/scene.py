@@ -21,7 +21,7 @@ import numpy.typing as npt
 from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, in_range, number, whole
+from .numeric import MAX_COORDINATE, array, choice, in_range, number, path_text, shown, texts, whole
 from .shipped import SHIPPED, find_shipped
 
 Array = npt.NDArray[Any]
@@ -122,7 +122,7 @@ class Scene:
     def __post_init__(self) -> None:
         arrays = checked({name: getattr(self, name) for name in COLUMNS})
         shapes = [name for name in ("triangle", "sphere", "disk") if len(arrays[f"{name}s"])]
-        names = tuple(self.shape_names) or (("scene",) if shapes else ())
+        names = texts("shape_names", self.shape_names) or (("scene",) if shapes else ())
         for kind in ("triangle", "sphere", "disk"):
             name, count = f"{kind}_shape", len(arrays[f"{kind}s"])
             given = getattr(self, name)
@@ -140,8 +140,7 @@ class Scene:
             raise SceneError(f"camera is {type(self.camera).__name__}, expected Camera")
         if not isinstance(self.film, Film):
             raise SceneError(f"film is {type(self.film).__name__}, expected Film")
-        if self.sampler not in SAMPLERS:
-            raise SceneError(f"sampler = {self.sampler!r}; allowed: {', '.join(SAMPLERS)}")
+        choice("sampler", self.sampler, SAMPLERS)
         whole("camera medium", self.camera.medium, -1, len(_array(self.sigma_t)) - 1)
         values = {
             "max_depth": whole("max_depth", self.max_depth, -1, MAX_PATH_DEPTH),
@@ -309,9 +308,12 @@ def load_file(
     """
     from . import formats
 
-    text = os.fspath(scene)
+    text = path_text("scene", scene)
+    parameters = {} if parameters is None else parameters
+    if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
+        raise SceneError(f"parameters = {shown(parameters)} is not a dictionary of names")
     path = find_shipped(text) if text in SHIPPED else Path(text)
-    return formats.load(path, parameters or {})
+    return formats.load(path, parameters)
 
 
 def load_dict(scene: Mapping[str, Any]) -> Scene:

@@ -244,7 +244,9 @@ def select(device: str = "auto") -> tuple[Device, str]:
     one that cannot be used here.
     """
     if not isinstance(device, str):
-        raise ValueError(f"device is {type(device).__name__}, expected a string such as 'auto'")
+        from .numeric import shown
+
+        raise ValueError(f"device = {shown(device)}; expected a string such as 'auto'")
     backend, _, detail = device.partition(":")
     if device == "auto":
         try:

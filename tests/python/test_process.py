@@ -200,3 +200,30 @@ work = lambda: {work}
 {FORK}"""
     done = python(code)
     assert (done.returncode, done.stderr) == (7, "")
+
+
+# Little memory
+
+
+LITTLE = """
+import resource, veriray as vr
+box = vr.cornell_box()
+vr.render(box, width=4, height=4, spp=1, device='cpu', threads=1)
+scene = {scene}
+used = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + {room}, -1))
+try:
+    vr.render(scene, device='cpu', threads=64, scheduler='{scheduler}')
+except vr.OutOfMemoryError as error:
+    assert str(error)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux")
+@pytest.mark.parametrize("scheduler", ["fused", "thrust", "wavefront"])
+@pytest.mark.parametrize("room", [0, 2**16, 2**18, 2**20, 9 * 2**20, 100 * 2**20])
+def test_little_memory_is_an_out_of_memory_error(scheduler: str, room: int) -> None:
+    """Or a picture, on as many threads as there is room for."""
+    scene = "box.with_(width=64, height=64, spp=4)"
+    done = python(LITTLE.format(scene=scene, room=room, scheduler=scheduler))
+    assert (done.returncode, done.stderr) == (0, "")

@@ -103,7 +103,7 @@ def save(
     """
     if not isinstance(render, Render):
         raise TypeError(f"render is {type(render).__name__}, expected a Render")
-    suffix = Path(path_text("path", path)).suffix.lower()
+    suffix = Path(path_text("path", path, ImageError)).suffix.lower()
     if suffix == ".png":
         save_png(render.image, path, exposure=exposure)
     elif suffix == ".exr":
@@ -169,7 +169,7 @@ def load_with_regions(
     path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES
 ) -> tuple[Render, NDArray[np.uint32] | None, list[str]]:
     """As `load`, with the object masks: (H, W) uint32 (0 = nothing) or None, and their names."""
-    where = path_text("path", path)
+    where = path_text("path", path, ImageError)
     max_bytes = whole("max_bytes", max_bytes, 0, 2**63, error=ImageError)
     header, channels = _read_exr(path, max_bytes)
     image = _group(channels, "", where)
@@ -420,7 +420,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     Written beside it, flushed to the disk, renamed; on any failure it is removed and `path`
     stays as it was. Links are followed; a place that is not a regular file is refused.
     """
-    where = path_text("path", path)
+    where = path_text("path", path, ImageError)
     target = Path(os.path.realpath(where))
     temporary = target.with_name(f".veriray-{os.urandom(8).hex()}.tmp")
     try:

@@ -163,8 +163,8 @@ def texts(name: str, value: Any, error: type[ValueError] = SceneError) -> tuple[
     raise error(f"{name} = {shown(value)} is not a list of strings")
 
 
-def path_text(name: str, value: Any) -> str:
-    """A path as text. Raises TypeError for what is none, ValueError for a null character."""
+def path_text(name: str, value: Any, error: type[ValueError] = SceneError) -> str:
+    """A path as text. Raises TypeError for what is none, `error` for a null character."""
     try:
         text = os.fspath(value)
     except Exception:
@@ -172,7 +172,7 @@ def path_text(name: str, value: Any) -> str:
     if not isinstance(text, str):
         raise TypeError(f"{name} is {type(value).__name__}, expected str or os.PathLike")
     if "\0" in text:
-        raise ValueError(f"{name} = {shown(text)} holds a null character")
+        raise error(f"{name} = {shown(text)} holds a null character")
     return text
 
 

@@ -261,3 +261,8 @@ def test_hostile_arguments(
             except Exception as error:
                 problems.append(f"{what}: {error!r}"[:200])
     assert not problems, "\n" + "\n".join(problems)
+
+
+def test_compare_needs_a_seed(given: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="^seed = None is not an integer"):
+        vr.compare(given["picture"], given["picture"], seed=None)  # type: ignore[arg-type]

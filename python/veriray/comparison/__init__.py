@@ -124,7 +124,7 @@ def _open(
     if isinstance(source, Render):
         render = source
     elif isinstance(source, (str, os.PathLike)):
-        name = path_text(letter, source)
+        name = path_text(letter, source, CompareError)
         render, mask, names = load_with_regions(source)
     else:
         raise TypeError(f"{letter} is {type(source).__name__}; expected a Render or a path")

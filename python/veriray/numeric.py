@@ -172,7 +172,7 @@ def path_text(name: str, value: Any, error: type[ValueError] = SceneError) -> st
     if not isinstance(text, str):
         raise TypeError(f"{name} is {type(value).__name__}, expected str or os.PathLike")
     if "\0" in text:
-        raise error(f"{name} = {shown(text)} holds a null character")
+        raise error(f"{name}: cannot read {shown(text)}: it holds a null character")
     return text
 
 

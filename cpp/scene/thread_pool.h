@@ -1,6 +1,8 @@
 // Work on several threads while the calling one polls.
 #pragma once
 
+#include <sys/mman.h>
+
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -9,15 +11,50 @@
 #include <exception>
 #include <functional>
 #include <mutex>
-#include <system_error>
+#include <new>
 #include <thread>
 #include <vector>
 
 namespace veriray {
 
+struct NoThreads : std::bad_alloc {
+    const char* what() const noexcept override { return "no thread can be started"; }
+};
+
+// The first exception of a thread takes memory for data of its own, without which the C library
+// ends the process: so a thread throws one before it works.
+inline void throw_once() {
+    try {
+        throw 0;
+    } catch (int) {
+    }
+}
+
+// Address space for throw_once: a thread's first memory comes from the system, not from the heap.
+class Reserve {
+   public:
+    Reserve() = default;
+    Reserve(const Reserve&) = delete;
+    Reserve& operator=(const Reserve&) = delete;
+    ~Reserve() { release(); }
+    bool take() {
+        at_ = mmap(nullptr, kBytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        return at_ != MAP_FAILED;
+    }
+    void release() {
+        if (at_ != MAP_FAILED) munmap(at_, kBytes);
+        at_ = MAP_FAILED;
+    }
+
+   private:
+    static constexpr size_t kBytes = 1 << 16;
+    void* at_ = MAP_FAILED;
+};
+
 // Runs work(worker, unit) for units [0, units) on `threads` threads; poll(share) every 50 ms on the
 // calling thread, which stops the rest by returning false or throwing. Exceptions propagate.
-// Returns false if stopped.
+// Returns false if stopped. Runs on fewer threads where the system gives no more; NoThreads if
+// none.
 template <class Work>
 bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)>& poll,
               Work work) {
@@ -28,7 +65,12 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
     uint32_t running = 0;
     std::exception_ptr error;
     std::vector<std::thread> pool;
+    const uint32_t most = static_cast<uint32_t>(std::min<uint64_t>(threads, units));
+    std::vector<Reserve> reserve(most);
+    throw_once();
     const auto body = [&](uint32_t worker) {
+        reserve[worker].release();
+        throw_once();
         try {
             for (uint64_t unit; !stop && (unit = next++) < units;) work(worker, unit);
         } catch (...) {
@@ -41,16 +83,16 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
         done.notify_one();
     };
     {
-        pool.reserve(static_cast<size_t>(std::min<uint64_t>(threads, units)));
+        pool.reserve(most);
         std::unique_lock lock(mutex);
         try {
-            for (uint32_t k = 0; k < threads && k < units; ++k) {
+            for (uint32_t k = 0; k < most && reserve[k].take(); ++k) {
                 pool.emplace_back(body, k);
                 ++running;
             }
-        } catch (const std::system_error&) {
-            if (pool.empty()) throw;  // fewer threads than asked for do the same work
+        } catch (const std::exception&) {  // of resources or of memory
         }
+        if (pool.empty() && most) throw NoThreads();
         while (!done.wait_for(lock, std::chrono::milliseconds(50), [&] { return running == 0; })) {
             if (!poll) continue;
             lock.unlock();

@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <system_error>
 
 #include "api/renderer.h"
 
@@ -233,8 +234,19 @@ py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, u
 PYBIND11_MODULE(VR_MODULE_NAME, m) {
     using namespace py::literals;
     m.doc() = "One backend of veriray; see veriray/_native.pyi.";
+    try {  // takes memory once, without which the process would abort later
+        throw 0;
+    } catch (int) {
+    }
     py::register_local_exception<DeviceError>(m, "DeviceError", PyExc_RuntimeError);
     py::register_local_exception<OutOfMemoryError>(m, "OutOfMemoryError", PyExc_MemoryError);
+    py::register_local_exception_translator([](std::exception_ptr error) {
+        try {
+            std::rethrow_exception(error);
+        } catch (const std::system_error& e) {  // of std::thread
+            py::set_error(PyExc_MemoryError, (std::string("no thread: ") + e.what()).c_str());
+        }
+    });
 
     m.def("build_info", [] {
         const BuildInfo b = build_info();

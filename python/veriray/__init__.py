@@ -19,7 +19,13 @@ if TYPE_CHECKING:
     from .camera import Camera, Film
     from .comparison import Report, compare
     from .device import Device, devices
-    from .errors import DeviceError, OutOfMemoryError, SceneError, SceneWarning
+    from .errors import (
+        DeviceError,
+        OutOfMemoryError,
+        RefusedSamplesWarning,
+        SceneError,
+        SceneWarning,
+    )
     from .image import ImageError
     from .rendering import Render, film_hash, render, trace_path
     from .scene import SAMPLERS, Scene, cornell_box, load_dict, load_file
@@ -28,7 +34,13 @@ else:
         "camera": ("Camera", "Film"),
         "comparison": ("Report", "compare"),
         "device": ("Device", "devices"),
-        "errors": ("DeviceError", "OutOfMemoryError", "SceneError", "SceneWarning"),
+        "errors": (
+            "DeviceError",
+            "OutOfMemoryError",
+            "RefusedSamplesWarning",
+            "SceneError",
+            "SceneWarning",
+        ),
         "image": ("ImageError",),
         "rendering": ("Render", "film_hash", "render", "trace_path"),
         "scene": ("SAMPLERS", "Scene", "cornell_box", "load_dict", "load_file"),
@@ -53,6 +65,7 @@ __all__ = [
     "Film",
     "ImageError",
     "OutOfMemoryError",
+    "RefusedSamplesWarning",
     "Render",
     "Report",
     "Scene",

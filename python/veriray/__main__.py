@@ -3,19 +3,81 @@
 import contextlib
 import gc
 import importlib
+import io
+import os
 import sys
 import threading
+from typing import Any
 
 
 def main() -> int:
-    """Runs the command of `sys.argv`; returns its exit status."""
+    """Runs the command of `sys.argv`; returns its exit status.
+
+    What cannot be written to standard output or error stops no command; it is reported afterwards.
+    """
+    open_standard_streams()
     if may_use_cuda(sys.argv[1:]):
         start_cuda()
     from .cli import main
 
     status = main()
     gc.freeze()  # the process ends: no last search for cycles among all that was imported
-    return status
+    error = getattr(getattr(getattr(sys.stdout, "buffer", None), "raw", None), "error", None)
+    if error is None or status:
+        return status
+    if isinstance(error, BrokenPipeError):  # the reader went away (`veriray ... | head`)
+        return 141
+    print(f"veriray: error: standard output: {error.strerror}", file=sys.stderr)
+    return 2
+
+
+class StandardStream(io.FileIO):
+    """Standard output or error: keeps the first error, and drops what is written after it."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """As FileIO's; waits where the stream does not block."""
+        if not self.error:
+            try:
+                while (count := super().write(data)) is None:
+                    importlib.import_module("select").select([], [self], [])
+                return count
+            except OSError as error:
+                self.error = error
+        return memoryview(data).nbytes
+
+
+def open_standard_streams() -> None:
+    """Makes standard streams that are closed or break harmless.
+
+    No file that is opened later gets the number of a closed one, to which libraries may print.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        stream = getattr(sys, name)
+        if stream is not getattr(sys, f"__{name}__"):
+            continue
+        raw = io.BufferedWriter(StandardStream(number, "w", closefd=False))
+        if stream is None:
+            setattr(sys, name, io.TextIOWrapper(raw, "utf-8", "backslashreplace"))
+            continue
+        stream.flush()
+        setattr(
+            sys,
+            name,
+            io.TextIOWrapper(
+                raw,
+                stream.encoding,
+                stream.errors,
+                line_buffering=stream.line_buffering,
+                write_through=stream.write_through,
+            ),
+        )
 
 
 def may_use_cuda(words: list[str]) -> bool:
@@ -38,7 +100,9 @@ def start_cuda() -> None:
         native = importlib.import_module("veriray._cuda")
 
         def start() -> None:
-            with contextlib.suppress(Exception):
+            from .device import native_errors
+
+            with contextlib.suppress(Exception), native_errors():
                 native.status()  # makes the context, without the interpreter's lock
 
         threading.Thread(target=start).start()

@@ -18,6 +18,7 @@ from .numeric import (
     array,
     check_matrix,
     check_rigid,
+    choice,
     determinant,
     in_range,
     number,
@@ -62,8 +63,7 @@ class Film:
         height = whole("film height", self.height, 1, MAX_PIXELS)
         if width * height > MAX_PIXELS:
             raise SceneError(f"film of {width} x {height} pixels has more than {MAX_PIXELS}")
-        if self.filter not in FILTERS:
-            raise SceneError(f"filter = {self.filter!r} is unknown; allowed: {', '.join(FILTERS)}")
+        choice("filter", self.filter, FILTERS)
         default = FILTER_DEFAULTS[self.filter]
         parameter: Any = default if self.filter_parameter is None else self.filter_parameter
         if self.filter == "mitchell":
@@ -113,10 +113,7 @@ class Camera:
     def __post_init__(self) -> None:
         matrix = check_matrix("camera to_world", self.to_world)
         check_rigid("camera to_world", "a camera", matrix)
-        if self.fov_axis not in FOV_AXES:
-            raise SceneError(
-                f"fov_axis = {self.fov_axis!r} is unknown; allowed: {', '.join(FOV_AXES)}"
-            )
+        choice("fov_axis", self.fov_axis, FOV_AXES)
         near = number("near_clip", self.near_clip, 0.0, MAX_COORDINATE)
         far = number("far_clip", self.far_clip, 0.0, math.inf)
         if not far > near:
@@ -141,6 +138,7 @@ class Camera:
 
     def tan_half_x(self, width: int, height: int) -> float:
         """Tangent of half the horizontal field of view for a film of width x height pixels."""
+        width, height = whole("width", width, 1, MAX_PIXELS), whole("height", height, 1, MAX_PIXELS)
         tangent = tan_half_degrees(self.fov)
         axis = self.fov_axis
         if axis in ("smaller", "larger"):
@@ -153,7 +151,7 @@ class Camera:
 
     def tan_half_y(self, width: int, height: int) -> float:
         """Tangent of half the vertical field of view for a film of width x height pixels."""
-        return self.tan_half_x(width, height) * (height / width)
+        return self.tan_half_x(width, height) * (int(height) / int(width))
 
     # ---- other cameras ----
 
@@ -213,7 +211,8 @@ class Camera:
         if matrix is None:
             matrix = np.eye(4)
             matrix[:3, :3] = array("R", R, np.float64, (3, 3))
-            matrix[:3, 3] = array("t", np.ravel(t), np.float64, (3,))
+            column = isinstance(t, np.ndarray) and t.shape == (3, 1)
+            matrix[:3, 3] = array("t", t.ravel() if column else t, np.float64, (3,))
         view = check_matrix("matrix [R t]", matrix)
         square = (view[:3, None, :3] * view[None, :3, :3]).sum(axis=2)
         if np.abs(square - np.eye(3)).max() > 1e-3 or determinant(view) < 0:

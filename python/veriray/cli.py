@@ -31,13 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = _run(argv)
-        sys.stdout.flush()
+        print(end="", flush=True)
         return status
-    except BrokenPipeError:
-        # The reader went away (`veriray ... | head`); keep the interpreter from flushing again.
-        with contextlib.suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
     except KeyboardInterrupt:
         return _fail("interrupted", 130)
     except OSError as error:

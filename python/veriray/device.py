@@ -12,13 +12,16 @@ All of them give the same bits. Nothing is chosen silently: `select` returns its
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import importlib
 import logging
 import os
 import platform
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,6 +39,9 @@ _FLAGS["avx512"] = _FLAGS["avx2"] | set("avx512f avx512bw avx512cd avx512dq avx5
 
 _log = logging.getLogger("veriray")
 _cuda_process: int | None = None
+_END_WAIT = 60.0  # seconds
+_inside: list[int] = []  # the threads that are in native code
+_ending = False
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,8 @@ def load_native(module: str) -> Any:
         raise DeviceError(f"module veriray.{module} cannot be loaded: {error}") from error
     if module == "_cuda":
         _check_fork()
-    usable, reason = native.status()
+    with native_errors():
+        usable, reason = native.status()
     if not usable:
         hidden = os.environ.get("CUDA_VISIBLE_DEVICES")
         if module == "_cuda" and hidden is not None and hidden.strip() in ("", "-1"):
@@ -123,14 +130,60 @@ def _check_fork() -> None:
 
 @contextlib.contextmanager
 def native_errors() -> Iterator[None]:
-    """Turns the native modules' own exception types into those of `veriray.errors`, by name."""
+    """Around calls of the native modules: their exceptions become those of `veriray.errors`.
+
+    The interpreter aborts if it ends while another thread is in there: it waits, see `_end`.
+    """
+    thread = threading.get_ident()
+    _inside.append(thread)
     try:
+        _stop_at_end()
         yield
+    except MemoryError as error:
+        text = "the host has too little memory" if str(error) == "std::bad_alloc" else str(error)
+        raise OutOfMemoryError(text) from error
     except Exception as error:
-        for own in (OutOfMemoryError, DeviceError):
-            if type(error).__name__ == own.__name__ and not isinstance(error, own):
-                raise own(str(error)) from error
+        if type(error).__name__ == "DeviceError" and not isinstance(error, DeviceError):
+            raise DeviceError(str(error)) from error
         raise
+    finally:
+        _inside.remove(thread)
+
+
+def polled(callback: Callable[[float], object] | None) -> Callable[[float], object]:
+    """A callback for native code: `callback`, where the interpreter is not ending."""
+
+    def poll(share: float) -> None:
+        _stop_at_end()
+        if callback:
+            callback(share)
+
+    return poll
+
+
+def _stop_at_end() -> None:
+    if _ending and threading.current_thread() is not threading.main_thread():
+        raise SystemExit  # ends a thread silently
+
+
+def _end() -> None:
+    """Stops what daemon threads do in native code, and waits until they have left it."""
+    global _ending
+    _ending = True
+    last = time.monotonic() + _END_WAIT  # a progress callback may wait for ever
+    while {*_inside} - {threading.get_ident()} and time.monotonic() < last:
+        with contextlib.suppress(KeyboardInterrupt):
+            time.sleep(0.005)
+
+
+def _forked() -> None:
+    """The other threads stay in the parent process."""
+    _inside[:] = [thread for thread in _inside if thread == threading.get_ident()]
+
+
+atexit.register(_end)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
 
 
 def _describe(native: Any, backend: str) -> list[Device]:
@@ -191,7 +244,9 @@ def select(device: str = "auto") -> tuple[Device, str]:
     one that cannot be used here.
     """
     if not isinstance(device, str):
-        raise ValueError(f"device = {device!r}; expected a string such as 'auto'")
+        from .numeric import shown
+
+        raise ValueError(f"device = {shown(device)}; expected a string such as 'auto'")
     backend, _, detail = device.partition(":")
     if device == "auto":
         try:

@@ -45,6 +45,10 @@ class SceneWarning(UserWarning):
         super().__init__(printable(message))
 
 
+class RefusedSamplesWarning(UserWarning):
+    """A picture lacks samples that the film could not hold; they count as black."""
+
+
 class DeviceError(RuntimeError):
     """A device is missing, failed, or cannot run this build."""
 

@@ -37,7 +37,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import math
 import os
 import sys
 import threading
@@ -50,6 +49,7 @@ import OpenEXR
 
 from veriray.errors import printable
 from veriray.files import open_regular, replacing
+from veriray.numeric import number, path_text, texts, whole
 from veriray.rendering import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
@@ -103,7 +103,9 @@ def save(
         ImageError: another suffix; arrays of the wrong shape.
         OSError: the file cannot be written (the message names it).
     """
-    suffix = Path(path).suffix.lower()
+    if not isinstance(render, Render):
+        raise TypeError(f"render is {type(render).__name__}, expected a Render")
+    suffix = Path(path_text("path", path, ImageError)).suffix.lower()
     if suffix == ".png":
         save_png(render.image, path, exposure=exposure)
     elif suffix == ".exr":
@@ -118,9 +120,10 @@ def to_srgb8(image: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
     Multiplies by 2^exposure, clips to [0, 1], applies the sRGB curve (IEC 61966-2-1, 1999) and
     rounds. Pixels that are not finite become magenta, so that no display hides them.
     """
-    if not math.isfinite(exposure):
-        raise ImageError(f"exposure {exposure!r}; expected a finite number of stops")
-    values = np.asarray(image, np.float64)
+    exposure = number("exposure", exposure, -1000, 1000, error=ImageError)
+    values = _numbers(image, "image").astype(np.float64)
+    if values.shape[-1:] != (3,):
+        raise ImageError(f"image: shape {values.shape}; expected (H, W, 3)")
     finite = np.asarray(np.isfinite(values).all(axis=-1))
     with np.errstate(over="ignore", invalid="ignore"):
         x = np.clip(np.where(finite[..., None], values, 0.0) * 2.0**exposure, 0.0, 1.0)
@@ -168,8 +171,9 @@ def load_with_regions(
     path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES
 ) -> tuple[Render, NDArray[np.uint32] | None, list[str]]:
     """As `load`, with the object masks: (H, W) uint32 (0 = nothing) or None, and their names."""
+    where = path_text("path", path, ImageError)
+    max_bytes = whole("max_bytes", max_bytes, 0, 2**63, error=ImageError)
     header, channels = _read_exr(path, max_bytes)
-    where = os.fspath(path)
     image = _group(channels, "", where)
     assert image is not None
     stderr = _group(channels, "stderr.", where)
@@ -245,11 +249,18 @@ def _save_exr(
         if stats.get(key) is not None:
             header[f"veriray.{key}"] = str(int(stats[key]))
     if regions is not None:
-        mask = np.asarray(regions)
-        if mask.shape != image.shape[:2] or mask.min() < 0 or mask.max() >= 1 << 32:
+        mask = _numbers(regions, "regions")
+        if (
+            mask.dtype.kind not in "iu"
+            or mask.shape != image.shape[:2]
+            or mask.min() < 0
+            or mask.max() >= 1 << 32
+        ):
             raise ImageError(f"regions: shape {mask.shape}; expected {image.shape[:2]}, 0..2^32-1")
         channels["region"] = np.ascontiguousarray(mask, np.uint32)
-        header["veriray.regions"] = _dumps(list(region_names or []))
+        header["veriray.regions"] = _dumps(
+            texts("region_names", [] if region_names is None else region_names, ImageError)
+        )
     with replacing(path) as file:
         try:
             with _library_silenced():
@@ -408,8 +419,18 @@ def _dumps(value: object) -> str:
     return json.dumps(value, default=plain, separators=(",", ":"))
 
 
+def _numbers(values: Any, name: str) -> NDArray[Any]:
+    try:
+        array = np.asarray(values)
+    except Exception as error:  # of any object's own conversion
+        raise ImageError(f"{name}: cannot be read as numbers: {error}") from None
+    if array.dtype.kind not in "iufb":
+        raise ImageError(f"{name}: dtype {array.dtype}; expected numbers")
+    return array
+
+
 def _picture(values: Any, name: str, shape: tuple[int, ...] | None) -> NDArray[Any]:
-    array = np.asarray(values)
+    array = _numbers(values, name)
     if array.ndim != 3 or array.shape[2] != 3 or 0 in array.shape:
         raise ImageError(f"{name}: shape {array.shape}; expected (H, W, 3) with H, W >= 1")
     if shape is not None and array.shape[:2] != shape:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import threading
-import weakref
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .columns import COLUMNS
-from .device import Device
+from .device import Device, polled
+from .errors import SceneError
+from .numeric import choice
 from .scene import Scene
 
 #: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
@@ -20,9 +22,18 @@ BUILDERS = ("auto", "sah", "ploc")
 #: 16 cores: scenario `build` of `veriray bench`).
 CATCH_UP = 2000
 
-_scenes: dict[int, dict[tuple[object, ...], Any]] = {}
-_scenes_lock = threading.RLock()  # a progress callback may render
 _KEPT_PER_SCENE = 2
+
+
+def _new_lock() -> None:
+    """One tree at a time; a child process must not wait for a thread of its parent."""
+    global _building
+    _building = threading.RLock()  # a progress callback may render
+
+
+_new_lock()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_new_lock)
 
 
 def native_scene_arguments(scene: Scene) -> dict[str, Any]:
@@ -54,8 +65,7 @@ def native_scene_arguments(scene: Scene) -> dict[str, Any]:
 
 def check_builder(builder: str) -> None:
     """ValueError for an unknown builder."""
-    if builder not in BUILDERS:
-        raise ValueError(f"builder = {builder!r} is unknown; allowed: {', '.join(BUILDERS)}")
+    choice("builder", builder, BUILDERS, error=ValueError)
 
 
 def choose_builder(backend: str, triangles: int, paths: int) -> str:
@@ -78,17 +88,14 @@ def native_scene(
     builder: str = "auto",
     spp: int = 1,
 ) -> Any:
-    """The native form of `scene`, kept until its owner (the user's object) goes away.
+    """The native form of `scene`, kept by its owner, the user's object.
 
     progress, builder: as in `veriray.render`; spp: of the render that it is for.
     """
     width, height = scene.film.width, scene.film.height
     key = (device.native.__name__, device.index, width, height)
-    with _scenes_lock:
-        if id(owner) not in _scenes:
-            _scenes[id(owner)] = {}
-            weakref.finalize(owner, _scenes.pop, id(owner), None)
-        kept = _scenes[id(owner)]
+    with _building:
+        kept = owner.native_forms
         auto = builder == "auto"
         if auto:
             work = len(scene.triangles), width * height * spp
@@ -97,16 +104,25 @@ def native_scene(
             while len(kept) >= _KEPT_PER_SCENE:
                 kept.pop(next(iter(kept)))
             arguments = native_scene_arguments(scene)
-            arguments |= {"device": device.index, "progress": progress}
+            arguments |= {"device": device.index, "progress": polled(progress)}
             try:
-                made = device.native.Scene(**arguments, builder=builder)
+                made = _make(scene, device, {**arguments, "builder": builder})
             except device.native.OutOfMemoryError:
                 if not auto or builder == "sah":
                     raise
                 builder = "sah"
-                made = device.native.Scene(**arguments, builder=builder)
+                made = _make(scene, device, {**arguments, "builder": builder})
             kept[(*key, builder)] = made
         return kept[(*key, builder)]
+
+
+def _make(scene: Scene, device: Device, arguments: dict[str, Any]) -> Any:
+    try:
+        return device.native.Scene(**arguments)
+    except ValueError as error:
+        if error.__traceback__ is not None and error.__traceback__.tb_next is not None:
+            raise  # of the progress callback
+        raise SceneError(str(error), scene.place(str(error))) from None
 
 
 def scene_facts(native: Any) -> dict[str, Any]:

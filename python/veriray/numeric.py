@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from functools import lru_cache
 from typing import Any
@@ -71,7 +73,7 @@ def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> A
             raise TypeError(f"dtype {given.dtype}")
         if not given.size and None in shape:
             given = given.reshape(tuple(n or 0 for n in shape))
-    except (TypeError, ValueError) as error:
+    except Exception as error:  # of any object's own conversion
         raise SceneError(f"{name} cannot be read as numbers: {error}") from None
     if given.ndim != len(shape) or any(
         n is not None and n != m for n, m in zip(shape, given.shape, strict=True)
@@ -81,8 +83,8 @@ def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> A
     kind = np.dtype(dtype).kind
     result: Array
     if kind == "f":
-        finite(name, given.astype(np.float64))
         with np.errstate(over="ignore"):
+            finite(name, given.astype(np.float64))
             result = np.array(given, dtype=dtype, order="C") + np.dtype(dtype).type(0)  # no -0
         finite(f"{name} (as {np.dtype(dtype)})", result)
     else:
@@ -112,26 +114,66 @@ def in_range(
         raise SceneError(f"{name}{place} = {values[index]} is outside {limits}{note}")
 
 
-def number(name: str, value: Any, low: float, high: float, *, open_: bool = False) -> float:
+def shown(value: object, most: int = 80) -> str:
+    """repr(value) for a message: cut if long, and of every object."""
+    try:
+        text = repr(value)
+    except Exception:  # of the object's own, or of an integer of thousands of digits
+        text = f"<{type(value).__name__}>"
+    return text if len(text) <= most else f"{text[: most - 10]}...({len(text)} characters)"
+
+
+def number(name: str, value: Any, low: float, high: float, *, open_: bool = False,
+           error: type[ValueError] = SceneError) -> float:  # fmt: skip
     """float(value), inside [low, high], or inside (low, high) when `open_`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise SceneError(f"{name} = {value!r} is not a number")
-    result = float(value)
-    if not (low < result < high if open_ else low <= result <= high):
+        raise error(f"{name} = {shown(value)} is not a number")
+    if not (low < value < high if open_ else low <= value <= high):
+        text = shown(value) if isinstance(value, int) else f"{value:g}"
         brackets = "()" if open_ else "[]"
-        raise SceneError(
-            f"{name} = {result:g} is outside {brackets[0]}{low:g}, {high:g}{brackets[1]}"
-        )
-    return result + 0.0
+        raise error(f"{name} = {text} is outside {brackets[0]}{low:g}, {high:g}{brackets[1]}")
+    try:
+        return float(value) + 0.0
+    except OverflowError:  # of an integer below infinity
+        raise error(f"{name} = {shown(value)} exceeds the float64 range") from None
 
 
-def whole(name: str, value: Any, low: int, high: int) -> int:
+def whole(name: str, value: Any, low: int, high: int, *,
+          error: type[ValueError] = SceneError) -> int:  # fmt: skip
     """int(value) for an integer in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise SceneError(f"{name} = {value!r} is not an integer")
+        raise error(f"{name} = {shown(value)} is not an integer")
     if not low <= int(value) <= high:
-        raise SceneError(f"{name} = {int(value)} is outside [{low}, {high}]")
+        raise error(f"{name} = {shown(int(value))} is outside [{low}, {high}]")
     return int(value)
+
+
+def choice(name: str, value: Any, names: Sequence[str], *,
+           error: type[ValueError] = SceneError) -> str:  # fmt: skip
+    """`value`, if it is one of `names`."""
+    if not isinstance(value, str) or value not in names:
+        raise error(f"{name} = {shown(value)} is unknown; allowed: {', '.join(names)}")
+    return value
+
+
+def texts(name: str, value: Any, error: type[ValueError] = SceneError) -> tuple[str, ...]:
+    """A list, tuple or array of strings."""
+    if isinstance(value, (list, tuple, np.ndarray)) and all(isinstance(x, str) for x in value):
+        return tuple(value)
+    raise error(f"{name} = {shown(value)} is not a list of strings")
+
+
+def path_text(name: str, value: Any, error: type[ValueError] = SceneError) -> str:
+    """A path as text. Raises TypeError for what is none, `error` for a null character."""
+    try:
+        text = os.fspath(value)
+    except Exception:
+        text = None
+    if not isinstance(text, str):
+        raise TypeError(f"{name} is {type(value).__name__}, expected str or os.PathLike")
+    if "\0" in text:
+        raise error(f"{name}: cannot read {shown(text)}: it holds a null character")
+    return text
 
 
 def determinant(matrix: Array) -> float:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
+import math
 import os
 import struct
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
+from .errors import RefusedSamplesWarning
 from .native_scene import check_builder, native_scene, scene_facts
-from .numeric import number
+from .numeric import choice, number, shown, whole
 from .sampling import PILOT, Progress, adaptive, uniform
 from .scene import Scene
 
@@ -41,6 +45,7 @@ MAX_SPP = 2**40
 BUILD_SHARE = 0.1
 
 Array = npt.NDArray[Any]
+_whole = functools.partial(whole, error=ValueError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +100,20 @@ def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = Non
     order. Every NaN counts as the same NaN. Samples by pixel, where they differ, follow as (H, W)
     little-endian uint32.
     """
-    height, width = image.shape[:2]
+    shape: tuple[int, ...] = image.shape if isinstance(image, np.ndarray) else ()
+    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
+        raise ValueError(f"image is {shown(shape or image)}, expected an array (H, W, 3)")
+    others = {"stderr": (stderr, shape), "samples": (samples, shape[:2])}
+    for name, (given, expected) in others.items():
+        if given is None and name == "samples":
+            continue
+        if not isinstance(given, np.ndarray) or given.shape != expected:
+            raise ValueError(f"{name} is {shown(given)}, expected an array {expected}")
+    for name, given in (("image", image), ("stderr", stderr), ("samples", samples)):
+        if given is not None and given.dtype.kind not in "fiu":
+            raise ValueError(f"{name} has dtype {given.dtype}, expected numbers")
+    height, width = shape[:2]
+    spp = _whole("spp", spp, 0, 2**64 - 1)
     digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
     for values in (image, stderr):
         plain = np.ascontiguousarray(values, dtype="<f4")
@@ -186,14 +204,20 @@ def render(
         DeviceError: the device cannot be used; the message says why.
         OutOfMemoryError, MemoryError: scene or film do not fit.
         KeyboardInterrupt: Ctrl-C; nothing is kept, and the next render works.
+
+    Warns:
+        RefusedSamplesWarning: samples that the film cannot hold were left out; see
+            stats["nonfinite"].
     """
     scene_used, spp = check_settings(
         scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler,
         width=width, height=height, threads=threads, batches=batches, batch_size=batch_size,
         target_error=target_error,
     )  # fmt: skip
+    if not isinstance(all_features, (bool, int, np.bool_)):
+        raise ValueError(f"all_features = {shown(all_features)} is not a bool")
     if progress is not None and not callable(progress):
-        raise ValueError(f"progress = {progress!r} is not callable")
+        raise ValueError(f"progress = {shown(progress)} is not callable")
     scheduler, scheduler_reason = choose_scheduler(scheduler)
     check_builder(builder)
     chosen, device_reason = device_module.select(device)
@@ -247,6 +271,8 @@ def render(
         "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
         **done.facts,
     }
+    if stats["nonfinite_samples"]:
+        warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=2)
     return Render(
         image=image,
         stderr=stderr,
@@ -309,8 +335,7 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
 
     Rule of "auto": `fused`, for every scene, on every device.
     """
-    if scheduler not in SCHEDULERS:
-        raise ValueError(f"scheduler = {scheduler!r} is unknown; allowed: {', '.join(SCHEDULERS)}")
+    choice("scheduler", scheduler, SCHEDULERS, error=ValueError)
     if scheduler == "auto":
         return "fused", "auto takes fused for every scene"
     return scheduler, "asked for"
@@ -362,6 +387,30 @@ def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
         "launches": sum(int(r["launches"]) for r in results),
         "threads": int(results[-1]["threads"]),
     }
+
+
+def _refused_text(stats: dict[str, Any]) -> str:
+    """How many samples the film refused, why, and how to see one again."""
+
+    def reason(radiance: list[float]) -> str:
+        if any(math.isnan(x) for x in radiance):
+            return "not a number"
+        if any(math.isinf(x) for x in radiance):
+            return "infinite"
+        return "negative" if min(radiance) < 0 else "2^20 times the largest radiance or more"
+
+    listed = stats["nonfinite"]
+    text = f"{stats['nonfinite_samples']:,} of {stats['paths']:,} samples count as black: the film "
+    if not listed:
+        return text + "cannot hold them"
+    reasons = [reason(entry[3:]) for entry in listed]
+    counts = ", ".join(f"{reasons.count(name)} {name}" for name in dict.fromkeys(reasons))
+    x, y, sample = listed[0][:3]
+    return (
+        f"{text}cannot hold them (of the {len(listed)} listed: {counts}); replay one with --pixel "
+        f"{x} {y} --sample {sample} --seed {stats['seed']}, in Python trace_path(scene, {x}, {y}, "
+        f"{sample}, seed={stats['seed']}), and this picture's size, depths and sampler"
+    )
 
 
 def _padded_sum(arrays: list[Array]) -> Array:
@@ -416,12 +465,13 @@ def trace_path(
     sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel
     outside the film, and otherwise as `render`.
     """
-    size = {"width": width, "height": height}
-    used = scene.with_(max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size)
+    size: dict[str, Any] = {"width": width, "height": height}
+    used, _ = check_settings(
+        scene, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size
+    )
     x = _whole("x", x, 0, used.film.width - 1)
     y = _whole("y", y, 0, used.film.height - 1)
     sample = _whole("sample", sample, 0, MAX_SPP - 1)
-    seed = _whole("seed", seed, 0, 2**64 - 1)
     chosen, _ = device_module.select("cpu")
     with device_module.native_errors():
         path: list[dict[str, Any]] = chosen.native.trace_path(
@@ -435,15 +485,6 @@ def trace_path(
             sampler=used.sampler,
         )
     return path
-
-
-def _whole(name: str, value: Any, low: int, high: int) -> int:
-    """int(value) for an integer in [low, high]; ValueError naming value and range otherwise."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise ValueError(f"{name} = {value!r} is not an integer")
-    if not low <= int(value) <= high:
-        raise ValueError(f"{name} = {int(value)} is outside [{low}, {high}]")
-    return int(value)
 
 
 def _version() -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .device import Device
+from .device import Device, polled
 from .scene import Scene
 
 Array = npt.NDArray[Any]
@@ -66,13 +66,13 @@ class _Runs:
         paths = (end - begin) * (self.size[0] * self.size[1] if pixels is None else len(pixels))
 
         def poll(share: float) -> None:
-            assert self.progress
-            self.progress(min((self.done + share * paths) / self.ahead, 1.0))
+            if self.progress:
+                self.progress(min((self.done + share * paths) / self.ahead, 1.0))
 
         start = time.perf_counter()
         result = self.device.native.render(
             self.held, film, sample_begin=begin, sample_end=end, pixels=pixels,
-            poll=poll if self.progress else None, **self.settings,
+            poll=polled(poll), **self.settings,
         )  # fmt: skip
         self.results.append({**result, "seconds": time.perf_counter() - start})
         self.done += paths

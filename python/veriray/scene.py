@@ -7,9 +7,9 @@ its local +Z with local +X on the left of the picture, pixel (0, 0) is top left.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ import numpy.typing as npt
 from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, in_range, number, whole
+from .numeric import MAX_COORDINATE, array, choice, in_range, number, path_text, shown, texts, whole
 from .shipped import SHIPPED, find_shipped
 
 Array = npt.NDArray[Any]
@@ -29,6 +29,7 @@ Array = npt.NDArray[Any]
 #: Segments of a path at most; -1 in a scene stands for this.
 MAX_PATH_DEPTH = 262143
 SAMPLERS = ("independent", "sobol")
+_DERIVED = ("_array_digest", "_native_forms")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +122,7 @@ class Scene:
     def __post_init__(self) -> None:
         arrays = checked({name: getattr(self, name) for name in COLUMNS})
         shapes = [name for name in ("triangle", "sphere", "disk") if len(arrays[f"{name}s"])]
-        names = tuple(self.shape_names) or (("scene",) if shapes else ())
+        names = texts("shape_names", self.shape_names) or (("scene",) if shapes else ())
         for kind in ("triangle", "sphere", "disk"):
             name, count = f"{kind}_shape", len(arrays[f"{kind}s"])
             given = getattr(self, name)
@@ -139,8 +140,7 @@ class Scene:
             raise SceneError(f"camera is {type(self.camera).__name__}, expected Camera")
         if not isinstance(self.film, Film):
             raise SceneError(f"film is {type(self.film).__name__}, expected Film")
-        if self.sampler not in SAMPLERS:
-            raise SceneError(f"sampler = {self.sampler!r}; allowed: {', '.join(SAMPLERS)}")
+        choice("sampler", self.sampler, SAMPLERS)
         whole("camera medium", self.camera.medium, -1, len(_array(self.sigma_t)) - 1)
         values = {
             "max_depth": whole("max_depth", self.max_depth, -1, MAX_PATH_DEPTH),
@@ -152,17 +152,50 @@ class Scene:
             object.__setattr__(self, name, value)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_digest"}
+        return {name: value for name, value in self.__dict__.items() if name not in _DERIVED}
 
-    @functools.cached_property
+    # Kept on the object, not in a table by id(), which another object may have later; without
+    # cached_property, whose lock a child process may find taken.
+
+    @property
+    def native_forms(self) -> dict[tuple[object, ...], Any]:
+        """What `veriray.native_scene` keeps of this very object."""
+        forms: dict[tuple[object, ...], Any] = self.__dict__.setdefault("_native_forms", {})
+        return forms
+
+    @property
     def _digest(self) -> Any:
         """The hash so far, after the arrays."""
+        if "_array_digest" in self.__dict__:
+            return self.__dict__["_array_digest"]
         digest = hashlib.sha256(b"veriray scene 2\n")
         for name in COLUMNS:
             values: Array = getattr(self, name)
             digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
             digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
-        return digest
+        return self.__dict__.setdefault("_array_digest", digest)
+
+    def place(self, message: str) -> str:
+        """The place in the scene file of what "column[row] ..." is about; "" if unknown.
+
+        The file alone where the message names no row.
+        """
+        places: dict[str, list[str]] = self.__dict__.get("_places", {})
+        found = re.match(r"(\w+)\[(\d+)\]", message)
+        if found and found[1] in COLUMNS and places:
+            table, row = COLUMNS[found[1]].table, int(found[2])
+            if table in ("triangles", "spheres", "disks"):
+                table, row = "shapes", int(getattr(self, f"{table[:-1]}_shape")[row])
+            if row < len(places.get(table, ())):
+                return places[table][row]
+        return places.get("scene", [""])[0]
+
+    def _with_arrays(self, **changes: Any) -> Scene:
+        """A copy with other values in the same rows."""
+        copy = dataclasses.replace(self, **changes)
+        if "_places" in self.__dict__:
+            copy.__dict__["_places"] = self.__dict__["_places"]
+        return copy
 
     @property
     def sha256(self) -> str:
@@ -216,7 +249,7 @@ class Scene:
         settings |= {"sampler": sampler, "seed": seed, "camera": camera}
         changed = {name: value for name, value in settings.items() if value is not None}
         copy = object.__new__(Scene)  # the arrays are read-only and checked
-        copy.__dict__.update(self.__dict__, _digest=self._digest, film=film, **changed)
+        copy.__dict__.update(self.__getstate__(), _array_digest=self._digest, film=film, **changed)
         copy._check_settings()
         return copy
 
@@ -241,8 +274,7 @@ class Scene:
             name: _array(getattr(self, name)) * factor
             for name in ("vertices", "spheres", "disks", "light_position")
         }
-        return dataclasses.replace(
-            self,
+        return self._with_arrays(
             camera=dataclasses.replace(camera, to_world=to_world, **lengths),
             sigma_t=sigma_t,
             light_intensity=intensity,
@@ -256,7 +288,7 @@ class Scene:
         changed: dict[str, Any] = {
             name: getattr(self, name).astype(np.float64) * factor for name in names
         }
-        return dataclasses.replace(self, **changed)
+        return self._with_arrays(**changed)
 
 
 def _array(values: Array | None) -> Array:
@@ -276,11 +308,14 @@ def load_file(
     """
     from . import formats
 
-    text = os.fspath(scene)
+    text = path_text("scene", scene)
     if text.endswith(os.sep):  # Path forgets it
         raise SceneError(f"{text} names a folder, not a file")
+    parameters = {} if parameters is None else parameters
+    if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
+        raise SceneError(f"parameters = {shown(parameters)} is not a dictionary of names")
     path = find_shipped(text) if text in SHIPPED else Path(text)
-    return formats.load(path, parameters or {})
+    return formats.load(path, parameters)
 
 
 def load_dict(scene: Mapping[str, Any]) -> Scene:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -293,6 +294,23 @@ def test_disk_full_keeps_the_earlier_file() -> None:
     assert Path("a.exr").read_bytes() == before and os.listdir() == ["a.exr"]
 
 
+@pytest.mark.parametrize(
+    "streams, status",
+    [("2>&-", 0), (">&-", 0), (">&- 2>&- <&-", 0), ("2>/dev/full", 0), (">/dev/full", 2),
+     (">/dev/full 2>/dev/full", 2), ("1</dev/null", 2), ("2>&1 | true", 141), ("| head -1", 141)],
+)  # fmt: skip
+def test_closed_and_broken_streams_keep_the_picture(streams: str, status: int) -> None:
+    line = f"{shlex.join([*COMMAND, *RENDER, '-o', 'a.exr'])} {streams}; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=300)
+    assert os.listdir() == ["a.exr"]
+    load("a.exr")
+    assert "internal error" not in done.stderr
+    # the reader may be as fast as the renderer
+    assert done.returncode in ((0, 141) if status == 141 else (status,))
+    if streams == ">/dev/full":
+        assert "veriray: error: standard output: No space left" in done.stderr
+
+
 @pytest.mark.parametrize("scheduler", METHODS)
 def test_interrupt_leaves_nothing(scheduler: str) -> None:
     endless = ["render", "cornell-box", "--device", "cpu", "--spp", "1000000000", "-o", "a.exr"]
@@ -329,7 +347,7 @@ def test_full_standard_output() -> None:
             [*COMMAND, "doctor", "--no-self-test"], stdout=full, stderr=subprocess.PIPE, text=True
         )
     assert result.returncode == 2
-    assert result.stderr == "veriray: error: No space left on device\n"
+    assert result.stderr == "veriray: error: standard output: No space left on device\n"
 
 
 def test_without_gpu() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import gc
 import hashlib
 import json
 import logging
@@ -24,7 +23,7 @@ import veriray as vr
 from veriray import device as device_module
 from veriray import native_scene
 from veriray.rendering import METHODS, SCHEDULERS, prepare
-from veriray.validate.scenes import Part, camera, check_scene, make
+from veriray.validate.scenes import Part, camera, check_scene, make, point_light, quad
 
 CAUSES = ("escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid")
 
@@ -298,17 +297,68 @@ def test_threads_render_the_same_scene_at_once(cornell: vr.Scene, picture: vr.Re
         assert set(pool.map(job, range(16))) == {picture.film_sha256}
 
 
-def test_native_scenes_go_with_their_owner() -> None:
-    gc.collect()  # owners that earlier tests left behind
-    before = len(native_scene._scenes)
+def test_native_scenes_stay_with_their_owner() -> None:
     scene = vr.cornell_box()
     for size in (8, 9, 10):
         vr.render(scene, 1, width=size, height=size, device="cpu")
-    assert len(native_scene._scenes) == before + 1
-    assert len(native_scene._scenes[id(scene)]) == native_scene._KEPT_PER_SCENE
-    del scene
-    gc.collect()
-    assert len(native_scene._scenes) == before
+    assert len(scene.native_forms) == native_scene._KEPT_PER_SCENE
+    for other in (scene.with_(spp=2), copy.copy(scene), pickle.loads(pickle.dumps(scene))):
+        assert other.sha256 == scene.sha256
+        assert not other.native_forms
+
+
+DENSE = """<scene version="3.0.0">
+<sensor type="perspective"><float name="fov" value="40"/></sensor>
+<shape type="sphere"><bsdf type="null"/>
+ <medium name="interior" type="homogeneous">
+  <float name="sigma_t" value="1e38"/></medium></shape>
+<emitter type="constant"/></scene>"""
+
+
+def test_faults_found_while_building_name_their_place(tmp_path: Any) -> None:
+    path = tmp_path / "dense.xml"
+    path.write_text(DENSE)
+    scene = vr.load_file(path)
+    for given in (scene, scene.with_(spp=2), pickle.loads(pickle.dumps(scene))):
+        with pytest.raises(
+            vr.SceneError, match=r"dense\.xml:4: sigma_t\[0\] = 1e\+38 is too"
+        ) as info:
+            prepare(given, "cpu", 8, 8)
+        assert info.value.where == f"{path}:4"
+    bright = vr.cornell_box().with_emission_scaled(1e35)
+    with pytest.raises(vr.SceneError, match=r"cornell_box\.xml:\d+: the largest radiance"):
+        prepare(bright, "cpu")
+    with pytest.raises(vr.SceneError, match=r"^the largest radiance"):
+        prepare(dataclasses.replace(bright), "cpu")
+
+
+def test_a_callbacks_value_error_stays_one() -> None:
+    def fail(fraction: float) -> None:
+        raise ValueError("mine")
+
+    with pytest.raises(ValueError, match="^mine$") as info:
+        vr.render(vr.cornell_box(), 4096, device="cpu", progress=fail)
+    assert info.type is ValueError
+
+
+def test_refused_samples_warn() -> None:
+    floor = quad([-500, -500, 0], [1000, 0, 0], [0, 1000, 0], 0.5)
+    view = camera([0, 0, 4], [0, 0, 0], 2.5, up=[0, 1, 0])
+    lights = [point_light([0, 0, 1e-3])]
+    scene = make([floor], view, width=9, height=9, max_depth=2, lights=lights)
+    with pytest.warns(vr.RefusedSamplesWarning) as warned:
+        result = vr.render(scene, spp=4000, seed=3, device="cpu")
+    count, (x, y, sample, *radiance) = (
+        result.stats["nonfinite_samples"],
+        result.stats["nonfinite"][0],
+    )
+    text = str(warned[0].message)
+    assert text.startswith(f"{count:,} of 324,000 samples count as black")
+    assert "2^20 times the largest radiance or more" in text
+    assert f"--pixel {x} {y} --sample {sample} --seed 3" in text
+    assert warned[0].filename == __file__
+    path = vr.trace_path(scene, x, y, sample, seed=3)
+    assert list(path[-1]["radiance"]) == radiance
 
 
 def test_trace_path_agrees_with_the_film(cornell: vr.Scene) -> None:

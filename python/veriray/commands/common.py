@@ -147,7 +147,7 @@ def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] |
     if quiet:
         yield None
         return
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         say(title, file=sys.stderr)
         yield None
         return

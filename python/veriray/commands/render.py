@@ -17,7 +17,6 @@ from .common import (
     number,
     say,
     show_progress,
-    show_warning,
     write_json,
 )
 
@@ -122,8 +121,6 @@ def _render(arguments: argparse.Namespace) -> int:
         write_json(arguments.stats, {**result.stats, "film_sha256": result.film_sha256})
     if not arguments.quiet:
         _print_result(result, arguments.output)
-    elif result.stats["nonfinite_samples"]:
-        show_warning(_nonfinite_text(result.stats))
     return 0
 
 
@@ -145,18 +142,8 @@ def _print_result(result: Any, outputs: list[str]) -> None:
         )
     error = stats["mean_stderr"]
     say(f"mean standard error  {'needs 2 spp' if error is None else f'{error:.6g}'}")
-    if stats["nonfinite_samples"]:
-        say(_nonfinite_text(stats))
     say(f"SHA-256    {result.film_sha256}")
     say(f"written    {', '.join(outputs)}")
-
-
-def _nonfinite_text(stats: dict[str, Any]) -> str:
-    text = f"{stats['nonfinite_samples']} samples were not finite or negative, and count as black"
-    if stats["nonfinite"]:
-        x, y, sample = stats["nonfinite"][0][:3]
-        text += f"; the first: --pixel {x} {y} --sample {sample} --seed {stats['seed']}"
-    return text
 
 
 def _replay(arguments: argparse.Namespace) -> int:

@@ -18,6 +18,7 @@ from veriray.comparison.report import Maps, Report
 from veriray.comparison.statistics import Test
 from veriray.errors import printable
 from veriray.image import load_with_regions
+from veriray.numeric import number, path_text, texts, whole
 from veriray.rendering import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
@@ -78,10 +79,10 @@ def compare(
     """
     from veriray.comparison.metrics import figures
 
-    if not 1e-6 <= alpha <= 0.2:
-        raise CompareError(f"alpha {alpha!r}; expected 1e-6 to 0.2")
-    if target is not None and not target > 0:
-        raise CompareError(f"target {target!r}; expected a positive relative bias")
+    alpha = number("alpha", alpha, 1e-6, 0.2, error=CompareError)
+    seed = whole("seed", seed, 0, 2**64 - 1, error=CompareError)
+    if target is not None:
+        target = number("target", target, 0.0, np.inf, open_=True, error=CompareError)
     a, name_a, mask_a = _open(a, "A")
     b, name_b, mask_b = _open(b, "B")
     if a.image.shape != b.image.shape:
@@ -89,7 +90,9 @@ def compare(
     if regions is None:
         regions, names = mask_a if mask_a[0] is not None else mask_b
     else:
-        names = list(region_names or [])
+        names = list(
+            texts("region_names", () if region_names is None else region_names, CompareError)
+        )
     regions = None if regions is None else _checked(regions, a.image.shape[:2])
     labels = {0: "background", **{k + 1: printable(str(n)) for k, n in enumerate(names)}}
 
@@ -122,7 +125,7 @@ def _open(
     if isinstance(source, Render):
         render = source
     elif isinstance(source, (str, os.PathLike)):
-        name = os.fspath(source)
+        name = path_text(letter, source, CompareError)
         render, mask, names = load_with_regions(source)
     else:
         raise TypeError(f"{letter} is {type(source).__name__}; expected a Render or a path")
@@ -132,7 +135,10 @@ def _open(
 
 
 def _checked(regions: Any, shape: tuple[int, ...]) -> NDArray[np.integer[Any]]:
-    mask = np.asarray(regions)
+    try:
+        mask = np.asarray(regions)
+    except Exception as error:  # of any object's own conversion
+        raise CompareError(f"regions: {error}") from None
     if mask.shape != shape or mask.dtype.kind not in "iu" or mask.min() < 0:
         raise CompareError(f"regions: {mask.dtype} {mask.shape}; expected integers >= 0 {shape}")
     if len(np.unique(mask)) > 4096:

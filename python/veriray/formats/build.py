@@ -122,6 +122,8 @@ class _Builder:
                 **sampling,
             ),
         )
+        places = {"scene": [root.where], "shapes": [shape.where for shape in parts["shape"]]}
+        scene.__dict__["_places"] = {**places, **self.tables.places()}
         return scene
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
@@ -319,6 +321,14 @@ class _Tables:
         rows = self.rows[table]
         name = key if isinstance(key, tuple) else id(key)  # the entry keeps the node, and its id
         return rows.setdefault(name, (len(rows), key, row))[0]
+
+    def places(self) -> dict[str, list[str]]:
+        """Where the objects of each table's rows are; not of boundaries, which two objects make."""
+        return {
+            table: [key.where for _, key, _ in rows.values()]
+            for table, rows in self.rows.items()
+            if table != "boundaries"
+        }
 
     def arrays(self) -> dict[str, Any]:
         """The arguments of Scene; None for the columns of an empty table."""

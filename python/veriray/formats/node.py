@@ -16,6 +16,7 @@ from typing import Any
 
 from ..errors import SceneError
 from ..files import open_regular
+from ..numeric import shown
 
 MAX_DEPTH = 32
 _FLOAT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -75,7 +76,7 @@ class Tree:
 
 def shorten(value: object) -> str:
     """Text of a value for a message, at most about 90 characters."""
-    text = repr(value) if not isinstance(value, str) else f'"{value}"'
+    text = shown(value, 10_000) if not isinstance(value, str) else f'"{value}"'
     text = text.replace("\n", " ")
     return text if len(text) <= 80 else f"{text[:70]}...({len(text)} characters)"
 

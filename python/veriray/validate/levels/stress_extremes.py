@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -413,7 +414,10 @@ def a_sample_beyond_the_film_is_located(t: Trial) -> None:
     view = camera([0, 0, 4], [0, 0, 0], math.degrees(9 * 0.02 / 4), up=[0, 1, 0])
     scene = make([floor], view, width=9, height=9, max_depth=2,
                  lights=[point_light([0, 0, 1e-3], 1.0)])  # fmt: skip
-    r = veriray.render(scene, spp=4_000, seed=t.fresh(), device=t.device)
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        r = veriray.render(scene, spp=4_000, seed=t.fresh(), device=t.device)
+    t.check([w.category is veriray.RefusedSamplesWarning for w in warned] == [True], "the warning")
     faults, listed = r.stats["nonfinite_samples"], r.stats["nonfinite"]
     t.check(faults > 0, "no sample is refused")
     t.check(sum(r.stats["ledger"]["invalid"]) == faults, "the ledger's count differs")

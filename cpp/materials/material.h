@@ -151,8 +151,7 @@ struct Bsdf {
         if constexpr (has(MaterialKind::kDielectric)) {
             const M through = is(MaterialKind::kDielectric) & !mirror;
             s.wi = select(through, refracted(wo, n, cos_o, fresnel.cos_t, relative), s.wi);
-            // Radiance is compressed with the solid angle.
-            s.weight = select(through, transmission * (F(1.f) / (relative * relative)), s.weight);
+            s.weight = select(through, refraction_weight(), s.weight);
             s.pdf_sa = select(through, F(0.f), s.pdf_sa);
             s.transmitted = through;
         }
@@ -164,6 +163,9 @@ struct Bsdf {
         }
         return s;
     }
+
+    // Radiance is compressed with the solid angle.
+    VR_HD V refraction_weight() const { return transmission * (F(1.f) / (relative * relative)); }
 
     // Instead of a direction on the wrong side of a smooth surface, for clear lanes of `wrong`: the
     // lobe that was chosen, about the geometric normal; the mirror where that reflects all.
@@ -179,7 +181,7 @@ struct Bsdf {
             s.weight = select(mirror, reflection, s.weight);
             s.wi = select(through, refracted(wo, ng, flat.cos_o, flat.fresnel.cos_t, flat.relative),
                           s.wi);
-            s.weight = select(through, transmission * (F(1.f) / (relative * relative)), s.weight);
+            s.weight = select(through, refraction_weight(), s.weight);
             s.transmitted = s.transmitted & !mirror;
         }
     }

@@ -12,10 +12,10 @@
 #include <mutex>
 #include <stdexcept>
 #include <string>
-#include <system_error>
 #include <thread>
 
 #include "scene/bvh_spatial.h"
+#include "scene/thread_pool.h"
 #include "scene/tree_layout.h"
 
 namespace veriray {
@@ -71,9 +71,13 @@ class Pool {
         pool.reserve(threads);
         std::unique_lock lock(mutex_);
         try {
-            for (uint32_t k = 0; k < threads; ++k) pool.emplace_back([&] { drain(work); });
-        } catch (const std::system_error&) {
-            if (pool.empty()) throw;  // fewer threads than asked for do the same work
+            for (uint32_t k = 0; k < threads; ++k)
+                pool.emplace_back([&] {
+                    throw_once();
+                    drain(work);
+                });
+        } catch (const std::exception&) {         // of resources or of memory
+            if (pool.empty()) throw NoThreads();  // fewer threads than asked for do the same work
         }
         while (!done_.wait_for(lock, std::chrono::milliseconds(50),
                                [&] { return stop_ || open_ == 0; })) {

@@ -248,10 +248,11 @@ _MATERIALS = (
            "mask, depth 3"),
     Mutant("pass forgets the density", _PATH, "select(pass, path.pdf_sa, next.pdf_sa)",
            "next.pdf_sa", "mask"),
-    Mutant("way before a pass forgotten, flat lamp", _PATH, "distance + path.travelled",
-           "distance", "lamp_in_medium"),
+    Mutant("way before a pass forgotten, flat lamp", _PATH, "(hit.t * hit.t)",
+           "((hit.t - path.travelled) * (hit.t - path.travelled))", "lamp_in_medium"),
     Mutant("way before a pass forgotten, sphere lamp", _PATH,
-           "fma(path.ray.d, -path.travelled, from)", "from", "sphere lamp in fog"),
+           "const V from = path.ray.o;",
+           "const V from = fma(path.ray.d, path.travelled, path.ray.o);", "sphere lamp in fog"),
 )  # fmt: skip
 
 _MEDIA = (
@@ -315,12 +316,11 @@ _LIGHTS = (
     Mutant("rectangle with the area of its half", "scene/rectangles.cpp",
            "light.area += sources[next].area;", "(void)next;", "near_lamps"),
     Mutant("spot without falloff", _LIGHT,
-           "select(c <= column(kSpotCosCutoff), F(0.f), edge)",
-           "select(c <= column(kSpotCosCutoff), F(0.f), F(1.f))", "spot_light"),
-    Mutant("spot's falloff linear in the cosine", _LIGHT, "(column(kSpotCutoff) -"
-           " acos(max(min(c, F(1.f)), F(-1.f)))) * column(kSpotInverse)",
-           "(c - column(kSpotCosCutoff)) / (column(kSpotCosBeam) - column(kSpotCosCutoff))",
+           "max(min(edge, F(1.f)), F(0.f))", "select(edge > F(0.f), F(1.f), F(0.f))",
            "spot_light"),
+    Mutant("spot's falloff linear in the squared angle", _LIGHT, "(column(kSpotCutoff) - off) * column(kSpotInverse)",
+           "(column(kSpotCutoff) * column(kSpotCutoff) - off * off) * column(kSpotInverse) /"
+           " (F(2.f) * column(kSpotCutoff) - F(1.f) / column(kSpotInverse))", "spot_light"),
     Mutant("point light by 1/r", _LIGHT, "column3(column, kLightRadiance) * (F(1.f) / d2)",
            "column3(column, kLightRadiance) * (F(1.f) / distance)", "point_light"),
     Mutant("point light without its chance", _LIGHT, "return {radiance, column(kLightInverse),"

@@ -165,10 +165,14 @@ STUFF: dict[str, dict[str, Any]] = {
 }
 
 
+FORMS = ("cube", "sphere", "ball.ply", "normals.ply", "ball.obj", "octahedron.ply")
+
+
 def files(folder: Path) -> None:
-    """Symmetric meshes: an icosphere as PLY and OBJ, an octahedron as PLY."""
+    """Symmetric meshes: an icosphere as PLY, without and with normals, and OBJ; an octahedron."""
     ball = trimesh.creation.icosphere(subdivisions=2)
-    ball.export(folder / "ball.ply")
+    ball.export(folder / "ball.ply", vertex_normal=False)
+    ball.export(folder / "normals.ply", vertex_normal=True)
     lines = ["v {:.17g} {:.17g} {:.17g}".format(*v) for v in ball.vertices]
     lines += ["f {} {} {}".format(*(f + 1)) for f in ball.faces]
     (folder / "ball.obj").write_text("\n".join(lines) + "\n")
@@ -183,7 +187,9 @@ def mirrored(folder: Path) -> Callable[[np.random.Generator], Question]:
     """
 
     def draw(rng: np.random.Generator) -> Question:
-        form = chosen(rng, ("cube", "sphere", "ball.ply", "ball.obj", "octahedron.ply"))
+        form = chosen(
+            rng, ("cube", "sphere", "ball.ply", "normals.ply", "ball.obj", "octahedron.ply")
+        )
         flat, name = bool(rng.random() < 0.5), chosen(rng, list(STUFF))
         matrix = random_rotation_matrix(rng.random(3))
         if form == "sphere":

@@ -133,7 +133,7 @@ def outline(rng: np.random.Generator) -> Question:
     part, form = body(rng, {"reflectance": 1.0}, 3, True)
     matrix = np.eye(4)
     if len(part.faces):
-        while "bumpy" in form:
+        while "bumpy" in form or "lens" in form:
             part, form = body(rng, {"reflectance": 1.0}, 3, True)
         matrix[:3, :3] = np.diag(10 ** rng.uniform(-0.5, 0, 3))
         matrix[:3, :3] += np.triu(rng.uniform(-0.5, 0.5, (3, 3)), 1)

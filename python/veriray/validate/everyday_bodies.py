@@ -208,8 +208,9 @@ def mirrored(folder: Path) -> Callable[[np.random.Generator], Question]:
         pair = [dicts.scene(eye, {**thing, **STUFF[name], "to_world": m}, floor, dicts.sky(0.5),
                             max_depth=3000) for m in (matrix @ mirror, matrix)]  # fmt: skip
         how = "flat" if flat and "." in form else "smooth" if "." in form else ""
-        return Question(f"{name}, {form} {how} by {np.diag(mirror)[:3]}", pair[0], pair[1], 5e-4,
-                        5e-3, 0.05)  # fmt: skip
+        drawn = f"{name}, {form} {how} by {np.diag(mirror)[:3]}"
+        # interpolated normals can keep light in glass for long
+        return Question(drawn, *pair, 5e-4, 5e-3, 0.05, ends=how != "smooth")
 
     return draw
 

@@ -36,6 +36,8 @@ Array = npt.NDArray[Any]
 Generator = Callable[[np.random.Generator], Question]
 NULL = material("null")
 FAR = 5.0  # decades from a lamp's height, a fog, a body to eyes, grounds and hidden things
+EYE = 5.0  # the same of the eye alone, where a place that it sees lies close to a lamp
+REACH = 1e9  # free paths between an eye and a fog
 
 
 def decades(rng: np.random.Generator, low: float, high: float) -> float:
@@ -91,7 +93,7 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     size = decades(rng, -4, 2) if low else decades(rng, -4, -0.02)
     wide = low and size > 0.2 or not low and size > 0.5
     tilt = float(rng.uniform(0.3, 0.9))
-    eye = decades(rng, -1.5, -0.5 if wide else FAR)
+    eye = decades(rng, -1.5, -0.5 if wide else EYE)
     ground, half = chosen(rng, ("square", "disk", "planet")), decades(rng, -1, FAR)
     what, more = hidden(rng)
     if ground == "planet":
@@ -193,7 +195,7 @@ def half_space(rng: np.random.Generator) -> Question:
     body = chosen(rng, ("cube", "cube of quads", "sphere", "slab"))
     sigma = decades(rng, 4, 5) if body == "sphere" else decades(rng, 1.7, 5)
     albedo, eye, half = chosen(rng, (0.5, 0.9)), decades(rng, 0.3, 4), decades(rng, 0, FAR)
-    half = max(1.0, min(half, 3e5 / sigma))
+    half, eye = max(1.0, min(half, 3e5 / sigma)), max(2.0, min(eye, REACH / sigma))
     fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, albedo)}
     what, more = "nothing", []
     if rng.random() < 0.5:

@@ -133,7 +133,7 @@ def outline(rng: np.random.Generator) -> Question:
     part, form = body(rng, {"reflectance": 1.0}, 3, True)
     matrix = np.eye(4)
     if len(part.faces):
-        while "bumpy" in form:
+        while "bumpy" in form or "lens" in form:
             part, form = body(rng, {"reflectance": 1.0}, 3, True)
         matrix[:3, :3] = np.diag(10 ** rng.uniform(-0.5, 0, 3))
         matrix[:3, :3] += np.triu(rng.uniform(-0.5, 0.5, (3, 3)), 1)
@@ -165,10 +165,14 @@ STUFF: dict[str, dict[str, Any]] = {
 }
 
 
+FORMS = ("cube", "sphere", "ball.ply", "normals.ply", "ball.obj", "octahedron.ply")
+
+
 def files(folder: Path) -> None:
-    """Symmetric meshes: an icosphere as PLY and OBJ, an octahedron as PLY."""
+    """Symmetric meshes: an icosphere as PLY, without and with normals, and OBJ; an octahedron."""
     ball = trimesh.creation.icosphere(subdivisions=2)
-    ball.export(folder / "ball.ply")
+    ball.export(folder / "ball.ply", vertex_normal=False)
+    ball.export(folder / "normals.ply", vertex_normal=True)
     lines = ["v {:.17g} {:.17g} {:.17g}".format(*v) for v in ball.vertices]
     lines += ["f {} {} {}".format(*(f + 1)) for f in ball.faces]
     (folder / "ball.obj").write_text("\n".join(lines) + "\n")
@@ -183,7 +187,9 @@ def mirrored(folder: Path) -> Callable[[np.random.Generator], Question]:
     """
 
     def draw(rng: np.random.Generator) -> Question:
-        form = chosen(rng, ("cube", "sphere", "ball.ply", "ball.obj", "octahedron.ply"))
+        form = chosen(
+            rng, ("cube", "sphere", "ball.ply", "normals.ply", "ball.obj", "octahedron.ply")
+        )
         flat, name = bool(rng.random() < 0.5), chosen(rng, list(STUFF))
         matrix = random_rotation_matrix(rng.random(3))
         if form == "sphere":
@@ -202,8 +208,9 @@ def mirrored(folder: Path) -> Callable[[np.random.Generator], Question]:
         pair = [dicts.scene(eye, {**thing, **STUFF[name], "to_world": m}, floor, dicts.sky(0.5),
                             max_depth=3000) for m in (matrix @ mirror, matrix)]  # fmt: skip
         how = "flat" if flat and "." in form else "smooth" if "." in form else ""
-        return Question(f"{name}, {form} {how} by {np.diag(mirror)[:3]}", pair[0], pair[1], 5e-4,
-                        5e-3, 0.05)  # fmt: skip
+        drawn = f"{name}, {form} {how} by {np.diag(mirror)[:3]}"
+        # interpolated normals can keep light in glass for long
+        return Question(drawn, *pair, 5e-4, 5e-3, 0.05, ends=how != "smooth")
 
     return draw
 

@@ -36,6 +36,8 @@ Array = npt.NDArray[Any]
 Generator = Callable[[np.random.Generator], Question]
 NULL = material("null")
 FAR = 5.0  # decades from a lamp's height, a fog, a body to eyes, grounds and hidden things
+EYE = 5.0  # the same of the eye alone, where a place that it sees lies close to a lamp
+REACH = 1e9  # free paths between an eye and a fog
 
 
 def decades(rng: np.random.Generator, low: float, high: float) -> float:
@@ -91,7 +93,7 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     size = decades(rng, -4, 2) if low else decades(rng, -4, -0.02)
     wide = low and size > 0.2 or not low and size > 0.5
     tilt = float(rng.uniform(0.3, 0.9))
-    eye = decades(rng, -1.5, -0.5 if wide else FAR)
+    eye = decades(rng, -1.5, -0.5 if wide else EYE)
     ground, half = chosen(rng, ("square", "disk", "planet")), decades(rng, -1, FAR)
     what, more = hidden(rng)
     if ground == "planet":
@@ -124,9 +126,10 @@ def lamp_by_a_wall(rng: np.random.Generator) -> Question:
     """A point lamp d before a wall, seen square on.
 
     The mean over a square of half width w is I rho / pi times its solid angle from the lamp,
-    4 atan(w^2 / (d sqrt(2 w^2 + d^2))), over 4 w^2.
+    4 atan(w^2 / (d sqrt(2 w^2 + d^2))), over 4 w^2. A place in a scene of size 1 is known to 2^-23,
+    which moves 1 / d^2 by 2.4e-7 / d.
     """
-    d = decades(rng, -6, -0.5)
+    d = decades(rng, -5, -0.5)
     w = float(f"{d * 10 ** rng.uniform(-1, 0.9):.3g}")
     eye = float(f"{w * 10 ** rng.uniform(0.3, 4):.3g}")
     half = max(1.0, 2 * w)
@@ -136,7 +139,7 @@ def lamp_by_a_wall(rng: np.random.Generator) -> Question:
                 lights=[point_light([0, 0, d], d * d)], max_depth=2)  # fmt: skip
     truth = 0.5 / math.pi * d * d * angle / (4 * w * w)
     return Question(f"lamp {d:g} before a wall, {w:g} wide from {eye:g}, {what}", seen, truth,
-                    1e-3, None, spp=256)  # fmt: skip
+                    1e-3 + 2.4e-7 / d, None, spp=256)  # fmt: skip
 
 
 def spot(rng: np.random.Generator) -> Question:
@@ -186,11 +189,13 @@ def half_space(rng: np.random.Generator) -> Question:
     """A fog of 50 to 1e5 free paths, seen straight from above under a sky of 1.
 
     1 - H(1) sqrt(1 - w), Chandrasekhar; a ball of n free paths differs by about 1 / n, so it has
-    10,000 and more. What is hidden is below and hides less than 3e-5 of the sky.
+    10,000 and more. What is hidden hides less than 3e-5 of the sky. A slab's corners are known to
+    2^-24 of its width: it is at most 3e5 free paths wide.
     """
     body = chosen(rng, ("cube", "cube of quads", "sphere", "slab"))
     sigma = decades(rng, 4, 5) if body == "sphere" else decades(rng, 1.7, 5)
     albedo, eye, half = chosen(rng, (0.5, 0.9)), decades(rng, 0.3, 4), decades(rng, 0, FAR)
+    half, eye = max(1.0, min(half, 3e5 / sigma)), max(2.0, min(eye, REACH / sigma))
     fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, albedo)}
     what, more = "nothing", []
     if rng.random() < 0.5:

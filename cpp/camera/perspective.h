@@ -1,4 +1,4 @@
-// Pinhole and thin lens. The camera is the origin, or far away from it.
+// Pinhole and thin lens.
 #pragma once
 
 #include "core/mapping.h"
@@ -11,6 +11,7 @@ struct CameraView {
     // corner + x right + y down.
     float corner[3], right[3], down[3];
     float forward[3];
+    float eye[3];
     float near_clip, far_clip;   // along forward; 0 and infinity: not clipped
     float lens_x[3], lens_y[3];  // half axes of the aperture; 0 for a pinhole
     float focus;                 // distance of the plane of focus along forward
@@ -28,9 +29,9 @@ VR_HD Vec3<F> camera_point(const CameraView& c, F x, F y, F dx, F dy) {
 }
 
 template <class L>
-VR_HD Ray<L> pinhole_ray(Vec3<typename L::F> at) {
+VR_HD Ray<L> pinhole_ray(const CameraView& c, Vec3<typename L::F> at) {
     using F = typename L::F;
-    return {{F(0.f), F(0.f), F(0.f)}, at * (F(1.f) / sqrt(dot(at, at)))};
+    return {broadcast<F>(c.eye), at * (F(1.f) / sqrt(dot(at, at)))};
 }
 
 // The pinhole ray of a camera far away from a scene about the origin, from 4 before the point that
@@ -39,7 +40,7 @@ template <class L>
 VR_HD Ray<L> far_ray(const CameraView& c, typename L::F x, typename L::F y, typename L::F dx,
                      typename L::F dy) {
     using F = typename L::F;
-    const Vec3<F> d = pinhole_ray<L>(camera_point(c, x, y, dx, dy)).d;
+    const Vec3<F> d = pinhole_ray<L>(c, camera_point(c, x, y, dx, dy)).d;
     const Vec3<F> right = broadcast<F>(c.plane[1]), down = broadcast<F>(c.plane[2]);
     const Vec3<F> p = fma(right, x, fma(down, y, broadcast<F>(c.plane[0])));
     const Vec3<F> q = fma(right, dx, fma(down, dy, p));
@@ -55,7 +56,7 @@ VR_HD Ray<L> lens_ray(const CameraView& c, Vec3<typename L::F> at, typename L::F
     uniform_disk(u, v, x, y);
     const Vec3<F> o = fma(broadcast<F>(c.lens_x), x, broadcast<F>(c.lens_y) * y);
     const Vec3<F> d = fma(at, F(c.focus), -o);
-    return {o, d * (F(1.f) / sqrt(dot(d, d)))};
+    return {o + broadcast<F>(c.eye), d * (F(1.f) / sqrt(dot(d, d)))};
 }
 
 }  // namespace veriray

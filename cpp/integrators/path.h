@@ -36,7 +36,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         const F dx = F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x));
         const F dy = F(0.5f) + filter_offset<L>(scene.filter, uniform(r.y));
         const V at = camera_point(scene.camera, to_float(x), to_float(y), dx, dy);
-        path.ray = pinhole_ray<L>(at);
+        path.ray = pinhole_ray<L>(scene.camera, at);
         if (scene.camera.beside_origin)
             path.ray = far_ray<L>(scene.camera, to_float(x), to_float(y), dx, dy);
         if constexpr (has(kLens))

@@ -20,6 +20,7 @@ void HostScene::set_camera(const SceneInput& in) {
         c.right[k] = static_cast<float>(right[k]);
         c.down[k] = static_cast<float>(down[k]);
         c.forward[k] = static_cast<float>(forward[k]);
+        c.eye[k] = far ? 0.f : static_cast<float>((eye[k] - centre[k]) / unit);
         c.lens_x[k] = static_cast<float>(left[k] * (in.aperture_radius / unit));
         c.lens_y[k] = static_cast<float>(up[k] * (in.aperture_radius / unit));
     }

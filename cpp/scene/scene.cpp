@@ -64,6 +64,10 @@ bool uneven(const float* plane, const Flat& f) {
 
 // Distances of the camera, in sizes of the scene, from which the scene's middle is the origin.
 constexpr double kFar = 8;
+// Distances of details from the camera, in their sizes, from which another origin is looked for;
+// and primitives of scenes where it is.
+constexpr double kCoarse = 0x1p8;
+constexpr size_t kMostDetails = 1024;
 
 }  // namespace
 
@@ -99,8 +103,91 @@ void each_extent(const SceneInput& in, Visit f) {
     }
 }
 
-// The origin is the camera, near which things are then fine; or, of a scene that is small beside
-// its distance and that nothing but the pinhole ties to the camera, its middle.
+// A place, and the length there beside which rounding must be small.
+struct Detail {
+    Double3 at;
+    double size;
+};
+
+// Of a small scene: radii, heights of triangles, point lights' distances from planes, free paths.
+std::vector<Detail> details(const SceneInput& in) {
+    std::vector<Detail> list;
+    if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;
+    const auto free_path = [&](ShapeGroup group, size_t row) {
+        double path = INFINITY;
+        if (const int32_t b = in.boundary[group].data[row]; b >= 0)
+            for (int k = 0; k < 2; ++k)
+                if (const int32_t m = in.boundaries.data[2 * b + k]; m >= 0)
+                    for (int c = 0; c < 3; ++c)
+                        path = std::min(path, 1 / static_cast<double>(in.sigma_t.data[3 * m + c]));
+        return path;
+    };
+    for (size_t i = 0; i < in.spheres.count; ++i) {
+        const double* s = in.spheres.data + 4 * i;
+        list.push_back({{s[0], s[1], s[2]}, std::min(s[3], free_path(kSphereGroup, i))});
+    }
+    for (size_t i = 0; i < in.disks.count; ++i)
+        list.push_back({row3(in.disks, 3 * i),
+                        std::min({length(row3(in.disks, 3 * i + 1)),
+                                  length(row3(in.disks, 3 * i + 2)), free_path(kDiskGroup, i)})});
+    const size_t lights = in.light_kind.count;
+    std::vector<double> height(lights, INFINITY);
+    const auto plane = [&](Double3 p, Double3 n) {
+        for (size_t q = 0; q < lights; ++q)
+            height[q] = std::min(height[q], std::abs(dot(n, row3(in.light_position, q) - p)));
+    };
+    for (size_t i = 0; i < in.triangles.count; ++i) {
+        const uint32_t* index = in.triangles.data + 3 * i;
+        const Double3 a = row3(in.vertices, index[0]), b = row3(in.vertices, index[1]),
+                      c = row3(in.vertices, index[2]), n = cross(b - a, c - a);
+        const double edge = std::max({length(b - a), length(c - b), length(a - c)});
+        if (!(length(n) > 0)) continue;
+        list.push_back(
+            {(a + b + c) * (1.0 / 3), std::min(length(n) / edge, free_path(kTriangleGroup, i))});
+        plane(a, normalised(n));
+    }
+    for (size_t i = 0; i < in.disks.count; ++i)
+        plane(row3(in.disks, 3 * i),
+              normalised(cross(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2))));
+    for (size_t q = 0; q < lights; ++q) {
+        const Double3 p = row3(in.light_position, q);
+        for (size_t i = 0; i < in.spheres.count; ++i) {
+            const double* s = in.spheres.data + 4 * i;
+            const double d = length(p - Double3{s[0], s[1], s[2]});
+            height[q] = std::min(height[q], std::abs(d - s[3]));
+        }
+        if (in.light_kind.data[q] != 2 && height[q] > 0 && std::isfinite(height[q]))
+            list.push_back({p, height[q]});
+    }
+    return list;
+}
+
+// The camera; or, if something fine is far away from it and 8 times less fine from there, the mean
+// of all weighted by fineness.
+Double3 finest(const SceneInput& in, Double3 eye) {
+    const std::vector<Detail> list = details(in);
+    const auto coarsest = [&](Double3 from) {
+        double most = 0;
+        for (const Detail& d : list) most = std::max(most, length(d.at - from) / d.size);
+        return most;
+    };
+    const double here = coarsest(eye);
+    if (!(here > kCoarse)) return eye;
+    double least = INFINITY, total = 0;
+    for (const Detail& d : list) least = std::min(least, d.size);
+    Double3 sum{0, 0, 0};
+    for (const Detail& d : list) {
+        const double w = least / d.size * (least / d.size);
+        sum = sum + (d.at - eye) * w;
+        total += w;
+    }
+    const Double3 mean = eye + sum * (1 / total);
+    return coarsest(mean) * 8 < here ? mean : eye;
+}
+
+// The origin is the camera, near which things are then fine, or a place where they must be; or, of
+// a scene that is small beside its distance and that nothing but the pinhole ties to the camera,
+// its middle.
 void HostScene::normalise(const SceneInput& in) {
     for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
         has_normals_ = length(row3(in.normals, i)) > 0;
@@ -123,12 +210,16 @@ void HostScene::normalise(const SceneInput& in) {
         depth[1] < in.far_clip && in.camera_medium < 0 && in.aperture_radius == 0) {
         centre = {middle[0], middle[1], middle[2]};
         far = true;
+    } else {
+        centre = finest(in, eye);
     }
     double most = 0;
     each_extent(in, [&](Double3 p, Double3 r) {
         for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r[k]);
     });
-    most = std::max(most, in.aperture_radius);
+    if (!far)
+        for (int k = 0; k < 3; ++k)
+            most = std::max(most, std::abs(eye[k] - centre[k]) + in.aperture_radius);
     if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
     unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
 }

@@ -1,6 +1,7 @@
 // The scene as the stages see it: plain pointers and numbers, passed by value.
 // Lengths are normalised: the origin is the camera, or of a scene far away from it the scene's
-// middle, and the largest coordinate lies in [1/2, 1) after a division by a power of two.
+// middle, or where a scene is finest, and the largest coordinate lies in [1/2, 1) after a division
+// by a power of two.
 #pragma once
 
 #include "camera/perspective.h"

@@ -10,6 +10,7 @@
 
 #include "film/film.h"
 #include "integrators/direct.h"
+#include "integrators/rims.h"
 
 namespace veriray {
 
@@ -79,7 +80,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- cross: the medium between the ray's origin and its hit; returns the lanes that collide
     // before it ----
     static VR_HD M cross(const SceneView& scene, const PathSettings& s, PathState<L>& path,
-                         Hit<L>& hit, F far, uint32_t segment, M active) {
+                         Hit<L>& hit, F& flown, F far, uint32_t segment, M active) {
         M inside = active & !(path.medium == U(0u));
         leave_closed(scene, path, inside & !(hit.t < F(kInfinity)));
         inside = inside & !(path.medium == U(0u));
@@ -92,24 +93,28 @@ struct PathTracer : DirectLight<L, kFeatures> {
                         medium_column3(scene, path.medium, kMediumAlbedo), path.throughput, limit,
                         uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
         path.throughput = select(inside, path.throughput * flight.weight, path.throughput);
+        flown = flight.t;
         const M collided = inside & (flight.t < limit);
         hit.t = select(collided, Reader::passed(path).t + flight.t, hit.t);
         return collided;
     }
 
-    // The point of a collision at t, before the ray's hit `end` and beyond what it has passed.
-    static VR_HD V collision_point(const SceneView& scene, const PathState<L>& path, F t,
+    // The point of a collision after a flight from what the ray has passed, before its hit `end`.
+    static VR_HD V collision_point(const SceneView& scene, const PathState<L>& path, F flight,
                                    const Hit<L>& end, M collided) {
-        V p = path.ray.at(t);
+        const Ray<L>& ray = path.ray;
+        V p = ray.at(flight);
         if constexpr (has(kPass)) {
             const M begun = collided & (path.travelled > F(0.f));
-            if (any(begun))
-                p = Reader::on_this_side(scene, path.ray, path.travelled, path.passed, true, p,
-                                         begun);
+            if (any(begun)) {
+                const V from = Reader::passed_point(scene, ray, path.travelled, path.passed, begun);
+                p = select(begun, fma(ray.d, flight, from), p);
+                p = Reader::on_this_side(scene, ray, path.travelled, path.passed, true, p, begun);
+            }
         }
         const M bounded = collided & (end.t < F(kInfinity));
         if (any(bounded))
-            p = Reader::on_this_side(scene, path.ray, end.t, end.primitive, false, p, bounded);
+            p = Reader::on_this_side(scene, ray, end.t, end.primitive, false, p, bounded);
         return p;
     }
 
@@ -182,7 +187,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         e.emitter_end = e.absorbed = e.depth_cut = e.rr_killed = e.alive = nobody;
         e.visible = e.occluded = e.collided = shadow.wanted = nobody;
 
-        hit = Reader::past_rims(scene, path.ray, hit, active);
+        hit = Rims<L, kFeatures>::past_rims(scene, path.ray, hit, active);
         M valid = active & (hit.t < F(kInfinity)), collided = nobody;
         V collision = path.ray.o;
         const F far = far_end(scene, path, segment);
@@ -192,9 +197,10 @@ struct PathTracer : DirectLight<L, kFeatures> {
         }
         if constexpr (has(kMedia)) {
             const Hit<L> end = hit;
-            collided = cross(scene, s, path, hit, far, segment, active);
+            F flown(0.f);
+            collided = cross(scene, s, path, hit, flown, far, segment, active);
             e.collided = collided;
-            if (any(collided)) collision = collision_point(scene, path, hit.t, end, collided);
+            if (any(collided)) collision = collision_point(scene, path, flown, end, collided);
             valid = valid & !collided;
         }
         e.escaped = active & !(valid | collided);

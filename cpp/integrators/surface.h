@@ -191,89 +191,6 @@ struct SurfaceReader {
         return hit;
     }
 
-    // Whether a hit without a tree is on the rim of a one-sided back.
-    static VR_HD M on_rim(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit, M valid) {
-        const uint32_t faces = scene.quad_count + scene.polygon_count;
-        valid = valid & (hit.t < F(kInfinity)) & (hit.primitive < U(faces));
-        const U prim = select(valid, hit.primitive, U(0u));
-        M back = valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f));
-        if (none(back)) return back;
-        back = back & (surface_column(scene, prim, kSurfaceTwoSided) <= F(0.f));
-        if (none(back)) return back;
-        const V p = ray.at(hit.t);
-        const M quad = prim < U(scene.quad_count);
-        const U i = select(quad, prim, prim + U(0u - scene.quad_count)) *
-                    select(quad, U(kQuadFloats), U(kPolygonFloats));
-        M inside = valid;
-        for (uint32_t k = 0; k < 4; ++k) {
-            F edge[4];
-            for (uint32_t c = 0; c < 4; ++c) {
-                const uint32_t at = 4 + 4 * k + c;
-                edge[c] =
-                    select(quad, gather(scene.quads + (k < 2 ? at : 0), select(quad, i, U(0u))),
-                           gather(scene.polygons + at, select(quad, U(0u), i)));
-            }
-            const F e = height_over<L>(edge, p), rim = primitive_column(scene, prim, kPrimRim + k);
-            inside = inside & (((e >= rim) & !quad) | (quad & (k < 2 ? abs(e) <= rim : quad)));
-        }
-        return back & !inside;
-    }
-
-    // The hit of a path's ray, beyond rims of backs.
-    static VR_HD Hit<L> past_rims(const SceneView& scene, const Ray<L>& ray, Hit<L> hit, M active) {
-        if constexpr (!has(kQuads | kPolygons)) return hit;
-        if constexpr (has(kBvh))
-            if (scene.features & kBvh) return hit;
-        for (M rim = on_rim(scene, ray, hit, active); any(rim);
-             rim = on_rim(scene, ray, hit, rim)) {
-            const Hit<L> next = next_flat(scene, ray, hit);
-            hit.t = select(rim, next.t, hit.t);
-            hit.primitive = select(rim, next.primitive, hit.primitive);
-        }
-        return hit;
-    }
-
-    // The nearest hit beyond `last` without a tree: what `closest` finds, for the few.
-    static VR_HD Hit<L> next_flat(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last) {
-        Hit<L> hit{F(kInfinity), U(~0u)};
-        uint32_t primitive = 0;
-        const auto keep = [&](M met, F t) {
-            const M take = met & beyond<L>(last, t, U(primitive));
-            hit.t = select(take, t, hit.t);
-            hit.primitive = select(take, U(primitive), hit.primitive);
-            ++primitive;
-        };
-        F t;
-        VR_ROLLED
-        for (uint32_t i = 0; i < scene.quad_count; ++i) {
-            const M met = meets_flat<L, 2>(scene.quads + i * kQuadFloats, ray, hit.t, t);
-            keep(met, t);
-        }
-        if constexpr (has(kPolygons)) {
-            VR_ROLLED
-            for (uint32_t i = 0; i < scene.polygon_count; ++i) {
-                const M met = meets_flat<L, 4>(scene.polygons + i * kPolygonFloats, ray, hit.t, t);
-                keep(met, t);
-            }
-        }
-        if constexpr (has(kDisks)) {
-            VR_ROLLED
-            for (uint32_t i = 0; i < scene.disk_count; ++i) {
-                const M met = meets_disk<L>(scene.disks + i * kDiskFloats, ray, hit.t, t);
-                keep(met, t);
-            }
-        }
-        if constexpr (has(kSpheres)) {
-            VR_ROLLED
-            for (uint32_t i = 0; i < scene.sphere_count; ++i) {
-                const M met = meets_sphere<L>(scene.spheres + i * kSphereFloats, ray, last,
-                                              U(primitive), hit.t, t);
-                keep(met, t);
-            }
-        }
-        return hit;
-    }
-
     // The first quad that shadow rays can meet: from in front of a plane to in front of it, none
     // meets it.
     static VR_HD uint32_t first_blocker(const SceneView& scene, const ShadowRequest<L>& shadow) {
@@ -378,34 +295,50 @@ struct SurfaceReader {
         return at;
     }
 
-    // A collision's point p, which the ray reaches before (or, `after`, beyond) its point at t on
-    // primitive `prim`, put back to that side of it if rounding has taken it across: else its path
-    // would never meet the surface. By the arithmetic of the tests, so that they agree.
-    static VR_HD V on_this_side(const SceneView& scene, const Ray<L>& ray, F t, U prim, bool after,
-                                V p, M valid) {
+    // A point beside a primitive: unit normal and height over it, by the arithmetic of the tests,
+    // and what its rounding is in proportion to.
+    struct Beside {
+        V n;
+        F height, size;
+    };
+    static VR_HD Beside beside(const SceneView& scene, U prim, V p, M valid) {
         prim = select(valid, prim, U(0u));
-        V n = primitive_column3(scene, prim, kPrimN);
-        F height =
-            fma(n.z, p.z, fma(n.y, p.y, fma(n.x, p.x, -primitive_column(scene, prim, kPrimPlane))));
-        F size = terms(n, p);
-        F towards = dot(n, ray.d);
+        const V n = primitive_column3(scene, prim, kPrimN);
+        const F w = -primitive_column(scene, prim, kPrimPlane);
+        Beside b{n, fma(n.z, p.z, fma(n.y, p.y, fma(n.x, p.x, w))), terms(n, p)};
         if constexpr (has(kSpheres)) {
             const M round = valid & !(prim < U(scene.first_sphere));
             if (any(round)) {
                 F record[kSphereFloats];
                 sphere_record(scene, prim, record);
                 const TwoVec3<F> f = from_centre(record, p);
-                const V outward = f.hi * (F(1.f) / sqrt(dot(f.hi, f.hi)));
-                n = select(round, outward, n);
-                height = select(round, excess(record, f) / (F(2.f) * record[6]), height);
-                size = select(round, sqrt(dot(p, p)), size);
-                const V met = ray.at(t) - V{record[0], record[1], record[2]};
-                towards = select(round, dot(met, ray.d), towards);
+                b.n = select(round, f.hi * (F(1.f) / sqrt(dot(f.hi, f.hi))), b.n);
+                b.height = select(round, excess(record, f) / (F(2.f) * record[6]), b.height);
+                b.size = select(round, sqrt(dot(p, p)), b.size);
             }
         }
+        return b;
+    }
+
+    // The point at t of a ray that has passed a primitive there: on it, along the ray, as far as t
+    // is rounded.
+    static VR_HD V passed_point(const SceneView& scene, const Ray<L>& ray, F t, U prim, M valid) {
+        const V p = ray.at(t);
+        const Beside b = beside(scene, prim, p, valid);
+        const F most = t * F(0x1p-21f);
+        return fma(ray.d, max(min(-b.height / dot(b.n, ray.d), most), -most), p);
+    }
+
+    // A collision's point p, which the ray reaches before (or, `after`, beyond) its point at t on a
+    // primitive, put back to that side of it if rounding has taken it across: else its path would
+    // never meet the surface.
+    static VR_HD V on_this_side(const SceneView& scene, const Ray<L>& ray, F t, U prim, bool after,
+                                V p, M valid) {
+        const F towards = dot(beside(scene, prim, ray.at(t), valid).n, ray.d);
+        const Beside b = beside(scene, prim, p, valid);
         const F front(after ? -1.f : 1.f), side = select(towards < F(0.f), front, -front);
-        const M across = valid & !(height * side > F(0.f));
-        return select(across, fma(n * side, fma(size, F(0x1p-22f), abs(height)), p), p);
+        const M across = valid & !(b.height * side > F(0.f));
+        return select(across, fma(b.n * side, fma(b.size, F(0x1p-22f), abs(b.height)), p), p);
     }
 
     // The interpolated normal; the geometric one where it vanishes or the surface is not smooth.

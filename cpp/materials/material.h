@@ -9,6 +9,7 @@
 
 #include "core/mapping.h"
 #include "materials/fresnel.h"
+#include "materials/sample.h"
 
 namespace veriray {
 
@@ -22,21 +23,6 @@ enum class MaterialKind : uint32_t {
 };
 inline constexpr uint32_t kMaterialCount = 6;
 constexpr uint32_t material_bit(MaterialKind k) { return 1u << static_cast<uint32_t>(k); }
-
-template <class F>
-struct BsdfValue {
-    Vec3<F> f_cos;  // f(wo, wi) |cos wi|
-    F pdf_sa;       // of the smooth lobe, its choice included
-};
-
-template <class L>
-struct BsdfSample {
-    Vec3<typename L::F> wi;      // unit, world
-    Vec3<typename L::F> weight;  // f |cos| / pdf
-    typename L::F pdf_sa;        // 0 for a delta lobe
-    typename L::M transmitted;   // wi lies behind the surface
-    typename L::M pass;          // straight through
-};
 
 // A surface's material as seen along wo. kKinds: the kinds that can occur (material_bit).
 template <class L, uint32_t kKinds>

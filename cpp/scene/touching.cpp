@@ -4,8 +4,8 @@
 // the same plane, a box on a floor, are met in an order that rounding would decide; and a path that
 // leaves one by its offset would begin beyond the other. The planes of the former are moved by
 // kParted of the terms of n.p where they overlap, twice what paths leave them by: into the body
-// where the two look against each other, off the other surface where they look the same way. A
-// surface keeps its edges, so that bodies stay closed.
+// where the two look against each other, else away from the other. A surface keeps its edges, so
+// that bodies stay closed.
 #include <algorithm>
 #include <numeric>
 
@@ -45,6 +45,9 @@ bool overlap(const Box& a, const Box& b, Box& out) {
     out = {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
     return true;
 }
+
+// Of the middle of a box over the plane of a face.
+double over(const Box& b, const Face& f) { return dot(f.n, (b.low + b.high) * 0.5) + f.w; }
 
 // Largest |g.p + c| over a box, and sum of |g_k p_k|.
 double largest(const Box& b, Double3 g, double c) {
@@ -115,9 +118,13 @@ void HostScene::part_touching(const SceneInput& in) {
             if (turn > 0 &&
                 (own.same_surface(sources[b.primitive]) || (b.clear && b.primitive > a.primitive)))
                 continue;
-            // Into the body counts more than off another surface.
+            // Two that look the same way keep their order; of two in one plane a clear one lies on
+            // an opaque one, and the later of two clear ones within the earlier. Into the body
+            // counts more than off another surface.
             double& by = move[a.primitive];
-            const double away = turn * kParted * size;
+            const double above = over(common, b) - turn * over(common, a);
+            const bool out = turn > 0 && (above > 0 || (above == 0 && !b.clear));
+            const double away = (out ? kParted : -kParted) * size;
             by = away < 0 || by < 0 ? std::min(by, away) : std::max(by, away);
             touches[a.primitive] = touches[b.primitive] = true;
         }

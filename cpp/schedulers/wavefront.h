@@ -204,6 +204,7 @@ VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, ui
         shadow, [&](uint64_t c, float& x) { x = w.requests.f(c, first + k); },
         [&](uint64_t c, uint32_t& x) { x = w.requests.u(c, first + k); });
     shadow.wanted = true;
+    shadow.passed = ~0u;
     const bool free = Tracer::unblocked(scene, shadow);
     const uint32_t i = w.shadows[first + k], state = w.state[i];
     const uint32_t segment = state & ((1u << Wave::kCauseShift) - 1);

@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = _run(argv)
-        print(end="", flush=True)
+        sys.stdout.flush()
         return status
     except KeyboardInterrupt:
         return _fail("interrupted", 130)

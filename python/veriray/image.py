@@ -145,7 +145,7 @@ def save_png(image: NDArray[Any], path: str | os.PathLike[str], *, exposure: flo
     picture = Image.fromarray(to_srgb8(_picture(image, "image", None), exposure))
     note = PngImagePlugin.PngInfo()
     note.add_text("Comment", f"veriray display copy, sRGB, exposure {exposure:g} stops")
-    with replacing(path) as file:
+    with replacing(path_text("path", path, ImageError)) as file:
         picture.save(file, format="png", pnginfo=note)
 
 

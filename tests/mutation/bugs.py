@@ -318,7 +318,8 @@ _LIGHTS = (
     Mutant("spot without falloff", _LIGHT,
            "max(min(edge, F(1.f)), F(0.f))", "select(edge > F(0.f), F(1.f), F(0.f))",
            "spot_light"),
-    Mutant("spot's falloff linear in the squared angle", _LIGHT, "(column(kSpotCutoff) - off) * column(kSpotInverse)",
+    Mutant("spot's falloff linear in the squared angle", _LIGHT,
+           "(column(kSpotCutoff) - off) * column(kSpotInverse)",
            "(column(kSpotCutoff) * column(kSpotCutoff) - off * off) * column(kSpotInverse) /"
            " (F(2.f) * column(kSpotCutoff) - F(1.f) / column(kSpotInverse))", "spot_light"),
     Mutant("point light by 1/r", _LIGHT, "column3(column, kLightRadiance) * (F(1.f) / d2)",

@@ -510,6 +510,7 @@ TRANSFORMS = [
     '<lookat origin="1,2,3" target="-2,4,1" up="0,1,0.2"/>',
     '<scale value="-1"/>',
 ]
+MIRRORS = (TRANSFORMS[1], TRANSFORMS[-1])
 
 
 @pytest.mark.parametrize("steps", TRANSFORMS)
@@ -528,6 +529,8 @@ def test_shapes_stand_and_face_as_in_mitsuba(mi, tmp_path, steps, shape, flip):
     )
     scene = load(tmp_path, body)
     theirs = mi.load_file(str(tmp_path / "scene.xml"))
+    # Mitsuba turns a mirrored flat mesh inside out, but no rectangle and no cube.
+    turned = -1 if shape == "obj" and steps in MIRRORS else 1
     facing = normals(scene)
     for corners, normal in zip(scene.vertices[scene.triangles], facing, strict=True):
         centre = corners.mean(axis=0)
@@ -535,8 +538,8 @@ def test_shapes_stand_and_face_as_in_mitsuba(mi, tmp_path, steps, shape, flip):
             ray = mi.Ray3f((centre + side * 0.01 * normal).tolist(), (-side * normal).tolist())
             hit = theirs.ray_intersect(ray)
             assert hit.t == pytest.approx(0.01, rel=1e-2)
-            assert np.sign(hit.wi.z) == side, "the shading frame's front is ours"
-            assert np.abs(np.array(hit.sh_frame.n) - normal).max() < 1e-5
+            assert np.sign(hit.wi.z) == side * turned, "the shading frame's front is ours"
+            assert np.abs(np.array(hit.sh_frame.n) * turned - normal).max() < 1e-5
 
 
 def mitsuba_direction(mi, camera, u, v):

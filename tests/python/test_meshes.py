@@ -247,11 +247,11 @@ def test_a_folded_sliver_does_not_break_a_surface():
     assert (mesh.fronts_by_normals(vertices, mixed, outward) == triangles).all()
 
 
-def test_a_flat_mirrored_mesh_turns_over(tmp_path):
+def test_a_flat_mirrored_mesh_keeps_its_front(tmp_path):
     flat = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
     mirror = np.diag([-1.0, 1, 1, 1])
-    assert facing(shape(tmp_path, "m.obj", flat, to_world=mirror))[0, 2] == -1
-    assert facing(shape(tmp_path, "m.obj", to_world=mirror, flip_normals=True))[0, 2] == 1
+    assert facing(shape(tmp_path, "m.obj", flat, to_world=mirror))[0, 2] == 1
+    assert facing(shape(tmp_path, "m.obj", to_world=mirror, flip_normals=True))[0, 2] == -1
 
 
 # ---- closedness ----
@@ -329,7 +329,9 @@ def test_vertices_and_normals_are_mitsubas(mi, tmp_path, name, matrix, flip):
     params = mi.traverse(theirs)
     assert len(ours.triangles) == np.array(params["faces"]).size // 3
     positions = np.array(params["vertex_positions"]).reshape(-1, 3)
-    normals = np.array(params["vertex_normals"]).reshape(-1, 3) * (-1 if flip else 1)
+    given = "vn " in FILES[name] or "float nx" in FILES[name]
+    turned = np.linalg.det(matrix[:3, :3]) < 0 and not given  # Mitsuba turns these inside out
+    normals = np.array(params["vertex_normals"]).reshape(-1, 3) * (-1 if flip != turned else 1)
     for position, normal in zip(ours.vertices, ours.normals, strict=True):
         distance = np.abs(positions - position).max(axis=1)
         nearest = distance.argmin()  # these meshes have one normal at each position
@@ -339,7 +341,8 @@ def test_vertices_and_normals_are_mitsubas(mi, tmp_path, name, matrix, flip):
         if np.isnan(front).any():
             continue
         ray = mi.Ray3f((corners.mean(axis=0) + 0.01 * front).tolist(), (-front).tolist())
-        assert scene.ray_intersect(ray).wi.z > 0, "our front is the side that Mitsuba shades"
+        side = scene.ray_intersect(ray).wi.z * (-1 if turned else 1)
+        assert side > 0, "our front is the side that Mitsuba shades"
 
 
 def test_errors_name_the_file(tmp_path):

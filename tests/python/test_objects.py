@@ -60,13 +60,13 @@ def test_spheres():
 
 
 @pytest.mark.parametrize("flip", [False, True])
-def test_a_mirror_turns_a_sphere_inside_out(flip):
+def test_a_mirror_keeps_the_front_of_a_sphere(flip):
     def inward(scale):
         matrix = np.diag([*scale, 1.0])
         return shape(type="sphere", flip_normals=flip, to_world=matrix).sphere_inward.tolist()
 
     assert inward((2, 2, 2)) == inward((-2, -2, 2)) == [flip]
-    assert inward((-2, 2, 2)) == inward((-2, -2, -2)) == [not flip]
+    assert inward((-2, 2, 2)) == inward((-2, -2, -2)) == [flip]
 
 
 def test_disks():
@@ -396,7 +396,8 @@ def test_spheres_are_mitsubas(mi, matrix, flip):
     assert np.array(box.max) == pytest.approx(np.array(centre) + radius, abs=1e-6)
     scene = mi.load_dict({"type": "scene", "s": theirs})
     hit = scene.ray_intersect(mi.Ray3f((np.array(centre) + [5, 0, 0]).tolist(), [-1.0, 0.0, 0.0]))
-    assert (hit.wi.z < 0) == bool(ours.sphere_inward[0])
+    mirrored = np.linalg.det(ROUND[matrix][:3, :3]) < 0  # Mitsuba turns it inside out, and its fog
+    assert (hit.wi.z < 0) == (bool(ours.sphere_inward[0]) != mirrored)
 
 
 @pytest.mark.parametrize("matrix", range(len(SKEW)))

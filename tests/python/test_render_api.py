@@ -23,7 +23,8 @@ import veriray as vr
 from veriray import device as device_module
 from veriray import native_scene
 from veriray.rendering import METHODS, SCHEDULERS, prepare
-from veriray.validate.scenes import Part, camera, check_scene, make, point_light, quad
+from veriray.validate.levels.stress_extremes import too_bright
+from veriray.validate.scenes import Part, camera, check_scene, make
 
 CAUSES = ("escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid")
 
@@ -342,10 +343,7 @@ def test_a_callbacks_value_error_stays_one() -> None:
 
 
 def test_refused_samples_warn() -> None:
-    floor = quad([-500, -500, 0], [1000, 0, 0], [0, 1000, 0], 0.5)
-    view = camera([0, 0, 4], [0, 0, 0], 2.5, up=[0, 1, 0])
-    lights = [point_light([0, 0, 1e-3])]
-    scene = make([floor], view, width=9, height=9, max_depth=2, lights=lights)
+    scene = too_bright()
     with pytest.warns(vr.RefusedSamplesWarning) as warned:
         result = vr.render(scene, spp=4000, seed=3, device="cpu")
     count, (x, y, sample, *radiance) = (

@@ -131,9 +131,11 @@ def split(nodes: Array, width: int) -> tuple[Array, Array, Array]:
 
 def primitive_boxes(scene: vr.Scene) -> tuple[Array, Array]:
     """lo, hi of the triangles in normalised units, as float32 holds their corners."""
-    most = np.abs(scene.vertices).max()
-    unit = 2.0 ** (np.frexp(most)[1])
-    v = (scene.vertices / unit).astype(np.float32).astype(np.float64)[scene.triangles]
+    low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
+    far = max(low.max(), -high.min()) > 8 * (high - low).max()  # the origin is then the middle
+    vertices = scene.vertices - (low + 0.5 * (high - low) if far else 0)
+    unit = 2.0 ** (np.frexp(np.abs(vertices).max())[1])
+    v = (vertices / unit).astype(np.float32).astype(np.float64)[scene.triangles]
     return v.min(axis=1), v.max(axis=1)
 
 

@@ -33,7 +33,7 @@ from veriray.validate.scenes import (
     furnace,
     lambert,
     make,
-    point_light,
+    material,
     quad,
 )
 from veriray.validate.trial import Skipped, Trial, case
@@ -403,17 +403,28 @@ def bad_numbers_are_refused(t: Trial) -> None:
 # ---- samples that are not finite ----
 
 
+def too_bright() -> veriray.Scene:
+    """Indices 1600, 40, 1 one behind the other before a sky of 1.9: radiance goes with the squared
+    index, and all that is not reflected comes within 1/1600 of the axis, in the middle of 9 pixels.
+    """
+    sheets = [
+        quad(
+            [-500, -500, z], [1000, 0, 0], [0, 1000, 0], material=material("dielectric", eta=1 / 40)
+        )
+        for z in (0, -1)
+    ]
+    view = camera([0, 0, 4], [0, 0, 0], math.degrees(9 * 1.4e-3), up=[0, 1, 0])
+    return make(sheets, view, 1.9, width=9, height=9, max_depth=3)
+
+
 @case(8)
 def a_sample_beyond_the_film_is_located(t: Trial) -> None:
-    """Planted: a point light 1e-6 of the scene above a floor, too bright there for the film.
+    """Planted: the sky from within glass in glass, 2.6e6 times brighter, too bright for the film.
 
     The samples that the film cannot hold are counted, all of the one pixel that sees the spot, and
     given with pixel, sample and radiance; every other pixel is as it should be.
     """
-    floor = quad([-500, -500, 0], [1000, 0, 0], [0, 1000, 0], 0.5)
-    view = camera([0, 0, 4], [0, 0, 0], math.degrees(9 * 0.02 / 4), up=[0, 1, 0])
-    scene = make([floor], view, width=9, height=9, max_depth=2,
-                 lights=[point_light([0, 0, 1e-3], 1.0)])  # fmt: skip
+    scene = too_bright()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         r = veriray.render(scene, spp=4_000, seed=t.fresh(), device=t.device)

@@ -1,0 +1,98 @@
+// The rims of faces without a tree (geometry/polygon.h), of which one-sided backs have none.
+#pragma once
+
+#include "integrators/surface.h"
+
+namespace veriray {
+
+template <class L, uint32_t kFeatures>
+struct Rims : SurfaceReader<L, kFeatures> {
+    using Reader = SurfaceReader<L, kFeatures>;
+    using Reader::has, Reader::primitive_column, Reader::primitive_column3, Reader::surface_column;
+    using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
+
+    // Whether a hit without a tree is on the rim of a one-sided back.
+    static VR_HD M on_rim(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit, M valid) {
+        const uint32_t faces = scene.quad_count + scene.polygon_count;
+        valid = valid & (hit.t < F(kInfinity)) & (hit.primitive < U(faces));
+        const U prim = select(valid, hit.primitive, U(0u));
+        M back = valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f));
+        if (none(back)) return back;
+        back = back & (surface_column(scene, prim, kSurfaceTwoSided) <= F(0.f));
+        if (none(back)) return back;
+        const V p = ray.at(hit.t);
+        const M quad = prim < U(scene.quad_count);
+        const U i = select(quad, prim, prim + U(0u - scene.quad_count)) *
+                    select(quad, U(kQuadFloats), U(kPolygonFloats));
+        M inside = valid;
+        for (uint32_t k = 0; k < 4; ++k) {
+            F edge[4];
+            for (uint32_t c = 0; c < 4; ++c) {
+                const uint32_t at = 4 + 4 * k + c;
+                edge[c] =
+                    select(quad, gather(scene.quads + (k < 2 ? at : 0), select(quad, i, U(0u))),
+                           gather(scene.polygons + at, select(quad, U(0u), i)));
+            }
+            const F e = height_over<L>(edge, p), rim = primitive_column(scene, prim, kPrimRim + k);
+            inside = inside & (((e >= rim) & !quad) | (quad & (k < 2 ? abs(e) <= rim : quad)));
+        }
+        return back & !inside;
+    }
+
+    // The hit of a path's ray, beyond rims of backs.
+    static VR_HD Hit<L> past_rims(const SceneView& scene, const Ray<L>& ray, Hit<L> hit, M active) {
+        if constexpr (!has(kQuads | kPolygons)) return hit;
+        if constexpr (has(kBvh))
+            if (scene.features & kBvh) return hit;
+        for (M rim = on_rim(scene, ray, hit, active); any(rim);
+             rim = on_rim(scene, ray, hit, rim)) {
+            const Hit<L> next = next_flat(scene, ray, hit);
+            hit.t = select(rim, next.t, hit.t);
+            hit.primitive = select(rim, next.primitive, hit.primitive);
+        }
+        return hit;
+    }
+
+    // The nearest hit beyond `last` without a tree: what `closest` finds, for the few.
+    static VR_HD Hit<L> next_flat(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last) {
+        Hit<L> hit{F(kInfinity), U(~0u)};
+        uint32_t primitive = 0;
+        const auto keep = [&](M met, F t) {
+            const M take = met & beyond<L>(last, t, U(primitive));
+            hit.t = select(take, t, hit.t);
+            hit.primitive = select(take, U(primitive), hit.primitive);
+            ++primitive;
+        };
+        F t;
+        VR_ROLLED
+        for (uint32_t i = 0; i < scene.quad_count; ++i) {
+            const M met = meets_flat<L, 2>(scene.quads + i * kQuadFloats, ray, hit.t, t);
+            keep(met, t);
+        }
+        if constexpr (has(kPolygons)) {
+            VR_ROLLED
+            for (uint32_t i = 0; i < scene.polygon_count; ++i) {
+                const M met = meets_flat<L, 4>(scene.polygons + i * kPolygonFloats, ray, hit.t, t);
+                keep(met, t);
+            }
+        }
+        if constexpr (has(kDisks)) {
+            VR_ROLLED
+            for (uint32_t i = 0; i < scene.disk_count; ++i) {
+                const M met = meets_disk<L>(scene.disks + i * kDiskFloats, ray, hit.t, t);
+                keep(met, t);
+            }
+        }
+        if constexpr (has(kSpheres)) {
+            VR_ROLLED
+            for (uint32_t i = 0; i < scene.sphere_count; ++i) {
+                const M met = meets_sphere<L>(scene.spheres + i * kSphereFloats, ray, last,
+                                              U(primitive), hit.t, t);
+                keep(met, t);
+            }
+        }
+        return hit;
+    }
+};
+
+}  // namespace veriray

@@ -1,0 +1,158 @@
+// Origin and unit of the scene's normalised lengths.
+#include <algorithm>
+
+#include "scene/scene.h"
+
+namespace veriray {
+namespace {
+
+// Distances of the camera, in sizes of the scene, from which the scene's middle is the origin.
+constexpr double kFar = 8;
+// Distances of details, in their sizes, from which another origin is looked for;
+// and primitives of scenes where it is.
+constexpr double kCoarse = 0x1p8;
+constexpr size_t kMostDetails = 1024;
+
+// Calls f(point, extent by axis) for every vertex, sphere and disk.
+template <class Visit>
+void each_extent(const SceneInput& in, Visit f) {
+    for (size_t i = 0; i < in.vertices.count; ++i) f(row3(in.vertices, i), Double3{0, 0, 0});
+    for (size_t i = 0; i < in.spheres.count; ++i) {
+        const double* s = in.spheres.data + 4 * i;
+        f(Double3{s[0], s[1], s[2]}, Double3{s[3], s[3], s[3]});
+    }
+    for (size_t i = 0; i < in.disks.count; ++i) {
+        const Double3 a = row3(in.disks, 3 * i + 1), b = row3(in.disks, 3 * i + 2);
+        f(row3(in.disks, 3 * i),
+          Double3{std::sqrt(a.x * a.x + b.x * b.x), std::sqrt(a.y * a.y + b.y * b.y),
+                  std::sqrt(a.z * a.z + b.z * b.z)});
+    }
+}
+
+// A place, and the length there beside which rounding must be small.
+struct Detail {
+    Double3 at;
+    double size;
+};
+
+// Of a small scene: round and point lamps by their distance from surfaces, bodies of media by the
+// free path.
+std::vector<Detail> details(const SceneInput& in) {
+    std::vector<Detail> list;
+    if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;
+    struct Lamp {
+        Double3 at;
+        double size, nearest = INFINITY;
+    };
+    std::vector<Lamp> lamps;
+    for (size_t q = 0; q < in.light_kind.count; ++q)
+        if (in.light_kind.data[q] != 2) lamps.push_back({row3(in.light_position, q), 0});
+    // f(group, row, middle, size, distance of a point), for every shape
+    const auto each_shape = [&](auto f) {
+        const auto plane = [](Double3 at, Double3 n) {
+            return [at, n = normalised(n)](Double3 p) { return dot(n, p - at); };
+        };
+        for (size_t i = 0; i < in.spheres.count; ++i) {
+            const double* s = in.spheres.data + 4 * i;
+            const Double3 c{s[0], s[1], s[2]};
+            f(kSphereGroup, i, c, s[3], [&](Double3 p) { return length(p - c) - s[3]; });
+        }
+        for (size_t i = 0; i < in.disks.count; ++i) {
+            const Double3 c = row3(in.disks, 3 * i), a = row3(in.disks, 3 * i + 1),
+                          b = row3(in.disks, 3 * i + 2);
+            f(kDiskGroup, i, c, length(a), plane(c, cross(a, b)));
+        }
+        for (size_t i = 0; i < in.triangles.count; ++i) {
+            const uint32_t* index = in.triangles.data + 3 * i;
+            const Double3 a = row3(in.vertices, index[0]), b = row3(in.vertices, index[1]),
+                          c = row3(in.vertices, index[2]), n = cross(b - a, c - a);
+            if (length(n) > 0)
+                f(kTriangleGroup, i, (a + b + c) * (1.0 / 3), length(b - a), plane(a, n));
+        }
+    };
+    each_shape([&](ShapeGroup group, size_t row, Double3 at, double size, auto) {
+        if (group != kTriangleGroup && in.emission[group].data[row] >= 0)
+            lamps.push_back({at, size});
+    });
+    each_shape([&](ShapeGroup group, size_t row, Double3 at, double, auto distance) {
+        for (Lamp& lamp : lamps)  // its own plane does not count
+            if (const double d = std::abs(distance(lamp.at)); d > 1e-6 * lamp.size)
+                lamp.nearest = std::min(lamp.nearest, d);
+        const int32_t b = in.boundary[group].data[row];
+        double path = INFINITY;
+        for (int k = 0; b >= 0 && k < 2; ++k)
+            if (const int32_t m = in.boundaries.data[2 * b + k]; m >= 0)
+                for (int c = 0; c < 3; ++c)
+                    path = std::min(path, 1 / static_cast<double>(in.sigma_t.data[3 * m + c]));
+        if (std::isfinite(path)) list.push_back({at, path});
+    });
+    for (const Lamp& lamp : lamps)
+        if (lamp.nearest > 0 && std::isfinite(lamp.nearest))
+            list.push_back({lamp.at, lamp.nearest});
+    return list;
+}
+
+// The given place; or, if something fine is far away from it, and 8 times nearer to the mean of all
+// weighted by fineness, that mean.
+Double3 finest(const SceneInput& in, Double3 given) {
+    const std::vector<Detail> list = details(in);
+    const auto coarsest = [&](Double3 from) {
+        double most = 0;
+        for (const Detail& d : list) most = std::max(most, length(d.at - from) / d.size);
+        return most;
+    };
+    const double here = coarsest(given);
+    if (!(here > kCoarse)) return given;
+    double least = INFINITY, total = 0;
+    for (const Detail& d : list) least = std::min(least, d.size);
+    Double3 sum{0, 0, 0};
+    for (const Detail& d : list) {
+        const double w = least / d.size * (least / d.size);
+        sum = sum + (d.at - given) * w;
+        total += w;
+    }
+    const Double3 mean = given + sum * (1 / total);
+    return coarsest(mean) * 8 < here ? mean : given;
+}
+
+}  // namespace
+
+// The origin is the camera, near which things are then fine, or a place where they must be; or, of
+// a scene that is small beside its distance and that nothing but the pinhole ties to the camera,
+// its middle.
+void HostScene::normalise(const SceneInput& in) {
+    for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
+        has_normals_ = length(row3(in.normals, i)) > 0;
+    eye = centre = {in.to_world[3], in.to_world[7], in.to_world[11]};
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    each_extent(in, [&](Double3 p, Double3 r) {
+        for (int k = 0; k < 3; ++k)
+            low[k] = std::min(low[k], p[k] - r[k]), high[k] = std::max(high[k], p[k] + r[k]);
+    });
+    double size = 0, gap = 0, middle[3], depth[2] = {0, 0};
+    for (int k = 0; k < 3; ++k) {
+        const double forward = in.to_world[4 * k + 2];
+        middle[k] = low[k] + 0.5 * (high[k] - low[k]);
+        size = std::max(size, high[k] - low[k]);
+        gap = std::max({gap, low[k] - eye[k], eye[k] - high[k]});
+        depth[0] += std::min(forward * (low[k] - eye[k]), forward * (high[k] - eye[k]));
+        depth[1] += std::max(forward * (low[k] - eye[k]), forward * (high[k] - eye[k]));
+    }
+    if (gap > kFar * size && size > 0 && std::isfinite(gap) && depth[0] > in.near_clip &&
+        depth[1] < in.far_clip && in.camera_medium < 0 && in.aperture_radius == 0) {
+        centre = {middle[0], middle[1], middle[2]};
+        far = true;
+    }
+    centre = finest(in, centre);
+    double most = 0;
+    each_extent(in, [&](Double3 p, Double3 r) {
+        for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r[k]);
+    });
+    if (!far)
+        for (int k = 0; k < 3; ++k)
+            most = std::max(most, std::abs(eye[k] - centre[k]) + in.aperture_radius);
+    if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
+    unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
+}
+
+}  // namespace veriray

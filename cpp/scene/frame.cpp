@@ -10,7 +10,7 @@ namespace {
 constexpr double kFar = 8;
 // Distances of details, in their sizes, from which another origin is looked for;
 // and primitives of scenes where it is.
-constexpr double kCoarse = 0x1p8;
+constexpr double kCoarse = 0x1p9;
 constexpr size_t kMostDetails = 1024;
 
 // Calls f(point, extent by axis) for every vertex, sphere and disk.
@@ -35,19 +35,19 @@ struct Detail {
     double size;
 };
 
-// Of a small scene: round and point lamps by their distance from surfaces, bodies of media by the
+// Of a small scene: lamps by their distance from surfaces, bodies of media by the
 // free path.
 std::vector<Detail> details(const SceneInput& in) {
     std::vector<Detail> list;
     if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;
     struct Lamp {
-        Double3 at;
+        Double3 at, n;  // n: of a flat lamp, which lights what is in front; else 0
         double size, nearest = INFINITY;
     };
     std::vector<Lamp> lamps;
     for (size_t q = 0; q < in.light_kind.count; ++q)
-        if (in.light_kind.data[q] != 2) lamps.push_back({row3(in.light_position, q), 0});
-    // f(group, row, middle, size, distance of a point), for every shape
+        if (in.light_kind.data[q] != 2) lamps.push_back({row3(in.light_position, q), {0, 0, 0}, 0});
+    // f(group, row, middle, normal, size, distance of a point), for every shape
     const auto each_shape = [&](auto f) {
         const auto plane = [](Double3 at, Double3 n) {
             return [at, n = normalised(n)](Double3 p) { return dot(n, p - at); };
@@ -55,28 +55,29 @@ std::vector<Detail> details(const SceneInput& in) {
         for (size_t i = 0; i < in.spheres.count; ++i) {
             const double* s = in.spheres.data + 4 * i;
             const Double3 c{s[0], s[1], s[2]};
-            f(kSphereGroup, i, c, s[3], [&](Double3 p) { return length(p - c) - s[3]; });
+            f(kSphereGroup, i, c, Double3{0, 0, 0}, s[3],
+              [&](Double3 p) { return length(p - c) - s[3]; });
         }
         for (size_t i = 0; i < in.disks.count; ++i) {
             const Double3 c = row3(in.disks, 3 * i), a = row3(in.disks, 3 * i + 1),
                           b = row3(in.disks, 3 * i + 2);
-            f(kDiskGroup, i, c, length(a), plane(c, cross(a, b)));
+            f(kDiskGroup, i, c, cross(a, b), length(a), plane(c, cross(a, b)));
         }
         for (size_t i = 0; i < in.triangles.count; ++i) {
             const uint32_t* index = in.triangles.data + 3 * i;
             const Double3 a = row3(in.vertices, index[0]), b = row3(in.vertices, index[1]),
                           c = row3(in.vertices, index[2]), n = cross(b - a, c - a);
             if (length(n) > 0)
-                f(kTriangleGroup, i, (a + b + c) * (1.0 / 3), length(b - a), plane(a, n));
+                f(kTriangleGroup, i, (a + b + c) * (1.0 / 3), n, length(b - a), plane(a, n));
         }
     };
-    each_shape([&](ShapeGroup group, size_t row, Double3 at, double size, auto) {
-        if (group != kTriangleGroup && in.emission[group].data[row] >= 0)
-            lamps.push_back({at, size});
+    each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3 n, double size, auto) {
+        if (in.emission[group].data[row] >= 0) lamps.push_back({at, n, size});
     });
-    each_shape([&](ShapeGroup group, size_t row, Double3 at, double, auto distance) {
+    each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3, double, auto distance) {
         for (Lamp& lamp : lamps)  // its own plane does not count
-            if (const double d = std::abs(distance(lamp.at)); d > 1e-6 * lamp.size)
+            if (const double d = std::abs(distance(lamp.at));
+                d > 0.01 * lamp.size && dot(lamp.n, at - lamp.at) >= 0)
                 lamp.nearest = std::min(lamp.nearest, d);
         const int32_t b = in.boundary[group].data[row];
         double path = INFINITY;

@@ -285,6 +285,12 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
              "progress"_a = py::none(), "builder"_a = "sah")
         .def_property_readonly("features",
                                [](const Scene& s) { return feature_names(s.host().view.features); })
+        .def_property_readonly("frame",
+                               [](const Scene& s) {
+                                   const auto& h = s.host();
+                                   return py::make_tuple(
+                                       py::make_tuple(h.centre.x, h.centre.y, h.centre.z), h.unit);
+                               })
         .def_property_readonly(
             "variant", [](const Scene& s) { return feature_names(variant_mask(s.host().view)); })
         .def_property_readonly(

@@ -108,6 +108,8 @@ class Scene:
     @property
     def features(self) -> list[str]: ...  # what the scene needs
     @property
+    def frame(self) -> tuple[tuple[float, float, float], float]: ...  # origin and unit of lengths
+    @property
     def variant(self) -> list[str]: ...  # what the code chosen for it was compiled with
     @property
     def path_bytes(self) -> int: ...  # stored for a path in flight

@@ -107,7 +107,7 @@ each_shape = pytest.mark.parametrize("name", SHAPES)
 
 
 def scene_of(name: str, scale: float = 1.0, **settings: Any) -> vr.Scene:
-    """Seen from the origin, so that vertices / unit are the tree's coordinates."""
+    """Seen from the origin."""
     scene = make(SHAPES[name](), camera([0, 0, 0], [0, 0, 1], 90), 1.0, 16, 16, **settings)
     return scene if scale == 1.0 else scene.scaled(scale)
 
@@ -129,13 +129,10 @@ def split(nodes: Array, width: int) -> tuple[Array, Array, Array]:
     return lo, hi, nodes[:, 6 * width :]
 
 
-def primitive_boxes(scene: vr.Scene) -> tuple[Array, Array]:
+def primitive_boxes(scene: vr.Scene, host: Any) -> tuple[Array, Array]:
     """lo, hi of the triangles in normalised units, as float32 holds their corners."""
-    low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
-    far = max(low.max(), -high.min()) > 8 * (high - low).max()  # the origin is then the middle
-    vertices = scene.vertices - (low + 0.5 * (high - low) if far else 0)
-    unit = 2.0 ** (np.frexp(np.abs(vertices).max())[1])
-    v = (vertices / unit).astype(np.float32).astype(np.float64)[scene.triangles]
+    origin, unit = host.frame
+    v = ((scene.vertices - origin) / unit).astype(np.float32).astype(np.float64)[scene.triangles]
     return v.min(axis=1), v.max(axis=1)
 
 
@@ -163,10 +160,10 @@ def check_tree(nodes: Array, order: Array, width: int, count: int) -> None:
     assert depth.max() < MAX_DEPTH
 
 
-def check_boxes(nodes: Array, order: Array, width: int, scene: vr.Scene) -> None:
+def check_boxes(nodes: Array, order: Array, width: int, scene: vr.Scene, host: Any) -> None:
     """Leaves hold their triangles' boxes, padded."""
     lo, hi, child = split(nodes, width)
-    low, high = primitive_boxes(scene)
+    low, high = primitive_boxes(scene, host)
     for node, slot in zip(*np.nonzero((child != EMPTY) & (child & LEAF != 0)), strict=True):
         first, number = (int(child[node, slot]) & ~LEAF) >> 4, (int(child[node, slot]) & 15) + 1
         held = order[first : first + number]
@@ -186,7 +183,7 @@ def test_structure(name: str) -> None:
     for width in WIDTHS:
         nodes, order = module.host_ploc(host, width)
         check_tree(nodes, order, width, count)
-        check_boxes(nodes, order, width, scene)
+        check_boxes(nodes, order, width, scene, host)
         orders.append(order)
     assert all(np.array_equal(o, orders[0]) for o in orders)
 

@@ -80,9 +80,9 @@ class Integrator:
         while len(live.path):
             tally.segment(live.path)
             v = Vertices(*self.tracer.closest(live.origin, live.direction, live.start))
-            if live.own is None:
-                cut = v.t > far
-                v.primitive[cut], v.t[cut] = -1, np.inf
+            left = self.to_far_plane(live, far)
+            cut = v.t > left
+            v.primitive[cut], v.t[cut] = -1, left[cut]
             self.fly(rng, live, v)
             self.escape(live, v, tally)
             self.arrive(live, v)
@@ -96,6 +96,12 @@ class Integrator:
         return tally.radiance * weight, tally.rows()
 
     # -- to the vertex -------------------------------------------------------------------------
+
+    def to_far_plane(self, live: Paths, far: np.ndarray) -> np.ndarray:
+        """How far the rays go: those of the camera, also behind what they have passed, to `far`."""
+        if live.depth is not None:
+            return np.where(live.depth == 0, far[live.path] - live.travelled, np.inf)
+        return far if live.own is None else np.full(len(live.path), np.inf)
 
     def fly(self, rng: np.random.Generator, live: Paths, v: Vertices) -> None:
         """Where a path in a medium scatters before it meets a surface, its vertex is there."""

@@ -53,7 +53,8 @@ void HostScene::set_camera(const SceneInput& in) {
              length(row3(in.disks, 3 * i + 1)) + length(row3(in.disks, 3 * i + 2)));
     const bool cuts_near =
         in.near_clip > 0 && (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
-    const bool cuts_far = !(farthest < in.far_clip * (1 - 1e-6));
+    const bool cuts_far = std::isfinite(in.far_clip) &&
+                          (in.camera_medium >= 0 || !(farthest < in.far_clip * (1 - 1e-6)));
     c.near_clip = cuts_near ? static_cast<float>(in.near_clip / unit) : 0.f;
     c.far_clip = cuts_far ? static_cast<float>(in.far_clip / unit) : INFINITY;
     if (cuts_near || cuts_far) view.features |= kClip;

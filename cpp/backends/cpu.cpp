@@ -222,8 +222,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
             bool alive = true;
             for (uint32_t depth = 0; alive; ++depth) {
                 const Ray<Scalar> ray = path.ray;
-                const Hit<Scalar> hit =
-                    Tracer::closest(host.view, ray, Tracer::passed(path), kInfinity, true);
+                const Hit<Scalar> hit = Tracer::next_hit(host.view, path, kInfinity, true);
                 PathVertex v{};
                 v.depth = depth;
                 const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};

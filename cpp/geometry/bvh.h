@@ -68,9 +68,12 @@ VR_HD float round_distance(const float* record, uint32_t kind, uint32_t primitiv
             if (!may_meet_sphere<Scalar>(record, ray, kInfinity) ||
                 !sphere_roots<Scalar>(record, ray, root[0], root[1]))
                 return kInfinity;
+            float before = 0.f;
             for (const float at : root) {
-                const float t = at > 0.f ? bounded_distance<Scalar>(at, slabs, v) : 0.f;
+                if (!(at > 0.f)) continue;
+                const float t = max(bounded_distance<Scalar>(at, slabs, v), just_beyond(before));
                 if (beyond<Scalar>(last, t, primitive)) return t;
+                before = t;
             }
         }
     if constexpr (kKinds & kTreeDisks)

@@ -71,8 +71,15 @@ VR_HD typename L::M may_meet_sphere(const Record* record, const Ray<L>& ray, typ
     return (dot(apart, apart) <= reach * reach) & (-reach <= middle) & (middle - reach <= t_max);
 }
 
-// Whether a ray meets the sphere, and where: lo < hi. A tangent meets nothing: it would enter a
-// sphere and never leave it. Relative error: 2e-7 for origins 1e-6 to 1e6 radii off the surface,
+// The next number after a positive one; of others no greater one.
+template <class F>
+VR_HD F just_beyond(F t) {
+    using U = decltype(as_uint(t));
+    return select(t > F(0.f), as_float(as_uint(t) + U(1u)), t);
+}
+
+// Whether a ray meets the sphere, and where: lo < hi if lo is ahead, so that what enters leaves.
+// Relative error: 2e-7 for origins 1e-6 to 1e6 radii off the surface,
 // outside and inside (validate/levels/geometry.py).
 template <class L, class Record>
 VR_HD typename L::M sphere_roots(const Record* record, const Ray<L>& ray, typename L::F& lo,
@@ -80,8 +87,8 @@ VR_HD typename L::M sphere_roots(const Record* record, const Ray<L>& ray, typena
     using F = typename L::F;
     const Chord<F> c = chord(record, ray.o, ray.d);
     const F far = c.far_root(), near = c.outside / far;
-    lo = min(near, far), hi = max(near, far);
-    return (c.square >= F(0.f)) & (lo < hi);
+    lo = min(near, far), hi = max(max(near, far), just_beyond(lo));
+    return c.square >= F(0.f);
 }
 
 // Whether a ray meets the sphere, which is `primitive`, beyond `last` and before t_max, and where

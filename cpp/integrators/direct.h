@@ -106,8 +106,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         M todo = shadow.wanted, free = no_lanes(todo);
         while (any(todo))
             free = free | shadow_hit(scene, shadow,
-                                     closest(scene, shadow.ray, passed(shadow), shadow.t_max, todo),
-                                     todo);
+                                     Reader::next_hit(scene, shadow, shadow.t_max, todo), todo);
         return free;
     }
 

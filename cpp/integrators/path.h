@@ -1,14 +1,15 @@
-// Unidirectional path tracing as stages on a path's state. A stage knows no loop, queue or launch:
+// Unidirectional path tracing as stages on a path's state, which know no loop, queue or launch:
 // schedulers own those. J. Kajiya 1986; E. Veach 1997 (multiple importance sampling, chapter 9).
 //
-// Next-event estimation and direction sampling are combined by the power heuristic
-// with exponent 2. The constant environment has no light samples: directions sampled for the
-// surface meet all of it alike. A segment is a ray from one surface or collision to the next;
-// passes (null surfaces, uncovered parts of masks, thin glass) end a segment but are no vertices:
-// depth, roulette and the density for the heuristic skip them.
+// Next-event estimation and direction sampling are combined by the power heuristic with exponent 2.
+// The constant environment has no light samples: sampled directions meet all of it alike. A segment
+// is a ray from one surface or collision to the next; passes (null surfaces, uncovered parts of
+// masks, thin glass) end a segment but are no vertices: depth, roulette and the density for the
+// heuristic skip them.
 #pragma once
 
 #include "film/film.h"
+#include "integrators/beside.h"
 #include "integrators/direct.h"
 #include "integrators/rims.h"
 
@@ -18,6 +19,7 @@ template <class L, uint32_t kFeatures>
 struct PathTracer : DirectLight<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;
+    using Near = Beside<L, kFeatures>;
     using Direct::kShapes, Direct::leave_closed, Direct::medium_beyond, Direct::medium_column,
         Direct::medium_column3, Direct::no_lanes, Direct::one, Direct::request, Direct::unblocked,
         Direct::zero;
@@ -99,23 +101,22 @@ struct PathTracer : DirectLight<L, kFeatures> {
         return collided;
     }
 
-    // The point of a collision after a flight from what the ray has passed, before its hit `end`.
+    // The point of a collision, a flight from what the ray has passed, before its hit `end`.
     static VR_HD V collision_point(const SceneView& scene, const PathState<L>& path, F flight,
                                    const Hit<L>& end, M collided) {
-        const Ray<L>& ray = path.ray;
+        const Ray<L> ray = path.ray;
         V p = ray.at(flight);
         if constexpr (has(kPass)) {
             const M begun = collided & (path.travelled > F(0.f));
             if (any(begun)) {
-                const V from = Reader::passed_point(scene, ray, path.travelled, path.passed, begun);
+                const V from = Near::passed_point(scene, ray, path.travelled, path.passed, begun);
                 p = select(begun, fma(ray.d, flight, from), p);
-                p = Reader::on_this_side(scene, ray, path.travelled, path.passed, true, p, begun);
+                p = Near::on_this_side(scene, ray, path.travelled, path.passed, true, p, begun);
             }
         }
-        const M bounded = collided & (end.t < F(kInfinity));
-        if (any(bounded))
-            p = Reader::on_this_side(scene, ray, end.t, end.primitive, false, p, bounded);
-        return p;
+        const M met = collided & (end.t < F(kInfinity));
+        if (none(met)) return p;
+        return Near::on_this_side(scene, ray, end.t, end.primitive, false, p, met);
     }
 
     // ---- hit emitter: adds emission, returns the lanes that met an emitter's front ----
@@ -341,7 +342,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
                                   uint32_t segment, M active) {
         ShadowRequest<L> shadow{
             no_lanes(active), {zero(), zero()}, F(0.f), zero(), U(0u), U(0u), F(0.f), U(~0u)};
-        const Hit<L> hit = closest(scene, path.ray, Reader::passed(path), F(kInfinity), active);
+        const Hit<L> hit = Reader::next_hit(scene, path, F(kInfinity), active);
         Events<L> e = scatter(scene, s, path, hit, segment, active, shadow);
         if (any(shadow.wanted)) {
             e.visible = unblocked(scene, shadow);

@@ -228,6 +228,41 @@ struct SurfaceReader {
         return blocked & shadow.wanted;
     }
 
+    // Lanes whose hit is a piece of the sheet that they have passed there: a ray along the edge of
+    // two triangles meets both at one distance.
+    static VR_HD M same_sheet(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last,
+                              const Hit<L>& hit, M active) {
+        M same = active & (last.t > F(0.f)) & (hit.t == last.t);
+        if (none(same)) return same;
+        const U a = select(same, hit.primitive, U(0u)), b = select(same, last.primitive, U(0u));
+        same = same & !(a == b) & (surface_row(scene, a) == surface_row(scene, b));
+        if constexpr (has(kSpheres)) same = same & (a < U(scene.first_sphere));
+        const F turn = dot(primitive_column3(scene, a, kPrimN), ray.d) *
+                       dot(primitive_column3(scene, b, kPrimN), ray.d);
+        return same & (turn > F(0.f));
+    }
+
+    // The nearest hit of a path or shadow request before t_max, beyond the sheets it has passed.
+    template <class Carrier>
+    static VR_HD Hit<L> next_hit(const SceneView& scene, const Carrier& c, F t_max, M active) {
+        Hit<L> last = passed(c), hit = closest(scene, c.ray, last, t_max, active);
+        if constexpr (has(kPass))
+            for (M again = same_sheet(scene, c.ray, last, hit, active); any(again);
+                 again = same_sheet(scene, c.ray, last, hit, again)) {
+                last.primitive = select(again, hit.primitive, last.primitive);
+                const Hit<L> next = closest(scene, c.ray, last, t_max, again);
+                hit.t = select(again, next.t, hit.t);
+                hit.primitive = select(again, next.primitive, hit.primitive);
+            }
+        return hit;
+    }
+
+    static VR_HD U surface_row(const SceneView& scene, U primitive) {
+        if constexpr (has(kBvh))
+            if (scene.surface_of) return gather(scene.surface_of, primitive);
+        return primitive;
+    }
+
     static VR_HD F primitive_column(const SceneView& scene, U primitive, uint32_t c) {
         const float* column = scene.primitives + static_cast<uint64_t>(c) * scene.primitive_column;
         if constexpr (has(kBvh))
@@ -289,56 +324,8 @@ struct SurfaceReader {
             }
         }
         at.front = dot(at.ng, ray.d) < F(0.f);
-        at.row = prim;
-        if constexpr (has(kBvh))
-            if (scene.surface_of) at.row = gather(scene.surface_of, prim);
+        at.row = surface_row(scene, prim);
         return at;
-    }
-
-    // A point beside a primitive: unit normal and height over it, by the arithmetic of the tests,
-    // and what its rounding is in proportion to.
-    struct Beside {
-        V n;
-        F height, size;
-    };
-    static VR_HD Beside beside(const SceneView& scene, U prim, V p, M valid) {
-        prim = select(valid, prim, U(0u));
-        const V n = primitive_column3(scene, prim, kPrimN);
-        const F w = -primitive_column(scene, prim, kPrimPlane);
-        Beside b{n, fma(n.z, p.z, fma(n.y, p.y, fma(n.x, p.x, w))), terms(n, p)};
-        if constexpr (has(kSpheres)) {
-            const M round = valid & !(prim < U(scene.first_sphere));
-            if (any(round)) {
-                F record[kSphereFloats];
-                sphere_record(scene, prim, record);
-                const TwoVec3<F> f = from_centre(record, p);
-                b.n = select(round, f.hi * (F(1.f) / sqrt(dot(f.hi, f.hi))), b.n);
-                b.height = select(round, excess(record, f) / (F(2.f) * record[6]), b.height);
-                b.size = select(round, sqrt(dot(p, p)), b.size);
-            }
-        }
-        return b;
-    }
-
-    // The point at t of a ray that has passed a primitive there: on it, along the ray, as far as t
-    // is rounded.
-    static VR_HD V passed_point(const SceneView& scene, const Ray<L>& ray, F t, U prim, M valid) {
-        const V p = ray.at(t);
-        const Beside b = beside(scene, prim, p, valid);
-        const F most = t * F(0x1p-21f);
-        return fma(ray.d, max(min(-b.height / dot(b.n, ray.d), most), -most), p);
-    }
-
-    // A collision's point p, which the ray reaches before (or, `after`, beyond) its point at t on a
-    // primitive, put back to that side of it if rounding has taken it across: else its path would
-    // never meet the surface.
-    static VR_HD V on_this_side(const SceneView& scene, const Ray<L>& ray, F t, U prim, bool after,
-                                V p, M valid) {
-        const F towards = dot(beside(scene, prim, ray.at(t), valid).n, ray.d);
-        const Beside b = beside(scene, prim, p, valid);
-        const F front(after ? -1.f : 1.f), side = select(towards < F(0.f), front, -front);
-        const M across = valid & !(b.height * side > F(0.f));
-        return select(across, fma(b.n * side, fma(b.size, F(0x1p-22f), abs(b.height)), p), p);
     }
 
     // The interpolated normal; the geometric one where it vanishes or the surface is not smooth.

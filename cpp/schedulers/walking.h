@@ -32,7 +32,19 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
     const bool through = Tracer::shadows_pass(scene);
     for (;;) {
         // Those that have arrived shade.
-        const bool arrived = !place.walking();
+        bool arrived = !place.walking();
+        if constexpr (Tracer::has(kPass))
+            if (arrived && aim != Aim::kNone && through) {
+                const bool light = aim == Aim::kLight;
+                uint32_t& passed = light ? shadow.passed : path.passed;
+                const Hit<Scalar> last{light ? shadow.travelled : path.travelled, passed};
+                if (Tracer::same_sheet(scene, light ? shadow.ray : path.ray, last, hit, true)) {
+                    passed = hit.primitive;
+                    hit = {light ? shadow.t_max : kInfinity, ~0u};
+                    place.begin();
+                    arrived = false;
+                }
+            }
         bool to_light = false;
         if (arrived && aim == Aim::kNext) {
             const Events<Scalar> e =

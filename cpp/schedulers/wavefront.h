@@ -142,12 +142,13 @@ VR_HD void wave_trace(const SceneView& scene, const Wave& w, TileQueues& q, uint
                       uint32_t k) {
     const uint32_t i = w.live[first + k];
     const Columns& c = w.paths;
-    const Ray<Scalar> ray{{c.f(0, i), c.f(1, i), c.f(2, i)}, {c.f(3, i), c.f(4, i), c.f(5, i)}};
-    Hit<Scalar> last = nothing_met<Scalar>();
-    if constexpr ((kFeatures & kPass) != 0)
-        last = {c.f(travelled_field(kFeatures), i), c.u(kPassedField, i)};
-    const Hit<Scalar> hit =
-        PathTracer<Scalar, kFeatures>::closest(scene, ray, last, kInfinity, true);
+    PathState<Scalar> path{};
+    path.ray = {{c.f(0, i), c.f(1, i), c.f(2, i)}, {c.f(3, i), c.f(4, i), c.f(5, i)}};
+    if constexpr ((kFeatures & kPass) != 0) {
+        path.travelled = c.f(travelled_field(kFeatures), i);
+        path.passed = c.u(kPassedField, i);
+    }
+    const Hit<Scalar> hit = PathTracer<Scalar, kFeatures>::next_hit(scene, path, kInfinity, true);
     w.distance[i] = hit.t;
     w.primitive[i] = hit.primitive;
     const uint32_t kind = w.kinds == 1 ? 0 : kind_of<kFeatures>(scene, hit);

@@ -336,11 +336,11 @@ def flip_normals() -> str:
                 diffuse(0.1), area(5, 4, 3))
         + shape("rectangle", turned, transform(scale(2), rotate("x", 90), translate(0, -1, 0)),
                 diffuse(0.5, 0.6, 0.5))
-        + shape("sphere", turned, transform(scale(-0.6, 0.6, 0.6), translate(-1, -0.3, 0)),
+        + shape("sphere", transform(scale(-0.6, 0.6, 0.6), translate(-1, -0.3, 0)),
                 diffuse(0.8, 0.4, 0.3))
         + shape("cube", turned, transform(scale(-0.4, 0.4, 0.4), translate(1.2, -0.5, 0.2)),
                 bsdf("twosided", diffuse(0.3, 0.4, 0.8)))
-        + shape("obj", text("filename", "meshes/bumps.obj"), turned,
+        + shape("obj", text("filename", "meshes/bumps.obj"),
                 transform(scale(-0.4, 0.4, 0.4), translate(0.1, 0.5, 0.4)), diffuse(0.9, 0.7, 0.5))
         + shape("cube", turned, transform(scale(0.2), rotate("y", 30), translate(0, -0.6, 1.5)),
                 diffuse(0.9))

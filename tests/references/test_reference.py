@@ -579,7 +579,7 @@ def test_scene_file_features(tmp_path):
 
 
 def test_mirrored_shapes(scene, tmp_path):
-    """Fronts as Mitsuba 3.9.1 has them: kept for rectangle and cube, a mesh keeps its winding."""
+    """Fronts stay in front; Mitsuba 3.9.1 has it so for rectangle and cube, a mesh turns over."""
     (tmp_path / "q.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
 
     def fronts(shape, scale, flip="false"):
@@ -599,7 +599,7 @@ def test_mirrored_shapes(scene, tmp_path):
         assert ((normals * centres).sum(axis=1) < 0).all()
         up, mesh = fronts("rectangle", scale)[0][:, 2], fronts("obj", scale)[0][:, 2]
         assert (up < 0).all() if scale == "z" else (up > 0).all()
-        assert (mesh > 0).all() if scale == "z" else (mesh < 0).all()
+        assert (mesh < 0).all() if scale == "z" else (mesh > 0).all()
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,8 @@ class Shapes:
             path = Path(node.folder) / values["filename"]
             loaded = mesh.read(path, node.plugin, where)
             vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
-            if determinant(matrix) < 0:  # here too
+            by_winding = values["face_normals"] or loaded.normals is None
+            if by_winding and determinant(matrix) < 0:  # here too
                 faces = faces[:, ::-1]
             if not values["face_normals"]:
                 normals = _normals(matrix, vertices, faces, loaded)
@@ -180,7 +181,8 @@ def _placed(node: Node, matrix: Array, vertices: Array) -> Array:
 def _normals(matrix: Array, vertices: Array, faces: Array, loaded: mesh.Mesh) -> Array:
     """Unit normals in world space, of the file or computed."""
     if loaded.normals is None:
-        return mesh.vertex_normals(vertices, faces)
+        turned = faces is not loaded.triangles  # by a mirror
+        return mesh.vertex_normals(vertices, loaded.triangles) * (-1 if turned else 1)
     return mesh.unit(transform.apply(transform.for_normals(matrix), mesh.unit(loaded.normals)))
 
 

@@ -255,11 +255,11 @@ def delta_lights(t: Trial) -> None:
     p = single(t.rng.uniform(-2, 2, (n, 3)))
     at, way = single([0.2, 0.1, 3.0]), single(normalised(np.array([[0.1, -0.2, -1.0]])))[0]
     cutoff, beam = math.radians(25), math.radians(15)
-    spot = single([math.cos(cutoff), math.cos(beam), cutoff, 1 / (cutoff - beam)])
+    spot = single([cutoff, 1 / (cutoff - beam)])
     u, v = t.rng.random((2, n))
     to = at - p
     d = np.linalg.norm(to, axis=1)
-    for kind, row in (("point", [0] * 6), ("spot", [*spot, 0, 0]), ("directional", [0] * 6)):
+    for kind, row in (("point", [0] * 6), ("spot", [*spot, 0, 0, 0, 0]), ("directional", [0] * 6)):
         number = 4 + ("point", "spot", "directional").index(kind)
         s = hooked(t, "light", number, *at, *row, *way, 0.0, 0.25, *p.T, u, v)
         t.check((s[:, 3] == 0.25) & (s[:, 6] == 1), f"{kind}: chance")

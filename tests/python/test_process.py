@@ -38,7 +38,8 @@ def python(code: str, *, seconds: float = 60, **options: Any) -> subprocess.Comp
     folder = Path(vr.__file__).parents[1]
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     return subprocess.run(
-        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", code], env={**os.environ, "PYTHONPATH": path}, text=True,
+        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", code],
+        env={**os.environ, "PYTHONPATH": path}, text=True,
         capture_output=True, timeout=seconds, check=False, **options,
     )  # fmt: skip
 

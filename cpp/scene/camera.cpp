@@ -50,7 +50,7 @@ void HostScene::set_camera(const SceneInput& in) {
     }
     for (size_t i = 0; i < in.disks.count; ++i)
         span(row3(in.disks, 3 * i),
-             length(row3(in.disks, 3 * i + 1)) + length(row3(in.disks, 3 * i + 2)));
+             ellipse_reach(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2), forward));
     const bool cuts_near =
         in.near_clip > 0 && (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
     const bool cuts_far = std::isfinite(in.far_clip) &&

@@ -33,6 +33,24 @@ Box box_of(const Flat& f) {
     return box;
 }
 
+double squared_gap(const Box& a, const Box& b) {
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) {
+        const double gap = std::max({b.low[k] - a.high[k], a.low[k] - b.high[k], 0.0});
+        sum += gap * gap;
+    }
+    return sum;
+}
+
+double ellipse_reach(Double3 a, Double3 b, Double3 n) {
+    const double u = dot(a, n), v = dot(b, n);
+    return std::sqrt(u * u + v * v);
+}
+Double3 ellipse_reach(Double3 a, Double3 b) {
+    return {ellipse_reach(a, b, {1, 0, 0}), ellipse_reach(a, b, {0, 1, 0}),
+            ellipse_reach(a, b, {0, 0, 1})};
+}
+
 // They share the edge a[i] -> a[i + 1], which b runs backwards.
 bool join_coplanar(const Flat& a, const Flat& b, Flat& out) {
     for (uint32_t i = 0; i < 3; ++i)

@@ -8,8 +8,8 @@ namespace {
 
 // Distances of the camera, in sizes of the scene, from which the scene's middle is the origin.
 constexpr double kFar = 8;
-// Distances of details, in their sizes, from which another origin is looked for;
-// and primitives of scenes where it is.
+// Distances of details, in their sizes, from which another origin is looked for; and primitives of
+// scenes where it is.
 constexpr double kCoarse = 0x1p9;
 constexpr size_t kMostDetails = 1024;
 
@@ -21,12 +21,9 @@ void each_extent(const SceneInput& in, Visit f) {
         const double* s = in.spheres.data + 4 * i;
         f(Double3{s[0], s[1], s[2]}, Double3{s[3], s[3], s[3]});
     }
-    for (size_t i = 0; i < in.disks.count; ++i) {
-        const Double3 a = row3(in.disks, 3 * i + 1), b = row3(in.disks, 3 * i + 2);
+    for (size_t i = 0; i < in.disks.count; ++i)
         f(row3(in.disks, 3 * i),
-          Double3{std::sqrt(a.x * a.x + b.x * b.x), std::sqrt(a.y * a.y + b.y * b.y),
-                  std::sqrt(a.z * a.z + b.z * b.z)});
-    }
+          ellipse_reach(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2)));
 }
 
 // A place, and the length there beside which rounding must be small.
@@ -35,8 +32,7 @@ struct Detail {
     double size;
 };
 
-// Of a small scene: lamps by their distance from surfaces, bodies of media by the
-// free path.
+// Of a small scene: lamps by their distance from surfaces, bodies of media by the free path.
 std::vector<Detail> details(const SceneInput& in) {
     std::vector<Detail> list;
     if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;

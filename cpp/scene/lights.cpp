@@ -69,16 +69,12 @@ double HostScene::nearest_receiver(const SceneInput& in, Double3 position) const
             nearest = std::min(nearest, std::abs(length(p - c) - sphere[3] / unit));
             continue;
         }
-        const Box box =
-            s.group == kTriangleGroup ? box_of(light_shape(in, i)) : round_box(in, s.group, s.row);
-        double gap = 0, height = 0;
+        const double gap = squared_gap({p, p}, box_around(in, i));
+        double height = 0;
         const float* prim = primitives.data() + static_cast<size_t>(i) * view.primitive_row;
-        for (int k = 0; k < 3; ++k) {
-            const double out = std::max({box.low[k] - p[k], p[k] - box.high[k], 0.0});
-            gap += out * out;
+        for (int k = 0; k < 3; ++k)
             height += p[k] * static_cast<double>(
                                  prim[(kPrimN + static_cast<size_t>(k)) * view.primitive_column]);
-        }
         height -=
             static_cast<double>(prim[kPrimPlane * static_cast<size_t>(view.primitive_column)]);
         nearest = std::min(nearest, std::max(std::sqrt(gap), std::abs(height)));

@@ -21,15 +21,6 @@ double reach(const Box& box, Double3 n) {
     return sum;
 }
 
-double squared_gap(const Box& a, const Box& b) {
-    double sum = 0;
-    for (int k = 0; k < 3; ++k) {
-        const double gap = std::max({b.low[k] - a.high[k], a.low[k] - b.high[k], 0.0});
-        sum += gap * gap;
-    }
-    return sum;
-}
-
 bool rectangular(const Flat& f) {
     if (f.corners != 4) return false;
     const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0], gap = f.v[0] + a + b - f.v[2];
@@ -47,9 +38,7 @@ bool HostScene::lights_closely(const SceneInput& in, const Flat& light) const {
     const double plane = dot(n, light.v[0]) + 0x1p-8 * std::sqrt(area);
     const Box box = box_of(light);
     for (uint32_t i = 0; i < sources.size(); ++i) {
-        const Box other = sources[i].group == kTriangleGroup
-                              ? box_of(light_shape(in, i))
-                              : round_box(in, sources[i].group, sources[i].row);
+        const Box other = box_around(in, i);
         if (reach(other, n) > plane && squared_gap(box, other) < kNear * area) return true;
     }
     return false;

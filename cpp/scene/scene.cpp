@@ -25,16 +25,6 @@ float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint3
     return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
 }
 
-// From a point to a box.
-double distance(Double3 p, const Box& box) {
-    double sum = 0;
-    for (int k = 0; k < 3; ++k) {
-        const double gap = std::max({box.low[k] - p[k], p[k] - box.high[k], 0.0});
-        sum += gap * gap;
-    }
-    return std::sqrt(sum);
-}
-
 // Leaving a plane n.p + w = 0 past the rounding of points on it: 16 units of 2^-24 of the terms of
 // n.p (a rounded point put back on the plane, and the plane's distance seen from it), and corners
 // that are off the plane.
@@ -122,10 +112,13 @@ double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>&
         smallest = std::min(smallest, in.spheres.data[4 * i + 3] / unit);
     for (size_t i = 0; i < 2 * in.disks.count; ++i)
         smallest = std::min(smallest, length(row3(in.disks, 3 * (i / 2) + 1 + i % 2)) / unit);
+    std::vector<Box> boxes;
+    for (const Flat& f : flats) boxes.push_back(box_of(f));
     for (size_t i = 0; i < in.light_kind.count; ++i) {
         if (in.light_kind.data[i] == 2) continue;
         const Double3 p = (row3(in.light_position, i) - centre) * (1 / unit);
-        for (const Flat& f : flats) smallest = std::min(smallest, distance(p, box_of(f)));
+        for (const Box& box : boxes)
+            smallest = std::min(smallest, std::sqrt(squared_gap({p, p}, box)));
     }
     return smallest;
 }
@@ -267,11 +260,20 @@ Box HostScene::round_box(const SceneInput& in, ShapeGroup group, uint32_t row) c
         c = {s[0], s[1], s[2]}, half = {s[3], s[3], s[3]};
     } else {
         c = row3(in.disks, 3 * row);
-        const Double3 a = row3(in.disks, 3 * row + 1), b = row3(in.disks, 3 * row + 2);
-        half = {std::sqrt(a.x * a.x + b.x * b.x), std::sqrt(a.y * a.y + b.y * b.y),
-                std::sqrt(a.z * a.z + b.z * b.z)};
+        half = ellipse_reach(row3(in.disks, 3 * row + 1), row3(in.disks, 3 * row + 2));
     }
     return {(c - centre - half) * (1 / unit), (c - centre + half) * (1 / unit)};
+}
+
+// Around any primitive.
+Box HostScene::box_around(const SceneInput& in, size_t primitive) const {
+    const PrimitiveSource& s = sources[primitive];
+    if (s.group != kTriangleGroup) return round_box(in, s.group, s.row);
+    if (!flats_.empty()) return box_of(flats_[primitive]);
+    const float* r = &records[primitive * kRecordFloats];
+    const auto low = [&](size_t k) { return std::min({r[k], r[3 + k], r[6 + k]}); };
+    const auto high = [&](size_t k) { return std::max({r[k], r[3 + k], r[6 + k]}); };
+    return {{low(0), low(1), low(2)}, {high(0), high(1), high(2)}};
 }
 
 // row 1: columns side by side for lookups; else rows of so many floats.

@@ -86,6 +86,12 @@ struct Box {
     Double3 low, high;
 };
 Box box_of(const Flat& f);
+// Of the distance between two boxes.
+double squared_gap(const Box& a, const Box& b);
+// How far an ellipse with the half axes a and b reaches from its centre: along a unit vector, and
+// along the axes of space.
+double ellipse_reach(Double3 a, Double3 b, Double3 n);
+Double3 ellipse_reach(Double3 a, Double3 b);
 
 // The union of two triangles with a common edge, in one plane, if it is convex, or for lights a
 // parallelogram. Its edges at the first corner: to the second triangle's own, to the first's.
@@ -172,6 +178,7 @@ class HostScene {
     void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     void put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record);
     Box round_box(const SceneInput& in, ShapeGroup group, uint32_t row) const;
+    Box box_around(const SceneInput& in, size_t primitive) const;
     void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);

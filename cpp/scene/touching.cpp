@@ -88,16 +88,7 @@ void HostScene::part_touching(const SceneInput& in) {
         clear += f.clear;
         const float* plane = s.group == kTriangleGroup ? r + kRecordPlane : r;
         f.n = {plane[0], plane[1], plane[2]}, f.w = plane[3];
-        if (s.group == kDiskGroup) {
-            f.box = round_box(in, kDiskGroup, s.row);
-            continue;
-        }
-        double low[3], high[3];
-        for (int k = 0; k < 3; ++k) {
-            low[k] = std::min({r[k], r[3 + k], r[6 + k]});
-            high[k] = std::max({r[k], r[3 + k], r[6 + k]});
-        }
-        f.box = {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
+        f.box = box_around(in, i);
     }
     if (clear == 0) return;
     std::stable_sort(faces.begin(), faces.end(),

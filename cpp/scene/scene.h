@@ -171,6 +171,7 @@ class HostScene {
     void set_tree(const SceneInput& in);
     std::vector<uint32_t> with_area(const SceneInput& in) const;
     bool lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const;
+    std::vector<uint32_t> largest_faces(const SceneInput& in, size_t planar, size_t count) const;
     void part_touching(const SceneInput& in);
     void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
     void allocate_primitives(size_t count, uint32_t row);

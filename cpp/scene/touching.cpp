@@ -9,7 +9,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "scene/scene.h"
+#include "scene/box_pairs.h"
 
 namespace veriray {
 namespace {
@@ -23,16 +23,19 @@ constexpr double kOnePlane = 0x1p-19;
 constexpr size_t kMostPairs = size_t{1} << 26;
 
 struct Face {
-    uint32_t primitive;
-    bool clear;
     Box box;
     Double3 n;
     double w;
-
-    double extent() const {
-        return std::max({box.high.x - box.low.x, box.high.y - box.low.y, box.high.z - box.low.z});
-    }
 };
+
+// What to look for overlaps in.
+Box widened(const Box& b) {
+    const auto by = [&](int k) {
+        return 2 * kOnePlane * std::max({std::abs(b.low[k]), std::abs(b.high[k]), 0x1p-20});
+    };
+    const Double3 margin{by(0), by(1), by(2)};
+    return {b.low - margin, b.high + margin};
+}
 
 bool overlap(const Box& a, const Box& b, Box& out) {
     double low[3], high[3];
@@ -44,6 +47,12 @@ bool overlap(const Box& a, const Box& b, Box& out) {
     }
     out = {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
     return true;
+}
+
+bool clear_material(const SceneInput& in, uint32_t m) {
+    const auto kind = static_cast<MaterialKind>(in.material_kind.data[m]);
+    return kind == MaterialKind::kDielectric || kind == MaterialKind::kThinDielectric ||
+           kind == MaterialKind::kNull || in.opacity.data[m] < 1;
 }
 
 // Of the middle of a box over the plane of a face.
@@ -68,66 +77,84 @@ double terms(const Box& b, Double3 n) {
 }  // namespace
 
 bool HostScene::lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const {
-    const uint32_t m = in.material[group].data[row];
-    const auto kind = static_cast<MaterialKind>(in.material_kind.data[m]);
-    return kind == MaterialKind::kDielectric || kind == MaterialKind::kThinDielectric ||
-           kind == MaterialKind::kNull || in.opacity.data[m] < 1 ||
-           in.boundary[group].data[row] >= 0;
+    return clear_material(in, in.material[group].data[row]) || in.boundary[group].data[row] >= 0;
+}
+
+// The faces of largest extent, so many of the first `planar` primitives.
+std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t planar,
+                                               size_t count) const {
+    std::vector<uint32_t> faces(planar);
+    std::iota(faces.begin(), faces.end(), 0u);
+    if (count >= planar) return faces;
+    std::vector<double> extent(planar);
+    for (uint32_t i = 0; i < planar; ++i) {
+        const Box box = box_around(in, i);
+        const Double3 size = box.high - box.low;
+        extent[i] = std::max({size.x, size.y, size.z});
+    }
+    std::nth_element(faces.begin(), faces.begin() + static_cast<ptrdiff_t>(count), faces.end(),
+                     [&](uint32_t a, uint32_t b) {
+                         return extent[a] > extent[b] || (extent[a] == extent[b] && a < b);
+                     });
+    faces.resize(count);
+    return faces;
 }
 
 void HostScene::part_touching(const SceneInput& in) {
     const size_t planar = view.first_sphere;
-    std::vector<Face> faces(planar);
-    size_t clear = 0;
-    for (uint32_t i = 0; i < planar; ++i) {
-        const PrimitiveSource& s = sources[i];
-        const float* r = &records[static_cast<size_t>(i) * kRecordFloats];
-        Face& f = faces[i];
-        f.primitive = i;
-        f.clear = lets_through(in, s.group, s.row);
-        clear += f.clear;
-        const float* plane = s.group == kTriangleGroup ? r + kRecordPlane : r;
-        f.n = {plane[0], plane[1], plane[2]}, f.w = plane[3];
-        f.box = box_around(in, i);
-    }
-    if (clear == 0) return;
-    std::stable_sort(faces.begin(), faces.end(),
-                     [](const Face& a, const Face& b) { return a.extent() > b.extent(); });
-    const size_t others = std::min(planar, kMostPairs / clear);
-    std::vector<double> move(planar, 0.0);
+    bool any = in.boundaries.count > 0;
+    for (uint32_t m = 0; m < in.material_kind.count; ++m) any |= clear_material(in, m);
+    if (!any) return;
+    std::vector<uint32_t> clear;
+    for (uint32_t i = 0; i < planar; ++i)
+        if (lets_through(in, sources[i].group, sources[i].row)) clear.push_back(i);
+    if (clear.empty()) return;
+    const std::vector<uint32_t> others =
+        largest_faces(in, planar, std::min(planar, kMostPairs / clear.size()));
+    const auto plane = [&](uint32_t i) {
+        return &records[static_cast<size_t>(i) * kRecordFloats] +
+               (sources[i].group == kTriangleGroup ? kRecordPlane : 0);
+    };
+    const auto face = [&](uint32_t i) {
+        const float* p = plane(i);
+        return Face{box_around(in, i), {p[0], p[1], p[2]}, p[3]};
+    };
+    std::vector<double> move(clear.size(), 0.0);
     std::vector<bool> touches(planar, false);
-    for (const Face& a : faces) {
-        if (!a.clear) continue;
-        const PrimitiveSource& own = sources[a.primitive];
-        for (size_t k = 0; k < others; ++k) {
-            const Face& b = faces[k];
-            Box common;
-            if (b.primitive == a.primitive || !overlap(a.box, b.box, common)) continue;
-            const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
-            const double size = std::max(terms(common, a.n), terms(common, b.n));
-            if (largest(common, a.n - b.n * turn, a.w - b.w * turn) > kOnePlane * size) continue;
-            if (turn > 0 &&
-                (own.same_surface(sources[b.primitive]) || (b.clear && b.primitive > a.primitive)))
-                continue;
-            // Two that look the same way keep their order; of two in one plane a clear one lies on
-            // an opaque one, and the later of two clear ones within the earlier. Into the body
-            // counts more than off another surface.
-            double& by = move[a.primitive];
-            const double above = over(common, b) - turn * over(common, a);
-            const bool out = turn > 0 && (above > 0 || (above == 0 && !b.clear));
-            const double away = (out ? kParted : -kParted) * size;
-            by = away < 0 || by < 0 ? std::min(by, away) : std::max(by, away);
-            touches[a.primitive] = touches[b.primitive] = true;
-        }
-    }
-    for (const Face& f : faces) {
-        const size_t row = static_cast<size_t>(f.primitive) * view.primitive_row;
-        if (touches[f.primitive]) primitives[row + kPrimOffset * view.primitive_column] = -1.f;
-        if (move[f.primitive] == 0) continue;
-        const float w = static_cast<float>(f.w - move[f.primitive]);
-        primitives[row + kPrimPlane * view.primitive_column] = -w;
-        records[static_cast<size_t>(f.primitive) * kRecordFloats +
-                (sources[f.primitive].group == kTriangleGroup ? kRecordPlane : 0) + 3] = w;
+    const auto look = [&](size_t i, size_t k) {
+        const uint32_t own = clear[i], other = others[k];
+        if (own == other) return true;
+        const Face a = face(own), b = face(other);
+        Box common;
+        if (!overlap(a.box, b.box, common)) return true;
+        const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
+        const double size = std::max(terms(common, a.n), terms(common, b.n));
+        if (largest(common, a.n - b.n * turn, a.w - b.w * turn) > kOnePlane * size) return true;
+        const PrimitiveSource &from = sources[own], &to = sources[other];
+        const bool other_clear = lets_through(in, to.group, to.row);
+        if (turn > 0 && (from.same_surface(to) || (other_clear && other > own))) return true;
+        // Two that look the same way keep their order; of two in one plane a clear one lies on an
+        // opaque one, and the later of two clear ones within the earlier. Into the body counts more
+        // than off another surface.
+        const double above = over(common, b) - turn * over(common, a);
+        const bool out = turn > 0 && (above > 0 || (above == 0 && !other_clear));
+        const double away = (out ? kParted : -kParted) * size;
+        double& by = move[i];
+        by = away < 0 || by < 0 ? std::min(by, away) : std::max(by, away);
+        touches[own] = touches[other] = true;
+        return true;
+    };
+    box_pairs(
+        clear.size(), [&](size_t i) { return widened(box_around(in, clear[i])); }, others.size(),
+        [&](size_t k) { return box_around(in, others[k]); }, look);
+    for (size_t i = 0; i < planar; ++i)
+        if (touches[i])
+            primitives[i * view.primitive_row + kPrimOffset * view.primitive_column] = -1.f;
+    for (size_t i = 0; i < clear.size(); ++i) {
+        if (move[i] == 0) continue;
+        float& w = plane(clear[i])[3];
+        w = static_cast<float>(static_cast<double>(w) - move[i]);
+        primitives[clear[i] * view.primitive_row + kPrimPlane * view.primitive_column] = -w;
     }
 }
 

@@ -1,0 +1,109 @@
+// Which boxes of one set meet which of another.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <numeric>
+#include <vector>
+
+#include "scene/scene.h"
+
+namespace veriray {
+
+inline bool meet(const Box& a, const Box& b) {
+    return a.low.x <= b.high.x && a.low.y <= b.high.y && a.low.z <= b.high.z &&
+           b.low.x <= a.high.x && b.low.y <= a.high.y && b.low.z <= a.high.z;
+}
+
+// A tree of boxes, halved by their number along the longest axis of their middles.
+class BoxTree {
+   public:
+    explicit BoxTree(std::vector<Box> boxes) : boxes_(std::move(boxes)), order_(boxes_.size()) {
+        std::iota(order_.begin(), order_.end(), 0u);
+        if (!order_.empty()) divide(0, static_cast<uint32_t>(order_.size()));
+    }
+
+    // Calls visit(i) for every box i that meets this one, until it returns false; so does this.
+    template <class Visit>
+    bool find(const Box& box, Visit visit) const {
+        for (size_t k = 0; k < nodes_.size();) {
+            const Node& node = nodes_[k];
+            if (!meet(node.box, box)) {
+                k = node.next;
+                continue;
+            }
+            ++k;
+            for (uint32_t i = node.first; i < node.end; ++i)
+                if (meet(boxes_[order_[i]], box) && !visit(order_[i])) return false;
+        }
+        return true;
+    }
+
+   private:
+    static constexpr uint32_t kLeaf = 4;
+    // A node stands before its halves; next: past all below it; first to end: in order_, of a leaf.
+    struct Node {
+        Box box;
+        uint32_t next, first, end;
+    };
+
+    void divide(uint32_t first, uint32_t end) {
+        const size_t at = nodes_.size();
+        nodes_.push_back({boxes_[order_[first]], 0, first, end});
+        Box& all = nodes_[at].box;
+        Double3 low = middle(order_[first]), high = low;
+        for (uint32_t i = first; i < end; ++i) {
+            const Box& b = boxes_[order_[i]];
+            const Double3 m = middle(order_[i]);
+            all = {least(all.low, b.low), most(all.high, b.high)};
+            low = least(low, m), high = most(high, m);
+        }
+        if (end - first > kLeaf) {
+            nodes_[at].end = first;
+            const Double3 size = high - low;
+            const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+            const uint32_t half = first + (end - first) / 2;
+            std::nth_element(
+                order_.begin() + first, order_.begin() + half, order_.begin() + end,
+                [&](uint32_t a, uint32_t b) { return middle(a)[axis] < middle(b)[axis]; });
+            divide(first, half);
+            divide(half, end);
+        }
+        nodes_[at].next = static_cast<uint32_t>(nodes_.size());
+    }
+
+    Double3 middle(uint32_t i) const { return (boxes_[i].low + boxes_[i].high) * 0.5; }
+    static Double3 least(Double3 a, Double3 b) {
+        return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)};
+    }
+    static Double3 most(Double3 a, Double3 b) {
+        return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)};
+    }
+
+    std::vector<Box> boxes_;
+    std::vector<uint32_t> order_;
+    std::vector<Node> nodes_;
+};
+
+// Calls visit(i, j) where box_a(i), i < n, meets box_b(j), j < m, until it returns false; so does
+// this. The order is no one's business. By a tree over the smaller set.
+template <class BoxA, class BoxB, class Visit>
+bool box_pairs(size_t n, BoxA box_a, size_t m, BoxB box_b, Visit visit) {
+    const auto tree = [](size_t count, auto box) {
+        std::vector<Box> boxes(count);
+        for (size_t i = 0; i < count; ++i) boxes[i] = box(i);
+        return BoxTree(std::move(boxes));
+    };
+    if (n <= m) {
+        const BoxTree a = tree(n, box_a);
+        for (size_t j = 0; j < m; ++j)
+            if (!a.find(box_b(j), [&](size_t i) { return visit(i, j); })) return false;
+    } else {
+        const BoxTree b = tree(m, box_b);
+        for (size_t i = 0; i < n; ++i)
+            if (!b.find(box_a(i), [&](size_t j) { return visit(i, j); })) return false;
+    }
+    return true;
+}
+
+}  // namespace veriray

@@ -1,12 +1,15 @@
 // The light table: what there is to sample, and with which chance.
 #include <algorithm>
 
-#include "scene/scene.h"
+#include "scene/box_pairs.h"
 
 namespace veriray {
 namespace {
 
 constexpr double kPiDouble = 3.14159265358979323846;
+// Pairs of a point light and a primitive beside it that are looked at; beyond it, every light
+// counts as within rounding of something.
+constexpr size_t kMostPairs = size_t{1} << 26;
 
 double sum3(const float* rgb) {
     return static_cast<double>(rgb[0]) + static_cast<double>(rgb[1]) + static_cast<double>(rgb[2]);
@@ -55,35 +58,77 @@ void HostScene::set_first_occluder() {
     }
 }
 
-// A bound below on the distance of a point light from what it lights, world units: by planes and
-// boxes of primitives, the rounding of points, and in media 2^-14 of the shortest free path, nearer
-// than which 2^-14 of the light scattered once is lost (SampleFault).
-double HostScene::nearest_receiver(const SceneInput& in, Double3 position) const {
-    const Double3 p = (position - centre) * (1 / unit);
-    double nearest = INFINITY;
-    for (uint32_t i = 0; i < sources.size(); ++i) {
-        const PrimitiveSource& s = sources[i];
-        if (s.group == kSphereGroup) {
-            const double* sphere = in.spheres.data + 4 * s.row;
-            const Double3 c = (Double3{sphere[0], sphere[1], sphere[2]} - centre) * (1 / unit);
-            nearest = std::min(nearest, std::abs(length(p - c) - sphere[3] / unit));
-            continue;
-        }
-        const double gap = squared_gap({p, p}, box_around(in, i));
-        double height = 0;
-        const float* prim = primitives.data() + static_cast<size_t>(i) * view.primitive_row;
-        for (int k = 0; k < 3; ++k)
-            height += p[k] * static_cast<double>(
-                                 prim[(kPrimN + static_cast<size_t>(k)) * view.primitive_column]);
-        height -=
-            static_cast<double>(prim[kPrimPlane * static_cast<size_t>(view.primitive_column)]);
-        nearest = std::min(nearest, std::max(std::sqrt(gap), std::abs(height)));
+// A bound below on the distance of a point from a primitive, by planes and boxes.
+double HostScene::receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const {
+    const PrimitiveSource& s = sources[primitive];
+    if (s.group == kSphereGroup) {
+        const double* sphere = in.spheres.data + 4 * s.row;
+        const Double3 c = (Double3{sphere[0], sphere[1], sphere[2]} - centre) * (1 / unit);
+        return std::abs(length(p - c) - sphere[3] / unit);
     }
+    const float* row = primitives.data() + primitive * view.primitive_row;
+    const auto column = [&](uint32_t c) {
+        return static_cast<double>(row[static_cast<size_t>(c) * view.primitive_column]);
+    };
+    double height = 0;
+    for (int k = 0; k < 3; ++k) height += p[k] * column(kPrimN + static_cast<uint32_t>(k));
+    height -= column(kPrimPlane);
+    return std::max(std::sqrt(squared_gap({p, p}, box_around(in, primitive))), std::abs(height));
+}
+
+// The largest radiance at a receiver, over 2^19, of point lights and spots; or `least`. By bounds
+// below on distances: from primitives; in media 2^-14 of the shortest free path, nearer than which
+// 2^-14 of the light scattered once is lost (SampleFault); the rounding of points. Only what is so
+// near to a light that it exceeds `least` is looked at.
+float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
+                                    float least) const {
+    struct Lamp {
+        Double3 p;
+        double intensity, rounding, nearest;
+    };
+    double path = INFINITY;
     for (size_t k = 0; k < 3 * in.sigma_t.count; ++k)
         if (const double sigma = static_cast<double>(in.sigma_t.data[k]) * unit; sigma > 0)
-            nearest = std::min(nearest, 0x1p-14 / sigma);
-    const double rounding = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) * 0x1p-22;
-    return unit * std::min(std::max({nearest, rounding, 0x1p-40}), 1.0);
+            path = std::min(path, 0x1p-14 / sigma);
+    float brightest = least;
+    const auto add = [&](const Lamp& lamp) {
+        const double near = unit * std::min(std::max(lamp.nearest, lamp.rounding), 1.0);
+        const double most = lamp.intensity / (near * near) * 0x1p-19;
+        brightest = std::max(brightest, static_cast<float>(most));
+    };
+    std::vector<Lamp> lamps;
+    for (const uint32_t q : lights) {
+        if (in.light_kind.data[q] == 2) continue;
+        const Double3 p = (row3(in.light_position, q) - centre) * (1 / unit);
+        const float* rgb = in.light_intensity.data + 3 * q;
+        const double most = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+        lamps.push_back(
+            {p, std::max({rgb[0], rgb[1], rgb[2]}), std::max(most * 0x1p-22, 0x1p-40), path});
+        add(lamps.back());
+    }
+    // Within this of a lamp is what matters, and what rounding adds.
+    const double enough = std::max(static_cast<double>(brightest), 0x1p-101);
+    const auto reach = [&](const Lamp& lamp) {
+        return std::sqrt(lamp.intensity * 0x1p-19 / enough) / unit * (1 + 0x1p-20);
+    };
+    std::erase_if(lamps, [&](const Lamp& lamp) { return reach(lamp) < lamp.rounding; });
+    const auto around = [&](size_t q) {
+        const double r = reach(lamps[q]) + 0x1p-20 * lamps[q].rounding + 0x1p-48;
+        return Box{lamps[q].p - Double3{r, r, r}, lamps[q].p + Double3{r, r, r}};
+    };
+    size_t pairs = 0;
+    const bool all = box_pairs(
+        lamps.size(), around, sources.size(), [&](size_t i) { return box_around(in, i); },
+        [&](size_t q, size_t i) {
+            Lamp& lamp = lamps[q];
+            lamp.nearest = std::min(lamp.nearest, receiver_distance(in, i, lamp.p));
+            return ++pairs < kMostPairs;
+        });
+    for (Lamp& lamp : lamps) {
+        if (!all) lamp.nearest = 0;
+        add(lamp);
+    }
+    return brightest;
 }
 
 // Chances are in proportion to emitted power, in units of 2^-24, at least one each.
@@ -166,13 +211,9 @@ void HostScene::set_lights(const SceneInput& in) {
         for (int k = 0; k < 3; ++k) {
             const double intensity = in.light_intensity.data[3 * q + k];
             const double far = in.light_kind.data[q] == 2 ? 1 : unit / 64;
-            double most = intensity / (far * far);
-            if (in.light_kind.data[q] != 2) {
-                const double near = nearest_receiver(in, row3(in.light_position, q));
-                most = std::max(most, intensity / (near * near) * 0x1p-19);
-            }
-            brightest = std::max(brightest, static_cast<float>(most));
+            brightest = std::max(brightest, static_cast<float>(intensity / (far * far)));
         }
+    brightest = brightest_receiver(in, delta, brightest);
     int exponent = 0;
     if (brightest > 0) std::frexp(brightest, &exponent);
     if (exponent < -100 || exponent > 100)

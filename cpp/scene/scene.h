@@ -193,7 +193,9 @@ class HostScene {
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;
-    double nearest_receiver(const SceneInput& in, Double3 position) const;
+    double receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const;
+    float brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
+                             float least) const;
     void put_area_light(const SceneInput& in, size_t row, const AreaLight& light, double chance);
     void set_first_occluder();
     void put_delta_light(const SceneInput& in, size_t light, size_t row, double chance);

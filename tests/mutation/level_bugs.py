@@ -355,7 +355,7 @@ _REPAIRED = (  # bugs that veriray had
            "angle(-dot(wi, axis), sqrt(dot(across, across)))",
            "acos(max(min(-dot(wi, axis), F(1.f)), F(-1.f)))"),
     Mutant("film blind to near point lights", "scene/lights.cpp",
-           "std::max(most, intensity / (near * near) * 0x1p-19)", "most"),
+           "brightest_receiver(in, delta, brightest)", "brightest"),
 )  # fmt: skip
 
 #: Further bugs in C++, found by levels of `veriray validate` if at all.

@@ -22,6 +22,13 @@
 #define VR_DEVICE_CODE 0
 #endif
 
+// A function for the few: called, so that its registers are no others' business.
+#if VR_CUDA
+#define VR_RARE __host__ __device__ __noinline__
+#else
+#define VR_RARE __attribute__((noinline, cold))
+#endif
+
 // Before a loop that the device compiler must not unroll.
 #if VR_CUDA
 #define VR_ROLLED _Pragma("unroll 1")

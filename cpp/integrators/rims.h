@@ -11,20 +11,26 @@ struct Rims : SurfaceReader<L, kFeatures> {
     using Reader::has, Reader::primitive_column, Reader::primitive_column3, Reader::surface_column;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
 
-    // Whether a hit without a tree is on the rim of a one-sided back.
-    static VR_HD M on_rim(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit, M valid) {
+    // Lanes that meet the back of a one-sided face without a tree.
+    static VR_HD M meets_back(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
+                              M valid) {
         const uint32_t faces = scene.quad_count + scene.polygon_count;
         valid = valid & (hit.t < F(kInfinity)) & (hit.primitive < U(faces));
         const U prim = select(valid, hit.primitive, U(0u));
-        M back = valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f));
+        const M back = valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f));
         if (none(back)) return back;
-        back = back & (surface_column(scene, prim, kSurfaceTwoSided) <= F(0.f));
+        return back & (surface_column(scene, prim, kSurfaceTwoSided) <= F(0.f));
+    }
+
+    // Of those, the lanes on its rim.
+    static VR_HD M on_rim(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit, M back) {
         if (none(back)) return back;
+        const U prim = select(back, hit.primitive, U(0u));
         const V p = ray.at(hit.t);
         const M quad = prim < U(scene.quad_count);
         const U i = select(quad, prim, prim + U(0u - scene.quad_count)) *
                     select(quad, U(kQuadFloats), U(kPolygonFloats));
-        M inside = valid;
+        M inside = back;
         for (uint32_t k = 0; k < 4; ++k) {
             F edge[4];
             for (uint32_t c = 0; c < 4; ++c) {
@@ -44,8 +50,13 @@ struct Rims : SurfaceReader<L, kFeatures> {
         if constexpr (!has(kQuads | kPolygons)) return hit;
         if constexpr (has(kBvh))
             if (scene.features & kBvh) return hit;
-        for (M rim = on_rim(scene, ray, hit, active); any(rim);
-             rim = on_rim(scene, ray, hit, rim)) {
+        const M back = meets_back(scene, ray, hit, active);
+        return none(back) ? hit : beyond_rims(scene, ray, hit, back);
+    }
+
+    static VR_RARE Hit<L> beyond_rims(const SceneView& scene, Ray<L> ray, Hit<L> hit, M back) {
+        for (M rim = on_rim(scene, ray, hit, back); any(rim);
+             rim = on_rim(scene, ray, hit, meets_back(scene, ray, hit, rim))) {
             const Hit<L> next = next_flat(scene, ray, hit);
             hit.t = select(rim, next.t, hit.t);
             hit.primitive = select(rim, next.primitive, hit.primitive);

@@ -302,7 +302,7 @@ struct SurfaceReader {
         at.offset = primitive_column(scene, prim, kPrimOffset);
         at.p = ray.at(hit.t);
         at.p = fma(at.ng, primitive_column(scene, prim, kPrimPlane) - dot(at.ng, at.p), at.p);
-        if constexpr (has(kBvh)) {
+        if constexpr (has(kLocalOffsets)) {
             const M local = at.offset < F(0.f);
             if (any(local))
                 at.offset = select(local, terms(at.ng, at.p) * F(kLocalOffset), at.offset);

@@ -154,8 +154,9 @@ struct LightSampler {
     // Uniform on the area, or by solid angle. A shadow ray must end before the light itself: the
     // point is moved off the light by the bound on the absolute rounding of its plane's distance,
     // and the ray shortened by a bound on the relative one (plane distance, length and their
-    // division: below 6 units of 2^-24). By solid angle the point stays, as moving it would change
-    // the density of directions near to the light, and the ray ends before the moved plane.
+    // division: below 6 units of 2^-24). By solid angle, and on a light that touches something, the
+    // point stays, as moving it would change the density of directions near to the light, and the
+    // ray ends before the moved plane.
     template <class Column>
     static VR_HD void flat(Column column, V p, F u, F v, LightSample<L>& s) {
         const F u0 = u, v0 = v;
@@ -174,7 +175,8 @@ struct LightSampler {
             v = select(disk, y, v);
         }
         F share(0.f);  // of the area, as a solid angle
-        M by_angle = u0 < F(0.f);
+        M by_angle = u0 < F(0.f), stays = by_angle;
+        F offset = column(kLightOffset);
         s.skip = as_uint(column(kLightPrimitive));
         if constexpr (has(LightShape::kRectangle)) {
             const M rectangular = is(column, LightShape::kRectangle);
@@ -190,12 +192,13 @@ struct LightSampler {
                 }
                 s.skip = select(rectangular & (u >= v), as_uint(column(kRectangleOther)), s.skip);
             }
+            stays = by_angle | (offset < F(0.f));
+            offset = abs(offset);
         }
         const V n = column3(column, kLightN);
         V q = fma(column3(column, kLightE1), u,
                   fma(column3(column, kLightE2), v, column3(column, kLightP)));
-        const F offset = column(kLightOffset);
-        q = fma(n, select(by_angle, F(0.f), offset), q);
+        q = fma(n, select(stays, F(0.f), offset), q);
         const V to = q - p;
         const F distance = sqrt(dot(to, to)), inverse = F(1.f) / distance;
         s.distance = distance * F(kShadowShorten);
@@ -206,7 +209,7 @@ struct LightSampler {
         s.inverse_pdf = column(kLightInverse) * (inverse * inverse) * cos_light;
         if constexpr (has(LightShape::kRectangle)) {
             s.inverse_pdf = select(by_angle, column(kLightInverse) * share, s.inverse_pdf);
-            s.distance = select(by_angle, max(s.distance - offset / cos_light, F(0.f)), s.distance);
+            s.distance = select(stays, max(s.distance - offset / cos_light, F(0.f)), s.distance);
         }
     }
 

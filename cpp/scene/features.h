@@ -45,6 +45,9 @@ inline constexpr const char* kFeatureNames[] = {
     "media",         "chromatic",     "rectangle_lights"};
 inline constexpr uint32_t kFeatureCount = 24;
 
+// With these points may leave a plane by a bound of their own.
+inline constexpr uint32_t kLocalOffsets =
+    kBvh | kDisks | kDeltaLights | kDielectric | kPass | kMedia;
 inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // that are sampled
 inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
                                          kTriangleLights | kRectangleLights | kEnvironment | kClip |

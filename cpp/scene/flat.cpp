@@ -22,6 +22,12 @@ bool convex(const Flat& f) {
 
 }  // namespace
 
+Box around(const Box& a, const Box& b) {
+    const auto low = [&](int k) { return std::min(a.low[k], b.low[k]); };
+    const auto high = [&](int k) { return std::max(a.high[k], b.high[k]); };
+    return {{low(0), low(1), low(2)}, {high(0), high(1), high(2)}};
+}
+
 Box box_of(const Flat& f) {
     Box box{f.v[0], f.v[0]};
     for (uint32_t k = 1; k < f.corners; ++k) {
@@ -118,6 +124,18 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
     return shared;
 }
 
+bool rims_stick_out(const std::vector<Flat>& flats,
+                    const std::vector<std::array<bool, 4>>& shared) {
+    for (size_t i = 0; i < flats.size(); ++i) {
+        if (shared[i] == std::array<bool, 4>{}) continue;
+        const Double3 n = normalised(flats[i].area_vector());
+        for (const Flat& f : flats)
+            for (uint32_t k = 0; k < f.corners; ++k)
+                if (dot(n, f.v[k] - flats[i].v[0]) < -4 * kFlatTolerance) return true;
+    }
+    return false;
+}
+
 void write_plane(const Flat& f, float* out) {
     const Double3 n = normalised(f.area_vector());
     const float nf[3] = {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)};
@@ -137,10 +155,10 @@ void write_edge(Double3 e, double w, float* out) {
 Double3 edge_normal(Double3 n, Double3 a, Double3 b) { return normalised(cross(n, b - a)); }
 }  // namespace
 
-void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out,
+void write_quad(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                 std::array<float, 4>& rim) {
     write_plane(f, out);
-    out[3] += kPlaneSlack;
+    out[3] += behind;
     const Double3 n = normalised(f.area_vector());
     for (uint32_t k = 0; k < 2; ++k) {  // slab between the edges k and k + 2
         const Double3 e = edge_normal(n, f.v[k], f.v[k + 1]);
@@ -175,10 +193,10 @@ uint32_t write_short(const float* quad, float* out) {
     return kAnyWay;
 }
 
-void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out,
+void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                    std::array<float, 4>& rim) {
     write_plane(f, out);
-    out[3] += kPlaneSlack;
+    out[3] += behind;
     const Double3 n = normalised(f.area_vector());
     for (uint32_t k = 0; k < 4; ++k) {
         if (k >= f.corners) {

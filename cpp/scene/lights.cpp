@@ -274,12 +274,13 @@ void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight
         at(kLightN + k) = prim(kPrimN + k);
     }
     // The offset of a face that is left by the point's own bound: the bound at its corners.
-    double most = 0;
-    for (int k = 0; k < 3; ++k)
-        most += std::abs(static_cast<double>(prim(kPrimN + static_cast<uint32_t>(k)))) *
-                (std::abs(p[k]) + std::abs(e1[k]) + std::abs(e2[k]));
-    at(kLightOffset) = std::max(prim(kPrimOffset), column_of(light.other, kPrimOffset));
-    if (at(kLightOffset) < 0) at(kLightOffset) = static_cast<float>(most) * kLocalOffset;
+    const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
+    const double most = terms(box, {prim(kPrimN), prim(kPrimN + 1), prim(kPrimN + 2)});
+    const float offsets[2] = {prim(kPrimOffset), column_of(light.other, kPrimOffset)};
+    at(kLightOffset) = std::max(offsets[0], offsets[1]);
+    if (std::min(offsets[0], offsets[1]) < 0)
+        at(kLightOffset) = static_cast<float>(most) * kLocalOffset;
+    if (std::min(offsets[0], offsets[1]) <= kTouches) at(kLightOffset) *= -1;
     if (!light.rectangle) return;
     shape(LightShape::kRectangle, kRectangleLights);
     const double a = length(e1), b = length(e2);

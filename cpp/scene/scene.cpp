@@ -12,6 +12,11 @@ namespace {
 // Smallest edge and height, and smallest radius and distance of a point light, for which kEdgeSlack
 // is negligible.
 constexpr double kMinFlat = 0x1p-8, kMinBeside = 0x1p-6;
+// The same for a radius or distance where faces are left by what rounding is at the point: what is
+// left is kPlaneSlack, which moves what is seen of a face along the ray.
+constexpr double kMinBesideLocal = 0x1p-11;
+// Extinction for which kPlaneSlack is negligible.
+constexpr double kMostFlatSigma = 0x1p8;
 
 double rounded(double x) { return static_cast<double>(static_cast<float>(x)); }
 
@@ -123,14 +128,42 @@ double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>&
     return smallest;
 }
 
+// Whether a flat face may lie in a medium in which kPlaneSlack shows. What such media fill are
+// spheres that meet no face, or else it may.
+bool HostScene::dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const {
+    const auto dense = [&](int64_t medium) {
+        double sigma = 0;
+        for (size_t k = 0; k < 3 && medium >= 0; ++k)
+            sigma = std::max(sigma, static_cast<double>(in.sigma_t.data[3 * medium + k]));
+        return sigma * unit > kMostFlatSigma;
+    };
+    if (dense(in.camera_medium)) return true;
+    for (const ShapeGroup group : {kTriangleGroup, kSphereGroup, kDiskGroup})
+        for (size_t i = 0; i < in.boundary[group].count; ++i) {
+            const int32_t b = in.boundary[group].data[i];
+            if (b < 0) continue;
+            const bool filled = dense(in.boundaries.data[2 * b]);
+            if (dense(in.boundaries.data[2 * b + 1]) || (filled && group != kSphereGroup))
+                return true;
+            if (!filled) continue;
+            const double* s = in.spheres.data + 4 * i;
+            const Double3 p = (Double3{s[0], s[1], s[2]} - centre) * (1 / unit);
+            const double r = s[3] / unit * (1 - 0x1p-10);
+            for (const Flat& f : flats)
+                if (squared_gap({p, p}, box_of(f)) < r * r) return true;
+        }
+    return false;
+}
+
 // A small scene without a tree; false if it needs one.
 bool HostScene::set_flat(const SceneInput& in) {
     const size_t round = in.spheres.count + in.disks.count;
     if (in.triangles.count > 4 * kMaxFlat || round > kMaxFlat) return false;
     if (has_normals_) return false;
-    for (const ShapeGroup group : {kTriangleGroup, kDiskGroup})
-        for (uint32_t i = 0; i < in.material[group].count; ++i)
-            if (lets_through(in, group, i)) return false;
+    const auto give_up = [&] {
+        dropped = 0;
+        return false;
+    };
     std::vector<Flat> flats;
     for (size_t i = 0; i < in.triangles.count; ++i) {
         flats.push_back(triangle(in, i));
@@ -143,29 +176,39 @@ bool HostScene::set_flat(const SceneInput& in) {
             const double edge = length(f.v[(k + 1) % f.corners] - f.v[k]);
             smallest = std::min({smallest, edge, 2 * length(f.area_vector()) / edge});
         }
-    if (flats.size() + round > kMaxFlat || smallest < kMinFlat ||
-        smallest_beside(in, flats) < kMinBeside) {
-        dropped = 0;
-        return false;
-    }
+    if (flats.size() + round > kMaxFlat || smallest < kMinFlat) return give_up();
     std::stable_partition(flats.begin(), flats.end(),
                           [](const Flat& f) { return f.parallelogram; });
+    // A ray that slips through an edge of what lets light through does no harm, while a rim or a
+    // plane off its place would.
+    const auto clear = [&](const Flat& f) { return lets_through(in, kTriangleGroup, f.triangle); };
+    auto shared = shared_edges(flats);
+    for (size_t i = 0; i < flats.size(); ++i)
+        if (clear(flats[i])) shared[i].fill(false);
+    const double beside = smallest_beside(in, flats);
+    if (beside < (rims_stick_out(flats, shared) ? kMinBeside : kMinBesideLocal) ||
+        dense_beside(in, flats))
+        return give_up();
     allocate_primitives(flats.size() + round, 1);
-    const auto shared = shared_edges(flats);
     for (size_t i = 0; i < flats.size(); ++i) {
         const Flat& f = flats[i];
+        put_source(in, i, kTriangleGroup, f.triangle, length(f.area_vector()));
         float plane[4];
         write_plane(f, plane);
         bool widened = false;
         for (const bool w : shared[i]) widened |= w;
-        put_plane(i, f, plane, widened ? kEdgeSlack : 2 * kPlaneSlack);
+        put_plane(i, f, plane,
+                  clear(f) || beside < kMinBeside ? kLocal
+                  : widened                       ? kEdgeSlack
+                                                  : 2 * kPlaneSlack);
         std::array<float, 4> rim{};
+        const float behind = clear(f) ? 0.f : kPlaneSlack;
         if (f.parallelogram)
-            write_quad(f, shared[i], view.quads + kQuadFloats * view.quad_count++, rim);
+            write_quad(f, shared[i], behind, view.quads + kQuadFloats * view.quad_count++, rim);
         else
-            write_polygon(f, shared[i], view.polygons + kPolygonFloats * view.polygon_count++, rim);
+            write_polygon(f, shared[i], behind,
+                          view.polygons + kPolygonFloats * view.polygon_count++, rim);
         for (uint32_t k = 0; k < 4; ++k) at(primitives, view, i, kPrimRim + k) = rim[k];
-        put_source(in, i, kTriangleGroup, f.triangle, length(f.area_vector()));
     }
     for (uint32_t i = 0; i < in.disks.count; ++i)
         put_disk(in, flats.size() + i, i, view.disks + kDiskFloats * view.disk_count++);
@@ -174,6 +217,7 @@ bool HostScene::set_flat(const SceneInput& in) {
         put_sphere(in, view.first_sphere + i, i,
                    view.spheres + kSphereFloats * view.sphere_count++);
     flats_ = std::move(flats);
+    part_touching(in);
     view.features = (view.quad_count ? kQuads : 0u) | (view.polygon_count ? kPolygons : 0u) |
                     (view.disk_count ? kDisks : 0u) | (view.sphere_count ? kSpheres : 0u);
     return true;
@@ -196,7 +240,7 @@ void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t ro
     const Flat f = triangle(in, row);
     float plane[4];
     write_plane(f, plane);
-    put_plane(primitive, f, plane, uneven(plane, f) ? -1.f : 0.f);
+    put_plane(primitive, f, plane, uneven(plane, f) ? kLocal : 0.f);
     put_source(in, primitive, kTriangleGroup, row, length(f.area_vector()));
     if (!smooth.empty()) put_smooth(in, primitive, f);
     float* r = &records[primitive * kRecordFloats];
@@ -287,13 +331,14 @@ void HostScene::allocate_primitives(size_t count, uint32_t row) {
     input_index.resize(count);
 }
 
-// least: the offset must take a point past a neighbour's rim and the slack of its own plane; -1: by
-// the point.
+// least: the offset must take a point past a neighbour's rim and the slack of its own plane, or
+// kLocal.
 void HostScene::put_plane(size_t primitive, const Flat& f, const float* plane, float least) {
     for (uint32_t k = 0; k < 3; ++k) at(primitives, view, primitive, kPrimN + k) = plane[k];
     at(primitives, view, primitive, kPrimPlane) = -plane[3];
     at(primitives, view, primitive, kPrimOffset) =
-        least < 0 ? -1.f : std::max(least, static_cast<float>(leave(plane, f.v.data(), f.corners)));
+        least < 0 ? least
+                  : std::max(least, static_cast<float>(leave(plane, f.v.data(), f.corners)));
 }
 
 void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record) {
@@ -308,7 +353,7 @@ void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, f
     f.v = {c + a, c + b, c - a, c - b};
     float plane[4];
     write_plane(f, plane);
-    put_plane(primitive, f, plane, uneven(plane, f) ? -1.f : 0.f);
+    put_plane(primitive, f, plane, uneven(plane, f) ? kLocal : 0.f);
     std::copy_n(plane, 4, record);
     // U.p + w = 1 at c + a, 0 at c and along b; V likewise.
     const Double3 u = cross(b, n) * (1 / (area * area)), v = cross(n, a) * (1 / (area * area));

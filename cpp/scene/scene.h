@@ -86,6 +86,9 @@ struct Box {
     Double3 low, high;
 };
 Box box_of(const Flat& f);
+Box around(const Box& a, const Box& b);
+// Largest |n.x p.x| + |n.y p.y| + |n.z p.z| over a box.
+double terms(const Box& b, Double3 n);
 // Of the distance between two boxes.
 double squared_gap(const Box& a, const Box& b);
 // How far an ellipse with the half axes a and b reaches from its centre: along a unit vector, and
@@ -101,13 +104,16 @@ std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
 // Edge k (corner k to k + 1) of each primitive: true where it must be widened, because another
 // primitive runs along it.
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats);
+// Whether something lies behind a face that is widened: a convex edge, beyond which its rim sticks
+// out.
+bool rims_stick_out(const std::vector<Flat>& flats, const std::vector<std::array<bool, 4>>& shared);
 void write_plane(const Flat& f, float* out);
-// rim: the face's own edges.
-void write_quad(const Flat& f, const std::array<bool, 4>& shared, float* out,
+// behind: how far the record's plane lies behind the face. rim: the face's own edges.
+void write_quad(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                 std::array<float, 4>& rim);
 // The short record of a quad across or along an axis; the way of its run, kAnyWay without a record.
 uint32_t write_short(const float* quad, float* out);
-void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float* out,
+void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                    std::array<float, 4>& rim);
 
 // Where a primitive comes from: row `row` of group `group`; -1 for no emission, no change of
@@ -167,12 +173,14 @@ class HostScene {
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
     Flat triangle(const SceneInput& in, size_t i) const;
     double smallest_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
+    bool dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
     bool set_flat(const SceneInput& in);
     void set_tree(const SceneInput& in);
     std::vector<uint32_t> with_area(const SceneInput& in) const;
     bool lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const;
     std::vector<uint32_t> largest_faces(const SceneInput& in, size_t planar, size_t count) const;
     void part_touching(const SceneInput& in);
+    float* plane_record(uint32_t primitive);
     void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
     void allocate_primitives(size_t count, uint32_t row);
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);

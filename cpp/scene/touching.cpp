@@ -2,47 +2,78 @@
 //
 // A surface that lets light through (glass, null, thin, masked, a medium's boundary) and another in
 // the same plane, a box on a floor, are met in an order that rounding would decide; and a path that
-// leaves one by its offset would begin beyond the other. The planes of the former are moved by
-// kParted of the terms of n.p where they overlap, twice what paths leave them by: into the body
-// where the two look against each other, else away from the other. A surface keeps its edges, so
-// that bodies stay closed.
+// leaves one by its offset would begin beyond the other. So the planes of the former are moved
+// until they are apart by twice what paths leave them by, and by what rays from 64 sizes of the
+// body tell apart: into the body, or off an opaque surface that they lie on. The order is that of
+// the exact input; of bodies in one place the later lies within the earlier. A surface keeps its
+// edges, so that bodies stay closed.
 #include <algorithm>
+#include <map>
+#include <mutex>
 #include <numeric>
+#include <tuple>
+#include <vector>
 
 #include "scene/box_pairs.h"
 
 namespace veriray {
 namespace {
 
-// Of the terms of n.p.
+// Of the terms of n.p; and half of it of the heights from which the planes are seen: their
+// distances along a ray are off by 2^-23 of the terms of its origin each.
 constexpr double kParted = 0x1p-20;
+// No plane is moved by more: of triangles it stays within their boxes.
+constexpr double kMostMoved = 0.75 * static_cast<double>(kSlabSlack);
 static_assert(kParted == 2 * static_cast<double>(kLocalOffset));
-// Planes that are nearer to each other count as one.
-constexpr double kOnePlane = 0x1p-19;
+// If their normals differ by no more: else they are that near along a line alone.
+constexpr double kParallel = 0x1p-10;
 // Pairs of primitives that are looked at; beyond it, transparent ones and the largest of all.
 constexpr size_t kMostPairs = size_t{1} << 26;
+// Bodies within each other in one plane.
+constexpr int kMostLayers = 32;
 
-struct Face {
-    Box box;
+// A plane n.p + w = 0.
+struct Plane {
     Double3 n;
     double w;
+
+    double over(Double3 p) const { return dot(n, p) + w; }
 };
 
-// What to look for overlaps in.
-Box widened(const Box& b) {
-    const auto by = [&](int k) {
-        return 2 * kOnePlane * std::max({std::abs(b.low[k]), std::abs(b.high[k]), 0x1p-20});
-    };
-    const Double3 margin{by(0), by(1), by(2)};
-    return {b.low - margin, b.high + margin};
+// Two primitives that count as one plane where they overlap.
+struct Touch {
+    uint32_t own, other;  // own: lets light through, and is moved
+    double turn;          // -1: they look in opposite directions
+    bool out;             // own is to lie beyond the other along its own normal, else before it
+    double apart;         // how far it does
+    double want;
+
+    // Orders what threads have found, in whatever order.
+    bool operator<(const Touch& b) const {
+        return std::pair(own, other) < std::pair(b.own, b.other);
+    }
+};
+
+// Without a tree an opaque face may be left by kEdgeSlack, and its plane lies kPlaneSlack behind
+// it.
+constexpr double kCoarse = 2 * static_cast<double>(kEdgeSlack);
+
+// By how much boxes may miss each other along an axis.
+double margin(const Box& b, int k, double coarse) {
+    return 2 * kParted * (1 + std::max(std::abs(b.low[k]), std::abs(b.high[k]))) + coarse;
 }
 
-bool overlap(const Box& a, const Box& b, Box& out) {
+// What to look for overlaps in.
+Box widened(const Box& b, double coarse) {
+    const Double3 by{margin(b, 0, coarse), margin(b, 1, coarse), margin(b, 2, coarse)};
+    return {b.low - by * 2, b.high + by * 2};
+}
+
+bool overlap(const Box& a, const Box& b, double coarse, Box& out) {
     double low[3], high[3];
     for (int k = 0; k < 3; ++k) {
-        const double reach = std::max({std::abs(a.low[k]), std::abs(a.high[k]), 0x1p-20});
         low[k] = std::max(a.low[k], b.low[k]), high[k] = std::min(a.high[k], b.high[k]);
-        if (low[k] > high[k] + kOnePlane * reach) return false;
+        if (low[k] > high[k] + margin(a, k, coarse)) return false;
         if (low[k] > high[k]) std::swap(low[k], high[k]);
     }
     out = {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
@@ -55,9 +86,6 @@ bool clear_material(const SceneInput& in, uint32_t m) {
            kind == MaterialKind::kNull || in.opacity.data[m] < 1;
 }
 
-// Of the middle of a box over the plane of a face.
-double over(const Box& b, const Face& f) { return dot(f.n, (b.low + b.high) * 0.5) + f.w; }
-
 // Largest |g.p + c| over a box, and sum of |g_k p_k|.
 double largest(const Box& b, Double3 g, double c) {
     double low = c, high = c;
@@ -67,6 +95,24 @@ double largest(const Box& b, Double3 g, double c) {
     }
     return std::max(std::abs(low), std::abs(high));
 }
+
+// The plane of a primitive, not rounded.
+Plane exact_plane(const SceneInput& in, Double3 centre, double unit, const PrimitiveSource& s,
+                  Double3 front) {
+    Double3 p[3];
+    for (uint32_t k = 0; k < 3; ++k)
+        p[k] = s.group == kDiskGroup
+                   ? row3(in.disks, 3 * s.row + k) * (1 / unit)
+                   : (row3(in.vertices, in.triangles.data[3 * s.row + k]) - centre) * (1 / unit);
+    Double3 n = s.group == kDiskGroup ? cross(p[1], p[2]) : cross(p[1] - p[0], p[2] - p[0]);
+    if (s.group == kDiskGroup) p[0] = p[0] - centre * (1 / unit);
+    if (!(length(n) > 0)) return {front, -dot(front, p[0])};
+    n = normalised(n) * (dot(n, front) < 0 ? -1.0 : 1.0);
+    return {n, -dot(n, p[0])};
+}
+
+}  // namespace
+
 double terms(const Box& b, Double3 n) {
     double sum = 0;
     for (int k = 0; k < 3; ++k)
@@ -74,7 +120,16 @@ double terms(const Box& b, Double3 n) {
     return sum;
 }
 
-}  // namespace
+// The plane as the tests of rays have it.
+float* HostScene::plane_record(uint32_t i) {
+    if (!records.empty())
+        return &records[static_cast<size_t>(i) * kRecordFloats] +
+               (sources[i].group == kTriangleGroup ? kRecordPlane : 0);
+    if (i < view.quad_count) return view.quads + kQuadFloats * i;
+    i -= view.quad_count;
+    if (i < view.polygon_count) return view.polygons + kPolygonFloats * i;
+    return view.disks + kDiskFloats * (i - view.polygon_count);
+}
 
 bool HostScene::lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const {
     return clear_material(in, in.material[group].data[row]) || in.boundary[group].data[row] >= 0;
@@ -105,56 +160,113 @@ void HostScene::part_touching(const SceneInput& in) {
     bool any = in.boundaries.count > 0;
     for (uint32_t m = 0; m < in.material_kind.count; ++m) any |= clear_material(in, m);
     if (!any) return;
+    const auto is_clear = [&](uint32_t i) {
+        return lets_through(in, sources[i].group, sources[i].row);
+    };
     std::vector<uint32_t> clear;
     for (uint32_t i = 0; i < planar; ++i)
-        if (lets_through(in, sources[i].group, sources[i].row)) clear.push_back(i);
+        if (is_clear(i)) clear.push_back(i);
     if (clear.empty()) return;
     const std::vector<uint32_t> others =
         largest_faces(in, planar, std::min(planar, kMostPairs / clear.size()));
-    const auto plane = [&](uint32_t i) {
-        return &records[static_cast<size_t>(i) * kRecordFloats] +
-               (sources[i].group == kTriangleGroup ? kRecordPlane : 0);
+    const auto column = [&](uint32_t i, uint32_t c) -> float& {
+        return primitives[static_cast<size_t>(i) * view.primitive_row +
+                          static_cast<size_t>(c) * view.primitive_column];
     };
-    const auto face = [&](uint32_t i) {
-        const float* p = plane(i);
-        return Face{box_around(in, i), {p[0], p[1], p[2]}, p[3]};
+    const auto rounded_plane = [&](uint32_t i) {
+        const auto n = [&](uint32_t k) { return static_cast<double>(column(i, kPrimN + k)); };
+        return Plane{{n(0), n(1), n(2)}, -static_cast<double>(column(i, kPrimPlane))};
     };
-    std::vector<double> move(clear.size(), 0.0);
-    std::vector<bool> touches(planar, false);
+    const auto exact = [&](uint32_t i) {
+        return exact_plane(in, centre, unit, sources[i], rounded_plane(i).n);
+    };
+    // How large their bodies are.
+    std::map<std::tuple<uint32_t, int32_t, int32_t>, Box> bodies;
+    const auto body = [&](uint32_t i) -> Box& {
+        const PrimitiveSource& s = sources[i];
+        const auto key = std::tuple(s.material, s.emission, s.boundary);
+        return bodies.try_emplace(key, box_around(in, i)).first->second;
+    };
+    for (const uint32_t i : clear) body(i) = around(body(i), box_around(in, i));
+    std::vector<double> extent(clear.size());
+    for (size_t i = 0; i < clear.size(); ++i)
+        extent[i] = length(body(clear[i]).high - body(clear[i]).low);
+    const bool flat = records.empty();
+    std::vector<Touch> touches;
+    std::mutex mutex;
     const auto look = [&](size_t i, size_t k) {
         const uint32_t own = clear[i], other = others[k];
-        if (own == other) return true;
-        const Face a = face(own), b = face(other);
         Box common;
-        if (!overlap(a.box, b.box, common)) return true;
+        const bool other_clear = is_clear(other);
+        const double coarse = flat && !other_clear ? kCoarse : 0;
+        if (own == other || !overlap(box_around(in, own), box_around(in, other), coarse, common))
+            return true;
+        const Plane a = rounded_plane(own), b = rounded_plane(other);
         const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
         const double size = std::max(terms(common, a.n), terms(common, b.n));
-        if (largest(common, a.n - b.n * turn, a.w - b.w * turn) > kOnePlane * size) return true;
+        const Double3 g = b.n - a.n * turn;
+        const double want = kParted * (size + std::min(0.5, 32 * extent[i]));
+        if (length(g) > kParallel || largest(common, g, b.w - a.w * turn) > 2 * want + coarse)
+            return true;
         const PrimitiveSource &from = sources[own], &to = sources[other];
-        const bool other_clear = lets_through(in, to.group, to.row);
-        if (turn > 0 && (from.same_surface(to) || (other_clear && other > own))) return true;
-        // Two that look the same way keep their order; of two in one plane a clear one lies on an
-        // opaque one, and the later of two clear ones within the earlier. Into the body counts more
-        // than off another surface.
-        const double above = over(common, b) - turn * over(common, a);
-        const bool out = turn > 0 && (above > 0 || (above == 0 && !other_clear));
-        const double away = (out ? kParted : -kParted) * size;
-        double& by = move[i];
-        by = away < 0 || by < 0 ? std::min(by, away) : std::max(by, away);
-        touches[own] = touches[other] = true;
+        const bool same = from.same_surface(to);
+        if (turn > 0 && same) return true;
+        // How far own lies beyond the other along its own normal.
+        const Double3 p = (common.low + common.high) * 0.5;
+        const Plane a0 = exact(own), b0 = exact(other);
+        double beyond = b0.over(p) * turn - a0.over(p);
+        if (std::abs(beyond) <= 1e-13 * size) beyond = 0;
+        Touch t{own, other, turn, false, 0, want};
+        if (turn < 0)
+            t.out = same && beyond > 0;  // a thin body's two sides
+        else if (other_clear && (beyond > 0 || (beyond == 0 && own < other)))
+            return true;  // the other lies within
+        else
+            t.out = !other_clear && beyond >= 0;
+        if (coarse > 0 && turn > 0 && !t.out) t.want += 2 * static_cast<double>(kPlaneSlack);
+        // Shadow rays from within a body end before the lamp that it touches (lights/light.h), and
+        // must have met the body's face there.
+        if (to.emission >= 0)
+            t.want +=
+                static_cast<double>(kLocalOffset) * (terms(box_around(in, other), b.n) + extent[i]);
+        const double slope = largest(common, g, -dot(g, p));
+        t.apart = (t.out ? 1 : -1) * (b.over(p) * turn - a.over(p)) - slope;
+        const std::lock_guard lock(mutex);
+        touches.push_back(t);
         return true;
     };
     box_pairs(
-        clear.size(), [&](size_t i) { return widened(box_around(in, clear[i])); }, others.size(),
-        [&](size_t k) { return box_around(in, others[k]); }, look);
-    for (size_t i = 0; i < planar; ++i)
-        if (touches[i])
-            primitives[i * view.primitive_row + kPrimOffset * view.primitive_column] = -1.f;
-    for (size_t i = 0; i < clear.size(); ++i) {
+        clear.size(),
+        [&](size_t i) { return widened(box_around(in, clear[i]), flat ? kCoarse : 0); },
+        others.size(), [&](size_t k) { return box_around(in, others[k]); }, look);
+    if (touches.empty()) return;
+    std::sort(touches.begin(), touches.end());
+    // Into the body counts more than off another surface.
+    std::vector<double> move(planar, 0.0);
+    std::vector<bool> inward(planar, false);
+    for (const Touch& t : touches)
+        if (!t.out) inward[t.own] = true;
+    bool changed = true;
+    for (int round = 0; changed && round < kMostLayers; ++round) {
+        changed = false;
+        for (const Touch& t : touches) {
+            if (t.out && inward[t.own]) continue;
+            const double sign = t.out ? 1 : -1;
+            const double apart = t.apart + sign * (move[t.own] - t.turn * move[t.other]);
+            if (apart >= t.want * (1 - 1e-6)) continue;
+            const double by =
+                std::clamp(move[t.own] + sign * (t.want - apart), -kMostMoved, kMostMoved);
+            changed = changed || by != move[t.own];
+            move[t.own] = by;
+        }
+    }
+    for (const Touch& t : touches)
+        for (const uint32_t i : {t.own, t.other}) column(i, kPrimOffset) = kTouches;
+    for (const uint32_t i : clear) {
         if (move[i] == 0) continue;
-        float& w = plane(clear[i])[3];
-        w = static_cast<float>(static_cast<double>(w) - move[i]);
-        primitives[clear[i] * view.primitive_row + kPrimPlane * view.primitive_column] = -w;
+        const float w = static_cast<float>(rounded_plane(i).w - move[i]);
+        column(i, kPrimPlane) = -w;
+        plane_record(i)[3] = w;
     }
 }
 

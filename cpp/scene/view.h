@@ -22,7 +22,8 @@ enum PrimitiveColumn : uint32_t {
     kPrimN,                        // unit normal of the front: 3 columns
     kPrimPlane = kPrimN + 3,       // n.p on the primitive
     kPrimOffset = kPrimPlane + 1,  // distance to leave the plane by, past a point's rounding; -1:
-                                   // kLocalOffset of the terms of n.p at the point
+                                   // kLocalOffset of the terms of n.p at the point; -2: so too,
+                                   // and it touches something that lets light through
     kPrimRim = kPrimOffset +
         1,              // without a tree: 4 columns, the face's own edges (geometry/polygon.h)
     kSphereCentre = 0,  // upper parts: 3 columns
@@ -33,7 +34,7 @@ enum PrimitiveColumn : uint32_t {
 
 // A point rounded and put back on its plane, the point off the plane and that one's height each are
 // off by 2 units of 2^-24 of the terms |n_k p_k| at most; this is 8.
-inline constexpr float kLocalOffset = 0x1p-21f;
+inline constexpr float kLocalOffset = 0x1p-21f, kLocal = -1.f, kTouches = -2.f;
 
 // Interpolated normal as an affine function of the point on the triangle: 3 rows of {g, w}.
 inline constexpr uint32_t kSmoothFloats = 12;

@@ -340,12 +340,12 @@ def lifted(rng: np.random.Generator, lower: str, upper: str, way: str) -> Questi
     area at most, and no edge moves by more than 2e-4 of the picture's 1.2: 1e-3 of the mean, and
     16 times that of a block, is a margin for both. Glass keeps 1e-5 off what it could be wetted by,
     and so does what is inside: of two surfaces in one place either may be seen. Between the walls
-    of two bodies light may stay for long.
+    of two bodies light may stay for long. What covers a lamp keeps 1e-4 off it, 2^-16 of the room.
     """
     x = settled(touch(rng, lower, upper, way))
     most = {} if x.gap <= LIFTED else {"gap": LIFTED}
     if {x.lower, x.upper} & REFRACTS or x.way == "inside":
-        most["gap"] = float(np.clip(x.gap, 1e-5, LIFTED))
+        most["gap"] = LIFTED if x.upper == "lamp" else float(np.clip(x.gap, 1e-5, LIFTED))
     x = Touch(**{**vars(x), **most})
     other = Touch(**{**vars(x), "gap": LIFTED, "n": 1, "tree": False, "turn": None})
     return Question(str(x), x.scene(LOSSY, False), other.scene(LOSSY, False), 1e-3, 1.6e-2, 0.05,

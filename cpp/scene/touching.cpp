@@ -7,6 +7,8 @@
 // where the two look against each other, else away from the other. A surface keeps its edges, so
 // that bodies stay closed.
 #include <algorithm>
+#include <functional>
+#include <mutex>
 #include <numeric>
 
 #include "scene/box_pairs.h"
@@ -86,17 +88,23 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
     std::vector<uint32_t> faces(planar);
     std::iota(faces.begin(), faces.end(), 0u);
     if (count >= planar) return faces;
+    faces.clear();
+    if (count == 0) return faces;
     std::vector<double> extent(planar);
-    for (uint32_t i = 0; i < planar; ++i) {
-        const Box box = box_around(in, i);
-        const Double3 size = box.high - box.low;
-        extent[i] = std::max({size.x, size.y, size.z});
-    }
-    std::nth_element(faces.begin(), faces.begin() + static_cast<ptrdiff_t>(count), faces.end(),
-                     [&](uint32_t a, uint32_t b) {
-                         return extent[a] > extent[b] || (extent[a] == extent[b] && a < b);
-                     });
-    faces.resize(count);
+    in_chunks(kAllThreads, planar, [&](size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) {
+            const Box box = box_around(in, i);
+            const Double3 size = box.high - box.low;
+            extent[i] = std::max(std::max(size.x, size.y), size.z);
+        }
+    });
+    std::vector<double> sorted = extent;
+    const auto last = sorted.begin() + static_cast<ptrdiff_t>(count) - 1;
+    std::nth_element(sorted.begin(), last, sorted.end(), std::greater<>());
+    // Of those as large as the last one that is taken, the first.
+    auto equal = std::count(sorted.begin(), last + 1, *last);
+    for (uint32_t i = 0; i < planar; ++i)
+        if (extent[i] > *last || (extent[i] == *last && equal-- > 0)) faces.push_back(i);
     return faces;
 }
 
@@ -105,9 +113,16 @@ void HostScene::part_touching(const SceneInput& in) {
     bool any = in.boundaries.count > 0;
     for (uint32_t m = 0; m < in.material_kind.count; ++m) any |= clear_material(in, m);
     if (!any) return;
-    std::vector<uint32_t> clear;
-    for (uint32_t i = 0; i < planar; ++i)
-        if (lets_through(in, sources[i].group, sources[i].row)) clear.push_back(i);
+    std::vector<uint32_t> clear;  // in any order
+    std::mutex mutex;
+    in_chunks(kAllThreads, planar, [&](size_t first, size_t last) {
+        std::vector<uint32_t> found;
+        for (size_t i = first; i < last; ++i)
+            if (lets_through(in, sources[i].group, sources[i].row))
+                found.push_back(static_cast<uint32_t>(i));
+        const std::lock_guard lock(mutex);
+        clear.insert(clear.end(), found.begin(), found.end());
+    });
     if (clear.empty()) return;
     const std::vector<uint32_t> others =
         largest_faces(in, planar, std::min(planar, kMostPairs / clear.size()));
@@ -139,6 +154,7 @@ void HostScene::part_touching(const SceneInput& in) {
         const double above = over(common, b) - turn * over(common, a);
         const bool out = turn > 0 && (above > 0 || (above == 0 && !other_clear));
         const double away = (out ? kParted : -kParted) * size;
+        const std::lock_guard lock(mutex);
         double& by = move[i];
         by = away < 0 || by < 0 ? std::min(by, away) : std::max(by, away);
         touches[own] = touches[other] = true;

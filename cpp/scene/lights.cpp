@@ -9,7 +9,7 @@ namespace {
 constexpr double kPiDouble = 3.14159265358979323846;
 // Pairs of a point light and a primitive beside it that are looked at; beyond it, every light
 // counts as within rounding of something.
-constexpr size_t kMostPairs = size_t{1} << 26;
+constexpr size_t kMostPairs = size_t{1} << 24;
 
 double sum3(const float* rgb) {
     return static_cast<double>(rgb[0]) + static_cast<double>(rgb[1]) + static_cast<double>(rgb[2]);

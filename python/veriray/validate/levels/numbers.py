@@ -58,7 +58,7 @@ def turns(k: Array) -> tuple[Array, Array]:
 
 
 def oracle(name: str, x: Array) -> Array:
-    """log or exp_minus in float64."""
+    """Log or exp_minus in float64."""
     x = x.astype(np.float64)
     return np.log(x) if name == "log" else np.exp(-x)
 
@@ -160,7 +160,7 @@ def check_monotone(t: Trial, name: str, step: int, part: int = 0, parts: int = 1
 
 @case(1, each={"name": MONOTONE})
 def error_and_order(t: Trial, name: str) -> None:
-    """log and exp(-x) over their whole domain: every 1,021st float.
+    """Log and exp(-x) over their whole domain: every 1,021st float.
 
     Errors at most 0.88 and 1.02 ulp; monotone.
     """
@@ -169,7 +169,7 @@ def error_and_order(t: Trial, name: str) -> None:
 
 @case(1, each={"name": MONOTONE, "part": range(PARTS)}, quick=False)
 def error_and_order_at_every_float(t: Trial, name: str, part: int) -> None:
-    """log and exp(-x) at every float of an eighth of their domain.
+    """Log and exp(-x) at every float of an eighth of their domain.
 
     Errors at most 0.88 and 1.02 ulp; monotone.
     """

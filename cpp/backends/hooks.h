@@ -29,7 +29,6 @@ enum class Function : uint32_t {
     kTent,
     kLog,
     kExpMinus,
-    kAcos,
     kExponential,        // upper and lower 16 bits of the word
     kTwoSum,             // a, b -> high, low
     kTwoProduct,         // a, b -> high, low
@@ -63,7 +62,6 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"tent", 1, 1},
     {"log", 1, 1},
     {"exp_minus", 1, 1},
-    {"acos", 1, 1},
     {"exponential", 2, 1},
     {"two_sum", 2, 2},
     {"two_product", 2, 2},
@@ -117,10 +115,8 @@ VR_HD F evaluate_elementary(Function which, F x) {
             return tent(x);
         case Function::kLog:
             return log(x);
-        case Function::kExpMinus:
-            return exp_minus(x);
         default:
-            return acos(x);
+            return exp_minus(x);
     }
 }
 
@@ -302,7 +298,7 @@ template <class L>
 VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
     const Function f = static_cast<Function>(which);
-    if (f <= Function::kAcos) {
+    if (f <= Function::kExpMinus) {
         y[0] = evaluate_elementary(f, x[0]);
     } else if (f <= Function::kHenyeyGreensteinP) {
         evaluate_mapping(f, x, y);

@@ -1,7 +1,7 @@
 // Elementary functions made of IEEE operations only: the same bits on every machine and lane width.
 // Minimax polynomials by Remez' exchange, coefficients rounded one after the other and the rest
-// fitted again. The errors stated are the largest over all floats of the domain (log, exp_minus,
-// acos) and over all 2^24 multiples of 2^-24 (sincos_2pi): validate/levels/numbers.py.
+// fitted again. The errors stated are the largest over all floats of the domain (log, exp_minus)
+// and over all 2^24 multiples of 2^-24 (sincos_2pi): validate/levels/numbers.py.
 #pragma once
 
 #include "core/lane.h"
@@ -99,24 +99,6 @@ VR_HD F exp_minus(F x) {
     const F value = F(1.f) + fma(r * r, polynomial(r, c), -r);
     const F scale = as_float((as_uint(shifted) + U(127u)) << 23);
     return select(x > F(largest), F(0.f), value * scale);
-}
-
-// Arc cosine of x in [-1, 1], radians; NaN outside. acos(1) = 0.
-// By arc sines of at most 1/2: acos(x) = pi/2 - asin(x) = 2 asin(sqrt((1 - x) / 2)).
-// At most 1.14 ulp and 2.2e-7; monotone. The polynomial's relative error is 4.9e-9.
-template <class F>
-VR_HD F acos(F x) {
-    constexpr float c[] = {0x1.5555c8p-3f, 0x1.330204p-4f, 0x1.747bbap-5f, 0x1.8c3e28p-6f,
-                           0x1.595c92p-5f};
-    constexpr float half_pi = 0x1.921fb6p+0f, half_pi_low = -0x1.777a5cp-25f;
-    const F a = abs(x);
-    const auto middle = a < F(0.5f);
-    const F z = select(middle, x * x, fma(a, F(-0.5f), F(0.5f)));
-    const F s = select(middle, x, sqrt(z));
-    const F rest = s * z * polynomial(z, c);
-    const F from_half_pi = F(half_pi) - (s + (rest - F(half_pi_low)));
-    const F twice = F(2.f) * select(x < F(0.f), from_half_pi, s + rest);
-    return select(middle, from_half_pi, twice);
 }
 
 // The angle of (x, y) in [-pi, pi], radians; 0 at the origin, odd in y.

@@ -2,17 +2,20 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <numeric>
 #include <vector>
 
 #include "scene/scene.h"
+#include "scene/thread_pool.h"
 
 namespace veriray {
 
+// Without branches, which would be taken by chance.
 inline bool meet(const Box& a, const Box& b) {
-    return a.low.x <= b.high.x && a.low.y <= b.high.y && a.low.z <= b.high.z &&
-           b.low.x <= a.high.x && b.low.y <= a.high.y && b.low.z <= a.high.z;
+    return (a.low.x <= b.high.x) & (a.low.y <= b.high.y) & (a.low.z <= b.high.z) &
+           (b.low.x <= a.high.x) & (b.low.y <= a.high.y) & (b.low.z <= a.high.z);
 }
 
 // A tree of boxes, halved by their number along the longest axis of their middles.
@@ -86,24 +89,21 @@ class BoxTree {
 };
 
 // Calls visit(i, j) where box_a(i), i < n, meets box_b(j), j < m, until it returns false; so does
-// this. The order is no one's business. By a tree over the smaller set.
+// this. By a tree over the smaller set, on all threads, in any order.
 template <class BoxA, class BoxB, class Visit>
 bool box_pairs(size_t n, BoxA box_a, size_t m, BoxB box_b, Visit visit) {
-    const auto tree = [](size_t count, auto box) {
-        std::vector<Box> boxes(count);
-        for (size_t i = 0; i < count; ++i) boxes[i] = box(i);
-        return BoxTree(std::move(boxes));
-    };
-    if (n <= m) {
-        const BoxTree a = tree(n, box_a);
-        for (size_t j = 0; j < m; ++j)
-            if (!a.find(box_b(j), [&](size_t i) { return visit(i, j); })) return false;
-    } else {
-        const BoxTree b = tree(m, box_b);
-        for (size_t i = 0; i < n; ++i)
-            if (!b.find(box_a(i), [&](size_t j) { return visit(i, j); })) return false;
-    }
-    return true;
+    const bool swapped = m < n;
+    std::vector<Box> boxes(std::min(n, m));
+    for (size_t i = 0; i < boxes.size(); ++i) boxes[i] = swapped ? box_b(i) : box_a(i);
+    const BoxTree tree(std::move(boxes));
+    std::atomic<bool> goes_on(true);
+    in_chunks(kAllThreads, std::min(n, m) ? std::max(n, m) : 0, [&](size_t first, size_t last) {
+        for (size_t k = first; k < last && goes_on; ++k)
+            if (!tree.find(swapped ? box_a(k) : box_b(k),
+                           [&](size_t i) { return swapped ? visit(k, i) : visit(i, k); }))
+                goes_on = false;
+    });
+    return goes_on;
 }
 
 }  // namespace veriray

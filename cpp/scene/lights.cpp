@@ -9,7 +9,7 @@ namespace {
 constexpr double kPiDouble = 3.14159265358979323846;
 // Pairs of a point light and a primitive beside it that are looked at; beyond it, every light
 // counts as within rounding of something.
-constexpr size_t kMostPairs = size_t{1} << 26;
+constexpr size_t kMostPairs = size_t{1} << 24;
 
 double sum3(const float* rgb) {
     return static_cast<double>(rgb[0]) + static_cast<double>(rgb[1]) + static_cast<double>(rgb[2]);
@@ -116,12 +116,14 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
         const double r = reach(lamps[q]) + 0x1p-20 * lamps[q].rounding + 0x1p-48;
         return Box{lamps[q].p - Double3{r, r, r}, lamps[q].p + Double3{r, r, r}};
     };
-    size_t pairs = 0;
+    std::atomic<size_t> pairs(0);
     const bool all = box_pairs(
         lamps.size(), around, sources.size(), [&](size_t i) { return box_around(in, i); },
         [&](size_t q, size_t i) {
-            Lamp& lamp = lamps[q];
-            lamp.nearest = std::min(lamp.nearest, receiver_distance(in, i, lamp.p));
+            const double distance = receiver_distance(in, i, lamps[q].p);
+            std::atomic_ref<double> nearest(lamps[q].nearest);
+            for (double was = nearest; distance < was;)
+                if (nearest.compare_exchange_weak(was, distance)) break;
             return ++pairs < kMostPairs;
         });
     for (Lamp& lamp : lamps) {

@@ -141,17 +141,23 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
     std::vector<uint32_t> faces(planar);
     std::iota(faces.begin(), faces.end(), 0u);
     if (count >= planar) return faces;
+    faces.clear();
+    if (count == 0) return faces;
     std::vector<double> extent(planar);
-    for (uint32_t i = 0; i < planar; ++i) {
-        const Box box = box_around(in, i);
-        const Double3 size = box.high - box.low;
-        extent[i] = std::max({size.x, size.y, size.z});
-    }
-    std::nth_element(faces.begin(), faces.begin() + static_cast<ptrdiff_t>(count), faces.end(),
-                     [&](uint32_t a, uint32_t b) {
-                         return extent[a] > extent[b] || (extent[a] == extent[b] && a < b);
-                     });
-    faces.resize(count);
+    in_chunks(kAllThreads, planar, [&](size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) {
+            const Box box = box_around(in, i);
+            const Double3 size = box.high - box.low;
+            extent[i] = std::max(std::max(size.x, size.y), size.z);
+        }
+    });
+    std::vector<double> sorted = extent;
+    const auto last = sorted.begin() + static_cast<ptrdiff_t>(count) - 1;
+    std::nth_element(sorted.begin(), last, sorted.end(), std::greater<>());
+    // Of those as large as the last one that is taken, the first.
+    auto equal = std::count(sorted.begin(), last + 1, *last);
+    for (uint32_t i = 0; i < planar; ++i)
+        if (extent[i] > *last || (extent[i] == *last && equal-- > 0)) faces.push_back(i);
     return faces;
 }
 

@@ -353,7 +353,7 @@ _REPAIRED = (  # bugs that veriray had
            "prim(kPrimSide)"),
     Mutant("spot by its rounded cosine", "lights/light.h",
            "angle(-dot(wi, axis), sqrt(dot(across, across)))",
-           "acos(max(min(-dot(wi, axis), F(1.f)), F(-1.f)))"),
+           "angle(-dot(wi, axis), sqrt(max(F(1.f) - dot(wi, axis) * dot(wi, axis), F(0.f))))"),
     Mutant("film blind to near point lights", "scene/lights.cpp",
            "brightest_receiver(in, delta, brightest)", "brightest"),
 )  # fmt: skip

@@ -97,11 +97,13 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
         first = column.table not in rows
         length = None if first else rows[column.table]
         shape = (length, *column.width) if column.table else column.width
-        if value is None:
+        if value is None and column.table:
             if length and column.default is REQUIRED:
                 raise SceneError(f"{name} is missing; there are {length} {column.table}")
-            value = np.full((length or 0, *column.width), _fill(column), column.dtype)
-        arrays[name] = array(name, value, column.dtype, shape)
+            arrays[name] = np.full((length or 0, *column.width), _fill(column), column.dtype)
+            arrays[name].setflags(write=False)
+        else:
+            arrays[name] = array(name, value, column.dtype, shape)
         if first:
             rows[column.table] = len(arrays[name])
     for name, column in COLUMNS.items():
@@ -133,7 +135,7 @@ def _first(bad: Array) -> int | None:
 
 
 def _check_shapes(arrays: Mapping[str, Array]) -> None:
-    lengths = _lengths(arrays["normals"])
+    lengths = _lengths(arrays["normals"] if arrays["normals"].any() else np.zeros((0, 3)))
     row = _first((lengths != 0) & ~(np.abs(lengths - 1) <= 1e-3))
     if row is not None:
         raise SceneError(f"normals[{row}] has length {lengths[row]:g}, expected 1, or 0 for none")

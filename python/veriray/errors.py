@@ -8,8 +8,9 @@ MAX_MESSAGE = 2000
 def printable(text: str) -> str:
     """`text` as a message: control characters and the like as escapes, the middle cut if too long.
 
-    Files may hold any character, and names of any length.
+    Files may hold any character, and names of any length. Raises TypeError for what is no text.
     """
+    _must_be_text("message", text)
     if len(text) > MAX_MESSAGE:
         half = MAX_MESSAGE // 2 - 4
         text = f"{text[:half]} [...] {text[-half:]}"
@@ -19,6 +20,11 @@ def printable(text: str) -> str:
 def visible(text: str) -> str:
     """`text` for a terminal or a report: as `printable`, but whole and in its lines."""
     return "\n".join(map(_escaped, text.split("\n")))
+
+
+def _must_be_text(name: str, value: object) -> None:
+    if not isinstance(value, str):
+        raise TypeError(f"{name} is {type(value).__name__}, expected str")
 
 
 def _escaped(text: str) -> str:
@@ -34,6 +40,8 @@ class SceneError(ValueError):
     """
 
     def __init__(self, message: str, where: str = "") -> None:
+        _must_be_text("message", message)
+        _must_be_text("where", where)
         super().__init__(printable(f"{where}: {message}" if where else message))
         self.where = where
 

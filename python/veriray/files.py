@@ -69,9 +69,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     Written beside it, flushed to the disk, renamed; on any failure it is removed and `path`
     stays as it was. What a killed process left is removed when `path` is written again. Links are
     followed; a place that is not a regular file is refused. A new file's mode is the umask's; a
-    file that was there keeps its mode and, where permitted, its owner. One with several hard links
-    is overwritten in place once its new content is whole on the disk, so that all names see it: a
-    kill during this copy can cut it short.
+    file that was there keeps its mode and, where permitted, its owner, extended attributes and
+    access control list (but not capabilities). One with several hard links is overwritten in place
+    once its new content is whole on the disk, so that all names see it: a kill during this copy can
+    cut it short.
     """
     where = os.fspath(path)
     try:
@@ -87,7 +88,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
                     os.unlink(temporary)
                 else:
                     if old is not None:
-                        _adopt(file.fileno(), old)
+                        _adopt(file.fileno(), old, target)
                     os.replace(temporary, target)
         except BaseException:
             with contextlib.suppress(OSError):
@@ -136,13 +137,36 @@ def _remove_unlocked(path: Path) -> None:
         os.unlink(path)
 
 
-def _adopt(descriptor: int, old: os.stat_result) -> None:
-    """Gives a file the mode, and where permitted owner and group, of another."""
+def _adopt(descriptor: int, old: os.stat_result, target: Path) -> None:
+    """Gives a file the mode of `target`, and where permitted owner, group and attributes."""
     for owner in (old.st_uid, -1):
         with contextlib.suppress(PermissionError):
             os.fchown(descriptor, owner, old.st_gid)
             break
-    os.fchmod(descriptor, old.st_mode & 0o777)
+    names = _attributes(target)
+    lost = {_ACL} & {*names}
+    if not lost:
+        with contextlib.suppress(OSError):  # there is none, mostly: of the folder's default
+            os.removexattr(descriptor, _ACL)
+    for name in names:  # while the mode still lets the owner
+        if name not in _OF_CONTENT:
+            with contextlib.suppress(OSError):
+                os.setxattr(descriptor, name, os.getxattr(target, name))
+                lost -= {name}
+    # beside a list the group's bits are the most that the list grants, and not the group's
+    os.fchmod(descriptor, old.st_mode & (0o707 if lost else 0o777))
+
+
+_ACL = "system.posix_acl_access"
+#: Attributes that vouch for a file's content.
+_OF_CONTENT = ("security.capability", "security.ima", "security.evm")
+
+
+def _attributes(file: Path) -> list[str]:
+    try:
+        return os.listxattr(file)
+    except OSError:  # a file system without
+        return []
 
 
 def _copy_into(file: IO[bytes], target: Path) -> None:

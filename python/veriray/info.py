@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from . import device as device_module
+from . import limits
 from .columns import MATERIAL_KINDS
+from .native_scene import native_scene
 from .rendering import prepare
 from .scene import Scene
 
@@ -51,11 +53,14 @@ def examine(
     Keys: device, device_reason, features (needed), variant (compiled in), unused (compiled in, not
     needed), skipped (not compiled in), path_bytes, primitives, tree and memory (as
     `rendering.prepare` gives them), counts (rows of the scene's tables), materials (count by
-    kind), width, height, scene_sha256. Raises as `veriray.render`.
+    kind), width, height, scene_sha256, warnings (texts: what is finer than float32 can tell, see
+    `limits`). Raises as `veriray.render`.
     """
     chosen, reason = device_module.select(device)
     facts = prepare(scene, device, width, height, progress)
     used = scene.with_(width=width, height=height)
+    with device_module.native_errors():
+        origin, _ = native_scene(scene, used, chosen, progress, spp=used.spp).frame  # kept
     kinds: list[int] = used.material_kind.tolist() if used.material_kind is not None else []
     counts = {
         "vertices": used.vertices,
@@ -78,6 +83,7 @@ def examine(
         "width": used.film.width,
         "height": used.film.height,
         "scene_sha256": used.sha256,
+        "warnings": limits.warnings(used, origin),
     }
 
 
@@ -91,6 +97,7 @@ def as_text(report: dict[str, Any]) -> str:
         f"primitives  {primitives_text(report['primitives'])}",
         f"tree        {tree_text(report['tree'])}",
         f"memory      {report['memory']:,} bytes, and {report['path_bytes']} bytes a path",
+        *(f"warning     {text}" for text in report["warnings"]),
         "",
         f"{'feature':<16} {'needed':<7} {'compiled in':<12} meaning",
     ]

@@ -58,11 +58,16 @@ def view_angle(extent: float, distance: float) -> float:
 
 def finite(name: str, value: Array, where: str = "") -> None:
     """Raises SceneError with the index of the first NaN or infinity in `value`."""
-    bad = np.argwhere(~np.isfinite(value))
-    if len(bad):
-        index = tuple(int(i) for i in bad[0])
-        place = "".join(f"[{i}]" for i in index)
+    good = np.isfinite(value)
+    if not good.all():
+        index, place = _first(~good)
         raise SceneError(f"{name}{place} is {value[index]}; it must be finite", where)
+
+
+def _first(bad: Array) -> tuple[tuple[int, ...], str]:
+    """Index of the first True, also as "[i][j]"."""
+    index = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), bad.shape))
+    return index, "".join(f"[{i}]" for i in index)
 
 
 def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> Array:
@@ -83,10 +88,13 @@ def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> A
     kind = np.dtype(dtype).kind
     result: Array
     if kind == "f":
+        if given.size:
+            finite(name, given)
         with np.errstate(over="ignore"):
-            finite(name, given.astype(np.float64))
-            result = np.array(given, dtype=dtype, order="C") + np.dtype(dtype).type(0)  # no -0
-        finite(f"{name} (as {np.dtype(dtype)})", result)
+            result = np.array(given, dtype=dtype, order="C")
+        if result.dtype != given.dtype:
+            finite(f"{name} (as {result.dtype})", result)
+        result += result.dtype.type(0)  # no -0
     else:
         if kind in "iu" and given.size:
             if given.dtype.kind not in "iu":
@@ -104,12 +112,15 @@ def in_range(
     name: str, values: Array, low: float, high: float, note: str = "", *, open_: bool = False
 ) -> None:
     """Raises SceneError with the first entry outside [low, high], or (low, high) when `open_`."""
+    if not values.size:
+        return
     with np.errstate(invalid="ignore"):
+        least, most = values.min(), values.max()
+        if least > low and most < high if open_ else least >= low and most <= high:
+            return
         good = (values > low) & (values < high) if open_ else (values >= low) & (values <= high)
-    bad = np.argwhere(~good)
-    if len(bad):
-        index = tuple(int(i) for i in bad[0])
-        place = "".join(f"[{i}]" for i in index)
+    if not good.all():
+        index, place = _first(~good)
         limits = f"({low:g}, {high:g})" if open_ else f"[{low:g}, {high:g}]"
         raise SceneError(f"{name}{place} = {values[index]} is outside {limits}{note}")
 
@@ -178,7 +189,18 @@ def path_text(name: str, value: Any, error: type[ValueError] = SceneError) -> st
 
 def determinant(matrix: Array) -> float:
     """Determinant of the upper left 3x3 block, in a fixed order of operations."""
-    rows: list[list[float]] = matrix[:3, :3].tolist()
+    result: float = _determinant(matrix[:3, :3].tolist())
+    return result
+
+
+def mirrors(matrices: Array) -> Array:
+    """Whether the determinants of matrices (N, 4, 4) are below 0."""
+    with np.errstate(all="ignore"):
+        below: Array = _determinant(matrices[:, :3, :3].transpose(1, 2, 0)) < 0
+    return below
+
+
+def _determinant(rows: Any) -> Any:
     (a, b, c), (d, e, f), (g, h, i) = rows
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 

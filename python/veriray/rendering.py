@@ -58,6 +58,7 @@ class Render:
     samples: (H, W) uint32, the samples of each pixel, or None where all have spp.
     film_sha256: see `film_hash`; equal hashes mean equal bytes.
     stats: what was done (plain Python numbers, strings and lists; `render` lists the keys).
+    Raises ValueError naming the field that is not so.
     """
 
     image: Array
@@ -70,6 +71,27 @@ class Render:
     spp: int
     seed: int
     samples: Array | None = None
+
+    def __post_init__(self) -> None:
+        _check_film(self.image, self.stderr, self.samples)
+        shape, means = self.image.shape, self.batch_means
+        if means is not None and (
+            not isinstance(means, np.ndarray)
+            or means.ndim != 4
+            or means.shape[1:] != shape
+            or means.dtype.kind not in "fiu"
+        ):
+            given = means.shape if isinstance(means, np.ndarray) else means
+            raise ValueError(f"batch_means is {shown(given)}, expected numbers (B, H, W, 3)")
+        if not isinstance(self.film_sha256, str):
+            raise ValueError(f"film_sha256 = {shown(self.film_sha256)} is not a string")
+        if not isinstance(self.stats, dict) or not all(isinstance(k, str) for k in self.stats):
+            raise ValueError(f"stats = {shown(self.stats)} is not a dictionary of names")
+        for name, value in (("height", shape[0]), ("width", shape[1])):
+            if _whole(name, getattr(self, name), 1, 2**31 - 1) != value:
+                raise ValueError(f"{name} = {getattr(self, name)}, but image is {shape}")
+        _whole("spp", self.spp, 0, 2**64 - 1)
+        _whole("seed", self.seed, 0, 2**64 - 1)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
         """Write an `.exr` (everything) or a `.png` (display copy); see `veriray.image.save`.
@@ -100,19 +122,8 @@ def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = Non
     order. Every NaN counts as the same NaN. Samples by pixel, where they differ, follow as (H, W)
     little-endian uint32.
     """
-    shape: tuple[int, ...] = image.shape if isinstance(image, np.ndarray) else ()
-    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
-        raise ValueError(f"image is {shown(shape or image)}, expected an array (H, W, 3)")
-    others = {"stderr": (stderr, shape), "samples": (samples, shape[:2])}
-    for name, (given, expected) in others.items():
-        if given is None and name == "samples":
-            continue
-        if not isinstance(given, np.ndarray) or given.shape != expected:
-            raise ValueError(f"{name} is {shown(given)}, expected an array {expected}")
-    for name, given in (("image", image), ("stderr", stderr), ("samples", samples)):
-        if given is not None and given.dtype.kind not in "fiu":
-            raise ValueError(f"{name} has dtype {given.dtype}, expected numbers")
-    height, width = shape[:2]
+    _check_film(image, stderr, samples)
+    height, width = image.shape[:2]
     spp = _whole("spp", spp, 0, 2**64 - 1)
     digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
     for values in (image, stderr):
@@ -123,6 +134,25 @@ def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = Non
     if samples is not None:
         digest.update(np.ascontiguousarray(samples, dtype="<u4").reshape(-1).view(np.uint8))
     return digest.hexdigest()
+
+
+def _check_film(image: Array, stderr: Array, samples: Array | None) -> None:
+    """Raises ValueError unless the arrays are numbers (H, W, 3), (H, W, 3) and None or (H, W)."""
+    shape: tuple[int, ...] = image.shape if isinstance(image, np.ndarray) else ()
+    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
+        raise ValueError(
+            f"image is {shown(shape or image)}, expected an array (H, W, 3) with H, W >= 1"
+        )
+    others = {"stderr": (stderr, shape), "samples": (samples, shape[:2])}
+    for name, (given, expected) in others.items():
+        if given is None and name == "samples":
+            continue
+        if not isinstance(given, np.ndarray) or given.shape != expected:
+            raise ValueError(f"{name} is {shown(given)}, expected an array {expected}")
+    for name, given in (("image", image), ("stderr", stderr), ("samples", samples)):
+        kinds = "iu" if name == "samples" else "fiu"
+        if given is not None and given.dtype.kind not in kinds:
+            raise ValueError(f"{name} has dtype {given.dtype}, expected numbers")
 
 
 def render(

@@ -178,8 +178,10 @@ class Scene:
     def place(self, message: str) -> str:
         """The place in the scene file of what "column[row] ..." is about; "" if unknown.
 
-        The file alone where the message names no row.
+        The file alone where the message names no row. Raises TypeError for what is no text.
         """
+        if not isinstance(message, str):
+            raise TypeError(f"message is {type(message).__name__}, expected str")
         places: dict[str, list[str]] = self.__dict__.get("_places", {})
         found = re.match(r"(\w+)\[(\d+)\]", message)
         if found and found[1] in COLUMNS and places:

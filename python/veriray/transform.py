@@ -28,10 +28,10 @@ def compose(a: Array, b: Array) -> Array:
 
 
 def apply(matrix: Array, points: Array) -> Array:
-    """Transforms points (N, 3) by an affine matrix (4, 4), or each by its own of (N, 4, 4)."""
+    """Transforms points (..., 3) by affine matrices (..., 4, 4); the leading axes are broadcast."""
     m = matrix[..., :3, :]
-    result: Array = points[:, 0:1] * m[..., 0] + points[:, 1:2] * m[..., 1]
-    result = result + points[:, 2:3] * m[..., 2]
+    result: Array = points[..., 0:1] * m[..., 0] + points[..., 1:2] * m[..., 1]
+    result = result + points[..., 2:3] * m[..., 2]
     return result + m[..., 3]
 
 

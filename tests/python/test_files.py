@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import stat
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -105,6 +106,71 @@ def test_the_owner_stays(tmp_path: Path) -> None:
     os.chown(path, 1234, 4321)
     write(path)
     assert (path.stat().st_uid, path.stat().st_gid) == (1234, 4321)
+
+
+def give(path: Path, name: str, value: bytes) -> None:
+    """Sets an extended attribute, or skips the test."""
+    try:
+        os.setxattr(path, name, value)
+    except OSError as error:
+        pytest.skip(f"the file system of {path} takes no {name}: {error.strerror}")
+
+
+def access_list(user: int, rights: int, group: int) -> bytes:
+    """As Linux keeps it: owner rw, that user `rights`, group `group`, at most rw, others none."""
+    nobody = 2**32 - 1
+    entries = [(1, 6, nobody), (2, rights, user), (4, group, nobody), (16, 6, nobody)]
+    return struct.pack("<I", 2) + b"".join(
+        struct.pack("<HHI", *entry) for entry in [*entries, (32, 0, nobody)]
+    )
+
+
+def test_extended_attributes_stay(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"old")
+    give(path, "user.note", b"kept\0")
+    path.chmod(0o400)
+    write(path)
+    assert os.getxattr(path, "user.note") == b"kept\0" and path.read_bytes() == b"new"
+
+
+def test_access_control_lists_stay(tmp_path: Path) -> None:
+    path, plain, name = tmp_path / "x", tmp_path / "plain", "system.posix_acl_access"
+    for file in (path, plain):
+        file.write_bytes(b"old")
+        file.chmod(0o600)
+    value = access_list(1234, 6, 0)
+    give(path, name, value)
+    write(path)
+    assert os.getxattr(path, name) == value and stat.S_IMODE(path.stat().st_mode) == 0o660
+    give(tmp_path, "system.posix_acl_default", value)  # of files made from now on
+    write(path)
+    write(plain)
+    assert os.getxattr(path, name) == value
+    assert name not in os.listxattr(plain) and stat.S_IMODE(plain.stat().st_mode) == 0o600
+
+
+def test_no_group_gains_rights_where_a_list_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"old")
+    give(path, "system.posix_acl_access", access_list(1234, 6, 0))
+
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "setxattr", refuse)
+    write(path)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600 and path.read_bytes() == b"new"
+
+
+def test_capabilities_do_not_pass_to_new_content(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"old")
+    give(path, "security.capability", struct.pack("<5I", 0x02000001, 1 << 10, 0, 0, 0))
+    write(path)
+    assert "security.capability" not in os.listxattr(path)
 
 
 def test_links_stay(tmp_path: Path) -> None:

@@ -319,6 +319,63 @@ def test_a_mirrored_sphere_is_the_sphere(flip):
     assert scene.sphere_inward.tolist() == [flip]
 
 
+def test_many_shapes_stand_as_each_alone(tmp_path):
+    rng = random.Random(4)
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nvn 0 0 1\nf 1//1 2//1 3//1\n")
+    shapes = []
+    for k in range(1500):  # more than are placed together
+        kind = rng.choice(["cube", "rectangle", "disk", "sphere", "obj"])
+        file = '<string name="filename" value="a.obj"/>' * (kind == "obj")
+        flip = f'<boolean name="flip_normals" value="{rng.choice(["true", "false"])}"/>'
+        size = f'<scale value="{rng.choice([-2, 3])}"/>'
+        place = f'<rotate y="1" angle="{7 * k}"/><translate x="{rng.random()}" y="{k}"/>'
+        inside = f'{file}{flip}<transform name="to_world">{size}{place}</transform>'
+        shapes.append(f'<shape type="{kind}">{inside}</shape>\n')
+    scene = load(tmp_path, "".join(shapes))
+    for k in range(0, 1500, 19):
+        alone = load(tmp_path, shapes[k])
+        faces = scene.triangles[scene.triangle_shape == k]
+        for name in ("vertices", "normals"):
+            one = getattr(alone, name)[alone.triangles]
+            np.testing.assert_array_equal(getattr(scene, name)[faces], one)
+        for name in ("sphere", "disk"):
+            rows = getattr(scene, f"{name}_shape") == k
+            np.testing.assert_array_equal(
+                getattr(scene, f"{name}s")[rows], getattr(alone, f"{name}s")
+            )
+        np.testing.assert_array_equal(
+            scene.sphere_inward[scene.sphere_shape == k], alone.sphere_inward
+        )
+    steps = '<scale value="1e99"/><translate x="1e100"/>'
+    far = f'<shape type="cube"><transform name="to_world">{steps}</transform></shape>'
+    with pytest.raises(SceneError, match="scene.xml:604: cube: a vertex exceeds 1e\\+100"):
+        load(tmp_path, "".join(f'<shape type="cube" id="c{k}"/>\n' for k in range(600)) + far)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cube", "rectangle"])
+def test_work_goes_with_the_number_of_shapes(tmp_path, kind):
+    """Counted in calls, which a busy machine does not change."""
+
+    def calls(shapes):
+        count = 0
+
+        def profile(frame, event, value):
+            nonlocal count
+            count += 1
+
+        sys.setprofile(profile)
+        try:
+            load(tmp_path, f'<shape type="{kind}"/>\n' * shapes)
+        finally:
+            sys.setprofile(None)
+        return count
+
+    load(tmp_path, f'<shape type="{kind}"/>')  # fills the caches
+    few, more, most = (calls(n) for n in (500, 1000, 2000))
+    assert most - more <= 2.1 * (more - few)
+    assert most - more < 100 * 1000
+
+
 def test_transform_order(tmp_path):
     body = (
         '<shape type="rectangle"><transform name="to_world"><translate x="1"/><scale value="2"/>'

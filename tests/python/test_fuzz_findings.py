@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.fuzz.formats import corpus
 from veriray import image
+from veriray.cli import main
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats import mesh
 from veriray.scene import load_dict, load_file
@@ -194,3 +196,20 @@ def test_a_small_file_needs_little_memory(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 2**20
     finally:
         tracemalloc.stop()
+
+
+def test_compare_prints_its_own_lines_alone(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Neither a picture's text nor the EXR library speaks to the terminal."""
+    paths = [tmp_path / f"{name}.exr" for name in ("escape-in-region", "escape-other", "truncated")]
+    for path in paths:
+        path.write_bytes((corpus("exr") / f"found-{path.stem}").read_bytes())
+    assert main(["compare", str(paths[0]), str(paths[1])]) == 1
+    out, err = capfd.readouterr()
+    assert all(line.isprintable() for line in out.split("\n")) and not err
+    assert r"\x1b[2J\x1b]0;pwn\x07\nThe pictures agree: forged" in out
+    assert main(["compare", str(paths[2]), str(paths[0])]) == 2
+    out, err = capfd.readouterr()
+    assert not out and err.count("\n") == 1
+    assert err.startswith(f"veriray: error: {paths[2]}: not a readable OpenEXR file: ")

@@ -1,4 +1,4 @@
-"""Every public function with arguments that no program should give: documented errors alone.
+"""Every public function and class with arguments that no program should give: documented errors.
 
 The table is of callables and the arguments of each that are tried one at a time; the message of an
 error names the argument (or says which file it is).
@@ -106,7 +106,26 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = tmp_path_factory.mktemp("hostile") / "a.exr"
     picture.save(path)
     return {"scene": scene, "picture": picture, "path": path, "film": scene.film,
-            "camera": scene.camera}  # fmt: skip
+            "camera": scene.camera, "report": vr.compare(picture, picture),
+            "device": vr.devices()[0]}  # fmt: skip
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """Fields of a dataclass that its constructor takes."""
+    return {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.init}
+
+
+def _used(good: vr.Render) -> Callable[..., Any]:
+    """Makes a Render, and does with it what a user does."""
+
+    def call(**fields: Any) -> None:
+        made = vr.Render(**fields)
+        made.save("made.exr")
+        made.save("made.png")
+        made._repr_png_()
+        vr.compare(made, good)
+
+    return call
 
 
 def _row(call: Callable[..., Any], names: str, **good: Any) -> tuple[Any, list[str], Any]:
@@ -219,13 +238,38 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     ),
     "to_srgb8": lambda g: _row(image.to_srgb8, "image exposure", image=g["picture"].image),
     "load": lambda g: _row(image.load, "path max_bytes", path=g["path"]),
+    "Render": lambda g: _row(
+        _used(g["picture"]), " ".join(_fields(g["picture"])), **_fields(g["picture"])
+    ),
+    "Report": lambda g: _row(vr.Report, " ".join(_fields(g["report"])), **_fields(g["report"])),
+    "Report.save": lambda g: _row(g["report"].save, "path"),
+    "Device": lambda g: _row(vr.Device, " ".join(_fields(g["device"])), **_fields(g["device"])),
+    "place": lambda g: _row(g["scene"].place, "message"),
+    "SceneError": lambda g: _row(vr.SceneError, "message where", message="bad"),
+    "SceneWarning": lambda g: _row(vr.SceneWarning, "message"),
+    "ImageError": lambda g: _row(vr.ImageError, "message"),
+    **{
+        kind.__name__: lambda g, kind=kind: _row(lambda message: kind(message), "message")
+        for kind in (vr.DeviceError, vr.OutOfMemoryError, vr.RefusedSamplesWarning)
+    },
 }
+#: What `compare` alone calls.
+OWN = {"add_power", "add_means", "decide"}
 
 
 def test_the_table_is_complete() -> None:
     for name in vr.__all__:
         value = getattr(vr, name)
-        if inspect.isfunction(value) and inspect.signature(value).parameters:
+        if inspect.isclass(value):
+            assert name in TABLE
+            for method, function in inspect.getmembers(value, inspect.isroutine):
+                if not method.startswith("_") and value.__module__ in str(
+                    getattr(function, "__module__", "")
+                ):
+                    takes = set(inspect.signature(function).parameters) - {"self"}
+                    known = {method, f"{name}.{method}"} & set(TABLE)
+                    assert known or not takes or method in OWN, (name, method)
+        elif inspect.isfunction(value) and inspect.signature(value).parameters:
             assert name in TABLE
 
 

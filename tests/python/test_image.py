@@ -134,15 +134,15 @@ def test_png_is_srgb_and_not_an_input(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"image": np.zeros((4, 4), np.float32)}, "expected .H, W, 3."),
+        ({"image": np.zeros((4, 4), np.float32)}, r"image is \(4, 4\), expected an array"),
         ({"image": np.zeros((0, 4, 3), np.float32)}, "H, W >= 1"),
         ({"stderr": np.zeros((5, 8, 3), np.float32)}, "stderr"),
-        ({"batch_means": np.zeros((2, 4, 7, 3))}, r"batch_means\[0\]"),
+        ({"batch_means": np.zeros((2, 4, 7, 3))}, "batch_means"),
         ({"batch_means": np.zeros((1001, 5, 7, 3))}, "at most 1000"),
     ],
 )
 def test_bad_arrays(tmp_path: Path, change: dict[str, np.ndarray], message: str) -> None:
-    with pytest.raises(ImageError, match=message):
+    with pytest.raises(ValueError, match=message):
         image.save(dataclasses.replace(make_render(), **change), tmp_path / "x.exr")
     assert not os.listdir(tmp_path)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -228,3 +229,40 @@ def test_little_memory_is_an_out_of_memory_error(scheduler: str, room: int) -> N
     scene = "box.with_(width=64, height=64, spp=4)"
     done = python(LITTLE.format(scene=scene, room=room, scheduler=scheduler))
     assert (done.returncode, done.stderr) == (0, "")
+
+
+NO_THREADS = """
+import resource
+box = vr.cornell_box().with_(width=16, height=16, spp=2)
+scene = {scene}
+settings = dict(device='cpu', scheduler='{scheduler}')
+right = vr.render(box, **settings).film_sha256
+if os.geteuid() == 0:  # whom no limit binds
+    os.setgroups([])
+    os.setgid({user})
+    os.setuid({user})
+resource.setrlimit(resource.RLIMIT_NPROC, ({most}, {most}))
+try:
+    for _ in range({most}): threading.Thread(target=time.sleep, args=(0.2,)).start()
+    sys.exit("threads start in spite of RLIMIT_NPROC")
+except RuntimeError:
+    time.sleep(0.4)
+try:
+    assert vr.render(scene, threads=8, **settings).film_sha256 == right
+    print('fewer')
+except vr.OutOfMemoryError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs RLIMIT_NPROC of Linux")
+@pytest.mark.parametrize("scheduler", ["fused", "thrust", "wavefront"])
+@pytest.mark.parametrize(("scene", "most"), [("box", 1), ("box", 3), ("big(20_000)", 1)])
+def test_threads_that_cannot_start(scheduler: str, scene: str, most: int) -> None:
+    """None for a render or for a tree: an OutOfMemoryError. Fewer than asked for: the picture."""
+    values = {"scene": scene, "scheduler": scheduler, "most": most, "user": 60_123}
+    done = python(BIG + NO_THREADS.format(**values))
+    if "in spite of RLIMIT_NPROC" in done.stderr or "os.set" in done.stderr:
+        pytest.skip(f"no limit on threads here: {done.stderr.splitlines()[-1]}")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.search("no thread|too little memory" + "|fewer" * (most > 1), done.stdout)

@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--force",
         action="store_true",
-        help="render finished pictures again, and replace files that the gallery did not make",
+        help="render finished pictures again, and replace files without the gallery's mark",
     )
     parser.add_argument("--sheet", action="store_true", help="contact sheet alone, from DIR")
     parser.add_argument("--docs", metavar="DIR", help="for the page and the sheet (default: -o)")

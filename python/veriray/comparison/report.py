@@ -12,9 +12,11 @@ import numpy as np
 
 from veriray import html
 from veriray.comparison.statistics import Cells, Test
+from veriray.errors import printable
 from veriray.files import replacing
 from veriray.html import BLUE, GREY, ORANGE, percent, plain
 from veriray.image import to_srgb8
+from veriray.numeric import path_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -184,12 +186,14 @@ class Report:
         The JSON of `to_json` is inside the HTML, in `<script type="application/json">`.
 
         Raises:
-            ValueError: another suffix.
+            ValueError: another suffix, or a null character.
+            TypeError: no path.
             OSError: the file cannot be written (the message names it).
         """
-        suffix = Path(path).suffix.lower()
+        suffix = Path(path_text("path", path, ValueError)).suffix.lower()
         if suffix not in (".html", ".json"):
-            raise ValueError(f"{os.fspath(path)}: suffix {suffix!r}; expected .html or .json")
+            text = f"{os.fspath(path)}: suffix {suffix!r}; expected .html or .json"
+            raise ValueError(printable(text))
         text = self.to_json() if suffix == ".json" else self.to_html()
         with replacing(path) as file:
             file.write(text.encode())

@@ -231,7 +231,7 @@ class _Builder:
         return media.get("interior", -1), media.get("exterior", -1)
 
     def shape(self, node: Node, shapes: Shapes) -> None:
-        parts, values = self.check(node)
+        parts, values = self.children(node), check(node)  # used once
         lamp = parts["emitter"][0] if parts["emitter"] else None
         if parts["bsdf"]:
             bsdf, row = parts["bsdf"][0], self.material(parts["bsdf"][0])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from xml.parsers import expat
 
@@ -110,8 +111,8 @@ class _Reader:
     ) -> dict[str, str]:
         """The element's attributes with $names replaced; `needed` and `optional` are names."""
         result = {}
-        names = [*needed.split(), *optional.split()]
-        for key, text in element.attrib.items():
+        required, names = _names(needed, optional)
+        for key, text in element.items():
             if key not in names:
                 raise SceneError(
                     f"<{element.tag}> has an unknown attribute {shorten(key)} = {shorten(text)}"
@@ -121,7 +122,7 @@ class _Reader:
             if "$" in text:
                 text = _PARAMETER.sub(lambda m: self.lookup(m, where), str(text))
             result[str(key)] = str(text)
-        for key in needed.split():
+        for key in required:
             if key not in result:
                 raise SceneError(f'<{element.tag}> lacks the attribute "{key}"', where)
         return result
@@ -153,10 +154,12 @@ class _Reader:
         """Adds the element's children to `node`."""
         if depth > MAX_DEPTH:
             raise SceneError(f"nested deeper than {MAX_DEPTH}", f"{path}:{element.sourceline}")
-        _no_text(element, path)
+        file = str(path)
+        _no_text(element, element.text, path)
         for child in element:
-            where = f"{path}:{child.sourceline}"
+            where = f"{file}:{child.sourceline}"
             tag = child.tag
+            _no_text(element, child.tail, path)
             if not isinstance(tag, str):
                 raise SceneError("entities are not allowed", where)
             if tag == "include":
@@ -192,7 +195,8 @@ class _Reader:
         if plugin not in PLUGINS or PLUGINS[plugin].category != tag:
             names = of_category(tag)
             raise SceneError(f"unknown {tag} {shorten(plugin)}{allowed(plugin, names)}", where)
-        node = Node(plugin, where, tag, a.get("id", ""), str(path.parent), name=a.get("name", ""))
+        folder = str(path.parent) if "filename" in PLUGINS[plugin].params else ""
+        node = Node(plugin, where, tag, a.get("id", ""), folder, name=a.get("name", ""))
         if node.id:
             self.tree.add_id(node)
         self.children(element, node, path, chain, depth + 1)
@@ -284,11 +288,12 @@ class _Reader:
         )
 
     def transform(self, element: etree._Element, path: Path) -> Array:
-        _no_text(element, path)
+        _no_text(element, element.text, path)
         matrix = np.eye(4)
         for child in element:
             where = f"{path}:{child.sourceline}"
             tag = child.tag
+            _no_text(element, child.tail, path)
             if not isinstance(tag, str):
                 raise SceneError("entities are not allowed", where)
             _empty(child, where)
@@ -350,11 +355,14 @@ def _text(value: object) -> str:
     return repr(float(value)) if isinstance(value, float) else str(value)
 
 
-def _no_text(element: etree._Element, path: Path) -> None:
-    for text in (element.text, *(child.tail for child in element)):
-        if text and text.strip():
-            where = f"{path}:{element.sourceline}"
-            raise SceneError(f"<{element.tag}> holds text", where)
+@lru_cache(maxsize=64)
+def _names(needed: str, optional: str) -> tuple[list[str], list[str]]:
+    return needed.split(), [*needed.split(), *optional.split()]
+
+
+def _no_text(element: etree._Element, text: str | None, path: Path) -> None:
+    if text and not text.isspace():
+        raise SceneError(f"<{element.tag}> holds text", f"{path}:{element.sourceline}")
 
 
 def _empty(element: etree._Element, where: str) -> None:

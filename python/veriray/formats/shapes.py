@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .. import transform
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
-from ..numeric import MAX_COORDINATE, determinant
+from ..numeric import MAX_COORDINATE, determinant, mirrors
 from . import mesh
 from .node import Node, shorten
 
@@ -36,14 +36,20 @@ _IDENTITY.setflags(write=False)
 _CUBE_FACES = np.concatenate([_QUAD_FACES + 4 * face for face in range(6)])
 
 
+#: Shapes with the same faces whatever their size: local vertices, faces.
+_FLAT = {"rectangle": (_QUAD, _QUAD_FACES), "cube": (_CUBE, _CUBE_FACES)}
+_CHUNK = 256  # shapes that are placed together
+
+
 class Shapes:
     """Shapes gathered one by one, with the rows of their material, emission and boundary."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
-        self.vertices: list[Array] = []
-        self.normals: list[Array] = []
-        self.triangles: list[Array] = []
+        self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
+            name: [] for name in _FLAT
+        }
+        self.meshes: list[tuple[int, int, Array, Array, Array | None]] = []
         self.spheres: list[tuple[Node, Array, tuple[float, ...], bool]] = []
         self.disks: list[Array] = []
         self.rows: dict[str, list[tuple[int, int, int, int]]] = {
@@ -52,7 +58,7 @@ class Shapes:
             "disk": [],
         }
         self.counts: list[int] = []
-        self.vertex_count = 0
+        self.vertex_count = self.triangle_count = 0
 
     def add(
         self, node: Node, values: dict[str, Any], row: tuple[int, int, int], solid: str
@@ -62,79 +68,118 @@ class Shapes:
         values: its checked parameters. row: indices of material, emission and boundary. solid: why
         the shape must be closed, "" if it need not.
         """
-        kind = {"sphere": "sphere", "disk": "disk"}.get(node.plugin, "triangle")
-        values["to_world"] = _IDENTITY if values["to_world"] is None else values["to_world"]
-        getattr(self, f"_{kind}")(node, values, solid)
+        plugin = node.plugin
+        matrix, flip = values["to_world"], values["flip_normals"]
+        matrix = _IDENTITY if matrix is None else matrix
+        kind = "triangle"
+        if plugin == "sphere":
+            kind = plugin
+            self.spheres.append((node, matrix, (*values["center"], values["radius"]), flip))
+        elif plugin == "disk":
+            kind = plugin
+            # mirrors keep the front in front
+            first, second = (1, 0) if flip != (determinant(matrix) < 0) else (0, 1)
+            self.disks.append(np.stack([matrix[:3, 3], matrix[:3, first], matrix[:3, second]]))
+        elif plugin in _FLAT:
+            place = self._room(*map(len, _FLAT[plugin]))
+            self.flat[plugin].append((node, matrix, flip, *place))
+        else:
+            self._mesh(node, values, matrix, solid)
         self.rows[kind].append((*row, len(self.names)))
-        self.names.append(node.id or f"{node.plugin}_{len(self.names)}")
+        self.names.append(node.id or f"{plugin}_{len(self.names)}")
 
     def arrays(self) -> dict[str, Any]:
         """The arguments of Scene."""
         spheres, inward = _spheres(self.spheres)
+        vertices = np.empty((self.vertex_count, 3))
+        index = np.uint32 if self.vertex_count < 2**32 else np.int64
+        triangles = np.empty((self.triangle_count, 3), index)
+        normals = None
+        if any(mesh_normals is not None for *_, mesh_normals in self.meshes):
+            normals = np.zeros_like(vertices)
+        for name, given in self.flat.items():
+            for begin in range(0, len(given), _CHUNK):
+                _place(*_FLAT[name], given[begin : begin + _CHUNK], vertices, triangles)
+        for first, face, corners, faces, directions in self.meshes:
+            vertices[first : first + len(corners)] = corners
+            triangles[face : face + len(faces)] = faces + first
+            if normals is not None and directions is not None:
+                normals[first : first + len(corners)] = directions
         result: dict[str, Any] = {
-            "vertices": np.concatenate(self.vertices or [np.zeros((0, 3))]),
-            "normals": np.concatenate(self.normals or [np.zeros((0, 3))]),
-            "triangles": np.concatenate(self.triangles or [np.zeros((0, 3), np.int64)]),
+            "vertices": vertices,
+            "normals": normals,
+            "triangles": triangles,
             "spheres": spheres,
             "sphere_inward": inward,
             "disks": np.array(self.disks, np.float64).reshape(-1, 3, 3),
             "shape_names": tuple(self.names),
         }
         for kind, rows in self.rows.items():
-            table = np.array(rows, np.int64).reshape(-1, 4)
-            if kind == "triangle":
-                table = np.repeat(table, self.counts, axis=0)
-            for column, name in enumerate(("material", "emission", "boundary", "shape")):
-                result[f"{kind}_{name}"] = table[:, column]
+            table = np.array(rows, np.int32).reshape(-1, 4).T
+            for values, name in zip(
+                table, ("material", "emission", "boundary", "shape"), strict=True
+            ):
+                values = np.repeat(values, self.counts) if kind == "triangle" else values
+                result[f"{kind}_{name}"] = values
         return result
 
-    def _sphere(self, node: Node, values: dict[str, Any], solid: str) -> None:
-        ball = *values["center"], values["radius"]
-        self.spheres.append((node, values["to_world"], ball, values["flip_normals"]))
+    def _room(self, vertices: int, triangles: int) -> tuple[int, int]:
+        """Numbers of the first vertex and triangle of a shape that has so many."""
+        place = self.vertex_count, self.triangle_count
+        self.vertex_count += vertices
+        self.triangle_count += triangles
+        self.counts.append(triangles)
+        return place
 
-    def _disk(self, node: Node, values: dict[str, Any], solid: str) -> None:
-        matrix = values["to_world"]
-        first, second = (0, 1)
-        if values["flip_normals"] != (determinant(matrix) < 0):  # mirrors keep the front in front
-            first, second = (1, 0)
-        self.disks.append(np.stack([matrix[:3, 3], matrix[:3, first], matrix[:3, second]]))
-
-    def _triangle(self, node: Node, values: dict[str, Any], solid: str) -> None:
-        matrix, flip = values["to_world"], values["flip_normals"]
+    def _mesh(self, node: Node, values: dict[str, Any], matrix: Array, solid: str) -> None:
+        flip = values["flip_normals"]
         normals = None
-        if node.plugin in ("rectangle", "cube"):
-            quad = node.plugin == "rectangle"
-            vertices, faces = (_QUAD, _QUAD_FACES) if quad else (_CUBE, _CUBE_FACES)
-            flip = flip != (determinant(matrix) < 0)  # a mirror keeps the front in front
-            vertices = _placed(node, matrix, vertices)
-        else:
-            where = node.values["filename"].where
-            path = Path(node.folder) / values["filename"]
-            loaded = mesh.read(path, node.plugin, where)
-            vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
-            by_winding = values["face_normals"] or loaded.normals is None
-            if by_winding and determinant(matrix) < 0:  # here too
-                faces = faces[:, ::-1]
-            if not values["face_normals"]:
-                normals = _normals(matrix, vertices, faces, loaded)
-            if normals is not None:
-                faces = mesh.fronts_by_normals(vertices, faces, normals)
-                if mesh.is_flat(vertices, faces, normals):
-                    normals = None
-            if solid and not mesh.is_closed(vertices, faces):
-                warnings.warn(
-                    f"{where}: {node}: the mesh {shorten(str(path))} is open, but {solid}: light "
-                    "leaks through the edges",
-                    SceneWarning,
-                    stacklevel=7,
-                )
-        if normals is None:
-            normals = np.zeros_like(vertices)
-        self.vertices.append(vertices)
-        self.normals.append(-normals if flip else normals)
-        self.triangles.append((faces[:, ::-1] if flip else faces) + self.vertex_count)
-        self.counts.append(len(faces))
-        self.vertex_count += len(vertices)
+        where = node.values["filename"].where
+        path = Path(node.folder) / values["filename"]
+        loaded = mesh.read(path, node.plugin, where)
+        vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
+        by_winding = values["face_normals"] or loaded.normals is None
+        if by_winding and determinant(matrix) < 0:  # a mirror keeps the front in front
+            faces = faces[:, ::-1]
+        if not values["face_normals"]:
+            normals = _normals(matrix, vertices, faces, loaded)
+        if normals is not None:
+            faces = mesh.fronts_by_normals(vertices, faces, normals)
+            if mesh.is_flat(vertices, faces, normals):
+                normals = None
+        if solid and not mesh.is_closed(vertices, faces):
+            warnings.warn(
+                f"{where}: {node}: the mesh {shorten(str(path))} is open, but {solid}: light "
+                "leaks through the edges",
+                SceneWarning,
+                stacklevel=7,
+            )
+        if flip:
+            faces, normals = faces[:, ::-1], None if normals is None else -normals
+        self.meshes.append((*self._room(len(vertices), len(faces)), vertices, faces, normals))
+
+
+def _place(
+    local: Array,
+    faces: Array,
+    given: list[tuple[Node, Array, bool, int, int]],
+    vertices: Array,
+    triangles: Array,
+) -> None:
+    """Writes shapes with the same local vertices and faces into the scene's arrays; given: node,
+    matrix, flipped, first vertex, first triangle."""
+    nodes, matrices, flipped, first, face = zip(*given, strict=True)
+    matrix = np.array(matrices)
+    with np.errstate(all="ignore"):
+        placed = transform.apply(matrix[:, None], local)
+    small = (np.abs(placed) <= MAX_COORDINATE).all(axis=(1, 2))
+    if not small.all():
+        _too_far(nodes[int(np.argmin(small))])
+    turned = np.array(flipped, np.bool_) != mirrors(matrix)  # a mirror keeps the front in front
+    corners = np.where(turned[:, None, None], faces[:, ::-1], faces)
+    begin = np.array(first)[:, None]
+    vertices[begin + np.arange(len(local))] = placed
+    triangles[np.array(face)[:, None] + np.arange(len(faces))] = corners + begin[:, :, None]
 
 
 def _spheres(
@@ -174,8 +219,12 @@ def _placed(node: Node, matrix: Array, vertices: Array) -> Array:
     with np.errstate(all="ignore"):
         placed = transform.apply(matrix, vertices)
     if not (np.abs(placed) <= MAX_COORDINATE).all():
-        raise SceneError(f"{node}: a vertex exceeds {MAX_COORDINATE:g}", node.where)
+        _too_far(node)
     return placed
+
+
+def _too_far(node: Node) -> NoReturn:
+    raise SceneError(f"{node}: a vertex exceeds {MAX_COORDINATE:g}", node.where)
 
 
 def _normals(matrix: Array, vertices: Array, faces: Array, loaded: mesh.Mesh) -> Array:

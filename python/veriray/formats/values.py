@@ -13,9 +13,13 @@ from ..numeric import check_matrix
 from .node import Node, allowed, shorten
 from .plugins import COLOUR, IOR, IORS, PLUGINS, REQUIRED, Param
 
+_DEFAULTS: dict[str, dict[str, Any]] = {}  # of the plugins met without a parameter
+
 
 def check(node: Node) -> dict[str, Any]:
     """A node's parameters, converted and complete with defaults; None for absent ones."""
+    if not node.values and node.plugin in _DEFAULTS:
+        return dict(_DEFAULTS[node.plugin])
     plugin = PLUGINS[node.plugin]
     for name, value in node.values.items():
         if name in plugin.unsupported:
@@ -37,6 +41,8 @@ def check(node: Node) -> dict[str, Any]:
         else:
             colour = param.kind == COLOUR and param.default is not None
             result[name] = (param.default,) * 3 if colour else param.default
+    if not node.values:
+        _DEFAULTS[node.plugin] = dict(result)
     return result
 
 

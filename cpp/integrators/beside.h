@@ -57,6 +57,24 @@ struct Beside : SurfaceReader<L, kFeatures> {
         const M across = valid & !(b.height * side > F(0.f));
         return select(across, fma(b.n * side, fma(b.size, F(0x1p-22f), abs(b.height)), p), p);
     }
+
+    // The point of a collision, a flight from what the ray has passed, before its hit `end`.
+    static VR_HD V collision_point(const SceneView& scene, const PathState<L>& path, F flight,
+                                   const Hit<L>& end, M collided) {
+        const Ray<L> ray = path.ray;
+        V p = ray.at(flight);
+        if constexpr (has(kPass)) {
+            const M begun = collided & (path.travelled > F(0.f));
+            if (any(begun)) {
+                const V from = passed_point(scene, ray, path.travelled, path.passed, begun);
+                p = select(begun, fma(ray.d, flight, from), p);
+                p = on_this_side(scene, ray, path.travelled, path.passed, true, p, begun);
+            }
+        }
+        const M met = collided & (end.t < F(kInfinity));
+        if (none(met)) return p;
+        return on_this_side(scene, ray, end.t, end.primitive, false, p, met);
+    }
 };
 
 }  // namespace veriray

@@ -19,7 +19,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         (has(kDiskLights) ? shape_bit(LightShape::kDisk) : 0u) |
         (has(kRectangleLights) ? shape_bit(LightShape::kRectangle) : 0u) |
         (has(kSphereLights) ? shape_bit(LightShape::kSphere) : 0u) |
-        (has(kDeltaLights) ? kDeltaShapes : 0u);
+        (has(kDeltaLights) ? kDeltaShapes : 0u) |
+        (has(kDielectric | kPass | kMedia) ? shape_bit(LightShape::kTouching) : 0u);
 
     using Sampler = LightSampler<L, kShapes>;
 

@@ -100,24 +100,6 @@ struct PathTracer : DirectLight<L, kFeatures> {
         return collided;
     }
 
-    // The point of a collision, a flight from what the ray has passed, before its hit `end`.
-    static VR_HD V collision_point(const SceneView& scene, const PathState<L>& path, F flight,
-                                   const Hit<L>& end, M collided) {
-        const Ray<L> ray = path.ray;
-        V p = ray.at(flight);
-        if constexpr (has(kPass)) {
-            const M begun = collided & (path.travelled > F(0.f));
-            if (any(begun)) {
-                const V from = Near::passed_point(scene, ray, path.travelled, path.passed, begun);
-                p = select(begun, fma(ray.d, flight, from), p);
-                p = Near::on_this_side(scene, ray, path.travelled, path.passed, true, p, begun);
-            }
-        }
-        const M met = collided & (end.t < F(kInfinity));
-        if (none(met)) return p;
-        return Near::on_this_side(scene, ray, end.t, end.primitive, false, p, met);
-    }
-
     // ---- hit emitter: adds emission, returns the lanes that met an emitter's front ----
     static VR_HD M hit_emitter(const SceneView& scene, PathState<L>& path, const Hit<L>& hit,
                                const Surface<L>& at, M valid) {
@@ -187,20 +169,22 @@ struct PathTracer : DirectLight<L, kFeatures> {
         e.emitter_end = e.absorbed = e.depth_cut = e.rr_killed = e.alive = nobody;
         e.visible = e.occluded = e.collided = shadow.wanted = nobody;
 
-        hit = Rims<L, kFeatures>::past_rims(scene, path.ray, hit, active);
+        using Rim = Rims<L, kFeatures>;
+        if constexpr (has(kMedia)) hit = Rim::past_rims(scene, path.ray, hit, active);
         M valid = active & (hit.t < F(kInfinity)), collided = nobody;
         V collision = path.ray.o;
         const F far = far_end(scene, path, segment);
-        if constexpr (has(kClip)) {
-            valid = valid & (hit.t <= far);
-            hit.t = select(valid, hit.t, F(kInfinity));
-        }
+        if constexpr (has(kClip))
+            if (has(kPass) || segment == 0) {
+                valid = valid & (hit.t <= far);
+                hit.t = select(valid, hit.t, F(kInfinity));
+            }
         if constexpr (has(kMedia)) {
             const Hit<L> end = hit;
             F flown(0.f);
             collided = cross(scene, s, path, hit, flown, far, segment, active);
             e.collided = collided;
-            if (any(collided)) collision = collision_point(scene, path, flown, end, collided);
+            if (any(collided)) collision = Near::collision_point(scene, path, flown, end, collided);
             valid = valid & !collided;
         }
         e.escaped = active & !(valid | collided);
@@ -208,7 +192,12 @@ struct PathTracer : DirectLight<L, kFeatures> {
         if (none(valid | collided)) return e;
 
         // The surface, and which lanes it ends.
-        const Surface<L> at = surface_at(scene, path.ray, hit, valid);
+        Surface<L> at = surface_at(scene, path.ray, hit, valid);
+        if constexpr (!has(kMedia)) {
+            const M gone = Rim::leave_rims(scene, path.ray, far, hit, at, valid);
+            if (any(gone)) miss(scene, path, gone);
+            e.escaped = e.escaped | gone, valid = valid & !gone;
+        }
         const M lit = hit_emitter(scene, path, hit, at, valid);
         Material bsdf = material(scene, at.row);
         const V wo = -path.ray.d;

@@ -11,15 +11,20 @@ struct Rims : SurfaceReader<L, kFeatures> {
     using Reader::has, Reader::primitive_column, Reader::primitive_column3, Reader::surface_column;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
 
-    // Lanes that meet the back of a one-sided face without a tree.
+    // Lanes of a scene without a tree, and of those that meet the back of a face, where it is
+    // one-sided.
+    static VR_HD M one_sided(const SceneView& scene, const Hit<L>& hit, M back) {
+        const uint32_t faces = scene.quad_count + scene.polygon_count;
+        back = back & (hit.t < F(kInfinity)) & (hit.primitive < U(faces));
+        if (none(back)) return back;
+        const U prim = select(back, hit.primitive, U(0u));
+        return back & (surface_column(scene, prim, kSurfaceTwoSided) <= F(0.f));
+    }
     static VR_HD M meets_back(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
                               M valid) {
-        const uint32_t faces = scene.quad_count + scene.polygon_count;
-        valid = valid & (hit.t < F(kInfinity)) & (hit.primitive < U(faces));
-        const U prim = select(valid, hit.primitive, U(0u));
-        const M back = valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f));
-        if (none(back)) return back;
-        return back & (surface_column(scene, prim, kSurfaceTwoSided) <= F(0.f));
+        const U prim = select(valid & (hit.t < F(kInfinity)), hit.primitive, U(0u));
+        return one_sided(scene, hit,
+                         valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f)));
     }
 
     // Of those, the lanes on its rim.
@@ -45,16 +50,37 @@ struct Rims : SurfaceReader<L, kFeatures> {
         return back & !inside;
     }
 
-    // The hit of a path's ray, beyond rims of backs.
-    static VR_HD Hit<L> past_rims(const SceneView& scene, const Ray<L>& ray, Hit<L> hit, M active) {
-        if constexpr (!has(kQuads | kPolygons)) return hit;
-        if constexpr (has(kBvh))
-            if (scene.features & kBvh) return hit;
-        const M back = meets_back(scene, ray, hit, active);
-        return none(back) ? hit : beyond_rims(scene, ray, hit, back);
+    static VR_HD bool none_here(const SceneView& scene) {
+        if constexpr (!has(kQuads | kPolygons)) return true;
+        return has(kBvh) && (scene.features & kBvh) != 0;
     }
 
-    static VR_RARE Hit<L> beyond_rims(const SceneView& scene, Ray<L> ray, Hit<L> hit, M back) {
+    // The hit of a path's ray, beyond rims of backs.
+    static VR_HD Hit<L> past_rims(const SceneView& scene, const Ray<L>& ray, Hit<L> hit, M active) {
+        if (none_here(scene)) return hit;
+        const M back = meets_back(scene, ray, hit, active);
+        return none(back) ? hit : call_beyond_rims(scene, ray, hit, back);
+    }
+
+    // The same where nothing happens on the way: takes hits on rims, and what is there, on to the
+    // next before `far`; returns the lanes that have none.
+    static VR_HD M leave_rims(const SceneView& scene, const Ray<L>& ray, F far, Hit<L>& hit,
+                              Surface<L>& at, M valid) {
+        M back = valid & !at.front;
+        if (none_here(scene) || none(back)) return back & !back;
+        back = on_rim(scene, ray, hit, one_sided(scene, hit, back));
+        if (none(back)) return back;
+        hit = beyond_rims(scene, ray, hit, back);
+        const M gone = back & !((hit.t <= far) & (hit.t < F(kInfinity)));
+        at = Reader::surface_at(scene, ray, hit, valid & !gone);
+        return gone;
+    }
+
+    // Called where much else is in the registers.
+    static VR_RARE Hit<L> call_beyond_rims(const SceneView& scene, Ray<L> ray, Hit<L> hit, M back) {
+        return beyond_rims(scene, ray, hit, back);
+    }
+    static VR_HD Hit<L> beyond_rims(const SceneView& scene, const Ray<L>& ray, Hit<L> hit, M back) {
         for (M rim = on_rim(scene, ray, hit, back); any(rim);
              rim = on_rim(scene, ray, hit, meets_back(scene, ray, hit, rim))) {
             const Hit<L> next = next_flat(scene, ray, hit);

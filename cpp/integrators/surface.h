@@ -246,7 +246,8 @@ struct SurfaceReader {
     template <class Carrier>
     static VR_HD Hit<L> next_hit(const SceneView& scene, const Carrier& c, F t_max, M active) {
         Hit<L> last = passed(c), hit = closest(scene, c.ray, last, t_max, active);
-        if constexpr (has(kPass))
+        if constexpr (has(kPass)) {
+            if (!(scene.features & kPass)) return hit;
             for (M again = same_sheet(scene, c.ray, last, hit, active); any(again);
                  again = same_sheet(scene, c.ray, last, hit, again)) {
                 last.primitive = select(again, hit.primitive, last.primitive);
@@ -254,6 +255,7 @@ struct SurfaceReader {
                 hit.t = select(again, next.t, hit.t);
                 hit.primitive = select(again, next.primitive, hit.primitive);
             }
+        }
         return hit;
     }
 

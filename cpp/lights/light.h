@@ -19,6 +19,7 @@ enum class LightShape : uint32_t {
     kSpot,
     kDirectional,
     kRectangle,  // sampled by solid angle where that is large
+    kTouching,   // no shape: flat ones may touch what lets light through
 };
 constexpr uint32_t shape_bit(LightShape s) { return 1u << static_cast<uint32_t>(s); }
 inline constexpr uint32_t kFlatLights =
@@ -192,7 +193,10 @@ struct LightSampler {
                 }
                 s.skip = select(rectangular & (u >= v), as_uint(column(kRectangleOther)), s.skip);
             }
-            stays = by_angle | (offset < F(0.f));
+            stays = by_angle;
+        }
+        if constexpr (has(LightShape::kTouching)) {
+            stays = stays | (offset < F(0.f));
             offset = abs(offset);
         }
         const V n = column3(column, kLightN);
@@ -209,6 +213,8 @@ struct LightSampler {
         s.inverse_pdf = column(kLightInverse) * (inverse * inverse) * cos_light;
         if constexpr (has(LightShape::kRectangle)) {
             s.inverse_pdf = select(by_angle, column(kLightInverse) * share, s.inverse_pdf);
+        }
+        if constexpr (has(LightShape::kRectangle) || has(LightShape::kTouching)) {
             s.distance = select(stays, max(s.distance - offset / cos_light, F(0.f)), s.distance);
         }
     }

@@ -61,6 +61,8 @@ inline constexpr uint32_t kVariants[] = {
     kDiffuseFlat,
     kDiffuseMesh,
     kDiffuseMesh | kRectangleLights,
+    kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic | kPass),
+    kAllFeatures & ~(kMedia | kChromatic | kPass),
     kSpheres | kEnvironment | kDielectric | kMedia,
     kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
     kAllFeatures & ~(kMedia | kChromatic),

@@ -10,7 +10,7 @@ namespace {
 constexpr double kFar = 8;
 // Distances of details, in their sizes, from which another origin is looked for; and primitives of
 // scenes where it is.
-constexpr double kCoarse = 0x1p9;
+constexpr double kCoarse = 0x1p7;
 constexpr size_t kMostDetails = 1024;
 
 // Calls f(point, extent by axis) for every vertex, sphere and disk.
@@ -32,7 +32,8 @@ struct Detail {
     double size;
 };
 
-// Of a small scene: lamps by their distance from surfaces, bodies of media by the free path.
+// Of a small scene: lamps by their distance from surfaces, which rounding moves by 2^-20 of where
+// they are, and flat ones by their size, of which it takes 2^-23; media by the free path, 2^-22.
 std::vector<Detail> details(const SceneInput& in) {
     std::vector<Detail> list;
     if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;
@@ -45,8 +46,11 @@ std::vector<Detail> details(const SceneInput& in) {
         if (in.light_kind.data[q] != 2) lamps.push_back({row3(in.light_position, q), {0, 0, 0}, 0});
     // f(group, row, middle, normal, size, distance of a point), for every shape
     const auto each_shape = [&](auto f) {
-        const auto plane = [](Double3 at, Double3 n) {
-            return [at, n = normalised(n)](Double3 p) { return dot(n, p - at); };
+        // At least so far away is what lies in a plane and in a box.
+        const auto flat = [](Double3 at, Double3 n, Box box) {
+            return [at, n = normalised(n), box](Double3 p) {
+                return std::max(std::abs(dot(n, p - at)), std::sqrt(squared_gap({p, p}, box)));
+            };
         };
         for (size_t i = 0; i < in.spheres.count; ++i) {
             const double* s = in.spheres.data + 4 * i;
@@ -57,14 +61,17 @@ std::vector<Detail> details(const SceneInput& in) {
         for (size_t i = 0; i < in.disks.count; ++i) {
             const Double3 c = row3(in.disks, 3 * i), a = row3(in.disks, 3 * i + 1),
                           b = row3(in.disks, 3 * i + 2);
-            f(kDiskGroup, i, c, cross(a, b), length(a), plane(c, cross(a, b)));
+            const Double3 reach = ellipse_reach(a, b);
+            f(kDiskGroup, i, c, cross(a, b), length(a),
+              flat(c, cross(a, b), {c - reach, c + reach}));
         }
         for (size_t i = 0; i < in.triangles.count; ++i) {
             const uint32_t* index = in.triangles.data + 3 * i;
             const Double3 a = row3(in.vertices, index[0]), b = row3(in.vertices, index[1]),
                           c = row3(in.vertices, index[2]), n = cross(b - a, c - a);
             if (length(n) > 0)
-                f(kTriangleGroup, i, (a + b + c) * (1.0 / 3), n, length(b - a), plane(a, n));
+                f(kTriangleGroup, i, (a + b + c) * (1.0 / 3), n, length(b - a),
+                  flat(a, n, around({a, a}, around({b, b}, {c, c}))));
         }
     };
     each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3 n, double size, auto) {
@@ -81,15 +88,16 @@ std::vector<Detail> details(const SceneInput& in) {
             if (const int32_t m = in.boundaries.data[2 * b + k]; m >= 0)
                 for (int c = 0; c < 3; ++c)
                     path = std::min(path, 1 / static_cast<double>(in.sigma_t.data[3 * m + c]));
-        if (std::isfinite(path)) list.push_back({at, path});
+        if (std::isfinite(path)) list.push_back({at, 4 * path});
     });
     for (const Lamp& lamp : lamps)
         if (lamp.nearest > 0 && std::isfinite(lamp.nearest))
-            list.push_back({lamp.at, lamp.nearest});
+            list.push_back({lamp.at, length(lamp.n) > 0 ? std::min(lamp.nearest, 8 * lamp.size)
+                                                        : lamp.nearest});
     return list;
 }
 
-// The given place; or, if something fine is far away from it, and 8 times nearer to the mean of all
+// The given place; or, if something fine is far away from it, and twice as near to the mean of all
 // weighted by fineness, that mean.
 Double3 finest(const SceneInput& in, Double3 given) {
     const std::vector<Detail> list = details(in);
@@ -109,7 +117,7 @@ Double3 finest(const SceneInput& in, Double3 given) {
         total += w;
     }
     const Double3 mean = given + sum * (1 / total);
-    return coarsest(mean) * 8 < here ? mean : given;
+    return coarsest(mean) * 2 < here ? mean : given;
 }
 
 }  // namespace

@@ -21,8 +21,8 @@ Array = npt.NDArray[Any]
 PIXEL = 1e-6
 #: Share of its distance from the frame's origin below which a length is lost.
 LENGTH = 1e-6
-#: Free paths from the frame's origin from which a medium is about 2 % off.
-FREE_PATHS = 3e5
+#: Free paths from the frame's origin from which a medium may be 0.5 % off.
+FREE_PATHS = 1e5
 #: Scatterings of a path from which a render takes its time.
 SCATTERINGS = 1e4
 #: Triangles at most among which near ones are looked for, and neighbours, by offset, of each.
@@ -71,7 +71,7 @@ def media(scene: Scene, origin: Array) -> list[str]:
         if far > FREE_PATHS:
             found.append(
                 f"{name} reaches {far:.2g} free paths from the frame's origin: places are rounded "
-                f"to {_ROUNDING * far:.1g} of one; above {FREE_PATHS:g} light is 2 % off or more"
+                f"to {_ROUNDING * far:.1g} of one; above {FREE_PATHS:g} light may be 0.5 % off or more"
             )
         scatterings = min(depth, 1 / max(1 - float(albedo[k].max()), 1e-300))
         if scatterings > SCATTERINGS and not 0 <= scene.max_depth < SCATTERINGS:

@@ -54,7 +54,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "view of many pixels": ({"fov": 0.1, "size": 4096}, {"fov": 0.4, "size": 4096}, "4.3e-07 rad"),
     "medium": (
         {"fog": ball(1e6), **MANY},
-        {"fog": ball(4e4), **MANY},
+        {"fog": ball(1e4), **MANY},
         "sigma_t[0] (scene.fog.interior) reaches 6.2e+06 free paths",
     ),
     "depth": ({"fog": ball(1e4, 1.0)}, {"fog": ball(4e3, 1.0)}, "optical depth of 2e+04"),

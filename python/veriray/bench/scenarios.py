@@ -182,6 +182,10 @@ SCENARIOS: tuple[Scenario, ...] = (
              _both(512), _ONE, max_depth=128, rr_depth=64, peers=False),
     Scenario("variants-spheres", "the same, box with a mirror and a glass sphere",
              "cornell spheres", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-thin", "the same, box with a mirror and a sphere of thin glass",
+             "cornell thin", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-thin-mesh", "the same, 81,920 triangles of thin glass", "thin icosphere 6",
+             "variants", _SIZE, _ONE, max_depth=32, peers=False),
     Scenario("variants-glass-mesh", "the same, 81,920 triangles of glass", "glass icosphere 6",
              "variants", _SIZE, _ONE, max_depth=32, peers=False),
     Scenario("variants-lamp", "the same, 81,920 triangles under a near lamp", "lamp icosphere 6",
@@ -264,6 +268,7 @@ _GLASS = """<bsdf type="dielectric">
             <float name="int_ior" value="1.3"/>
             <float name="ext_ior" value="1"/>
         </bsdf>"""
+_THIN = _GLASS.replace("dielectric", "thindielectric")
 _MEDIUM_INSIDE = """
         <medium type="homogeneous" name="interior">
             <float name="sigma_t" value="16"/>
@@ -316,10 +321,11 @@ LAMP_CLASSES, LAMPS, LAMP_RATIO = 8, 128, 4
 def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     """The scene's file, made in `folder` where it is not shipped, its mesh beside it.
 
-    Made are "icosphere N" (displaced, 20 * 4^N triangles), "glass icosphere N" and "lamp icosphere
-    N" (in the dark, under a rectangle that shines, a quarter of its width away), "glass sphere"
-    and "glass medium" (with one inside) under a constant sky; "cornell spheres", Mitsuba's box with
-    two of them for its boxes; "lights", small lamps over a floor, and "lights C", those of class C
+    Made are "icosphere N" (displaced, 20 * 4^N triangles), "glass icosphere N", "thin icosphere N"
+    (of thin glass) and "lamp icosphere N" (in the dark, under a rectangle that shines, a quarter of
+    its width away), "glass sphere" and "glass medium" (with one inside) under a constant sky;
+    "cornell spheres", Mitsuba's box with two of them for its boxes, "cornell thin" with one of thin
+    glass; "lights", small lamps over a floor, and "lights C", those of class C
     alone. Parameters of the file: width, height, max_depth and rr_depth. sampler: Mitsuba's name;
     the only word in which the files of a scene differ.
     """
@@ -341,9 +347,10 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
 
 def _made(name: str, folder: Path) -> str:
     """The text of a scene that is not shipped; its mesh is written to `folder`."""
-    if name == "cornell spheres":
+    if name in ("cornell spheres", "cornell thin"):
         text = find_shipped(_BOX).read_text("utf-8")
-        return text[: text.index('<shape type="cube"')] + _TWO_SPHERES
+        spheres = _TWO_SPHERES.replace(_GLASS, _THIN if name == "cornell thin" else _GLASS)
+        return text[: text.index('<shape type="cube"')] + spheres
     if name.startswith("lights"):
         chosen = name.removeprefix("lights").strip()
         return _SCENE.format(sky="", shape=_lamps(chosen), integrator="path")
@@ -356,7 +363,8 @@ def _made(name: str, folder: Path) -> str:
         from ..validate.leaks import displaced_icosphere
 
         write_ply(folder / f"{stem}.ply", *displaced_icosphere(level))
-    shape = _PLY.format(name=stem, bsdf=_GLASS if name.startswith("glass") else _WHITE)
+    bsdf = {"glass": _GLASS, "thin": _THIN}.get(name.split()[0], _WHITE)
+    shape = _PLY.format(name=stem, bsdf=bsdf)
     sky = _NEAR_LAMP if name.startswith("lamp") else _SKY
     return _SCENE.format(sky=sky, shape=shape, integrator="path")
 

@@ -288,7 +288,7 @@ class Touch:
             moved(parts, turn)
             eye, target, up = (turn[:3, :3] @ x for x in (eye, target, up))
         view = camera(eye, target, 35, up)
-        return make(parts, view, width=16, height=16, max_depth=3000)
+        return make(parts, view, width=16, height=16, max_depth=-1)
 
 
 def touch(rng: np.random.Generator, lower: str, upper: str, way: str) -> Touch:

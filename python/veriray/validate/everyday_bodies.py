@@ -120,7 +120,7 @@ def lossless(rng: np.random.Generator) -> Question:
     else:
         part, form = body(rng, LOSSLESS[name], 4, name == "glass")
         view = camera([0, -4.0, 1.5], [0, 0, 0], 25, [0, 0, 1])
-    seen = make([part], view, 1.0, width=16, height=16, max_depth=3000)
+    seen = make([part], view, 1.0, width=16, height=16, max_depth=-1)
     return Question(f"{name}, {form}", seen, 1.0)
 
 
@@ -206,7 +206,7 @@ def mirrored(folder: Path) -> Callable[[np.random.Generator], Question]:
         eye = dicts.view([0, -4, 1.5], [0, 0, 0], 28, 16, up=[0, 0, 1])
         floor = dicts.flat("rectangle", [0, 0, -1.8], [0, 0, 1], 3, dicts.diffuse(0.5))
         pair = [dicts.scene(eye, {**thing, **STUFF[name], "to_world": m}, floor, dicts.sky(0.5),
-                            max_depth=3000) for m in (matrix @ mirror, matrix)]  # fmt: skip
+                            max_depth=-1) for m in (matrix @ mirror, matrix)]  # fmt: skip
         how = "flat" if flat and "." in form else "smooth" if "." in form else ""
         drawn = f"{name}, {form} {how} by {np.diag(mirror)[:3]}"
         # interpolated normals can keep light in glass for long

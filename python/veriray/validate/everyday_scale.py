@@ -94,6 +94,8 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     wide = low and size > 0.2 or not low and size > 0.5
     tilt = float(rng.uniform(0.3, 0.9))
     eye = decades(rng, -1.5, -0.5 if wide else EYE)
+    if wide and not low:
+        eye = min(eye, 0.9 * (1 - size))  # below the lamp
     ground, half = chosen(rng, ("square", "disk", "planet")), decades(rng, -1, FAR)
     what, more = hidden(rng)
     if ground == "planet":
@@ -190,12 +192,12 @@ def half_space(rng: np.random.Generator) -> Question:
 
     1 - H(1) sqrt(1 - w), Chandrasekhar; a ball of n free paths differs by about 1 / n, so it has
     10,000 and more. What is hidden hides less than 3e-5 of the sky. A slab's corners are known to
-    2^-24 of its width: it is at most 3e5 free paths wide.
+    2^-24 of its width: it is at most 1e5 free paths wide.
     """
     body = chosen(rng, ("cube", "cube of quads", "sphere", "slab"))
     sigma = decades(rng, 4, 5) if body == "sphere" else decades(rng, 1.7, 5)
     albedo, eye, half = chosen(rng, (0.5, 0.9)), decades(rng, 0.3, 4), decades(rng, 0, FAR)
-    half, eye = max(1.0, min(half, 3e5 / sigma)), max(2.0, min(eye, REACH / sigma))
+    half, eye = max(1.0, min(half, 1e5 / sigma)), max(2.0, min(eye, REACH / sigma))
     fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, albedo)}
     what, more = "nothing", []
     if rng.random() < 0.5:
@@ -251,7 +253,7 @@ def still_life(rng: np.random.Generator, lifted: float, ground: list[Part],
     lamp = quad([-0.5, -0.5, 3], [0, 1, 0], [1, 0, 0], 0, 8)
     parts.append(sphere([0, 0, 3], 0.5, 0, 8) if balls else lamp)
     eye = camera([*rng.uniform(-3, 3, 2), 2], [0, 0, 0.4], 45)
-    kwargs: dict[str, Any] = {"width": 16, "height": 16, "max_depth": 3000}
+    kwargs: dict[str, Any] = {"width": 16, "height": 16, "max_depth": -1}
 
     def scene(*more: Part) -> Scene:
         return make([*parts, *more], eye, **kwargs)
@@ -327,7 +329,7 @@ def telephoto(rng: np.random.Generator) -> Question:
     far = decades(rng, 3.3, 5.5)
     eyes = [camera(turn[:3, 2] * d, [0, 0, 0], 2 * math.degrees(math.atan(0.9 / d)), turn[:3, 1])
             for d in (far, 1e3)]  # fmt: skip
-    seen = make(parts, eyes[0], width=16, height=16, max_depth=3000)
+    seen = make(parts, eyes[0], width=16, height=16, max_depth=-1)
     drawn = f"room with {name} {n} x {n} from {far:g}" + (", turned" if turn[0, 0] != 1 else "")
     return Question(drawn, seen, dataclasses.replace(seen, camera=eyes[1]), 3e-3, 2e-2, 0.06,
                     512)  # fmt: skip

@@ -51,7 +51,7 @@ struct Scene::Impl {
             builder, tree,
             tree.nodes.size() * sizeof(WideNode<kCpuWidth>) + blocks.size() * sizeof(RecordBlock));
         nodes = std::move(tree.nodes);
-        host.view.bvh = {nodes.data(), blocks.data()};
+        host.view.bvh = {nodes.data(), blocks.data(), host.slab_slack};
     }
 };
 

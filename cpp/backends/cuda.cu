@@ -175,7 +175,7 @@ struct Scene::Impl {
         upload(filter_edges, host.filter_edges, view.filter.edges);
         if (!(host.view.features & kBvh)) return;
         tree = build_tree_of(host, builder, poll);
-        view.bvh = {tree.nodes.get(), tree.records.get()};
+        view.bvh = {tree.nodes.get(), tree.records.get(), host.slab_slack};
     }
 };
 

@@ -15,8 +15,8 @@ struct CameraView {
     float near_clip, far_clip;   // along forward; 0 and infinity: not clipped
     float lens_x[3], lens_y[3];  // half axes of the aperture; 0 for a pinhole
     float focus;                 // distance of the plane of focus along forward
-    bool beside_origin;          // the camera is far away; then,
-    float plane[3][3];           // as corner, right and down, the points of the plane of the origin
+    float before;       // rays start so far before the plane of the origin, not at the eye; then,
+    float plane[3][3];  // as corner, right and down, the points of that plane; else 0
 };
 
 // x, y: integer pixel; dx, dy: position from the pixel's corner. The two are kept apart, so that a
@@ -34,8 +34,9 @@ VR_HD Ray<L> pinhole_ray(const CameraView& c, Vec3<typename L::F> at) {
     return {broadcast<F>(c.eye), at * (F(1.f) / sqrt(dot(at, at)))};
 }
 
-// The pinhole ray of a camera far away from a scene about the origin, from 4 before the point that
-// is nearest to the origin: through its point of a plane there, which is rounded as the scene is.
+// The pinhole ray of a camera far away from what it sees about the origin, from so far before the
+// point that is nearest to the origin: through its point of a plane there, which is rounded as the
+// scene is.
 template <class L>
 VR_HD Ray<L> far_ray(const CameraView& c, typename L::F x, typename L::F y, typename L::F dx,
                      typename L::F dy) {
@@ -44,7 +45,7 @@ VR_HD Ray<L> far_ray(const CameraView& c, typename L::F x, typename L::F y, type
     const Vec3<F> right = broadcast<F>(c.plane[1]), down = broadcast<F>(c.plane[2]);
     const Vec3<F> p = fma(right, x, fma(down, y, broadcast<F>(c.plane[0])));
     const Vec3<F> q = fma(right, dx, fma(down, dy, p));
-    return {fma(d, -(dot(q, d) + F(4.f)), q), d};
+    return {fma(d, -(dot(q, d) + F(c.before)), q), d};
 }
 
 // From a point uniform on the aperture through the point in focus.

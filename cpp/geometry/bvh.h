@@ -50,6 +50,7 @@ struct BvhView {
     const void*
         records;  // CPU: RecordBlock, `first` of a leaf counts blocks (scene/tree_layout.h).
                   // CUDA: kRecordFloats floats each, 16-byte aligned.
+    float slack;  // of slabs_of
 };
 
 // ---- one primitive, one ray ----

@@ -18,10 +18,10 @@ VR_HD F finite_inverse(F d) {
 }
 
 // Where a ray meets planes across the axes: at fma(c, inverse, near) for the plane at c. `near`
-// lies before and `far` behind by kSlabSlack of the origin's largest coordinate (of 1 if that is
-// less): more than the rounding of shear, plane and slab together, 2^-20, and what a plane may be
-// moved by (scene/touching.cpp).
-inline constexpr float kSlabSlack = 0x1p-17f;
+// lies before and `far` behind by `slack` of the origin's largest coordinate (of 1 if that is
+// less): kSlabSlack is more than the rounding of shear, plane and slab together; kMovedSlack where
+// planes have been moved (scene/touching.cpp).
+inline constexpr float kSlabSlack = 0x1p-20f, kMovedSlack = 0x1p-17f;
 
 template <class L>
 struct Slabs {
@@ -29,10 +29,10 @@ struct Slabs {
 };
 
 template <class L>
-VR_HD Slabs<L> slabs_of(const Ray<L>& ray) {
+VR_HD Slabs<L> slabs_of(const Ray<L>& ray, float slab_slack) {
     using F = typename L::F;
     const Vec3<F> o = ray.o;
-    const F slack = F(kSlabSlack) * max(max(abs(o.x), abs(o.y)), max(abs(o.z), F(1.f)));
+    const F slack = F(slab_slack) * max(max(abs(o.x), abs(o.y)), max(abs(o.z), F(1.f)));
     Slabs<L> s;
     s.inverse = {finite_inverse(ray.d.x), finite_inverse(ray.d.y), finite_inverse(ray.d.z)};
     const Vec3<F> w{abs(s.inverse.x) * slack, abs(s.inverse.y) * slack, abs(s.inverse.z) * slack};
@@ -90,7 +90,7 @@ VR_HD typename L::M inside_sheared(const Shear<L>& s, const Vec3<typename L::F> 
 // passed over by distance, however the ray grazes the plane. 0 where it passes that box by, by the
 // arithmetic of a node's boxes, which hold it: then the edge functions were products rounded alike,
 // of a triangle that is edge on and points at the line from afar. No other is lost: the sheared
-// corners are off by 5/8 and slabs by 5/16 of 2^-20 at most.
+// corners are off by 5/8 and slabs by 5/16 of kSlabSlack at most.
 template <class L>
 VR_HD typename L::F bounded_distance(typename L::F t, const Slabs<L>& s,
                                      const Vec3<typename L::F> (&v)[3]) {

@@ -21,10 +21,11 @@ struct Walkers {
     uint32_t passed[kWidth], primitive[kWidth], node[kWidth], waiting[kWidth];
     uint64_t stack[kWidth][kCpuStack];  // bits of the entry distance, child
 
-    VR_HD Walkers(const Ray<L>& ray, const Hit<L>& last, typename L::F t_max, typename L::U first) {
+    VR_HD Walkers(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& last, typename L::F t_max,
+                  typename L::U first) {
         using F = typename L::F;
         using U = typename L::U;
-        const Slabs<L> s = slabs_of<L>(ray);
+        const Slabs<L> s = slabs_of<L>(ray, bvh.slack);
         const Shear<L> h = shear_of<L>(ray.d);
         put(o, ray.o), put(d, ray.d), put(inverse, s.inverse), put(near, s.near), put(far, s.far);
         put(sheared_o, main_axis_last(h.from_x, h.from_y, ray.o));
@@ -230,7 +231,7 @@ VR_HD void walk(const BvhView& bvh, Walkers<L>& w, typename L::M active) {
 template <class L, uint32_t kKinds>
 VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& last,
                           typename L::M active, Hit<L>& hit) {
-    Walkers<L> w(ray, last, hit.t, hit.primitive);
+    Walkers<L> w(bvh, ray, last, hit.t, hit.primitive);
     walk<kKinds, false>(bvh, w, active);
     hit.t = load(w.t, typename L::F()), hit.primitive = load(w.primitive, typename L::U());
 }
@@ -239,7 +240,7 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& l
 template <class L, uint32_t kKinds>
 VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::F t_max,
                                     typename L::M active, typename L::U skip) {
-    Walkers<L> w(ray, nothing_met<L>(), t_max, skip);
+    Walkers<L> w(bvh, ray, nothing_met<L>(), t_max, skip);
     walk<kKinds, true>(bvh, w, active);
     using F = typename L::F;
     return active & (t_max > F(0.f)) & (load(w.t, F()) < F(0.f));

@@ -27,8 +27,8 @@ struct RayFrame {
     Slabs<Scalar> slabs;
     Shear<Scalar> shear;
 };
-VR_HD RayFrame frame_of(const Ray<Scalar>& ray) {
-    return {ray, slabs_of<Scalar>(ray), shear_of<Scalar>(ray.d)};
+VR_HD RayFrame frame_of(const BvhView& bvh, const Ray<Scalar>& ray) {
+    return {ray, slabs_of<Scalar>(ray, bvh.slack), shear_of<Scalar>(ray.d)};
 }
 
 struct WaitingNode {
@@ -158,7 +158,7 @@ VR_HD void walk_leaf(const BvhView& bvh, const RayFrame& f, WalkAim aim, Hit<Sca
 
 template <uint32_t N, uint32_t kKinds>
 VR_HD void walk(const BvhView& bvh, const Ray<Scalar>& ray, WalkAim aim, Hit<Scalar>& hit) {
-    const RayFrame f = frame_of(ray);
+    const RayFrame f = frame_of(bvh, ray);
     WalkPlace<N> place;
     place.begin();
     while (place.walking()) {

@@ -39,7 +39,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         const F dy = F(0.5f) + filter_offset<L>(scene.filter, uniform(r.y));
         const V at = camera_point(scene.camera, to_float(x), to_float(y), dx, dy);
         path.ray = pinhole_ray<L>(scene.camera, at);
-        if (scene.camera.beside_origin)
+        if (scene.camera.before > 0.f)
             path.ray = far_ray<L>(scene.camera, to_float(x), to_float(y), dx, dy);
         if constexpr (has(kLens))
             if (scene.features & kLens)

@@ -20,13 +20,13 @@ void HostScene::set_camera(const SceneInput& in) {
         c.right[k] = static_cast<float>(right[k]);
         c.down[k] = static_cast<float>(down[k]);
         c.forward[k] = static_cast<float>(forward[k]);
-        c.eye[k] = far ? 0.f : static_cast<float>((eye[k] - centre[k]) / unit);
+        c.eye[k] = before > 0 ? 0.f : static_cast<float>((eye[k] - centre[k]) / unit);
         c.lens_x[k] = static_cast<float>(left[k] * (in.aperture_radius / unit));
         c.lens_y[k] = static_cast<float>(up[k] * (in.aperture_radius / unit));
     }
     c.focus = static_cast<float>(in.focus_distance / unit);
-    c.beside_origin = far;
-    if (far) {
+    c.before = static_cast<float>(before / unit);
+    if (before > 0) {
         const double depth = dot(centre - eye, forward) / unit;
         const Double3 first = (eye - centre) * (1 / unit) + corner * depth;
         for (int k = 0; k < 3; ++k) {
@@ -51,8 +51,8 @@ void HostScene::set_camera(const SceneInput& in) {
     for (size_t i = 0; i < in.disks.count; ++i)
         span(row3(in.disks, 3 * i),
              ellipse_reach(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2), forward));
-    const bool cuts_near =
-        in.near_clip > 0 && (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
+    const bool cuts_near = in.near_clip > 0 && before == 0 &&
+                           (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
     const bool cuts_far = std::isfinite(in.far_clip) &&
                           (in.camera_medium >= 0 || !(farthest < in.far_clip * (1 - 1e-6)));
     c.near_clip = cuts_near ? static_cast<float>(in.near_clip / unit) : 0.f;

@@ -124,7 +124,7 @@ Double3 finest(const SceneInput& in, Double3 given) {
 
 // The origin is the camera, near which things are then fine, or a place where they must be; or, of
 // a scene that is small beside its distance and that nothing but the pinhole ties to the camera,
-// its middle.
+// its middle; or what a narrow view shows first.
 void HostScene::normalise(const SceneInput& in) {
     for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
         has_normals_ = length(row3(in.normals, i)) > 0;
@@ -134,6 +134,7 @@ void HostScene::normalise(const SceneInput& in) {
         for (int k = 0; k < 3; ++k)
             low[k] = std::min(low[k], p[k] - r[k]), high[k] = std::max(high[k], p[k] + r[k]);
     });
+    bool far = false;
     double size = 0, gap = 0, middle[3], depth[2] = {0, 0};
     for (int k = 0; k < 3; ++k) {
         const double forward = in.to_world[4 * k + 2];
@@ -148,16 +149,29 @@ void HostScene::normalise(const SceneInput& in) {
         centre = {middle[0], middle[1], middle[2]};
         far = true;
     }
-    centre = finest(in, centre);
+    const double depth_seen = narrow_depth(in);
+    const bool narrow =
+        !far && depth_seen > 0 && std::isfinite(depth_seen) && depth[1] < in.far_clip;
+    if (narrow) {
+        const double* m = in.to_world;
+        const double x = -2 * in.principal_x * in.tan_half_x,
+                     y = -2 * in.principal_y * in.tan_half_y;
+        const Double3 axis{m[0] * x + m[1] * y + m[2], m[4] * x + m[5] * y + m[6],
+                           m[8] * x + m[9] * y + m[10]};
+        centre = eye + axis * depth_seen;
+    } else {
+        centre = finest(in, centre);
+    }
     double most = 0;
     each_extent(in, [&](Double3 p, Double3 r) {
         for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r[k]);
     });
-    if (!far)
+    if (!far && !narrow)
         for (int k = 0; k < 3; ++k)
             most = std::max(most, std::abs(eye[k] - centre[k]) + in.aperture_radius);
     if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
     unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
+    before = far ? 4 * unit : narrow ? 0x1p-10 * depth_seen : 0;
 }
 
 }  // namespace veriray

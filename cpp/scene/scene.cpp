@@ -197,12 +197,12 @@ bool HostScene::set_flat(const SceneInput& in) {
         write_plane(f, plane);
         bool widened = false;
         for (const bool w : shared[i]) widened |= w;
-        put_plane(i, f, plane,
-                  clear(f) || beside < kMinBeside ? kLocal
-                  : widened                       ? kEdgeSlack
-                                                  : 2 * kPlaneSlack);
+        const bool local = clear(f) || beside < kMinBeside;
+        put_plane(i, f, plane, local ? kLocal : widened ? kEdgeSlack : 2 * kPlaneSlack);
         std::array<float, 4> rim{};
-        const float behind = clear(f) ? 0.f : kPlaneSlack;
+        // By as little paths leave both sides of what is two-sided.
+        const bool both = clear(f) || (local && in.two_sided.data[f.material]);
+        const float behind = both ? 0.f : kPlaneSlack;
         if (f.parallelogram)
             write_quad(f, shared[i], behind, view.quads + kQuadFloats * view.quad_count++, rim);
         else

@@ -144,10 +144,11 @@ class HostScene {
     HostScene(const HostScene&) = delete;
     HostScene& operator=(const HostScene&) = delete;
 
-    SceneView view;        // pointers into the tables below; bvh is the back end's
-    double unit;           // world length of 1 normalised; a power of two
-    Double3 centre, eye;   // world: the origin; the camera
-    bool far = false;      // the origin is not the camera but the middle of the scene
+    SceneView view;                 // pointers into the tables below; bvh is the back end's
+    double unit;                    // world length of 1 normalised; a power of two
+    Double3 centre, eye;            // world: the origin; the camera
+    float slab_slack = kSlabSlack;  // of a scene with a tree
+    double before = 0;     // so far before the origin camera rays start, not at the camera; else 0
     uint32_t dropped = 0;  // triangles without area
     uint32_t width, height;
     std::vector<PrimitiveSource> sources;  // by primitive
@@ -169,6 +170,7 @@ class HostScene {
 
    private:
     void normalise(const SceneInput& in);
+    double narrow_depth(const SceneInput& in) const;
     Double3 point(const SceneInput& in, size_t vertex) const;
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
     Flat triangle(const SceneInput& in, size_t i) const;

@@ -23,7 +23,7 @@ namespace {
 // distances along a ray are off by 2^-23 of the terms of its origin each.
 constexpr double kParted = 0x1p-20;
 // No plane is moved by more: of triangles it stays within their boxes.
-constexpr double kMostMoved = 0.75 * static_cast<double>(kSlabSlack);
+constexpr double kMostMoved = 0.75 * static_cast<double>(kMovedSlack);
 static_assert(kParted == 2 * static_cast<double>(kLocalOffset));
 // If their normals differ by no more: else they are that near along a line alone.
 constexpr double kParallel = 0x1p-10;
@@ -267,9 +267,15 @@ void HostScene::part_touching(const SceneInput& in) {
         }
     }
     for (const Touch& t : touches)
-        for (const uint32_t i : {t.own, t.other}) column(i, kPrimOffset) = kTouches;
+        for (const uint32_t i : {t.own, t.other}) {
+            column(i, kPrimOffset) = kTouches;
+            // Paths leave both sides of it, and not by as much as its plane would lie behind.
+            if (flat && in.two_sided.data[sources[i].material])
+                plane_record(i)[3] = -column(i, kPrimPlane);
+        }
     for (const uint32_t i : clear) {
         if (move[i] == 0) continue;
+        slab_slack = kMovedSlack;
         const float w = static_cast<float>(rounded_plane(i).w - move[i]);
         column(i, kPrimPlane) = -w;
         plane_record(i)[3] = w;

@@ -87,7 +87,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         const Hit<Scalar> last = aim == Aim::kLight ? Tracer::passed(shadow) : Tracer::passed(path);
         const WalkAim look{aim == Aim::kLight && !through, aim == Aim::kLight ? shadow.skip : ~0u,
                            last};
-        const RayFrame f = frame_of(aim == Aim::kLight ? shadow.ray : path.ray);
+        const RayFrame f = frame_of(scene.bvh, aim == Aim::kLight ? shadow.ray : path.ray);
         const uint32_t enough = lanes_with(!idle) * kStayPart / 8;
         uint32_t on_way = lanes_with(place.walking());
         while (on_way > enough) {

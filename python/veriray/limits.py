@@ -17,8 +17,8 @@ from .scene import Scene
 
 Array = npt.NDArray[Any]
 
-#: Radians of a pixel.
-PIXEL = 1e-6
+#: Radians of a pixel: of a lens or in a medium, and of a pinhole, whose rays start at what it sees.
+PIXEL, PINHOLE_PIXEL = 1e-6, 1e-7
 #: Share of its distance from the frame's origin below which a length is lost.
 LENGTH = 1e-6
 #: Free paths from the frame's origin from which a medium may be 0.5 % off.
@@ -42,11 +42,12 @@ def warnings(scene: Scene, origin: Sequence[float]) -> list[str]:
 
 def narrow_view(scene: Scene) -> list[str]:
     """Pixels narrower than the steps of directions."""
-    film = scene.film
-    angle = 2 * scene.camera.tan_half_x(film.width, film.height) / film.width
-    if angle >= PIXEL:
+    film, camera = scene.film, scene.camera
+    angle = 2 * camera.tan_half_x(film.width, film.height) / film.width
+    least = PIXEL if camera.aperture_radius > 0 or camera.medium >= 0 else PINHOLE_PIXEL
+    if angle >= least:
         return []
-    return [f"a pixel is {angle:.2g} rad wide: below {PIXEL:g} rad directions show steps"]
+    return [f"a pixel is {angle:.2g} rad wide: below {least:g} rad directions show steps"]
 
 
 def media(scene: Scene, origin: Array) -> list[str]:
@@ -71,7 +72,7 @@ def media(scene: Scene, origin: Array) -> list[str]:
         if far > FREE_PATHS:
             found.append(
                 f"{name} reaches {far:.2g} free paths from the frame's origin: places are rounded "
-                f"to {_ROUNDING * far:.1g} of one; above {FREE_PATHS:g} light may be 0.5 % off or more"
+                f"to {_ROUNDING * far:.1g} of one; above {FREE_PATHS:g} light may be 0.5 % off"
             )
         scatterings = min(depth, 1 / max(1 - float(albedo[k].max()), 1e-300))
         if scatterings > SCATTERINGS and not 0 <= scene.max_depth < SCATTERINGS:

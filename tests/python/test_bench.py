@@ -39,6 +39,7 @@ def test_scenarios_are_well_formed() -> None:
         assert s.scene in SHIPPED or s.scene.split()[0] in (
             "icosphere",
             "glass",
+            "thin",
             "cornell",
             "lamp",
             "lights",

@@ -23,11 +23,15 @@ def at(*place: float, size: float = 1.0, turn: float = 0.0) -> list[list[float]]
     return [[c, -s, 0, x], [s, c, 0, y], [0, 0, size, z], [0, 0, 0, 1]]
 
 
-def found(fov: float = 40.0, size: int = 16, eye: float = 5.0, **shapes: Any) -> list[str]:
+def found(
+    fov: float = 40.0, size: int = 16, eye: float = 5.0, lens: float = 0.0, **shapes: Any
+) -> list[str]:
     """The warnings of a scene seen from (0, 0, eye)."""
     to_world = vr.Camera.look_at((0, 0, eye), (0, 0, 0)).to_world
     film = {"type": "hdrfilm", "width": size, "height": size}
     sensor = {"type": "perspective", "fov": fov, "to_world": to_world, "film": film}
+    if lens:
+        sensor |= {"type": "thinlens", "aperture_radius": lens, "focus_distance": eye}
     scene = {"type": "scene", "sensor": sensor, "sky": {"type": "constant"}, **shapes}
     result: list[str] = info.examine(vr.load_dict(scene), "cpu")["warnings"]
     return result
@@ -50,8 +54,9 @@ MANY = {
     f"s{k}": wall(k % 40, k // 40, -9, size=0.4) for k in range(1200)
 }  # the camera is the origin
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
-    "view": ({"fov": 1e-4}, {"fov": 2e-3}, "a pixel is 1.1e-07 rad wide"),
-    "view of many pixels": ({"fov": 0.1, "size": 4096}, {"fov": 0.4, "size": 4096}, "4.3e-07 rad"),
+    "view": ({"fov": 1e-5}, {"fov": 2e-4}, "a pixel is 1.1e-08 rad wide"),
+    "view of many pixels": ({"fov": 0.01, "size": 4096}, {"fov": 0.1, "size": 4096}, "4.3e-08 rad"),
+    "view of a lens": ({"fov": 1e-4, "lens": 0.1}, {"fov": 2e-3, "lens": 0.1}, "1.1e-07 rad wide"),
     "medium": (
         {"fog": ball(1e6), **MANY},
         {"fog": ball(1e4), **MANY},

@@ -151,6 +151,7 @@ FOG = Medium(2.0, 1.0)
 #: Materials without loss (a lamp: as bright as the walls): none is seen where all shines alike.
 LOSSLESS: dict[str, dict[str, Any]] = {
     "diffuse": {"reflectance": 1.0},
+    "board": {"reflectance": 1.0, "two_sided": True},
     "mirror": {"material": MIRROR},
     "glass": {"material": material("dielectric", eta=1.5)},
     "plastic": {"reflectance": 1.0, "material": material("plastic", eta=1.5)},
@@ -166,13 +167,14 @@ _MIST = Medium(2.0, 0.8)
 LOSSY: dict[str, dict[str, Any]] = {
     **LOSSLESS,
     "diffuse": {"reflectance": 0.7},
+    "board": {"reflectance": 0.7, "two_sided": True},
     "plastic": {"reflectance": 0.7, "material": material("plastic", eta=1.5)},
     "fog": {"material": material("null"), "interior": _MIST},
     "milky glass": {"material": material("dielectric", eta=1.5), "interior": _MIST},
     "mask": {"reflectance": 0.7, "two_sided": True, "material": material("diffuse", opacity=0.5)},
 }
 REFRACTS = {"glass", "milky glass"}
-OPAQUE = {"diffuse", "mirror", "plastic", "lamp"}
+OPAQUE = {"diffuse", "board", "mirror", "plastic", "lamp"}
 WAYS = ("stands", "leans", "sunk", "flush", "inside")
 GAPS = (0.0, 2.0**-24, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 

@@ -171,7 +171,7 @@ def spot(rng: np.random.Generator) -> Question:
 
 def field_of_view(rng: np.random.Generator) -> Question:
     """A shining square in the middle of the picture: its share of it, by wide and long lenses."""
-    angle, distance = decades(rng, -2.5, 2.2), decades(rng, -4, 5)
+    angle, distance = decades(rng, -4, 2.2), decades(rng, -4, 5)
     share = float(rng.uniform(0.3, 0.9))
     half = share * distance * math.tan(math.radians(angle / 2))
     target = square(half, emission=1.0)

@@ -16,7 +16,7 @@ KINDS = tuple(LOSSLESS)
 
 @case(3, each={"lower": KINDS, "scenes": (10, 150)}, quick=lambda lower, scenes: scenes == 10)
 def bodies_that_touch_are_not_seen(t: Trial, lower: str, scenes: int) -> None:
-    """Boxes of ten materials on, against, in each other and leaning, among walls of 1: 1.
+    """Boxes of eleven materials on, against, in each other and leaning, among walls of 1: 1.
 
     Nothing takes light (a lamp is as bright as the walls), so pictures and 4 x 4 blocks of them are
     1 within 1e-4; sees 2 % in each scene. Gaps of 0, 2^-24, 1e-7 ... 1e-3; turned or not, of 6 to

@@ -20,7 +20,7 @@ KINDS = tuple(LOSSY)
 
 @case(8, each={"lower": KINDS, "scenes": (10, 100)}, quick=lambda lower, scenes: scenes == 10)
 def bodies_that_touch_and_that_nearly_do(t: Trial, lower: str, scenes: int) -> None:
-    """Boxes of ten materials on, against, in each other and leaning, by a lamp in a grey room.
+    """Boxes of eleven materials on, against, in each other and leaning, by a lamp in a grey room.
 
     Any gap of 1e-4 and less gives the picture of 1e-4, which is without a tree, unturned and of 6
     quads. Margin 1e-3, of a block 1.6e-2; sees 5 % of a picture. Nothing leaves the room but for

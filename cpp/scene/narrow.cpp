@@ -1,0 +1,87 @@
+// Views so narrow that float32 directions from the camera do not tell its pixels apart.
+#include <algorithm>
+#include <vector>
+
+#include "scene/scene.h"
+
+namespace veriray {
+namespace {
+
+// Radians of a pixel from which on directions will do: they are rounded to 2^-24.
+constexpr double kNarrow = 0x1p-17;
+// Pixels by which filters reach beyond the film.
+constexpr double kReach = 8;
+
+// Least z of what a polygon has at n.p >= 0 for all planes n; infinity for nothing.
+double least_depth(std::vector<Double3> polygon, const std::vector<Double3>& planes) {
+    for (const Double3 n : planes) {
+        std::vector<Double3> kept;
+        for (size_t k = 0; k < polygon.size(); ++k) {
+            const Double3 a = polygon[k], b = polygon[(k + 1) % polygon.size()];
+            const double ha = dot(n, a), hb = dot(n, b);
+            if (ha >= 0) kept.push_back(a);
+            if ((ha < 0) != (hb < 0)) kept.push_back(a + (b - a) * (ha / (ha - hb)));
+        }
+        polygon = std::move(kept);
+    }
+    double least = INFINITY;
+    for (const Double3 p : polygon) least = std::min(least, p.z);
+    return least;
+}
+
+}  // namespace
+
+// The depth before which such a view shows nothing; 0 of other views, infinity if it shows nothing.
+double HostScene::narrow_depth(const SceneInput& in) const {
+    const double pixel = 2 * std::min(in.tan_half_x / in.width, in.tan_half_y / in.height);
+    if (!(pixel < kNarrow) || in.camera_medium >= 0 || in.aperture_radius > 0) return 0;
+    const double* m = in.to_world;
+    const auto seen = [&](Double3 p) {  // left, up, forward
+        const Double3 q = p - eye;
+        return Double3{m[0] * q.x + m[4] * q.y + m[8] * q.z, m[1] * q.x + m[5] * q.y + m[9] * q.z,
+                       m[2] * q.x + m[6] * q.y + m[10] * q.z};
+    };
+    std::vector<Double3> planes{{0, 0, 1}};
+    const auto between = [&](Double3 axis, double tan, double principal, double pixels) {
+        const double margin = 2 * tan * kReach / pixels;
+        planes.push_back(axis + Double3{0, 0, tan * (1 + 2 * principal) + margin});
+        planes.push_back(axis * -1 + Double3{0, 0, tan * (1 - 2 * principal) + margin});
+    };
+    between({1, 0, 0}, in.tan_half_x, in.principal_x, in.width);
+    between({0, 1, 0}, in.tan_half_y, in.principal_y, in.height);
+    const Double3 axis =
+        normalised({-2 * in.principal_x * in.tan_half_x, -2 * in.principal_y * in.tan_half_y, 1});
+    const double widest = std::max(in.tan_half_x, in.tan_half_y) * (1 + 2 * kReach);
+    double least = INFINITY;
+    for (size_t i = 0; i < in.triangles.count; ++i) {
+        const uint32_t* index = in.triangles.data + 3 * i;
+        least = std::min(least, least_depth({seen(row3(in.vertices, index[0])),
+                                             seen(row3(in.vertices, index[1])),
+                                             seen(row3(in.vertices, index[2]))},
+                                            planes));
+    }
+    for (size_t i = 0; i < in.spheres.count; ++i) {
+        const double* s = in.spheres.data + 4 * i;
+        const Double3 c = seen({s[0], s[1], s[2]});
+        if (std::any_of(planes.begin(), planes.end(),
+                        [&](Double3 n) { return dot(n, c) < -s[3] * length(n); }))
+            continue;
+        // Where the axis meets it, less what the view is wide there; or else all of it.
+        const double middle = dot(c, axis), d2 = dot(c, c) - middle * middle;
+        const double half = std::sqrt(std::max(s[3] * s[3] - d2, 0.0));
+        const double wide = 2 * widest * middle * std::sqrt(std::max(d2, 0.0)) / half;
+        least = std::min(least, half > 16 * widest * middle && middle > half
+                                    ? (middle - half - wide) * axis.z
+                                    : c.z - s[3]);
+    }
+    for (size_t i = 0; i < in.disks.count; ++i) {
+        const Double3 c = row3(in.disks, 3 * i), a = row3(in.disks, 3 * i + 1),
+                      b = row3(in.disks, 3 * i + 2);
+        least = std::min(
+            least, least_depth({seen(c + a + b), seen(c + a - b), seen(c - a - b), seen(c - a + b)},
+                               planes));
+    }
+    return least > in.near_clip ? least : 0;
+}
+
+}  // namespace veriray

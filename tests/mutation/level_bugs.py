@@ -423,8 +423,9 @@ PYTHON = (
             "np.tile(facing[:, axis], 3) * angles", "np.tile(facing[:, axis], 3)"),
     _python("mirrored shapes inside out", "formats/shapes.py",
             "np.array(flipped, np.bool_) != mirrors(matrix)", "np.array(flipped, np.bool_)"),
-    _python("disc's front behind", "formats/shapes.py", "(1, 0) if flip != (determinant(matrix) < 0) else (0, 1)",
-            "(0, 1) if flip != (determinant(matrix) < 0) else (1, 0)"),
+    _python("disc's front behind", "formats/shapes.py",
+            "(1, 0) if flip != (determinant(matrix) < 0)",
+            "(1, 0) if flip == (determinant(matrix) < 0)"),
     _python("flip_normals of spheres ignored", "formats/shapes.py",
             "inward = np.array(flipped, np.bool_)", "inward = np.zeros(len(flipped), np.bool_)"),
     # materials, media, lights

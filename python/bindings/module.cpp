@@ -113,9 +113,13 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     py::gil_scoped_release release;
     try {
         return std::make_unique<Scene>(in, device, builder, poll);
-    } catch (const std::bad_alloc&) {
-        throw OutOfMemoryError("scene: the host has too little memory for " +
-                               std::to_string(in.triangles.count) + " triangles");
+    } catch (const std::bad_alloc& error) {
+        const std::string why = error.what();  // of threads that cannot be had, in words
+        throw OutOfMemoryError("scene: " +
+                               (why != std::bad_alloc().what()
+                                    ? why
+                                    : "the host has too little memory for " +
+                                          std::to_string(in.triangles.count) + " triangles"));
     }
 }
 

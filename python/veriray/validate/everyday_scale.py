@@ -91,7 +91,7 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     kind = chosen(rng, ("point", "sphere", "inward sphere", "disk", "square"))
     low = kind in ("disk", "square")
     size = decades(rng, -4, 2) if low else decades(rng, -4, -0.02)
-    wide = low and size > 0.2 or not low and size > 0.5
+    wide = low and size > 0.2 or not low and size > 0.25
     tilt = float(rng.uniform(0.3, 0.9))
     eye = decades(rng, -1.5, -0.5 if wide else EYE)
     if wide and not low:

@@ -186,17 +186,17 @@ void HostScene::part_touching(const SceneInput& in) {
     const auto exact = [&](uint32_t i) {
         return exact_plane(in, centre, unit, sources[i], rounded_plane(i).n);
     };
-    // How large their bodies are.
+    // What is of one surface is a body.
     std::map<std::tuple<uint32_t, int32_t, int32_t>, Box> bodies;
-    const auto body = [&](uint32_t i) -> Box& {
-        const PrimitiveSource& s = sources[i];
+    std::vector<Box*> body(clear.size());
+    for (size_t i = 0; i < clear.size(); ++i) {
+        const PrimitiveSource& s = sources[clear[i]];
+        const Box box = box_around(in, clear[i]);
+        const bool same = i > 0 && s.same_surface(sources[clear[i - 1]]);
         const auto key = std::tuple(s.material, s.emission, s.boundary);
-        return bodies.try_emplace(key, box_around(in, i)).first->second;
-    };
-    for (const uint32_t i : clear) body(i) = around(body(i), box_around(in, i));
-    std::vector<double> extent(clear.size());
-    for (size_t i = 0; i < clear.size(); ++i)
-        extent[i] = length(body(clear[i]).high - body(clear[i]).low);
+        body[i] = same ? body[i - 1] : &bodies.try_emplace(key, box).first->second;
+        *body[i] = around(*body[i], box);
+    }
     const bool flat = records.empty();
     std::vector<Touch> touches;
     std::mutex mutex;
@@ -211,7 +211,8 @@ void HostScene::part_touching(const SceneInput& in) {
         const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
         const double size = std::max(terms(common, a.n), terms(common, b.n));
         const Double3 g = b.n - a.n * turn;
-        const double want = kParted * (size + std::min(0.5, 32 * extent[i]));
+        const double extent = length(body[i]->high - body[i]->low);
+        const double want = kParted * (size + std::min(0.5, 32 * extent));
         if (length(g) > kParallel || largest(common, g, b.w - a.w * turn) > 2 * want + coarse)
             return true;
         const PrimitiveSource &from = sources[own], &to = sources[other];
@@ -234,7 +235,7 @@ void HostScene::part_touching(const SceneInput& in) {
         // must have met the body's face there.
         if (to.emission >= 0)
             t.want +=
-                static_cast<double>(kLocalOffset) * (terms(box_around(in, other), b.n) + extent[i]);
+                static_cast<double>(kLocalOffset) * (terms(box_around(in, other), b.n) + extent);
         const double slope = largest(common, g, -dot(g, p));
         t.apart = (t.out ? 1 : -1) * (b.over(p) * turn - a.over(p)) - slope;
         const std::lock_guard lock(mutex);

@@ -341,7 +341,7 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("layers of bodies not told apart", "scene/touching.cpp",
            "sign * (move[t.own] - t.turn * move[t.other])", "sign * move[t.own]"),
     Mutant("touching bodies parted by the terms alone", "scene/touching.cpp",
-           "size + std::min(0.5, 32 * extent[i])", "size"),
+           "size + std::min(0.5, 32 * extent)", "size"),
     Mutant("lamps in contact sampled off their place", "lights/light.h",
            "stays | (offset < F(0.f))", "stays"),
     Mutant("a narrow view is seen from the camera", "scene/narrow.cpp", "kNarrow = 0x1p-17",

@@ -12,6 +12,8 @@ constexpr double kFar = 8;
 // scenes where it is.
 constexpr double kCoarse = 0x1p7;
 constexpr size_t kMostDetails = 1024;
+// Distances of shapes, in their sizes, that are always near enough.
+constexpr double kCoarseShape = 0x1p10;
 
 // Calls f(point, extent by axis) for every vertex, sphere and disk.
 template <class Visit>
@@ -32,14 +34,17 @@ struct Detail {
     double size;
 };
 
-// Of a small scene: lamps by their distance from surfaces, which rounding moves by 2^-20 of where
-// they are, and flat ones by their size, of which it takes 2^-23; media by the free path, 2^-22.
-std::vector<Detail> details(const SceneInput& in) {
+// Of a small scene: all shapes; and lamps by their distance from surfaces, which rounding moves by
+// 2^-20 of where they are, and flat ones by their size, of which it takes 2^-23; media by the free
+// path, 2^-22.
+std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
     std::vector<Detail> list;
     if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;
     struct Lamp {
         Double3 at, n;  // n: of a flat lamp, which lights what is in front; else 0
         double size, nearest = INFINITY;
+        ShapeGroup group = kTriangleGroup;
+        size_t row = SIZE_MAX;
     };
     std::vector<Lamp> lamps;
     for (size_t q = 0; q < in.light_kind.count; ++q)
@@ -75,12 +80,14 @@ std::vector<Detail> details(const SceneInput& in) {
         }
     };
     each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3 n, double size, auto) {
-        if (in.emission[group].data[row] >= 0) lamps.push_back({at, n, size});
+        shapes.push_back({at, size});
+        if (in.emission[group].data[row] >= 0) lamps.push_back({at, n, size, INFINITY, group, row});
     });
     each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3, double, auto distance) {
         for (Lamp& lamp : lamps)  // its own plane does not count
             if (const double d = std::abs(distance(lamp.at));
-                d > 0.01 * lamp.size && dot(lamp.n, at - lamp.at) >= 0)
+                (group != lamp.group || row != lamp.row) && d > 0.01 * lamp.size &&
+                dot(lamp.n, at - lamp.at) >= 0)
                 lamp.nearest = std::min(lamp.nearest, d);
         const int32_t b = in.boundary[group].data[row];
         double path = INFINITY;
@@ -98,15 +105,16 @@ std::vector<Detail> details(const SceneInput& in) {
 }
 
 // The given place; or, if something fine is far away from it, and twice as near to the mean of all
-// weighted by fineness, that mean.
+// weighted by fineness, that mean, unless shapes would be too far away from it.
 Double3 finest(const SceneInput& in, Double3 given) {
-    const std::vector<Detail> list = details(in);
-    const auto coarsest = [&](Double3 from) {
+    std::vector<Detail> shapes;
+    const std::vector<Detail> list = details(in, shapes);
+    const auto coarsest = [](const std::vector<Detail>& of, Double3 from) {
         double most = 0;
-        for (const Detail& d : list) most = std::max(most, length(d.at - from) / d.size);
+        for (const Detail& d : of) most = std::max(most, length(d.at - from) / d.size);
         return most;
     };
-    const double here = coarsest(given);
+    const double here = coarsest(list, given);
     if (!(here > kCoarse)) return given;
     double least = INFINITY, total = 0;
     for (const Detail& d : list) least = std::min(least, d.size);
@@ -117,7 +125,8 @@ Double3 finest(const SceneInput& in, Double3 given) {
         total += w;
     }
     const Double3 mean = given + sum * (1 / total);
-    return coarsest(mean) * 2 < here ? mean : given;
+    const double shape = std::max(coarsest(shapes, given), kCoarseShape);
+    return coarsest(list, mean) * 2 < here && coarsest(shapes, mean) <= shape ? mean : given;
 }
 
 }  // namespace

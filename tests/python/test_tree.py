@@ -349,7 +349,11 @@ def test_a_build_without_memory_leaves_the_process_whole(cpu: str) -> None:
     assert done.returncode == 0, done.stderr
     first, second, third = done.stdout.splitlines()
     assert first.startswith("MemoryError") and third == "True"
-    assert second == "OutOfMemoryError scene: the host has too little memory for 300000 triangles"
+    # a thread takes memory as well
+    assert second in (
+        "OutOfMemoryError scene: the host has too little memory for 300000 triangles",
+        "OutOfMemoryError scene: no thread can be started",
+    )
 
 
 @pytest.mark.gpu

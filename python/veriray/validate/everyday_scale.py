@@ -124,6 +124,31 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     return Question(drawn, seen, truth, margin, margin, spp=1024)
 
 
+def sun(rng: np.random.Generator) -> Question:
+    """The ground near a small box, in the light of a ball 10 to 1e8 away: L sin^2(a) cos(t).
+
+    Its angular radius a is 0.1 to 5 degrees, its height over the horizon more than that.
+    """
+    far, radius = decades(rng, 1, 8), math.radians(decades(rng, -1, 0.7))
+    zenith, azimuth = float(rng.uniform(0, 1.2)), float(rng.uniform(0, 2 * math.pi))
+    to = np.array([math.sin(zenith) * math.cos(azimuth), math.sin(zenith) * math.sin(azimuth),
+                   math.cos(zenith)])  # fmt: skip
+    half, eye = decades(rng, 0.5, 3), min(decades(rng, 0, 2), far / 2)
+    ball = sphere(far * to, far * math.sin(radius), 0, math.sin(radius) ** -2)
+    aside = -3 * np.array([math.cos(azimuth), math.sin(azimuth), 0])
+    thing = box(aside, aside + 0.02, False, 0.5)
+    turn = random_rotation_matrix(rng.random(3)) if rng.random() < 0.5 else np.eye(4)
+    parts = [square(half, reflectance=0.5), ball, thing]
+    moved(parts, turn)
+    ball.spheres[:, :3] = ball.spheres[:, :3] @ turn[:3, :3].T
+    w = 0.05
+    view = camera(turn[:3, 2] * eye, [0, 0, 0], 2 * math.degrees(math.atan(w / eye)), turn[:3, 1])
+    seen = make(parts, view, width=16, height=16, max_depth=2)
+    drawn = (f"sun {far:g} away of {math.degrees(radius):g} degrees, {zenith:.3f} from the zenith, "
+             f"ground {half:g}, eye {eye:g}")  # fmt: skip
+    return Question(drawn, seen, 0.5 * math.cos(zenith), 1e-3, None, spp=64, ends=False)
+
+
 def lamp_by_a_wall(rng: np.random.Generator) -> Question:
     """A point lamp d before a wall, seen square on.
 
@@ -338,6 +363,7 @@ def telephoto(rng: np.random.Generator) -> Question:
 #: Generators by name: with an exact mean, and pairs of one mean.
 CLOSED: dict[str, Generator] = {
     "foot of a lamp": foot_of_a_lamp,
+    "sun": sun,
     "lamp by a wall": lamp_by_a_wall,
     "spot": spot,
     "field of view": field_of_view,

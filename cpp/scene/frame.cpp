@@ -12,8 +12,8 @@ constexpr double kFar = 8;
 // scenes where it is.
 constexpr double kCoarse = 0x1p7;
 constexpr size_t kMostDetails = 1024;
-// Distances of shapes, in their sizes, that are always near enough.
-constexpr double kCoarseShape = 0x1p10;
+// Distances of flat shapes, in their sizes, that are always near enough.
+constexpr double kCoarseShape = 0x1p12;
 
 // Calls f(point, extent by axis) for every vertex, sphere and disk.
 template <class Visit>
@@ -34,7 +34,7 @@ struct Detail {
     double size;
 };
 
-// Of a small scene: all shapes; and lamps by their distance from surfaces, which rounding moves by
+// Of a small scene: flat shapes; and lamps by their distance from surfaces, which rounding moves by
 // 2^-20 of where they are, and flat ones by their size, of which it takes 2^-23; media by the free
 // path, 2^-22.
 std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
@@ -80,7 +80,7 @@ std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
         }
     };
     each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3 n, double size, auto) {
-        shapes.push_back({at, size});
+        if (group != kSphereGroup) shapes.push_back({at, size});  // spheres are exact anywhere
         if (in.emission[group].data[row] >= 0) lamps.push_back({at, n, size, INFINITY, group, row});
     });
     each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3, double, auto distance) {

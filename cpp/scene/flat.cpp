@@ -145,6 +145,8 @@ void write_plane(const Flat& f, float* out) {
     out[0] = nf[0], out[1] = nf[1], out[2] = nf[2], out[3] = static_cast<float>(-offset);
 }
 
+double plane_at_origin(const Flat& f) { return -dot(normalised(f.area_vector()), f.v[0]); }
+
 namespace {
 void write_edge(Double3 e, double w, float* out) {
     out[0] = static_cast<float>(e.x), out[1] = static_cast<float>(e.y),

@@ -54,7 +54,7 @@ bool uneven(const float* plane, const Flat& f) {
         most = std::max(most, n * std::max(-box.low[c], box.high[c]));
         near = std::max({near, box.low[c], -box.high[c]});
     }
-    return most > 64 * near;
+    return most > 4 * near;
 }
 
 }  // namespace
@@ -198,6 +198,7 @@ bool HostScene::set_flat(const SceneInput& in) {
         bool widened = false;
         for (const bool w : shared[i]) widened |= w;
         const bool local = clear(f) || beside < kMinBeside;
+        if (local) plane[3] = static_cast<float>(plane_at_origin(f));
         put_plane(i, f, plane, local ? kLocal : widened ? kEdgeSlack : 2 * kPlaneSlack);
         std::array<float, 4> rim{};
         // By as little paths leave both sides of what is two-sided.
@@ -208,6 +209,7 @@ bool HostScene::set_flat(const SceneInput& in) {
         else
             write_polygon(f, shared[i], behind,
                           view.polygons + kPolygonFloats * view.polygon_count++, rim);
+        if (local) plane_record(static_cast<uint32_t>(i))[3] = plane[3] + behind;
         for (uint32_t k = 0; k < 4; ++k) at(primitives, view, i, kPrimRim + k) = rim[k];
     }
     for (uint32_t i = 0; i < in.disks.count; ++i)
@@ -240,7 +242,9 @@ void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t ro
     const Flat f = triangle(in, row);
     float plane[4];
     write_plane(f, plane);
-    put_plane(primitive, f, plane, uneven(plane, f) ? kLocal : 0.f);
+    const bool local = uneven(plane, f);
+    if (local) plane[3] = static_cast<float>(plane_at_origin(f));
+    put_plane(primitive, f, plane, local ? kLocal : 0.f);
     put_source(in, primitive, kTriangleGroup, row, length(f.area_vector()));
     if (!smooth.empty()) put_smooth(in, primitive, f);
     float* r = &records[primitive * kRecordFloats];

@@ -27,6 +27,8 @@ constexpr double kMostMoved = 0.75 * static_cast<double>(kMovedSlack);
 static_assert(kParted == 2 * static_cast<double>(kLocalOffset));
 // If their normals differ by no more: else they are that near along a line alone.
 constexpr double kParallel = 0x1p-10;
+// Beyond it, 45 degrees, what leaves one does not come to the other.
+constexpr double kAcross = 0.75;
 // Pairs of primitives that are looked at; beyond it, transparent ones and the largest of all.
 constexpr size_t kMostPairs = size_t{1} << 26;
 // Bodies within each other in one plane.
@@ -86,14 +88,14 @@ bool clear_material(const SceneInput& in, uint32_t m) {
            kind == MaterialKind::kNull || in.opacity.data[m] < 1;
 }
 
-// Largest |g.p + c| over a box, and sum of |g_k p_k|.
-double largest(const Box& b, Double3 g, double c) {
+// Least and largest |g.p + c| over a box.
+std::pair<double, double> heights(const Box& b, Double3 g, double c) {
     double low = c, high = c;
     for (int k = 0; k < 3; ++k) {
         low += std::min(g[k] * b.low[k], g[k] * b.high[k]);
         high += std::max(g[k] * b.low[k], g[k] * b.high[k]);
     }
-    return std::max(std::abs(low), std::abs(high));
+    return {std::max({low, -high, 0.0}), std::max(std::abs(low), std::abs(high))};
 }
 
 // The plane of a primitive, not rounded.
@@ -199,6 +201,7 @@ void HostScene::part_touching(const SceneInput& in) {
     }
     const bool flat = records.empty();
     std::vector<Touch> touches;
+    std::vector<uint32_t> crossing;
     std::mutex mutex;
     const auto look = [&](size_t i, size_t k) {
         const uint32_t own = clear[i], other = others[k];
@@ -213,11 +216,17 @@ void HostScene::part_touching(const SceneInput& in) {
         const Double3 g = b.n - a.n * turn;
         const double extent = length(body[i]->high - body[i]->low);
         const double want = kParted * (size + std::min(0.5, 32 * extent));
-        if (length(g) > kParallel || largest(common, g, b.w - a.w * turn) > 2 * want + coarse)
-            return true;
         const PrimitiveSource &from = sources[own], &to = sources[other];
         const bool same = from.same_surface(to);
         if (turn > 0 && same) return true;
+        const auto [least, most] = heights(common, g, b.w - a.w * turn);
+        if (length(g) > kParallel || most > 2 * want + coarse) {
+            // At a line alone: points near to it leave one and not the other.
+            if (length(g) > kAcross || least > 2 * want + coarse || same) return true;
+            const std::lock_guard lock(mutex);
+            crossing.insert(crossing.end(), {own, other});
+            return true;
+        }
         // How far own lies beyond the other along its own normal.
         const Double3 p = (common.low + common.high) * 0.5;
         const Plane a0 = exact(own), b0 = exact(other);
@@ -236,7 +245,7 @@ void HostScene::part_touching(const SceneInput& in) {
         if (to.emission >= 0)
             t.want +=
                 static_cast<double>(kLocalOffset) * (terms(box_around(in, other), b.n) + extent);
-        const double slope = largest(common, g, -dot(g, p));
+        const double slope = heights(common, g, -dot(g, p)).second;
         t.apart = (t.out ? 1 : -1) * (b.over(p) * turn - a.over(p)) - slope;
         const std::lock_guard lock(mutex);
         touches.push_back(t);
@@ -246,7 +255,6 @@ void HostScene::part_touching(const SceneInput& in) {
         clear.size(),
         [&](size_t i) { return widened(box_around(in, clear[i]), flat ? kCoarse : 0); },
         others.size(), [&](size_t k) { return box_around(in, others[k]); }, look);
-    if (touches.empty()) return;
     std::sort(touches.begin(), touches.end());
     // Into the body counts more than off another surface.
     std::vector<double> move(planar, 0.0);
@@ -267,13 +275,18 @@ void HostScene::part_touching(const SceneInput& in) {
             move[t.own] = by;
         }
     }
-    for (const Touch& t : touches)
-        for (const uint32_t i : {t.own, t.other}) {
-            column(i, kPrimOffset) = kTouches;
-            // Paths leave both sides of it, and not by as much as its plane would lie behind.
-            if (flat && in.two_sided.data[sources[i].material])
-                plane_record(i)[3] = -column(i, kPrimPlane);
-        }
+    for (const Touch& t : touches) crossing.insert(crossing.end(), {t.own, t.other});
+    for (const uint32_t i : crossing) {
+        if (column(i, kPrimOffset) == kTouches) continue;
+        column(i, kPrimOffset) = kTouches;
+        // Paths leave both sides of it, and not by as much as its plane would lie behind.
+        const float behind =
+            flat && !is_clear(i) && !in.two_sided.data[sources[i].material] ? kPlaneSlack : 0;
+        if (sources[i].group == kTriangleGroup)
+            column(i, kPrimPlane) = -static_cast<float>(
+                plane_at_origin(flat ? flats_[i] : triangle(in, sources[i].row)));
+        plane_record(i)[3] = -column(i, kPrimPlane) + behind;
+    }
     for (const uint32_t i : clear) {
         if (move[i] == 0) continue;
         slab_slack = kMovedSlack;

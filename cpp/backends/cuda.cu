@@ -359,8 +359,9 @@ double time_width(const Scene::Impl& scene, const Buffer<float>& rays, uint64_t 
         build_tree<N>(scene.host.tree_input(), scene.builder, kScalarWalk, 0, {}).nodes, "tree");
     check(cudaDeviceSynchronize(), "prepare");
     const Clock::time_point start = Clock::now();
-    width_kernel<N><<<blocks_for(n, 128), 128>>>({nodes.get(), scene.tree.records.get()},
-                                                 rays.get(), n, t.get(), primitive.get());
+    width_kernel<N><<<blocks_for(n, 128), 128>>>(
+        {nodes.get(), scene.tree.records.get(), scene.host.slab_slack}, rays.get(), n, t.get(),
+        primitive.get());
     check_launch("intersect");
     check(cudaDeviceSynchronize(), "intersect");
     return seconds_since(start);

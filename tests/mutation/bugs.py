@@ -217,7 +217,7 @@ _MATERIALS = (
            "transmission * (F(1.f) / (relative * relative))", "transmission", "lamp_in_medium"),
     Mutant("tint of refraction left out", _MATERIAL,
            "transmission * (F(1.f) / (relative * relative))",
-           "one * (F(1.f) / (relative * relative))", "dielectric_sphere"),
+           "V{F(1.f), F(1.f), F(1.f)} * (F(1.f) / (relative * relative))", "dielectric_sphere"),
     Mutant("thin slab of one surface", _MATERIAL, "(r + r) / (F(1.f) + r)", "r", "thindielectric"),
     Mutant("thin slab clear to light samples", _MATERIAL,
            "transmission * (F(1.f) - fresnel.reflected)", "one", "thindielectric"),
@@ -251,8 +251,9 @@ _MATERIALS = (
     Mutant("way before a pass forgotten, flat lamp", _PATH, "(hit.t * hit.t)",
            "((hit.t - path.travelled) * (hit.t - path.travelled))", "lamp_in_medium"),
     Mutant("way before a pass forgotten, sphere lamp", _PATH,
-           "const V from = path.ray.o;",
-           "const V from = fma(path.ray.d, path.travelled, path.ray.o);", "sphere lamp in fog"),
+           "chance * sphere_light_pdf(record, from)",
+           "chance * sphere_light_pdf(record, fma(path.ray.d, path.travelled, from))",
+           "sphere lamp in fog"),
 )  # fmt: skip
 
 _MEDIA = (

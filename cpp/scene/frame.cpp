@@ -158,9 +158,8 @@ void HostScene::normalise(const SceneInput& in) {
         centre = {middle[0], middle[1], middle[2]};
         far = true;
     }
-    const double depth_seen = narrow_depth(in);
-    const bool narrow =
-        !far && depth_seen > 0 && std::isfinite(depth_seen) && depth[1] < in.far_clip;
+    const double depth_seen = far ? 0 : narrow_depth(in);
+    const bool narrow = depth_seen > 0 && std::isfinite(depth_seen) && depth[1] < in.far_clip;
     if (narrow) {
         const double* m = in.to_world;
         const double x = -2 * in.principal_x * in.tan_half_x,

@@ -5,8 +5,8 @@
 // leaves one by its offset would begin beyond the other. So the planes of the former are moved
 // until they are apart by twice what paths leave them by, and by what rays from 64 sizes of the
 // body tell apart: into the body, or off an opaque surface that they lie on. The order is that of
-// the exact input; of bodies in one place the later lies within the earlier. A surface keeps its
-// edges, so that bodies stay closed.
+// the exact input; of bodies in one plane the smaller lies within the larger, and of equal ones the
+// later within the earlier. A surface keeps its edges, so that bodies stay closed.
 #include <algorithm>
 #include <map>
 #include <mutex>
@@ -31,6 +31,8 @@ constexpr double kParallel = 0x1p-10;
 constexpr double kAcross = 0.75;
 // Pairs of primitives that are looked at; beyond it, transparent ones and the largest of all.
 constexpr size_t kMostPairs = size_t{1} << 26;
+// Bodies are of one size if theirs differ by no more.
+constexpr double kSameSize = 1e-6;
 // Bodies within each other in one plane.
 constexpr int kMostLayers = 32;
 
@@ -190,15 +192,21 @@ void HostScene::part_touching(const SceneInput& in) {
     };
     // What is of one surface is a body.
     std::map<std::tuple<uint32_t, int32_t, int32_t>, Box> bodies;
-    std::vector<Box*> body(clear.size());
+    std::vector<Box*> body(planar, nullptr);
     for (size_t i = 0; i < clear.size(); ++i) {
         const PrimitiveSource& s = sources[clear[i]];
         const Box box = box_around(in, clear[i]);
         const bool same = i > 0 && s.same_surface(sources[clear[i - 1]]);
         const auto key = std::tuple(s.material, s.emission, s.boundary);
-        body[i] = same ? body[i - 1] : &bodies.try_emplace(key, box).first->second;
-        *body[i] = around(*body[i], box);
+        Box*& own = body[clear[i]];
+        own = same ? body[clear[i - 1]] : &bodies.try_emplace(key, box).first->second;
+        *own = around(*own, box);
     }
+    const auto size_of_body = [&](uint32_t i) { return length(body[i]->high - body[i]->low); };
+    const auto holds = [&](uint32_t a, uint32_t b) {
+        const double more = size_of_body(a) - size_of_body(b);
+        return std::abs(more) > kSameSize * size_of_body(a) ? more > 0 : a < b;
+    };
     const bool flat = records.empty();
     std::vector<Touch> touches;
     std::vector<uint32_t> crossing;
@@ -214,7 +222,7 @@ void HostScene::part_touching(const SceneInput& in) {
         const double turn = dot(a.n, b.n) < 0 ? -1 : 1;
         const double size = std::max(terms(common, a.n), terms(common, b.n));
         const Double3 g = b.n - a.n * turn;
-        const double extent = length(body[i]->high - body[i]->low);
+        const double extent = size_of_body(own);
         const double want = kParted * (size + std::min(0.5, 32 * extent));
         const PrimitiveSource &from = sources[own], &to = sources[other];
         const bool same = from.same_surface(to);
@@ -235,7 +243,7 @@ void HostScene::part_touching(const SceneInput& in) {
         Touch t{own, other, turn, false, 0, want};
         if (turn < 0)
             t.out = same && beyond > 0;  // a thin body's two sides
-        else if (other_clear && (beyond > 0 || (beyond == 0 && own < other)))
+        else if (other_clear && (beyond > 0 || (beyond == 0 && holds(own, other))))
             return true;  // the other lies within
         else
             t.out = !other_clear && beyond >= 0;

@@ -471,4 +471,7 @@ PYTHON = (
 EXPLAINED: dict[str, str] = {
     "boxes not padded": "equal in effect: rays carry a slack of 2^-20 of their own "
     "(`geometry/triangle.h`), as wide as the padding, and either covers the rounding of the tests.",
+    "a pass leaves out what coincides with it": "equal in effect: planes that coincide are parted "
+    "when the scene is made (`scene/touching.cpp`) and pieces of one sheet are passed together; "
+    "what is left is a point or a line, or a scene of more than 2^26 pairs.",
 }

@@ -331,6 +331,24 @@ def shining(rng: np.random.Generator, lower: str, upper: str, way: str) -> Quest
     return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
 
 
+#: What lets light through to what it holds.
+CLEAR = ("glass", "null", "fog", "milky glass", "mask", "thin glass")
+
+
+def nested(rng: np.random.Generator) -> Question:
+    """A body within a clear one on the floor, in nine of ten draws turned: nothing is seen.
+
+    Three layers, none further than 1e-6 from the next, in one order at every face.
+    """
+    lower, upper = str(rng.choice(CLEAR)), str(rng.choice(list(LOSSLESS)))
+    if {lower, upper} <= REFRACTS:
+        upper = "fog"  # `settled` says why
+    x = touch(rng, lower, upper, "inside")
+    turn = tuple(rng.random(3).tolist()) if rng.random() < 0.9 else None
+    x = settled(Touch(**{**vars(x), "gap": float(rng.choice(GAPS[:4])), "turn": turn}))
+    return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
+
+
 #: Gap of the scene that the others are compared with.
 LIFTED = 1e-4
 

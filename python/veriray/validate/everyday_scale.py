@@ -18,6 +18,7 @@ from veriray.scene import Scene
 from veriray.validate.everyday import LOSSY, Question, gridded, moved
 from veriray.validate.form_factors import rectangle_above_corner
 from veriray.validate.scenes import (
+    MIRROR,
     Medium,
     Part,
     box,
@@ -249,6 +250,45 @@ def half_space(rng: np.random.Generator) -> Question:
                     0.03, spp=2048)  # fmt: skip
 
 
+def stacked_fogs(rng: np.random.Generator) -> Question:
+    """Two or three slabs of ink on a floor, each on the last or within it: exp(-optical depth).
+
+    The floor shines, or is a mirror below a sky: then light comes down as well. Seen from
+    straight above, from 25 to 50 times their size away, of any order, turned or not. A face in
+    contact is moved by 2^-21 of the scene and 2^-20 of its place, which makes twice that share of
+    a slab's thickness the margin of its depth.
+    """
+    count, order = int(rng.integers(2, 4)), bool(rng.random() < 0.5)
+    within = bool(rng.random() < 0.5)
+    mirror = within or bool(rng.random() < 0.2)
+    gap = chosen(rng, (0.0, 2.0**-24, 1e-7, 1e-6))
+    thick, far = decades(rng, -2.5, -1), decades(rng, 1.4, 1.7)
+    depths = rng.uniform(0.2, 0.5, count)
+    depths *= np.linspace(0.2, 1, count) if within else 1  # the inner ones are told from the outer
+    fogs: list[Part] = []
+    for k, depth in enumerate(depths):
+        around = fogs[-1].media[0] if within and fogs else None
+        fog: dict[str, Any] = {"interior": Medium(depth / thick), "exterior": around}
+        low = (k + 1) * gap + (0 if within else k * thick)
+        high = low - gap + thick * (count - k if within else 1)
+        side = 0.7 - (0.1 * k if within else 0)
+        fogs.append(box([-side, -side, low], [side, side, high], False, material=NULL, **fog))
+    floor = square(3.0, material=MIRROR) if mirror else square(3.0, emission=1.0)
+    parts = [floor, *(fogs[::-1] if order else fogs)]
+    turn = random_rotation_matrix(rng.random(3)) if rng.random() < 0.5 else np.eye(4)
+    moved(parts, turn)
+    w = 0.02
+    view = camera(turn[:3, 2] * far, [0, 0, 0], 2 * math.degrees(math.atan(w / far)), turn[:3, 1])
+    seen = make(parts, view, float(mirror), width=8, height=8)
+    drawn = f"{count} slabs {thick:g} thick, gap {gap:.2g}, eye {far:g} away"
+    drawn += (", within each other" if within else "") + (", mirror" if mirror else "")
+    drawn += (", last first" if order else "") + (", turned" if turn[0, 0] != 1 else "")
+    depth = float(depths.sum()) * (2 if mirror else 1)
+    moved_by = 2.0**-21 * 2 ** math.ceil(math.log2(far)) + 2.0**-20
+    margin = 1e-3 + 2 * depth * moved_by / thick
+    return Question(drawn, seen, math.exp(-depth), margin, None, 0.05, spp=512)
+
+
 # ---- pairs ----
 
 
@@ -368,6 +408,7 @@ CLOSED: dict[str, Generator] = {
     "spot": spot,
     "field of view": field_of_view,
     "half space": half_space,
+    "stacked fogs": stacked_fogs,
 }
 PAIRS: dict[str, Generator] = {
     "out of sight": out_of_sight,

@@ -144,6 +144,9 @@ class Integrator:
             v.normal = self.shading_normals(live.origin, v)
             v.cosine = -dot(v.normal, live.direction)
         v.material = self.scene.material.take(v.primitive)
+        if self.any_smooth:
+            away = self.materials.clear.take(v.material) & (v.cosine * v.facing <= 0)
+            v.normal[:, away], v.cosine[away] = v.front[:, away], v.facing[away]
 
     def shading_normals(self, point: np.ndarray, v: Vertices) -> np.ndarray:
         """Normals interpolated over triangles (3, n), unit; ng where they vanish or are none."""
@@ -261,12 +264,18 @@ class Integrator:
         turn = np.where(v.facing < 0, -1.0, 1.0)
         front = v.front * turn
         normal = front if v.normal is v.front else v.normal * turn
+        old = live.direction
         self.turn(rng, live, v, normal)
         ahead = dot(front, live.direction)
         alive = np.ones(len(ahead), bool)
         if self.any_smooth:
             below = np.where(v.event == REFRACT, ahead >= 0, ahead <= 0)
             below &= (v.event != PASS) & (v.event != PHASE)
+            clear = below & self.materials.clear.take(v.material)
+            if len(at := np.flatnonzero(clear)):
+                self.turn_flat(live, v, at, front[:, at], old[:, at])
+                ahead[at] = dot(front[:, at], live.direction[:, at])
+            below &= ~clear
             tally.cause[live.path[below]] = ABSORBED
             alive &= ~below
         if live.medium is not None:
@@ -310,6 +319,27 @@ class Integrator:
             live.direction[:, at] = refracted(old[:, at], v.normal[:, at], eta)
             live.pdf[at] = np.inf
             live.eta2[at] *= eta * eta
+
+    def turn_flat(
+        self, live: Paths, v: Vertices, at: np.ndarray, normal: np.ndarray, old: np.ndarray
+    ) -> None:
+        """Clear events of paths ``at`` again, about ng turned to wo; mirrored where all is."""
+        m, eta = v.material[at], self.materials.relative(v.material[at], v.cosine[at])
+        cosine = dot(normal, old)
+        bent = v.event[at] == REFRACT
+        through = bent & (1 - (1 - cosine * cosine) / (eta * eta) > 0)
+        live.direction[:, at] = np.where(
+            through, refracted(old, normal, eta), mirrored(old, normal)
+        )
+        mirror = bent & ~through
+        rows, m, eta2 = at[mirror], m[mirror], eta[mirror] ** 2
+        colour = self.materials.specular_transmittance.take(m, axis=1)
+        share = self.materials.specular_reflectance.take(m, axis=1) * eta2
+        live.throughput[:, rows] *= np.divide(
+            share, colour, out=np.zeros_like(colour), where=colour > 0
+        )
+        live.eta2[rows] /= eta2
+        v.event[rows] = MIRROR
 
     def cross(self, live: Paths, v: Vertices, ahead: np.ndarray) -> None:
         """Media beyond the boundaries that paths cross; ahead: dot(ng, new direction)."""

@@ -16,7 +16,8 @@ mask            PASS with probability 1 - opacity
 =============== ==================================================================================
 
 Normals: ng is geometric, ns the shading normal. Cosines are of ns. A value is 0 unless wo and wi
-lie on the sides that both ask for: the same for a reflection, opposite for a transmission.
+lie on the sides that both ask for: the same for a reflection, opposite for a transmission. Clear
+materials (dielectric, thindielectric, null) lose nothing so: they are flat where the two disagree.
 One-sided materials are black where wo is behind either; two-sided ones turn both normals to wo's
 side of ng. F is Fresnel's reflectance of unpolarised light.
 """
@@ -78,6 +79,7 @@ class Materials:
         self.opacity = np.array([m.opacity for m in materials])
         self.two_sided = np.array([m.two_sided for m in materials])
         self.one_sided = _ONE_SIDED[self.kind]
+        self.clear = np.isin(self.kind, (_DIELECTRIC, _THIN, _NULL))
         self.base = np.array([_base(m) for m in materials]).T.copy()
         lobes = [
             (self.base, (_DIFFUSE, _PLASTIC)),

@@ -105,6 +105,13 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
         const double s = std::clamp(dot(p - a, e) / dot(e, e), 0.0, 1.0);
         return length(p - (a + e * s)) <= 4 * kFlatTolerance;
     };
+    // From the edge the two go the same way: they lie on each other, and no ray gets in between.
+    const auto together = [&](const Flat& f, uint32_t k, const Flat& g, uint32_t m) {
+        const auto inward = [](const Flat& h, uint32_t n) {
+            return normalised(cross(h.area_vector(), h.v[(n + 1) % h.corners] - h.v[n]));
+        };
+        return dot(inward(f, k), inward(g, m)) > 1 - kFlatTolerance;
+    };
     std::vector<std::array<bool, 4>> shared(flats.size(), {false, false, false, false});
     for (size_t i = 0; i < flats.size(); ++i)
         for (uint32_t k = 0; k < flats[i].corners; ++k) {
@@ -114,7 +121,8 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
                 if (j == i || (flats[i].emission >= 0 && flats[j].emission < 0)) continue;
                 for (uint32_t m = 0; m < flats[j].corners; ++m) {
                     const Double3 c = flats[j].v[m], d = flats[j].v[(m + 1) % flats[j].corners];
-                    if ((on(a, c, d) && on(b, c, d)) || (on(c, a, b) && on(d, a, b))) {
+                    if (((on(a, c, d) && on(b, c, d)) || (on(c, a, b) && on(d, a, b))) &&
+                        !together(flats[i], k, flats[j], m)) {
                         shared[i][k] = true;
                         break;
                     }

@@ -66,6 +66,7 @@ uint32_t padded(size_t n) {
 HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.height) {
     check_input(in);
     normalise(in);
+    orient(in);
     if (!set_flat(in)) set_tree(in);
     view.primitives = primitives.data();
     set_surfaces(in);
@@ -91,16 +92,14 @@ bool HostScene::vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) con
     return true;
 }
 
-// The front is where the corners run counter-clockwise; of a smooth triangle, where the vertex
-// normals look.
+// The front is where the corners run counter-clockwise; of smooth meshes, where the vertex normals
+// look (winding.cpp).
 Flat HostScene::triangle(const SceneInput& in, size_t i) const {
     Flat f{};
     f.corners = 3;
     const uint32_t* index = in.triangles.data + 3 * i;
     for (int k = 0; k < 3; ++k) f.v[k] = point(in, index[k]);
-    Double3 n[3];
-    if (vertex_normals(in, i, n) && dot(f.area_vector(), n[0] + n[1] + n[2]) < 0)
-        std::swap(f.v[1], f.v[2]), f.swapped = true;
+    if (!turned_.empty() && turned_[i]) std::swap(f.v[1], f.v[2]), f.swapped = true;
     f.triangle = static_cast<uint32_t>(i);
     f.material = in.material[kTriangleGroup].data[i];
     f.emission = in.emission[kTriangleGroup].data[i];

@@ -175,6 +175,7 @@ class HostScene {
     double narrow_depth(const SceneInput& in) const;
     Double3 point(const SceneInput& in, size_t vertex) const;
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
+    void orient(const SceneInput& in);
     Flat triangle(const SceneInput& in, size_t i) const;
     double smallest_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
     bool dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
@@ -216,8 +217,9 @@ class HostScene {
     template <class Density>
     void tabulate_filter(Density density, double reach, double scale);
 
-    std::vector<Flat> flats_;   // of a scene without a tree
-    bool has_normals_ = false;  // some that are not zero
+    std::vector<Flat> flats_;      // of a scene without a tree
+    bool has_normals_ = false;     // some that are not zero
+    std::vector<uint8_t> turned_;  // of triangles: for their normals to look out of the front
 };
 
 // Raises std::invalid_argument for what SceneInput's arrays must not hold.

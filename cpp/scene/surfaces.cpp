@@ -3,7 +3,7 @@
 #include <map>
 #include <tuple>
 
-#include "scene/scene.h"
+#include "scene/edge_hash.h"
 
 namespace veriray {
 namespace {
@@ -29,21 +29,6 @@ double diffuse_reflectance_inside(double eta) {
 }
 
 using SurfaceKey = std::tuple<uint32_t, int32_t, int32_t>;
-
-// A bijection that scatters bits: G. Steele, D. Lea, C. Flood, "Fast Splittable Pseudorandom Number
-// Generators", OOPSLA 2014 (variant 13 of MurmurHash3's finisher).
-uint64_t mixed(uint64_t x) {
-    x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
-    x = (x ^ x >> 27) * 0x94d049bb133111ebu;
-    return x ^ x >> 31;
-}
-uint64_t hashed(Double3 p) {
-    uint64_t h = 0;
-    for (int k = 0; k < 3; ++k) h = mixed(h + bit_cast<uint32_t>(static_cast<float>(p[k]) + 0.f));
-    return h;
-}
-// Opposite for a -> b and b -> a.
-uint64_t edge(uint64_t a, uint64_t b) { return mixed(a + 3 * b) - mixed(b + 3 * a); }
 
 // What bounds a medium. edges: sum over the edges of triangles, which run around the medium's
 // outer side; 0 if the surface is closed, by chance with a probability of 2^-64. volume: enclosed;

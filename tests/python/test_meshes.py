@@ -5,10 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
+import trimesh
 
+import veriray
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats import mesh
 from veriray.scene import load_dict
+from veriray.validate.scenes import Medium, Part, camera, make, material
 
 CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 PLY = (
@@ -255,6 +258,35 @@ def test_a_flat_mirrored_mesh_keeps_its_front(tmp_path):
 
 
 # ---- closedness ----
+
+
+def test_a_fold_is_turned_with_its_mesh_or_not_at_all():
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    bumps = np.random.default_rng(3).uniform(0.6, 1.4, (len(ball.vertices), 1))
+    ball = trimesh.Trimesh(ball.vertices * bumps, ball.faces, process=False)
+    n = np.array(ball.vertex_normals)
+    back = (ball.face_normals * n[ball.faces].sum(axis=1)).sum(axis=1) < 0
+    assert 0 < back.sum() < len(back) / 2  # a fold
+
+    def normals_met(faces):
+        """Of camera rays, as they are met, by face: shape (3,) each."""
+        fog = {"material": material("null"), "interior": Medium(2.0, 1.0)}
+        part = Part(ball.vertices, faces, normals=n, **fog)
+        scene = make([part], camera([0, 0, 4], [0, 0, 0], 40), 1.0, 16, 16, max_depth=-1)
+        r = veriray.render(scene, spp=16, device="cpu")
+        if len(faces) == len(back):  # what goes in comes out
+            assert sum(r.stats["ledger"]["depth_cut"]) == 0 and abs(r.image - 1).max() < 1e-5
+        met = [veriray.trace_path(scene, k % 16, k // 16, 0)[0] for k in range(256)]
+        return {e["primitive"]: np.array(e["normal"]) for e in met if e["primitive"] >= 0}
+
+    for faces in (ball.faces, ball.faces[:, ::-1]):  # normals say where the front is
+        for k, normal in normals_met(faces).items():
+            assert normal @ ball.face_normals[k] > 0.99
+    rows = np.flatnonzero(back)
+    alone = normals_met(ball.faces[rows])
+    assert alone
+    for k, normal in alone.items():  # by itself each is turned
+        assert normal @ ball.face_normals[rows[k]] < -0.99
 
 
 def test_closed_meshes():

@@ -124,6 +124,22 @@ def lossless(rng: np.random.Generator) -> Question:
     return Question(f"{name}, {form}", seen, 1.0)
 
 
+def folded(rng: np.random.Generator) -> Question:
+    """A smooth ball so bumpy that vertex normals look through some of its faces, full of white fog.
+
+    Under a sky of 1: 1; what goes in comes out.
+    """
+    v, f, _ = mesh(np.random.default_rng(0), 10 ** rng.uniform(2.5, 4))
+    v /= np.linalg.norm(v, axis=1)[:, None]
+    bumps = decades(rng, -1, -0.3)
+    part = Part(v * (1 + rng.uniform(-bumps, bumps, (len(v), 1))), f, **LOSSLESS["fog"])
+    made = trimesh.Trimesh(part.vertices, f, process=False)
+    part.normals = np.array(made.vertex_normals)
+    view = camera([0, -4.0, 1.5], [0, 0, 0], 35, [0, 0, 1])
+    seen = make([part], view, 1.0, width=16, height=16, max_depth=-1)
+    return Question(f"ball of {len(f)} with bumps of {bumps:g}", seen, 1.0)
+
+
 def outline(rng: np.random.Generator) -> Question:
     """A white body, black on its back, that is convex, under a sky of 1: its back is not seen.
 

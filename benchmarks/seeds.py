@@ -10,6 +10,8 @@ for each seed the verdict of the whole run. A case that is rejected with p < 0.0
 stage by k of n seeds is listed as fragile where the binomial probability of k or more is below
 0.001 over the number of cases: its margin or its truth is off by little, and a longer run fails.
 
+Cases that draw no random numbers are asked with the first seed alone; their answer is every seed's.
+
 Seeds are worked on in order. `--limit` ends after so many seconds with those that are done; the
 file is written anew every minute, so that a run that is cut off leaves what it has. Exit status 0
 if every seed passes and no case is fragile.
@@ -18,6 +20,7 @@ if every seed passes and no case is fragile.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -35,8 +38,8 @@ from veriray.validate.run import FAMILY, FULL_EFFORT, MANY, fast_devices, held_b
 from veriray.validate.trial import FIRST, SECOND
 
 SAVE = 60.0  # seconds between files
-#: verdict, p of the first stage, p of the second, message, seconds
-Answer = tuple[str, float | None, float | None, str, float]
+#: verdict, p of the first stage, p of the second, message, seconds, whether the seed matters
+Answer = tuple[str, float | None, float | None, str, float, bool]
 
 
 def work(name: str, device: str, seed: int, effort: int, second: float) -> Answer:
@@ -44,7 +47,7 @@ def work(name: str, device: str, seed: int, effort: int, second: float) -> Answe
     if name not in CASES:
         cases()
     o = judge(CASES[name], device, seed=seed, effort=effort, threads=1, second=second)
-    return o.verdict, o.p, o.confirmed, o.message, o.seconds
+    return o.verdict, o.p, o.confirmed, o.message, o.seconds, o.seeded
 
 
 @dataclass
@@ -55,8 +58,12 @@ class Tally:
     by_case: dict[str, dict[int, Answer]] = field(default_factory=lambda: defaultdict(dict))
     by_seed: dict[int, dict[str, Answer]] = field(default_factory=lambda: defaultdict(dict))
 
+    constant: dict[str, Answer] = field(default_factory=dict)  # of cases without random numbers
+
     def add(self, name: str, seed: int, answer: Answer) -> None:
         """One case with one seed."""
+        if not answer[5]:
+            self.constant[name] = answer
         self.by_case[name][seed] = self.by_seed[seed][name] = answer
 
     def seeds(self) -> list[dict[str, Any]]:
@@ -109,6 +116,13 @@ def report(args: argparse.Namespace, tally: Tally, second: float, seconds: float
         "first": FIRST, "second": second, "jobs": args.jobs, "seconds": seconds,
     }  # fmt: skip
     result["cases_done"] = sum(map(len, tally.by_case.values()))
+    result["cases_without_random_numbers"] = len(tally.constant)
+    seconds_of: dict[str, float] = defaultdict(float)
+    for name, answers in tally.by_case.items():
+        done = list(answers.values())[: 1 if name in tally.constant else None]
+        seconds_of[name.partition("[")[0]] += sum(a[4] for a in done)
+    ranked = sorted(seconds_of.items(), key=lambda x: -x[1])
+    result["processor_seconds"] = {name: round(s, 1) for name, s in ranked[:40]}
     result["seeds_done"], result["seeds_failed"] = len(rows), failed
     result["false_alarm_bound"] = bound
     result["chance_of_so_many"] = float(stats.binom.sf(failed - 1, len(rows), bound))
@@ -138,26 +152,30 @@ def main() -> int:
         p.error(f"no case fits levels {args.level}, pattern {args.case!r}")
     second = min(SECOND, FAMILY / FIRST / (2 * len(chosen)))
     effort = FULL_EFFORT if args.full else 1
-    jobs = [(c.id, args.device, seed, effort, second)
-            for seed in range(args.first, args.first + args.seeds)
-            for c in sorted(chosen, key=lambda c: c.quick)]  # fmt: skip
+    seeds = range(args.first, args.first + args.seeds)
+    order = [c.id for c in sorted(chosen, key=lambda c: c.quick)]
     tally, begin = Tally(len(chosen)), time.perf_counter()
     saved = begin
-    for k, answer in pool.results(work, jobs, args.jobs, [held_by(args.device)] * len(jobs)):
-        name, _, seed, _, _ = jobs[k]
-        if isinstance(answer, pool.Died):
-            answer = ("error", None, None, str(answer), 0.0)
-        tally.add(name, seed, answer)
-        if answer[0] not in ("pass", "skip"):
-            print(f"seed {seed}: {name}: {answer[0]}: {answer[3][:160]}", flush=True)
-        now = time.perf_counter()
-        if now - saved > SAVE:
-            saved = now
-            now_known = report(args, tally, second, now - begin)
-            args.output.parent.mkdir(parents=True, exist_ok=True)
-            args.output.write_text(json.dumps(now_known, indent=1) + "\n")
-        if args.limit and now - begin > args.limit:
-            break
+    for wanted in (seeds[:1], seeds[1:]):
+        asked = [name for name in order if name not in tally.constant]
+        jobs = [(name, args.device, seed, effort, second) for seed in wanted for name in asked]
+        for name, seed in itertools.product(list(tally.constant), wanted):
+            tally.add(name, seed, tally.constant[name])
+        for k, answer in pool.results(work, jobs, args.jobs, [held_by(args.device)] * len(jobs)):
+            name, _, seed, _, _ = jobs[k]
+            if isinstance(answer, pool.Died):
+                answer = ("error", None, None, str(answer), 0.0, True)
+            tally.add(name, seed, answer)
+            if answer[0] not in ("pass", "skip"):
+                print(f"seed {seed}: {name}: {answer[0]}: {answer[3][:160]}", flush=True)
+            now = time.perf_counter()
+            if now - saved > SAVE:
+                saved = now
+                now_known = report(args, tally, second, now - begin)
+                args.output.parent.mkdir(parents=True, exist_ok=True)
+                args.output.write_text(json.dumps(now_known, indent=1) + "\n")
+            if args.limit and now - begin > args.limit:
+                break
     result = report(args, tally, second, time.perf_counter() - begin)
     write(result, args.output)
     print(f"{result['cases_done']} cases; {result['seeds_failed']} of {result['seeds_done']} whole "

@@ -127,7 +127,8 @@ def _answer(t: Trial, q: Question, factor: int) -> tuple[float, float, str]:
     """The p value, the bias that is seen (0 if it is no matter of noise), and what was asked."""
     margin = np.array([q.margin, *[math.inf if q.blocks is None else q.blocks] * BLOCKS**2])
     seed = t.fresh()
-    r = t.render(q.scene, q.spp * factor, seed=seed, batches=BATCHES)
+    spp = q.spp * factor // math.gcd(t.effort, 4)  # full runs draw more scenes instead
+    r = t.render(q.scene, spp, seed=seed, batches=BATCHES)
     if q.sealed:
         t.sealed(r, q.drawn)
     if q.backs:
@@ -135,7 +136,7 @@ def _answer(t: Trial, q: Question, factor: int) -> tuple[float, float, str]:
     if q.ends:
         t.rare(sum(r.stats["ledger"]["depth_cut"]), r, f"paths do not end: {q.drawn}")
     if isinstance(q.truth, Scene):
-        other = t.render(q.truth, q.spp * factor, seed=seed, batches=BATCHES)
+        other = t.render(q.truth, spp, seed=seed, batches=BATCHES)
         p, tests, seen = against_scene(r, other, margin)
         want = float(other.image[..., 0].mean(dtype=np.float64))
     else:

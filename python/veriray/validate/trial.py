@@ -92,6 +92,7 @@ class Outcome:
     stage, corrected for their number; confirmed: that of the second, if it came to that. checks,
     tests: numbers of exact conditions and of p values. sees: smallest relative bias that the case
     finds with 90 % power, or None where that has no meaning. figures: numbers for the report.
+    seeded: it drew random numbers; another seed gives the others the same answer.
     """
 
     id: str
@@ -108,6 +109,7 @@ class Outcome:
     samples: int = 0
     seconds: float = 0.0
     figures: dict[str, Any] = field(default_factory=dict)
+    seeded: bool = True
 
 
 CASES: dict[str, Case] = {}
@@ -151,12 +153,13 @@ def case(
 class Trial:
     """One run of a case: its device, seed and effort, and what it has found so far.
 
-    device: name for `veriray.render`; effort: factor on the samples; rng: NumPy's, for inputs.
+    device: name for `veriray.render`; effort: factor on the samples.
     """
 
     def __init__(self, device: str, seed: int = 1, effort: int = 1, threads: int | None = None):
-        self.device, self.seed, self.effort, self.threads = device, seed, effort, threads
-        self.rng = np.random.default_rng([seed, 0x7E57])
+        self.device, self.effort, self.threads = device, effort, threads
+        self.seeded = False
+        self._seed, self._rng = seed, np.random.default_rng([seed, 0x7E57])
         self.p_values: list[tuple[float, str]] = []
         self.checks = self.samples = 0
         self.smallest: float | None = None
@@ -201,8 +204,21 @@ class Trial:
 
     # ---- seeds ----
 
+    @property
+    def seed(self) -> int:
+        """What all random numbers of the trial derive from."""
+        self.seeded = True
+        return self._seed
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """NumPy's, for inputs."""
+        self.seeded = True
+        return self._rng
+
     def fresh(self) -> int:
         """A new seed for a render or a table of random numbers."""
+        self.seeded = True
         return int(self._seeds.integers(2**63))
 
     # ---- judgements ----
@@ -340,7 +356,7 @@ def _attempt(
     return Outcome(
         case.id, case.level, case.title, device, verdict, message or where, p, None, trial.checks,
         len(trial.p_values), trial.smallest, trial.samples, time.perf_counter() - begin,
-        trial.figures,
+        trial.figures, trial.seeded,
     ), verdict == "pass" and p is not None  # fmt: skip
 
 

@@ -131,7 +131,7 @@ SCENES: dict[str, tuple[Callable[[], Known], float]] = {  # scene and answer; ma
 }
 
 
-SAMPLES = {"hundred lights": 80, "lens": 80, "passes": 8}
+SAMPLES = {"hundred lights": 20, "lens": 40, "passes": 4, "absorbing slab": 24}
 
 
 HEAVY = ("furnace", "mesh", "hundred lights", "passes", "scattering glass")
@@ -147,7 +147,7 @@ def scheduler(t: Trial, name: str, scheduler: str) -> None:
     build, margin = SCENES[name]
     scene, exact = build()
     film = dataclasses.replace(scene.film, width=SIDE, height=SIDE)
-    r = t.render(dataclasses.replace(scene, film=film), SAMPLES.get(name, 24), scheduler=scheduler)
+    r = t.render(dataclasses.replace(scene, film=film), SAMPLES.get(name, 8), scheduler=scheduler)
     truth = np.broadcast_to(np.asarray(exact, np.float64), 3)
     mean = r.image.mean(axis=(0, 1), dtype=np.float64)
     error = np.sqrt((r.stderr.astype(np.float64) ** 2).sum(axis=(0, 1))) / SIDE**2

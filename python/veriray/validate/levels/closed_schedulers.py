@@ -131,7 +131,7 @@ SCENES: dict[str, tuple[Callable[[], Known], float]] = {  # scene and answer; ma
 }
 
 
-SAMPLES = {"hundred lights": 20, "lens": 40, "passes": 4, "absorbing slab": 24}
+SAMPLES = {"hundred lights": 20, "lens": 80, "passes": 4, "absorbing slab": 24}
 
 
 HEAVY = ("furnace", "mesh", "hundred lights", "passes", "scattering glass")

@@ -11,7 +11,7 @@
 #
 # from the repository root with veriray[test] installed, PYTHON naming the interpreter. LIMIT=S: no
 # new work of a step after S seconds; its file says how much was done. In core hours: validate 1
-# a device, mutants 7, alarms 5, seeds 80, fuzz 6. Where nvidia-cuda-mps-control is installed, it runs meanwhile:
+# a device, mutants 7, alarms 5, seeds 35, fuzz 6. Where nvidia-cuda-mps-control is installed, it runs meanwhile:
 # processes on one GPU take turns without it.
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -133,7 +133,7 @@ def more_than_two_to_the_32_paths_in_one_call(t: Trial) -> None:
     lamps = [quad([-9, y, 9], [0, 0.2, 0.1], [18, 0, 0], 0, y + 4) for y in (-2.1, -0.2, 1.6)]
     view = camera([0, 0, 0], [0.1, 0.2, 1], 40)
     host = t.native_scene(make(lamps, view, width=16, height=16))
-    n, middle, seed = 2**24 + 800, 10_000_000, t.fresh()
+    n, middle, seed = 2**24 + 800, 10_000_000, 2016  # a matter of counting, whatever the numbers
 
     def render(begin: int, end: int, film: Any) -> Array:
         done = t.native.render(host, film, seed=seed, sample_begin=begin, sample_end=end)

@@ -334,6 +334,22 @@ def test_a_run_is_a_function_of_its_seed(suite: Suite) -> None:
     assert run(pattern="*2]").outcomes[0].p == p[0][2]
 
 
+def test_cases_tell_whether_their_seed_matters(suite: Suite) -> None:
+    @case(1, each={"draws": ("nothing", "inputs", "a seed", "a render")})
+    def draw(t: Trial, draws: str) -> None:
+        """Draws."""
+        t.check(True)
+        if draws == "inputs":
+            t.rng.random()
+        elif draws == "a seed":
+            t.fresh()
+        elif draws == "a render":
+            t.render(furnace(0.5, 1.0), 1)
+
+    seeded = [judge(c, "cpu").seeded for c in suite.values()]
+    assert seeded == [False, True, True, True]
+
+
 def test_once(suite: Suite) -> None:
     @case(1, once=True)
     def machine(t: Trial) -> None:

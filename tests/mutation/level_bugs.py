@@ -216,7 +216,7 @@ _GEOMETRY = (
     Mutant("quads 1e-4 too small", "scene/flat.cpp",
            "shared[k] || shared[k + 2] ? static_cast<double>(kEdgeSlack) : 0.0", "-1e-4"),
     Mutant("front of a smooth triangle by its corners", _SCENE,
-           "dot(f.area_vector(), n[0] + n[1] + n[2]) < 0", "false"),
+           "!turned_.empty() && turned_[i]", "false"),
     Mutant("half of a leaf left out", "geometry/walk_batch.h", "hits &= (1u << count) - 1u;",
            "hits &= (1u << (count + 1) / 2) - 1u;"),
 )  # fmt: skip

@@ -41,7 +41,7 @@ def everyday_sizes(t: Trial, what: str, scenes: int) -> None:
     """Lamps, grounds, fogs, lenses, each over decades of the others' sizes, by closed forms.
 
     The formula is in the function of `everyday_scale` by that name. Sees 2 % (half spaces 3 %,
-    slabs 5 %) in each scene; margin 1e-3 (half spaces 1.5e-3, lenses 2e-3).
+    slabs 5 %) in each scene; margin 1e-3 (half spaces 1.5e-3, lenses a hundredth of a pixel).
     """
     for _ in range(scenes):
         ask(t, CLOSED[what](t.rng))

@@ -503,7 +503,8 @@ def behind(tree: bool) -> list[Part]:
 def coincident_surfaces_show_the_first(t: Trial, tree: bool, kind: str) -> None:
     """Two surfaces in one place with different materials [N6].
 
-    The lowest number wins every tie: the same bits as without the second.
+    The lowest number wins every tie: the same bits as without the second, from above and at an edge
+    seen so near that rounding shows.
     """
 
     def surface(albedo: float) -> Part:
@@ -515,13 +516,13 @@ def coincident_surfaces_show_the_first(t: Trial, tree: bool, kind: str) -> None:
             return disk([0, 0, 0], [1, 0, 0], [0, 0.9, 0.1], albedo)
         return sphere([0, 0, 0], 0.8, albedo)
 
-    eye = camera([0.4, 0.3, 3], [0, 0, 0], 50)
     parts = [surface(0.2), surface(0.9), *behind(tree)]
-    seed = t.fresh()
-    a, b = (t.render(make(p, eye, 1.0, 16, 16), 16, seed=seed)
-            for p in (parts, [parts[0], *parts[2:]]))  # fmt: skip
-    t.check(a.film_sha256 == b.film_sha256, "the second surface shows")
-    t.check(a.stats["ledger"] == b.stats["ledger"], "the ledgers differ")
+    for eye in (camera([0.4, 0.3, 3], [0, 0, 0], 50), camera([1, 0.1, 3], [1, 0.1, 0], 1e-3)):
+        seed = t.fresh()
+        a, b = (t.render(make(p, eye, 1.0, 16, 16), 16, seed=seed)
+                for p in (parts, [parts[0], *parts[2:]]))  # fmt: skip
+        t.check(a.film_sha256 == b.film_sha256, "the second surface shows")
+        t.check(a.stats["ledger"] == b.stats["ledger"], "the ledgers differ")
 
 
 @case(8, each={"tree": [False, True]})

@@ -157,6 +157,8 @@ def main() -> int:
     tally, begin = Tally(len(chosen)), time.perf_counter()
     saved = begin
     for wanted in (seeds[:1], seeds[1:]):
+        if args.limit and time.perf_counter() - begin > args.limit:
+            break  # before the second part
         asked = [name for name in order if name not in tally.constant]
         jobs = [(name, args.device, seed, effort, second) for seed in wanted for name in asked]
         for name, seed in itertools.product(list(tally.constant), wanted):

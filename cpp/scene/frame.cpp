@@ -8,12 +8,15 @@ namespace {
 
 // Distances of the camera, in sizes of the scene, from which the scene's middle is the origin.
 constexpr double kFar = 8;
+// Rounding near the middle, in sizes of the scene, of which 2^8 are not more than a pixel there.
+constexpr double kRounded = 0x1p-16;
 // Distances of details, in their sizes, from which another origin is looked for; and primitives of
 // scenes where it is.
 constexpr double kCoarse = 0x1p7;
 constexpr size_t kMostDetails = 1024;
-// Distances of flat shapes, in their sizes, that are always near enough.
-constexpr double kCoarseShape = 0x1p12;
+// Distances of flat shapes, in their sizes, that are always near enough; and from which nothing of
+// them is left: their corners are off by half of their sizes.
+constexpr double kCoarseShape = 0x1p12, kLostShape = 0x1p22;
 
 // Calls f(point, extent by axis) for every vertex, sphere and disk.
 template <class Visit>
@@ -105,7 +108,8 @@ std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
 }
 
 // The given place; or, if something fine is far away from it, and twice as near to the mean of all
-// weighted by fineness, that mean, unless shapes would be too far away from it.
+// weighted by fineness, that mean, unless shapes would be too far away from it: more than four
+// times as far as now, where they are not lost now.
 Double3 finest(const SceneInput& in, Double3 given) {
     std::vector<Detail> shapes;
     const std::vector<Detail> list = details(in, shapes);
@@ -125,7 +129,9 @@ Double3 finest(const SceneInput& in, Double3 given) {
         total += w;
     }
     const Double3 mean = given + sum * (1 / total);
-    const double shape = std::max(coarsest(shapes, given), kCoarseShape);
+    std::erase_if(shapes,
+                  [&](const Detail& d) { return length(d.at - given) > kLostShape * d.size; });
+    const double shape = std::max(4 * coarsest(shapes, given), kCoarseShape);
     return coarsest(list, mean) * 2 < here && coarsest(shapes, mean) <= shape ? mean : given;
 }
 
@@ -133,7 +139,7 @@ Double3 finest(const SceneInput& in, Double3 given) {
 
 // The origin is the camera, near which things are then fine, or a place where they must be; or, of
 // a scene that is small beside its distance and that nothing but the pinhole ties to the camera,
-// its middle; or what a narrow view shows first.
+// its middle; or what a view shows first that is too narrow for these.
 void HostScene::normalise(const SceneInput& in) {
     for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
         has_normals_ = length(row3(in.normals, i)) > 0;
@@ -158,9 +164,11 @@ void HostScene::normalise(const SceneInput& in) {
         centre = {middle[0], middle[1], middle[2]};
         far = true;
     }
-    const double depth_seen = far ? 0 : narrow_depth(in);
+    const bool fine = far && kRounded * size < pixel_angle(in) * gap;
+    const double depth_seen = fine ? 0 : narrow_depth(in);
     const bool narrow = depth_seen > 0 && std::isfinite(depth_seen) && depth[1] < in.far_clip;
     if (narrow) {
+        far = false;
         const double* m = in.to_world;
         const double x = -2 * in.principal_x * in.tan_half_x,
                      y = -2 * in.principal_y * in.tan_half_y;

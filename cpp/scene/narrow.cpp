@@ -31,10 +31,13 @@ double least_depth(std::vector<Double3> polygon, const std::vector<Double3>& pla
 
 }  // namespace
 
+double pixel_angle(const SceneInput& in) {
+    return 2 * std::min(in.tan_half_x / in.width, in.tan_half_y / in.height);
+}
+
 // The depth before which such a view shows nothing; 0 of other views, infinity if it shows nothing.
 double HostScene::narrow_depth(const SceneInput& in) const {
-    const double pixel = 2 * std::min(in.tan_half_x / in.width, in.tan_half_y / in.height);
-    if (!(pixel < kNarrow) || in.camera_medium >= 0 || in.aperture_radius > 0) return 0;
+    if (!(pixel_angle(in) < kNarrow) || in.camera_medium >= 0 || in.aperture_radius > 0) return 0;
     const double* m = in.to_world;
     const auto seen = [&](Double3 p) {  // left, up, forward
         const Double3 q = p - eye;

@@ -110,6 +110,8 @@ bool rims_stick_out(const std::vector<Flat>& flats, const std::vector<std::array
 void write_plane(const Flat& f, float* out);
 // w of n.p + w before n is rounded: near to the origin, neighbours agree at their edge.
 double plane_at_origin(const Flat& f);
+// Radians between neighbouring pixels.
+double pixel_angle(const SceneInput& in);
 // behind: how far the record's plane lies behind the face. rim: the face's own edges.
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                 std::array<float, 4>& rim);

@@ -153,8 +153,9 @@ def total_reflection_without_a_cap(t: Trial) -> None:
 def ten_thousand_bounces(t: Trial, room: str) -> None:
     """A closed mirror, 10,000 bounces [N13].
 
-    Every path lives to 10,000 segments, nothing is seen of the sky (exact); on a CPU, vertex by
-    vertex: directions keep their length to 1e-5, positions stay in the room to 1e-5.
+    Every path lives to 10,000 segments, nothing is seen of the sky: exact in the sphere; a box
+    loses what `LEAKS` allows at its edges. On a CPU, vertex by vertex: directions keep their length
+    to 1e-5, positions stay in the room to 1e-5.
     """
     walls = (dicts.cuboid([-1, -1.1, -0.9], [1, 0.8, 1.2], MIRROR) if room == "box"
              else dicts.sphere([0, 0, 0], 1, MIRROR))  # fmt: skip
@@ -162,11 +163,13 @@ def ten_thousand_bounces(t: Trial, room: str) -> None:
     room_ = {**walls, "flip_normals": True}
     closed = dicts.scene(eye, room_, dicts.sky(1), max_depth=10_000)
     r = t.render(closed, 4)
-    t.check(r.stats["live_rays"] == [16 * r.spp] * 10_000, "paths end")
-    t.check(not r.image.any(), "light comes in")
+    live, escaped = r.stats["live_rays"], sum(r.stats["ledger"]["escaped"])
+    t.check(len(live) == 10_000 and live[0] - live[-1] <= escaped, "paths end")
+    t.sealed(r) if room == "box" else t.check(escaped == 0, "paths leave")
+    t.check(escaped or not r.image.any(), "light comes in")
     if t.device.startswith("cpu"):
         path = veriray.trace_path(closed, 2, 1, 0)
-        t.check(len(path) == 10_000, "the replayed path ends")
+        t.check(escaped or len(path) == 10_000, "the replayed path ends")
         lengths = np.linalg.norm([v["direction"] for v in path], axis=1)
         t.check(np.abs(lengths - 1).max() <= 1e-5, "a direction's length")
         positions = np.array([v["position"] for v in path])

@@ -225,7 +225,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
                 const Hit<Scalar> hit = Tracer::next_hit(host.view, path, kInfinity, true);
                 PathVertex v{};
                 v.depth = depth;
-                const float before[3] = {path.throughput.x, path.throughput.y, path.throughput.z};
+                const Spectrum<float> before = path.throughput;
                 const Events<Scalar> e = Tracer::bounce(host.view, settings, path, depth, true);
                 alive = e.alive;
                 static const char* const names[] = {"scattered", "escaped",   "emitter_end",
@@ -240,14 +240,13 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
                       : e.collided ? static_cast<float>(sqrt(dot(flown, flown)) * host.unit)
                                    : kInfinity;
                 const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
-                const float after[3] = {path.radiance.x, path.radiance.y, path.radiance.z};
                 for (int k = 0; k < 3; ++k) {
                     const double t = v.t < kInfinity ? static_cast<double>(v.t) / host.unit : 0;
                     const double at = static_cast<double>(o[k]) + t * static_cast<double>(d[k]);
                     v.position[k] = at * host.unit + host.centre[k];
                     v.direction[k] = d[k];
                     v.throughput[k] = before[k];
-                    v.radiance[k] = after[k];
+                    v.radiance[k] = path.radiance[k];
                 }
                 if (met) {
                     v.primitive = host.input_index[hit.primitive];

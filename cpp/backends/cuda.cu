@@ -49,7 +49,7 @@ __global__ void __launch_bounds__(kFusedBlock)
     fill_block_quads<kFeatures>(scene);
     __syncthreads();
     const auto take = [&](bool asks) { return take_items(stock, control, items.count, asks); };
-    const auto add = [&](bool ended, Vec3<float> sample) {
+    const auto add = [&](bool ended, const Spectrum<float>& sample) {
         add_together(sums + warp * 32, ended_samples + warp * 32, ended, sample);
     };
     const auto record = [&](uint32_t depth, uint32_t column) {
@@ -64,7 +64,7 @@ __global__ void __launch_bounds__(kFusedBlock)
         run_flat(take, add);
     else
         run_flat([&](bool asks) { return asks ? take_item(control, items.count) : items.count; },
-                 [&](bool ended, Vec3<float> sample) {
+                 [&](bool ended, const Spectrum<float>& sample) {
                      if (ended) add_sample(sum, sample);
                  });
     __syncthreads();

@@ -100,6 +100,11 @@ VR_HD void put(F* y, Vec3<F> v) {
 }
 
 template <class F>
+VR_HD void put(F* y, const Spectrum<F>& s) {
+    for (uint32_t k = 0; k < kChannels; ++k) y[k] = s[k];
+}
+
+template <class F>
 VR_HD F evaluate_elementary(Function which, F x) {
     F s, c;
     switch (which) {
@@ -194,11 +199,9 @@ VR_HD Bsdf<L, (1u << kMaterialCount) - 1u> bsdf_of(const typename L::F* x) {
     const Vec3<F> n{x[7], x[8], x[9]}, wo{x[10], x[11], x[12]};
     Bsdf<L, (1u << kMaterialCount) - 1u> b;
     b.kind = to_uint(x[0]);
-    b.albedo = {x[2], x[2], x[2]};
-    b.reflection = {x[3], x[3], x[3]};
-    b.transmission = {x[4], x[4], x[4]};
-    b.eta = {x[5], x[5], x[5]};
-    b.k = {x[6], x[6], x[6]};
+    using S = Spectrum<F>;
+    b.albedo = S::all(x[2]), b.reflection = S::all(x[3]), b.transmission = S::all(x[4]);
+    b.eta = S::all(x[5]), b.k = S::all(x[6]);
     b.set_view(n, dot(n, wo), x[1] > F(0.f));
     return b;
 }
@@ -212,16 +215,16 @@ VR_HD void evaluate_bsdf(Function which, const typename L::F* x, typename L::F* 
         const Vec3<F> wo{x[10], x[11], x[12]};
         const BsdfSample<L> s = b.sample(wo, x[13], x[14], x[15]);
         put(y, s.wi);
-        y[3] = s.weight.x, y[4] = s.pdf_sa;
+        y[3] = s.weight[0], y[4] = s.pdf_sa;
         y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
-        y[7] = select(b.eta.x > none, b.fresnel.reflected, none);
+        y[7] = select(b.eta[0] > none, b.fresnel.reflected, none);
         return;
     }
     const F cos_i = dot(b.n, Vec3<F>{x[13], x[14], x[15]});
     const auto lit = b.smooth() & (cos_i > none);
     const BsdfValue<F> value = b.eval(max(cos_i, none));
-    y[0] = select(lit, value.f_cos.x, none), y[1] = select(lit, value.pdf_sa, none);
-    y[2] = b.pass_through().x;
+    y[0] = select(lit, value.f_cos[0], none), y[1] = select(lit, value.pdf_sa, none);
+    y[2] = b.pass_through()[0];
 }
 
 // Radiance 1 (intensity, irradiance), vacuum.
@@ -244,7 +247,7 @@ VR_HD void evaluate_light(const typename L::F* x, typename L::F* y) {
         LightSampler<L, kFlatLights | kDeltaShapes | shape_bit(LightShape::kSphere)>::sample(
             column, p, x[18], x[19], one < none);
     put(y, s.wi);
-    y[3] = F(1.f) / s.inverse_pdf, y[4] = s.distance, y[5] = s.radiance.x;
+    y[3] = F(1.f) / s.inverse_pdf, y[4] = s.distance, y[5] = s.radiance[0];
     y[6] = select(s.delta, one, none);
 }
 
@@ -256,19 +259,20 @@ VR_HD auto word_of(F high, F low) {
 template <class L>
 VR_HD void evaluate_optics(Function which, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
-    const auto v = [&](uint32_t c) { return Vec3<F>{x[c], x[c + 1], x[c + 2]}; };
+    using S = Spectrum<F>;
     if (which == Function::kFresnelDielectric) {
         const FresnelSplit<F> f = fresnel_dielectric(x[0], x[1]);
         y[0] = f.reflected, y[1] = f.cos_t;
     } else if (which == Function::kFresnelConductor) {
         y[0] = fresnel_conductor(x[0], x[1], x[2]);
     } else if (which == Function::kFreeFlight) {
-        const Vec3<F> s{x[0], x[0], x[0]}, one{F(1.f), F(1.f), F(1.f)},
-            zero{F(0.f), F(0.f), F(0.f)};
-        const Flight<F> f = free_flight(s, zero, one, x[1], F(0.f), word_of(x[2], x[3]), false);
-        y[0] = f.t, y[1] = F(1.f) - f.weight.x;
+        const S none = S::all(F(0.f)), one = S::all(F(1.f));
+        const Flight<F> f =
+            free_flight(S::all(x[0]), none, one, x[1], F(0.f), word_of(x[2], x[3]), false);
+        y[0] = f.t, y[1] = F(1.f) - f.weight[0];
     } else {
-        const Flight<F> f = free_flight(v(0), v(3), v(6), x[9], x[10], word_of(x[11], x[12]), true);
+        const Flight<F> f = free_flight(S::from(x), S::from(x + 3), S::from(x + 6), x[9], x[10],
+                                        word_of(x[11], x[12]), true);
         y[0] = f.t, put(y + 1, f.weight);
     }
 }

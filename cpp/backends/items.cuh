@@ -60,11 +60,12 @@ struct EndedSample {
 
 // Adds the samples of lanes that have `ended` to their sums; all of a warp call it. Few end at a
 // time, so each lane takes one channel of any of them.
-__device__ void add_together(PixelSum* sums, EndedSample* list, bool ended, Vec3<float> sample) {
+__device__ void add_together(PixelSum* sums, EndedSample* list, bool ended,
+                             const Spectrum<float>& sample) {
     const uint32_t all = __ballot_sync(~0u, ended);
     if (!all) return;
     const uint32_t lane = threadIdx.x & 31u, channels = 3u * __popc(all);
-    if (ended) list[__popc(all & ((1u << lane) - 1u))] = {{sample.x, sample.y, sample.z}, lane};
+    if (ended) list[__popc(all & ((1u << lane) - 1u))] = {{sample[0], sample[1], sample[2]}, lane};
     __syncwarp();
     for (uint32_t i = lane; i < channels; i += 32) {
         const EndedSample& from = list[i / 3];

@@ -23,10 +23,6 @@ VR_HD Vec3<F> operator-(Vec3<F> a) {
     return {-a.x, -a.y, -a.z};
 }
 template <class F>
-VR_HD Vec3<F> operator*(Vec3<F> a, Vec3<F> b) {
-    return {a.x * b.x, a.y * b.y, a.z * b.z};
-}
-template <class F>
 VR_HD Vec3<F> operator*(Vec3<F> a, F s) {
     return {a.x * s, a.y * s, a.z * s};
 }
@@ -34,6 +30,7 @@ template <class F>
 VR_HD Vec3<F> fma(Vec3<F> a, F s, Vec3<F> b) {
     return {fma(a.x, s, b.x), fma(a.y, s, b.y), fma(a.z, s, b.z)};
 }
+// By component.
 template <class F>
 VR_HD Vec3<F> fma(Vec3<F> a, Vec3<F> b, Vec3<F> c) {
     return {fma(a.x, b.x, c.x), fma(a.y, b.y, c.y), fma(a.z, b.z, c.z)};
@@ -51,10 +48,6 @@ VR_HD Vec3<F> cross(Vec3<F> a, Vec3<F> b) {
 template <class F>
 VR_HD Vec3<F> renormalised(Vec3<F> a) {
     return a * fma(F(-0.5f), dot(a, a), F(1.5f));
-}
-template <class F>
-VR_HD F max_component(Vec3<F> a) {
-    return max(max(a.x, a.y), a.z);
 }
 template <class F, class M>
 VR_HD Vec3<F> select(M m, Vec3<F> a, Vec3<F> b) {

@@ -10,7 +10,7 @@
 #pragma once
 
 #include "core/fixed.h"
-#include "core/vec.h"
+#include "spectrum/spectrum.h"
 
 namespace veriray {
 
@@ -31,10 +31,10 @@ struct PixelSum {
 
 // True where a film can hold the sample; false also for NaN.
 template <class F>
-VR_HD auto film_accepts(Vec3<F> radiance, float scale) {
+VR_HD auto film_accepts(const Spectrum<F>& radiance, float scale) {
     const F limit(kSampleLimit), zero(0.f), s(scale);
-    return (radiance.x >= zero) & (radiance.y >= zero) & (radiance.z >= zero) &
-           (radiance.x * s < limit) & (radiance.y * s < limit) & (radiance.z * s < limit);
+    return (radiance[0] >= zero) & (radiance[1] >= zero) & (radiance[2] >= zero) &
+           (radiance[0] * s < limit) & (radiance[1] * s < limit) & (radiance[2] * s < limit);
 }
 
 // x: a channel of a sample that the film accepts, times the weight of the filter and the scale.
@@ -46,10 +46,10 @@ VR_HD void add_sample(PixelSum& p, int channel, float x) {
     add(p.sum[channel], x < 0 ? negated(size) : size);
     add(p.square[channel], to_fixed(m * m, 2 * exponent + kSquareScale));
 }
-VR_HD void add_sample(PixelSum& p, Vec3<float> x) {
-    add_sample(p, 0, x.x);
-    add_sample(p, 1, x.y);
-    add_sample(p, 2, x.z);
+VR_HD void add_sample(PixelSum& p, const Spectrum<float>& x) {
+    add_sample(p, 0, x[0]);
+    add_sample(p, 1, x[1]);
+    add_sample(p, 2, x[2]);
 }
 
 // Threads may flush to one pixel at once. Three additions at a time return their carries: six would
@@ -100,9 +100,10 @@ struct FaultLog {
     SampleFault first[kMaxFaults];
 };
 
-VR_HD void log_fault(FaultLog* log, uint32_t pixel, uint32_t sample, Vec3<float> radiance) {
+VR_HD void log_fault(FaultLog* log, uint32_t pixel, uint32_t sample,
+                     const Spectrum<float>& radiance) {
     const uint64_t k = atomic_add(&log->count, 1);
-    if (k < kMaxFaults) log->first[k] = {pixel, sample, {radiance.x, radiance.y, radiance.z}};
+    if (k < kMaxFaults) log->first[k] = {pixel, sample, {radiance[0], radiance[1], radiance[2]}};
 }
 
 }  // namespace veriray

@@ -10,7 +10,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::passed,
         Reader::surface_at, Reader::surface_column;
-    using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
+    using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
+        typename Reader::S;
     using typename Reader::Material;
 
     static constexpr uint32_t kShapes =
@@ -33,8 +34,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     };
 
     static VR_HD M no_lanes(M m) { return m & !m; }
-    static VR_HD V zero() { return {F(0.f), F(0.f), F(0.f)}; }
-    static VR_HD V one() { return {F(1.f), F(1.f), F(1.f)}; }
+    static VR_HD S black() { return S::all(F(0.f)); }
+    static VR_HD S white() { return S::all(F(1.f)); }
 
     // ---- light sample: one light as seen from p ----
     static VR_HD LightSample<L> sample_light(const SceneView& scene, const PathSettings& s,
@@ -73,7 +74,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         if constexpr (has(kSmooth)) lit = lit & (dot(at.ng, light.wi) > F(0.f));
         if constexpr (has(kMedia)) {
             const F phase = henyey_greenstein_pdf(path.ray.d, light.wi, at.g);
-            value.f_cos = select(at.surface, value.f_cos, V{phase, phase, phase});
+            value.f_cos = select(at.surface, value.f_cos, S::all(phase));
             value.pdf_sa = select(at.surface, value.pdf_sa, phase);
             lit = (lit & at.surface) | (active & !at.surface);
         }
@@ -83,7 +84,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         if constexpr (has(kDeltaLights)) weight = select(light.delta, light.inverse_pdf, weight);
         // From nearer than 2^-64 the inverse has no number; its weight would be 0.
         lit = lit & (light.inverse_pdf < F(kInfinity));
-        shadow.wanted = lit & (max_component(light.radiance) > F(0.f));
+        shadow.wanted = lit & (max_channel(light.radiance) > F(0.f));
         shadow.ray = {at.p, light.wi};
         shadow.t_max = light.distance;
         shadow.radiance = path.throughput * light.radiance * value.f_cos * weight;
@@ -131,9 +132,9 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         bsdf.set_view(ns, cosine, at.front);
         const F opacity = surface_column(scene, at.row, kSurfaceOpacity);
         const F open = F(1.f) - opacity;
-        const V share = fma(bsdf.pass_through(), opacity, V{open, open, open});
+        const S share = fma(bsdf.pass_through(), opacity, S::all(open));
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
-        todo = todo & (max_component(shadow.radiance) > F(0.f));
+        todo = todo & (max_channel(shadow.radiance) > F(0.f));
         shadow.travelled = select(todo, hit.t, shadow.travelled);
         shadow.passed = select(todo, hit.primitive, shadow.passed);
         if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
@@ -143,9 +144,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     static VR_HD F medium_column(const SceneView& scene, U medium, uint32_t c) {
         return gather(scene.media + c * scene.medium_stride, medium);
     }
-    static VR_HD V medium_column3(const SceneView& scene, U medium, uint32_t c) {
-        return {medium_column(scene, medium, c), medium_column(scene, medium, c + 1),
-                medium_column(scene, medium, c + 2)};
+    static VR_HD S medium_spectrum(const SceneView& scene, U medium, uint32_t c) {
+        return S::of([&](uint32_t k) { return medium_column(scene, medium, c + k); });
     }
 
     // The medium on the other side, for lanes that go `through`. Carrier: path or shadow request.
@@ -174,7 +174,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         leave_closed(scene, shadow, inside & !(distance < F(kInfinity)));
         inside = inside & !(shadow.medium == U(0u));
         if (none(inside)) return;
-        const V t = transmittance(medium_column3(scene, shadow.medium, kMediumSigma), distance);
+        const S t = transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance);
         shadow.radiance = select(inside, shadow.radiance * t, shadow.radiance);
     }
 };

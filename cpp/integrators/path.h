@@ -20,12 +20,13 @@ struct PathTracer : DirectLight<L, kFeatures> {
     using Direct = DirectLight<L, kFeatures>;
     using Near = Beside<L, kFeatures>;
     using Direct::kShapes, Direct::leave_closed, Direct::medium_beyond, Direct::medium_column,
-        Direct::medium_column3, Direct::no_lanes, Direct::one, Direct::request, Direct::unblocked,
-        Direct::zero;
+        Direct::medium_spectrum, Direct::no_lanes, Direct::white, Direct::request,
+        Direct::unblocked, Direct::black;
     using Reader::closest, Reader::has, Reader::material, Reader::surface_at,
-        Reader::surface_column, Reader::surface_column3;
+        Reader::surface_column, Reader::surface_spectrum;
     using typename Direct::Sampler, typename Direct::Vertex;
-    using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
+    using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
+        typename Reader::S;
     using typename Reader::Material;
 
     // ---- begin: a camera path through pixel (x, y) of a film `width` wide ----
@@ -48,8 +49,8 @@ struct PathTracer : DirectLight<L, kFeatures> {
             const F cosine = dot(path.ray.d, broadcast<F>(scene.camera.forward));
             path.ray.o = fma(path.ray.d, F(scene.camera.near_clip) / cosine, path.ray.o);
         }
-        path.throughput = one();
-        path.radiance = zero();
+        path.throughput = white();
+        path.radiance = black();
         path.pdf_sa = F(0.f);
         path.scale = F(1.f);
         path.travelled = F(0.f);
@@ -74,7 +75,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- miss: the environment ----
     static VR_HD void miss(const SceneView& scene, PathState<L>& path, M escaped) {
         if constexpr (has(kEnvironment)) {
-            add_radiance(path, escaped, broadcast<F>(scene.lights.environment));
+            add_radiance(path, escaped, S::from(scene.lights.environment));
         }
     }
 
@@ -90,8 +91,8 @@ struct PathTracer : DirectLight<L, kFeatures> {
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
         const F limit = min(hit.t, far) - Reader::passed(path).t;
         const Flight<F> flight =
-            free_flight(medium_column3(scene, path.medium, kMediumSigma),
-                        medium_column3(scene, path.medium, kMediumAlbedo), path.throughput, limit,
+            free_flight(medium_spectrum(scene, path.medium, kMediumSigma),
+                        medium_spectrum(scene, path.medium, kMediumAlbedo), path.throughput, limit,
                         uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
         path.throughput = select(inside, path.throughput * flight.weight, path.throughput);
         flown = flight.t;
@@ -131,7 +132,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
                         ratio = select(round, pdf / path.pdf_sa, ratio);
                     }
                 }
-                const V emitted = surface_column3(scene, at.row, kSurfaceRadiance);
+                const S emitted = surface_spectrum(scene, at.row, kSurfaceRadiance);
                 add_radiance(path, lit, emitted * mis_weight(path.pdf_sa, ratio));
             }
         }
@@ -146,7 +147,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
             plays = plays & !(path.vertices < U(s.rr_depth));
         else if (segment + 1 < s.rr_depth)
             return active;
-        F most = max_component(path.throughput);
+        F most = max_channel(path.throughput);
         if constexpr (has(kDielectric)) most = most * path.scale;
         plays = plays & (most < F(1.f));
         if (none(plays)) return active;
@@ -253,7 +254,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
             next.pass = (next.pass & scatters & valid) | pass;
             next.transmitted = next.transmitted & !pass;
             next.wi = select(pass, path.ray.d, next.wi);
-            next.weight = select(pass, one(), next.weight);
+            next.weight = select(pass, white(), next.weight);
             pass = next.pass;
             e.depth_cut = scatters & deep & !pass;
             if (segment + 1 >= kHardMaxDepth) {
@@ -268,7 +269,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
                 ((next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)))) &
                 !pass;
             if (any(wrong)) {
-                next.weight = select(wrong, zero(), next.weight);
+                next.weight = select(wrong, black(), next.weight);
                 bsdf.sample_flat(next, wo, vertex.ng, at.front, wrong);
             }
         }
@@ -279,14 +280,14 @@ struct PathTracer : DirectLight<L, kFeatures> {
                     henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w)),
                     next.wi);
                 const F phase = henyey_greenstein_pdf(path.ray.d, next.wi, vertex.g);
-                next.weight = select(collided, one(), next.weight);
+                next.weight = select(collided, white(), next.weight);
                 next.pdf_sa = select(collided, phase, next.pdf_sa);
                 next.transmitted = next.transmitted & !collided;
             }
         }
         advance(scene, path, hit, at, vertex, bsdf, next, pass);
 
-        const M black = scatters & !(max_component(path.throughput) > F(0.f));
+        const M black = scatters & !(max_channel(path.throughput) > F(0.f));
         e.absorbed = e.absorbed | black;
         scatters = scatters & !black;
         const M survivors = roulette(s, path, segment, scatters);
@@ -328,8 +329,9 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- one bounce: from the ray of segment `segment` to the next one ----
     static VR_HD Events<L> bounce(const SceneView& scene, const PathSettings& s, PathState<L>& path,
                                   uint32_t segment, M active) {
+        const V nowhere{F(0.f), F(0.f), F(0.f)};
         ShadowRequest<L> shadow{
-            no_lanes(active), {zero(), zero()}, F(0.f), zero(), U(0u), U(0u), F(0.f), U(~0u)};
+            no_lanes(active), {nowhere, nowhere}, F(0.f), black(), U(0u), U(0u), F(0.f), U(~0u)};
         const Hit<L> hit = Reader::next_hit(scene, path, F(kInfinity), active);
         Events<L> e = scatter(scene, s, path, hit, segment, active, shadow);
         if (any(shadow.wanted)) {
@@ -345,7 +347,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
     static VR_HD F mis_weight(F pdf, F ratio) {
         return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));
     }
-    static VR_HD void add_radiance(PathState<L>& path, M m, V radiance) {
+    static VR_HD void add_radiance(PathState<L>& path, M m, const S& radiance) {
         path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
     }
     // Where the path's ray ends: a camera ray at the far plane.
@@ -366,7 +368,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
                            F cos_o) {
         M dark = (!at.front) & (surface_column(scene, at.row, kSurfaceTwoSided) <= F(0.f));
         if constexpr (has(kSmooth)) dark = dark | !(cos_o > F(0.f));
-        M black = max_component(bsdf.albedo) <= F(0.f);
+        M black = max_channel(bsdf.albedo) <= F(0.f);
         if constexpr (!Material::kDiffuseOnly) {
             black = black & bsdf.is(MaterialKind::kDiffuse);
             if constexpr (has(kPass)) dark = dark & !bsdf.is(MaterialKind::kNull);

@@ -19,7 +19,7 @@ struct PathState {
     using U = typename L::U;
     U pixel, sample;
     Ray<L> ray;
-    Vec3<F> throughput, radiance;
+    Spectrum<F> throughput, radiance;
     F pdf_sa;     // of the direction at the last scattering; 0 where no light sample competes
     F scale;      // kDielectric: undoes the compression of radiance, for roulette
     F travelled;  // kPass: the ray has passed all up to this distance
@@ -38,8 +38,8 @@ template <uint32_t kFeatures, class Path, class FloatField, class UintField>
 VR_HD void each_field(Path& p, FloatField f, UintField u) {
     f(0, p.ray.o.x), f(1, p.ray.o.y), f(2, p.ray.o.z);
     f(3, p.ray.d.x), f(4, p.ray.d.y), f(5, p.ray.d.z);
-    f(6, p.throughput.x), f(7, p.throughput.y), f(8, p.throughput.z);
-    f(9, p.radiance.x), f(10, p.radiance.y), f(11, p.radiance.z);
+    f(6, p.throughput[0]), f(7, p.throughput[1]), f(8, p.throughput[2]);
+    f(9, p.radiance[0]), f(10, p.radiance[1]), f(11, p.radiance[2]);
     f(12, p.pdf_sa);
     u(0, p.pixel), u(1, p.sample);
     if constexpr (kFeatures & kDielectric) f(13, p.scale);
@@ -70,10 +70,10 @@ struct ShadowRequest {
     typename L::M wanted;
     Ray<L> ray;
     typename L::F t_max;
-    Vec3<typename L::F> radiance;  // added if the ray is free
-    typename L::U skip;            // kShadowSkips: primitive that does not block
-    typename L::U medium;          // kMedia: around the ray where it goes on
-    typename L::F travelled;       // kPass: as of a path, and likewise
+    Spectrum<typename L::F> radiance;  // added if the ray is free
+    typename L::U skip;                // kShadowSkips: primitive that does not block
+    typename L::U medium;              // kMedia: around the ray where it goes on
+    typename L::F travelled;           // kPass: as of a path, and likewise
     typename L::U passed;
 };
 
@@ -83,7 +83,7 @@ VR_HD void each_shadow_field(Request& s, FloatField f, UintField u) {
     f(0, s.ray.o.x), f(1, s.ray.o.y), f(2, s.ray.o.z);
     f(3, s.ray.d.x), f(4, s.ray.d.y), f(5, s.ray.d.z);
     f(6, s.t_max);
-    f(7, s.radiance.x), f(8, s.radiance.y), f(9, s.radiance.z);
+    f(7, s.radiance[0]), f(8, s.radiance[1]), f(9, s.radiance[2]);
     if constexpr (kFeatures & kShadowSkips) u(0, s.skip);
     if constexpr (kFeatures & kMedia) u((kFeatures & kShadowSkips) ? 1 : 0, s.medium);
 }

@@ -32,6 +32,7 @@ struct SurfaceReader {
     using U = typename L::U;
     using M = typename L::M;
     using V = Vec3<F>;
+    using S = Spectrum<F>;
 
     static constexpr bool has(uint32_t features) { return (kFeatures & features) != 0; }
     static constexpr uint32_t kTreeKinds =
@@ -349,9 +350,8 @@ struct SurfaceReader {
         return lookup(scene.surfaces + static_cast<uint64_t>(c) * scene.surface_stride, row,
                       scene.surface_count);
     }
-    static VR_HD V surface_column3(const SceneView& scene, U row, uint32_t c) {
-        return {surface_column(scene, row, c), surface_column(scene, row, c + 1),
-                surface_column(scene, row, c + 2)};
+    static VR_HD S surface_spectrum(const SceneView& scene, U row, uint32_t c) {
+        return S::of([&](uint32_t k) { return surface_column(scene, row, c + k); });
     }
 
     static VR_HD Material material(const SceneView& scene, U row) {
@@ -359,12 +359,12 @@ struct SurfaceReader {
         m.kind = U(static_cast<uint32_t>(MaterialKind::kDiffuse));
         if constexpr (!Material::kDiffuseOnly) {
             m.kind = to_uint(surface_column(scene, row, kSurfaceKind));
-            m.reflection = surface_column3(scene, row, kSurfaceReflection);
-            m.transmission = surface_column3(scene, row, kSurfaceTransmission);
-            m.eta = surface_column3(scene, row, kSurfaceEta);
-            if constexpr (has(kConductor)) m.k = surface_column3(scene, row, kSurfaceK);
+            m.reflection = surface_spectrum(scene, row, kSurfaceReflection);
+            m.transmission = surface_spectrum(scene, row, kSurfaceTransmission);
+            m.eta = surface_spectrum(scene, row, kSurfaceEta);
+            if constexpr (has(kConductor)) m.k = surface_spectrum(scene, row, kSurfaceK);
         }
-        m.albedo = surface_column3(scene, row, kSurfaceAlbedo);
+        m.albedo = surface_spectrum(scene, row, kSurfaceAlbedo);
         return m;
     }
 };

@@ -5,6 +5,7 @@
 #include "core/rng.h"
 #include "lights/rectangle_light.h"
 #include "lights/sphere_light.h"
+#include "spectrum/spectrum.h"
 
 namespace veriray {
 
@@ -60,12 +61,12 @@ struct LightView {
 template <class L>
 struct LightSample {
     using F = typename L::F;
-    Vec3<F> radiance;     // towards the receiver; 0 from the back
-    F inverse_pdf;        // per solid angle, choice included; of a delta light the choice alone
-    F distance;           // a shadow ray's length; infinity for directional lights
-    Vec3<F> wi;           // unit
-    typename L::M delta;  // no ray can meet the light
-    typename L::U skip;   // primitive that does not block: the light, which the ray meets once
+    Spectrum<F> radiance;  // towards the receiver; 0 from the back
+    F inverse_pdf;         // per solid angle, choice included; of a delta light the choice alone
+    F distance;            // a shadow ray's length; infinity for directional lights
+    Vec3<F> wi;            // unit
+    typename L::M delta;   // no ray can meet the light
+    typename L::U skip;    // primitive that does not block: the light, which the ray meets once
 };
 
 // The light whose interval holds u24 in [0, 2^24): chosen with exactly its share of
@@ -88,12 +89,17 @@ struct LightSampler {
     using U = typename L::U;
     using M = typename L::M;
     using V = Vec3<F>;
+    using S = Spectrum<F>;
 
     static constexpr bool has(LightShape s) { return (kShapes & shape_bit(s)) != 0; }
 
     template <class Column>
     static VR_HD V column3(Column column, uint32_t c) {
         return {column(c), column(c + 1), column(c + 2)};
+    }
+    template <class Column>
+    static VR_HD S radiance(Column column) {
+        return S::of([&](uint32_t k) { return column(kLightRadiance + k); });
     }
     template <class Column>
     static VR_HD M is(Column column, LightShape s) {
@@ -118,7 +124,7 @@ struct LightSampler {
             const M far = is(column, LightShape::kDirectional);
             if (any(far))
                 merge(s, far,
-                      {column3(column, kLightRadiance), column(kLightInverse), F(kInfinity),
+                      {radiance(column), column(kLightInverse), F(kInfinity),
                        -column3(column, kLightN), far, U(~0u)});
         }
         return s;
@@ -208,8 +214,7 @@ struct LightSampler {
         s.distance = distance * F(kShadowShorten);
         s.wi = to * inverse;
         const F cos_light = -dot(n, s.wi);
-        const V zero{F(0.f), F(0.f), F(0.f)};
-        s.radiance = select(cos_light > F(0.f), column3(column, kLightRadiance), zero);
+        s.radiance = select(cos_light > F(0.f), radiance(column), S::all(F(0.f)));
         s.inverse_pdf = column(kLightInverse) * (inverse * inverse) * cos_light;
         if constexpr (has(LightShape::kRectangle)) {
             s.inverse_pdf = select(by_angle, column(kLightInverse) * share, s.inverse_pdf);
@@ -230,8 +235,7 @@ struct LightSampler {
         const F side = column(kLightN);
         const M across = (side < F(-1.f)) & (at.cos_light > F(0.f));
         const M lit = across | ((at.cos_light * side) > F(0.f));
-        const V zero{F(0.f), F(0.f), F(0.f)};
-        return {select(lit, column3(column, kLightRadiance), zero),
+        return {select(lit, radiance(column), S::all(F(0.f))),
                 column(kLightInverse) * at.inverse_pdf,
                 select(across, at.far * F(kShadowShorten), at.distance),
                 at.wi,
@@ -245,7 +249,7 @@ struct LightSampler {
         const V to = column3(column, kLightP) - p;
         const F d2 = dot(to, to), distance = sqrt(d2);
         const V wi = to * (F(1.f) / distance);
-        V radiance = column3(column, kLightRadiance) * (F(1.f) / d2);
+        S intensity = radiance(column) * (F(1.f) / d2);
         if constexpr (has(LightShape::kSpot)) {
             const M spot = is(column, LightShape::kSpot);
             if (any(spot)) {
@@ -254,10 +258,10 @@ struct LightSampler {
                 const F off = angle(-dot(wi, axis), sqrt(dot(across, across)));
                 const F edge = (column(kSpotCutoff) - off) * column(kSpotInverse);
                 const F share = max(min(edge, F(1.f)), F(0.f));
-                radiance = select(spot, radiance * share, radiance);
+                intensity = select(spot, intensity * share, intensity);
             }
         }
-        return {radiance, column(kLightInverse), distance * F(kShadowShorten), wi, valid, U(~0u)};
+        return {intensity, column(kLightInverse), distance * F(kShadowShorten), wi, valid, U(~0u)};
     }
 };
 

@@ -31,6 +31,7 @@ struct Bsdf {
     using U = typename L::U;
     using M = typename L::M;
     using V = Vec3<F>;
+    using S = Spectrum<F>;
 
     static constexpr bool has(MaterialKind k) { return (kKinds & material_bit(k)) != 0; }
     static constexpr bool kDiffuseOnly = kKinds == material_bit(MaterialKind::kDiffuse);
@@ -41,8 +42,8 @@ struct Bsdf {
     static constexpr bool kClear = kGlass || has(MaterialKind::kNull);
 
     U kind;
-    V albedo;  // diffuse: reflectance; plastic: reflectance of the base within the coat
-    V reflection, transmission, eta, k;
+    S albedo;  // diffuse: reflectance; plastic: reflectance of the base within the coat
+    S reflection, transmission, eta, k;
     V n;      // shading normal on wo's side
     F cos_o;  // of wo to n, positive
     FresnelSplit<F> fresnel;
@@ -55,10 +56,10 @@ struct Bsdf {
         n = wo_normal;
         cos_o = cosine;
         if constexpr (kInterface) {
-            relative = eta.x;
+            relative = eta[0];
             if constexpr (has(MaterialKind::kDielectric))  // coats look alike from both sides
                 relative =
-                    select(is(MaterialKind::kDielectric) & !from_front, F(1.f) / eta.x, relative);
+                    select(is(MaterialKind::kDielectric) & !from_front, F(1.f) / eta[0], relative);
             fresnel = fresnel_dielectric(min(cos_o, F(1.f)), relative);
             if constexpr (has(MaterialKind::kThinDielectric)) {  // all inter-reflections
                 const F r = fresnel.reflected;
@@ -97,9 +98,9 @@ struct Bsdf {
 
     // u, v: direction; lobe: choice. All three in [0, 1).
     VR_HD BsdfSample<L> sample(V wo, F u, F v, F lobe) const {
-        const V one{F(1.f), F(1.f), F(1.f)}, zero{F(0.f), F(0.f), F(0.f)};
         const M nobody = kind == U(kMaterialCount);
-        BsdfSample<L> s{zero, zero, F(0.f), nobody, nobody};
+        const F zero(0.f);
+        BsdfSample<L> s{{zero, zero, zero}, S::all(zero), zero, nobody, nobody};
         if constexpr (has(MaterialKind::kDiffuse) || has(MaterialKind::kPlastic)) {
             const V local = cosine_hemisphere(u, v);
             V a, b;
@@ -116,17 +117,16 @@ struct Bsdf {
         }
         if constexpr (kDiffuseOnly) return s;
         M mirror = nobody;
-        V colour = reflection;
+        S colour = reflection;
         if constexpr (kInterface) mirror = (lobe < fresnel.reflected) & !is(MaterialKind::kDiffuse);
         if constexpr (has(MaterialKind::kConductor)) {
             const M metal = is(MaterialKind::kConductor);
             mirror = (mirror & !metal) | metal;
             const F c = min(cos_o, F(1.f));
-            colour = select(
-                metal,
-                reflection * V{fresnel_conductor(c, eta.x, k.x), fresnel_conductor(c, eta.y, k.y),
-                               fresnel_conductor(c, eta.z, k.z)},
-                colour);
+            colour = select(metal, reflection * S::of([&](uint32_t i) {
+                                       return fresnel_conductor(c, eta[i], k[i]);
+                                   }),
+                            colour);
         }
         mirror = mirror & !is(MaterialKind::kNull);
         if (any(mirror)) {
@@ -145,13 +145,13 @@ struct Bsdf {
             const M null = is(MaterialKind::kNull);
             s.pass = (is(MaterialKind::kThinDielectric) & !mirror) | null;
             s.wi = select(s.pass, -wo, s.wi);
-            s.weight = select(s.pass, select(null, one, transmission), s.weight);
+            s.weight = select(s.pass, select(null, S::all(F(1.f)), transmission), s.weight);
         }
         return s;
     }
 
     // Radiance is compressed with the solid angle.
-    VR_HD V refraction_weight() const { return transmission * (F(1.f) / (relative * relative)); }
+    VR_HD S refraction_weight() const { return transmission * (F(1.f) / (relative * relative)); }
 
     // Instead of a direction on the wrong side of a smooth surface, for clear lanes of `wrong`: the
     // lobe that was chosen, about the geometric normal; the mirror where that reflects all.
@@ -173,9 +173,8 @@ struct Bsdf {
     }
 
     // Share of light that goes straight through.
-    VR_HD V pass_through() const {
-        const V zero{F(0.f), F(0.f), F(0.f)}, one{F(1.f), F(1.f), F(1.f)};
-        V t = select(is(MaterialKind::kNull), one, zero);
+    VR_HD S pass_through() const {
+        S t = S::all(select(is(MaterialKind::kNull), F(1.f), F(0.f)));
         if constexpr (has(MaterialKind::kThinDielectric))
             t = select(is(MaterialKind::kThinDielectric),
                        transmission * (F(1.f) - fresnel.reflected), t);

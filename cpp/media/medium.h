@@ -5,6 +5,7 @@
 
 #include "core/mapping.h"
 #include "core/math.h"
+#include "spectrum/spectrum.h"
 
 namespace veriray {
 
@@ -19,36 +20,34 @@ enum MediumColumn : uint32_t {
 
 // exp(-sigma d) by channel; 1 where sigma is 0, whatever d.
 template <class F>
-VR_HD Vec3<F> transmittance(Vec3<F> sigma, F d) {
-    const auto one = [&](F s) { return select(s > F(0.f), exp_minus(s * d), F(1.f)); };
-    return {one(sigma.x), one(sigma.y), one(sigma.z)};
+VR_HD Spectrum<F> transmittance(const Spectrum<F>& sigma, F d) {
+    return Spectrum<F>::of(
+        [&](uint32_t k) { return select(sigma[k] > F(0.f), exp_minus(sigma[k] * d), F(1.f)); });
 }
 
 template <class F>
 struct Flight {
-    F t;             // distance to the next collision
-    Vec3<F> weight;  // of colliding there, or of arriving at `limit` first
+    F t;                 // distance to the next collision
+    Spectrum<F> weight;  // of colliding there, or of arriving at `limit` first
 };
 
 // u24: 24 bits that choose the channel, in [0, 1); flight: 32 bits. chromatic: false if all media
 // of the scene are grey.
 template <class F, class U>
-VR_HD Flight<F> free_flight(Vec3<F> sigma, Vec3<F> albedo, Vec3<F> throughput, F limit, F u24,
-                            U flight, bool chromatic) {
-    const Vec3<F> one{F(1.f), F(1.f), F(1.f)};
+VR_HD Flight<F> free_flight(const Spectrum<F>& sigma, const Spectrum<F>& albedo,
+                            const Spectrum<F>& throughput, F limit, F u24, U flight,
+                            bool chromatic) {
     const F depth = exponential(flight);
     if (!chromatic) {
-        const F t = depth / sigma.x;
-        return {t, select(t < limit, albedo, one)};
+        const F t = depth / sigma[0];
+        return {t, select(t < limit, albedo, Spectrum<F>::all(F(1.f)))};
     }
-    const F total = throughput.x + throughput.y + throughput.z;
-    const Vec3<F> w = throughput * (F(1.f) / total);
-    const F s = select(u24 < w.x, sigma.x, select(u24 < w.x + w.y, sigma.y, sigma.z));
-    const F t = depth / s;
+    const Spectrum<F> w = throughput * (F(1.f) / sum(throughput));
+    const F t = depth / choose(sigma, w, u24);
     const auto collides = t < limit;
-    const Vec3<F> through = transmittance(sigma, min(t, limit));
-    const Vec3<F> density = select(collides, through * sigma, through);
-    const F pdf = dot(w, density);
+    const Spectrum<F> through = transmittance(sigma, min(t, limit));
+    const Spectrum<F> density = select(collides, through * sigma, through);
+    const F pdf = inner(w, density);
     return {t, select(collides, density * albedo, density) * (F(1.f) / pdf)};
 }
 

@@ -46,7 +46,7 @@ VR_HD PathState<Scalar> begin_path(const SceneView& scene, const Job& job, uint3
 template <uint32_t kFeatures>
 VR_HD LedgerColumn end_path(const SceneView& scene, const Job& job, const PathState<Scalar>& path,
                             LedgerColumn cause) {
-    Vec3<float> sample;
+    Spectrum<float> sample;
     PixelSum sum{};
     cause = finish<kFeatures>(scene, job, path, cause, sample);
     add_sample(sum, sample);

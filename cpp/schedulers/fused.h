@@ -61,7 +61,7 @@ template <uint32_t kFeatures, class Take, class Add, class Record>
 VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& items, PixelSum& sum,
                      Take take, Add add, Record record) {
     PathState<Scalar> path;
-    Vec3<float> sample{};
+    Spectrum<float> sample{};
     FusedLane lane;
     uint32_t depth = 0;
     bool alive = false;

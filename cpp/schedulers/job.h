@@ -56,8 +56,8 @@ VR_HD LedgerColumn cause_of(const Events<Scalar>& e) {
 // logged. Returns the path's cause.
 template <uint32_t kFeatures>
 VR_HD LedgerColumn finish(const SceneView& scene, const Job& job, const PathState<Scalar>& path,
-                          LedgerColumn cause, Vec3<float>& sample) {
-    sample = {0.f, 0.f, 0.f};
+                          LedgerColumn cause, Spectrum<float>& sample) {
+    sample = Spectrum<float>::all(0.f);
     if (!film_accepts(path.radiance, job.film.scale)) {
         log_fault(job.faults, path.pixel, path.sample, path.radiance);
         return kInvalid;

@@ -123,17 +123,15 @@ class Tile {
     template <uint32_t kFeatures>
     M end_paths(const SceneView& scene, const Job& job, const PathState<Simd>& path, M ended) {
         const M bad = ended & !film_accepts(path.radiance, job.film.scale);
-        Vec3<F> sample = path.radiance;
+        Spectrum<F> sample = path.radiance;
         if constexpr ((kFeatures & kSignedFilter) != 0)
             sample = sample * PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path);
-        sample = select(bad, {F(0.f), F(0.f), F(0.f)}, sample * F(job.film.scale));
+        sample = select(bad, Spectrum<F>::all(F(0.f)), sample * F(job.film.scale));
         const U place =
             (path.sample + U(0u - first_sample_)) * U(stride_) + path.pixel + U(0u - first_pixel_);
         float x[3][Simd::kWidth];
         uint32_t at[Simd::kWidth];
-        store(x[0], sample.x);
-        store(x[1], sample.y);
-        store(x[2], sample.z);
+        for (uint32_t c = 0; c < 3; ++c) store(x[c], sample[c]);
         store(at, place);
         for (uint32_t todo = bits(ended); todo; todo &= todo - 1) {
             const uint32_t k = static_cast<uint32_t>(__builtin_ctz(todo));
@@ -146,14 +144,12 @@ class Tile {
     static void log_faults(const Job& job, const PathState<Simd>& path, uint32_t bad) {
         float x[3][Simd::kWidth];
         uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
-        store(x[0], path.radiance.x);
-        store(x[1], path.radiance.y);
-        store(x[2], path.radiance.z);
+        for (uint32_t c = 0; c < 3; ++c) store(x[c], path.radiance[c]);
         store(pixel, path.pixel);
         store(sample, path.sample);
         for (; bad; bad &= bad - 1) {
             const uint32_t k = static_cast<uint32_t>(__builtin_ctz(bad));
-            log_fault(job.faults, pixel[k], sample[k], {x[0][k], x[1][k], x[2][k]});
+            log_fault(job.faults, pixel[k], sample[k], {{x[0][k], x[1][k], x[2][k]}});
         }
     }
 

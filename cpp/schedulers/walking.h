@@ -21,7 +21,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
     enum class Aim : uint32_t { kNone, kNext, kLight };  // of a lane's walk
     FusedLane lane;
     PathState<Scalar> path{};
-    Vec3<float> sample{};
+    Spectrum<float> sample{};
     ShadowRequest<Scalar> shadow{};
     LedgerColumn cause = kEscaped;  // of the path's end; kLive: it goes on after its shadow ray
     uint32_t depth = 0;

@@ -215,12 +215,12 @@ VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, ui
     PathState<Scalar> path{};
     float* const radiance = &w.paths.f(kRadianceField, i);
     const uint64_t next = w.capacity;
-    path.radiance = {radiance[0], radiance[next], radiance[2 * next]};
+    path.radiance = {{radiance[0], radiance[next], radiance[2 * next]}};
     Tracer::visible(path, shadow, free);
     if (cause == kLive) {
-        radiance[0] = path.radiance.x;
-        radiance[next] = path.radiance.y;
-        radiance[2 * next] = path.radiance.z;
+        radiance[0] = path.radiance[0];
+        radiance[next] = path.radiance[1];
+        radiance[2 * next] = path.radiance[2];
     } else {
         path.pixel = w.paths.u(kPixelField, i);
         path.sample = w.paths.u(kSampleField, i);

@@ -130,10 +130,11 @@ _SURVIVE = "plays & (uniform(u) < q)"
 _CUT = "segment + 1 >= s.max_depth ? scatters : no_lanes(scatters)"
 _HIT = "emitted * mis_weight(path.pdf_sa, ratio)"
 _NEE = "light.inverse_pdf / fma(ratio, ratio, F(1.f))"
-_SKY = "broadcast<F>(scene.lights.environment)"
+_SKY = "S::from(scene.lights.environment)"
+_FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
 _LIT = "hit_emitter(scene, path, hit, at, valid)"
 _T_MAX = "shadow.t_max = light.distance;"
-_ALBEDO = "surface_column3(scene, row, kSurfaceAlbedo)"
+_ALBEDO = "surface_spectrum(scene, row, kSurfaceAlbedo)"
 _KEEP = "samples_[c][at[k]] = x[c][k];"
 _JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
 _PHASE = "henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w))"
@@ -205,7 +206,7 @@ _CORNELL = (
 )  # fmt: skip
 
 _MATERIALS = (
-    Mutant("index not inverted from inside", _MATERIAL, "F(1.f) / eta.x", "eta.x",
+    Mutant("index not inverted from inside", _MATERIAL, "F(1.f) / eta[0]", "eta[0]",
            "dielectric_sphere"),
     Mutant("no total reflection", _FRESNEL, "select(total & !(eta == F(1.f)), F(1.f), r)",
            "select(total, F(0.f), r)", "glass_cube"),
@@ -257,9 +258,9 @@ _MATERIALS = (
 )  # fmt: skip
 
 _MEDIA = (
-    Mutant("albedo of a medium squared", _MEDIUM, "select(t < limit, albedo, one)",
-           "select(t < limit, albedo * albedo, one)", "null_medium"),
-    Mutant("albedo of a medium left out", _MEDIUM, "select(t < limit, albedo, one)", "one",
+    Mutant("albedo of a medium squared", _MEDIUM, _FLIGHT,
+           _FLIGHT.replace("albedo", "albedo * albedo"), "null_medium"),
+    Mutant("albedo of a medium left out", _MEDIUM, _FLIGHT, "Spectrum<F>::all(F(1.f))",
            "null_medium"),
     Mutant("albedo of a coloured medium left out", _MEDIUM, "density * albedo", "density",
            "chromatic_medium"),
@@ -268,7 +269,7 @@ _MEDIA = (
            "null_medium"),
     Mutant("free flight 2 % short", _MEDIUM, "exponential(flight)", "F(.98f) * exponential(flight)",
            "thin fog"),
-    Mutant("channels weighted evenly, chosen by throughput", _MEDIUM, "dot(w, density)",
+    Mutant("channels weighted evenly, chosen by throughput", _MEDIUM, "inner(w, density)",
            "(density.x + density.y + density.z) * F(1.f / 3.f)", "chromatic_medium"),
     Mutant("phase sampled for -g", _PATH, _PHASE, _PHASE.replace("vertex.g", "-vertex.g"),
            "hg_forward"),
@@ -279,8 +280,8 @@ _MEDIA = (
            "henyey_greenstein_pdf(path.ray.d, next.wi, vertex.g)", "F(0.25f * kInvPi)",
            "hg_forward"),
     Mutant("no transmittance to the light", _DIRECT,
-           "transmittance(medium_column3(scene, shadow.medium, kMediumSigma), distance)", "one()",
-           "null_medium"),
+           "transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance)",
+           "white()", "null_medium"),
     Mutant("medium of the wrong side", _DIRECT, "select(at.front, inside, outside)",
            "select(at.front, outside, inside)", "null_medium"),
     Mutant("medium kept on refraction", _PATH, "medium_beyond(scene, path, at, through)",
@@ -323,16 +324,16 @@ _LIGHTS = (
            "(column(kSpotCutoff) - off) * column(kSpotInverse)",
            "(column(kSpotCutoff) * column(kSpotCutoff) - off * off) * column(kSpotInverse) /"
            " (F(2.f) * column(kSpotCutoff) - F(1.f) / column(kSpotInverse))", "spot_light"),
-    Mutant("point light by 1/r", _LIGHT, "column3(column, kLightRadiance) * (F(1.f) / d2)",
-           "column3(column, kLightRadiance) * (F(1.f) / distance)", "point_light"),
-    Mutant("point light without its chance", _LIGHT, "return {radiance, column(kLightInverse),"
+    Mutant("point light by 1/r", _LIGHT, "radiance(column) * (F(1.f) / d2)",
+           "radiance(column) * (F(1.f) / distance)", "point_light"),
+    Mutant("point light without its chance", _LIGHT, "return {intensity, column(kLightInverse),"
            " distance * F(kShadowShorten), wi, valid, U(~0u)};",
-           "return {radiance, F(1.f), distance * F(kShadowShorten), wi, valid, U(~0u)};",
+           "return {intensity, F(1.f), distance * F(kShadowShorten), wi, valid, U(~0u)};",
            "spot_light"),
     Mutant("directional light without its chance", _LIGHT,
-           "merge(s, far, {column3(column, kLightRadiance), column(kLightInverse), F(kInfinity),"
+           "merge(s, far, {radiance(column), column(kLightInverse), F(kInfinity),"
            " -column3(column, kLightN), far, U(~0u)});",
-           "merge(s, far, {column3(column, kLightRadiance), F(1.f), F(kInfinity),"
+           "merge(s, far, {radiance(column), F(1.f), F(kInfinity),"
            " -column3(column, kLightN), far, U(~0u)});", "directional_light"),
     Mutant("sky weighted as if it were sampled too", _PATH, _SKY,
            f"{_SKY} * mis_weight(path.pdf_sa, F(0.25f * kInvPi))", "null_medium"),

@@ -41,7 +41,7 @@ _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
 _LEAVE = "fma(at.ng, at.offset * side, at.p)"
 _R = "F(0.5f) * fma(s, s, p * p)"
-_FLIGHT = "select(t < limit, albedo, one)"
+_FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
 _MIS = "F(1.f) / fma(ratio, ratio, F(1.f))"
 _UNIFORM = "to_float(u >> 8) * F(0x1p-24f)"
 _BETWEEN = "and_less(and_less(inside, typename L::F(0.f), t), t, t_max)"
@@ -97,8 +97,8 @@ _SCATTERING = (
     Mutant("Fresnel twice in the mirror", _MATERIAL, _MET,
            "select(mirror, kInterface ? colour * fresnel.reflected : colour, s.weight)"),
     Mutant("metal mirrors without Fresnel", _MATERIAL,
-           "reflection * V{fresnel_conductor(c, eta.x, k.x), fresnel_conductor(c, eta.y, k.y),"
-           " fresnel_conductor(c, eta.z, k.z)}", "reflection"),
+           "reflection * S::of([&](uint32_t i) { return fresnel_conductor(c, eta[i], k[i]); })",
+           "reflection"),
     Mutant("refraction starts on the wrong side", _PATH, "fma(vertex.ng, -at.offset, at.p)",
            "fma(vertex.ng, at.offset, at.p)"),
     Mutant("reflection starts on the wrong side", _PATH, _LEAVE,
@@ -122,8 +122,8 @@ _ESTIMATOR = (
     Mutant("emission lost at depth 1", _PATH, _LIT,
            "(segment == 1 ? no_lanes(valid) : hit_emitter(scene, path, hit, at, valid))"),
     Mutant("roulette by luminance", _PATH, _PLAYS,
-           "{ most = F(.2126f) * path.throughput.x + F(.7152f) * path.throughput.y +"
-           " F(.0722f) * path.throughput.z;"
+           "{ most = F(.2126f) * path.throughput[0] + F(.7152f) * path.throughput[1] +"
+           " F(.0722f) * path.throughput[2];"
            " if constexpr (has(kDielectric)) most = most * path.scale;"
            " plays = plays & (most < F(1.f)); }"),
     Mutant("roulette capped at 0.95", _PATH, _Q, _Q.replace("min(F(1.f), to", "min(F(.95f), to")),
@@ -248,7 +248,8 @@ _PICTURE = (
     Mutant("parts of squares not rounded", "film/lane_sums.h",
            "in_units<kSquareScale>(rest - middle)", "(rest - middle) * D(0x1p76)"),
     Mutant("refused samples not reported", _TILE,
-           "log_fault(job.faults, pixel[k], sample[k], {x[0][k], x[1][k], x[2][k]});", "(void)x;"),
+           "log_fault(job.faults, pixel[k], sample[k], {{x[0][k], x[1][k], x[2][k]}});",
+           "(void)x;"),
     Mutant("film shifted by a pixel", _TILE, "flush(job.film, pixel + k, sums_[k]);",
            "flush(job.film, (pixel + k + 1) % static_cast<uint32_t>(job.pixels()), sums_[k]);"),
     Mutant("film shifted by a pixel when merged", _CPU,
@@ -344,8 +345,8 @@ _REPAIRED = (  # bugs that veriray had
            "size + std::min(0.5, 32 * extent)", "size"),
     Mutant("lamps in contact sampled off their place", "lights/light.h",
            "stays | (offset < F(0.f))", "stays"),
-    Mutant("a narrow view is seen from the camera", "scene/narrow.cpp", "pixel < kNarrow",
-           "pixel < 0"),
+    Mutant("a narrow view is seen from the camera", "scene/narrow.cpp", "pixel_angle(in) < kNarrow",
+           "pixel_angle(in) < 0"),
     Mutant("two-sided faces left as one-sided ones", "scene/scene.cpp",
            "(local && in.two_sided.data[f.material])", "false"),
     Mutant("faces of a fold turned round", "scene/winding.cpp", "edges[m] == 0", "edges[m] == 1"),

@@ -31,7 +31,7 @@ endif
 endif
 export VERIRAY_CUDA_ARCH
 
-.PHONY: all demo test lint format clean force
+.PHONY: all demo test lint format schema clean force
 all: $(VENV)/installed
 
 demo: $(VENV)/installed
@@ -49,6 +49,11 @@ format: $(VENV)/lint-tools
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/clang-format -i $(CPP_FILES)
+
+# What follows from python/veriray/columns.py.
+schema: $(VENV)/installed
+	$(BIN)/python cpp/schema/generate.py
+	$(BIN)/ruff format python/veriray/scene_arrays.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info python/*.egg-info cornell.exr cornell.png

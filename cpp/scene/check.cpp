@@ -16,96 +16,69 @@ namespace {
     throw std::invalid_argument(name + "[" + std::to_string(row) + "] " + rest);
 }
 
+constexpr size_t product(std::initializer_list<size_t> numbers) {
+    size_t all = 1;
+    for (const size_t n : numbers) all *= n;
+    return all;
+}
+
 template <class T>
-void within(const char* name, const Rows<T>& rows, size_t columns, double low, double high) {
-    for (size_t i = 0; i < rows.count * columns; ++i) {
+void within(const char* name, const Rows<T>& rows, size_t width, double low, double high,
+            bool open) {
+    for (size_t i = 0; i < rows.count * width; ++i) {
         const double x = static_cast<double>(rows.data[i]);
-        if (!(x >= low && x <= high))
-            fail(name, i / columns,
-                 "holds " + number(x) + "; allowed: [" + number(low) + ", " + number(high) + "]");
+        if (!(open ? x > low && x < high : x >= low && x <= high) || !std::isfinite(x))
+            fail(name, i / width,
+                 "holds " + number(x) + "; allowed: " + (open ? "(" : "[") + number(low) + ", " +
+                     number(high) + (open ? ")" : "]"));
     }
 }
 
 template <class T>
-void below(const std::string& name, const Rows<T>& rows, size_t columns, int64_t low, size_t size) {
-    for (size_t i = 0; i < rows.count * columns; ++i) {
+void indexes(const char* name, const Rows<T>& rows, size_t width, int64_t least, size_t size) {
+    for (size_t i = 0; i < rows.count * width; ++i) {
         const int64_t x = static_cast<int64_t>(rows.data[i]);
-        if (x < low || x >= static_cast<int64_t>(size))
-            fail(name, i / columns,
+        if (x < least || x >= static_cast<int64_t>(size))
+            fail(name, i / width,
                  "holds " + std::to_string(x) + "; there are " + std::to_string(size));
     }
 }
 
 template <class T>
-void counts(const std::string& name, const Rows<T>& rows, size_t want) {
+void counts(const char* name, const Rows<T>& rows, size_t want) {
     if (rows.count != want)
-        throw std::invalid_argument(name + " has " + std::to_string(rows.count) +
+        throw std::invalid_argument(std::string(name) + " has " + std::to_string(rows.count) +
                                     " rows, expected " + std::to_string(want));
+}
+
+// What the schema says of every column.
+void check_columns(const SceneInput& in) {
+#define VR_COLUMN(table, name, type, low, high, open, ...) \
+    counts(#name, in.name, in.table##_rows());             \
+    within(#name, in.name, product({__VA_ARGS__}), low, high, open);
+#define VR_INDEX(table, name, type, least, of, ...) \
+    counts(#name, in.name, in.table##_rows());      \
+    indexes(#name, in.name, product({__VA_ARGS__}), least, in.of##_rows());
+#define VR_KIND(table, name, type, kinds, ...) \
+    counts(#name, in.name, in.table##_rows()); \
+    indexes(#name, in.name, product({__VA_ARGS__}), 0, kinds);
+#include "schema/columns.def"
 }
 
 }  // namespace
 
 void check_input(const SceneInput& in) {
-    constexpr double kLargest = 1e300, kFloat = 3e38;
+    constexpr double kLargest = 1e300;
     if (in.width == 0 || in.height == 0)
         throw std::invalid_argument("the film has no pixels: " + std::to_string(in.width) + " x " +
                                     std::to_string(in.height));
-    within("vertices", in.vertices, 3, -kLargest, kLargest);
-    within("normals", in.normals, 3, -kLargest, kLargest);
-    if (in.normals.count) counts("normals", in.normals, in.vertices.count);
-    within("spheres", in.spheres, 4, -kLargest, kLargest);
+    check_columns(in);
     for (size_t i = 0; i < in.spheres.count; ++i)
         if (!(in.spheres.data[4 * i + 3] > 0)) fail("spheres", i, "has no radius above 0");
-    within("disks", in.disks, 9, -kLargest, kLargest);
-    below("triangles", in.triangles, 3, 0, in.vertices.count);
-    const size_t rows[3] = {in.triangles.count, in.spheres.count, in.disks.count};
-    const size_t materials = in.material_kind.count;
-    static const char* const names[3] = {"triangle", "sphere", "disk"};
-    for (int g = 0; g < 3; ++g) {
-        const std::string name = names[g];
-        counts(name + "_material", in.material[g], rows[g]);
-        counts(name + "_emission", in.emission[g], rows[g]);
-        counts(name + "_boundary", in.boundary[g], rows[g]);
-        below(name + "_material", in.material[g], 1, 0, materials);
-        below(name + "_emission", in.emission[g], 1, -1, in.emissions.count);
-        below(name + "_boundary", in.boundary[g], 1, -1, in.boundaries.count);
-    }
-    counts("sphere_inward", in.sphere_inward, in.spheres.count);
-    below("material_kind", in.material_kind, 1, 0, kMaterialCount);
-    for (const auto& [name, colour, most] :
-         {std::tuple("reflectance", &in.reflectance, 1.0),
-          std::tuple("specular_reflectance", &in.specular_reflectance, 1.0),
-          std::tuple("specular_transmittance", &in.specular_transmittance, 1.0),
-          std::tuple("eta", &in.eta, 1e6), std::tuple("k", &in.k, 1e6)}) {
-        counts(name, *colour, materials);
-        within(name, *colour, 3, 0, most);
-    }
-    for (size_t m = 0; m < materials; ++m)
+    for (size_t m = 0; m < in.materials_rows(); ++m)
         if (in.material_kind.data[m] != static_cast<uint32_t>(MaterialKind::kConductor) &&
             !(in.eta.data[3 * m] > 0))
             fail("eta", m, "holds 0; a transparent material needs more");
-    counts("opacity", in.opacity, materials);
-    within("opacity", in.opacity, 1, 0, 1);
-    counts("two_sided", in.two_sided, materials);
-    counts("nonlinear", in.nonlinear, materials);
-    within("emissions", in.emissions, 3, 0, kFloat);
-    within("environment", Rows<float>{in.environment, 1}, 3, 0, kFloat);
-    below("boundaries", in.boundaries, 2, -1, in.sigma_t.count);
-    counts("albedo", in.albedo, in.sigma_t.count);
-    counts("phase_g", in.phase_g, in.sigma_t.count);
-    within("sigma_t", in.sigma_t, 3, 0, kFloat);
-    within("albedo", in.albedo, 3, 0, 1);
-    for (size_t i = 0; i < in.phase_g.count; ++i)
-        if (!(in.phase_g.data[i] > -1 && in.phase_g.data[i] < 1))
-            fail("phase_g", i, "holds " + number(in.phase_g.data[i]) + "; allowed: (-1, 1)");
-    below("light_kind", in.light_kind, 1, 0, 3);
-    counts("light_position", in.light_position, in.light_kind.count);
-    counts("light_direction", in.light_direction, in.light_kind.count);
-    counts("light_angles", in.light_angles, in.light_kind.count);
-    counts("light_intensity", in.light_intensity, in.light_kind.count);
-    within("light_position", in.light_position, 3, -kLargest, kLargest);
-    within("light_direction", in.light_direction, 3, -1.001, 1.001);
-    within("light_intensity", in.light_intensity, 3, 0, kFloat);
     for (size_t i = 0; i < in.light_kind.count; ++i) {
         if (in.light_kind.data[i] != 1) continue;
         const double cutoff = in.light_angles.data[2 * i], beam = in.light_angles.data[2 * i + 1];

@@ -84,7 +84,7 @@ std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
     };
     each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3 n, double size, auto) {
         if (group != kSphereGroup) shapes.push_back({at, size});  // spheres are exact anywhere
-        if (in.emission[group].data[row] >= 0) lamps.push_back({at, n, size, INFINITY, group, row});
+        if (in.emission(group).data[row] >= 0) lamps.push_back({at, n, size, INFINITY, group, row});
     });
     each_shape([&](ShapeGroup group, size_t row, Double3 at, Double3, double, auto distance) {
         for (Lamp& lamp : lamps)  // its own plane does not count
@@ -92,7 +92,7 @@ std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
                 (group != lamp.group || row != lamp.row) && d > 0.01 * lamp.size &&
                 dot(lamp.n, at - lamp.at) >= 0)
                 lamp.nearest = std::min(lamp.nearest, d);
-        const int32_t b = in.boundary[group].data[row];
+        const int32_t b = in.boundary(group).data[row];
         double path = INFINITY;
         for (int k = 0; b >= 0 && k < 2; ++k)
             if (const int32_t m = in.boundaries.data[2 * b + k]; m >= 0)

@@ -146,8 +146,8 @@ void HostScene::set_lights(const SceneInput& in) {
     light_chance.assign(padded(sources.size()), 0.f);
     if (l.count >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 lights");
 
-    const bool sky = sum3(in.environment) > 0;
-    std::copy_n(in.environment, 3, l.environment);
+    const bool sky = sum3(in.environment.data) > 0;
+    std::copy_n(in.environment.data, 3, l.environment);
 
     std::vector<double> power;
     for (const AreaLight& a : lit)
@@ -204,7 +204,8 @@ void HostScene::set_lights(const SceneInput& in) {
 
     // A delta light's radiance at a receiver has no bound. It counts as that at a 64th of the
     // scene's size, or more, so that the nearest receiver's is below the film's limit of 2^20.
-    float brightest = std::max({in.environment[0], in.environment[1], in.environment[2]});
+    float brightest =
+        std::max({in.environment.data[0], in.environment.data[1], in.environment.data[2]});
     for (const AreaLight& a : lit)
         for (int k = 0; k < 3; ++k)
             brightest =

@@ -101,9 +101,9 @@ Flat HostScene::triangle(const SceneInput& in, size_t i) const {
     for (int k = 0; k < 3; ++k) f.v[k] = point(in, index[k]);
     if (!turned_.empty() && turned_[i]) std::swap(f.v[1], f.v[2]), f.swapped = true;
     f.triangle = static_cast<uint32_t>(i);
-    f.material = in.material[kTriangleGroup].data[i];
-    f.emission = in.emission[kTriangleGroup].data[i];
-    f.boundary = in.boundary[kTriangleGroup].data[i];
+    f.material = in.material(kTriangleGroup).data[i];
+    f.emission = in.emission(kTriangleGroup).data[i];
+    f.boundary = in.boundary(kTriangleGroup).data[i];
     return f;
 }
 
@@ -138,8 +138,8 @@ bool HostScene::dense_beside(const SceneInput& in, const std::vector<Flat>& flat
     };
     if (dense(in.camera_medium)) return true;
     for (const ShapeGroup group : {kTriangleGroup, kSphereGroup, kDiskGroup})
-        for (size_t i = 0; i < in.boundary[group].count; ++i) {
-            const int32_t b = in.boundary[group].data[i];
+        for (size_t i = 0; i < in.boundary(group).count; ++i) {
+            const int32_t b = in.boundary(group).data[i];
             if (b < 0) continue;
             const bool filled = dense(in.boundaries.data[2 * b]);
             if (dense(in.boundaries.data[2 * b + 1]) || (filled && group != kSphereGroup))
@@ -409,13 +409,13 @@ void HostScene::put_smooth(const SceneInput& in, size_t primitive, const Flat& f
 
 void HostScene::put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                            double area) {
-    int32_t emission = in.emission[group].data[row];
+    int32_t emission = in.emission(group).data[row];
     if (emission >= 0) {
         const float* e = in.emissions.data + 3 * emission;
         if (!(e[0] > 0 || e[1] > 0 || e[2] > 0)) emission = -1;
     }
     sources[primitive] = {
-        group, row, in.material[group].data[row], emission, in.boundary[group].data[row], area};
+        group, row, in.material(group).data[row], emission, in.boundary(group).data[row], area};
     const size_t before[3] = {0, in.triangles.count, in.triangles.count + in.spheres.count};
     input_index[primitive] = static_cast<uint32_t>(before[group] + row);
 }

@@ -19,25 +19,19 @@ struct Rows {
     size_t count = 0;
 };
 
-// Input in world units; arrays are row-major. Names and shapes are those of veriray.Scene.
+// Groups of primitives.
+enum ShapeGroup : uint32_t { kTriangleGroup, kSphereGroup, kDiskGroup };
+
+// Input in world units: the arrays of schema/columns.def, row-major; camera and film.
 struct SceneInput {
-    Rows<double> vertices, normals;          // x 3; normals: as many or none
-    Rows<uint32_t> triangles;                // x 3, counter-clockwise seen from the front
-    Rows<double> spheres, disks;             // x 4: centre, radius; x 9: centre, half axes
-    Rows<uint8_t> sphere_inward;             // the front is inside
-    Rows<uint32_t> material[3];              // of triangles, spheres, disks
-    Rows<int32_t> emission[3], boundary[3];  // -1: none
-    Rows<uint32_t> material_kind;            // MaterialKind
-    Rows<float> reflectance, specular_reflectance, specular_transmittance, eta, k;  // x 3
-    Rows<float> opacity;
-    Rows<uint8_t> two_sided, nonlinear;
-    Rows<float> emissions;                 // x 3
-    Rows<int32_t> boundaries;              // x 2: medium inside, outside; -1 vacuum
-    Rows<float> sigma_t, albedo, phase_g;  // x 3, x 3, x 1
-    Rows<uint32_t> light_kind;             // 0 point, 1 spot, 2 directional
-    Rows<double> light_position, light_direction, light_angles;  // x 3, x 3, x 2 (degrees)
-    Rows<float> light_intensity;                                 // x 3
-    float environment[3];
+#define VR_COLUMN(table, name, type, ...) Rows<type> name;
+#define VR_INDEX VR_COLUMN
+#define VR_KIND VR_COLUMN
+#define VR_TABLE(table, first) \
+    size_t table##_rows() const { return first.count; }
+#include "schema/columns.def"
+    size_t scene_rows() const { return 1; }
+
     double to_world[16];
     double tan_half_x, tan_half_y, near_clip, far_clip, principal_x, principal_y;
     double aperture_radius, focus_distance;
@@ -45,10 +39,24 @@ struct SceneInput {
     uint32_t width, height;
     std::string filter;
     double filter_parameters[2];
-};
 
-// Groups of primitives in SceneInput's arrays of three.
-enum ShapeGroup : uint32_t { kTriangleGroup, kSphereGroup, kDiskGroup };
+    // Columns of a group; -1: none.
+    const Rows<uint32_t>& material(ShapeGroup g) const {
+        return pick(g, triangle_material, sphere_material, disk_material);
+    }
+    const Rows<int32_t>& emission(ShapeGroup g) const {
+        return pick(g, triangle_emission, sphere_emission, disk_emission);
+    }
+    const Rows<int32_t>& boundary(ShapeGroup g) const {
+        return pick(g, triangle_boundary, sphere_boundary, disk_boundary);
+    }
+
+   private:
+    template <class T>
+    static const T& pick(ShapeGroup g, const T& triangles, const T& spheres, const T& disks) {
+        return g == kTriangleGroup ? triangles : g == kSphereGroup ? spheres : disks;
+    }
+};
 
 struct Double3 {
     double x, y, z;

@@ -121,7 +121,7 @@ std::vector<uint32_t> HostScene::media_beyond(const SceneInput& in) const {
         }
     };
     for (size_t i = 0; i < in.triangles.count; ++i) {
-        if (in.boundary[kTriangleGroup].data[i] < 0) continue;
+        if (in.boundary(kTriangleGroup).data[i] < 0) continue;
         const Flat f = triangle(in, i);
         const uint64_t h[3] = {hashed(f.v[0]), hashed(f.v[1]), hashed(f.v[2])};
         bound(f.boundary, edge(h[0], h[1]) + edge(h[1], h[2]) + edge(h[2], h[0]),
@@ -130,11 +130,11 @@ std::vector<uint32_t> HostScene::media_beyond(const SceneInput& in) const {
     for (size_t i = 0; i < in.spheres.count; ++i) {
         const double r = in.spheres.data[4 * i + 3] / unit;
         const double volume = 8 * 3.14159265358979323846 * r * r * r;
-        if (const int32_t b = in.boundary[kSphereGroup].data[i]; b >= 0)
+        if (const int32_t b = in.boundary(kSphereGroup).data[i]; b >= 0)
             bound(b, 0, in.sphere_inward.data[i] ? -volume : volume, false);
     }
     for (size_t i = 0; i < in.disks.count; ++i)
-        if (const int32_t b = in.boundary[kDiskGroup].data[i]; b >= 0) bound(b, 0, 0, true);
+        if (const int32_t b = in.boundary(kDiskGroup).data[i]; b >= 0) bound(b, 0, 0, true);
     media[static_cast<size_t>(in.camera_medium + 1)].volume = 0;
 
     std::vector<uint32_t> beyond(media.size());

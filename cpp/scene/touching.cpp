@@ -136,7 +136,7 @@ float* HostScene::plane_record(uint32_t i) {
 }
 
 bool HostScene::lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const {
-    return clear_material(in, in.material[group].data[row]) || in.boundary[group].data[row] >= 0;
+    return clear_material(in, in.material(group).data[row]) || in.boundary(group).data[row] >= 0;
 }
 
 // The faces of largest extent, so many of the first `planar` primitives.

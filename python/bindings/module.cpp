@@ -18,8 +18,7 @@ template <class T>
 using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
 template <class T>
-void need_shape(const Array<T>& a, const std::string& name,
-                std::initializer_list<py::ssize_t> shape) {
+void need_shape(const Array<T>& a, const std::string& name, const std::vector<py::ssize_t>& shape) {
     bool ok = a.ndim() == static_cast<py::ssize_t>(shape.size());
     py::ssize_t axis = 0;
     std::string want;
@@ -36,13 +35,17 @@ struct Reader {
     const py::dict& arrays;
     std::vector<py::object> keep;
 
+    // shape: of a row; table: `scene` has one row, which the array is.
     template <class T>
-    void operator()(const char* name, std::initializer_list<py::ssize_t> shape, Rows<T>& rows) {
+    void operator()(const std::string& table, const char* name, Rows<T>& rows,
+                    std::vector<py::ssize_t> shape) {
         if (!arrays.contains(name)) throw py::value_error(std::string("no array ") + name);
         const auto a = arrays[name].cast<Array<T>>();
+        const bool one = table == "scene";
+        if (!one) shape.insert(shape.begin(), -1);
         need_shape(a, name, shape);
         keep.push_back(a);
-        rows = {a.data(), static_cast<size_t>(a.shape(0))};
+        rows = {a.data(), one ? 1 : static_cast<size_t>(a.shape(0))};
     }
 };
 
@@ -51,45 +54,17 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
                                   const std::string& builder) {
     SceneInput in{};
     Reader read{arrays, {}};
-    read("vertices", {-1, 3}, in.vertices);
-    read("normals", {-1, 3}, in.normals);
-    read("triangles", {-1, 3}, in.triangles);
-    read("spheres", {-1, 4}, in.spheres);
-    read("disks", {-1, 3, 3}, in.disks);
-    read("sphere_inward", {-1}, in.sphere_inward);
-    const char* const groups[3] = {"triangle", "sphere", "disk"};
-    for (int g = 0; g < 3; ++g) {
-        const std::string name = groups[g];
-        read((name + "_material").c_str(), {-1}, in.material[g]);
-        read((name + "_emission").c_str(), {-1}, in.emission[g]);
-        read((name + "_boundary").c_str(), {-1}, in.boundary[g]);
-    }
-    read("material_kind", {-1}, in.material_kind);
-    read("reflectance", {-1, 3}, in.reflectance);
-    read("specular_reflectance", {-1, 3}, in.specular_reflectance);
-    read("specular_transmittance", {-1, 3}, in.specular_transmittance);
-    read("eta", {-1, 3}, in.eta);
-    read("k", {-1, 3}, in.k);
-    read("opacity", {-1}, in.opacity);
-    read("two_sided", {-1}, in.two_sided);
-    read("nonlinear", {-1}, in.nonlinear);
-    read("emissions", {-1, 3}, in.emissions);
-    read("boundaries", {-1, 2}, in.boundaries);
-    read("sigma_t", {-1, 3}, in.sigma_t);
-    read("albedo", {-1, 3}, in.albedo);
-    read("phase_g", {-1}, in.phase_g);
-    read("light_kind", {-1}, in.light_kind);
-    read("light_position", {-1, 3}, in.light_position);
-    read("light_direction", {-1, 3}, in.light_direction);
-    read("light_intensity", {-1, 3}, in.light_intensity);
-    read("light_angles", {-1, 2}, in.light_angles);
+#define VR_COLUMN(table, name, type, low, high, open, ...) \
+    read(#table, #name, in.name, {__VA_ARGS__});
+#define VR_INDEX(table, name, type, least, of, ...) read(#table, #name, in.name, {__VA_ARGS__});
+#define VR_KIND(table, name, type, kinds, ...) read(#table, #name, in.name, {__VA_ARGS__});
+#include "schema/columns.def"
     const auto numbers = [&]<class T>(const py::dict& from, const char* name, T* out,
-                                      std::initializer_list<py::ssize_t> shape) {
+                                      const std::vector<py::ssize_t>& shape) {
         const auto a = from[name].cast<Array<T>>();
         need_shape(a, name, shape);
         std::copy_n(a.data(), a.size(), out);
     };
-    numbers(arrays, "environment", in.environment, {3});
     numbers(camera, "to_world", in.to_world, {4, 4});
     in.tan_half_x = camera["tan_half_x"].cast<double>();
     in.tan_half_y = camera["tan_half_y"].cast<double>();

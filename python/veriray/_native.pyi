@@ -15,40 +15,41 @@ class DeviceError(RuntimeError): ...
 class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
-    """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K media,
-    Q lights; see veriray.Scene. uint8 columns hold 0 or 1."""
+    """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
+    media, Q lights; see veriray.Scene. uint8 columns hold 0 or 1. Made by
+    cpp/schema/generate.py from python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
-    normals: npt.NDArray[np.float64]  # (V, 3), zero rows for none
+    normals: npt.NDArray[np.float64]  # (V, 3)
     triangles: npt.NDArray[np.uint32]  # (T, 3)
-    triangle_material: npt.NDArray[np.uint32]
-    triangle_emission: npt.NDArray[np.int32]
-    triangle_boundary: npt.NDArray[np.int32]
+    triangle_material: npt.NDArray[np.uint32]  # (T,)
+    triangle_emission: npt.NDArray[np.int32]  # (T,)
+    triangle_boundary: npt.NDArray[np.int32]  # (T,)
     spheres: npt.NDArray[np.float64]  # (S, 4)
-    sphere_material: npt.NDArray[np.uint32]
-    sphere_emission: npt.NDArray[np.int32]
-    sphere_boundary: npt.NDArray[np.int32]
-    sphere_inward: npt.NDArray[np.uint8]
+    sphere_material: npt.NDArray[np.uint32]  # (S,)
+    sphere_emission: npt.NDArray[np.int32]  # (S,)
+    sphere_boundary: npt.NDArray[np.int32]  # (S,)
+    sphere_inward: npt.NDArray[np.uint8]  # (S,)
     disks: npt.NDArray[np.float64]  # (D, 3, 3)
-    disk_material: npt.NDArray[np.uint32]
-    disk_emission: npt.NDArray[np.int32]
-    disk_boundary: npt.NDArray[np.int32]
+    disk_material: npt.NDArray[np.uint32]  # (D,)
+    disk_emission: npt.NDArray[np.int32]  # (D,)
+    disk_boundary: npt.NDArray[np.int32]  # (D,)
     reflectance: npt.NDArray[np.float32]  # (M, 3)
-    two_sided: npt.NDArray[np.uint8]
-    material_kind: npt.NDArray[np.uint32]
+    two_sided: npt.NDArray[np.uint8]  # (M,)
+    material_kind: npt.NDArray[np.uint32]  # (M,)
     specular_reflectance: npt.NDArray[np.float32]  # (M, 3)
     specular_transmittance: npt.NDArray[np.float32]  # (M, 3)
     eta: npt.NDArray[np.float32]  # (M, 3)
     k: npt.NDArray[np.float32]  # (M, 3)
-    opacity: npt.NDArray[np.float32]
-    nonlinear: npt.NDArray[np.uint8]
+    opacity: npt.NDArray[np.float32]  # (M,)
+    nonlinear: npt.NDArray[np.uint8]  # (M,)
     emissions: npt.NDArray[np.float32]  # (E, 3)
     environment: npt.NDArray[np.float32]  # (3,)
     boundaries: npt.NDArray[np.int32]  # (B, 2)
     sigma_t: npt.NDArray[np.float32]  # (K, 3)
     albedo: npt.NDArray[np.float32]  # (K, 3)
-    phase_g: npt.NDArray[np.float32]
-    light_kind: npt.NDArray[np.uint32]
+    phase_g: npt.NDArray[np.float32]  # (K,)
+    light_kind: npt.NDArray[np.uint32]  # (Q,)
     light_position: npt.NDArray[np.float64]  # (Q, 3)
     light_direction: npt.NDArray[np.float64]  # (Q, 3)
     light_intensity: npt.NDArray[np.float32]  # (Q, 3)

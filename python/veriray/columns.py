@@ -1,4 +1,9 @@
-"""The arrays of a scene: type, shape, default, range and what each indexes."""
+"""The schema of a scene's arrays: each column and table once.
+
+From here `cpp/schema/generate.py` makes `cpp/schema/columns.def` (the native input, its checks and
+its bindings), the types of `_native.pyi`, the fields of `scene_arrays.py` and
+docs/scene-arrays.md. To add a column, add it to `_HASHED_IF_SET` and run `make schema`.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +27,26 @@ MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
 REQUIRED = object()
 
+#: Tables and the letters of their numbers of rows; the table "" has one row.
+TABLES = {
+    "vertices": "V",
+    "triangles": "T",
+    "spheres": "S",
+    "disks": "D",
+    "materials": "M",
+    "emissions": "E",
+    "boundaries": "B",
+    "media": "K",
+    "lights": "Q",
+}
+
 
 @dataclass(frozen=True)
 class Column:
     """One array: a row of shape `width` for each row of `table`.
 
-    default: what a row holds if the array is not given. indexes: the table whose rows it names.
+    default: what a row holds if the array is not given. low, high: of each number; open: both are
+    excluded. indexes: the table whose rows it names, and -1 for none if that is the default.
     """
 
     table: str
@@ -36,53 +55,134 @@ class Column:
     default: Any = REQUIRED
     low: float = -math.inf
     high: float = math.inf
+    open: bool = False
     indexes: str = ""
+    doc: str = ""
 
 
-def _index(table: str, of: str, default: Any = REQUIRED) -> Column:
-    return Column(table, np.uint32 if default is REQUIRED else np.int32, (), default, indexes=of)
+def _index(table: str, of: str, default: Any = REQUIRED, *, doc: str) -> Column:
+    dtype = np.uint32 if default is REQUIRED else np.int32
+    return Column(table, dtype, (), default, indexes=of, doc=doc)
+
+
+def _material(table: str) -> Column:
+    return _index(table, "materials", doc="its material")
+
+
+def _emission(table: str) -> Column:
+    return _index(table, "emissions", -1, doc="what its front emits; -1 for nothing")
+
+
+def _boundary(table: str) -> Column:
+    return _index(table, "boundaries", -1, doc="the media on its sides; -1 for no change")
 
 
 _BIG = MAX_COORDINATE
+_ALWAYS_HASHED: dict[str, Column] = {
+    "vertices": Column("vertices", np.float64, (3,), low=-_BIG, high=_BIG, doc="world units"),
+    "normals": Column(
+        "vertices", np.float64, (3,), 0.0, -_BIG, _BIG,
+        doc="shading normals of unit length, or zero for none; a triangle is smooth if its three "
+        "are not zero",
+    ),
+    "triangles": Column(
+        "triangles", np.uint32, (3,), indexes="vertices",
+        doc="cross(v1 - v0, v2 - v0) is on the front side",
+    ),
+    "triangle_material": _material("triangles"),
+    "triangle_emission": _emission("triangles"),
+    "triangle_boundary": _boundary("triangles"),
+    "spheres": Column(
+        "spheres", np.float64, (4,), low=-_BIG, high=_BIG, doc="centre, and radius above 0"
+    ),
+    "sphere_material": _material("spheres"),
+    "sphere_emission": _emission("spheres"),
+    "sphere_boundary": _boundary("spheres"),
+    "sphere_inward": Column("spheres", np.bool_, (), False, doc="the front is inside"),
+    "disks": Column(
+        "disks", np.float64, (3, 3), low=-_BIG, high=_BIG,
+        doc="centre and half axes a and b of an ellipse; cross(a, b) is on the front side",
+    ),
+    "disk_material": _material("disks"),
+    "disk_emission": _emission("disks"),
+    "disk_boundary": _boundary("disks"),
+    "reflectance": Column(
+        "materials", np.float32, (3,), low=0.0, high=1.0,
+        doc="of a diffuse surface, or of a plastic's base",
+    ),
+    "two_sided": Column(
+        "materials", np.bool_, (), False, doc="the back scatters as the front does"
+    ),
+    "material_kind": Column(
+        "materials", np.uint32, (), 0, indexes="material kinds", doc="of MATERIAL_KINDS"
+    ),
+    "specular_reflectance": Column(
+        "materials", np.float32, (3,), 1.0, 0.0, 1.0, doc="factor on what a mirror would reflect"
+    ),
+    "specular_transmittance": Column(
+        "materials", np.float32, (3,), 1.0, 0.0, 1.0, doc="factor on what is refracted"
+    ),
+    "eta": Column(
+        "materials", np.float32, (3,), 1.0, 0.0, MAX_ETA,
+        doc="of a conductor the refractive index over that outside (the ideal mirror: eta 0, k 1); "
+        "else the index inside over that outside, three times",
+    ),
+    "k": Column(
+        "materials", np.float32, (3,), 0.0, 0.0, MAX_ETA,
+        doc="of a conductor: the imaginary part of its index",
+    ),
+    "opacity": Column(
+        "materials", np.float32, (), 1.0, 0.0, 1.0, doc="share of the surface that is there"
+    ),
+    "nonlinear": Column(
+        "materials", np.bool_, (), False,
+        doc="colour shifts of a plastic's base by internal scattering",
+    ),
+    "emissions": Column(
+        "emissions", np.float32, (3,), low=0.0, doc="radiance, emitted on the front side only"
+    ),
+    "environment": Column(
+        "", np.float32, (3,), 0.0, low=0.0, doc="constant radiance from far away"
+    ),
+    "boundaries": Column(
+        "boundaries", np.int32, (2,), -1, indexes="media",
+        doc="media inside (behind the front) and outside of a surface; -1 for vacuum",
+    ),
+    "sigma_t": Column("media", np.float32, (3,), low=0.0, doc="extinction per unit length"),
+    "albedo": Column(
+        "media", np.float32, (3,), 0.0, 0.0, 1.0, doc="share of the extinction that scatters"
+    ),
+    "phase_g": Column(
+        "media", np.float32, (), 0.0, -1.0, 1.0, open=True,
+        doc="Henyey and Greenstein's asymmetry in (-1, 1); 0 is isotropic",
+    ),
+    "light_kind": Column("lights", np.uint32, indexes="light kinds", doc="of LIGHT_KINDS"),
+    "light_position": Column("lights", np.float64, (3,), 0.0, -_BIG, _BIG, doc="world units"),
+    "light_direction": Column(
+        "lights", np.float64, (3,), (0.0, 0.0, 1.0), -_BIG, _BIG,
+        doc="of unit length: the way the light goes",
+    ),
+    "light_intensity": Column(
+        "lights", np.float32, (3,), 1.0, 0.0, doc="of a directional light the irradiance across it"
+    ),
+    "light_angles": Column(
+        "lights", np.float64, (2,), (20.0, 15.0), 0.0, 180.0,
+        doc="a spot's cutoff and beam width, degrees from its axis",
+    ),
+}  # fmt: skip
+#: Columns that enter the hash of a scene only where they are not at their default, so that they
+#: change the hash of no scene that does not use them.
+_HASHED_IF_SET: dict[str, Column] = {}
 #: The first column of a table is the one that says how many rows it has.
-COLUMNS: dict[str, Column] = {
-    "vertices": Column("vertices", np.float64, (3,), low=-_BIG, high=_BIG),
-    "normals": Column("vertices", np.float64, (3,), 0.0),
-    "triangles": Column("triangles", np.uint32, (3,), indexes="vertices"),
-    "triangle_material": _index("triangles", "materials"),
-    "triangle_emission": _index("triangles", "emissions", -1),
-    "triangle_boundary": _index("triangles", "boundaries", -1),
-    "spheres": Column("spheres", np.float64, (4,), low=-_BIG, high=_BIG),
-    "sphere_material": _index("spheres", "materials"),
-    "sphere_emission": _index("spheres", "emissions", -1),
-    "sphere_boundary": _index("spheres", "boundaries", -1),
-    "sphere_inward": Column("spheres", np.bool_, (), False),
-    "disks": Column("disks", np.float64, (3, 3), low=-_BIG, high=_BIG),
-    "disk_material": _index("disks", "materials"),
-    "disk_emission": _index("disks", "emissions", -1),
-    "disk_boundary": _index("disks", "boundaries", -1),
-    "reflectance": Column("materials", np.float32, (3,), low=0.0, high=1.0),
-    "two_sided": Column("materials", np.bool_, (), False),
-    "material_kind": Column("materials", np.uint32, (), 0, indexes="material kinds"),
-    "specular_reflectance": Column("materials", np.float32, (3,), 1.0, 0.0, 1.0),
-    "specular_transmittance": Column("materials", np.float32, (3,), 1.0, 0.0, 1.0),
-    "eta": Column("materials", np.float32, (3,), 1.0, 0.0, MAX_ETA),
-    "k": Column("materials", np.float32, (3,), 0.0, 0.0, MAX_ETA),
-    "opacity": Column("materials", np.float32, (), 1.0, 0.0, 1.0),
-    "nonlinear": Column("materials", np.bool_, (), False),
-    "emissions": Column("emissions", np.float32, (3,), low=0.0),
-    "environment": Column("", np.float32, (3,), low=0.0),
-    "boundaries": Column("boundaries", np.int32, (2,), -1, indexes="media"),
-    "sigma_t": Column("media", np.float32, (3,), low=0.0),
-    "albedo": Column("media", np.float32, (3,), 0.0, 0.0, 1.0),
-    "phase_g": Column("media", np.float32, (), 0.0),
-    "light_kind": Column("lights", np.uint32, indexes="light kinds"),
-    "light_position": Column("lights", np.float64, (3,), 0.0, -_BIG, _BIG),
-    "light_direction": Column("lights", np.float64, (3,), (0.0, 0.0, 1.0)),
-    "light_intensity": Column("lights", np.float32, (3,), 1.0, 0.0),
-    "light_angles": Column("lights", np.float64, (2,), (20.0, 15.0), 0.0, 180.0),
-}
-_SIZES = {"material kinds": len(MATERIAL_KINDS), "light kinds": len(LIGHT_KINDS)}
+COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}
+#: How many values there are of what is no table.
+KINDS = {"material kinds": len(MATERIAL_KINDS), "light kinds": len(LIGHT_KINDS)}
+
+
+def hashed(name: str, values: Array) -> bool:
+    """Whether a column with these values is part of the scene's hash."""
+    column = COLUMNS[name]
+    return name in _ALWAYS_HASHED or not bool((values == _fill(column)).all())
 
 
 def checked(given: Mapping[str, Any]) -> dict[str, Array]:
@@ -97,10 +197,10 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
         first = column.table not in rows
         length = None if first else rows[column.table]
         shape = (length, *column.width) if column.table else column.width
-        if value is None and column.table:
+        if value is None:
             if length and column.default is REQUIRED:
                 raise SceneError(f"{name} is missing; there are {length} {column.table}")
-            arrays[name] = np.full((length or 0, *column.width), _fill(column), column.dtype)
+            arrays[name] = np.full([n or 0 for n in shape], _fill(column), column.dtype)
             arrays[name].setflags(write=False)
         else:
             arrays[name] = array(name, value, column.dtype, shape)
@@ -108,14 +208,13 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
             rows[column.table] = len(arrays[name])
     for name, column in COLUMNS.items():
         if column.indexes:
-            size = _SIZES.get(column.indexes) or rows.get(column.indexes, 0)
+            size = KINDS.get(column.indexes) or rows.get(column.indexes, 0)
             low = 0 if column.dtype is np.uint32 else -1
             in_range(name, arrays[name], low, size - 1, f" (there are {size} {column.indexes})")
         elif column.dtype is not np.bool_:
-            in_range(name, arrays[name], column.low, column.high)
+            in_range(name, arrays[name], column.low, column.high, open_=column.open)
     _check_shapes(arrays)
     _check_materials(arrays)
-    in_range("phase_g", arrays["phase_g"], -1.0, 1.0, open_=True)
     _check_lights(arrays)
     return arrays
 

@@ -19,9 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .camera import Camera, Film
-from .columns import COLUMNS, LIGHT_KINDS, checked
+from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
 from .numeric import MAX_COORDINATE, array, choice, in_range, number, path_text, shown, texts, whole
+from .scene_arrays import SceneArrays
 from .shipped import SHIPPED, find_shipped
 
 Array = npt.NDArray[Any]
@@ -32,54 +33,24 @@ SAMPLERS = ("independent", "sobol")
 _DERIVED = ("_array_digest", "_native_forms")
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """Everything a renderer needs, as read-only arrays in world units.
+_NONE: Any = None  # until the scene is made
 
-    Shapes. vertices (V, 3) float64, normals (V, 3) float64 of unit length: shading normals, zero
-    for none; a triangle is smooth if its three are not zero. triangles (T, 3) uint32;
-    cross(v1 - v0, v2 - v0) is on the front side. spheres (S, 4) float64: centre and radius > 0;
-    sphere_inward (S,) bool: the front is inside. disks (D, 3, 3) float64: centre and half axes a
-    and b of an ellipse; cross(a, b) is on the front side.
-    Each has columns, for triangles triangle_material (T,) uint32 into the materials,
-    triangle_emission (T,) int32 into emissions, -1 for none, triangle_boundary (T,) int32 into
-    boundaries, -1 for none, triangle_shape (T,) uint32 into shape_names, for masks and messages
-    only; for spheres and disks the same with sphere_ and disk_.
 
-    Materials. material_kind (M,) uint32 into MATERIAL_KINDS. reflectance (M, 3) float32 in [0, 1]:
-    of a diffuse surface, or of a plastic's base. specular_reflectance, specular_transmittance
-    (M, 3) float32 in [0, 1]. eta, k (M, 3) float32: of a conductor the refractive index over that
-    outside (the ideal mirror is eta 0, k 1); else eta is the interior index over the exterior one
-    in all three. opacity (M,) float32: share of the surface that is there. two_sided (M,) bool;
-    nonlinear (M,) bool: colour shifts of a plastic's base by internal scattering.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene(SceneArrays):
+    """Everything a renderer needs: arrays in world units, camera, film and settings.
 
-    Media. sigma_t (K, 3) float32 extinction per unit length, albedo (K, 3) float32 in [0, 1],
-    phase_g (K,) float32 in (-1, 1): Henyey-Greenstein's asymmetry, 0 is isotropic. boundaries
-    (B, 2) int32: the media inside (behind the front) and outside of a surface, -1 for vacuum.
-
-    Light. emissions (E, 3) float32 radiance >= 0, emitted on the front side only. environment (3,)
-    float32 constant radiance. light_kind (Q,) uint32 into LIGHT_KINDS, light_position (Q, 3)
-    float64, light_direction (Q, 3) float64 of unit length (the way the light goes),
-    light_intensity (Q, 3) float32 (of a directional light the irradiance), light_angles (Q, 2)
-    float64: a spot's cutoff and beam width in degrees from its axis.
+    The arrays are those of `veriray.scene_arrays.SceneArrays` (docs/scene-arrays.md), and
+    triangle_shape (T,), sphere_shape (S,), disk_shape (D,) uint32 into shape_names, for masks and
+    messages only.
 
     max_depth counts as Mitsuba's does (1 emission only, 2 direct light, -1 unlimited); rr_depth is
     the first depth with Russian roulette; sampler (of SAMPLERS), spp and seed are
     the file's sampler settings.
 
-    None stands for an empty table, or for the default of a column: no normals, no emission, no
-    boundary, diffuse, specular colours 1, eta 1, k 0, opacity 1, isotropic, cutoff 20, beam 15.
     Raises SceneError naming array, index, value and expected range. Zero-area triangles are kept.
     """
 
-    vertices: Array
-    triangles: Array
-    triangle_material: Array
-    triangle_emission: Array
-    reflectance: Array
-    two_sided: Array
-    emissions: Array
-    environment: Array
     camera: Camera
     film: Film
     max_depth: int = -1
@@ -87,37 +58,10 @@ class Scene:
     sampler: str = "independent"
     spp: int = 4
     seed: int = 0
-    triangle_shape: Array | None = None
+    triangle_shape: Array = _NONE
+    sphere_shape: Array = _NONE
+    disk_shape: Array = _NONE
     shape_names: tuple[str, ...] = ()
-    normals: Array | None = None
-    triangle_boundary: Array | None = None
-    spheres: Array | None = None
-    sphere_material: Array | None = None
-    sphere_emission: Array | None = None
-    sphere_boundary: Array | None = None
-    sphere_inward: Array | None = None
-    sphere_shape: Array | None = None
-    disks: Array | None = None
-    disk_material: Array | None = None
-    disk_emission: Array | None = None
-    disk_boundary: Array | None = None
-    disk_shape: Array | None = None
-    material_kind: Array | None = None
-    specular_reflectance: Array | None = None
-    specular_transmittance: Array | None = None
-    eta: Array | None = None
-    k: Array | None = None
-    opacity: Array | None = None
-    nonlinear: Array | None = None
-    boundaries: Array | None = None
-    sigma_t: Array | None = None
-    albedo: Array | None = None
-    phase_g: Array | None = None
-    light_kind: Array | None = None
-    light_position: Array | None = None
-    light_direction: Array | None = None
-    light_intensity: Array | None = None
-    light_angles: Array | None = None
 
     def __post_init__(self) -> None:
         arrays = checked({name: getattr(self, name) for name in COLUMNS})
@@ -141,7 +85,7 @@ class Scene:
         if not isinstance(self.film, Film):
             raise SceneError(f"film is {type(self.film).__name__}, expected Film")
         choice("sampler", self.sampler, SAMPLERS)
-        whole("camera medium", self.camera.medium, -1, len(_array(self.sigma_t)) - 1)
+        whole("camera medium", self.camera.medium, -1, len(self.sigma_t) - 1)
         values = {
             "max_depth": whole("max_depth", self.max_depth, -1, MAX_PATH_DEPTH),
             "rr_depth": whole("rr_depth", self.rr_depth, 1, 2**31 - 1),
@@ -171,6 +115,8 @@ class Scene:
         digest = hashlib.sha256(b"veriray scene 2\n")
         for name in COLUMNS:
             values: Array = getattr(self, name)
+            if not hashed(name, values):
+                continue
             digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
             digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
         return self.__dict__.setdefault("_array_digest", digest)
@@ -267,13 +213,13 @@ class Scene:
         to_world[:3, 3] *= factor
         lens = ("near_clip", "far_clip", "aperture_radius", "focus_distance")
         lengths: dict[str, Any] = {name: getattr(camera, name) * factor for name in lens}
-        intensity = _array(self.light_intensity).astype(np.float64)
-        near = _array(self.light_kind) != LIGHT_KINDS.index("directional")
+        intensity = self.light_intensity.astype(np.float64)
+        near = self.light_kind != LIGHT_KINDS.index("directional")
         with np.errstate(over="ignore"):
             intensity[near] *= factor * factor
-            sigma_t = _array(self.sigma_t).astype(np.float64) / factor
+            sigma_t = self.sigma_t.astype(np.float64) / factor
         places: dict[str, Any] = {
-            name: _array(getattr(self, name)) * factor
+            name: getattr(self, name) * factor
             for name in ("vertices", "spheres", "disks", "light_position")
         }
         return self._with_arrays(
@@ -291,12 +237,6 @@ class Scene:
             name: getattr(self, name).astype(np.float64) * factor for name in names
         }
         return self._with_arrays(**changed)
-
-
-def _array(values: Array | None) -> Array:
-    """A column of a finished Scene, in which none is None."""
-    assert values is not None
-    return values
 
 
 def load_file(

@@ -1,0 +1,102 @@
+"""The array fields of a scene. Made by cpp/schema/generate.py from python/veriray/columns.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+_NONE: Any = None  # until the scene is made
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SceneArrays:
+    """The arrays of a scene, read-only; None when given stands for an empty table or the default.
+
+    vertices (V, 3) float64: world units
+    normals (V, 3) float64: shading normals of unit length, or zero for none; a triangle is smooth
+        if its three are not zero (default 0.0)
+    triangles (T, 3) uint32: cross(v1 - v0, v2 - v0) is on the front side (index of vertices)
+    triangle_material (T,) uint32: its material (index of materials)
+    triangle_emission (T,) int32: what its front emits; -1 for nothing (index of emissions, default
+        -1)
+    triangle_boundary (T,) int32: the media on its sides; -1 for no change (index of boundaries,
+        default -1)
+    spheres (S, 4) float64: centre, and radius above 0
+    sphere_material (S,) uint32: its material (index of materials)
+    sphere_emission (S,) int32: what its front emits; -1 for nothing (index of emissions, default
+        -1)
+    sphere_boundary (S,) int32: the media on its sides; -1 for no change (index of boundaries,
+        default -1)
+    sphere_inward (S,) bool: the front is inside (default False)
+    disks (D, 3, 3) float64: centre and half axes a and b of an ellipse; cross(a, b) is on the front
+        side
+    disk_material (D,) uint32: its material (index of materials)
+    disk_emission (D,) int32: what its front emits; -1 for nothing (index of emissions, default -1)
+    disk_boundary (D,) int32: the media on its sides; -1 for no change (index of boundaries, default
+        -1)
+    reflectance (M, 3) float32: of a diffuse surface, or of a plastic's base (in [0, 1])
+    two_sided (M,) bool: the back scatters as the front does (default False)
+    material_kind (M,) uint32: of MATERIAL_KINDS (default 0)
+    specular_reflectance (M, 3) float32: factor on what a mirror would reflect (in [0, 1], default
+        1.0)
+    specular_transmittance (M, 3) float32: factor on what is refracted (in [0, 1], default 1.0)
+    eta (M, 3) float32: of a conductor the refractive index over that outside (the ideal mirror: eta
+        0, k 1); else the index inside over that outside, three times (in [0, 1e+06], default 1.0)
+    k (M, 3) float32: of a conductor: the imaginary part of its index (in [0, 1e+06], default 0.0)
+    opacity (M,) float32: share of the surface that is there (in [0, 1], default 1.0)
+    nonlinear (M,) bool: colour shifts of a plastic's base by internal scattering (default False)
+    emissions (E, 3) float32: radiance, emitted on the front side only (in [0, infinity))
+    environment (3,) float32: constant radiance from far away (in [0, infinity), default 0.0)
+    boundaries (B, 2) int32: media inside (behind the front) and outside of a surface; -1 for vacuum
+        (index of media, default -1)
+    sigma_t (K, 3) float32: extinction per unit length (in [0, infinity))
+    albedo (K, 3) float32: share of the extinction that scatters (in [0, 1], default 0.0)
+    phase_g (K,) float32: Henyey and Greenstein's asymmetry in (-1, 1); 0 is isotropic (in (-1, 1),
+        default 0.0)
+    light_kind (Q,) uint32: of LIGHT_KINDS
+    light_position (Q, 3) float64: world units (default 0.0)
+    light_direction (Q, 3) float64: of unit length: the way the light goes (default (0.0, 0.0, 1.0))
+    light_intensity (Q, 3) float32: of a directional light the irradiance across it (in [0,
+        infinity), default 1.0)
+    light_angles (Q, 2) float64: a spot's cutoff and beam width, degrees from its axis (in [0, 180],
+        default (20.0, 15.0))
+    """
+
+    vertices: Array = _NONE
+    normals: Array = _NONE
+    triangles: Array = _NONE
+    triangle_material: Array = _NONE
+    triangle_emission: Array = _NONE
+    triangle_boundary: Array = _NONE
+    spheres: Array = _NONE
+    sphere_material: Array = _NONE
+    sphere_emission: Array = _NONE
+    sphere_boundary: Array = _NONE
+    sphere_inward: Array = _NONE
+    disks: Array = _NONE
+    disk_material: Array = _NONE
+    disk_emission: Array = _NONE
+    disk_boundary: Array = _NONE
+    reflectance: Array = _NONE
+    two_sided: Array = _NONE
+    material_kind: Array = _NONE
+    specular_reflectance: Array = _NONE
+    specular_transmittance: Array = _NONE
+    eta: Array = _NONE
+    k: Array = _NONE
+    opacity: Array = _NONE
+    nonlinear: Array = _NONE
+    emissions: Array = _NONE
+    environment: Array = _NONE
+    boundaries: Array = _NONE
+    sigma_t: Array = _NONE
+    albedo: Array = _NONE
+    phase_g: Array = _NONE
+    light_kind: Array = _NONE
+    light_position: Array = _NONE
+    light_direction: Array = _NONE
+    light_intensity: Array = _NONE
+    light_angles: Array = _NONE

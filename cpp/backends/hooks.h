@@ -7,9 +7,9 @@
 #include <stdexcept>
 #include <string>
 
+#include "bsdfs/bsdf.h"
 #include "film/lane_sums.h"
 #include "lights/light.h"
-#include "materials/material.h"
 #include "media/medium.h"
 
 namespace veriray {
@@ -194,14 +194,16 @@ VR_HD void evaluate_sphere(const typename L::F* x, typename L::F* y) {
 // A grey material seen from wo: kind, front (1: wo sees it), albedo, specular reflectance and
 // transmittance, eta, k, n (on wo's side), wo.
 template <class L>
-VR_HD Bsdf<L, (1u << kMaterialCount) - 1u> bsdf_of(const typename L::F* x) {
+VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x) {
     using F = typename L::F;
     const Vec3<F> n{x[7], x[8], x[9]}, wo{x[10], x[11], x[12]};
-    Bsdf<L, (1u << kMaterialCount) - 1u> b;
+    Bsdf<L, kAllKinds> b;
     b.kind = to_uint(x[0]);
     using S = Spectrum<F>;
-    b.albedo = S::all(x[2]), b.reflection = S::all(x[3]), b.transmission = S::all(x[4]);
-    b.eta = S::all(x[5]), b.k = S::all(x[6]);
+    auto& p = b.parameters;
+    p.reflectance = S::all(x[2]);
+    p.specular_reflectance = S::all(x[3]), p.specular_transmittance = S::all(x[4]);
+    p.eta = S::all(x[5]), p.k = S::all(x[6]);
     b.set_view(n, dot(n, wo), x[1] > F(0.f));
     return b;
 }
@@ -213,15 +215,15 @@ VR_HD void evaluate_bsdf(Function which, const typename L::F* x, typename L::F* 
     const auto b = bsdf_of<L>(x);
     if (which == Function::kBsdfSample) {
         const Vec3<F> wo{x[10], x[11], x[12]};
-        const BsdfSample<L> s = b.sample(wo, x[13], x[14], x[15]);
+        const BsdfSample<L> s = b.sample(wo, {x[13], x[14], x[15]});
         put(y, s.wi);
         y[3] = s.weight[0], y[4] = s.pdf_sa;
         y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
-        y[7] = select(b.eta[0] > none, b.fresnel.reflected, none);
+        y[7] = select(b.parameters.eta[0] > none, b.view.fresnel.reflected, none);
         return;
     }
-    const F cos_i = dot(b.n, Vec3<F>{x[13], x[14], x[15]});
-    const auto lit = b.smooth() & (cos_i > none);
+    const F cos_i = dot(b.view.n, Vec3<F>{x[13], x[14], x[15]});
+    const auto lit = b.scatters() & (cos_i > none);
     const BsdfValue<F> value = b.eval(max(cos_i, none));
     y[0] = select(lit, value.f_cos[0], none), y[1] = select(lit, value.pdf_sa, none);
     y[2] = b.pass_through()[0];

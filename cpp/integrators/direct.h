@@ -21,7 +21,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         (has(kRectangleLights) ? shape_bit(LightShape::kRectangle) : 0u) |
         (has(kSphereLights) ? shape_bit(LightShape::kSphere) : 0u) |
         (has(kDeltaLights) ? kDeltaShapes : 0u) |
-        (has(kDielectric | kPass | kMedia) ? shape_bit(LightShape::kTouching) : 0u);
+        (has(kRefraction | kPass | kMedia) ? shape_bit(LightShape::kTouching) : 0u);
 
     using Sampler = LightSampler<L, kShapes>;
 
@@ -130,7 +130,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         F cosine = dot(ns, wo);
         Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
         bsdf.set_view(ns, cosine, at.front);
-        const F opacity = surface_column(scene, at.row, kSurfaceOpacity);
+        const F opacity = surface_column(scene, at.row, kSurface_opacity);
         const F open = F(1.f) - opacity;
         const S share = fma(bsdf.pass_through(), opacity, S::all(open));
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);

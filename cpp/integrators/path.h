@@ -148,7 +148,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         else if (segment + 1 < s.rr_depth)
             return active;
         F most = max_channel(path.throughput);
-        if constexpr (has(kDielectric)) most = most * path.scale;
+        if constexpr (has(kRefraction)) most = most * path.scale;
         plays = plays & (most < F(1.f));
         if (none(plays)) return active;
         const F q =
@@ -210,7 +210,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
         bsdf.set_view(vertex.ns, cos_o, at.front);
         M pass = nobody, covered = valid;
         if constexpr (has(kPass)) {
-            const F opacity = surface_column(scene, at.row, kSurfaceOpacity);
+            const F opacity = surface_column(scene, at.row, kSurface_opacity);
             const M thin = valid & (opacity < F(1.f));
             if (any(thin)) {
                 const U u =
@@ -241,15 +241,15 @@ struct PathTracer : DirectLight<L, kFeatures> {
             vertex.g = medium_column(scene, path.medium, kMediumG);
         }
         if constexpr (has(kAnyLight)) {
-            const M receives = ((scatters & bsdf.smooth()) | collided) & !deep;
+            const M receives = ((scatters & bsdf.scatters()) | collided) & !deep;
             if (scene.lights.count && any(receives))
                 request(scene, s, path, vertex, bsdf, segment, random, receives, shadow);
         }
         U lobe(0u);
-        if constexpr (!Material::kDiffuseOnly)
+        if constexpr (Material::kChooses)
             lobe =
                 random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).z;
-        BsdfSample<L> next = bsdf.sample(wo, uniform(random.z), uniform(random.w), uniform(lobe));
+        BsdfSample<L> next = bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)});
         if constexpr (has(kPass)) {
             next.pass = (next.pass & scatters & valid) | pass;
             next.transmitted = next.transmitted & !pass;
@@ -301,17 +301,17 @@ struct PathTracer : DirectLight<L, kFeatures> {
                               const Surface<L>& at, const Vertex& vertex, const Material& bsdf,
                               const BsdfSample<L>& next, M pass) {
         path.throughput = path.throughput * next.weight;
-        if constexpr (has(kDielectric | kPass)) {
+        if constexpr (has(kRefraction | kPass)) {
             const M through = next.transmitted | pass;
             if constexpr (has(kMedia)) path.medium = medium_beyond(scene, path, at, through);
         }
         V from = vertex.p;
-        if constexpr (has(kDielectric))
+        if constexpr (has(kRefraction))
             from = select(next.transmitted, fma(vertex.ng, -at.offset, at.p), from);
         path.ray.o = select(pass, path.ray.o, from);
-        if constexpr (has(kDielectric))
-            path.scale =
-                select(next.transmitted, path.scale * (bsdf.relative * bsdf.relative), path.scale);
+        if constexpr (has(kRefraction))
+            path.scale = select(next.transmitted,
+                                path.scale * (bsdf.view.relative * bsdf.view.relative), path.scale);
         path.ray.d = next.wi;
         path.pdf_sa = select(pass, path.pdf_sa, next.pdf_sa);
         if constexpr (has(kPass)) {
@@ -368,12 +368,8 @@ struct PathTracer : DirectLight<L, kFeatures> {
                            F cos_o) {
         M dark = (!at.front) & (surface_column(scene, at.row, kSurfaceTwoSided) <= F(0.f));
         if constexpr (has(kSmooth)) dark = dark | !(cos_o > F(0.f));
-        M black = max_channel(bsdf.albedo) <= F(0.f);
-        if constexpr (!Material::kDiffuseOnly) {
-            black = black & bsdf.is(MaterialKind::kDiffuse);
-            if constexpr (has(kPass)) dark = dark & !bsdf.is(MaterialKind::kNull);
-        }
-        return dark | black;
+        if constexpr (has(kPass)) dark = dark & !bsdf.only_passes();
+        return dark | bsdf.black();
     }
 
     // Lanes that may not scatter again.

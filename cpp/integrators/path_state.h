@@ -21,7 +21,7 @@ struct PathState {
     Ray<L> ray;
     Spectrum<F> throughput, radiance;
     F pdf_sa;     // of the direction at the last scattering; 0 where no light sample competes
-    F scale;      // kDielectric: undoes the compression of radiance, for roulette
+    F scale;      // kRefraction: undoes the compression of radiance, for roulette
     F travelled;  // kPass: the ray has passed all up to this distance
     U passed;     // kPass: and, of what lies there, the primitives up to this one
     U vertices;   // kPass: scatterings so far
@@ -30,7 +30,7 @@ struct PathState {
 
 // Of the fields below, those that say how far the ray has come.
 inline constexpr uint32_t kPassedField = 3;
-constexpr uint32_t travelled_field(uint32_t features) { return features & kDielectric ? 14 : 13; }
+constexpr uint32_t travelled_field(uint32_t features) { return features & kRefraction ? 14 : 13; }
 
 // The one list of a path's fields, for the schedulers that store it: f(index, lanes&), u(index,
 // lanes&).
@@ -42,7 +42,7 @@ VR_HD void each_field(Path& p, FloatField f, UintField u) {
     f(9, p.radiance[0]), f(10, p.radiance[1]), f(11, p.radiance[2]);
     f(12, p.pdf_sa);
     u(0, p.pixel), u(1, p.sample);
-    if constexpr (kFeatures & kDielectric) f(13, p.scale);
+    if constexpr (kFeatures & kRefraction) f(13, p.scale);
     if constexpr (kFeatures & kPass) {
         f(travelled_field(kFeatures), p.travelled);
         u(2, p.vertices);
@@ -53,7 +53,7 @@ VR_HD void each_field(Path& p, FloatField f, UintField u) {
 // Fields that some stages need alone; the ray's are the first 6.
 inline constexpr uint32_t kRadianceField = 9, kPixelField = 0, kSampleField = 1;
 constexpr uint32_t path_floats(uint32_t features) {
-    return 13 + ((features & kDielectric) ? 1 : 0) + ((features & kPass) ? 1 : 0);
+    return 13 + ((features & kRefraction) ? 1 : 0) + ((features & kPass) ? 1 : 0);
 }
 constexpr uint32_t path_uints(uint32_t features) {
     return 2 + ((features & kPass) ? 2 : 0) + ((features & kMedia) ? 1 : 0);

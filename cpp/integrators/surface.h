@@ -37,15 +37,7 @@ struct SurfaceReader {
     static constexpr bool has(uint32_t features) { return (kFeatures & features) != 0; }
     static constexpr uint32_t kTreeKinds =
         kTreeTriangles | (has(kSpheres) ? kTreeSpheres : 0u) | (has(kDisks) ? kTreeDisks : 0u);
-    static constexpr uint32_t kMaterials =
-        (has(kDiffuse) ? material_bit(MaterialKind::kDiffuse) : 0u) |
-        (has(kConductor) ? material_bit(MaterialKind::kConductor) : 0u) |
-        (has(kDielectric) ? material_bit(MaterialKind::kDielectric) : 0u) |
-        (has(kPlastic) ? material_bit(MaterialKind::kPlastic) : 0u) |
-        (has(kPass)
-             ? material_bit(MaterialKind::kThinDielectric) | material_bit(MaterialKind::kNull)
-             : 0u);
-    using Material = Bsdf<L, kMaterials>;
+    using Material = Bsdf<L, kinds_of(kFeatures)>;
 
     static constexpr bool kOneLane = std::is_same_v<F, float>;
 
@@ -354,17 +346,21 @@ struct SurfaceReader {
         return S::of([&](uint32_t k) { return surface_column(scene, row, c + k); });
     }
 
+    static VR_HD void read(const SceneView& scene, U row, uint32_t c, F& value) {
+        value = surface_column(scene, row, c);
+    }
+    static VR_HD void read(const SceneView& scene, U row, uint32_t c, S& value) {
+        value = surface_spectrum(scene, row, c);
+    }
     static VR_HD Material material(const SceneView& scene, U row) {
         Material m;
-        m.kind = U(static_cast<uint32_t>(MaterialKind::kDiffuse));
-        if constexpr (!Material::kDiffuseOnly) {
+        m.kind = U(only_kind(kinds_of(kFeatures)));
+        if constexpr (!Material::kOneKind)
             m.kind = to_uint(surface_column(scene, row, kSurfaceKind));
-            m.reflection = surface_spectrum(scene, row, kSurfaceReflection);
-            m.transmission = surface_spectrum(scene, row, kSurfaceTransmission);
-            m.eta = surface_spectrum(scene, row, kSurfaceEta);
-            if constexpr (has(kConductor)) m.k = surface_spectrum(scene, row, kSurfaceK);
-        }
-        m.albedo = surface_spectrum(scene, row, kSurfaceAlbedo);
+#define VR_PARAMETER(name, width)                     \
+    if constexpr (Material::reads(kParameter_##name)) \
+        read(scene, row, kSurface_##name, m.parameters.name);
+#include "schema/materials.def"
         return m;
     }
 };

@@ -76,8 +76,7 @@ void check_input(const SceneInput& in) {
     for (size_t i = 0; i < in.spheres.count; ++i)
         if (!(in.spheres.data[4 * i + 3] > 0)) fail("spheres", i, "has no radius above 0");
     for (size_t m = 0; m < in.materials_rows(); ++m)
-        if (in.material_kind.data[m] != static_cast<uint32_t>(MaterialKind::kConductor) &&
-            !(in.eta.data[3 * m] > 0))
+        if (!(kMetalKinds >> in.material_kind.data[m] & 1u) && !(in.eta.data[3 * m] > 0))
             fail("eta", m, "holds 0; a transparent material needs more");
     for (size_t i = 0; i < in.light_kind.count; ++i) {
         if (in.light_kind.data[i] != 1) continue;

@@ -4,6 +4,8 @@
 
 #include <cstdint>
 
+#include "bsdfs/closures.h"
+
 namespace veriray {
 
 enum Feature : uint32_t {
@@ -23,16 +25,19 @@ enum Feature : uint32_t {
     kClip = 1u << 13,  // near or far clipping that can cut something
     kLens = 1u << 14,
     kSignedFilter = 1u << 15,  // a filter with negative lobes
-    kDiffuse = 1u << 16,
-    kConductor = 1u << 17,
-    kDielectric = 1u << 18,
-    kPlastic = 1u << 19,
-    kPass = 1u << 20,  // null, mask, thin dielectric: straight through
-    kMedia = 1u << 21,
-    kChromatic = 1u << 22,        // a medium whose extinction depends on the channel
-    kRectangleLights = 1u << 23,  // near to what they light: sampled by solid angle
-    kAllFeatures = (1u << 24) - 1,
+    kRefraction = 1u << 16,    // a material that changes the direction of what goes through
+    kPass = 1u << 17,          // a mask, or a material that lets light straight through
+    kMedia = 1u << 18,
+    kChromatic = 1u << 19,        // a medium whose extinction depends on the channel
+    kRectangleLights = 1u << 20,  // near to what they light: sampled by solid angle
+    kFirstMaterial = 1u << 21,    // a bit for each kind of material, in their order
+    kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
+inline constexpr uint32_t kOtherFeatures = 21, kFeatureCount = kOtherFeatures + kMaterialCount;
+static_assert(kFeatureCount <= 32);
+
+constexpr uint32_t materials(uint32_t kinds) { return kFirstMaterial * kinds; }
+constexpr uint32_t kinds_of(uint32_t features) { return features / kFirstMaterial; }
 
 inline constexpr const char* kFeatureNames[] = {
     "quads",         "polygons",      "disks",
@@ -40,30 +45,33 @@ inline constexpr const char* kFeatureNames[] = {
     "area_lights",   "many_lights",   "triangle_lights",
     "disk_lights",   "sphere_lights", "delta_lights",
     "environment",   "clip",          "lens",
-    "signed_filter", "diffuse",       "conductor",
-    "dielectric",    "plastic",       "pass",
+    "signed_filter", "refraction",    "pass",
     "media",         "chromatic",     "rectangle_lights"};
-inline constexpr uint32_t kFeatureCount = 24;
+constexpr const char* feature_name(uint32_t bit) {
+    return bit < kOtherFeatures ? kFeatureNames[bit] : kClosures[bit - kOtherFeatures].name;
+}
 
 // With these points may leave a plane by a bound of their own.
 inline constexpr uint32_t kLocalOffsets =
-    kBvh | kDisks | kDeltaLights | kDielectric | kPass | kMedia;
+    kBvh | kDisks | kDeltaLights | kRefraction | kPass | kMedia;
+inline constexpr uint32_t kPlainMaterials = materials(kPlainKinds);
+inline constexpr uint32_t kSolid = kAllFeatures & ~(kPass | materials(kPassing));
 inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // that are sampled
 inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
                                          kTriangleLights | kRectangleLights | kEnvironment | kClip |
-                                         kDiffuse;
-inline constexpr uint32_t kDiffuseMesh =
-    kBvh | kSmooth | kAreaLights | kManyLights | kTriangleLights | kEnvironment | kClip | kDiffuse;
+                                         kPlainMaterials;
+inline constexpr uint32_t kDiffuseMesh = kBvh | kSmooth | kAreaLights | kManyLights |
+                                         kTriangleLights | kEnvironment | kClip | kPlainMaterials;
 
 // Compiled variants, smallest first; the last holds everything.
 inline constexpr uint32_t kVariants[] = {
-    kQuads | kAreaLights | kDiffuse,
+    kQuads | kAreaLights | kPlainMaterials,
     kDiffuseFlat,
     kDiffuseMesh,
     kDiffuseMesh | kRectangleLights,
-    kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic | kPass),
-    kAllFeatures & ~(kMedia | kChromatic | kPass),
-    kSpheres | kEnvironment | kDielectric | kMedia,
+    kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),
+    kSolid & ~(kMedia | kChromatic),
+    kSpheres | kEnvironment | kMedia | kRefraction | materials(kRefracting),
     kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
     kAllFeatures & ~(kMedia | kChromatic),
     kAllFeatures,

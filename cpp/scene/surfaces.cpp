@@ -71,32 +71,32 @@ void HostScene::set_surfaces(const SceneInput& in) {
         const auto put = [&](uint32_t c, float x) {
             surfaces[static_cast<size_t>(c) * view.surface_stride + r] = x;
         };
-        const auto kind = static_cast<MaterialKind>(in.material_kind.data[m]);
-        const bool glass = kind == MaterialKind::kDielectric ||
-                           kind == MaterialKind::kThinDielectric || kind == MaterialKind::kNull;
-        const bool plastic = kind == MaterialKind::kPlastic;
-        const double eta = static_cast<double>(in.eta.data[3 * m]);
-        const double inside = plastic ? diffuse_reflectance_inside(eta) : 0;
-        for (uint32_t k = 0; k < 3; ++k) {
-            const double rho = static_cast<double>(in.reflectance.data[3 * m + k]);
-            const double base = rho / (1 - (in.nonlinear.data[m] ? rho : 1) * inside) / (eta * eta);
-            put(kSurfaceAlbedo + k, static_cast<float>(plastic ? base : rho));
-            if (emission >= 0) put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
-            put(kSurfaceReflection + k, in.specular_reflectance.data[3 * m + k]);
-            put(kSurfaceTransmission + k, in.specular_transmittance.data[3 * m + k]);
-            put(kSurfaceEta + k, in.eta.data[3 * m + k]);
-            put(kSurfaceK + k, in.k.data[3 * m + k]);
+        const uint32_t kind = in.material_kind.data[m];
+        const ClosureTraits& closure = kClosures[kind];
+#define VR_PARAMETER(name, width)        \
+    for (uint32_t k = 0; k < width; ++k) \
+        put(kSurface_##name + k, in.name.data[static_cast<size_t>(width) * m + k]);
+#include "schema/materials.def"
+        if (kCoatedKinds >> kind & 1u) {
+            const double eta = static_cast<double>(in.eta.data[3 * m]);
+            const double inside = diffuse_reflectance_inside(eta);
+            for (uint32_t k = 0; k < 3; ++k) {
+                const double rho = static_cast<double>(in.reflectance.data[3 * m + k]);
+                put(kSurface_reflectance + k,
+                    static_cast<float>(rho / (1 - (in.nonlinear.data[m] ? rho : 1) * inside) /
+                                       (eta * eta)));
+            }
         }
-        put(kSurfaceTwoSided, in.two_sided.data[m] || glass ? 1.f : 0.f);
+        for (uint32_t k = 0; k < 3 && emission >= 0; ++k)
+            put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
+        put(kSurfaceTwoSided, in.two_sided.data[m] || closure.clear ? 1.f : 0.f);
         put(kSurfaceKind, static_cast<float>(kind));
-        put(kSurfaceOpacity, in.opacity.data[m]);
         const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;
         put(kSurfaceInside, border ? static_cast<float>(border[0] + 1) : -1.f);
         put(kSurfaceOutside, border ? static_cast<float>(border[1] + 1) : -1.f);
 
-        static constexpr uint32_t kNeeds[kMaterialCount] = {kDiffuse, kConductor, kDielectric,
-                                                            kPlastic, kPass,      kPass};
-        view.features |= kNeeds[static_cast<uint32_t>(kind)];
+        view.features |= materials(1u << kind) | (closure.refracts ? kRefraction : 0u) |
+                         (closure.passes ? kPass : 0u);
         if (in.opacity.data[m] < 1) view.features |= kPass;
     }
     view.surface_of = tree ? surface_of.data() : nullptr;

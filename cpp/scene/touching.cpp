@@ -85,9 +85,7 @@ bool overlap(const Box& a, const Box& b, double coarse, Box& out) {
 }
 
 bool clear_material(const SceneInput& in, uint32_t m) {
-    const auto kind = static_cast<MaterialKind>(in.material_kind.data[m]);
-    return kind == MaterialKind::kDielectric || kind == MaterialKind::kThinDielectric ||
-           kind == MaterialKind::kNull || in.opacity.data[m] < 1;
+    return kClosures[in.material_kind.data[m]].clear || in.opacity.data[m] < 1;
 }
 
 // Least and largest |g.p + c| over a box.

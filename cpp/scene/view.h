@@ -4,6 +4,7 @@
 // by a power of two.
 #pragma once
 
+#include "bsdfs/bsdf.h"
 #include "camera/perspective.h"
 #include "film/filter.h"
 #include "geometry/bvh.h"
@@ -11,7 +12,6 @@
 #include "geometry/polygon.h"
 #include "geometry/sphere.h"
 #include "lights/light.h"
-#include "materials/material.h"
 #include "media/medium.h"
 #include "scene/features.h"
 
@@ -41,17 +41,15 @@ inline constexpr uint32_t kSmoothFloats = 12;
 
 // Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
-    kSurfaceAlbedo,                                 // 3 columns
-    kSurfaceRadiance = kSurfaceAlbedo + 3,          // emitted by the front: 3 columns
-    kSurfaceTwoSided = kSurfaceRadiance + 3,        // 1 or 0
-    kSurfaceKind = kSurfaceTwoSided + 1,            // MaterialKind
-    kSurfaceReflection = kSurfaceKind + 1,          // specular: 3 columns
-    kSurfaceTransmission = kSurfaceReflection + 3,  // specular: 3 columns
-    kSurfaceEta = kSurfaceTransmission + 3,         // inside over outside: 3 columns
-    kSurfaceK = kSurfaceEta + 3,                    // 3 columns
-    kSurfaceOpacity = kSurfaceK + 3,                // below it a ray meets the material
-    kSurfaceInside = kSurfaceOpacity + 1,           // medium behind; -1: no change of medium
-    kSurfaceOutside = kSurfaceInside + 1,           // medium in front
+// of the material; opacity: below it a ray meets the material
+#define VR_PARAMETER(name, width) \
+    kSurface_##name, kSurface_##name##_last = kSurface_##name + width - 1,
+#include "schema/materials.def"
+    kSurfaceRadiance,                         // emitted by the front: 3 columns
+    kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
+    kSurfaceKind,                             // MaterialKind
+    kSurfaceInside,                           // medium behind; -1: no change of medium
+    kSurfaceOutside,                          // medium in front
     kSurfaceColumns,
 };
 

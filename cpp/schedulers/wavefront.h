@@ -130,7 +130,7 @@ template <uint32_t kFeatures>
 VR_HD uint32_t kind_of(const SceneView& scene, const Hit<Scalar>& hit) {
     using Tracer = PathTracer<Scalar, kFeatures>;
     if (!(hit.t < kInfinity)) return 0;
-    if constexpr (Tracer::Material::kDiffuseOnly) return 1;
+    if constexpr (Tracer::Material::kOneKind) return 1;
     uint32_t row = hit.primitive;
     if constexpr (Tracer::has(kBvh))
         if (scene.surface_of) row = scene.surface_of[row];

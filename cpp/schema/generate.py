@@ -51,6 +51,12 @@ DEF = """\
 #undef VR_INDEX
 #undef VR_KIND
 """
+MATERIALS = """\
+// What closures know of a material: its numbers. {source}
+//   VR_PARAMETER(name, numbers)
+{rows}
+#undef VR_PARAMETER
+"""
 FIELDS = '''\
 """The array fields of a scene. {source}"""
 
@@ -150,6 +156,13 @@ def definitions() -> str:
     return DEF.format(source=SOURCE, rows="\n".join(rows))
 
 
+def parameters() -> str:
+    """materials.def."""
+    rows = [f"VR_PARAMETER({name}, {math.prod(column.width)})" for name, column in COLUMNS.items()
+            if column.table == "materials" and column.dtype is np.float32]  # fmt: skip
+    return MATERIALS.format(source=SOURCE, rows="\n".join(rows))
+
+
 def fields() -> str:
     """scene_arrays.py."""
     doc = []
@@ -199,6 +212,7 @@ def main() -> int:
     native = ROOT / "python" / "veriray" / "_native.pyi"
     wanted = {
         ROOT / "cpp" / "schema" / "columns.def": definitions(),
+        ROOT / "cpp" / "schema" / "materials.def": parameters(),
         ROOT / "python" / "veriray" / "scene_arrays.py": fields(),
         ROOT / "docs" / "scene-arrays.md": page(),
         native: stub(native.read_text("utf-8")),

@@ -107,17 +107,17 @@ Sampler find_sampler(const std::string& name) {
 std::vector<std::string> feature_names(uint32_t mask) {
     std::vector<std::string> names;
     for (uint32_t k = 0; k < kFeatureCount; ++k)
-        if (mask >> k & 1u) names.push_back(kFeatureNames[k]);
+        if (mask >> k & 1u) names.push_back(feature_name(k));
     return names;
 }
 
 uint32_t to_mask(const std::vector<std::string>& names) {
     uint32_t mask = 0;
     for (const std::string& name : names) {
-        const auto* found = std::find(kFeatureNames, kFeatureNames + kFeatureCount, name);
-        if (found == kFeatureNames + kFeatureCount)
-            throw py::value_error("feature '" + name + "' is unknown");
-        mask |= 1u << (found - kFeatureNames);
+        uint32_t k = 0;
+        while (k < kFeatureCount && name != feature_name(k)) ++k;
+        if (k == kFeatureCount) throw py::value_error("feature '" + name + "' is unknown");
+        mask |= 1u << k;
     }
     return mask;
 }

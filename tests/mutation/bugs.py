@@ -116,13 +116,15 @@ CASES = {
 }  # fmt: skip
 
 _PATH, _DIRECT = "integrators/path.h", "integrators/direct.h"
-_SURFACE, _MATERIAL = "integrators/surface.h", "materials/material.h"
-_FRESNEL, _MEDIUM, _TABLES = "materials/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
+_SURFACE, _BSDF = "integrators/surface.h", "bsdfs/bsdf.h"
+_DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic"))
+_THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
+_FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
 _LIGHT, _ROUND_LIGHT = "lights/light.h", "lights/sphere_light.h"
 _RECTANGLE = "lights/rectangle_light.h"
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 
-_EVAL = "albedo * pdf"
+_EVAL = "p.reflectance * pdf"
 _PDF = "column(kLightInverse) * (inverse * inverse) * cos_light"
 _Q = "min(F(1.f), to_float(to_uint(min(most, F(1.f)) * F(0x1p24f)) + U(1u)) * F(0x1p-24f))"
 _DIVIDE = "path.throughput * (F(1.f) / q)"
@@ -134,7 +136,8 @@ _SKY = "S::from(scene.lights.environment)"
 _FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
 _LIT = "hit_emitter(scene, path, hit, at, valid)"
 _T_MAX = "shadow.t_max = light.distance;"
-_ALBEDO = "surface_spectrum(scene, row, kSurfaceAlbedo)"
+_ALBEDO = "m.parameters.reflectance"
+_READ = "return m;"
 _KEEP = "samples_[c][at[k]] = x[c][k];"
 _JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
 _PHASE = "henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w))"
@@ -148,8 +151,8 @@ _CORNELL = (
     *(_wall(shape, 0.5) for shape in ("floor", "back_wall", "right_wall", "left_wall")),
     Mutant("MIS weight missing on hit", _PATH, _HIT, "emitted"),
     Mutant("MIS weight missing on light sample", _DIRECT, _NEE, "light.inverse_pdf"),
-    Mutant("cosine missing in eval", _MATERIAL, _EVAL, "albedo * F(kInvPi)"),
-    Mutant("cosine squared in eval", _MATERIAL, _EVAL, "albedo * (pdf * cos_i)"),
+    Mutant("cosine missing in eval", _DIFFUSE, _EVAL, "p.reflectance * F(kInvPi)"),
+    Mutant("cosine squared in eval", _DIFFUSE, _EVAL, "p.reflectance * (pdf * cos_i)"),
     Mutant("roulette not divided out", _PATH, _DIVIDE, "path.throughput"),
     Mutant("roulette divided by q squared", _PATH, _DIVIDE,
            "path.throughput * (F(1.f) / (q * q))"),
@@ -164,10 +167,12 @@ _CORNELL = (
     Mutant("samples clamped at 10", "schedulers/tile.h", _KEEP,
            "samples_[c][at[k]] = __builtin_fminf(x[c][k], 10.f * job.film.scale);"),
     Mutant("half-pixel shift", _PATH, _JITTER_X, _JITTER_X.replace("0.5f", "1.0f")),
-    Mutant("albedo +1 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.01f)"),
-    Mutant("albedo +0.2 %", _SURFACE, _ALBEDO, _ALBEDO + " * F(1.002f)"),
-    Mutant("albedo +1 % in the weight only", _MATERIAL, "s.weight = albedo;",
-           "s.weight = albedo * F(1.01f);"),
+    Mutant("albedo +1 %", _SURFACE, _READ,
+           f"{{ {_ALBEDO} = {_ALBEDO} * F(1.01f); return m; }}"),
+    Mutant("albedo +0.2 %", _SURFACE, _READ,
+           f"{{ {_ALBEDO} = {_ALBEDO} * F(1.002f); return m; }}"),
+    Mutant("albedo +1 % in the weight only", _DIFFUSE, "s.weight = p.reflectance;",
+           "s.weight = p.reflectance * F(1.01f);"),
     Mutant("one segment more", _PATH, _CUT,
            "segment >= s.max_depth ? scatters : no_lanes(scatters)", "depth 3"),
     Mutant("one segment less", _PATH, _CUT,
@@ -182,8 +187,9 @@ _CORNELL = (
     Mutant("back of the lamp emits when sampled", _LIGHT, "-dot(n, s.wi)",
            "(s.distance = s.distance * select(dot(n, s.wi) > F(0.f), F(.99f), F(1.f)),"
            " abs(dot(n, s.wi)))", "lowered lamp"),
-    Mutant("no 1/pi", _MATERIAL, _EVAL, "albedo * cos_i", "quick"),
-    Mutant("albedo squared", _SURFACE, _ALBEDO, f"{_ALBEDO} * {_ALBEDO}", "quick"),
+    Mutant("no 1/pi", _DIFFUSE, _EVAL, "p.reflectance * cos_i", "quick"),
+    Mutant("albedo squared", _SURFACE, _READ,
+           f"{{ {_ALBEDO} = {_ALBEDO} * {_ALBEDO}; return m; }}", "quick"),
     Mutant("hemisphere of half the azimuth", _MAPPING,
            "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};",
            "sincos_2pi(v * F(.5f), s, c); const F r = sqrt(u); "
@@ -206,44 +212,47 @@ _CORNELL = (
 )  # fmt: skip
 
 _MATERIALS = (
-    Mutant("index not inverted from inside", _MATERIAL, "F(1.f) / eta[0]", "eta[0]",
+    Mutant("index not inverted from inside", _DIELECTRIC, "F(1.f) / p.eta[0]", "p.eta[0]",
            "dielectric_sphere"),
     Mutant("no total reflection", _FRESNEL, "select(total & !(eta == F(1.f)), F(1.f), r)",
            "select(total, F(0.f), r)", "glass_cube"),
     Mutant("Fresnel of one polarisation", _FRESNEL, "F(0.5f) * fma(s, s, p * p)", "s * s",
            "dielectric_sphere"),
-    Mutant("reflection chosen 2 % too often", _MATERIAL, "lobe < fresnel.reflected",
-           "lobe < fresnel.reflected + F(.02f)", "dielectric_sphere"),
-    Mutant("radiance not scaled on refraction", _MATERIAL,
-           "transmission * (F(1.f) / (relative * relative))", "transmission", "lamp_in_medium"),
-    Mutant("tint of refraction left out", _MATERIAL,
-           "transmission * (F(1.f) / (relative * relative))",
-           "V{F(1.f), F(1.f), F(1.f)} * (F(1.f) / (relative * relative))", "dielectric_sphere"),
-    Mutant("thin slab of one surface", _MATERIAL, "(r + r) / (F(1.f) + r)", "r", "thindielectric"),
-    Mutant("thin slab clear to light samples", _MATERIAL,
-           "transmission * (F(1.f) - fresnel.reflected)", "one", "thindielectric"),
-    Mutant("plastic's base lit through no coat", _MATERIAL, "value.f_cos * (in * base)",
-           "value.f_cos * base", "plastic"),
-    Mutant("plastic's base seen through no coat", _MATERIAL, "value.f_cos * (in * base)",
-           "value.f_cos * in", "plastic"),
-    Mutant("choice of plastic's base left out of its density", _MATERIAL, "pdf * base", "pdf",
+    Mutant("reflection chosen 2 % too often", _DIELECTRIC, "r.lobe < view.fresnel.reflected",
+           "r.lobe < view.fresnel.reflected + F(.02f)", "dielectric_sphere"),
+    Mutant("radiance not scaled on refraction", _DIELECTRIC,
+           "F(1.f) / (relative * relative)", "F(1.f)", "lamp_in_medium"),
+    Mutant("tint of refraction left out", _DIELECTRIC,
+           "p.specular_transmittance * compression(view.relative)",
+           "S::all(compression(view.relative))", "dielectric_sphere"),
+    Mutant("thin slab of one surface", _THIN, "(r + r) / (F(1.f) + r)", "r", "thindielectric"),
+    Mutant("thin slab clear to light samples", _THIN,
+           "p.specular_transmittance * (F(1.f) - view.fresnel.reflected)", "S::all(F(1.f))",
+           "thindielectric"),
+    Mutant("plastic's base lit through no coat", _PLASTIC,
+           "(entering(view, cos_i) * base)", "(base)", "plastic"),
+    Mutant("plastic's base seen through no coat", _PLASTIC,
+           "(entering(view, cos_i) * base)", "(entering(view, cos_i))", "plastic"),
+    Mutant("choice of plastic's base left out of its density", _PLASTIC, "pdf * base", "pdf",
            "plastic of high index"),
-    Mutant("plastic's base sampled through no coat", _MATERIAL, "albedo * in", "albedo",
+    Mutant("plastic's base sampled through no coat", _PLASTIC,
+           "p.reflectance * entering(view, cos_i)", "p.reflectance",
            "plastic"),
     Mutant("no reflection within plastic", _TABLES,
-           "plastic ? diffuse_reflectance_inside(eta) : 0", "0", "plastic"),
+           "diffuse_reflectance_inside(eta)", "0.0", "plastic"),
     Mutant("plastic never nonlinear", _TABLES, "in.nonlinear.data[m] ? rho : 1", "1",
            "plastic_nonlinear"),
-    Mutant("mirror with a density for the heuristic", _MATERIAL,
-           "select(mirror, F(0.f), s.pdf_sa)", "select(mirror, F(1.f), s.pdf_sa)",
-           "conductor_mirror"),
+    Mutant("mirror with a density for the heuristic", _METAL,
+           "return delta(reflected(wo, view.n, view.cos_o), tint, nobody);",
+           "{ Sample s = delta(reflected(wo, view.n, view.cos_o), tint, nobody);"
+           " s.pdf_sa = F(1.f); return s; }", "conductor_mirror"),
     Mutant("conductor without k", _FRESNEL, "k * k", "F(0.f)", "conductor_metal"),
     Mutant("mask's opacity inverted", _PATH, "thin & !(uniform(u) < opacity)",
            "thin & (uniform(u) < opacity)", "mask"),
     Mutant("mask's opacity inverted for light samples", _DIRECT, "F(1.f) - opacity", "opacity",
            "mask"),
     Mutant("one-sided materials reflect on both sides", _TABLES,
-           "in.two_sided.data[m] || glass ? 1.f : 0.f", "1.f", "twosided"),
+           "in.two_sided.data[m] || closure.clear ? 1.f : 0.f", "1.f", "twosided"),
     Mutant("pass counted as a vertex", _PATH,
            "select(pass, path.vertices, path.vertices + U(1u))", "path.vertices + U(1u)",
            "mask, depth 3"),

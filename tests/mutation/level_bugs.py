@@ -7,7 +7,9 @@ EXPLAINED: why a bug may survive.
 from __future__ import annotations
 
 from tests.mutation.bugs import (
+    _BSDF,
     _CAMERA,
+    _DIFFUSE,
     _DIRECT,
     _DIVIDE,
     _EVAL,
@@ -18,11 +20,12 @@ from tests.mutation.bugs import (
     _LIGHT,
     _LIT,
     _MAPPING,
-    _MATERIAL,
     _MEDIUM,
+    _METAL,
     _NEE,
     _PATH,
     _PDF,
+    _PLASTIC,
     _Q,
     _ROUND_LIGHT,
     _SKY,
@@ -46,7 +49,6 @@ _MIS = "F(1.f) / fma(ratio, ratio, F(1.f))"
 _UNIFORM = "to_float(u >> 8) * F(0x1p-24f)"
 _BETWEEN = "and_less(and_less(inside, typename L::F(0.f), t), t, t_max)"
 _KEY = "random_key(s.seed, upper, s.sampler)"
-_MET = "select(mirror, colour, s.weight)"
 _PHASE_PDF = "F(0.25f * kInvPi)"
 _SIGMA = "put(kMediumSigma + k, scaled);"
 _CHANCE = "lookup(scene.light_chance, prim, scene.primitive_count)"
@@ -74,7 +76,7 @@ def _keep(condition: str, value: str) -> str:
 
 
 _SCATTERING = (
-    Mutant("pi twice", _MATERIAL, _EVAL, "albedo * (pdf * F(kInvPi))"),
+    Mutant("pi twice", _DIFFUSE, _EVAL, "p.reflectance * (pdf * F(kInvPi))"),
     Mutant("hemisphere sampled evenly", _MAPPING, _HEMISPHERE,
            "sincos_2pi(v, s, c); const F z = F(1.f) - u, r = sqrt(F(1.f) - z * z);"
            " return {r * c, r * s, z};"),
@@ -82,9 +84,10 @@ _SCATTERING = (
            "sincos_2pi(v, s, c); const F r = F(.98f) * sqrt(u);"
            " return {r * c, r * s, sqrt(F(1.f) - r * r)};"),
     Mutant("albedo squared at the first bounce", _PATH,
-           "bsdf.sample(wo, uniform(random.z), uniform(random.w), uniform(lobe))",
-           "[&] { BsdfSample<L> n = bsdf.sample(wo, uniform(random.z), uniform(random.w),"
-           " uniform(lobe)); if (segment == 0) n.weight = n.weight * n.weight; return n; }()"),
+           "bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)})",
+           "[&] { BsdfSample<L> n = bsdf.sample(wo, {uniform(random.z),"
+           " uniform(random.w), uniform(lobe)});"
+           " if (segment == 0) n.weight = n.weight * n.weight; return n; }()"),
     Mutant("light from below the horizon", _DIRECT, "active & (cos_i > F(0.f))", "active",
            also=(("material.eval(cos_i)", "material.eval(abs(cos_i))"),)),
     Mutant("Schlick for Fresnel", _FRESNEL, _R,
@@ -94,11 +97,12 @@ _SCATTERING = (
     Mutant("Fresnel +2 %", _FRESNEL, _R, "F(0.51f) * fma(s, s, p * p)"),
     Mutant("total reflection from outside", _FRESNEL, "sin2_t >= F(1.f)",
            "sin2_t * (eta * eta) * (eta * eta) >= F(1.f)"),
-    Mutant("Fresnel twice in the mirror", _MATERIAL, _MET,
-           "select(mirror, kInterface ? colour * fresnel.reflected : colour, s.weight)"),
-    Mutant("metal mirrors without Fresnel", _MATERIAL,
-           "reflection * S::of([&](uint32_t i) { return fresnel_conductor(c, eta[i], k[i]); })",
-           "reflection"),
+    Mutant("Fresnel twice in the mirror", _PLASTIC,
+           "delta(reflected(wo, view.n, view.cos_o), p.specular_reflectance, nobody)",
+           "delta(reflected(wo, view.n, view.cos_o),"
+           " p.specular_reflectance * view.fresnel.reflected, nobody)"),
+    Mutant("metal mirrors without Fresnel", _METAL, "p.specular_reflectance * fresnel",
+           "p.specular_reflectance"),
     Mutant("refraction starts on the wrong side", _PATH, "fma(vertex.ng, -at.offset, at.p)",
            "fma(vertex.ng, at.offset, at.p)"),
     Mutant("reflection starts on the wrong side", _PATH, _LEAVE,
@@ -360,7 +364,7 @@ _REPAIRED = (  # bugs that veriray had
            "gap > 1e30 * size"),
     Mutant("smooth glass black from behind its normal", "integrators/surface.h",
            "bsdf.clear() & !(cosine > F(0.f))", "bsdf.clear() & !bsdf.clear()"),
-    Mutant("smooth glass loses the wrong side", _MATERIAL, "wrong = wrong & clear();",
+    Mutant("smooth glass loses the wrong side", _BSDF, "wrong = wrong & clear();",
            "wrong = wrong & !wrong;"),
     Mutant("inward lamp unseen through its own surface", "scene/lights.cpp",
            "inside && lets_through(in, kSphereGroup, source.row) ? -2.f : prim(kPrimSide)",

@@ -19,7 +19,7 @@ BINDINGS = ROOT / "python" / "bindings"
 RANKS = {
     "core": 0, "schema": 0,
     "geometry": 1, "spectrum": 1,
-    "materials": 2, "media": 2, "lights": 2, "camera": 2, "film": 2,
+    "bsdfs": 2, "media": 2, "lights": 2, "camera": 2, "film": 2,
     "scene": 3,
     "integrators": 4,
     "schedulers": 5,
@@ -134,7 +134,7 @@ def test_no_floating_point_switches(path: Path) -> None:
 def test_sizes(path: Path) -> None:
     lines = len(path.read_text("utf-8").splitlines())
     if path.suffix == ".h":
-        assert lines < (200 if room(path) == "materials" else 400)
+        assert lines < (200 if room(path) == "bsdfs" else 400)
         assert "#pragma once" in path.read_text("utf-8")
 
 
@@ -207,3 +207,26 @@ def test_version_is_stated_once() -> None:
 
     assert version("veriray") == veriray.__version__
     assert f"## {veriray.__version__}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+
+
+def test_nothing_outside_bsdfs_names_a_closure() -> None:
+    text = (CPP / "bsdfs" / "closures.h").read_text("utf-8")
+    names = re.findall(r"X\((\w+)\)", text)
+    assert len(names) == len(veriray.columns.MATERIAL_KINDS)
+    pattern = re.compile(rf"\bk(?:Kind)?(?:{'|'.join(names)})\b|\b(?:{'|'.join(names)})\s*<")
+    for path in SOURCES:
+        if room(path) != "bsdfs":
+            assert not pattern.findall(code(path)), path
+
+
+def test_kinds_are_those_of_the_closures() -> None:
+    bsdfs = CPP / "bsdfs"
+    listed = re.findall(r"X\((\w+)\)", (bsdfs / "closures.h").read_text("utf-8"))
+    names = {}
+    for path in bsdfs.glob("*.h"):
+        found = re.search(
+            r"struct (\w+) : Closure<L>.*?kName = \"(\w+)\"", path.read_text(), re.DOTALL
+        )
+        if found:
+            names[found[1]] = found[2]
+    assert tuple(names[name] for name in listed) == veriray.columns.MATERIAL_KINDS

@@ -1,0 +1,129 @@
+// A surface's material by lane: which closure it is, with its parameters and the view along wo.
+#pragma once
+
+#include "bsdfs/closures.h"
+
+namespace veriray {
+
+// kKinds: the kinds that can occur.
+template <class L, uint32_t kKinds>
+struct Bsdf {
+    using F = typename L::F;
+    using U = typename L::U;
+    using M = typename L::M;
+    using V = Vec3<F>;
+    using S = Spectrum<F>;
+
+    static constexpr bool has(uint32_t kinds) { return (kKinds & kinds) != 0; }
+    static constexpr bool kOneKind = (kKinds & (kKinds - 1u)) == 0;
+    static constexpr bool kChooses = has(kIndexedKinds);  // between lobes
+    static constexpr bool kClear = has(kClearKinds);
+    // Parameters that some of the kinds read.
+    static constexpr bool reads(ParameterBit p) {
+        for (uint32_t k = 0; k < kMaterialCount; ++k)
+            if (has(1u << k) && (kClosures[k].reads & parameter_bit(p))) return true;
+        return false;
+    }
+
+    U kind;
+    MaterialParameters<F> parameters;
+    ClosureView<L> view;
+
+    VR_HD M is(uint32_t which) const { return kind == U(which); }
+    VR_HD M nobody() const { return kind == U(kMaterialCount); }
+
+    // Calls visit(closure, lanes that are it) for the kinds of kWanted that can occur.
+    template <uint32_t kWanted = kAllKinds, class Visit>
+    VR_HD void each(Visit visit) const {
+#define VR_VISIT(C)                                  \
+    if constexpr (has(kWanted & kind_bit(kKind##C))) \
+        visit(C<L>(), kOneKind ? !nobody() : is(kKind##C));
+        VR_CLOSURES(VR_VISIT)
+#undef VR_VISIT
+    }
+    // Lanes of those kinds.
+    template <uint32_t kWanted>
+    VR_HD M any_of() const {
+        M found = nobody();
+        each<kWanted>([&](auto, M m) { found = found | m; });
+        return found;
+    }
+
+    VR_HD M clear() const { return any_of<kClearKinds>(); }     // delta lobes let light through
+    VR_HD M scatters() const { return any_of<kScattering>(); }  // light samples reach it
+    VR_HD M only_passes() const { return any_of<kAllKinds & ~kReflecting>(); }
+    VR_HD M black() const {
+        M found = nobody();
+        each([&](auto closure, M m) { found = found | (m & closure.black(parameters, nobody())); });
+        return found;
+    }
+
+    // wo looks along `n` at a cosine; from_front: at the front.
+    VR_HD void set_view(V n, F cosine, M from_front) {
+        view.n = n;
+        view.cos_o = cosine;
+        if constexpr (has(kIndexedKinds)) {
+            view.relative = parameters.eta[0];
+            each<kIndexedKinds>([&](auto closure, M m) {
+                view.relative = select(m, closure.index(parameters, from_front), view.relative);
+            });
+            const FresnelSplit<F> one = fresnel_dielectric(min(cosine, F(1.f)), view.relative);
+            view.fresnel = one;
+            each<kIndexedKinds>([&](auto closure, M m) {
+                view.fresnel.reflected =
+                    select(m, closure.split(one).reflected, view.fresnel.reflected);
+            });
+        }
+    }
+
+    // Non-delta lobes for light from wi on wo's side; cos_i positive.
+    VR_HD BsdfValue<F> eval(F cos_i) const {
+        BsdfValue<F> value{S::all(F(0.f)), F(0.f)};
+        each<kScattering>([&](auto closure, M m) {
+            const BsdfValue<F> one = closure.eval(parameters, view, cos_i);
+            value.f_cos = kOneKind ? one.f_cos : select(m, one.f_cos, value.f_cos);
+            value.pdf_sa = kOneKind ? one.pdf_sa : select(m, one.pdf_sa, value.pdf_sa);
+        });
+        return value;
+    }
+
+    VR_HD BsdfSample<L> sample(V wo, BsdfNumbers<F> r) const {
+        const F zero(0.f);
+        BsdfSample<L> s{{zero, zero, zero}, S::all(zero), zero, nobody(), nobody()};
+        each([&](auto closure, M m) {
+            if (kOneKind || any(m)) {
+                const BsdfSample<L> one = closure.sample(parameters, view, wo, r, nobody());
+                s = kOneKind ? one : Closure<L>::chosen(m, one, s);
+            }
+        });
+        return s;
+    }
+
+    // Instead of a direction on the wrong side of a smooth surface, for clear lanes of `wrong`: the
+    // lobe that was chosen, about the geometric normal; the mirror where that reflects all.
+    VR_HD void sample_flat(BsdfSample<L>& s, V wo, V ng, M from_front, M wrong) const {
+        if constexpr (has(kClearKinds & kReflecting)) {
+            wrong = wrong & clear();
+            if (none(wrong)) return;
+            Bsdf flat = *this;
+            flat.set_view(ng, dot(ng, wo), from_front);
+            each<kClearKinds & kReflecting>([&](auto closure, M m) {
+                const M through = s.transmitted & (flat.view.fresnel.cos_t > F(0.f));
+                const BsdfSample<L> one =
+                    closure.sample_again(parameters, flat.view, wo, m & through);
+                s = Closure<L>::chosen(wrong & m, one, s);
+            });
+        }
+    }
+
+    // Share of light that goes straight through.
+    VR_HD S pass_through() const {
+        S share = S::all(F(0.f));
+        each<kPassing>([&](auto closure, M m) {
+            share = select(m, closure.pass_through(parameters, view), share);
+        });
+        return share;
+    }
+};
+
+}  // namespace veriray

@@ -1,0 +1,124 @@
+// What closures are made of. A closure is a type template on lanes with these members, of which it
+// states those that differ from the defaults of Closure; closures.h lists them all.
+//
+// Directions point away from the surface. Lobes of a closure are chosen by a number of their own,
+// so that weights stay free of the choice (section 3.4 of H. Dahlberg, "Parallel Path Tracing in
+// CUDA", KTH, 2016).
+#pragma once
+
+#include "bsdfs/fresnel.h"
+#include "core/mapping.h"
+#include "spectrum/spectrum.h"
+
+namespace veriray {
+
+// Parameters of a material, as bits.
+enum ParameterBit : uint32_t {
+#define VR_PARAMETER(name, width) kParameter_##name,
+#include "schema/materials.def"
+    kParameterCount,
+};
+constexpr uint32_t parameter_bit(ParameterBit p) { return 1u << p; }
+
+// Their values by lane; a closure sees those that it reads.
+template <class F>
+struct MaterialParameters {
+    template <uint32_t width>
+    using Value = std::conditional_t<width == 1, F, Spectrum<F>>;
+#define VR_PARAMETER(name, width) Value<width> name;
+#include "schema/materials.def"
+};
+
+template <class F>
+struct BsdfValue {
+    Spectrum<F> f_cos;  // f(wo, wi) |cos wi|
+    F pdf_sa;           // of the non-delta lobes, their choice included
+};
+
+template <class L>
+struct BsdfSample {
+    Vec3<typename L::F> wi;          // unit, world
+    Spectrum<typename L::F> weight;  // f |cos| / pdf
+    typename L::F pdf_sa;            // 0 for a delta lobe
+    typename L::M transmitted;       // wi lies behind the surface
+    typename L::M pass;              // straight through
+};
+
+// A surface as seen along wo.
+template <class L>
+struct ClosureView {
+    Vec3<typename L::F> n;                // shading normal on wo's side
+    typename L::F cos_o;                  // of wo to n, positive
+    FresnelSplit<typename L::F> fresnel;  // of closures with an index
+    typename L::F relative;               // their index beyond over that on wo's side
+};
+
+// Three numbers in [0, 1): a direction and the choice of a lobe.
+template <class F>
+struct BsdfNumbers {
+    F u, v, lobe;
+};
+
+// Defaults: black, opaque, without an index.
+template <class L>
+struct Closure {
+    using F = typename L::F;
+    using M = typename L::M;
+    using V = Vec3<F>;
+    using S = Spectrum<F>;
+    using View = ClosureView<L>;
+    using Parameters = MaterialParameters<F>;
+    using Numbers = BsdfNumbers<F>;
+    using Value = BsdfValue<F>;
+    using Sample = BsdfSample<L>;
+
+    static constexpr bool kScatters = false;  // has non-delta lobes, which light samples reach
+    static constexpr bool kClear = false;     // delta lobes that let light through: two-sided, and
+                                              // not black where normals disagree
+    static constexpr bool kRefracts = false;  // changes the direction of what goes through
+    static constexpr bool kPasses = false;    // lets light straight through
+    static constexpr bool kReflects = true;   // else it only passes
+    static constexpr bool kIndexed = false;   // splits light by Fresnel's equations and index()
+
+    // Of closures with an index: beyond over here, and what is made of the split at one interface.
+    static VR_HD F index(const Parameters& p, M) { return p.eta[0]; }
+    static VR_HD FresnelSplit<F> split(FresnelSplit<F> one) { return one; }
+
+    static VR_HD M black(const Parameters&, M nobody) { return nobody; }
+    static VR_HD Value eval(const Parameters&, const View&, F) { return {S::all(F(0.f)), F(0.f)}; }
+    // Share of light that goes straight through.
+    static VR_HD S pass_through(const Parameters&, const View&) { return S::all(F(0.f)); }
+    // Of clear closures: the lobe chosen again about the normal of `v`; through: it refracts.
+    static VR_HD Sample sample_again(const Parameters&, const View&, V wo, M through) {
+        return {wo, S::all(F(0.f)), F(0.f), through, through};
+    }
+
+    // A delta lobe.
+    static VR_HD Sample delta(V wi, S weight, M nobody) {
+        return {wi, weight, F(0.f), nobody, nobody};
+    }
+    // Lambert's lobe on wo's side; the weight is 1.
+    static VR_HD Sample cosine_lobe(const View& view, F u, F v, F& cos_i, M nobody) {
+        const V local = cosine_hemisphere(u, v);
+        V a, b;
+        orthonormal_frame(view.n, a, b);
+        cos_i = local.z;
+        return {fma(a, local.x, fma(b, local.y, view.n * local.z)), S::all(F(1.f)),
+                cosine_hemisphere_pdf_sa(local.z), nobody, nobody};
+    }
+    static VR_HD M either(M first, M a, M b) { return (first & a) | (!first & b); }
+    static VR_HD Sample chosen(M first, const Sample& a, const Sample& b) {
+        return {select(first, a.wi, b.wi), select(first, a.weight, b.weight),
+                select(first, a.pdf_sa, b.pdf_sa), either(first, a.transmitted, b.transmitted),
+                either(first, a.pass, b.pass)};
+    }
+};
+
+// Takes the members of Closure<L> into a closure.
+#define VR_CLOSURE(L)                                                                            \
+    using typename Closure<L>::F, typename Closure<L>::M, typename Closure<L>::V;                \
+    using typename Closure<L>::S, typename Closure<L>::View, typename Closure<L>::Parameters;    \
+    using typename Closure<L>::Numbers, typename Closure<L>::Value, typename Closure<L>::Sample; \
+    using Closure<L>::delta, Closure<L>::cosine_lobe, Closure<L>::chosen
+
+}  // namespace veriray

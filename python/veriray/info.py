@@ -30,14 +30,12 @@ FEATURES = {
     "clip": "near or far clipping",
     "lens": "a lens with an aperture",
     "signed_filter": "a filter with negative lobes",
-    "diffuse": "diffuse reflection",
-    "conductor": "smooth metal",
-    "dielectric": "refraction",
-    "plastic": "a clear coat on a diffuse base",
+    "refraction": "materials that change the direction of what goes through",
     "pass": "straight through: null, mask, thin dielectric",
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
+    **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }
 
 

@@ -19,7 +19,7 @@ from veriray.shipped import SHIPPED, find_shipped
 from veriray.validate.scenes import Part, camera, make, quad
 
 #: Bytes that a path stores for a feature, above those of every path.
-NEEDS = {"dielectric": 4, "pass": 12, "media": 4}
+NEEDS = {"refraction": 4, "pass": 12, "media": 4}
 SCENES = [*SHIPPED, *sorted((find_shipped("open").parent / "checks").glob("*.xml"))]
 
 

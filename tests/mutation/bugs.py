@@ -279,7 +279,7 @@ _MEDIA = (
     Mutant("free flight 2 % short", _MEDIUM, "exponential(flight)", "F(.98f) * exponential(flight)",
            "thin fog"),
     Mutant("channels weighted evenly, chosen by throughput", _MEDIUM, "inner(w, density)",
-           "(density.x + density.y + density.z) * F(1.f / 3.f)", "chromatic_medium"),
+           "sum(density) * F(1.f / 3.f)", "chromatic_medium"),
     Mutant("phase sampled for -g", _PATH, _PHASE, _PHASE.replace("vertex.g", "-vertex.g"),
            "hg_forward"),
     Mutant("phase of light samples for -g", _DIRECT,

@@ -128,7 +128,7 @@ _ESTIMATOR = (
     Mutant("roulette by luminance", _PATH, _PLAYS,
            "{ most = F(.2126f) * path.throughput[0] + F(.7152f) * path.throughput[1] +"
            " F(.0722f) * path.throughput[2];"
-           " if constexpr (has(kDielectric)) most = most * path.scale;"
+           " if constexpr (has(kRefraction)) most = most * path.scale;"
            " plays = plays & (most < F(1.f)); }"),
     Mutant("roulette capped at 0.95", _PATH, _Q, _Q.replace("min(F(1.f), to", "min(F(.95f), to")),
     Mutant("roulette divided out 1 % too much", _PATH, _DIVIDE,

@@ -16,7 +16,6 @@ namespace veriray {
 enum ParameterBit : uint32_t {
 #define VR_PARAMETER(name, width) kParameter_##name,
 #include "schema/materials.def"
-    kParameterCount,
 };
 constexpr uint32_t parameter_bit(ParameterBit p) { return 1u << p; }
 
@@ -85,13 +84,11 @@ struct Closure {
     static VR_HD FresnelSplit<F> split(FresnelSplit<F> one) { return one; }
 
     static VR_HD M black(const Parameters&, M nobody) { return nobody; }
-    static VR_HD Value eval(const Parameters&, const View&, F) { return {S::all(F(0.f)), F(0.f)}; }
-    // Share of light that goes straight through.
-    static VR_HD S pass_through(const Parameters&, const View&) { return S::all(F(0.f)); }
-    // Of clear closures: the lobe chosen again about the normal of `v`; through: it refracts.
-    static VR_HD Sample sample_again(const Parameters&, const View&, V wo, M through) {
-        return {wo, S::all(F(0.f)), F(0.f), through, through};
-    }
+
+    // Without a default, so that none is forgotten: sample(parameters, view, wo, numbers, nobody);
+    // eval(parameters, view, cos_i) of those that scatter; pass_through(parameters, view), the
+    // share that goes straight through, of those that pass; of clear ones that reflect
+    // sample_again(parameters, view, wo, through), the lobe chosen again about the view's normal.
 
     // A delta lobe.
     static VR_HD Sample delta(V wi, S weight, M nobody) {

@@ -58,7 +58,7 @@ inline constexpr uint32_t kReflecting = kinds_with([](auto& c) { return c.reflec
 inline constexpr uint32_t kIndexedKinds = kinds_with([](auto& c) { return c.indexed; });
 // The kind that most surfaces are of: scenes of it alone have code of their own.
 inline constexpr uint32_t kPlainKinds = kind_bit(kKindDiffuse);
-// Those whose parameters are no index: any is allowed.
+// Those whose eta may be 0, and those whose reflectance is that of a base within a coat.
 inline constexpr uint32_t kMetalKinds = kind_bit(kKindConductor);
 inline constexpr uint32_t kCoatedKinds = kind_bit(kKindPlastic);
 

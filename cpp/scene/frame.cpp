@@ -8,7 +8,8 @@ namespace {
 
 // Distances of the camera, in sizes of the scene, from which the scene's middle is the origin.
 constexpr double kFar = 8;
-// Rounding near the middle, in sizes of the scene, of which 2^8 are not more than a pixel there.
+// 2^8 times the rounding of places near the middle, in sizes of the scene: no more than a pixel
+// there.
 constexpr double kRounded = 0x1p-16;
 // Distances of details, in their sizes, from which another origin is looked for; and primitives of
 // scenes where it is.

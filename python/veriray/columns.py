@@ -181,8 +181,10 @@ KINDS = {"material kinds": len(MATERIAL_KINDS), "light kinds": len(LIGHT_KINDS)}
 
 def hashed(name: str, values: Array) -> bool:
     """Whether a column with these values is part of the scene's hash."""
-    column = COLUMNS[name]
-    return name in _ALWAYS_HASHED or not bool((values == _fill(column)).all())
+    if name in _ALWAYS_HASHED:
+        return True
+    default = COLUMNS[name].default
+    return bool(values.size) and (default is REQUIRED or bool((values != default).any()))
 
 
 def checked(given: Mapping[str, Any]) -> dict[str, Array]:

@@ -22,7 +22,7 @@ from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
 from .numeric import MAX_COORDINATE, array, choice, in_range, number, path_text, shown, texts, whole
-from .scene_arrays import SceneArrays
+from .scene_arrays import _NONE, SceneArrays
 from .shipped import SHIPPED, find_shipped
 
 Array = npt.NDArray[Any]
@@ -31,9 +31,6 @@ Array = npt.NDArray[Any]
 MAX_PATH_DEPTH = 262143
 SAMPLERS = ("independent", "sobol")
 _DERIVED = ("_array_digest", "_native_forms")
-
-
-_NONE: Any = None  # until the scene is made
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -37,3 +37,6 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
     for copy, roughness, same in zip(copies, (at_default, set_), (True, False), strict=True):
         object.__setattr__(copy, "roughness", roughness)
         assert (copy.sha256 == before) == same
+    monkeypatch.setitem(columns.COLUMNS, "knots", Column("curves", np.float64, (3,)))
+    for rows, hashed in ((0, False), (2, True)):  # of a new table: what is there counts, zeros too
+        assert columns.hashed("knots", np.zeros((rows, 3))) == hashed

@@ -1,4 +1,4 @@
-"""Builds the native modules with CMake and ships the scenes inside the package.
+"""Builds the native modules with CMake and ships the scenes inside the package `veriray`.
 
 Environment: VERIRAY_CUDA (auto, 0, 1), VERIRAY_CUDA_ARCH and VERIRAY_CCCL_DIR (see CMakeLists.txt),
 and VERIRAY_JOBS, the number of compilers that run at a time (default: all processors).
@@ -83,14 +83,14 @@ class BuildPy(build_py):
     """Copies scenes/ to veriray/scenes/ in the built package."""
 
     def run(self) -> None:
-        """Start from an empty folder, run the normal step, then add the scenes."""
+        """Start from empty folders, run the normal step, then add the scenes."""
         if self.editable_mode:
             return super().run()
-        package = Path(self.build_lib, "veriray")
-        shutil.rmtree(package, ignore_errors=True)
+        for name in ("veriray", "veriray_bench", "veriray_validate"):
+            shutil.rmtree(Path(self.build_lib, name), ignore_errors=True)
         super().run()
         for file in scene_files():
-            target = package / "scenes" / file
+            target = Path(self.build_lib, "veriray", "scenes", file)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / "scenes" / file, target)
 

@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from veriray.bench.measure import Array, Meter, cpu_count, spread
-from veriray.bench.measure import header as _header
+from veriray_bench.measure import Array, Meter, cpu_count, spread
+from veriray_bench.measure import header as _header
 
 __all__ = ["MITSUBA_BOX", "RESULTS", "ROOT", "Array", "Meter", "cpu_count", "header", "parser",
            "spread", "write"]  # fmt: skip

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from common import ROOT, header, parser, write
 
-from veriray.validate.generators import Numbers, native_numbers, seeded_2016
+from veriray_validate.generators import Numbers, native_numbers, seeded_2016
 
 Array = npt.NDArray[Any]
 

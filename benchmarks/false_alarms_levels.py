@@ -21,9 +21,9 @@ from typing import Any
 from common import RESULTS, header, write
 from scipy import stats
 
-from veriray.validate import CASES, cases, judge, pool
-from veriray.validate.run import held_by
-from veriray.validate.trial import FIRST
+from veriray_validate import CASES, cases, judge, pool
+from veriray_validate.run import held_by
+from veriray_validate.trial import FIRST
 
 
 def work(name: str, device: str, seeds: list[int]) -> list[tuple[str, float | None, float]]:

@@ -15,7 +15,7 @@ import sys
 from common import header, parser, write
 
 import veriray
-from veriray.validate.leaks import MESHES, run
+from veriray_validate.leaks import MESHES, run
 
 
 def main() -> int:

@@ -1,8 +1,8 @@
-"""Makes python/veriray/validate/references: the reference renderer's results for level 5.
+"""Makes python/veriray_validate/references: the reference renderer's results for level 5.
 
     python benchmarks/make_references.py --processes 64 [--scenes NAME ...]
 
-Three independent runs a scene of scenes/checks (see veriray.validate.references). The small one has
+Three independent runs a scene of scenes/checks (see veriray_validate.references). The small one has
 16 samples in each of 32 batches; its noise says how many the other two need so that a bias of
 --target of the whole picture is found, between --least and --most. Work is cut into pieces, each
 with its own seed and a file in --parts, so a stopped run goes on where it was. A scene whose file
@@ -34,9 +34,9 @@ sys.path.insert(0, str(ROOT))
 import reference  # noqa: E402
 import veriray  # noqa: E402
 from veriray.comparison import statistics as st  # noqa: E402
-from veriray.validate import references as store  # noqa: E402
-from veriray.validate.levels.stranger import power  # noqa: E402
-from veriray.validate.scenes import checks  # noqa: E402
+from veriray_validate import references as store  # noqa: E402
+from veriray_validate.levels.stranger import power  # noqa: E402
+from veriray_validate.scenes import checks  # noqa: E402
 
 SMALL = 16  # samples of a batch in the small run
 PIECE = 4  # batches of a piece of the other two

@@ -2,7 +2,7 @@
 
     python benchmarks/make_spectral.py --processes 16
 
-Writes python/veriray/validate/references/cornell_spectral.npz, which level 7 of `veriray validate`
+Writes python/veriray_validate/references/cornell_spectral.npz, which level 7 of `veriray validate`
 compares with. The box is diffuse, so its radiance at a wavelength depends on the reflectances and
 the emission there alone, and one render takes three wavelengths as its R, G and B. 75 of the 76
 measured wavelengths are 25 renders of (404, 504, 604) + 4 k nm; at 400 nm the lamp is dark. One
@@ -40,14 +40,14 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
-from veriray.validate import spectral
+from veriray_validate import spectral
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 FOLDER = ROOT / "scenes" / "cornell"
 BOX = FOLDER / "cornell_box.xml"
-TARGET = ROOT / "python" / "veriray" / "validate" / "references" / "cornell_spectral.npz"
+TARGET = ROOT / "python" / "veriray_validate" / "references" / "cornell_spectral.npz"
 TRIPLES = tuple((404.0 + 4 * k, 504.0 + 4 * k, 604.0 + 4 * k) for k in range(25))
 #: Triples whose batch means are kept: a short-wave one, and one near the observer's peaks.
 KEPT = (10, 24)

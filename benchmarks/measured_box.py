@@ -21,8 +21,8 @@ import numpy.typing as npt
 import veriray
 from veriray.image import to_srgb8
 from veriray.scene import cornell_box
-from veriray.validate import spectral
-from veriray.validate.levels import measured_box as box
+from veriray_validate import spectral
+from veriray_validate.levels import measured_box as box
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "measured-box.md"

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray import Render, film_hash
-from veriray.bench.mitsuba import start
+from veriray_bench.mitsuba import start
 
 __all__ = ["batch_means", "picture", "render", "start"]
 Array = npt.NDArray[Any]

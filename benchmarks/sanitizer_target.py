@@ -17,7 +17,7 @@ from common import ROOT
 import veriray as vr
 from veriray.native_scene import native_scene_arguments
 from veriray.rendering import METHODS, SCHEDULERS
-from veriray.validate.leaks import displaced_icosphere, mesh_scene
+from veriray_validate.leaks import displaced_icosphere, mesh_scene
 
 SIZE = {"width": 16, "height": 12}
 SPP = 2

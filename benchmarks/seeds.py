@@ -33,9 +33,9 @@ from typing import Any
 from common import RESULTS, header, write
 from scipy import stats
 
-from veriray.validate import CASES, cases, judge, pool
-from veriray.validate.run import FAMILY, FULL_EFFORT, MANY, fast_devices, held_by
-from veriray.validate.trial import FIRST, SECOND
+from veriray_validate import CASES, cases, judge, pool
+from veriray_validate.run import FAMILY, FULL_EFFORT, MANY, fast_devices, held_by
+from veriray_validate.trial import FIRST, SECOND
 
 SAVE = 60.0  # seconds between files
 #: verdict, p of the first stage, p of the second, message, seconds, whether the seed matters

@@ -24,7 +24,7 @@ from common import Array, cpu_count, header, parser, spread, write
 import veriray
 from veriray.formats import ply
 from veriray.native_scene import native_scene_arguments, scene_facts
-from veriray.validate.leaks import displaced_icosphere, mesh_scene
+from veriray_validate.leaks import displaced_icosphere, mesh_scene
 
 WIDTHS = (2, 4, 8)
 FOV = 40.0  # degrees

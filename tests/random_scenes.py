@@ -18,7 +18,7 @@ import reference
 import veriray
 from veriray.comparison.statistics import MARGIN
 from veriray.rendering import METHODS
-from veriray.validate.statistics import homogeneous, sidak
+from veriray_validate.statistics import homogeneous, sidak
 
 Array = npt.NDArray[Any]
 SIZE, BATCHES = 6, 32

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from veriray.validate.run import cases, fast_devices
-from veriray.validate.trial import Case, judge
+from veriray_validate.run import cases, fast_devices
+from veriray_validate.trial import Case, judge
 
 DEVICES = fast_devices()
 JOBS = [(c, d) for c in cases() for d in (DEVICES[:1] if c.once else DEVICES)]

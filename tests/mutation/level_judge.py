@@ -2,9 +2,9 @@
 
     python -m tests.mutation.level_judge LEVEL quick|full SECONDS MOST [LOG.json]
 
-with the package to be judged first on PYTHONPATH, alone with its native module. LEVEL 0: the films
-of level 6 that are compared with recorded hashes, which the other levels leave out: they tell that
-something changed, not that it is wrong. SECONDS: of CPU time, after which the level ends as
+with the packages to be judged first on PYTHONPATH, alone with their native module. LEVEL 0: the
+films of level 6 that are compared with recorded hashes, which the other levels leave out: they tell
+that something changed, not that it is wrong. SECONDS: of CPU time, after which the level ends as
 survived; MOST: after which it is killed (SIGXCPU) in a case that does not end. LOG.json: seconds of
 the cases that a sound run passed: they alone run, cheap ones first; without it all run to the end
 and the seconds are told.
@@ -28,8 +28,8 @@ _RECORDED_CASES = "bits.recorded_films*"
 def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, Any]:
     """Verdict on a level."""
     try:
-        from veriray.validate.run import FAMILY, FULL_EFFORT, cases
-        from veriray.validate.trial import FIRST, SECOND, judge
+        from veriray_validate.run import FAMILY, FULL_EFFORT, cases
+        from veriray_validate.trial import FIRST, SECOND, judge
 
         second = min(SECOND, FAMILY / FIRST / (2 * len(cases(full=full))))
         chosen = [

@@ -6,7 +6,7 @@
 
 from the repository root, with veriray installed or on PYTHONPATH. Builds one CPU module that holds
 all bugs of C++ (none where Python's alone are asked for), puts it (and the bugs of Python, one a
-copy) into copies of the package, and runs the quick levels 1 to 8 on each bug and, first, on the
+copy) into copies of the packages, and runs the quick levels 1 to 8 on each bug and, first, on the
 unchanged copy, which must pass; J processes at once. A level ends at its first failed case; a bug
 is caught by a level if a case fails, ends in an error, kills the process or hangs. --first: no
 further levels for a bug that is caught, cheap levels first. --full-survivors: what no quick level
@@ -50,6 +50,7 @@ from veriray import device
 from veriray.files import replacing
 
 RESULT = ROOT / "benchmarks" / "results" / "mutants_levels.json"
+PACKAGES = ("veriray", "veriray_validate")
 LEVELS = (1, 2, 3, 4, 5, 6, 7, 8)
 #: A level stops after LIMIT times the CPU seconds that the unchanged copy takes, but not before
 #: LEAST. A case that goes on for HANG times as long hangs; so does a level after ASLEEP times that
@@ -61,7 +62,7 @@ BUGS = (*(m for m in BUILT if m.file), *PYTHON)
 
 
 class Stand:
-    """Copies of the package, one for all bugs of C++ and one for each of Python.
+    """Copies of the packages, one for all bugs of C++ and one for each of Python.
 
     bugs: those to be judged; where all are of Python the installed module serves.
     """
@@ -79,12 +80,12 @@ class Stand:
         self.answers.mkdir(parents=True, exist_ok=True)
 
     def _package(self, name: str, bug: Mutant | None) -> Path:
-        """A folder for PYTHONPATH: the package as links, the module that holds the bugs, `bug`."""
-        source, folder = ROOT / "python" / "veriray", self.folder / "packages" / name
+        """A folder for PYTHONPATH: packages as links, the module that holds the bugs, `bug`."""
+        source, folder = ROOT / "python", self.folder / "packages" / name
         shutil.rmtree(folder, ignore_errors=True)
-        for file in source.rglob("*"):
+        for file in (f for package in PACKAGES for f in (source / package).rglob("*")):
             if file.is_file() and file.suffix not in (".so", ".pyc"):
-                link = folder / "veriray" / file.relative_to(source)
+                link = folder / file.relative_to(source)
                 link.parent.mkdir(parents=True, exist_ok=True)
                 link.symlink_to(file)
         (folder / "veriray" / "scenes").symlink_to(ROOT / "scenes")

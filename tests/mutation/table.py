@@ -13,7 +13,7 @@ from typing import Any
 from tests.mutation.level_bugs import EXPLAINED
 from tests.mutation.levels import RESULT
 from tests.mutation.mutants import ROOT
-from veriray.validate.trial import LEVELS
+from veriray_validate.trial import LEVELS
 
 
 def page(result: dict[str, Any]) -> str:

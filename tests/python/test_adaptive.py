@@ -103,7 +103,7 @@ def test_errors(settings: dict[str, Any], words: str) -> None:
 
 @pytest.mark.parametrize("pixels", [[1, 1], [2, 1], [40 * 36], []])
 def test_lists_of_pixels_are_checked(pixels: list[int]) -> None:
-    from veriray.validate.trial import Trial
+    from veriray_validate.trial import Trial
 
     trial = Trial("cpu", 1, 1, 1)
     held = trial.native_scene(veriray.cornell_box().with_(**SIZE))

@@ -13,14 +13,14 @@ import pytest
 from scipy import stats
 
 import veriray
-from veriray.bench import SCENARIOS, BenchError, peers, report, run, studies, targets
-from veriray.bench.measure import at_error, errors, mean, mean_error, slope
-from veriray.bench.race import Veriray, compare, race
-from veriray.bench.run import KINDS, choose, read
-from veriray.bench.scenarios import BACKENDS, scene_file
 from veriray.cli import main
 from veriray.info import FEATURES
 from veriray.shipped import SHIPPED
+from veriray_bench import SCENARIOS, BenchError, peers, report, run, studies, targets
+from veriray_bench.measure import at_error, errors, mean, mean_error, slope
+from veriray_bench.race import Veriray, compare, race
+from veriray_bench.run import KINDS, choose, read
+from veriray_bench.scenarios import BACKENDS, scene_file
 
 
 @pytest.fixture(autouse=True)
@@ -172,7 +172,7 @@ def test_a_peer_that_cannot_start_is_a_row(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(peers.VARIANTS, "ghost", {"cpu": "none"})
     path = run("out", "cpu", only=["cold-start"], peers=["ghost"], quick=True)
     result = read(path)
-    assert "No module named veriray.bench.ghost" in result["peers"]["ghost"]["missing"]
+    assert "No module named veriray_bench.ghost" in result["peers"]["ghost"]["missing"]
     row = result["scenarios"]["cold-start"]
     why = result["peers"]["ghost"]["missing"]
     assert list(targets.void_rows(row, absent=True)) == [("ghost", why)]
@@ -217,7 +217,7 @@ def test_cycles_in_its_process(folder: Path) -> None:
 
 
 def test_cycles_refuses_what_it_cannot_render(folder: Path) -> None:
-    from veriray.bench.cycles import Cycles
+    from veriray_bench.cycles import Cycles
 
     with pytest.raises(ValueError, match="spheres, media, dielectric: this peer takes"):
         Cycles(None).load("glass", str(scene_file("glass medium", folder)), {})

@@ -14,6 +14,7 @@ from veriray.shipped import SHIPPED, find_shipped
 ROOT = Path(__file__).resolve().parents[2]
 CPP = ROOT / "cpp"
 BINDINGS = ROOT / "python" / "bindings"
+PACKAGES = ("veriray", "veriray_bench", "veriray_validate")
 
 #: A room includes rooms of smaller rank and itself.
 RANKS = {
@@ -165,12 +166,13 @@ def test_reference_and_package_are_strangers() -> None:
     reference = sorted((ROOT / "reference").rglob("*.py"))
     assert reference
     for path in reference:
-        assert "veriray" not in imported(path), path
-        assert "veriray" not in re.findall(r"import_module\(\W*(\w+)", path.read_text("utf-8")), (
-            path
-        )
-    for path in (ROOT / "python" / "veriray").rglob("*.py"):
-        assert "reference" not in imported(path), path
+        assert not imported(path) & {*PACKAGES}, path
+        assert not {*PACKAGES} & {
+            *re.findall(r"import_module\(\W*(\w+)", path.read_text("utf-8"))
+        }, path
+    for name in PACKAGES:
+        for path in (ROOT / "python" / name).rglob("*.py"):
+            assert "reference" not in imported(path), path
 
 
 def test_commands_print_by_say_alone() -> None:
@@ -187,10 +189,10 @@ def test_commands_print_by_say_alone() -> None:
     assert len(found) == 1 and found[0].startswith("common.py:"), found
 
 
-def test_every_subpackage_is_installed() -> None:
-    source = ROOT / "python" / "veriray"
+@pytest.mark.parametrize("name", PACKAGES)
+def test_every_subpackage_is_installed(name: str) -> None:
+    source, installed = ROOT / "python" / name, Path(veriray.__file__).parents[1] / name
     expected = {str(p.parent.relative_to(source)) for p in source.rglob("__init__.py")}
-    installed = Path(veriray.__file__).parent
     assert expected == {
         str(p.parent.relative_to(installed)) for p in installed.rglob("__init__.py")
     }

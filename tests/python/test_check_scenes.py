@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import veriray
-from veriray.validate import references
-from veriray.validate.levels import stranger
-from veriray.validate.references import Reference, Run
-from veriray.validate.scenes import checks
+from veriray_validate import references
+from veriray_validate.levels import stranger
+from veriray_validate.references import Reference, Run
+from veriray_validate.scenes import checks
 
 FOLDER = Path(__file__).resolve().parents[2] / "scenes" / "checks"
 

@@ -12,9 +12,9 @@ import pytest
 
 import veriray
 from veriray import livebench
-from veriray.bench import compaction
 from veriray.cli import main
 from veriray.livebench import BLOCK_SIZE, aligned
+from veriray_bench import compaction
 
 
 @pytest.fixture(scope="module")

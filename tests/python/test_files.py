@@ -16,10 +16,10 @@ import pytest
 
 import veriray
 from veriray import gallery, image
-from veriray.bench.run import read as read_results
 from veriray.cli import main
 from veriray.errors import SceneError
 from veriray.files import check_writable, open_regular, replacing
+from veriray_bench.run import read as read_results
 
 
 def write(path: Path, content: bytes = b"new") -> None:

@@ -11,7 +11,7 @@ import veriray
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats import mesh
 from veriray.scene import load_dict
-from veriray.validate.scenes import Medium, Part, camera, make, material
+from veriray_validate.scenes import Medium, Part, camera, make, material
 
 CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 PLY = (

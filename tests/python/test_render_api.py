@@ -23,8 +23,8 @@ import veriray as vr
 from veriray import device as device_module
 from veriray import native_scene
 from veriray.rendering import METHODS, SCHEDULERS, prepare
-from veriray.validate.levels.stress_extremes import too_bright
-from veriray.validate.scenes import Part, camera, check_scene, make
+from veriray_validate.levels.stress_extremes import too_bright
+from veriray_validate.scenes import Part, camera, check_scene, make
 
 CAUSES = ("escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid")
 

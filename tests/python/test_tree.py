@@ -15,9 +15,9 @@ import pytest
 import veriray as vr
 from veriray.native_scene import BUILDERS, CATCH_UP, choose_builder, native_scene_arguments
 from veriray.rendering import prepare
-from veriray.validate.leaks import displaced_icosphere, mesh_scene
-from veriray.validate.levels.geometry import brute_force, random_rays
-from veriray.validate.scenes import Part, camera, disk, make, sphere
+from veriray_validate.leaks import displaced_icosphere, mesh_scene
+from veriray_validate.levels.geometry import brute_force, random_rays
+from veriray_validate.scenes import Part, camera, disk, make, sphere
 
 Array = npt.NDArray[Any]
 
@@ -316,7 +316,7 @@ import numpy as np
 import veriray
 from veriray.native_scene import native_scene_arguments
 from veriray.rendering import prepare
-from veriray.validate.scenes import Part, camera, make
+from veriray_validate.scenes import Part, camera, make
 
 vertices = np.random.default_rng(1).uniform(-1, 1, (900_000, 3))
 scene = make([Part(vertices, np.arange(900_000), 0.5)], camera([0, 0, 0], [0, 0, 1], 90))

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import veriray
-from veriray.bench import SCENARIOS
-from veriray.bench.scenarios import scene_file
 from veriray.device import select
 from veriray.info import FEATURES
 from veriray.rendering import METHODS, prepare
 from veriray.shipped import SHIPPED, find_shipped
-from veriray.validate.scenes import Part, camera, make, quad
+from veriray_bench import SCENARIOS
+from veriray_bench.scenarios import scene_file
+from veriray_validate.scenes import Part, camera, make, quad
 
 #: Bytes that a path stores for a feature, above those of every path.
 NEEDS = {"refraction": 4, "pass": 12, "media": 4}

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from veriray.validate import levels
-from veriray.validate.trial import CASES, Case
+from veriray_validate import levels
+from veriray_validate.trial import CASES, Case
 
 _SCRIPT = """
 import os, sys
-from veriray.validate import levels
+from veriray_validate import levels
 
 levels.__path__ = [os.path.join(os.path.dirname(os.path.abspath(__file__)), "levels")]
 if __name__ == "__main__":

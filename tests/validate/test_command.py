@@ -15,7 +15,7 @@ import pytest
 
 import veriray
 from veriray.cli import main
-from veriray.validate.trial import Case, Inconclusive, Skipped, Trial, case
+from veriray_validate.trial import Case, Inconclusive, Skipped, Trial, case
 
 Suite = dict[str, Case]
 HERE = ["validate", "--device", "cpu", "--jobs", "0"]
@@ -144,7 +144,7 @@ def test_bad_arguments_before_any_work(suite: Suite, capsys: Any) -> None:
 
 CASES = '''
 import os, signal, time
-from veriray.validate.trial import case
+from veriray_validate.trial import case
 
 @case(1, each={"k": range(5)})
 def sound(t, k):

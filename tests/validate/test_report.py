@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from veriray.validate import report
-from veriray.validate.run import Validation
-from veriray.validate.trial import Outcome
+from veriray_validate import report
+from veriray_validate.run import Validation
+from veriray_validate.trial import Outcome
 
 OUTCOME = Outcome(
     "closed.furnace[0.5]", 3, "A furnace (A1)", "cpu:avx2", "pass", "", 0.3, None, 2, 1, 2e-3,

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from veriray.validate import statistics as st
+from veriray_validate import statistics as st
 
 Array = npt.NDArray[np.float64]
 

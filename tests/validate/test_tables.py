@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from veriray.validate.tables import stress_table
+from veriray_validate.tables import stress_table
 
 
 def row(name: str, device: str, verdict: str, title: str = "A scene [N7]", level: int = 8):

@@ -11,6 +11,7 @@ from .common import (
     Parser,
     add_outputs,
     add_scene,
+    beside,
     check_distinct,
     check_output,
     integer,
@@ -68,8 +69,10 @@ def _bench_all(arguments: argparse.Namespace) -> int:
         raise CommandError(f"wait = {arguments.wait:g} is outside [0, 86400]")
 
     from .. import device as device_module
-    from ..bench import report, run
-    from ..bench.peers import parse
+
+    with beside("veriray_bench"):
+        from veriray_bench import report, run
+        from veriray_bench.peers import parse
 
     backend = device_module.select(arguments.device)[0].backend
     bad = []
@@ -111,7 +114,8 @@ def _bench_report(arguments: argparse.Namespace) -> int:
         check_output(path, REPORT_SUFFIXES)
     check_distinct(arguments.output)
 
-    from ..bench import report
+    with beside("veriray_bench"):
+        from veriray_bench import report
 
     results = report.find(arguments.results)
     for path in arguments.output:
@@ -138,7 +142,9 @@ def _add_compaction(kinds: Any) -> None:
 
 def _bench_compaction(arguments: argparse.Namespace) -> int:
     from .. import livebench
-    from ..bench import compaction
+
+    with beside("veriray_bench"):
+        from veriray_bench import compaction
 
     if arguments.json:
         check_output(arguments.json, (".json",))

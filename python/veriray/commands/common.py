@@ -119,6 +119,19 @@ def say(text: object, *, file: TextIO | None = None) -> None:
     print(visible(str(text)), file=file, flush=True)
 
 
+@contextlib.contextmanager
+def beside(package: str) -> Iterator[None]:
+    """For imports of a package beside veriray; raises CommandError where it is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name != package:
+            raise
+        raise CommandError(
+            f"the package {package} is not installed; veriray's source brings it: pip install ."
+        ) from None
+
+
 def write_json(path: str, values: dict[str, Any]) -> None:
     """Write a JSON object, one key a line, so that the file appears whole or not at all.
 

@@ -13,6 +13,7 @@ from .common import (
     DEVICES,
     CommandError,
     add_outputs,
+    beside,
     check_distinct,
     check_output,
     integer,
@@ -20,7 +21,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from ..validate import Outcome
+    from veriray_validate import Outcome
 
 SUFFIXES = (".html", ".json")
 _STATUS = {"pass": 0, "fail": 1, "inconclusive": 3}
@@ -61,7 +62,8 @@ def _validate(arguments: argparse.Namespace) -> int:
         if value is not None and not low <= value <= high:
             raise CommandError(f"{name} = {value} is outside [{low}, {high}]")
 
-    from ..validate import LEVELS, Stopped, report, validate
+    with beside("veriray_validate"):
+        from veriray_validate import LEVELS, Stopped, report, validate
 
     for level in arguments.level or ():
         if level not in LEVELS:
@@ -95,7 +97,7 @@ def _progress(title: str) -> Iterator[Callable[[Outcome, int, int], None]]:
 
     A case that does not pass is printed at once. All of it goes to standard error.
     """
-    from ..validate import LEVELS
+    from veriray_validate import LEVELS
 
     bad: list[Outcome] = []
 

@@ -1,1 +1,0 @@
-"""The cases, a module for each group; `veriray.validate.run.cases` imports them all."""

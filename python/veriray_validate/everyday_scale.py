@@ -1,0 +1,424 @@
+"""Scenes of everyday sizes, drawn: lamps, grounds, fogs, cameras, each over decades of the others.
+
+The generators take a random number generator and give a `Question`; `SCALES` names them all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from trimesh.transformations import random_rotation_matrix
+
+from veriray.scene import Scene
+from veriray_validate.everyday import LOSSY, Question, gridded, moved
+from veriray_validate.form_factors import rectangle_above_corner
+from veriray_validate.scenes import (
+    MIRROR,
+    Medium,
+    Part,
+    box,
+    camera,
+    disk,
+    make,
+    material,
+    point_light,
+    quad,
+    sphere,
+    spot_light,
+)
+from veriray_validate.transfer import chandrasekhar
+
+Array = npt.NDArray[Any]
+Generator = Callable[[np.random.Generator], Question]
+NULL = material("null")
+FAR = 5.0  # decades from a lamp's height, a fog, a body to eyes, grounds and hidden things
+EYE = 5.0  # the same of the eye alone, where a place that it sees lies close to a lamp
+REACH = 1e9  # free paths between an eye and a fog
+
+
+def decades(rng: np.random.Generator, low: float, high: float) -> float:
+    """10 to a power between `low` and `high`, to three digits."""
+    return float(f"{10 ** rng.uniform(low, high):.3g}")
+
+
+def chosen(rng: np.random.Generator, values: Sequence[Any]) -> Any:
+    """One of them."""
+    return values[int(rng.integers(len(values)))]
+
+
+def square(half: float, z: float = 0.0, **more: Any) -> Part:
+    """A square across z, its front above."""
+    return quad([-half, -half, z], [2 * half, 0, 0], [0, 2 * half, 0], **more)
+
+
+def framed(w: float, distance: float, size: int = 16, tilt: float = 0.0) -> Any:
+    """A camera above the origin that sees the square of half width w about it."""
+    eye = distance * np.array([math.sin(tilt), 0, math.cos(tilt)])
+    up = [0, 1, 0]
+    return camera(eye, [0, 0, 0], 2 * math.degrees(math.atan(w / distance)), up)
+
+
+def hidden(rng: np.random.Generator, most: float = FAR) -> tuple[str, list[Part]]:
+    """Black things below the plane z = 0, or none: their light is none and they hide none."""
+    kind = chosen(rng, ("nothing", "speck", "ball", "planet", "plain"))
+    far = decades(rng, 1, 2.4 if rng.random() < 0.5 else most)
+    at = rng.normal(size=3)
+    at = far * at / np.linalg.norm(at)
+    at[2] = -abs(at[2]) - 1
+    return f"{kind} {far:g} away", {
+        "nothing": [],
+        "speck": [quad([0, 0, -far], [1e-4, 0, 0], [0, 1e-4, 0])],
+        "ball": [sphere(at, 0.1)],
+        "planet": [sphere([0, 0, -far - 0.5], far)],
+        "plain": [square(far, -1.0)],
+    }[kind]
+
+
+# ---- closed forms ----
+
+
+def foot_of_a_lamp(rng: np.random.Generator) -> Question:
+    """The ground below a lamp at height 1: point, sphere, disk, square.
+
+    I / h^2; pi L (R / h)^2; pi L a^2 / (a^2 + h^2); Lambert's rectangle. The patch is at most 5e-3
+    wide, where all of these are within 1e-4 of the value at the foot. A planet's radius in float32
+    moves its top by a few 2^-24 of it, which makes 5e-7 of it the margin.
+    """
+    kind = chosen(rng, ("point", "sphere", "inward sphere", "disk", "square"))
+    low = kind in ("disk", "square")
+    size = decades(rng, -4, 2) if low else decades(rng, -4, -0.02)
+    wide = low and size > 0.2 or not low and size > 0.25
+    tilt = float(rng.uniform(0.3, 0.9))
+    eye = decades(rng, -1.5, -0.5 if wide else EYE)
+    if wide and not low:
+        eye = min(eye, 0.9 * (1 - size))  # below the lamp
+    ground, half = chosen(rng, ("square", "disk", "planet")), decades(rng, -1, FAR)
+    what, more = hidden(rng)
+    if ground == "planet":
+        half, what, more = min(max(half, 10), 1e4), "nothing", []
+    floor = {
+        "square": lambda: square(half, reflectance=0.5),
+        "disk": lambda: disk([0, 0, 0], [half, 0, 0], [0, half, 0], 0.5),
+        "planet": lambda: sphere([0, 0, -half], half, 0.5),
+    }[ground]()
+    lights, lamps, truth = [], [], 0.5
+    if kind == "point":
+        lights = [point_light([0, 0, 1], math.pi)]
+    elif kind == "sphere":
+        lamps = [sphere([0, 0, 1], size, 0, size**-2)]
+    elif kind == "inward sphere":  # shines through itself
+        lamps = [sphere([0, 0, 1], size, 0, size**-2, True, material=NULL)]
+    elif kind == "disk":
+        lamps = [disk([0, 0, 1], [0, size, 0], [size, 0, 0], 0, 1 + size**-2)]
+    else:
+        share = 4 * rectangle_above_corner(size, size)
+        lamps = [quad([-size, -size, 1], [0, 2 * size, 0], [2 * size, 0, 0], 0, 1 / share)]
+    view = framed(1e-3, eye, tilt=tilt)
+    seen = make([floor, *lamps, *more], view, lights=lights, width=4, height=4, max_depth=2)
+    drawn = f"{kind} {size:g} above {ground} {half:g}, eye {eye:g} away at {tilt:.3f}, {what}"
+    margin = 1e-3 + (5e-7 * half if ground == "planet" else 0)
+    return Question(drawn, seen, truth, margin, margin, spp=1024)
+
+
+def sun(rng: np.random.Generator) -> Question:
+    """The ground near a small box, in the light of a ball 10 to 1e8 away: L sin^2(a) cos(t).
+
+    Its angular radius a is 0.1 to 5 degrees, its height over the horizon more than that.
+    """
+    far, radius = decades(rng, 1, 8), math.radians(decades(rng, -1, 0.7))
+    zenith, azimuth = float(rng.uniform(0, 1.2)), float(rng.uniform(0, 2 * math.pi))
+    to = np.array([math.sin(zenith) * math.cos(azimuth), math.sin(zenith) * math.sin(azimuth),
+                   math.cos(zenith)])  # fmt: skip
+    half, eye = decades(rng, 0.5, 3), min(decades(rng, 0, 2), far / 2)
+    ball = sphere(far * to, far * math.sin(radius), 0, math.sin(radius) ** -2)
+    aside = -3 * np.array([math.cos(azimuth), math.sin(azimuth), 0])
+    thing = box(aside, aside + 0.02, False, 0.5)
+    turn = random_rotation_matrix(rng.random(3)) if rng.random() < 0.5 else np.eye(4)
+    parts = [square(half, reflectance=0.5), ball, thing]
+    moved(parts, turn)
+    ball.spheres[:, :3] = ball.spheres[:, :3] @ turn[:3, :3].T
+    w = 0.05
+    view = camera(turn[:3, 2] * eye, [0, 0, 0], 2 * math.degrees(math.atan(w / eye)), turn[:3, 1])
+    seen = make(parts, view, width=16, height=16, max_depth=2)
+    drawn = (f"sun {far:g} away of {math.degrees(radius):g} degrees, {zenith:.3f} from the zenith, "
+             f"ground {half:g}, eye {eye:g}")  # fmt: skip
+    return Question(drawn, seen, 0.5 * math.cos(zenith), 1e-3, None, spp=64, ends=False)
+
+
+def lamp_by_a_wall(rng: np.random.Generator) -> Question:
+    """A point lamp d before a wall, seen square on.
+
+    The mean over a square of half width w is I rho / pi times its solid angle from the lamp,
+    4 atan(w^2 / (d sqrt(2 w^2 + d^2))), over 4 w^2. A place in a scene of size 1 is known to 2^-23,
+    which moves 1 / d^2 by 2.4e-7 / d.
+    """
+    d = decades(rng, -5, -0.5)
+    w = float(f"{d * 10 ** rng.uniform(-1, 0.9):.3g}")
+    eye = float(f"{w * 10 ** rng.uniform(0.3, 4):.3g}")
+    half = max(1.0, 2 * w)
+    what, more = hidden(rng)
+    angle = 4 * math.atan(w * w / (d * math.sqrt(2 * w * w + d * d)))
+    seen = make([square(half, reflectance=0.5), *more], framed(w, eye), width=16, height=16,
+                lights=[point_light([0, 0, d], d * d)], max_depth=2)  # fmt: skip
+    truth = 0.5 / math.pi * d * d * angle / (4 * w * w)
+    return Question(f"lamp {d:g} before a wall, {w:g} wide from {eye:g}, {what}", seen, truth,
+                    1e-3 + 2.4e-7 / d, None, spp=256)  # fmt: skip
+
+
+def spot(rng: np.random.Generator) -> Question:
+    """All light of a spot 5 away, of cutoff 0.003 to 50 degrees, its beam three quarters of that.
+
+    Linear in the angle between beam and cutoff, by quadrature over the plane.
+    """
+    cut, reach = decades(rng, -2.5, 1.7), 5.0
+    top = math.radians(cut)
+    w = 2 * reach * math.tan(top) if cut < 20 else 1.1 * reach * math.tan(top)
+    theta = (np.arange(20_000) + 0.5) / 20_000 * top
+    fall = np.clip((top - theta) / (top / 4), 0, 1) * np.cos(theta) ** 3 / np.cos(theta) ** 2
+    # E r dr with E = I fall cos^3 / D^2, r = D tan: I fall tan cos dtheta
+    light = 2 * math.pi * float(np.sum(fall * np.tan(theta))) * top / 20_000
+    turn = random_rotation_matrix(rng.random(3))
+    wall = square(2 * w, reflectance=1.0)
+    moved([wall], turn)
+    eye = turn[:3, :3] @ [0, 0, 2 * w + 0.5]
+    view = camera(eye, [0, 0, 0], 2 * math.degrees(math.atan(w / (2 * w + 0.5))),
+                  turn[:3, :3] @ [0, 1, 0])  # fmt: skip
+    axis = turn[:3, 2]
+    lamp = spot_light(reach * axis, -axis, math.pi, cut, 0.75 * cut)
+    seen = make([wall], view, lights=[lamp], width=16, height=16, max_depth=2)
+    return Question(f"spot of {cut:g} degrees along {axis.round(3)}", seen, light / (4 * w * w),
+                    1e-3, None, spp=256)  # fmt: skip
+
+
+def field_of_view(rng: np.random.Generator) -> Question:
+    """A shining square in the middle of the picture: its share of it, by wide and long lenses.
+
+    Half of the lenses are so long that directions in float32 do not tell pixels apart; the margin
+    is a hundredth of a pixel at each edge.
+    """
+    long = rng.random() < 0.5
+    angle, distance = decades(rng, -4, -3.2 if long else 2.2), decades(rng, -4, 5)
+    share = float(rng.uniform(0.1, 0.9))
+    half = share * distance * math.tan(math.radians(angle / 2))
+    target = square(half, emission=1.0)
+    turn = random_rotation_matrix(rng.random(3))
+    what, more = hidden(rng, 4)
+    moved([target, *(p for p in more if len(p.faces))], turn)
+    for p in more:
+        if len(p.spheres):
+            p.spheres[:, :3] = p.spheres[:, :3] @ turn[:3, :3].T
+    view = camera(turn[:3, 2] * distance, [0, 0, 0], angle, turn[:3, 1])
+    seen = make([target, *more], view, width=16, height=16, max_depth=1)
+    drawn = f"{angle:g} degrees from {distance:g}, share {share:.4f} of the side, {what}"
+    margin, spp = 2e-3 + 2.5e-3 / share, 128 * math.ceil(2 / share**2)
+    return Question(drawn, seen, share**2, margin, None, spp=spp)
+
+
+def half_space(rng: np.random.Generator) -> Question:
+    """A fog of 50 to 1e5 free paths, seen straight from above under a sky of 1.
+
+    1 - H(1) sqrt(1 - w), Chandrasekhar; a ball of n free paths differs by about 1 / n, so it has
+    10,000 and more. What is hidden hides less than 3e-5 of the sky. A slab's corners are known to
+    2^-24 of its width: it is at most 1e5 free paths wide.
+    """
+    body = chosen(rng, ("cube", "cube of quads", "sphere", "slab"))
+    sigma = decades(rng, 4, 5) if body == "sphere" else decades(rng, 1.7, 5)
+    albedo, eye, half = chosen(rng, (0.5, 0.9)), decades(rng, 0.3, 4), decades(rng, 0, FAR)
+    half, eye = max(1.0, min(half, 1e5 / sigma)), max(2.0, min(eye, REACH / sigma))
+    fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, albedo)}
+    what, more = "nothing", []
+    if rng.random() < 0.5:
+        far = decades(rng, 1.5, 4.5)
+        what, more = f"ball {far:g} behind", [sphere([0, 0, eye + far], 0.1)]
+    n = int(rng.integers(2, 8))
+    parts = {
+        "cube": lambda: box([-1, -1, -2], [1, 1, 0], False, **fog),
+        "cube of quads": lambda: gridded([-1, -1, -2], [1, 1, 0], n, **fog),
+        "sphere": lambda: sphere([0, 0, -1], 1, **fog),
+        "slab": lambda: box([-half, -half, -2], [half, half, 0], False, **fog),
+    }[body]()
+    turn = random_rotation_matrix(rng.random(3)) if rng.random() < 0.5 else np.eye(4)
+    moved([parts], turn)
+    for p in (parts, *more):
+        p.spheres[:, :3] = p.spheres[:, :3] @ turn[:3, :3].T
+    w = 0.02
+    view = camera(turn[:3, 2] * eye, [0, 0, 0], 2 * math.degrees(math.atan(w / eye)), turn[:3, 1])
+    seen = make([parts, *more], view, 1.0, width=4, height=4)
+    truth = 1 - float(chandrasekhar(albedo, [1.0])[0]) * math.sqrt(1 - albedo)
+    wide = f" {half:g} wide" if body == "slab" else f" {n} x {n}" if body[4:] else ""
+    drawn = f"{body}{wide} of sigma {sigma:g}, albedo {albedo}, eye {eye:g} away, {what}"
+    return Question(drawn + (", turned" if turn[0, 0] != 1 else ""), seen, truth, 1.5e-3, None,
+                    0.03, spp=2048)  # fmt: skip
+
+
+def stacked_fogs(rng: np.random.Generator) -> Question:
+    """Two or three slabs of ink on a floor, each on the last or within it: exp(-optical depth).
+
+    The floor shines, or is a mirror below a sky: then light comes down as well. Seen from
+    straight above, from 25 to 50 times their size away, of any order, turned or not. A face in
+    contact is moved by 2^-21 of the scene and 2^-20 of its place, which makes twice that share of
+    a slab's thickness the margin of its depth.
+    """
+    count, order = int(rng.integers(2, 4)), bool(rng.random() < 0.5)
+    within = bool(rng.random() < 0.5)
+    mirror = within or bool(rng.random() < 0.2)
+    gap = chosen(rng, (0.0, 2.0**-24, 1e-7, 1e-6))
+    thick, far = decades(rng, -2.5, -1), decades(rng, 1.4, 1.7)
+    depths = rng.uniform(0.2, 0.5, count)
+    depths *= np.linspace(0.2, 1, count) if within else 1  # the inner ones are told from the outer
+    fogs: list[Part] = []
+    for k, depth in enumerate(depths):
+        around = fogs[-1].media[0] if within and fogs else None
+        fog: dict[str, Any] = {"interior": Medium(depth / thick), "exterior": around}
+        low = (k + 1) * gap + (0 if within else k * thick)
+        high = low - gap + thick * (count - k if within else 1)
+        side = 0.7 - (0.1 * k if within else 0)
+        fogs.append(box([-side, -side, low], [side, side, high], False, material=NULL, **fog))
+    floor = square(3.0, material=MIRROR) if mirror else square(3.0, emission=1.0)
+    parts = [floor, *(fogs[::-1] if order else fogs)]
+    turn = random_rotation_matrix(rng.random(3)) if rng.random() < 0.5 else np.eye(4)
+    moved(parts, turn)
+    w = 0.02
+    view = camera(turn[:3, 2] * far, [0, 0, 0], 2 * math.degrees(math.atan(w / far)), turn[:3, 1])
+    seen = make(parts, view, float(mirror), width=8, height=8)
+    drawn = f"{count} slabs {thick:g} thick, gap {gap:.2g}, eye {far:g} away"
+    drawn += (", within each other" if within else "") + (", mirror" if mirror else "")
+    drawn += (", last first" if order else "") + (", turned" if turn[0, 0] != 1 else "")
+    depth = float(depths.sum()) * (2 if mirror else 1)
+    moved_by = 2.0**-21 * 2 ** math.ceil(math.log2(far)) + 2.0**-20
+    margin = 1e-3 + 2 * depth * moved_by / thick
+    return Question(drawn, seen, math.exp(-depth), margin, None, 0.05, spp=512)
+
+
+# ---- pairs ----
+
+
+def still_life(rng: np.random.Generator, lifted: float, ground: list[Part],
+               sigma: float) -> Callable[..., Scene]:  # fmt: skip
+    """Two bodies on a ground by a lamp; called with further parts.
+
+    Of balls alone, and a ball as lamp, in half of the scenes: with a tree only sizes below a 256th
+    of the scene come otherwise. A fog in half of them.
+    """
+    names = [str(n) for n in rng.choice(list(LOSSY), 2)]
+    if rng.random() < 0.5:
+        names[0] = "fog"
+    balls = bool(rng.random() < 0.5)
+    fog = Medium(sigma, 0.8)
+    parts = list(ground)
+    for k, name in enumerate(names):
+        kind = dict(LOSSY[name])
+        if "interior" in kind:
+            kind["interior"] = fog
+        size, x = float(rng.uniform(0.3, 0.5)), 1.2 * k - 0.6
+        if balls or rng.random() < 0.3:
+            parts.append(sphere([x, 0, size + lifted], size, **kind))
+        else:
+            lo, hi = [x - size, -size, lifted], [x + size, size, 2 * size + lifted]
+            parts.append(gridded(lo, hi, 1 if rng.random() < 0.7 else 3, **kind))
+    lamp = quad([-0.5, -0.5, 3], [0, 1, 0], [1, 0, 0], 0, 8)
+    parts.append(sphere([0, 0, 3], 0.5, 0, 8) if balls else lamp)
+    eye = camera([*rng.uniform(-3, 3, 2), 2], [0, 0, 0.4], 45)
+    kwargs: dict[str, Any] = {"width": 16, "height": 16, "max_depth": -1}
+
+    def scene(*more: Part) -> Scene:
+        return make([*parts, *more], eye, **kwargs)
+
+    what = " and ".join(names)
+    scene.__doc__ = f"{'balls' if balls else 'bodies'} of {what}, sigma {sigma:g}"
+    return scene
+
+
+def out_of_sight(rng: np.random.Generator) -> Question:
+    """Two bodies over a ground, and a black thing somewhere below it that light never meets."""
+    while (extra := hidden(rng))[0].startswith("nothing"):
+        pass
+    half = decades(rng, 0.5, 1.5)
+    seen = still_life(rng, decades(rng, -4, -1), [square(half, reflectance=0.6)],
+                      decades(rng, 0, 4))  # fmt: skip
+    return Question(f"{seen.__doc__}, ground {half:g}, {extra[0]}", seen(*extra[1]), seen(),
+                    3e-4, 3e-3, 0.05)  # fmt: skip
+
+
+def fog_and_speck(rng: np.random.Generator) -> Question:
+    """A fog in the sky, and a black ball or square far behind the camera: less than 3e-5 of it."""
+    body, sigma = chosen(rng, ("cube", "cube of quads", "sphere")), decades(rng, -0.5, 4)
+    far = decades(rng, 1.5, 2.6 if rng.random() < 0.5 else FAR)
+    fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, 0.9)}
+    part = {
+        "cube": lambda: box([-1, -1, -1], [1, 1, 1], False, **fog),
+        "cube of quads": lambda: gridded([-1, -1, -1], [1, 1, 1], 4, **fog),
+        "sphere": lambda: sphere([0, 0, 0], 1, **fog),
+    }[body]()
+    ball = bool(rng.random() < 0.6)
+    at = [0.3 * far, 0, far + 4]
+    more = sphere(at, 0.1) if ball else quad(at, [0.2, 0, 0], [0, 0.2, 0])
+    view = framed(0.5, 4.0)
+    pair = [make([part, *p], view, 1.0, width=16, height=16) for p in ([more], [])]
+    drawn = f"{body} of sigma {sigma:g}, {'ball' if ball else 'square'} {far:g} away"
+    return Question(drawn, pair[0], pair[1], 3e-4, 3e-3, 0.02)
+
+
+def wide_ground(rng: np.random.Generator) -> Question:
+    """Two bodies on a ground of 1e3 and of up to 1e6: 1e-5 of the light meets it beyond 1e3."""
+    kind, half = chosen(rng, ("square", "disk", "planet")), decades(rng, 3.3, 6)
+    wide = {
+        "square": lambda: square(half, reflectance=0.6),
+        "disk": lambda: disk([0, 0, 0], [half, 0, 0], [0, half, 0], 0.6),
+        "planet": lambda: sphere([0, 0, -max(half, 1e5)], max(half, 1e5), 0.6),
+    }[kind]()
+    pair = []
+    lifted, sigma = decades(rng, -4, -1), decades(rng, 0, 2.5)
+    state = rng.bit_generator.state
+    for ground in (wide, square(1e3, reflectance=0.6)):
+        rng.bit_generator.state = state
+        seen = still_life(rng, lifted, [ground], sigma)
+        pair.append(seen())
+    return Question(f"{seen.__doc__}, lifted {lifted:g}, {kind} {half:g}", pair[0], pair[1], 5e-4,
+                    5e-3, 0.05)  # fmt: skip
+
+
+def telephoto(rng: np.random.Generator) -> Question:
+    """A room without its front wall from 1e3 and from up to 3e5 half widths away.
+
+    What perspective shows of its sides is 1e-3 of its width from the nearer place.
+    """
+    room = box([-1, -1, -1], [1, 1, 1], True, 0.6)
+    room.faces = room.faces[(room.vertices[room.faces][:, :, 2] < 1).any(axis=1)]
+    lamp = quad([-0.3, 0.99, -0.3], [0.6, 0, 0], [0, 0, 0.6], 0, 10)
+    name = str(rng.choice([n for n in LOSSY if n != "lamp"]))
+    n = int(rng.integers(1, 4))
+    body = gridded([-0.4, -0.9, -0.5], [0.3, -0.1, 0.2], n, **LOSSY[name])
+    turn = random_rotation_matrix(rng.random(3)) if rng.random() < 0.5 else np.eye(4)
+    parts = [room, lamp, body]
+    moved(parts, turn)
+    far = decades(rng, 3.3, 5.5)
+    eyes = [camera(turn[:3, 2] * d, [0, 0, 0], 2 * math.degrees(math.atan(0.9 / d)), turn[:3, 1])
+            for d in (far, 1e3)]  # fmt: skip
+    seen = make(parts, eyes[0], width=16, height=16, max_depth=-1)
+    drawn = f"room with {name} {n} x {n} from {far:g}" + (", turned" if turn[0, 0] != 1 else "")
+    return Question(drawn, seen, dataclasses.replace(seen, camera=eyes[1]), 3e-3, 2e-2, 0.06,
+                    512)  # fmt: skip
+
+
+#: Generators by name: with an exact mean, and pairs of one mean.
+CLOSED: dict[str, Generator] = {
+    "foot of a lamp": foot_of_a_lamp,
+    "sun": sun,
+    "lamp by a wall": lamp_by_a_wall,
+    "spot": spot,
+    "field of view": field_of_view,
+    "half space": half_space,
+    "stacked fogs": stacked_fogs,
+}
+PAIRS: dict[str, Generator] = {
+    "out of sight": out_of_sight,
+    "fog and speck": fog_and_speck,
+    "wide ground": wide_ground,
+    "telephoto": telephoto,
+}

@@ -1,0 +1,1 @@
+"""The cases, a module for each group; `veriray_validate.run.cases` imports them all."""

@@ -1,0 +1,90 @@
+"""Tables of a validation for the documentation.
+
+python -m veriray_validate.tables VALIDATION.json ... [-o docs/stress.md]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from veriray.files import replacing
+from veriray_validate.run import cases
+
+STRESS = 8
+WORST = ("fail", "error", "inconclusive", "pass", "skip")
+
+
+def verdict(outcomes: list[Mapping[str, Any]]) -> str:
+    """One cell for the outcomes of a line on a kind of device: the worst, and how many of them."""
+    if not outcomes:
+        return "-"
+    names = [str(o["verdict"]) for o in outcomes]
+    worst = min(names, key=WORST.index)
+    count = names.count(worst)
+    return worst if count == len(names) == 1 else f"{worst} ({count} of {len(names)})"
+
+
+def stress_table(*validations: Mapping[str, Any]) -> str:
+    """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row a stress line.
+
+    Columns: the numbers in the plan, the case, the scene, what is expected (the case's docstring),
+    verdicts on the CPU and on CUDA. Cases with arguments share a row.
+    """
+    expected = {c.id.partition("[")[0]: c.expects for c in cases([STRESS], full=True)}
+    rows: dict[str, list[Mapping[str, Any]]] = {}
+    for outcome in (o for validation in validations for o in validation["cases"]):
+        if outcome["level"] == STRESS:
+            rows.setdefault(str(outcome["id"]).partition("[")[0], []).append(outcome)
+    extent = "full" if all(v["full"] for v in validations) else "quick"
+    lines = [
+        "# Numerical stress",
+        "",
+        f"Written by `python -m veriray_validate.tables` from a {extent} `veriray validate` of",
+        f"veriray {validations[0]['veriray']}. What is expected was stated first; besides it, in",
+        "every case no sample is non-finite and the ledger of rays adds up. N1 to N23 are numbers",
+        "of the plan. Limits are named as such.",
+        "",
+        *(f"- {name}: {about}" for v in validations for name, about in v["devices"].items()),
+        "",
+        "| | case | scene | expected | CPU | CUDA |",
+        "|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for name, outcomes in rows.items():
+        title = str(outcomes[0]["title"])
+        numbers = re.findall(r"\[((?:N\d+(?:, )?)+|[^\]]*)\]\.?$", title)
+        scene = re.sub(r"\s*\[[^\]]*\]\.?$", "", title).rstrip(".")
+        cells = [
+            numbers[0] if numbers else "", f"`{name}`", scene, expected.get(name, ""),
+            *(verdict([o for o in outcomes if str(o["device"]).startswith(kind)])
+              for kind in ("cpu", "cuda")),
+        ]  # fmt: skip
+        lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
+    counts = {v: sum(o["verdict"] == v for group in rows.values() for o in group) for v in WORST}
+    lines += ["", f"{len(rows)} lines, {sum(counts.values())} outcomes: "
+              + ", ".join(f"{n} {v}" for v, n in counts.items() if n) + "."]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m veriray_validate.tables", description=__doc__)
+    parser.add_argument("validation", type=Path, nargs="+", help="JSON of veriray validate")
+    parser.add_argument("-o", "--output", type=Path, help="Markdown file; default: standard output")
+    args = parser.parse_args()
+    text = stress_table(*(json.loads(path.read_text("utf-8")) for path in args.validation))
+    if args.output is None:
+        sys.stdout.write(text)
+    else:
+        with replacing(args.output) as file:
+            file.write(text.encode())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

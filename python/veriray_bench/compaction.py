@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from veriray.livebench import BLOCK_SIZE
+from veriray.depths import BLOCK_SIZE
 from veriray.rendering import COMPACTIONS, Render, render
 from veriray.scene import Scene
 

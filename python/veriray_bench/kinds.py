@@ -18,12 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from veriray import livebench
+from veriray import depths
 from veriray.device import Device
 from veriray.native_scene import BUILDERS, choose_builder
 from veriray.rendering import Render, prepare, render
 from veriray.scene import SAMPLERS, Scene, load_file
 
+from . import livebench
 from .measure import (
     Array,
     BenchError,
@@ -331,7 +332,7 @@ def depth(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     if len({r["film_sha256"] for r in runs}) > 1:
         out["void"] = "the same render gave different films"
     elif runs[0]["law_holds"] is False:
-        out["void"] = f"blocks[d+1] = ceil(live[d] / {livebench.BLOCK_SIZE}) does not hold"
+        out["void"] = f"blocks[d+1] = ceil(live[d] / {depths.BLOCK_SIZE}) does not hold"
     return out
 
 

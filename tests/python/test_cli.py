@@ -366,3 +366,23 @@ def test_version_and_help() -> None:
     for command in map(str.split, commands):
         result = run(*command, "--help")
         assert result.returncode == 0 and result.stdout.startswith("usage: veriray")
+
+
+@pytest.mark.parametrize(
+    ("package", "arguments"),
+    [
+        ("veriray_validate", ["validate"]),
+        ("veriray_bench", ["bench", "all"]),
+        ("veriray_bench", ["bench", "report", "x.json"]),
+        ("veriray_bench", ["bench", "compaction", "open"]),
+        ("veriray_bench", ["bench", "live-rays", "open"]),
+    ],
+)
+def test_a_missing_package_is_named(
+    package: str, arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.startswith(
+        f"veriray: error: the package {package} is not installed"
+    )

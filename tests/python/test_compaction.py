@@ -11,10 +11,9 @@ from typing import Any
 import pytest
 
 import veriray
-from veriray import livebench
 from veriray.cli import main
-from veriray.livebench import BLOCK_SIZE, aligned
-from veriray_bench import compaction
+from veriray.depths import BLOCK_SIZE, aligned
+from veriray_bench import compaction, livebench
 
 
 @pytest.fixture(scope="module")

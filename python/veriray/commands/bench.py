@@ -141,7 +141,7 @@ def _add_compaction(kinds: Any) -> None:
 
 
 def _bench_compaction(arguments: argparse.Namespace) -> int:
-    from .. import livebench
+    from ..depths import aligned
 
     with beside("veriray_bench"):
         from veriray_bench import compaction
@@ -161,7 +161,7 @@ def _bench_compaction(arguments: argparse.Namespace) -> int:
     size = f"{result['width']} x {result['height']}, {result['spp']} spp"
     say(f"{arguments.scene}, {size}, {result['device']} ({result['device_name']})")
     for table in (compaction.by_depth(result), compaction.summary(result)):
-        say(livebench.aligned(table) + "\n")
+        say(aligned(table) + "\n")
     say(f"winner     {result['winner']}")
     films = "one SHA-256 for all" if result["same_film"] else "DIFFERENT FILMS"
     say(f"films      {films}")
@@ -181,7 +181,10 @@ def _add_live_rays(kinds: Any) -> None:
 
 
 def _bench_live_rays(arguments: argparse.Namespace) -> int:
-    from .. import livebench
+    from ..depths import BLOCK_SIZE, as_text
+
+    with beside("veriray_bench"):
+        from veriray_bench import livebench
 
     if arguments.json:
         check_output(arguments.json, (".json",))
@@ -205,9 +208,9 @@ def _bench_live_rays(arguments: argparse.Namespace) -> int:
     )
     say(f"device {result['device']} ({result['device_reason']})")
     say(f"{result['device']} ({result['device_name']}), scheduler {result['scheduler']}")
-    say(livebench.as_text(result["rows"]))
+    say(as_text(result["rows"]))
     say(f"{result['samples_per_second']:,.0f} samples/s; SHA-256 {result['film_sha256']}")
     if result["law_holds"] is not None:
         verdict = "holds" if result["law_holds"] else "DOES NOT HOLD"
-        say(f"blocks[d+1] = ceil(live[d] / {livebench.BLOCK_SIZE}) {verdict} at every depth")
+        say(f"blocks[d+1] = ceil(live[d] / {BLOCK_SIZE}) {verdict} at every depth")
     return 0

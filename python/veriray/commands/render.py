@@ -125,14 +125,14 @@ def _render(arguments: argparse.Namespace) -> int:
 
 
 def _print_result(result: Any, outputs: list[str]) -> None:
-    from .. import livebench
+    from .. import depths
 
     stats = result.stats
     say(
         f"samples    {stats['paths']:,} paths, {stats['rays']:,} rays in {stats['seconds']:.3f} s: "
         f"{stats['samples_per_second']:,.0f} samples/s"
     )
-    say(livebench.as_text(livebench.rows(result), TABLE_ROWS))
+    say(depths.as_text(depths.rows(result), TABLE_ROWS))
     if "target_error" in stats:
         good = stats["tiles"] - stats["tiles_above_target"]
         say(

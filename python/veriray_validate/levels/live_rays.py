@@ -22,7 +22,7 @@ import numpy.typing as npt
 from scipy import stats
 
 import veriray
-from veriray import livebench
+from veriray import depths
 from veriray.comparison import statistics as st
 from veriray.rendering import LEDGER_COLUMNS, METHODS, Render
 from veriray.scene import Scene
@@ -356,13 +356,13 @@ def blocks_law(t: Trial, scene: str, width: int) -> None:
     loaded = veriray.load_file(scene)
     r = _one_sample(t, loaded, width, height)
     live, blocks = r.stats["live_rays"], r.stats["blocks"]
-    t.check(livebench.law_holds(r) is True, f"blocks {blocks[:8]} for live {live[:8]}")
+    t.check(depths.law_holds(r) is True, f"blocks {blocks[:8]} for live {live[:8]}")
     t.check(len(blocks) == len(live) and live[0] == paths, "depths")
     size = 1000 if width == 77 else 200_000
     r = _one_sample(t, loaded, width, height, batch_size=size)
     parts = math.ceil(paths / size)
     for n, b in zip(r.stats["live_rays"], r.stats["blocks"], strict=True):
-        t.check(-(-n // livebench.BLOCK_SIZE) <= b <= n // livebench.BLOCK_SIZE + parts,
+        t.check(-(-n // depths.BLOCK_SIZE) <= b <= n // depths.BLOCK_SIZE + parts,
                 f"{b} blocks for {n} rays in {parts} batches")  # fmt: skip
     t.figure("live", live[:60])
     t.figure("blocks", blocks[:60])

@@ -1,61 +1,17 @@
-"""`veriray bench live-rays`: how many rays live at each depth, and what each depth costs.
+"""Rays alive, thread blocks and seconds at each depth of a render, as a table.
 
-The columns Depth, Live rays and Thread blocks are those of Table 1 of the 2016 report on thread
-compaction, measured by the scheduler that implements its algorithm. Row d: rays alive after bounce
-d (row 0: the camera rays), thread blocks launched for that bounce, rays alive as a share of all
-paths, and the time of the bounce. A bounce is launched for the rays that the one before left alive:
-blocks[d + 1] = ceil(live[d] / 256) when all paths fit in one batch.
+Row d: rays alive after bounce d (row 0: the camera rays), thread blocks launched for that bounce,
+rays alive as a share of all paths, and the time of the bounce. A bounce is launched for the rays
+that the one before left alive: blocks[d + 1] = ceil(live[d] / 256) when all paths fit in one batch.
 """
 
 from __future__ import annotations
 
-import os
-import platform
-import time
-from collections.abc import Callable
 from typing import Any
 
-from .rendering import Render, render
-from .scene import Scene
+from .rendering import Render
 
 BLOCK_SIZE = 256
-
-
-def run(
-    scene: Scene,
-    *,
-    width: int = 1280,
-    height: int = 720,
-    spp: int = 1,
-    device: str = "auto",
-    scheduler: str = "thrust",
-    progress: Callable[[float], object] | None = None,
-) -> dict[str, Any]:
-    """Render once to warm up and once to measure; returns the table with its settings.
-
-    One sample of every pixel is in flight at a time. Keys: rows (list of dicts depth, live, blocks,
-    share, seconds), law_holds (None if not applicable), settings and stats of the run. Raises as
-    `veriray.render`.
-    """
-    size = {"width": width, "height": height}
-    common: dict[str, Any] = {"device": device, "scheduler": scheduler, **size}
-    batch = min(width * height, 2**26)
-    render(scene, spp=1, **common, batch_size=batch)
-    result = render(scene, spp=spp, **common, batch_size=batch, progress=progress)
-    stats = result.stats
-    keys = "device device_name device_reason scheduler threads spp seed max_depth rr_depth"
-    keys += " scene_sha256 version seconds samples_per_second rays paths"
-    return {
-        "benchmark": "live-rays",
-        "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "machine": platform.machine(),
-        "cpus": os.cpu_count(),
-        **size,
-        **{key: stats[key] for key in keys.split()},
-        "film_sha256": result.film_sha256,
-        "rows": rows(result),
-        "law_holds": law_holds(result) if spp == 1 else None,
-    }
 
 
 def rows(result: Render) -> list[dict[str, Any]]:

@@ -34,8 +34,8 @@ from common import RESULTS, header, write
 from scipy import stats
 
 from veriray_validate import CASES, cases, judge, pool
-from veriray_validate.run import FAMILY, FULL_EFFORT, MANY, fast_devices, held_by
-from veriray_validate.trial import FIRST, SECOND
+from veriray_validate.run import FULL_EFFORT, fast_devices, held_by
+from veriray_validate.trial import FAMILY, FIRST, MANY, SECOND
 
 SAVE = 60.0  # seconds between files
 #: verdict, p of the first stage, p of the second, message, seconds, whether the seed matters

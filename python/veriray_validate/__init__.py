@@ -13,6 +13,7 @@ counts and means, `scenes` small scenes with known answers, `report` the verdict
 and the JSON.
 """
 
+from veriray_validate.levels import LEVELS
 from veriray_validate.run import Stopped, Validation, cases, validate
 from veriray_validate.scenes import furnace
 from veriray_validate.statistics import (
@@ -28,7 +29,6 @@ from veriray_validate.statistics import (
 )
 from veriray_validate.trial import (
     CASES,
-    LEVELS,
     Case,
     Failed,
     Inconclusive,

@@ -27,28 +27,18 @@ from veriray import __version__, html
 from veriray.files import replacing
 from veriray.html import BLUE, GREEN, GREY, ORANGE, number, percent
 from veriray.image import to_srgb8
-from veriray_validate.run import MANY, Validation
-from veriray_validate.trial import CASES, FIRST, SECOND, Outcome
+from veriray_validate.levels import LEVELS
+from veriray_validate.trial import CASES, FIRST, MANY, SECOND, Outcome
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from veriray_validate.run import Validation
+
     Array = NDArray[Any]
 
 SUFFIXES = (".html", ".json")
-#: What a level shows where it passes.
-SHOWS = {
-    1: "Random numbers, mappings and elementary functions are what they claim to be",
-    2: "Every sampler draws from the density that it states, and loses nothing",
-    3: "Scenes with an exact answer give that answer",
-    4: "As many rays live and die at each depth as theory and other programs say",
-    5: "A renderer that shares no code gives the same pictures within chance",
-    6: "Schedulers, batches, threads and devices give the same bits",
-    7: "The measured Cornell box comes out as its spectra say, as far as RGB can",
-    8: "Extreme numbers and broken input do what is promised",
-    9: "Planted bugs are found",
-}
 _TEMPLATE = Path(__file__).with_name("report.html.j2")
 _ORDER = ("fail", "error", "inconclusive", "skip", "pass")
 _PANELS = 24  # plots of one kind in a level
@@ -146,7 +136,7 @@ def to_html(validation: Validation) -> str:
     rows = validation.levels()
     return html.page(
         _TEMPLATE, result, sentence, to_json(validation), facts=_facts(validation), rows=rows,
-        plots=_plots(outcomes), shows=SHOWS, first=validation.first_stage(), many=MANY,
+        plots=_plots(outcomes), about=LEVELS, first=validation.first_stage(), many=MANY,
         range=_range,
         threshold=validation.facts.get("second", SECOND),
         unclear=[o for v in _ORDER[:3] for o in outcomes if o.verdict == v][:20],

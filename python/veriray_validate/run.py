@@ -20,11 +20,9 @@ from scipy import stats
 from veriray import __version__
 from veriray import device as device_module
 from veriray_validate import pool
-from veriray_validate.trial import CASES, FIRST, LEVELS, SECOND, Case, Outcome, judge
+from veriray_validate.levels import LEVELS
+from veriray_validate.trial import CASES, FAMILY, FIRST, MANY, SECOND, Case, Outcome, judge
 
-#: The whole run of a sound program fails less often than FAMILY: FAMILY / 2 by its cases, and MANY
-#: by their number with p < FIRST in the first stage.
-FAMILY, MANY = 1e-3, 1e-4
 FULL_EFFORT = 4
 MAX_WORKERS = 64
 
@@ -105,7 +103,7 @@ class Validation:
     def levels(self) -> list[dict[str, Any]]:
         """One row a level: number, name, cases, verdict, sees (smallest, largest), seconds ..."""
         rows = []
-        for level, name in LEVELS.items():
+        for level, (name, _) in LEVELS.items():
             own = [o for o in self.outcomes if o.level == level]
             if not own:
                 continue
@@ -157,7 +155,7 @@ def validate(
 
     Args:
         devices: names as for `veriray.render`; None: the fastest CPU device and every GPU.
-        levels: numbers 1 to 9; None: all. pattern: of case ids, as in a shell.
+        levels: numbers of LEVELS; None: all. pattern: of case ids, as in a shell.
         full: all cases with four times the samples, not the quick ones alone.
         seed: of everything random; the run is a function of it.
         workers: processes; 0 runs in this one; None takes the processors, at most 64. A GPU serves

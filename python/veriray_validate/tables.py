@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from veriray.files import replacing
+from veriray_validate.levels import LEVELS
 from veriray_validate.run import cases
 
-STRESS = 8
+(STRESS,) = (number for number, level in LEVELS.items() if level.name == "Stress")
 WORST = ("fail", "error", "inconclusive", "pass", "skip")
 
 

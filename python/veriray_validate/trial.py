@@ -31,24 +31,15 @@ from veriray_validate.statistics import max_z, sidak, smallest_bias
 Array = npt.NDArray[Any]
 
 FIRST, SECOND = 1e-3, 1e-4
+#: The whole run of a sound program fails less often than FAMILY: FAMILY / 2 by its cases, and MANY
+#: by their number with p < FIRST in the first stage.
+FAMILY, MANY = 1e-3, 1e-4
 CONFIRM = 4  # times the samples
 #: Samples that must carry a mean for the normal law: (sum x)^2 / sum x^2.
 EFFECTIVE = 1000
 #: Share of segments that may pass an edge on its wrong side, where a path's vertex lies within
 #: rounding of the neighbour's plane; measured 3e-8 in rooms of flat walls, 1e-8 in a mesh.
 LEAKS = 1e-7
-
-LEVELS = {
-    1: "Numbers",
-    2: "Samplers",
-    3: "Closed forms",
-    4: "Live rays",
-    5: "Stranger",
-    6: "Bits",
-    7: "Measured box",
-    8: "Stress",
-    9: "Mutation",
-}
 
 
 class Failed(Exception):  # noqa: N818

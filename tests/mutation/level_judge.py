@@ -28,8 +28,8 @@ _RECORDED_CASES = "bits.recorded_films*"
 def main(level: int, full: bool, limit: float, log: Path | None) -> dict[str, Any]:
     """Verdict on a level."""
     try:
-        from veriray_validate.run import FAMILY, FULL_EFFORT, cases
-        from veriray_validate.trial import FIRST, SECOND, judge
+        from veriray_validate.run import FULL_EFFORT, cases
+        from veriray_validate.trial import FAMILY, FIRST, SECOND, judge
 
         second = min(SECOND, FAMILY / FIRST / (2 * len(cases(full=full))))
         chosen = [

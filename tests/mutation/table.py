@@ -13,7 +13,7 @@ from typing import Any
 from tests.mutation.level_bugs import EXPLAINED
 from tests.mutation.levels import RESULT
 from tests.mutation.mutants import ROOT
-from veriray_validate.trial import LEVELS
+from veriray_validate.levels import LEVELS
 
 
 def page(result: dict[str, Any]) -> str:
@@ -38,7 +38,7 @@ def page(result: dict[str, Any]) -> str:
     ]  # fmt: skip
     for n in levels:
         sound, found = result["unchanged"][n], result["by_level"][n]
-        lines.append(f"| {n} | {LEVELS[int(n)]} | {sound['ran']} | {sound['seconds']:.0f} | "
+        lines.append(f"| {n} | {LEVELS[int(n)].name} | {sound['ran']} | {sound['seconds']:.0f} | "
                      f"{found['caught']} | {found['alone']} |")  # fmt: skip
     lines += [
         "",

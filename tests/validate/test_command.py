@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,8 +16,10 @@ import pytest
 
 import veriray
 from veriray.cli import main
+from veriray_validate.levels import LEVELS
 from veriray_validate.trial import Case, Inconclusive, Skipped, Trial, case
 
+ROOT = Path(__file__).resolve().parents[2]
 Suite = dict[str, Case]
 HERE = ["validate", "--device", "cpu", "--jobs", "0"]
 
@@ -201,3 +204,11 @@ def test_interrupt_leaves_no_process_and_says_what_is_missing(command: Any) -> N
         f"synthetic.endless[{k}] on {veriray.device.select('cpu')[0].name}" for k in range(3)
     ]
     assert not report["passed"] and len(report["cases"]) == 5 and os.listdir() == ["r.json"]
+
+
+def test_levels_are_those_of_help_and_readme(capsys: Any) -> None:
+    with pytest.raises(SystemExit):
+        main(["validate", "--help"])
+    assert f"{min(LEVELS)} to {max(LEVELS)}; repeatable" in capsys.readouterr().out
+    rows = re.findall(r"^\| (\d) ([\w ]+) \|", (ROOT / "README.md").read_text("utf-8"), re.M)
+    assert {int(number): name for number, name in rows} == {n: v.name for n, v in LEVELS.items()}

@@ -17,8 +17,20 @@ from scipy import stats
 
 import veriray
 from veriray_validate import Inconclusive, Skipped, furnace, pool, validate
-from veriray_validate.run import FAMILY, MANY, Validation, held_by
-from veriray_validate.trial import CASES, CONFIRM, FIRST, SECOND, Case, Outcome, Trial, case, judge
+from veriray_validate.run import Validation, held_by
+from veriray_validate.trial import (
+    CASES,
+    CONFIRM,
+    FAMILY,
+    FIRST,
+    MANY,
+    SECOND,
+    Case,
+    Outcome,
+    Trial,
+    case,
+    judge,
+)
 
 Suite = dict[str, Case]
 ROOT = Path(__file__).resolve().parents[2]

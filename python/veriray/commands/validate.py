@@ -102,7 +102,7 @@ def _progress(title: str) -> Iterator[Callable[[Outcome, int, int], None]]:
     bad: list[Outcome] = []
 
     def state(outcome: Outcome, done: int, total: int) -> str:
-        level = f"level {outcome.level} {LEVELS[outcome.level]}"
+        level = f"level {outcome.level} {LEVELS[outcome.level].name}"
         return f"{title} validation, {level}: {done} of {total} cases, {len(bad)} not passed"
 
     def noted(outcome: Outcome) -> str:

@@ -1,4 +1,7 @@
-"""Scenes of the closed forms as dictionaries, in Mitsuba's words."""
+"""Scenes with known answers as dictionaries, in Mitsuba's words: through the reader.
+
+`scenes` has those without it; the names are Mitsuba's here and those of the arrays there.
+"""
 
 from __future__ import annotations
 
@@ -24,19 +27,18 @@ def rgb(value: float | Sequence[float]) -> Dict:
     return {"type": "rgb", "value": np.broadcast_to(np.asarray(value, float), 3).tolist()}
 
 
-def look(origin: Sequence[float], target: Sequence[float]) -> Array:
+def look(origin: Any, target: Any, up: Any = None) -> Array:
     """to_world with local +Z from origin to target."""
-    return np.asarray(camera(origin, target).to_world)
+    return np.asarray(camera(origin, target, up=up).to_world)
 
 
 def view(origin: Any, target: Any, fov: float = 0.01, size: int | tuple[int, int] = 1,
          kind: str = "perspective", up: Any = None, **more: Any) -> Dict:  # fmt: skip
     """A sensor; the default sees one point. size: of the film, its rfilter is `rfilter` or box."""
-    to_world = np.asarray(camera(origin, target, up=up).to_world)
     width, height = (size, size) if isinstance(size, int) else size
     rfilter = more.pop("rfilter", {"type": "box"})
     film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": rfilter}
-    return {"type": kind, "fov": fov, "to_world": to_world, "film": film, **more}
+    return {"type": kind, "fov": fov, "to_world": look(origin, target, up), "film": film, **more}
 
 
 def diffuse(reflectance: float | Sequence[float]) -> Dict:
@@ -138,38 +140,6 @@ def facing(*above: Dict, rr_depth: int = 5) -> veriray.Scene:
     patch = flat("disk", [0, 0, 0.05], [0, 0, 1], 0.003, diffuse(1))
     eye = view([0.3, 0.1, 0.3], [0, 0, 0.05], 1e-3)
     return scene(eye, ground, patch, *above, rr_depth=rr_depth)
-
-
-# ---- theory ----
-
-
-def fresnel(cosine: Any, eta: float) -> Array:
-    """Unpolarised reflectance of a dielectric; eta: index behind over index in front."""
-    c = np.abs(np.asarray(cosine, np.float64))
-    inside = 1 - (1 - c * c) / eta**2
-    t = np.sqrt(np.maximum(inside, 0))
-    r = ((c - eta * t) / (c + eta * t)) ** 2 + ((eta * c - t) / (eta * c + t)) ** 2
-    return np.where(inside > 0, r / 2, 1.0)
-
-
-def fresnel_conductor(cosine: float, eta: complex) -> float:
-    """The same for a complex index n + ik."""
-    t = np.sqrt(1 - (1 - cosine**2) / eta**2)
-    s = abs((cosine - eta * t) / (cosine + eta * t)) ** 2
-    p = abs((eta * cosine - t) / (eta * cosine + t)) ** 2
-    return float(s + p) / 2
-
-
-def external_reflectance(eta: float) -> float:
-    """Hemispherical reflectance for diffuse light from outside (A31)."""
-    x, w = np.polynomial.legendre.leggauss(200)
-    c = (x + 1) / 2
-    return float((w * fresnel(c, eta) * c).sum())
-
-
-def internal_reflectance(eta: float) -> float:
-    """The same from inside: 1 - (1 - F_e) / eta^2."""
-    return 1 - (1 - external_reflectance(eta)) / eta**2
 
 
 def direction(angle: float) -> Array:

@@ -17,7 +17,7 @@ from trimesh.transformations import random_rotation_matrix, rotation_matrix
 
 from veriray.rendering import Render
 from veriray.scene import Scene
-from veriray_validate.scenes import MIRROR, Medium, Part, box, camera, make, material, quad
+from veriray_validate.scenes import MIRROR, NULL, Medium, Part, box, camera, make, material, quad
 from veriray_validate.statistics import sidak, smallest_bias
 from veriray_validate.trial import EFFECTIVE, Inconclusive, Trial
 
@@ -156,8 +156,8 @@ LOSSLESS: dict[str, dict[str, Any]] = {
     "mirror": {"material": MIRROR},
     "glass": {"material": material("dielectric", eta=1.5)},
     "plastic": {"reflectance": 1.0, "material": material("plastic", eta=1.5)},
-    "null": {"material": material("null")},
-    "fog": {"material": material("null"), "interior": FOG},
+    "null": {"material": NULL},
+    "fog": {"material": NULL, "interior": FOG},
     "milky glass": {"material": material("dielectric", eta=1.5), "interior": FOG},
     "mask": {"reflectance": 1.0, "two_sided": True, "material": material("diffuse", opacity=0.5)},
     "thin glass": {"material": material("thindielectric", eta=1.5)},
@@ -170,7 +170,7 @@ LOSSY: dict[str, dict[str, Any]] = {
     "diffuse": {"reflectance": 0.7},
     "board": {"reflectance": 0.7, "two_sided": True},
     "plastic": {"reflectance": 0.7, "material": material("plastic", eta=1.5)},
-    "fog": {"material": material("null"), "interior": _MIST},
+    "fog": {"material": NULL, "interior": _MIST},
     "milky glass": {"material": material("dielectric", eta=1.5), "interior": _MIST},
     "mask": {"reflectance": 0.7, "two_sided": True, "material": material("diffuse", opacity=0.5)},
 }

@@ -15,10 +15,9 @@ from trimesh.transformations import random_rotation_matrix
 from veriray_validate import dicts
 from veriray_validate.everyday import Question, gridded, moved
 from veriray_validate.everyday_scale import chosen, decades, framed, square
-from veriray_validate.scenes import Medium, Part, camera, disk, make, material, quad, sphere
+from veriray_validate.scenes import NULL, Medium, Part, camera, disk, make, material, quad, sphere
 
 Array = npt.NDArray[Any]
-NULL = material("null")
 
 #: Materials that let all light straight through; the second table's only lose none of it.
 UNSEEN: dict[str, dict[str, Any]] = {

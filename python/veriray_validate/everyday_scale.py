@@ -19,13 +19,13 @@ from veriray_validate.everyday import LOSSY, Question, gridded, moved
 from veriray_validate.form_factors import rectangle_above_corner
 from veriray_validate.scenes import (
     MIRROR,
+    NULL,
     Medium,
     Part,
     box,
     camera,
     disk,
     make,
-    material,
     point_light,
     quad,
     sphere,
@@ -35,7 +35,6 @@ from veriray_validate.transfer import chandrasekhar
 
 Array = npt.NDArray[Any]
 Generator = Callable[[np.random.Generator], Question]
-NULL = material("null")
 FAR = 5.0  # decades from a lamp's height, a fog, a body to eyes, grounds and hidden things
 EYE = 5.0  # the same of the eye alone, where a place that it sees lies close to a lamp
 REACH = 1e9  # free paths between an eye and a fog

@@ -1,7 +1,7 @@
 """Form factors: the share of a surface's diffuse light that reaches another one.
 
 Closed forms with their sources and, for each, a second way to the same number: Lambert's sum over
-the edges of a polygon (`scenes.lambert`), or quadrature. J. R. Howell, A Catalog of Radiation Heat
+the edges of a polygon (`lambert`), or quadrature. J. R. Howell, A Catalog of Radiation Heat
 Transfer Configuration Factors, 1982, has them under the letters given.
 """
 
@@ -24,6 +24,21 @@ def gauss(n: int, low: float = 0.0, high: float = 1.0) -> tuple[Array, Array]:
 
 
 # ---- from a point with a normal ----
+
+
+def lambert(point: Any, normal: Any, polygon: Any) -> float:
+    """Form factor of a polygon from a point with a normal: J. H. Lambert, Photometria, 1760.
+
+    1 / (2 pi) sum over edges of (angle subtended) (unit normal of the edge's plane . normal). The
+    polygon must lie above the horizon; positive whichever way it runs.
+    """
+    v = np.asarray(polygon, np.float64) - np.asarray(point, np.float64)
+    total = 0.0
+    for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
+        c = np.cross(a, b)
+        angle = math.atan2(float(np.linalg.norm(c)), float(a @ b))
+        total += angle * float(c @ np.asarray(normal)) / float(np.linalg.norm(c))
+    return abs(total) / (2 * math.pi)
 
 
 def rectangle_above_corner(a: float, b: float) -> float:

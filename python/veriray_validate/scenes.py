@@ -1,9 +1,11 @@
-"""Small scenes with known answers, built from parts; Lambert's form factor."""
+"""Small scenes with known answers, built from parts: arrays of `veriray.Scene`, without a reader.
+
+`dicts` has those that go through the reader of dictionaries.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +45,7 @@ def material(kind: str, **columns: Any) -> dict[str, Any]:
 
 
 MIRROR = material("conductor", eta=0.0, k=1.0)
+NULL = material("null")
 
 
 class Part:
@@ -237,21 +240,6 @@ def without(scene: Scene, shapes: Callable[[str], bool]) -> Scene:
         for name in (*names, f"{table[:-1]}_shape"):
             changes[name] = getattr(scene, name)[keep]
     return dataclasses.replace(scene, **changes)
-
-
-def lambert(point: Any, normal: Any, polygon: Any) -> float:
-    """Form factor of a polygon from a point with a normal: J. H. Lambert, Photometria, 1760.
-
-    1 / (2 pi) sum over edges of (angle subtended) (unit normal of the edge's plane . normal). The
-    polygon must lie above the horizon; positive whichever way it runs.
-    """
-    v = np.asarray(polygon, np.float64) - np.asarray(point, np.float64)
-    total = 0.0
-    for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
-        c = np.cross(a, b)
-        angle = math.atan2(float(np.linalg.norm(c)), float(a @ b))
-        total += angle * float(c @ np.asarray(normal)) / float(np.linalg.norm(c))
-    return abs(total) / (2 * math.pi)
 
 
 def checks() -> dict[str, Path]:

@@ -25,11 +25,11 @@ import numpy.typing as npt
 from veriray.scene import Scene
 from veriray.shipped import find_shipped
 from veriray_validate.form_factors import (
+    lambert,
     mean_over,
     parallel_rectangles,
     perpendicular_rectangles,
 )
-from veriray_validate.scenes import lambert
 
 Array = npt.NDArray[np.float64]
 

@@ -23,8 +23,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg, special
 
-from veriray_validate.dicts import fresnel
 from veriray_validate.form_factors import gauss
+from veriray_validate.fresnel import fresnel
 
 Array = npt.NDArray[np.float64]
 

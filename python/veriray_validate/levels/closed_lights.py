@@ -23,8 +23,7 @@ from veriray_validate.dicts import (
     sphere,
     view,
 )
-from veriray_validate.form_factors import cap, gauss, to_disk
-from veriray_validate.scenes import lambert
+from veriray_validate.form_factors import cap, gauss, lambert, to_disk
 from veriray_validate.trial import Trial, case
 
 Array = npt.NDArray[np.float64]

@@ -18,11 +18,12 @@ import veriray
 from veriray.comparison.statistics import MARGIN
 from veriray.rendering import METHODS, SCHEDULERS
 from veriray_validate import dicts as d
-from veriray_validate.form_factors import rectangle_above_corner
+from veriray_validate.form_factors import lambert, rectangle_above_corner
+from veriray_validate.fresnel import fresnel, internal_reflectance
 from veriray_validate.levels.closed_analytic.direct import FIVE
 from veriray_validate.levels.closed_analytic.parts import DOWN, ceiling, floor, lamp
 from veriray_validate.levels.closed_lights import hundred_lights
-from veriray_validate.scenes import Part, camera, furnace, lambert, make
+from veriray_validate.scenes import Part, camera, furnace, make
 from veriray_validate.statistics import max_z, smallest_bias
 from veriray_validate.transfer import adding_doubling
 from veriray_validate.trial import Trial, case
@@ -51,7 +52,7 @@ def _hundred() -> Known:
 
 
 def _plastic() -> Known:
-    rho, f, fi = np.array([0.1, 0.5, 0.9]), float(d.fresnel(0.5, 1.5)), d.internal_reflectance(1.5)
+    rho, f, fi = np.array([0.1, 0.5, 0.9]), float(fresnel(0.5, 1.5)), internal_reflectance(1.5)
     coat = d.glass(1.5, 1.0, "plastic", diffuse_reflectance=d.rgb(rho), nonlinear=True)
     plate = d.flat("rectangle", [0, 0, 0], [0, 0, 1], 100, coat)
     exact = f + (1 - f) * (1 - fi) * rho / (1 - fi * rho)

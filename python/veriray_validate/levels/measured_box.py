@@ -26,7 +26,8 @@ from veriray.rendering import Render
 from veriray.scene import Scene, cornell_box
 from veriray.shipped import find_shipped
 from veriray_validate import spectral
-from veriray_validate.scenes import camera, lambert, without
+from veriray_validate.form_factors import lambert
+from veriray_validate.scenes import camera, without
 from veriray_validate.statistics import smallest_bias, welch
 from veriray_validate.trial import EFFECTIVE, Inconclusive, Skipped, Trial, case
 

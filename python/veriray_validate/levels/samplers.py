@@ -21,7 +21,7 @@ from veriray_validate.oracles import (
     phase_inverse,
     single,
 )
-from veriray_validate.scenes import Medium, camera, make, material, sphere
+from veriray_validate.scenes import NULL, Medium, camera, make, sphere
 from veriray_validate.statistics import binomial, grid_family, max_z
 from veriray_validate.trial import Skipped, Trial, case
 
@@ -251,7 +251,7 @@ def scatterings_of_paths(t: Trial, g: float) -> None:
     angles by their cumulative distributions, the share that leaves by an exact binomial. Sees 3 %
     in scale, 12 % in tilt.
     """
-    ball = sphere([0, 0, 0], 1, material=material("null"), interior=Medium(2.0, 0.8, g))
+    ball = sphere([0, 0, 0], 1, material=NULL, interior=Medium(2.0, 0.8, g))
     look = camera([0, 0, 0], [0.3, -0.5, 1.0])
     scene = make([ball], look, camera_medium=Medium(2.0, 0.8, g))
     n = 10_000 * t.effort

@@ -25,13 +25,13 @@ from veriray.columns import COLUMNS
 from veriray.gallery import pictures
 from veriray.shipped import SHIPPED
 from veriray_validate import dicts
+from veriray_validate.form_factors import lambert
 from veriray_validate.scenes import (
     Part,
     box,
     camera,
     checks,
     furnace,
-    lambert,
     make,
     material,
     quad,

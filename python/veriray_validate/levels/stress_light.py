@@ -17,8 +17,8 @@ from scipy import stats
 import veriray
 from veriray.scene import MAX_PATH_DEPTH
 from veriray_validate import dicts
-from veriray_validate.form_factors import cap, perpendicular_rectangle
-from veriray_validate.scenes import Part, box, camera, disk, lambert, make, quad, sphere
+from veriray_validate.form_factors import cap, lambert, perpendicular_rectangle
+from veriray_validate.scenes import Part, box, camera, disk, make, quad, sphere
 from veriray_validate.statistics import binomial, smallest_bias
 from veriray_validate.transfer import chandrasekhar
 from veriray_validate.trial import Trial, case

@@ -9,19 +9,17 @@ import trimesh
 
 from veriray.scene import Scene
 from veriray_validate.scenes import (
+    NULL,
     Medium,
     Part,
     box,
     camera,
     disk,
     make,
-    material,
     quad,
     sphere,
 )
 from veriray_validate.trial import Trial, case
-
-NULL = material("null")
 
 
 @case(8, each={"distance": [300.0, 3e4], "around": ["vacuum", "ink"]})

@@ -14,6 +14,7 @@ from veriray_validate.form_factors import (
     disk_to_sphere,
     disk_upright,
     gauss,
+    lambert,
     mean_over,
     parallel_rectangles,
     perpendicular_rectangle,
@@ -22,7 +23,7 @@ from veriray_validate.form_factors import (
     to_disk,
 )
 from veriray_validate.levels.closed_analytic.parts import DOWN, UP, ceiling, floor, lamp
-from veriray_validate.scenes import Part, camera, disk, lambert, make, quad, sphere
+from veriray_validate.scenes import Part, camera, disk, make, quad, sphere
 from veriray_validate.trial import Trial, case
 
 

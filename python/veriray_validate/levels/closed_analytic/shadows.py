@@ -9,9 +9,9 @@ import numpy as np
 
 import veriray
 from veriray_validate import dicts
-from veriray_validate.form_factors import rectangle_above_corner
+from veriray_validate.form_factors import lambert, rectangle_above_corner
 from veriray_validate.levels.closed_analytic.parts import DOWN, floor, lamp
-from veriray_validate.scenes import Part, camera, disk, lambert, make, quad, sphere, without
+from veriray_validate.scenes import Part, camera, disk, make, quad, sphere, without
 from veriray_validate.statistics import binomial
 from veriray_validate.trial import Trial, case
 

@@ -9,13 +9,9 @@ import numpy as np
 from veriray_validate.dicts import (
     cuboid,
     direction,
-    external_reflectance,
     facing,
     flat,
-    fresnel,
-    fresnel_conductor,
     glass,
-    internal_reflectance,
     medium,
     plastic,
     rgb,
@@ -24,6 +20,12 @@ from veriray_validate.dicts import (
     view,
 )
 from veriray_validate.form_factors import gauss
+from veriray_validate.fresnel import (
+    external_reflectance,
+    fresnel,
+    fresnel_conductor,
+    internal_reflectance,
+)
 from veriray_validate.trial import Trial, case
 
 # ---- Fresnel ----

@@ -15,9 +15,7 @@ from veriray_validate.dicts import (
     diffuse,
     direction,
     flat,
-    fresnel,
     glass,
-    internal_reflectance,
     medium,
     rgb,
     scene,
@@ -25,6 +23,7 @@ from veriray_validate.dicts import (
     sphere,
     view,
 )
+from veriray_validate.fresnel import fresnel, internal_reflectance
 from veriray_validate.statistics import binomial, chi_square, smallest_bias
 from veriray_validate.trial import Trial, case
 

@@ -17,9 +17,7 @@ from veriray_validate.dicts import (
     diffuse,
     direction,
     flat,
-    fresnel,
     glass,
-    internal_reflectance,
     masked,
     plastic,
     rgb,
@@ -29,6 +27,7 @@ from veriray_validate.dicts import (
     view,
 )
 from veriray_validate.form_factors import rectangle_above_corner
+from veriray_validate.fresnel import fresnel, internal_reflectance
 from veriray_validate.trial import Trial, case
 
 # ---- plastic ----

@@ -1,4 +1,5 @@
-// The CPU backend. Compiled once per instruction set into a module of its own.
+// The CPU back end: memory, threads and errors; no radiance is computed here. Compiled once for
+// each instruction set.
 #include <thrust/version.h>
 #include <unistd.h>
 
@@ -7,13 +8,10 @@
 #include <fstream>
 #include <thread>
 
-#include "backends/hooks.h"
 #include "backends/instances.h"
-#include "backends/leaks.h"
 #include "backends/waves_cpu.h"
 #include "scene/thread_pool.h"
 #include "scene/tree_layout.h"
-#include "schedulers/tile.h"
 
 namespace veriray {
 
@@ -109,9 +107,6 @@ Scene::Scene(const SceneInput& in, int, const std::string& builder, const BuildP
 Scene::~Scene() = default;
 const HostScene& Scene::host() const { return impl->host; }
 TreeInfo Scene::tree() const { return impl->info; }
-TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads) {
-    return host_ploc(scene.host(), kSimdWalk, width, threads);
-}
 
 namespace {
 
@@ -136,24 +131,22 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
     const uint64_t pixel_runs = job.listed ? runs.size() : (pixels + width - 1) / width;
     const uint64_t sample_runs = (job.samples + samples - 1) / samples;
     std::vector<std::unique_ptr<Tile>> tiles(stats.threads);
-    bool complete = false;
-    with_variant(choose_variant(view, s), [&]<uint32_t kFeatures>() {
-        complete = parallel(
-            stats.threads, pixel_runs * sample_runs, poll, [&](uint32_t worker, uint64_t unit) {
-                if (!tiles[worker]) tiles[worker] = std::make_unique<Tile>();
-                const uint64_t run = unit % pixel_runs;
-                const uint32_t k = static_cast<uint32_t>(unit / pixel_runs) * samples;
-                const auto [first, count] =
-                    job.listed ? runs[run]
-                               : std::pair(static_cast<uint32_t>(run * width),
-                                           static_cast<uint32_t>(
-                                               std::min<uint64_t>(width, pixels - run * width)));
-                tiles[worker]->run<kFeatures>(view, job, first, count, k,
-                                              std::min(samples, job.samples - k), ledgers[worker]);
-            });
-    });
+    const CpuVariant& variant = chosen_variant(view, s);
     ++stats.launches;
-    return complete;
+    return parallel(
+        stats.threads, pixel_runs * sample_runs, poll, [&](uint32_t worker, uint64_t unit) {
+            if (!tiles[worker]) tiles[worker] = std::make_unique<Tile>(variant.path);
+            const uint64_t run = unit % pixel_runs;
+            const uint32_t k = static_cast<uint32_t>(unit / pixel_runs) * samples;
+            const auto [first, count] =
+                job.listed
+                    ? runs[run]
+                    : std::pair(
+                          static_cast<uint32_t>(run * width),
+                          static_cast<uint32_t>(std::min<uint64_t>(width, pixels - run * width)));
+            variant.tile(*tiles[worker], view, job, first, count, k,
+                         std::min(samples, job.samples - k), ledgers[worker]);
+        });
 }
 
 }  // namespace
@@ -205,7 +198,6 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
 
 std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, uint32_t x,
                                    uint32_t y, uint64_t sample) {
-    using Tracer = PathTracer<Scalar, kAllFeatures>;
     const HostScene& host = scene.host();
     if (x >= host.width || y >= host.height)
         throw std::invalid_argument("pixel (" + std::to_string(x) + ", " + std::to_string(y) +
@@ -218,43 +210,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
     for_sample_ranges(
         one, 1, {},
         [&](const PathSettings& settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
-            PathState<Scalar> path = Tracer::begin(host.view, settings, x, y, host.width, low);
-            bool alive = true;
-            for (uint32_t depth = 0; alive; ++depth) {
-                const Ray<Scalar> ray = path.ray;
-                const Hit<Scalar> hit = Tracer::next_hit(host.view, path, kInfinity, true);
-                PathVertex v{};
-                v.depth = depth;
-                const Spectrum<float> before = path.throughput;
-                const Events<Scalar> e = Tracer::bounce(host.view, settings, path, depth, true);
-                alive = e.alive;
-                static const char* const names[] = {"scattered", "escaped",   "emitter_end",
-                                                    "absorbed",  "rr_killed", "depth_cut",
-                                                    "invalid"};
-                v.event = names[cause_of(e)];
-                v.shadow = e.visible ? 1 : e.occluded ? 0 : -1;
-                v.primitive = -1;
-                const bool met = !e.escaped && !e.collided;
-                const Vec3<float> flown = path.ray.o - ray.o;
-                v.t = met          ? static_cast<float>(hit.t * host.unit)
-                      : e.collided ? static_cast<float>(sqrt(dot(flown, flown)) * host.unit)
-                                   : kInfinity;
-                const float o[3] = {ray.o.x, ray.o.y, ray.o.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
-                for (int k = 0; k < 3; ++k) {
-                    const double t = v.t < kInfinity ? static_cast<double>(v.t) / host.unit : 0;
-                    const double at = static_cast<double>(o[k]) + t * static_cast<double>(d[k]);
-                    v.position[k] = at * host.unit + host.centre[k];
-                    v.direction[k] = d[k];
-                    v.throughput[k] = before[k];
-                    v.radiance[k] = path.radiance[k];
-                }
-                if (met) {
-                    v.primitive = host.input_index[hit.primitive];
-                    const Surface<Scalar> at = Tracer::surface_at(host.view, ray, hit, true);
-                    v.normal[0] = at.ng.x, v.normal[1] = at.ng.y, v.normal[2] = at.ng.z;
-                }
-                out.push_back(v);
-            }
+            cpu_variant(s.integrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
         });
     return out;
 }
@@ -312,102 +268,6 @@ std::vector<DeviceInfo> devices() {
     d.memory_free = page * static_cast<uint64_t>(sysconf(_SC_AVPHYS_PAGES));
     d.multiprocessors = static_cast<int>(std::thread::hardware_concurrency());
     return {d};
-}
-
-std::pair<size_t, size_t> function_shape(const std::string& name) {
-    const FunctionInfo& f = kFunctions[find_function(name)];
-    return {f.inputs, f.outputs};
-}
-
-// Every row goes through the vector and the scalar lanes, which must agree.
-std::vector<float> eval_function(const std::string& name, const std::vector<float>& x) {
-    const uint32_t which = find_function(name);
-    const auto [inputs, outputs] = function_shape(name);
-    const size_t n = x.size() / inputs;
-    std::vector<float> y(n * outputs);
-    for (size_t i = 0; i < n; i += Simd::kWidth) {
-        const size_t live = std::min<size_t>(Simd::kWidth, n - i);
-        Simd::F in[kMaxColumns], out[kMaxColumns];
-        float column[Simd::kWidth], row[kMaxColumns];
-        for (size_t c = 0; c < kMaxColumns; ++c) {
-            for (size_t k = 0; k < Simd::kWidth; ++k)
-                column[k] = c < inputs ? x[(i + std::min(k, live - 1)) * inputs + c] : 0.f;
-            in[c] = load(column, Simd::F());
-        }
-        evaluate<Simd>(which, in, out);
-        for (size_t c = 0; c < outputs; ++c) {
-            store(column, out[c]);
-            for (size_t k = 0; k < live; ++k) y[(i + k) * outputs + c] = column[k];
-        }
-        for (size_t k = 0; k < live; ++k) {
-            evaluate<Scalar>(which, &x[(i + k) * inputs], row);
-            if (std::memcmp(row, &y[(i + k) * outputs], outputs * sizeof(float)))
-                throw std::logic_error(name + ": scalar and vector lanes differ");
-        }
-    }
-    return y;
-}
-
-std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
-                                   const std::vector<uint32_t>& pixel,
-                                   const std::vector<uint64_t>& sample,
-                                   const std::vector<uint32_t>& block) {
-    std::vector<uint32_t> out;
-    for (size_t i = 0; i < pixel.size(); ++i) {
-        const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32), sampler);
-        const Block<uint32_t> r =
-            random_block(key, pixel[i], static_cast<uint32_t>(sample[i]), block[i]);
-        out.insert(out.end(), {r.x, r.y, r.z, r.w});
-    }
-    return out;
-}
-
-void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
-               float* t, int32_t* triangle) {
-    const HostScene& host = scene.host();
-    for (size_t i = 0; i < n; i += Simd::kWidth) {
-        float rays[6][Simd::kWidth] = {}, distance[Simd::kWidth];
-        uint32_t primitive[Simd::kWidth];
-        const uint32_t live = static_cast<uint32_t>(std::min<size_t>(Simd::kWidth, n - i));
-        for (uint32_t k = 0; k < live; ++k) {
-            float ray[6];
-            normalise_ray(host, origins + 3 * (i + k), directions + 3 * (i + k), ray);
-            for (int c = 0; c < 6; ++c) rays[c][k] = ray[c];
-        }
-        const auto column = [&](int c) { return load(rays[c], Simd::F()); };
-        const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
-        const Hit<Simd> hit = PathTracer<Simd, kAllFeatures>::closest(
-            host.view, ray, nothing_met<Simd>(), Simd::F(kInfinity), first_lanes(live, Simd::M()));
-        const auto all = first_lanes(Simd::kWidth, Simd::M());
-        compress_store(distance, hit.t, all);
-        compress_store(primitive, hit.primitive, all);
-        for (uint32_t k = 0; k < live; ++k) {
-            const bool met = distance[k] < kInfinity;
-            t[i + k] = met ? static_cast<float>(distance[k] * host.unit) : kInfinity;
-            triangle[i + k] = met ? static_cast<int32_t>(host.input_index[primitive[k]]) : -1;
-        }
-    }
-}
-
-std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,
-                                          size_t origin_count, uint64_t first, uint64_t n) {
-    const HostScene& host = scene.host();
-    const std::vector<float> corners = leak_corners(host);
-    const std::vector<float> from = leak_origins(host, origins, origin_count);
-    const LeakTargets targets{corners.data(), static_cast<uint32_t>(corners.size() / 9),
-                              from.data(), static_cast<uint32_t>(origin_count)};
-    std::atomic<uint64_t> missed[2] = {0, 0};
-    constexpr uint64_t kPart = 1 << 16;
-    parallel(std::max(1u, std::thread::hardware_concurrency()), (n + kPart - 1) / kPart, {},
-             [&](uint32_t, uint64_t part) {
-                 uint64_t counts[2] = {0, 0};
-                 for (uint64_t i = part * kPart; i < std::min(n, (part + 1) * kPart); ++i) {
-                     bool at_edge;
-                     if (leaks(host.view, targets, first + i, at_edge)) ++counts[at_edge];
-                 }
-                 missed[0] += counts[0], missed[1] += counts[1];
-             });
-    return {missed[0], missed[1]};
 }
 
 }  // namespace veriray

@@ -1,15 +1,12 @@
-// What the CUDA backend is and where it can run; its parts by name for the test suite.
+// What the CUDA backend is and where it can run.
 #include <thrust/version.h>
 
 #include <cstdlib>
 
 #include "backends/device.cuh"
-#include "backends/hooks.h"
-#include "core/rng.h"
 
 namespace veriray {
 
-// ---- what is here ----
 BuildInfo build_info() {
     const std::string thrust = std::to_string(THRUST_MAJOR_VERSION) + "." +
                                std::to_string(THRUST_MINOR_VERSION) + "." +
@@ -88,58 +85,6 @@ std::vector<DeviceInfo> devices() {
     }
     check(cudaSetDevice(before), "device");
     return out;
-}
-
-// ---- hooks of the test suite ----
-namespace {
-__global__ void function_kernel(uint32_t which, uint32_t inputs, uint32_t outputs, const float* x,
-                                float* y, uint64_t n) {
-    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < n) evaluate<Scalar>(which, x + i * inputs, y + i * outputs);
-}
-
-__global__ void random_kernel(uint64_t seed, Sampler sampler, const uint32_t* pixel,
-                              const uint64_t* sample, const uint32_t* block, uint32_t* out,
-                              uint64_t n) {
-    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i >= n) return;
-    const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32), sampler);
-    const Block<uint32_t> r =
-        random_block(key, pixel[i], static_cast<uint32_t>(sample[i]), block[i]);
-    out[4 * i] = r.x, out[4 * i + 1] = r.y, out[4 * i + 2] = r.z, out[4 * i + 3] = r.w;
-}
-}  // namespace
-
-std::pair<size_t, size_t> function_shape(const std::string& name) {
-    const FunctionInfo& f = kFunctions[find_function(name)];
-    return {f.inputs, f.outputs};
-}
-
-std::vector<float> eval_function(const std::string& name, const std::vector<float>& x) {
-    const uint32_t which = find_function(name);
-    const FunctionInfo& f = kFunctions[which];
-    use_device(0);
-    const uint64_t n = x.size() / f.inputs;
-    Buffer<float> in(x, "arguments"), out(n * f.outputs, "values");
-    if (n)
-        function_kernel<<<blocks_for(n, 256), 256>>>(which, f.inputs, f.outputs, in.get(),
-                                                     out.get(), n);
-    check_launch("function");
-    return out.download();
-}
-
-std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
-                                   const std::vector<uint32_t>& pixel,
-                                   const std::vector<uint64_t>& sample,
-                                   const std::vector<uint32_t>& block) {
-    use_device(0);
-    Buffer<uint32_t> p(pixel, "arguments"), b(block, "arguments"), out(4 * pixel.size(), "values");
-    Buffer<uint64_t> s(sample, "arguments");
-    if (!pixel.empty())
-        random_kernel<<<blocks_for(pixel.size(), 256), 256>>>(seed, sampler, p.get(), s.get(),
-                                                              b.get(), out.get(), pixel.size());
-    check_launch("random");
-    return out.download();
 }
 
 }  // namespace veriray

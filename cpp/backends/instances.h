@@ -7,20 +7,10 @@
 #include <utility>
 
 #include "api/renderer.h"
+#include "integrators/integrators.h"
 #include "schedulers/job.h"
 
 namespace veriray {
-
-// Calls fn.template operator()<mask>() with the smallest compiled variant that covers the scene.
-template <uint32_t kIndex = 0, class Fn>
-void with_variant(uint32_t index, Fn&& fn) {
-    if constexpr (kIndex < kVariantCount) {
-        if (index == kIndex)
-            fn.template operator()<kVariants[kIndex]>();
-        else
-            with_variant<kIndex + 1>(index, std::forward<Fn>(fn));
-    }
-}
 
 inline uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) {
     return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
@@ -158,40 +148,6 @@ TreeInfo tree_info(TreeBuilder builder, const WideTree<N>& tree, size_t memory) 
             memory,
             tree.cost,
             tree.seconds};
-}
-
-template <uint32_t N>
-TreeWords tree_words(const WideTree<N>& tree) {
-    TreeWords out{std::vector<uint32_t>(tree.nodes.size() * 7 * N), tree.order};
-    for (size_t i = 0; i < tree.nodes.size(); ++i)
-        std::memcpy(&out.nodes[i * 7 * N], &tree.nodes[i], 7 * N * sizeof(uint32_t));
-    return out;
-}
-
-// Calls fn.template operator()<width>().
-template <class Fn>
-auto with_width(uint32_t width, Fn fn) {
-    if (width == 2) return fn.template operator()<2>();
-    if (width == 4) return fn.template operator()<4>();
-    if (width == 8) return fn.template operator()<8>();
-    throw std::invalid_argument("width = " + std::to_string(width) + "; allowed: 2, 4, 8");
-}
-
-inline TreeWords host_ploc(const HostScene& host, const WalkCost& walk, uint32_t width,
-                           uint32_t threads) {
-    return with_width(width, [&]<uint32_t N>() {
-        return tree_words(build_ploc<N>(host.tree_input(), walk, threads, {}));
-    });
-}
-
-// World rays to normalised ones.
-inline void normalise_ray(const HostScene& scene, const double* o, const double* d, float out[6]) {
-    const Double3 origin = (Double3{o[0], o[1], o[2]} - scene.centre) * (1.0 / scene.unit);
-    const Double3 unit = normalised({d[0], d[1], d[2]});
-    for (int k = 0; k < 3; ++k) {
-        out[k] = static_cast<float>(origin[k]);
-        out[3 + k] = static_cast<float>(unit[k]);
-    }
 }
 
 }  // namespace veriray

@@ -9,27 +9,27 @@
 namespace veriray {
 namespace {
 
-template <uint32_t kFeatures>
+template <class Tracer>
 __global__ void __launch_bounds__(kThrustBlock)
     thrust_begin_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                         Columns paths, int32_t* indices, uint64_t first, uint32_t n) {
     const uint32_t i = blockIdx.x * kThrustBlock + threadIdx.x;
-    if (i < n) thrust_begin<kFeatures>(scene, job, paths, indices, first, i);
+    if (i < n) thrust_begin<Tracer>(scene, job, paths, indices, first, i);
 }
 
-template <uint32_t kFeatures>
+template <class Tracer>
 __global__ void __launch_bounds__(kThrustBlock)
     thrust_bounce_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                          Columns paths, PathIndices indices, Compaction compaction, uint32_t depth,
                          uint32_t n, uint64_t* ledger_row) {
     __shared__ uint32_t counts[kLedgerColumns];
     if (threadIdx.x < kLedgerColumns) counts[threadIdx.x] = 0;
-    fill_block_quads<kFeatures>(scene);
+    fill_block_quads<Tracer::kMask>(scene);
     __syncthreads();
     const uint32_t k = blockIdx.x * kThrustBlock + threadIdx.x;
     if (k < n) {
         const BounceOutcome out =
-            thrust_bounce<kFeatures>(scene, job, paths, indices, compaction, depth, k);
+            thrust_bounce<Tracer>(scene, job, paths, indices, compaction, depth, k);
         if (out.cause != kLive) atomicAdd(&counts[out.cause], 1u);
         if (out.shadow != kLive) atomicAdd(&counts[out.shadow], 1u);
     }
@@ -39,7 +39,7 @@ __global__ void __launch_bounds__(kThrustBlock)
 }
 
 // Executor of the `thrust` scheduler.
-template <uint32_t kFeatures>
+template <class Tracer>
 struct DeviceExec {
     const Launches& l;
     const Job& job;
@@ -48,7 +48,7 @@ struct DeviceExec {
     Clock::time_point last = Clock::now();
 
     void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
-        thrust_begin_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
+        thrust_begin_kernel<Tracer><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
             l.scene, job, pool.paths, indices.now, first, n);
         check_launch("begin");
         ++l.stats.launches;
@@ -56,7 +56,7 @@ struct DeviceExec {
     void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
         if (pool.compaction == Compaction::kAppend)
             check(cudaMemsetAsync(indices.appended, 0, sizeof(uint32_t), l.work.s), "bounce");
-        thrust_bounce_kernel<kFeatures><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
+        thrust_bounce_kernel<Tracer><<<blocks_for(n, kThrustBlock), kThrustBlock, 0, l.work.s>>>(
             l.scene, job, pool.paths, indices, pool.compaction, depth, n,
             l.ledger.get() + static_cast<uint64_t>(depth) * kLedgerColumns);
         check_launch("bounce");
@@ -85,19 +85,20 @@ struct DeviceExec {
 }  // namespace
 
 bool render_thrust(const Launches& l, const Job& job) {
-    const uint32_t variant = choose_variant(l.scene, l.s), features = kVariants[variant];
     const Compaction compaction = find_scheduler(l.s.scheduler)->compaction;
     const size_t slots = pool_slots(l.s.batch, job);
-    Buffer<float> floats(path_floats(features) * slots, "path pool");
-    Buffer<uint32_t> uints(path_uints(features) * slots, "path pool");
-    Buffer<int32_t> index(index_columns(compaction) * slots, "path pool");
-    Buffer<uint32_t> appended(1, "path pool");
-    const PathPool pool = make_pool(compaction, static_cast<uint32_t>(slots), floats.get(),
-                                    uints.get(), index.get(), appended.get());
     bool complete = false;
-    with_variant(variant, [&]<uint32_t kFeatures>() {
-        note_kernel(l.stats, thrust_bounce_kernel<kFeatures>, kThrustBlock);
-        DeviceExec<kFeatures> exec{l, job, pool};
+    with_variant(l.s.integrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
+        using Tracer = typename Variant::template Tracer<Scalar>;
+        const ColumnCount columns = Tracer::columns(Tracer::kMask);
+        Buffer<float> floats(columns.floats * slots, "path pool");
+        Buffer<uint32_t> uints(columns.uints * slots, "path pool");
+        Buffer<int32_t> index(index_columns(compaction) * slots, "path pool");
+        Buffer<uint32_t> appended(1, "path pool");
+        const PathPool pool = make_pool(compaction, static_cast<uint32_t>(slots), floats.get(),
+                                        uints.get(), index.get(), appended.get());
+        note_kernel(l.stats, thrust_bounce_kernel<Tracer>, kThrustBlock);
+        DeviceExec<Tracer> exec{l, job, pool};
         try {
             run_thrust(exec, job.paths(), pool,
                        {l.stats.blocks, l.stats.depth_seconds, l.stats.compaction_seconds});

@@ -108,20 +108,6 @@ struct GatherStep {
     }
 };
 
-struct DeviceTree {
-    Buffer<WideNode<kDeviceWidth>> nodes;
-    Buffer<float> records;  // by slot
-    TreeInfo info;
-
-    TreeWords words() const {
-        WideTree<kDeviceWidth> tree{nodes.download(), {}};
-        const std::vector<float> r = records.download();
-        for (size_t at = 0; at < r.size(); at += kRecordFloats)
-            tree.order.push_back(bit_cast<uint32_t>(r[at + kRecordId]));
-        return tree_words(tree);
-    }
-};
-
 // in: on the device.
 inline DeviceTree build_on_device(const TreeInput& in, const BuildPoll& poll,
                                   Buffer<uint32_t>& order) {
@@ -139,34 +125,6 @@ inline DeviceTree build_on_device(const TreeInput& in, const BuildPoll& poll,
     out.info.depth = root.depth;
     out.info.cost = tree_cost(root.row, root.lo, root.hi);
     out.info.seconds = seconds.count();
-    return out;
-}
-
-inline DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const BuildPoll& poll) {
-    DeviceTree out;
-    const Buffer<float> records(host.records, "tree"), boxes(host.round_boxes, "tree");
-    Buffer<uint32_t> order;
-    TreeInput in = host.tree_input();
-    if (builder == TreeBuilder::kPloc) {
-        in.records = records.get(), in.round_boxes = boxes.get();
-        out = build_on_device(in, poll, order);
-    } else {
-        const auto tree = build_tree<kDeviceWidth>(in, builder, kScalarWalk, 0, poll);
-        out.nodes = {tree.nodes, "tree"};
-        order = {tree.order, "tree"};
-        out.info = tree_info(builder, tree, 0);
-    }
-    out.records = {order.size() * kRecordFloats, "tree"};
-    each_on_device(static_cast<uint32_t>(order.size() * 4),
-                   GatherStep{reinterpret_cast<const float4*>(records.get()), order.get(),
-                              reinterpret_cast<float4*>(out.records.get())});
-    check(cudaDeviceSynchronize(), "tree");
-    out.info.builder = kTreeBuilders[static_cast<uint32_t>(builder)];
-    out.info.width = kDeviceWidth;
-    out.info.nodes = out.nodes.size();
-    out.info.references = order.size();
-    out.info.memory =
-        out.nodes.size() * sizeof(WideNode<kDeviceWidth>) + out.records.size() * sizeof(float);
     return out;
 }
 

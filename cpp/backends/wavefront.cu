@@ -16,7 +16,7 @@ __device__ void each_of(uint32_t n, Body body) {
     for (uint32_t k = threadIdx.x; k < n; k += kWaveBlock) body(k);
 }
 
-template <uint32_t kFeatures>
+template <class Tracer>
 __global__ void __launch_bounds__(kWaveBlock)
     refill_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                   const __grid_constant__ Wave w) {
@@ -33,25 +33,24 @@ __global__ void __launch_bounds__(kWaveBlock)
         w.queues[blockIdx.x] = q;
     }
     __syncthreads();
-    each_of(r.begins, [&](uint32_t k) { wave_begin<kFeatures>(scene, job, w, r, first, k); });
+    each_of(r.begins, [&](uint32_t k) { wave_begin<Tracer>(scene, job, w, r, first, k); });
 }
 
-template <uint32_t kFeatures>
+template <class Tracer>
 __global__ void __launch_bounds__(kWaveBlock)
     trace_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Wave w) {
     const uint32_t live = w.queues[blockIdx.x].live;
     if (live == 0) return;
     __shared__ TileQueues q;
     if (threadIdx.x == 0) q = w.queues[blockIdx.x];
-    fill_block_quads<kFeatures>(scene);
+    fill_block_quads<Tracer::kMask>(scene);
     __syncthreads();
-    each_of(live,
-            [&](uint32_t k) { wave_trace<kFeatures>(scene, w, q, blockIdx.x * kTileSlots, k); });
+    each_of(live, [&](uint32_t k) { wave_trace<Tracer>(scene, w, q, blockIdx.x * kTileSlots, k); });
     __syncthreads();
     if (threadIdx.x == 0) w.queues[blockIdx.x] = q;
 }
 
-template <uint32_t kFeatures>
+template <class Tracer>
 __global__ void __launch_bounds__(kWaveBlock)
     scatter_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                    const __grid_constant__ Wave w, uint64_t* ledger) {
@@ -62,7 +61,7 @@ __global__ void __launch_bounds__(kWaveBlock)
     counts.clear();
     __syncthreads();
     each_of(hit_places(q), [&](uint32_t k) {
-        wave_scatter<kFeatures>(
+        wave_scatter<Tracer>(
             scene, job, w, q, blockIdx.x * kTileSlots, k,
             [&](uint32_t depth, uint32_t column) { counts.record(ledger, depth, column); });
     });
@@ -71,7 +70,7 @@ __global__ void __launch_bounds__(kWaveBlock)
     counts.add_to(ledger);
 }
 
-template <uint32_t kFeatures>
+template <class Tracer>
 __global__ void __launch_bounds__(kWaveBlock)
     shadow_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                   const __grid_constant__ Wave w, uint64_t* ledger) {
@@ -79,10 +78,10 @@ __global__ void __launch_bounds__(kWaveBlock)
     if (shadows == 0) return;
     __shared__ BlockLedger counts;
     counts.clear();
-    fill_block_quads<kFeatures>(scene);
+    fill_block_quads<Tracer::kMask>(scene);
     __syncthreads();
     each_of(shadows, [&](uint32_t k) {
-        wave_shadow<kFeatures>(
+        wave_shadow<Tracer>(
             scene, job, w, blockIdx.x * kTileSlots, k,
             [&](uint32_t depth, uint32_t column) { counts.record(ledger, depth, column); });
     });
@@ -136,22 +135,22 @@ void load_kernels(Kernels... kernels) {
     (check(cudaFuncGetAttributes(&attributes, kernels), "kernels"), ...);
 }
 
-template <uint32_t kFeatures>
+template <class Tracer>
 Graph record_steps(const Launches& l, const Job& job, const Wave& w) {
-    load_kernels(refill_kernel<kFeatures>, trace_kernel<kFeatures>, scatter_kernel<kFeatures>,
-                 shadow_kernel<kFeatures>);
+    load_kernels(refill_kernel<Tracer>, trace_kernel<Tracer>, scatter_kernel<Tracer>,
+                 shadow_kernel<Tracer>);
     const uint32_t tiles = tile_count(w.capacity);
     const cudaStream_t s = l.work.s;
     uint64_t* const ledger = l.ledger.get();
     return Graph(l.work, [&] {
         for (uint32_t step = 0; step < kSteps; ++step) {
-            refill_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w);
+            refill_kernel<Tracer><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w);
             check_launch("refill");
-            trace_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, w);
+            trace_kernel<Tracer><<<tiles, kWaveBlock, 0, s>>>(l.scene, w);
             check_launch("trace");
-            scatter_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
+            scatter_kernel<Tracer><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
             check_launch("scatter");
-            shadow_kernel<kFeatures><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
+            shadow_kernel<Tracer><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
             check_launch("shadow");
         }
     });
@@ -160,25 +159,28 @@ Graph record_steps(const Launches& l, const Job& job, const Wave& w) {
 }  // namespace
 
 bool render_wavefront(const Launches& l, const Job& job) {
-    const uint32_t variant = choose_variant(l.scene, l.s), features = kVariants[variant];
     const uint32_t kinds = find_scheduler(l.s.scheduler)->sorted ? kHitKinds : 1;
     // By default 16 tiles a multiprocessor, whose blocks fill one that holds 2,048 threads.
     const uint64_t wanted = l.s.batch ? l.s.batch : 16ull * kTileSlots * l.multiprocessors;
     const uint32_t capacity = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    Buffer<float> floats(static_cast<size_t>(wave_floats(features)) * capacity, "wave");
-    Buffer<uint32_t> uints(static_cast<size_t>(wave_uints(features, kinds)) * capacity, "wave");
-    Buffer<TileQueues> queues(tile_count(capacity), "wave");
-    Buffer<WaveControl> control(1, "wave");
-    const Wave w = make_wave(features, kinds, capacity, floats.get(), uints.get(), queues.get(),
-                             control.get());
-    check(cudaMemsetAsync(w.state, 0xff, capacity * sizeof(uint32_t), l.work.s), "wave");
-    check(cudaMemsetAsync(w.queues, 0, queues.size() * sizeof(TileQueues), l.work.s), "wave");
-    check(cudaMemsetAsync(w.control, 0, sizeof(WaveControl), l.work.s), "wave");
-    check(cudaStreamSynchronize(l.work.s), "wave");
     bool complete = false;
-    with_variant(variant, [&]<uint32_t kFeatures>() {
-        note_kernel(l.stats, trace_kernel<kFeatures>, kWaveBlock);
-        const Graph steps = record_steps<kFeatures>(l, job, w);
+    with_variant(l.s.integrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
+        using Tracer = typename Variant::template Tracer<Scalar>;
+        const ColumnCount path = Tracer::columns(Tracer::kMask),
+                          request = Tracer::request_columns(Tracer::kMask),
+                          all = wave_columns(path, request, kinds);
+        Buffer<float> floats(static_cast<size_t>(all.floats) * capacity, "wave");
+        Buffer<uint32_t> uints(static_cast<size_t>(all.uints) * capacity, "wave");
+        Buffer<TileQueues> queues(tile_count(capacity), "wave");
+        Buffer<WaveControl> control(1, "wave");
+        const Wave w = make_wave(path, request, kinds, capacity, floats.get(), uints.get(),
+                                 queues.get(), control.get());
+        check(cudaMemsetAsync(w.state, 0xff, capacity * sizeof(uint32_t), l.work.s), "wave");
+        check(cudaMemsetAsync(w.queues, 0, queues.size() * sizeof(TileQueues), l.work.s), "wave");
+        check(cudaMemsetAsync(w.control, 0, sizeof(WaveControl), l.work.s), "wave");
+        check(cudaStreamSynchronize(l.work.s), "wave");
+        note_kernel(l.stats, trace_kernel<Tracer>, kWaveBlock);
+        const Graph steps = record_steps<Tracer>(l, job, w);
         const Event ends[2];
         Watch watch(l, &w.control->stopped);
         const auto share = [&] {

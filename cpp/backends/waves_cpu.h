@@ -8,11 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "backends/instances.h"
+#include "backends/cpu_variant.h"
 #include "scene/thread_pool.h"
 #include "schedulers/thrust.h"
-#include "schedulers/tile.h"
-#include "schedulers/wavefront.h"
 
 namespace veriray {
 namespace {
@@ -28,8 +26,8 @@ std::vector<T> pool_memory(size_t n, const char* what) {
 }
 
 // Executor of the `thrust` scheduler on Thrust's host system: blocks are shared out to threads.
-template <uint32_t kFeatures>
 struct HostExec {
+    const CpuVariant& variant;
     const SceneView& scene;
     const Job& job;
     const PathPool& pool;
@@ -48,23 +46,20 @@ struct HostExec {
         const Poll each = [&](double) { return poll_now(); };
         stopped |= !parallel(threads, blocks, each, [&](uint32_t worker, uint64_t block) {
             const uint32_t first = static_cast<uint32_t>(block) * kThrustBlock;
-            for (uint32_t k = first; k < std::min(n, first + kThrustBlock); ++k) body(worker, k);
+            body(worker, first, std::min(n, first + kThrustBlock));
         });
     }
     void begin(const PathIndices& indices, uint64_t first, uint32_t n) {
-        launch(n, [&](uint32_t, uint32_t i) {
-            thrust_begin<kFeatures>(scene, job, pool.paths, indices.now, first, i);
+        launch(n, [&](uint32_t, uint32_t begin, uint32_t end) {
+            variant.thrust_begin(scene, job, pool.paths, indices.now, first, begin, end);
         });
     }
     void bounce(const PathIndices& indices, uint32_t depth, uint32_t n) {
         *indices.appended = 0;
         for (LedgerRows& rows : ledgers) rows.row(depth);
-        launch(n, [&](uint32_t worker, uint32_t k) {
-            const BounceOutcome out = thrust_bounce<kFeatures>(scene, job, pool.paths, indices,
-                                                               pool.compaction, depth, k);
-            uint64_t* row = ledgers[worker].row(depth);
-            if (out.cause != kLive) ++row[out.cause];
-            if (out.shadow != kLive) ++row[out.shadow];
+        launch(n, [&](uint32_t worker, uint32_t begin, uint32_t end) {
+            variant.thrust_bounce(scene, job, pool, indices, depth, begin, end,
+                                  ledgers[worker].row(depth));
         });
     }
     auto policy() const { return thrust::host; }
@@ -87,39 +82,35 @@ struct HostExec {
 
 bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& s,
                    std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
-    const uint32_t variant = choose_variant(view, s), features = kVariants[variant];
+    const CpuVariant& variant = chosen_variant(view, s);
     const Compaction compaction = find_scheduler(s.scheduler)->compaction;
     const size_t slots = pool_slots(s.batch, job);
-    auto floats = pool_memory<float>(path_floats(features) * slots, "path pool");
-    auto uints = pool_memory<uint32_t>(path_uints(features) * slots, "path pool");
+    auto floats = pool_memory<float>(variant.path.floats * slots, "path pool");
+    auto uints = pool_memory<uint32_t>(variant.path.uints * slots, "path pool");
     auto index = pool_memory<int32_t>(index_columns(compaction) * slots, "path pool");
     uint32_t appended = 0;
     const PathPool pool = make_pool(compaction, static_cast<uint32_t>(slots), floats.data(),
                                     uints.data(), index.data(), &appended);
-    bool complete = false;
-    with_variant(variant, [&]<uint32_t kFeatures>() {
-        HostExec<kFeatures> exec{view, job, pool, ledgers, stats.threads, poll, &stats.launches};
-        run_thrust(exec, job.paths(), pool,
-                   {stats.blocks, stats.depth_seconds, stats.compaction_seconds});
-        complete = !exec.stopped;
-    });
-    return complete;
+    HostExec exec{variant, view, job, pool, ledgers, stats.threads, poll, &stats.launches};
+    run_thrust(exec, job.paths(), pool,
+               {stats.blocks, stats.depth_seconds, stats.compaction_seconds});
+    return !exec.stopped;
 }
 
 // Each thread moves on a tile at a time, through all stages, which stays in its cache.
 bool render_wavefront(const SceneView& view, const Job& job, const RenderSettings& s,
                       std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
-    const uint32_t variant = choose_variant(view, s), features = kVariants[variant];
+    const CpuVariant& variant = chosen_variant(view, s);
     const uint32_t kinds = find_scheduler(s.scheduler)->sorted ? kHitKinds : 1;
     const uint64_t most = std::min<uint64_t>(stats.threads * kTileSlots, job.paths());
     const uint32_t capacity =
         static_cast<uint32_t>(s.batch ? std::min<uint64_t>(s.batch, most) : most);
-    auto floats = pool_memory<float>(static_cast<size_t>(wave_floats(features)) * capacity, "wave");
-    auto uints =
-        pool_memory<uint32_t>(static_cast<size_t>(wave_uints(features, kinds)) * capacity, "wave");
+    const ColumnCount columns = wave_columns(variant.path, variant.request, kinds);
+    auto floats = pool_memory<float>(static_cast<size_t>(columns.floats) * capacity, "wave");
+    auto uints = pool_memory<uint32_t>(static_cast<size_t>(columns.uints) * capacity, "wave");
     WaveControl control{};
-    const Wave w =
-        make_wave(features, kinds, capacity, floats.data(), uints.data(), nullptr, &control);
+    const Wave w = make_wave(variant.path, variant.request, kinds, capacity, floats.data(),
+                             uints.data(), nullptr, &control);
     std::fill_n(w.state, capacity, Wave::kFree);
     const Poll watch = [&](double) {
         const double share =
@@ -133,23 +124,16 @@ bool render_wavefront(const SceneView& view, const Job& job, const RenderSetting
         atomic_next(&control.stopped);
         return false;
     };
-    bool complete = false;
-    with_variant(variant, [&]<uint32_t kFeatures>() {
-        complete = parallel(
-            stats.threads, tile_count(capacity), watch, [&](uint32_t worker, uint64_t tile) {
-                const auto record = [&ledger = ledgers[worker]](uint32_t depth, uint32_t column) {
-                    ++ledger.row(depth)[column];
-                };
-                try {
-                    run_wave_tile<kFeatures>(view, job, w, static_cast<uint32_t>(tile), record);
-                } catch (...) {
-                    atomic_next(&control.stopped);
-                    throw;
-                }
-            });
-    });
     ++stats.launches;
-    return complete;
+    return parallel(
+        stats.threads, tile_count(capacity), watch, [&](uint32_t worker, uint64_t tile) {
+            try {
+                variant.wave_tile(view, job, w, static_cast<uint32_t>(tile), ledgers[worker]);
+            } catch (...) {
+                atomic_next(&control.stopped);
+                throw;
+            }
+        });
 }
 
 }  // namespace

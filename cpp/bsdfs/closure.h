@@ -103,7 +103,7 @@ struct Closure {
         return {fma(a, local.x, fma(b, local.y, view.n * local.z)), S::all(F(1.f)),
                 cosine_hemisphere_pdf_sa(local.z), nobody, nobody};
     }
-    static VR_HD M either(M first, M a, M b) { return (first & a) | (!first & b); }
+    static VR_HD M either(M first, M a, M b) { return (first & a) | (b & !first); }
     static VR_HD Sample chosen(M first, const Sample& a, const Sample& b) {
         return {select(first, a.wi, b.wi), select(first, a.weight, b.weight),
                 select(first, a.pdf_sa, b.pdf_sa), either(first, a.transmitted, b.transmitted),

@@ -29,6 +29,13 @@
 #define VR_RARE __attribute__((noinline, cold))
 #endif
 
+// A function that several callers share on a CPU.
+#if VR_CUDA
+#define VR_CALLED VR_HD
+#else
+#define VR_CALLED __attribute__((noinline))
+#endif
+
 // Before a loop that the device compiler must not unroll.
 #if VR_CUDA
 #define VR_ROLLED _Pragma("unroll 1")

@@ -28,6 +28,29 @@ struct PathTracer : DirectLight<L, kFeatures> {
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
+    using Lane = L;
+    static constexpr uint32_t kMask = kFeatures;
+    using State = PathState<L>;
+    using Request = ShadowRequest<L>;
+    template <uint32_t kOther>
+    using With = PathTracer<L, kOther>;
+
+    template <uint32_t kUse, class Path, class FloatField, class UintField>
+    static VR_HD void each_field(Path& p, FloatField f, UintField u) {
+        each_path_field<kFeatures, kUse>(p, f, u);
+    }
+    template <class Shadow, class FloatField, class UintField>
+    static VR_HD void each_request_field(Shadow& s, FloatField f, UintField u) {
+        each_shadow_field<kFeatures>(s, f, u);
+    }
+    static constexpr ColumnCount columns(uint32_t features) { return path_columns(features); }
+    static constexpr ColumnCount request_columns(uint32_t features) {
+        return shadow_columns(features);
+    }
+    static VR_HD Request no_request(M m) {
+        const V nowhere{F(0.f), F(0.f), F(0.f)};
+        return {no_lanes(m), {nowhere, nowhere}, F(0.f), black(), U(0u), U(0u), F(0.f), U(~0u)};
+    }
 
     // ---- begin: a camera path through pixel (x, y) of a film `width` wide ----
     static VR_HD PathState<L> begin(const SceneView& scene, const PathSettings& s, U x, U y,
@@ -324,22 +347,6 @@ struct PathTracer : DirectLight<L, kFeatures> {
     // ---- visible: a free shadow ray delivers ----
     static VR_HD void visible(PathState<L>& path, const ShadowRequest<L>& shadow, M free) {
         path.radiance = select(free, path.radiance + shadow.radiance, path.radiance);
-    }
-
-    // ---- one bounce: from the ray of segment `segment` to the next one ----
-    static VR_HD Events<L> bounce(const SceneView& scene, const PathSettings& s, PathState<L>& path,
-                                  uint32_t segment, M active) {
-        const V nowhere{F(0.f), F(0.f), F(0.f)};
-        ShadowRequest<L> shadow{
-            no_lanes(active), {nowhere, nowhere}, F(0.f), black(), U(0u), U(0u), F(0.f), U(~0u)};
-        const Hit<L> hit = Reader::next_hit(scene, path, F(kInfinity), active);
-        Events<L> e = scatter(scene, s, path, hit, segment, active, shadow);
-        if (any(shadow.wanted)) {
-            e.visible = unblocked(scene, shadow);
-            e.occluded = shadow.wanted & !e.visible;
-            visible(path, shadow, e.visible);
-        }
-        return e;
     }
 
    private:

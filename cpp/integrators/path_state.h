@@ -28,38 +28,72 @@ struct PathState {
     U medium;     // kMedia: around the ray at `travelled`
 };
 
-// Of the fields below, those that say how far the ray has come.
-inline constexpr uint32_t kPassedField = 3;
-constexpr uint32_t travelled_field(uint32_t features) { return features & kRefraction ? 14 : 13; }
+// Which stages take a field of a path that lies in memory.
+enum FieldUse : uint32_t {
+    kFixed = 1,     // set when the path begins
+    kAhead = 2,     // all that tracing needs
+    kGathered = 4,  // where light is added
+    kCarried = 8,
+    kWholePath = kFixed | kAhead | kGathered | kCarried,
+};
 
-// The one list of a path's fields, for the schedulers that store it: f(index, lanes&), u(index,
-// lanes&).
-template <uint32_t kFeatures, class Path, class FloatField, class UintField>
-VR_HD void each_field(Path& p, FloatField f, UintField u) {
-    f(0, p.ray.o.x), f(1, p.ray.o.y), f(2, p.ray.o.z);
-    f(3, p.ray.d.x), f(4, p.ray.d.y), f(5, p.ray.d.z);
-    f(6, p.throughput[0]), f(7, p.throughput[1]), f(8, p.throughput[2]);
-    f(9, p.radiance[0]), f(10, p.radiance[1]), f(11, p.radiance[2]);
-    f(12, p.pdf_sa);
-    u(0, p.pixel), u(1, p.sample);
-    if constexpr (kFeatures & kRefraction) f(13, p.scale);
-    if constexpr (kFeatures & kPass) {
-        f(travelled_field(kFeatures), p.travelled);
-        u(2, p.vertices);
-        u(3, p.passed);
+// The one list of a path's fields: float or uint column, value, features that need it (0: all),
+// use. What follows from it: columns of the schedulers that store paths, their number,
+// `path_bytes`.
+#define VR_PATH_FIELDS(FIELD)              \
+    FIELD(u, pixel, 0, kFixed)             \
+    FIELD(u, sample, 0, kFixed)            \
+    FIELD(f, ray.o.x, 0, kAhead)           \
+    FIELD(f, ray.o.y, 0, kAhead)           \
+    FIELD(f, ray.o.z, 0, kAhead)           \
+    FIELD(f, ray.d.x, 0, kAhead)           \
+    FIELD(f, ray.d.y, 0, kAhead)           \
+    FIELD(f, ray.d.z, 0, kAhead)           \
+    FIELD(f, throughput[0], 0, kCarried)   \
+    FIELD(f, throughput[1], 0, kCarried)   \
+    FIELD(f, throughput[2], 0, kCarried)   \
+    FIELD(f, radiance[0], 0, kGathered)    \
+    FIELD(f, radiance[1], 0, kGathered)    \
+    FIELD(f, radiance[2], 0, kGathered)    \
+    FIELD(f, pdf_sa, 0, kCarried)          \
+    FIELD(f, scale, kRefraction, kCarried) \
+    FIELD(f, travelled, kPass, kAhead)     \
+    FIELD(u, passed, kPass, kAhead)        \
+    FIELD(u, vertices, kPass, kCarried)    \
+    FIELD(u, medium, kMedia, kCarried)
+
+constexpr bool needs_field(uint32_t features, uint32_t need) {
+    return need == 0 || (features & need) != 0;
+}
+
+struct ColumnCount {
+    uint32_t floats, uints;
+};
+// Calls f(column, lanes&), u(column, lanes&) for a list's fields, and counts the columns.
+#define VR_VISIT_FIELD(type, value, need, use)                         \
+    if constexpr (needs_field(kFeatures, need)) {                      \
+        if constexpr ((kUse & (use)) != 0) type(column.type, x.value); \
+        ++column.type;                                                 \
     }
-    if constexpr (kFeatures & kMedia) u((kFeatures & kPass) ? 4 : 2, p.medium);
+#define VR_COUNT_FIELD(type, value, need, use) \
+    if (needs_field(features, need)) ++column.type;
+
+template <uint32_t kFeatures, uint32_t kUse, class Path, class FloatField, class UintField>
+VR_HD void each_path_field(Path& x, FloatField f, UintField u) {
+    struct {
+        uint32_t f = 0, u = 0;
+    } column;
+    VR_PATH_FIELDS(VR_VISIT_FIELD)
 }
-// Fields that some stages need alone; the ray's are the first 6.
-inline constexpr uint32_t kRadianceField = 9, kPixelField = 0, kSampleField = 1;
-constexpr uint32_t path_floats(uint32_t features) {
-    return 13 + ((features & kRefraction) ? 1 : 0) + ((features & kPass) ? 1 : 0);
-}
-constexpr uint32_t path_uints(uint32_t features) {
-    return 2 + ((features & kPass) ? 2 : 0) + ((features & kMedia) ? 1 : 0);
+constexpr ColumnCount path_columns(uint32_t features) {
+    struct {
+        uint32_t f = 0, u = 0;
+    } column;
+    VR_PATH_FIELDS(VR_COUNT_FIELD)
+    return {column.f, column.u};
 }
 constexpr uint32_t path_bytes(uint32_t features) {
-    return 4 * (path_floats(features) + path_uints(features));
+    return 4 * (path_columns(features).floats + path_columns(features).uints);
 }
 
 // Features with which a shadow ray leaves a primitive out.
@@ -77,19 +111,35 @@ struct ShadowRequest {
     typename L::U passed;
 };
 
-// Its list of fields before it has passed anything; `wanted` is none.
+// Its fields before it has passed anything; `wanted` is none.
+#define VR_SHADOW_FIELDS(FIELD)              \
+    FIELD(f, ray.o.x, 0, kWholePath)         \
+    FIELD(f, ray.o.y, 0, kWholePath)         \
+    FIELD(f, ray.o.z, 0, kWholePath)         \
+    FIELD(f, ray.d.x, 0, kWholePath)         \
+    FIELD(f, ray.d.y, 0, kWholePath)         \
+    FIELD(f, ray.d.z, 0, kWholePath)         \
+    FIELD(f, t_max, 0, kWholePath)           \
+    FIELD(f, radiance[0], 0, kWholePath)     \
+    FIELD(f, radiance[1], 0, kWholePath)     \
+    FIELD(f, radiance[2], 0, kWholePath)     \
+    FIELD(u, skip, kShadowSkips, kWholePath) \
+    FIELD(u, medium, kMedia, kWholePath)
+
 template <uint32_t kFeatures, class Request, class FloatField, class UintField>
-VR_HD void each_shadow_field(Request& s, FloatField f, UintField u) {
-    f(0, s.ray.o.x), f(1, s.ray.o.y), f(2, s.ray.o.z);
-    f(3, s.ray.d.x), f(4, s.ray.d.y), f(5, s.ray.d.z);
-    f(6, s.t_max);
-    f(7, s.radiance[0]), f(8, s.radiance[1]), f(9, s.radiance[2]);
-    if constexpr (kFeatures & kShadowSkips) u(0, s.skip);
-    if constexpr (kFeatures & kMedia) u((kFeatures & kShadowSkips) ? 1 : 0, s.medium);
+VR_HD void each_shadow_field(Request& x, FloatField f, UintField u) {
+    constexpr uint32_t kUse = kWholePath;
+    struct {
+        uint32_t f = 0, u = 0;
+    } column;
+    VR_SHADOW_FIELDS(VR_VISIT_FIELD)
 }
-inline constexpr uint32_t kShadowFloats = 10;
-constexpr uint32_t shadow_uints(uint32_t features) {
-    return ((features & kShadowSkips) ? 1 : 0) + ((features & kMedia) ? 1 : 0);
+constexpr ColumnCount shadow_columns(uint32_t features) {
+    struct {
+        uint32_t f = 0, u = 0;
+    } column;
+    VR_SHADOW_FIELDS(VR_COUNT_FIELD)
+    return {column.f, column.u};
 }
 
 // What happened to the lanes of a bounce; disjoint but for the last three.

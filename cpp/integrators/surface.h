@@ -252,6 +252,15 @@ struct SurfaceReader {
         return hit;
     }
 
+    // What hits are sorted by: 0 for none, else 1 + the material's kind.
+    static VR_HD U kind_of(const SceneView& scene, const Hit<L>& hit) {
+        const M met = hit.t < F(kInfinity);
+        if (none(met)) return U(0u);
+        if constexpr (Material::kOneKind) return select(met, U(1u), U(0u));
+        const U row = surface_row(scene, select(met, hit.primitive, U(0u)));
+        return select(met, U(1u) + to_uint(surface_column(scene, row, kSurfaceKind)), U(0u));
+    }
+
     static VR_HD U surface_row(const SceneView& scene, U primitive) {
         if constexpr (has(kBvh))
             if (scene.surface_of) return gather(scene.surface_of, primitive);

@@ -76,7 +76,8 @@ inline constexpr uint32_t kVariants[] = {
     kAllFeatures & ~(kMedia | kChromatic),
     kAllFeatures,
 };
-inline constexpr uint32_t kVariantCount = sizeof(kVariants) / sizeof(kVariants[0]);
+inline constexpr uint32_t kVariantCount = 10;  // CMakeLists.txt reads it
+static_assert(sizeof(kVariants) == sizeof(uint32_t) * kVariantCount);
 
 constexpr uint32_t variant_for(uint32_t features) {
     for (uint32_t i = 0; i < kVariantCount; ++i)

@@ -15,8 +15,8 @@ inline constexpr uint64_t kNoItems = ~0ull;
 
 // Lanes of a warp stay in step where bounces cost much the same; variants that hold media lose 6 %
 // by it (H200).
-template <uint32_t kFeatures>
-inline constexpr bool kInStep = (kFeatures & kMedia) == 0;
+template <class Tracer>
+inline constexpr bool kInStep = (Tracer::kMask & kMedia) == 0;
 
 // What a lane works on.
 struct FusedLane {
@@ -47,20 +47,20 @@ struct FusedLane {
         return item != kNoItems;
     }
 
-    template <uint32_t kFeatures>
-    VR_HD PathState<Scalar> begin(const SceneView& scene, const Job& job) const {
+    template <class Tracer>
+    VR_HD typename Tracer::State begin(const SceneView& scene, const Job& job) const {
         const uint32_t width = job.film.width;
-        return PathTracer<Scalar, kFeatures>::begin(
-            scene, job.settings, pixel % width, pixel / width, width, job.sample_begin + sample);
+        return Tracer::begin(scene, job.settings, pixel % width, pixel / width, width,
+                             job.sample_begin + sample);
     }
 };
 
 // add(ended, sample) adds to `sum` the samples of lanes whose path has ended; in step, the lanes of
 // a warp call it together. record(depth, column) counts one event of the ledger.
-template <uint32_t kFeatures, class Take, class Add, class Record>
+template <class Tracer, class Take, class Add, class Record>
 VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& items, PixelSum& sum,
                      Take take, Add add, Record record) {
-    PathState<Scalar> path;
+    typename Tracer::State path;
     Spectrum<float> sample{};
     FusedLane lane;
     uint32_t depth = 0;
@@ -69,20 +69,19 @@ VR_HD void run_fused(const SceneView& scene, const Job& job, const FusedItems& i
         if (!lane.serve(job, items, !alive, take, sum)) return;
         const bool idle = lane.idle();
         if (!alive && !idle) {
-            path = lane.template begin<kFeatures>(scene, job);
+            path = lane.template begin<Tracer>(scene, job);
             depth = 0;
         }
-        if constexpr (kInStep<kFeatures>) rejoin_warp();
+        if constexpr (kInStep<Tracer>) rejoin_warp();
         bool ended = false;
         if (!idle) {
-            const Events<Scalar> e =
-                PathTracer<Scalar, kFeatures>::bounce(scene, job.settings, path, depth, true);
+            const Events<Scalar> e = bounce<Tracer>(scene, job.settings, path, depth, true);
             if (e.visible) record(depth, kShadowVisible);
             if (e.occluded) record(depth, kShadowOccluded);
             alive = e.alive;
             ended = !alive;
             if (ended) {
-                record(depth, finish<kFeatures>(scene, job, path, cause_of(e), sample));
+                record(depth, finish<Tracer>(scene, job, path, cause_of(e), sample));
                 ++lane.sample;
             }
             ++depth;

@@ -2,7 +2,8 @@
 // those of a list.
 #pragma once
 
-#include "integrators/path.h"
+#include "film/film.h"
+#include "integrators/integrator.h"
 
 namespace veriray {
 
@@ -54,15 +55,16 @@ VR_HD LedgerColumn cause_of(const Events<Scalar>& e) {
 
 // finish: the sample that a scalar path has for the film; none if the film refuses it, which is
 // logged. Returns the path's cause.
-template <uint32_t kFeatures>
-VR_HD LedgerColumn finish(const SceneView& scene, const Job& job, const PathState<Scalar>& path,
-                          LedgerColumn cause, Spectrum<float>& sample) {
+template <class Tracer>
+VR_HD LedgerColumn finish(const SceneView& scene, const Job& job,
+                          const typename Tracer::State& path, LedgerColumn cause,
+                          Spectrum<float>& sample) {
     sample = Spectrum<float>::all(0.f);
     if (!film_accepts(path.radiance, job.film.scale)) {
         log_fault(job.faults, path.pixel, path.sample, path.radiance);
         return kInvalid;
     }
-    const float weight = PathTracer<Scalar, kFeatures>::sample_weight(scene, job.settings, path);
+    const float weight = Tracer::sample_weight(scene, job.settings, path);
     sample = path.radiance * weight * job.film.scale;
     return cause;
 }

@@ -25,15 +25,15 @@ inline constexpr uint32_t kTilePaths = 4096;
 
 class Tile {
    public:
-    Tile() : sums_(kTilePaths) {
-        for (auto& column : floats_) column.resize(kTilePaths + Simd::kWidth);
-        for (auto& column : uints_) column.resize(kTilePaths + Simd::kWidth);
+    explicit Tile(ColumnCount columns) : sums_(kTilePaths) {
+        floats_.resize(columns.floats, std::vector<float>(kTilePaths + Simd::kWidth));
+        uints_.resize(columns.uints, std::vector<uint32_t>(kTilePaths + Simd::kWidth));
         for (auto& column : samples_) column.resize(2 * kTilePaths);
     }
 
     // Pixels [pixel, pixel + pixels), samples [sample, sample + samples) of the job;
     // pixels * samples <= kTilePaths.
-    template <uint32_t kFeatures>
+    template <class Tracer>
     void run(const SceneView& scene, const Job& job, uint32_t pixel, uint32_t pixels,
              uint32_t sample, uint32_t samples, LedgerRows& ledger) {
         uint32_t live = pixels * samples;
@@ -44,7 +44,7 @@ class Tile {
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
         first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
         uint32_t x = pixel % job.film.width, y = pixel / job.film.width, s = 0;
-        live = bounce_all<kFeatures>(scene, job, live, 0, ledger, [&](uint32_t) {
+        const auto begin = [&] {
             uint32_t xs[Simd::kWidth], ys[Simd::kWidth], ss[Simd::kWidth];
             for (uint32_t k = 0; k < Simd::kWidth; ++k) {
                 xs[k] = x, ys[k] = y, ss[k] = first_sample_ + s;
@@ -52,12 +52,11 @@ class Tile {
                 s = 0;
                 if (++x == job.film.width) x = 0, ++y;
             }
-            return PathTracer<Simd, kFeatures>::begin(scene, job.settings, load(xs, U()),
-                                                      load(ys, U()), job.film.width, load(ss, U()));
-        });
-        for (uint32_t depth = 1; live; ++depth)
-            live = bounce_all<kFeatures>(scene, job, live, depth, ledger,
-                                         [&](uint32_t i) { return load_path<kFeatures>(i); });
+            return Tracer::begin(scene, job.settings, load(xs, U()), load(ys, U()), job.film.width,
+                                 load(ss, U()));
+        };
+        for (uint32_t depth = 0; live; ++depth)
+            live = bounce_all<Tracer>(scene, job, live, depth, ledger, begin);
         add_samples(pixels, samples, by_lanes);
         for (uint32_t k = 0; k < pixels; ++k) flush(job.film, pixel + k, sums_[k]);
     }
@@ -67,44 +66,43 @@ class Tile {
     using U = Simd::U;
     using M = Simd::M;
 
-    std::vector<float> floats_[path_floats(kAllFeatures)];
-    std::vector<uint32_t> uints_[path_uints(kAllFeatures)];
+    std::vector<std::vector<float>> floats_;
+    std::vector<std::vector<uint32_t>> uints_;
     std::vector<float> samples_[3];  // [sample][pixel], times the film's scale
     std::vector<PixelSum> sums_;
     uint32_t first_pixel_ = 0, first_sample_ = 0, stride_ = 0;
 
-    template <uint32_t kFeatures>
-    PathState<Simd> load_path(uint32_t i) const {
-        PathState<Simd> p;  // fields that the variant lacks are not read
-        each_field<kFeatures>(
+    template <class Tracer>
+    typename Tracer::State load_path(uint32_t i) const {
+        typename Tracer::State p;  // fields that the variant lacks are not read
+        Tracer::template each_field<kWholePath>(
             p, [&](uint32_t c, F& x) { x = load(floats_[c].data() + i, F()); },
             [&](uint32_t c, U& x) { x = load(uints_[c].data() + i, U()); });
         return p;
     }
 
-    template <uint32_t kFeatures>
-    void store_path(uint32_t i, PathState<Simd>& p, M m) {
-        each_field<kFeatures>(
+    template <class Tracer>
+    void store_path(uint32_t i, const typename Tracer::State& p, M m) {
+        Tracer::template each_field<kWholePath>(
             p, [&](uint32_t c, F x) { compress_store(floats_[c].data() + i, x, m); },
             [&](uint32_t c, U x) { compress_store(uints_[c].data() + i, x, m); });
     }
 
-    // Bounces `live` paths given by path(i), keeps the survivors from slot 0 on, returns their
-    // count.
-    template <uint32_t kFeatures, class Path>
+    // Bounces `live` paths, which begin() gives at depth 0, keeps the survivors from slot 0 on,
+    // returns their count.
+    template <class Tracer, class Begin>
     uint32_t bounce_all(const SceneView& scene, const Job& job, uint32_t live, uint32_t depth,
-                        LedgerRows& ledger, Path path_at) {
+                        LedgerRows& ledger, Begin begin) {
         uint64_t* row = ledger.row(depth);
         row[kLive] += live;
         uint32_t kept = 0;
         for (uint32_t i = 0; i < live; i += Simd::kWidth) {
             const M active = first_lanes(live - i, M());
-            PathState<Simd> path = path_at(i);
-            const Events<Simd> e =
-                PathTracer<Simd, kFeatures>::bounce(scene, job.settings, path, depth, active);
+            typename Tracer::State path = depth ? load_path<Tracer>(i) : begin();
+            const Events<Simd> e = bounce<Tracer>(scene, job.settings, path, depth, active);
             const M ended = active & !e.alive;
             M bad = active & !active;
-            if (any(ended)) bad = end_paths<kFeatures>(scene, job, path, ended);
+            if (any(ended)) bad = end_paths<Tracer>(scene, job, path, ended);
             row[kEscaped] += count(e.escaped & !bad);
             row[kEmitterEnd] += count(e.emitter_end & !bad);
             row[kAbsorbed] += count(e.absorbed & !bad);
@@ -113,19 +111,20 @@ class Tile {
             row[kInvalid] += count(bad);
             row[kShadowVisible] += count(e.visible);
             row[kShadowOccluded] += count(e.occluded);
-            store_path<kFeatures>(kept, path, e.alive);
+            store_path<Tracer>(kept, path, e.alive);
             kept += count(e.alive);
         }
         return kept;
     }
 
     // Keeps the samples of ended lanes; returns the lanes that the film refuses.
-    template <uint32_t kFeatures>
-    M end_paths(const SceneView& scene, const Job& job, const PathState<Simd>& path, M ended) {
+    template <class Tracer>
+    M end_paths(const SceneView& scene, const Job& job, const typename Tracer::State& path,
+                M ended) {
         const M bad = ended & !film_accepts(path.radiance, job.film.scale);
         Spectrum<F> sample = path.radiance;
-        if constexpr ((kFeatures & kSignedFilter) != 0)
-            sample = sample * PathTracer<Simd, kFeatures>::sample_weight(scene, job.settings, path);
+        if constexpr ((Tracer::kMask & kSignedFilter) != 0)
+            sample = sample * Tracer::sample_weight(scene, job.settings, path);
         sample = select(bad, Spectrum<F>::all(F(0.f)), sample * F(job.film.scale));
         const U place =
             (path.sample + U(0u - first_sample_)) * U(stride_) + path.pixel + U(0u - first_pixel_);
@@ -141,7 +140,8 @@ class Tile {
         return bad;
     }
 
-    static void log_faults(const Job& job, const PathState<Simd>& path, uint32_t bad) {
+    template <class Path>
+    static void log_faults(const Job& job, const Path& path, uint32_t bad) {
         float x[3][Simd::kWidth];
         uint32_t pixel[Simd::kWidth], sample[Simd::kWidth];
         for (uint32_t c = 0; c < 3; ++c) store(x[c], path.radiance[c]);

@@ -14,15 +14,14 @@ namespace veriray {
 inline constexpr uint32_t kStayPart = 3, kNodePart = 4;
 
 // As run_fused, in step.
-template <uint32_t kFeatures, class Take, class Add, class Record>
+template <class Tracer, class Take, class Add, class Record>
 VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems& items,
                        PixelSum& sum, Take take, Add add, Record record) {
-    using Tracer = PathTracer<Scalar, kFeatures>;
     enum class Aim : uint32_t { kNone, kNext, kLight };  // of a lane's walk
     FusedLane lane;
-    PathState<Scalar> path{};
+    typename Tracer::State path{};
     Spectrum<float> sample{};
-    ShadowRequest<Scalar> shadow{};
+    typename Tracer::Request shadow{};
     LedgerColumn cause = kEscaped;  // of the path's end; kLive: it goes on after its shadow ray
     uint32_t depth = 0;
     Aim aim = Aim::kNone;
@@ -68,7 +67,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         const bool complete = arrived && !to_light, ended = complete && cause != kLive;
         const bool done = ended && aim != Aim::kNone;
         if (done) {
-            record(depth, finish<kFeatures>(scene, job, path, cause, sample));
+            record(depth, finish<Tracer>(scene, job, path, cause, sample));
             ++lane.sample;
         }
         add(done, sample);
@@ -77,7 +76,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         if (complete) {
             aim = idle ? Aim::kNone : Aim::kNext;
             depth = ended ? 0 : depth + 1;
-            if (ended && !idle) path = lane.template begin<kFeatures>(scene, job);
+            if (ended && !idle) path = lane.template begin<Tracer>(scene, job);
         }
         if (to_light) aim = Aim::kLight;
         if (arrived) hit = {aim == Aim::kLight ? shadow.t_max : kInfinity, ~0u};

@@ -8,7 +8,7 @@
 // A wave is cut into tiles of slots with queues of their own: a tile is a block's, so that counts
 // are shared memory's and no word is wanted by the whole device. A path that ends at a hit with a
 // shadow ray under way is finished when that is back: radiance is summed in the order of
-// PathTracer::bounce.
+// `bounce`.
 // S. Laine, T. Karras and T. Aila, "Megakernels considered harmful: wavefront path tracing on
 // GPUs", 2013; refilled as in J. Novak, V. Havran and C. Dachsbacher, "Path regeneration for
 // interactive path tracing", 2010.
@@ -57,23 +57,20 @@ struct Wave {
 constexpr uint32_t tile_count(uint32_t capacity) {
     return (capacity + kTileSlots - 1) / kTileSlots;
 }
-// Columns that a wave needs: floats and uints by slot.
-constexpr uint32_t wave_floats(uint32_t features) {
-    return path_floats(features) + kShadowFloats + 1;
-}
-constexpr uint32_t wave_uints(uint32_t features, uint32_t kinds) {
-    return path_uints(features) + shadow_uints(features) + 5 + kinds;
+// Columns that a wave needs, by slot.
+constexpr ColumnCount wave_columns(ColumnCount path, ColumnCount request, uint32_t kinds) {
+    return {path.floats + request.floats + 1, path.uints + request.uints + 5 + kinds};
 }
 
 // Lays a wave out in memory of that many columns. States must become kFree, queues and control 0.
-inline Wave make_wave(uint32_t features, uint32_t kinds, uint32_t capacity, float* floats,
-                      uint32_t* uints, TileQueues* queues, WaveControl* control) {
+inline Wave make_wave(ColumnCount path, ColumnCount request, uint32_t kinds, uint32_t capacity,
+                      float* floats, uint32_t* uints, TileQueues* queues, WaveControl* control) {
     const auto take = [&](auto*& from, size_t columns) {
         return std::exchange(from, from + columns * capacity);
     };
     Wave w{};
-    w.paths = {take(floats, path_floats(features)), take(uints, path_uints(features)), capacity};
-    w.requests = {take(floats, kShadowFloats), take(uints, shadow_uints(features)), capacity};
+    w.paths = {take(floats, path.floats), take(uints, path.uints), capacity};
+    w.requests = {take(floats, request.floats), take(uints, request.uints), capacity};
     w.distance = take(floats, 1);
     for (uint32_t** column : {&w.primitive, &w.state, &w.live, &w.ended, &w.shadows})
         *column = take(uints, 1);
@@ -115,43 +112,26 @@ VR_HD Refill wave_take(const Job& job, const Wave& w, TileQueues& q) {
     return r;
 }
 
-template <uint32_t kFeatures>
+template <class Tracer>
 VR_HD void wave_begin(const SceneView& scene, const Job& job, const Wave& w, const Refill& r,
                       uint32_t first, uint32_t k) {
     const uint32_t i = w.ended[first + k];
-    store_path<kFeatures>(w.paths, i,
-                          begin_path<kFeatures>(scene, job, static_cast<uint32_t>(r.path + k)));
+    store_path<Tracer>(w.paths, i,
+                       begin_path<Tracer>(scene, job, static_cast<uint32_t>(r.path + k)));
     w.state[i] = 0;
     w.live[first + r.survivors + k] = i;
 }
 
 // ---- trace: place k of `live` ----
-template <uint32_t kFeatures>
-VR_HD uint32_t kind_of(const SceneView& scene, const Hit<Scalar>& hit) {
-    using Tracer = PathTracer<Scalar, kFeatures>;
-    if (!(hit.t < kInfinity)) return 0;
-    if constexpr (Tracer::Material::kOneKind) return 1;
-    uint32_t row = hit.primitive;
-    if constexpr (Tracer::has(kBvh))
-        if (scene.surface_of) row = scene.surface_of[row];
-    return 1 + to_uint(Tracer::surface_column(scene, row, kSurfaceKind));
-}
-
-template <uint32_t kFeatures>
+template <class Tracer>
 VR_HD void wave_trace(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
                       uint32_t k) {
     const uint32_t i = w.live[first + k];
-    const Columns& c = w.paths;
-    PathState<Scalar> path{};
-    path.ray = {{c.f(0, i), c.f(1, i), c.f(2, i)}, {c.f(3, i), c.f(4, i), c.f(5, i)}};
-    if constexpr ((kFeatures & kPass) != 0) {
-        path.travelled = c.f(travelled_field(kFeatures), i);
-        path.passed = c.u(kPassedField, i);
-    }
-    const Hit<Scalar> hit = PathTracer<Scalar, kFeatures>::next_hit(scene, path, kInfinity, true);
+    const typename Tracer::State path = load_path<Tracer, kAhead>(w.paths, i);
+    const Hit<Scalar> hit = Tracer::next_hit(scene, path, kInfinity, true);
     w.distance[i] = hit.t;
     w.primitive[i] = hit.primitive;
-    const uint32_t kind = w.kinds == 1 ? 0 : kind_of<kFeatures>(scene, hit);
+    const uint32_t kind = w.kinds == 1 ? 0 : Tracer::kind_of(scene, hit);
     const uint32_t place = first + atomic_next(q.hits, kind);
     w.hits[static_cast<uint64_t>(kind) * w.capacity + place] = i;
 }
@@ -167,7 +147,7 @@ VR_HD uint32_t hit_places(const TileQueues& q) {
 }
 
 // record(depth, column) counts one event of the ledger.
-template <uint32_t kFeatures, class Record>
+template <class Tracer, class Record>
 VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, TileQueues& q,
                         uint32_t first, uint32_t k, Record record) {
     uint32_t kind = 0;
@@ -175,62 +155,54 @@ VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, T
     if (k >= q.hits[kind]) return;
     const uint32_t i = w.hits[static_cast<uint64_t>(kind) * w.capacity + first + k];
     const uint32_t segment = w.state[i];
-    PathState<Scalar> path = load_path<kFeatures>(w.paths, i);
-    ShadowRequest<Scalar> shadow{};
-    const LedgerColumn cause = cause_of(PathTracer<Scalar, kFeatures>::scatter(
+    typename Tracer::State path = load_path<Tracer>(w.paths, i);
+    typename Tracer::Request shadow{};
+    const LedgerColumn cause = cause_of(Tracer::scatter(
         scene, job.settings, path, {w.distance[i], w.primitive[i]}, segment, true, shadow));
     if (shadow.wanted) {
         const uint32_t place = first + atomic_next(&q.shadows);
         w.shadows[place] = i;
-        each_shadow_field<kFeatures>(
+        Tracer::each_request_field(
             shadow, [&](uint64_t c, float x) { w.requests.f(c, place) = x; },
             [&](uint64_t c, uint32_t x) { w.requests.u(c, place) = x; });
     }
     if (cause == kLive || shadow.wanted) {
-        store_path<kFeatures>(w.paths, i, path, true);
+        store_path<Tracer, kWholePath & ~kFixed>(w.paths, i, path);
         if (cause != kLive) w.state[i] = segment | cause << Wave::kCauseShift;
     } else {
-        record(segment, end_path<kFeatures>(scene, job, path, cause));
+        record(segment, end_path<Tracer>(scene, job, path, cause));
         w.state[i] = Wave::kFree;
     }
 }
 
 // ---- shadow: place k of `shadows` ----
-template <uint32_t kFeatures, class Record>
+template <class Tracer, class Record>
 VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, uint32_t first,
                        uint32_t k, Record record) {
-    using Tracer = PathTracer<Scalar, kFeatures>;
-    ShadowRequest<Scalar> shadow{};
-    each_shadow_field<kFeatures>(
+    typename Tracer::Request shadow = Tracer::no_request(true);
+    Tracer::each_request_field(
         shadow, [&](uint64_t c, float& x) { x = w.requests.f(c, first + k); },
         [&](uint64_t c, uint32_t& x) { x = w.requests.u(c, first + k); });
     shadow.wanted = true;
-    shadow.passed = ~0u;
     const bool free = Tracer::unblocked(scene, shadow);
     const uint32_t i = w.shadows[first + k], state = w.state[i];
     const uint32_t segment = state & ((1u << Wave::kCauseShift) - 1);
     const LedgerColumn cause = static_cast<LedgerColumn>(state >> Wave::kCauseShift);
     record(segment, free ? kShadowVisible : kShadowOccluded);
     if (!free && cause == kLive) return;
-    PathState<Scalar> path{};
-    float* const radiance = &w.paths.f(kRadianceField, i);
-    const uint64_t next = w.capacity;
-    path.radiance = {{radiance[0], radiance[next], radiance[2 * next]}};
+    typename Tracer::State path = load_path<Tracer, kGathered>(w.paths, i);
     Tracer::visible(path, shadow, free);
     if (cause == kLive) {
-        radiance[0] = path.radiance[0];
-        radiance[next] = path.radiance[1];
-        radiance[2 * next] = path.radiance[2];
+        store_path<Tracer, kGathered>(w.paths, i, path);
     } else {
-        path.pixel = w.paths.u(kPixelField, i);
-        path.sample = w.paths.u(kSampleField, i);
-        record(segment, end_path<kFeatures>(scene, job, path, cause));
+        load_fields<Tracer, kFixed>(w.paths, i, path);
+        record(segment, end_path<Tracer>(scene, job, path, cause));
         w.state[i] = Wave::kFree;
     }
 }
 
 // All steps of a tile: what CUDA does by launches.
-template <uint32_t kFeatures, class Record>
+template <class Tracer, class Record>
 void run_wave_tile(const SceneView& scene, const Job& job, const Wave& w, uint32_t tile,
                    Record record) {
     const uint32_t first = tile * kTileSlots, slots = w.slots(first);
@@ -239,13 +211,13 @@ void run_wave_tile(const SceneView& scene, const Job& job, const Wave& w, uint32
         for (uint32_t k = 0; k < slots; ++k) wave_sweep(w, q, first, first + k);
         const Refill r = wave_take(job, w, q);
         if (q.idle) return;
-        for (uint32_t k = 0; k < r.begins; ++k) wave_begin<kFeatures>(scene, job, w, r, first, k);
-        for (uint32_t k = 0; k < q.live; ++k) wave_trace<kFeatures>(scene, w, q, first, k);
+        for (uint32_t k = 0; k < r.begins; ++k) wave_begin<Tracer>(scene, job, w, r, first, k);
+        for (uint32_t k = 0; k < q.live; ++k) wave_trace<Tracer>(scene, w, q, first, k);
         const uint32_t places = hit_places(q);
         for (uint32_t k = 0; k < places; ++k)
-            wave_scatter<kFeatures>(scene, job, w, q, first, k, record);
+            wave_scatter<Tracer>(scene, job, w, q, first, k, record);
         for (uint32_t k = 0; k < q.shadows; ++k)
-            wave_shadow<kFeatures>(scene, job, w, first, k, record);
+            wave_shadow<Tracer>(scene, job, w, first, k, record);
     }
 }
 

@@ -1,34 +1,12 @@
-// Bindings of one backend: checks and converts arrays, releases the GIL, renders nothing itself.
+// What every module binds: checks and converts arrays, releases the GIL, renders nothing itself.
 #include <pybind11/functional.h>
-#include <pybind11/numpy.h>
-#include <pybind11/pybind11.h>
-#include <pybind11/stl.h>
 
 #include <algorithm>
 #include <system_error>
 
-#include "api/renderer.h"
-
-namespace py = pybind11;
-using namespace veriray;
+#include "bindings.h"
 
 namespace {
-
-template <class T>
-using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
-
-template <class T>
-void need_shape(const Array<T>& a, const std::string& name, const std::vector<py::ssize_t>& shape) {
-    bool ok = a.ndim() == static_cast<py::ssize_t>(shape.size());
-    py::ssize_t axis = 0;
-    std::string want;
-    for (const py::ssize_t n : shape) {
-        if (ok && n >= 0 && a.shape(axis) != n) ok = false;
-        want += (axis ? ", " : "") + (n < 0 ? std::string("n") : std::to_string(n));
-        ++axis;
-    }
-    if (!ok) throw py::value_error(name + " must have the shape (" + want + ")");
-}
 
 // Rows of arrays[name]; the converted array is kept alive in `keep`.
 struct Reader {
@@ -98,12 +76,6 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     }
 }
 
-Sampler find_sampler(const std::string& name) {
-    if (name == "independent") return Sampler::kIndependent;
-    if (name == "sobol") return Sampler::kSobol;
-    throw py::value_error("sampler = '" + name + "'; allowed: independent, sobol");
-}
-
 std::vector<std::string> feature_names(uint32_t mask) {
     std::vector<std::string> names;
     for (uint32_t k = 0; k < kFeatureCount; ++k)
@@ -120,18 +92,6 @@ uint32_t to_mask(const std::vector<std::string>& names) {
         mask |= 1u << k;
     }
     return mask;
-}
-
-template <class T>
-py::array_t<T> to_array(const std::vector<T>& v, std::vector<py::ssize_t> shape) {
-    py::array_t<T> out(shape);
-    std::copy(v.begin(), v.end(), out.mutable_data());
-    return out;
-}
-
-template <class T>
-std::vector<T> to_vector(const Array<T>& a) {
-    return {a.data(), a.data() + a.size()};
 }
 
 py::dict kernel_dict(const KernelUse& use) {
@@ -176,41 +136,15 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
         "kernel"_a = kernel_dict(stats.kernel));
 }
 
-// Nodes (n, 7 * width) and primitives by slot, both uint32.
-py::tuple tree_arrays(const TreeWords& tree, uint32_t width) {
-    const py::ssize_t row = 7 * static_cast<py::ssize_t>(width);
-    return py::make_tuple(
-        to_array(tree.nodes, {static_cast<py::ssize_t>(tree.nodes.size()) / row, row}),
-        to_array(tree.order, {static_cast<py::ssize_t>(tree.order.size())}));
-}
-
-#if defined(VR_BACKEND_CPU)
-py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, uint64_t sample,
-                    int64_t max_depth, uint32_t rr_depth, const std::string& sampler) {
-    RenderSettings s;
-    s.seed = seed;
-    s.sampler = find_sampler(sampler);
-    s.max_depth = max_depth;
-    s.rr_depth = rr_depth;
-    py::list out;
-    using namespace py::literals;
-    const auto triple = [](const auto* v) { return py::make_tuple(v[0], v[1], v[2]); };
-    for (const PathVertex& v : trace_path(scene, s, x, y, sample))
-        out.append(py::dict("depth"_a = v.depth, "event"_a = v.event,
-                            "position"_a = triple(v.position), "direction"_a = triple(v.direction),
-                            "normal"_a = triple(v.normal), "t"_a = v.t,
-                            "throughput"_a = triple(v.throughput),
-                            "radiance"_a = triple(v.radiance), "primitive"_a = v.primitive,
-                            "shadow"_a = v.shadow < 0    ? py::object(py::none())
-                                         : v.shadow == 1 ? py::object(py::str("visible"))
-                                                         : py::object(py::str("occluded"))));
-    return out;
-}
-#endif
-
 }  // namespace
 
-PYBIND11_MODULE(VR_MODULE_NAME, m) {
+Sampler find_sampler(const std::string& name) {
+    if (name == "independent") return Sampler::kIndependent;
+    if (name == "sobol") return Sampler::kSobol;
+    throw py::value_error("sampler = '" + name + "'; allowed: independent, sobol");
+}
+
+void bind_renderer(py::module_& m) {
     using namespace py::literals;
     m.doc() = "One backend of veriray; see veriray/_native.pyi.";
     try {  // takes memory once, without which the process would abort later
@@ -363,66 +297,4 @@ PYBIND11_MODULE(VR_MODULE_NAME, m) {
         "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent", "scheduler"_a = "fused",
         "threads"_a = 0, "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none(),
         "pixels"_a = py::none());
-#if defined(VR_BACKEND_CPU)
-    m.def("trace_path", &trace_list, "scene"_a, py::kw_only(), "seed"_a = 0, "x"_a = 0, "y"_a = 0,
-          "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent");
-#endif
-
-    m.def("eval_function", [](const std::string& name, const Array<float>& x) {
-        const auto [inputs, outputs] = function_shape(name);
-        const auto columns = static_cast<py::ssize_t>(inputs);
-        need_shape(x, "x", {-1, columns});
-        return to_array(eval_function(name, to_vector(x)),
-                        {x.shape(0), static_cast<py::ssize_t>(outputs)});
-    });
-    m.def(
-        "random",
-        [](uint64_t seed, const Array<uint32_t>& pixel, const Array<uint64_t>& sample,
-           const Array<uint32_t>& block, const std::string& sampler) {
-            if (pixel.size() != sample.size() || pixel.size() != block.size())
-                throw py::value_error("pixel, sample and block must have the same length");
-            return to_array(random_words(seed, find_sampler(sampler), to_vector(pixel),
-                                         to_vector(sample), to_vector(block)),
-                            {pixel.size(), 4});
-        },
-        "seed"_a, "pixel"_a, "sample"_a, "block"_a, "sampler"_a = "independent");
-    m.def("intersect",
-          [](const Scene& scene, const Array<double>& origins, const Array<double>& directions) {
-              need_shape(origins, "origins", {-1, 3});
-              need_shape(directions, "directions", {origins.shape(0), 3});
-              const py::ssize_t n = origins.shape(0);
-              py::array_t<float> t(n);
-              py::array_t<int32_t> primitive(n);
-              intersect(scene, origins.data(), directions.data(), static_cast<size_t>(n),
-                        t.mutable_data(), primitive.mutable_data());
-              return py::make_tuple(t, primitive);
-          });
-    m.def("count_leaks", [](const Scene& scene, const Array<double>& origins, uint64_t first,
-                            uint64_t n) {
-        need_shape(origins, "origins", {-1, 3});
-        py::gil_scoped_release release;
-        return count_leaks(scene, origins.data(), static_cast<size_t>(origins.shape(0)), first, n);
-    });
-    m.def(
-        "host_ploc",
-        [](const Scene& scene, uint32_t width, uint32_t threads) {
-            return tree_arrays(host_ploc(scene, width, threads), width);
-        },
-        "scene"_a, "width"_a, "threads"_a = 0);
-#if !defined(VR_BACKEND_CPU)
-    m.def("device_tree",
-          [](const Scene& scene) { return tree_arrays(device_tree(scene), kDeviceWidth); });
-    m.def("intersect_width", [](const Scene& scene, uint32_t width, const Array<double>& origins,
-                                const Array<double>& directions) {
-        need_shape(origins, "origins", {-1, 3});
-        need_shape(directions, "directions", {origins.shape(0), 3});
-        const py::ssize_t n = origins.shape(0);
-        py::array_t<float> t(n);
-        py::array_t<int32_t> primitive(n);
-        const double seconds =
-            intersect_width(scene, width, origins.data(), directions.data(), static_cast<size_t>(n),
-                            t.mutable_data(), primitive.mutable_data());
-        return py::make_tuple(t, primitive, seconds);
-    });
-#endif
 }

@@ -1,0 +1,37 @@
+// Hooks of the test suite: parts of the stages, run on the back end.
+#pragma once
+
+#include "api/renderer.h"
+
+namespace veriray {
+
+// A function of backends/hooks.h by name. x: rows of its inputs; result: rows of its outputs.
+std::vector<float> eval_function(const std::string& name, const std::vector<float>& x);
+// Columns of its input and output.
+std::pair<size_t, size_t> function_shape(const std::string& name);
+std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
+                                   const std::vector<uint32_t>& pixel,
+                                   const std::vector<uint64_t>& sample,
+                                   const std::vector<uint32_t>& block);
+// Rays in world units; t in world units, primitive of the input (see PathVertex) or -1.
+void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
+               float* t, int32_t* primitive);
+
+// Rays [first, first + n) of a fixed sequence from interior points (world units) at the corners and
+// edges of the scene's triangles; how many hit nothing: {aimed at corners, aimed at edges}.
+std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,
+                                          size_t origin_count, uint64_t first, uint64_t n);
+// A tree as words: rows of lo, hi (as bits) and child, 7 * width; primitives by slot.
+struct TreeWords {
+    std::vector<uint32_t> nodes, order;
+};
+// The scene's tree of 2, 4 or 8 boxes a node, built anew by `ploc` on the host.
+TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads);
+// The tree that the device holds. CUDA only.
+TreeWords device_tree(const Scene& scene);
+// As intersect, through a tree of 2, 4 or 8 boxes a node, which the answers do not show; returns
+// the kernel's seconds. CUDA only.
+double intersect_width(const Scene& scene, uint32_t width, const double* origins,
+                       const double* directions, size_t n, float* t, int32_t* primitive);
+
+}  // namespace veriray

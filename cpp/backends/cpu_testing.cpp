@@ -1,0 +1,112 @@
+// Hooks of the test suite, on the CPU.
+#include <atomic>
+
+#include "backends/hooks.h"
+#include "backends/leaks.h"
+#include "backends/testing.h"
+#include "scene/thread_pool.h"
+#include "scene/tree_layout.h"
+
+namespace veriray {
+
+TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads) {
+    return host_ploc(scene.host(), kSimdWalk, width, threads);
+}
+
+std::pair<size_t, size_t> function_shape(const std::string& name) {
+    const FunctionInfo& f = kFunctions[find_function(name)];
+    return {f.inputs, f.outputs};
+}
+
+// Every row goes through the vector and the scalar lanes, which must agree.
+std::vector<float> eval_function(const std::string& name, const std::vector<float>& x) {
+    const uint32_t which = find_function(name);
+    const auto [inputs, outputs] = function_shape(name);
+    const size_t n = x.size() / inputs;
+    std::vector<float> y(n * outputs);
+    for (size_t i = 0; i < n; i += Simd::kWidth) {
+        const size_t live = std::min<size_t>(Simd::kWidth, n - i);
+        Simd::F in[kMaxColumns], out[kMaxColumns];
+        float column[Simd::kWidth], row[kMaxColumns];
+        for (size_t c = 0; c < kMaxColumns; ++c) {
+            for (size_t k = 0; k < Simd::kWidth; ++k)
+                column[k] = c < inputs ? x[(i + std::min(k, live - 1)) * inputs + c] : 0.f;
+            in[c] = load(column, Simd::F());
+        }
+        evaluate<Simd>(which, in, out);
+        for (size_t c = 0; c < outputs; ++c) {
+            store(column, out[c]);
+            for (size_t k = 0; k < live; ++k) y[(i + k) * outputs + c] = column[k];
+        }
+        for (size_t k = 0; k < live; ++k) {
+            evaluate<Scalar>(which, &x[(i + k) * inputs], row);
+            if (std::memcmp(row, &y[(i + k) * outputs], outputs * sizeof(float)))
+                throw std::logic_error(name + ": scalar and vector lanes differ");
+        }
+    }
+    return y;
+}
+
+std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
+                                   const std::vector<uint32_t>& pixel,
+                                   const std::vector<uint64_t>& sample,
+                                   const std::vector<uint32_t>& block) {
+    std::vector<uint32_t> out;
+    for (size_t i = 0; i < pixel.size(); ++i) {
+        const RandomKey key = random_key(seed, static_cast<uint32_t>(sample[i] >> 32), sampler);
+        const Block<uint32_t> r =
+            random_block(key, pixel[i], static_cast<uint32_t>(sample[i]), block[i]);
+        out.insert(out.end(), {r.x, r.y, r.z, r.w});
+    }
+    return out;
+}
+
+void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
+               float* t, int32_t* triangle) {
+    const HostScene& host = scene.host();
+    for (size_t i = 0; i < n; i += Simd::kWidth) {
+        float rays[6][Simd::kWidth] = {}, distance[Simd::kWidth];
+        uint32_t primitive[Simd::kWidth];
+        const uint32_t live = static_cast<uint32_t>(std::min<size_t>(Simd::kWidth, n - i));
+        for (uint32_t k = 0; k < live; ++k) {
+            float ray[6];
+            normalise_ray(host, origins + 3 * (i + k), directions + 3 * (i + k), ray);
+            for (int c = 0; c < 6; ++c) rays[c][k] = ray[c];
+        }
+        const auto column = [&](int c) { return load(rays[c], Simd::F()); };
+        const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
+        const Hit<Simd> hit = SurfaceReader<Simd, kAllFeatures>::closest(
+            host.view, ray, nothing_met<Simd>(), Simd::F(kInfinity), first_lanes(live, Simd::M()));
+        const auto all = first_lanes(Simd::kWidth, Simd::M());
+        compress_store(distance, hit.t, all);
+        compress_store(primitive, hit.primitive, all);
+        for (uint32_t k = 0; k < live; ++k) {
+            const bool met = distance[k] < kInfinity;
+            t[i + k] = met ? static_cast<float>(distance[k] * host.unit) : kInfinity;
+            triangle[i + k] = met ? static_cast<int32_t>(host.input_index[primitive[k]]) : -1;
+        }
+    }
+}
+
+std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,
+                                          size_t origin_count, uint64_t first, uint64_t n) {
+    const HostScene& host = scene.host();
+    const std::vector<float> corners = leak_corners(host);
+    const std::vector<float> from = leak_origins(host, origins, origin_count);
+    const LeakTargets targets{corners.data(), static_cast<uint32_t>(corners.size() / 9),
+                              from.data(), static_cast<uint32_t>(origin_count)};
+    std::atomic<uint64_t> missed[2] = {0, 0};
+    constexpr uint64_t kPart = 1 << 16;
+    parallel(std::max(1u, std::thread::hardware_concurrency()), (n + kPart - 1) / kPart, {},
+             [&](uint32_t, uint64_t part) {
+                 uint64_t counts[2] = {0, 0};
+                 for (uint64_t i = part * kPart; i < std::min(n, (part + 1) * kPart); ++i) {
+                     bool at_edge;
+                     if (leaks(host.view, targets, first + i, at_edge)) ++counts[at_edge];
+                 }
+                 missed[0] += counts[0], missed[1] += counts[1];
+             });
+    return {missed[0], missed[1]};
+}
+
+}  // namespace veriray

@@ -51,27 +51,26 @@ from veriray.errors import printable
 from veriray.files import open_regular, replacing
 from veriray.numeric import number, path_text, texts, whole
 from veriray.rendering import LEDGER_COLUMNS, Render
+from veriray.settings import HEADER, MAX_BATCHES, SETTINGS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MAGIC = b"\x76\x2f\x31\x01"
 _MAX_SIDE = 1 << 16
-_MAX_BATCHES = 1000
 _MAX_DEPTHS = 1 << 20
 _MAX_BYTES = 1 << 31
 _DEFLATE_LIMIT = 1100  # deflate cannot shrink data to less than 1/1032
+_HEADER = [(name, setting.is_text) for name, setting in SETTINGS.items() if setting.kept == HEADER]
 _TEXT_KEYS = (
     "scene_sha256",
     "film_sha256",
-    "device",
-    "scheduler",
-    "sampler",
+    *(name for name, is_text in _HEADER if is_text),
     "version",
     "renderer",
 )
+_INT_KEYS = tuple(name for name, is_text in _HEADER if not is_text)
 _WHOLE = ("region", "samples")  # channels of integers
-_INT_KEYS = ("seed", "spp", "max_depth", "rr_depth")
 
 
 class ImageError(ValueError):
@@ -178,7 +177,7 @@ def load_with_regions(
     assert image is not None
     stderr = _group(channels, "stderr.", where)
     named = sum(name.startswith("batch.") for name in channels)
-    batches = [g for k in range(min(-(-named // 3), _MAX_BATCHES))
+    batches = [g for k in range(min(-(-named // 3), MAX_BATCHES))
                if (g := _group(channels, f"batch.{k:03d}.", where)) is not None]  # fmt: skip
     stats = _stats(header, where)
     if named != 3 * len(batches) or any(f"batch.{k:03d}.R" not in channels
@@ -223,8 +222,8 @@ def _save_exr(
     if render.stderr is not None:
         add("stderr.", render.stderr, "stderr")
     batches = [] if render.batch_means is None else list(render.batch_means)
-    if len(batches) > _MAX_BATCHES:
-        raise ImageError(f"{len(batches)} batches; an EXR file holds at most {_MAX_BATCHES}")
+    if len(batches) > MAX_BATCHES:
+        raise ImageError(f"{len(batches)} batches; an EXR file holds at most {MAX_BATCHES}")
     for k, batch in enumerate(batches):
         add(f"batch.{k:03d}.", batch, f"batch_means[{k}]")
     if render.samples is not None:
@@ -340,8 +339,8 @@ def _check_header(header: dict[str, Any], size: int, max_bytes: int, where: str)
     if not (1 <= width <= _MAX_SIDE and 1 <= height <= _MAX_SIDE):
         raise ImageError(f"{where}: {width} x {height} pixels; expected 1 to {_MAX_SIDE} a side")
     channels = header["channels"]
-    if len(channels) > 3 * _MAX_BATCHES + 64:
-        raise ImageError(f"{where}: {len(channels)} channels; at most {3 * _MAX_BATCHES + 64}")
+    if len(channels) > 3 * MAX_BATCHES + 64:
+        raise ImageError(f"{where}: {len(channels)} channels; at most {3 * MAX_BATCHES + 64}")
     need = 4 * width * height * len(channels)
     if need > max_bytes:
         raise ImageError(f"{where}: {need} bytes of pixels; the limit is {max_bytes} (max_bytes)")

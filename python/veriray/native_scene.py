@@ -12,12 +12,9 @@ import numpy as np
 from .columns import COLUMNS
 from .device import Device, polled
 from .errors import SceneError
-from .numeric import choice
 from .scene import Scene
+from .settings import BUILDERS as BUILDERS
 
-#: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
-#: device. The films are the same.
-BUILDERS = ("auto", "sah", "ploc")
 #: Paths a triangle from which on a tree by `sah` saves more time on CUDA than it takes (an H200 and
 #: 16 cores: scenario `build` of `veriray bench`).
 CATCH_UP = 2000
@@ -61,11 +58,6 @@ def native_scene_arguments(scene: Scene) -> dict[str, Any]:
             "filter_parameters": film.filter_parameters,
         },
     }
-
-
-def check_builder(builder: str) -> None:
-    """ValueError for an unknown builder."""
-    choice("builder", builder, BUILDERS, error=ValueError)
 
 
 def choose_builder(backend: str, triangles: int, paths: int) -> str:

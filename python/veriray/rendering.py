@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import io
@@ -18,30 +19,21 @@ import numpy.typing as npt
 
 from . import device as device_module
 from .errors import RefusedSamplesWarning
-from .native_scene import check_builder, native_scene, scene_facts
-from .numeric import choice, number, shown, whole
+from .native_scene import native_scene, scene_facts
+from .numeric import shown, whole
 from .sampling import PILOT, Progress, adaptive, uniform
 from .scene import Scene
+from .settings import COMPACTIONS as COMPACTIONS
+from .settings import MAX_SPP, RenderSettings
+from .settings import METHODS as METHODS
+from .settings import SCHEDULERS as SCHEDULERS
 
 #: Columns of the ray ledger, in the native modules' order.
 LEDGER_COLUMNS = (
     "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
     "shadow_visible", "shadow_occluded",
 )  # fmt: skip
-#: Ways in which scheduler `thrust` closes the gaps of ended paths; the 2016 report's is remove_if.
-COMPACTIONS = {
-    "none": "thrust-none",
-    "remove_if": "thrust",
-    "partition": "thrust-partition",
-    "copy_if": "thrust-copy",
-    "append": "thrust-append",
-}
-#: One scheduler of each method.
-METHODS = ("fused", "thrust", "wavefront")
-SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()), "wavefront", "wavefront-unsorted")
-MAX_BATCHES = 1000
 MAX_NONFINITE = 64
-MAX_SPP = 2**40
 BUILD_SHARE = 0.1
 
 Array = npt.NDArray[Any]
@@ -239,37 +231,33 @@ def render(
         RefusedSamplesWarning: samples that the film cannot hold were left out; see
             stats["nonfinite"].
     """
-    scene_used, spp = check_settings(
-        scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler,
-        width=width, height=height, threads=threads, batches=batches, batch_size=batch_size,
-        target_error=target_error,
+    settings = RenderSettings(
+        spp=spp, seed=seed, device=device, scheduler=scheduler, max_depth=max_depth,
+        rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
+        batches=batches, batch_size=batch_size, all_features=all_features,
+        target_error=target_error, builder=builder,
     )  # fmt: skip
-    if not isinstance(all_features, (bool, int, np.bool_)):
-        raise ValueError(f"all_features = {shown(all_features)} is not a bool")
+    return render_with(scene, settings, progress)
+
+
+def render_with(
+    scene: Scene, settings: RenderSettings, progress: Callable[[float], object] | None = None
+) -> Render:
+    """As `render`, with its settings as one object."""
+    used, settings = settle(scene, settings)
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
-    scheduler, scheduler_reason = choose_scheduler(scheduler)
-    check_builder(builder)
-    chosen, device_reason = device_module.select(device)
-
-    settings = {
-        "seed": seed,
-        "max_depth": scene_used.max_depth,
-        "rr_depth": scene_used.rr_depth,
-        "sampler": scene_used.sampler,
-        "scheduler": scheduler,
-        "threads": threads or 0,
-        "batch": batch_size,
-        "all_features": bool(all_features),
-    }
+    scheduler, scheduler_reason = choose_scheduler(settings.scheduler)
+    chosen, device_reason = device_module.select(settings.device)
+    settings = dataclasses.replace(settings, scheduler=scheduler, device=chosen.name)
     with device_module.native_errors():
         building, sampling = _shares(progress)
-        native = native_scene(scene, scene_used, chosen, building, builder, spp)
-        run = (chosen, native, scene_used, spp)
-        if target_error is None:
-            done = uniform(*run, batches, settings, sampling)
+        native = native_scene(scene, used, chosen, building, settings.builder, used.spp)
+        run = (chosen, native, used, settings.native(), sampling)
+        if settings.target_error is None:
+            done = uniform(*run, settings.batches)
         else:
-            done = adaptive(*run, float(target_error), settings, sampling)
+            done = adaptive(*run, settings.target_error)
         image, stderr = done.image, done.stderr
         memory = int(native.memory) + int(done.film.memory)
     if progress is not None:
@@ -277,62 +265,38 @@ def render(
     stats = _statistics(done.results, done.paths)
     finite = bool(np.isfinite(stderr).all())
     stats |= {
-        "device": chosen.name,
         "device_name": chosen.description,
         "device_reason": device_reason,
-        "scheduler": scheduler,
         "scheduler_reason": scheduler_reason,
         **scene_facts(native),
         "variant": [str(name) for name in done.results[-1]["features"]],
         "path_bytes": int(done.results[-1]["path_bytes"]),
         "kernel": {str(k): int(v) for k, v in done.results[-1]["kernel"].items()},
-        "seed": seed,
-        "spp": spp,
-        "max_depth": scene_used.max_depth,
-        "rr_depth": scene_used.rr_depth,
-        "sampler": scene_used.sampler,
-        "width": scene_used.film.width,
-        "height": scene_used.film.height,
-        "batches": batches,
-        "batch_size": batch_size,
+        **settings.kept(),
         "memory": memory,
-        "scene_sha256": scene_used.sha256,
+        "scene_sha256": used.sha256,
         "version": _version(),
         "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
         **done.facts,
     }
     if stats["nonfinite_samples"]:
-        warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=2)
+        warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=3)
     return Render(
         image=image,
         stderr=stderr,
         batch_means=done.batch_means,
-        film_sha256=film_hash(image, stderr, spp, done.counts),
+        film_sha256=film_hash(image, stderr, used.spp, done.counts),
         stats=stats,
-        width=scene_used.film.width,
-        height=scene_used.film.height,
-        spp=spp,
-        seed=seed,
+        width=used.film.width,
+        height=used.film.height,
+        spp=used.spp,
+        seed=used.seed,
         samples=done.counts,
     )
 
 
-def check_settings(
-    scene: Scene,
-    *,
-    spp: int | None = None,
-    seed: int = 0,
-    max_depth: int | None = None,
-    rr_depth: int | None = None,
-    sampler: str | None = None,
-    width: int | None = None,
-    height: int | None = None,
-    threads: int | None = None,
-    batches: int = 0,
-    batch_size: int = 0,
-    target_error: float | None = None,
-) -> tuple[Scene, int]:
-    """Checks settings of `render`; returns the scene with those that belong to it, and spp.
+def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSettings]:
+    """The scene with those settings that belong to it, and all settings with the scene's.
 
     Raises as `render` does, before any work is done.
     """
@@ -341,23 +305,21 @@ def check_settings(
             f"scene is {type(scene).__name__}, expected a Scene: use veriray.load_file(path) or "
             "veriray.load_dict(dict)"
         )
-    spp = _whole("spp", scene.spp if spp is None else spp, 1, MAX_SPP)
-    _whole("seed", seed, 0, 2**64 - 1)
-    _whole("batches", batches, 0, MAX_BATCHES)
+    given = settings.of_scene()
+    used = scene.with_(**given, seed=settings.seed)
+    values = {
+        name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given
+    }
+    settings = dataclasses.replace(settings, **values)
+    spp, batches = used.spp, settings.batches
     if batches == 1 or (batches and spp % batches):
         raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
-    _whole("batch_size", batch_size, 0, 2**26)
-    if threads is not None:
-        _whole("threads", threads, 1, 1024)
-    if target_error is not None:
-        number("target_error", target_error, 0.0, 1.0, open_=True)
+    if settings.target_error is not None:
         if not PILOT <= spp <= 2**31:
             raise ValueError(f"spp = {spp}; with target_error {PILOT} to {2**31}")
         if batches:
             raise ValueError(f"batches = {batches}; with target_error 0")
-    size = {"width": width, "height": height}
-    used = scene.with_(max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size)
-    return used, spp
+    return used, settings
 
 
 def choose_scheduler(scheduler: str) -> tuple[str, str]:
@@ -365,7 +327,6 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
 
     Rule of "auto": `fused`, for every scene, on every device.
     """
-    choice("scheduler", scheduler, SCHEDULERS, error=ValueError)
     if scheduler == "auto":
         return "fused", "auto takes fused for every scene"
     return scheduler, "asked for"
@@ -468,11 +429,11 @@ def prepare(
     variant, path_bytes, primitives, tree (see `render`) and memory (bytes of the scene). Raises as
     `render`.
     """
-    used, spp = check_settings(scene, spp=spp, width=width, height=height)
-    check_builder(builder)
+    settings = RenderSettings(spp=spp, device=device, width=width, height=height, builder=builder)
+    used, _ = settle(scene, settings)
     chosen, _ = device_module.select(device)
     with device_module.native_errors():
-        native = native_scene(scene, used, chosen, progress, builder, spp)
+        native = native_scene(scene, used, chosen, progress, builder, used.spp)
         return {**scene_facts(native), "memory": int(native.memory)}
 
 
@@ -495,24 +456,18 @@ def trace_path(
     sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel
     outside the film, and otherwise as `render`.
     """
-    size: dict[str, Any] = {"width": width, "height": height}
-    used, _ = check_settings(
-        scene, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size
-    )
+    settings = RenderSettings(
+        seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, width=width,
+        height=height,
+    )  # fmt: skip
+    used, settings = settle(scene, settings)
     x = _whole("x", x, 0, used.film.width - 1)
     y = _whole("y", y, 0, used.film.height - 1)
     sample = _whole("sample", sample, 0, MAX_SPP - 1)
     chosen, _ = device_module.select("cpu")
     with device_module.native_errors():
         path: list[dict[str, Any]] = chosen.native.trace_path(
-            native_scene(scene, used, chosen),
-            seed=seed,
-            x=x,
-            y=y,
-            sample=sample,
-            max_depth=used.max_depth,
-            rr_depth=used.rr_depth,
-            sampler=used.sampler,
+            native_scene(scene, used, chosen), x=x, y=y, sample=sample, **settings.native(path=True)
         )
     return path
 

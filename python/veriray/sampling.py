@@ -78,11 +78,11 @@ class _Runs:
         self.done += paths
 
 
-def uniform(device: Device, held: Any, scene: Scene, spp: int, batches: int,
-            settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
+def uniform(device: Device, held: Any, scene: Scene, settings: dict[str, Any],
+            progress: Progress, batches: int) -> Sampled:  # fmt: skip
     """The same samples of every pixel, in one piece or in `batches` pieces whose means are kept."""
     runs = _Runs(device, held, scene, settings, progress)
-    width, height = runs.size
+    (width, height), spp = runs.size, scene.spp
     runs.ahead = float(width * height * spp)
     size = spp // (batches or 1)
     total = runs.film()
@@ -97,11 +97,11 @@ def uniform(device: Device, held: Any, scene: Scene, spp: int, batches: int,
     return Sampled(*total.resolve(), runs.results, total, width * height * spp, means)
 
 
-def adaptive(device: Device, held: Any, scene: Scene, spp: int, target: float,
-             settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
-    """As many samples as each tile needs for `target`, `PILOT` to spp a pixel; see the module."""
+def adaptive(device: Device, held: Any, scene: Scene, settings: dict[str, Any],
+             progress: Progress, target: float) -> Sampled:  # fmt: skip
+    """As many samples as each tile needs for `target`, `PILOT` to the scene's spp a pixel."""
     runs = _Runs(device, held, scene, settings, progress)
-    width, height = runs.size
+    (width, height), spp = runs.size, scene.spp
     pilot = runs.film()
     runs.ahead = float(2 * PILOT * width * height)
     runs.render(pilot, 0, PILOT)

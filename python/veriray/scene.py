@@ -21,15 +21,15 @@ import numpy.typing as npt
 from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, choice, in_range, number, path_text, shown, texts, whole
+from .numeric import MAX_COORDINATE, array, in_range, number, path_text, shown, texts, whole
 from .scene_arrays import _NONE, SceneArrays
+from .settings import MAX_PATH_DEPTH as MAX_PATH_DEPTH
+from .settings import SAMPLERS as SAMPLERS
+from .settings import SETTINGS
 from .shipped import SHIPPED, find_shipped
 
 Array = npt.NDArray[Any]
 
-#: Segments of a path at most; -1 in a scene stands for this.
-MAX_PATH_DEPTH = 262143
-SAMPLERS = ("independent", "sobol")
 _DERIVED = ("_array_digest", "_native_forms")
 
 
@@ -81,16 +81,11 @@ class Scene(SceneArrays):
             raise SceneError(f"camera is {type(self.camera).__name__}, expected Camera")
         if not isinstance(self.film, Film):
             raise SceneError(f"film is {type(self.film).__name__}, expected Film")
-        choice("sampler", self.sampler, SAMPLERS)
         whole("camera medium", self.camera.medium, -1, len(self.sigma_t) - 1)
-        values = {
-            "max_depth": whole("max_depth", self.max_depth, -1, MAX_PATH_DEPTH),
-            "rr_depth": whole("rr_depth", self.rr_depth, 1, 2**31 - 1),
-            "spp": whole("spp", self.spp, 1, 2**63 - 1),
-            "seed": whole("seed", self.seed, 0, 2**64 - 1),
-        }
-        for name, value in values.items():
+        for name in ("sampler", "max_depth", "rr_depth", "seed"):
+            value = SETTINGS[name].checked(name, getattr(self, name), SceneError)
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "spp", whole("spp", self.spp, 1, 2**63 - 1))
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in _DERIVED}

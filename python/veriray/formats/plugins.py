@@ -12,7 +12,7 @@ from typing import Any
 from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
 from ..columns import MAX_ETA
 from ..numeric import MAX_COORDINATE
-from ..scene import MAX_PATH_DEPTH
+from ..settings import SETTINGS
 
 REQUIRED = object()
 COLOUR = "rgb, spectrum or number"
@@ -101,11 +101,18 @@ _GLASS = {
     "specular_reflectance": _SPECULAR,
     "specular_transmittance": Param(COLOUR, 1.0, **_SHARE, doc="factor on transmitted light"),
 }
+
+
+def _setting(name: str, doc: str) -> Param:
+    setting = SETTINGS[name]
+    return Param("integer", setting.scene, setting.low or 0, setting.high, doc=doc)
+
+
 _PATH = Plugin(
     "integrator",
     {
-        "max_depth": Param("integer", -1, -1, MAX_PATH_DEPTH, doc="path length, -1 unlimited"),
-        "rr_depth": Param("integer", 5, 1, 2**31 - 1, doc="first depth with roulette"),
+        "max_depth": _setting("max_depth", "path length, -1 unlimited"),
+        "rr_depth": _setting("rr_depth", "first depth with roulette"),
         "hide_emitters": Param("boolean", False, choices=(False,)),
     },
     doc="path tracing with next-event estimation; media always count",

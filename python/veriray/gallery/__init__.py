@@ -128,7 +128,8 @@ def _render_all(
     say: Callable[[str], object],
 ) -> list[Path]:
     """Render what is missing; returns the files written."""
-    from ..rendering import check_settings, render
+    from ..rendering import render, settle
+    from ..settings import RenderSettings
     from . import sheet
 
     work = [p.cost * s.film.width * s.film.height * spp for p, s, spp in jobs]
@@ -136,7 +137,7 @@ def _render_all(
     done, rendered, start = 0.0, 0.0, time.perf_counter()
     for k, (picture, scene, spp) in enumerate(jobs):
         batches = picture.batches if picture.batches and spp % picture.batches == 0 else 0
-        check_settings(scene, spp=spp, seed=settings["seed"], threads=settings["threads"])
+        settle(scene, RenderSettings(spp=spp, **settings))
         exr, png = folder / f"{picture.name}.exr", folder / f"{picture.name}.png"
         result = None if force else _finished(exr, scene, spp, settings["seed"])
         head = f"picture {k + 1} of {len(jobs)}"

@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,9 @@ from .settings import MAX_PATH_DEPTH as MAX_PATH_DEPTH
 from .settings import SAMPLERS as SAMPLERS
 from .settings import SETTINGS
 from .shipped import SHIPPED, find_shipped
+
+if TYPE_CHECKING:
+    from .formats.build import Built
 
 Array = npt.NDArray[Any]
 
@@ -249,7 +252,7 @@ def load_file(
     if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
         raise SceneError(f"parameters = {shown(parameters)} is not a dictionary of names")
     path = find_shipped(text) if text in SHIPPED else Path(text)
-    return formats.load(path, parameters)
+    return _made(formats.load(path, parameters))
 
 
 def load_dict(scene: Mapping[str, Any]) -> Scene:
@@ -261,7 +264,17 @@ def load_dict(scene: Mapping[str, Any]) -> Scene:
     """
     from .formats import build, mitsuba_dict
 
-    return build.build(mitsuba_dict.read(scene))
+    return _made(build.build(mitsuba_dict.read(scene)))
+
+
+def _made(built: Built) -> Scene:
+    """The scene that a reader found; its place is added to errors."""
+    try:
+        scene = Scene(**built.arguments)
+    except SceneError as error:
+        raise SceneError(str(error), built.places["scene"][0]) from None
+    scene.__dict__["_places"] = built.places
+    return scene
 
 
 def cornell_box() -> Scene:

@@ -469,8 +469,8 @@ PYTHON = (
     _python("maximal depth one less", "rendering.py",
             "settings.native(), sampling)",
             '{**settings.native(), "max_depth": max(used.max_depth - 1, -1)}, sampling)'),
-    _python("red and blue swapped in files", "image.py", 'enumerate("RGB")', 'enumerate("BGR")'),
-    _python("batch means in float16 in files", "image.py",
+    _python("red and blue swapped in files", "saving.py", 'enumerate("RGB")', 'enumerate("BGR")'),
+    _python("batch means in float16 in files", "saving.py",
             'add(f"batch.{k:03d}.", batch, f"batch_means[{k}]")',
             'add(f"batch.{k:03d}.", np.float16(batch), f"batch_means[{k}]")'),
 )  # fmt: skip

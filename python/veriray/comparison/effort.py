@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from veriray.comparison.report import Report
-    from veriray.rendering import Render
+    from veriray.picture import Render
 
     Array = NDArray[Any]
     Mask = NDArray[np.integer[Any]]

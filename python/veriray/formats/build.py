@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from ..camera import Camera, Film
 from ..columns import LIGHT_KINDS
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
-from ..scene import Scene
 from . import materials
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
@@ -26,7 +26,15 @@ _Parts = dict[str, list[Node]]
 _DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
 
 
-def build(tree: Tree) -> Scene:
+@dataclass(frozen=True)
+class Built:
+    """The arguments of a Scene, and where in the file the rows of its tables come from."""
+
+    arguments: dict[str, Any]
+    places: dict[str, list[str]]
+
+
+def build(tree: Tree) -> Built:
     """The scene of a tree. Raises SceneError naming place, object, key, value and what is allowed;
     warns (SceneWarning) of a scene without light."""
     return _Builder(tree).scene()
@@ -89,7 +97,7 @@ class _Builder:
             )
         return self.tree.ids[ref.id]
 
-    def scene(self) -> Scene:
+    def scene(self) -> Built:
         root = self.tree.scene
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
@@ -110,21 +118,17 @@ class _Builder:
                 SceneWarning,
                 stacklevel=4,
             )
-        scene: Scene = located(
-            root,
-            lambda: Scene(
-                **arrays,
-                environment=np.array(environment),
-                camera=camera,
-                film=film,
-                max_depth=path["max_depth"],
-                rr_depth=path["rr_depth"],
-                **sampling,
-            ),
-        )
+        arguments = {
+            **arrays,
+            "environment": np.array(environment),
+            "camera": camera,
+            "film": film,
+            "max_depth": path["max_depth"],
+            "rr_depth": path["rr_depth"],
+            **sampling,
+        }
         places = {"scene": [root.where], "shapes": [shape.where for shape in parts["shape"]]}
-        scene.__dict__["_places"] = {**places, **self.tables.places()}
-        return scene
+        return Built(arguments, {**places, **self.tables.places()})
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
         """Adds the lights that are not on shapes; returns the environment's radiance."""

@@ -18,7 +18,7 @@ from .own import MARK, is_foreign, protect
 from .pictures import Picture, find, load, names, select
 
 if TYPE_CHECKING:
-    from ..rendering import Render
+    from ..picture import Render
     from ..scene import Scene
 
 __all__ = ["load", "names", "run"]

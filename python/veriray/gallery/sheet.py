@@ -24,7 +24,7 @@ from .pictures import PICTURES, Picture
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from ..rendering import Render
+    from ..picture import Render
 
 Array = npt.NDArray[Any]
 

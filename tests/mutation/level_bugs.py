@@ -454,7 +454,8 @@ PYTHON = (
             "cutoff"),
     _python("twosided forgotten", "formats/build.py", '"two_sided": True}', '"two_sided": False}'),
     _python("mask transparent where it is opaque", "formats/build.py",
-            '"opacity": values["opacity"]', '"opacity": 1.0 - values["opacity"]'),
+            '**self.material(parts["bsdf"][0]), **materials.filled(node, values)',
+            '**self.material(parts["bsdf"][0]), "opacity": 1.0 - values["opacity"]'),
     _python("point lights of a scaled scene not scaled", "scene.py",
             "intensity[near] *= factor * factor", "intensity[near] *= factor"),
     # merging and statistics

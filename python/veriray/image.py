@@ -189,12 +189,13 @@ def _group(
         return None
     if not all(found):
         raise ImageError(f"{where}: channels {prefix}R, {prefix}G, {prefix}B are not all there")
-    return np.stack([channels[prefix + letter] for letter in "RGB"], axis=-1)
+    picture: NDArray[np.float32] = np.stack([channels[prefix + c] for c in "RGB"], axis=-1)
+    return picture
 
 
 def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:
     """`Render.stats` from the header; the attributes of their own win over `veriray.stats`."""
-    stats = _json(header, "veriray.stats", dict, where)
+    stats: dict[str, Any] = _json(header, "veriray.stats", dict, where)
     for key in TEXT_KEYS:
         stats[key] = header.get(f"veriray.{key}", "")
     for key in INT_KEYS:

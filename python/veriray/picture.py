@@ -132,9 +132,9 @@ def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = Non
         plain = np.ascontiguousarray(values, dtype="<f4")
         if (nan := np.isnan(plain)).any():
             plain = np.where(nan, np.float32(np.nan), plain).astype("<f4")
-        digest.update(plain.reshape(-1).view(np.uint8))
+        digest.update(np.ascontiguousarray(plain).data)
     if samples is not None:
-        digest.update(np.ascontiguousarray(samples, dtype="<u4").reshape(-1).view(np.uint8))
+        digest.update(np.ascontiguousarray(samples, dtype="<u4").data)
     return digest.hexdigest()
 
 

@@ -7,7 +7,7 @@ import functools
 import math
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,9 @@ from .settings import SCHEDULERS as SCHEDULERS
 
 MAX_NONFINITE = 64
 BUILD_SHARE = 0.1
+
+if TYPE_CHECKING:
+    from ._native import Report
 
 Array = npt.NDArray[Any]
 _whole = functools.partial(whole, error=ValueError)
@@ -233,14 +236,12 @@ def _shares(progress: Progress) -> tuple[Progress, Progress]:
     return building, sampling
 
 
-def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
+def _statistics(results: list[Report], paths: int) -> dict[str, Any]:
     """Sums the pieces' reports."""
     ledger = _padded_sum([np.asarray(r["ledger"], np.uint64) for r in results])
     blocks = _padded_sum([np.asarray(r["blocks"], np.uint64) for r in results])
-    by_depth, closing = (
-        [float(s) for s in _padded_sum([np.asarray(r[key], np.float64) for r in results])]
-        for key in ("depth_seconds", "compaction_seconds")
-    )
+    by_depth = _padded_sum([np.asarray(r["depth_seconds"], np.float64) for r in results])
+    closing = _padded_sum([np.asarray(r["compaction_seconds"], np.float64) for r in results])
     columns = {
         name: [int(n) for n in ledger[:, c]] if ledger.ndim == 2 else []
         for c, name in enumerate(LEDGER_COLUMNS)
@@ -251,8 +252,8 @@ def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
         "live_rays": columns["live"],
         "ledger": columns,
         "blocks": [int(n) for n in blocks],
-        "depth_seconds": by_depth,
-        "compaction_seconds": closing,
+        "depth_seconds": by_depth.tolist(),
+        "compaction_seconds": closing.tolist(),
         "rays": sum(columns["live"] + columns["shadow_visible"] + columns["shadow_occluded"]),
         "paths": paths,
         "seconds": seconds,

@@ -45,7 +45,7 @@ def to_srgb8(image: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
     with np.errstate(over="ignore", invalid="ignore"):
         x = np.clip(np.where(finite[..., None], values, 0.0) * 2.0**exposure, 0.0, 1.0)
     curve = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    out = np.round(curve * 255).astype(np.uint8)
+    out: NDArray[np.uint8] = np.round(curve * 255).astype(np.uint8)
     out[~finite] = (255, 0, 255)
     return out
 

@@ -103,10 +103,11 @@ class Scene(SceneArrays):
         return forms
 
     @property
-    def _digest(self) -> Any:
+    def _digest(self) -> hashlib._Hash:
         """The hash so far, after the arrays."""
-        if "_array_digest" in self.__dict__:
-            return self.__dict__["_array_digest"]
+        kept: hashlib._Hash | None = self.__dict__.get("_array_digest")
+        if kept is not None:
+            return kept
         digest = hashlib.sha256(b"veriray scene 2\n")
         for name in COLUMNS:
             values: Array = getattr(self, name)
@@ -114,7 +115,8 @@ class Scene(SceneArrays):
                 continue
             digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
             digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
-        return self.__dict__.setdefault("_array_digest", digest)
+        kept = self.__dict__.setdefault("_array_digest", digest)
+        return kept
 
     def place(self, message: str) -> str:
         """The place in the scene file of what "column[row] ..." is about; "" if unknown.

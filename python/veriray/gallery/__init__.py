@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,7 +107,7 @@ def run(
 
 
 @contextlib.contextmanager
-def _quietly(title: str) -> Any:
+def _quietly(title: str) -> Iterator[None]:
     yield None
 
 
@@ -115,8 +115,8 @@ def _sized(scene: Scene, width: int | None, scale: float) -> Scene:
     """The scene with a film of `width` pixels, or `scale` times its own, of the same shape."""
     film = scene.film
     factor = scale if width is None else width / film.width
-    size = {"width": round(film.width * factor), "height": round(film.height * factor)}
-    return scene.with_(**{key: max(pixels, 1) for key, pixels in size.items()})
+    width, height = (max(round(pixels * factor), 1) for pixels in (film.width, film.height))
+    return scene.with_(width=width, height=height)
 
 
 def _render_all(

@@ -17,7 +17,8 @@ BUILD_REQUIRES := import sys, importlib; \
   print(*toml.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")
 SOURCES := $(shell find cpp python scenes -type f -not -name '*.pyc' -not -name '*.so' \
              -not -path '*/__pycache__/*' 2>/dev/null) setup.py pyproject.toml CMakeLists.txt
-LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5 mypy==2.4.1 lxml-stubs==0.5.1
+LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5 mypy==2.4.1 lxml-stubs==0.5.1 \
+  codespell[toml]==2.4.3
 # Whose own types mypy reads; any release, so that an installed one stays.
 LINT_TYPES := numpy pillow rich
 SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)

@@ -17,7 +17,10 @@ BUILD_REQUIRES := import sys, importlib; \
   print(*toml.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")
 SOURCES := $(shell find cpp python scenes -type f -not -name '*.pyc' -not -name '*.so' \
              -not -path '*/__pycache__/*' 2>/dev/null) setup.py pyproject.toml CMakeLists.txt
-LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5
+LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5 mypy==2.4.1 lxml-stubs==0.5.1 \
+  codespell[toml]==2.4.3
+# Whose own types mypy reads; any release, so that an installed one stays.
+LINT_TYPES := numpy pillow rich
 SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name "*.cu" -o -name "*.cuh")
@@ -44,6 +47,7 @@ lint: $(VENV)/lint-tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FILES)
+	$(BIN)/mypy
 
 format: $(VENV)/lint-tools
 	$(BIN)/ruff check --fix .
@@ -76,7 +80,7 @@ $(VENV)/settings: force | $(VENV)/bin/python
 	@echo "$(SETTINGS)" | cmp -s - $@ || echo "$(SETTINGS)" > $@
 
 $(VENV)/lint-tools: Makefile | $(VENV)/bin/python
-	@$(PIP) $(LINT_TOOLS)
+	@$(PIP) $(LINT_TOOLS) $(LINT_TYPES)
 	@touch $@
 
 $(VENV)/bin/python:

@@ -21,14 +21,16 @@ if TYPE_CHECKING:
     from .device import Device, devices
     from .errors import (
         DeviceError,
+        ImageError,
         OutOfMemoryError,
         RefusedSamplesWarning,
         SceneError,
         SceneWarning,
     )
-    from .image import ImageError
-    from .rendering import Render, film_hash, render, trace_path
-    from .scene import SAMPLERS, Scene, cornell_box, load_dict, load_file
+    from .picture import Render, film_hash
+    from .rendering import render, trace_path
+    from .scene import Scene, cornell_box, load_dict, load_file
+    from .settings import SAMPLERS
 else:
     _HOMES = {
         "camera": ("Camera", "Film"),
@@ -36,14 +38,16 @@ else:
         "device": ("Device", "devices"),
         "errors": (
             "DeviceError",
+            "ImageError",
             "OutOfMemoryError",
             "RefusedSamplesWarning",
             "SceneError",
             "SceneWarning",
         ),
-        "image": ("ImageError",),
-        "rendering": ("Render", "film_hash", "render", "trace_path"),
-        "scene": ("SAMPLERS", "Scene", "cornell_box", "load_dict", "load_file"),
+        "picture": ("Render", "film_hash"),
+        "rendering": ("render", "trace_path"),
+        "scene": ("Scene", "cornell_box", "load_dict", "load_file"),
+        "settings": ("SAMPLERS",),
     }
 
     def __getattr__(name: str) -> object:

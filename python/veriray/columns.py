@@ -20,8 +20,26 @@ from .numeric import MAX_COORDINATE, array, in_range
 
 Array = npt.NDArray[Any]
 
+
+@dataclass(frozen=True)
+class MaterialKind:
+    """opaque: nothing goes through, so `two_sided` may be set; refracts: `eta` is one index."""
+
+    opaque: bool = False
+    refracts: bool = False
+
+
+_MATERIAL_KINDS = {
+    "diffuse": MaterialKind(opaque=True),
+    "conductor": MaterialKind(opaque=True),
+    "dielectric": MaterialKind(refracts=True),
+    "plastic": MaterialKind(opaque=True, refracts=True),
+    "thindielectric": MaterialKind(refracts=True),
+    "null": MaterialKind(),
+}
 #: Names of the values of `material_kind` and `light_kind`.
-MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null")
+MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
+OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
 LIGHT_KINDS = ("point", "spot", "directional")
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
@@ -221,6 +239,15 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
     return arrays
 
 
+def blank_row(table: str) -> dict[str, Any]:
+    """A row of defaults, zeros where there is none: column -> number or list."""
+    return {
+        name: np.full(column.width, _fill(column), column.dtype).tolist()
+        for name, column in COLUMNS.items()
+        if column.table == table
+    }
+
+
 def _fill(column: Column) -> Any:
     return 0 if column.default is REQUIRED else column.default
 
@@ -254,16 +281,16 @@ def _check_shapes(arrays: Mapping[str, Array]) -> None:
 
 def _check_materials(arrays: Mapping[str, Array]) -> None:
     kinds = arrays["material_kind"]
-    opaque = np.isin(kinds, [MATERIAL_KINDS.index(n) for n in ("diffuse", "conductor", "plastic")])
+    opaque, refracts = (
+        np.array([getattr(kind, fact) for kind in _MATERIAL_KINDS.values()])[kinds]
+        for fact in ("opaque", "refracts")
+    )
     row = _first(arrays["two_sided"] & ~opaque)
     if row is not None:
         raise SceneError(
-            f"two_sided[{row}] is set on a {MATERIAL_KINDS[kinds[row]]}; allowed: on diffuse, "
-            "conductor, plastic"
+            f"two_sided[{row}] is set on a {MATERIAL_KINDS[kinds[row]]}; allowed: on "
+            f"{', '.join(OPAQUE_KINDS)}"
         )
-    refracts = np.isin(
-        kinds, [MATERIAL_KINDS.index(n) for n in ("dielectric", "plastic", "thindielectric")]
-    )
     eta = arrays["eta"]
     for row in np.flatnonzero(refracts).tolist():
         first, *others = eta[row].tolist()
@@ -276,11 +303,12 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
 
 def _check_lights(arrays: Mapping[str, Array]) -> None:
     lengths = _lengths(arrays["light_direction"])
-    row = _first((arrays["light_kind"] != 0) & ~(np.abs(lengths - 1) <= 1e-3))
+    point, spot = (arrays["light_kind"] == LIGHT_KINDS.index(name) for name in ("point", "spot"))
+    row = _first(~point & ~(np.abs(lengths - 1) <= 1e-3))
     if row is not None:
         raise SceneError(f"light_direction[{row}] has length {lengths[row]:g}, expected 1")
     cutoff, beam = arrays["light_angles"].T
-    row = _first((arrays["light_kind"] == 1) & ~((cutoff > 0) & (beam <= cutoff)))
+    row = _first(spot & ~((cutoff > 0) & (beam <= cutoff)))
     if row is not None:
         raise SceneError(
             f"light_angles[{row}] = {[float(cutoff[row]), float(beam[row])]}; expected a cutoff in "

@@ -57,6 +57,13 @@ class RefusedSamplesWarning(UserWarning):
     """A picture lacks samples that the film could not hold; they count as black."""
 
 
+class ImageError(ValueError):
+    """A file that cannot be read as a render, or a picture that cannot be written as asked."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
 class DeviceError(RuntimeError):
     """A device is missing, failed, or cannot run this build."""
 

@@ -39,9 +39,10 @@ def page(template: Path, result: str, verdict: str, json_text: str, **more: Any)
         finalize=lambda value: visible(value) if type(value) is str else value,
     )  # fmt: skip
     environment.filters.update(percent=percent, number=number)
-    return environment.get_template(template.name).render(
+    text: str = environment.get_template(template.name).render(
         result=result, verdict=verdict, json=json_text.replace("<", "\\u003c"), **more
     )
+    return text
 
 
 # ---- numbers ----

@@ -34,119 +34,36 @@ Header attributes, all of them strings, each optional (a missing one reads as em
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import os
-import sys
-import threading
-from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import OpenEXR
+from numpy.typing import NDArray
 
-from veriray.errors import printable
-from veriray.files import open_regular, replacing
-from veriray.numeric import number, path_text, texts, whole
-from veriray.rendering import LEDGER_COLUMNS, Render
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from .errors import ImageError as ImageError
+from .files import open_regular
+from .numeric import path_text, whole
+from .picture import LEDGER_COLUMNS, Render
+from .saving import INT_KEYS, TEXT_KEYS, library_silenced
+from .saving import save_png as save_png
+from .saving import to_srgb8 as to_srgb8
+from .settings import MAX_BATCHES
 
 _MAGIC = b"\x76\x2f\x31\x01"
 _MAX_SIDE = 1 << 16
-_MAX_BATCHES = 1000
 _MAX_DEPTHS = 1 << 20
 _MAX_BYTES = 1 << 31
 _DEFLATE_LIMIT = 1100  # deflate cannot shrink data to less than 1/1032
-_TEXT_KEYS = (
-    "scene_sha256",
-    "film_sha256",
-    "device",
-    "scheduler",
-    "sampler",
-    "version",
-    "renderer",
-)
 _WHOLE = ("region", "samples")  # channels of integers
-_INT_KEYS = ("seed", "spp", "max_depth", "rr_depth")
 
 
-class ImageError(ValueError):
-    """A file that cannot be read as a render, or a picture that cannot be written as asked."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(printable(message))
-
-
-def save(
-    render: Render,
-    path: str | os.PathLike[str],
-    *,
-    exposure: float = 0.0,
-    regions: NDArray[np.integer[Any]] | None = None,
-    region_names: list[str] | None = None,
-) -> None:
-    """Write a render to `path`: everything as `.exr`, a display copy as `.png`.
-
-    Args:
-        render: the render; its `stats` go into the header (layout at the top of this module).
-        path: ends in `.exr` or `.png`. The file is written beside its place and renamed, so that
-            a failure leaves an earlier file as it was and no partial file.
-        exposure: stops, for PNG only (see `to_srgb8`).
-        regions: (H, W) integers, for EXR only: primary-hit object masks, 0 = nothing.
-        region_names: name of value k + 1 at index k.
-
-    Raises:
-        ImageError: another suffix; arrays of the wrong shape.
-        OSError: the file cannot be written (the message names it).
-    """
+def save(render: Render, path: str | os.PathLike[str], **options: Any) -> None:
+    """Write a render to `path`: `render.save`. Raises TypeError for what is no Render."""
     if not isinstance(render, Render):
         raise TypeError(f"render is {type(render).__name__}, expected a Render")
-    suffix = Path(path_text("path", path, ImageError)).suffix.lower()
-    if suffix == ".png":
-        save_png(render.image, path, exposure=exposure)
-    elif suffix == ".exr":
-        _save_exr(render, path, regions, region_names)
-    else:
-        raise ImageError(f"{os.fspath(path)}: suffix {suffix!r}; expected .exr or .png")
-
-
-def to_srgb8(image: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
-    """Display transform: (H, W, 3) linear radiance to (H, W, 3) sRGB bytes.
-
-    Multiplies by 2^exposure, clips to [0, 1], applies the sRGB curve (IEC 61966-2-1, 1999) and
-    rounds. Pixels that are not finite become magenta, so that no display hides them.
-    """
-    exposure = number("exposure", exposure, -1000, 1000, error=ImageError)
-    values = _numbers(image, "image").astype(np.float64)
-    if values.shape[-1:] != (3,):
-        raise ImageError(f"image: shape {values.shape}; expected (H, W, 3)")
-    finite = np.asarray(np.isfinite(values).all(axis=-1))
-    with np.errstate(over="ignore", invalid="ignore"):
-        x = np.clip(np.where(finite[..., None], values, 0.0) * 2.0**exposure, 0.0, 1.0)
-    curve = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    out = np.round(curve * 255).astype(np.uint8)
-    out[~finite] = (255, 0, 255)
-    return out
-
-
-def save_png(image: NDArray[Any], path: str | os.PathLike[str], *, exposure: float = 0.0) -> None:
-    """Write (H, W, 3) linear radiance as an 8-bit sRGB PNG: for eyes, never for comparisons.
-
-    Raises:
-        ImageError: the array is not (H, W, 3) with H, W >= 1, or the exposure is not finite.
-        OSError: the file cannot be written (the message names it).
-    """
-    from PIL import Image, PngImagePlugin
-
-    picture = Image.fromarray(to_srgb8(_picture(image, "image", None), exposure))
-    note = PngImagePlugin.PngInfo()
-    note.add_text("Comment", f"veriray display copy, sRGB, exposure {exposure:g} stops")
-    with replacing(path_text("path", path, ImageError)) as file:
-        picture.save(file, format="png", pnginfo=note)
+    render.save(path, **options)
 
 
 def load(path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES) -> Render:
@@ -178,7 +95,7 @@ def load_with_regions(
     assert image is not None
     stderr = _group(channels, "stderr.", where)
     named = sum(name.startswith("batch.") for name in channels)
-    batches = [g for k in range(min(-(-named // 3), _MAX_BATCHES))
+    batches = [g for k in range(min(-(-named // 3), MAX_BATCHES))
                if (g := _group(channels, f"batch.{k:03d}.", where)) is not None]  # fmt: skip
     stats = _stats(header, where)
     if named != 3 * len(batches) or any(f"batch.{k:03d}.R" not in channels
@@ -205,92 +122,6 @@ def load_with_regions(
     return render, channels.get("region"), names
 
 
-def _save_exr(
-    render: Render,
-    path: str | os.PathLike[str],
-    regions: NDArray[np.integer[Any]] | None,
-    region_names: list[str] | None,
-) -> None:
-    image = _picture(render.image, "image", None)
-    channels: dict[str, NDArray[Any]] = {}
-
-    def add(prefix: str, picture: NDArray[Any], name: str) -> None:
-        values = _picture(picture, name, image.shape[:2])
-        for c, letter in enumerate("RGB"):
-            channels[prefix + letter] = np.ascontiguousarray(values[..., c], np.float32)
-
-    add("", image, "image")
-    if render.stderr is not None:
-        add("stderr.", render.stderr, "stderr")
-    batches = [] if render.batch_means is None else list(render.batch_means)
-    if len(batches) > _MAX_BATCHES:
-        raise ImageError(f"{len(batches)} batches; an EXR file holds at most {_MAX_BATCHES}")
-    for k, batch in enumerate(batches):
-        add(f"batch.{k:03d}.", batch, f"batch_means[{k}]")
-    if render.samples is not None:
-        channels["samples"] = np.ascontiguousarray(render.samples, np.uint32)
-    stats = dict(render.stats)
-    stats.update(film_sha256=render.film_sha256, spp=render.spp, seed=render.seed)
-    own = {*_TEXT_KEYS, *_INT_KEYS, "seconds", "features", "ledger"}
-    header: dict[str, Any] = {
-        "compression": OpenEXR.NO_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "veriray.format": "1",
-        "veriray.renderer": str(stats.get("renderer") or "veriray"),
-        "veriray.batches": str(len(batches)),
-        "veriray.seconds": repr(float(stats.get("seconds") or 0.0)),
-        "veriray.features": _dumps(list(stats.get("features") or [])),
-        "veriray.ledger": _dumps(stats.get("ledger") or {}),
-        "veriray.stats": _dumps({key: stats[key] for key in stats if key not in own}),
-    }
-    for key in _TEXT_KEYS[:-1]:
-        header[f"veriray.{key}"] = str(stats.get(key) or "")
-    for key in _INT_KEYS:
-        if stats.get(key) is not None:
-            header[f"veriray.{key}"] = str(int(stats[key]))
-    if regions is not None:
-        mask = _numbers(regions, "regions")
-        if (
-            mask.dtype.kind not in "iu"
-            or mask.shape != image.shape[:2]
-            or mask.min() < 0
-            or mask.max() >= 1 << 32
-        ):
-            raise ImageError(f"regions: shape {mask.shape}; expected {image.shape[:2]}, 0..2^32-1")
-        channels["region"] = np.ascontiguousarray(mask, np.uint32)
-        header["veriray.regions"] = _dumps(
-            texts("region_names", [] if region_names is None else region_names, ImageError)
-        )
-    with replacing(path) as file:
-        try:
-            with _library_silenced():
-                OpenEXR.File(header, channels).write(file)
-        except (RuntimeError, ValueError, TypeError) as error:
-            raise OSError(f"cannot be written as EXR: {error}") from error
-
-
-_STDERR = threading.RLock()  # held by a fork too: a child must not get the empty stderr
-os.register_at_fork(
-    before=_STDERR.acquire, after_in_parent=_STDERR.release, after_in_child=_STDERR.release
-)
-
-
-@contextlib.contextmanager
-def _library_silenced() -> Iterator[io.StringIO]:
-    """Gathers what OpenEXR's Python code prints and drops what its C code writes on descriptor 2.
-
-    There is no switch for it. What other threads write on stderr meanwhile is lost too.
-    """
-    with _STDERR, contextlib.ExitStack() as stack:
-        if sys.__stderr__ is not None:  # else descriptor 2 was closed, and may be any file
-            stderr = os.dup(2)
-            stack.callback(os.close, stderr)
-            stack.callback(os.dup2, stderr, 2)
-            with open(os.devnull, "wb") as null:
-                os.dup2(null.fileno(), 2)
-        yield stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
-
-
 def _read_exr(
     path: str | os.PathLike[str], max_bytes: int
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -306,14 +137,14 @@ def _read_exr(
             raise ImageError(f"{where}: not an OpenEXR file")
         try:
             file.seek(0)
-            with _library_silenced():
+            with library_silenced():
                 header = OpenEXR.File(file, header_only=True).header()
             for key, value in header.items():
                 if key.startswith("veriray.") and not isinstance(value, str):
                     raise ImageError(f"{where}: header attribute {key!r} is not a string")
             _check_header(header, size, max_bytes, where)
             file.seek(0)
-            with _library_silenced() as printed:  # a damaged part is only printed about
+            with library_silenced() as printed:  # a damaged part is only printed about
                 parts = OpenEXR.File(file, separate_channels=True).channels()
             if printed.getvalue():
                 raise ValueError(printed.getvalue())
@@ -340,8 +171,8 @@ def _check_header(header: dict[str, Any], size: int, max_bytes: int, where: str)
     if not (1 <= width <= _MAX_SIDE and 1 <= height <= _MAX_SIDE):
         raise ImageError(f"{where}: {width} x {height} pixels; expected 1 to {_MAX_SIDE} a side")
     channels = header["channels"]
-    if len(channels) > 3 * _MAX_BATCHES + 64:
-        raise ImageError(f"{where}: {len(channels)} channels; at most {3 * _MAX_BATCHES + 64}")
+    if len(channels) > 3 * MAX_BATCHES + 64:
+        raise ImageError(f"{where}: {len(channels)} channels; at most {3 * MAX_BATCHES + 64}")
     need = 4 * width * height * len(channels)
     if need > max_bytes:
         raise ImageError(f"{where}: {need} bytes of pixels; the limit is {max_bytes} (max_bytes)")
@@ -358,15 +189,16 @@ def _group(
         return None
     if not all(found):
         raise ImageError(f"{where}: channels {prefix}R, {prefix}G, {prefix}B are not all there")
-    return np.stack([channels[prefix + letter] for letter in "RGB"], axis=-1)
+    picture: NDArray[np.float32] = np.stack([channels[prefix + c] for c in "RGB"], axis=-1)
+    return picture
 
 
 def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:
     """`Render.stats` from the header; the attributes of their own win over `veriray.stats`."""
-    stats = _json(header, "veriray.stats", dict, where)
-    for key in _TEXT_KEYS:
+    stats: dict[str, Any] = _json(header, "veriray.stats", dict, where)
+    for key in TEXT_KEYS:
         stats[key] = header.get(f"veriray.{key}", "")
-    for key in _INT_KEYS:
+    for key in INT_KEYS:
         text = header.get(f"veriray.{key}")
         stats[key] = None if text is None else _integer(text, f"veriray.{key}", where)
     stats["spp"], stats["seed"] = stats["spp"] or 0, stats["seed"] or 0
@@ -410,29 +242,3 @@ def _json(header: dict[str, Any], key: str, kind: type, where: str) -> Any:
     if not isinstance(value, kind):
         raise ImageError(f"{where}: {key} is not a JSON {kind.__name__}")
     return value
-
-
-def _dumps(value: object) -> str:
-    def plain(item: object) -> object:
-        return item.tolist() if isinstance(item, (np.ndarray, np.generic)) else str(item)
-
-    return json.dumps(value, default=plain, separators=(",", ":"))
-
-
-def _numbers(values: Any, name: str) -> NDArray[Any]:
-    try:
-        array = np.asarray(values)
-    except Exception as error:  # of any object's own conversion
-        raise ImageError(f"{name}: cannot be read as numbers: {error}") from None
-    if array.dtype.kind not in "iufb":
-        raise ImageError(f"{name}: dtype {array.dtype}; expected numbers")
-    return array
-
-
-def _picture(values: Any, name: str, shape: tuple[int, ...] | None) -> NDArray[Any]:
-    array = _numbers(values, name)
-    if array.ndim != 3 or array.shape[2] != 3 or 0 in array.shape:
-        raise ImageError(f"{name}: shape {array.shape}; expected (H, W, 3) with H, W >= 1")
-    if shape is not None and array.shape[:2] != shape:
-        raise ImageError(f"{name}: shape {array.shape}; expected {(*shape, 3)}")
-    return array

@@ -188,7 +188,8 @@ def _distance(scene: Scene, kind: str, rows: Array, origin: Array, place: Array)
     if kind == "sphere":
         spheres = np.asarray(scene.spheres)[rows]
         middle = np.sqrt(((spheres[:, :3] - origin - place) ** 2).sum(axis=1))
-        return np.abs(middle - spheres[:, 3])
+        distances: Array = np.abs(middle - spheres[:, 3])
+        return distances
     if kind == "disk":
         disks = np.asarray(scene.disks)[rows]
         start, first, second = disks[:, 0] - origin, disks[:, 1], disks[:, 2]

@@ -5,24 +5,25 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .columns import COLUMNS
 from .device import Device, polled
 from .errors import SceneError
-from .numeric import choice
 from .scene import Scene
+from .settings import BUILDERS as BUILDERS
 
-#: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
-#: device. The films are the same.
-BUILDERS = ("auto", "sah", "ploc")
+if TYPE_CHECKING:
+    from ._native import Scene as NativeScene
+
 #: Paths a triangle from which on a tree by `sah` saves more time on CUDA than it takes (an H200 and
 #: 16 cores: scenario `build` of `veriray bench`).
 CATCH_UP = 2000
 
 _KEPT_PER_SCENE = 2
+_building = threading.RLock()
 
 
 def _new_lock() -> None:
@@ -31,7 +32,6 @@ def _new_lock() -> None:
     _building = threading.RLock()  # a progress callback may render
 
 
-_new_lock()
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_new_lock)
 
@@ -63,11 +63,6 @@ def native_scene_arguments(scene: Scene) -> dict[str, Any]:
     }
 
 
-def check_builder(builder: str) -> None:
-    """ValueError for an unknown builder."""
-    choice("builder", builder, BUILDERS, error=ValueError)
-
-
 def choose_builder(backend: str, triangles: int, paths: int) -> str:
     """The builder that "auto" takes: `sah` on a CPU; on CUDA `ploc`, until `sah` pays.
 
@@ -87,7 +82,7 @@ def native_scene(
     progress: Callable[[float], object] | None = None,
     builder: str = "auto",
     spp: int = 1,
-) -> Any:
+) -> NativeScene:
     """The native form of `scene`, kept by its owner, the user's object.
 
     progress, builder: as in `veriray.render`; spp: of the render that it is for.
@@ -95,37 +90,39 @@ def native_scene(
     width, height = scene.film.width, scene.film.height
     key = (device.native.__name__, device.index, width, height)
     with _building:
-        kept = owner.native_forms
+        kept: dict[tuple[object, ...], NativeScene] = owner.native_forms
         auto = builder == "auto"
         if auto:
             work = len(scene.triangles), width * height * spp
             builder = "sah" if (*key, "sah") in kept else choose_builder(device.backend, *work)
-        if (*key, builder) not in kept:
+        found = kept.get((*key, builder))
+        if found is None:
             while len(kept) >= _KEPT_PER_SCENE:
                 kept.pop(next(iter(kept)))
             arguments = native_scene_arguments(scene)
             arguments |= {"device": device.index, "progress": polled(progress)}
             try:
-                made = _make(scene, device, {**arguments, "builder": builder})
+                found = _make(scene, device, {**arguments, "builder": builder})
             except device.native.OutOfMemoryError:
                 if not auto or builder == "sah":
                     raise
                 builder = "sah"
-                made = _make(scene, device, {**arguments, "builder": builder})
-            kept[(*key, builder)] = made
-        return kept[(*key, builder)]
+                found = _make(scene, device, {**arguments, "builder": builder})
+            kept.update({(*key, builder): found})
+        return found
 
 
-def _make(scene: Scene, device: Device, arguments: dict[str, Any]) -> Any:
+def _make(scene: Scene, device: Device, arguments: dict[str, Any]) -> NativeScene:
     try:
-        return device.native.Scene(**arguments)
+        made: NativeScene = device.native.Scene(**arguments)
+        return made
     except ValueError as error:
         if error.__traceback__ is not None and error.__traceback__.tb_next is not None:
             raise  # of the progress callback
         raise SceneError(str(error), scene.place(str(error))) from None
 
 
-def scene_facts(native: Any) -> dict[str, Any]:
+def scene_facts(native: NativeScene) -> dict[str, Any]:
     """What a native scene says of itself, as plain data."""
     return {
         "features": [str(name) for name in native.features],

@@ -167,6 +167,13 @@ def choice(name: str, value: Any, names: Sequence[str], *,
     return value
 
 
+def switch(name: str, value: Any, *, error: type[ValueError] = SceneError) -> bool:
+    """bool(value) for a bool or an integer."""
+    if not isinstance(value, (bool, int, np.bool_)):
+        raise error(f"{name} = {shown(value)} is not a bool")
+    return bool(value)
+
+
 def texts(name: str, value: Any, error: type[ValueError] = SceneError) -> tuple[str, ...]:
     """A list, tuple or array of strings."""
     if isinstance(value, (list, tuple, np.ndarray)) and all(isinstance(x, str) for x in value):

@@ -1,158 +1,37 @@
-"""Rendering: the call, its checks and its result."""
+"""Rendering: the call, its checks and its statistics."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-import hashlib
-import io
 import math
-import os
-import struct
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
 from .errors import RefusedSamplesWarning
-from .native_scene import check_builder, native_scene, scene_facts
-from .numeric import choice, number, shown, whole
+from .native_scene import native_scene, scene_facts
+from .numeric import shown, whole
+from .picture import LEDGER_COLUMNS, Render, film_hash
 from .sampling import PILOT, Progress, adaptive, uniform
 from .scene import Scene
+from .settings import COMPACTIONS as COMPACTIONS
+from .settings import MAX_SPP, RenderSettings
+from .settings import METHODS as METHODS
+from .settings import SCHEDULERS as SCHEDULERS
 
-#: Columns of the ray ledger, in the native modules' order.
-LEDGER_COLUMNS = (
-    "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
-    "shadow_visible", "shadow_occluded",
-)  # fmt: skip
-#: Ways in which scheduler `thrust` closes the gaps of ended paths; the 2016 report's is remove_if.
-COMPACTIONS = {
-    "none": "thrust-none",
-    "remove_if": "thrust",
-    "partition": "thrust-partition",
-    "copy_if": "thrust-copy",
-    "append": "thrust-append",
-}
-#: One scheduler of each method.
-METHODS = ("fused", "thrust", "wavefront")
-SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()), "wavefront", "wavefront-unsorted")
-MAX_BATCHES = 1000
 MAX_NONFINITE = 64
-MAX_SPP = 2**40
 BUILD_SHARE = 0.1
+
+if TYPE_CHECKING:
+    from ._native import Report
 
 Array = npt.NDArray[Any]
 _whole = functools.partial(whole, error=ValueError)
-
-
-@dataclass(frozen=True, eq=False)
-class Render:
-    """A finished picture with its error bars.
-
-    image: (H, W, 3) float32, mean linear radiance; row 0 is the top of the picture.
-    stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
-    batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None.
-    samples: (H, W) uint32, the samples of each pixel, or None where all have spp.
-    film_sha256: see `film_hash`; equal hashes mean equal bytes.
-    stats: what was done (plain Python numbers, strings and lists; `render` lists the keys).
-    Raises ValueError naming the field that is not so.
-    """
-
-    image: Array
-    stderr: Array
-    batch_means: Array | None
-    film_sha256: str
-    stats: dict[str, Any]
-    width: int
-    height: int
-    spp: int
-    seed: int
-    samples: Array | None = None
-
-    def __post_init__(self) -> None:
-        _check_film(self.image, self.stderr, self.samples)
-        shape, means = self.image.shape, self.batch_means
-        if means is not None and (
-            not isinstance(means, np.ndarray)
-            or means.ndim != 4
-            or means.shape[1:] != shape
-            or means.dtype.kind not in "fiu"
-        ):
-            given = means.shape if isinstance(means, np.ndarray) else means
-            raise ValueError(f"batch_means is {shown(given)}, expected numbers (B, H, W, 3)")
-        if not isinstance(self.film_sha256, str):
-            raise ValueError(f"film_sha256 = {shown(self.film_sha256)} is not a string")
-        if not isinstance(self.stats, dict) or not all(isinstance(k, str) for k in self.stats):
-            raise ValueError(f"stats = {shown(self.stats)} is not a dictionary of names")
-        for name, value in (("height", shape[0]), ("width", shape[1])):
-            if _whole(name, getattr(self, name), 1, 2**31 - 1) != value:
-                raise ValueError(f"{name} = {getattr(self, name)}, but image is {shape}")
-        _whole("spp", self.spp, 0, 2**64 - 1)
-        _whole("seed", self.seed, 0, 2**64 - 1)
-
-    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
-        """Write an `.exr` (everything) or a `.png` (display copy); see `veriray.image.save`.
-
-        The file appears whole or not at all. Raises OSError naming the path, ImageError (a
-        ValueError) for another suffix.
-        """
-        from . import image
-
-        image.save(self, path, **options)
-
-    def _repr_png_(self) -> bytes:
-        """The display copy, for notebooks."""
-        from PIL import Image
-
-        from .image import to_srgb8
-
-        file = io.BytesIO()
-        Image.fromarray(to_srgb8(self.image)).save(file, format="png")
-        return file.getvalue()
-
-
-def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = None) -> str:
-    """SHA-256 (hex) of a film.
-
-    Hashed are the bytes "veriray film 1", then width, height and spp as unsigned 64-bit
-    little-endian integers, then image and stderr, (H, W, 3) each, as little-endian float32 in C
-    order. Every NaN counts as the same NaN. Samples by pixel, where they differ, follow as (H, W)
-    little-endian uint32.
-    """
-    _check_film(image, stderr, samples)
-    height, width = image.shape[:2]
-    spp = _whole("spp", spp, 0, 2**64 - 1)
-    digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
-    for values in (image, stderr):
-        plain = np.ascontiguousarray(values, dtype="<f4")
-        if (nan := np.isnan(plain)).any():
-            plain = np.where(nan, np.float32(np.nan), plain).astype("<f4")
-        digest.update(plain.reshape(-1).view(np.uint8))
-    if samples is not None:
-        digest.update(np.ascontiguousarray(samples, dtype="<u4").reshape(-1).view(np.uint8))
-    return digest.hexdigest()
-
-
-def _check_film(image: Array, stderr: Array, samples: Array | None) -> None:
-    """Raises ValueError unless the arrays are numbers (H, W, 3), (H, W, 3) and None or (H, W)."""
-    shape: tuple[int, ...] = image.shape if isinstance(image, np.ndarray) else ()
-    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
-        raise ValueError(
-            f"image is {shown(shape or image)}, expected an array (H, W, 3) with H, W >= 1"
-        )
-    others = {"stderr": (stderr, shape), "samples": (samples, shape[:2])}
-    for name, (given, expected) in others.items():
-        if given is None and name == "samples":
-            continue
-        if not isinstance(given, np.ndarray) or given.shape != expected:
-            raise ValueError(f"{name} is {shown(given)}, expected an array {expected}")
-    for name, given in (("image", image), ("stderr", stderr), ("samples", samples)):
-        kinds = "iu" if name == "samples" else "fiu"
-        if given is not None and given.dtype.kind not in kinds:
-            raise ValueError(f"{name} has dtype {given.dtype}, expected numbers")
 
 
 def render(
@@ -239,37 +118,33 @@ def render(
         RefusedSamplesWarning: samples that the film cannot hold were left out; see
             stats["nonfinite"].
     """
-    scene_used, spp = check_settings(
-        scene, spp=spp, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler,
-        width=width, height=height, threads=threads, batches=batches, batch_size=batch_size,
-        target_error=target_error,
+    settings = RenderSettings(
+        spp=spp, seed=seed, device=device, scheduler=scheduler, max_depth=max_depth,
+        rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
+        batches=batches, batch_size=batch_size, all_features=all_features,
+        target_error=target_error, builder=builder,
     )  # fmt: skip
-    if not isinstance(all_features, (bool, int, np.bool_)):
-        raise ValueError(f"all_features = {shown(all_features)} is not a bool")
+    return render_with(scene, settings, progress)
+
+
+def render_with(
+    scene: Scene, settings: RenderSettings, progress: Callable[[float], object] | None = None
+) -> Render:
+    """As `render`, with its settings as one object."""
+    used, settings = settle(scene, settings)
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
-    scheduler, scheduler_reason = choose_scheduler(scheduler)
-    check_builder(builder)
-    chosen, device_reason = device_module.select(device)
-
-    settings = {
-        "seed": seed,
-        "max_depth": scene_used.max_depth,
-        "rr_depth": scene_used.rr_depth,
-        "sampler": scene_used.sampler,
-        "scheduler": scheduler,
-        "threads": threads or 0,
-        "batch": batch_size,
-        "all_features": bool(all_features),
-    }
+    scheduler, scheduler_reason = choose_scheduler(settings.scheduler)
+    chosen, device_reason = device_module.select(settings.device)
+    settings = dataclasses.replace(settings, scheduler=scheduler, device=chosen.name)
     with device_module.native_errors():
         building, sampling = _shares(progress)
-        native = native_scene(scene, scene_used, chosen, building, builder, spp)
-        run = (chosen, native, scene_used, spp)
-        if target_error is None:
-            done = uniform(*run, batches, settings, sampling)
+        native = native_scene(scene, used, chosen, building, settings.builder, used.spp)
+        run = (chosen, native, used, settings.native(), sampling)
+        if settings.target_error is None:
+            done = uniform(*run, settings.batches)
         else:
-            done = adaptive(*run, float(target_error), settings, sampling)
+            done = adaptive(*run, settings.target_error)
         image, stderr = done.image, done.stderr
         memory = int(native.memory) + int(done.film.memory)
     if progress is not None:
@@ -277,62 +152,38 @@ def render(
     stats = _statistics(done.results, done.paths)
     finite = bool(np.isfinite(stderr).all())
     stats |= {
-        "device": chosen.name,
         "device_name": chosen.description,
         "device_reason": device_reason,
-        "scheduler": scheduler,
         "scheduler_reason": scheduler_reason,
         **scene_facts(native),
         "variant": [str(name) for name in done.results[-1]["features"]],
         "path_bytes": int(done.results[-1]["path_bytes"]),
         "kernel": {str(k): int(v) for k, v in done.results[-1]["kernel"].items()},
-        "seed": seed,
-        "spp": spp,
-        "max_depth": scene_used.max_depth,
-        "rr_depth": scene_used.rr_depth,
-        "sampler": scene_used.sampler,
-        "width": scene_used.film.width,
-        "height": scene_used.film.height,
-        "batches": batches,
-        "batch_size": batch_size,
+        **settings.kept(),
         "memory": memory,
-        "scene_sha256": scene_used.sha256,
+        "scene_sha256": used.sha256,
         "version": _version(),
         "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
         **done.facts,
     }
     if stats["nonfinite_samples"]:
-        warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=2)
+        warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=3)
     return Render(
         image=image,
         stderr=stderr,
         batch_means=done.batch_means,
-        film_sha256=film_hash(image, stderr, spp, done.counts),
+        film_sha256=film_hash(image, stderr, used.spp, done.counts),
         stats=stats,
-        width=scene_used.film.width,
-        height=scene_used.film.height,
-        spp=spp,
-        seed=seed,
+        width=used.film.width,
+        height=used.film.height,
+        spp=used.spp,
+        seed=used.seed,
         samples=done.counts,
     )
 
 
-def check_settings(
-    scene: Scene,
-    *,
-    spp: int | None = None,
-    seed: int = 0,
-    max_depth: int | None = None,
-    rr_depth: int | None = None,
-    sampler: str | None = None,
-    width: int | None = None,
-    height: int | None = None,
-    threads: int | None = None,
-    batches: int = 0,
-    batch_size: int = 0,
-    target_error: float | None = None,
-) -> tuple[Scene, int]:
-    """Checks settings of `render`; returns the scene with those that belong to it, and spp.
+def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSettings]:
+    """The scene with those settings that belong to it, and all settings with the scene's.
 
     Raises as `render` does, before any work is done.
     """
@@ -341,23 +192,21 @@ def check_settings(
             f"scene is {type(scene).__name__}, expected a Scene: use veriray.load_file(path) or "
             "veriray.load_dict(dict)"
         )
-    spp = _whole("spp", scene.spp if spp is None else spp, 1, MAX_SPP)
-    _whole("seed", seed, 0, 2**64 - 1)
-    _whole("batches", batches, 0, MAX_BATCHES)
+    given = settings.of_scene()
+    used = scene.with_(**given, seed=settings.seed)
+    values = {
+        name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given
+    }
+    settings = dataclasses.replace(settings, **values)
+    spp, batches = used.spp, settings.batches
     if batches == 1 or (batches and spp % batches):
         raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
-    _whole("batch_size", batch_size, 0, 2**26)
-    if threads is not None:
-        _whole("threads", threads, 1, 1024)
-    if target_error is not None:
-        number("target_error", target_error, 0.0, 1.0, open_=True)
+    if settings.target_error is not None:
         if not PILOT <= spp <= 2**31:
             raise ValueError(f"spp = {spp}; with target_error {PILOT} to {2**31}")
         if batches:
             raise ValueError(f"batches = {batches}; with target_error 0")
-    size = {"width": width, "height": height}
-    used = scene.with_(max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size)
-    return used, spp
+    return used, settings
 
 
 def choose_scheduler(scheduler: str) -> tuple[str, str]:
@@ -365,7 +214,6 @@ def choose_scheduler(scheduler: str) -> tuple[str, str]:
 
     Rule of "auto": `fused`, for every scene, on every device.
     """
-    choice("scheduler", scheduler, SCHEDULERS, error=ValueError)
     if scheduler == "auto":
         return "fused", "auto takes fused for every scene"
     return scheduler, "asked for"
@@ -388,14 +236,12 @@ def _shares(progress: Progress) -> tuple[Progress, Progress]:
     return building, sampling
 
 
-def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
+def _statistics(results: list[Report], paths: int) -> dict[str, Any]:
     """Sums the pieces' reports."""
     ledger = _padded_sum([np.asarray(r["ledger"], np.uint64) for r in results])
     blocks = _padded_sum([np.asarray(r["blocks"], np.uint64) for r in results])
-    by_depth, closing = (
-        [float(s) for s in _padded_sum([np.asarray(r[key], np.float64) for r in results])]
-        for key in ("depth_seconds", "compaction_seconds")
-    )
+    by_depth = _padded_sum([np.asarray(r["depth_seconds"], np.float64) for r in results])
+    closing = _padded_sum([np.asarray(r["compaction_seconds"], np.float64) for r in results])
     columns = {
         name: [int(n) for n in ledger[:, c]] if ledger.ndim == 2 else []
         for c, name in enumerate(LEDGER_COLUMNS)
@@ -406,8 +252,8 @@ def _statistics(results: list[dict[str, Any]], paths: int) -> dict[str, Any]:
         "live_rays": columns["live"],
         "ledger": columns,
         "blocks": [int(n) for n in blocks],
-        "depth_seconds": by_depth,
-        "compaction_seconds": closing,
+        "depth_seconds": by_depth.tolist(),
+        "compaction_seconds": closing.tolist(),
         "rays": sum(columns["live"] + columns["shadow_visible"] + columns["shadow_occluded"]),
         "paths": paths,
         "seconds": seconds,
@@ -468,11 +314,11 @@ def prepare(
     variant, path_bytes, primitives, tree (see `render`) and memory (bytes of the scene). Raises as
     `render`.
     """
-    used, spp = check_settings(scene, spp=spp, width=width, height=height)
-    check_builder(builder)
+    settings = RenderSettings(spp=spp, device=device, width=width, height=height, builder=builder)
+    used, _ = settle(scene, settings)
     chosen, _ = device_module.select(device)
     with device_module.native_errors():
-        native = native_scene(scene, used, chosen, progress, builder, spp)
+        native = native_scene(scene, used, chosen, progress, builder, used.spp)
         return {**scene_facts(native), "memory": int(native.memory)}
 
 
@@ -495,24 +341,18 @@ def trace_path(
     sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel
     outside the film, and otherwise as `render`.
     """
-    size: dict[str, Any] = {"width": width, "height": height}
-    used, _ = check_settings(
-        scene, seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, **size
-    )
+    settings = RenderSettings(
+        seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, width=width,
+        height=height,
+    )  # fmt: skip
+    used, settings = settle(scene, settings)
     x = _whole("x", x, 0, used.film.width - 1)
     y = _whole("y", y, 0, used.film.height - 1)
     sample = _whole("sample", sample, 0, MAX_SPP - 1)
     chosen, _ = device_module.select("cpu")
     with device_module.native_errors():
         path: list[dict[str, Any]] = chosen.native.trace_path(
-            native_scene(scene, used, chosen),
-            seed=seed,
-            x=x,
-            y=y,
-            sample=sample,
-            max_depth=used.max_depth,
-            rr_depth=used.rr_depth,
-            sampler=used.sampler,
+            native_scene(scene, used, chosen), x=x, y=y, sample=sample, **settings.native(path=True)
         )
     return path
 

@@ -12,13 +12,17 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .device import Device, polled
 from .scene import Scene
+
+if TYPE_CHECKING:
+    from ._native import Film, Report
+    from ._native import Scene as NativeScene
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
@@ -41,8 +45,8 @@ class Sampled:
 
     image: Array
     stderr: Array
-    results: list[dict[str, Any]]
-    film: Any
+    results: list[Report]
+    film: Film
     paths: int
     batch_means: Array | None = None
     counts: Array | None = None
@@ -52,17 +56,18 @@ class Sampled:
 class _Runs:
     """Native renders one after the other, with one progress."""
 
-    def __init__(self, device: Device, held: Any, scene: Scene, settings: dict[str, Any],
+    def __init__(self, device: Device, held: NativeScene, scene: Scene, settings: dict[str, Any],
                  progress: Progress) -> None:  # fmt: skip
         self.device, self.held, self.settings, self.progress = device, held, settings, progress
         self.size = scene.film.width, scene.film.height
-        self.results: list[dict[str, Any]] = []
+        self.results: list[Report] = []
         self.done, self.ahead = 0.0, 1.0  # paths
 
-    def film(self) -> Any:
-        return self.device.native.Film(*self.size, device=self.device.index)
+    def film(self) -> Film:
+        film: Film = self.device.native.Film(*self.size, device=self.device.index)
+        return film
 
-    def render(self, film: Any, begin: int, end: int, pixels: Array | None = None) -> None:
+    def render(self, film: Film, begin: int, end: int, pixels: Array | None = None) -> None:
         paths = (end - begin) * (self.size[0] * self.size[1] if pixels is None else len(pixels))
 
         def poll(share: float) -> None:
@@ -70,19 +75,20 @@ class _Runs:
                 self.progress(min((self.done + share * paths) / self.ahead, 1.0))
 
         start = time.perf_counter()
-        result = self.device.native.render(
+        result: Report = self.device.native.render(
             self.held, film, sample_begin=begin, sample_end=end, pixels=pixels,
             poll=polled(poll), **self.settings,
         )  # fmt: skip
-        self.results.append({**result, "seconds": time.perf_counter() - start})
+        result["seconds"] = time.perf_counter() - start
+        self.results.append(result)
         self.done += paths
 
 
-def uniform(device: Device, held: Any, scene: Scene, spp: int, batches: int,
-            settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
+def uniform(device: Device, held: NativeScene, scene: Scene, settings: dict[str, Any],
+            progress: Progress, batches: int) -> Sampled:  # fmt: skip
     """The same samples of every pixel, in one piece or in `batches` pieces whose means are kept."""
     runs = _Runs(device, held, scene, settings, progress)
-    width, height = runs.size
+    (width, height), spp = runs.size, scene.spp
     runs.ahead = float(width * height * spp)
     size = spp // (batches or 1)
     total = runs.film()
@@ -94,14 +100,15 @@ def uniform(device: Device, held: Any, scene: Scene, spp: int, batches: int,
             means[k] = piece.sums() / size
             total.add(piece)
             piece.clear()
-    return Sampled(*total.resolve(), runs.results, total, width * height * spp, means)
+    image, stderr = total.resolve()
+    return Sampled(image, stderr, runs.results, total, width * height * spp, means)
 
 
-def adaptive(device: Device, held: Any, scene: Scene, spp: int, target: float,
-             settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
-    """As many samples as each tile needs for `target`, `PILOT` to spp a pixel; see the module."""
+def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str, Any],
+             progress: Progress, target: float) -> Sampled:  # fmt: skip
+    """As many samples as each tile needs for `target`, `PILOT` to the scene's spp a pixel."""
     runs = _Runs(device, held, scene, settings, progress)
-    width, height = runs.size
+    (width, height), spp = runs.size, scene.spp
     pilot = runs.film()
     runs.ahead = float(2 * PILOT * width * height)
     runs.render(pilot, 0, PILOT)

@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,15 +21,18 @@ import numpy.typing as npt
 from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, choice, in_range, number, path_text, shown, texts, whole
+from .numeric import MAX_COORDINATE, array, in_range, number, path_text, shown, texts, whole
 from .scene_arrays import _NONE, SceneArrays
+from .settings import MAX_PATH_DEPTH as MAX_PATH_DEPTH
+from .settings import SAMPLERS as SAMPLERS
+from .settings import SETTINGS
 from .shipped import SHIPPED, find_shipped
+
+if TYPE_CHECKING:
+    from .formats.build import Built
 
 Array = npt.NDArray[Any]
 
-#: Segments of a path at most; -1 in a scene stands for this.
-MAX_PATH_DEPTH = 262143
-SAMPLERS = ("independent", "sobol")
 _DERIVED = ("_array_digest", "_native_forms")
 
 
@@ -81,16 +84,11 @@ class Scene(SceneArrays):
             raise SceneError(f"camera is {type(self.camera).__name__}, expected Camera")
         if not isinstance(self.film, Film):
             raise SceneError(f"film is {type(self.film).__name__}, expected Film")
-        choice("sampler", self.sampler, SAMPLERS)
         whole("camera medium", self.camera.medium, -1, len(self.sigma_t) - 1)
-        values = {
-            "max_depth": whole("max_depth", self.max_depth, -1, MAX_PATH_DEPTH),
-            "rr_depth": whole("rr_depth", self.rr_depth, 1, 2**31 - 1),
-            "spp": whole("spp", self.spp, 1, 2**63 - 1),
-            "seed": whole("seed", self.seed, 0, 2**64 - 1),
-        }
-        for name, value in values.items():
+        for name in ("sampler", "max_depth", "rr_depth", "seed"):
+            value = SETTINGS[name].checked(name, getattr(self, name), SceneError)
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "spp", whole("spp", self.spp, 1, 2**63 - 1))
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in _DERIVED}
@@ -105,10 +103,11 @@ class Scene(SceneArrays):
         return forms
 
     @property
-    def _digest(self) -> Any:
+    def _digest(self) -> hashlib._Hash:
         """The hash so far, after the arrays."""
-        if "_array_digest" in self.__dict__:
-            return self.__dict__["_array_digest"]
+        kept: hashlib._Hash | None = self.__dict__.get("_array_digest")
+        if kept is not None:
+            return kept
         digest = hashlib.sha256(b"veriray scene 2\n")
         for name in COLUMNS:
             values: Array = getattr(self, name)
@@ -116,7 +115,8 @@ class Scene(SceneArrays):
                 continue
             digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
             digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
-        return self.__dict__.setdefault("_array_digest", digest)
+        kept = self.__dict__.setdefault("_array_digest", digest)
+        return kept
 
     def place(self, message: str) -> str:
         """The place in the scene file of what "column[row] ..." is about; "" if unknown.
@@ -254,7 +254,7 @@ def load_file(
     if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
         raise SceneError(f"parameters = {shown(parameters)} is not a dictionary of names")
     path = find_shipped(text) if text in SHIPPED else Path(text)
-    return formats.load(path, parameters)
+    return _made(formats.load(path, parameters))
 
 
 def load_dict(scene: Mapping[str, Any]) -> Scene:
@@ -266,7 +266,17 @@ def load_dict(scene: Mapping[str, Any]) -> Scene:
     """
     from .formats import build, mitsuba_dict
 
-    return build.build(mitsuba_dict.read(scene))
+    return _made(build.build(mitsuba_dict.read(scene)))
+
+
+def _made(built: Built) -> Scene:
+    """The scene that a reader found; its place is added to errors."""
+    try:
+        scene = Scene(**built.arguments)
+    except SceneError as error:
+        raise SceneError(str(error), built.places["scene"][0]) from None
+    scene.__dict__["_places"] = built.places
+    return scene
 
 
 def cornell_box() -> Scene:

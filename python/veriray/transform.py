@@ -32,7 +32,8 @@ def apply(matrix: Array, points: Array) -> Array:
     m = matrix[..., :3, :]
     result: Array = points[..., 0:1] * m[..., 0] + points[..., 1:2] * m[..., 1]
     result = result + points[..., 2:3] * m[..., 2]
-    return result + m[..., 3]
+    result = result + m[..., 3]
+    return result
 
 
 def for_normals(matrix: Array) -> Array:

@@ -20,7 +20,8 @@ import pytest
 import veriray as vr
 from veriray import image
 from veriray.errors import printable
-from veriray.rendering import check_settings, prepare
+from veriray.rendering import prepare, settle
+from veriray.settings import RenderSettings
 
 
 class Rude:
@@ -145,7 +146,12 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "prepare": lambda g: _row(
         prepare, "scene device width height progress builder spp", scene=g["scene"], device="cpu"
     ),
-    "check_settings": lambda g: _row(check_settings, "scene spp seed", scene=g["scene"]),
+    "settle": lambda g: _row(
+        lambda scene, **given: settle(scene, RenderSettings(**given)),
+        "scene spp seed max_depth rr_depth sampler scheduler threads batches batch_size "
+        "all_features target_error builder",
+        scene=g["scene"],
+    ),
     "trace_path": lambda g: _row(
         vr.trace_path,
         "scene x y sample seed max_depth rr_depth sampler width height",

@@ -11,7 +11,8 @@ import pytest
 
 import veriray
 from veriray import columns, scene_arrays
-from veriray.columns import COLUMNS, Column
+from veriray.columns import COLUMNS, MATERIAL_KINDS, Column
+from veriray.formats.plugins import PLUGINS, of_category
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -40,3 +41,32 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
     monkeypatch.setitem(columns.COLUMNS, "knots", Column("curves", np.float64, (3,)))
     for rows, hashed in ((0, False), (2, True)):  # of a new table: what is there counts, zeros too
         assert columns.hashed("knots", np.zeros((rows, 3))) == hashed
+
+
+def test_parameters_fill_columns() -> None:
+    tables = {"bsdf": "materials", "phase": "media", "emitter": "lights"}
+    filled = {"two_sided", "material_kind", "eta", "k"}  # by what they hold, or computed
+    for plugin in PLUGINS.values():
+        for param in plugin.params.values():
+            if param.column:
+                assert COLUMNS[param.column].table == tables[plugin.category]
+                filled.add(param.column)
+    assert {name for name, column in COLUMNS.items() if column.table == "materials"} <= filled
+    assert set(MATERIAL_KINDS) | {"twosided", "mask"} == set(of_category("bsdf"))
+
+
+def test_a_new_number_of_a_material_is_a_column_and_a_parameter() -> None:
+    code = """
+import veriray.columns as c
+c.COLUMNS["roughness"] = c.Column("materials", c.np.float32, (), 0.25, 0.0, 1.0)
+from veriray.formats import build, mitsuba_dict, plugins
+plugins.PLUGINS["diffuse"].params["alpha"] = plugins.Param("float", 0.5, column="roughness")
+one, two = ({"type": "sphere", "m": {"type": kind, **given}}
+            for kind, given in (("diffuse", {"alpha": 0.75}), ("conductor", {})))
+scene = {"type": "scene", "s": {"type": "perspective", "fov": 40.0}, "one": one, "two": two}
+print(build.build(mitsuba_dict.read(scene)).arguments["roughness"])
+"""
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True
+    )
+    assert done.stdout.split("\n")[0] == "[0.75, 0.25]", done.stderr

@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from ..errors import visible
 from ..files import check_writable, replacing
+from ..settings import DEVICES as DEVICES
+from ..settings import SETTINGS
 from ..shipped import SHIPPED
 
 if TYPE_CHECKING:
     from ..scene import Scene
 
+SCENE_SETTINGS = ("device", "width", "height")  # with which `add_scene` adds options
 LARGE_MESH = 50_000  # triangles above which the tree's build shows its progress
-DEVICES = "auto, cuda, cuda:N, cpu, cpu:avx512, cpu:avx2, cpu:portable"
 
 
 class CommandError(Exception):
@@ -50,9 +52,19 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="value of $KEY in the scene file (repeatable)",
     )
-    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
-    parser.add_argument("--width", type=integer, help="film width in pixels")
-    parser.add_argument("--height", type=integer, help="film height in pixels")
+    add_settings(parser, *SCENE_SETTINGS)
+
+
+def add_settings(parser: argparse.ArgumentParser, *names: str) -> None:
+    """Adds an option for each of these render settings, "--max-depth" for "max_depth"."""
+    for name in names:
+        setting = SETTINGS[name]
+        options: dict[str, Any] = {"default": setting.default, "help": setting.help}
+        if setting.default is False:
+            options["action"] = "store_true"
+        elif not setting.is_text:
+            options["type"] = number if isinstance(setting.low, float) else integer
+        parser.add_argument(f"--{name.replace('_', '-')}", **options)
 
 
 def integer(text: str) -> int:

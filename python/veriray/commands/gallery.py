@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .common import DEVICES, integer, number, say, show_progress
+from .common import add_settings, integer, number, say, show_progress
 
 
 def add(commands: Any) -> None:
@@ -14,13 +14,10 @@ def add(commands: Any) -> None:
     parser.add_argument("names", metavar="NAME", nargs="*", help="pictures (default: all)")
     parser.add_argument("-o", "--output", metavar="DIR", default="gallery", help="(gallery)")
     parser.add_argument("--mesh", metavar="PATH", help="closed mesh (default: a generated one)")
-    parser.add_argument("--spp", type=integer, help="samples per pixel (default: the scene's)")
-    parser.add_argument("--seed", type=integer, default=0, help="0 to 2^64-1 (default: 0)")
+    add_settings(parser, "spp", "seed", "device", "threads")
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--width", type=integer, help="pixels; the height keeps the shape")
     size.add_argument("--scale", type=number, default=1.0, help="factor on width and height")
-    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
-    parser.add_argument("--threads", type=integer, help="CPU threads (default: all)")
     parser.add_argument(
         "--force",
         action="store_true",

@@ -5,16 +5,18 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..settings import SETTINGS, RenderSettings
 from .common import (
     LARGE_MESH,
+    SCENE_SETTINGS,
     CommandError,
     add_outputs,
     add_scene,
+    add_settings,
     check_distinct,
     check_output,
     integer,
     load,
-    number,
     say,
     show_progress,
     write_json,
@@ -29,23 +31,7 @@ def add(commands: Any) -> None:
     parser = commands.add_parser("render", help="render a scene")
     add_scene(parser)
     add_outputs(parser, "FILE.exr (everything) or FILE.png (display copy)")
-    parser.add_argument("--spp", type=integer, help="samples per pixel (default: the scene's)")
-    parser.add_argument("--seed", type=integer, default=0, help="0 to 2^64-1 (default: 0)")
-    parser.add_argument("--scheduler", default="auto", help="auto, fused, thrust or wavefront")
-    parser.add_argument("--builder", default="auto", help="of the tree: auto, sah or ploc")
-    parser.add_argument("--max-depth", type=integer, help="longest path; 1 emission, -1 unlimited")
-    parser.add_argument("--rr-depth", type=integer, help="first depth of Russian roulette")
-    parser.add_argument("--sampler", help="independent or sobol (default: the scene's)")
-    parser.add_argument("--threads", type=integer, help="CPU threads (default: all)")
-    parser.add_argument("--batches", type=integer, default=0, help="batch means to keep, 0 or 2+")
-    parser.add_argument("--batch-size", type=integer, default=0, help="paths in flight; 0: auto")
-    parser.add_argument("--all-features", action="store_true", help="run the all-features variant")
-    parser.add_argument(
-        "--target-error",
-        type=number,
-        metavar="E",
-        help="stop tiles at this relative standard error; --spp is then the most",
-    )
+    add_settings(parser, *(name for name in SETTINGS if name not in SCENE_SETTINGS))
     parser.add_argument("--stats", metavar="FILE.json", help="write the statistics as JSON")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument(
@@ -76,24 +62,17 @@ def _render(arguments: argparse.Namespace) -> int:
     from .. import device as device_module
     from ..image import save
     from ..info import primitives_text, tree_text
-    from ..rendering import check_settings, choose_scheduler, prepare, render
+    from ..rendering import choose_scheduler, prepare, render_with, settle
 
     scene = load(arguments)
-    settings: dict[str, Any] = {
-        name: getattr(arguments, name)
-        for name in (
-            "spp seed max_depth rr_depth sampler width height threads batches batch_size "
-            "target_error"
-        ).split()
-    }
-    used, spp = check_settings(scene, **settings)
+    settings = RenderSettings(**{name: getattr(arguments, name) for name in SETTINGS})
+    used, settled = settle(scene, settings)
     chosen, reason = device_module.select(arguments.device)
     scheduler, scheduler_reason = choose_scheduler(arguments.scheduler)
     if not arguments.quiet:
         say(f"device     {chosen.name}, {chosen.description} ({reason})")
         say(f"scheduler  {scheduler} ({scheduler_reason})")
-    asked = {"width": arguments.width, "height": arguments.height, "spp": spp,
-             "builder": arguments.builder}  # fmt: skip
+    asked = {name: getattr(settled, name) for name in ("width", "height", "spp", "builder")}
     if len(scene.triangles) >= LARGE_MESH:
         title = f"building the tree over {len(scene.triangles):,} triangles"
         with show_progress(title, arguments.quiet) as progress:
@@ -104,17 +83,9 @@ def _render(arguments: argparse.Namespace) -> int:
         if facts["tree"]:
             say(f"tree       {tree_text(facts['tree'])}")
         say(f"primitives {primitives_text(facts['primitives'])}")
-    title = f"rendering {used.film.width} x {used.film.height}, {spp} spp"
+    title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
-        result = render(
-            scene,
-            device=arguments.device,
-            scheduler=arguments.scheduler,
-            builder=arguments.builder,
-            progress=progress,
-            all_features=arguments.all_features,
-            **settings,
-        )
+        result = render_with(scene, settings, progress)
     for path in arguments.output:
         save(result, path)
     if arguments.stats:
@@ -154,18 +125,8 @@ def _replay(arguments: argparse.Namespace) -> int:
     scene = load(arguments)
     sample = 0 if arguments.sample is None else arguments.sample
     x, y = arguments.pixel
-    path = trace_path(
-        scene,
-        x,
-        y,
-        sample,
-        seed=arguments.seed,
-        max_depth=arguments.max_depth,
-        rr_depth=arguments.rr_depth,
-        sampler=arguments.sampler,
-        width=arguments.width,
-        height=arguments.height,
-    )
+    settings = {name: getattr(arguments, name) for name, s in SETTINGS.items() if s.path}
+    path = trace_path(scene, x, y, sample, **settings)
     say(f"pixel ({x}, {y}), sample {sample}, seed {arguments.seed}: {len(path)} vertices")
     for vertex in path:
         say(f"\nvertex {vertex['depth']}: {vertex['event']}")

@@ -19,7 +19,7 @@ from veriray.comparison.statistics import Test
 from veriray.errors import printable
 from veriray.image import load_with_regions
 from veriray.numeric import number, path_text, texts, whole
-from veriray.rendering import LEDGER_COLUMNS, Render
+from veriray.picture import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from veriray.comparison.report import Report
-    from veriray.rendering import Render
+    from veriray.picture import Render
 
     Array = NDArray[Any]
     Mask = NDArray[np.integer[Any]]
@@ -178,7 +178,9 @@ def _t_test(
                 f"standard errors, and for parts of the picture {st.MIN_BATCHES} batches"
             ),
         )
-    change, level = (partition.mean(x) for x in (images[0] - images[1], sum(images) / 2))
+    change, level = (
+        partition.mean(x) for x in (images[0] - images[1], (images[0] + images[1]) / 2)
+    )
     t, p, dof = st.welch(change, level, errors[0], errors[1], dofs[0], dofs[1])
     tested, best = int(enough.sum()), int(np.argmin(np.where(enough, p, 2.0)))
     error = np.hypot(errors[0], errors[1])

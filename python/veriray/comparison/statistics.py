@@ -123,7 +123,8 @@ def block_means(x: Array, size: int) -> Array:
     rows, columns = np.arange(0, height, size), np.arange(0, width, size)
     total = np.add.reduceat(np.add.reduceat(x, rows, axis=-3), columns, axis=-2)
     counts = np.minimum(size, height - rows)[:, None] * np.minimum(size, width - columns)
-    return total / counts[..., None]
+    means: Array = total / counts[..., None]
+    return means
 
 
 def block_sizes(height: int, width: int) -> list[int]:
@@ -171,7 +172,8 @@ def objects(regions: NDArray[np.integer[Any]], names: dict[int, str]) -> Partiti
 
     def mean(x: Array) -> Array:
         flat = x.reshape(*x.shape[:-3], -1, 3)[..., order, :]
-        return (np.add.reduceat(flat, first, axis=-2) / counts[:, None]).reshape(*x.shape[:-3], -1)
+        means: Array = np.add.reduceat(flat, first, axis=-2) / counts[:, None]
+        return means.reshape(*x.shape[:-3], -1)
 
     def label(k: int) -> str:
         value = int(values[k // 3])
@@ -217,7 +219,8 @@ def whole_cells(d: Array, level: Array) -> Cells:
 def within_margin(d: Array, level: Array, margin: float = MARGIN) -> Array:
     """D shifted towards mean zero by at most margin * |level|, per cell (batches on axis 0)."""
     limit = margin * np.abs(level)
-    return d - np.clip(d.mean(axis=0), -limit, limit)
+    shifted: Array = d - np.clip(d.mean(axis=0), -limit, limit)
+    return shifted
 
 
 def sign_chunks(flips: int, batches: int, rng: np.random.Generator) -> Iterator[Array]:
@@ -234,7 +237,8 @@ def sign_chunks(flips: int, batches: int, rng: np.random.Generator) -> Iterator[
 
 def _noisy(shifted: Array, level: Array) -> NDArray[np.bool_]:
     """Cells whose d is more than the rounding of float32 batch means."""
-    return np.sqrt(np.mean(shifted**2, axis=0)) > 1e-7 * np.abs(level)
+    noisy: NDArray[np.bool_] = np.sqrt(np.mean(shifted**2, axis=0)) > 1e-7 * np.abs(level)
+    return noisy
 
 
 def max_t(

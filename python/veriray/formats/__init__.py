@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import SceneError
-from ..scene import Scene
 from ..shipped import SHIPPED
 from . import build, mitsuba_xml
 from .node import Tree, allowed, shorten
@@ -19,7 +18,7 @@ from .node import Tree, allowed, shorten
 READERS: dict[str, Callable[[Path, Mapping[str, object]], Tree]] = {".xml": mitsuba_xml.read}
 
 
-def load(path: Path, parameters: Mapping[str, object]) -> Scene:
+def load(path: Path, parameters: Mapping[str, object]) -> build.Built:
     """Reads a scene file by its suffix. Raises SceneError."""
     reader = READERS.get(path.suffix.lower())
     if reader is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,9 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS
+from ..columns import LIGHT_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
-from ..scene import Scene
 from . import materials
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
@@ -26,7 +26,15 @@ _Parts = dict[str, list[Node]]
 _DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
 
 
-def build(tree: Tree) -> Scene:
+@dataclass(frozen=True)
+class Built:
+    """The arguments of a Scene, and where in the file the rows of its tables come from."""
+
+    arguments: dict[str, Any]
+    places: dict[str, list[str]]
+
+
+def build(tree: Tree) -> Built:
     """The scene of a tree. Raises SceneError naming place, object, key, value and what is allowed;
     warns (SceneWarning) of a scene without light."""
     return _Builder(tree).scene()
@@ -89,7 +97,7 @@ class _Builder:
             )
         return self.tree.ids[ref.id]
 
-    def scene(self) -> Scene:
+    def scene(self) -> Built:
         root = self.tree.scene
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
@@ -110,21 +118,17 @@ class _Builder:
                 SceneWarning,
                 stacklevel=4,
             )
-        scene: Scene = located(
-            root,
-            lambda: Scene(
-                **arrays,
-                environment=np.array(environment),
-                camera=camera,
-                film=film,
-                max_depth=path["max_depth"],
-                rr_depth=path["rr_depth"],
-                **sampling,
-            ),
-        )
+        arguments = {
+            **arrays,
+            "environment": np.array(environment),
+            "camera": camera,
+            "film": film,
+            "max_depth": path["max_depth"],
+            "rr_depth": path["rr_depth"],
+            **sampling,
+        }
         places = {"scene": [root.where], "shapes": [shape.where for shape in parts["shape"]]}
-        scene.__dict__["_places"] = {**places, **self.tables.places()}
-        return scene
+        return Built(arguments, {**places, **self.tables.places()})
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
         """Adds the lights that are not on shapes; returns the environment's radiance."""
@@ -196,7 +200,7 @@ class _Builder:
             if node.plugin == "twosided":
                 row = {**self.material(parts["bsdf"][0]), "two_sided": True}
             elif node.plugin == "mask":
-                row = {**self.material(parts["bsdf"][0]), "opacity": values["opacity"]}
+                row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
             else:
                 row = materials.material(node, values)
             self.rows[id(node)] = row
@@ -210,7 +214,8 @@ class _Builder:
     def check_medium(self, node: Node) -> materials.Row:
         parts, values = self.check(node)
         phase = parts["phase"]
-        return materials.medium(node, values, self.check(phase[0])[1] if phase else {})
+        filled = materials.filled(phase[0], self.check(phase[0])[1]) if phase else {}
+        return materials.medium(node, values, filled)
 
     def boundary(self, node: Node) -> tuple[int, int]:
         """The media inside and outside of a shape, -1 for vacuum."""
@@ -253,30 +258,23 @@ class _Builder:
     def light(self, node: Node) -> None:
         """Adds a point, spot or directional light."""
         _, values = self.check(node)
-        strength = values["irradiance" if node.plugin == "directional" else "intensity"]
-        if not _shines(strength):
+        row = {"light_kind": LIGHT_KINDS.index(node.plugin), **materials.filled(node, values)}
+        if not _shines(row["light_intensity"]):
             return
         matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
-        row: dict[str, Any] = {
-            "light_kind": LIGHT_KINDS.index(node.plugin),
-            "light_position": matrix[:3, 3].tolist(),
-            "light_direction": (0.0, 0.0, 1.0),
-            "light_intensity": strength,
-            "light_angles": (20.0, 15.0),
-        }
         other = {"point": "position", "directional": "direction"}.get(node.plugin, "")
         given = values.get(other)
         if given is not None and values["to_world"] is not None:
             raise SceneError(f"{node}: both {other} and to_world given", node.where)
-        if node.plugin == "point":
-            row["light_position"] = row["light_position"] if given is None else given
-        else:
+        if node.plugin != "directional":
+            row["light_position"] = matrix[:3, 3].tolist()
+        if node.plugin != "point":
             ahead = matrix[:3, 2].tolist() if given is None else given
             row["light_direction"] = transform.unit(
                 ahead, f"{node}: direction has length 0", node.where
             )
-        if node.plugin == "directional":
-            row["light_position"] = (0.0, 0.0, 0.0)
+        elif given is not None:
+            row["light_position"] = given
         if node.plugin == "spot":
             located(node, lambda: check_rigid(f"{node} to_world", "a spot", matrix))
             cutoff, beam = values["cutoff_angle"], values["beam_width"]
@@ -293,19 +291,8 @@ class _Builder:
 
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
-_TABLES = {
-    "materials": materials.MATERIAL_COLUMNS,
-    "emissions": ("emissions",),
-    "boundaries": ("boundaries",),
-    "media": ("sigma_t", "albedo", "phase_g"),
-    "lights": (
-        "light_kind",
-        "light_position",
-        "light_direction",
-        "light_intensity",
-        "light_angles",
-    ),
-}
+#: Rows of defaults of the tables that are not filled by `Shapes`.
+_TABLES = {table: blank_row(table) for table in TABLES if table not in Shapes.TABLES}
 
 
 class _Tables:
@@ -333,9 +320,9 @@ class _Tables:
     def arrays(self) -> dict[str, Any]:
         """The arguments of Scene; None for the columns of an empty table."""
         return {
-            column: [row[column] for _, _, row in self.rows[table].values()] or None
-            for table, columns in _TABLES.items()
-            for column in columns
+            column: [row.get(column, blank) for _, _, row in self.rows[table].values()] or None
+            for table, blanks in _TABLES.items()
+            for column, blank in blanks.items()
         }
 
 

@@ -6,33 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from ..columns import MATERIAL_KINDS
+from ..columns import MATERIAL_KINDS, blank_row
 from ..errors import SceneError
 from .node import Node, shorten
+from .plugins import PLUGINS
 
 Row = dict[str, Any]
-_COLUMNS: Row = {
-    "material_kind": 0,
-    "reflectance": (0.0,) * 3,
-    "specular_reflectance": (1.0,) * 3,
-    "specular_transmittance": (1.0,) * 3,
-    "eta": (1.0,) * 3,
-    "k": (0.0,) * 3,
-    "opacity": 1.0,
-    "two_sided": False,
-    "nonlinear": False,
-}
-MATERIAL_COLUMNS = tuple(_COLUMNS)
-BLACK: Row = _COLUMNS
+BLACK: Row = blank_row("materials")
+
+
+def filled(node: Node, values: dict[str, Any]) -> Row:
+    """The columns that an object's checked parameters fill by themselves."""
+    params = PLUGINS[node.plugin].params.items()
+    return {param.column: values[name] for name, param in params if param.column}
 
 
 def material(node: Node, values: dict[str, Any]) -> Row:
     """The row of a bsdf that holds no other; values: its checked parameters."""
-    row = {**_COLUMNS, "material_kind": MATERIAL_KINDS.index(node.plugin)}
-    for name in ("reflectance", "specular_reflectance", "specular_transmittance", "nonlinear"):
-        row[name] = values.get(name, row[name])
-    if node.plugin == "plastic":
-        row["reflectance"] = values["diffuse_reflectance"]
+    row = {**BLACK, **filled(node, values), "material_kind": MATERIAL_KINDS.index(node.plugin)}
     if "int_ior" in values:
         row["eta"] = (values["int_ior"] / values["ext_ior"],) * 3
     if node.plugin == "conductor":
@@ -60,8 +51,8 @@ def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
     return tuple(x / outside for x in eta), tuple(x / outside for x in k)
 
 
-def medium(node: Node, values: dict[str, Any], phase: dict[str, Any]) -> Row:
-    """The row of a homogeneous medium; phase: the checked parameters of its phase function."""
+def medium(node: Node, values: dict[str, Any], phase: Row) -> Row:
+    """The row of a homogeneous medium; phase: what its phase function fills."""
     total, albedo = (values[name] for name in ("sigma_t", "albedo"))
     scattering, absorption = (values[name] for name in ("sigma_s", "sigma_a"))
     if scattering is not None or absorption is not None:
@@ -77,4 +68,4 @@ def medium(node: Node, values: dict[str, Any], phase: dict[str, Any]) -> Row:
     total = tuple(x * values["scale"] for x in total or (1.0,) * 3)
     if max(total) > float(np.finfo(np.float32).max):
         raise SceneError(f"{node}: sigma_t = {total} exceeds the float32 range", node.where)
-    return {"sigma_t": total, "albedo": albedo or (0.75,) * 3, "phase_g": phase.get("g", 0.0)}
+    return {"sigma_t": total, "albedo": albedo or (0.75,) * 3, **phase}

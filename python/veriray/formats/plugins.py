@@ -10,9 +10,9 @@ from math import inf
 from typing import Any
 
 from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
-from ..columns import MAX_ETA
+from ..columns import MATERIAL_KINDS, MAX_ETA, OPAQUE_KINDS
 from ..numeric import MAX_COORDINATE
-from ..scene import MAX_PATH_DEPTH
+from ..settings import SETTINGS
 
 REQUIRED = object()
 COLOUR = "rgb, spectrum or number"
@@ -28,7 +28,8 @@ _ACCEPTED = {
 
 @dataclass(frozen=True)
 class Param:
-    """One parameter: kind, default, range (open at an end if in `excluded`), choices, meaning."""
+    """One parameter: kind, default, range (without its ends if `open`), choices, meaning, and the
+    column of the scene that it fills; "" for what `build` and `materials` convert."""
 
     kind: str
     default: Any = None
@@ -37,6 +38,7 @@ class Param:
     open: bool = False
     choices: tuple[Any, ...] = ()
     doc: str = ""
+    column: str = ""
 
     @property
     def accepted(self) -> tuple[str, ...]:
@@ -74,8 +76,7 @@ _PLACED = {
     "to_world": _TO_WORLD,
     "flip_normals": Param("boolean", False, doc="swap front and back"),
 }
-_OPAQUE = ("diffuse", "conductor", "plastic")
-_UNMASKED = (*_OPAQUE, "twosided", "dielectric", "thindielectric", "null")
+_UNMASKED = (*OPAQUE_KINDS, "twosided", *(k for k in MATERIAL_KINDS if k not in OPAQUE_KINDS))
 _BSDFS = (*_UNMASKED, "mask")
 _SHAPES = ("obj", "ply", "stl", "rectangle", "disk", "cube", "sphere")
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
@@ -94,18 +95,29 @@ _RADIANCE = Param(COLOUR, 1.0, 0.0, doc="emitted radiance, linear RGB")
 _SHARE: dict[str, Any] = {"low": 0.0, "high": 1.0}
 _INT_IOR = Param(IOR, "bk7", 0.1, 10.0, doc="refractive index inside (behind the front)")
 _EXT_IOR = Param(IOR, "air", 0.1, 10.0, doc="refractive index outside")
-_SPECULAR = Param(COLOUR, 1.0, **_SHARE, doc="factor on reflected light")
+_SPECULAR = Param(
+    COLOUR, 1.0, **_SHARE, doc="factor on reflected light", column="specular_reflectance"
+)
 _GLASS = {
     "int_ior": _INT_IOR,
     "ext_ior": _EXT_IOR,
     "specular_reflectance": _SPECULAR,
-    "specular_transmittance": Param(COLOUR, 1.0, **_SHARE, doc="factor on transmitted light"),
+    "specular_transmittance": Param(
+        COLOUR, 1.0, **_SHARE, doc="factor on transmitted light", column="specular_transmittance"
+    ),
 }
+
+
+def _setting(name: str, doc: str) -> Param:
+    setting = SETTINGS[name]
+    return Param("integer", setting.scene, setting.low or 0, setting.high, doc=doc)
+
+
 _PATH = Plugin(
     "integrator",
     {
-        "max_depth": Param("integer", -1, -1, MAX_PATH_DEPTH, doc="path length, -1 unlimited"),
-        "rr_depth": Param("integer", 5, 1, 2**31 - 1, doc="first depth with roulette"),
+        "max_depth": _setting("max_depth", "path length, -1 unlimited"),
+        "rr_depth": _setting("rr_depth", "first depth with roulette"),
         "hide_emitters": Param("boolean", False, choices=(False,)),
     },
     doc="path tracing with next-event estimation; media always count",
@@ -226,7 +238,7 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "diffuse": Plugin(
         "bsdf",
-        {"reflectance": Param(COLOUR, 0.5, **_SHARE)},
+        {"reflectance": Param(COLOUR, 0.5, **_SHARE, column="reflectance")},
         doc="Lambertian; black from behind unless inside twosided",
     ),
     "conductor": Plugin(
@@ -245,22 +257,26 @@ PLUGINS: dict[str, Plugin] = {
     "plastic": Plugin(
         "bsdf",
         {
-            "diffuse_reflectance": Param(COLOUR, 0.5, **_SHARE, doc="of the base"),
+            "diffuse_reflectance": Param(
+                COLOUR, 0.5, **_SHARE, doc="of the base", column="reflectance"
+            ),
             "int_ior": Param(IOR, "polypropylene", 0.1, 10.0, doc="refractive index of the coat"),
             "ext_ior": _EXT_IOR,
             "specular_reflectance": _SPECULAR,
-            "nonlinear": Param("boolean", False, doc="colour shifts by internal scattering"),
+            "nonlinear": Param(
+                "boolean", False, doc="colour shifts by internal scattering", column="nonlinear"
+            ),
         },
         doc="smooth clear coat on a diffuse base",
     ),
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(
         "bsdf",
-        {"opacity": Param("float", 0.5, **_SHARE, doc="share that is there")},
+        {"opacity": Param("float", 0.5, **_SHARE, doc="share that is there", column="opacity")},
         {"bsdf": (_UNMASKED, 1, 1)},
         doc="partly transparent",
     ),
-    "twosided": Plugin("bsdf", {}, {"bsdf": (_OPAQUE, 1, 1)}, doc="both sides reflect"),
+    "twosided": Plugin("bsdf", {}, {"bsdf": (OPAQUE_KINDS, 1, 1)}, doc="both sides reflect"),
     "homogeneous": Plugin(
         "medium",
         {
@@ -277,7 +293,11 @@ PLUGINS: dict[str, Plugin] = {
     "isotropic": Plugin("phase", doc="default"),
     "hg": Plugin(
         "phase",
-        {"g": Param("float", 0.8, -1.0, 1.0, open=True, doc="mean cosine; > 0 forward")},
+        {
+            "g": Param(
+                "float", 0.8, -1.0, 1.0, open=True, doc="mean cosine; > 0 forward", column="phase_g"
+            )
+        },
         doc="Henyey and Greenstein",
     ),
     "area": Plugin("emitter", {"radiance": _RADIANCE}, doc="emits on the shape's front side"),
@@ -287,14 +307,18 @@ PLUGINS: dict[str, Plugin] = {
         {
             "position": Param("point", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
             "to_world": _TO_WORLD,
-            "intensity": Param(COLOUR, 1.0, 0.0, doc="power per steradian"),
+            "intensity": Param(
+                COLOUR, 1.0, 0.0, doc="power per steradian", column="light_intensity"
+            ),
         },
     ),
     "spot": Plugin(
         "emitter",
         {
             "to_world": Param("transform", doc="no scale; it shines along local +z"),
-            "intensity": Param(COLOUR, 1.0, 0.0, doc="power per steradian on the axis"),
+            "intensity": Param(
+                COLOUR, 1.0, 0.0, doc="power per steradian on the axis", column="light_intensity"
+            ),
             "cutoff_angle": Param("float", 20.0, 0.0, 180.0, doc="degrees from the axis to dark"),
             "beam_width": Param("float", None, 0.0, 180.0, doc="to the end of full light; 3/4"),
         },
@@ -306,7 +330,9 @@ PLUGINS: dict[str, Plugin] = {
         {
             "direction": Param("vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
             "to_world": Param("transform", doc="it shines along local +z"),
-            "irradiance": Param(COLOUR, 1.0, 0.0, doc="on a surface that faces it"),
+            "irradiance": Param(
+                COLOUR, 1.0, 0.0, doc="on a surface that faces it", column="light_intensity"
+            ),
         },
         doc="the sun: parallel light",
     ),

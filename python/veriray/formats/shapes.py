@@ -44,6 +44,8 @@ _CHUNK = 256  # shapes that are placed together
 class Shapes:
     """Shapes gathered one by one, with the rows of their material, emission and boundary."""
 
+    TABLES = ("vertices", "triangles", "spheres", "disks")
+
     def __init__(self) -> None:
         self.names: list[str] = []
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from .own import MARK, is_foreign, protect
 from .pictures import Picture, find, load, names, select
 
 if TYPE_CHECKING:
-    from ..rendering import Render
+    from ..picture import Render
     from ..scene import Scene
 
 __all__ = ["load", "names", "run"]
@@ -107,7 +107,7 @@ def run(
 
 
 @contextlib.contextmanager
-def _quietly(title: str) -> Any:
+def _quietly(title: str) -> Iterator[None]:
     yield None
 
 
@@ -115,8 +115,8 @@ def _sized(scene: Scene, width: int | None, scale: float) -> Scene:
     """The scene with a film of `width` pixels, or `scale` times its own, of the same shape."""
     film = scene.film
     factor = scale if width is None else width / film.width
-    size = {"width": round(film.width * factor), "height": round(film.height * factor)}
-    return scene.with_(**{key: max(pixels, 1) for key, pixels in size.items()})
+    width, height = (max(round(pixels * factor), 1) for pixels in (film.width, film.height))
+    return scene.with_(width=width, height=height)
 
 
 def _render_all(
@@ -128,7 +128,8 @@ def _render_all(
     say: Callable[[str], object],
 ) -> list[Path]:
     """Render what is missing; returns the files written."""
-    from ..rendering import check_settings, render
+    from ..rendering import render, settle
+    from ..settings import RenderSettings
     from . import sheet
 
     work = [p.cost * s.film.width * s.film.height * spp for p, s, spp in jobs]
@@ -136,7 +137,7 @@ def _render_all(
     done, rendered, start = 0.0, 0.0, time.perf_counter()
     for k, (picture, scene, spp) in enumerate(jobs):
         batches = picture.batches if picture.batches and spp % picture.batches == 0 else 0
-        check_settings(scene, spp=spp, seed=settings["seed"], threads=settings["threads"])
+        settle(scene, RenderSettings(spp=spp, **settings))
         exr, png = folder / f"{picture.name}.exr", folder / f"{picture.name}.png"
         result = None if force else _finished(exr, scene, spp, settings["seed"])
         head = f"picture {k + 1} of {len(jobs)}"

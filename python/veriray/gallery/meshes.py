@@ -94,7 +94,8 @@ def _cone(points: Array, a: Array, b: Array, bulge: float = 0.0) -> Array:
     t = np.minimum(np.maximum(t, 0.0), 1.0)
     d = [d[k] - along[k] * t for k in range(3)]
     radius = a[3] + (b[3] - a[3]) * t + bulge * 4 * t * (1 - t)
-    return np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) - radius
+    distance: Array = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) - radius
+    return distance
 
 
 def hare_distance(points: Array) -> Array:
@@ -117,7 +118,8 @@ def hare_distance(points: Array) -> Array:
     # a rounded edge towards the flat underside at y = 0
     under = -points[..., 1]
     overlap = np.maximum(0.06 - np.abs(field - under), 0.0) / 0.06
-    return np.maximum(field, under) + overlap * overlap * (0.06 / 4)
+    field = np.maximum(field, under) + overlap * overlap * (0.06 / 4)
+    return field
 
 
 def _gradient(f: Callable[[Array], Array], points: Array, step: float = 2.0**-12) -> Array:
@@ -132,7 +134,8 @@ def _gradient(f: Callable[[Array], Array], points: Array, step: float = 2.0**-12
 def _unit(vectors: Array) -> Array:
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     length: Array = np.sqrt(x * x + y * y + z * z)
-    return vectors / length[..., None]
+    unit: Array = vectors / length[..., None]
+    return unit
 
 
 def hare(cells: int = 60) -> Mesh:
@@ -193,7 +196,7 @@ def _grid_triangles(rows: int, columns: int, closed: bool) -> Array:
     j = np.arange(columns if closed else columns - 1)[None, :]
     a, b = i * columns + j, i * columns + (j + 1) % columns
     c, d = (i + 1) % rows * columns + j, (i + 1) % rows * columns + (j + 1) % columns
-    faces = np.stack([np.stack([a, b, d], -1), np.stack([a, d, c], -1)], axis=2)
+    faces: Array = np.stack([np.stack([a, b, d], -1), np.stack([a, d, c], -1)], axis=2)
     return faces.reshape(-1, 3).astype(np.int32)
 
 
@@ -262,7 +265,8 @@ def sweep(width: float = 60.0, floor: float = 14.0, wall: float = 14.0, bend: fl
 
 def tiles(odd: bool, columns: int = 12, rows: int = 14, gap: float = 0.006) -> Mesh:
     """Every other square of a chessboard on y = 0, each 1 x 1 less a gap, centred at the origin."""
-    corners, faces = [], []
+    corners: list[tuple[float, float]] = []
+    faces: list[tuple[int, int, int]] = []
     for i in range(rows):
         for j in range(columns):
             if (i + j) % 2 == int(odd):

@@ -24,7 +24,7 @@ from .pictures import PICTURES, Picture
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from ..rendering import Render
+    from ..picture import Render
 
 Array = npt.NDArray[Any]
 
@@ -85,7 +85,8 @@ def side_by_side(ours: Render, theirs: Render, zoom: int = 4) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.nan_to_num((ours.image - theirs.image.astype(np.float64)) / error).mean(axis=-1)
     panels = [to_srgb8(ours.image), to_srgb8(theirs.image), tint(z)]
-    return np.concatenate(panels, axis=1).repeat(zoom, axis=0).repeat(zoom, axis=1)
+    row: Array = np.concatenate(panels, axis=1)
+    return row.repeat(zoom, axis=0).repeat(zoom, axis=1)
 
 
 def make(folder: Path, docs: Path) -> list[Path]:

@@ -49,7 +49,6 @@ struct RenderSettings {
     int64_t max_depth = -1;  // -1: unlimited (kHardMaxDepth)
     uint32_t rr_depth = 5;
     Sampler sampler = Sampler::kIndependent;
-    uint32_t integrator = 0;  // of kIntegrators
     std::string scheduler = "fused";
     uint32_t threads = 0;  // 0: all; CPU only
     uint32_t batch = 0;    // paths in flight; 0: the scheduler's choice

@@ -210,7 +210,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
     for_sample_ranges(
         one, 1, {},
         [&](const PathSettings& settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
-            cpu_variant(s.integrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
+            cpu_variant(kIntegrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
         });
     return out;
 }

@@ -41,7 +41,7 @@ const CpuVariant& cpu_variant(uint32_t integrator, uint32_t index) {
 }
 
 inline const CpuVariant& chosen_variant(const SceneView& scene, const RenderSettings& s) {
-    return cpu_variant(s.integrator, choose_variant(scene, s));
+    return cpu_variant(kIntegrator, choose_variant(scene, s));
 }
 
 }  // namespace veriray

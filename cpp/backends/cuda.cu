@@ -66,7 +66,7 @@ bool render_fused(const Launches& l, const Job& job) {
     Buffer<Control> control(1, "control");
     // In the stream's order: a non-blocking stream does not wait for the default one.
     check(cudaMemsetAsync(control.get(), 0, sizeof(Control), l.work.s), "control");
-    with_variant(l.s.integrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
+    with_variant(kIntegrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
         using Tracer = typename Variant::template Tracer<Scalar>;
         const int per_sm = note_kernel(l.stats, fused_kernel<Tracer>, kFusedBlock);
         const uint64_t resident = static_cast<uint64_t>(per_sm) * l.multiprocessors;

@@ -12,6 +12,9 @@
 
 namespace veriray {
 
+// Of kIntegrators: the one that renders, so far all scenes.
+inline constexpr uint32_t kIntegrator = 0;
+
 inline uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) {
     return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
 }

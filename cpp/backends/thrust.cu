@@ -88,7 +88,7 @@ bool render_thrust(const Launches& l, const Job& job) {
     const Compaction compaction = find_scheduler(l.s.scheduler)->compaction;
     const size_t slots = pool_slots(l.s.batch, job);
     bool complete = false;
-    with_variant(l.s.integrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
+    with_variant(kIntegrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
         using Tracer = typename Variant::template Tracer<Scalar>;
         const ColumnCount columns = Tracer::columns(Tracer::kMask);
         Buffer<float> floats(columns.floats * slots, "path pool");

@@ -164,7 +164,7 @@ bool render_wavefront(const Launches& l, const Job& job) {
     const uint64_t wanted = l.s.batch ? l.s.batch : 16ull * kTileSlots * l.multiprocessors;
     const uint32_t capacity = static_cast<uint32_t>(std::min(wanted, job.paths()));
     bool complete = false;
-    with_variant(l.s.integrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
+    with_variant(kIntegrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
         using Tracer = typename Variant::template Tracer<Scalar>;
         const ColumnCount path = Tracer::columns(Tracer::kMask),
                           request = Tracer::request_columns(Tracer::kMask),

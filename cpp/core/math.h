@@ -1,7 +1,7 @@
 // Elementary functions made of IEEE operations only: the same bits on every machine and lane width.
 // Minimax polynomials by Remez' exchange, coefficients rounded one after the other and the rest
 // fitted again. The errors stated are the largest over all floats of the domain (log, exp_minus)
-// and over all 2^24 multiples of 2^-24 (sincos_2pi): validate/levels/numbers.py.
+// and over all 2^24 multiples of 2^-24 (sincos_2pi): veriray_validate/levels/numbers.py.
 #pragma once
 
 #include "core/lane.h"

@@ -80,7 +80,7 @@ VR_HD F just_beyond(F t) {
 
 // Whether a ray meets the sphere, and where: lo < hi if lo is ahead, so that what enters leaves.
 // Relative error: 2e-7 for origins 1e-6 to 1e6 radii off the surface,
-// outside and inside (validate/levels/geometry.py).
+// outside and inside (veriray_validate/levels/geometry.py).
 template <class L, class Record>
 VR_HD typename L::M sphere_roots(const Record* record, const Ray<L>& ray, typename L::F& lo,
                                  typename L::F& hi) {

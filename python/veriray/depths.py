@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .rendering import Render
+from .picture import Render
 
 BLOCK_SIZE = 256
 

@@ -170,34 +170,6 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def modules_imported(name: str, path: Path, modules: set[str]) -> set[str]:
-    """Those of the modules that a file imports, within functions and for type checkers too."""
-    found: set[str] = set()
-    package = name if path.stem == "__init__" else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            parents = package.split(".")[: len(package.split(".")) - node.level + 1]
-            start = ".".join([*(parents if node.level else ()), *filter(None, [node.module])])
-            inner = {f"{start}.{alias.name}" for alias in node.names}
-            found |= inner & modules if inner & modules else {start}
-    return found & modules - {name}
-
-
-def test_no_import_circles() -> None:
-    """Of the renderer; the package itself imports its modules when they are asked for."""
-    root, tools = ROOT / "python", ("validate", "bench")
-    files = {".".join(p.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): p
-             for p in (root / "veriray").rglob("*.py")
-             if p.relative_to(root).parts[1] not in tools}  # fmt: skip
-    del files["veriray"]
-    graph = {name: modules_imported(name, path, {*files}) for name, path in files.items()}
-    while ends := {name for name, needed in graph.items() if not needed}:
-        graph = {name: needed - ends for name, needed in graph.items() if name not in ends}
-    assert not graph, "these import each other, or what does"
-
-
 def test_reference_and_package_are_strangers() -> None:
     reference = sorted((ROOT / "reference").rglob("*.py"))
     assert reference

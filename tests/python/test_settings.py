@@ -145,7 +145,8 @@ def literal(text: str) -> Any:
 
 def bound(name: str) -> dict[str, Any]:
     """Names and defaults of the keywords of a function in the bindings."""
-    text = (ROOT / "python" / "bindings" / "module.cpp").read_text("utf-8")
+    sources = sorted((ROOT / "python" / "bindings").glob("*.cpp"))
+    text = "\n".join(path.read_text("utf-8") for path in sources)
     start = re.search(rf'm\.def\(\s*"{name}"', text)
     assert start
     arguments = text[text.index("py::kw_only()", start.start()) :]

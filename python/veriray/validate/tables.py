@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -33,8 +32,8 @@ def verdict(outcomes: list[Mapping[str, Any]]) -> str:
 def stress_table(*validations: Mapping[str, Any]) -> str:
     """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row a stress line.
 
-    Columns: the numbers in the plan, the case, the scene, what is expected (the case's docstring),
-    verdicts on the CPU and on CUDA. Cases with arguments share a row.
+    Columns: the case, the scene, what is expected (the case's docstring), verdicts on the CPU and
+    on CUDA. Cases with arguments share a row.
     """
     expected = {c.id.partition("[")[0]: c.expects for c in cases([STRESS], full=True)}
     rows: dict[str, list[Mapping[str, Any]]] = {}
@@ -46,21 +45,19 @@ def stress_table(*validations: Mapping[str, Any]) -> str:
         "# Numerical stress",
         "",
         f"Written by `python -m veriray.validate.tables` from a {extent} `veriray validate` of",
-        f"veriray {validations[0]['veriray']}. What is expected was stated first; besides it, in",
-        "every case no sample is non-finite and the ledger of rays adds up. N1 to N23 are numbers",
-        "of the plan. Limits are named as such.",
+        f"veriray {validations[0]['veriray']}. The expectations were written down before the runs.",
+        "In addition, no sample may be non-finite and the ray ledger must add up in every case.",
+        "Known limits are named as such.",
         "",
         *(f"- {name}: {about}" for v in validations for name, about in v["devices"].items()),
         "",
-        "| | case | scene | expected | CPU | CUDA |",
-        "|---|---|---|---|---|---|",
+        "| case | scene | expected | CPU | CUDA |",
+        "|---|---|---|---|---|",
     ]  # fmt: skip
     for name, outcomes in rows.items():
-        title = str(outcomes[0]["title"])
-        numbers = re.findall(r"\[((?:N\d+(?:, )?)+|[^\]]*)\]\.?$", title)
-        scene = re.sub(r"\s*\[[^\]]*\]\.?$", "", title).rstrip(".")
+        scene = str(outcomes[0]["title"]).rstrip(".")
         cells = [
-            numbers[0] if numbers else "", f"`{name}`", scene, expected.get(name, ""),
+            f"`{name}`", scene, expected.get(name, ""),
             *(verdict([o for o in outcomes if str(o["device"]).startswith(kind)])
               for kind in ("cpu", "cuda")),
         ]  # fmt: skip

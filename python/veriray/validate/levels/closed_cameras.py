@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 @case(3, each={"filter": ("box", "tent", "gaussian", "mitchell"), "lens": (0.0, 0.3)})
 def uniform_light_on_the_film(t: Trial, filter: str, lens: float) -> None:
-    """Every pixel of a wide film has the radiance L itself, under any filter (A25).
+    """Every pixel of a wide film has the radiance L itself, under any filter.
 
     Without noise, to the bit: no cos^4, no weight but the filter's, whose mean is 1, negative lobes
     and lens included. One segment a path. Mitchell's weights differ in sign: with noise, sees 1e-2.
@@ -58,7 +58,7 @@ def negative_lobes_weigh_what_they_should(t: Trial, parameter: tuple[float, floa
 
 @case(3, each={"angle": (0, 25, 50)})
 def ball_off_the_axis(t: Trial, angle: float) -> None:
-    """A ball's picture is an ellipse: its share of a wide film (A24).
+    """A ball's picture is an ellipse: its share of a wide film.
 
     Half axes sin a cos a / (cos^2 q - sin^2 a) and sin a / sqrt(cos^2 q - sin^2 a) for a ball of
     angular radius a at angle q off the axis, focal length 1. Sees 3 %.
@@ -104,7 +104,7 @@ def covered(a: float, b: float, c: float, width: int, height: int) -> Array:
 
 @case(3, each={"offset": (0.0, 0.125)})
 def slanted_edge(t: Trial, offset: float) -> None:
-    """A lit half plane with a slanted edge: the share of each pixel that it covers (A24).
+    """A lit half plane with a slanted edge: the share of each pixel that it covers.
 
     Areas by clipping, box filter; any flip, offset, aspect or jitter shows. offset: the principal
     point's, in film widths. Sees 1 % of the mean.
@@ -329,7 +329,7 @@ def above(name: str, edge: float, pixels: int) -> Array:
 
 @case(3, each={"name": FILTERS})
 def edge_under_a_filter(t: Trial, name: str) -> None:
-    """A lit half plane from pixel 5.65 on (A24).
+    """A lit half plane from pixel 5.65 on.
 
     1 + 2 times the filter's integral over it; Mitchell's negative lobes over- and undershoot.
     """
@@ -347,7 +347,7 @@ def edge_under_a_filter(t: Trial, name: str) -> None:
 
 @case(3, each={"name": FILTERS}, quick=lambda name: name in ("box", "gaussian"))
 def corner_under_a_filter(t: Trial, name: str) -> None:
-    """A lit quarter plane whose corner is at film position (9.3, 7.7) of 12 x 10 (A24).
+    """A lit quarter plane whose corner is at film position (9.3, 7.7) of 12 x 10.
 
     1 + 2 times the product of the filter's integrals along both axes: its place, its width, and
     which way the picture's rows and columns run. Sees 0.5 %.

@@ -140,9 +140,9 @@ HEAVY = ("furnace", "mesh", "hundred lights", "passes", "scattering glass")
 @case(3, each={"name": SCENES, "scheduler": [s for s in SCHEDULERS if s != "auto"]},
       quick=lambda name, scheduler: scheduler in METHODS[1:] and name not in HEAVY)  # fmt: skip
 def scheduler(t: Trial, name: str, scheduler: str) -> None:
-    """A scene of each kind under each scheduler (A1, A2, A10, A12, A20, A33, A34, A42, A43, E6).
+    """A scene of each kind under each scheduler.
 
-    The known answer in the mean over 128 x 128 pixels, per channel (E2 too). Sees 4 %.
+    The known answer in the mean over 128 x 128 pixels, per channel. Sees 4 %.
     """
     build, margin = SCENES[name]
     scene, exact = build()

@@ -178,7 +178,7 @@ AIMS = ("vertices", "edges", "midpoints")
 
 @case(8, each={"name": MESHES, "where": AIMS})
 def closed_meshes_do_not_leak(t: Trial, name: str, where: str) -> None:
-    """Rays aimed at vertices, edges and midpoints of closed meshes, from inside and outside [N4].
+    """Rays aimed at vertices, edges and midpoints of closed meshes, from inside and outside.
 
     0 of 200,000 leak each way, and both ways meet in one place (1e-4).
     """
@@ -198,7 +198,7 @@ def closed_meshes_do_not_leak(t: Trial, name: str, where: str) -> None:
 
 @case(8, once=True)
 def the_aim_is_good(t: Trial) -> None:
-    """Planted: the test of Moeller and Trumbore in float32 leaks at vertices [N4].
+    """Planted: the test of Moeller and Trumbore in float32 leaks at vertices.
 
     More than 1 in 100 of the rays that leaks are looked for with.
     """
@@ -216,7 +216,7 @@ def the_aim_is_good(t: Trial) -> None:
 
 @case(8)
 def split_edges_do_not_leak(t: Trial) -> None:
-    """A box of quads, one wall of which is four strips: T-junctions along two edges [N4].
+    """A box of quads, one wall of which is four strips: T-junctions along two edges.
 
     0 of 200,000 rays at the strips' edges leak.
     """
@@ -236,7 +236,7 @@ def split_edges_do_not_leak(t: Trial) -> None:
 
 @case(8)
 def slivers_do_not_leak(t: Trial) -> None:
-    """A closed prism whose sides are slivers of 1 to 1e6 [N4].
+    """A closed prism whose sides are slivers of 1 to 1e6.
 
     0 of 600,000 rays at vertices, edges and midpoints leak.
     """
@@ -260,7 +260,7 @@ def slivers_do_not_leak(t: Trial) -> None:
 
 @case(8)
 def degenerate_triangles_are_dropped(t: Trial) -> None:
-    """Triangles with repeated vertices or no area [N5].
+    """Triangles with repeated vertices or no area.
 
     Dropped and counted; the power of lights leaves them out: the picture has the same bits.
     """
@@ -278,7 +278,7 @@ def degenerate_triangles_are_dropped(t: Trial) -> None:
 
 @case(8, each={"tree": [False, True]})
 def coincident_surfaces_show_the_first(t: Trial, tree: bool) -> None:
-    """Two quads in one place, with and without a tree [N6].
+    """Two quads in one place, with and without a tree.
 
     Every hit is the first one's, and as far as with the first one alone, to the bit; rays within
     2e-6 of the rim apart, as surfaces that share an edge are widened by 2^-22 of the scene there.
@@ -300,7 +300,7 @@ def coincident_surfaces_show_the_first(t: Trial, tree: bool) -> None:
 
 @case(8, each={"name": ["box turned", "icosphere of 1280 faces"]})
 def rays_do_not_meet_what_they_leave(t: Trial, name: str) -> None:
-    """Paths in a turned box and in a closed mesh, 16,384 of them [N7].
+    """Paths in a turned box and in a closed mesh, 16,384 of them.
 
     Nothing escapes, nothing is absorbed by a back, no shadow ray is occluded.
     """
@@ -530,7 +530,7 @@ def count_self_hits(t: Trial, rays: int, share: float = 1.0) -> tuple[int, int]:
 
 @case(8, each={"rays": [400_000, 10_000_000]}, quick=lambda rays: rays < 1e6)
 def spheres_do_not_meet_themselves(t: Trial, rays: int) -> None:
-    """Rays that leave spheres of radius 1e-6 to 1e6, at up to 1e-9 of grazing [N8].
+    """Rays that leave spheres of radius 1e-6 to 1e6, at up to 1e-9 of grazing.
 
     0 self-hits going out, 0 far sides lost going in, of 400,000 and in a full run of 10,000,000.
     """
@@ -540,7 +540,7 @@ def spheres_do_not_meet_themselves(t: Trial, rays: int) -> None:
 
 @case(8)
 def an_eighth_of_the_offset_would_not_do(t: Trial) -> None:
-    """Planted: rays that leave by an eighth of the offset meet their sphere [N8].
+    """Planted: rays that leave by an eighth of the offset meet their sphere.
 
     More than 5,000 self-hits and 1,000 lost far sides of 100,000.
     """
@@ -553,7 +553,7 @@ def an_eighth_of_the_offset_would_not_do(t: Trial) -> None:
 
 @case(1, each={"radius": [1e-6, 1e-3, 1.0, 1e3]})
 def sphere_lights_fill_their_cone(t: Trial, radius: float) -> None:
-    """Directions to a sphere from 1e-6 to 1e6 radii off, against long doubles [C3].
+    """Directions to a sphere from 1e-6 to 1e6 radii off, against long doubles.
 
     pdf times the exact solid angle is 1 within 1e-6; wi meets the sphere at `distance` and under
     `cos_light` (2e-5); the sample's pdf is that of the pdf function within 4e-7.
@@ -588,7 +588,7 @@ def sphere_lights_fill_their_cone(t: Trial, radius: float) -> None:
 
 @case(1, each={"radius": [1e-3, 1.0, 1e3]})
 def sphere_lights_from_inside(t: Trial, radius: float) -> None:
-    """Directions to a sphere from inside it: all alike; the far side is met, its inside [C3].
+    """Directions to a sphere from inside it: all alike; the far side is met, its inside.
 
     pdf 1 / (4 pi) within 2e-7, distance and cosine within 1e-5.
     """

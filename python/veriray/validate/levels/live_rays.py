@@ -1,4 +1,4 @@
-"""Where paths end, depth by depth: exact laws, and the independent reference (L1 to L7).
+"""Where paths end, depth by depth: exact laws, and the independent reference.
 
 The ledger counts segments. For each depth d (0 is the camera's ray):
 live[d] = escaped + emitter_end + absorbed + rr_killed + depth_cut + invalid + live[d + 1], and
@@ -95,14 +95,14 @@ def smallest_rate(n: float, rate: float) -> float:
     return 4.57 * math.sqrt((1 - rate) / (rate * n))
 
 
-# ---- L3: laws ----
+# ---- laws ----
 
 
 @case(4, each={"albedo": (0.343, 0.7, 0.98), "rr_depth": (1, 2, 5), "scheduler": SCHEDULERS},
       quick=lambda albedo, rr_depth, scheduler:
       rr_depth != 2 if scheduler == "fused" else (rr_depth == 2 and albedo < 0.5))  # fmt: skip
 def closed_furnace(t: Trial, albedo: float, rr_depth: int, scheduler: str) -> None:
-    """Survivors in a closed furnace are binomial at every depth [L3].
+    """Survivors in a closed furnace are binomial at every depth.
 
     live[d] = N below rr_depth, then N rho^d: exact tests of live[d + 1] among live[d], whose rate
     is rho^rr_depth at the first roulette and rho at each later one, and of all later survivors
@@ -134,7 +134,7 @@ def closed_furnace(t: Trial, albedo: float, rr_depth: int, scheduler: str) -> No
 
 @case(4)
 def roulette_by_the_largest_channel(t: Trial) -> None:
-    """Three albedos: the largest throughput decides [L3, L7].
+    """Three albedos: the largest throughput decides.
 
     live[d + 1] / live[d] = .8 at each depth for albedos .2, .5, .8; and the radiance of all three
     channels, cut after 6 vertices, is E (1 - rho^7) / (1 - rho): weights of the survivors divided
@@ -152,7 +152,7 @@ def roulette_by_the_largest_channel(t: Trial) -> None:
 
 @case(4, each={"albedo": (0.5, 0.98)})
 def weight_of_survivors(t: Trial, albedo: float) -> None:
-    """Roulette changes counts, not weights: the truncated furnace with and without it [L7].
+    """Roulette changes counts, not weights: the truncated furnace with and without it.
 
     E (1 - rho^k) / (1 - rho) both ways, k = 8; without roulette every path lives to the end.
     """
@@ -167,7 +167,7 @@ def weight_of_survivors(t: Trial, albedo: float) -> None:
 
 @case(4, each={"fraction": (0.1, 0.4), "albedo": (0.343, 0.7, 0.98)})
 def sphere_with_a_port(t: Trial, fraction: float, albedo: float) -> None:
-    """A black port takes its share of a sphere at each depth [L3].
+    """A black port takes its share of a sphere at each depth.
 
     A black disk closes a cap of area fraction f, seen from everywhere on the sphere under the form
     factor f. live = 1, rho, then times (1 - f) rho: absorbed and killed paths are binomial too.
@@ -192,7 +192,7 @@ def sphere_with_a_port(t: Trial, fraction: float, albedo: float) -> None:
 
 @case(4, each={"inner": (0.3, 0.98), "outer": (0.6, 0.343)})
 def two_spheres(t: Trial, inner: float, outer: float) -> None:
-    """Concentric spheres: a chain of two states [L3].
+    """Concentric spheres: a chain of two states.
 
     From a point of the outer sphere (radius 2) a share of 1/4 of the paths meets the inner one
     (radius 1), all paths from there meet the outer one. live[d] / N is rho of the vertices met,
@@ -217,7 +217,7 @@ def two_spheres(t: Trial, inner: float, outer: float) -> None:
 
 @case(4, each={"scheduler": SCHEDULERS})
 def clear_slab(t: Trial, scheduler: str) -> None:
-    """Segments in a clear slab at normal incidence [L3].
+    """Segments in a clear slab at normal incidence.
 
     Fresnel's .04 at each face of index 1.5: exact binomial tests with rates 1, .96, .04, .04 ...
     """
@@ -230,7 +230,7 @@ def clear_slab(t: Trial, scheduler: str) -> None:
 
 @case(4, each={"depth": (1, 2, 3, 8, 100), "scheduler": SCHEDULERS})
 def cut_at_max_depth(t: Trial, depth: int, scheduler: str) -> None:
-    """Without roulette all paths of a closed scene live for max_depth segments [L3].
+    """Without roulette all paths of a closed scene live for max_depth segments.
 
     live = N for d < max_depth and nothing after; all end as depth_cut at the last. Paths that leave
     the room at its edges, no more than 1 in 10^7 segments, are counted by how they end, and out.
@@ -243,12 +243,12 @@ def cut_at_max_depth(t: Trial, depth: int, scheduler: str) -> None:
     t.check(column(r, "depth_cut") == [0] * (depth - 1) + [n], "depth_cut")
 
 
-# ---- L1, L2: the books ----
+# ---- the books ----
 
 
 @case(4, each={"name": NAMES})
 def books_balance(t: Trial, name: str) -> None:
-    """The ledger adds up with each scheduler; shadow rays and depths keep their bounds [L1].
+    """The ledger adds up with each scheduler; shadow rays and depths keep their bounds.
 
     Exact: live[d] = ends + live[d + 1], at most one shadow ray a vertex, no depth beyond max_depth
     where nothing passes through, no invalid sample, `rays` and `paths` are the sums.
@@ -271,7 +271,7 @@ def books_balance(t: Trial, name: str) -> None:
 
 @case(4, each={"name": ("dielectric_sphere", "medium_in_mesh", "mask", "spheres_300")}, once=True)
 def one_ledger_everywhere(t: Trial, name: str) -> None:
-    """All devices, schedulers and batch sizes count alike [L2, L5].
+    """All devices, schedulers and batch sizes count alike.
 
     Equal integers. Level 6 shows it for more scenes and fewer paths, film included; with equal bits
     the paired streams of CPU and GPU have no discordant pair.
@@ -288,12 +288,12 @@ def one_ledger_everywhere(t: Trial, name: str) -> None:
                 t.check(r.stats["ledger"] == first, f"{device}, {scheduler}, batch {batch}")
 
 
-# ---- L6: nothing for nothing ----
+# ---- nothing for nothing ----
 
 
 @case(4)
 def nothing_for_nothing(t: Trial) -> None:
-    """No work for what a scene lacks [L6].
+    """No work for what a scene lacks.
 
     Exact: no lights, or a sky alone, no shadow rays; black walls, no second segment; mirrors, no
     shadow rays; an empty scene, one segment; a light that shines on nothing, no shadow ray arrives;
@@ -368,7 +368,7 @@ def blocks_law(t: Trial, scene: str, width: int) -> None:
     t.figure("blocks", blocks[:60])
 
 
-# ---- L4: the stranger's counts ----
+# ---- the stranger's counts ----
 
 
 def against(scene: Scene, r: Render, ledger: dict[str, list[int]]) -> list[tuple[float, str]]:
@@ -406,7 +406,7 @@ def reference_ledger(t: Trial, name: str) -> tuple[Scene, dict[str, list[int]]]:
 
 @case(4, each={"name": NAMES}, quick=lambda name: name in QUICK)
 def agrees_with_the_reference(t: Trial, name: str) -> None:
-    """Ends of paths by depth, against the independent reference's counts [L4].
+    """Ends of paths by depth, against the independent reference's counts.
 
     Two-sample tests: at each depth the causes of death among those who reach it (chi-square, Sidak
     over depths), all depths together with the largest |z| of the survivors, and shadow rays. Sees

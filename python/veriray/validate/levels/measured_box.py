@@ -41,7 +41,7 @@ CHECKSUMS = {
     "light.json": "531cbf241b90b29715c21ea2a30c6c70e8e2ed6a8ce8d431ac3ac3caa0872a47",
     "reflectance.csv": "ca77cb5ad40b22fbeabc7ea9c75c695d9cf5d32e1a0bf5d597dcb2101b70a354",
 }
-#: A19: point, normal, shape, irradiance over the lamp's radiance without the blocks.
+#: Point, normal, shape, and irradiance over the lamp's radiance, without the blocks.
 PLACES = {
     "floor": ((278, 0, 279.5), (0, 1, 0), "floor", 0.044632475),
     "floor in front": ((100, 0, 100), (0, 1, 0), "floor", 0.030656670),
@@ -157,10 +157,10 @@ def data(t: Trial) -> None:
 
 @case(7, each={"place": PLACES})
 def lamp_light(t: Trial, place: str) -> None:
-    """Direct light of the box without its blocks, at three wavelengths (A19).
+    """Direct light of the box without its blocks, at three wavelengths.
 
-    rho e F with Lambert's polygon for F (J. H. Lambert, Photometria, 1760), which is the known
-    value of A19 to 1e-6. Finds a bias of 0.3 %.
+    rho e F with Lambert's polygon for F (J. H. Lambert, Photometria, 1760), which equals the
+    known value to 1e-6. Finds a bias of 0.3 %.
     """
     point, normal, shape, value = PLACES[place]
     factor = lambert(point, normal, spectral.LAMP)

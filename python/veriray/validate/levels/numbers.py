@@ -484,7 +484,7 @@ def check_same_bits(t: Trial, name: str, chunk: Callable[[int, int], Array], tot
 @case(1, each={"name": [*WIDE, *MANY], "bits": [20, 26]}, once=True,
       quick=lambda name, bits: bits < 26)  # fmt: skip
 def same_bits(t: Trial, name: str, bits: int) -> None:
-    """A function has the same bits on all devices, in scalar and in vector lanes (D13, D14).
+    """A function has the same bits on all devices, in scalar and in vector lanes.
 
     Random arguments over the whole domain, corners among them: 2^20, in a full run 2^26 (mappings:
     2^24). A CPU module compares its own lane widths.
@@ -496,7 +496,7 @@ def same_bits(t: Trial, name: str, bits: int) -> None:
 
 @case(1, each={"name": UNIT_ONLY, "step": [61, 1]}, once=True, quick=lambda name, step: step > 1)
 def same_bits_of_turns(t: Trial, name: str, step: int) -> None:
-    """Sine, cosine and tent have the same bits on all devices and lanes (D13, D14).
+    """Sine, cosine and tent have the same bits on all devices and lanes.
 
     At every step-th, in a full run at each, of the 2^24 arguments k 2^-24, and about both ends.
     """
@@ -619,7 +619,7 @@ def derivative_of_inverse_distributions(t: Trial, name: str) -> None:
 
 @case(1, each={"name": INVERSE})
 def corners(t: Trial, name: str) -> None:
-    """Mappings at the corners of the unit square: u, v in {0, 2^-24, 1/2, 1 - 2^-24} (C6).
+    """Mappings at the corners of the unit square: u, v in {0, 2^-24, 1/2, 1 - 2^-24}.
 
     Unit directions (1e-5) with a positive finite density; weights and points within their shape.
     """
@@ -637,7 +637,7 @@ def corners(t: Trial, name: str) -> None:
 
 @case(1, each={"one_minus_cos": [2.0, 1.0, 0.3, 1e-4, 1e-13, 1e-30]})
 def cones_of_every_width(t: Trial, one_minus_cos: float) -> None:
-    """Directions in cones, down to 1e-30 sr, and at the corners (C6).
+    """Directions in cones, down to 1e-30 sr, and at the corners.
 
     x, y, z and the pdf within 3e-7 of the exact map, relatively.
     """
@@ -674,7 +674,7 @@ def frames(t: Trial) -> None:
 
 @case(1, each={"g": ASYMMETRIES})
 def phase_function_inverts_its_distribution(t: Trial, g: float) -> None:
-    """Henyey and Greenstein's phase function about +z, corners included (C6).
+    """Henyey and Greenstein's phase function about +z, corners included.
 
     The angle to the favoured direction is within 1e-6 of itself, the pdf within 2e-6.
     """

@@ -45,7 +45,7 @@ AWAY = {"1e-5 radii off": 1.00001, "near": 1.5, "far": 200.0, "inside": 0.7, "ce
 
 @case(2, each={"name": AWAY})
 def sphere_lights(t: Trial, name: str) -> None:
-    """Directions to a sphere are uniform in its cone, from inside over all directions (C1).
+    """Directions to a sphere are uniform in its cone, from inside over all directions.
 
     pdf within 1e-5; 10^5 directions: sees 1 % in scale, 4 % in tilt.
     """
@@ -66,7 +66,7 @@ def sphere_lights(t: Trial, name: str) -> None:
 
 @case(2)
 def sphere_light_irradiance(t: Trial) -> None:
-    """Irradiance from a sphere, and its area, by its samples (A9).
+    """Irradiance from a sphere, and its area, by its samples.
 
     Radiance 1 gives pi (r/d)^2 to a patch that faces it, pi to one inside it; the mean of
     distance^2 / (cos_light pdf) is the area seen, 2 pi r^2 (1 - r/d). 10^5 samples: sees 1 %.
@@ -126,7 +126,7 @@ def weights(shape: str, u: Array, v: Array) -> tuple[Array, Array]:
 
 @case(2, each={"shape": SHAPES, "where": RECEIVERS})
 def places_on_flat_lights(t: Trial, shape: str, where: str) -> None:
-    """Places on a lamp are uniform by area, seen from the front, from grazing, near and far (C1).
+    """Places on a lamp are uniform by area, seen from the front, from grazing, near and far.
 
     Found again from direction and distance; 10^5 places: sees 1 % in scale, 4 % in tilt.
     """
@@ -148,7 +148,7 @@ def places_on_flat_lights(t: Trial, shape: str, where: str) -> None:
 
 @case(2, each={"shape": SHAPES, "where": RECEIVERS})
 def samples_of_flat_lights(t: Trial, shape: str, where: str) -> None:
-    """Direction, distance, density and radiance of light samples, corners included (C3, C6).
+    """Direction, distance, density and radiance of light samples, corners included.
 
     Against float64: direction within 5e-7 of the place's distance, distance 1e-6 of itself, pdf
     chance distance^2 / (area cos) within 1e-6 + 1e-6 / cos; radiance 1 from the front, exactly 0
@@ -198,7 +198,7 @@ def seen(where: str) -> Array:
 
 @case(2, each={"where": SEEN})
 def rectangles_by_solid_angle(t: Trial, where: str) -> None:
-    """Samples of a rectangle are uniform in its solid angle where that is 1/16 or more (C1, C3).
+    """Samples of a rectangle are uniform in its solid angle where that is 1/16 or more.
 
     Against float64: the density is chance / solid angle, that within 5e-7 sr and what 1e-7 in a
     coordinate, of the way to the lamp, makes; the solid angle
@@ -246,7 +246,7 @@ def rectangles_by_solid_angle(t: Trial, where: str) -> None:
 
 @case(2)
 def delta_lights(t: Trial) -> None:
-    """Samples of point, spot and directional lights (C8).
+    """Samples of point, spot and directional lights.
 
     One direction, chance 0.25 for a density, marked as delta; radiance 1 / d^2, of a spot times its
     linear falloff between beam and cutoff, 0 outside; within 1e-6, the spot's within 1e-5.
@@ -336,7 +336,7 @@ HIDERS = _hiders()
 
 @case(2, each={"name": HIDERS})
 def hidden_parts_of_lights(t: Trial, name: str) -> None:
-    """A black plate hides a part of a lamp: its share of the shadow rays is occluded (C1).
+    """A black plate hides a part of a lamp: its share of the shadow rays is occluded.
 
     By area for flat lamps, by solid angle for the sphere; exact binomial, 10^5 rays: sees 0.8 %
     (absolute), in a full run 0.4 %.
@@ -349,7 +349,7 @@ def hidden_parts_of_lights(t: Trial, name: str) -> None:
 
 @case(2)
 def choice_of_light(t: Trial) -> None:
-    """Two lamps, of which a black plate hides the first: its share of shadow rays is occluded (C7).
+    """Two lamps, of which a black plate hides the first: its share of shadow rays is occluded.
 
     Choice in proportion to area times radiance, here 2 x 1 x 3 to 1 x 1 x 2: 3/4, with a sky as
     without, which takes none. Exact binomial, 4 x 10^5 rays: sees 0.3 % (absolute).
@@ -394,7 +394,7 @@ def cells_seen(corner: Array, a: Array, b: Array) -> Array:
 
 @case(2, each={"tree": [False, True]}, quick=lambda tree: not tree)
 def light_and_place_are_independent(t: Trial, tree: bool) -> None:
-    """Which lamp is sampled, and where on it: one joint law (C7).
+    """Which lamp is sampled, and where on it: one joint law.
 
     A pixel is a sample: its channel tells the lamp, plates before half of the cells tell the bits
     of the cell, in nine renders with one seed; roulette ends all paths at the floor. Chi-square of
@@ -441,7 +441,7 @@ def light_and_place_are_independent(t: Trial, tree: bool) -> None:
 
 @case(2)
 def choice_among_many_lights(t: Trial) -> None:
-    """Of 100 lamps of radiance 1 to 100 one shines upwards, in turn (C7).
+    """Of 100 lamps of radiance 1 to 100 one shines upwards, in turn.
 
     Rays wanted: the share of the others. Binomial for nine lamps; sees 0.3 % of all rays.
     """
@@ -495,7 +495,7 @@ def _area(part: Part) -> float:
 
 @case(2, each={"name": LIT})
 def density_when_hit(t: Trial, name: str) -> None:
-    """A light that a direction meets is weighted with the density of its light samples (C3).
+    """A light that a direction meets is weighted with the density of its light samples.
 
     Whole paths, replayed on the CPU: emission found after a diffuse bounce carries the weight
     p^2 / (p^2 + q^2), p = cos / pi, q = chance distance^2 / (area cos), of a sphere and a near

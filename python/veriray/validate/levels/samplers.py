@@ -84,7 +84,7 @@ def replayed(t: Trial, scene: Any, n: int, max_depth: int) -> list[list[dict[str
 
 @case(2, each={"name": INVERSE})
 def mappings(t: Trial, name: str) -> None:
-    """Points of the maps to hemisphere, sphere, triangle and disc fall as their density says (C1).
+    """Points of the maps to hemisphere, sphere, triangle and disc fall as their density says.
 
     10^5 points: sees 1 % in scale, 4 % in tilt, in a full run half of that.
     """
@@ -94,7 +94,7 @@ def mappings(t: Trial, name: str) -> None:
 
 @case(2)
 def moments(t: Trial) -> None:
-    """Means that are known (C9).
+    """Means that are known.
 
     E[cos] = 2/3, E[cos^2] = 1/2 of the cosine lobe; E[x] = 0; barycentric weights 1/3. n = 10^5:
     sees 0.5 %.
@@ -131,7 +131,7 @@ def a_planted_percent_is_found(t: Trial) -> None:
 
 @case(2, each={"open_": [2.0, 0.5, 1e-13]})
 def cones(t: Trial, open_: float) -> None:
-    """Directions in cones of 1 - cos = 2, 1/2 and 1e-13 are uniform (C1).
+    """Directions in cones of 1 - cos = 2, 1/2 and 1e-13 are uniform.
 
     10^5 points: sees 1 % in scale, 4 % in tilt, in a full run half of that.
     """
@@ -146,7 +146,7 @@ ASYMMETRIES = (0.0, 1e-4, -0.5, 0.9, 0.999, -0.999, 0.9999, -0.9999)
 
 @case(2, each={"g": ASYMMETRIES})
 def phase_function(t: Trial, g: float) -> None:
-    """Henyey and Greenstein's phase function, by its cumulative distribution (C1, C10).
+    """Henyey and Greenstein's phase function, by its cumulative distribution.
 
     10^5 directions: sees 1 % in scale, 4 % in tilt, in a full run half of that.
     """
@@ -157,7 +157,7 @@ def phase_function(t: Trial, g: float) -> None:
 
 @case(2)
 def phase_function_moments(t: Trial) -> None:
-    """Moments of the phase function about a tilted axis (C9).
+    """Moments of the phase function about a tilted axis.
 
     E[P_l(cos)] = g^l for Legendre's polynomials, l = 1, 2, 3; 50,000 directions a value of g.
     """
@@ -172,7 +172,7 @@ def phase_function_moments(t: Trial) -> None:
 
 @case(2)
 def free_flights(t: Trial) -> None:
-    """Free flights are exponential with mean 1, and pairs of them independent (C1, C9).
+    """Free flights are exponential with mean 1, and pairs of them independent.
 
     By their cumulative distribution; 10^5 pairs: sees 1 % in scale, 4 % in tilt, in a full run half
     of that.
@@ -200,7 +200,7 @@ def halves(t: Trial, n: int) -> tuple[Array, Array, Array]:
 
 @case(2, each={"sigma": [0.5, 20.0], "limit": [0.1, 3.0]})
 def collisions(t: Trial, sigma: float, limit: float) -> None:
-    """Flights in a grey medium: those that collide before a limit, and where (C1, C7, C9).
+    """Flights in a grey medium: those that collide before a limit, and where.
 
     Share 1 - exp(-sigma limit) by an exact binomial; distances by their cumulative distribution,
     the others in a cell of their own. 10^5 flights: sees 1 % of the share.
@@ -245,7 +245,7 @@ def collisions_in_colour(t: Trial) -> None:
 
 @case(2, each={"g": [0.0, 0.7, -0.9]})
 def scatterings_of_paths(t: Trial, g: float) -> None:
-    """Flights and directions of whole paths in a medium, as the renderer takes them (C1, C9).
+    """Flights and directions of whole paths in a medium, as the renderer takes them.
 
     Replayed on the CPU, 10^4 paths from the centre of a ball of radius 1 and sigma 2: distances and
     angles by their cumulative distributions, the share that leaves by an exact binomial. Sees 3 %

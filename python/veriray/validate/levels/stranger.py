@@ -1,4 +1,4 @@
-"""Pictures against those of an independent renderer, at equal effort (VALIDATION.md, S0 to S6).
+"""Pictures against those of an independent renderer, at equal effort.
 
 The stranger (reference/ in the source) is written from the specification alone: numpy in float64,
 Embree for visibility, other random numbers. Its results on the scenes of scenes/checks come with
@@ -266,7 +266,7 @@ def every_scene_has_a_reference(t: Trial) -> None:
 
 @case(5, each={"name": NAMES}, quick=lambda name: name in QUICK)
 def agrees_with_the_reference(t: Trial, name: str) -> None:
-    """Our picture against the independent reference's, at equal effort (S0 to S6, L4).
+    """Our picture against the independent reference's, at equal effort.
 
     No difference; sees about 0.1 % of the whole picture at effort 4 and above, 0.5 % below.
     R. A. Fisher, The Design of Experiments, 1935; P. H. Westfall and S. S. Young,
@@ -290,7 +290,7 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
                         "spot_light", "tent")},
       quick=lambda name: name == "spot_light")  # fmt: skip
 def finds_a_bias_of_the_whole_picture(t: Trial, name: str) -> None:
-    """Planted: our picture times 1.001 is rejected, by its mean alone (S1).
+    """Planted: our picture times 1.001 is rejected, by its mean alone.
 
     At effort 4 and above; below it, times 1.005. The shift is above twelve standard errors in these
     scenes; what 90 % power sees in each scene is stated by agrees_with_the_reference.

@@ -36,7 +36,7 @@ from veriray.validate.trial import Skipped, Trial, case
 Array = npt.NDArray[Any]
 
 
-# ---- N1, N2: the same scene elsewhere and of another size ----
+# ---- the same scene elsewhere and of another size ----
 
 MOVED = ("sphere_light", "glass_mesh", "touching_media", "disk_ellipse", "point_light")
 SCALES = (1e-6, 1e-3, 1e3, 1e6, 1e9)
@@ -99,7 +99,7 @@ def alike(t: Trial, a: veriray.Render, b: veriray.Render, margin: float) -> None
       quick=lambda name, way: name != "cornell" and way in ("moved by 1e6", "times 1e-06",
                                                             "times 1e+09"))  # fmt: skip
 def same_picture_elsewhere(t: Trial, name: str, way: str) -> None:
-    """A whole scene a million away, or 1e-6 to 1e9 times as large: the same picture [N1, N2].
+    """A whole scene a million away, or 1e-6 to 1e9 times as large: the same picture.
 
     With the same seed only rounding differs: at most 2 % of the pixels by more than 1e-3, the mean
     by less than 2e-3. With another seed each pixel and the mean agree within noise (Welch over 32
@@ -121,7 +121,7 @@ def same_picture_elsewhere(t: Trial, name: str, way: str) -> None:
 
 @case(8, each={"name": ["glass_mesh", "spheres_300", "disk_ellipse"]})
 def same_depths_elsewhere(t: Trial, name: str) -> None:
-    """Distances from the camera, a scene in place and a million away [N1].
+    """Distances from the camera, a scene in place and a million away.
 
     The same primitives, and distances within 1e-6, but for 1 in 500 rays that pass an edge.
     """
@@ -141,12 +141,12 @@ def same_depths_elsewhere(t: Trial, name: str) -> None:
     t.check((~same).mean() < 2e-3, f"{(~same).mean():.2%} of the rays differ")
 
 
-# ---- N3, N8: spheres of every size ----
+# ---- spheres of every size ----
 
 
 @case(8, each={"radius": [1e-6, 1e-3, 1.0, 1e3, 1e6], "height": [1e-6, 1e-3, 1.0, 1e3, 1e6]})
 def sphere_from_near_and_far(t: Trial, radius: float, height: float) -> None:
-    """A diffuse ball under a sky of 1, seen from `height` radii above it [N8].
+    """A diffuse ball under a sky of 1, seen from `height` radii above it.
 
     Its albedo; sees 1 %. Convex: two segments a path and no blocked shadow ray, that is no hit
     with itself (exact).
@@ -160,7 +160,7 @@ def sphere_from_near_and_far(t: Trial, radius: float, height: float) -> None:
 
 @case(8, each={"radius": [1e-6, 1.0, 1e6], "at": [0.0, 0.9, 0.99999]})
 def inside_a_sphere(t: Trial, radius: float, at: float) -> None:
-    """A furnace that is a sphere, from its centre and from near its wall [N8].
+    """A furnace that is a sphere, from its centre and from near its wall.
 
     E / (1 - rho) = 1; sees 2 %. Nothing gets out and nothing is blocked (exact).
     """
@@ -173,7 +173,7 @@ def inside_a_sphere(t: Trial, radius: float, at: float) -> None:
 
 @case(8, each={"radius": [1e-6, 1.0, 1e6], "material": ["glass", "medium"]})
 def glass_and_media_of_every_size(t: Trial, radius: float, material: str) -> None:
-    """A lossless ball of glass or fog in a sky of 1, radius 1e-6 to 1e6 [N8].
+    """A lossless ball of glass or fog in a sky of 1, radius 1e-6 to 1e6.
 
     1; sees 1 %. Nothing is cut, so no path hangs on a surface (exact).
     """
@@ -189,7 +189,7 @@ def glass_and_media_of_every_size(t: Trial, radius: float, material: str) -> Non
 
 @case(8, each={"radius": [1e-6, 1.0, 1e6], "tree": [False, True]})
 def rays_tangent_to_a_sphere(t: Trial, radius: float, tree: bool) -> None:
-    """Rays that pass a sphere's centre at its radius, from 1e-3 to 1e3 radii before it [N8].
+    """Rays that pass a sphere's centre at its radius, from 1e-3 to 1e3 radii before it.
 
     Nearer than R by more than 1e-5 R they meet it, further off they do not; between, either, at
     the place of contact. From inside, along its wall, all meet it.
@@ -222,7 +222,7 @@ def rays_tangent_to_a_sphere(t: Trial, radius: float, tree: bool) -> None:
 
 @case(8)
 def pebble_by_a_mountain(t: Trial) -> None:
-    """Radius 1e-3 on a black plain of 2,000 beside a ball of 1,000 [N3].
+    """Radius 1e-3 on a black plain of 2,000 beside a ball of 1,000.
 
     rho times the sky's share: the pebble's side sees half of the sky, less the mountain's cone
     around the horizon. Sees 2 %.
@@ -237,7 +237,7 @@ def pebble_by_a_mountain(t: Trial) -> None:
         t.agrees(seen, 0.8 * (0.5 - hidden), 400_000, 0.02, margin=2e-4)
 
 
-# ---- N4: closed meshes do not leak ----
+# ---- closed meshes do not leak ----
 
 SMALL = ("box of 12", "box of 12, turned", "icosahedron, turned", "cube of 3,072, turned",
          "slivers", "slivers, turned")  # fmt: skip
@@ -245,7 +245,7 @@ SMALL = ("box of 12", "box of 12, turned", "icosahedron, turned", "cube of 3,072
 
 @case(8, each={"name": leaks.MESHES}, quick=lambda name: name in SMALL)
 def closed_meshes_do_not_leak(t: Trial, name: str) -> None:
-    """Rays from inside a closed mesh at its vertices and edges all meet it [N4].
+    """Rays from inside a closed mesh at its vertices and edges all meet it.
 
     0 of 1e6 leak, at scales 1e-3 to 1e6, in place and a million away.
     """
@@ -257,7 +257,7 @@ def closed_meshes_do_not_leak(t: Trial, name: str) -> None:
 
 @case(8, each={"turned": [False, True]})
 def furnace_of_slivers(t: Trial, turned: bool) -> None:
-    """A closed bar of triangles 1 : 2e6, glowing inside [N4].
+    """A closed bar of triangles 1 : 2e6, glowing inside.
 
     E / (1 - rho) = 1 at every pixel; sees 1 %. Nothing gets out but for the stated leaks at edges.
     """
@@ -287,7 +287,7 @@ def strips(turn: Array) -> Part:
 
 @case(8, each={"turned": [False, True], "tree": [False, True]})
 def t_junctions(t: Trial, turned: bool, tree: bool) -> None:
-    """Vertices in the middle of a neighbour's edge: rays from inside at those edges [N4].
+    """Vertices in the middle of a neighbour's edge: rays from inside at those edges.
 
     Without a tree none leaks. In a tree such a mesh is open by a rounding: of the rays aimed at
     the very edge 1 in 100 leak, turned (the vertex is then off the edge) 1 in 5, of others 1e-5.
@@ -400,12 +400,12 @@ def rays_in_the_plane_of_a_triangle(t: Trial, turned: bool, tree: bool) -> None:
     t.figure("share that meets the triangle", float((~wall).mean()))
 
 
-# ---- N7: grazing ----
+# ---- grazing ----
 
 
 @case(8, each={"cosine": [1e-3, 1e-4, 1e-5, 1e-6]})
 def grazing_view_of_a_floor(t: Trial, cosine: float) -> None:
-    """A diffuse floor under a sky of 1 at cosines of 1e-3 to 1e-6 [N7].
+    """A diffuse floor under a sky of 1 at cosines of 1e-3 to 1e-6.
 
     Its albedo; sees 1 %. Two segments a path, no blocked shadow ray: no hit with itself (exact). A
     limit: a direction is rounded to 6e-8, so that at 1e-7 the camera looks over the floor.
@@ -419,7 +419,7 @@ def grazing_view_of_a_floor(t: Trial, cosine: float) -> None:
 
 @case(8)
 def grazing_glass(t: Trial) -> None:
-    """A thin pane at 89.99 degrees reflects everything but 1e-3 [N7].
+    """A thin pane at 89.99 degrees reflects everything but 1e-3.
 
     A sky of 1 on both sides is 1 within 1e-5; a white ceiling over a sky of 0 more than .99.
     """
@@ -435,7 +435,7 @@ def grazing_glass(t: Trial) -> None:
 
 @case(8, each={"kind": ["diffuse", "mirror", "plastic"]})
 def smooth_normals_let_no_light_out(t: Trial, kind: str) -> None:
-    """A lamp in a closed mesh with smooth normals, 80 faces, its outside seen from all sides [N7].
+    """A lamp in a closed mesh with smooth normals, 80 faces, its outside seen from all sides.
 
     Exactly 0: no light comes through, however the normals bend at grazing angles.
     """
@@ -450,12 +450,12 @@ def smooth_normals_let_no_light_out(t: Trial, kind: str) -> None:
         t.check(not r.image.any(), "light comes through")
 
 
-# ---- N5, N6, N19: degenerate, coincident and strange surfaces ----
+# ---- degenerate, coincident and strange surfaces ----
 
 
 @case(8)
 def degenerate_parts_do_no_harm(t: Trial) -> None:
-    """A thousand triangles in one place, and points and lines among them [N5, N19].
+    """A thousand triangles in one place, and points and lines among them.
 
     The albedo under a sky of 1, sees 3 %; two dropped, a thousand kept, memory below 8 GiB.
     """
@@ -473,7 +473,7 @@ def degenerate_parts_do_no_harm(t: Trial) -> None:
 
 @case(8, quick=False)
 def a_million_triangles_in_one_place(t: Trial) -> None:
-    """10^6 equal triangles: no box can part them, the tree stays bounded [N19].
+    """10^6 equal triangles: no box can part them, the tree stays bounded.
 
     The albedo under a sky of 1, sees 3 %; the scene takes less than 2 KiB a triangle.
     """
@@ -501,7 +501,7 @@ def behind(tree: bool) -> list[Part]:
 
 @case(8, each={"tree": [False, True], "kind": ["quad", "triangle", "disk", "sphere"]})
 def coincident_surfaces_show_the_first(t: Trial, tree: bool, kind: str) -> None:
-    """Two surfaces in one place with different materials [N6].
+    """Two surfaces in one place with different materials.
 
     The lowest number wins every tie: the same bits as without the second, from above and at an edge
     seen so near that rounding shows.
@@ -527,7 +527,7 @@ def coincident_surfaces_show_the_first(t: Trial, tree: bool, kind: str) -> None:
 
 @case(8, each={"tree": [False, True]})
 def coplanar_surfaces_that_overlap(t: Trial, tree: bool) -> None:
-    """Shining quads of one plane that overlap in part, radiance 1 and 2 [N6].
+    """Shining quads of one plane that overlap in part, radiance 1 and 2.
 
     1 where the first is, 2 where the second alone is, 0 elsewhere, at every pixel (exact).
     """
@@ -560,7 +560,7 @@ def room_in_room(gap: float, glow: float) -> veriray.Scene:
 
 @case(8, each={"gap": GAPS})
 def walls_with_a_gap(t: Trial, gap: float) -> None:
-    """A glowing room in a dark room, the walls no, one or a few ulp apart [N6, 1-ulp gaps].
+    """A glowing room in a dark room, the walls no, one or a few ulp apart.
 
     E / (1 - rho) = 1 at every pixel; sees 1 %. Nothing gets out, and nothing ends in the gap, but
     for the stated leaks at edges of flat rooms.
@@ -573,7 +573,7 @@ def walls_with_a_gap(t: Trial, gap: float) -> None:
 
 @case(8, each={"gap": GAPS})
 def glowing_walls_with_a_gap(t: Trial, gap: float) -> None:
-    """A glowing room in a glowing room, the walls no, one or a few ulp apart [N6, 1-ulp gaps].
+    """A glowing room in a glowing room, the walls no, one or a few ulp apart.
 
     E / (1 - rho) = 1 from a gap of 1e-5 on; sees 1 %. Two lamps in one place are no scene: nearer,
     light samples count the hidden lamp too, 1 to 1.25. Nothing gets out, nothing ends in the gap.
@@ -592,7 +592,7 @@ def glowing_walls_with_a_gap(t: Trial, gap: float) -> None:
 
 @case(8, each={"gap": [2.0**-23, 1e-6, 1e-5, 1e-3], "tree": [False, True]})
 def sheet_on_a_sheet(t: Trial, gap: float, tree: bool) -> None:
-    """Two sheets `gap` apart, 1 ulp and more, rays from either side [N6, 1-ulp gaps].
+    """Two sheets `gap` apart, 1 ulp and more, rays from either side.
 
     Each ray meets one of the two; from 1e-5 on it is the nearer one.
     """
@@ -613,7 +613,7 @@ def sheet_on_a_sheet(t: Trial, gap: float, tree: bool) -> None:
 
 @case(8, each={"kind": ["winding", "isolated vertices", "three on an edge", "open"]})
 def meshes_that_are_no_solid(t: Trial, kind: str) -> None:
-    """Mixed winding, isolated vertices, three faces on an edge, holes [N19].
+    """Mixed winding, isolated vertices, three faces on an edge, holes.
 
     A two-sided ball of 80 faces: isolated vertices change no bit, other windings no pixel by 1e-5;
     with a fin or a hole and an albedo of 1 it is lossless in a sky of 1: 1, sees 1 %.
@@ -646,12 +646,12 @@ def meshes_that_are_no_solid(t: Trial, kind: str) -> None:
              margin=1e-3)  # fmt: skip
 
 
-# ---- N17: strange places ----
+# ---- strange places ----
 
 
 @case(8, each={"kind": ["triangle", "quad", "disk", "sphere"], "count": [0, 1, 2]})
 def scenes_of_few_primitives(t: Trial, kind: str, count: int) -> None:
-    """0, 1 and 2 primitives, shining or grey, under a sky and without [N17].
+    """0, 1 and 2 primitives, shining or grey, under a sky and without.
 
     Radiance of the one looked at (exact), else the sky (exact); a grey one under a sky of 1 is its
     albedo within noise.
@@ -681,7 +681,7 @@ def scenes_of_few_primitives(t: Trial, kind: str, count: int) -> None:
 
 @case(8)
 def empty_and_dark(t: Trial) -> None:
-    """No light, no surface, neither of them [N17].
+    """No light, no surface, neither of them.
 
     Black, the sky, black, exactly; no shadow ray is cast, and one segment a path without surfaces.
     """
@@ -700,7 +700,7 @@ def empty_and_dark(t: Trial) -> None:
 
 @case(8)
 def camera_in_and_on_solids(t: Trial) -> None:
-    """In an emitter's solid, in a glowing room, on faces, edges and corners [N17].
+    """In an emitter's solid, in a glowing room, on faces, edges and corners.
 
     Backs do not shine: black, all absorbed. A room's front: its radiance. On a surface: finite,
     at most what shines.
@@ -723,7 +723,7 @@ def camera_in_and_on_solids(t: Trial) -> None:
 
 @case(8)
 def camera_in_odd_places(t: Trial) -> None:
-    """On a glass ball, a fog ball, a disk, in a point light and a shining ball's centre [N17].
+    """On a glass ball, a fog ball, a disk, in a point light and a shining ball's centre.
 
     Finite, and the ledger adds up, for three directions from three places.
     """
@@ -747,7 +747,7 @@ def camera_in_odd_places(t: Trial) -> None:
 
 @case(8)
 def a_hundred_shells(t: Trial) -> None:
-    """Null shells in one another, before a sky of 3 [N17].
+    """Null shells in one another, before a sky of 3.
 
     200 passes a ray, and the sky itself behind them (exact).
     """
@@ -760,7 +760,7 @@ def a_hundred_shells(t: Trial) -> None:
 
 @case(8)
 def mirrored_and_stretched(t: Trial) -> None:
-    """A mirrored world and camera; a box of 10^6 : 1 [N17].
+    """A mirrored world and camera; a box of 10^6 : 1.
 
     The same picture within noise (t test of 64 batch means a channel); E / (1 - rho) = 1 in the
     box, which stays closed but for the stated leaks at edges.
@@ -785,7 +785,7 @@ def mirrored_and_stretched(t: Trial) -> None:
 
 @case(8, once=True)
 def singular_transform_is_refused(t: Trial) -> None:
-    """A rectangle scaled by 0 along one axis [N17].
+    """A rectangle scaled by 0 along one axis.
 
     SceneError that says so.
     """

@@ -28,7 +28,7 @@ BLACK, MIRROR, NULL = dicts.BLACK, dicts.MIRROR, dicts.NULL
 LAMP_BELOW = dicts.flat("rectangle", [0, 0, -9], [0, 0, 1], 90, BLACK, [1, 2, 3])
 
 
-# ---- N9: nested and touching glass ----
+# ---- nested and touching glass ----
 
 
 def two_balls(gap: float, inner_first: bool, **settings: Any) -> veriray.Scene:
@@ -41,7 +41,7 @@ def two_balls(gap: float, inner_first: bool, **settings: Any) -> veriray.Scene:
 
 @case(8, each={"gap": [1e-2, 1e-4, 1e-5, 0.0, -1e-5, -1e-4, -1e-2], "inner_first": [False, True]})
 def nested_glass(t: Trial, gap: float, inner_first: bool) -> None:
-    """A ball of index 1.5 in one of 1.33 in a sky of 1, `gap` between them, or overlapping [N9].
+    """A ball of index 1.5 in one of 1.33 in a sky of 1, `gap` between them, or overlapping.
 
     Lossless: 1 at every pixel, also without a gap: the first of two in one place is met on every
     crossing.
@@ -52,7 +52,7 @@ def nested_glass(t: Trial, gap: float, inner_first: bool) -> None:
 
 @case(8, each={"gap": [1e-6, 2.0**-23, -1e-6], "inner_first": [False, True]})
 def glass_nearer_than_rounding(t: Trial, gap: float, inner_first: bool) -> None:
-    """The same with a gap below 2^-21 of the camera's distance, beyond float32 [N9].
+    """The same with a gap below 2^-21 of the camera's distance, beyond float32.
 
     A limit: a crossing may be lost on one way. Finite, .5 to 1.5 at every pixel, and where the
     balls overlap one path in ten is trapped until max_depth: it ends.
@@ -67,7 +67,7 @@ def glass_nearer_than_rounding(t: Trial, gap: float, inner_first: bool) -> None:
 
 @case(8, each={"gap": [1e-2, 1e-4, 1e-5]})
 def two_glasses_side_by_side(t: Trial, gap: float) -> None:
-    """Two cubes and two balls of glass, a thin gap of air between them, in a sky of 1 [N9].
+    """Two cubes and two balls of glass, a thin gap of air between them, in a sky of 1.
 
     1 at every pixel: no crossing is lost.
     """
@@ -83,7 +83,7 @@ def two_glasses_side_by_side(t: Trial, gap: float) -> None:
 
 @case(8)
 def wall_between_two_glasses(t: Trial) -> None:
-    """Water on glass without a gap: one surface between them, index over index [N9].
+    """Water on glass without a gap: one surface between them, index over index.
 
     A slab of 1.5 below a slab of 1.33: 1 in a sky of 1, and at normal incidence the stack's
     reflectance of a lamp above, all orders.
@@ -103,7 +103,7 @@ def wall_between_two_glasses(t: Trial) -> None:
     t.agrees(seen, r, 1_000_000, 0.02)
 
 
-# ---- N10, N13: loops ----
+# ---- loops ----
 
 
 def in_a_glass_cube(depth: int) -> veriray.Scene:
@@ -115,7 +115,7 @@ def in_a_glass_cube(depth: int) -> veriray.Scene:
 
 @case(8, each={"cap": [1000, 4000]})
 def total_reflection_in_a_cube(t: Trial, cap: int) -> None:
-    """Light in a glass cube: some of it never leaves [N10].
+    """Light in a glass cube: some of it never leaves.
 
     Every direction cosine below sqrt(1 - 1 / n^2): of a pyramid of 90 degrees .371681. These end in
     depth_cut, at the cap, and no others (binomial); the segments grow with the cap alone.
@@ -136,7 +136,7 @@ def total_reflection_in_a_cube(t: Trial, cap: int) -> None:
 
 @case(8)
 def total_reflection_without_a_cap(t: Trial) -> None:
-    """The same with unlimited depth: it ends [N10].
+    """The same with unlimited depth: it ends.
 
     Segments MAX_PATH_DEPTH at most; the trapped paths are cut there or by roulette (their weight
     stays 1: by the cap alone).
@@ -151,7 +151,7 @@ def total_reflection_without_a_cap(t: Trial) -> None:
 
 @case(8, each={"room": ["box", "sphere"]})
 def ten_thousand_bounces(t: Trial, room: str) -> None:
-    """A closed mirror, 10,000 bounces [N13].
+    """A closed mirror, 10,000 bounces.
 
     Every path lives to 10,000 segments, nothing is seen of the sky: exact in the sphere; a box
     loses what `LEAKS` allows at its edges. On a CPU, vertex by vertex: directions keep their length
@@ -180,12 +180,12 @@ def ten_thousand_bounces(t: Trial, room: str) -> None:
             t.check(np.linalg.norm(positions, axis=1) < 1.00001, "a vertex outside of the ball")
 
 
-# ---- N21: indices ----
+# ---- indices ----
 
 
 @case(8, each={"eta": [1.0, 1 + 1e-7, 1 - 1e-7, 1 - 1e-6, 1 + 1e-4]})
 def glass_that_is_almost_air(t: Trial, eta: float) -> None:
-    """Indices 1, 1 +- 1e-7 and near it: a lamp through a ball [N21].
+    """Indices 1, 1 +- 1e-7 and near it: a lamp through a ball.
 
     Continuous: within 1e-3 of the lamp itself.
     """
@@ -197,7 +197,7 @@ def glass_that_is_almost_air(t: Trial, eta: float) -> None:
 
 @case(8, each={"eta": [1.0, 1 + 1e-7, 1 - 1e-7, 1 + 1e-4], "kind": ["plastic", "thindielectric"]})
 def coats_that_are_almost_air(t: Trial, eta: float, kind: str) -> None:
-    """Plastic and a pane of index 1, 1 +- 1e-7 and 1 + 1e-4 [N21].
+    """Plastic and a pane of index 1, 1 +- 1e-7 and 1 + 1e-4.
 
     Continuous: plastic is its base of .5 under a sky of 1, a pane shows the lamp; within 1e-3.
     """
@@ -219,7 +219,7 @@ def coats_that_are_almost_air(t: Trial, eta: float, kind: str) -> None:
     quick=lambda inside, outside: (inside, outside) in ((10.0, 0.1), (0.1, 10.0), (4.0, 1.0)),
 )
 def extreme_index(t: Trial, inside: float, outside: float) -> None:
-    """Indices of 1/100 to 100: a slab at normal incidence, a ball in a furnace [N21].
+    """Indices of 1/100 to 100: a slab at normal incidence, a ball in a furnace.
 
     R = ((n - 1) / (n + 1))^2 a surface, the slab 2 R / (1 + R), sees 1 %; the furnace 1.
     """
@@ -236,12 +236,12 @@ def extreme_index(t: Trial, inside: float, outside: float) -> None:
     t.check(abs(got.image.mean() - 1) < 1e-4 + 5 * got.stderr.max(), "the furnace is not 1")
 
 
-# ---- N11, N12: deep, black and white media ----
+# ---- deep, black and white media ----
 
 
 @case(8, each={"albedo": [0.9999, 0.99999]}, quick=lambda albedo: albedo == 0.9999)
 def deep_and_almost_white(t: Trial, albedo: float) -> None:
-    """A half space of optical depth 1e4, a thousand scatterings and more [N11].
+    """A half space of optical depth 1e4, a thousand scatterings and more.
 
     1 - H(1) sqrt(1 - w) (S. Chandrasekhar, 1950), sees 1.5 %; what is cut at MAX_PATH_DEPTH is
     counted: none at an albedo of .9999, below 1 in 1,000 at .99999.
@@ -260,7 +260,7 @@ def deep_and_almost_white(t: Trial, albedo: float) -> None:
 
 @case(8, each={"tau": [1e4, 1e6]})
 def ink(t: Trial, tau: float) -> None:
-    """Optical depths of 1e4 and 1e6 without scattering [N11].
+    """Optical depths of 1e4 and 1e6 without scattering.
 
     A lamp behind it, and a point light, are exactly 0; a path takes two segments, however deep.
     """
@@ -278,7 +278,7 @@ def ink(t: Trial, tau: float) -> None:
 
 @case(8, each={"tau": [300.0, 1e6]})
 def lossless_slab_adds_up(t: Trial, tau: float) -> None:
-    """Optical depths of 300 and 1e6, albedo 1, in a sky of 1 [N11].
+    """Optical depths of 300 and 1e6, albedo 1, in a sky of 1.
 
     R + T + depth_cut = 1 in counts: every path leaves above, below or is cut, none is lost
     (exact); 1 less what is cut, within 5 errors.
@@ -298,7 +298,7 @@ def lossless_slab_adds_up(t: Trial, tau: float) -> None:
 
 @case(8, each={"g": [0.999, -0.999, 0.9999, -0.9999, 0.999999]})
 def extreme_phase_functions(t: Trial, g: float) -> None:
-    """Almost straight on, almost straight back, in a lossless ball in a sky of 1 [N21].
+    """Almost straight on, almost straight back, in a lossless ball in a sky of 1.
 
     1; sees 1 %.
     """
@@ -309,7 +309,7 @@ def extreme_phase_functions(t: Trial, g: float) -> None:
 
 @case(8)
 def phase_function_about_isotropic(t: Trial) -> None:
-    """Henyey and Greenstein's density at g = 0, 1e-8 ... 1e-3 of both signs [N21].
+    """Henyey and Greenstein's density at g = 0, 1e-8 ... 1e-3 of both signs.
 
     Continuous: 1 / (4 pi) within 4 |g|, and its samples unit vectors within 1e-6.
     """
@@ -411,12 +411,12 @@ def camera_within(t: Trial, material: str, depth: float) -> None:
         t.agrees(dicts.scene(eye, ball, dicts.sky(1)), exact, 10_000, 0.01, margin=2e-5)
 
 
-# ---- N22: lamps in odd places ----
+# ---- lamps in odd places ----
 
 
 @case(8)
 def lamps_that_touch_and_cut_the_floor(t: Trial) -> None:
-    """A shining ball on the floor, near the point of contact, half sunk, around the point [N22].
+    """A shining ball on the floor, near the point of contact, half sunk, around the point.
 
     The cone's irradiance above the horizon; sees 2 %. From within it is dark.
     """
@@ -433,7 +433,7 @@ def lamps_that_touch_and_cut_the_floor(t: Trial) -> None:
 
 @case(8, each={"away": [1.0, 1e-2, 1e-4, 1e-5]})
 def lamp_that_stands_on_the_floor(t: Trial, away: float) -> None:
-    """An upright lamp 2 x 1 whose edge lies on the floor, seen from `away` before it [N22].
+    """An upright lamp 2 x 1 whose edge lies on the floor, seen from `away` before it.
 
     rho F of a perpendicular rectangle (J. R. Howell B-4), towards rho / 2 at the edge; sees 2 %.
     """
@@ -446,7 +446,7 @@ def lamp_that_stands_on_the_floor(t: Trial, away: float) -> None:
 
 @case(8, each={"away": [0.3, 8.0]})
 def lamp_of_two_triangles(t: Trial, away: float) -> None:
-    """The same lamp in a scene with a tree, where it is two triangles, nearby and far away [N22].
+    """The same lamp in a scene with a tree, where it is two triangles, nearby and far away.
 
     rho F; from far away the rectangle is sampled by area. Sees 1 %.
     """
@@ -497,7 +497,7 @@ CEILING = [([-3, -3], [3, -1]), ([-3, 1], [3, 3]), ([-3, -1], [-1, 1]), ([1, -1]
 @case(8, each={"ceiling": ["with a hole", "1e-5 above", "behind it, the lamp first",
                            "before it in number"]})  # fmt: skip
 def lamp_in_the_ceiling(t: Trial, ceiling: str) -> None:
-    """A lamp 2 x 2 in the plane of a black ceiling at height 1 [N6, N22].
+    """A lamp 2 x 2 in the plane of a black ceiling at height 1.
 
     With the opening cut, the ceiling 1e-5 above or the lamp first in number: rho F, sees 1 %, and
     the lamp is seen. The ceiling first in number hides the lamp to eyes; its light samples stay:
@@ -552,7 +552,7 @@ def near_lamps() -> dict[str, list[Part]]:
 
 @case(8, each={"lamp": near_lamps()})
 def lamps_in_odd_places_without_light_samples(t: Trial, lamp: str) -> None:
-    """Lamps that touch, cut or contain the point: light samples change nothing [N22].
+    """Lamps that touch, cut or contain the point: light samples change nothing.
 
     A lamp below the floor, a million times as strong, takes all light samples and gives no light.
     The picture is left to the directions that hit, and has the same mean as without it: z test of

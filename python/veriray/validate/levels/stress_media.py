@@ -26,7 +26,7 @@ NULL = material("null")
 
 @case(8, each={"distance": [300.0, 3e4], "around": ["vacuum", "ink"]})
 def medium_from_afar(t: Trial, distance: float, around: str) -> None:
-    """A turned box of lossless fog, 300 and 30,000 sizes away, in a sky of 1 [N2, N11].
+    """A turned box of lossless fog, 300 and 30,000 sizes away, in a sky of 1.
 
     Of the rays that enter, 1 in 40,000 and in 20,000 miss the way out at an edge, within rounding,
     and meet nothing. They have left: no path is cut at 1,000 segments (exact), 1 at every pixel,

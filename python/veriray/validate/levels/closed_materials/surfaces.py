@@ -36,7 +36,7 @@ from veriray.validate.trial import Trial, case
 
 @case(3, each={"nonlinear": (False, True), "angle": (0, 60, 80)})
 def plastic_in_a_sky(t: Trial, nonlinear: bool, angle: float) -> None:
-    """A smooth coat on a diffuse base in a sky of 1 (A34).
+    """A smooth coat on a diffuse base in a sky of 1.
 
     F + (1 - F) (1 - Fi) rho / (1 - Fi rho); linear: F + (1 - F) rho. Fi by quadrature.
     """
@@ -52,7 +52,7 @@ def plastic_in_a_sky(t: Trial, nonlinear: bool, angle: float) -> None:
 
 @case(3, each={"eta": (1.3, 1.9)})
 def roulette_between_lobes_is_splitting(t: Trial, eta: float) -> None:
-    """Radiance of a plastic floor under a lamp whose mirror image is a second lamp (A34).
+    """Radiance of a plastic floor under a lamp whose mirror image is a second lamp.
 
     Splitting, by quadrature: F(o) L_mirror + sum over the lamp of (1 - F(i)) (1 - F(o)) f cos.
     """
@@ -83,7 +83,7 @@ def roulette_between_lobes_is_splitting(t: Trial, eta: float) -> None:
 
 @case(3)
 def masks_and_panes_in_front_of_a_lamp(t: Trial) -> None:
-    """A lamp behind black masks of opacity .3 and .5, null surfaces and both sides of a mask (A40).
+    """A lamp behind black masks of opacity .3 and .5, null surfaces and both sides of a mask.
 
     .7 x .5 of it, at max_depth 1: passes are no bounces.
     """
@@ -97,7 +97,7 @@ def masks_and_panes_in_front_of_a_lamp(t: Trial) -> None:
 
 @case(3, each={"material": ("mask", "null", "thindielectric")})
 def shadow_rays_pass(t: Trial, material: str) -> None:
-    """A point light over a floor, a pane between (A20, A32).
+    """A point light over a floor, a pane between.
 
     Straight through, and no noise: .7, 1, (1 - f) / (1 + f) of it.
     """
@@ -123,7 +123,7 @@ def shadow_rays_pass(t: Trial, material: str) -> None:
 @case(3, each={"lamp": ("rectangle", "sphere"), "depth": (2, -1)},
       quick=lambda lamp, depth: depth == 2)  # fmt: skip
 def passes_do_not_count_as_bounces(t: Trial, lamp: str, depth: int) -> None:
-    """Ten null shells around a floor, before its lamp (A10, A2).
+    """Ten null shells around a floor, before its lamp.
 
     The form factor of the lamp, as without them, at max_depth 2 too.
     """
@@ -151,7 +151,7 @@ def tilted(degrees: float, material: Dict) -> tuple[veriray.Scene, float]:
 
 @case(3, each={"degrees": (5, 30, 60)})
 def shading_normals_do_not_light_from_behind(t: Trial, degrees: float) -> None:
-    """A diffuse plate with bent normals in a sky of 1 (A5, N7).
+    """A diffuse plate with bent normals in a sky of 1.
 
     A cosine lobe about n_s, cut at the plane of n_g: (1 + cos) / 2 of it. Nothing leaks.
     """
@@ -161,7 +161,7 @@ def shading_normals_do_not_light_from_behind(t: Trial, degrees: float) -> None:
 
 @case(3, each={"degrees": (5, 30, 60)})
 def mirror_about_a_shading_normal(t: Trial, degrees: float) -> None:
-    """A bent mirror sees the lamp where the bent normal says (N7).
+    """A bent mirror sees the lamp where the bent normal says.
 
     The lamp's radiance, or 0 exactly where the direction is behind the plate.
     """

@@ -236,7 +236,7 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& l
     hit.t = load(w.t, typename L::F()), hit.primitive = load(w.primitive, typename L::U());
 }
 
-// Lanes of `active` that meet a primitive other than `skip` before t_max.
+// Those lanes of `active` that meet a primitive other than `skip` before t_max.
 template <class L, uint32_t kKinds>
 VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::F t_max,
                                     typename L::M active, typename L::U skip) {

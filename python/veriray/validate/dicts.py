@@ -31,7 +31,7 @@ def look(origin: Sequence[float], target: Sequence[float]) -> Array:
 
 def view(origin: Any, target: Any, fov: float = 0.01, size: int | tuple[int, int] = 1,
          kind: str = "perspective", up: Any = None, **more: Any) -> Dict:  # fmt: skip
-    """A sensor; the default sees one point. size: of the film, its rfilter is `rfilter` or box."""
+    """A sensor; the default sees one point. size: of the film; rfilter: its filter, default box."""
     to_world = np.asarray(camera(origin, target, up=up).to_world)
     width, height = (size, size) if isinstance(size, int) else size
     rfilter = more.pop("rfilter", {"type": "box"})
@@ -99,9 +99,9 @@ def sphere(center: Sequence[float], radius: float, bsdf: Dict, radiance: Any = N
 
 def flat(kind: str, centre: Sequence[float], normal: Sequence[float], half: float | Sequence[float],
          bsdf: Dict, radiance: Any = None, **more: Any) -> Dict:  # fmt: skip
-    """A rectangle or disk of half sizes `half` (one or two) whose front looks along `normal`.
+    """A rectangle or disk of half sizes `half` (one or two) whose front faces along `normal`.
 
-    The first half size is along world x as far as the plane goes, or y where it faces x.
+    The first half size is along world x as far as the plane allows, or along y if it faces x.
     """
     n = np.asarray(normal, np.float64) / np.linalg.norm(normal)
     a = np.eye(3)[int(abs(n[0]) > 0.9)]
@@ -129,7 +129,7 @@ def scene(sensor: Dict, *objects: Dict, max_depth: int = -1, rr_depth: int = 5) 
 
 
 def facing(*above: Dict, rr_depth: int = 5) -> veriray.Scene:
-    """A small diffuse disk (albedo 1) over a black floor of radiance 1; `above`: what hangs there.
+    """A small diffuse disk (albedo 1) over a black floor of radiance 1; `above`: objects over it.
 
     Things above are at z = 1 and wide. The disk's radiance is the reflectance of what is above for
     diffuse light, less 3e-6 of it: the disk hides so much of its own picture in a mirror.

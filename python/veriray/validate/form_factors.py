@@ -1,8 +1,8 @@
 """Form factors: the share of a surface's diffuse light that reaches another one.
 
-Closed forms with their sources and, for each, a second way to the same number: Lambert's sum over
-the edges of a polygon (`scenes.lambert`), or quadrature. J. R. Howell, A Catalog of Radiation Heat
-Transfer Configuration Factors, 1982, has them under the letters given.
+Closed forms with their sources, each with a second derivation: Lambert's sum over the edges of a
+polygon (`scenes.lambert`), or quadrature. The letters given are those of J. R. Howell, A Catalog of
+Radiation Heat Transfer Configuration Factors, 1982.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def disk_upright(radius: float, distance: float, height: float) -> float:
 
 
 def to_disk(centre: Any, a: Any, b: Any, normal: Any, n: int = 200) -> float:
-    """From the origin to an ellipse with half axes a and b, by quadrature; one of its sides."""
+    """From the origin to one side of an ellipse with half axes a and b, by quadrature."""
     c, a, b, up = (np.asarray(v, np.float64) for v in (centre, a, b, normal))
     r, wr = gauss(n)
     phi = (np.arange(4 * n) + 0.5) / (4 * n) * 2 * math.pi

@@ -20,7 +20,7 @@ WORST = ("fail", "error", "inconclusive", "pass", "skip")
 
 
 def verdict(outcomes: list[Mapping[str, Any]]) -> str:
-    """One cell for the outcomes of a line on a kind of device: the worst, and how many of them."""
+    """One cell for the outcomes of a row on a kind of device: the worst verdict and its count."""
     if not outcomes:
         return "-"
     names = [str(o["verdict"]) for o in outcomes]
@@ -30,7 +30,7 @@ def verdict(outcomes: list[Mapping[str, Any]]) -> str:
 
 
 def stress_table(*validations: Mapping[str, Any]) -> str:
-    """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row a stress line.
+    """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row per question.
 
     Columns: the case, the scene, what is expected (the case's docstring), verdicts on the CPU and
     on CUDA. Cases with arguments share a row.

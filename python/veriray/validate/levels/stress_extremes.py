@@ -1,6 +1,6 @@
 """Stress of numbers and sizes: many samples, far indices, huge and tiny values, bad input, memory.
 
-In every case no sample is non-finite and the ledger adds up, besides what the case states.
+In every case no sample is non-finite and the ledger adds up, in addition to what the case states.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def equal_samples(t: Trial, spp: int) -> None:
 def indices_across_two_to_the_32(t: Trial) -> None:
     """Sample ranges across 2^32, 2^33 and 2^63, and the last ones.
 
-    A range is its two halves to the bit; no sample is one of another place.
+    A range equals its two halves bit for bit; no sample equals one elsewhere.
     """
     scene = furnace(0.7, 0.5, width=4, height=3)
     host = t.native_scene(scene)
@@ -104,8 +104,8 @@ def same_statistics_far_out(t: Trial, begin: int) -> None:
 def films_of_more_than_two_to_the_32_samples(t: Trial) -> None:
     """Two films of one sample, added to each other in turn until they hold 2^48.
 
-    A Fibonacci number of either sample: sums and number of samples are those of Python's integers,
-    exactly, at each step.
+    Each holds a Fibonacci number of either sample: sums and number of samples are those of Python's
+    integers, exactly, at each step.
     """
     host = t.native_scene(furnace(0.7, 0.5, width=4, height=3))
     films = [t.native_film(4, 3), t.native_film(4, 3)]
@@ -127,8 +127,8 @@ def films_of_more_than_two_to_the_32_samples(t: Trial) -> None:
 def more_than_two_to_the_32_paths_in_one_call(t: Trial) -> None:
     """16 x 16 pixels, 2^24 + 800 samples: 2^32 paths and 204,800 more.
 
-    One call has the ledger and the film of two that meet within a job, to the bit; live[0] is the
-    number of paths. Three lamps, narrow stripes. Minutes on one thread.
+    One call gives the ledger and the film of two that meet within a job, bit for bit; live[0] is
+    the number of paths. Three lamps, narrow stripes. Minutes on one thread.
     """
     lamps = [quad([-9, y, 9], [0, 0.2, 0.1], [18, 0, 0], 0, y + 4) for y in (-2.1, -0.2, 1.6)]
     view = camera([0, 0, 0], [0.1, 0.2, 1], 40)
@@ -155,7 +155,7 @@ def more_than_two_to_the_32_paths_in_one_call(t: Trial) -> None:
 def film_sizes(t: Trial, size: tuple[int, int]) -> None:
     """Films of 1 x 1, 16384 x 1, 1 x 65536 and odd sizes.
 
-    The furnace cut after direct light, .75, within 2 % (one pixel: within .2).
+    The furnace, cut after direct light, is .75 within 2 % (one pixel: within .2).
     """
     width, height = size
     r = t.render(furnace(0.5, 0.5, max_depth=2), 1, width=width, height=height)
@@ -253,7 +253,7 @@ def memory_does_not_depend_on_spp(t: Trial, which: str) -> None:
 def extreme_radiance(t: Trial, radiance: float) -> None:
     """The furnace at 10^30 and 10^-30; beyond.
 
-    2 E, sees 1 %, with finite errors; 10^33 and 10^-33 are refused by name.
+    2 E, sees 1 %, with finite errors; 10^33 and 10^-33 raise an error that names them.
     """
     t.agrees(furnace(0.5, radiance), 2 * float(np.float32(radiance)), 100_000, 0.01)
     factor = 1e3 if radiance > 1 else 1e-3
@@ -290,10 +290,10 @@ LIT = 0.5 * lambert([0, 0, 0], [0, 0, 1], [[-1, -1, 1], [1, -1, 1], [1, 1, 1], [
 
 @case(8)
 def emission_ratio_of_a_trillion(t: Trial) -> None:
-    """A lamp of 10^6 and one of 10^-6 that alone lights the point.
+    """A lamp of 10^6, and one of 10^-6 that alone lights the point.
 
-    It is found and not lost: almost all light samples go to the bright one, the estimate is the
-    material's. Sees 1 %.
+    Its light is not lost: almost all light samples go to the bright lamp, so the material's samples
+    make the estimate. Sees 1 %.
     """
     floor = quad([-5, -5, 0], [10, 0, 0], [0, 10, 0], 0.5)
     dim = quad([-1, -1, 1], [0, 2, 0], [2, 0, 0], 0, 1e-6)
@@ -306,8 +306,8 @@ def emission_ratio_of_a_trillion(t: Trial) -> None:
 def albedo_zero_and_one(t: Trial) -> None:
     """Black walls, white walls to a depth of 200.
 
-    Black ones end every path at once (exact); white ones never do: all are cut but for the stated
-    leaks at edges, and the sum is 200 within 1 %.
+    Black walls end every path at once (exact). White walls never do: all paths are cut, except for
+    the stated leaks at edges, and the sum is 200 within 1 %.
     """
     r = t.render(furnace(0.0, 2.0, width=4, height=4), 10)
     t.check(r.image == 2, "black walls")
@@ -422,8 +422,8 @@ def too_bright() -> veriray.Scene:
 def a_sample_beyond_the_film_is_located(t: Trial) -> None:
     """Planted: the sky from within glass in glass, 2.6e6 times brighter, too bright for the film.
 
-    The samples that the film cannot hold are counted, all of the one pixel that sees the spot, and
-    given with pixel, sample and radiance; every other pixel is as it should be.
+    The samples that the film cannot hold are counted and listed with pixel, sample and radiance.
+    All belong to the one pixel that sees the spot; every other pixel is as it should be.
     """
     scene = too_bright()
     with warnings.catch_warnings(record=True) as warned:

@@ -1,7 +1,7 @@
 """Closed forms under every scheduler: the mean of a picture of many pixels.
 
-Level 6 proves that schedulers give equal bits; here each gives the right answer by itself, on
-pictures wide enough to fill it.
+Level 6 proves that schedulers give equal bits; here each gives the right answer on its own, for
+pictures large enough to fill it.
 """
 
 from __future__ import annotations

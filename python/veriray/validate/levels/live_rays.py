@@ -107,7 +107,7 @@ def closed_furnace(t: Trial, albedo: float, rr_depth: int, scheduler: str) -> No
     live[d] = N below rr_depth, then N rho^d: exact tests of live[d + 1] among live[d], whose rate
     is rho^rr_depth at the first roulette and rho at each later one, and of all later survivors
     together (negative binomial). No path may end otherwise. One albedo leaves policies untested:
-    .343, .7 and .98 are needed. Sees 0.4 % in the survival probability where roulette begins at
+    .343, .7 and .98 are needed. Sees 0.4 % in the survival probability if roulette begins at
     once. J. Arvo and D. Kirk, Particle Transport and Image Synthesis, 1990.
     """
     rho, n = single(albedo), 320_000 if albedo > 0.9 else 1_600_000

@@ -97,7 +97,7 @@ def filters(t: Trial, name: str, edge: str) -> None:
     """A bright half plane whose corner falls on a point of a 16 x 12 film.
 
     Every pixel holds the part of its filter beyond both edges: finds shifts, flips, aspect, field
-    of view, jitter and filter errors. Exact binomial, 25,000 samples a pixel: sees 0.015 pixel.
+    of view, jitter and filter errors. Exact binomial, 25,000 samples per pixel: sees 0.015 pixel.
     """
     kind, parameter = POSITIVE[name]
     edge_x, edge_y = EDGES[edge]
@@ -119,8 +119,8 @@ def filters(t: Trial, name: str, edge: str) -> None:
 def signed_filters(t: Trial, name: str, edge: str) -> None:
     """As above for filters with negative lobes: a pixel may lie below 0 and above 1.
 
-    z by the exact variance: samples have the size (integral of |f|)^2 and the sign of both lobes.
-    25,000 samples a pixel.
+    z by the exact variance: samples have the magnitude (integral of |f|)^2 and the sign of both
+    lobes. 25,000 samples per pixel.
     """
     parameters = SIGNED[name]
     edge_x, edge_y = EDGES[edge]
@@ -202,8 +202,8 @@ PLATES = {"core": 0.36, "half x": 0.5, "half y": 0.5, "quarter": 0.25}
 def aperture_in_renders(t: Trial, part: str) -> None:
     """A black plate hides a part of the lens: its share of the camera rays is absorbed.
 
-    By area of the disc, as the plate is halfway to the focus; exact binomial, 10^5 camera rays:
-    sees 0.8 % (absolute).
+    The share by area of the disc, since the plate is halfway to the focus; exact binomial, 10^5
+    camera rays: sees 0.8 % (absolute).
     """
     view = Camera(np.eye(4), 1e-6, aperture_radius=0.4, focus_distance=3.0)
     plates = {

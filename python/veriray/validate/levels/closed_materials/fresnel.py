@@ -66,7 +66,7 @@ def fresnel_theory(t: Trial) -> None:
 
 @case(3, each={"angle": ANGLES, "body": ("plastic", "ink")})
 def fresnel_of_a_surface(t: Trial, angle: float, body: str) -> None:
-    """First reflection alone: a black plastic, and glass filled with ink, in a sky of 1.
+    """Only the first reflection: black plastic, and glass filled with ink, in a sky of 1.
 
     .040000 .041523 .050240 .089187 .253061 .612800. Sees 5 %.
     """

@@ -1,4 +1,4 @@
-"""White furnaces and thermodynamic equilibrium: what is lossless cannot be seen."""
+"""White furnaces and thermodynamic equilibrium: lossless bodies are invisible."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def white_furnace(t: Trial, name: str, kind: str) -> None:
     """A lossless body in a constant sky is invisible, at every pixel, silhouettes too.
 
     Exactly the sky: 1, .5, 2. Sees 1e-3. No path is absorbed: the picture's margin hides ten in a
-    million that meet the back of a face past an edge, their count does not.
+    million that meet the back of a face past an edge, but their count does not.
     """
     material = LOSSLESS[name]
     if kind == "sphere":
@@ -61,7 +61,7 @@ def white_furnace(t: Trial, name: str, kind: str) -> None:
 @case(3, each={"name": LOSSLESS, "angle": (0, 60, 80, 89, 89.9)},
       quick=lambda name, angle: angle in (60, 89.9))  # fmt: skip
 def lossless_plate(t: Trial, name: str, angle: float) -> None:
-    """A lossless plate or block in a constant sky, as steep as it gets.
+    """A lossless plate or block in a constant sky, up to grazing angles.
 
     Directional albedo 1 at every angle of incidence: 1, .5, 2. Sees 0.4 %.
     """
@@ -102,7 +102,7 @@ def nested_glass_in_a_furnace(t: Trial) -> None:
 def thermodynamic_equilibrium(t: Trial) -> None:
     """A black ball of radiance n^2 in glass of index n, in a sky of 1.
 
-    1 from outside, n^2 from within: nothing else sees a missing n^2.
+    1 from outside, n^2 from within: no other test sees a missing n^2.
     """
     n = 1.5
     bodies = [sphere([0, 0, 0], 1, glass(n)), sphere([0.1, 0.2, 0], 0.5, BLACK, n * n)]

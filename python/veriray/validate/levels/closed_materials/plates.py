@@ -42,8 +42,8 @@ LAMPS = (flat("rectangle", [0, 0, -9], [0, 0, 1], 40, BLACK, [1, 0, 2]),
 def clear_slab(t: Trial, angle: float, material: str) -> None:
     """A plate of glass, all inter-reflections, and a thin pane.
 
-    (1 - R) / (1 + R) of a lamp behind: .923077, .920266, .836232, the rest of one in front. A thin
-    pane has the same two numbers.
+    (1 - R) / (1 + R) of a lamp behind: .923077, .920266, .836232; the rest of a lamp in front. A
+    thin pane has the same two numbers.
     """
     r = float(fresnel(math.cos(math.radians(angle)), 1.5))
     t.check(abs((1 - r) / (1 + r) - SLAB[int(angle)]) < 1e-6)
@@ -75,7 +75,7 @@ def absorbing_slab(t: Trial, angle: float) -> None:
 
 
 def pile(reflectances: Sequence[float], passes: Sequence[Array]) -> tuple[Array, Array]:
-    """Reflectance and transmittance of a stack of surfaces, layers between them passing `passes`.
+    """Reflectance and transmittance of a stack of surfaces; layers in between transmit `passes`.
 
     G. G. Stokes, 1862: surfaces are added one by one. Light is not coherent.
     """
@@ -131,7 +131,7 @@ STACKS = {  # indices from above, extinction of each layer between
 def stack_of_plates(t: Trial, name: str, angle: float) -> None:
     """A pile of plates of any index, clear and coloured, at any angle.
 
-    m clear surfaces of one kind pass (1 - R) / (1 + (m - 1) R): G. G. Stokes, 1862; others by
+    m clear surfaces of one kind transmit (1 - R) / (1 + (m - 1) R): G. G. Stokes, 1862; others by
     adding surface by surface, in two ways. A lamp behind, one in front and both. Sees 2 %.
     """
     indices, extinctions = STACKS[name]
@@ -200,9 +200,9 @@ def ways_through_a_ball(angle: float, n: float) -> list[tuple[Any, Any]]:
 
 @case(3, each={"angle": (20, 45, 75)})
 def glass_ball(t: Trial, angle: float) -> None:
-    """Light off a ball of n = 1.5 by its way: reflected, through, reflected inside.
+    """Light from a ball of n = 1.5: reflected, transmitted, and reflected once inside.
 
-    F, (1 - F)^2, (1 - F)^2 F: a lamp of its own colour waits in each of the three directions.
+    F, (1 - F)^2, (1 - F)^2 F: there is a lamp of a different colour in each of the directions.
     """
     f = float(fresnel(math.cos(math.radians(angle)), 1.5))
     lamps = [flat("disk", p + 6 * d, -d, 0.3, BLACK, colour) for (p, d), colour in

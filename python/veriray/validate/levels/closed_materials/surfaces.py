@@ -1,4 +1,4 @@
-"""Plastic, what lets light pass, shading normals."""
+"""Plastic, surfaces that let light pass, shading normals."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def roulette_between_lobes_is_splitting(t: Trial, eta: float) -> None:
 def masks_and_panes_in_front_of_a_lamp(t: Trial) -> None:
     """A lamp behind black masks of opacity .3 and .5, null surfaces and both sides of a mask.
 
-    .7 x .5 of it, at max_depth 1: passes are no bounces.
+    .7 x .5 of it, at max_depth 1: passes are not bounces.
     """
     lamp = flat("rectangle", [0, 0, -5], [0, 0, 1], 5, BLACK, [1, 2, 3])
     panes = [flat("rectangle", [0, 0, 1], [0, 0, 1], 2, masked(0.3, BLACK)),
@@ -97,9 +97,9 @@ def masks_and_panes_in_front_of_a_lamp(t: Trial) -> None:
 
 @case(3, each={"material": ("mask", "null", "thindielectric")})
 def shadow_rays_pass(t: Trial, material: str) -> None:
-    """A point light over a floor, a pane between.
+    """A point light over a floor, with a pane in between.
 
-    Straight through, and no noise: .7, 1, (1 - f) / (1 + f) of it.
+    Straight through, without noise: .7, 1, (1 - f) / (1 + f) of it.
     """
     thin = glass(1.5, 1.0, "thindielectric", specular_transmittance=rgb([1, 0.5, 0.2]))
     pane = {"mask": masked(0.3, BLACK), "null": NULL, "thindielectric": thin}[material]
@@ -123,9 +123,9 @@ def shadow_rays_pass(t: Trial, material: str) -> None:
 @case(3, each={"lamp": ("rectangle", "sphere"), "depth": (2, -1)},
       quick=lambda lamp, depth: depth == 2)  # fmt: skip
 def passes_do_not_count_as_bounces(t: Trial, lamp: str, depth: int) -> None:
-    """Ten null shells around a floor, before its lamp.
+    """Ten null shells around a floor, between it and its lamp.
 
-    The form factor of the lamp, as without them, at max_depth 2 too.
+    The form factor of the lamp, as without the shells, also at max_depth 2.
     """
     floor = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(0.5))
     lamps = {"rectangle": (flat("rectangle", [0, 0, 2], [0, 0, -1], 0.5, BLACK, 3),
@@ -161,7 +161,7 @@ def shading_normals_do_not_light_from_behind(t: Trial, degrees: float) -> None:
 
 @case(3, each={"degrees": (5, 30, 60)})
 def mirror_about_a_shading_normal(t: Trial, degrees: float) -> None:
-    """A bent mirror sees the lamp where the bent normal says.
+    """A mirror with a bent normal sees the lamp in the direction that follows from that normal.
 
     The lamp's radiance, or 0 exactly where the direction is behind the plate.
     """
@@ -202,8 +202,8 @@ def interpolated_normals_have_unit_length(t: Trial) -> None:
 def the_front_is_the_faces(t: Trial, turned: bool) -> None:
     """A lamp whose vertex normals lean by 60 degrees, seen at 50 degrees from the other side.
 
-    All of its radiance on the side of the face where its vertex normals are, exactly 0 on the
-    other, whichever way the corners run.
+    All of its radiance on the side of the face where its vertex normals point, exactly 0 on the
+    other, for either winding.
     """
     for eye in (direction(-50), -direction(-50)):
         seen = scene(view(5 * eye, [0, 0, 0]), flat("rectangle", [0, 0, 0], [0, 0, 1], 9, BLACK, 3))

@@ -126,7 +126,7 @@ def absorbing_sheet_over_a_floor(t: Trial, light: str) -> None:
 def chromatic_distance_to_a_wall(t: Trial) -> None:
     """Extinctions of .1, 1 and 5 with albedo 0.
 
-    e^-tau: one channel's path may not starve another's.
+    e^-tau: no channel's paths may be lost because of another's extinction.
     """
     slab = cuboid([-50, -50, 0], [50, 50, 1], NULL, interior=medium([0.1, 1.0, 5.0], 0.0))
     seen = scene(view([0, 0, 5], [0, 0, 0]), slab, sky(1))

@@ -33,7 +33,7 @@ def white_furnace_of_a_medium(t: Trial, name: str, boundary: str) -> None:
 
 @case(3)
 def white_furnace_of_nested_and_touching_media(t: Trial) -> None:
-    """A ball in a ball in a glass ball, two cubes that share a wall, with one of air within.
+    """A ball in a ball in a glass ball; two cubes that share a wall, one with air inside.
 
     Lossless: 1 everywhere. Sees 0.2 %.
     """
@@ -66,7 +66,7 @@ def camera_in_a_white_medium(t: Trial, place: str) -> None:
 def white_medium_from_afar(t: Trial, distance: float) -> None:
     """A ball of radius 1 whose coordinates are rounded to 1e-7 of the camera's distance.
 
-    Still 1: shadow rays and paths must cross the same length of medium, however it is rounded.
+    Still 1: shadow rays and paths must cross the same length of medium, whatever the rounding.
     """
     ball = sphere([0, 0, 0], 1, NULL, interior=medium(8.0, 1.0))
     fov = 2 * math.degrees(math.atan(0.9 / distance))

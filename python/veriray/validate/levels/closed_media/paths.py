@@ -90,9 +90,9 @@ SCATTERINGS = {1.0: (0.153426, 0.097273, 0.069241, 0.052697, 0.041916, 0.034406)
 def leaves_after_n_scatterings(t: Trial, mu: float, rr_depth: int) -> None:
     """Half space, isotropic, albedo 1: paths out after n scatterings.
 
-    Exact multinomial; n = 1 is (1 - mu log(1 + 1/mu)) / 2. Segment 0 ends at the null boundary; n
-    scatterings on, segment n + 2 is in the open. Albedo 1 gives roulette nothing to do. Sees 1 %
-    of the first.
+    Exact multinomial; n = 1 is (1 - mu log(1 + 1/mu)) / 2. Segment 0 ends at the null boundary;
+    after n scatterings, segment n + 2 is outside. With albedo 1 roulette ends no path. Sees 1 % of
+    the first.
     """
     law = np.array(SCATTERINGS[mu])
     t.check(abs(law[0] - (1 - mu * math.log(1 + 1 / mu)) / 2) < 1e-6)
@@ -110,7 +110,7 @@ def depth_counts_in_a_medium(t: Trial, depth: int) -> None:
     """Orders of scattering by max_depth: n scatterings take max_depth n + 1.
 
     Half space at mu = 1 in a sky of 1: the sum of w^k times the law of the last case, k < depth; 0
-    exactly at max_depth 1. Boundaries are no vertices. Sees 2 %.
+    exactly at max_depth 1. Boundaries are not vertices. Sees 2 %.
     """
     law = np.array(SCATTERINGS[1.0])[: depth - 1]
     exact = [float((w ** np.arange(1, depth)) @ law) for w in ALBEDOS.tolist()]
@@ -154,10 +154,10 @@ def direction_after_n_scatterings(t: Trial, g: float) -> None:
 def mean_path_in_a_lossless_ball(t: Trial, body: tuple[float, float]) -> None:
     """Scatterings in a ball that light enters by the cosine law; body: sigma, g.
 
-    Mean path 4 V / S = 4/3, whatever sigma and g (S. Blanco and R. Fournier, 2003): so many
-    scatterings are 4/3 sigma in the mean. A far camera's almost parallel rays over the whole disc
-    are the cosine law at the surface. Segments: 1 to the ball, n + 1 inside, 1 outside. z test with
-    the counts' own variance; sees 2 %.
+    The mean path is 4 V / S = 4/3, whatever sigma and g (S. Blanco and R. Fournier, 2003), so the
+    mean number of scatterings is 4/3 sigma. A far camera's almost parallel rays over the whole disc
+    follow the cosine law at the surface. Segments: 1 to the ball, n + 1 inside, 1 outside. z test
+    with the counts' own variance; sees 2 %.
     """
     sigma, g = body
     distance = 100.0
@@ -183,10 +183,10 @@ BOXES = {"cube": ([1.0, 1, 1], 0.666667), "box": ([1.0, 2, 3], 1.090909)}
 def mean_path_in_a_lossless_box(t: Trial, body: str, made: str, g: float) -> None:
     """Scatterings in a cube and in a box 1 x 2 x 3 that light enters from all sides.
 
-    4 V / S = .666667 and 1.090909 mean free paths, whatever g; none is cut (exact). One far picture
-    of the sphere around it from each of 200 random directions: the rays that meet the box obey the
-    cosine law. Ratio of sums, error from the directions; sees 4 %. Six quads, or 192 triangles in a
-    tree.
+    4 V / S = .666667 and 1.090909 mean free paths, whatever g; none is cut (exact). One distant
+    picture of the sphere around the box from each of 200 random directions: the rays that meet the
+    box obey the cosine law. Ratio of sums, error from the directions; sees 4 %. Six quads, or 192
+    triangles in a tree.
     """
     size, exact = np.array(BOXES[body][0]), BOXES[body][1]
     surface = 2 * float(size @ np.roll(size, 1))

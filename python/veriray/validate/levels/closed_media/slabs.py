@@ -107,13 +107,14 @@ def spherical_albedo_of_a_half_space(t: Trial) -> None:
 
     2 integral of mu (1 - H sqrt(1 - w)) = .146544, .478024, .794564. Sees 2 %.
 
-    The body that stands for it is 36 mean free paths deep and wide: what is missing of R is below
+    The body that represents it is 36 mean free paths deep and wide. What is missing of R is below
     w / 2 exp(-2 k tau), 2e-6 for k = .1725 at w = .99 (its largest root of k = w artanh k), and the
     patch sees (h / W)^2 = 2e-7 past it. Light enters 2^-20 of the renderer's unit U = 2048 inside,
-    unattenuated, and leaves through a plane 2^-22 U inside. To begin an optical depth e inside
-    changes R(mu) by e / mu (R(mu) - w E), with E = (1 + integral of R) / 2 the light that leaves a
-    source at the boundary: relative to R 2 e (integral of R - w E) / R, -1.66 e, -.69 e, -.21 e for
-    the three albedos. e = 3 / 4 2^-20 U sigma is 2.6e-5 here, and the change 4.4e-5.
+    unattenuated, and leaves through a plane 2^-22 U inside. Starting an optical depth e inside
+    changes R(mu) by e / mu (R(mu) - w E), where E = (1 + integral of R) / 2 is the light that
+    leaves a source at the boundary. Relative to R that is 2 e (integral of R - w E) / R: -1.66 e,
+    -.69 e, -.21 e for the three albedos. e = 3 / 4 2^-20 U sigma is 2.6e-5 here, and the change
+    4.4e-5.
     """
     x, w = gauss(64)
     at_mu = np.array([1 - chandrasekhar(a, x.tolist()) * math.sqrt(1 - a) for a in ALBEDOS])
@@ -147,7 +148,7 @@ def half_space_in_parallel_light(t: Trial, mu: float) -> None:
 
 @case(3, each={"mu": (1.0, 0.4)})
 def conservative_slab(t: Trial, mu: float) -> None:
-    """Tau = 1, albedo 1, isotropic: of the sky above and of a lamp below.
+    """Tau = 1, albedo 1, isotropic: reflection of the sky above, transmission of a lamp below.
 
     R = .341329, T = .658671 at mu = 1; R + T = 1. Sees 1 %.
     """

@@ -184,9 +184,9 @@ def main() -> None:
     figure(renders["usual"], other, IMAGES / "measured_box_usual.png")
     spectra(IMAGES / "measured_box_spectra.png")
     texts = {
-        "settings": f"Reference: {facts['paths']:.2g} paths, {facts['spp']:,} samples a pixel and "
-        f"render, {facts['size']} x {facts['size']} pixels, reference {facts['reference']}. Ours: "
-        f"{options.spp:,} samples a pixel. Y of white is {ours.luminance:.3f}.",
+        "settings": f"Reference: {facts['paths']:.2g} paths, {facts['spp']:,} samples per pixel "
+        f"and render, {facts['size']} x {facts['size']} pixels, reference {facts['reference']}. "
+        f"Ours: {options.spp:,} samples per pixel. Y of white is {ours.luminance:.3f}.",
         "products": products(), "overall": overall(found), "parts": numbers(ours, True),
         "usual": numbers(other, False), "renderer": renderer({n: renders[n] for n in box.BANDS}),
         "exposures": exposures(renders["RGB"], ours),

@@ -1,4 +1,4 @@
-// A surface's material by lane: which closure it is, with its parameters and the view along wo.
+// A surface's material, one per lane: its closure, its parameters and the view along wo.
 #pragma once
 
 #include "bsdfs/closures.h"
@@ -16,7 +16,7 @@ struct Bsdf {
 
     static constexpr bool has(uint32_t kinds) { return (kKinds & kinds) != 0; }
     static constexpr bool kOneKind = (kKinds & (kKinds - 1u)) == 0;
-    static constexpr bool kChooses = has(kIndexedKinds);  // between lobes
+    static constexpr bool kChooses = has(kIndexedKinds);  // selects between lobes
     static constexpr bool kClear = has(kClearKinds);
     // Parameters that some of the kinds read.
     static constexpr bool reads(ParameterBit p) {
@@ -32,7 +32,7 @@ struct Bsdf {
     VR_HD M is(uint32_t which) const { return kind == U(which); }
     VR_HD M nobody() const { return kind == U(kMaterialCount); }
 
-    // Calls visit(closure, lanes that are it) for the kinds of kWanted that can occur.
+    // Calls visit(closure, lanes that have it) for the kinds of kWanted that can occur.
     template <uint32_t kWanted = kAllKinds, class Visit>
     VR_HD void each(Visit visit) const {
 #define VR_VISIT(C)                                  \
@@ -58,7 +58,7 @@ struct Bsdf {
         return found;
     }
 
-    // wo looks along `n` at a cosine; from_front: at the front.
+    // cosine: between wo and n; from_front: wo is in front of the surface.
     VR_HD void set_view(V n, F cosine, M from_front) {
         view.n = n;
         view.cos_o = cosine;
@@ -99,8 +99,8 @@ struct Bsdf {
         return s;
     }
 
-    // Instead of a direction on the wrong side of a smooth surface, for clear lanes of `wrong`: the
-    // lobe that was chosen, about the geometric normal; the mirror where that reflects all.
+    // Replaces directions on the wrong side of a smooth surface, for clear lanes of `wrong`, by the
+    // selected lobe about the geometric normal, or by the mirror under total reflection.
     VR_HD void sample_flat(BsdfSample<L>& s, V wo, V ng, M from_front, M wrong) const {
         if constexpr (has(kClearKinds & kReflecting)) {
             wrong = wrong & clear();

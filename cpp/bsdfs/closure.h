@@ -1,9 +1,9 @@
-// What closures are made of. A closure is a type template on lanes with these members, of which it
-// states those that differ from the defaults of Closure; closures.h lists them all.
+// The building blocks of closures. A closure is a class template on lanes that defines those
+// members of Closure that differ from the defaults; closures.h lists all closures.
 //
-// Directions point away from the surface. Lobes of a closure are chosen by a number of their own,
-// so that weights stay free of the choice (section 3.4 of H. Dahlberg, "Parallel Path Tracing in
-// CUDA", KTH, 2016).
+// Directions point away from the surface. A random number of its own selects the lobe, so weights
+// do not depend on the selection (section 3.4 of H. Dahlberg, "Parallel Path Tracing in CUDA", KTH,
+// 2016).
 #pragma once
 
 #include "bsdfs/fresnel.h"
@@ -19,7 +19,7 @@ enum ParameterBit : uint32_t {
 };
 constexpr uint32_t parameter_bit(ParameterBit p) { return 1u << p; }
 
-// Their values by lane; a closure sees those that it reads.
+// Their values, one per lane; a closure sees those that it reads.
 template <class F>
 struct MaterialParameters {
     template <uint32_t width>
@@ -31,7 +31,7 @@ struct MaterialParameters {
 template <class F>
 struct BsdfValue {
     Spectrum<F> f_cos;  // f(wo, wi) |cos wi|
-    F pdf_sa;           // of the non-delta lobes, their choice included
+    F pdf_sa;           // of the non-delta lobes, their selection included
 };
 
 template <class L>
@@ -47,12 +47,12 @@ struct BsdfSample {
 template <class L>
 struct ClosureView {
     Vec3<typename L::F> n;                // shading normal on wo's side
-    typename L::F cos_o;                  // of wo to n, positive
-    FresnelSplit<typename L::F> fresnel;  // of closures with an index
-    typename L::F relative;               // their index beyond over that on wo's side
+    typename L::F cos_o;                  // between wo and n, positive
+    FresnelSplit<typename L::F> fresnel;  // for closures with an index
+    typename L::F relative;               // for these: index beyond over index on wo's side
 };
 
-// Three numbers in [0, 1): a direction and the choice of a lobe.
+// Three numbers in [0, 1), for a direction and for the selection of a lobe.
 template <class F>
 struct BsdfNumbers {
     F u, v, lobe;
@@ -72,29 +72,30 @@ struct Closure {
     using Sample = BsdfSample<L>;
 
     static constexpr bool kScatters = false;  // has non-delta lobes, which light samples reach
-    static constexpr bool kClear = false;     // delta lobes that let light through: two-sided, and
-                                              // not black where normals disagree
-    static constexpr bool kRefracts = false;  // changes the direction of what goes through
+    static constexpr bool kClear = false;     // delta lobes that transmit light: two-sided, and not
+                                              // black where normals disagree
+    static constexpr bool kRefracts = false;  // changes the direction of transmitted light
     static constexpr bool kPasses = false;    // lets light straight through
-    static constexpr bool kReflects = true;   // else it only passes
+    static constexpr bool kReflects = true;   // if false, it only passes
     static constexpr bool kIndexed = false;   // splits light by Fresnel's equations and index()
 
-    // Of closures with an index: beyond over here, and what is made of the split at one interface.
+    // For closures with an index: index beyond over index here, and the split of light that follows
+    // from the split at one interface.
     static VR_HD F index(const Parameters& p, M) { return p.eta[0]; }
     static VR_HD FresnelSplit<F> split(FresnelSplit<F> one) { return one; }
 
     static VR_HD M black(const Parameters&, M nobody) { return nobody; }
 
-    // Without a default, so that none is forgotten: sample(parameters, view, wo, numbers, nobody);
-    // eval(parameters, view, cos_i) of those that scatter; pass_through(parameters, view), the
-    // share that goes straight through, of those that pass; of clear ones that reflect
-    // sample_again(parameters, view, wo, through), the lobe chosen again about the view's normal.
+    // These have no default, so that none is forgotten: sample(parameters, view, wo, numbers,
+    // nobody); for closures that scatter, eval(parameters, view, cos_i); for those that pass,
+    // pass_through(parameters, view), the share that goes straight through; for clear ones that
+    // reflect, sample_again(parameters, view, wo, through), the same lobe about the view's normal.
 
     // A delta lobe.
     static VR_HD Sample delta(V wi, S weight, M nobody) {
         return {wi, weight, F(0.f), nobody, nobody};
     }
-    // Lambert's lobe on wo's side; the weight is 1.
+    // The Lambertian lobe on wo's side; its weight is 1.
     static VR_HD Sample cosine_lobe(const View& view, F u, F v, F& cos_i, M nobody) {
         const V local = cosine_hemisphere(u, v);
         V a, b;

@@ -22,7 +22,7 @@ enum MaterialKind : uint32_t {
 constexpr uint32_t kind_bit(MaterialKind k) { return 1u << k; }
 inline constexpr uint32_t kAllKinds = (1u << kMaterialCount) - 1u;
 
-// What a kind of material is, for the host and for the choice of code.
+// Properties of a kind of material, for the host and for the selection of code.
 struct ClosureTraits {
     const char* name;
     uint32_t reads;
@@ -36,7 +36,7 @@ inline constexpr ClosureTraits kClosures[] = {
 #undef VR_TRAITS_OF
 };
 
-// The one kind of a set.
+// The set that holds one kind.
 constexpr uint32_t only_kind(uint32_t kinds) {
     uint32_t k = 0;
     while (kinds >> k > 1u) ++k;
@@ -56,9 +56,9 @@ inline constexpr uint32_t kRefracting = kinds_with([](auto& c) { return c.refrac
 inline constexpr uint32_t kPassing = kinds_with([](auto& c) { return c.passes; });
 inline constexpr uint32_t kReflecting = kinds_with([](auto& c) { return c.reflects; });
 inline constexpr uint32_t kIndexedKinds = kinds_with([](auto& c) { return c.indexed; });
-// The kind that most surfaces are of: scenes of it alone have code of their own.
+// The most frequent kind: scenes with this kind alone have code of their own.
 inline constexpr uint32_t kPlainKinds = kind_bit(kKindDiffuse);
-// Those whose eta may be 0, and those whose reflectance is that of a base within a coat.
+// Kinds whose eta may be 0, and kinds whose reflectance is that of a base within a coat.
 inline constexpr uint32_t kMetalKinds = kind_bit(kKindConductor);
 inline constexpr uint32_t kCoatedKinds = kind_bit(kKindPlastic);
 

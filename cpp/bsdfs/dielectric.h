@@ -21,7 +21,7 @@ struct Dielectric : Closure<L> {
     static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, M) {
         return sample_again(p, view, wo, !(r.lobe < view.fresnel.reflected));
     }
-    // The mirror where all is reflected.
+    // The mirror under total reflection.
     static VR_HD Sample sample_again(const Parameters& p, const View& view, V wo, M through) {
         const M nobody = through & !through;
         return {
@@ -31,7 +31,7 @@ struct Dielectric : Closure<L> {
                    p.specular_reflectance),
             F(0.f), through, nobody};
     }
-    // Radiance is compressed with the solid angle.
+    // Refraction scales radiance as it compresses the solid angle.
     static VR_HD F compression(F relative) { return F(1.f) / (relative * relative); }
 };
 

@@ -38,7 +38,7 @@ VR_HD F fresnel_conductor(F cos_i, F eta, F k) {
     const F t = F(2.f) * a * cos_i;
     const F s = (ab + c2 - t) / (ab + c2 + t);
     const F u = fma(c2, ab, s2 * s2), v = t * s2;
-    // u = v = 0: an index of 0 at normal incidence reflects all.
+    // u = v = 0: an index of 0 at normal incidence reflects everything.
     const F p = select(u + v > F(0.f), (u - v) / (u + v), F(1.f));
     return F(0.5f) * s * (F(1.f) + p);
 }

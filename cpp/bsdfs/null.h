@@ -1,4 +1,4 @@
-// A surface that is not there, but for the media that it bounds.
+// A surface without an effect on light; it may bound media.
 #pragma once
 
 #include "bsdfs/closure.h"

@@ -1,4 +1,4 @@
-// A thin slab of glass: mirror, or straight through, with all reflections within it.
+// A thin slab of glass: mirror or straight through, all internal reflections included.
 #pragma once
 
 #include "bsdfs/closure.h"

@@ -12,15 +12,15 @@ struct CameraView {
     float corner[3], right[3], down[3];
     float forward[3];
     float eye[3];
-    float near_clip, far_clip;   // along forward; 0 and infinity: not clipped
+    float near_clip, far_clip;   // along forward; 0 and infinity: no clipping
     float lens_x[3], lens_y[3];  // half axes of the aperture; 0 for a pinhole
     float focus;                 // distance of the plane of focus along forward
-    float before;       // rays start so far before the plane of the origin, not at the eye; then,
-    float plane[3][3];  // as corner, right and down, the points of that plane; else 0
+    float before;       // rays start this far before the plane of the origin; 0: at the eye
+    float plane[3][3];  // then the points of that plane, as corner, right and down; else 0
 };
 
-// x, y: integer pixel; dx, dy: position from the pixel's corner. The two are kept apart, so that a
-// wide film does not eat the bits of the position in the pixel.
+// x, y: integer pixel; dx, dy: position relative to the pixel's corner. They are separate so that
+// the position in the pixel keeps its bits in a wide film.
 template <class F>
 VR_HD Vec3<F> camera_point(const CameraView& c, F x, F y, F dx, F dy) {
     const Vec3<F> right = broadcast<F>(c.right), down = broadcast<F>(c.down);
@@ -34,9 +34,9 @@ VR_HD Ray<L> pinhole_ray(const CameraView& c, Vec3<typename L::F> at) {
     return {broadcast<F>(c.eye), at * (F(1.f) / sqrt(dot(at, at)))};
 }
 
-// The pinhole ray of a camera far away from what it sees about the origin, from so far before the
-// point that is nearest to the origin: through its point of a plane there, which is rounded as the
-// scene is.
+// The pinhole ray of a camera that is far from the scene around the origin. It starts a distance of
+// `before` earlier than its point nearest to the origin, and passes through its point of a plane
+// there, which is rounded as the scene is.
 template <class L>
 VR_HD Ray<L> far_ray(const CameraView& c, typename L::F x, typename L::F y, typename L::F dx,
                      typename L::F dy) {
@@ -48,7 +48,7 @@ VR_HD Ray<L> far_ray(const CameraView& c, typename L::F x, typename L::F y, type
     return {fma(d, -(dot(q, d) + F(c.before)), q), d};
 }
 
-// From a point uniform on the aperture through the point in focus.
+// The ray from a uniform point on the aperture through the point in focus.
 template <class L>
 VR_HD Ray<L> lens_ray(const CameraView& c, Vec3<typename L::F> at, typename L::F u,
                       typename L::F v) {

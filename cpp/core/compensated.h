@@ -34,7 +34,7 @@ VR_HD Two<F> add_product(Two<F> sum, F a, F b) {
     return {total.hi, sum.lo + (product.lo + total.lo)};
 }
 
-// A vector hi + lo, by component |lo| <= 2^-24 |hi|.
+// A vector hi + lo; |lo| <= 2^-24 |hi| in each component.
 template <class F>
 struct TwoVec3 {
     Vec3<F> hi, lo;

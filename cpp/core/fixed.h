@@ -1,4 +1,4 @@
-// Sums as 128-bit fixed point in two's complement: exact, so free of any order.
+// Sums in 128-bit fixed point, two's complement: exact, so independent of order.
 #pragma once
 
 #include "core/platform.h"

@@ -1,10 +1,10 @@
 // Lane types. Stage code is written once on a lane policy L with
 //   L::F  float lanes     L::U  uint32 lanes     L::M  mask lanes     L::kWidth
-//   L::D  double lanes, of which sums, products and floor are to be had
-//   L::Uniform  a number that is equal in all lanes, in tables that loops run over
-// Scalar (CUDA threads, CPU tests) and the widest vector the translation unit is compiled for.
-// Lanes load and store; compress_store(p, a, m) writes the lanes of m side by side from p on (up
-// to kWidth entries from p may be overwritten); first_lanes(n) is the mask of the first n and
+//   L::D  double lanes, with sums, products and floor only
+//   L::Uniform  a number that is equal in all lanes, for tables that loops run over
+// There is Scalar (CUDA threads, CPU tests) and the widest vector that the translation unit is
+// compiled for. compress_store(p, a, m) writes the lanes of m side by side from p on (up to
+// kWidth entries from p may be overwritten); first_lanes(n) is the mask of the first n lanes and
 // mask_of(bits) the inverse of bits(m). Every operation is IEEE-754 round-to-nearest, so all widths
 // give the same bits. Batch is the vector in which one ray meets several boxes or triangles.
 #pragma once
@@ -31,7 +31,7 @@ VR_HD float min(float a, float b) { return a < b ? a : b; }
 VR_HD float max(float a, float b) { return a > b ? a : b; }
 VR_HD float select(bool m, float a, float b) { return m ? a : b; }
 VR_HD uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
-// m & (a < b), the comparison only where m.
+// m & (a < b), compared only where m is set.
 VR_HD bool and_less(bool m, float a, float b) { return m & (a < b); }
 // |a| and |b| <= limit; undefined if one is NaN and the other within.
 VR_HD bool both_within(float a, float b, float limit) {
@@ -60,7 +60,7 @@ VR_HD bool mask_of(uint32_t m, bool) { return m & 1u; }
 // gather from a column padded to at least 32 entries; n entries are in use.
 VR_HD float lookup(const float* column, uint32_t i, uint32_t) { return column[i]; }
 
-// Aligned vectors from memory that nobody writes meanwhile.
+// Aligned vectors from memory that nobody writes at the same time.
 template <class T>
 struct alignas(2 * sizeof(T)) Pair {
     T x, y;

@@ -32,7 +32,7 @@ struct Simd {
     using D = D8;
     using U = U8;
     using M = M8;
-    using Uniform = F8;  // an operand in memory; a float would be an instruction of its own
+    using Uniform = F8;  // an operand in memory; a float would need an instruction to broadcast it
     static constexpr uint32_t kWidth = 8;
 };
 using Batch = Simd;
@@ -90,7 +90,7 @@ VR_HD F8 gather(const float* p, U8 i) { return _mm256_i32gather_ps(p, i.v, 4); }
 VR_HD U8 gather(const uint32_t* p, U8 i) {
     return _mm256_i32gather_epi32(reinterpret_cast<const int*>(p), i.v, 4);
 }
-// Permutations choose by the index's low three bits, blends by the fourth and fifth.
+// Permutations select by the index's low three bits, blends by the fourth and fifth.
 VR_HD F8 lookup(const float* column, U8 i, uint32_t n) {
     const auto of_eight = [&](uint32_t k) {
         return _mm256_permutevar8x32_ps(_mm256_loadu_ps(column + k), i.v);
@@ -128,7 +128,7 @@ VR_HD M8 mask_of(uint32_t m, M8) {
     const U8 bit(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
     return (U8(m) & bit) == bit;
 }
-// The index of the k-th set bit of m, for each lane k: the survivors' order is kept.
+// The index of the k-th set bit of m, for each lane k: surviving lanes keep their order.
 VR_HD __m256i compress_order(uint32_t m) {
     const uint64_t spread = _pdep_u64(m, 0x0101010101010101ull) * 0xffull;
     const uint64_t order = _pext_u64(0x0706050403020100ull, spread);

@@ -37,8 +37,9 @@ VR_HD void uniform_disk(F u, F v, F& x, F& y) {
     y = r * s;
 }
 
-// Directions within a cone about +z, uniform per solid angle. one_minus_cos of its half angle, in
-// (0, 2], keeps narrow cones exact: x and y have relative errors, down to 10^-30 sr.
+// Directions within a cone about +z, uniform in solid angle. The cone is given by one_minus_cos of
+// its half angle, in (0, 2], to keep narrow cones exact: the errors of x and y are relative, down
+// to 10^-30 sr.
 template <class F>
 VR_HD Vec3<F> uniform_cone(F u, F v, F one_minus_cos) {
     F s, c;
@@ -52,8 +53,8 @@ VR_HD F uniform_cone_pdf_sa(F one_minus_cos) {
     return F(0.5f * kInvPi) / one_minus_cos;
 }
 
-// Right-handed: cross(a, b) = n, a unit vector. T. Duff et al., "Building an Orthonormal Basis,
-// Revisited", JCGT 6(1), 2017.
+// A right-handed basis: cross(a, b) = n, where n is a unit vector. T. Duff et al., "Building an
+// Orthonormal Basis, Revisited", JCGT 6(1), 2017.
 template <class F>
 VR_HD void orthonormal_frame(Vec3<F> n, Vec3<F>& a, Vec3<F>& b) {
     const F sign = select(n.z < F(0.f), F(-1.f), F(1.f));
@@ -65,12 +66,12 @@ VR_HD void orthonormal_frame(Vec3<F> n, Vec3<F>& a, Vec3<F>& b) {
 
 // Phase function of L. Henyey, J. Greenstein, Astrophysical Journal 93, 1941, with mean cosine g in
 // (-1, 1) between the old and the new direction of travel. Everything is a product or a sum of
-// positive terms of |g|, so that g near 0 and near +-1 lose nothing; negative g: mirrored.
+// positive terms of |g|, so no precision is lost for g near 0 or +-1; negative g is mirrored.
 //
 // The new direction. With w = 1 - |g| + 2 |g| u, u = 0 backward:
 // 1 - cos = 2 (1 - |g|)^2 (1 - u) (1 + |g| u) / w^2
 // 1 + cos = 2 (1 + |g|)^2 u (1 - |g| + |g| u) / w^2.
-// The length is set to 1, so that it does not drift over many scatterings.
+// The result is normalised, so its length does not drift over many scatterings.
 template <class F>
 VR_HD Vec3<F> henyey_greenstein(Vec3<F> d, F g, F u, F v) {
     const F a = abs(g), one(1.f);
@@ -88,8 +89,8 @@ VR_HD Vec3<F> henyey_greenstein(Vec3<F> d, F g, F u, F v) {
     return wi * (one / sqrt(dot(wi, wi)));
 }
 
-// Its density per solid angle at w. 1 - cos = |d - w|^2 / 2 (negative g: 1 + cos), because a
-// rounded cosine does not tell small angles apart.
+// Its density per solid angle at w. Computed from 1 - cos = |d - w|^2 / 2 (negative g: 1 + cos),
+// because a rounded cosine does not resolve small angles.
 template <class F>
 VR_HD F henyey_greenstein_pdf(Vec3<F> d, Vec3<F> w, F g) {
     const Vec3<F> apart = w - select(g < F(0.f), -d, d);

@@ -1,7 +1,8 @@
 // Elementary functions made of IEEE operations only: the same bits on every machine and lane width.
-// Minimax polynomials by Remez' exchange, coefficients rounded one after the other and the rest
-// fitted again. The errors stated are the largest over all floats of the domain (log, exp_minus)
-// and over all 2^24 multiples of 2^-24 (sincos_2pi): veriray_validate/levels/numbers.py.
+// The polynomials are minimax by Remez' exchange; coefficients were rounded one after another, and
+// the rest fitted again each time. The errors stated are the largest over all floats of the domain
+// (log, exp_minus) and over all 2^24 multiples of 2^-24 (sincos_2pi):
+// veriray_validate/levels/numbers.py.
 #pragma once
 
 #include "core/lane.h"
@@ -11,19 +12,19 @@ namespace veriray {
 inline constexpr float kPi = 3.14159265358979323846f;
 inline constexpr float kInvPi = 0.318309886183790671538f;
 inline constexpr float kInfinity = __builtin_huge_valf();
-// ln 2 as two numbers; multiples of the first by up to 7 bits are exact.
+// ln 2 as the sum of two numbers; products of the first with up to 7 bits are exact.
 inline constexpr float kLn2High = 0x1.62e4p-1f, kLn2Low = 0x1.7f7d1cp-20f;
 inline constexpr float kRootHalf = 0x1.6a09e6p-1f;
 
-// Of lanes; what a float's promises is in platform.h.
+// For lanes; platform.h has the version for float and states what holds.
 template <class F>
 VR_HD F plain_quotient(F a, F b) {
     return a / b;
 }
 
 // s = sin(2 pi u), c = cos(2 pi u) for u in [0, 1).
-// Quarter turns are taken off exactly; the rest |r| <= 1/2 of a quarter goes through minimax
-// polynomials (relative error 3.3e-9 and 5.7e-11 before rounding).
+// Quarter turns are subtracted exactly. Minimax polynomials take the rest, |r| <= 1/2 of a quarter
+// (relative errors 3.3e-9 and 5.7e-11 before rounding).
 // At most 1.69 ulp and 8.4e-8.
 template <class F>
 VR_HD void sincos_2pi(F u, F& s, F& c) {
@@ -102,8 +103,8 @@ VR_HD F exp_minus(F x) {
 }
 
 // The angle of (x, y) in [-pi, pi], radians; 0 at the origin, odd in y.
-// By the arc tangent of the smaller over the larger. At most 1.5 ulp. The polynomial's relative
-// error is 2.7e-9.
+// Computed as the arc tangent of the smaller over the larger. At most 1.5 ulp. The polynomial's
+// relative error is 2.7e-9.
 template <class F>
 VR_HD F angle(F x, F y) {
     constexpr float c[] = {-0x1.55553ep-2f, 0x1.9991e4p-3f,  -0x1.242086p-3f,

@@ -1,4 +1,4 @@
-// The only file that knows which compiler is at work.
+// The only file that knows which compiler is in use.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +22,8 @@
 #define VR_DEVICE_CODE 0
 #endif
 
-// A function for the few: called, so that its registers are no others' business.
+// A function that few lanes need: always called, never inlined, so the caller's code does not pay
+// for its registers.
 #if VR_CUDA
 #define VR_RARE __host__ __device__ __noinline__
 #else
@@ -45,7 +46,7 @@
 
 namespace veriray {
 
-// acc += value on integers shared between threads: order never shows in the result.
+// acc += value on integers shared between threads: the result does not depend on the order.
 // Returns the value before the addition, so that a carry can be found.
 VR_HD uint64_t atomic_add(uint64_t* acc, uint64_t value) {
 #if VR_DEVICE_CODE
@@ -56,7 +57,7 @@ VR_HD uint64_t atomic_add(uint64_t* acc, uint64_t value) {
 #endif
 }
 
-// A word that other threads may write meanwhile.
+// Reads a word that other threads may be writing.
 VR_HD uint32_t atomic_load(const uint32_t* word) {
 #if VR_DEVICE_CODE
     return *static_cast<const volatile uint32_t*>(word);
@@ -66,8 +67,8 @@ VR_HD uint32_t atomic_load(const uint32_t* word) {
 }
 
 #if VR_CUDA
-// Raises the counter by the number of lanes in `together`, which call it; each gets a value of its
-// own.
+// Raises the counter by the number of lanes in `together`, all of which call it; each lane gets a
+// different value.
 __device__ inline uint32_t raise_together(uint32_t together, uint32_t* counter) {
     const uint32_t lane = threadIdx.x & 31u;
     const int leader = __ffs(static_cast<int>(together)) - 1;
@@ -88,7 +89,7 @@ VR_HD uint32_t atomic_next(uint32_t* counter) {
 #endif
 }
 
-// The same for counters[which], where lanes may mean different ones.
+// The same for counters[which], where `which` may differ between lanes.
 VR_HD uint32_t atomic_next(uint32_t* counters, uint32_t which) {
 #if VR_DEVICE_CODE
     return raise_together(__match_any_sync(__activemask(), which), counters + which);
@@ -97,15 +98,16 @@ VR_HD uint32_t atomic_next(uint32_t* counters, uint32_t which) {
 #endif
 }
 
-// Lanes of a warp that a branch has parted go on together. All that have not ended must call it;
-// one that waits at __syncthreads has not ended.
+// Reconverges the lanes of a warp that a branch has separated. All lanes that have not exited must
+// call it; a lane that waits at __syncthreads has not exited.
 VR_HD void rejoin_warp() {
 #if VR_DEVICE_CODE
     __syncwarp();
 #endif
 }
 
-// How many lanes of the warp say so; all that have not ended must call it.
+// The number of lanes of the warp for which the condition holds; all lanes that have not exited
+// must call it.
 VR_HD uint32_t lanes_with(bool x) {
 #if VR_DEVICE_CODE
     return static_cast<uint32_t>(__popc(__ballot_sync(~0u, x)));
@@ -122,9 +124,9 @@ VR_HD float ieee_fma(float a, float b, float c) {
     return __builtin_fmaf(a, b, c);
 #endif
 }
-// a / b, correctly rounded where |b|, |a| and |a / b| lie in [2^-100, 2^100], and for a = 0 so far
-// as |b| does; else of no use. It is what the compiler makes of a division, without the branch for
-// the rest.
+// a / b, correctly rounded if |b|, |a| and |a / b| lie in [2^-100, 2^100], or if a = 0 and |b|
+// does; otherwise the result is meaningless. It is the compiler's code for a division, without the
+// branch for other operands.
 VR_HD float plain_quotient(float a, float b) {
 #if VR_DEVICE_CODE
     float r;

@@ -31,7 +31,7 @@ VR_HD Block<U> hash(Block<U> v) {
 
 enum class Sampler : uint32_t { kIndependent, kSobol };
 
-// 64 key bits from the seed and the upper half of the sample index; one per launch.
+// 64 key bits from the seed and the upper half of the sample index; one key per launch.
 struct RandomKey {
     uint32_t k0, k1;
     Sampler sampler;
@@ -42,8 +42,8 @@ VR_HD RandomKey random_key(uint64_t seed, uint32_t sample_high, Sampler sampler)
     return {h.x, h.y, sampler};
 }
 
-// Named dimensions. A block is four numbers; a path uses block kCamera once and up to three blocks
-// a segment.
+// Named dimensions. A block is four numbers; a path uses block kCamera once, and up to three blocks
+// per segment.
 enum Dimension : uint32_t {
     kCamera = 0,   // film x, film y, lens u, lens v
     kScatter = 1,  // light u, light v, direction u, direction v
@@ -55,10 +55,10 @@ VR_HD uint32_t dimension_block(uint32_t segment, Dimension d) {
     return segment * kBlocksPerSegment + d;
 }
 
-// Vertices from the seventh on take independent numbers: little of a picture's noise is theirs.
+// Vertices from the seventh on take independent numbers: they cause little of a picture's noise.
 inline constexpr uint32_t kSobolBlocks = 6 * kBlocksPerSegment + 1;
 
-// Four words: independent, or two pairs of a Sobol sequence. What is not used costs nothing.
+// Four words: independent, or two pairs of a Sobol sequence. Unused words cost nothing.
 template <class U>
 VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
     const bool alone = key.sampler == Sampler::kIndependent || block >= kSobolBlocks;

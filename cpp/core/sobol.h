@@ -1,6 +1,6 @@
-// Padded Owen-scrambled Sobol points: every pair of dimensions is a (0,2)-sequence in base 2 of its
-// own, whose order is shuffled, so that pairs are independent of each other. Any 2^m samples from a
-// multiple of 2^m on lie one each in the 2^m cells of every dyadic partition of the square.
+// Padded Owen-scrambled Sobol points: every pair of dimensions is its own (0,2)-sequence in base 2,
+// in a shuffled order, so pairs are independent of each other. Any 2^m samples that start at a
+// multiple of 2^m have one point in each of the 2^m cells of every dyadic partition of the square.
 //
 // B. Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; A. Owen, "Scrambled Net
 // Variance for Integrals of Smooth Functions", 1997.
@@ -10,8 +10,8 @@
 
 namespace veriray {
 
-// A bijection in which a bit depends on the seed and lower bits alone: Owen's scrambling, of words
-// whose bits are reversed. S. Laine, T. Karras, "Stratified Sampling for Stochastic Transparency",
+// A bijection in which each bit depends only on the seed and on lower bits: Owen's scrambling of
+// words with reversed bits. S. Laine, T. Karras, "Stratified Sampling for Stochastic Transparency",
 // 2011; the constants are N. Vegdahl's (2021).
 template <class U>
 VR_HD U scramble_reversed(U x, U seed) {
@@ -22,8 +22,8 @@ VR_HD U scramble_reversed(U x, U seed) {
     return x ^ x * U(0x53a22864u);
 }
 
-// The second dimension from the index, bits reversed: its generator is the Pascal matrix modulo 2,
-// which takes the polynomial i(x) to i(x + 1).
+// The second dimension from the index, with bits reversed: its generator is the Pascal matrix
+// modulo 2, which maps the polynomial i(x) to i(x + 1).
 template <class U>
 VR_HD U second_dimension_reversed(U i) {
     i = i ^ (i >> 16);
@@ -33,8 +33,8 @@ VR_HD U second_dimension_reversed(U i) {
     return i ^ ((i & U(0xaaaaaaaau)) >> 1);
 }
 
-// The pair (x, y) of a sample in units of 2^-32. Pairs may share seed_x and seed_y: orders are
-// enough to make them independent.
+// The pair (x, y) of a sample in units of 2^-32. Pairs may share seed_x and seed_y: different
+// orders suffice to make them independent.
 template <class U>
 VR_HD void sobol_pair(U sample, U seed_order, U seed_x, U seed_y, U& x, U& y) {
     const U i = reverse_bits(scramble_reversed(reverse_bits(sample), seed_order));

@@ -43,8 +43,8 @@ template <class F>
 VR_HD Vec3<F> cross(Vec3<F> a, Vec3<F> b) {
     return {fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)), fma(a.x, b.y, -(a.y * b.x))};
 }
-// A vector of nearly unit length, one Newton step nearer: directions that are made of directions do
-// not drift.
+// One Newton step towards unit length, for a vector of nearly unit length: directions computed from
+// directions do not drift.
 template <class F>
 VR_HD Vec3<F> renormalised(Vec3<F> a) {
     return a * fma(F(-0.5f), dot(a, a), F(1.5f));

@@ -1,12 +1,12 @@
-// The film: per pixel and channel the exact sums of the samples and of their squares.
+// The film: per pixel and channel, the exact sums of the samples and of their squares.
 //
-// A sample x (radiance) enters as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit
-// integers, e being the binary exponent of the scene's largest radiance. Integer addition is
+// A sample x (radiance) is added as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit
+// integers, where e is the binary exponent of the scene's largest radiance. Integer addition is
 // associative, so any order, split, merge or resume gives the same film, no sum drifts, and threads
-// need no order. Resolution 2^-72 of the largest radiance a sample (its square 2^-76: the standard
-// error of pixels below 2^-38 of the largest radiance reads 0); a sample at or above 2^20 of it,
-// negative or not finite is not added but counted and reported (SampleFault). Sums are signed: a
-// filter with negative lobes subtracts.
+// need no order. The resolution per sample is 2^-72 of the largest radiance (2^-76 for its square,
+// so the standard error of pixels below 2^-38 of the largest radiance reads 0). A sample that is at
+// or above 2^20 times the largest radiance, negative or not finite is not added, but counted and
+// reported (SampleFault). Sums are signed, because a filter with negative lobes subtracts.
 #pragma once
 
 #include "core/fixed.h"
@@ -37,7 +37,7 @@ VR_HD auto film_accepts(const Spectrum<F>& radiance, float scale) {
            (radiance[0] * s < limit) & (radiance[1] * s < limit) & (radiance[2] * s < limit);
 }
 
-// x: a channel of a sample that the film accepts, times the weight of the filter and the scale.
+// x: a channel of a sample that the film accepts, times the filter's weight and the scale.
 VR_HD void add_sample(PixelSum& p, int channel, float x) {
     const uint32_t bits = bit_cast<uint32_t>(x) & 0x7fffffffu;
     const uint64_t m = (bits & 0x7fffffu) | 0x800000u;  // |x| = m 2^exponent; 2^-126 counts as 0
@@ -52,8 +52,8 @@ VR_HD void add_sample(PixelSum& p, const Spectrum<float>& x) {
     add_sample(p, 2, x[2]);
 }
 
-// Threads may flush to one pixel at once. Three additions at a time return their carries: six would
-// take 8 registers more.
+// Several threads may flush to one pixel at once. Three additions at a time return their carries;
+// six would take 8 more registers.
 VR_HD void flush(const FilmView& film, uint32_t pixel, PixelSum& p) {
     uint64_t* w = film.words + static_cast<uint64_t>(pixel) * kFilmWords;
     const auto add = [](uint64_t* out, const Fixed128* part) {
@@ -75,8 +75,8 @@ VR_HD double film_sum(const uint64_t* words, uint32_t channel, float scale) {
 }
 
 // Mean and standard error of the mean of one channel over n samples, in radiance.
-// The variance is a difference of two numbers; its rounding (2^-52 of the square) may leave it
-// below 0 where all samples are equal, which is then 0.
+// The variance is a difference of two numbers. If all samples are equal, rounding (2^-52 of the
+// square) may make it negative; it is then set to 0.
 VR_HD void resolve(const uint64_t* words, uint32_t channel, float scale, uint64_t n, float& mean,
                    float& standard_error) {
     const uint64_t* w = words + 4 * channel;

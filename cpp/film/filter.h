@@ -1,5 +1,5 @@
-// Pixel filters by importance sampling: every sample belongs to one pixel and has weight 1, or,
-// where a filter has negative lobes, a weight of constant size and the lobe's sign.
+// Pixel filters by importance sampling: every sample belongs to one pixel and has weight 1 or, for
+// a filter with negative lobes, a weight of constant magnitude with the lobe's sign.
 #pragma once
 
 #include "core/mapping.h"

@@ -1,12 +1,13 @@
-// Sums of pixels side by side, one a lane, in doubles: to the bit what add_sample gives.
+// Sums of pixels side by side, one per lane, in doubles; bit for bit the result of add_sample.
 #pragma once
 
 #include "film/film.h"
 
 namespace veriray {
 
-// Samples that a lane may add up. A number is cut into multiples of fixed powers of two, the last
-// of the film's resolution; sums of so many of one part have at most 53 bits, and are exact.
+// The number of samples that a lane may add up. A sample is cut into parts that are multiples of
+// fixed powers of two, the last of the film's resolution. Sums of that many parts have at most 53
+// bits, so they are exact.
 inline constexpr uint32_t kLaneSamples = 64;
 
 // The multiple of 2^-bits nearest to x, for |x| < 2^(51 - bits).
@@ -16,8 +17,8 @@ VR_HD D nearest_multiple(D x) {
     return (x + D(shift)) - D(shift);
 }
 
-// x in units of 2^-scale, halves up, for numbers of at most 48 bits: where x has no room for the
-// half, it is below 1/32.
+// x in units of 2^-scale, rounded with halves up, for numbers of at most 48 bits. If x has no room
+// for the half, the half is below 1/32.
 template <int kScale, class D>
 VR_HD D in_units(D x) {
     constexpr double units =
@@ -56,8 +57,8 @@ class LaneSums {
 
    private:
     using D = typename L::D;
-    // A sample is below 2^20, what its first part leaves at most 2^-28; a square below 2^40, then
-    // 2^-8 and 2^-56.
+    // A sample is below 2^20, and its first part leaves at most 2^-28. A square is below 2^40, and
+    // its parts leave at most 2^-8 and 2^-56.
     static constexpr int kHigh = 27, kTop = 7, kMiddle = 55;
 
     // A multiple of 2^-bits as fixed point.

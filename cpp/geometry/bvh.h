@@ -1,13 +1,13 @@
-// A tree of boxes over triangles, spheres and disks, and its walk: one ray at a time on the CPU
-// (its lanes one after another, eight boxes or triangles at once), one ray a thread on CUDA.
+// A tree of boxes over triangles, spheres and disks, and its traversal: one ray at a time on the
+// CPU (lane after lane, eight boxes or triangles at once), one ray per thread on CUDA.
 //
-// The closest hit does not depend on the tree. A primitive's test is one sequence of operations
-// whichever way it is scheduled; ties go to the smaller primitive; and no box is passed over that
+// The closest hit does not depend on the tree. A primitive's test is one sequence of operations,
+// however it is scheduled. Ties go to the primitive with the smaller number. No box is skipped that
 // holds a primitive which counts: boxes are padded beyond the rounding of the tests, a box is
 // skipped only if it starts beyond the closest hit, and no hit lies before its primitive's own box
-// or counts where the ray misses that (bounded_distance). The boxes of a triangle's parts, which
-// `sah` splits, hold less: rays that lie in its plane to within rounding have a distance that is
-// noise, and may meet one of its parts after something behind it.
+// or counts if the ray misses that box (bounded_distance). Where `sah` splits a triangle, the boxes
+// of its parts are smaller than its own. For rays that lie in its plane to within rounding, the
+// distance is noise, so such a ray may meet a part after something behind it.
 #pragma once
 
 #include "geometry/disk.h"
@@ -22,7 +22,7 @@ inline constexpr float kBoxPad = 0x1p-20f;                  // normalised units
 inline constexpr uint32_t kMaxLeaf = 16;                    // records
 inline constexpr uint32_t kCpuWidth = 8, kDeviceWidth = 4;  // children of a node
 
-// Which primitives a tree may hold: code for others is not compiled.
+// Kinds of primitives that a tree may hold: code for other kinds is not compiled.
 enum TreeKinds : uint32_t { kTreeTriangles = 1, kTreeSpheres = 2, kTreeDisks = 4 };
 
 template <uint32_t N>
@@ -31,14 +31,14 @@ struct alignas(64) WideNode {
     uint32_t child[N];         // a node, or kLeafFlag | first << 4 | count - 1
 };
 
-// A record is 16 floats: a triangle's corners and plane, or the 8 floats of a sphere, the 12 of a
+// A record is 16 floats: a triangle's corners and plane, the 8 floats of a sphere or the 12 of a
 // disk; then primitive and kind as integers, and 0.
 inline constexpr uint32_t kRecordFloats = 16, kRecordPlane = 9, kRecordId = 13, kRecordKind = 14;
 enum RecordKind : uint32_t { kTriangleRecord = 0, kSphereRecord = 1, kDiskRecord = 2 };
 
-// The CPU's leaves begin at a block and are kLeafRows rows of `count` numbers, one row after
-// another: 0 to 12 of a record, then kRecordMark | kind << kRecordKindShift | primitive (a normal
-// number when it is read as a float).
+// The CPU's leaves begin at a block and hold kLeafRows rows of `count` numbers, one row after
+// another: the floats 0 to 12 of the records, then kRecordMark | kind << kRecordKindShift |
+// primitive (a normal number when read as a float).
 inline constexpr uint32_t kLeafRows = 14, kCpuLeaf = 8, kBlockFloats = 16;
 inline constexpr uint32_t kRecordKindShift = 27, kRecordMark = 0x40000000u;
 struct alignas(64) RecordBlock {
@@ -50,13 +50,13 @@ struct BvhView {
     const void*
         records;  // CPU: RecordBlock, `first` of a leaf counts blocks (scene/tree_layout.h).
                   // CUDA: kRecordFloats floats each, 16-byte aligned.
-    float slack;  // of slabs_of
+    float slack;  // for slabs_of
 };
 
 // ---- one primitive, one ray ----
 using Scalar3 = Vec3<float>;
 
-// Distance to a sphere or disk record beyond `last`; infinity where it is missed.
+// Distance to a sphere or disk record beyond `last`; infinity if the ray misses it.
 template <uint32_t kKinds>
 VR_HD float round_distance(const float* record, uint32_t kind, uint32_t primitive,
                            const Ray<Scalar>& ray, const Slabs<Scalar>& slabs,

@@ -9,7 +9,7 @@ inline constexpr uint32_t kDiskFloats =
     12;  // plane, {U, w}, {V, w}: (U.p + w)^2 + (V.p + w)^2 <= 1
 
 // Whether a ray meets the ellipse at 0 < t < t_max, and where. A ray within the plane has a
-// t that is NaN or beyond the ellipse: it does not pass.
+// t that is NaN or beyond the ellipse, and fails the test.
 template <class L>
 VR_HD typename L::M meets_disk(const float* record, const Ray<L>& ray, typename L::F t_max,
                                typename L::F& t) {

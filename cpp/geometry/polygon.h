@@ -1,15 +1,15 @@
 // Flat convex primitives of small scenes: parallelograms (two slabs) and polygons of up to four
 // edges. Both find the point on the plane and test it against edge functions that are planes too.
 //
-// Neighbours must not leave a gap: the host widens primitives along the edges they share by
-// kEdgeSlack (normalised units), a bound on the rounding of point and edge function, so that a ray
-// within rounding of a shared edge meets one of its primitives or both (scene/flat.cpp). A ray that
+// Neighbours must not leave a gap. So the host widens primitives along shared edges by a rim of
+// kEdgeSlack (normalised units), a bound on the rounding of point and edge function: a ray within
+// rounding of a shared edge meets one of its primitives or both (scene/flat.cpp). A ray that
 // starts within rounding of a neighbour's plane counts as in front of it: records hold the plane
 // kPlaneSlack behind the surface.
 //
-// The back of a one-sided face has no such rim: it would stick out behind the silhouette of a body.
-// There the face ends as far within its own edges, to rounding: at |U.p + w| <= rim[0],
-// |V.p + w| <= rim[1] of a quad, e.p + w >= rim[k] of a polygon.
+// The back of a one-sided face has no rim, which would stick out behind the silhouette of a body.
+// Seen from there, the face ends at its own edges, to rounding: at |U.p + w| <= rim[0],
+// |V.p + w| <= rim[1] for a quad, e.p + w >= rim[k] for a polygon.
 #pragma once
 
 #include "geometry/ray.h"
@@ -18,21 +18,21 @@ namespace veriray {
 
 inline constexpr uint32_t kMaxFlat = 64;     // primitives for which no tree is built
 inline constexpr uint32_t kQuadFloats = 12;  // plane, {U, w}, {V, w}: |U.p + w| <= 1
-// Of a quad across axis a: w; U_w, U_b, U_c; V_w, V_b, V_c. Of one along it: n_b, n_c, w; U_w, U_a;
-// V_w, V_b, V_c.
+// For a quad across axis a: w; U_w, U_b, U_c; V_w, V_b, V_c. For one along it: n_b, n_c, w; U_w,
+// U_a; V_w, V_b, V_c.
 inline constexpr uint32_t kShortFloats = 8;
 inline constexpr uint32_t kPolygonFloats = 20;  // plane, four edges e.p + w >= 0
 inline constexpr float kEdgeSlack = 0x1p-20f;
 inline constexpr float kPlaneSlack = 0x1p-22f;
 
-// A quad's record on its own: of shared memory, three loads.
+// A quad's record as a type of its own: three loads from shared memory.
 struct alignas(16) QuadRecord {
     float v[kQuadFloats];
     VR_HD const float& operator[](uint32_t k) const { return v[k]; }
 };
 
 // Whether a ray meets the primitive at 0 < t < t_max, and where. A ray within the plane has a t
-// that is NaN or beyond the primitive: it does not pass. Record: float or lanes that are equal.
+// that is NaN or beyond the primitive, and fails the test. Record: float, or lanes that are equal.
 template <class L, uint32_t kEdges, class Record>
 VR_HD typename L::M meets_flat(const Record* record, const Ray<L>& ray, typename L::F t_max,
                                typename L::F& t) {
@@ -49,15 +49,15 @@ VR_HD typename L::M meets_flat(const Record* record, const Ray<L>& ray, typename
     return between<L>(inside, t, t_max);
 }
 
-// A run of quads that are tested alike: across axis 0, 1 or 2, along axis 0, 1 or 2, or any way.
-// One along an axis has two edges along it, and two across.
+// A run of quads that share a test: across axis 0, 1 or 2, along axis 0, 1 or 2, or any way. A quad
+// along an axis has two edges along it, and two across.
 inline constexpr uint32_t kAlong = 3, kAnyWay = 6;
 struct QuadRun {
     uint32_t way, end;  // the first quad after it
 };
 
-// The same for a parallelogram across an axis or along it, to the bit: what is left out are
-// products with 0 and sums with them.
+// The same for a parallelogram across an axis or along it, bit for bit: only products with 0, and
+// sums with these, are left out.
 template <class L, uint32_t kWay, class Record>
 VR_HD typename L::M meets_short(const Record* record, const Ray<L>& ray, typename L::F t_max,
                                 typename L::F& t) {

@@ -1,8 +1,8 @@
 // Spheres, exact where float32 fails: small and far, large and near, seen from within, left at a
 // grazing angle. Positions relative to the centre are sums of two floats.
 // After E. Haines, J. Guenther, T. Akenine-Moeller, "Precision Improvements for Ray/Sphere
-// Intersection", Ray Tracing Gems, 2019: the discriminant by the ray's point nearest to the centre,
-// the roots by a sum without cancellation; here with compensated sums.
+// Intersection", Ray Tracing Gems, 2019: the discriminant from the ray's point nearest to the
+// centre, the roots from a sum without cancellation; here with compensated sums.
 #pragma once
 
 #include "core/compensated.h"
@@ -59,8 +59,8 @@ VR_HD Chord<F> chord(const Record* record, Vec3<F> o, Vec3<F> d) {
     return c;
 }
 
-// False only for rays that clearly miss the sphere in 0 < t < t_max: spares them `chord`, ten times
-// the work.
+// False only for rays that clearly miss the sphere in 0 < t < t_max. It spares them `chord`, which
+// is ten times the work.
 template <class L, class Record>
 VR_HD typename L::M may_meet_sphere(const Record* record, const Ray<L>& ray, typename L::F t_max) {
     using F = typename L::F;
@@ -71,14 +71,14 @@ VR_HD typename L::M may_meet_sphere(const Record* record, const Ray<L>& ray, typ
     return (dot(apart, apart) <= reach * reach) & (-reach <= middle) & (middle - reach <= t_max);
 }
 
-// The next number after a positive one; of others no greater one.
+// The next greater number if t > 0; otherwise t.
 template <class F>
 VR_HD F just_beyond(F t) {
     using U = decltype(as_uint(t));
     return select(t > F(0.f), as_float(as_uint(t) + U(1u)), t);
 }
 
-// Whether a ray meets the sphere, and where: lo < hi if lo is ahead, so that what enters leaves.
+// Whether a ray meets the sphere, and where: lo < hi if lo is ahead, so a ray that enters leaves.
 // Relative error: 2e-7 for origins 1e-6 to 1e6 radii off the surface,
 // outside and inside (veriray_validate/levels/geometry.py).
 template <class L, class Record>
@@ -111,23 +111,24 @@ VR_HD typename L::M meets_sphere(const Record* record, const Ray<L>& ray, typena
     return meets_sphere<L>(record, ray, nothing_met<L>(), typename L::U(0u), t_max, t);
 }
 
-// A point put on a sphere and then moved along its normal n is rounded three times: its height is
+// A point put on a sphere and then moved along its normal n is rounded three times. Its height is
 // off by at most 3 2^-24 (|n.x p.x| + |n.y p.y| + |n.z p.z|) <= 3 2^-24 |p|, and by the rounding of
-// `excess`, 2^-45 r. A point that much off the surface is told from it whatever the direction.
+// `excess`, 2^-45 r. A point at that distance is distinct from the surface in any direction.
 inline constexpr float kSphereOffset = 0x1p-22f, kSphereOffsetRadius = 0x1p-42f;
 
 template <class F>
 struct SpherePoint {
     Vec3<F> p;  // on the sphere to within rounding
     Vec3<F> n;  // unit, outward
-    F offset;   // distance to leave the surface by, along n or -n, past the rounding of p
+    F offset;   // of a ray's origin from the surface along n or -n, to clear the rounding of p
 };
 
-// The point at t of a ray that meets the sphere there.
+// The point at t of a ray that meets the sphere at t.
 template <class F, class Record>
 VR_HD SpherePoint<F> sphere_point(const Record* record, Vec3<F> o, Vec3<F> d, F t) {
     const TwoVec3<F> f = fma(d, t, from_centre(record, o));
-    // The rest of the way to the sphere: the root of smaller magnitude; of a tangent, the middle.
+    // The remaining distance to the sphere: the root of smaller magnitude, or the middle of a
+    // tangent.
     const F b = dot(f.hi, d), c = excess(record, f), square = fma(b, b, -c);
     const F half = sqrt(max(square, F(0.f)));
     const F rest = select(square > F(0.f), -c / (b + select(b < F(0.f), -half, half)), -b);

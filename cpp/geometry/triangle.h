@@ -1,9 +1,9 @@
 // Watertight triangles for meshes.
 //
-// Vertices are sheared along the ray onto a plane by the same arithmetic for every triangle, and
-// the sign of an edge function there is decided by comparing two products that are rounded alike
-// for both neighbours (never fused). A rounded product is monotone, so the sign is right or zero,
-// and zero counts as inside: no ray passes between two triangles that share an edge or a vertex.
+// Vertices are sheared along the ray onto a plane by the same arithmetic for every triangle. The
+// sign of an edge function there follows from comparing two products that are rounded alike for
+// both neighbours (never fused). A rounded product is monotone, so the sign is right or zero, and
+// zero counts as inside: no ray passes between two triangles that share an edge or a vertex.
 // S. Woop, C. Benthin, I. Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
 #pragma once
 
@@ -11,16 +11,16 @@
 
 namespace veriray {
 
-// 1 / d, held finite so that 0 times it stays 0 on a slab's face.
+// 1 / d, kept finite so that its product with 0 is 0 on a slab's face.
 template <class F>
 VR_HD F finite_inverse(F d) {
     return select(abs(d) < F(0x1p-100f), F(0x1p100f), F(1.f) / d);
 }
 
-// Where a ray meets planes across the axes: at fma(c, inverse, near) for the plane at c. `near`
-// lies before and `far` behind by `slack` of the origin's largest coordinate (of 1 if that is
-// less): kSlabSlack is more than the rounding of shear, plane and slab together; kMovedSlack where
-// planes have been moved (scene/touching.cpp).
+// Where a ray meets planes across the axes: at fma(c, inverse, near) for the plane at c. `near` is
+// early and `far` late by `slack` times the origin's largest coordinate (at least 1). kSlabSlack is
+// more than the rounding of shear, plane and slab together; kMovedSlack is for scenes whose planes
+// have been moved (scene/touching.cpp).
 inline constexpr float kSlabSlack = 0x1p-20f, kMovedSlack = 0x1p-17f;
 
 template <class L>
@@ -41,10 +41,10 @@ VR_HD Slabs<L> slabs_of(const Ray<L>& ray, float slab_slack) {
     return s;
 }
 
-// The axis along which the ray runs most, exchanged with z; x and y shear by dx/dz and dy/dz.
+// The ray's main axis, exchanged with z; x and y shear by dx/dz and dy/dz.
 template <class L>
 struct Shear {
-    typename L::M from_x, from_y;  // that axis is x, is y
+    typename L::M from_x, from_y;  // the main axis is x, is y
     typename L::F x, y;            // -dx/dz, -dy/dz after the exchange
 };
 
@@ -68,8 +68,8 @@ VR_HD Shear<L> shear_of(Vec3<typename L::F> d) {
     return s;
 }
 
-// Whether the line of the ray meets the triangle with corners v (relative to its origin, main axis
-// last); never for one seen edge on.
+// Whether the ray's line meets the triangle with corners v (relative to the ray's origin, main axis
+// last); false for a triangle seen edge-on.
 template <class L>
 VR_HD typename L::M inside_sheared(const Shear<L>& s, const Vec3<typename L::F> (&v)[3]) {
     using F = typename L::F;
@@ -86,11 +86,11 @@ VR_HD typename L::M inside_sheared(const Shear<L>& s, const Vec3<typename L::F> 
     return (left | right) & !(left & right);
 }
 
-// Distance to the plane, but not before the ray enters the box about the corners v: so boxes may be
-// passed over by distance, however the ray grazes the plane. 0 where it passes that box by, by the
-// arithmetic of a node's boxes, which hold it: then the edge functions were products rounded alike,
-// of a triangle that is edge on and points at the line from afar. No other is lost: the sheared
-// corners are off by 5/8 and slabs by 5/16 of kSlabSlack at most.
+// Distance to the plane, but not less than where the ray enters the box about the corners v. So
+// boxes may be skipped by distance, even if the ray grazes the plane. 0 if the ray misses that box
+// by the arithmetic of the nodes' boxes, which enclose it: then the edge functions were equally
+// rounded products of a distant triangle that is edge-on and points at the line. No other hit is
+// lost: the sheared corners are off by at most 5/8 and slabs by 5/16 of kSlabSlack.
 template <class L>
 VR_HD typename L::F bounded_distance(typename L::F t, const Slabs<L>& s,
                                      const Vec3<typename L::F> (&v)[3]) {

@@ -1,5 +1,5 @@
-// The walk of the CPU: nodes of eight boxes and leaves of up to eight records at once for one ray,
-// and several rays in turn, a node each: while one is at work, memory brings what the others need.
+// The CPU's traversal: one ray tests a node of eight boxes or a leaf of up to eight records at
+// once. Several rays take turns, one node each, so memory loads what the others need meanwhile.
 // I. Wald, C. Benthin, S. Boulos, "Getting Rid of Packets", RT 2008.
 #pragma once
 
@@ -7,15 +7,15 @@
 
 namespace veriray {
 
-inline constexpr uint32_t kCpuStack = 7 * 64 + 1;  // seven siblings a level of the deepest tree
+inline constexpr uint32_t kCpuStack = 7 * 64 + 1;  // seven siblings per level of the deepest tree
 
-// The rays of lanes on their way.
+// The rays of the lanes during traversal.
 template <class L>
 struct Walkers {
     static constexpr uint32_t kWidth = L::kWidth;
     float o[3][kWidth], d[3][kWidth], inverse[3][kWidth], near[3][kWidth], far[3][kWidth];
     float sheared_o[3][kWidth], shear[2][kWidth];      // main axis last
-    uint32_t near_row[3][kWidth], far_row[3][kWidth];  // of a node, in floats
+    uint32_t near_row[3][kWidth], far_row[3][kWidth];  // rows of a node, in floats
     uint32_t axis[3][kWidth];                          // main axis last
     float t[kWidth], after[kWidth];                    // hits count beyond (after, passed)
     uint32_t passed[kWidth], primitive[kWidth], node[kWidth], waiting[kWidth];
@@ -55,7 +55,7 @@ VR_HD Vec3<Batch::F> all_of(const float (&column)[3][n], uint32_t lane) {
     return {Batch::F(column[0][lane]), Batch::F(column[1][lane]), Batch::F(column[2][lane])};
 }
 
-// Children whose boxes ray i enters within its t, as bits, and where.
+// Children whose boxes ray i enters within its t, as bits, and the distances.
 template <class L>
 VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walkers<L>& w, uint32_t i,
                        float (&entry)[kCpuWidth]) {
@@ -81,7 +81,7 @@ VR_HD uint32_t record_primitive(const float* rows, uint32_t count, uint32_t j) {
     return as_uint(rows[kRecordId * count + j]) & ((1u << kRecordKindShift) - 1u);
 }
 
-// Of the leaf's `count` records, those that ray i meets within its t: as bits, and where.
+// Those of the leaf's `count` records that ray i meets within its t, as bits, and the distances.
 template <uint32_t kKinds, class L>
 VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
                          float (&t)[kCpuLeaf]) {
@@ -138,7 +138,7 @@ VR_HD void fetch(const void* p, uint32_t bytes) {
     for (uint32_t i = 0; i < bytes; i += 64) __builtin_prefetch(static_cast<const char*>(p) + i);
 }
 
-// One node or leaf of the walk of ray i; whether it goes on. kAny: until the first hit.
+// One node or leaf of the traversal of ray i; returns whether it goes on. kAny: stop at any hit.
 template <uint32_t kKinds, bool kAny, class L>
 VR_HD bool step(const BvhView& bvh, Walkers<L>& w, uint32_t i) {
     const auto* nodes = static_cast<const WideNode<kCpuWidth>*>(bvh.nodes);
@@ -236,7 +236,7 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& l
     hit.t = load(w.t, typename L::F()), hit.primitive = load(w.primitive, typename L::U());
 }
 
-// Lanes of `active` that meet a primitive other than `skip` before t_max.
+// Those lanes of `active` that meet a primitive other than `skip` before t_max.
 template <class L, uint32_t kKinds>
 VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::F t_max,
                                     typename L::M active, typename L::U skip) {

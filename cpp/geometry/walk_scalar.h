@@ -1,11 +1,12 @@
-// The walk of CUDA: one ray a thread, nodes of 2, 4 or 8 boxes, near first, records one by one.
+// CUDA's traversal: one ray per thread, nodes of 2, 4 or 8 boxes, near child first, records one by
+// one.
 #pragma once
 
 #include "geometry/bvh.h"
 
 namespace veriray {
 
-// Siblings that can wait: N - 1 a level of the deepest tree.
+// Siblings that can wait: N - 1 per level of the deepest tree.
 template <uint32_t N>
 inline constexpr uint32_t kWalkStack = (N - 1) * 64 + 1;
 
@@ -36,7 +37,7 @@ struct WaitingNode {
     uint32_t node;
 };
 
-// Where a walk stands: the next node, or kWalkEnd, and those that wait.
+// The state of a traversal: the next node, or kWalkEnd, and the stack of nodes that wait.
 inline constexpr uint32_t kWalkEnd = ~0u;
 template <uint32_t N>
 struct WalkPlace {
@@ -58,7 +59,7 @@ struct WalkPlace {
     }
 };
 
-// From a node to its nearest child that the ray reaches within t; the others wait.
+// Goes from a node to its nearest child that the ray reaches within t; the others wait.
 template <uint32_t N>
 VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float after, float t,
                      WalkPlace<N>& place) {
@@ -79,7 +80,7 @@ VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float after, fl
                 min(fma(z1[k], s.inverse.z, s.far.z), t));
         entry[k] = near <= far ? near : kInfinity;
     }
-    // A network that puts the near ones first; missed boxes go last.
+    // A sorting network: near children first, missed boxes last.
     const auto order = [&](uint32_t a, uint32_t b) {
         const bool swap = entry[b] < entry[a];
         const float e = swap ? entry[b] : entry[a], c = swap ? child[b] : child[a];
@@ -104,7 +105,7 @@ VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float after, fl
     place.node = as_uint(child[0]);
 }
 
-// Distance at which the ray meets a record, and its primitive; infinity or 0 where it does not.
+// Distance at which the ray meets a record, and its primitive; infinity or 0 if it misses.
 template <uint32_t kKinds>
 VR_HD float record_distance(const float* record, const RayFrame& f, const Hit<Scalar>& last,
                             uint32_t& primitive) {
@@ -136,7 +137,7 @@ struct WalkAim {
     Hit<Scalar> last;
 };
 
-// Tests the records of the leaf that the walk has come to, and goes on.
+// Tests the records of the leaf that the traversal has reached, and goes on.
 template <uint32_t N, uint32_t kKinds>
 VR_HD void walk_leaf(const BvhView& bvh, const RayFrame& f, WalkAim aim, Hit<Scalar>& hit,
                      WalkPlace<N>& place) {

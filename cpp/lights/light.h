@@ -20,7 +20,7 @@ enum class LightShape : uint32_t {
     kSpot,
     kDirectional,
     kRectangle,  // sampled by solid angle where that is large
-    kTouching,   // no shape: flat ones may touch what lets light through
+    kTouching,   // not a shape: a flat light may touch what lets light through
 };
 constexpr uint32_t shape_bit(LightShape s) { return 1u << static_cast<uint32_t>(s); }
 inline constexpr uint32_t kFlatLights =
@@ -35,24 +35,24 @@ enum LightColumn : uint32_t {
     kLightP,                 // a vertex, the centre, or the position: 3 columns
     kLightE1 = kLightP + 3,  // edges or half axes: 3 columns each
     kLightE2 = kLightE1 + 3,
-    kLightN = kLightE2 + 3,      // unit: normal of the emitting side, or the way the light goes
+    kLightN = kLightE2 + 3,      // unit: normal of the emitting side, or direction of the light
     kLightOffset = kLightN + 3,  // shift along the normal past the rounding of a point (see below)
     kLightShape,
-    kLightInverse,   // 1 / the chance of being chosen; times the area for flat lights
+    kLightInverse,   // 1 / selection probability; times the area for flat lights
     kLightRadiance,  // radiance, intensity, or irradiance across the beam: 3 columns
     kLightPrimitive = kLightRadiance + 3,                 // bits
     kRectangleUnit,                                       // rectangles: RectangleView's, 4 columns
     kRectangleOther = kRectangleUnit + kRectangleFloats,  // bits: the primitive with u >= v
     kLightColumns,
-    // A sphere has its record (geometry/sphere.h) from kLightP on and its side in kLightN: 1
-    // outside, -1 inside, -2 inside of a surface that lets light through. A spot has these:
+    // A sphere has its record (geometry/sphere.h) from kLightP on and its emitting side in kLightN:
+    // 1 outside, -1 inside, -2 inside of a surface that lets light through. A spot has these:
     kSpotCutoff = kLightE1,  // radians
     kSpotInverse,            // 1 / (cutoff - beam)
 };
 
 struct LightView {
     const float* table;   // [column][stride]
-    const uint32_t* cdf;  // upper ends of the choice intervals in units of 2^-24; last is 2^24
+    const uint32_t* cdf;  // upper ends of the selection intervals in units of 2^-24; last is 2^24
     uint32_t stride, count;
     uint32_t top_step;  // largest power of two <= count
     float environment[3];
@@ -62,15 +62,14 @@ template <class L>
 struct LightSample {
     using F = typename L::F;
     Spectrum<F> radiance;  // towards the receiver; 0 from the back
-    F inverse_pdf;         // per solid angle, choice included; of a delta light the choice alone
+    F inverse_pdf;         // per solid angle, selection included; selection only for delta lights
     F distance;            // a shadow ray's length; infinity for directional lights
     Vec3<F> wi;            // unit
     typename L::M delta;   // no ray can meet the light
-    typename L::U skip;    // primitive that does not block: the light, which the ray meets once
+    typename L::U skip;    // primitive that does not block: the light itself, which the ray meets
 };
 
-// The light whose interval holds u24 in [0, 2^24): chosen with exactly its share of
-// 2^-24ths.
+// The light whose interval holds u24 in [0, 2^24): its probability is exactly its share of 2^24.
 template <class U>
 VR_HD U choose_light(const LightView& lights, U u24) {
     U first(0u);
@@ -148,7 +147,7 @@ struct LightSampler {
                 column3(column, kLightE2), column3(column, kLightN)};
     }
 
-    // 1 / the density of light samples at p, choice included, where they are drawn by solid angle;
+    // 1 / the density of light samples at p, selection included, if they are drawn by solid angle;
     // else 0.
     template <class Column>
     static VR_HD F inverse_pdf_by_angle(Column column, V p, M valid) {
@@ -158,12 +157,12 @@ struct LightSampler {
         return select(valid & view.by_angle(), column(kLightInverse) * view.share(), F(0.f));
     }
 
-    // Uniform on the area, or by solid angle. A shadow ray must end before the light itself: the
-    // point is moved off the light by the bound on the absolute rounding of its plane's distance,
-    // and the ray shortened by a bound on the relative one (plane distance, length and their
-    // division: below 6 units of 2^-24). By solid angle, and on a light that touches something, the
-    // point stays, as moving it would change the density of directions near to the light, and the
-    // ray ends before the moved plane.
+    // Uniform in area or in solid angle. A shadow ray must end before the light itself, so the
+    // point is moved off the light by a bound on the absolute rounding of its plane's distance, and
+    // the ray is shortened by a bound on the relative rounding (plane distance, length and their
+    // division: below 6 units of 2^-24). If the light is sampled by solid angle or touches
+    // something, the point stays, because moving it would change the density of directions near the
+    // light; the ray then ends before the moved plane.
     template <class Column>
     static VR_HD void flat(Column column, V p, F u, F v, LightSample<L>& s) {
         const F u0 = u, v0 = v;
@@ -224,9 +223,9 @@ struct LightSampler {
         }
     }
 
-    // The sphere is convex, so that it hides none of its own points that p can see: it is skipped
-    // by the shadow ray. From outside, its inside is seen across its own surface, where that lets
-    // light through: there the shadow ray ends before the far side.
+    // The sphere is convex, so it hides none of the points that p can see, and the shadow ray skips
+    // it. If its surface lets light through, its inside is seen from outside across that surface;
+    // the shadow ray then ends before the far side.
     template <class Column>
     static VR_HD LightSample<L> from_sphere(Column column, V p, F u, F v, M nobody) {
         F record[kSphereFloats];
@@ -243,7 +242,7 @@ struct LightSampler {
                 select(across, U(~0u), as_uint(column(kLightPrimitive)))};
     }
 
-    // Intensity over squared distance; the falloff of a spot is linear in the angle, as Mitsuba's.
+    // Intensity over squared distance; a spot's falloff is linear in the angle, as Mitsuba's.
     template <class Column>
     static VR_HD LightSample<L> from_point(Column column, V p, M valid) {
         const V to = column3(column, kLightP) - p;
@@ -253,7 +252,7 @@ struct LightSampler {
         if constexpr (has(LightShape::kSpot)) {
             const M spot = is(column, LightShape::kSpot);
             if (any(spot)) {
-                // By sine and cosine: a cosine alone does not tell small angles apart.
+                // From sine and cosine: a cosine alone does not resolve small angles.
                 const V axis = column3(column, kLightN), across = cross(wi, axis);
                 const F off = angle(-dot(wi, axis), sqrt(dot(across, across)));
                 const F edge = (column(kSpotCutoff) - off) * column(kSpotInverse);

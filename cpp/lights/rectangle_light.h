@@ -1,5 +1,5 @@
 // Rectangular lights by solid angle: the map of C. Urena, M. Fajardo, A. King, "An Area-Preserving
-// Parametrization for Spherical Rectangles", CGF 32(4), 2013, turned round in another way.
+// Parametrization for Spherical Rectangles", CGF 32(4), 2013, inverted in another way.
 #pragma once
 
 #include "core/math.h"
@@ -7,15 +7,15 @@
 
 namespace veriray {
 
-// The least solid angle to sample by. Below it points on the area do as well, and the rounding of
+// The smallest solid angle to sample by. Below it, sampling by area is as good, and the rounding of
 // the solid angle, 4e-7 at most, would show.
 inline constexpr float kLeastSolidAngle = 0x1p-4f;
 
-// What the host gives: 1 / |e1|, 1 / |e2|, |e2| / |e1|, 1 / area.
+// Numbers from the host: 1 / |e1|, 1 / |e2|, |e2| / |e1|, 1 / area.
 inline constexpr uint32_t kRectangleFloats = 4;
 
-// A rectangle seen from p, along its edges and in units of the first: x from x0 to x0 + 1, y from
-// y0 to y1, at height z above p, which is positive in front.
+// A rectangle seen from p, with axes along its edges and in units of the first: x from x0 to
+// x0 + 1, y from y0 to y1, at height z above p, which is positive in front.
 template <class F>
 struct RectangleView {
     using M = decltype(F() < F());
@@ -35,11 +35,11 @@ struct RectangleView {
         solid_angle = strip(x0 + F(1.f)) - first;
     }
 
-    // From so far away that squares of squares of distances are infinite, it is 0 or NaN.
+    // At distances whose fourth powers overflow, solid_angle is 0 or NaN.
     VR_HD M by_angle() const { return solid_angle >= F(kLeastSolidAngle); }
     VR_HD F share() const { return solid_angle * inverse_area; }  // of the area
 
-    // Signed solid angle of what lies between 0 and x: the difference of two angles, asin(s b1) and
+    // Signed solid angle of the strip between 0 and x: the difference of two angles, asin(s b1) and
     // asin(s b0), with s = x / sqrt(x^2 + z^2) and b = y / sqrt(y^2 + z^2).
     VR_HD F strip(F x) const {
         const F zz = z * z, square = fma(x, x, zz);
@@ -47,12 +47,12 @@ struct RectangleView {
         return angle(fma(x * x, y0 * y1, zz * r0 * r1), x * z * fma(y1, r0, -(y0 * r1)));
     }
 
-    // The point a e1 + b e2 uniform in solid angle. From strip(x) = w, by the sines of both angles:
+    // A point a e1 + b e2, uniform in solid angle. strip(x) = w gives, by the sines of both angles:
     // s = sin w / sqrt(b0^2 + b1^2 - 2 b0 b1 cos w), and
     // x = z sin w / sqrt((cos w - b0 b1)^2 - (1 - b0^2) (1 - b1^2)).
-    // y is then uniform in its sine. Rounding puts x or y beyond an edge; close above the plane,
-    // and beside the rectangle, by as much as its length, of 1e-4 of the points at a height of
-    // 1e-4.
+    // y is then uniform in its sine. Rounding may put x or y beyond an edge. Close above the plane
+    // and beside the rectangle it may do so by the rectangle's length, at a height of 1e-4 for 1e-4
+    // of the points.
     VR_HD void sample(F u, F v, F& a, F& b) const {
         const F w = fma(u, solid_angle, first), zz = z * z, zero(0.f), one(1.f);
         F s, c;

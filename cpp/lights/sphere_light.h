@@ -1,5 +1,5 @@
-// Sphere lights by solid angle: uniform in the cone of directions that meet the sphere, or, from
-// inside, in all directions.
+// Sphere lights by solid angle: uniform over the cone of directions that meet the sphere or, from
+// inside, over all directions.
 #pragma once
 
 #include "core/mapping.h"
@@ -13,11 +13,11 @@ struct SphereLightSample {
     F inverse_pdf;  // the solid angle of the directions
     F distance;     // to the first point of the sphere
     F far;          // to the last
-    F cos_light;    // of -wi to the outward normal there: negative where the inside is seen
+    F cos_light;    // of -wi to the outward normal there: negative if the inside is seen
 };
 
-// The sphere as seen from p. p is outside where |p - centre|^2 - r^2 > 0 as `excess` rounds it:
-// the one rule for sample_sphere_light and sphere_light_pdf.
+// The sphere as seen from p. p is outside if |p - centre|^2 - r^2 > 0 as `excess` rounds it;
+// sample_sphere_light and sphere_light_pdf share this rule.
 template <class F>
 struct SphereView {
     TwoVec3<F> from;  // p - centre

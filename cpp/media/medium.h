@@ -14,7 +14,7 @@ enum MediumColumn : uint32_t {
     kMediumSigma,                      // extinction: 3 columns
     kMediumAlbedo = kMediumSigma + 3,  // 3 columns
     kMediumG = kMediumAlbedo + 3,      // mean cosine of Henyey and Greenstein's phase function
-    kMediumBeyond = kMediumG + 1,      // medium of a ray that meets nothing; itself if unbounded
+    kMediumBeyond = kMediumG + 1,      // medium for a ray that meets nothing; itself if unbounded
     kMediumColumns,
 };
 
@@ -31,8 +31,8 @@ struct Flight {
     Spectrum<F> weight;  // of colliding there, or of arriving at `limit` first
 };
 
-// u24: 24 bits that choose the channel, in [0, 1); flight: 32 bits. chromatic: false if all media
-// of the scene are grey.
+// u24: 24 bits in [0, 1) that choose the channel; flight: 32 bits. chromatic: false if all media of
+// the scene are grey.
 template <class F, class U>
 VR_HD Flight<F> free_flight(const Spectrum<F>& sigma, const Spectrum<F>& albedo,
                             const Spectrum<F>& throughput, F limit, F u24, U flight,

@@ -1,4 +1,4 @@
-// Which boxes of one set meet which of another.
+// Pairs of overlapping boxes from two sets.
 #pragma once
 
 #include <algorithm>
@@ -12,13 +12,13 @@
 
 namespace veriray {
 
-// Without branches, which would be taken by chance.
+// Without branches, which would be unpredictable.
 inline bool meet(const Box& a, const Box& b) {
     return (a.low.x <= b.high.x) & (a.low.y <= b.high.y) & (a.low.z <= b.high.z) &
            (b.low.x <= a.high.x) & (b.low.y <= a.high.y) & (b.low.z <= a.high.z);
 }
 
-// A tree of boxes, halved by their number along the longest axis of their middles.
+// A tree of boxes, halved at the median along the longest axis of their centres.
 class BoxTree {
    public:
     explicit BoxTree(std::vector<Box> boxes) : boxes_(std::move(boxes)), order_(boxes_.size()) {
@@ -26,7 +26,8 @@ class BoxTree {
         if (!order_.empty()) divide(0, static_cast<uint32_t>(order_.size()));
     }
 
-    // Calls visit(i) for every box i that meets this one, until it returns false; so does this.
+    // Calls visit(i) for every box i that overlaps this one, until it returns false; then returns
+    // false.
     template <class Visit>
     bool find(const Box& box, Visit visit) const {
         for (size_t k = 0; k < nodes_.size();) {
@@ -44,7 +45,8 @@ class BoxTree {
 
    private:
     static constexpr uint32_t kLeaf = 4;
-    // A node stands before its halves; next: past all below it; first to end: in order_, of a leaf.
+    // A node precedes its halves. next: the node after its subtree; first to end: of a leaf, in
+    // order_.
     struct Node {
         Box box;
         uint32_t next, first, end;
@@ -88,8 +90,8 @@ class BoxTree {
     std::vector<Node> nodes_;
 };
 
-// Calls visit(i, j) where box_a(i), i < n, meets box_b(j), j < m, until it returns false; so does
-// this. By a tree over the smaller set, on all threads, in any order.
+// Calls visit(i, j) where box_a(i), i < n, overlaps box_b(j), j < m, until it returns false; then
+// returns false. Uses a tree over the smaller set and all threads; the order is arbitrary.
 template <class BoxA, class BoxB, class Visit>
 bool box_pairs(size_t n, BoxA box_a, size_t m, BoxB box_b, Visit visit) {
     const bool swapped = m < n;

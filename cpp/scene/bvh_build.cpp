@@ -1,5 +1,5 @@
-// References are divided where the surface-area heuristic says, by one thread a node, so that the
-// tree depends on nothing but the input.
+// References are divided by the surface-area heuristic, one thread per node, so the tree depends
+// only on the input.
 #include "scene/bvh_build.h"
 
 #include <atomic>
@@ -24,21 +24,22 @@ namespace {
 using namespace bvh;
 
 constexpr uint32_t kMaxRefs = 1u << 27;  // what a leaf of a wide node can address
-constexpr uint32_t kLeafRefs = 2;        // or a block's, where no triangle is split
+constexpr uint32_t kLeafRefs = 2;        // or a block's number, if no triangle is split
 constexpr uint32_t kGrain = 2048;        // smaller subtrees stay on their thread
 constexpr float kFarthest = 0x1p60f;     // coordinates whose products stay finite
 
-// Where no triangle is split, the references are first counted in a grid of one cell for every
-// kCellRefs of them, and nodes of more than kFewCells full cells are divided between cells.
+// If no triangle is split, the references are first counted in a grid of one cell for every
+// kCellRefs of them, and nodes of more than kFewCells occupied cells are divided between cells.
 // J. Pantaleoni, D. Luebke, "HLBVH: Hierarchical LBVH Construction for Real-Time Ray Tracing of
 // Dynamic Geometry", HPG 2010.
 constexpr uint32_t kCellRefs = 4, kFewCells = 128;
 
-// Triangles are split in scenes where a line through the scene's box meets, on average, more than
-// kNeedless boxes of triangles that it would miss were they filled; in nodes where the children of
-// the best division of references overlap by kOverlap of the scene's surface; if it costs less than
-// kPatience times that division, since one split makes the next ones cheaper. References grow by
-// 30 % or kFreeRefs at most, and never to more than twice the primitives.
+// A triangle is split only if all of these hold. In the scene, a line through the scene's box meets
+// on average more than kNeedless boxes of triangles because the triangles do not fill them. In the
+// node, the children of the best division of references overlap by kOverlap of the scene's surface.
+// The split costs less than kPatience times that division, since one split makes the next ones
+// cheaper. References grow by at most 30 % or kFreeRefs, and never to more than twice the
+// primitives.
 constexpr double kNeedless = 2;
 constexpr float kOverlap = 1e-4f;
 constexpr float kPatience = 1.15f;
@@ -51,8 +52,8 @@ struct Range {
     uint32_t size() const { return last - first; }
 };
 
-// Runs work(range) for ranges pushed by anyone, the largest first, on `threads` threads, while the
-// calling one polls every 50 ms. Exceptions propagate.
+// Runs work(range) on `threads` threads for ranges pushed by any of them, the largest first, while
+// the calling thread polls every 50 ms. Exceptions propagate.
 class Pool {
    public:
     bool stopped() const { return stop_; }
@@ -164,8 +165,8 @@ Survey survey(const TreeInput& in) {
     return out;
 }
 
-// Nodes stand apart while the tree grows, at places that no thread has to ask for: r references
-// have 2 r - 2 nodes below their own at most.
+// While the tree grows, nodes have fixed places apart from each other, so threads need not
+// coordinate: a node of r references has at most 2 r - 2 nodes below it.
 class Builder {
    public:
     Builder(const TreeInput& in, const WalkCost& walk) : count_(in.count), spatial_(in.records) {
@@ -210,7 +211,7 @@ class Builder {
     }
 
    private:
-    // Brings the references ref(0), ref(1) ... into the order of the cells of a grid.
+    // Sorts the references ref(0), ref(1) ... by the cells of a grid.
     template <class Reference>
     void sort(Range root, const Bins& grid, Reference ref) {
         const uint32_t side = grid.count;
@@ -244,7 +245,7 @@ class Builder {
         }
     }
 
-    // next[cell]: where its first reference comes to stand.
+    // next[cell]: the place of its first reference.
     void divide_cells(Range r, Cell* cells, uint32_t n, uint32_t* next) {
         while (n > kFewCells && r.size() > kGrain && !deep(r)) {
             const Bins bins(r.centres, Bins::enough(n));
@@ -268,7 +269,7 @@ class Builder {
         pool_.push(r);
     }
 
-    // From here on halves are just deep enough.
+    // From here on, halving just keeps to the allowed depth.
     static bool deep(const Range& r) {
         return r.depth + std::bit_width(r.size() - 1) >= kMaxBvhDepth;
     }
@@ -300,7 +301,7 @@ class Builder {
         }
     }
 
-    // Returns where the next nodes may stand.
+    // Returns the place for the next nodes.
     uint32_t build(Range r) {
         while (r.size() > leaf_) {
             if (pool_.stopped()) return r.free;
@@ -319,7 +320,7 @@ class Builder {
         return r.free;
     }
 
-    // Makes `left` the left child of what it was.
+    // Turns `left` into the left child of the node that it was.
     void divide(Range& left, Range& right, const Sides& sides) {
         const uint32_t middle = left.first + sides.middle;
         const uint32_t n = left.last - middle, shift = room(sides, left.end - left.last);

@@ -16,7 +16,7 @@ inline constexpr const char* kTreeBuilders[] = {"sah", "ploc"};
 
 // share done -> go on
 using BuildPoll = std::function<bool(double)>;
-// Throws std::runtime_error if poll stops the build; what poll throws.
+// Throws std::runtime_error if poll stops the build, and whatever poll throws.
 void go_on(const BuildPoll& poll, double share);
 
 // The primitives of a tree: records by primitive, triangles first, then boxes of the others.
@@ -38,8 +38,8 @@ struct TreeInput {
     }
 };
 
-// count 0: inner, children at left_or_first and the next index, both behind their parent.
-// Else a leaf: slots [left_or_first, left_or_first + count). Boxes are not padded.
+// count 0: an inner node, with children at left_or_first and the next index, both after their
+// parent. Else a leaf: slots [left_or_first, left_or_first + count). Boxes are not padded.
 struct BinaryNode {
     float lo[3], hi[3];
     uint32_t left_or_first, count;
@@ -53,7 +53,7 @@ struct BuiltBvh {
     double seconds = 0;
 };
 
-// What a walk pays, in units of a visit of a node, and the largest leaf (2 to 16).
+// The costs of a traversal, in units of a visit to a node, and the largest leaf (2 to 16).
 struct WalkCost {
     float block;          // for one block of records
     uint32_t block_size;  // records that are tested at once
@@ -61,27 +61,28 @@ struct WalkCost {
 };
 inline constexpr WalkCost kSimdWalk{1.f, 8, 8}, kScalarWalk{1.f, 1, 8};
 
-// The `sah` builder. walk: what it tests at once stays together, unless triangles are split.
+// The `sah` builder. walk: records that it tests at once stay together, unless triangles are split.
 // threads: 0 for all; the tree does not depend on it.
 // progress(share done) is called on this thread about every 50 ms; false stops the build.
 // Throws std::invalid_argument for more than 2^27 primitives, an empty box, or one that leaves
-// [-2^60, 2^60]; std::runtime_error if stopped; what progress throws.
+// [-2^60, 2^60]; std::runtime_error if stopped; whatever progress throws.
 BuiltBvh build_bvh(const TreeInput& in, const WalkCost& walk, uint32_t threads,
                    const BuildPoll& progress);
 
-// A tree as a walk reads it. Boxes are padded by kBoxPad, nodes are in depth-first order; nodes[0]
-// is the root, also of a tree that is one leaf or empty. At most kMaxBvhDepth nodes lie on a path.
+// A tree as the traversal reads it. Boxes are padded by kBoxPad, and nodes are in depth-first
+// order. nodes[0] is the root, even if the tree is one leaf or empty. At most kMaxBvhDepth nodes
+// lie on a path.
 template <uint32_t N>
 struct WideTree {
     std::vector<WideNode<N>> nodes;
     std::vector<uint32_t> order;  // slot -> primitive
     uint32_t depth = 0;           // of the binary tree
-    double cost = 0;              // of a line through the root's box, in visits of a node
+    double cost = 0;              // of a line through the root's box, in visits to a node
     double seconds = 0;
 };
 
-// The N-wide tree (2, 4 or 8) of least expected cost that the binary one holds: leaves too are
-// chosen here. Throws std::invalid_argument for more than 2^27 references.
+// The N-wide tree (2, 4 or 8) of least expected cost that the binary tree contains; this also
+// chooses the leaves. Throws std::invalid_argument for more than 2^27 references.
 template <uint32_t N>
 WideTree<N> collapse(const BuiltBvh& bvh, WalkCost walk = kSimdWalk);
 

@@ -1,4 +1,4 @@
-// Divides a node in space: a triangle on both sides of the plane is referred to from both.
+// Divides a node in space: both sides refer to a triangle that crosses the plane.
 // M. Stich, H. Friedrich, A. Dietrich, "Spatial Splits in Bounding Volume Hierarchies", HPG 2009.
 #pragma once
 
@@ -10,8 +10,8 @@ namespace veriray::bvh {
 
 inline constexpr int kSpatialBins = 8;
 
-// Boxes of the parts of `r` on either side of a plane; one without points has lo > hi somewhere.
-// Not smaller than the parts: crossings are widened by a bound on their rounding.
+// Boxes of the parts of `r` on either side of a plane; an empty part has lo > hi on some axis. The
+// boxes contain the parts: crossings are widened by a bound on their rounding.
 inline std::pair<Ref, Ref> chop(const Ref& r, const float* triangle, int axis, float at) {
     Box side[2];
     Float4 v[3];
@@ -37,7 +37,7 @@ inline std::pair<Ref, Ref> chop(const Ref& r, const float* triangle, int axis, f
     return out;
 }
 
-// What half the surface of a triangle's box is at least.
+// A lower bound of half the surface of a triangle's box.
 inline float filled_half_area(const float* t) {
     const Float4 a{t[3] - t[0], t[4] - t[1], t[5] - t[2], 0.f};
     const Float4 b{t[6] - t[0], t[7] - t[1], t[8] - t[2], 0.f};
@@ -62,7 +62,7 @@ struct SpatialSplit {
 // Equal slices of a node's box, along one axis after the other.
 struct SpatialBins {
     uint32_t enter[3][kSpatialBins] = {}, leave[3][kSpatialBins] = {};
-    Float4 origin, width, scale;  // scale 0: too narrow an axis
+    Float4 origin, width, scale;  // scale 0: the axis is too narrow
 
     explicit SpatialBins(const Box& b) : origin(b.lo), width(b.hi - b.lo), scale(splat(0.f)) {
         for (int k = 0; k < 3; ++k)
@@ -85,8 +85,8 @@ struct SpatialBins {
             for (int k = 0; k < 3; ++k) ++enter[k][first[k]], ++leave[k][last[k]];
         }
     }
-    // Calls plane(b, left, right) for the planes between bins b - 1 and b that leave references
-    // to either side and divide at most `room` of `n`.
+    // Calls plane(b, left, right) for the planes between bins b - 1 and b that have references on
+    // both sides and divide at most `room` of `n`.
     template <class Plane>
     void planes(int axis, uint32_t n, uint32_t room, Plane plane) const {
         if (scale[axis] == 0.f) return;
@@ -106,7 +106,7 @@ class Spatial {
    public:
     explicit Spatial(const float* records) : records_(records) {}  // kRecordFloats each
 
-    // Best plane that divides at most `room` references; axis -1 if there is none.
+    // The best plane that divides at most `room` references; axis -1 if there is none.
     SpatialSplit find(const Ref* refs, uint32_t n, uint32_t room, const Box& box) const {
         SpatialBins bins(box);
         bins.count(refs, n);
@@ -133,7 +133,8 @@ class Spatial {
         return best;
     }
 
-    // Left parts first, at most `room` references more than before; all may end on one side.
+    // Puts left parts first, with at most `room` more references than before; all may end up on one
+    // side.
     Sides partition(Ref* refs, uint32_t& n, uint32_t room, SpatialSplit split) const {
         Sides out{};
         const auto put = [&](int side, const Ref& r) {
@@ -182,7 +183,7 @@ class Spatial {
         if (has_points(rest)) part[last[axis]].grow(rest.lo, rest.hi);
     }
 
-    // 0, 1: all of the reference to this side; 2: its parts to both, where that costs least.
+    // 0, 1: the whole reference goes to that side; 2: its parts go to both; whichever costs least.
     int choose(const Ref& r, const Ref& left, const Ref& right, uint32_t room,
                SpatialSplit& s) const {
         if (!has_points(left)) return 1;

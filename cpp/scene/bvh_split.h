@@ -9,7 +9,7 @@
 
 namespace veriray::bvh {
 
-// Four floats of a vector register; the fourth of a box is no coordinate.
+// Four floats of a vector register; a box's fourth float is not a coordinate.
 using Float4 = float __attribute__((vector_size(16)));
 using Int4 = int32_t __attribute__((vector_size(16)));
 
@@ -29,8 +29,8 @@ struct Box {
     }
 };
 
-// A primitive's box, or a part of it; lo[3] holds the primitive as the bits of a normal number,
-// hi[3] is 1 for what may be divided in space, else 0.
+// A primitive's box, or a part of it. lo[3] holds the primitive as the bits of a normal number;
+// hi[3] is 1 if it may be divided in space, else 0.
 struct Ref {
     Float4 lo, hi;
     bool divisible() const { return hi[3] == 1.f; }
@@ -51,7 +51,7 @@ struct Cell {
 
 inline constexpr uint32_t kMaxBins = 32, kSwept = 8;
 
-// Two sides of a division; `middle` is where the second one starts.
+// Two sides of a division; the second starts at `middle`.
 struct Sides {
     uint32_t middle = 0;
     Box box[2], centres[2];
@@ -93,8 +93,8 @@ inline Float4 half_areas(const Box (&b)[3]) {
     return x * (y + z) + y * z;
 }
 
-// Best of 3 (`count` - 1) planes between bins; axis -1 if all centres share one bin. A side
-// without references costs infinity times 0, which is no number and less than none.
+// The best of 3 (`count` - 1) planes between bins; axis -1 if all centres share one bin. A side
+// without references costs infinity times 0, a NaN, which is less than no other cost.
 template <class Item>
 Split binned_split(const Item* items, uint32_t n, const Bins& bins) {
     Float4 lo[kMaxBins][3], hi[kMaxBins][3];
@@ -146,7 +146,7 @@ Sides partition(Item* refs, uint32_t n, const Split& split, const Bins& bins) {
         const Item r = refs[i];
         const Float4 c = r.centre();
         const int32_t off = -(static_cast<int>((c[split.axis] - origin) * scale) >= at);
-        // No numbers, which comparisons pass over, for the side that it is not on.
+        // NaN, which comparisons ignore, for the other side.
         const Int4 not_left{off, off, off, off};
         const Float4 l = std::bit_cast<Float4>(std::bit_cast<Int4>(c) | not_left);
         const Float4 h = std::bit_cast<Float4>(std::bit_cast<Int4>(c) | ~not_left);
@@ -195,7 +195,7 @@ inline Sides swept_split(Ref* refs, uint32_t n) {
     return {best.at, {best.box[0], best.box[1]}, {}};
 }
 
-// Halves by centre along `axis`: for references that no plane parts, and to bound the depth.
+// Halves by centre along `axis`: for references that no plane separates, and to bound the depth.
 inline Sides median_split(Ref* refs, uint32_t n, int axis) {
     Sides out{n / 2, {}, {}};
     std::nth_element(refs, refs + out.middle, refs + n,

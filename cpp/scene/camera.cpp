@@ -36,7 +36,7 @@ void HostScene::set_camera(const SceneInput& in) {
         }
     }
     if (in.aperture_radius > 0) view.features |= kLens;
-    // Clipping that cuts nothing, no shape and no medium before the camera, costs nothing.
+    // Clipping costs nothing if it cuts nothing: no shape, and no medium around the camera.
     double nearest = INFINITY, farthest = -INFINITY;
     const auto span = [&](Double3 p, double reach) {
         const double z = dot(p - eye, forward);
@@ -83,9 +83,9 @@ double mitchell(double x, double b, double c) {
 }
 }  // namespace
 
-// Edges of cells of equal probability under |density(z)|, |z| < reach, in pixels of size `scale`;
-// the sign changes once a side at most, at the table's quantile of the share before it, so that
-// the signed weights of the samples integrate to 1.
+// Edges of cells of equal probability under |density(z)|, |z| < reach, in pixels of size `scale`.
+// The sign changes at most once per side, at the table's quantile of the share before it, so the
+// signed weights of the samples integrate to 1.
 template <class Density>
 void HostScene::tabulate_filter(Density density, double reach, double scale) {
     constexpr int kSteps = 1 << 16;

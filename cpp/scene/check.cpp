@@ -1,5 +1,5 @@
-// What the arrays of a scene must not hold. Python checks more, with better words; this keeps the
-// native module safe by itself.
+// Rejects values that a scene's arrays must not hold. Python checks more, with better messages;
+// this keeps the native module safe on its own.
 #include "scene/scene.h"
 
 namespace veriray {
@@ -51,7 +51,7 @@ void counts(const char* name, const Rows<T>& rows, size_t want) {
                                     " rows, expected " + std::to_string(want));
 }
 
-// What the schema says of every column.
+// The checks of every column from the schema.
 void check_columns(const SceneInput& in) {
 #define VR_COLUMN(table, name, type, low, high, open, ...) \
     counts(#name, in.name, in.table##_rows());             \

@@ -17,8 +17,8 @@ inline uint64_t hashed(Double3 p) {
     for (int k = 0; k < 3; ++k) h = mixed(h + bit_cast<uint32_t>(static_cast<float>(p[k]) + 0.f));
     return h;
 }
-// Opposite for a -> b and b -> a: the sum over all edges is 0 if a surface is closed and its
-// triangles run the same way round, and else with a probability of 2^-64.
+// Of opposite sign for a -> b and b -> a: the sum over all edges is 0 if a surface is closed and
+// consistently wound, and otherwise with a probability of 2^-64.
 inline uint64_t edge(uint64_t a, uint64_t b) { return mixed(a + 3 * b) - mixed(b + 3 * a); }
 
 }  // namespace veriray

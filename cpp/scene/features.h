@@ -1,5 +1,5 @@
-// What a scene has. The mask picks the smallest compiled variant that covers it, and with it code,
-// launches and memory.
+// The features of a scene. The mask selects the smallest compiled variant that covers them, and
+// with it code, launches and memory.
 #pragma once
 
 #include <cstdint>
@@ -25,11 +25,11 @@ enum Feature : uint32_t {
     kClip = 1u << 13,  // near or far clipping that can cut something
     kLens = 1u << 14,
     kSignedFilter = 1u << 15,  // a filter with negative lobes
-    kRefraction = 1u << 16,    // a material that changes the direction of what goes through
+    kRefraction = 1u << 16,    // a material that changes the direction of transmitted light
     kPass = 1u << 17,          // a mask, or a material that lets light straight through
     kMedia = 1u << 18,
     kChromatic = 1u << 19,        // a medium whose extinction depends on the channel
-    kRectangleLights = 1u << 20,  // near to what they light: sampled by solid angle
+    kRectangleLights = 1u << 20,  // lights near to what they light: sampled by solid angle
     kFirstMaterial = 1u << 21,    // a bit for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
@@ -51,12 +51,12 @@ constexpr const char* feature_name(uint32_t bit) {
     return bit < kOtherFeatures ? kFeatureNames[bit] : kClosures[bit - kOtherFeatures].name;
 }
 
-// With these points may leave a plane by a bound of their own.
+// With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr uint32_t kLocalOffsets =
     kBvh | kDisks | kDeltaLights | kRefraction | kPass | kMedia;
 inline constexpr uint32_t kPlainMaterials = materials(kPlainKinds);
 inline constexpr uint32_t kSolid = kAllFeatures & ~(kPass | materials(kPassing));
-inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // that are sampled
+inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // lights that are sampled
 inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
                                          kTriangleLights | kRectangleLights | kEnvironment | kClip |
                                          kPlainMaterials;

@@ -8,7 +8,7 @@ namespace {
 
 bool same(Double3 a, Double3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
-// Rounding of a vertex to float32 moves it by 2^-25 a coordinate at most; four take part.
+// Rounding a vertex to float32 moves it by at most 2^-25 per coordinate; four vertices take part.
 constexpr double kFlatTolerance = 0x1p-22;
 
 bool convex(const Flat& f) {
@@ -57,7 +57,7 @@ Double3 ellipse_reach(Double3 a, Double3 b) {
             ellipse_reach(a, b, {0, 0, 1})};
 }
 
-// They share the edge a[i] -> a[i + 1], which b runs backwards.
+// The two share the edge a[i] -> a[i + 1], which runs backwards in b.
 bool join_coplanar(const Flat& a, const Flat& b, Flat& out) {
     for (uint32_t i = 0; i < 3; ++i)
         for (uint32_t j = 0; j < 3; ++j) {
@@ -99,13 +99,14 @@ std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles) {
 }
 
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
-    // Edges run along each other where both ends of the shorter lie on the longer, to rounding.
+    // Edges run along each other if both ends of the shorter lie on the longer, to rounding.
     const auto on = [](Double3 p, Double3 a, Double3 b) {
         const Double3 e = b - a;
         const double s = std::clamp(dot(p - a, e) / dot(e, e), 0.0, 1.0);
         return length(p - (a + e * s)) <= 4 * kFlatTolerance;
     };
-    // From the edge the two go the same way: they lie on each other, and no ray gets in between.
+    // Whether both faces extend from the edge in the same direction: then they lie on each other,
+    // and no ray gets in between.
     const auto together = [&](const Flat& f, uint32_t k, const Flat& g, uint32_t m) {
         const auto inward = [](const Flat& h, uint32_t n) {
             return normalised(cross(h.area_vector(), h.v[(n + 1) % h.corners] - h.v[n]));
@@ -117,7 +118,7 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
         for (uint32_t k = 0; k < flats[i].corners; ++k) {
             const Double3 a = flats[i].v[k], b = flats[i].v[(k + 1) % flats[i].corners];
             for (size_t j = 0; j < flats.size() && !shared[i][k]; ++j) {
-                // A light keeps its area where the neighbour can close the gap alone.
+                // A light keeps its area if the neighbour alone can close the gap.
                 if (j == i || (flats[i].emission >= 0 && flats[j].emission < 0)) continue;
                 for (uint32_t m = 0; m < flats[j].corners; ++m) {
                     const Double3 c = flats[j].v[m], d = flats[j].v[(m + 1) % flats[j].corners];

@@ -6,17 +6,17 @@
 namespace veriray {
 namespace {
 
-// Distances of the camera, in sizes of the scene, from which the scene's middle is the origin.
+// Distance of the camera, in sizes of the scene, from which on the scene's middle is the origin.
 constexpr double kFar = 8;
-// 2^8 times the rounding of places near the middle, in sizes of the scene: no more than a pixel
-// there.
+// 2^8 times the rounding of positions near the middle, in sizes of the scene; it must not exceed a
+// pixel there.
 constexpr double kRounded = 0x1p-16;
-// Distances of details, in their sizes, from which another origin is looked for; and primitives of
-// scenes where it is.
+// Distance of details, in their sizes, from which on another origin is sought; and the largest
+// number of primitives in scenes where it is.
 constexpr double kCoarse = 0x1p7;
 constexpr size_t kMostDetails = 1024;
-// Distances of flat shapes, in their sizes, that are always near enough; and from which nothing of
-// them is left: their corners are off by half of their sizes.
+// Distances of flat shapes, in their sizes: within the first they are always near enough; beyond
+// the second they are lost, as their corners are off by half of their sizes.
 constexpr double kCoarseShape = 0x1p12, kLostShape = 0x1p22;
 
 // Calls f(point, extent by axis) for every vertex, sphere and disk.
@@ -32,20 +32,20 @@ void each_extent(const SceneInput& in, Visit f) {
           ellipse_reach(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2)));
 }
 
-// A place, and the length there beside which rounding must be small.
+// A place, and a length there; rounding must be small compared with it.
 struct Detail {
     Double3 at;
     double size;
 };
 
-// Of a small scene: flat shapes; and lamps by their distance from surfaces, which rounding moves by
-// 2^-20 of where they are, and flat ones by their size, of which it takes 2^-23; media by the free
-// path, 2^-22.
+// The details of a small scene, and its flat shapes. Lamps count by their distance from surfaces,
+// which rounding moves by 2^-20 of their position, and flat lamps by their size too, which it
+// changes by 2^-23. Media count by the mean free path, 2^-22.
 std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
     std::vector<Detail> list;
     if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;
     struct Lamp {
-        Double3 at, n;  // n: of a flat lamp, which lights what is in front; else 0
+        Double3 at, n;  // n: normal of a flat lamp, which lights what is in front; else 0
         double size, nearest = INFINITY;
         ShapeGroup group = kTriangleGroup;
         size_t row = SIZE_MAX;
@@ -55,7 +55,7 @@ std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
         if (in.light_kind.data[q] != 2) lamps.push_back({row3(in.light_position, q), {0, 0, 0}, 0});
     // f(group, row, middle, normal, size, distance of a point), for every shape
     const auto each_shape = [&](auto f) {
-        // At least so far away is what lies in a plane and in a box.
+        // A lower bound of the distance to something that lies in a plane and in a box.
         const auto flat = [](Double3 at, Double3 n, Box box) {
             return [at, n = normalised(n), box](Double3 p) {
                 return std::max(std::abs(dot(n, p - at)), std::sqrt(squared_gap({p, p}, box)));
@@ -108,9 +108,9 @@ std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
     return list;
 }
 
-// The given place; or, if something fine is far away from it, and twice as near to the mean of all
-// weighted by fineness, that mean, unless shapes would be too far away from it: more than four
-// times as far as now, where they are not lost now.
+// The place for the origin: the given one, or the mean of all details weighted by fineness. The
+// mean is taken if some detail is too far from the given place, if the mean halves that distance,
+// and if no shape comes too far away: more than four times as far as now, unless it is lost now.
 Double3 finest(const SceneInput& in, Double3 given) {
     std::vector<Detail> shapes;
     const std::vector<Detail> list = details(in, shapes);
@@ -138,9 +138,9 @@ Double3 finest(const SceneInput& in, Double3 given) {
 
 }  // namespace
 
-// The origin is the camera, near which things are then fine, or a place where they must be; or, of
-// a scene that is small beside its distance and that nothing but the pinhole ties to the camera,
-// its middle; or what a view shows first that is too narrow for these.
+// The origin is the camera, near which rounding is then small, or a place where it must be small.
+// If the scene is small compared with its distance, and only the pinhole ties it to the camera, the
+// origin is its middle. If the view is too narrow for these, it is the first thing in the view.
 void HostScene::normalise(const SceneInput& in) {
     for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
         has_normals_ = length(row3(in.normals, i)) > 0;

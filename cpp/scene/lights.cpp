@@ -1,4 +1,4 @@
-// The light table: what there is to sample, and with which chance.
+// The light table: what there is to sample, and with which probability.
 #include <algorithm>
 
 #include "scene/box_pairs.h"
@@ -7,8 +7,8 @@ namespace veriray {
 namespace {
 
 constexpr double kPiDouble = 3.14159265358979323846;
-// Pairs of a point light and a primitive beside it that are looked at; beyond it, every light
-// counts as within rounding of something.
+// The largest number of pairs of a point light and a primitive near it that are examined; beyond
+// it, every light counts as within rounding of something.
 constexpr size_t kMostPairs = size_t{1} << 24;
 
 double sum3(const float* rgb) {
@@ -36,10 +36,10 @@ void sin_cos_degrees(double degrees, double& s, double& c) {
 
 }  // namespace
 
-// Quads that no shadow ray meets which begins in front of them, counted from the first: the light
-// itself where it is the only one (a shadow ray ends before it), and those that have the lights in
+// Counts the leading quads that cannot block a shadow ray which begins in front of them: the light
+// itself if it is the only one (a shadow ray ends before it), and quads that have the lights in
 // front of them by more than the rounding of a shadow ray and its distance to the plane (2^-18).
-// Only those count that have the rest in front of them too (to 2^-8), so that shadow rays begin so.
+// They must also have all else in front of them (to 2^-8), so that shadow rays begin there.
 void HostScene::set_first_occluder() {
     const auto in_front = [&](const Flat& f, const Flat& other, double least) {
         const Double3 n = normalised(f.area_vector());
@@ -58,7 +58,7 @@ void HostScene::set_first_occluder() {
     }
 }
 
-// A bound below on the distance of a point from a primitive, by planes and boxes.
+// A lower bound of the distance of a point from a primitive, by planes and boxes.
 double HostScene::receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const {
     const PrimitiveSource& s = sources[primitive];
     if (s.group == kSphereGroup) {
@@ -76,10 +76,10 @@ double HostScene::receiver_distance(const SceneInput& in, size_t primitive, Doub
     return std::max(std::sqrt(squared_gap({p, p}, box_around(in, primitive))), std::abs(height));
 }
 
-// The largest radiance at a receiver, over 2^19, of point lights and spots; or `least`. By bounds
-// below on distances: from primitives; in media 2^-14 of the shortest free path, nearer than which
-// 2^-14 of the light scattered once is lost (SampleFault); the rounding of points. Only what is so
-// near to a light that it exceeds `least` is looked at.
+// The largest radiance that point lights and spots cause at a receiver, divided by 2^19; at least
+// `least`. It follows from lower bounds of distances: from primitives; in media, 2^-14 of the
+// shortest mean free path, within which 2^-14 of the singly scattered light is lost (SampleFault);
+// and from the rounding of points. Only primitives near enough to exceed `least` are examined.
 float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
                                     float least) const {
     struct Lamp {
@@ -106,7 +106,7 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
             {p, std::max({rgb[0], rgb[1], rgb[2]}), std::max(most * 0x1p-22, 0x1p-40), path});
         add(lamps.back());
     }
-    // Within this of a lamp is what matters, and what rounding adds.
+    // The distance from a lamp within which primitives matter; rounding is added.
     const double enough = std::max(static_cast<double>(brightest), 0x1p-101);
     const auto reach = [&](const Lamp& lamp) {
         return std::sqrt(lamp.intensity * 0x1p-19 / enough) / unit * (1 + 0x1p-20);
@@ -133,7 +133,7 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
     return brightest;
 }
 
-// Chances are in proportion to emitted power, in units of 2^-24, at least one each.
+// Selection probabilities are in proportion to emitted power, in units of 2^-24, at least one each.
 void HostScene::set_lights(const SceneInput& in) {
     const std::vector<AreaLight> lit = area_lights(in);
     std::vector<uint32_t> delta;
@@ -155,7 +155,7 @@ void HostScene::set_lights(const SceneInput& in) {
                         sum3(in.emissions.data + 3 * sources[a.primitive].emission));
     for (const uint32_t q : delta) {
         const double intensity = sum3(in.light_intensity.data + 3 * q);
-        double mean = -1;  // cosine, over the angles of the linear edge
+        double mean = -1;  // cosine, averaged over the angles of the linear falloff
         if (in.light_kind.data[q] == 1) {
             const double cutoff = in.light_angles.data[2 * q],
                          beam = in.light_angles.data[2 * q + 1];
@@ -202,8 +202,9 @@ void HostScene::set_lights(const SceneInput& in) {
     if (delta.empty()) set_first_occluder();
     view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
 
-    // A delta light's radiance at a receiver has no bound. It counts as that at a 64th of the
-    // scene's size, or more, so that the nearest receiver's is below the film's limit of 2^20.
+    // A delta light's radiance at a receiver has no bound. It counts as the radiance at a 64th of
+    // the scene's size, or more, so that at the nearest receiver it is below the film's limit of
+    // 2^20.
     float brightest =
         std::max({in.environment.data[0], in.environment.data[1], in.environment.data[2]});
     for (const AreaLight& a : lit)
@@ -276,7 +277,8 @@ void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight
         at(kLightE2 + k) = static_cast<float>(e2[static_cast<int>(k)]);
         at(kLightN + k) = prim(kPrimN + k);
     }
-    // The offset of a face that is left by the point's own bound: the bound at its corners.
+    // If rays leave the face by a bound that depends on the point, the offset is the bound at the
+    // face's corners.
     const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
     const double most = terms(box, {prim(kPrimN), prim(kPrimN + 1), prim(kPrimN + 2)});
     const float offsets[2] = {prim(kPrimOffset), column_of(light.other, kPrimOffset)};

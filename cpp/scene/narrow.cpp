@@ -1,4 +1,4 @@
-// Views so narrow that float32 directions from the camera do not tell its pixels apart.
+// Views so narrow that float32 directions from the camera do not resolve their pixels.
 #include <algorithm>
 #include <vector>
 
@@ -7,12 +7,12 @@
 namespace veriray {
 namespace {
 
-// Radians of a pixel from which on directions will do: they are rounded to 2^-24.
+// Radians of a pixel from which on directions suffice; they are rounded to 2^-24.
 constexpr double kNarrow = 0x1p-17;
-// Pixels by which filters reach beyond the film.
+// The reach of filters beyond the film, in pixels.
 constexpr double kReach = 8;
 
-// Least z of what a polygon has at n.p >= 0 for all planes n; infinity for nothing.
+// The least z of the part of a polygon with n.p >= 0 for all planes n; infinity if there is none.
 double least_depth(std::vector<Double3> polygon, const std::vector<Double3>& planes) {
     for (const Double3 n : planes) {
         std::vector<Double3> kept;
@@ -35,7 +35,7 @@ double pixel_angle(const SceneInput& in) {
     return 2 * std::min(in.tan_half_x / in.width, in.tan_half_y / in.height);
 }
 
-// The depth before which such a view shows nothing; 0 of other views, infinity if it shows nothing.
+// The depth before which a narrow view shows nothing; infinity if it is empty, 0 for other views.
 double HostScene::narrow_depth(const SceneInput& in) const {
     if (!(pixel_angle(in) < kNarrow) || in.camera_medium >= 0 || in.aperture_radius > 0) return 0;
     const double* m = in.to_world;
@@ -69,7 +69,8 @@ double HostScene::narrow_depth(const SceneInput& in) const {
         if (std::any_of(planes.begin(), planes.end(),
                         [&](Double3 n) { return dot(n, c) < -s[3] * length(n); }))
             continue;
-        // Where the axis meets it, less what the view is wide there; or else all of it.
+        // The depth at which the axis meets it, less a bound for the view's width there; or else
+        // that of the whole sphere.
         const double middle = dot(c, axis), d2 = dot(c, c) - middle * middle;
         const double half = std::sqrt(std::max(s[3] * s[3] - d2, 0.0));
         const double wide = 2 * widest * middle * std::sqrt(std::max(d2, 0.0)) / half;

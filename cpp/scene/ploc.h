@@ -2,11 +2,11 @@
 // D. Meister, J. Bittner, "Parallel Locally-Ordered Clustering for Bounding Volume Hierarchy
 // Construction", TVCG 2018.
 //
-// The bodies are run by an executor, on the host or on CUDA, and make the same tree on both: what
-// is equally near is told apart by its place, and places follow from prefix sums, not from who came
-// first. At worst one pair a round is mutually nearest; so that there are at most kMaxBvhDepth
-// rounds, and inner nodes on a path, clusters merge in pairs side by side from where halving them
-// each round just suffices.
+// An executor runs the functions below on the host or on CUDA, and the tree is the same on both:
+// ties between equally near clusters are broken by position, and positions follow from prefix sums,
+// not from the order of execution. At worst only one pair per round is mutually nearest. So that
+// there are at most kMaxBvhDepth rounds, and inner nodes on a path, adjacent clusters merge in
+// pairs from the round on where halving their number in each round just suffices.
 #pragma once
 
 #include "scene/wide_row.h"
@@ -51,7 +51,7 @@ VR_HD uint64_t spread_bits(uint64_t x) {
     return (x | x << 2) & 0x1249249249249249ull;
 }
 
-// The place of a primitive's centre on the Morton curve.
+// The position of a primitive's centre on the Morton curve.
 struct MortonStep {
     TreeInput in;
     const CentreBox* range;
@@ -73,7 +73,7 @@ struct MortonStep {
     }
 };
 
-// A node of the binary tree and what it costs; leaves are 0 to n - 1, in Morton order.
+// A node of the binary tree and its cost; leaves are 0 to n - 1, in Morton order.
 template <uint32_t N>
 struct alignas(16) Node {
     float lo[3], hi[3];
@@ -91,7 +91,7 @@ struct Tree {
     VR_HD const float* hi(uint32_t node) const { return nodes[node].hi; }
 };
 
-// first: the leaf that it was begun with, and no other cluster was.
+// first: the leaf that it began as; no other cluster has the same.
 struct alignas(16) Cluster {
     float lo[3];
     uint32_t node;
@@ -135,8 +135,8 @@ VR_HD uint32_t bit_width(uint32_t x) {
 }
 
 // One round. The clusters i and j = nearest[i] merge, at the place of the first, if nearest[j] = i.
-// Pairs are in strict order by the surface of their union, then by i ^ j, then by the lesser of i
-// and j: so one pair merges at least, and of clusters that are all equally near every second one.
+// Pairs are strictly ordered by the surface of their union, then by i ^ j, then by the lesser of i
+// and j. So at least one pair merges, and if all clusters are equally near, half of them do.
 struct Round {
     const Cluster* from;
     const uint32_t* count;  // clusters now; count[1]: after the round
@@ -199,7 +199,7 @@ struct MergeStep : Round {
             for (int k = 0; k < 3; ++k) node.lo[k] = c.lo[k], node.hi[k] = c.hi[k];
             node.row = inner_row<N>(half_area(c.lo, c.hi), a.row, b.row, walk);
             node.depth = 1 + (a.depth > b.depth ? a.depth : b.depth);
-            // A cluster ends once, and with it the use of its number.
+            // A cluster is absorbed only once, so its number is free for the node.
             c.node = leaves + other.first;
             nodes[c.node] = node;
         }
@@ -207,7 +207,7 @@ struct MergeStep : Round {
     }
 };
 
-// One level of the wide tree: its nodes are put where they belong, in any order.
+// One level of the wide tree: writes its nodes to their places, in any order.
 template <uint32_t N>
 struct EmitStep {
     Tree<N> tree;
@@ -249,7 +249,7 @@ struct RootStep {
     VR_HD void operator()(uint32_t) const { *p = {root, 0, 0}; }
 };
 
-// Memory of one build, beside the tree: 216 bytes a primitive for N = 4.
+// Memory of one build, without the tree: 216 bytes per primitive for N = 4.
 template <uint32_t N>
 struct Memory {
     Node<N>* nodes;
@@ -261,7 +261,7 @@ struct Memory {
 
     static constexpr uint32_t kCounts = kMaxBvhDepth + 2;
 
-    // Lays it out from `base` on and returns its bytes; null: to learn them.
+    // Lays it out from `base` on and returns its size in bytes; null: only the size.
     size_t lay_out(char* base, size_t n) {
         size_t used = 0;
         const auto take = [&]<class T>(T*& p, size_t count) {
@@ -275,14 +275,14 @@ struct Memory {
 };
 
 // An executor has
-//   memory(bytes)                  for the build, where its bodies run
+//   memory(bytes)                  memory for the build, where its functions run
 //   each(n, body)                  body(i) for i < n, in any order
 //   reduce(n, body, join, none, out)  *out = all body(i) joined
 //   sort(n, bits, keys, values)    pairs by key, stable; returns where the values then are
 //   sum(n, flag, out)              out[i] = flag(0) + ... + flag(i - 1)
 //   clear(p, n)                    zeros
 //   read(p)                        *p, once all before is done
-//   kRounds                        rounds begun between two reads of the clusters' number
+//   kRounds                        rounds begun between two reads of the number of clusters
 //   progress(share)                may throw
 template <uint32_t N, class Exec>
 class Builder {
@@ -295,7 +295,7 @@ class Builder {
         memory_.lay_out(static_cast<char*>(exec.memory(bytes)), in.count);
     }
 
-    // The binary tree; its root. At least one primitive.
+    // Builds the binary tree and returns its root. There must be at least one primitive.
     Node<N> merge() {
         const uint32_t n = in_.count;
         Memory<N>& m = memory_;
@@ -323,7 +323,7 @@ class Builder {
         return exec_.read(m.nodes + root_);
     }
 
-    // The wide tree of merge()'s, `root`: max(1, root.row.wide[0]) nodes; order: a slot a
+    // The wide tree of merge()'s `root`: max(1, root.row.wide[0]) nodes; order: one slot per
     // primitive.
     void emit(const Node<N>& root, WideNode<N>* nodes, uint32_t* order) {
         Memory<N>& m = memory_;

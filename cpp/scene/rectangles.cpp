@@ -1,4 +1,4 @@
-// Area lights as they are sampled: which are rectangles near to what they light.
+// Area lights as they are sampled: finds rectangles near to what they light.
 #include <algorithm>
 
 #include "scene/scene.h"
@@ -6,15 +6,16 @@
 namespace veriray {
 namespace {
 
-// What the angles and, in edges, the corners of a rectangle may be off by: the rounding of
+// Tolerance for the angles and (in units of edges) the corners of a rectangle: the rounding of
 // vertices.
 constexpr double kSquare = 0x1p-15;
-// Near: the squared gap is less than this of the area.
+// Near: the squared gap is less than this share of the area.
 constexpr double kNear = 0.24;
-// Pairs of a light and a primitive that are looked at; beyond it every light counts as near.
+// The largest number of pairs of a light and a primitive that are examined; beyond it every light
+// counts as near.
 constexpr size_t kMostPairs = size_t{1} << 22;
 
-// Of the corner that lies farthest along n.
+// n.p of the box's corner that lies farthest along n.
 double reach(const Box& box, Double3 n) {
     double sum = 0;
     for (int k = 0; k < 3; ++k) sum += std::max(n[k] * box.low[k], n[k] * box.high[k]);
@@ -30,8 +31,8 @@ bool rectangular(const Flat& f) {
 
 }  // namespace
 
-// Whether in front of the light something comes nearer to it than half the root of its area, by
-// boxes; what lies in its plane, to 2^-8 of that root, does not count.
+// Whether, by boxes, something in front of the light comes nearer to it than half the square root
+// of its area. Things in its plane, to 2^-8 of that root, do not count.
 bool HostScene::lights_closely(const SceneInput& in, const Flat& light) const {
     const Double3 n = normalised(light.area_vector());
     const double area = length(light.area_vector());

@@ -9,18 +9,18 @@
 namespace veriray {
 namespace {
 
-// Smallest edge and height, and smallest radius and distance of a point light, for which kEdgeSlack
-// is negligible.
+// The smallest edge or height, and the smallest radius or distance of a point light, for which
+// kEdgeSlack is negligible.
 constexpr double kMinFlat = 0x1p-8, kMinBeside = 0x1p-6;
-// The same for a radius or distance where faces are left by what rounding is at the point: what is
-// left is kPlaneSlack, which moves what is seen of a face along the ray.
+// The same for a radius or distance if rays leave faces by the rounding at their point. Then only
+// kPlaneSlack matters, which shifts hits along the ray.
 constexpr double kMinBesideLocal = 0x1p-11;
-// Extinction for which kPlaneSlack is negligible.
+// The largest extinction for which kPlaneSlack is negligible.
 constexpr double kMostFlatSigma = 0x1p8;
 
 double rounded(double x) { return static_cast<double>(static_cast<float>(x)); }
 
-// Halves of a number that together hold 48 of its bits.
+// Splits a number into two halves that together hold 48 of its bits.
 void split(double x, float& high, float& low) {
     high = static_cast<float>(x);
     low = static_cast<float>(x - static_cast<double>(high));
@@ -30,9 +30,9 @@ float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint3
     return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
 }
 
-// Leaving a plane n.p + w = 0 past the rounding of points on it: 16 units of 2^-24 of the terms of
-// n.p (a rounded point put back on the plane, and the plane's distance seen from it), and corners
-// that are off the plane.
+// The offset by which rays leave a plane n.p + w = 0 past the rounding of points on it: 16 units of
+// 2^-24 of the terms of n.p (a rounded point put back on the plane, and the plane's distance seen
+// from it), plus the distance of corners that are off the plane.
 double leave(const float* plane, const Double3* corners, uint32_t count) {
     const Double3 n{plane[0], plane[1], plane[2]};
     double terms = 0, off = 0;
@@ -44,8 +44,8 @@ double leave(const float* plane, const Double3* corners, uint32_t count) {
     return 0x1p-20 * terms + off;
 }
 
-// Whether the rounding at the corners of a face is no measure for that at its points: a large face
-// that comes near to the origin.
+// Whether the rounding at a face's corners is much larger than at its points: a large face that
+// comes near to the origin.
 bool uneven(const float* plane, const Flat& f) {
     const Box box = box_of(f);
     double most = 0, near = std::abs(static_cast<double>(plane[3]));
@@ -107,7 +107,7 @@ Flat HostScene::triangle(const SceneInput& in, size_t i) const {
     return f;
 }
 
-// Of a scene with flat primitives: the smallest radius, and distance of a point light from their
+// In a scene with flat primitives, the smallest radius or distance of a point light from their
 // boxes.
 double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>& flats) const {
     double smallest = INFINITY;
@@ -127,8 +127,8 @@ double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>&
     return smallest;
 }
 
-// Whether a flat face may lie in a medium in which kPlaneSlack shows. What such media fill are
-// spheres that meet no face, or else it may.
+// Whether a flat face may lie in a medium dense enough for kPlaneSlack to show. It may unless all
+// that such media fill are spheres that meet no face.
 bool HostScene::dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const {
     const auto dense = [&](int64_t medium) {
         double sigma = 0;
@@ -178,8 +178,8 @@ bool HostScene::set_flat(const SceneInput& in) {
     if (flats.size() + round > kMaxFlat || smallest < kMinFlat) return give_up();
     std::stable_partition(flats.begin(), flats.end(),
                           [](const Flat& f) { return f.parallelogram; });
-    // A ray that slips through an edge of what lets light through does no harm, while a rim or a
-    // plane off its place would.
+    // For faces that let light through, a ray that slips through an edge does no harm, but a rim or
+    // a displaced plane would.
     const auto clear = [&](const Flat& f) { return lets_through(in, kTriangleGroup, f.triangle); };
     auto shared = shared_edges(flats);
     for (size_t i = 0; i < flats.size(); ++i)
@@ -200,7 +200,7 @@ bool HostScene::set_flat(const SceneInput& in) {
         if (local) plane[3] = static_cast<float>(plane_at_origin(f));
         put_plane(i, f, plane, local ? kLocal : widened ? kEdgeSlack : 2 * kPlaneSlack);
         std::array<float, 4> rim{};
-        // By as little paths leave both sides of what is two-sided.
+        // Paths leave both sides of a two-sided face, by as little as kPlaneSlack.
         const bool both = clear(f) || (local && in.two_sided.data[f.material]);
         const float behind = both ? 0.f : kPlaneSlack;
         if (f.parallelogram)
@@ -224,7 +224,7 @@ bool HostScene::set_flat(const SceneInput& in) {
     return true;
 }
 
-// The triangles that have one, in order.
+// The triangles that have an area, in order.
 std::vector<uint32_t> HostScene::with_area(const SceneInput& in) const {
     std::vector<uint8_t> has(in.triangles.count);
     in_chunks(kAllThreads, has.size(), [&](size_t first, size_t last) {
@@ -319,8 +319,8 @@ Box HostScene::box_around(const SceneInput& in, size_t primitive) const {
     if (records.empty() || primitive >= flat)
         return round_box(in, sources[primitive].group, sources[primitive].row);
     const float* r = &records[primitive * kRecordFloats];
-    __builtin_prefetch(r + 8 * kRecordFloats);  // they are asked for in order
-    // By value: the compiler branches on references.
+    __builtin_prefetch(r + 8 * kRecordFloats);  // records are requested in order
+    // By value: with references the compiler would branch.
     const auto least = [](float x, float y) { return y < x ? y : x; };
     const auto most = [](float x, float y) { return x < y ? y : x; };
     const auto low = [&](size_t k) { return least(least(r[k], r[3 + k]), r[6 + k]); };
@@ -328,7 +328,7 @@ Box HostScene::box_around(const SceneInput& in, size_t primitive) const {
     return {{low(0), low(1), low(2)}, {high(0), high(1), high(2)}};
 }
 
-// row 1: columns side by side for lookups; else rows of so many floats.
+// row 1: columns side by side for lookups; otherwise rows of that many floats.
 void HostScene::allocate_primitives(size_t count, uint32_t row) {
     view.primitive_count = static_cast<uint32_t>(count);
     view.primitive_row = row;
@@ -339,8 +339,8 @@ void HostScene::allocate_primitives(size_t count, uint32_t row) {
     input_index.resize(count);
 }
 
-// least: the offset must take a point past a neighbour's rim and the slack of its own plane, or
-// kLocal.
+// least: what the offset needs to take a point past a neighbour's rim and the slack of its own
+// plane; or kLocal.
 void HostScene::put_plane(size_t primitive, const Flat& f, const float* plane, float least) {
     for (uint32_t k = 0; k < 3; ++k) at(primitives, view, primitive, kPrimN + k) = plane[k];
     at(primitives, view, primitive, kPrimPlane) = -plane[3];

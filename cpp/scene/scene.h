@@ -1,4 +1,4 @@
-// The scene on the host: takes world-space arrays, gives tables and a SceneView.
+// The scene on the host: converts world-space arrays to tables and a SceneView.
 #pragma once
 
 #include <array>
@@ -97,39 +97,39 @@ Box box_of(const Flat& f);
 Box around(const Box& a, const Box& b);
 // Largest |n.x p.x| + |n.y p.y| + |n.z p.z| over a box.
 double terms(const Box& b, Double3 n);
-// Of the distance between two boxes.
+// The squared distance between two boxes.
 double squared_gap(const Box& a, const Box& b);
-// How far an ellipse with the half axes a and b reaches from its centre: along a unit vector, and
-// along the axes of space.
+// How far an ellipse with half axes a and b reaches from its centre: along a unit vector, and along
+// the coordinate axes.
 double ellipse_reach(Double3 a, Double3 b, Double3 n);
 Double3 ellipse_reach(Double3 a, Double3 b);
 
-// The union of two triangles with a common edge, in one plane, if it is convex, or for lights a
-// parallelogram. Its edges at the first corner: to the second triangle's own, to the first's.
+// The union of two coplanar triangles with a common edge, if it is convex or, for lights, a
+// parallelogram. From its first corner, the edges go to the second triangle's own corner and to the
+// first's.
 bool join_coplanar(const Flat& a, const Flat& b, Flat& out);
 // Joins coplanar pairs that share an edge, material, emission and media into convex quadrilaterals.
 std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
-// Edge k (corner k to k + 1) of each primitive: true where it must be widened, because another
-// primitive runs along it.
+// For edge k (corner k to k + 1) of each primitive: whether the primitive must be widened there,
+// because another one runs along it.
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats);
-// Whether something lies behind a face that is widened: a convex edge, beyond which its rim sticks
-// out.
+// Whether something lies behind a widened face: then its edge is convex, and its rim sticks out.
 bool rims_stick_out(const std::vector<Flat>& flats, const std::vector<std::array<bool, 4>>& shared);
 void write_plane(const Flat& f, float* out);
-// w of n.p + w before n is rounded: near to the origin, neighbours agree at their edge.
+// w of n.p + w before n is rounded: near the origin, neighbours then agree at their edge.
 double plane_at_origin(const Flat& f);
 // Radians between neighbouring pixels.
 double pixel_angle(const SceneInput& in);
 // behind: how far the record's plane lies behind the face. rim: the face's own edges.
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                 std::array<float, 4>& rim);
-// The short record of a quad across or along an axis; the way of its run, kAnyWay without a record.
+// Writes the short record of a quad across or along an axis. Returns the way of its run; kAnyWay if
+// it has no short record.
 uint32_t write_short(const float* quad, float* out);
 void write_polygon(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                    std::array<float, 4>& rim);
 
-// Where a primitive comes from: row `row` of group `group`; -1 for no emission, no change of
-// medium.
+// The source of a primitive: row `row` of group `group`; -1 for no emission or no change of medium.
 struct PrimitiveSource {
     ShapeGroup group;
     uint32_t row;
@@ -142,8 +142,8 @@ struct PrimitiveSource {
     }
 };
 
-// An area light: one primitive, or two triangles that are the halves of a rectangle. Rectangles
-// here are those to be sampled by solid angle.
+// An area light: one primitive, or two triangles that are the halves of a rectangle. rectangle: to
+// be sampled by solid angle.
 struct AreaLight {
     uint32_t primitive, other;
     bool rectangle;
@@ -160,7 +160,7 @@ class HostScene {
     double unit;                    // world length of 1 normalised; a power of two
     Double3 centre, eye;            // world: the origin; the camera
     float slab_slack = kSlabSlack;  // of a scene with a tree
-    double before = 0;     // so far before the origin camera rays start, not at the camera; else 0
+    double before = 0;     // camera rays start this far before the origin; 0: at the camera
     uint32_t dropped = 0;  // triangles without area
     uint32_t width, height;
     std::vector<PrimitiveSource> sources;  // by primitive
@@ -229,7 +229,7 @@ class HostScene {
 
     std::vector<Flat> flats_;      // of a scene without a tree
     bool has_normals_ = false;     // some that are not zero
-    std::vector<uint8_t> turned_;  // of triangles: for their normals to look out of the front
+    std::vector<uint8_t> turned_;  // triangles turned so that their normals point out of the front
 };
 
 // Raises std::invalid_argument for what SceneInput's arrays must not hold.

@@ -30,9 +30,10 @@ double diffuse_reflectance_inside(double eta) {
 
 using SurfaceKey = std::tuple<uint32_t, int32_t, int32_t>;
 
-// What bounds a medium. edges: sum over the edges of triangles, which run around the medium's
-// outer side; 0 if the surface is closed, by chance with a probability of 2^-64. volume: enclosed;
-// negative where the medium surrounds. other: the one medium beyond, 0 if there are several.
+// The boundary of a medium. edges: sum of hashes over the edges of triangles, oriented around the
+// medium's outer side; 0 if the surface is closed, and by chance with a probability of 2^-64.
+// volume: enclosed; negative if the medium is outside. other: the one medium beyond, 0 if there are
+// several.
 struct Enclosure {
     uint64_t edges = 0;
     double volume = 0;
@@ -45,7 +46,7 @@ struct Enclosure {
 }  // namespace
 
 void HostScene::set_surfaces(const SceneInput& in) {
-    // One a primitive in small scenes, else one a (material, emission, boundary).
+    // One row per primitive in small scenes, else one per (material, emission, boundary).
     const bool tree = (view.features & kBvh) != 0;
     std::vector<SurfaceKey> rows;
     std::map<SurfaceKey, uint32_t> known;
@@ -103,8 +104,9 @@ void HostScene::set_surfaces(const SceneInput& in) {
     view.surfaces = surfaces.data();
 }
 
-// By medium: that of a ray which is in it and meets nothing, having left at an edge within
-// rounding. Itself where that may be right: around the camera, or if its boundary is open.
+// For each medium, the medium of a ray in it that meets nothing, because it has left at an edge
+// within rounding. It is the medium itself if that may be right: around the camera, or if its
+// boundary is open.
 std::vector<uint32_t> HostScene::media_beyond(const SceneInput& in) const {
     std::vector<Enclosure> media(in.sigma_t.count + 1);
     // volume: behind the front, times 6

@@ -21,8 +21,8 @@ struct NoThreads : std::bad_alloc {
     const char* what() const noexcept override { return "no thread can be started"; }
 };
 
-// The first exception of a thread takes memory for data of its own, without which the C library
-// ends the process: so a thread throws one before it works.
+// A thread's first exception allocates memory for thread-local data; if that fails, the C library
+// ends the process. So every thread throws one exception before it starts to work.
 inline void throw_once() {
     try {
         throw 0;
@@ -53,8 +53,8 @@ class Reserve {
 
 // Runs work(worker, unit) for units [0, units) on `threads` threads; poll(share) every 50 ms on the
 // calling thread, which stops the rest by returning false or throwing. Exceptions propagate.
-// Returns false if stopped. Runs on fewer threads where the system gives no more; NoThreads if
-// none.
+// Returns false if stopped. Runs on fewer threads if the system gives no more; throws NoThreads if
+// it gives none.
 template <class Work>
 bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)>& poll,
               Work work) {

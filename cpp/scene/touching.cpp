@@ -1,12 +1,13 @@
-// Bodies that touch: what can be told apart only by rounding is parted by more than that.
+// Bodies that touch: planes that differ only by rounding are separated by more than that.
 //
-// A surface that lets light through (glass, null, thin, masked, a medium's boundary) and another in
-// the same plane, a box on a floor, are met in an order that rounding would decide; and a path that
-// leaves one by its offset would begin beyond the other. So the planes of the former are moved
-// until they are apart by twice what paths leave them by, and by what rays from 64 sizes of the
-// body tell apart: into the body, or off an opaque surface that they lie on. The order is that of
-// the exact input; of bodies in one plane the smaller lies within the larger, and of equal ones the
-// later within the earlier. A surface keeps its edges, so that bodies stay closed.
+// If a surface that lets light through (glass, null, thin, masked, a medium's boundary) lies in the
+// same plane as another one, as a box on a floor does, rounding would decide the order in which
+// they are met, and a path that leaves one by its offset would begin beyond the other. So the
+// planes of such surfaces are moved, into the body or off an opaque surface that they lie on. They
+// are then separated by twice the offset of paths that leave them, and by what rays from 64 sizes
+// of the body resolve. The order is that of the exact input; of bodies in one plane the smaller
+// lies within the larger, and of equal ones the later within the earlier. A surface keeps its
+// edges, so bodies stay closed.
 #include <algorithm>
 #include <map>
 #include <mutex>
@@ -19,21 +20,23 @@
 namespace veriray {
 namespace {
 
-// Of the terms of n.p; and half of it of the heights from which the planes are seen: their
-// distances along a ray are off by 2^-23 of the terms of its origin each.
+// Separation as a share of the terms of n.p; half of it is for the heights from which the planes
+// are seen, since each plane's distance along a ray is off by 2^-23 of the terms of the ray's
+// origin.
 constexpr double kParted = 0x1p-20;
-// No plane is moved by more: of triangles it stays within their boxes.
+// The largest move of a plane; triangles then stay within their boxes.
 constexpr double kMostMoved = 0.75 * static_cast<double>(kMovedSlack);
 static_assert(kParted == 2 * static_cast<double>(kLocalOffset));
-// If their normals differ by no more: else they are that near along a line alone.
+// The largest difference of normals of planes that touch; others are that near only along a line.
 constexpr double kParallel = 0x1p-10;
-// Beyond it, 45 degrees, what leaves one does not come to the other.
+// Beyond this difference, 45 degrees, rays that leave one plane do not reach the other.
 constexpr double kAcross = 0.75;
-// Pairs of primitives that are looked at; beyond it, transparent ones and the largest of all.
+// The largest number of pairs that are examined; beyond it, each primitive that lets light through
+// is paired only with the largest of all.
 constexpr size_t kMostPairs = size_t{1} << 26;
-// Bodies are of one size if theirs differ by no more.
+// The largest relative difference in size of bodies that count as equal.
 constexpr double kSameSize = 1e-6;
-// Bodies within each other in one plane.
+// The largest number of nested bodies with faces in one plane.
 constexpr int kMostLayers = 32;
 
 // A plane n.p + w = 0.
@@ -47,27 +50,27 @@ struct Plane {
 // Two primitives that count as one plane where they overlap.
 struct Touch {
     uint32_t own, other;  // own: lets light through, and is moved
-    double turn;          // -1: they look in opposite directions
-    bool out;             // own is to lie beyond the other along its own normal, else before it
-    double apart;         // how far it does
+    double turn;          // -1: they face in opposite directions
+    bool out;             // own must lie beyond the other along its own normal, else before it
+    double apart;         // the distance by which it does now
     double want;
 
-    // Orders what threads have found, in whatever order.
+    // A fixed order, in whatever order the threads find touches.
     bool operator<(const Touch& b) const {
         return std::pair(own, other) < std::pair(b.own, b.other);
     }
 };
 
-// Without a tree an opaque face may be left by kEdgeSlack, and its plane lies kPlaneSlack behind
-// it.
+// Without a tree, rays may leave an opaque face by kEdgeSlack, and its plane lies kPlaneSlack
+// behind it.
 constexpr double kCoarse = 2 * static_cast<double>(kEdgeSlack);
 
-// By how much boxes may miss each other along an axis.
+// The gap along an axis at which boxes still count as overlapping.
 double margin(const Box& b, int k, double coarse) {
     return 2 * kParted * (1 + std::max(std::abs(b.low[k]), std::abs(b.high[k]))) + coarse;
 }
 
-// What to look for overlaps in.
+// The box in which overlaps are looked for.
 Box widened(const Box& b, double coarse) {
     const Double3 by{margin(b, 0, coarse), margin(b, 1, coarse), margin(b, 2, coarse)};
     return {b.low - by * 2, b.high + by * 2};
@@ -88,7 +91,7 @@ bool clear_material(const SceneInput& in, uint32_t m) {
     return kClosures[in.material_kind.data[m]].clear || in.opacity.data[m] < 1;
 }
 
-// Least and largest |g.p + c| over a box.
+// The least and largest |g.p + c| over a box.
 std::pair<double, double> heights(const Box& b, Double3 g, double c) {
     double low = c, high = c;
     for (int k = 0; k < 3; ++k) {
@@ -98,7 +101,7 @@ std::pair<double, double> heights(const Box& b, Double3 g, double c) {
     return {std::max({low, -high, 0.0}), std::max(std::abs(low), std::abs(high))};
 }
 
-// The plane of a primitive, not rounded.
+// The unrounded plane of a primitive.
 Plane exact_plane(const SceneInput& in, Double3 centre, double unit, const PrimitiveSource& s,
                   Double3 front) {
     Double3 p[3];
@@ -122,7 +125,7 @@ double terms(const Box& b, Double3 n) {
     return sum;
 }
 
-// The plane as the tests of rays have it.
+// The plane in the record that the ray tests use.
 float* HostScene::plane_record(uint32_t i) {
     if (!records.empty())
         return &records[static_cast<size_t>(i) * kRecordFloats] +
@@ -137,7 +140,7 @@ bool HostScene::lets_through(const SceneInput& in, ShapeGroup group, uint32_t ro
     return clear_material(in, in.material(group).data[row]) || in.boundary(group).data[row] >= 0;
 }
 
-// The faces of largest extent, so many of the first `planar` primitives.
+// The `count` faces of largest extent among the first `planar` primitives.
 std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t planar,
                                                size_t count) const {
     std::vector<uint32_t> faces(planar);
@@ -156,7 +159,7 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
     std::vector<double> sorted = extent;
     const auto last = sorted.begin() + static_cast<ptrdiff_t>(count) - 1;
     std::nth_element(sorted.begin(), last, sorted.end(), std::greater<>());
-    // Of those as large as the last one that is taken, the first.
+    // Of faces as large as the last one taken, the first in order.
     auto equal = std::count(sorted.begin(), last + 1, *last);
     for (uint32_t i = 0; i < planar; ++i)
         if (extent[i] > *last || (extent[i] == *last && equal-- > 0)) faces.push_back(i);
@@ -188,7 +191,7 @@ void HostScene::part_touching(const SceneInput& in) {
     const auto exact = [&](uint32_t i) {
         return exact_plane(in, centre, unit, sources[i], rounded_plane(i).n);
     };
-    // What is of one surface is a body.
+    // Primitives of one surface are a body.
     std::map<std::tuple<uint32_t, int32_t, int32_t>, Box> bodies;
     std::vector<Box*> body(planar, nullptr);
     for (size_t i = 0; i < clear.size(); ++i) {
@@ -227,13 +230,13 @@ void HostScene::part_touching(const SceneInput& in) {
         if (turn > 0 && same) return true;
         const auto [least, most] = heights(common, g, b.w - a.w * turn);
         if (length(g) > kParallel || most > 2 * want + coarse) {
-            // At a line alone: points near to it leave one and not the other.
+            // They meet only along a line: a ray from a point near it leaves one and not the other.
             if (length(g) > kAcross || least > 2 * want + coarse || same) return true;
             const std::lock_guard lock(mutex);
             crossing.insert(crossing.end(), {own, other});
             return true;
         }
-        // How far own lies beyond the other along its own normal.
+        // How far `own` lies beyond the other along its own normal.
         const Double3 p = (common.low + common.high) * 0.5;
         const Plane a0 = exact(own), b0 = exact(other);
         double beyond = b0.over(p) * turn - a0.over(p);
@@ -246,8 +249,8 @@ void HostScene::part_touching(const SceneInput& in) {
         else
             t.out = !other_clear && beyond >= 0;
         if (coarse > 0 && turn > 0 && !t.out) t.want += 2 * static_cast<double>(kPlaneSlack);
-        // Shadow rays from within a body end before the lamp that it touches (lights/light.h), and
-        // must have met the body's face there.
+        // Shadow rays from within a body end before the lamp that it touches (lights/light.h), but
+        // must meet the body's face first.
         if (to.emission >= 0)
             t.want +=
                 static_cast<double>(kLocalOffset) * (terms(box_around(in, other), b.n) + extent);
@@ -262,7 +265,7 @@ void HostScene::part_touching(const SceneInput& in) {
         [&](size_t i) { return widened(box_around(in, clear[i]), flat ? kCoarse : 0); },
         others.size(), [&](size_t k) { return box_around(in, others[k]); }, look);
     std::sort(touches.begin(), touches.end());
-    // Into the body counts more than off another surface.
+    // A move into the body takes precedence over a move off another surface.
     std::vector<double> move(planar, 0.0);
     std::vector<bool> inward(planar, false);
     for (const Touch& t : touches)
@@ -285,7 +288,7 @@ void HostScene::part_touching(const SceneInput& in) {
     for (const uint32_t i : crossing) {
         if (column(i, kPrimOffset) == kTouches) continue;
         column(i, kPrimOffset) = kTouches;
-        // Paths leave both sides of it, and not by as much as its plane would lie behind.
+        // Paths leave both sides of it by less than its plane would lie behind.
         const float behind =
             flat && !is_clear(i) && !in.two_sided.data[sources[i].material] ? kPlaneSlack : 0;
         if (sources[i].group == kTriangleGroup)

@@ -12,8 +12,8 @@
 namespace veriray {
 namespace {
 
-// An empty vector with room for n, on large pages: incoherent rays miss the translation of small
-// ones at every step.
+// An empty vector with room for n, on large pages: with small pages, incoherent rays would miss the
+// translation buffer at every step.
 template <class T>
 std::vector<T> room_for(size_t n) {
     std::vector<T> v;

@@ -1,7 +1,7 @@
 // The scene as the stages see it: plain pointers and numbers, passed by value.
-// Lengths are normalised: the origin is the camera, or of a scene far away from it the scene's
-// middle, or where a scene is finest, and the largest coordinate lies in [1/2, 1) after a division
-// by a power of two.
+// Lengths are normalised. The origin is the camera, or the middle of a scene far away from it, or
+// the place where a scene is finest. After a division by a power of two, the largest coordinate
+// lies in [1/2, 1).
 #pragma once
 
 #include "bsdfs/bsdf.h"
@@ -21,8 +21,8 @@ namespace veriray {
 enum PrimitiveColumn : uint32_t {
     kPrimN,                        // unit normal of the front: 3 columns
     kPrimPlane = kPrimN + 3,       // n.p on the primitive
-    kPrimOffset = kPrimPlane + 1,  // distance to leave the plane by, past a point's rounding; -1:
-                                   // kLocalOffset of the terms of n.p at the point; -2: so too,
+    kPrimOffset = kPrimPlane + 1,  // of rays that leave the plane, past a point's rounding; -1:
+                                   // kLocalOffset of the terms of n.p at the point; -2: likewise,
                                    // and it touches something that lets light through
     kPrimRim = kPrimOffset +
         1,              // without a tree: 4 columns, the face's own edges (geometry/polygon.h)
@@ -32,8 +32,8 @@ enum PrimitiveColumn : uint32_t {
     kPrimColumns,
 };
 
-// A point rounded and put back on its plane, the point off the plane and that one's height each are
-// off by 2 units of 2^-24 of the terms |n_k p_k| at most; this is 8.
+// A rounded point put back on its plane, the point off the plane, and the latter's height are each
+// off by at most 2 units of 2^-24 of the terms |n_k p_k|; this is 8.
 inline constexpr float kLocalOffset = 0x1p-21f, kLocal = -1.f, kTouches = -2.f;
 
 // Interpolated normal as an affine function of the point on the triangle: 3 rows of {g, w}.
@@ -41,7 +41,7 @@ inline constexpr uint32_t kSmoothFloats = 12;
 
 // Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
-// of the material; opacity: below it a ray meets the material
+// Of the material; opacity: a ray meets the material if its random number is below it.
 #define VR_PARAMETER(name, width) \
     kSurface_##name, kSurface_##name##_last = kSurface_##name + width - 1,
 #include "schema/materials.def"
@@ -57,7 +57,7 @@ struct SceneView {
     uint32_t features;
     // Primitives without a tree come in this order; with a tree: triangles, disks, spheres.
     uint32_t quad_count, polygon_count, disk_count, sphere_count;
-    uint32_t first_occluder;  // quads before it have all light samples in front of them
+    uint32_t first_occluder;  // quads before this one have all light samples in front of them
     uint32_t first_sphere;    // primitives from here on are spheres
     uint32_t primitive_count, primitive_row, primitive_column;
     uint32_t surface_count, surface_stride;
@@ -65,8 +65,8 @@ struct SceneView {
     uint32_t camera_medium;
     const float* primitives;     // [i * primitive_row + column * primitive_column]
     const float* smooth;         // by primitive: kSmoothFloats
-    const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter
-    const float* light_row;      // by primitive: in the light table; with kRectangleLights only
+    const float* light_chance;   // by primitive: of selection, / area if flat; 0: not an emitter
+    const float* light_row;      // by primitive: light table's row; with kRectangleLights only
     const uint32_t* surface_of;  // by primitive; null: the same index
     const float* surfaces;       // [column][surface_stride]
     const float* media;          // [column][medium_stride]; medium 0 is the vacuum

@@ -1,5 +1,5 @@
-// The N-wide tree of least expected cost that a binary one holds, node by node and in any order: a
-// subtree's row follows from those of its halves, a wide node's place from the rows above it.
+// The N-wide tree of least expected cost that a binary tree contains, built node by node in any
+// order: a subtree's row follows from those of its halves, a wide node's place from the rows above.
 // H. Ylitie, T. Karras, S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed
 // Wide BVHs", HPG 2017, section 3.
 #pragma once
@@ -14,11 +14,11 @@ VR_HD float half_area(const float* lo, const float* hi) {
     return x * (y + z) + y * z;
 }
 
-// A subtree as at most k children of a wide node: [k - 1].
+// A subtree represented by at most k children of a wide node: [k - 1].
 template <uint32_t N>
 struct WideRow {
-    float cost[N - 1];     // in units of a visit of a node, times half a surface
-    uint32_t wide[N - 1];  // nodes in it; wide[0] is 0 where it is cheaper as a leaf
+    float cost[N - 1];     // in units of a visit to a node, times half a surface
+    uint32_t wide[N - 1];  // nodes in it; wide[0] is 0 if it is cheaper as a leaf
     uint32_t count;        // slots
 
     VR_HD bool leaf() const { return wide[0] == 0; }
@@ -39,14 +39,14 @@ VR_HD WideRow<N> leaf_row(float area, uint32_t count, const WalkCost& walk) {
     return row;
 }
 
-// Expected visits and tests of a line through the root's box, in visits of a node.
+// Expected visits and tests of a line through the root's box, in visits to a node.
 template <uint32_t N>
 double tree_cost(const WideRow<N>& row, const float* lo, const float* hi) {
     const float area = half_area(lo, hi);
     return area > 0 ? static_cast<double>(row.cost[0]) / static_cast<double>(area) : 0;
 }
 
-// Two subtrees as `slots` children together at least cost: how many of them are the first's.
+// The split of `slots` children between two subtrees at least cost: the first one's number.
 struct Sharing {
     float cost;
     uint32_t first;
@@ -73,7 +73,7 @@ VR_HD WideRow<N> inner_row(float area, const WideRow<N>& a, const WideRow<N>& b,
     const float as_leaf = leaf_cost<N>(area, row.count, walk), as_node = area + all.cost;
     row.cost[0] = as_leaf <= as_node ? as_leaf : as_node;
     row.wide[0] = as_leaf <= as_node ? 0 : 1 + wide(all, N);
-    for (uint32_t k = 2; k < N; ++k) {  // as fewer children, where that is no worse
+    for (uint32_t k = 2; k < N; ++k) {  // fewer children, if that is no worse
         const Sharing s = share(a, b, k);
         const bool better = s.cost < row.cost[k - 2];
         row.cost[k - 1] = better ? s.cost : row.cost[k - 2];
@@ -82,7 +82,7 @@ VR_HD WideRow<N> inner_row(float area, const WideRow<N>& a, const WideRow<N>& b,
     return row;
 }
 
-// Where a wide node stands, the subtree that it holds, and the first slot of that.
+// The place of a wide node, the subtree that it holds, and that subtree's first slot.
 struct WidePlace {
     uint32_t node, to, first;
 };
@@ -131,8 +131,8 @@ VR_HD WideNode<N> empty_wide_node() {
     return w;
 }
 
-// The wide node of a place; calls inner(place) for children that are nodes, leaf(node, slot) for
-// the others. Nodes are in depth-first order. tree.lo(node), tree.hi(node): its box.
+// The wide node for a place; calls inner(place) for children that are nodes, leaf(node, slot) for
+// the others. Nodes are in depth-first order. tree.lo(node), tree.hi(node): the node's box.
 template <uint32_t N, class Tree, class Inner, class Leaf>
 VR_HD WideNode<N> wide_node(const Tree& tree, WidePlace at, Inner inner, Leaf leaf) {
     WideNode<N> out = empty_wide_node<N>();

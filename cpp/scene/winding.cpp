@@ -1,4 +1,4 @@
-// Which triangles are turned round, for their vertex normals to look out of the front.
+// Finds triangles to turn round so that their vertex normals point out of the front.
 #include <algorithm>
 #include <numeric>
 #include <vector>
@@ -8,13 +8,13 @@
 
 namespace veriray {
 
-// A closed mesh whose triangles run the same way round is turned as a whole or not at all, as most
-// of it wants: the normals of a fold can look through a triangle, whose inside stays inside. Of
-// others each triangle is turned by itself.
+// A closed mesh with consistent winding is turned as a whole or not at all, by the majority of its
+// area: the normals of a fold can point through a triangle, whose inside stays inside. In other
+// meshes each triangle is turned by itself.
 void HostScene::orient(const SceneInput& in) {
     if (!has_normals_) return;
     const size_t count = in.triangles.count;
-    // Twice the area, less if the normals look aside, negative if they look back; 0: flat.
+    // Twice the area; less if the normals are oblique, negative if they point back; 0: flat.
     std::vector<double> outward(count, 0.0);
     in_chunks(kAllThreads, count, [&](size_t first, size_t last) {
         Double3 n[3];
@@ -29,7 +29,7 @@ void HostScene::orient(const SceneInput& in) {
     std::transform(outward.begin(), outward.end(), turned_.begin(), back);
     if (std::none_of(outward.begin(), outward.end(), front)) return;
 
-    // Vertices in one place are one; meshes are what hangs together by them.
+    // Vertices in one place count as one; a mesh is a component connected by them.
     const size_t vertices = in.vertices.count;
     std::vector<uint64_t> place(vertices);
     std::vector<uint32_t> order(vertices), root(vertices);

@@ -1,4 +1,4 @@
-// Colours: radiance, throughput, reflectance, extinction, by channel. They are no positions or
+// Colours by channel: radiance, throughput, reflectance, extinction. They are not positions or
 // directions: Spectrum and Vec3 do not convert into each other.
 #pragma once
 

@@ -6,11 +6,11 @@
     >>> print(run)
     >>> run.save("report.html")
 
-`validate` runs the suite, in worker processes: a script calls it under
-`if __name__ == "__main__":`, or with workers=0. `Trial`, `case` and `judge` are what a case is made
-of, for your own scenes too (docs/how-we-know.md has an example); `statistics` has the tests of
-counts and means, `scenes` small scenes with known answers, `report` the verdict in words, the page
-and the JSON.
+`validate` runs the suite in worker processes, so a script calls it under
+`if __name__ == "__main__":`, or with workers=0. `Trial`, `case` and `judge` are the parts of a
+case, for your own scenes too (docs/how-we-know.md has an example). `statistics` has the tests of
+counts and means, `scenes` small scenes with known answers, and `report` the verdict in words, the
+page and the JSON.
 """
 
 from veriray_validate.levels import LEVELS

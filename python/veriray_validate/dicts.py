@@ -101,9 +101,9 @@ def sphere(center: Sequence[float], radius: float, bsdf: Dict, radiance: Any = N
 
 def flat(kind: str, centre: Sequence[float], normal: Sequence[float], half: float | Sequence[float],
          bsdf: Dict, radiance: Any = None, **more: Any) -> Dict:  # fmt: skip
-    """A rectangle or disk of half sizes `half` (one or two) whose front looks along `normal`.
+    """A rectangle or disk of half sizes `half` (one or two) whose front faces along `normal`.
 
-    The first half size is along world x as far as the plane goes, or y where it faces x.
+    The first half size is along world x as far as the plane allows, or along y if it faces x.
     """
     n = np.asarray(normal, np.float64) / np.linalg.norm(normal)
     a = np.eye(3)[int(abs(n[0]) > 0.9)]
@@ -131,7 +131,7 @@ def scene(sensor: Dict, *objects: Dict, max_depth: int = -1, rr_depth: int = 5) 
 
 
 def facing(*above: Dict, rr_depth: int = 5) -> veriray.Scene:
-    """A small diffuse disk (albedo 1) over a black floor of radiance 1; `above`: what hangs there.
+    """A small diffuse disk (albedo 1) over a black floor of radiance 1; `above`: objects over it.
 
     Things above are at z = 1 and wide. The disk's radiance is the reflectance of what is above for
     diffuse light, less 3e-6 of it: the disk hides so much of its own picture in a mirror.

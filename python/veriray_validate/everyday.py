@@ -1,6 +1,6 @@
-"""Scenes of everyday geometry, drawn: bodies on, in and against bodies, in rooms and by themselves.
+"""Random scenes of everyday geometry: bodies on, in and against bodies, in rooms and alone.
 
-A drawn scene comes as a `Question` with its truth: an exact mean, or another scene of one mean.
+A drawn scene comes as a `Question` with its truth: an exact mean, or a scene with the same mean.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ BLOCKS = 4  # of the picture's side
 class Question:
     """A drawn scene and its truth: the exact mean, or a scene with the same mean.
 
-    drawn: its parameters. margin: relative difference of means that is none; of a block of the
-    picture `blocks` is. sees: relative bias of the mean that must be found. sealed: nothing gets
-    out of it. backs: no camera ray ends in the surface that it meets. ends: no path is cut.
-    blocks None: the mean alone is judged.
+    drawn: its parameters. margin: relative difference of means that is allowed; blocks: that of
+    means over blocks of the picture, None: only the mean is judged. sees: relative bias of the mean
+    that must be found. sealed: nothing leaves the scene. backs: no camera ray ends on the surface
+    that it meets. ends: no path is cut.
     """
 
     drawn: str
@@ -76,8 +76,8 @@ def against_value(r: Render, truth: float, margin: Array) -> tuple[float, float,
 def against_scene(a: Render, b: Render, margin: Array) -> tuple[float, float, float]:
     """The same for two renders of equal batches and one seed: t tests of the batches' differences.
 
-    Where paths have the same random numbers most of the noise cancels. Under the hypothesis a
-    difference and its opposite are alike, so heavy tails make the test safer, not wrong.
+    If paths use the same random numbers, most of the noise cancels. Under the null hypothesis a
+    difference is as likely as its negative, so heavy tails make the test safer, not wrong.
     """
     x, y = (blocks(r.batch_means) for r in (a, b))
     d, level = x - y, float((x[:, 0].mean() + y[:, 0].mean()) / 2)
@@ -96,16 +96,16 @@ def _judged(off: Array, error: Array, level: float,
     return min(1.0, float(p.min())), tests, smallest_bias(float(error[0]), level)
 
 
-#: A question with p below SUSPECT is put again with four times the samples and fresh numbers, and
-#: fails at once with p below SURE there: a scene that is wrong once in thousands is not drawn again
-#: in the second stage. False alarms: 1e-10 a question.
+#: A question with p below SUSPECT is repeated with four times the samples and fresh random numbers,
+#: and fails at once if p is then below SURE: the second stage would not draw a scene again that is
+#: one in thousands. False alarms: 1e-10 per question.
 SUSPECT, SURE = 1e-3, 1e-7
 
 
 def ask(t: Trial, q: Question) -> float:
-    """Puts a question: its p value, which the trial gets too.
+    """Asks a question: returns its p value and adds it to the trial.
 
-    Where noise hides the bias to be seen, the scene is rendered anew with 16 times the samples.
+    If noise hides the bias to be seen, the scene is rendered again with 16 times the samples.
     """
     factor = 1
     p, seen, told = _answer(t, q, 1)
@@ -124,7 +124,7 @@ def ask(t: Trial, q: Question) -> float:
 
 
 def _answer(t: Trial, q: Question, factor: int) -> tuple[float, float, str]:
-    """The p value, the bias that is seen (0 if it is no matter of noise), and what was asked."""
+    """The p value, the bias that is seen (0 if it does not depend on noise), and the question."""
     margin = np.array([q.margin, *[math.inf if q.blocks is None else q.blocks] * BLOCKS**2])
     seed = t.fresh()
     spp = q.spp * factor // math.gcd(t.effort, 4)  # full runs draw more scenes instead
@@ -149,7 +149,7 @@ def _answer(t: Trial, q: Question, factor: int) -> tuple[float, float, str]:
 # ---- bodies ----
 
 FOG = Medium(2.0, 1.0)
-#: Materials without loss (a lamp: as bright as the walls): none is seen where all shines alike.
+#: Materials without loss (a lamp: as bright as the walls): invisible if everything is as bright.
 LOSSLESS: dict[str, dict[str, Any]] = {
     "diffuse": {"reflectance": 1.0},
     "board": {"reflectance": 1.0, "two_sided": True},
@@ -213,9 +213,9 @@ def moved(parts: Sequence[Part], matrix: Array) -> None:
 class Touch:
     """Two bodies in a room, the upper one on, in or against the lower one.
 
-    gap: between them, and between the lower one and the floor. depth: how far it is sunk; angle:
-    how far it leans. floor: the lower body is the floor. n: of `gridded`; tree: a hidden speck
-    makes the scene one with a tree.
+    gap: between them, and between the lower one and the floor. depth: how far it is sunk. angle:
+    how far it leans. floor: the lower body is the floor. n: of `gridded`. tree: a hidden speck
+    gives the scene a tree.
     """
 
     lower: str
@@ -266,7 +266,7 @@ class Touch:
         return [*result, upper]
 
     def scene(self, kinds: dict[str, dict[str, Any]], shining: bool) -> Scene:
-        """In a room whose walls shine alike, or in a grey one with a lamp."""
+        """The bodies in a room whose walls are equally bright, or in a grey one with a lamp."""
         room = box([-3, -3, 0], [3, 3, 4], True)
         room.faces = room.faces[(room.vertices[room.faces][:, :, 2] > 0).any(axis=1)]
         room.emission = np.full(3, float(shining))
@@ -295,7 +295,7 @@ class Touch:
 
 
 def touch(rng: np.random.Generator, lower: str, upper: str, way: str) -> Touch:
-    """Drawn: gap, place, angle, depth, eye, representation."""
+    """A random touch: gap, place, angle, depth, eye, representation."""
     floor = bool(lower in OPAQUE and way != "inside" and rng.random() < 0.5)
     plain = bool(rng.random() < 0.5)
     return Touch(
@@ -310,11 +310,11 @@ def touch(rng: np.random.Generator, lower: str, upper: str, way: str) -> Touch:
 
 
 def settled(x: Touch) -> Touch:
-    """A scene whose truth is no matter of definition: glass against a lamp keeps its distance.
+    """A scene whose truth does not depend on definitions: glass keeps a distance from lamps.
 
-    Light that a lamp sends into glass directly is not in balance, as its radiance there should be
-    that of air times the index squared. And glass within glass, a gap away, is a light guide: what
-    enters at its corners stays for 1 / gap bounces.
+    Light that a lamp sends directly into glass is not in equilibrium, because its radiance there
+    should be that in air times the index squared. And glass within glass, a gap away, is a light
+    guide: light that enters at its corners stays for 1 / gap bounces.
     """
     pair = {x.lower, x.upper}
     if x.way == "inside" and pair <= REFRACTS:
@@ -327,19 +327,19 @@ def settled(x: Touch) -> Touch:
 
 
 def shining(rng: np.random.Generator, lower: str, upper: str, way: str) -> Question:
-    """Lossless bodies among walls of radiance 1: nothing is seen, whatever touches what."""
+    """Lossless bodies among walls of radiance 1: they are invisible, whatever touches what."""
     x = settled(touch(rng, lower, upper, way))
     return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
 
 
-#: What lets light through to what it holds.
+#: Materials that let light through to what the body holds.
 CLEAR = ("glass", "null", "fog", "milky glass", "mask", "thin glass")
 
 
 def nested(rng: np.random.Generator) -> Question:
-    """A body within a clear one on the floor, in nine of ten draws turned: nothing is seen.
+    """A body within a clear one on the floor, turned in nine of ten draws: invisible.
 
-    Three layers, none further than 1e-6 from the next, in one order at every face.
+    Three layers, each within 1e-6 of the next, in the same order at every face.
     """
     lower, upper = str(rng.choice(CLEAR)), str(rng.choice(list(LOSSLESS)))
     if {lower, upper} <= REFRACTS:
@@ -350,18 +350,19 @@ def nested(rng: np.random.Generator) -> Question:
     return Question(str(x), x.scene(LOSSLESS, True), 1.0, sealed=True)
 
 
-#: Gap of the scene that the others are compared with.
+#: Gap of the scene with which the others are compared.
 LIFTED = 1e-4
 
 
 def lifted(rng: np.random.Generator, lower: str, upper: str, way: str) -> Question:
-    """Bodies with losses by a lamp: the picture of any gap is that of a gap of 1e-4.
+    """Bodies with losses, lit by a lamp: the picture with any gap is that with a gap of 1e-4.
 
-    A slit of 1e-4 around a body of perimeter 4 x .75 lets through 3e-4 of the light on a unit of
-    area at most, and no edge moves by more than 2e-4 of the picture's 1.2: 1e-3 of the mean, and
-    16 times that of a block, is a margin for both. Glass keeps 1e-5 off what it could be wetted by,
-    and so does what is inside: of two surfaces in one place either may be seen. Between the walls
-    of two bodies light may stay for long. What covers a lamp keeps 1e-4 off it, 2^-16 of the room.
+    A slit of 1e-4 around a body of perimeter 4 x .75 lets through at most 3e-4 of the light on a
+    unit of area, and no edge moves by more than 2e-4 of the picture's 1.2. So 1e-3 of the mean, and
+    16 times that for a block, is a margin for both. Glass keeps 1e-5 away from what could wet it,
+    and so does anything inside it: of two surfaces in one place either may be seen. Between the
+    walls of two bodies light may stay for long. A cover keeps 1e-4 away from its lamp, 2^-16 of
+    the room.
     """
     x = settled(touch(rng, lower, upper, way))
     most = {} if x.gap <= LIFTED else {"gap": LIFTED}

@@ -1,4 +1,4 @@
-"""Scenes of bodies by themselves, drawn: ones that are not seen, mirrored, sheared, outlines."""
+"""Random scenes of single bodies: invisible ones, mirrored ones, sheared ones, outlines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from veriray_validate.scenes import NULL, Medium, Part, camera, disk, make, mate
 
 Array = npt.NDArray[Any]
 
-#: Materials that let all light straight through; the second table's only lose none of it.
+#: Materials that let all light straight through; those of the second table only lose none of it.
 UNSEEN: dict[str, dict[str, Any]] = {
     "null": {"material": NULL},
     "glass of index 1": {"material": material("dielectric", eta=1.0)},
@@ -36,9 +36,9 @@ LOSSLESS: dict[str, dict[str, Any]] = {
 
 
 def mesh(rng: np.random.Generator, faces: float) -> tuple[Array, Array, str]:
-    """Vertices, faces and name of a closed mesh of about so many faces, about the unit ball.
+    """Vertices, faces and name of a closed mesh with about that many faces, around the unit ball.
 
-    An octahedron, divided; as a ball, a box or a lens, and bumpy in half of the draws.
+    It is a subdivided octahedron as a ball, a box or a lens; half of the draws are bumpy.
     """
     n = max(0, round(math.log(faces / 8, 4)))
     vertices = np.concatenate([np.eye(3), -np.eye(3)])
@@ -59,7 +59,7 @@ def mesh(rng: np.random.Generator, faces: float) -> tuple[Array, Array, str]:
 
 def body(rng: np.random.Generator, kind: dict[str, Any], most: float = 4.9,
          convex: bool = False) -> tuple[Part, str]:  # fmt: skip
-    """A turned body of a material, by a primitive or a mesh of 8 to 10^most faces."""
+    """A rotated body of a material: a primitive, or a mesh of 8 to 10^most faces."""
     form = chosen(rng, ("mesh", "mesh", "cube", "cube of quads", "sphere"))
     turn = random_rotation_matrix(rng.random(3))
     if form == "sphere":
@@ -80,7 +80,7 @@ def body(rng: np.random.Generator, kind: dict[str, Any], most: float = 4.9,
 
 
 def unseen(rng: np.random.Generator) -> Question:
-    """Under a sky of 1, around nothing, the camera or all: 1. Before a lit scene: that scene.
+    """Under a sky of 1, around nothing, the camera or everything: 1. In front of a lit scene: that.
 
     Camera and shadow rays go straight on, so with the same random numbers hardly any noise is left.
     """
@@ -106,11 +106,11 @@ def unseen(rng: np.random.Generator) -> Question:
 
 
 def lossless(rng: np.random.Generator) -> Question:
-    """A body that takes no light, under a sky of 1: 1, silhouette and all.
+    """A body that absorbs no light, under a sky of 1: 1, silhouette and all.
 
-    Refraction by interpolated normals has no such truth: the two sides' indices are those of the
-    shading normal, and light that goes in by one side and out by the other gains or loses n^2.
-    A mirror is looked at square on.
+    Refraction by interpolated normals has no such truth: the shading normal decides the indices of
+    the two sides, and light that enters by one side and leaves by the other gains or loses n^2.
+    A mirror is seen head-on.
     """
     name = chosen(rng, list(LOSSLESS))
     if name == "mirror of index 0":
@@ -124,9 +124,9 @@ def lossless(rng: np.random.Generator) -> Question:
 
 
 def folded(rng: np.random.Generator) -> Question:
-    """A smooth ball so bumpy that vertex normals look through some of its faces, full of white fog.
+    """A smooth ball so bumpy that vertex normals point through some faces, full of white fog.
 
-    Under a sky of 1: 1; what goes in comes out.
+    Under a sky of 1: 1; all light that enters leaves.
     """
     v, f, _ = mesh(np.random.default_rng(0), 10 ** rng.uniform(2.5, 4))
     v /= np.linalg.norm(v, axis=1)[:, None]
@@ -140,10 +140,11 @@ def folded(rng: np.random.Generator) -> Question:
 
 
 def outline(rng: np.random.Generator) -> Question:
-    """A white body, black on its back, that is convex, under a sky of 1: its back is not seen.
+    """A convex white body with a black back, under a sky of 1: its back is not seen.
 
-    Stretched and sheared by a few; no camera ray may end in the first surface. Much thinner ones,
-    or such far away, are thin before rounding, and their faces change places at an edge.
+    It is stretched and sheared by small factors; no camera ray may end on the first surface. Much
+    thinner bodies, or distant ones, are thin compared with rounding, and their faces change places
+    at an edge.
     """
     part, form = body(rng, {"reflectance": 1.0}, 3, True)
     matrix = np.eye(4)
@@ -184,7 +185,7 @@ FORMS = ("cube", "sphere", "ball.ply", "normals.ply", "ball.obj", "octahedron.pl
 
 
 def files(folder: Path) -> None:
-    """Symmetric meshes: an icosphere as PLY, without and with normals, and OBJ; an octahedron."""
+    """Symmetric meshes: an icosphere (PLY with and without normals, OBJ) and an octahedron."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     ball.export(folder / "ball.ply", vertex_normal=False)
     ball.export(folder / "normals.ply", vertex_normal=True)
@@ -196,9 +197,9 @@ def files(folder: Path) -> None:
 
 
 def mirrored(folder: Path) -> Callable[[np.random.Generator], Question]:
-    """A symmetric body by a transform with a mirror in it, and by the same one without.
+    """A symmetric body under a transform that mirrors, and under the same one without the mirror.
 
-    Turned, stretched and sheared, but for spheres; its inside stays inside.
+    It is rotated, stretched and sheared, except for spheres; its inside stays inside.
     """
 
     def draw(rng: np.random.Generator) -> Question:
@@ -231,9 +232,9 @@ def mirrored(folder: Path) -> Callable[[np.random.Generator], Question]:
 
 
 def explicit(rng: np.random.Generator) -> Question:
-    """A rectangle, disk or cube by a matrix with shear and mirror, and by its points.
+    """A rectangle, disk or cube by a matrix that shears and mirrors, and by its points.
 
-    The front of a flat shape stays where its normal goes by the inverse transpose, as in Mitsuba.
+    The front of a flat shape follows its normal under the inverse transpose, as in Mitsuba.
     """
     form = chosen(rng, ("rectangle", "disk", "cube"))
     matrix = random_rotation_matrix(rng.random(3))

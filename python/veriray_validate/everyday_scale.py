@@ -1,4 +1,4 @@
-"""Scenes of everyday sizes, drawn: lamps, grounds, fogs, cameras, each over decades of the others.
+"""Random scenes of everyday sizes: lamps, grounds, fogs and cameras, decades apart in size.
 
 The generators take a random number generator and give a `Question`; `SCALES` names them all.
 """
@@ -41,12 +41,12 @@ REACH = 1e9  # free paths between an eye and a fog
 
 
 def decades(rng: np.random.Generator, low: float, high: float) -> float:
-    """10 to a power between `low` and `high`, to three digits."""
+    """10 to a random power between `low` and `high`, rounded to three digits."""
     return float(f"{10 ** rng.uniform(low, high):.3g}")
 
 
 def chosen(rng: np.random.Generator, values: Sequence[Any]) -> Any:
-    """One of them."""
+    """A random one of them."""
     return values[int(rng.integers(len(values)))]
 
 
@@ -56,14 +56,14 @@ def square(half: float, z: float = 0.0, **more: Any) -> Part:
 
 
 def framed(w: float, distance: float, size: int = 16, tilt: float = 0.0) -> Any:
-    """A camera above the origin that sees the square of half width w about it."""
+    """A camera above the origin that sees the square of half width w around it."""
     eye = distance * np.array([math.sin(tilt), 0, math.cos(tilt)])
     up = [0, 1, 0]
     return camera(eye, [0, 0, 0], 2 * math.degrees(math.atan(w / distance)), up)
 
 
 def hidden(rng: np.random.Generator, most: float = FAR) -> tuple[str, list[Part]]:
-    """Black things below the plane z = 0, or none: their light is none and they hide none."""
+    """Black things below the plane z = 0, or none: they reflect no light and hide none."""
     kind = chosen(rng, ("nothing", "speck", "ball", "planet", "plain"))
     far = decades(rng, 1, 2.4 if rng.random() < 0.5 else most)
     at = rng.normal(size=3)
@@ -86,7 +86,7 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
 
     I / h^2; pi L (R / h)^2; pi L a^2 / (a^2 + h^2); Lambert's rectangle. The patch is at most 5e-3
     wide, where all of these are within 1e-4 of the value at the foot. A planet's radius in float32
-    moves its top by a few 2^-24 of it, which makes 5e-7 of it the margin.
+    moves its top by a few 2^-24 of the radius, so the margin is 5e-7 of it.
     """
     kind = chosen(rng, ("point", "sphere", "inward sphere", "disk", "square"))
     low = kind in ("disk", "square")
@@ -150,11 +150,11 @@ def sun(rng: np.random.Generator) -> Question:
 
 
 def lamp_by_a_wall(rng: np.random.Generator) -> Question:
-    """A point lamp d before a wall, seen square on.
+    """A point lamp at distance d in front of a wall, seen head-on.
 
     The mean over a square of half width w is I rho / pi times its solid angle from the lamp,
-    4 atan(w^2 / (d sqrt(2 w^2 + d^2))), over 4 w^2. A place in a scene of size 1 is known to 2^-23,
-    which moves 1 / d^2 by 2.4e-7 / d.
+    4 atan(w^2 / (d sqrt(2 w^2 + d^2))), over 4 w^2. A position in a scene of size 1 is known to
+    2^-23, which changes 1 / d^2 by 2.4e-7 / d.
     """
     d = decades(rng, -5, -0.5)
     w = float(f"{d * 10 ** rng.uniform(-1, 0.9):.3g}")
@@ -172,7 +172,7 @@ def lamp_by_a_wall(rng: np.random.Generator) -> Question:
 def spot(rng: np.random.Generator) -> Question:
     """All light of a spot 5 away, of cutoff 0.003 to 50 degrees, its beam three quarters of that.
 
-    Linear in the angle between beam and cutoff, by quadrature over the plane.
+    The falloff between beam and cutoff is linear in the angle; quadrature over the plane.
     """
     cut, reach = decades(rng, -2.5, 1.7), 5.0
     top = math.radians(cut)
@@ -195,10 +195,10 @@ def spot(rng: np.random.Generator) -> Question:
 
 
 def field_of_view(rng: np.random.Generator) -> Question:
-    """A shining square in the middle of the picture: its share of it, by wide and long lenses.
+    """An emitting square in the middle of the picture: its share of it, by wide and long lenses.
 
-    Half of the lenses are so long that directions in float32 do not tell pixels apart; the margin
-    is a hundredth of a pixel at each edge.
+    Half of the lenses are so long that float32 directions do not resolve pixels; the margin is a
+    hundredth of a pixel at each edge.
     """
     long = rng.random() < 0.5
     angle, distance = decades(rng, -4, -3.2 if long else 2.2), decades(rng, -4, 5)
@@ -219,11 +219,11 @@ def field_of_view(rng: np.random.Generator) -> Question:
 
 
 def half_space(rng: np.random.Generator) -> Question:
-    """A fog of 50 to 1e5 free paths, seen straight from above under a sky of 1.
+    """A fog of 50 to 1e5 mean free paths, seen straight from above under a sky of 1.
 
     1 - H(1) sqrt(1 - w), Chandrasekhar; a ball of n free paths differs by about 1 / n, so it has
-    10,000 and more. What is hidden hides less than 3e-5 of the sky. A slab's corners are known to
-    2^-24 of its width: it is at most 1e5 free paths wide.
+    10,000 or more. Hidden things cover less than 3e-5 of the sky. A slab's corners are known to
+    2^-24 of its width, so it is at most 1e5 free paths wide.
     """
     body = chosen(rng, ("cube", "cube of quads", "sphere", "slab"))
     sigma = decades(rng, 4, 5) if body == "sphere" else decades(rng, 1.7, 5)
@@ -258,10 +258,10 @@ def half_space(rng: np.random.Generator) -> Question:
 def stacked_fogs(rng: np.random.Generator) -> Question:
     """Two or three slabs of ink on a floor, each on the last or within it: exp(-optical depth).
 
-    The floor shines, or is a mirror below a sky: then light comes down as well. Seen from
-    straight above, from 25 to 50 times their size away, of any order, turned or not. A face in
-    contact is moved by 2^-21 of the scene and 2^-20 of its place, which makes twice that share of
-    a slab's thickness the margin of its depth.
+    The floor emits, or is a mirror below a sky, so that light comes down as well. The slabs are
+    seen from straight above, from 25 to 50 times their size away, in any order, rotated or not. A
+    face in contact is moved by 2^-21 of the scene and 2^-20 of its position; twice that share of a
+    slab's thickness is the margin of its depth.
     """
     count, order = int(rng.integers(2, 4)), bool(rng.random() < 0.5)
     within = bool(rng.random() < 0.5)
@@ -299,10 +299,10 @@ def stacked_fogs(rng: np.random.Generator) -> Question:
 
 def still_life(rng: np.random.Generator, lifted: float, ground: list[Part],
                sigma: float) -> Callable[..., Scene]:  # fmt: skip
-    """Two bodies on a ground by a lamp; called with further parts.
+    """Two bodies on a ground, lit by a lamp; called with further parts.
 
-    Of balls alone, and a ball as lamp, in half of the scenes: with a tree only sizes below a 256th
-    of the scene come otherwise. A fog in half of them.
+    Half of the scenes have only balls, with a ball as lamp: otherwise sizes below a 256th of the
+    scene would occur only with a tree. Half of them have a fog.
     """
     names = [str(n) for n in rng.choice(list(LOSSY), 2)]
     if rng.random() < 0.5:
@@ -345,7 +345,7 @@ def out_of_sight(rng: np.random.Generator) -> Question:
 
 
 def fog_and_speck(rng: np.random.Generator) -> Question:
-    """A fog in the sky, and a black ball or square far behind the camera: less than 3e-5 of it."""
+    """A fog under the sky; a black ball or square far behind the camera covers < 3e-5 of it."""
     body, sigma = chosen(rng, ("cube", "cube of quads", "sphere")), decades(rng, -0.5, 4)
     far = decades(rng, 1.5, 2.6 if rng.random() < 0.5 else FAR)
     fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma, 0.9)}
@@ -364,7 +364,7 @@ def fog_and_speck(rng: np.random.Generator) -> Question:
 
 
 def wide_ground(rng: np.random.Generator) -> Question:
-    """Two bodies on a ground of 1e3 and of up to 1e6: 1e-5 of the light meets it beyond 1e3."""
+    """Two bodies on a ground of size 1e3 and up to 1e6: 1e-5 of the light meets it beyond 1e3."""
     kind, half = chosen(rng, ("square", "disk", "planet")), decades(rng, 3.3, 6)
     wide = {
         "square": lambda: square(half, reflectance=0.6),
@@ -385,7 +385,7 @@ def wide_ground(rng: np.random.Generator) -> Question:
 def telephoto(rng: np.random.Generator) -> Question:
     """A room without its front wall from 1e3 and from up to 3e5 half widths away.
 
-    What perspective shows of its sides is 1e-3 of its width from the nearer place.
+    From the nearer place, perspective shows its sides over 1e-3 of its width.
     """
     room = box([-1, -1, -1], [1, 1, 1], True, 0.6)
     room.faces = room.faces[(room.vertices[room.faces][:, :, 2] < 1).any(axis=1)]

@@ -71,7 +71,7 @@ def disk_upright(radius: float, distance: float, height: float) -> float:
 
 
 def to_disk(centre: Any, a: Any, b: Any, normal: Any, n: int = 200) -> float:
-    """From the origin to an ellipse with half axes a and b, by quadrature; one of its sides."""
+    """From the origin to one side of an ellipse with half axes a and b, by quadrature."""
     c, a, b, up = (np.asarray(v, np.float64) for v in (centre, a, b, normal))
     r, wr = gauss(n)
     phi = (np.arange(4 * n) + 0.5) / (4 * n) * 2 * math.pi

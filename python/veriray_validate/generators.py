@@ -1,7 +1,7 @@
-"""Random number generators: ours written a second time, and two bad ones that tests must reject.
+"""Random number generators: ours, written a second time, and two bad ones that tests must reject.
 
-A generator gives words of 32 bits as a function of seed, pixel, sample and block, by rows; a block
-is a vertex's use of numbers, three a bounce.
+A generator gives 32-bit words as a function of seed, pixel, sample and block, row by row. A block
+is one use of random numbers at a vertex; there are three per bounce.
 """
 
 from __future__ import annotations
@@ -135,10 +135,10 @@ def _seeded(pixel: Array, sample: Any, bounce: Any, clock: Any) -> Array:
 def seeded_2016(ticks_a_pass: int, ticks_a_bounce: int) -> Numbers:
     """Two numbers of a linear generator, seeded anew for each pixel, pass and bounce.
 
-    The seeding of the report "Parallel Path Tracing in CUDA" (H. Dahlberg, KTH, 2016) re-made:
+    The seeding of the report "Parallel Path Tracing in CUDA" (H. Dahlberg, KTH, 2016), reproduced:
     seed = hash(pixel) + hash(pass + clock) + hash(depth), modulo 2^32. The clock starts at an
-    arbitrary value and goes on by the given ticks. What is added is the same for all pixels and the
-    generator is linear, so that the numbers of a pixel in two bounces obey u' = frac(u + c).
+    arbitrary value and advances by the given ticks. The addend is the same for all pixels and the
+    generator is linear, so the numbers of a pixel in two bounces obey u' = frac(u + c).
     """
 
     def numbers(pixel: Array, sample: int, bounce: int) -> Array:

@@ -2,9 +2,9 @@
 
 Meshes of 12 to 81,920 triangles, convex ones, bumpy ones, a knot and one of slivers (1 : 2e6), at
 scales 1e-3 to 1e6, around the origin and shifted by 1e6. The rays are made by the hook
-`count_leaks` on the device, from points known to be inside: on the way from a kernel that sees the
-whole mesh (of a sphere its middle, of the knot the middle of a section) towards the surface, up to
-1e-4 of the way before it (of the knot 0.1).
+`count_leaks` on the device, from points known to be inside. These lie between a point that sees the
+whole mesh (the middle of a sphere, for the knot the middle of a section) and the surface, up to
+1e-4 of the distance from it (for the knot 0.1).
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ def _unit(v: Array) -> Array:
 
 
 def _wave(x: Array) -> Array:
-    """Parabolas from -1 to 1 with period 1, close to a sine."""
+    """A wave of parabolas between -1 and 1 with period 1, close to a sine."""
     u = x - np.floor(x + 0.5)
     wave: Array = 8 * u * (1 - 2 * np.abs(u))
     return wave
 
 
 def _star(vertices: Array, triangles: Array) -> Mesh:
-    """A mesh that its middle, the origin, sees whole."""
+    """A mesh that is entirely visible from its middle, the origin."""
     rng = np.random.default_rng(2)
     faces = vertices[triangles[rng.integers(len(triangles), size=ORIGINS)]]
     weights = rng.dirichlet((1, 1, 1), ORIGINS)
@@ -88,7 +88,7 @@ def _star(vertices: Array, triangles: Array) -> Mesh:
 
 
 def _turned(mesh: Mesh) -> Mesh:
-    """Turned by angles that no axis knows, and stretched."""
+    """Rotated by angles that align with no axis, and stretched."""
     turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     matrix = turn @ np.diag([0.7, 1.0, 1.3])
     vertices, triangles, inside = mesh
@@ -96,7 +96,7 @@ def _turned(mesh: Mesh) -> Mesh:
 
 
 def cube(cells: int) -> Mesh:
-    """The cube from -1 to 1 with cells x cells x 2 triangles a side, vertices shared."""
+    """The cube from -1 to 1 with cells x cells x 2 triangles per side and shared vertices."""
     i, j = (a.ravel() for a in np.mgrid[0:cells, 0:cells])
     corners = np.stack([np.stack([i + a, j + b], axis=1) for a, b in
                         ((0, 0), (1, 0), (1, 1), (0, 1))], axis=1)  # fmt: skip

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 
-#: Random numbers at the ends of their range and in its middle.
+#: Random numbers at the ends and in the middle of their range.
 CORNERS = (0.0, 2.0**-24, 0.5, 1 - 2.0**-24)
 
 
@@ -37,7 +37,7 @@ def directions(rng: np.random.Generator, n: int) -> Array:
 
 
 def azimuth(p: Array) -> Array:
-    """Of the first two columns, in turns, [0, 1)."""
+    """The azimuth of the first two columns, in turns, [0, 1)."""
     return np.arctan2(p[:, 1], p[:, 0]) / (2 * np.pi) % 1.0
 
 
@@ -48,7 +48,7 @@ def one_minus_cos(p: Array) -> Array:
 
 
 def seen_rectangle(p: Array, corner: Array, e1: Array, e2: Array) -> tuple[Array, Array, Array]:
-    """A rectangle in the frame of its edges about points p (n, 3): x0, y0 and height, (n,) each.
+    """A rectangle in the frame of its edges around points p (n, 3): x0, y0 and height, (n,) each.
 
     Edges (3,) at right angles, in world units; the height is positive in front, which
     cross(e1, e2) points to.
@@ -60,7 +60,7 @@ def seen_rectangle(p: Array, corner: Array, e1: Array, e2: Array) -> tuple[Array
 
 
 def solid_angle(x0: Array, x1: Array, y0: Array, y1: Array, z: Array) -> Array:
-    """Of a rectangle [x0, x1] x [y0, y1] at height z: the sum over the corners of
+    """Solid angle of a rectangle [x0, x1] x [y0, y1] at height z: the sum over the corners of
     +-atan(x y / (z r))."""
 
     def corner(x: Array, y: Array) -> Array:
@@ -80,7 +80,7 @@ INVERSE: dict[str, Callable[[Array], tuple[Array, Array]]] = {
 
 
 def density(name: str, p: Array) -> Array:
-    """Of a mapping of `INVERSE` at its points."""
+    """Density of a mapping of `INVERSE` at its points."""
     if name == "cosine_hemisphere":
         return p[:, 2] / np.pi
     return np.full(len(p), 2.0 if name == "uniform_triangle" else 1 / np.pi)
@@ -89,7 +89,7 @@ def density(name: str, p: Array) -> Array:
 def phase(away: Array, g: float) -> Array:
     """L. Henyey, J. Greenstein, Astrophysical Journal 93 (1941), per solid angle.
 
-    away: half the squared distance of the two unit vectors (g < 0: of one and the opposite of the
+    away: half the squared distance of the two unit vectors (g < 0: of one and the negative of the
     other), which is 1 - cos without cancellation.
     """
     a = abs(g)
@@ -97,7 +97,7 @@ def phase(away: Array, g: float) -> Array:
 
 
 def phase_inverse(p: Array, g: float) -> tuple[Array, Array]:
-    """Directions scattered about +z to the unit square.
+    """Maps directions scattered about +z to the unit square.
 
     For g > 0 the share beyond a cosine is
     (1 - g^2) / (2 g) (1 / (1 - g) - 1 / sqrt(1 + g^2 - 2 g cos)).
@@ -109,7 +109,7 @@ def phase_inverse(p: Array, g: float) -> tuple[Array, Array]:
 
 
 def fresnel(cos_i: Any, eta: Any, k: Any = 0.0) -> Array:
-    """Reflectance for unpolarised light, by complex amplitudes: M. Born, E. Wolf, chapter 14.2.
+    """Reflectance for unpolarised light, from complex amplitudes: M. Born, E. Wolf, chapter 14.2.
 
     eta + ik: index beyond over index here.
     """

@@ -1,7 +1,7 @@
-"""Jobs in worker processes. A worker that dies takes its own job with it and no other.
+"""Jobs in worker processes. A worker that dies takes only its own job with it.
 
-Workers are spawned, not forked, as CUDA wants it. They are gone when the iteration is, however it
-ends: Ctrl-C reaches the parent alone, which ends them; one whose parent was killed ends itself.
+Workers are spawned, not forked, as CUDA requires. They end with the iteration, however it ends:
+Ctrl-C reaches only the parent, which ends them; a worker whose parent was killed ends itself.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from typing import Any
 
 _CONTEXT = multiprocessing.get_context("spawn")
 _PATIENCE = 10.0  # seconds for a worker to leave
-#: A worker is one processor's: linear algebra with threads of its own would take the others'.
+#: A worker uses one processor: threads of its linear algebra would take those of other workers.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
 class Died:
-    """In the place of a result: the job raised, its process ended, or its answer cannot be sent."""
+    """Replaces a result: the job raised, its process ended, or its answer cannot be sent."""
 
     how: str
 
@@ -39,10 +39,10 @@ def results(
 ) -> Iterator[tuple[int, Any]]:  # fmt: skip
     """Yields (k, function(*jobs[k])) in the order of completion, with `workers` processes.
 
-    function: importable by its name, its arguments and results can be pickled. holds[k]: what job k
-    has for itself while it runs; it waits for a job that holds the same, and others overtake it.
-    The result of a job that raised or whose process died is a `Died`. Close the iterator to end the
-    workers early.
+    function: importable by its name, with arguments and results that can be pickled. holds[k]: a
+    resource that job k has to itself while it runs; it waits for a job that holds the same, and
+    others overtake it. The result of a job that raised or whose process died is a `Died`. Close the
+    iterator to end the workers early.
     """
     left = list(range(len(jobs)))[::-1]
     held = [None] * len(jobs) if holds is None else holds
@@ -87,7 +87,7 @@ def results(
 
 
 def _next(left: list[int], held: Sequence[str | None], running: list[int]) -> int | None:
-    """Takes from `left` (the next one last) the next job that need not wait; None: all must."""
+    """Takes the next job that need not wait from `left` (in reverse order); None: all must wait."""
     taken = {held[job] for job in running} - {None}
     for place in range(len(left) - 1, -1, -1):
         if held[left[place]] not in taken:

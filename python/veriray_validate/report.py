@@ -2,7 +2,7 @@
 
 Figures that cases leave (`Trial.figure`) are drawn by their names:
 
-- z: z values. One histogram and quantile plot a level.
+- z: z values. One histogram and quantile plot per level.
 - p: p values, or {label: p}. Cells coloured by p.
 - cells: {"observed": counts, "expected": counts}, (n,) or (m, n). Chi-square cells.
 - slope: {"spp": [...], name: [...] ..., "expected": number}. Error against samples, log-log.
@@ -10,7 +10,7 @@ Figures that cases leave (`Trial.figure`) are drawn by their names:
 - picture...: (H, W) or (H, W, 3), linear; or a PNG as a data URI. map...: (H, W), signed.
 - table...: {"columns": [...], "rows": [[...], ...]}.
 
-Whatever has another name or another form is shown as text.
+Figures of another name or form are shown as text.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def as_text(validation: Validation) -> str:
 
 
 def to_json(validation: Validation) -> str:
-    """Everything as JSON text, a case a line; numbers that are not finite become null."""
+    """Everything as JSON text, one case per line; numbers that are not finite become null."""
     result, sentence = verdict(validation)
     values = {"result": result, "verdict": sentence, **validation.to_dict()}
     lines = []
@@ -130,7 +130,7 @@ def to_json(validation: Validation) -> str:
 
 
 def to_html(validation: Validation) -> str:
-    """The report as one HTML page: no network, no script; `to_json` is inside."""
+    """The report as one HTML page, without network or script; it contains `to_json`."""
     result, sentence = verdict(validation)
     outcomes = validation.outcomes
     rows = validation.levels()
@@ -253,7 +253,7 @@ def _family(name: str, outcomes: list[Outcome]) -> dict[str, Any]:
 
 
 def _figures(outcome: Outcome) -> list[dict[str, Any]]:
-    """The figures of a case that are not drawn with its level's."""
+    """The figures of a case that are not drawn with those of its level."""
     return [
         drawn for name, value in outcome.figures.items()
         if not _on_level(name, value) for drawn in [_figure(name, value)]
@@ -266,7 +266,7 @@ def _on_level(name: str, value: Any) -> bool:
 
 
 def _figure(name: str, value: Any) -> dict[str, Any]:
-    """One figure as the template takes it; as text where its form is not the name's."""
+    """One figure as the template takes it; as text if its form does not fit its name."""
     kinds: tuple[tuple[str, Callable[[Any], dict[str, Any]]], ...] = (
         ("p", _p_cells), ("cells", _chi_cells), ("picture", _picture), ("map", _map),
         ("table", _table),
@@ -437,14 +437,14 @@ def _panels(name: str, caption: str, outcomes: list[Outcome],
 
 
 def _live(value: Any) -> dict[str, Array]:
-    """Lists by depth, each with a positive number; empty where the value is something else."""
+    """Lists by depth, each with a positive number; empty if the value is something else."""
     series = value if isinstance(value, dict) else {"measured": value}
     lists = {str(k): np.array(_numbers(v)) for k, v in series.items()}
     return lists if all((v > 0).any() for v in lists.values()) else {}
 
 
 def _slope(value: Any) -> dict[str, Array]:
-    """Positive lists of one length, the first of them "spp"; empty for something else."""
+    """Positive lists of one length, the first of them "spp"; empty for anything else."""
     if not isinstance(value, dict):
         return {}
     lists = {str(k): np.array(_numbers(v)) for k, v in value.items() if np.ndim(v)}

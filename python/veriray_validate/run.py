@@ -1,4 +1,4 @@
-"""Running cases: on which devices, in which processes, with what false-alarm rate in all."""
+"""Runs cases: on which devices, in which processes, at what overall false-alarm rate."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def cases(levels: Iterable[int] | None = None, *, full: bool = False,
 
 
 def fast_devices() -> list[str]:
-    """The fastest CPU device and every GPU: enough where level 6 proves the others equal."""
+    """The fastest CPU device and every GPU: enough, since level 6 proves the others equal."""
     names = [d.name for d in device_module.devices()]
     cpu = [n for n in names if n.startswith("cpu")]
     return cpu[:1] + [n for n in names if n.startswith("cuda")]
@@ -53,9 +53,9 @@ def fast_devices() -> list[str]:
 class Validation:
     """Outcome of a run; as a string its levels and the verdict.
 
-    false_alarm: bound on the probability that a sound program fails. seconds: elapsed. facts: of
-    machine and run; commit: that of the checkout, ending in -dirty if files differ from it, else
-    None. missing: what a stopped run did not judge, in the order in which it begins.
+    false_alarm: bound on the probability that a sound program fails. seconds: elapsed. facts: about
+    machine and run; among them commit: that of the checkout, ending in -dirty if files differ from
+    it, or None without one. missing: what a stopped run did not judge, in the order of the run.
     """
 
     full: bool
@@ -75,10 +75,10 @@ class Validation:
         return clean and not self.crowded and not self.missing
 
     def first_stage(self) -> dict[str, Any]:
-        """Cases with p < FIRST in the first stage (low), of how many (of), and p of so many.
+        """Cases with p < FIRST in the first stage (low), of how many (of), and p of that many.
 
-        Exact binomial, one-sided. A case counts once, on the first of its devices: their bits, and
-        with them their p values, are the same.
+        Exact binomial, one-sided. A case counts once, on the first of its devices: all devices give
+        the same bits and so the same p values.
         """
         p = {o.id: o.p for o in reversed(self.outcomes) if o.p is not None}
         low = sum(q < FIRST for q in p.values())
@@ -101,7 +101,7 @@ class Validation:
         report.save(self, path)
 
     def levels(self) -> list[dict[str, Any]]:
-        """One row a level: number, name, cases, verdict, sees (smallest, largest), seconds ..."""
+        """One row per level: number, name, cases, verdict, sees (smallest, largest), seconds ..."""
         rows = []
         for level, (name, _) in LEVELS.items():
             own = [o for o in self.outcomes if o.level == level]
@@ -158,8 +158,8 @@ def validate(
         levels: numbers of LEVELS; None: all. pattern: of case ids, as in a shell.
         full: all cases with four times the samples, not the quick ones alone.
         seed: of everything random; the run is a function of it.
-        workers: processes; 0 runs in this one; None takes the processors, at most 64. A GPU serves
-            one at a time, or all where CUDA's Multi-Process Service runs.
+        workers: number of processes; 0 runs in this one; None takes one per processor, at most 64.
+            A GPU serves one at a time, or all if CUDA's Multi-Process Service runs.
         effort: factor on the samples instead of 1 (quick) or 4 (full).
         progress: called after each case with its outcome, cases done and cases in all.
 
@@ -196,7 +196,7 @@ def validate(
 
     if workers is None:
         workers = min(len(os.sched_getaffinity(0)), MAX_WORKERS)
-    # the longest cases are of the full run alone: last, they would run on their own
+    # the longest cases belong to the full run only: at the end they would run alone
     order = jobs if workers < 1 else sorted(jobs, key=lambda job: CASES[job[0]].quick)
     try:
         if workers < 1:
@@ -221,7 +221,7 @@ def validate(
 
 
 def held_by(device: str) -> str | None:
-    """What a case on the device has for itself: the GPU, unless CUDA's Multi-Process Service runs.
+    """What a case on the device has to itself: the GPU, unless CUDA's Multi-Process Service runs.
 
     Processes on one GPU take turns: eight on an H200 needed over thirty times as long as one.
     """
@@ -244,7 +244,7 @@ def _commit() -> str | None:
 
 def _work(name: str, device: str, seed: int, effort: int, second: float,
           threads: int | None) -> Outcome:  # fmt: skip
-    """One job, in whatever process."""
+    """One job, in any process."""
     if name not in CASES:
         cases()
     return judge(CASES[name], device, seed=seed, effort=effort, threads=threads, second=second)

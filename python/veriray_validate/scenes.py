@@ -159,7 +159,7 @@ def make(parts: Sequence[Part], view: Any = None, environment: Any = 0.0, width:
          **settings: Any) -> Scene:  # fmt: skip
     """A scene of parts; every part has a material and, if it shines, an emission of its own.
 
-    lights: from point_light, spot_light, directional_light. camera_medium: what the camera is in.
+    lights: from point_light, spot_light, directional_light. camera_medium: around the camera.
     """
     lit = [k for k, p in enumerate(parts) if p.emission.any()]
     emission = [lit.index(k) if k in lit else -1 for k in range(len(parts))]
@@ -212,7 +212,7 @@ def _joined(arrays: list[Array], shape: tuple[int, ...], dtype: Any = np.float64
 
 
 def _columns(rows: Sequence[dict[str, Any]], table: str) -> dict[str, Any]:
-    """Columns of a table from rows that give some of them; one number stands for three alike."""
+    """Columns of a table from rows that give some of them; one number stands for three."""
     result: dict[str, Any] = {}
     for name, column in COLUMNS.items():
         if column.table != table or not any(name in row for row in rows):
@@ -225,13 +225,13 @@ def _columns(rows: Sequence[dict[str, Any]], table: str) -> dict[str, Any]:
 
 
 def furnace(albedo: Any, emission: Any, **settings: Any) -> Scene:
-    """The unit cube from inside, every wall alike; the camera looks at a wall off its centre."""
+    """The unit cube from inside, all walls alike; the camera looks at a wall, off its centre."""
     return make([box([0, 0, 0], [1, 1, 1], True, albedo, emission)],
                 camera([0.4, 0.45, 0.3], [0.6, 0.3, 1.0], 30.0), **settings)  # fmt: skip
 
 
 def without(scene: Scene, shapes: Callable[[str], bool]) -> Scene:
-    """The scene less the primitives of the shapes whose name fulfils `shapes`."""
+    """The scene without the primitives of shapes whose name fulfils `shapes`."""
     changes: dict[str, Any] = {}
     for table in ("triangles", "spheres", "disks"):
         index = getattr(scene, f"{table[:-1]}_shape")

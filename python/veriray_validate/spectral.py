@@ -1,9 +1,9 @@
 """The measured Cornell box by wavelengths: spectra, their sum to CIE XYZ, colour differences.
 
-XYZ are integrals of radiance times the CIE 1931 2 degree functions over that of y-bar, from 400 to
-700 nm on a grid of 1 nm by the trapezoidal rule; between the measured points (4 nm, the lamp 100
-nm) spectra are linear. So a spectrum of constant 1 has Y = 1, and RGB (linear, BT.709 primaries,
-D65 white) is a matrix times XYZ: the convention of scenes/cornell/make.py.
+XYZ are integrals of radiance times the CIE 1931 2 degree functions, divided by the integral of
+y-bar, from 400 to 700 nm on a grid of 1 nm by the trapezoidal rule. Between the measured points
+(4 nm apart, the lamp's 100 nm) spectra are linear. So a spectrum of constant 1 has Y = 1, and RGB
+(linear, BT.709 primaries, D65 white) is a matrix times XYZ, as in scenes/cornell/make.py.
 
 A diffuse scene is monochromatic at every wavelength: its radiance there depends on the reflectances
 and the emission at this wavelength alone. Three wavelengths make one render, as its R, G and B.
@@ -40,7 +40,7 @@ NODES: Array = np.arange(400.0, 701.0, 4.0)
 FINE: Array = np.arange(400.0, 701.0)
 #: Corners of the lamp in mm, facing down.
 LAMP = ((343.0, 548.8, 227.0), (343.0, 548.8, 332.0), (213.0, 548.8, 332.0), (213.0, 548.8, 227.0))
-#: Surface -> a shape of the scene that has its paint.
+#: Surface -> a shape of the scene with its paint.
 _SAMPLES = {"white": "floor", "lamp": "light", "green": "right_wall", "red": "left_wall"}
 
 
@@ -135,8 +135,8 @@ def to_rgb() -> Array:
 def colours(lit: bool = True) -> tuple[dict[str, Array], Array]:
     """Reflectances and emission as linear RGB.
 
-    lit: RGB of the light that the surface reflects over the RGB of the lamp, which makes the first
-    bounce exact; else, as often seen, RGB of the surface under an equal-energy light.
+    lit: RGB of the light that the surface reflects, divided by RGB of the lamp, which makes the
+    first bounce exact; else, as is common, RGB of the surface under an equal-energy light.
     """
     light = emission(FINE) if lit else np.ones(len(FINE))
     white = to_rgb() @ xyz(light) if lit else xyz(light)[1]
@@ -147,7 +147,7 @@ def colours(lit: bool = True) -> tuple[dict[str, Array], Array]:
 def delta_e(a: Any, b: Any, luminance: float) -> Array:
     """CIE Delta E 2000 between XYZ (..., 3), by colour-science.
 
-    White is the lamp's chromaticity, to which an eye in the box is adapted, at Y = `luminance`.
+    White has the lamp's chromaticity, to which an eye in the box is adapted, at Y = `luminance`.
     """
     import colour
 
@@ -211,7 +211,7 @@ def radiosity(paints: Mapping[str, Any]) -> tuple[Array, Array]:
 
 @functools.cache
 def expected(luminance: float) -> dict[str, Array]:
-    """What five plain walls say of RGB rendering, for WALLS; see `radiosity`.
+    """The error of RGB rendering that five plain walls predict, for WALLS; see `radiosity`.
 
     xyz, rgb: XYZ (5, 3) by spectra and by RGB; all, shade: Delta E of their difference, of all
     light and of indirect light alone; quadrature: relative error (5, 3) of XYZ with NODES alone.
@@ -234,9 +234,9 @@ def expected(luminance: float) -> dict[str, Array]:
 def products(degree: int) -> tuple[list[str], Array]:
     """Spectra that light of the lamp can have after 1 to `degree` reflections: names, (301, m).
 
-    Light in the box is a sum of such products of reflectances, with weights >= 0 that geometry
-    decides: any linear functional of a pixel's light over its XYZ lies between those of products.
-    The lamp's own reflectance is constant and changes no ratio.
+    Light in the box is a sum of such products of reflectances, with weights >= 0 that depend on the
+    geometry. So any linear functional of a pixel's light over its XYZ lies between those of the
+    products. The lamp's own reflectance is constant and changes no ratio.
     """
     rho, names, rows = reflectance(FINE), [], []
     for n in range(1, degree + 1):
@@ -267,7 +267,7 @@ MIXED, OUTSIDE = -1, -2
 def parts(scene: Scene, size: int) -> npt.NDArray[np.int64]:
     """Which of PARTS each pixel of a size x size picture shows; MIXED, or OUTSIDE for nothing.
 
-    By 3 x 3 rays a pixel; a pixel that any ray leaves through is OUTSIDE.
+    Uses 3 x 3 rays per pixel; a pixel through which any ray leaves is OUTSIDE.
     """
     place = (np.arange(3 * size) + 0.5) / (3 * size)
     camera = scene.camera
@@ -318,7 +318,7 @@ def blocks(image: Any, size: int) -> Array:
 
 
 def same(part: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int64]:
-    """`parts` in blocks of size x size pixels: MIXED unless all are alike, OUTSIDE if one is."""
+    """`parts` in blocks of size x size pixels: MIXED unless all are equal, OUTSIDE if one is."""
     height, width = part.shape
     cell = part.reshape(height // size, size, width // size, size).transpose(0, 2, 1, 3)
     cell = cell.reshape(height // size, width // size, -1)

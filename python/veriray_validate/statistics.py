@@ -1,4 +1,4 @@
-"""Tests of counts and means, each with its error rates: what the levels are made of.
+"""Tests of counts and means, each with its error rates: the building blocks of the levels.
 
 Every function returns a p value: the probability of data at least as far off if the expectation is
 right. Tests of whole pictures are in `veriray.comparison.statistics`.
@@ -50,7 +50,7 @@ def pooled(observed: Array, expected: Array, least: float = 10.0) -> tuple[Array
 
 
 def chi_square(observed: Array, expected: Array) -> float:
-    """The p value of counts against expectations of one total; 0 for a hit in an empty cell."""
+    """The p value of counts against expectations of equal total; 0 for a hit in an empty cell."""
     if (observed[expected == 0] > 0).any():
         return 0.0
     o, e = pooled(np.asarray(observed), np.asarray(expected))
@@ -60,7 +60,7 @@ def chi_square(observed: Array, expected: Array) -> float:
 
 
 def grids(u: Array, v: Array) -> float:
-    """`grid_family` on three grids: enough where points are plenty and none is lost."""
+    """`grid_family` on three grids: enough if there are many points and none is lost."""
     return grid_family(u, v, sizes=((1, 8), (8, 4), (16, 32)))
 
 
@@ -78,9 +78,9 @@ def homogeneous(counts: Array) -> float:
 
     Chi-square (K. Pearson, Biometrika 8, 1911) over the classes that expect at least 10 in each
     row and a pool of the others, which joins the smallest of those classes if it is thin itself.
-    Chi-square knows nothing of a class that expects less, so each of them is also tested by the
+    Chi-square says nothing about classes that expect less. So each of them is also tested by the
     exact law of its counts in a row, given their sum: binomial, with the row's share of all counts.
-    Such tests as cannot reach 1 in 100 whatever is seen are left out (R. E. Tarone, Biometrics 46,
+    Tests that cannot reach 1 in 100, whatever is seen, are left out (R. E. Tarone, Biometrics 46,
     1990); Sidak over the rest.
     """
     table = np.asarray(counts, np.float64)
@@ -130,7 +130,7 @@ def smallest_bias(error: float, mean: float, alpha: float = 1e-3, power: float =
     return z * error / abs(mean) if mean else math.inf
 
 
-#: Coarse grids see a wrong scale or tilt, fine ones a wrong place.
+#: Coarse grids see a wrong scale or tilt, fine grids a wrong place.
 GRIDS = ((1, 8), (8, 4), (16, 16), (32, 64))
 
 
@@ -144,7 +144,7 @@ def grid_family(
     """Uniformity of points in the unit square: chi-square on several grids over the same points.
 
     One grid is weak: 2,500 cells with 10^6 points accept a density that is 1 % wrong. drawn:
-    samples in all, each of which gives a point with probability `chance`; the lost ones fill a cell
+    samples in all, each of which gives a point with probability `chance`; lost samples fill a cell
     of their own. A point outside the square is a failure. Sidak over the grids.
     """
     drawn = len(u) if drawn is None else drawn

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +21,7 @@ WORST = ("fail", "error", "inconclusive", "pass", "skip")
 
 
 def verdict(outcomes: list[Mapping[str, Any]]) -> str:
-    """One cell for the outcomes of a line on a kind of device: the worst, and how many of them."""
+    """One cell for the outcomes of a row on a kind of device: the worst verdict and its count."""
     if not outcomes:
         return "-"
     names = [str(o["verdict"]) for o in outcomes]
@@ -32,10 +31,10 @@ def verdict(outcomes: list[Mapping[str, Any]]) -> str:
 
 
 def stress_table(*validations: Mapping[str, Any]) -> str:
-    """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row a stress line.
+    """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row per question.
 
-    Columns: the numbers in the plan, the case, the scene, what is expected (the case's docstring),
-    verdicts on the CPU and on CUDA. Cases with arguments share a row.
+    Columns: the case, the scene, what is expected (the case's docstring), verdicts on the CPU and
+    on CUDA. Cases with arguments share a row.
     """
     expected = {c.id.partition("[")[0]: c.expects for c in cases([STRESS], full=True)}
     rows: dict[str, list[Mapping[str, Any]]] = {}
@@ -53,15 +52,13 @@ def stress_table(*validations: Mapping[str, Any]) -> str:
         "",
         *(f"- {name}: {about}" for v in validations for name, about in v["devices"].items()),
         "",
-        "| | case | scene | expected | CPU | CUDA |",
-        "|---|---|---|---|---|---|",
+        "| case | scene | expected | CPU | CUDA |",
+        "|---|---|---|---|---|",
     ]  # fmt: skip
     for name, outcomes in rows.items():
-        title = str(outcomes[0]["title"])
-        numbers = re.findall(r"\[((?:N\d+(?:, )?)+|[^\]]*)\]\.?$", title)
-        scene = re.sub(r"\s*\[[^\]]*\]\.?$", "", title).rstrip(".")
+        scene = str(outcomes[0]["title"]).rstrip(".")
         cells = [
-            numbers[0] if numbers else "", f"`{name}`", scene, expected.get(name, ""),
+            f"`{name}`", scene, expected.get(name, ""),
             *(verdict([o for o in outcomes if str(o["device"]).startswith(kind)])
               for kind in ("cpu", "cuda")),
         ]  # fmt: skip

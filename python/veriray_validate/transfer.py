@@ -1,7 +1,7 @@
 """Radiative transfer in plane slabs, in float64 and without random numbers.
 
-Two solvers for Henyey and Greenstein's phase function with a matched or refracting boundary, which
-share nothing but the quadrature rule and Fresnel's equations:
+Two solvers for Henyey and Greenstein's phase function with a matched or refracting boundary share
+only the quadrature rule and Fresnel's equations:
 
 - `adding_doubling`: invariant imbedding for a thin layer, doubled to the thickness, boundaries
   added. Phase function by its Legendre series. H. C. van de Hulst, Multiple Light Scattering, 1980;
@@ -9,9 +9,9 @@ share nothing but the quadrature rule and Fresnel's equations:
 - `discrete_ordinates`: eigenvectors of the transfer equation, boundary conditions solved for.
   Phase function averaged over the azimuth. S. Chandrasekhar, Radiative Transfer, 1950.
 
-For isotropic scattering three more: `chandrasekhar` (half space), `slab_reflectance` and
-`slab_under_beam` (integral equation with exponential integrals). Everything is for light that does
-not depend on the azimuth: reflectance and transmittance of a slab under a uniform sky of 1.
+For isotropic scattering there are three more: `chandrasekhar` (half space), `slab_reflectance` and
+`slab_under_beam` (integral equation with exponential integrals). All are for light that does not
+depend on the azimuth: reflectance and transmittance of a slab under a uniform sky of 1.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _source(tau: float, mu: float, albedo: float, cells: int) -> tuple[Array, Ar
 
 
 def slab_reflectance(tau: float, mu: float, albedo: float = 1.0, cells: int = 1000) -> float:
-    """Share of a beam at cosine mu that an isotropic slab sends back: the integral equation.
+    """Share of a beam at cosine mu that an isotropic slab reflects: the integral equation.
 
     R = 1/2 integral of E2(t) S(t) dt / mu. By reciprocity the radiance at mu under a sky of 1 above
     and nothing below.
@@ -76,7 +76,7 @@ def slab_under_beam(tau: float, mu: float, mu0: float, albedo: float,
                     cells: int = 2000) -> tuple[float, float]:  # fmt: skip
     """Radiance at cosine mu above and below an isotropic slab under a beam at cosine mu0.
 
-    For irradiance 1 across the beam, without the beam itself; the source function integrated
+    For irradiance 1 across the beam, without the beam itself; integrates the source function
     towards the eye, cell by cell.
     """
     t, source, h = _source(tau, mu0, albedo, cells)
@@ -92,7 +92,7 @@ def slab_under_beam(tau: float, mu: float, mu0: float, albedo: float,
 class _Nodes:
     """Directions in a slab of index `eta`: quadrature, then those seen at cosines `mu` outside.
 
-    inside: cosines; weights: of the integral over cosines, 0 for the directions asked for; fresnel:
+    inside: cosines; weights: of the integral over cosines, 0 for the requested directions; fresnel:
     reflectance of the boundary, 1 beyond the critical angle.
     """
 

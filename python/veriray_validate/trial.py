@@ -1,11 +1,11 @@
-"""Cases and how one is judged.
+"""Cases and their judgement.
 
 A case is a function of a `Trial`. It renders through the trial, states exact conditions with
 `check` and statistical ones as p values, and says which bias it would have seen. The judgement has
-two stages: a smallest p value (Sidak over those of the case) below `FIRST` is followed by one more
-run with four times the samples and a fresh seed, and only p below `SECOND` there is a failure. A
-sound program fails a case once in 1 / (FIRST x SECOND) = 1e7 runs; the power stays that of the
-first stage. Exact conditions fail at once.
+two stages. If the smallest p value (corrected by Sidak over those of the case) is below `FIRST`,
+the case is run once more with four times the samples and a fresh seed, and fails only if p is then
+below `SECOND`. A sound program fails a case once in 1 / (FIRST x SECOND) = 1e7 runs; the power is
+that of the first stage. Exact conditions fail at once.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ FAMILY, MANY = 1e-3, 1e-4
 CONFIRM = 4  # times the samples
 #: Samples that must carry a mean for the normal law: (sum x)^2 / sum x^2.
 EFFECTIVE = 1000
-#: Share of segments that may pass an edge on its wrong side, where a path's vertex lies within
+#: Share of segments that may pass an edge on its wrong side because a path's vertex lies within
 #: rounding of the neighbour's plane; measured 3e-8 in rooms of flat walls, 1e-8 in a mesh.
 LEAKS = 1e-7
 
@@ -60,7 +60,7 @@ class Case:
 
     id: module.function[arguments], or package.function[arguments] where a module of the levels has
     become a package; title: first line of the function's docstring; expects: the rest of it. quick:
-    part of the quick run. once: runs once for the machine, not once a device. stored: compares with
+    part of the quick run. once: runs once per machine, not once per device. stored: compares with
     stored data, whose noise both stages share.
     """
 
@@ -77,13 +77,13 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case on a device.
+    """The outcome of a case on a device.
 
     verdict: "pass", "fail", "inconclusive", "error" or "skip". p: smallest p value of the first
-    stage, corrected for their number; confirmed: that of the second, if it came to that. checks,
-    tests: numbers of exact conditions and of p values. sees: smallest relative bias that the case
-    finds with 90 % power, or None where that has no meaning. figures: numbers for the report.
-    seeded: it drew random numbers; another seed gives the others the same answer.
+    stage, corrected for their number; confirmed: that of the second stage, if there was one.
+    checks, tests: numbers of exact conditions and of p values. sees: smallest relative bias that
+    the case finds with 90 % power, or None if that has no meaning. figures: numbers for the report.
+    seeded: it drew random numbers; other cases give the same answer with every seed.
     """
 
     id: str
@@ -174,9 +174,9 @@ class Trial:
         return self._chosen.native
 
     def native_scene(self, scene: Scene, builder: str | None = None) -> Any:
-        """The scene as the native module holds it, on CUDA with a tree by `ploc` if not told.
+        """The scene as the native module holds it; by default with a tree by `ploc` on CUDA.
 
-        Renders take `sah` for meshes as small as those of most cases, so both are seen.
+        Renders use `sah` for meshes as small as those of most cases, so both are tested.
         """
         return self.native.Scene(
             **native_scene_arguments(scene), device=self._chosen.index,
@@ -197,13 +197,13 @@ class Trial:
 
     @property
     def seed(self) -> int:
-        """What all random numbers of the trial derive from."""
+        """The seed from which all random numbers of the trial derive."""
         self.seeded = True
         return self._seed
 
     @property
     def rng(self) -> np.random.Generator:
-        """NumPy's, for inputs."""
+        """NumPy's generator, for inputs."""
         self.seeded = True
         return self._rng
 
@@ -239,7 +239,7 @@ class Trial:
         self.p_values.append((float(value), what))
 
     def sees(self, bias: float, limit: float | None = None) -> None:
-        """The relative bias that would have been seen; inconclusive where it is above `limit`."""
+        """The relative bias that would have been seen; inconclusive if it is above `limit`."""
         if limit is not None and not bias <= limit:
             raise Inconclusive(f"sees {bias:.2g}, wanted {limit:.2g}")
         self.smallest = max(bias, self.smallest or 0.0)
@@ -269,13 +269,13 @@ class Trial:
         return result
 
     def rare(self, count: int, r: Render, what: str) -> None:
-        """`count` events of the kind of `LEAKS` in a render; false-alarm rate 1e-9."""
+        """Checks that `LEAKS` explains `count` events in a render; false-alarm rate 1e-9."""
         segments = sum(r.stats["live_rays"])
         most = stats.poisson.isf(1e-9, LEAKS * segments)
         self.check(count <= most, f"{count} of {segments} segments: {what}")
 
     def sealed(self, r: Render, room: str = "a closed room") -> None:
-        """Nothing leaves a closed room but what `LEAKS` allows."""
+        """Checks that nothing leaves a closed room except what `LEAKS` allows."""
         self.rare(sum(r.stats["ledger"]["escaped"]), r, f"left {room}")
 
     def leaks(self, r: Render) -> Array:
@@ -291,11 +291,11 @@ class Trial:
 
     def agrees(self, scene: Scene, exact: float | Sequence[float] | Array, spp: int, sees: float,
                margin: float = MARGIN, **settings: Any) -> Render:  # fmt: skip
-        """Pixels of a render against `exact` (broadcast to the picture); returns the render.
+        """Compares a render's pixels with `exact` (broadcast to the picture); returns the render.
 
-        Statistics: the largest |z| over pixels and channels, and over the channels of the picture's
-        mean, Sidak; pixels without noise must be within the margin. sees: relative bias of the mean
-        that must be found with 90 % power.
+        The statistics are the largest |z| over pixels and channels, and over the channels of the
+        picture's mean, with Sidak's correction; pixels without noise must be within the margin.
+        sees: relative bias of the mean that must be found with 90 % power.
         """
         r = self.render(scene, spp, **settings)
         truth = np.broadcast_to(np.asarray(exact, np.float64), r.image.shape)
@@ -357,7 +357,7 @@ def judge(
 ) -> Outcome:  # fmt: skip
     """Runs a case on a device and judges it in two stages. `second`: threshold of the second.
 
-    Where the stages share a stored reference's noise, the second alone keeps the rate.
+    If the stages share a stored reference's noise, the second alone keeps the rate.
     """
     second *= FIRST if case.stored else 1
     key = [seed, *case.id.encode()]

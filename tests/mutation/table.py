@@ -24,8 +24,8 @@ def page(result: dict[str, Any]) -> str:
     lines = [
         "# Planted bugs, and which level finds them",
         "",
-        f"{result['planted']} bugs of one place each were planted in C++ and Python and given to "
-        f"the quick levels of `veriray validate` on a CPU. **The quick run alone finds "
+        f"{result['planted']} bugs, each in one place of the C++ or Python sources, were planted "
+        "and given to the quick levels of `veriray validate` on a CPU. **The quick run alone finds "
         f"{result['caught_quick']} ({100 * result['score_quick']:.1f} %)"
         + (f", the full run {result['caught']} ({100 * result['score']:.1f} %)"
            if result["caught"] > result["caught_quick"] else "")
@@ -42,13 +42,14 @@ def page(result: dict[str, Any]) -> str:
                      f"{found['caught']} | {found['alone']} |")  # fmt: skip
     lines += [
         "",
-        f"Films with recorded hashes, which tell that something changed and not that it is wrong, "
-        f"changed for {result['recorded']} of {result.get('recorded_of', len(rows))} bugs; they "
-        "count nowhere here."
-        + (f" Judged in an earlier state of the sources: {old}." if old else ""),
+        f"Films with recorded hashes changed for {result['recorded']} of "
+        f"{result.get('recorded_of', len(rows))} bugs. They show that something changed, not that "
+        "it is wrong, and are not counted here."
+        + (f" Bugs judged with an earlier version of the sources: {old}." if old else ""),
         "",
-        "Seconds of one processor until a level's first failed case; cheap cases go first. Empty: "
-        "the level passes; -: not asked after another had failed. The case named is the quickest.",
+        "The table gives the seconds of one processor until a level's first failed case; cheap "
+        "cases run first. Empty: the level passes. -: not run after another had failed. The case "
+        "named is the quickest to find the bug.",
         "",
         "| bug | " + " | ".join(levels) + " | found by |",
         "|---|" + "---|" * (len(levels) + 1),
@@ -70,7 +71,7 @@ def page(result: dict[str, Any]) -> str:
         lines += [f"- {name}: {EXPLAINED.get(name) or why or 'unexplained'}"
                   for name, why in result["survivors"].items()]  # fmt: skip
     if result["not_judged"]:
-        lines += ["", f"For want of time not judged: {', '.join(result['not_judged'])}."]
+        lines += ["", f"Not judged, for lack of time: {', '.join(result['not_judged'])}."]
     return "\n".join(lines) + "\n"
 
 

@@ -76,7 +76,8 @@ def test_page_of_the_levels() -> None:
                  {**row, "name": "b", "levels": {"3": missed, "4": missed}, "caught_by": []}],
     })  # fmt: skip
     assert "| a | 0.2 |  | `closed.furnace` |" in text and "| b |  |  | - |" in text
-    assert "finds 1 (50.0 %)" in text and "- b: unexplained" in text and "not judged: c." in text
+    assert "finds 1 (50.0 %)" in text and "- b: unexplained" in text
+    assert "Not judged, for lack of time: c." in text
 
 
 def test_what_is_known_of_bugs(tmp_path: Path) -> None:
@@ -117,7 +118,7 @@ def test_every_bug_is_saved_and_old_ones_kept(tmp_path: Path, first: bool) -> No
     assert (result["recorded"], result["recorded_of"]) == (1, 1 if first else 2)
     page = table.page(json.loads(json.dumps({**result, "rows": [
         {**row, "language": "C++", "levels": {}} for row in result["rows"]]})))  # fmt: skip
-    assert "Judged in an earlier state of the sources: 1." in page
+    assert "Bugs judged with an earlier version of the sources: 1." in page
 
 
 @pytest.fixture(scope="module")

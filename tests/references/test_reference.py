@@ -84,7 +84,7 @@ def scene(tmp_path):
 
 
 def check_ledger(picture):
-    """L1: every path is accounted for. Exact."""
+    """Every path is accounted for. Exact."""
     ledger = picture.ledger.astype(object)
     shape = picture.mean.shape
     assert ledger[0, LIVE] == shape[0] * shape[1] * picture.spp
@@ -112,13 +112,13 @@ def image_means(picture):
 
 
 def form_factor(a, b):
-    """A10: differential element to an a x b rectangle over its corner at height 1 (Howell B-4)."""
+    """Form factor of an element to an a x b rectangle, its corner overhead at 1 (Howell B-4)."""
     p, q = math.hypot(1, a), math.hypot(1, b)
     return (a / p * math.atan(b / p) + b / q * math.atan(a / q)) / (2 * math.pi)
 
 
 def lambert(point, normal, polygon):
-    """A13: irradiance over radiance, half the edge sum of angle times edge normal."""
+    """Irradiance over radiance: half the sum over edges of angle times edge normal."""
     rays = np.asarray(polygon, float) - point
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     total = 0.0
@@ -164,7 +164,7 @@ def test_a2_truncated_furnace(scene, depth):
 
 @pytest.mark.parametrize("transform", ["", '<rotate x="0.6" z="0.8" angle="35"/>'])
 def test_furnace_at_an_edge(scene, transform):
-    """Hits within 1e-7 of an edge and of a corner: walls do not leak (exact), value as A1."""
+    """Hits within 1e-7 of an edge and of a corner: walls do not leak (exact); as a furnace."""
     walls = cube(0.5, 0.5, inward=True, transform=transform)
     first, second, _ = scene(walls, INSIDE).triangles[0]
     for share in (0, 0.35):
@@ -496,7 +496,7 @@ def test_l3_furnace_counts(scene, rho, start):
 
 
 def test_ledger_of_an_open_scene(scene):
-    """L1 where every cause occurs; 1 and 2 processes and a repeat give the same bits."""
+    """Paths end by every cause and add up; 1 and 2 processes and a repeat give the same bits."""
     parts = (
         FLOOR,
         rectangle((-1, 1), (-1, 1), 2, radiance=3, down=True),
@@ -516,7 +516,7 @@ def test_ledger_of_an_open_scene(scene):
 
 
 def test_no_light_no_shadow_rays(scene):
-    """L6: without a light not one shadow ray; black walls end every path at depth 0."""
+    """Without a light, no shadow ray is cast; black walls end every path at depth 0."""
     dark = render(scene(cube(0.5, inward=True), INSIDE), spp=64)
     assert not dark.mean.any() and not dark.ledger[:, VISIBLE:].any()
     black = render(scene(cube(0, inward=True), constant(1), INSIDE), spp=64)

@@ -16,7 +16,7 @@ from veriray_validate.run import Validation
 from veriray_validate.trial import Outcome
 
 OUTCOME = Outcome(
-    "closed.furnace[0.5]", 3, "A furnace (A1)", "cpu:avx2", "pass", "", 0.3, None, 2, 1, 2e-3,
+    "closed.furnace[0.5]", 3, "A furnace", "cpu:avx2", "pass", "", 0.3, None, 2, 1, 2e-3,
     1_500_000, 0.5,
 )  # fmt: skip
 

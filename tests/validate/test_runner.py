@@ -56,7 +56,7 @@ def likely(count: int, n: int, p: float) -> bool:
 def test_registration(suite: Suite) -> None:
     @case(2, each={"a": [1, 2], "b": {"x": 0, "y": 1}}, quick=lambda a, b: a == 1, once=True)
     def sampler(t: Trial, a: int, b: str) -> None:
-        """A title (C1).
+        """A title.
 
         What is expected,
         and why.
@@ -66,7 +66,7 @@ def test_registration(suite: Suite) -> None:
     name = "test_runner.sampler"
     assert list(suite) == [f"{name}[{a},{b}]" for a in (1, 2) for b in "xy"]
     c = suite[f"{name}[1,y]"]
-    assert (c.title, c.expects) == ("A title (C1).", "What is expected, and why.")
+    assert (c.title, c.expects) == ("A title.", "What is expected, and why.")
     assert (c.level, c.arguments, c.quick, c.once) == (2, {"a": 1, "b": "y"}, True, True)
     assert not suite[f"{name}[2,x]"].quick
     assert len(run().outcomes) == 2 and len(run(full=True, effort=1).outcomes) == 4

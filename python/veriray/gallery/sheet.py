@@ -203,9 +203,9 @@ def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
         "# Gallery",
         "",
         'Every figure of the report "Parallel Path Tracing in CUDA" (H. Dahlberg, KTH, 2016), made',
-        "again by `veriray gallery`, which made this page and the contact sheet too, from what the",
-        "pictures' files say. Display copies: sRGB, clipped at 1. The films are the same, bit for",
-        "bit, on every device.",
+        "again by `veriray gallery`. It also made this page and the contact sheet, from the facts",
+        "in the pictures' files. The pictures shown are display copies: sRGB, clipped at 1. The",
+        "films are the same, bit for bit, on every device.",
         "",
         "![contact sheet](images/gallery.png)",
         "",
@@ -246,9 +246,10 @@ def _figure_2(docs: Path) -> list[str]:
         "",
         "## correlated-seeds",
         "",
-        "Figure 2. The seeding of 2016 re-made: each bounce seeds a linear generator with a hash",
-        "of pixel, pass, clock and depth, so that a pixel's numbers in consecutive bounces differ",
-        "by a constant. Bias and correlation beside ours: `python benchmarks/correlated_seeds.py`.",
+        "Figure 2. The seeding of 2016, reproduced: each bounce seeds a linear generator with a",
+        "hash of pixel, pass, clock and depth, so a pixel's numbers in consecutive bounces differ",
+        "by a constant. `python benchmarks/correlated_seeds.py` compares bias and correlation with",
+        "ours.",
     ]
     if (docs / "images" / "correlated_seeds.png").is_file():
         lines += ["", "![correlated seeds](images/correlated_seeds.png)"]

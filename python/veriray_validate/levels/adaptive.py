@@ -1,4 +1,4 @@
-"""Level 3: adaptive sampling. The samples that decide are not those that count."""
+"""Level 3: adaptive sampling. The samples that decide do not count in the picture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from veriray_validate.scenes import camera, furnace, make, sphere
 from veriray_validate.statistics import max_z
 from veriray_validate.trial import Trial, case
 
-#: Relative error at which four pixels in five of `furnace(0.5, 0.5)` stop at once.
+#: Relative error at which four of five pixels of `furnace(0.5, 0.5)` stop at once.
 TARGET = 0.04
 
 
@@ -21,8 +21,8 @@ def adaptive_means_are_unbiased(t: Trial) -> None:
     """Pictures of one pixel with a target error, in a closed box with the exact answer 1.
 
     300 pictures; z of their mean. Sees a bias of 1.2 %. The planted estimate, which keeps the
-    pilot's samples where they were enough, is rejected at -3.3 (its z is about -9, so that a sound
-    run misses it less than once in 10^8): dark pilots stop early.
+    pilot's samples where they were enough, is rejected at -3.3, because dark pilots stop early. Its
+    z is about -9, so a sound run misses it less than once in 10^8.
     """
     scene, kept, planted = furnace(0.5, 0.5), [], []
     for _ in range(300 * t.effort):
@@ -43,8 +43,8 @@ def adaptive_means_are_unbiased(t: Trial) -> None:
 def adaptive_tiles_agree(t: Trial) -> None:
     """A ball that reflects and emits 1/2 is invisible under a sky of 1; it gets most samples.
 
-    Its noise is roulette's. z of the means of 9 tiles, which get from 16 to some hundred samples a
-    pixel. Sees 1 % in each.
+    Its noise comes from roulette. z of the means of 9 tiles, which get from 16 to some hundred
+    samples per pixel. Sees 1 % in each.
     """
     view = camera([0, 0, 4], [0.5, 0.4, 0], 40)
     scene = make([sphere([0, 0, 0], 1, 0.5, 0.5)], view, 1.0, 48, 48, rr_depth=1)

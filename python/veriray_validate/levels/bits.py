@@ -1,6 +1,6 @@
-"""The bit contract: a film depends on scene, settings, seed and sample range alone (D1 to D15).
+"""The bit contract: a film depends on scene, settings, seed and sample range alone.
 
-Compared are the film's exact words and the ray ledger, both whole, as one SHA-256. What must not
+The film's exact words and the whole ray ledger are compared as one SHA-256. None of these may
 matter: device, instruction set, scheduler, threads, samples in flight, compiled variant, how the
 samples are cut into ranges and in which order they come, the tree, the unit of length or of light.
 
@@ -50,7 +50,7 @@ def mesh_scene() -> Scene:
 
 
 def turned_boxes() -> Scene:
-    """Boxes across the axes, turned about each, and turned about all: quads of every way."""
+    """Boxes along the axes, rotated about each, and about all: quads of every kind of run."""
     angles = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.7, 0], [0, 0, 1.1], [0.3, 0.5, 0.9]])
     parts = [box([-3] * 3, [3] * 3, True, 0.5), quad([-1, 2.9, -1], [2, 0, 0], [0, 0, 2], 0, 9)]
     for k, turn in enumerate(angles):
@@ -79,7 +79,7 @@ SCENES = (*LARGER, *CHECKS)
 
 
 def scene_of(name: str) -> tuple[Scene, int]:
-    """A scene of SCENES and its samples a pixel."""
+    """A scene of SCENES and its samples per pixel."""
     small = name not in LARGER
     return check_scene(name, 16) if small else LARGER[name](), SPP[small]
 
@@ -157,12 +157,12 @@ def add_rows(a: Array, b: Array) -> Array:
 
 @case(6, each={"name": SCENES}, once=True)
 def one_hash(t: Trial, name: str) -> None:
-    """One SHA-256 whatever the way: device, scheduler, threads, batch, variant, resume.
+    """One SHA-256 in every way of rendering: device, scheduler, threads, batch, variant, resume.
 
-    (D1-D3, D5-D7, D9, D11, D13, D14.) Equal: all devices and instruction sets of this machine x
-    fused, thrust, wavefront x 1, 2, 16 threads x samples in flight (half of these ways for slow
-    code), code for absent features forced on, the run repeated, cut into ranges that are merged in
-    shuffled order, stopped and resumed, and rendered by lists of pixels.
+    These give equal hashes: all devices and instruction sets of this machine x fused, thrust,
+    wavefront x 1, 2, 16 threads x samples in flight (half of these ways for slow code); code for
+    absent features forced on; the run repeated, cut into ranges that are merged in shuffled order,
+    stopped and resumed, and rendered by lists of pixels.
     """
     scene, spp = scene_of(name)
     wanted: str | None = None
@@ -190,7 +190,7 @@ def one_hash(t: Trial, name: str) -> None:
 
 @case(6, once=True)
 def films_add_across_devices(t: Trial) -> None:
-    """Half of the samples on one device, half on another, through the files' exact sums (D6).
+    """Half of the samples on one device, half on another, through the files' exact sums.
 
     The sum of the 128-bit words equals those of the whole render.
     """
@@ -207,11 +207,11 @@ def films_add_across_devices(t: Trial) -> None:
 
 @case(6)
 def batches_of_a_render(t: Trial) -> None:
-    """A render in equal batches is the render in one go, whose every sample counts (D3, D6).
+    """A render in equal batches is the render in one go, and every sample counts.
 
-    Equal to films of the native module: the whole in bits, each batch's mean the sums of its own
-    range over their number. Equal ledgers, of as many paths as were asked for. The paths in flight
-    do not divide a batch.
+    Equal to films of the native module: the whole bit for bit, and each batch's mean to the sums of
+    its range over their number. The ledgers are equal, with as many paths as were requested. The
+    number of paths in flight does not divide a batch.
     """
     scene, spp = scene_of("cornell-box")
     seed, host = t.fresh(), Host(t, scene)
@@ -234,7 +234,7 @@ def batches_of_a_render(t: Trial) -> None:
 
 @case(6, each={"name": SCENES})
 def light_times_a_power_of_two(t: Trial, name: str) -> None:
-    """All that shines times 2^k: the same integers, the picture times 2^k (D10).
+    """All emission times 2^k: the same integers, the picture times 2^k.
 
     Equal bits for k = 20, 10, -20: there is no clamp and no absolute threshold of radiance.
     """
@@ -252,7 +252,7 @@ def light_times_a_power_of_two(t: Trial, name: str) -> None:
 
 @case(6, each={"name": SCENES})
 def lengths_times_a_power_of_two(t: Trial, name: str) -> None:
-    """All lengths times 2^k: the same bits (D10, N2).
+    """All lengths times 2^k: the same bits.
 
     Equal for k = 7, 10, -20, 20, 30: no absolute epsilon anywhere.
     """
@@ -264,7 +264,7 @@ def lengths_times_a_power_of_two(t: Trial, name: str) -> None:
 
 @case(6)
 def an_object_that_no_ray_can_reach(t: Trial) -> None:
-    """A quad, or a mesh, inside a closed block changes no bit (D12).
+    """A quad, or a mesh, inside a closed block changes no bit.
 
     Flat primitives without a tree, and a room of triangles whose tree becomes another one.
     """
@@ -282,7 +282,7 @@ def an_object_that_no_ray_can_reach(t: Trial) -> None:
 
 @case(6, each={"seed": (1, 2)})
 def another_order_of_triangles(t: Trial, seed: int) -> None:
-    """Triangles of a mesh in another order, and turned in their indices: the same bits (D8).
+    """Triangles of a mesh in another order, and with rotated indices: the same bits.
 
     The tree is built from another list; hits are those of the triangles, not of boxes or leaves.
     """
@@ -303,7 +303,7 @@ def another_order_of_triangles(t: Trial, seed: int) -> None:
 
 @case(6)
 def many_samples_of_few_pixels(t: Trial) -> None:
-    """Films of 30, 37 and 16 pixels with 200, 7 and 257 samples: all schedulers agree (D2).
+    """Films of 30, 37 and 16 pixels with 200, 7 and 257 samples: all schedulers agree.
 
     A tile of a CPU sums 64 samples of a pixel at a time, side by side with other pixels.
     """
@@ -315,7 +315,7 @@ def many_samples_of_few_pixels(t: Trial) -> None:
 
 @case(6)
 def faintest_light(t: Trial) -> None:
-    """A lamp of 1e-30 in a room that reflects 1e-9, mitchell filter: all schedulers agree (D2).
+    """A lamp of 1e-30 in a room that reflects 1e-9, mitchell filter: all schedulers agree.
 
     Samples are subnormal until they are scaled for the film.
     """
@@ -331,10 +331,10 @@ def faintest_light(t: Trial) -> None:
 
 @case(6)
 def dust_shows_no_tree(t: Trial) -> None:
-    """3,000 triangles of 1e-8 to 1e-7 of the scene, in trees by both builders: the same hits (D8).
+    """3,000 triangles of 1e-8 to 1e-7 of the scene, in trees by both builders: the same hits.
 
-    Distances and primitives equal in bits, for 100,000 rays, half of them aimed. Edge functions of
-    triangles that are edge on may be rounded to 0 for rays far beside them.
+    Distances and primitives are equal bit for bit, for 100,000 rays, half of them aimed. Edge
+    functions of edge-on triangles may be rounded to 0 for rays far beside them.
     """
     rng = t.rng
     centre = np.stack([np.linspace(-0.5, 1, 3000), np.zeros(3000), np.zeros(3000)], axis=1)
@@ -353,10 +353,10 @@ def dust_shows_no_tree(t: Trial) -> None:
 
 @case(6)
 def every_width_of_the_tree(t: Trial) -> None:
-    """Nodes of 2, 4 and 8 boxes find the same hits (D8).
+    """Nodes of 2, 4 and 8 boxes find the same hits.
 
-    Distances and primitives equal in bits, for rays from inside, past and through a mesh. CUDA
-    modules alone carry other widths than their own.
+    Distances and primitives are equal bit for bit, for rays from inside, past and through a mesh.
+    Only CUDA modules contain widths other than their own.
     """
     if not hasattr(t.native, "intersect_width"):
         raise Skipped("the CPU modules have one width")
@@ -398,11 +398,11 @@ def replayed_paths_add_up(t: Trial) -> None:
 REPLAYED = ("touching_media", "mask", "thinlens")
 
 
-# ---- lengths that are no power of two ----
+# ---- lengths that are not a power of two ----
 
 
 def nearly(t: Trial, a: Scene, b: Scene) -> None:
-    """Two scenes give the same picture but for rounding, which turns a few paths elsewhere."""
+    """Two scenes give the same picture but for rounding, which sends a few paths elsewhere."""
     seed = t.fresh()
     once = Trial(t.device, seed, 1, t.threads)
     x, y = (once.render(s, 64, seed=seed).image.astype(np.float64) for s in (a, b))
@@ -416,10 +416,10 @@ def nearly(t: Trial, a: Scene, b: Scene) -> None:
 
 @case(8, each={"factor": (1e-6, 1e-3, 1e3, 1e9)})
 def lengths_times_another_factor(t: Trial, factor: float) -> None:
-    """The Cornell box in other units of length [N2].
+    """The Cornell box in other units of length.
 
     Only rounding differs: at most 1 % of the pixels by more than 1e-4 of their value, and the mean
-    by no more than differences of either sign sum up to.
+    by no more than the sum of random signs allows.
     """
     scene = scene_of("cornell-box")[0]
     nearly(t, scene, scene.scaled(factor))
@@ -427,7 +427,7 @@ def lengths_times_another_factor(t: Trial, factor: float) -> None:
 
 @case(8)
 def moved_by_a_million(t: Trial) -> None:
-    """The Cornell box moved by 1e6 in each axis [N1].
+    """The Cornell box moved by 1e6 in each axis.
 
     Recentred in float64 before float32: the same picture but for rounding, as above.
     """
@@ -462,7 +462,7 @@ def recorded_scene(name: str, width: int) -> Scene:
 
 
 def record(device: str, scene: Scene, name: str, spp: int, **settings: Any) -> dict[str, Any]:
-    """A line of recorded.json: hashes of scene, film and ledger, and the first live rays."""
+    """An entry of recorded.json: hashes of scene, film and ledger, and the first live rays."""
     r = veriray.render(scene, spp=spp, device=device, **settings)
     ledger = json.dumps(r.stats["ledger"], sort_keys=True).encode()
     return {
@@ -478,7 +478,7 @@ def record(device: str, scene: Scene, name: str, spp: int, **settings: Any) -> d
 
 
 def label(entry: Mapping[str, Any]) -> str:
-    """Name of a line of recorded.json."""
+    """Name of an entry of recorded.json."""
     return f"{entry['scene']} {entry['width']}x{entry['width']}x{entry['spp']}"
 
 
@@ -504,11 +504,11 @@ def is_small(entry: str) -> bool:
 
 @case(6, each={"entry": ENTRIES}, once=True, quick=is_small)
 def recorded_films(t: Trial, entry: str) -> None:
-    """The films of recorded.json, from every device and in every way (D13, D14).
+    """The films of recorded.json, from every device and in every way.
 
-    Equal hashes on this processor or GPU, with its driver and compiler, as when they were recorded,
-    under fused, thrust and wavefront; of the large film with threads x samples in flight, and not
-    from slow code. `one_hash` has all ways for small ones.
+    The hashes on this processor or GPU, with its driver and compiler, equal the recorded ones,
+    under fused, thrust and wavefront; for the large film also with threads x samples in flight, but
+    not with slow code. `one_hash` tests all ways for small films.
     """
     wanted = ENTRIES[entry]
     name, spp, small = wanted["scene"], wanted["spp"], is_small(entry)
@@ -531,7 +531,7 @@ def recorded_films(t: Trial, entry: str) -> None:
 
 
 def write() -> None:
-    """Writes recorded.json anew, from the fastest CPU device."""
+    """Regenerates recorded.json with the fastest CPU device."""
     lines = [("cornell-box", 32, 16), ("open", 32, 16), ("cornell-box", 128, 64)]
     lines += [("cornell-box" + BY_SOBOL, 32, 64), ("checks/thinlens" + BY_SOBOL, 24, 16)]
     lines += [(f"checks/{name}", 24, 4) for name in CHECKS]

@@ -24,10 +24,11 @@ Array = npt.NDArray[np.float64]
 
 @case(3, each={"filter": ("box", "tent", "gaussian", "mitchell"), "lens": (0.0, 0.3)})
 def uniform_light_on_the_film(t: Trial, filter: str, lens: float) -> None:
-    """Every pixel of a wide film has the radiance L itself, under any filter (A25).
+    """Every pixel of a wide film has the radiance L itself, under any filter.
 
-    Without noise, to the bit: no cos^4, no weight but the filter's, whose mean is 1, negative lobes
-    and lens included. One segment a path. Mitchell's weights differ in sign: with noise, sees 1e-2.
+    Without noise, bit for bit: no cos^4, no weight but the filter's, whose mean is 1, negative
+    lobes and lens included. One segment per path. Mitchell's weights differ in sign, which makes
+    noise: sees 1e-2.
     """
     parameter = {"box": None, "tent": 1.3, "gaussian": 0.5, "mitchell": (0.2, 0.4)}[filter]
     eye = camera([0, 0, 0], [1, 2, 3], 120, aperture_radius=lens, focus_distance=2.0)
@@ -58,7 +59,7 @@ def negative_lobes_weigh_what_they_should(t: Trial, parameter: tuple[float, floa
 
 @case(3, each={"angle": (0, 25, 50)})
 def ball_off_the_axis(t: Trial, angle: float) -> None:
-    """A ball's picture is an ellipse: its share of a wide film (A24).
+    """A ball's picture is an ellipse: its share of a wide film.
 
     Half axes sin a cos a / (cos^2 q - sin^2 a) and sin a / sqrt(cos^2 q - sin^2 a) for a ball of
     angular radius a at angle q off the axis, focal length 1. Sees 3 %.
@@ -104,7 +105,7 @@ def covered(a: float, b: float, c: float, width: int, height: int) -> Array:
 
 @case(3, each={"offset": (0.0, 0.125)})
 def slanted_edge(t: Trial, offset: float) -> None:
-    """A lit half plane with a slanted edge: the share of each pixel that it covers (A24).
+    """A lit half plane with a slanted edge: the share of each pixel that it covers.
 
     Areas by clipping, box filter; any flip, offset, aspect or jitter shows. offset: the principal
     point's, in film widths. Sees 1 % of the mean.
@@ -196,9 +197,9 @@ def circle_of_confusion(t: Trial, depth: float) -> None:
 
 @case(3)
 def lens_in_focus_is_a_pinhole(t: Trial) -> None:
-    """What lies in the focal plane is sharp.
+    """Things in the focal plane are sharp.
 
-    Each pixel has its own radiance to the bit, but for the samples that rounding, at most 2^-20 of
+    Each pixel has its own radiance bit for bit, except for samples that rounding, at most 2^-20 of
     the picture, takes across the edge of the lamp (false-alarm rate 1e-9).
     """
     lens = {"aperture_radius": 0.7, "focus_distance": 3.0}
@@ -215,7 +216,7 @@ def lens_in_focus_is_a_pinhole(t: Trial) -> None:
 
 @case(3, each={"depth": (1.5, 9.0)})
 def edge_out_of_focus(t: Trial, depth: float) -> None:
-    """A half plane before and behind the focal plane, blurred by a lens of known radius.
+    """A half plane in front of and behind the focal plane, blurred by a lens of known radius.
 
     A pixel sees the part of the lens on one side of a chord: 1/2 + (x sqrt(1 - x^2) + asin x) / pi
     with x the distance from the edge over the blur's radius, averaged over the pixel. Sees 1 %.
@@ -237,7 +238,7 @@ def edge_out_of_focus(t: Trial, depth: float) -> None:
 
 @case(3)
 def aperture_zero_is_the_pinhole(t: Trial) -> None:
-    """A lens without a radius.
+    """A lens of radius 0.
 
     The same film as the pinhole's, bit for bit.
     """
@@ -254,9 +255,9 @@ def aperture_zero_is_the_pinhole(t: Trial) -> None:
 
 @case(3)
 def orbit_and_dolly(t: Trial) -> None:
-    """Around a box whose faces shine in six radiances.
+    """A camera that moves around a box whose faces emit six radiances.
 
-    The face that must be in view is, without noise; distances and axes to 1e-12.
+    It sees the face that it must see, without noise; distances and axes to 1e-12.
     """
     faces = {(1, 0, 0): 1.0, (-1, 0, 0): 2.0, (0, 1, 0): 3.0, (0, -1, 0): 4.0, (0, 0, 1): 5.0,
              (0, 0, -1): 6.0}  # fmt: skip
@@ -329,7 +330,7 @@ def above(name: str, edge: float, pixels: int) -> Array:
 
 @case(3, each={"name": FILTERS})
 def edge_under_a_filter(t: Trial, name: str) -> None:
-    """A lit half plane from pixel 5.65 on (A24).
+    """A lit half plane from pixel 5.65 on.
 
     1 + 2 times the filter's integral over it; Mitchell's negative lobes over- and undershoot.
     """
@@ -347,10 +348,10 @@ def edge_under_a_filter(t: Trial, name: str) -> None:
 
 @case(3, each={"name": FILTERS}, quick=lambda name: name in ("box", "gaussian"))
 def corner_under_a_filter(t: Trial, name: str) -> None:
-    """A lit quarter plane whose corner is at film position (9.3, 7.7) of 12 x 10 (A24).
+    """A lit quarter plane whose corner is at film position (9.3, 7.7) of 12 x 10.
 
-    1 + 2 times the product of the filter's integrals along both axes: its place, its width, and
-    which way the picture's rows and columns run. Sees 0.5 %.
+    1 + 2 times the product of the filter's integrals along both axes. This tests the filter's place
+    and width, and the direction of the picture's rows and columns. Sees 0.5 %.
     """
     width, height, x_edge, y_edge = 12, 10, 9.3, 7.7
     half = math.tan(math.radians(20))

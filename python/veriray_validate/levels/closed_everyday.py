@@ -1,6 +1,6 @@
-"""Everyday geometry and sizes with exact answers: scenes drawn anew with every seed.
+"""Everyday geometry and sizes with exact answers: every seed draws new scenes.
 
-Each case draws its scenes from the seed and keeps them, with their parameters, in the report.
+Each case draws its scenes from the seed and lists them, with their parameters, in the report.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ KINDS = tuple(LOSSLESS)
 
 @case(3, each={"lower": KINDS, "scenes": (10, 150)}, quick=lambda lower, scenes: scenes == 10)
 def bodies_that_touch_are_not_seen(t: Trial, lower: str, scenes: int) -> None:
-    """Boxes of eleven materials on, against, in each other and leaning, among walls of 1: 1.
+    """Boxes of eleven materials on, against, in and leaning on each other, among walls of 1: 1.
 
-    Nothing takes light (a lamp is as bright as the walls), so pictures and 4 x 4 blocks of them are
-    1 within 1e-4; sees 2 % in each scene. Gaps of 0, 2^-24, 1e-7 ... 1e-3; turned or not, of 6 to
-    150 faces, with a tree and without. Nothing leaves the room but for the stated leaks at edges.
+    Nothing absorbs light (a lamp is as bright as the walls), so pictures and 4 x 4 blocks of them
+    are 1 within 1e-4; sees 2 % in each scene. Gaps of 0, 2^-24, 1e-7 ... 1e-3; rotated or not, of 6
+    to 150 faces, with and without a tree. Nothing leaves the room except for the stated leaks at
+    edges.
     """
     for k in range(scenes):
         ask(t, shining(t.rng, lower, KINDS[k % len(KINDS)], str(t.rng.choice(WAYS))))
@@ -28,7 +29,7 @@ def bodies_that_touch_are_not_seen(t: Trial, lower: str, scenes: int) -> None:
 
 @case(3, each={"scenes": (20, MANY)}, quick=lambda scenes: scenes == 20)
 def bodies_within_bodies_are_not_seen(t: Trial, scenes: int) -> None:
-    """Clear boxes on the floor, each full of something, all within 1e-6, among walls of 1: 1.
+    """Clear boxes on the floor, each with contents, all within 1e-6, among walls of 1: 1.
 
     Margin 1e-4; sees 2 % in each scene. No path goes on for ever.
     """
@@ -38,7 +39,7 @@ def bodies_within_bodies_are_not_seen(t: Trial, scenes: int) -> None:
 
 @case(3, each={"what": CLOSED, "scenes": (FEW, MANY)}, quick=lambda what, scenes: scenes == FEW)
 def everyday_sizes(t: Trial, what: str, scenes: int) -> None:
-    """Lamps, grounds, fogs, lenses, each over decades of the others' sizes, by closed forms.
+    """Lamps, grounds, fogs and lenses, decades apart in size, by closed forms.
 
     The formula is in the function of `everyday_scale` by that name. Sees 2 % (half spaces 3 %,
     slabs 5 %) in each scene; margin 1e-3 (half spaces 1.5e-3, lenses a hundredth of a pixel).
@@ -71,7 +72,7 @@ def folded_meshes_hold_their_fog(t: Trial, scenes: int) -> None:
 def outlines(t: Trial, scenes: int) -> None:
     """White convex bodies, black inside, under a sky of 1: 1, and no camera ray meets the inside.
 
-    Cubes and meshes, stretched and sheared. Sees 2 % of the picture, and 1e-7 of the camera's rays.
+    Cubes and meshes, stretched and sheared. Sees 2 % of the picture, and 1e-7 of the camera rays.
     """
     for _ in range(scenes):
         ask(t, outline(t.rng))

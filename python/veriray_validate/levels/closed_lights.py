@@ -33,7 +33,7 @@ EYE = view([-3, 0.2, 1], [0, 0, 0])
 
 @case(3, once=True)
 def cone_integral_agrees(t: Trial) -> None:
-    """The integral over a cone against (R / d)^2 and, half sunk, against its closed form (A9).
+    """The integral over a cone against (R / d)^2 and, half sunk, against its closed form.
 
     A cone whose axis lies in the horizon: a - sin a cos a.
     """
@@ -41,7 +41,7 @@ def cone_integral_agrees(t: Trial) -> None:
     t.check(abs(cap(math.pi / 2, 0.5) - (0.5 - math.sin(0.5) * math.cos(0.5))) < 1e-5)
 
 
-# ---- spheres and disks that shine ----
+# ---- emitting spheres and disks ----
 
 SPHERES = {  # radius, distance, angle off the normal
     "facing": (0.5, 2, 0), "oblique": (0.5, 2, 60), "at the horizon": (0.5, 2, 85),
@@ -49,9 +49,9 @@ SPHERES = {  # radius, distance, angle off the normal
 }  # fmt: skip
 
 
-#: Of the renderer's unit, the power of two above the scene's largest distance from the camera along
-#: an axis: a flat's plane lies so far behind its surface for rays that arrive, and light that
-#: leaves it starts so far before it (cpp/geometry/polygon.h).
+#: As shares of the renderer's unit, the power of two above the scene's largest distance from the
+#: camera along an axis: how far a flat's plane lies behind its surface for arriving rays, and how
+#: far in front of it light starts that leaves it (cpp/geometry/polygon.h).
 BEHIND, BEFORE = 2.0**-22, 2.0**-21
 
 
@@ -64,7 +64,7 @@ def ball_over_a_point(radius: float, centre: Array, point: Array) -> float:
 
 @case(3, each={"place": SPHERES})
 def sphere_light(t: Trial, place: str) -> None:
-    """A shining ball over a plane (A9).
+    """An emitting ball over a plane.
 
     rho L (R / d)^2 cos above the horizon (facing: pi L / 16 = .196350); by quadrature where the
     ball dips below it. A ray from e meets the plane BEHIND its surface, so aside by BEHIND times
@@ -93,9 +93,9 @@ def sphere_light(t: Trial, place: str) -> None:
 
 @case(3)
 def far_and_tiny(t: Trial) -> None:
-    """A ball of radius 1e-3 at distance 1,000: 3e-12 sr (A9, N8).
+    """A ball of radius 1e-3 at distance 1,000: 3e-12 sr.
 
-    rho L (R / d)^2 cos, and no noise to speak of.
+    rho L (R / d)^2 cos, almost without noise.
     """
     ball = sphere(1000 * direction(20), 1e-3, BLACK, 1e9)
     exact = 0.5 * 1e9 * 1e-12 * math.cos(math.radians(20))
@@ -104,7 +104,7 @@ def far_and_tiny(t: Trial) -> None:
 
 @case(3)
 def inside_a_shining_sphere(t: Trial) -> None:
-    """A sphere turned inside out, where every point sees all of it (A1, E1).
+    """A sphere turned inside out, where every point sees all of it.
 
     A furnace, E / (1 - rho).
     """
@@ -115,9 +115,9 @@ def inside_a_shining_sphere(t: Trial) -> None:
 
 @case(3, each={"inside": (True, False)})
 def backs_of_spheres_are_black(t: Trial, inside: bool) -> None:
-    """A floor within a ball that shines outwards, and before one that shines inwards (A1, A19).
+    """A floor within a ball that emits outwards, and in front of one that emits inwards.
 
-    Exactly 0: light samples see the side too.
+    Exactly 0: light samples respect the side too.
     """
     ball = {**sphere([0, 0, 2], 5 if inside else 1, BLACK, 3), "flip_normals": not inside}
     t.agrees(scene(view([-0.5, 0.02, 0.02], [0, 0, 0]), FLOOR, ball), 0.0, 100_000, sees=1e-4)
@@ -125,7 +125,7 @@ def backs_of_spheres_are_black(t: Trial, inside: bool) -> None:
 
 @case(3, each={"angle": (0, 50)})
 def disk_light(t: Trial, angle: float) -> None:
-    """A disk on the axis, and the same over a tilted plane (A8).
+    """A disk on the axis, and the same over a tilted plane.
 
     pi L R^2 / (R^2 + h^2) (R = h = 1: 1.570796), times the cosine of the tilt.
     """
@@ -141,7 +141,7 @@ def disk_light(t: Trial, angle: float) -> None:
 
 @case(3)
 def elliptic_disk_light(t: Trial) -> None:
-    """Half axes 1.5 and 0.4 at height 1, and its share of a picture (A8).
+    """Half axes 1.5 and 0.4 at height 1, and its share of a picture.
 
     By quadrature, in two ways; pi a b over the area of the film.
     """
@@ -161,7 +161,7 @@ def elliptic_disk_light(t: Trial) -> None:
 
 @case(3)
 def concentric_spheres(t: Trial) -> None:
-    """Radii 1 and 2, albedos .3 and .6, inner exitance 1 (A16).
+    """Radii 1 and 2, albedos .3 and .6, inner exitance 1.
 
     B1 = 1.089109, B2 = .297030.
     """
@@ -182,10 +182,10 @@ def concentric_spheres(t: Trial) -> None:
 
 @case(3, each={"radius": (1.0, 2.0)})
 def point_light_in_a_sphere(t: Trial, radius: float) -> None:
-    """A point light at the centre of a room of albedo .5 (A3).
+    """A point light at the centre of a room of albedo .5.
 
-    rho I / (pi R^2 (1 - rho)): 1 with R = 1, .25 with R = 2, where a light of 1 / r would give
-    another number.
+    rho I / (pi R^2 (1 - rho)): 1 with R = 1, .25 with R = 2; a falloff of 1 / r would give another
+    number.
     """
     room = {**sphere([0, 0, 0], radius, diffuse(0.5)), "flip_normals": True}
     light = {"type": "point", "position": np.zeros(3), "intensity": rgb(math.pi)}
@@ -198,7 +198,7 @@ PLATE = flat("rectangle", [0, 0, 0], TILT, 1, diffuse(0.5))
 
 
 def falloff(angle: float, cutoff: float, beam: float) -> float:
-    """Of a spot's intensity, linear from beam to cutoff."""
+    """Share of a spot's intensity, linear from beam to cutoff."""
     return float(np.clip((cutoff - angle) / (cutoff - beam), 0, 1))
 
 
@@ -216,7 +216,7 @@ for _angle in (0.0, 9.0, 14.0, 29.0, 31.0):
 
 @case(3, each={"name": LIGHTS})
 def light_on_a_tilted_plane(t: Trial, name: str) -> None:
-    """Point, parallel and spot light on a tilted plane (A20).
+    """Point, parallel and spot light on a tilted plane.
 
     I cos / d^2 rho / pi, E cos rho / pi; a spot's falloff is linear in the angle. No noise.
     """
@@ -230,7 +230,7 @@ def light_on_a_tilted_plane(t: Trial, name: str) -> None:
 
 @case(3)
 def flux_of_a_spot(t: Trial) -> None:
-    """All of a spot's light falls into a picture of the floor (A20).
+    """All of a spot's light falls into a picture of the floor.
 
     Its flux over its intensity: 2 pi (1 - cos b) + 2 pi integral of the falloff; in closed form
     2 pi (1 - (sin c - sin b) / (c - b)), with b and c in radians. Sees 1 %.
@@ -250,7 +250,7 @@ def flux_of_a_spot(t: Trial) -> None:
 
 @case(3, each={"angle": (0, 45, 90, 135)})
 def phases_of_a_ball(t: Trial, angle: float) -> None:
-    """A Lambert ball in parallel light, as the moon (A21).
+    """A Lambertian ball in parallel light, like the moon.
 
     [sin a + (pi - a) cos a] / pi of its full brightness: 1, .755409, .318310, .048302.
     """
@@ -268,9 +268,9 @@ def phases_of_a_ball(t: Trial, angle: float) -> None:
 
 @case(3)
 def shadow_of_a_ball(t: Trial) -> None:
-    """A point light behind a ball, a millimetre within and beyond the shadow's rim (A17, A23).
+    """A point light behind a ball, a millimetre inside and outside the shadow's edge.
 
-    In the shadow nothing arrives, to the bit; beyond its rim the light is whole.
+    In the shadow exactly nothing arrives; outside it all of the light does.
     """
     light = {"type": "point", "position": np.array([0, 0, 4.0]), "intensity": rgb(16)}
     ball = sphere([0, 0, 2], 1, BLACK)
@@ -284,9 +284,9 @@ def shadow_of_a_ball(t: Trial) -> None:
 
 @case(3, quick=False)
 def penumbra_of_a_disk(t: Trial) -> None:
-    """A disk of light behind the edge of a half plane, at seven places of the penumbra (A17).
+    """A disk light behind the edge of a half plane, at seven places of the penumbra.
 
-    Where the chord cuts the disk: form factor of the part that is seen, by quadrature. Sees 2 %.
+    The form factor of the visible part of the disk, cut by a chord, by quadrature. Sees 2 %.
     """
     radius, height = 0.5, 2.0
     screen = flat("rectangle", [10, 0, 1], [0, 0, 1], 10, {"type": "twosided", "bsdf": BLACK})
@@ -310,7 +310,7 @@ def penumbra_of_a_disk(t: Trial) -> None:
 
 @case(3)
 def forty_point_lights(t: Trial) -> None:
-    """Forty point lights, chosen one at a time in proportion to some power (A20).
+    """Forty point lights, selected one at a time in proportion to some power.
 
     The sum of all of them.
     """
@@ -330,7 +330,7 @@ def forty_point_lights(t: Trial) -> None:
 def hundred_lights() -> tuple[list[Dict], Array]:
     """Balls, disks, points, spots, a sun and a sky over FLOOR, and the radiance at its centre.
 
-    They stand on a spiral, so that none hides another; balls and disks hide their share of the sky.
+    They stand on a spiral so that none hides another; balls and disks hide their share of the sky.
     """
     exact, form = np.zeros(3), 0.0
     objects: list[Dict] = []
@@ -366,7 +366,7 @@ def hundred_lights() -> tuple[list[Dict], Array]:
 
 @case(3)
 def hundred_lights_of_all_kinds(t: Trial) -> None:
-    """Balls, disks, points, spots and a sun over a floor under a sky (A8, A9, A20).
+    """Balls, disks, points, spots and a sun over a floor under a sky.
 
     The sum of all of them, less the share of the sky that they hide.
     """
@@ -378,7 +378,7 @@ def hundred_lights_of_all_kinds(t: Trial) -> None:
 
 @case(3)
 def lights_behind_are_dark(t: Trial) -> None:
-    """A ball under the floor, a spot that looks away, a sun from below (A23).
+    """A ball under the floor, a spot that points away, a sun from below.
 
     Exactly 0.
     """
@@ -393,9 +393,9 @@ def lights_behind_are_dark(t: Trial) -> None:
 
 @case(3)
 def lamp_that_is_a_cube(t: Trial) -> None:
-    """A shining cube over the floor (A13).
+    """An emitting cube over the floor.
 
-    Irradiance by Lambert's sum over the face that looks down: the sides are behind it from here.
+    Irradiance by Lambert's sum over the face that looks down; the sides are not visible from here.
     """
     lamp = {**cuboid([-0.5, -0.4, 1], [0.6, 0.7, 2], BLACK), "emitter": area(2)}
     below = [[-0.5, -0.4, 1], [0.6, -0.4, 1], [0.6, 0.7, 1], [-0.5, 0.7, 1]]
@@ -405,9 +405,9 @@ def lamp_that_is_a_cube(t: Trial) -> None:
 
 @case(3)
 def cube_aside(t: Trial) -> None:
-    """A shining cube beside the point, three of its faces in view (A13).
+    """An emitting cube beside the point, three of its faces in view.
 
-    Lambert's sum over the three: they hide nothing of each other. Sees 0.5 %.
+    Lambert's sum over the three, which do not hide each other. Sees 0.5 %.
     """
     lo, hi = np.array([0.8, -1.4, 0.5]), np.array([1.6, -0.5, 1.3])
     lamp = {**cuboid(lo, hi, BLACK), "emitter": area(2)}

@@ -1,7 +1,7 @@
 """Closed forms under every scheduler: the mean of a picture of many pixels.
 
-Level 6 proves that schedulers give equal bits; here each gives the right answer by itself, on
-pictures wide enough to fill it.
+Level 6 proves that schedulers give equal bits; here each gives the right answer on its own, for
+pictures large enough to fill it.
 """
 
 from __future__ import annotations
@@ -141,9 +141,9 @@ HEAVY = ("furnace", "mesh", "hundred lights", "passes", "scattering glass")
 @case(3, each={"name": SCENES, "scheduler": [s for s in SCHEDULERS if s != "auto"]},
       quick=lambda name, scheduler: scheduler in METHODS[1:] and name not in HEAVY)  # fmt: skip
 def scheduler(t: Trial, name: str, scheduler: str) -> None:
-    """A scene of each kind under each scheduler (A1, A2, A10, A12, A20, A33, A34, A42, A43, E6).
+    """A scene of each kind under each scheduler.
 
-    The known answer in the mean over 128 x 128 pixels, per channel (E2 too). Sees 4 %.
+    The known answer in the mean over 128 x 128 pixels, per channel. Sees 4 %.
     """
     build, margin = SCENES[name]
     scene, exact = build()

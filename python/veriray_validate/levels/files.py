@@ -1,4 +1,4 @@
-"""Level 6: files hold what the film holds, read here without the code that wrote them."""
+"""Level 6: files hold what the film holds, as read without the code that wrote them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SPP = 16
 
 
 def rendered(t: Trial, what: str) -> Render:
-    """A picture with batches, or one whose tiles have samples of their own."""
+    """A picture with batches, or one whose tiles have different numbers of samples."""
     scene = veriray.cornell_box().with_(width=40, height=24)
     more = {"batches": 4} if what == "batches" else {"target_error": 0.2}
     r = t.render(scene, SPP if what == "batches" else 64 * SPP, **more)
@@ -30,11 +30,11 @@ def rendered(t: Trial, what: str) -> Render:
 
 @case(6, each={"what": ("batches", "samples")})
 def pictures_of_record(t: Trial, what: str) -> None:
-    """An EXR file's channels, by the library that reads them everywhere, are the film's numbers.
+    """An EXR file's channels, read by the standard library for it, are the film's numbers.
 
-    Equal by channel: R, G, B and their standard errors in bits, means of batches rounded once to
-    float32, samples of each pixel, regions; the hash of what was read is the one in the header;
-    `load` gives the same render back.
+    Equal by channel: R, G, B and their standard errors bit for bit, means of batches rounded once
+    to float32, samples of each pixel, regions. The hash of the data read is the one in the header,
+    and `load` returns the same render.
     """
     import OpenEXR
 
@@ -75,7 +75,7 @@ def pictures_of_record(t: Trial, what: str) -> None:
 
 @case(6)
 def display_copies(t: Trial) -> None:
-    """A PNG file's bytes, decoded as IEC 61966-2-1 says, are the picture clipped to [0, 1].
+    """A PNG file's bytes, decoded by IEC 61966-2-1, are the picture clipped to [0, 1].
 
     Each of R, G, B within half a step of its byte; an exposure of -1 stop halves it.
     """

@@ -1,4 +1,4 @@
-"""Levels 1 and 8: rays against triangles, spheres and discs, in float64, and at their worst.
+"""Levels 1 and 8: rays against triangles, spheres and discs, by float64, and in the worst cases.
 
 Radii run from 1e-6 to 1e6 with surfaces through [-1, 1]^3, as scenes are normalised.
 """
@@ -25,7 +25,7 @@ RADII = [10.0**k for k in range(-6, 6)]
 
 
 def need(condition: Any, what: str) -> None:
-    """What the inputs must fulfil for an answer."""
+    """Conditions on the inputs for a valid answer."""
     if not np.all(condition):
         raise Inconclusive(what)
 
@@ -66,7 +66,7 @@ def brute_force(scene: Any, o: Array, d: Array) -> tuple[Array, ...]:
 
 
 def random_rays(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
-    """From points of [-1, 1]^3 in all directions."""
+    """Rays from points of [-1, 1]^3 in all directions."""
     return rng.uniform(-1, 1, (n, 3)), directions(rng, n)
 
 
@@ -85,9 +85,9 @@ SOUPS = {12: 0.6, 60: 0.3, 100: 0.3, 2000: 0.1}
 def triangles_against_brute_force(t: Trial, triangles: int) -> None:
     """The closest triangle to 2,000 rays, flat below 64 and in a tree above.
 
-    The same triangle; t relative 1e-5 unless the ray is near the surface or grazes it, where the
-    rounding of its origin counts, and without a tree the 2^-22 of the scene's size by which planes
-    stand back: 1e-6 / cos and 1.5e-6 size / cos.
+    The same triangle, and t within a relative 1e-5. If the ray is near the surface or grazes it,
+    the rounding of its origin counts and, without a tree, so do the 2^-22 of the scene's size by
+    which planes stand back: 1e-6 / cos and 1.5e-6 size / cos.
     """
     scene = make([soup(t.rng, triangles, SOUPS[triangles], 0.02 * (triangles <= 64))])
     host = t.native_scene(scene)
@@ -110,9 +110,9 @@ def triangles_against_brute_force(t: Trial, triangles: int) -> None:
 
 @case(1)
 def flat_and_tree_agree(t: Trial) -> None:
-    """The same soup with and without far-off triangles that call for a tree.
+    """The same triangles with and without distant ones that make the scene need a tree.
 
-    The same triangle where it is clear, the plane's distance within 4e-6.
+    The same triangle if the answer is clear, and the plane's distance within 4e-6.
     """
     few = soup(t.rng, 40, 0.4, 0.02)
     scatter = quad([1e-3, 5, 5], [1e-3, 0, 0], [0, 1e-3, 0])
@@ -159,7 +159,7 @@ def aimed(rng: np.random.Generator, mesh: trimesh.Trimesh, where: str,
 
 
 def rotated(mesh: trimesh.Trimesh, rng: np.random.Generator) -> trimesh.Trimesh:
-    """Turned and stretched by up to 3, so that nothing stands along an axis."""
+    """Rotated and stretched by up to 3, so that nothing is aligned with an axis."""
     turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
     mesh = mesh.copy()
     mesh.vertices = mesh.vertices * rng.uniform(0.4, 1.2, 3) @ turn.T
@@ -178,7 +178,7 @@ AIMS = ("vertices", "edges", "midpoints")
 
 @case(8, each={"name": MESHES, "where": AIMS})
 def closed_meshes_do_not_leak(t: Trial, name: str, where: str) -> None:
-    """Rays aimed at vertices, edges and midpoints of closed meshes, from inside and outside [N4].
+    """Rays aimed at vertices, edges and midpoints of closed meshes, from inside and outside.
 
     0 of 200,000 leak each way, and both ways meet in one place (1e-4).
     """
@@ -189,7 +189,7 @@ def closed_meshes_do_not_leak(t: Trial, name: str, where: str) -> None:
     at, triangle = t.native.intersect(host, o, d)
     t.check((triangle < 0).sum() == 0, f"{(triangle < 0).sum()} leak from inside")
     t.check(np.isfinite(at) & (at > 0), "distance")
-    # The same points from outside, on rays that go on inwards: the near side must stop them.
+    # The same points from outside, with rays that continue inwards: the near side must stop them.
     far = 2 * at[:, None].astype(np.float64)
     back, triangle = t.native.intersect(host, o + far * d, -d)
     t.check((triangle < 0).sum() == 0, f"{(triangle < 0).sum()} leak from outside")
@@ -198,9 +198,9 @@ def closed_meshes_do_not_leak(t: Trial, name: str, where: str) -> None:
 
 @case(8, once=True)
 def the_aim_is_good(t: Trial) -> None:
-    """Planted: the test of Moeller and Trumbore in float32 leaks at vertices [N4].
+    """Planted: the test of Moeller and Trumbore in float32 leaks at vertices.
 
-    More than 1 in 100 of the rays that leaks are looked for with.
+    More than 1 in 100 of the rays with which leaks are sought.
     """
     mesh = MESHES["icosahedron turned"](t.rng)
     o, d = (a[:, None].astype(np.float32) for a in aimed(t.rng, mesh, "vertices", 20_000))
@@ -216,7 +216,7 @@ def the_aim_is_good(t: Trial) -> None:
 
 @case(8)
 def split_edges_do_not_leak(t: Trial) -> None:
-    """A box of quads, one wall of which is four strips: T-junctions along two edges [N4].
+    """A box of quads, one wall of which is four strips: T-junctions along two edges.
 
     0 of 200,000 rays at the strips' edges leak.
     """
@@ -236,7 +236,7 @@ def split_edges_do_not_leak(t: Trial) -> None:
 
 @case(8)
 def slivers_do_not_leak(t: Trial) -> None:
-    """A closed prism whose sides are slivers of 1 to 1e6 [N4].
+    """A closed prism whose sides are slivers of 1 to 1e6.
 
     0 of 600,000 rays at vertices, edges and midpoints leak.
     """
@@ -260,7 +260,7 @@ def slivers_do_not_leak(t: Trial) -> None:
 
 @case(8)
 def degenerate_triangles_are_dropped(t: Trial) -> None:
-    """Triangles with repeated vertices or no area [N5].
+    """Triangles with repeated vertices or no area.
 
     Dropped and counted; the power of lights leaves them out: the picture has the same bits.
     """
@@ -278,10 +278,11 @@ def degenerate_triangles_are_dropped(t: Trial) -> None:
 
 @case(8, each={"tree": [False, True]})
 def coincident_surfaces_show_the_first(t: Trial, tree: bool) -> None:
-    """Two quads in one place, with and without a tree [N6].
+    """Two quads in one place, with and without a tree.
 
-    Every hit is the first one's, and as far as with the first one alone, to the bit; rays within
-    2e-6 of the rim apart, as surfaces that share an edge are widened by 2^-22 of the scene there.
+    Every hit is that of the first quad, at the distance with the first alone, bit for bit. Rays
+    within 2e-6 of the rim are left out, because surfaces that share an edge are widened by 2^-22 of
+    the scene there.
     """
     first = quad([-1, -1, 0], [2, 0, 0], [0, 2, 0], 0.2)
     second = quad([-1, -1, 0], [2, 0, 0], [0, 2, 0], 0.9)
@@ -300,7 +301,7 @@ def coincident_surfaces_show_the_first(t: Trial, tree: bool) -> None:
 
 @case(8, each={"name": ["box turned", "icosphere of 1280 faces"]})
 def rays_do_not_meet_what_they_leave(t: Trial, name: str) -> None:
-    """Paths in a turned box and in a closed mesh, 16,384 of them [N7].
+    """16,384 paths in a rotated box and in a closed mesh.
 
     Nothing escapes, nothing is absorbed by a back, no shadow ray is occluded.
     """
@@ -458,7 +459,7 @@ def the_plain_quadratic_would_not_do(t: Trial) -> None:
 
 @case(1)
 def tangents_and_limits(t: Trial) -> None:
-    """Rays about a sphere's silhouette, radii 1e-6 to 1e6; the ray's end is exclusive.
+    """Rays around a sphere's silhouette, radii 1e-6 to 1e6; the ray's end is exclusive.
 
     They agree with the exact sign where it is clear (1e-9 r^2).
     """
@@ -530,7 +531,7 @@ def count_self_hits(t: Trial, rays: int, share: float = 1.0) -> tuple[int, int]:
 
 @case(8, each={"rays": [400_000, 10_000_000]}, quick=lambda rays: rays < 1e6)
 def spheres_do_not_meet_themselves(t: Trial, rays: int) -> None:
-    """Rays that leave spheres of radius 1e-6 to 1e6, at up to 1e-9 of grazing [N8].
+    """Rays that leave spheres of radius 1e-6 to 1e6, at up to 1e-9 of grazing.
 
     0 self-hits going out, 0 far sides lost going in, of 400,000 and in a full run of 10,000,000.
     """
@@ -540,7 +541,7 @@ def spheres_do_not_meet_themselves(t: Trial, rays: int) -> None:
 
 @case(8)
 def an_eighth_of_the_offset_would_not_do(t: Trial) -> None:
-    """Planted: rays that leave by an eighth of the offset meet their sphere [N8].
+    """Planted: rays that leave by an eighth of the offset meet their sphere.
 
     More than 5,000 self-hits and 1,000 lost far sides of 100,000.
     """
@@ -553,7 +554,7 @@ def an_eighth_of_the_offset_would_not_do(t: Trial) -> None:
 
 @case(1, each={"radius": [1e-6, 1e-3, 1.0, 1e3]})
 def sphere_lights_fill_their_cone(t: Trial, radius: float) -> None:
-    """Directions to a sphere from 1e-6 to 1e6 radii off, against long doubles [C3].
+    """Directions to a sphere from 1e-6 to 1e6 radii off, against long doubles.
 
     pdf times the exact solid angle is 1 within 1e-6; wi meets the sphere at `distance` and under
     `cos_light` (2e-5); the sample's pdf is that of the pdf function within 4e-7.
@@ -588,7 +589,7 @@ def sphere_lights_fill_their_cone(t: Trial, radius: float) -> None:
 
 @case(1, each={"radius": [1e-3, 1.0, 1e3]})
 def sphere_lights_from_inside(t: Trial, radius: float) -> None:
-    """Directions to a sphere from inside it: all alike; the far side is met, its inside [C3].
+    """Directions to a sphere from inside it are uniform and meet the inside of its far side.
 
     pdf 1 / (4 pi) within 2e-7, distance and cosine within 1e-5.
     """
@@ -625,9 +626,9 @@ def disk_hits(disks: Array, o: Array, d: Array) -> tuple[Array, Array]:
 
 @case(1, each={"count": [20, 200]})
 def disks_in_scenes(t: Trial, count: int) -> None:
-    """Sheared ellipses, tested one after the other and in a tree, against float64.
+    """Sheared ellipses, tested one after another and in a tree, against float64.
 
-    The same disc where it is clear; t within 3e-7 in the median.
+    The same disc if the answer is clear; t within 3e-7 in the median.
     """
     rng = t.rng
     disks = rng.normal(0, 0.2, (count, 3, 3))
@@ -651,7 +652,7 @@ def disks_in_scenes(t: Trial, count: int) -> None:
 def spheres_in_scenes(t: Trial, count: int) -> None:
     """Spheres of radius 0.001 to 0.5, many overlap; origins inside and outside.
 
-    The same sphere where it is clear; t within 1e-4, in the median 3e-7 of itself.
+    The same sphere if the answer is clear; t within a relative 1e-4, in the median 3e-7.
     """
     rng = t.rng
     spheres = np.concatenate(
@@ -683,8 +684,8 @@ def spheres_in_scenes(t: Trial, count: int) -> None:
 def a_pebble_off_the_grid_of_floats(t: Trial, tree: bool) -> None:
     """A sphere of radius 1e-5 at (.1, .2, .3) in a scene of size 1, where floats are 3e-8 apart.
 
-    Rays from 20 radii before it meet it 1e-4 R within the rim and more, and miss it 1e-4 R without.
-    Its centre as one float would be 2e-3 R off.
+    Rays from 20 radii away meet it from 1e-4 R inside the rim on, and miss it 1e-4 R outside. With
+    one float per coordinate, its centre would be off by 2e-3 R.
     """
     n, radius = 20_000, 1e-5
     centre = np.array([0.1, 0.2, 0.3])

@@ -1,14 +1,14 @@
-"""Where paths end, depth by depth: exact laws, and the independent reference (L1 to L7).
+"""Where paths end, depth by depth: exact laws, and the independent reference.
 
 The ledger counts segments. For each depth d (0 is the camera's ray):
 live[d] = escaped + emitter_end + absorbed + rr_killed + depth_cut + invalid + live[d + 1], and
 live[0] = pixels x samples. `Trial.render` checks that in every render of the suite.
 
-Roulette: from vertex rr_depth on a path survives with probability q, its largest throughput, and
-is divided by q. So after the first roulette the largest throughput is 1 again, and at a wall of
-albedo rho q is rho each time, whatever came before: survivors are binomial, with a known rate. This
-is the only test that sees a changed roulette where the picture stays right. Laws of glass and of
-media stand beside their radiances in level 3.
+Roulette: from vertex rr_depth on, a path survives with probability q, its largest throughput, and
+its weight is divided by q. So after the first roulette the largest throughput is 1 again. At a wall
+of albedo rho, q is then rho each time, whatever came before, and survivors are binomial with a
+known rate. Only this test sees a changed roulette that keeps the picture right. Laws of glass and
+media are tested with their radiances in level 3.
 """
 
 from __future__ import annotations
@@ -64,14 +64,14 @@ def column(r: Render, name: str) -> Array:
 
 
 def single(value: float) -> float:
-    """The number as the renderer holds it, in single precision."""
+    """The number as the renderer stores it, in single precision."""
     return float(np.float32(value))
 
 
 def survivors(t: Trial, live: Array, rates: Array, what: str) -> None:
-    """Exact binomial test, at each depth, of live[d + 1] among live[d]; tests while 100 are left.
+    """Exact binomial test, at each depth, of live[d + 1] among live[d]; while 100 or more are left.
 
-    rates: probability to go on from depth d; the last one holds for all that follow.
+    rates: probability of going on from depth d; the last one holds for all later depths.
     """
     p = 1.0
     tested = 0
@@ -95,19 +95,19 @@ def smallest_rate(n: float, rate: float) -> float:
     return 4.57 * math.sqrt((1 - rate) / (rate * n))
 
 
-# ---- L3: laws ----
+# ---- laws ----
 
 
 @case(4, each={"albedo": (0.343, 0.7, 0.98), "rr_depth": (1, 2, 5), "scheduler": SCHEDULERS},
       quick=lambda albedo, rr_depth, scheduler:
       rr_depth != 2 if scheduler == "fused" else (rr_depth == 2 and albedo < 0.5))  # fmt: skip
 def closed_furnace(t: Trial, albedo: float, rr_depth: int, scheduler: str) -> None:
-    """Survivors in a closed furnace are binomial at every depth [L3].
+    """Survivors in a closed furnace are binomial at every depth.
 
     live[d] = N below rr_depth, then N rho^d: exact tests of live[d + 1] among live[d], whose rate
     is rho^rr_depth at the first roulette and rho at each later one, and of all later survivors
     together (negative binomial). No path may end otherwise. One albedo leaves policies untested:
-    .343, .7 and .98 are needed. Sees 0.4 % in the survival probability where roulette begins at
+    .343, .7 and .98 are needed. Sees 0.4 % in the survival probability if roulette begins at
     once. J. Arvo and D. Kirk, Particle Transport and Image Synthesis, 1990.
     """
     rho, n = single(albedo), 320_000 if albedo > 0.9 else 1_600_000
@@ -134,7 +134,7 @@ def closed_furnace(t: Trial, albedo: float, rr_depth: int, scheduler: str) -> No
 
 @case(4)
 def roulette_by_the_largest_channel(t: Trial) -> None:
-    """Three albedos: the largest throughput decides [L3, L7].
+    """Three albedos: the largest throughput decides.
 
     live[d + 1] / live[d] = .8 at each depth for albedos .2, .5, .8; and the radiance of all three
     channels, cut after 6 vertices, is E (1 - rho^7) / (1 - rho): weights of the survivors divided
@@ -152,7 +152,7 @@ def roulette_by_the_largest_channel(t: Trial) -> None:
 
 @case(4, each={"albedo": (0.5, 0.98)})
 def weight_of_survivors(t: Trial, albedo: float) -> None:
-    """Roulette changes counts, not weights: the truncated furnace with and without it [L7].
+    """Roulette changes counts, not weights: the truncated furnace with and without it.
 
     E (1 - rho^k) / (1 - rho) both ways, k = 8; without roulette every path lives to the end.
     """
@@ -167,10 +167,10 @@ def weight_of_survivors(t: Trial, albedo: float) -> None:
 
 @case(4, each={"fraction": (0.1, 0.4), "albedo": (0.343, 0.7, 0.98)})
 def sphere_with_a_port(t: Trial, fraction: float, albedo: float) -> None:
-    """A black port takes its share of a sphere at each depth [L3].
+    """A black port absorbs its share in a sphere at each depth.
 
-    A black disk closes a cap of area fraction f, seen from everywhere on the sphere under the form
-    factor f. live = 1, rho, then times (1 - f) rho: absorbed and killed paths are binomial too.
+    A black disk closes a cap of area fraction f; the form factor to it is f from everywhere on the
+    sphere. live = 1, rho, then times (1 - f) rho: absorbed and killed paths are binomial too.
     """
     rho, h = single(albedo), 1 - 2 * fraction
     radius = 1.0001 * math.sqrt(1 - h * h)  # its rim is outside
@@ -192,7 +192,7 @@ def sphere_with_a_port(t: Trial, fraction: float, albedo: float) -> None:
 
 @case(4, each={"inner": (0.3, 0.98), "outer": (0.6, 0.343)})
 def two_spheres(t: Trial, inner: float, outer: float) -> None:
-    """Concentric spheres: a chain of two states [L3].
+    """Concentric spheres: a chain of two states.
 
     From a point of the outer sphere (radius 2) a share of 1/4 of the paths meets the inner one
     (radius 1), all paths from there meet the outer one. live[d] / N is rho of the vertices met,
@@ -217,7 +217,7 @@ def two_spheres(t: Trial, inner: float, outer: float) -> None:
 
 @case(4, each={"scheduler": SCHEDULERS})
 def clear_slab(t: Trial, scheduler: str) -> None:
-    """Segments in a clear slab at normal incidence [L3].
+    """Segments in a clear slab at normal incidence.
 
     Fresnel's .04 at each face of index 1.5: exact binomial tests with rates 1, .96, .04, .04 ...
     """
@@ -230,10 +230,10 @@ def clear_slab(t: Trial, scheduler: str) -> None:
 
 @case(4, each={"depth": (1, 2, 3, 8, 100), "scheduler": SCHEDULERS})
 def cut_at_max_depth(t: Trial, depth: int, scheduler: str) -> None:
-    """Without roulette all paths of a closed scene live for max_depth segments [L3].
+    """Without roulette all paths of a closed scene live for max_depth segments.
 
-    live = N for d < max_depth and nothing after; all end as depth_cut at the last. Paths that leave
-    the room at its edges, no more than 1 in 10^7 segments, are counted by how they end, and out.
+    live = N for d < max_depth and 0 after; all end as depth_cut at the last. Paths that leave the
+    room at its edges, at most 1 in 10^7 segments, are counted by how they end, and excluded.
     """
     room = furnace(0.5, 0.5, max_depth=depth, rr_depth=1000, width=20, height=20)
     r = t.render(room, 50, scheduler=scheduler)
@@ -243,15 +243,15 @@ def cut_at_max_depth(t: Trial, depth: int, scheduler: str) -> None:
     t.check(column(r, "depth_cut") == [0] * (depth - 1) + [n], "depth_cut")
 
 
-# ---- L1, L2: the books ----
+# ---- the books ----
 
 
 @case(4, each={"name": NAMES})
 def books_balance(t: Trial, name: str) -> None:
-    """The ledger adds up with each scheduler; shadow rays and depths keep their bounds [L1].
+    """The ledger adds up with each scheduler; shadow rays and depths keep their bounds.
 
-    Exact: live[d] = ends + live[d + 1], at most one shadow ray a vertex, no depth beyond max_depth
-    where nothing passes through, no invalid sample, `rays` and `paths` are the sums.
+    Exact: live[d] = ends + live[d + 1], at most one shadow ray per vertex, no depth beyond
+    max_depth unless something passes through, no invalid sample; `rays` and `paths` are the sums.
     """
     scene = check_scene(name, 16)
     for scheduler in SCHEDULERS:
@@ -271,10 +271,10 @@ def books_balance(t: Trial, name: str) -> None:
 
 @case(4, each={"name": ("dielectric_sphere", "medium_in_mesh", "mask", "spheres_300")}, once=True)
 def one_ledger_everywhere(t: Trial, name: str) -> None:
-    """All devices, schedulers and batch sizes count alike [L2, L5].
+    """All devices, schedulers and batch sizes count alike.
 
-    Equal integers. Level 6 shows it for more scenes and fewer paths, film included; with equal bits
-    the paired streams of CPU and GPU have no discordant pair.
+    The integers are equal. Level 6 shows this for more scenes and fewer paths, film included; with
+    equal bits the paired streams of CPU and GPU have no discordant pair.
     """
     scene, seed = check_scene(name, 64), t.fresh()
     seen = {}
@@ -288,16 +288,16 @@ def one_ledger_everywhere(t: Trial, name: str) -> None:
                 t.check(r.stats["ledger"] == first, f"{device}, {scheduler}, batch {batch}")
 
 
-# ---- L6: nothing for nothing ----
+# ---- nothing for nothing ----
 
 
 @case(4)
 def nothing_for_nothing(t: Trial) -> None:
-    """No work for what a scene lacks [L6].
+    """A scene costs no work for what it lacks.
 
-    Exact: no lights, or a sky alone, no shadow rays; black walls, no second segment; mirrors, no
-    shadow rays; an empty scene, one segment; a light that shines on nothing, no shadow ray arrives;
-    a lone lamp.
+    Exact: without lights, or with only a sky, no shadow rays; with black walls, no second segment;
+    with mirrors, no shadow rays; in an empty scene, one segment; from a light that lights nothing,
+    no shadow ray arrives; a lone lamp.
     """
     view = camera([0.4, 0.45, 0.3], [0.6, 0.3, 1.0], 30)
     room = ([0, 0, 0], [1, 1, 1])
@@ -345,11 +345,11 @@ def _shell(lo: Any, hi: Any) -> tuple[Array, Array]:
 @case(4, each={"scene": ("cornell-box", "open"), "width": (1280, 77)},
       quick=lambda scene, width: width == 77)  # fmt: skip
 def blocks_law(t: Trial, scene: str, width: int) -> None:
-    """Thread blocks launched for a bounce are the live rays before it over 256, rounded up.
+    """The thread blocks of a bounce are the live rays before it over 256, rounded up.
 
-    blocks[d + 1] = ceil(live[d] / 256), exactly, with all paths in one batch; in several batches
-    the sum of theirs: at least that and at most one more for each batch. As Table 1 of the 2016
-    report on thread compaction has it.
+    blocks[d + 1] = ceil(live[d] / 256), exactly, with all paths in one batch; with several batches
+    the sum of theirs: at least that, and at most one more per batch. This is the law of Table 1 of
+    the 2016 report on thread compaction.
     """
     height = 720 if width == 1280 else 55
     paths = width * height
@@ -368,14 +368,14 @@ def blocks_law(t: Trial, scene: str, width: int) -> None:
     t.figure("blocks", blocks[:60])
 
 
-# ---- L4: the stranger's counts ----
+# ---- the stranger's counts ----
 
 
 def against(scene: Scene, r: Render, ledger: dict[str, list[int]]) -> list[tuple[float, str]]:
-    """Depth by depth: how the paths that reach it end; then all together, and shadow rays.
+    """How the paths that reach each depth end; then all together, and shadow rays.
 
-    Not the shadow rays of plastics and black media: which of those that carry nothing are sent is
-    each program's own choice.
+    The shadow rays of plastics and black media are left out: each program decides which of those
+    that carry nothing it casts.
     """
     theirs = {c: np.array(ledger[c], np.int64) for c in LEDGER_COLUMNS}
     own = {c: column(r, c) for c in LEDGER_COLUMNS}
@@ -406,11 +406,11 @@ def reference_ledger(t: Trial, name: str) -> tuple[Scene, dict[str, list[int]]]:
 
 @case(4, each={"name": NAMES}, quick=lambda name: name in QUICK)
 def agrees_with_the_reference(t: Trial, name: str) -> None:
-    """Ends of paths by depth, against the independent reference's counts [L4].
+    """Ends of paths by depth, against the independent reference's counts.
 
-    Two-sample tests: at each depth the causes of death among those who reach it (chi-square, Sidak
-    over depths), all depths together with the largest |z| of the survivors, and shadow rays. Sees
-    a change of a survivor fraction of .5 by 0.5 %, at effort 4 by 0.3 %.
+    Two-sample tests: at each depth the causes of death among the paths that reach it (chi-square,
+    Sidak over depths), all depths together with the largest |z| of the survivors, and shadow rays.
+    Sees a survivor fraction of .5 change by 0.5 %, at effort 4 by 0.3 %.
     """
     scene, ledger = reference_ledger(t, name)
     r = t.render(scene, 64)
@@ -426,8 +426,8 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
 def finds_another_policy(t: Trial, planted: str) -> None:
     """Planted: roulette a bounce later, fewer bounces, walls 1 % brighter: counts are rejected.
 
-    Where the picture of the first is right, the counts alone can tell. A closed room in a sphere,
-    with long paths.
+    The picture of the first is right, so only the counts reveal it. A closed room in a sphere, with
+    long paths.
     """
     scene, ledger = reference_ledger(t, "flip_normals")
     if planted == "rr_depth":
@@ -443,7 +443,7 @@ def finds_another_policy(t: Trial, planted: str) -> None:
 
 
 def _one_sample(t: Trial, scene: Scene, width: int, height: int, **more: Any) -> Render:
-    """One sample of every pixel with the thrust scheduler, whatever the effort."""
+    """One sample per pixel with the thrust scheduler, whatever the effort."""
     once = Trial(t.device, t.fresh(), 1, t.threads)
     settings: dict[str, Any] = {"scheduler": "thrust", "batch_size": 2**26, **more}
     r = once.render(scene, 1, width=width, height=height, **settings)

@@ -42,7 +42,7 @@ CHECKSUMS = {
     "light.json": "531cbf241b90b29715c21ea2a30c6c70e8e2ed6a8ce8d431ac3ac3caa0872a47",
     "reflectance.csv": "ca77cb5ad40b22fbeabc7ea9c75c695d9cf5d32e1a0bf5d597dcb2101b70a354",
 }
-#: A19: point, normal, shape, irradiance over the lamp's radiance without the blocks.
+#: Point, normal, shape, and irradiance over the lamp's radiance, without the blocks.
 PLACES = {
     "floor": ((278, 0, 279.5), (0, 1, 0), "floor", 0.044632475),
     "floor in front": ((100, 0, 100), (0, 1, 0), "floor", 0.030656670),
@@ -56,7 +56,7 @@ WAVELENGTHS = (444.0, 544.0, 644.0)
 BANDS = {"444, 544, 644 nm": 0, "500, 600, 700 nm": 1, "RGB": 2}
 CELL, SMALL = 16, 8  # pixels a side of blocks: of the bands, of the coarse sums
 LIGHT = list(spectral.PARTS).index("lamp")
-#: Delta E allowed over that of five plain walls: they have no blocks, and light all alike.
+#: Delta E allowed relative to that of five plain walls, which have no blocks and are lit uniformly.
 SLACK = 2.0
 REFERENCE = Path(__file__).parents[1] / "references" / "cornell_spectral.npz"
 
@@ -65,7 +65,7 @@ REFERENCE = Path(__file__).parents[1] / "references" / "cornell_spectral.npz"
 def truth() -> dict[str, Any]:
     """The reference's file (benchmarks/make_spectral.py lists what it holds); facts as a dict.
 
-    Raises Skipped where it is missing.
+    Raises Skipped if it is missing.
     """
     if not REFERENCE.is_file():
         raise Skipped(f"no {REFERENCE.name}: benchmarks/make_spectral.py makes it")
@@ -89,7 +89,7 @@ def _near(mask: Array) -> Array:
 
 
 def _left_out(part: Array) -> Array:
-    """Pixels that are in no statistic: the lamp with its edge, and what looks past the box."""
+    """Pixels that are in no statistic: the lamp with its edge, and those that look past the box."""
     return np.asarray((part == spectral.OUTSIDE) | _near(part == LIGHT))
 
 
@@ -103,7 +103,7 @@ def _touched(mask: Array, size: int) -> Array:
 
 @case(7, once=True)
 def data(t: Trial) -> None:
-    """The measured numbers, and the colours derived from them, are those that were checked.
+    """The measured numbers and the colours derived from them are those that were checked.
 
     Exact: SHA-256 of six files; 3 x 76 reflectances in (0, 1), 400 to 700 nm by 4 nm, with the
     published ends; four emissions. XYZ and RGB of every paint, under the lamp and under equal
@@ -158,10 +158,10 @@ def data(t: Trial) -> None:
 
 @case(7, each={"place": PLACES})
 def lamp_light(t: Trial, place: str) -> None:
-    """Direct light of the box without its blocks, at three wavelengths (A19).
+    """Direct light of the box without its blocks, at three wavelengths.
 
-    rho e F with Lambert's polygon for F (J. H. Lambert, Photometria, 1760), which is the known
-    value of A19 to 1e-6. Finds a bias of 0.3 %.
+    rho e F with Lambert's polygon for F (J. H. Lambert, Photometria, 1760), which equals the
+    known value to 1e-6. Finds a bias of 0.3 %.
     """
     point, normal, shape, value = PLACES[place]
     factor = lambert(point, normal, spectral.LAMP)
@@ -179,10 +179,10 @@ def lamp_light(t: Trial, place: str) -> None:
 
 @case(7)
 def channels(t: Trial) -> None:
-    """R, G and B are three wavelengths and nothing else.
+    """R, G and B are three independent wavelengths.
 
-    Exact, bit for bit: wavelengths in another order are the channels in that order, one wavelength
-    three times is three equal channels, and at 400 nm, where the lamp is dark, the picture is 0.
+    Exact, bit for bit: wavelengths in another order give the channels in that order, one wavelength
+    three times gives three equal channels, and at 400 nm, where the lamp is dark, the picture is 0.
     """
     settings: dict[str, Any] = {"width": 48, "height": 48, "seed": t.fresh()}
     whole = t.render(at_wavelengths(WAVELENGTHS), 16, **settings).image
@@ -246,12 +246,12 @@ def against_reference(t: Trial, band: str) -> None:
 def quadrature(t: Trial) -> None:
     """The sum over 76 wavelengths is as good as it needs to be.
 
-    For 76 against 301 wavelengths the model of five plain walls says less than 1e-3 in X, Y and Z,
-    which is less than 0.03 Delta E. The model is believed since it foretells what 39 and 20
-    wavelengths miss in the reference's picture (up to 1.4e-2): to 1e-3 and 2.5e-3 in the mean of
+    For 76 against 301 wavelengths the model of five plain walls predicts less than 1e-3 in X, Y and
+    Z, which is less than 0.03 Delta E. The model is trusted because it predicts what 39 and 20
+    wavelengths miss in the reference's picture (up to 1.4e-2), to 1e-3 and 2.5e-3 in the mean of
     every wall. In every block of 8 x 8 pixels these errors must lie between those of products of
-    reflectances (8 at most, beyond which there is less than 1e-3 of the light), as light in the box
-    is a sum of such products with weights >= 0. All within 4.5 standard errors.
+    reflectances (8 at most, beyond which there is less than 1e-3 of the light), because light in
+    the box is a sum of such products with weights >= 0. All within 4.5 standard errors.
     """
     stored = truth()
     size = stored["facts"]["size"]
@@ -402,14 +402,15 @@ def table(found: Difference) -> dict[str, Any]:
 def cost_of_rgb(t: Trial, paints: str) -> None:
     """The RGB picture of the box against its spectra, in XYZ and CIE Delta E 2000.
 
-    Paints as the lamp's light has them make the first bounce exact; later ones are not, least after
-    two coloured walls. Expected, from the radiosity of five plain walls alone: red wall 0.55, green
-    wall 0.38, white ones 0.06 to 0.11; in the shade, where no light comes straight from the lamp,
-    1.2, 0.8 and 0.13. Twice that is allowed for what the model leaves out (blocks, and how light
-    falls on a wall): coloured walls below 2 x their value, white parts below 2 x that of the shade,
-    the root mean square over the picture below 2 x the red wall's, and no block of 8 x 8 pixels
-    above 2 x the red wall's shade. Paints of equal energy, the usual choice, must fail all that:
-    the control. White is the lamp's colour, as bright as a perfect diffuser in the brightest place.
+    Paints as the lamp's light has them make the first bounce exact; later bounces are not, least of
+    all after two coloured walls. The radiosity of five plain walls alone predicts: red wall 0.55,
+    green wall 0.38, white ones 0.06 to 0.11; in the shade, where no light comes directly from the
+    lamp, 1.2, 0.8 and 0.13. Twice that is allowed for what the model leaves out (blocks, and the
+    distribution of light on a wall): coloured walls below 2 x their value, white parts below 2 x
+    that of the shade, the root mean square over the picture below 2 x the red wall's, and no block
+    of 8 x 8 pixels above 2 x the red wall's shade. As a control, paints of equal energy, the usual
+    choice, must fail all that. White is the lamp's colour, as bright as a perfect diffuser in the
+    brightest place.
     """
     size = truth()["facts"]["size"]
     lit = paints == "of the lamp's light"

@@ -42,10 +42,11 @@ def _committed(root: Path | None) -> dict[str, Any] | None:
 
 @case(9, quick=False, once=True)
 def planted_bugs(t: Trial) -> None:
-    """Ten of the planted bugs, chosen at random, are found by the quick levels 1 to 8 [3.10].
+    """Ten of the planted bugs, chosen at random, are found by the quick levels 1 to 8.
 
-    A test build holds every bug behind a switch, and the unchanged build passes. Of the bugs that
-    the committed table calls found all ten are found again; without a table, eight of any ten.
+    A test build holds every bug behind a switch, and the unchanged build passes. If the ten come
+    from the bugs that the committed table lists as found, all are found again; without a table,
+    eight of any ten.
     """
     root = _checkout()
     committed = _committed(root)

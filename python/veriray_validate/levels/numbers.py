@@ -1,4 +1,4 @@
-"""Level 1: own elementary functions and mappings, against float64 over their whole range.
+"""Level 1: the renderer's elementary functions and mappings, against float64 over their range.
 
 Errors are in units in the last place (ulp) of the exact value. Coefficients and error bounds are
 stated where the functions are (cpp/core/math.h, cpp/core/mapping.h).
@@ -40,8 +40,8 @@ MONOTONE = {
 }
 #: Asymmetries of the phase function; the smallest ones must be continuous with 0.
 ASYMMETRIES = (0.0, 1e-4, -1e-4, 1e-7, 0.3, -0.5, 0.9, -0.99, 0.9999, -0.9999)
-#: Largest error of the angle of a point, in ulp: half an ulp of the quotient, which may be one of
-#: the angle, half of one for the last sum, and 0.1 for the polynomial. Measured: 1.501.
+#: Largest error of the angle of a point, in ulp: half an ulp of the quotient, which may be one ulp
+#: of the angle, half an ulp for the last sum, and 0.1 for the polynomial. Measured: 1.501.
 ANGLE_ULP = 1.6
 PARTS = 8
 
@@ -50,7 +50,7 @@ PARTS = 8
 
 
 def turns(k: Array) -> tuple[Array, Array]:
-    """Sine and cosine of 2 pi k 2^-24 in float64: quarter turns taken off exactly."""
+    """Sine and cosine of 2 pi k 2^-24 in float64: quarter turns are subtracted exactly."""
     x = k * (4 * UNIT)
     quarter = np.rint(x)
     s, c = np.sin((x - quarter) * (np.pi / 2)), np.cos((x - quarter) * (np.pi / 2))
@@ -80,7 +80,7 @@ def floats(first: np.float32, last: np.float32, step: int, part: int = 0,
            parts: int = 1) -> Iterator[Array]:  # fmt: skip
     """Every step-th float of one of the parts of an interval of one sign, and the last one.
 
-    Up to 2^19 at a time; the parts share their ends.
+    At most 2^19 at a time; the parts share their ends.
     """
     low, high = (int(np.float32(x).view(np.uint32)) for x in (first, last))
     ends = [low + (high - low) * k // parts for k in range(parts + 1)]
@@ -125,7 +125,7 @@ def oracles_at_fifty_digits(t: Trial) -> None:
 def sine_and_cosine(t: Trial, step: int) -> None:
     """Sine and cosine of 2 pi u at every step-th of all 2^24 arguments.
 
-    At most 1.69 ulp and never beyond 1; zeros are exact. Full: every argument there is.
+    At most 1.69 ulp and never beyond 1; zeros are exact. Full: every possible argument.
     """
     worst = 0.0
     every = np.arange(int(t.rng.integers(step)), 2**24, step, dtype=np.int64)
@@ -179,7 +179,7 @@ def error_and_order_at_every_float(t: Trial, name: str, part: int) -> None:
 
 @case(1, each={"name": MONOTONE})
 def error_where_it_is_hard(t: Trial, name: str) -> None:
-    """All floats about 1 of log, about the changes of polynomial, scale and range.
+    """All floats around 1 for log, and around changes of polynomial, scale and range.
 
     The bounds of the whole domain hold; monotone.
     """
@@ -225,7 +225,7 @@ def root_and_quotient(t: Trial, step: int) -> None:
 
 @case(1)
 def quotients_of_lengths(t: Trial) -> None:
-    """The quotient that gives the distance to a plane, which checks no ranges.
+    """The quotient for the distance to a plane, which checks no ranges.
 
     Correctly rounded: equal to NumPy's to the bit for 500,000 pairs, 0 and 2^-60 to 2^4 over
     2^-90 to 2^2.
@@ -286,7 +286,7 @@ def in_units(mantissa: int, exponent: int) -> int:
 
 @case(1)
 def film_sums(t: Trial) -> None:
-    """A pixel's sums are the integers that the film states, added one by one or side by side.
+    """A pixel's sums are the integers that the film specifies, added one by one or side by side.
 
     x once and y 63 times: round(x 2^72) and round(x^2 2^76), halves up, to the bit for 20,000
     pairs with exponents from -149 to 19; an eighth are halves of the resolution or 0.
@@ -335,7 +335,7 @@ def _words(rng: np.random.Generator, n: int, last: float) -> Array:
 
 
 def _unit(rng: np.random.Generator, n: int, columns: int = 1) -> Array:
-    """Multiples of 2^-24, the corners among them."""
+    """Multiples of 2^-24, corners included."""
     u = rng.integers(0, 2**24, (n, columns)) * UNIT
     corners = np.array(list(itertools.product(CORNERS, repeat=columns)))[:n]
     u[: len(corners)] = corners
@@ -453,7 +453,7 @@ MANY: dict[str, Arguments] = {
 
 
 def hooked(function: Callable[..., Array], name: str, *columns: Any) -> Array:
-    """A hook of the native module; Skipped where the module does not have it."""
+    """A hook of the native module; Skipped if the module does not have it."""
     try:
         return function(name, *columns)
     except ValueError as error:
@@ -484,7 +484,7 @@ def check_same_bits(t: Trial, name: str, chunk: Callable[[int, int], Array], tot
 @case(1, each={"name": [*WIDE, *MANY], "bits": [20, 26]}, once=True,
       quick=lambda name, bits: bits < 26)  # fmt: skip
 def same_bits(t: Trial, name: str, bits: int) -> None:
-    """A function has the same bits on all devices, in scalar and in vector lanes (D13, D14).
+    """A function has the same bits on all devices, in scalar and in vector lanes.
 
     Random arguments over the whole domain, corners among them: 2^20, in a full run 2^26 (mappings:
     2^24). A CPU module compares its own lane widths.
@@ -496,9 +496,9 @@ def same_bits(t: Trial, name: str, bits: int) -> None:
 
 @case(1, each={"name": UNIT_ONLY, "step": [61, 1]}, once=True, quick=lambda name, step: step > 1)
 def same_bits_of_turns(t: Trial, name: str, step: int) -> None:
-    """Sine, cosine and tent have the same bits on all devices and lanes (D13, D14).
+    """Sine, cosine and tent have the same bits on all devices and lanes.
 
-    At every step-th, in a full run at each, of the 2^24 arguments k 2^-24, and about both ends.
+    At every step-th (in a full run every) of the 2^24 arguments k 2^-24, and around both ends.
     """
     ends = np.arange(2**14)
     k = np.concatenate([np.arange(0, 2**24, step), ends, 2**24 - 1 - ends])
@@ -619,7 +619,7 @@ def derivative_of_inverse_distributions(t: Trial, name: str) -> None:
 
 @case(1, each={"name": INVERSE})
 def corners(t: Trial, name: str) -> None:
-    """Mappings at the corners of the unit square: u, v in {0, 2^-24, 1/2, 1 - 2^-24} (C6).
+    """Mappings at the corners of the unit square: u, v in {0, 2^-24, 1/2, 1 - 2^-24}.
 
     Unit directions (1e-5) with a positive finite density; weights and points within their shape.
     """
@@ -637,7 +637,7 @@ def corners(t: Trial, name: str) -> None:
 
 @case(1, each={"one_minus_cos": [2.0, 1.0, 0.3, 1e-4, 1e-13, 1e-30]})
 def cones_of_every_width(t: Trial, one_minus_cos: float) -> None:
-    """Directions in cones, down to 1e-30 sr, and at the corners (C6).
+    """Directions in cones, down to 1e-30 sr, and at the corners.
 
     x, y, z and the pdf within 3e-7 of the exact map, relatively.
     """
@@ -655,7 +655,7 @@ def cones_of_every_width(t: Trial, one_minus_cos: float) -> None:
 
 @case(1)
 def frames(t: Trial) -> None:
-    """Frames about a normal are orthonormal and right-handed, about the poles too.
+    """Frames about a normal are orthonormal and right-handed, also near the poles.
 
     Within 5e-7 at 20,000 normals. T. Duff et al., JCGT 6(1), 2017.
     """
@@ -674,7 +674,7 @@ def frames(t: Trial) -> None:
 
 @case(1, each={"g": ASYMMETRIES})
 def phase_function_inverts_its_distribution(t: Trial, g: float) -> None:
-    """Henyey and Greenstein's phase function about +z, corners included (C6).
+    """Henyey and Greenstein's phase function about +z, corners included.
 
     The angle to the favoured direction is within 1e-6 of itself, the pdf within 2e-6.
     """
@@ -722,9 +722,9 @@ def phase_function_of_vectors(t: Trial, g: float) -> None:
 
 @case(1)
 def free_flights_from_all_words(t: Trial) -> None:
-    """-log((word + 1/2) 2^-32) for words all over, at both ends and where the form changes.
+    """-log((word + 1/2) 2^-32) for words everywhere, at both ends and where the form changes.
 
-    Within 2.4e-7 of itself, falling with the word, positive at the last: no flight is infinite.
+    Within a relative 2.4e-7, falling with the word, positive for the last: no flight is infinite.
     """
     words = t.rng.integers(0, 2**32, 100_000 * t.effort, dtype=np.uint64)
     ends = np.arange(4096, dtype=np.uint64)

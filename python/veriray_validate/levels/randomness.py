@@ -1,8 +1,8 @@
-"""Level 1: random numbers, and the pictures that are made of them.
+"""Level 1: random numbers, and pictures made with them.
 
-Numbers are a function of seed, pixel, sample and block (three blocks a bounce), so that a stream
-along any of the four must look random, and so must any two streams side by side. The seeding of the
-report of 2016, re-made, is the planted failure.
+Numbers are a function of seed, pixel, sample and block (three blocks per bounce). A stream along
+any of the four must look random, and so must any two streams side by side. The seeding of the 2016
+report, reproduced, is the planted failure.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def published_vector(t: Trial) -> None:
 
 @case(1, each={"seed": [0, 1, 2**32, 2**64 - 1, 0x123456789ABCDEF0]}, once=True)
 def known_answers(t: Trial, seed: int) -> None:
-    """The generator's words on every device against the second implementation (C10).
+    """The generator's words on every device against the second implementation.
 
     Equal to the bit, for sample numbers about 2^32, 2^63 and 2^64 too.
     """
@@ -66,7 +66,7 @@ def known_answers(t: Trial, seed: int) -> None:
 
 @case(1, each={"bits": [18, 26]}, once=True, quick=lambda bits: bits < 26)
 def same_words(t: Trial, bits: int) -> None:
-    """2^18, in a full run 2^26 blocks of random words are the same on all devices (D14).
+    """2^18, in a full run 2^26 blocks of random words are the same on all devices.
 
     Equal to the bit; with one device, to the second implementation at every 16th.
     """
@@ -85,7 +85,7 @@ def same_words(t: Trial, bits: int) -> None:
 
 @case(1)
 def no_repeats_around_two_to_the_32(t: Trial) -> None:
-    """The upper half of the sample index counts: streams do not start again at 2^32 or 2^63 (C10).
+    """The upper half of the sample index counts: streams do not repeat after 2^32 or 2^63.
 
     4,000 blocks of four words about these places are all different.
     """
@@ -116,7 +116,7 @@ def uniformity(words: Words, seed: int, n: int) -> float:
 
 @case(1)
 def words_are_uniform(t: Trial) -> None:
-    """Words along pixels, samples and blocks are uniform (C10).
+    """Words along pixels, samples and blocks are uniform.
 
     Chi-square of the upper and of the lower 8 bits of each word and of 8^4 cells of the four, 2^17
     blocks each: sees a bin that is off by 20 %, or a tilt of 1.5 %.
@@ -157,7 +157,7 @@ def correlations(a: Array, b: Array, upper: bool = False) -> list[float]:
 
 @case(1)
 def neighbours_are_uncorrelated(t: Trial) -> None:
-    """Words of neighbouring pixels, samples, blocks and seeds, in random places (C10, D15).
+    """Words of neighbouring pixels, samples, blocks and seeds, in random places.
 
     n = 2^14 pairs, 204 correlations: sees one of 0.043 with 90 % power.
     """
@@ -198,7 +198,7 @@ def stream_p(words: Words, rng: np.random.Generator, n: int, contexts: int) -> f
 
 @case(1)
 def streams_are_independent(t: Trial) -> None:
-    """Streams along pixels, samples and blocks against their neighbours' (C10, D15).
+    """Streams along pixels, samples and blocks against their neighbours'.
 
     Neighbours: the next pixel, row, sample, bounce, dimension and seed. 2^12 numbers each, 4
     places: sees a correlation of 0.1 in any of 2,700, and u' = frac(u + c)
@@ -214,7 +214,7 @@ PLANTED_2016 = {"clock still": (7, 0), "clock read each bounce": (7_411, 877)}
 
 @case(1, each={"clock": PLANTED_2016}, once=True)
 def the_generator_of_2016_is_found_out(t: Trial, clock: str) -> None:
-    """Planted: the seeding of the report of 2016, in which bounces shift all pixels alike.
+    """Planted: the seeding of the 2016 report, in which a bounce shifts all pixels alike.
 
     The test of streams rejects it, p below 1e-9: u' = frac(u + c) with one c for a picture.
     """
@@ -237,10 +237,10 @@ def a_linear_generator_is_found_out(t: Trial) -> None:
 
 @case(1)
 def seeds_are_independent(t: Trial) -> None:
-    """Noise of films of different seeds, and of neighbouring pixels, is uncorrelated (D15, S5).
+    """Noise of films of different seeds, and of neighbouring pixels, is uncorrelated.
 
     64 x 64 pixels: sees a correlation of 0.09 in any of 36 pairs or 3 neighbours of 9 films.
-    Normal scores of the ranks, as products of noise with heavy tails are far from normal.
+    It uses normal scores of the ranks, because products of heavy-tailed noise are far from normal.
     """
     scene = furnace(0.5, 0.5, width=64, height=64 * t.effort)
     shift = t.fresh()
@@ -261,9 +261,9 @@ def seeds_are_independent(t: Trial) -> None:
 
 @case(1)
 def pixels_do_not_share_samples(t: Trial) -> None:
-    """Variance of the picture's mean against the mean of the pixels' variances; 48 seeds (S5).
+    """Variance of the picture's mean against the mean of the pixels' variances; 48 seeds.
 
-    The one killer of "the same seed in every pixel" (a ratio of 256). Sees a ratio of 2.2 or 0.4.
+    The only test that finds "the same seed in every pixel" (a ratio of 256). Sees 2.2 or 0.4.
     """
     scene, n = furnace(0.5, 0.5, width=16, height=16), 48 * t.effort
     images = np.array([t.render(scene, 4).image[:, :, 0] for _ in range(n)], np.float64)
@@ -275,7 +275,7 @@ def pixels_do_not_share_samples(t: Trial) -> None:
 
 @case(1)
 def batches_are_independent(t: Trial) -> None:
-    """Means of successive batches are uncorrelated, and their spread is that of noise (S5).
+    """Means of successive batches are uncorrelated, and their spread is that of noise.
 
     Lag 1 of 64 batches in 16 x 16 pixels: sees a correlation of 0.04. Error bars from batches
     against those from samples: sees a ratio of the variances of 1.05.
@@ -330,9 +330,9 @@ def error_falls_as_one_over_samples(t: Trial) -> None:
 
 @case(1, each={"period": (64, 256)}, once=True)
 def a_stream_that_repeats_is_found_out(t: Trial, period: int) -> None:
-    """Planted: after `period` samples each pixel's numbers come again, so the mean stays.
+    """Planted: after `period` samples each pixel's numbers repeat, so the mean stays.
 
-    The test of the error's fall rejects it, p below 1e-9.
+    The test of the error's decrease rejects it, p below 1e-9.
     """
     scene = furnace(0.5, 0.5, width=64, height=64)
     images = [t.render(scene, min(n, period), seed=n if n < period else period).image[:, :, 0]

@@ -94,10 +94,10 @@ EDGES = {"9.3 7.7": (9.3, 7.7), "4.5 3.02": (4.5, 3.02), "11.98 5.25": (11.98, 5
 
 @case(2, each={"name": POSITIVE, "edge": EDGES})
 def filters(t: Trial, name: str, edge: str) -> None:
-    """A bright half plane whose corner falls on a point of a 16 x 12 film (A24).
+    """A bright half plane whose corner falls on a point of a 16 x 12 film.
 
     Every pixel holds the part of its filter beyond both edges: finds shifts, flips, aspect, field
-    of view, jitter and filter errors. Exact binomial, 25,000 samples a pixel: sees 0.015 pixel.
+    of view, jitter and filter errors. Exact binomial, 25,000 samples per pixel: sees 0.015 pixel.
     """
     kind, parameter = POSITIVE[name]
     edge_x, edge_y = EDGES[edge]
@@ -117,10 +117,10 @@ def filters(t: Trial, name: str, edge: str) -> None:
 
 @case(2, each={"name": SIGNED, "edge": ["9.3 7.7", "4.5 3.02"]})
 def signed_filters(t: Trial, name: str, edge: str) -> None:
-    """As above for filters with negative lobes: a pixel may lie below 0 and above 1 (A24).
+    """As above for filters with negative lobes: a pixel may lie below 0 and above 1.
 
-    z by the exact variance: samples have the size (integral of |f|)^2 and the sign of both lobes.
-    25,000 samples a pixel.
+    z by the exact variance: samples have the magnitude (integral of |f|)^2 and the sign of both
+    lobes. 25,000 samples per pixel.
     """
     parameters = SIGNED[name]
     edge_x, edge_y = EDGES[edge]
@@ -159,7 +159,7 @@ OFFSETS: dict[str, tuple[str, Any]] = {
 
 @case(2, each={"name": OFFSETS})
 def filter_offsets(t: Trial, name: str) -> None:
-    """Places on the film are distributed as the pixel's filter (C1).
+    """Places on the film are distributed as the pixel's filter.
 
     By the cumulative distribution of |f| along both axes, from the directions of 10^4 camera rays,
     replayed on the CPU: sees 3 % in scale, 12 % in tilt, in a full run half of that.
@@ -178,7 +178,7 @@ def filter_offsets(t: Trial, name: str) -> None:
 
 @case(2)
 def aperture(t: Trial) -> None:
-    """Places on a thin lens are uniform on its disc, and their rays go through the focus (C1).
+    """Places on a thin lens are uniform on its disc, and their rays go through the focus.
 
     10^4 camera rays, replayed on the CPU: sees 3 % in scale, 12 % in tilt, in a full run half of
     that; the point in focus is met within 2e-6 of its distance.
@@ -200,10 +200,10 @@ PLATES = {"core": 0.36, "half x": 0.5, "half y": 0.5, "quarter": 0.25}
 
 @case(2, each={"part": PLATES})
 def aperture_in_renders(t: Trial, part: str) -> None:
-    """A black plate hides a part of the lens: its share of the camera rays is absorbed (C1).
+    """A black plate hides a part of the lens: its share of the camera rays is absorbed.
 
-    By area of the disc, as the plate is halfway to the focus; exact binomial, 10^5 camera rays:
-    sees 0.8 % (absolute).
+    The share by area of the disc, since the plate is halfway to the focus; exact binomial, 10^5
+    camera rays: sees 0.8 % (absolute).
     """
     view = Camera(np.eye(4), 1e-6, aperture_radius=0.4, focus_distance=3.0)
     plates = {
@@ -220,7 +220,7 @@ def aperture_in_renders(t: Trial, part: str) -> None:
 
 @case(2, each={"axis": ["x", "y", "diagonal", "smaller", "larger"]})
 def field_of_view_and_offset(t: Trial, axis: str) -> None:
-    """A bright square 30 degrees wide: `fov` is measured along its axis, offsets shift it (A24).
+    """A bright square 30 degrees wide: `fov` is measured along its axis, offsets shift it.
 
     Every pixel holds its covered share, those fully inside or outside exactly. 4,000 samples.
     """

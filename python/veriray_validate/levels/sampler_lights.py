@@ -1,4 +1,4 @@
-"""Level 2: lights: places on them, directions to them, their choice, and their density when hit."""
+"""Level 2: lights: points on them, directions to them, their selection, their density when hit."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ AWAY = {"1e-5 radii off": 1.00001, "near": 1.5, "far": 200.0, "inside": 0.7, "ce
 
 @case(2, each={"name": AWAY})
 def sphere_lights(t: Trial, name: str) -> None:
-    """Directions to a sphere are uniform in its cone, from inside over all directions (C1).
+    """Directions to a sphere are uniform in its cone; from inside, over all directions.
 
     pdf within 1e-5; 10^5 directions: sees 1 % in scale, 4 % in tilt.
     """
@@ -66,7 +66,7 @@ def sphere_lights(t: Trial, name: str) -> None:
 
 @case(2)
 def sphere_light_irradiance(t: Trial) -> None:
-    """Irradiance from a sphere, and its area, by its samples (A9).
+    """Irradiance from a sphere, and its area, by its samples.
 
     Radiance 1 gives pi (r/d)^2 to a patch that faces it, pi to one inside it; the mean of
     distance^2 / (cos_light pdf) is the area seen, 2 pi r^2 (1 - r/d). 10^5 samples: sees 1 %.
@@ -95,7 +95,7 @@ EDGES = single([[1.0, 0.2, 0.1], [-0.3, 0.8, 0.4]])
 AREA = {shape: float(np.linalg.norm(np.cross(*EDGES))) * share
         for shape, share in zip(SHAPES, (1, 0.5, math.pi), strict=True)}  # fmt: skip
 LAMP_NORMAL = normalised(np.cross(*EDGES)[None])[0]
-#: Receivers: height over the lamp's plane and way along its first edge, from its middle.
+#: Receivers: height over the lamp's plane, and position along its first edge from its middle.
 RECEIVERS = {"facing": (1.0, 0.0), "oblique": (1.0, 1.7), "grazing": (0.02, 2.5),
              "near": (0.02, 0.0), "far": (100.0, 30.0)}  # fmt: skip
 
@@ -126,9 +126,9 @@ def weights(shape: str, u: Array, v: Array) -> tuple[Array, Array]:
 
 @case(2, each={"shape": SHAPES, "where": RECEIVERS})
 def places_on_flat_lights(t: Trial, shape: str, where: str) -> None:
-    """Places on a lamp are uniform by area, seen from the front, from grazing, near and far (C1).
+    """Points on a lamp are uniform by area, seen from the front, at grazing angles, near and far.
 
-    Found again from direction and distance; 10^5 places: sees 1 % in scale, 4 % in tilt.
+    Recovered from direction and distance; 10^5 points: sees 1 % in scale, 4 % in tilt.
     """
     p = receiver(shape, where)
     s = light(t, shape, p, *random_numbers(t, N * t.effort)[2:])
@@ -148,7 +148,7 @@ def places_on_flat_lights(t: Trial, shape: str, where: str) -> None:
 
 @case(2, each={"shape": SHAPES, "where": RECEIVERS})
 def samples_of_flat_lights(t: Trial, shape: str, where: str) -> None:
-    """Direction, distance, density and radiance of light samples, corners included (C3, C6).
+    """Direction, distance, density and radiance of light samples, corners included.
 
     Against float64: direction within 5e-7 of the place's distance, distance 1e-6 of itself, pdf
     chance distance^2 / (area cos) within 1e-6 + 1e-6 / cos; radiance 1 from the front, exactly 0
@@ -198,13 +198,13 @@ def seen(where: str) -> Array:
 
 @case(2, each={"where": SEEN})
 def rectangles_by_solid_angle(t: Trial, where: str) -> None:
-    """Samples of a rectangle are uniform in its solid angle where that is 1/16 or more (C1, C3).
+    """Samples of a rectangle are uniform in its solid angle where that is 1/16 or more.
 
-    Against float64: the density is chance / solid angle, that within 5e-7 sr and what 1e-7 in a
-    coordinate, of the way to the lamp, makes; the solid angle
-    of what lies before a place's x is u of the whole within 4e-6 sr, and its y has the share v of
-    the sines between the edges, within 1e-5; no place is off the lamp. Below 1/16 the density is by
-    area. 20,000 places, corners included.
+    Against float64: the density is selection probability / solid angle, the latter within 5e-7 sr
+    plus the effect of 1e-7 of the distance to the lamp in a coordinate. The solid angle before a
+    point's x is u of the whole within 4e-6 sr, its y has the share v of the sines between the edges
+    within 1e-5, and no point is off the lamp. Below 1/16 the density is by area. 20,000 points,
+    corners included.
     """
     p = seen(where)
     u, v = random_numbers(t, 20_000 * t.effort)[2:].astype(np.float64)
@@ -246,7 +246,7 @@ def rectangles_by_solid_angle(t: Trial, where: str) -> None:
 
 @case(2)
 def delta_lights(t: Trial) -> None:
-    """Samples of point, spot and directional lights (C8).
+    """Samples of point, spot and directional lights.
 
     One direction, chance 0.25 for a density, marked as delta; radiance 1 / d^2, of a spot times its
     linear falloff between beam and cutoff, 0 outside; within 1e-6, the spot's within 1e-5.
@@ -336,7 +336,7 @@ HIDERS = _hiders()
 
 @case(2, each={"name": HIDERS})
 def hidden_parts_of_lights(t: Trial, name: str) -> None:
-    """A black plate hides a part of a lamp: its share of the shadow rays is occluded (C1).
+    """A black plate hides a part of a lamp: its share of the shadow rays is occluded.
 
     By area for flat lamps, by solid angle for the sphere; exact binomial, 10^5 rays: sees 0.8 %
     (absolute), in a full run 0.4 %.
@@ -349,10 +349,11 @@ def hidden_parts_of_lights(t: Trial, name: str) -> None:
 
 @case(2)
 def choice_of_light(t: Trial) -> None:
-    """Two lamps, of which a black plate hides the first: its share of shadow rays is occluded (C7).
+    """Two lamps, of which a black plate hides the first: its share of shadow rays is occluded.
 
-    Choice in proportion to area times radiance, here 2 x 1 x 3 to 1 x 1 x 2: 3/4, with a sky as
-    without, which takes none. Exact binomial, 4 x 10^5 rays: sees 0.3 % (absolute).
+    Selection is in proportion to area times radiance, here 2 x 1 x 3 to 1 x 1 x 2: 3/4, with and
+    without a sky, which takes no light samples. Exact binomial, 4 x 10^5 rays: sees 0.3 %
+    (absolute).
     """
     lamps = [quad([-3, -0.5, 2], [0, 1, 0], [2, 0, 0], 0, 3.0),
              quad([1, -0.5, 2], [0, 1, 0], [1, 0, 0], 0, [1.0, 2.0, 3.0])]  # fmt: skip
@@ -364,8 +365,8 @@ def choice_of_light(t: Trial) -> None:
         count(t, hidden, n, 2 * 9 / (2 * 9 + 1 * 6), f"sky {sky}")
 
 
-#: Three lamps as seen from the origin: corner and edges. Each shines in a channel of its own, 3, 2
-#: and 1 in radiance; cells along either edge.
+#: Three lamps as seen from the origin: corner and edges. Each emits in a channel of its own, with
+#: radiance 3, 2 and 1; cells along either edge.
 JOINT = [(np.array(c), np.array(a), np.array(b)) for c, a, b in (
     ([-3.0, -0.5, 2.0], [0, 1.0, 0], [2.0, 0, 0]), ([1.0, -0.5, 2.0], [0, 1.0, 0], [1.0, 0, 0]),
     ([-0.5, 1.0, 2.0], [0, 1.0, 0.3], [1.0, 0, 0]),
@@ -374,7 +375,7 @@ CELLS = 16
 
 
 def stripes(bit: int, across: bool) -> list[Part]:
-    """Black plates before all cells along an edge of the lamps whose number has a bit."""
+    """Black plates in front of all cells along an edge of the lamps whose number has a bit set."""
     plates = []
     for corner, a, b in JOINT:
         side, other = (b, a) if across else (a, b)
@@ -394,13 +395,13 @@ def cells_seen(corner: Array, a: Array, b: Array) -> Array:
 
 @case(2, each={"tree": [False, True]}, quick=lambda tree: not tree)
 def light_and_place_are_independent(t: Trial, tree: bool) -> None:
-    """Which lamp is sampled, and where on it: one joint law (C7).
+    """Which lamp is sampled, and where on it: one joint law.
 
-    A pixel is a sample: its channel tells the lamp, plates before half of the cells tell the bits
-    of the cell, in nine renders with one seed; roulette ends all paths at the floor. Chi-square of
-    (lamp, u, v) over 3 x 16 x 16, 3 x 4 x 4 and 3 x 2 x 2 cells: areas times radiances, on each by
-    solid angle. 2.5 x 10^5 samples: sees 1.3 % between halves. In a tree lamps are pairs of
-    triangles.
+    A pixel is a sample. Its channel identifies the lamp, and plates in front of half of the cells
+    give the bits of the cell, in nine renders with one seed; roulette ends all paths at the floor.
+    Chi-square of (lamp, u, v) over 3 x 16 x 16, 3 x 4 x 4 and 3 x 2 x 2 cells: areas times
+    radiances, on each lamp by solid angle. 2.5 x 10^5 samples: sees 1.3 % between halves. In a
+    tree, lamps are pairs of triangles.
     """
     side, seed = 500, t.fresh()
     once = Trial(t.device, seed, 1, t.threads)  # a larger film, not more samples of a pixel
@@ -441,9 +442,9 @@ def light_and_place_are_independent(t: Trial, tree: bool) -> None:
 
 @case(2)
 def choice_among_many_lights(t: Trial) -> None:
-    """Of 100 lamps of radiance 1 to 100 one shines upwards, in turn (C7).
+    """Each of 100 lamps of radiance 1 to 100 in turn emits upwards.
 
-    Rays wanted: the share of the others. Binomial for nine lamps; sees 0.3 % of all rays.
+    Shadow rays requested: the share of the others. Binomial for nine lamps; sees 0.3 % of all rays.
     """
 
     def lamp(k: int, up: bool) -> Part:
@@ -495,7 +496,7 @@ def _area(part: Part) -> float:
 
 @case(2, each={"name": LIT})
 def density_when_hit(t: Trial, name: str) -> None:
-    """A light that a direction meets is weighted with the density of its light samples (C3).
+    """A light that a direction meets is weighted with the density of its light samples.
 
     Whole paths, replayed on the CPU: emission found after a diffuse bounce carries the weight
     p^2 / (p^2 + q^2), p = cos / pi, q = chance distance^2 / (area cos), of a sphere and a near

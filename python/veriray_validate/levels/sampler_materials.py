@@ -126,7 +126,7 @@ def evaluated(t: Trial, grey: Grey, front: bool, wo: Array, wi: Array) -> Array:
 
 @case(2, each={"name": SMOOTH, "angle": ANGLES})
 def material_directions(t: Trial, name: str, angle: float) -> None:
-    """Directions of the smooth lobe, from normal to grazing incidence (C1).
+    """Directions of the smooth lobe, from normal to grazing incidence.
 
     Cosine-distributed; samples that go to the mirror instead are a cell of their own. 10^5
     samples: sees 1 % in scale, 4 % in tilt, and 2 % of a half lost.
@@ -143,12 +143,12 @@ def material_directions(t: Trial, name: str, angle: float) -> None:
 
 @case(2, each={"name": MATERIALS, "front": [True, False]})
 def material_weights(t: Trial, name: str, front: bool) -> None:
-    """eval, sample and pdf of a material agree, six angles, both sides (C3, C4, C5, C8).
+    """eval, sample and pdf of a material agree, six angles, both sides.
 
-    Smooth: the two pdfs and weight = f cos / pdf within 1e-6 + 3e-7 / cos (below 1e-5 but for
-    grazing directions, whose cosine is rounded), f >= 0, no light from below. Delta:
-    the mirror's and Snell's directions within 1e-6 (at 2e-5 where a grazing ray is refracted), pdf
-    0, the weight of its colour, of transmission over the squared index.
+    Smooth: the two pdfs and weight = f cos / pdf within 1e-6 + 3e-7 / cos (below 1e-5 except for
+    grazing directions, whose cosine is rounded), f >= 0, no light from below. Delta: the mirror's
+    and Snell's directions within 1e-6 (2e-5 if a grazing ray is refracted), pdf 0, the weight equal
+    to its colour, for transmission over the squared index.
     """
     grey = MATERIALS[name]
     relative = grey.relative(front)
@@ -203,9 +203,9 @@ GLASSY = ("glass", "tinted glass", "diamond", "almost no glass", "no glass", "pa
 
 @case(2, each={"name": GLASSY, "front": [True, False]})
 def lobe_choice(t: Trial, name: str, front: bool) -> None:
-    """How often the mirror is chosen, six angles (C7).
+    """How often the mirror is selected, six angles.
 
-    Exact binomial with the Fresnel reflectance of float64; 10^5 samples an angle: sees 0.7 %
+    Exact binomial with the Fresnel reflectance of float64; 10^5 samples per angle: sees 0.7 %
     (absolute) at worst. Total reflection leaves no other choice.
     """
     grey, n = MATERIALS[name], N * t.effort
@@ -224,7 +224,7 @@ def lobe_choice(t: Trial, name: str, front: bool) -> None:
 
 
 def steepness(cosine: Any, eta: Any, k: Any = 0.0) -> Array:
-    """Change of Fresnel's reflectance when the index changes by two of its last places."""
+    """Change of Fresnel's reflectance when the index changes by two units in its last place."""
     near = [fresnel(cosine, eta * (1 + e), k) for e in (-1.2e-7, 0.0, 1.2e-7)]
     change: Array = np.abs(near[1] - near[0]) + np.abs(near[2] - near[1])
     return change
@@ -242,7 +242,7 @@ def hemisphere(frame: Array, n: int = 48) -> tuple[Array, Array]:
 
 @case(2, each={"name": MATERIALS, "front": [True, False]})
 def energy(t: Trial, name: str, front: bool) -> None:
-    """The pdf integrates to its lobe's probability; no material gives more than it gets (C2, E4).
+    """The pdf integrates to its lobe's probability; no material returns more than it gets.
 
     Quadrature over the hemisphere at six angles, within 1e-4: of the pdf the probability, of f cos
     the albedo of float64. All lobes together at most 1, of lossless materials 1 within 2e-5.
@@ -276,7 +276,7 @@ def energy(t: Trial, name: str, front: bool) -> None:
 
 @case(2, each={"name": MATERIALS, "front": [True, False]})
 def albedo_by_samples(t: Trial, name: str, front: bool) -> None:
-    """No incidence gives back more than it gets, by the weights of samples (E4).
+    """At no incidence does a material return more than it gets, by the weights of samples.
 
     Lobes by their probability, the mean weight of each by quadrature over its random numbers, of
     refraction times the squared index: at most 1 + 1e-4, of lossless materials 1 within 1e-4;
@@ -301,7 +301,7 @@ def albedo_by_samples(t: Trial, name: str, front: bool) -> None:
 
 @case(2, each={"name": SMOOTH})
 def reciprocity(t: Trial, name: str) -> None:
-    """f(a, b) = f(b, a) for 10^5 pairs of directions (E5).
+    """f(a, b) = f(b, a) for 10^5 pairs of directions.
 
     Relative 1e-5 for cosines above 0.01; the rounding of 1 - F counts below.
     """
@@ -320,10 +320,10 @@ def reciprocity(t: Trial, name: str) -> None:
 
 @case(2, each={"eta": [1.0001, 1.33, 1.5, 2.4]})
 def reciprocity_of_refraction(t: Trial, eta: float) -> None:
-    """Reflectance from both sides is the same, and so is f(a, b) / n_b^2 (E5).
+    """Reflectance from both sides is the same, and so is f(a, b) / n_b^2.
 
     10^4 angles: R(cos_i, eta) = R(cos_t, 1 / eta) within 1e-5 / cos_i. A refracted direction, sent
-    back, is the one that came, within 1e-6 / cos, and weight times the squared index is alike
+    back, gives the original one within 1e-6 / cos, and weight times the squared index is equal
     within 1e-6: with the reflectances, f(a, b) / n_b^2 = f(b, a) / n_a^2.
     """
     cos_i = single(t.rng.random(10_000 * t.effort))
@@ -381,7 +381,7 @@ def fresnel_dielectric(t: Trial, eta: float) -> None:
 
 @case(2)
 def fresnel_values(t: Trial) -> None:
-    """Fresnel's reflectance at values from tables, index 1.5 (A30, A31, A35).
+    """Fresnel's reflectance at values from tables, index 1.5.
 
     0, 30, 45, 60, 75, 85 degrees: .040000 .041523 .050240 .089187 .253061 .612800 within 1e-6;
     of diffuse light .091778 from outside and .596346 from inside.
@@ -426,7 +426,7 @@ def fresnel_conductor(t: Trial) -> None:
 
 @case(2, each={"name": MATERIALS})
 def material_corners(t: Trial, name: str) -> None:
-    """A material's samples where a random number is at the end of its range (C6).
+    """A material's samples for random numbers at the end of their range.
 
     u, v, lobe in {0, 2^-24, 1/2, 1 - 2^-24}, six angles, both sides: unit directions (1e-5), finite
     weights, pdf positive or that of a delta lobe, on the right side.
@@ -449,7 +449,7 @@ def material_corners(t: Trial, name: str) -> None:
 
 @case(2, each={"front": [True, False], "angle": [0.0, 40.0, 75.0]})
 def mirrors_in_renders(t: Trial, front: bool, angle: float) -> None:
-    """How often camera rays on glass are reflected, seen from both sides (C7).
+    """How often camera rays on glass are reflected, seen from both sides.
 
     Reflected ones escape, refracted ones end at a black wall: counts of the ledger by an exact
     binomial with the Fresnel reflectance; 10^5 rays: sees 0.7 % (absolute).
@@ -474,7 +474,7 @@ def mirrors_in_renders(t: Trial, front: bool, angle: float) -> None:
 
 @case(2, each={"opacity": [0.0, 0.25, 0.7, 1.0]})
 def masks_in_renders(t: Trial, opacity: float) -> None:
-    """Camera rays on a black mask: opaque parts absorb, open ones let pass (C7).
+    """Camera rays on a black mask: opaque parts absorb them, open parts let them pass.
 
     Counts by an exact binomial; 10^5 rays: sees 0.7 % (absolute). 0 and 1 are exact.
     """
@@ -490,7 +490,7 @@ def masks_in_renders(t: Trial, opacity: float) -> None:
 
 @case(2, each={"name": ["diffuse", "plastic"]})
 def directions_of_paths(t: Trial, name: str) -> None:
-    """Directions and weights of whole paths at a wall, as the renderer takes them (C1, C4).
+    """Directions and weights of whole paths at a wall, as the renderer takes them.
 
     Replayed on the CPU, 10^4 paths: cosine-distributed about the normal, the mirror a cell of its
     own; diffuse paths carry exactly the reflectance. Sees 3 % in scale, 12 % in tilt.

@@ -1,4 +1,4 @@
-"""Level 2: what is sampled has the density that is claimed: mappings, flights, phase functions.
+"""Level 2: samples have the density that is claimed: mappings, flights, phase functions.
 
 Chi-square over four grids (1 x 8, 8 x 4, 16 x 16, 32 x 64) of the same points in the sampler's own
 coordinates, with a cell for lost samples: one fine grid alone accepts a density that is 1 % wrong.
@@ -40,19 +40,19 @@ def random_numbers(t: Trial, n: int) -> Array:
 
 
 def random_points(t: Trial, name: str, n: int, *more: float) -> Array:
-    """Of a mapping with two random numbers."""
+    """The points of a mapping with two random numbers."""
     return t.function(name, *random_numbers(t, n)[2:], *more)
 
 
 def z_of_mean(values: Array, mean: float, margin: float = 0.0) -> float:
-    """Standard score of a mean; margin: relative bias that is not called an error."""
+    """Standard score of a mean; margin: relative bias that is allowed."""
     error = values.std() / math.sqrt(len(values))
     return float((values.mean() - mean) / max(error, margin * abs(mean), 1e-300))
 
 
 def uniform(t: Trial, u: Array, v: Array, what: str = "", drawn: int | None = None,
             chance: float = 1.0) -> None:  # fmt: skip
-    """States that points are uniform in the unit square: `grid_family`.
+    """Tests that points are uniform in the unit square: `grid_family`.
 
     Sees 1 % in scale with 10^5 points, 2 % with 2.5 x 10^4; a cosine's tilt of four times that.
     """
@@ -61,7 +61,7 @@ def uniform(t: Trial, u: Array, v: Array, what: str = "", drawn: int | None = No
 
 
 def count(t: Trial, k: int, n: int, p: float, what: str = "") -> None:
-    """States that k of n are of probability p: exact binomial; sees an absolute difference."""
+    """Tests that k of n have probability p: exact binomial; sees an absolute difference."""
     t.p(binomial(int(k), n, p), what)
     t.sees((3.29 + 1.28) * math.sqrt(p * (1 - p) / n))
 
@@ -84,7 +84,7 @@ def replayed(t: Trial, scene: Any, n: int, max_depth: int) -> list[list[dict[str
 
 @case(2, each={"name": INVERSE})
 def mappings(t: Trial, name: str) -> None:
-    """Points of the maps to hemisphere, sphere, triangle and disc fall as their density says (C1).
+    """Points of the maps to hemisphere, sphere, triangle and disc fall as their density says.
 
     10^5 points: sees 1 % in scale, 4 % in tilt, in a full run half of that.
     """
@@ -94,7 +94,7 @@ def mappings(t: Trial, name: str) -> None:
 
 @case(2)
 def moments(t: Trial) -> None:
-    """Means that are known (C9).
+    """Means that are known.
 
     E[cos] = 2/3, E[cos^2] = 1/2 of the cosine lobe; E[x] = 0; barycentric weights 1/3. n = 10^5:
     sees 0.5 %.
@@ -114,10 +114,10 @@ def moments(t: Trial) -> None:
 
 @case(2)
 def a_planted_percent_is_found(t: Trial) -> None:
-    """Planted: a cosine lobe that is 1 % wrong, or of which a sample in 200 is lost.
+    """Planted: a cosine lobe that is 1 % wrong, or loses one sample in 200.
 
     Azimuth shrunk by 1 %, tilted by 2 %, sines to the power 1.01; 1.6 x 10^6 points: the test that
-    passes the lobe rejects all.
+    accepts the right lobe rejects all of these.
     """
     u, v = INVERSE["cosine_hemisphere"](random_points(t, "cosine_hemisphere", 16 * N))
     t.check(grid_family(u, v * 0.99) < 1e-6, "shrunk")
@@ -131,7 +131,7 @@ def a_planted_percent_is_found(t: Trial) -> None:
 
 @case(2, each={"open_": [2.0, 0.5, 1e-13]})
 def cones(t: Trial, open_: float) -> None:
-    """Directions in cones of 1 - cos = 2, 1/2 and 1e-13 are uniform (C1).
+    """Directions in cones of 1 - cos = 2, 1/2 and 1e-13 are uniform.
 
     10^5 points: sees 1 % in scale, 4 % in tilt, in a full run half of that.
     """
@@ -146,7 +146,7 @@ ASYMMETRIES = (0.0, 1e-4, -0.5, 0.9, 0.999, -0.999, 0.9999, -0.9999)
 
 @case(2, each={"g": ASYMMETRIES})
 def phase_function(t: Trial, g: float) -> None:
-    """Henyey and Greenstein's phase function, by its cumulative distribution (C1, C10).
+    """Henyey and Greenstein's phase function, by its cumulative distribution.
 
     10^5 directions: sees 1 % in scale, 4 % in tilt, in a full run half of that.
     """
@@ -157,7 +157,7 @@ def phase_function(t: Trial, g: float) -> None:
 
 @case(2)
 def phase_function_moments(t: Trial) -> None:
-    """Moments of the phase function about a tilted axis (C9).
+    """Moments of the phase function about a tilted axis.
 
     E[P_l(cos)] = g^l for Legendre's polynomials, l = 1, 2, 3; 50,000 directions a value of g.
     """
@@ -172,7 +172,7 @@ def phase_function_moments(t: Trial) -> None:
 
 @case(2)
 def free_flights(t: Trial) -> None:
-    """Free flights are exponential with mean 1, and pairs of them independent (C1, C9).
+    """Free flights are exponential with mean 1, and pairs of them independent.
 
     By their cumulative distribution; 10^5 pairs: sees 1 % in scale, 4 % in tilt, in a full run half
     of that.
@@ -200,7 +200,7 @@ def halves(t: Trial, n: int) -> tuple[Array, Array, Array]:
 
 @case(2, each={"sigma": [0.5, 20.0], "limit": [0.1, 3.0]})
 def collisions(t: Trial, sigma: float, limit: float) -> None:
-    """Flights in a grey medium: those that collide before a limit, and where (C1, C7, C9).
+    """Flights in a grey medium: how many collide before a limit, and where.
 
     Share 1 - exp(-sigma limit) by an exact binomial; distances by their cumulative distribution,
     the others in a cell of their own. 10^5 flights: sees 1 % of the share.
@@ -245,7 +245,7 @@ def collisions_in_colour(t: Trial) -> None:
 
 @case(2, each={"g": [0.0, 0.7, -0.9]})
 def scatterings_of_paths(t: Trial, g: float) -> None:
-    """Flights and directions of whole paths in a medium, as the renderer takes them (C1, C9).
+    """Flights and directions of whole paths in a medium, as the renderer takes them.
 
     Replayed on the CPU, 10^4 paths from the centre of a ball of radius 1 and sigma 2: distances and
     angles by their cumulative distributions, the share that leaves by an exact binomial. Sees 3 %

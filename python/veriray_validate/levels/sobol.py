@@ -82,11 +82,11 @@ def sobol_pixels_are_independent(t: Trial) -> None:
 
 @case(1)
 def sobol_pairs_are_independent(t: Trial) -> None:
-    """Pairs of one pixel lie in random order to each other: the joint cells of words of two pairs.
+    """Pairs of one pixel are in random order to each other: joint cells of words of two pairs.
 
     64 samples in 8 x 8 cells of (a word of one pair, a word of another), 2^10 pixels: each run of 8
-    samples puts one in every row and column at random, so that the variance of a cell is 8 (1/8)
-    (7/8). Sees one that is off by 5 %; without the shuffle it is 7.
+    samples puts one in every row and column at random, so the variance of a cell is 8 (1/8) (7/8).
+    Sees one that is off by 5 %; without the shuffle it is 7.
     """
     pixels = 2**10 * t.effort
     p, s = (a.ravel() for a in np.meshgrid(np.arange(pixels), np.arange(64), indexing="ij"))

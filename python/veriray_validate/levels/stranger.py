@@ -1,4 +1,4 @@
-"""Pictures against those of an independent renderer, at equal effort (VALIDATION.md, S0 to S6).
+"""Pictures against those of an independent renderer, at equal effort.
 
 The stranger (reference/ in the source) is written from the specification alone: numpy in float64,
 Embree for visibility, other random numbers. Its results on the scenes of scenes/checks come with
@@ -18,13 +18,13 @@ differences d_b = A_b - R_b of the batches are tested:
 - L4, ends of paths and shadow rays by depth.
 
 Outliers. A bright rare sample is part of the expectation, so none is clamped, trimmed or left out.
-What it breaks is the normal law of a pixel's mean, and S1 to S4 do not use that. If nothing is
-wrong, A_b and R_b have one distribution, however heavy its tails, so d_b and -d_b have too, and the
-signs of whole batches can be flipped: the share of flips at least as extreme is an exact p value
-(Fisher 1935). An outlier raises the spread of the statistic under flips as much as the statistic
-itself, which costs power and never makes a false alarm; equal effort buys this. A t test of each
-pixel against a better converged reference raises alarms in most sound renders with fireflies. The
-power that is left is stated as the bias seen, from the noise of the data themselves.
+It breaks the normal law of a pixel's mean, which S1 to S4 do not use. If nothing is wrong, A_b and
+R_b have the same distribution, however heavy its tails. So d_b and -d_b have the same distribution
+too, and the signs of whole batches can be flipped: the share of flips at least as extreme is an
+exact p value (Fisher 1935). An outlier raises the spread of the statistic under flips as much as
+the statistic itself, which costs power but never causes a false alarm; this requires equal effort.
+A t test of each pixel against a better converged reference raises alarms in most sound renders with
+fireflies. The remaining power is stated as the bias seen, from the noise of the data themselves.
 
 Each judgement has reference data of its own (quick, full, confirmation), so a suspicion and its
 confirmation are independent.
@@ -64,9 +64,9 @@ QUICK = {
 }  # fmt: skip
 #: p values of one comparison, at most.
 TESTS = 9
-#: 999 flips decide where p is above ROUGH, and the first stage's number of them where it is above
-#: DOUBT; else as many as the second stage needs (J. Besag and P. Clifford, Sequential Monte Carlo
-#: p-values, Biometrika 78, 1991). Flips are fresh each time, so no p value gets smaller than it is.
+#: If p is above ROUGH, 999 flips decide; if it is above DOUBT, the first stage's number of flips;
+#: otherwise as many as the second stage needs (J. Besag and P. Clifford, Sequential Monte Carlo
+#: p-values, Biometrika 78, 1991). Flips are fresh each time, so no p value is too small.
 ROUGH, DOUBT, FINE = 2e-2, 2e-3, 2e-5
 
 
@@ -77,7 +77,7 @@ def comparison(a: Run, r: Run, parts: Parts, rng: np.random.Generator, *,
                fine: bool = True) -> Judgement:  # fmt: skip
     """Tests S1 to S6 and L4 of ours against the reference's: p values with their places.
 
-    fine: p values in doubt are found again from more flips, as many as the second stage needs.
+    fine: doubtful p values are recomputed from more flips, as many as the second stage needs.
     """
     d, level = a.means - r.means, (a.means.mean(axis=0) + r.means.mean(axis=0)) / 2
 
@@ -266,7 +266,7 @@ def every_scene_has_a_reference(t: Trial) -> None:
 
 @case(5, each={"name": NAMES}, quick=lambda name: name in QUICK)
 def agrees_with_the_reference(t: Trial, name: str) -> None:
-    """Our picture against the independent reference's, at equal effort (S0 to S6, L4).
+    """Our picture against the independent reference's, at equal effort.
 
     No difference; sees about 0.1 % of the whole picture at effort 4 and above, 0.5 % below.
     R. A. Fisher, The Design of Experiments, 1935; P. H. Westfall and S. S. Young,
@@ -290,7 +290,7 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
                         "spot_light", "tent")},
       quick=lambda name: name == "spot_light")  # fmt: skip
 def finds_a_bias_of_the_whole_picture(t: Trial, name: str) -> None:
-    """Planted: our picture times 1.001 is rejected, by its mean alone (S1).
+    """Planted: our picture times 1.001 is rejected, by its mean alone.
 
     At effort 4 and above; below it, times 1.005. The shift is above twelve standard errors in these
     scenes; what 90 % power sees in each scene is stated by agrees_with_the_reference.

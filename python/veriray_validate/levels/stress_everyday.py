@@ -20,11 +20,11 @@ KINDS = tuple(LOSSY)
 
 @case(8, each={"lower": KINDS, "scenes": (10, 100)}, quick=lambda lower, scenes: scenes == 10)
 def bodies_that_touch_and_that_nearly_do(t: Trial, lower: str, scenes: int) -> None:
-    """Boxes of eleven materials on, against, in each other and leaning, by a lamp in a grey room.
+    """Boxes of eleven materials on, against, in and leaning on each other, lit in a grey room.
 
-    Any gap of 1e-4 and less gives the picture of 1e-4, which is without a tree, unturned and of 6
-    quads. Margin 1e-3, of a block 1.6e-2; sees 5 % of a picture. Nothing leaves the room but for
-    the stated leaks at edges.
+    Any gap of 1e-4 or less gives the picture with a gap of 1e-4, made without a tree, unrotated and
+    with 6 quads. Margin 1e-3, for a block 1.6e-2; sees 5 % of a picture. Nothing leaves the room
+    except for the stated leaks at edges.
     """
     for k in range(scenes):
         ask(t, lifted(t.rng, lower, KINDS[k % len(KINDS)], str(t.rng.choice(WAYS))))
@@ -32,7 +32,7 @@ def bodies_that_touch_and_that_nearly_do(t: Trial, lower: str, scenes: int) -> N
 
 @case(8, each={"what": PAIRS, "scenes": (FEW, MANY)}, quick=lambda what, scenes: scenes == FEW)
 def sizes_that_do_not_matter(t: Trial, what: str, scenes: int) -> None:
-    """What is out of sight, a ground beyond 1,000, a camera beyond 1,000: the same picture.
+    """Things out of sight, a ground beyond 1,000, a camera beyond 1,000: the same picture.
 
     Sees 2 % (fog) to 6 % (rooms from afar) in each scene.
     """
@@ -42,7 +42,7 @@ def sizes_that_do_not_matter(t: Trial, what: str, scenes: int) -> None:
 
 @case(8, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
 def invisible_bodies(t: Trial, scenes: int) -> None:
-    """Null, index 1, opacity 0, before, around the camera, around all: the scene without them.
+    """Null, index 1 or opacity 0, in front, around the camera or around all: as without them.
 
     Meshes of 8 to 80,000 faces, flat and smooth, cubes and spheres; under a sky of 1 (margin 1e-4,
     sees 2 %) and before a lit scene (margin 3e-4, sees 5 %).
@@ -53,7 +53,7 @@ def invisible_bodies(t: Trial, scenes: int) -> None:
 
 @case(8, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
 def mirrored_bodies(t: Trial, scenes: int) -> None:
-    """Symmetric bodies by a transform with a mirror in it: the picture without the mirror.
+    """Symmetric bodies under a transform that mirrors: the picture without the mirror.
 
     Cubes, spheres, PLY and OBJ, flat and smooth; fog, glass, plastic, lamps. Sees 5 %.
     """
@@ -66,7 +66,7 @@ def mirrored_bodies(t: Trial, scenes: int) -> None:
 
 @case(8, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
 def sheared_bodies(t: Trial, scenes: int) -> None:
-    """Shining rectangles, disks and cubes by a sheared or mirrored matrix, and by their points.
+    """Emitting rectangles, disks and cubes by a sheared or mirrored matrix, and by their points.
 
     The same picture; sees 5 %.
     """

@@ -1,6 +1,6 @@
 """Stress of numbers and sizes: many samples, far indices, huge and tiny values, bad input, memory.
 
-In every case no sample is non-finite and the ledger adds up, besides what the case states.
+In every case no sample is non-finite and the ledger adds up, in addition to what the case states.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ from veriray_validate.trial import Skipped, Trial, case
 Array = npt.NDArray[Any]
 
 
-# ---- N14: many samples ----
+# ---- many samples ----
 
 
 @case(8, each={"spp": [10**6, 10**8, 10**9]}, quick=lambda spp: spp == 10**6)
 def equal_samples(t: Trial, spp: int) -> None:
-    """A sky of .1 in one pixel, 10^6, 10^8 and 10^9 samples (on a CPU 10^8) [N14].
+    """A sky of .1 in one pixel, 10^6, 10^8 and 10^9 samples (on a CPU 10^8).
 
     The mean equals the constant to the bit, without error (a float32 sum would be 1 % off, 79 %,
     98 %).
@@ -58,14 +58,14 @@ def equal_samples(t: Trial, spp: int) -> None:
     t.check(r.stderr == 0, "the samples differ")
 
 
-# ---- N15: far sample indices ----
+# ---- far sample indices ----
 
 
 @case(8)
 def indices_across_two_to_the_32(t: Trial) -> None:
-    """Sample ranges across 2^32, 2^33 and 2^63, and the last ones [N15].
+    """Sample ranges across 2^32, 2^33 and 2^63, and the last ones.
 
-    A range is its two halves to the bit; no sample is one of another place.
+    A range equals its two halves bit for bit; no sample equals one elsewhere.
     """
     scene = furnace(0.7, 0.5, width=4, height=3)
     host = t.native_scene(scene)
@@ -89,7 +89,7 @@ def indices_across_two_to_the_32(t: Trial) -> None:
 
 @case(8, each={"begin": [2**32 - 100_000, 2**63 - 100_000]})
 def same_statistics_far_out(t: Trial, begin: int) -> None:
-    """The furnace over samples 2^32 - 10^5 ... 2^32 + 10^5, and 2^63 [N15].
+    """The furnace over samples 2^32 - 10^5 ... 2^32 + 10^5, and 2^63.
 
     E / (1 - rho) = 1; sees 0.4 %.
     """
@@ -102,10 +102,10 @@ def same_statistics_far_out(t: Trial, begin: int) -> None:
 
 @case(8)
 def films_of_more_than_two_to_the_32_samples(t: Trial) -> None:
-    """Two films of one sample, added to each other in turn until they hold 2^48 [N15].
+    """Two films of one sample, added to each other in turn until they hold 2^48.
 
-    A Fibonacci number of either sample: sums and number of samples are those of Python's integers,
-    exactly, at each step.
+    Each holds a Fibonacci number of either sample: sums and number of samples are those of Python's
+    integers, exactly, at each step.
     """
     host = t.native_scene(furnace(0.7, 0.5, width=4, height=3))
     films = [t.native_film(4, 3), t.native_film(4, 3)]
@@ -125,10 +125,10 @@ def films_of_more_than_two_to_the_32_samples(t: Trial) -> None:
 
 @case(8, quick=False)
 def more_than_two_to_the_32_paths_in_one_call(t: Trial) -> None:
-    """16 x 16 pixels, 2^24 + 800 samples: 2^32 paths and 204,800 more [N15].
+    """16 x 16 pixels, 2^24 + 800 samples: 2^32 paths and 204,800 more.
 
-    One call has the ledger and the film of two that meet within a job, to the bit; live[0] is the
-    number of paths. Three lamps, narrow stripes. Minutes on one thread.
+    One call gives the ledger and the film of two that meet within a job, bit for bit; live[0] is
+    the number of paths. Three lamps, narrow stripes. Minutes on one thread.
     """
     lamps = [quad([-9, y, 9], [0, 0.2, 0.1], [18, 0, 0], 0, y + 4) for y in (-2.1, -0.2, 1.6)]
     view = camera([0, 0, 0], [0.1, 0.2, 1], 40)
@@ -148,14 +148,14 @@ def more_than_two_to_the_32_paths_in_one_call(t: Trial) -> None:
     t.check(whole.words() == parts.words(), "other bits")
 
 
-# ---- N18: film sizes and settings ----
+# ---- film sizes and settings ----
 
 
 @case(8, each={"size": [(1, 1), (1, 16384), (16384, 1), (1, 65536), (65536, 1), (8191, 3)]})
 def film_sizes(t: Trial, size: tuple[int, int]) -> None:
-    """Films of 1 x 1, 16384 x 1, 1 x 65536 and odd sizes [N18].
+    """Films of 1 x 1, 16384 x 1, 1 x 65536 and odd sizes.
 
-    The furnace cut after direct light, .75, within 2 % (one pixel: within .2).
+    The furnace, cut after direct light, is .75 within 2 % (one pixel: within .2).
     """
     width, height = size
     r = t.render(furnace(0.5, 0.5, max_depth=2), 1, width=width, height=height)
@@ -166,7 +166,7 @@ def film_sizes(t: Trial, size: tuple[int, int]) -> None:
 
 @case(8)
 def sizes_that_are_none(t: Trial) -> None:
-    """Width, height or spp of 0, below 0 and beyond 2^40 [N18].
+    """Width, height or spp of 0, below 0 and beyond 2^40.
 
     ValueError.
     """
@@ -181,7 +181,7 @@ def sizes_that_are_none(t: Trial) -> None:
 
 @case(8)
 def depth_zero_is_emission_alone(t: Trial) -> None:
-    """max_depth 0 and 1 [N18].
+    """max_depth 0 and 1.
 
     The walls' radiance exactly, all paths in depth_cut.
     """
@@ -206,7 +206,7 @@ except MemoryError as error:
 
 @case(8)
 def a_film_beyond_memory(t: Trial) -> None:
-    """400 million pixels in 8 GiB more of address space [N18].
+    """400 million pixels in 8 GiB more of address space.
 
     MemoryError before work starts, with the number of bytes.
     """
@@ -246,14 +246,14 @@ def memory_does_not_depend_on_spp(t: Trial, which: str) -> None:
     t.check(abs(many / few - 1) < 0.01, f"{few} and {many} KiB")
 
 
-# ---- N20: range of values ----
+# ---- range of values ----
 
 
 @case(8, each={"radiance": [1e30, 1e-30]})
 def extreme_radiance(t: Trial, radiance: float) -> None:
-    """The furnace at 10^30 and 10^-30; beyond [N20].
+    """The furnace at 10^30 and 10^-30; beyond.
 
-    2 E, sees 1 %, with finite errors; 10^33 and 10^-33 are refused by name.
+    2 E, sees 1 %, with finite errors; 10^33 and 10^-33 raise an error that names them.
     """
     t.agrees(furnace(0.5, radiance), 2 * float(np.float32(radiance)), 100_000, 0.01)
     factor = 1e3 if radiance > 1 else 1e-3
@@ -264,7 +264,7 @@ def extreme_radiance(t: Trial, radiance: float) -> None:
 
 @case(8, each={"exponent": [-60, 60]})
 def emission_times_a_power_of_two(t: Trial, exponent: int) -> None:
-    """The Cornell box with all its light times 2^60 and 2^-60 [N20].
+    """The Cornell box with all its light times 2^60 and 2^-60.
 
     The picture and its errors times 2^k, to the bit: nothing is clamped, nothing is lost.
     """
@@ -290,10 +290,10 @@ LIT = 0.5 * lambert([0, 0, 0], [0, 0, 1], [[-1, -1, 1], [1, -1, 1], [1, 1, 1], [
 
 @case(8)
 def emission_ratio_of_a_trillion(t: Trial) -> None:
-    """A lamp of 10^6 and one of 10^-6 that alone lights the point [N20].
+    """A lamp of 10^6, and one of 10^-6 that alone lights the point.
 
-    It is found and not lost: almost all light samples go to the bright one, the estimate is the
-    material's. Sees 1 %.
+    Its light is not lost: almost all light samples go to the bright lamp, so the material's samples
+    make the estimate. Sees 1 %.
     """
     floor = quad([-5, -5, 0], [10, 0, 0], [0, 10, 0], 0.5)
     dim = quad([-1, -1, 1], [0, 2, 0], [2, 0, 0], 0, 1e-6)
@@ -304,10 +304,10 @@ def emission_ratio_of_a_trillion(t: Trial) -> None:
 
 @case(8)
 def albedo_zero_and_one(t: Trial) -> None:
-    """Black walls, white walls to a depth of 200 [N12, N20].
+    """Black walls, white walls to a depth of 200.
 
-    Black ones end every path at once (exact); white ones never do: all are cut but for the stated
-    leaks at edges, and the sum is 200 within 1 %.
+    Black walls end every path at once (exact). White walls never do: all paths are cut, except for
+    the stated leaks at edges, and the sum is 200 within 1 %.
     """
     r = t.render(furnace(0.0, 2.0, width=4, height=4), 10)
     t.check(r.image == 2, "black walls")
@@ -320,7 +320,7 @@ def albedo_zero_and_one(t: Trial) -> None:
 
 @case(8)
 def dark_surface_under_a_bright_light(t: Trial) -> None:
-    """Reflectance 2^-60 under a radiance of 2^90 [N20].
+    """Reflectance 2^-60 under a radiance of 2^90.
 
     Nothing is lost on the way. Sees 1 %.
     """
@@ -330,7 +330,7 @@ def dark_surface_under_a_bright_light(t: Trial) -> None:
     batches_agree(t, scene, 2.0**30 * 2 * LIT, 640_000, 0.01)
 
 
-# ---- N16: bad input ----
+# ---- bad input ----
 
 
 def bad_columns(
@@ -361,7 +361,7 @@ def bad_columns(
 
 @case(8, once=True)
 def bad_numbers_are_refused(t: Trial) -> None:
-    """NaN, infinities and indices out of range in every array, camera and film setting [N16].
+    """NaN, infinities and indices out of range in every array, camera and film setting.
 
     SceneError or ValueError that names the array or setting, and the index; nothing is rendered.
     """
@@ -422,8 +422,8 @@ def too_bright() -> veriray.Scene:
 def a_sample_beyond_the_film_is_located(t: Trial) -> None:
     """Planted: the sky from within glass in glass, 2.6e6 times brighter, too bright for the film.
 
-    The samples that the film cannot hold are counted, all of the one pixel that sees the spot, and
-    given with pixel, sample and radiance; every other pixel is as it should be.
+    The samples that the film cannot hold are counted and listed with pixel, sample and radiance.
+    All belong to the one pixel that sees the spot; every other pixel is as it should be.
     """
     scene = too_bright()
     with warnings.catch_warnings(record=True) as warned:

@@ -1,6 +1,6 @@
 """Stress of the geometry: places and scales, slivers, ties, gaps, odd rays, strange meshes.
 
-In every case no sample is non-finite and the ledger adds up, besides what the case states.
+In every case no sample is non-finite and the ledger adds up, in addition to what the case states.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from veriray_validate.trial import Skipped, Trial, case
 Array = npt.NDArray[Any]
 
 
-# ---- N1, N2: the same scene elsewhere and of another size ----
+# ---- the same scene elsewhere and of another size ----
 
 MOVED = ("sphere_light", "glass_mesh", "touching_media", "disk_ellipse", "point_light")
 SCALES = (1e-6, 1e-3, 1e3, 1e6, 1e9)
@@ -52,7 +52,7 @@ def still(name: str, size: int) -> veriray.Scene:
 
 
 def shifted(scene: veriray.Scene, by: Array) -> veriray.Scene:
-    """All that the scene holds, and its camera, moved."""
+    """The scene with its camera, moved."""
     spheres, disks = np.array(scene.spheres), np.array(scene.disks)
     spheres[:, :3] += by
     disks[:, 0] += by
@@ -75,7 +75,7 @@ WAYS: dict[str, Callable[[veriray.Scene], veriray.Scene]] = {
 def alike(t: Trial, a: veriray.Render, b: veriray.Render, margin: float) -> None:
     """Welch's test of every pixel and of the picture, over batches; sees: bias of the picture.
 
-    margin: a relative difference that is none.
+    margin: a relative difference that is allowed.
     """
     x, y = (np.asarray(r.batch_means, np.float64) for r in (a, b))
     n = len(x)
@@ -99,7 +99,7 @@ def alike(t: Trial, a: veriray.Render, b: veriray.Render, margin: float) -> None
       quick=lambda name, way: name != "cornell" and way in ("moved by 1e6", "times 1e-06",
                                                             "times 1e+09"))  # fmt: skip
 def same_picture_elsewhere(t: Trial, name: str, way: str) -> None:
-    """A whole scene a million away, or 1e-6 to 1e9 times as large: the same picture [N1, N2].
+    """A whole scene a million away, or 1e-6 to 1e9 times as large: the same picture.
 
     With the same seed only rounding differs: at most 2 % of the pixels by more than 1e-3, the mean
     by less than 2e-3. With another seed each pixel and the mean agree within noise (Welch over 32
@@ -121,9 +121,9 @@ def same_picture_elsewhere(t: Trial, name: str, way: str) -> None:
 
 @case(8, each={"name": ["glass_mesh", "spheres_300", "disk_ellipse"]})
 def same_depths_elsewhere(t: Trial, name: str) -> None:
-    """Distances from the camera, a scene in place and a million away [N1].
+    """Distances from the camera, a scene in place and a million away.
 
-    The same primitives, and distances within 1e-6, but for 1 in 500 rays that pass an edge.
+    The same primitives, and distances within 1e-6, except for 1 in 500 rays that pass an edge.
     """
     scene = still(name, 16)
     eye = np.array(scene.camera.to_world)[:3, 3]
@@ -141,15 +141,15 @@ def same_depths_elsewhere(t: Trial, name: str) -> None:
     t.check((~same).mean() < 2e-3, f"{(~same).mean():.2%} of the rays differ")
 
 
-# ---- N3, N8: spheres of every size ----
+# ---- spheres of every size ----
 
 
 @case(8, each={"radius": [1e-6, 1e-3, 1.0, 1e3, 1e6], "height": [1e-6, 1e-3, 1.0, 1e3, 1e6]})
 def sphere_from_near_and_far(t: Trial, radius: float, height: float) -> None:
-    """A diffuse ball under a sky of 1, seen from `height` radii above it [N8].
+    """A diffuse ball under a sky of 1, seen from `height` radii above it.
 
-    Its albedo; sees 1 %. Convex: two segments a path and no blocked shadow ray, that is no hit
-    with itself (exact).
+    Its albedo; sees 1 %. It is convex: two segments per path and no blocked shadow ray, that is, no
+    self-intersection (exact).
     """
     ball = dicts.sphere([0, 0, 0], radius, dicts.diffuse(0.7))
     eye = dicts.view([0, 0, radius * (1 + height)], [0, 0, 0], min(60.0, 20 / height))
@@ -160,9 +160,9 @@ def sphere_from_near_and_far(t: Trial, radius: float, height: float) -> None:
 
 @case(8, each={"radius": [1e-6, 1.0, 1e6], "at": [0.0, 0.9, 0.99999]})
 def inside_a_sphere(t: Trial, radius: float, at: float) -> None:
-    """A furnace that is a sphere, from its centre and from near its wall [N8].
+    """A furnace that is a sphere, from its centre and from near its wall.
 
-    E / (1 - rho) = 1; sees 2 %. Nothing gets out and nothing is blocked (exact).
+    E / (1 - rho) = 1; sees 2 %. Nothing leaves and nothing is blocked (exact).
     """
     room = {**dicts.sphere([0, 0, 0], radius, dicts.diffuse(0.5), 0.5), "flip_normals": True}
     eye = dicts.view([at * radius, 0, 0], [radius, 0.2 * radius, 0.1 * radius], 50)
@@ -173,9 +173,9 @@ def inside_a_sphere(t: Trial, radius: float, at: float) -> None:
 
 @case(8, each={"radius": [1e-6, 1.0, 1e6], "material": ["glass", "medium"]})
 def glass_and_media_of_every_size(t: Trial, radius: float, material: str) -> None:
-    """A lossless ball of glass or fog in a sky of 1, radius 1e-6 to 1e6 [N8].
+    """A lossless ball of glass or fog in a sky of 1, radius 1e-6 to 1e6.
 
-    1; sees 1 %. Nothing is cut, so no path hangs on a surface (exact).
+    1; sees 1 %. No path is cut, so none is stuck on a surface (exact).
     """
     if material == "glass":
         ball = dicts.sphere([0, 0, 0], radius, dicts.glass(1.5))
@@ -189,10 +189,10 @@ def glass_and_media_of_every_size(t: Trial, radius: float, material: str) -> Non
 
 @case(8, each={"radius": [1e-6, 1.0, 1e6], "tree": [False, True]})
 def rays_tangent_to_a_sphere(t: Trial, radius: float, tree: bool) -> None:
-    """Rays that pass a sphere's centre at its radius, from 1e-3 to 1e3 radii before it [N8].
+    """Rays that pass a sphere's centre at about its radius, from 1e-3 to 1e3 radii away.
 
-    Nearer than R by more than 1e-5 R they meet it, further off they do not; between, either, at
-    the place of contact. From inside, along its wall, all meet it.
+    Nearer than R by more than 1e-5 R they meet it, further off by that much they do not; between
+    the two either may happen, at the point of contact. From inside, along its wall, all meet it.
     """
     n = 20_000 * t.effort
     far = [sphere([0, 0, 5 * radius + k * radius / 50], radius / 200) for k in range(70)]
@@ -222,10 +222,10 @@ def rays_tangent_to_a_sphere(t: Trial, radius: float, tree: bool) -> None:
 
 @case(8)
 def pebble_by_a_mountain(t: Trial) -> None:
-    """Radius 1e-3 on a black plain of 2,000 beside a ball of 1,000 [N3].
+    """A ball of radius 1e-3 on a black plain of 2,000 beside a ball of radius 1,000.
 
-    rho times the sky's share: the pebble's side sees half of the sky, less the mountain's cone
-    around the horizon. Sees 2 %.
+    rho times the visible share of the sky: the small ball's side sees half of the sky, less the
+    large ball's cone around the horizon. Sees 2 %.
     """
     pebble = dicts.sphere([0, 0, 1.001e-3], 1e-3, dicts.diffuse(0.8))
     plain = dicts.flat("rectangle", [0, 0, 0], [0, 0, 1], 1000, dicts.BLACK)
@@ -237,7 +237,7 @@ def pebble_by_a_mountain(t: Trial) -> None:
         t.agrees(seen, 0.8 * (0.5 - hidden), 400_000, 0.02, margin=2e-4)
 
 
-# ---- N4: closed meshes do not leak ----
+# ---- closed meshes do not leak ----
 
 SMALL = ("box of 12", "box of 12, turned", "icosahedron, turned", "cube of 3,072, turned",
          "slivers", "slivers, turned")  # fmt: skip
@@ -245,7 +245,7 @@ SMALL = ("box of 12", "box of 12, turned", "icosahedron, turned", "cube of 3,072
 
 @case(8, each={"name": leaks.MESHES}, quick=lambda name: name in SMALL)
 def closed_meshes_do_not_leak(t: Trial, name: str) -> None:
-    """Rays from inside a closed mesh at its vertices and edges all meet it [N4].
+    """Rays from inside a closed mesh, aimed at its vertices and edges, all meet it.
 
     0 of 1e6 leak, at scales 1e-3 to 1e6, in place and a million away.
     """
@@ -257,9 +257,9 @@ def closed_meshes_do_not_leak(t: Trial, name: str) -> None:
 
 @case(8, each={"turned": [False, True]})
 def furnace_of_slivers(t: Trial, turned: bool) -> None:
-    """A closed bar of triangles 1 : 2e6, glowing inside [N4].
+    """A closed bar of triangles 1 : 2e6, glowing inside.
 
-    E / (1 - rho) = 1 at every pixel; sees 1 %. Nothing gets out but for the stated leaks at edges.
+    E / (1 - rho) = 1 at every pixel; sees 1 %. Nothing leaves except for the stated leaks at edges.
     """
     vertices, faces, _ = leaks.MESHES["slivers, turned" if turned else "slivers"]()
     wall = Part(vertices, faces[:, ::-1], 0.5, 0.5)
@@ -287,10 +287,11 @@ def strips(turn: Array) -> Part:
 
 @case(8, each={"turned": [False, True], "tree": [False, True]})
 def t_junctions(t: Trial, turned: bool, tree: bool) -> None:
-    """Vertices in the middle of a neighbour's edge: rays from inside at those edges [N4].
+    """Vertices in the middle of a neighbour's edge: rays from inside at those edges.
 
-    Without a tree none leaks. In a tree such a mesh is open by a rounding: of the rays aimed at
-    the very edge 1 in 100 leak, turned (the vertex is then off the edge) 1 in 5, of others 1e-5.
+    Without a tree none leaks. In a tree such a mesh is open by a rounding error: 1 in 100 of the
+    rays aimed exactly at the edge leak, 1 in 5 if the mesh is rotated (the vertex is then off the
+    edge), and 1e-5 of other rays.
     """
     n = 200_000 * t.effort
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0] if turned else np.eye(3)
@@ -326,9 +327,9 @@ def rectangle_exit(origins: Array, ways: Array) -> Array:
 def rays_with_zero_components(t: Trial, cells: int) -> None:
     """Rays along axes, face and space diagonals, with zeros of both signs, through vertices.
 
-    From every point of a lattice in a cube whose triangles end on that lattice: all 26 directions
-    meet the cube, 1e-6 from the exact place (without a tree 2e-6); from outside, lines off the cube
-    by one step miss it, lines through it meet it where they must.
+    From every point of a lattice in a cube whose triangles end on that lattice, rays in all 26
+    directions meet the cube, within 1e-6 of the exact point (without a tree 2e-6). From outside,
+    lines one step off the cube miss it, and lines through it meet it where they must.
     """
     vertices, triangles, _ = leaks.cube(cells)
     host = t.native_scene(make([Part(vertices, triangles)], camera([0.3, 0.2, 0.1], [1, 1, 1])))
@@ -364,9 +365,9 @@ def rays_with_zero_components(t: Trial, cells: int) -> None:
 def rays_in_the_plane_of_a_triangle(t: Trial, turned: bool, tree: bool) -> None:
     """Rays that lie in a triangle's plane, along its edges and across it, in a closed box.
 
-    Each meets the triangle within its outline or the box; turned and in a tree, where they lie in
-    the plane to rounding only, at most 1 in 20 meets the plane beside the triangle. None meets
-    nothing, no distance is NaN.
+    Each meets the triangle within its outline, or the box. If the scene is rotated and in a tree,
+    rays lie in the plane only to rounding, and at most 1 in 20 meets the plane beside the triangle.
+    Every ray meets something, and no distance is NaN.
     """
     n = 40_000 * t.effort
     corners = np.array([[-0.5, -0.5, 0], [0.5, -0.25, 0], [-0.25, 0.5, 0]])
@@ -400,15 +401,15 @@ def rays_in_the_plane_of_a_triangle(t: Trial, turned: bool, tree: bool) -> None:
     t.figure("share that meets the triangle", float((~wall).mean()))
 
 
-# ---- N7: grazing ----
+# ---- grazing ----
 
 
 @case(8, each={"cosine": [1e-3, 1e-4, 1e-5, 1e-6]})
 def grazing_view_of_a_floor(t: Trial, cosine: float) -> None:
-    """A diffuse floor under a sky of 1 at cosines of 1e-3 to 1e-6 [N7].
+    """A diffuse floor under a sky of 1 at cosines of 1e-3 to 1e-6.
 
-    Its albedo; sees 1 %. Two segments a path, no blocked shadow ray: no hit with itself (exact). A
-    limit: a direction is rounded to 6e-8, so that at 1e-7 the camera looks over the floor.
+    Its albedo; sees 1 %. Two segments per path and no blocked shadow ray: no self-intersection
+    (exact). A limit: a direction is rounded to 6e-8, so at 1e-7 the camera looks over the floor.
     """
     floor = quad([-30, -30, 0], [60, 0, 0], [0, 60, 0], 0.5)
     eye = camera([1, 0.3, cosine], [0, 0, 0], math.degrees(cosine) / 100)
@@ -419,9 +420,9 @@ def grazing_view_of_a_floor(t: Trial, cosine: float) -> None:
 
 @case(8)
 def grazing_glass(t: Trial) -> None:
-    """A thin pane at 89.99 degrees reflects everything but 1e-3 [N7].
+    """A thin pane at 89.99 degrees reflects all but 1e-3.
 
-    A sky of 1 on both sides is 1 within 1e-5; a white ceiling over a sky of 0 more than .99.
+    A sky of 1 on both sides gives 1 within 1e-5; a white ceiling over a sky of 0 gives over .99.
     """
     pane = dicts.flat("rectangle", [0, 0, 0], [0, 0, 1], 100,
                       dicts.glass(1.5, 1.0, "thindielectric"))  # fmt: skip
@@ -435,9 +436,9 @@ def grazing_glass(t: Trial) -> None:
 
 @case(8, each={"kind": ["diffuse", "mirror", "plastic"]})
 def smooth_normals_let_no_light_out(t: Trial, kind: str) -> None:
-    """A lamp in a closed mesh with smooth normals, 80 faces, its outside seen from all sides [N7].
+    """A lamp in a closed mesh of 80 faces with smooth normals, seen from all sides outside.
 
-    Exactly 0: no light comes through, however the normals bend at grazing angles.
+    Exactly 0: no light comes through, whatever the normals are at grazing angles.
     """
     vertices, faces = leaks.icosphere(1)
     bsdf: dict[str, Any] = {"diffuse": {}, "mirror": {"material_kind": 1, "eta": 0.0, "k": 1.0},
@@ -450,12 +451,12 @@ def smooth_normals_let_no_light_out(t: Trial, kind: str) -> None:
         t.check(not r.image.any(), "light comes through")
 
 
-# ---- N5, N6, N19: degenerate, coincident and strange surfaces ----
+# ---- degenerate, coincident and strange surfaces ----
 
 
 @case(8)
 def degenerate_parts_do_no_harm(t: Trial) -> None:
-    """A thousand triangles in one place, and points and lines among them [N5, N19].
+    """A thousand triangles in one place, with points and lines among them.
 
     The albedo under a sky of 1, sees 3 %; two dropped, a thousand kept, memory below 8 GiB.
     """
@@ -473,9 +474,9 @@ def degenerate_parts_do_no_harm(t: Trial) -> None:
 
 @case(8, quick=False)
 def a_million_triangles_in_one_place(t: Trial) -> None:
-    """10^6 equal triangles: no box can part them, the tree stays bounded [N19].
+    """10^6 equal triangles: no box can separate them, and the tree stays bounded.
 
-    The albedo under a sky of 1, sees 3 %; the scene takes less than 2 KiB a triangle.
+    The albedo under a sky of 1, sees 3 %; the scene takes less than 2 KiB per triangle.
     """
     n = 10**6
     pile = Part([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], np.tile([0, 1, 2], (n, 1)), 0.5)
@@ -493,7 +494,7 @@ def a_million_triangles_in_one_place(t: Trial) -> None:
 
 
 def behind(tree: bool) -> list[Part]:
-    """Seventy small quads that call for a tree, or nothing."""
+    """Seventy small quads that make the scene need a tree, or nothing."""
     if not tree:
         return []
     return [quad([k / 100, 0, -1], [0.005, 0, 0], [0, 0.5, 0]) for k in range(70)]
@@ -501,10 +502,10 @@ def behind(tree: bool) -> list[Part]:
 
 @case(8, each={"tree": [False, True], "kind": ["quad", "triangle", "disk", "sphere"]})
 def coincident_surfaces_show_the_first(t: Trial, tree: bool, kind: str) -> None:
-    """Two surfaces in one place with different materials [N6].
+    """Two surfaces in one place with different materials.
 
-    The lowest number wins every tie: the same bits as without the second, from above and at an edge
-    seen so near that rounding shows.
+    The lower number wins every tie: the same bits as without the second surface, from above and at
+    an edge seen from so near that rounding shows.
     """
 
     def surface(albedo: float) -> Part:
@@ -527,9 +528,9 @@ def coincident_surfaces_show_the_first(t: Trial, tree: bool, kind: str) -> None:
 
 @case(8, each={"tree": [False, True]})
 def coplanar_surfaces_that_overlap(t: Trial, tree: bool) -> None:
-    """Shining quads of one plane that overlap in part, radiance 1 and 2 [N6].
+    """Emitting quads in one plane that partly overlap, with radiance 1 and 2.
 
-    1 where the first is, 2 where the second alone is, 0 elsewhere, at every pixel (exact).
+    1 where the first is, 2 where only the second is, 0 elsewhere, at every pixel (exact).
     """
     first = quad([-1, -1, 0], [1.5, 0, 0], [0, 2, 0], 0, 1)
     second = quad([-0.5, -0.5, 0], [1.5, 0, 0], [0, 1, 0], 0, 2)
@@ -560,9 +561,9 @@ def room_in_room(gap: float, glow: float) -> veriray.Scene:
 
 @case(8, each={"gap": GAPS})
 def walls_with_a_gap(t: Trial, gap: float) -> None:
-    """A glowing room in a dark room, the walls no, one or a few ulp apart [N6, 1-ulp gaps].
+    """A glowing room in a dark room, with walls zero, one or a few ulp apart.
 
-    E / (1 - rho) = 1 at every pixel; sees 1 %. Nothing gets out, and nothing ends in the gap, but
+    E / (1 - rho) = 1 at every pixel; sees 1 %. Nothing leaves, and nothing ends in the gap, except
     for the stated leaks at edges of flat rooms.
     """
     r = t.agrees(room_in_room(gap, 0.0), 1.0, 16_000, 0.01)
@@ -573,10 +574,11 @@ def walls_with_a_gap(t: Trial, gap: float) -> None:
 
 @case(8, each={"gap": GAPS})
 def glowing_walls_with_a_gap(t: Trial, gap: float) -> None:
-    """A glowing room in a glowing room, the walls no, one or a few ulp apart [N6, 1-ulp gaps].
+    """A glowing room in a glowing room, with walls zero, one or a few ulp apart.
 
-    E / (1 - rho) = 1 from a gap of 1e-5 on; sees 1 %. Two lamps in one place are no scene: nearer,
-    light samples count the hidden lamp too, 1 to 1.25. Nothing gets out, nothing ends in the gap.
+    E / (1 - rho) = 1 from a gap of 1e-5 on; sees 1 %. Two lamps in one place are not a valid scene:
+    with a smaller gap, light samples count the hidden lamp too, which gives 1 to 1.25. Nothing
+    leaves, and nothing ends in the gap.
     """
     room = room_in_room(gap, 0.5)
     if gap >= 1e-5:
@@ -592,7 +594,7 @@ def glowing_walls_with_a_gap(t: Trial, gap: float) -> None:
 
 @case(8, each={"gap": [2.0**-23, 1e-6, 1e-5, 1e-3], "tree": [False, True]})
 def sheet_on_a_sheet(t: Trial, gap: float, tree: bool) -> None:
-    """Two sheets `gap` apart, 1 ulp and more, rays from either side [N6, 1-ulp gaps].
+    """Two sheets `gap` apart, 1 ulp and more, rays from either side.
 
     Each ray meets one of the two; from 1e-5 on it is the nearer one.
     """
@@ -613,10 +615,11 @@ def sheet_on_a_sheet(t: Trial, gap: float, tree: bool) -> None:
 
 @case(8, each={"kind": ["winding", "isolated vertices", "three on an edge", "open"]})
 def meshes_that_are_no_solid(t: Trial, kind: str) -> None:
-    """Mixed winding, isolated vertices, three faces on an edge, holes [N19].
+    """Mixed winding, isolated vertices, three faces on an edge, holes.
 
-    A two-sided ball of 80 faces: isolated vertices change no bit, other windings no pixel by 1e-5;
-    with a fin or a hole and an albedo of 1 it is lossless in a sky of 1: 1, sees 1 %.
+    A two-sided ball of 80 faces: isolated vertices change no bit, and other windings change no
+    pixel by 1e-5. With a fin or a hole and an albedo of 1, it is lossless in a sky of 1: 1, sees
+    1 %.
     """
     vertices, faces = leaks.icosphere(1)
     eye = camera([0, 1, 3.5], [0, 0, 0], 45)
@@ -646,15 +649,15 @@ def meshes_that_are_no_solid(t: Trial, kind: str) -> None:
              margin=1e-3)  # fmt: skip
 
 
-# ---- N17: strange places ----
+# ---- strange places ----
 
 
 @case(8, each={"kind": ["triangle", "quad", "disk", "sphere"], "count": [0, 1, 2]})
 def scenes_of_few_primitives(t: Trial, kind: str, count: int) -> None:
-    """0, 1 and 2 primitives, shining or grey, under a sky and without [N17].
+    """0, 1 and 2 primitives, emitting or grey, with and without a sky.
 
-    Radiance of the one looked at (exact), else the sky (exact); a grey one under a sky of 1 is its
-    albedo within noise.
+    The radiance of the one in view (exact), else the sky (exact); a grey one under a sky of 1 has
+    its albedo within noise.
     """
     looks = camera([0, 0, 3], [0, 0, 0], 0.1)
 
@@ -681,9 +684,10 @@ def scenes_of_few_primitives(t: Trial, kind: str, count: int) -> None:
 
 @case(8)
 def empty_and_dark(t: Trial) -> None:
-    """No light, no surface, neither of them [N17].
+    """No light, no surface, or neither.
 
-    Black, the sky, black, exactly; no shadow ray is cast, and one segment a path without surfaces.
+    Black, the sky, black, exactly; no shadow ray is cast, and without surfaces a path has one
+    segment.
     """
     sky = [0.25, 1.0, 4.0]
     room = box([0, 0, 0], [1, 1, 1], True, 0.5)
@@ -700,10 +704,10 @@ def empty_and_dark(t: Trial) -> None:
 
 @case(8)
 def camera_in_and_on_solids(t: Trial) -> None:
-    """In an emitter's solid, in a glowing room, on faces, edges and corners [N17].
+    """Inside a solid emitter, in a glowing room, on faces, edges and corners.
 
-    Backs do not shine: black, all absorbed. A room's front: its radiance. On a surface: finite,
-    at most what shines.
+    Backs do not emit: black, all absorbed. A room's front: its radiance. On a surface: finite, at
+    most the emitted radiance.
     """
     view = camera([0, 0, 0], [1, 2, 3], 90)
     solid = box([-1, -1, -1], [1, 1, 1], False, 0.5, 3.0)
@@ -723,7 +727,7 @@ def camera_in_and_on_solids(t: Trial) -> None:
 
 @case(8)
 def camera_in_odd_places(t: Trial) -> None:
-    """On a glass ball, a fog ball, a disk, in a point light and a shining ball's centre [N17].
+    """The camera on a glass ball, a fog ball or a disk, in a point light or an emitting ball.
 
     Finite, and the ledger adds up, for three directions from three places.
     """
@@ -747,9 +751,9 @@ def camera_in_odd_places(t: Trial) -> None:
 
 @case(8)
 def a_hundred_shells(t: Trial) -> None:
-    """Null shells in one another, before a sky of 3 [N17].
+    """Nested null shells in front of a sky of 3.
 
-    200 passes a ray, and the sky itself behind them (exact).
+    200 passes per ray, and the sky itself behind them (exact).
     """
     shells = [dicts.sphere([0, 0, 0], 1 + 0.01 * k, dicts.NULL) for k in range(100)]
     eye = dicts.view([0.3, 0, 9], [0.3, 0, 0])
@@ -760,10 +764,10 @@ def a_hundred_shells(t: Trial) -> None:
 
 @case(8)
 def mirrored_and_stretched(t: Trial) -> None:
-    """A mirrored world and camera; a box of 10^6 : 1 [N17].
+    """A mirrored world and camera; a box of 10^6 : 1.
 
-    The same picture within noise (t test of 64 batch means a channel); E / (1 - rho) = 1 in the
-    box, which stays closed but for the stated leaks at edges.
+    The same picture within noise (t test of 64 batch means per channel); E / (1 - rho) = 1 in the
+    box, which stays closed except for the stated leaks at edges.
     """
     room = veriray.cornell_box().with_(width=24, height=24)
     flip = np.diag([-1.0, 1.0, 1.0])
@@ -785,9 +789,9 @@ def mirrored_and_stretched(t: Trial) -> None:
 
 @case(8, once=True)
 def singular_transform_is_refused(t: Trial) -> None:
-    """A rectangle scaled by 0 along one axis [N17].
+    """A rectangle scaled by 0 along one axis.
 
-    SceneError that says so.
+    A SceneError that says so.
     """
     flat = {"type": "rectangle", "to_world": np.diag([1.0, 0.0, 1.0, 1.0])}
     sensor = {"type": "perspective", "fov": 40.0}

@@ -28,7 +28,7 @@ BLACK, MIRROR, NULL = dicts.BLACK, dicts.MIRROR, dicts.NULL
 LAMP_BELOW = dicts.flat("rectangle", [0, 0, -9], [0, 0, 1], 90, BLACK, [1, 2, 3])
 
 
-# ---- N9: nested and touching glass ----
+# ---- nested and touching glass ----
 
 
 def two_balls(gap: float, inner_first: bool, **settings: Any) -> veriray.Scene:
@@ -41,10 +41,10 @@ def two_balls(gap: float, inner_first: bool, **settings: Any) -> veriray.Scene:
 
 @case(8, each={"gap": [1e-2, 1e-4, 1e-5, 0.0, -1e-5, -1e-4, -1e-2], "inner_first": [False, True]})
 def nested_glass(t: Trial, gap: float, inner_first: bool) -> None:
-    """A ball of index 1.5 in one of 1.33 in a sky of 1, `gap` between them, or overlapping [N9].
+    """A ball of index 1.5 in one of 1.33 in a sky of 1, `gap` between them, or overlapping.
 
-    Lossless: 1 at every pixel, also without a gap: the first of two in one place is met on every
-    crossing.
+    Lossless: 1 at every pixel, even without a gap: every crossing meets the first of two surfaces
+    in one place.
     """
     r = t.agrees(two_balls(gap, inner_first), 1.0, 10_000, 0.01, margin=2e-5)
     t.check(not any(r.stats["ledger"]["depth_cut"]), "paths are cut")
@@ -52,10 +52,10 @@ def nested_glass(t: Trial, gap: float, inner_first: bool) -> None:
 
 @case(8, each={"gap": [1e-6, 2.0**-23, -1e-6], "inner_first": [False, True]})
 def glass_nearer_than_rounding(t: Trial, gap: float, inner_first: bool) -> None:
-    """The same with a gap below 2^-21 of the camera's distance, beyond float32 [N9].
+    """The same with a gap below 2^-21 of the camera's distance, too small for float32.
 
-    A limit: a crossing may be lost on one way. Finite, .5 to 1.5 at every pixel, and where the
-    balls overlap one path in ten is trapped until max_depth: it ends.
+    A limit: a crossing may be lost in one direction. Finite, .5 to 1.5 at every pixel; where the
+    balls overlap, one path in ten is trapped until max_depth ends it.
     """
     r = t.render(two_balls(gap, inner_first, max_depth=500), 1_000)
     t.check((r.image > 0.5) & (r.image < 1.5), f"{r.image.min()} to {r.image.max()}")
@@ -67,7 +67,7 @@ def glass_nearer_than_rounding(t: Trial, gap: float, inner_first: bool) -> None:
 
 @case(8, each={"gap": [1e-2, 1e-4, 1e-5]})
 def two_glasses_side_by_side(t: Trial, gap: float) -> None:
-    """Two cubes and two balls of glass, a thin gap of air between them, in a sky of 1 [N9].
+    """Two cubes and two balls of glass, a thin gap of air between them, in a sky of 1.
 
     1 at every pixel: no crossing is lost.
     """
@@ -83,7 +83,7 @@ def two_glasses_side_by_side(t: Trial, gap: float) -> None:
 
 @case(8)
 def wall_between_two_glasses(t: Trial) -> None:
-    """Water on glass without a gap: one surface between them, index over index [N9].
+    """Water on glass without a gap: one surface between them, index over index.
 
     A slab of 1.5 below a slab of 1.33: 1 in a sky of 1, and at normal incidence the stack's
     reflectance of a lamp above, all orders.
@@ -103,7 +103,7 @@ def wall_between_two_glasses(t: Trial) -> None:
     t.agrees(seen, r, 1_000_000, 0.02)
 
 
-# ---- N10, N13: loops ----
+# ---- loops ----
 
 
 def in_a_glass_cube(depth: int) -> veriray.Scene:
@@ -115,10 +115,10 @@ def in_a_glass_cube(depth: int) -> veriray.Scene:
 
 @case(8, each={"cap": [1000, 4000]})
 def total_reflection_in_a_cube(t: Trial, cap: int) -> None:
-    """Light in a glass cube: some of it never leaves [N10].
+    """Light in a glass cube: some of it never leaves.
 
-    Every direction cosine below sqrt(1 - 1 / n^2): of a pyramid of 90 degrees .371681. These end in
-    depth_cut, at the cap, and no others (binomial); the segments grow with the cap alone.
+    If every direction cosine is below sqrt(1 - 1 / n^2): .371681 of a pyramid of 90 degrees. These
+    paths, and no others, end in depth_cut at the cap (binomial); segments grow only with the cap.
     """
     n = 1.5
     radius2 = 1 / (1 - 1 / n**2) - 1
@@ -136,10 +136,10 @@ def total_reflection_in_a_cube(t: Trial, cap: int) -> None:
 
 @case(8)
 def total_reflection_without_a_cap(t: Trial) -> None:
-    """The same with unlimited depth: it ends [N10].
+    """The same with unlimited depth: it ends.
 
-    Segments MAX_PATH_DEPTH at most; the trapped paths are cut there or by roulette (their weight
-    stays 1: by the cap alone).
+    At most MAX_PATH_DEPTH segments; the trapped paths are cut there or by roulette (their weight
+    stays 1, so only the cap cuts them).
     """
     r = t.render(in_a_glass_cube(-1), 1, width=2, height=2)
     ledger = r.stats["ledger"]
@@ -151,11 +151,11 @@ def total_reflection_without_a_cap(t: Trial) -> None:
 
 @case(8, each={"room": ["box", "sphere"]})
 def ten_thousand_bounces(t: Trial, room: str) -> None:
-    """A closed mirror, 10,000 bounces [N13].
+    """A closed mirror, 10,000 bounces.
 
-    Every path lives to 10,000 segments, nothing is seen of the sky: exact in the sphere; a box
-    loses what `LEAKS` allows at its edges. On a CPU, vertex by vertex: directions keep their length
-    to 1e-5, positions stay in the room to 1e-5.
+    Every path lives for 10,000 segments and never sees the sky: exact in the sphere; a box loses
+    what `LEAKS` allows at its edges. On a CPU, vertex by vertex, directions keep their length to
+    1e-5 and positions stay in the room to 1e-5.
     """
     walls = (dicts.cuboid([-1, -1.1, -0.9], [1, 0.8, 1.2], MIRROR) if room == "box"
              else dicts.sphere([0, 0, 0], 1, MIRROR))  # fmt: skip
@@ -180,12 +180,12 @@ def ten_thousand_bounces(t: Trial, room: str) -> None:
             t.check(np.linalg.norm(positions, axis=1) < 1.00001, "a vertex outside of the ball")
 
 
-# ---- N21: indices ----
+# ---- indices ----
 
 
 @case(8, each={"eta": [1.0, 1 + 1e-7, 1 - 1e-7, 1 - 1e-6, 1 + 1e-4]})
 def glass_that_is_almost_air(t: Trial, eta: float) -> None:
-    """Indices 1, 1 +- 1e-7 and near it: a lamp through a ball [N21].
+    """Indices of 1, 1 +- 1e-7 and close to these: a lamp seen through a ball.
 
     Continuous: within 1e-3 of the lamp itself.
     """
@@ -197,7 +197,7 @@ def glass_that_is_almost_air(t: Trial, eta: float) -> None:
 
 @case(8, each={"eta": [1.0, 1 + 1e-7, 1 - 1e-7, 1 + 1e-4], "kind": ["plastic", "thindielectric"]})
 def coats_that_are_almost_air(t: Trial, eta: float, kind: str) -> None:
-    """Plastic and a pane of index 1, 1 +- 1e-7 and 1 + 1e-4 [N21].
+    """Plastic and a pane of index 1, 1 +- 1e-7 and 1 + 1e-4.
 
     Continuous: plastic is its base of .5 under a sky of 1, a pane shows the lamp; within 1e-3.
     """
@@ -219,9 +219,9 @@ def coats_that_are_almost_air(t: Trial, eta: float, kind: str) -> None:
     quick=lambda inside, outside: (inside, outside) in ((10.0, 0.1), (0.1, 10.0), (4.0, 1.0)),
 )
 def extreme_index(t: Trial, inside: float, outside: float) -> None:
-    """Indices of 1/100 to 100: a slab at normal incidence, a ball in a furnace [N21].
+    """Indices of 1/100 to 100: a slab at normal incidence, a ball in a furnace.
 
-    R = ((n - 1) / (n + 1))^2 a surface, the slab 2 R / (1 + R), sees 1 %; the furnace 1.
+    R = ((n - 1) / (n + 1))^2 per surface, 2 R / (1 + R) for the slab, sees 1 %; the furnace 1.
     """
     n = inside / outside
     r = ((n - 1) / (n + 1)) ** 2
@@ -236,14 +236,14 @@ def extreme_index(t: Trial, inside: float, outside: float) -> None:
     t.check(abs(got.image.mean() - 1) < 1e-4 + 5 * got.stderr.max(), "the furnace is not 1")
 
 
-# ---- N11, N12: deep, black and white media ----
+# ---- deep, black and white media ----
 
 
 @case(8, each={"albedo": [0.9999, 0.99999]}, quick=lambda albedo: albedo == 0.9999)
 def deep_and_almost_white(t: Trial, albedo: float) -> None:
-    """A half space of optical depth 1e4, a thousand scatterings and more [N11].
+    """A half space of optical depth 1e4, a thousand scatterings and more.
 
-    1 - H(1) sqrt(1 - w) (S. Chandrasekhar, 1950), sees 1.5 %; what is cut at MAX_PATH_DEPTH is
+    1 - H(1) sqrt(1 - w) (S. Chandrasekhar, 1950), sees 1.5 %; paths cut at MAX_PATH_DEPTH are
     counted: none at an albedo of .9999, below 1 in 1,000 at .99999.
     """
     w = float(np.float32(albedo))
@@ -260,9 +260,9 @@ def deep_and_almost_white(t: Trial, albedo: float) -> None:
 
 @case(8, each={"tau": [1e4, 1e6]})
 def ink(t: Trial, tau: float) -> None:
-    """Optical depths of 1e4 and 1e6 without scattering [N11].
+    """Optical depths of 1e4 and 1e6 without scattering.
 
-    A lamp behind it, and a point light, are exactly 0; a path takes two segments, however deep.
+    A lamp and a point light behind it are exactly 0; a path takes two segments at any depth.
     """
     slab = dicts.cuboid([-9, -9, 0], [9, 9, 1], NULL, interior=dicts.medium(tau, 0.0))
     below = dicts.flat("rectangle", [0, 0, -1], [0, 0, 1], 9, dicts.diffuse(0.5), 1)
@@ -278,7 +278,7 @@ def ink(t: Trial, tau: float) -> None:
 
 @case(8, each={"tau": [300.0, 1e6]})
 def lossless_slab_adds_up(t: Trial, tau: float) -> None:
-    """Optical depths of 300 and 1e6, albedo 1, in a sky of 1 [N11].
+    """Optical depths of 300 and 1e6, albedo 1, in a sky of 1.
 
     R + T + depth_cut = 1 in counts: every path leaves above, below or is cut, none is lost
     (exact); 1 less what is cut, within 5 errors.
@@ -298,7 +298,7 @@ def lossless_slab_adds_up(t: Trial, tau: float) -> None:
 
 @case(8, each={"g": [0.999, -0.999, 0.9999, -0.9999, 0.999999]})
 def extreme_phase_functions(t: Trial, g: float) -> None:
-    """Almost straight on, almost straight back, in a lossless ball in a sky of 1 [N21].
+    """Scattering almost straight on or straight back, in a lossless ball in a sky of 1.
 
     1; sees 1 %.
     """
@@ -309,7 +309,7 @@ def extreme_phase_functions(t: Trial, g: float) -> None:
 
 @case(8)
 def phase_function_about_isotropic(t: Trial) -> None:
-    """Henyey and Greenstein's density at g = 0, 1e-8 ... 1e-3 of both signs [N21].
+    """Henyey and Greenstein's density at g = 0, 1e-8 ... 1e-3 of both signs.
 
     Continuous: 1 / (4 pi) within 4 |g|, and its samples unit vectors within 1e-6.
     """
@@ -326,7 +326,7 @@ def phase_function_about_isotropic(t: Trial) -> None:
 
 @case(8)
 def extinction_of_every_size(t: Trial) -> None:
-    """A lamp behind a slab of extinctions 0, 1 and 1e6, and 1e-30, 1e-6, 1e-3 [sigma 0].
+    """A lamp behind a slab of extinctions 0, 1 and 1e6, and 1e-30, 1e-6, 1e-3.
 
     e^-tau by channel: 1, 1 / e and exactly 0; 1 within 1e-6, 1 - 1e-6, 1 - 1e-3.
     """
@@ -343,7 +343,7 @@ def extinction_of_every_size(t: Trial) -> None:
 
 @case(8, each={"sigma": [0.3, 1.0]})
 def near_clip_in_a_medium(t: Trial, sigma: float) -> None:
-    """A camera in ink, its near plane 2 before it, a lamp 5 before it.
+    """A camera in ink, its near plane at distance 2, a lamp at distance 5.
 
     A path begins at the near plane: e^(-3 sigma), whether or not the plane cuts a surface; sees
     2 %.
@@ -361,7 +361,7 @@ def near_clip_in_a_medium(t: Trial, sigma: float) -> None:
 
 @case(8, each={"gap": [0.5, 1e-3, 1e-5]})
 def lamp_in_glass(t: Trial, gap: float) -> None:
-    """A shining ball in a ball of glass, its surface `gap` below the glass's.
+    """An emitting ball in a ball of glass, its surface `gap` below that of the glass.
 
     Seen along the axis (1 - F) L / n^2, F = .04: .426667; sees 1 %. In a sky of 1 with L = n^2,
     in equilibrium: 1 at every pixel.
@@ -378,7 +378,7 @@ def lamp_in_glass(t: Trial, gap: float) -> None:
 
 @case(8, each={"gap": [0.5, 1e-3, 1e-5]})
 def lamp_in_a_medium(t: Trial, gap: float) -> None:
-    """A shining ball in a ball of ink (sigma 2), and in lossless fog in a sky as bright.
+    """An emitting ball in a ball of ink (sigma 2), and in lossless fog in an equally bright sky.
 
     e^(-2 gap) along the axis, sees 1 %; 1 at every pixel of the fog.
     """
@@ -397,7 +397,7 @@ def camera_within(t: Trial, material: str, depth: float) -> None:
     """A camera in a ball of glass, of fog, of glass filled with fog, `depth` below its surface.
 
     In a sky of 1, looking through the middle and straight out: n^2, 1 and n^2 at every pixel; sees
-    1 %. Its medium is declared, not guessed.
+    1 %. The camera's medium is declared, not guessed.
     """
     n = 1.33
     fog = dicts.medium(1.5, 1.0, 0.4) if material != "glass" else None
@@ -411,14 +411,14 @@ def camera_within(t: Trial, material: str, depth: float) -> None:
         t.agrees(dicts.scene(eye, ball, dicts.sky(1)), exact, 10_000, 0.01, margin=2e-5)
 
 
-# ---- N22: lamps in odd places ----
+# ---- lamps in odd places ----
 
 
 @case(8)
 def lamps_that_touch_and_cut_the_floor(t: Trial) -> None:
-    """A shining ball on the floor, near the point of contact, half sunk, around the point [N22].
+    """An emitting ball on the floor, seen near the contact; half sunk; and around the point.
 
-    The cone's irradiance above the horizon; sees 2 %. From within it is dark.
+    The irradiance of its cone above the horizon; sees 2 %. From within it is dark.
     """
     floor = dicts.flat("rectangle", [0, 0, 0], [0, 0, 1], 3, dicts.diffuse(0.5))
     for height, x in ((1.0, 1.0), (1.0, 0.05), (0.3, 2.0), (-0.5, 1.2)):
@@ -433,7 +433,7 @@ def lamps_that_touch_and_cut_the_floor(t: Trial) -> None:
 
 @case(8, each={"away": [1.0, 1e-2, 1e-4, 1e-5]})
 def lamp_that_stands_on_the_floor(t: Trial, away: float) -> None:
-    """An upright lamp 2 x 1 whose edge lies on the floor, seen from `away` before it [N22].
+    """An upright lamp 2 x 1 whose edge lies on the floor, at a distance of `away` from it.
 
     rho F of a perpendicular rectangle (J. R. Howell B-4), towards rho / 2 at the edge; sees 2 %.
     """
@@ -446,7 +446,7 @@ def lamp_that_stands_on_the_floor(t: Trial, away: float) -> None:
 
 @case(8, each={"away": [0.3, 8.0]})
 def lamp_of_two_triangles(t: Trial, away: float) -> None:
-    """The same lamp in a scene with a tree, where it is two triangles, nearby and far away [N22].
+    """The same lamp in a scene with a tree, where it is two triangles, nearby and far away.
 
     rho F; from far away the rectangle is sampled by area. Sees 1 %.
     """
@@ -460,10 +460,10 @@ def lamp_of_two_triangles(t: Trial, away: float) -> None:
 
 @case(8, each={"kind": ["quad", "triangle", "disk", "sphere"], "size": [1e-6, 1e-4]})
 def tiny_lamps(t: Trial, kind: str, size: float) -> None:
-    """Lamps 1e-6 and 1e-4 wide at distance 1, their radiance such that all give the same light.
+    """Lamps 1e-6 and 1e-4 wide at distance 1, with radiances that give the same light.
 
-    rho / pi L A cos / d^2 = rho / pi, without noise to speak of, within 2e-4. A limit: corners are
-    rounded to 1e-7 of the camera's distance, so that flat lamps are off by 1.2e-7 / size (12 %).
+    rho / pi L A cos / d^2 = rho / pi, almost without noise, within 2e-4. A limit: corners are
+    rounded to 1e-7 of the camera's distance, so flat lamps are off by 1.2e-7 / size (12 %).
     """
     area = {"quad": size**2, "triangle": size**2 / 2, "disk": math.pi * size**2,
             "sphere": math.pi * size**2}[kind]  # fmt: skip
@@ -497,11 +497,11 @@ CEILING = [([-3, -3], [3, -1]), ([-3, 1], [3, 3]), ([-3, -1], [-1, 1]), ([1, -1]
 @case(8, each={"ceiling": ["with a hole", "1e-5 above", "behind it, the lamp first",
                            "before it in number"]})  # fmt: skip
 def lamp_in_the_ceiling(t: Trial, ceiling: str) -> None:
-    """A lamp 2 x 2 in the plane of a black ceiling at height 1 [N6, N22].
+    """A lamp 2 x 2 in the plane of a black ceiling at height 1.
 
-    With the opening cut, the ceiling 1e-5 above or the lamp first in number: rho F, sees 1 %, and
-    the lamp is seen. The ceiling first in number hides the lamp to eyes; its light samples stay:
-    between 0 and rho F.
+    If the ceiling has an opening, lies 1e-5 above, or comes after the lamp in number: rho F, sees
+    1 %, and the lamp is visible. If it comes first in number, it hides the lamp from view, but its
+    light samples remain: between 0 and rho F.
     """
     floor = quad([-5, -5, 0], [10, 0, 0], [0, 10, 0], 0.5)
     lamp = quad([-1, -1, 1], [0, 2, 0], [2, 0, 0], 0, 1)
@@ -552,11 +552,11 @@ def near_lamps() -> dict[str, list[Part]]:
 
 @case(8, each={"lamp": near_lamps()})
 def lamps_in_odd_places_without_light_samples(t: Trial, lamp: str) -> None:
-    """Lamps that touch, cut or contain the point: light samples change nothing [N22].
+    """Lamps that touch, cut or contain the point: light samples change nothing.
 
     A lamp below the floor, a million times as strong, takes all light samples and gives no light.
-    The picture is left to the directions that hit, and has the same mean as without it: z test of
-    both renders; sees 2 %.
+    Only sampled directions then find the other lamps, and the picture has the same mean as without
+    it: z test of both renders; sees 2 %.
     """
     parts = [quad([-3, -3, 0], [6, 0, 0], [0, 6, 0], 0.5), *near_lamps()[lamp]]
     decoy = quad([-1, -1, -2], [0, 2, 0], [2, 0, 0], 0, 1e6)

@@ -20,7 +20,7 @@ from veriray_validate.trial import Trial, case
 
 @case(3, each={"shape": ("box", "hexagon", "mesh")})
 def convex_object_under_a_constant_sky(t: Trial, shape: str) -> None:
-    """A cube, a flat polygon, a mesh of albedo .7 in a sky of 1 (A5).
+    """A cube, a flat polygon, a mesh of albedo .7 in a sky of 1.
 
     Radiance rho L; no path lives beyond the second segment, and no shadow ray is stopped: exact.
     """
@@ -49,7 +49,7 @@ def planes(a: float, b: float, emission: float) -> list[Part]:
 
 @case(3)
 def lossless_floor_sees_a_second_bounce(t: Trial) -> None:
-    """Two parallel planes so wide that they close space, with one of them lit (A1).
+    """Two parallel planes so wide that they close space, with one of them lit.
 
     Floor albedo a, lit ceiling albedo b, emission e: ceiling e / (1 - a b), floor a times that.
     """
@@ -60,7 +60,7 @@ def lossless_floor_sees_a_second_bounce(t: Trial) -> None:
 
 @case(3, each={"depth": (1, 2, 3, 4, 5, -1), "seen": ("floor", "ceiling")})
 def depth_counts(t: Trial, depth: int, seen: str) -> None:
-    """max_depth 1 is emission alone, 2 adds direct light, 3 one bounce, and so on (A2).
+    """max_depth 1 is emission alone, 2 adds direct light, 3 one bounce, and so on.
 
     Between two planes, the ceiling lit: the floor has a e (1 + a b + ...), the ceiling
     e (1 + a b + ...), a term more with every second depth; 0 exactly for the floor at depth 1.
@@ -123,7 +123,7 @@ def swap_room(kind: str, shine: int, rng: np.random.Generator) -> tuple[veriray.
 
 @case(3, each={"kind": ROOMS}, quick=lambda kind: kind in ("diffuse", "glass"))
 def source_and_sensor_change_places(t: Trial, kind: str) -> None:
-    """The light of one patch on another, and the other way round, in a random room (E5, E7).
+    """The light of one patch on another, and the other way round, in a random room.
 
     Equal, area times irradiance, all reflections included, with glass, mirrors or fog between, and
     with one patch in glass, where the index squared counts: H. von Helmholtz, 1860. Two-sample z

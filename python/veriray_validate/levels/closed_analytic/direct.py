@@ -29,7 +29,7 @@ from veriray_validate.trial import Trial, case
 
 @case(3, once=True)
 def form_factors_agree(t: Trial) -> None:
-    """Formulas of form factors against quadrature and printed values (A8, A10, A11, A14, A15).
+    """Formulas of form factors against quadrature and printed values.
 
     Lambert's sum, Howell's formulas and quadrature agree to 6 digits, with 1 for a closed cube.
     """
@@ -63,7 +63,7 @@ def form_factors_agree(t: Trial) -> None:
 
 @case(3, each={"depth": (2, -1)})
 def rectangle_overhead(t: Trial, depth: int) -> None:
-    """A rectangle above its corner, and centred over the point (A10).
+    """A rectangle above its corner, and centred over the point.
 
     Radiance rho F: F = .138532 and .554126. The light reflects nothing.
     """
@@ -76,7 +76,7 @@ def rectangle_overhead(t: Trial, depth: int) -> None:
 
 @case(3)
 def triangles_overhead(t: Trial) -> None:
-    """A light that is a triangle, and one that is a mesh of 128 in a tree (A10).
+    """A light that is a triangle, and one that is a mesh of 128 in a tree.
 
     Lambert's sum over the edges; four times the rectangle above its corner.
     """
@@ -94,7 +94,7 @@ def triangles_overhead(t: Trial) -> None:
 
 @case(3)
 def upright_rectangle(t: Trial) -> None:
-    """A lit square that stands on the floor (A11).
+    """A lit square that stands on the floor.
 
     Radiance .5 x .055734 at the corner's foot.
     """
@@ -106,7 +106,7 @@ def upright_rectangle(t: Trial) -> None:
 
 @case(3)
 def two_lights_of_different_radiance(t: Trial) -> None:
-    """Two rectangles in opposite quadrants, radiance 3 and 1 (A12).
+    """Two rectangles in opposite quadrants, radiance 3 and 1.
 
     .5 (3 + 1) F(2, 2) = .415514: one random number for choice and place would show here.
     """
@@ -121,7 +121,7 @@ FIVE = [(-2, -1, -2, -0.5, 0.2), (-0.5, 0.5, -0.5, 0.5, 1.0), (1, 2.5, 0, 1, 7.0
 
 @case(3, each={"sky": (0.0, 0.8)})
 def five_lights_and_a_sky(t: Trial, sky: float) -> None:
-    """Five rectangles of unequal areas and radiances, with and without a sky (A12, A13).
+    """Five rectangles of unequal areas and radiances, with and without a sky.
 
     rho times the sum of form factor times radiance; with a sky the lamps hide their share of it.
     """
@@ -138,7 +138,7 @@ PENTAGON = np.array([[1.0, 0.3, 0.6], [1.2, 1.1, 0.7], [1.6, 1.2, 1.4], [1.8, 0.
 
 @case(3, each={"sunk": (0.0, 0.9, 1.5)})
 def polygon_at_the_horizon(t: Trial, sunk: float) -> None:
-    """A tilted pentagon, all above the floor, partly below it, almost all below (A13, A23).
+    """A tilted pentagon, all above the floor, partly below it, almost all below.
 
     Lambert's sum over the edges of what is above the horizon. Sees 0.5 %, the last 1.5 %.
     """
@@ -172,7 +172,7 @@ def polygon_at_the_horizon(t: Trial, sunk: float) -> None:
 
 @case(3, each={"way": ("overhead", "beside", "upright")})
 def disk_off_the_axis(t: Trial, way: str) -> None:
-    """A disk over the point, aside from it and standing upright (A8).
+    """A disk over the point, aside from it and standing upright.
 
     Form factors B-12, B-13 and B-15 of Howell's catalog. Sees 0.5 %.
     """
@@ -202,7 +202,7 @@ def over(half: float, height: float, size: int = 1) -> Any:
 @case(3, each={"pair": ("parallel", "upright", "long parallel", "tall upright")},
       quick=lambda pair: " " not in pair)  # fmt: skip
 def square_to_square(t: Trial, pair: str) -> None:
-    """Form factors of squares and rectangles, parallel and at a right angle (A14).
+    """Form factors of squares and rectangles, parallel and at a right angle.
 
     .199825 and .200044 for unit squares: Howell, C-11 and C-14. The film covers the receiver.
     """
@@ -228,7 +228,7 @@ def square_to_square(t: Trial, pair: str) -> None:
 
 @case(3, each={"other": ("disk", "small disk", "ball")})
 def disk_to_disk_and_ball(t: Trial, other: str) -> None:
-    """Form factors from a disk to a disk and to a ball on its axis (A15, A9).
+    """Form factors from a disk to a disk and to a ball on its axis.
 
     (3 - sqrt 5) / 2 = .381966 for unit disks at distance 1; the disk is pi / 4 of the film.
     """

@@ -36,7 +36,7 @@ FURNACES = {0.5: (0.5, 1.0), 0.9: (1.0, 10.0)}  # albedo: emission, radiance
 
 @case(3, each={"albedo": FURNACES})
 def diffuse_furnace(t: Trial, albedo: float) -> None:
-    """A closed room of one albedo that shines everywhere (A1, E1).
+    """A closed room of one albedo that shines everywhere.
 
     Radiance E / (1 - rho) at every point, in every direction: 1 and 10. Sees 0.5 %.
     """
@@ -51,7 +51,7 @@ def diffuse_furnace(t: Trial, albedo: float) -> None:
     quick=lambda albedo, rr_depth: (albedo, rr_depth) in ((0.343, 1), (0.98, 5)),
 )  # fmt: skip
 def furnace_with_roulette(t: Trial, albedo: float, rr_depth: int) -> None:
-    """Radiance and length of paths in a furnace with roulette (A1, L3).
+    """Radiance and length of paths in a furnace with roulette.
 
     E / (1 - rho), and live[d] / N = 1 below rr_depth, then rho^d: multinomial chi-square over the
     depths of death, sees 0.5 % in the survival probability. Light choice: 5 of 6 walls are not
@@ -74,7 +74,7 @@ def furnace_with_roulette(t: Trial, albedo: float, rr_depth: int) -> None:
 
 @case(3, each={"depth": (1, 2, 3, 4, 5, 6)})
 def truncated_furnace(t: Trial, depth: int) -> None:
-    """A furnace cut at max_depth: .5, .75, .875 ... (A2, L3).
+    """A furnace cut at max_depth: .5, .75, .875 ....
 
     E (1 - rho^depth) / (1 - rho). Without roulette every path lives to max_depth: exact.
     """
@@ -89,7 +89,7 @@ def truncated_furnace(t: Trial, depth: int) -> None:
 
 @case(3, each={"room": ("long box", "mesh")}, quick=lambda room: room != "mesh")
 def furnace_in_three_colours(t: Trial, room: str) -> None:
-    """Colours do not mix; long walls; turned, in a tree, with triangle lights (A1).
+    """Colours do not mix; long walls; turned, in a tree, with triangle lights.
 
     E / (1 - rho), channel by channel.
     """
@@ -107,7 +107,7 @@ def furnace_in_three_colours(t: Trial, room: str) -> None:
 
 @case(3, each={"cut": (1, 2, 7, -1)})
 def mirror_furnace(t: Trial, cut: int) -> None:
-    """A closed box of shining mirrors, reflectance .8: radiance 5; cut at a depth less (A4).
+    """A closed box of shining mirrors, reflectance .8: radiance 5; cut at a depth less.
 
     E (1 - r^depth) / (1 - r), without noise where a path is cut before roulette begins: light that
     is found by a mirror counts whole. Sees 0.5 %.
@@ -152,7 +152,7 @@ def patched_sphere(targets: Array, fine: int = 6) -> tuple[list[Part], Array, Ar
 @case(3, each={"patch": (0, 1, 2), "depth": (1, 2, 3, 6, -1)},
       quick=lambda patch, depth: (patch, depth) in ((1, 2), (2, -1)))  # fmt: skip
 def integrating_sphere(t: Trial, patch: int, depth: int) -> None:
-    """A sphere in three patches, one of them lit, and its series in depth (A6, L3).
+    """A sphere in three patches, one of them lit, and its series in depth.
 
     H = sum f e / (1 - sum f rho), radiance e_i + rho_i H: 10.434783, .652174, 1.739130; cut after
     k bounces H_k = 1, 1.54, 1.8316, ...: D. G. Goebel, Applied Optics 6 (1967). Counts of paths:
@@ -190,7 +190,7 @@ def integrating_sphere(t: Trial, patch: int, depth: int) -> None:
 
 @case(3, each={"wall": (0.343, 0.9)})
 def sphere_with_ports(t: Trial, wall: float) -> None:
-    """A sphere with a lit port and a dark one, both flat (A6, L3).
+    """A sphere with a lit port and a dark one, both flat.
 
     A flat black port takes what its cap would, whole or not: L = rho f e / (1 - rho (1 - f - g))
     with shares (1 - cos) / 2 = f = .1, g = .05. Counts: 1, rho, rho (1 - f - g) rho ...
@@ -224,7 +224,7 @@ def sphere_with_ports(t: Trial, wall: float) -> None:
 
 @case(3, each={"where": ("wall", "disk")}, quick=lambda where: where == "wall")
 def sphere_with_a_flat_patch(t: Trial, where: str) -> None:
-    """Part of a sphere is cut off by a reflecting disk that shines (A6).
+    """Part of a sphere is cut off by a reflecting disk that shines.
 
     The wall is of one radiance W, so the disk is too: D = e + b W, W = a ((1 - f) W + f D).
     """
@@ -242,7 +242,7 @@ def sphere_with_a_flat_patch(t: Trial, where: str) -> None:
 
 @case(3, each={"shape": ("cube", "box")}, quick=False)
 def mean_irradiance_of_a_closed_room(t: Trial, shape: str) -> None:
-    """A point light off the centre of a room of one albedo: the mean over its walls (A7).
+    """A point light off the centre of a room of one albedo: the mean over its walls.
 
     Flux Phi, surface S: mean irradiance Phi / (S (1 - rho)), of which Phi rho / (S (1 - rho)) is
     indirect: 104.166667 for Phi = 1e4, S = 96, rho = .5, whatever the room's shape. One picture per
@@ -278,7 +278,7 @@ def mean_irradiance_of_a_closed_room(t: Trial, shape: str) -> None:
 
 @case(3, each={"kind": ("room", "glass", "medium")}, quick=lambda kind: kind == "glass")
 def equilibrium_of_a_furnished_room(t: Trial, kind: str) -> None:
-    """Everything shines with what it does not reflect: G. Kirchhoff, 1860 (E1, E6).
+    """Everything shines with what it does not reflect: G. Kirchhoff, 1860.
 
     Walls, balls, mirrors of any albedo with emission (1 - albedo) L, glass with a black ball of
     n^2 L in it, lossless fog: radiance L at every pixel, in three colours. Sees 0.5 %.
@@ -326,7 +326,7 @@ def equilibrium_of_a_furnished_room(t: Trial, kind: str) -> None:
 
 @case(3)
 def albedo_of_almost_one(t: Trial) -> None:
-    """Albedo .999999, emission 1e-6; paths are cut at MAX_PATH_DEPTH (N12).
+    """Albedo .999999, emission 1e-6; paths are cut at MAX_PATH_DEPTH.
 
     As float32 the albedo is .99999898672. Exact, truncated: E (1 - rho^n) / (1 - rho), n =
     MAX_PATH_DEPTH. Margin 4e-4: the throughput is rounded n times. No stack and no cap but the

@@ -20,7 +20,7 @@ from veriray_validate.trial import Trial, case
 
 @case(3)
 def known_shadow(t: Trial) -> None:
-    """A black screen at half the height hides one quadrant of the light (A17).
+    """A black screen at half the height hides one quadrant of the light.
 
     Three of four form factors; a quarter of the first shadow rays are stopped: exact binomial.
     """
@@ -43,7 +43,7 @@ HALVES = {
 @case(3, each={"light": HALVES, "screen": ("quad", "disk", "mesh")},
       quick=lambda light, screen: screen == "quad")  # fmt: skip
 def occluded_half(t: Trial, light: str, screen: str) -> None:
-    """An upright screen through the normal hides half of a lamp, or of the sky (A17).
+    """An upright screen through the normal hides half of a lamp, or of the sky.
 
     Half of the form factor, by symmetry: .276..., .195..., .245, .5. Sees 0.5 %.
     """
@@ -78,7 +78,7 @@ CORNELL = {
 
 @case(3, each={"place": CORNELL})
 def cornell_box_direct(t: Trial, place: str) -> None:
-    """The measured box without its blocks: irradiance at five points, three colours (A19).
+    """The measured box without its blocks: irradiance at five points, three colours.
 
     E / L of its light by Lambert's sum.
     """
@@ -97,7 +97,7 @@ def cornell_box_direct(t: Trial, place: str) -> None:
 
 @case(3)
 def small_bright_light(t: Trial) -> None:
-    """0.2 x 0.2 of radiance 10^4: any clamp shows (A22).
+    """0.2 x 0.2 of radiance 10^4: any clamp shows.
 
     .5 x 10^4 x 4 F(.1, .1) = 62.824862.
     """
@@ -109,7 +109,7 @@ def small_bright_light(t: Trial) -> None:
 
 @case(3, quick=False)
 def small_bright_light_found_by_the_path(t: Trial) -> None:
-    """Radiance 10^4 outside a glass bowl over the point: only paths find it, as fireflies (A22).
+    """Radiance 10^4 outside a glass bowl over the point: only paths find it, as fireflies.
 
     All rays through the bowl's centre are radial and go straight on: T = (1 - R) / (1 + R), the
     rest comes back to the point. .5 x 10^4 x 4 F(.1, .1) T / (1 - .5 (1 - T)) = 60.311867. Sees
@@ -130,7 +130,7 @@ def small_bright_light_found_by_the_path(t: Trial) -> None:
 
 @case(3)
 def light_against_the_point(t: Trial) -> None:
-    """Paths that find the light by themselves carry the estimate: a lamp 0.01 above (A22).
+    """Paths that find the light by themselves carry the estimate: a lamp 0.01 above.
 
     Four times the rectangle of 100 heights above its corner.
     """
@@ -142,7 +142,7 @@ def light_against_the_point(t: Trial) -> None:
 
 @case(3)
 def exactly_dark(t: Trial) -> None:
-    """Below the horizon, behind a one-sided light, in full shadow, behind a wall (A23).
+    """Below the horizon, behind a one-sided light, in full shadow, behind a wall.
 
     0 without noise, and no shadow ray is free.
     """
@@ -164,7 +164,7 @@ def exactly_dark(t: Trial) -> None:
 
 @case(3)
 def two_sided(t: Trial) -> None:
-    """The back of a two-sided floor reflects as its front does (A10, A23).
+    """The back of a two-sided floor reflects as its front does.
 
     Radiance rho F from below.
     """

@@ -31,17 +31,18 @@ from veriray_validate.trial import Trial, case
 # ---- Fresnel ----
 
 ANGLES = (0, 30, 45, 60, 75, 85)
-A30 = (0.040000, 0.041523, 0.050240, 0.089187, 0.253061, 0.612800)
+#: Fresnel's reflectance at these angles for an index of 1.5.
+AT_ANGLES = (0.040000, 0.041523, 0.050240, 0.089187, 0.253061, 0.612800)
 
 
 @case(3, once=True)
 def fresnel_theory(t: Trial) -> None:
-    """The formulas used here against printed values and other formulas (A30, A31, A34).
+    """The formulas used here against printed values and other formulas.
 
     Fresnel's equations by cosines, by angles and by the complex index; the mean reflectance by
     quadrature from outside and from inside; critical and Brewster's angle.
     """
-    for angle, value in zip(ANGLES, A30, strict=True):
+    for angle, value in zip(ANGLES, AT_ANGLES, strict=True):
         f = float(fresnel(math.cos(math.radians(angle)), 1.5))
         t.check(abs(f - value) < 6e-7)
         t.check(abs(f - fresnel_conductor(math.cos(math.radians(angle)), 1.5)) < 1e-12)
@@ -67,7 +68,7 @@ def fresnel_theory(t: Trial) -> None:
 
 @case(3, each={"angle": ANGLES, "body": ("plastic", "ink")})
 def fresnel_of_a_surface(t: Trial, angle: float, body: str) -> None:
-    """First reflection alone: a black plastic, and glass filled with ink, in a sky of 1 (A30).
+    """Only the first reflection: black plastic, and glass filled with ink, in a sky of 1.
 
     .040000 .041523 .050240 .089187 .253061 .612800. Sees 5 %.
     """
@@ -85,7 +86,7 @@ METALS = {"silver": (0.2, 3.9, 1.0), "chromium": (2.9, 3.05, 1.0), "oil": (1.5, 
 
 @case(3, each={"name": METALS, "angle": (0, 45, 80)})
 def conductor(t: Trial, name: str, angle: float) -> None:
-    """Reflectance of a metal in a sky of 1 (A30).
+    """Reflectance of a metal in a sky of 1.
 
     No noise, and equal to the complex Fresnel equations. Three channels: eta, its double, and a
     specular reflectance of 0.5.
@@ -110,7 +111,7 @@ DIFFUSE_LIGHT = {"outside": 4_000_000, "inside": 800_000, "black plastic": 4_000
 
 @case(3, each={"name": DIFFUSE_LIGHT}, quick=lambda name: name in ("inside", "gold"))
 def reflectance_for_diffuse_light(t: Trial, name: str) -> None:
-    """A plane lit by diffuse light from one side (A31).
+    """A plane lit by diffuse light from one side.
 
     Twice the integral of F cos: .091778 from outside, .596346 = 1 - (1 - .091778) / n^2 from
     inside n = 1.5; metal and thin glass by quadrature. Sees 1 %.

@@ -1,4 +1,4 @@
-"""White furnaces and thermodynamic equilibrium: what is lossless cannot be seen."""
+"""White furnaces and thermodynamic equilibrium: lossless bodies are invisible."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ LOSSLESS = {
 @case(3, each={"name": LOSSLESS, "kind": ("sphere", "cube")}, quick=lambda name, kind: (
     kind == "sphere" or name in ("glass", "bubble", "plastic", "mask of mirror")))  # fmt: skip
 def white_furnace(t: Trial, name: str, kind: str) -> None:
-    """A lossless body in a constant sky is invisible, at every pixel, silhouettes too (E2, A36).
+    """A lossless body in a constant sky is invisible, at every pixel, silhouettes too.
 
     Exactly the sky: 1, .5, 2. Sees 1e-3. No path is absorbed: the picture's margin hides ten in a
-    million that meet the back of a face past an edge, their count does not.
+    million that meet the back of a face past an edge, but their count does not.
     """
     material = LOSSLESS[name]
     if kind == "sphere":
@@ -61,7 +61,7 @@ def white_furnace(t: Trial, name: str, kind: str) -> None:
 @case(3, each={"name": LOSSLESS, "angle": (0, 60, 80, 89, 89.9)},
       quick=lambda name, angle: angle in (60, 89.9))  # fmt: skip
 def lossless_plate(t: Trial, name: str, angle: float) -> None:
-    """A lossless plate or block in a constant sky, as steep as it gets (E2, E4).
+    """A lossless plate or block in a constant sky, up to grazing angles.
 
     Directional albedo 1 at every angle of incidence: 1, .5, 2. Sees 0.4 %.
     """
@@ -75,7 +75,7 @@ def lossless_plate(t: Trial, name: str, angle: float) -> None:
 
 @case(3, each={"name": ("disk", "rectangle")})
 def white_furnace_of_open_surfaces(t: Trial, name: str) -> None:
-    """Two-sided plates, one above another (E2).
+    """Two-sided plates, one above another.
 
     The light between them finds its way out: 1. Sees 1e-3.
     """
@@ -87,7 +87,7 @@ def white_furnace_of_open_surfaces(t: Trial, name: str) -> None:
 
 @case(3)
 def nested_glass_in_a_furnace(t: Trial) -> None:
-    """Index 1.5 in 1.33 in 1, a bubble beside it, and glass inside out (E2, A36, N9).
+    """Index 1.5 in 1.33 in 1, a bubble beside it, and glass inside out.
 
     1 at every pixel. Sees 1e-3.
     """
@@ -100,9 +100,9 @@ def nested_glass_in_a_furnace(t: Trial) -> None:
 
 @case(3)
 def thermodynamic_equilibrium(t: Trial) -> None:
-    """A black ball of radiance n^2 in glass of index n, in a sky of 1 (E6, A36).
+    """A black ball of radiance n^2 in glass of index n, in a sky of 1.
 
-    1 from outside, n^2 from within: nothing else sees a missing n^2.
+    1 from outside, n^2 from within: no other test sees a missing n^2.
     """
     n = 1.5
     bodies = [sphere([0, 0, 0], 1, glass(n)), sphere([0.1, 0.2, 0], 0.5, BLACK, n * n)]
@@ -115,7 +115,7 @@ def thermodynamic_equilibrium(t: Trial) -> None:
 @case(3, each={"place": ("outside", "water", "glass")},
       quick=lambda place: place == "outside")  # fmt: skip
 def equilibrium_in_nested_glass(t: Trial, place: str) -> None:
-    """Grey bodies at equilibrium in glass in water in a sky: G. Kirchhoff, 1860 (E6).
+    """Grey bodies at equilibrium in glass in water in a sky: G. Kirchhoff, 1860.
 
     Emission (1 - albedo) n^2 with the index around it: 1 from outside, n^2 from within. Sees 0.3 %.
     """

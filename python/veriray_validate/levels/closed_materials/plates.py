@@ -39,10 +39,10 @@ LAMPS = (flat("rectangle", [0, 0, -9], [0, 0, 1], 40, BLACK, [1, 0, 2]),
 
 @case(3, each={"angle": SLAB, "material": ("slab", "thin")})
 def clear_slab(t: Trial, angle: float, material: str) -> None:
-    """A plate of glass, all inter-reflections, and a thin pane (A32).
+    """A plate of glass, all inter-reflections, and a thin pane.
 
-    (1 - R) / (1 + R) of a lamp behind: .923077, .920266, .836232, the rest of one in front. A thin
-    pane has the same two numbers.
+    (1 - R) / (1 + R) of a lamp behind: .923077, .920266, .836232; the rest of a lamp in front. A
+    thin pane has the same two numbers.
     """
     r = float(fresnel(math.cos(math.radians(angle)), 1.5))
     t.check(abs((1 - r) / (1 + r) - SLAB[int(angle)]) < 1e-6)
@@ -57,7 +57,7 @@ def clear_slab(t: Trial, angle: float, material: str) -> None:
 
 @case(3, each={"angle": (0, 60)})
 def absorbing_slab(t: Trial, angle: float) -> None:
-    """A plate of absorbing glass, tau = 1 (A33).
+    """A plate of absorbing glass, tau = 1.
 
     Normal incidence: T = .339111, R = .044990; at 60 degrees the way within is longer.
     """
@@ -74,7 +74,7 @@ def absorbing_slab(t: Trial, angle: float) -> None:
 
 
 def pile(reflectances: Sequence[float], passes: Sequence[Array]) -> tuple[Array, Array]:
-    """Reflectance and transmittance of a stack of surfaces, layers between them passing `passes`.
+    """Reflectance and transmittance of a stack of surfaces; layers in between transmit `passes`.
 
     G. G. Stokes, 1862: surfaces are added one by one. Light is not coherent.
     """
@@ -128,9 +128,9 @@ STACKS = {  # indices from above, extinction of each layer between
 @case(3, each={"name": STACKS, "angle": (0, 50, 75)},
       quick=lambda name, angle: angle == 50 and name in ("coated", "aquarium"))  # fmt: skip
 def stack_of_plates(t: Trial, name: str, angle: float) -> None:
-    """A pile of plates of any index, clear and coloured, at any angle (A32, A33).
+    """A pile of plates of any index, clear and coloured, at any angle.
 
-    m clear surfaces of one kind pass (1 - R) / (1 + (m - 1) R): G. G. Stokes, 1862; others by
+    m clear surfaces of one kind transmit (1 - R) / (1 + (m - 1) R): G. G. Stokes, 1862; others by
     adding surface by surface, in two ways. A lamp behind, one in front and both. Sees 2 %.
     """
     indices, extinctions = STACKS[name]
@@ -166,7 +166,7 @@ def stack_of_plates(t: Trial, name: str, angle: float) -> None:
 
 @case(3, each={"angle": (0, 60, 80)}, quick=lambda angle: angle == 60)
 def varnish_over_a_diffuse_wall(t: Trial, angle: float) -> None:
-    """A sheet of clear glass on a diffuse wall, by its geometry (A34, A31).
+    """A sheet of clear glass on a diffuse wall, by its geometry.
 
     F + (1 - F) (1 - Fi) rho / (1 - Fi rho), the formula of plastic: .352959 in the mean over
     angles at rho = .5. Refraction, its n^2 and all inner reflections. Sees 2 %.
@@ -199,9 +199,9 @@ def ways_through_a_ball(angle: float, n: float) -> list[tuple[Any, Any]]:
 
 @case(3, each={"angle": (20, 45, 75)})
 def glass_ball(t: Trial, angle: float) -> None:
-    """Light off a ball of n = 1.5 by its way: reflected, through, reflected inside (A36).
+    """Light from a ball of n = 1.5: reflected, transmitted, and reflected once inside.
 
-    F, (1 - F)^2, (1 - F)^2 F: a lamp of its own colour waits in each of the three directions.
+    F, (1 - F)^2, (1 - F)^2 F: there is a lamp of a different colour in each of the directions.
     """
     f = float(fresnel(math.cos(math.radians(angle)), 1.5))
     lamps = [flat("disk", p + 6 * d, -d, 0.3, BLACK, colour) for (p, d), colour in
@@ -214,7 +214,7 @@ def glass_ball(t: Trial, angle: float) -> None:
 
 @case(3, each={"body": ("block", "pane")})
 def specular_colours_and_refraction(t: Trial, body: str) -> None:
-    """specular_reflectance and specular_transmittance multiply each event (A32).
+    """specular_reflectance and specular_transmittance multiply each event.
 
     t^2 (1 - f)^2 / (1 - (f r)^2) through a block; t (1 - f) / (1 + f) through a pane.
     """
@@ -233,7 +233,7 @@ def specular_colours_and_refraction(t: Trial, body: str) -> None:
 
 @case(3)
 def total_internal_reflection(t: Trial) -> None:
-    """At 60 degrees inside n = 1.5 a lamp in the glass is seen undimmed (A35).
+    """At 60 degrees inside n = 1.5 a lamp in the glass is seen undimmed.
 
     Exactly, without noise.
     """
@@ -247,7 +247,7 @@ def total_internal_reflection(t: Trial) -> None:
 
 @case(3)
 def clear_slab_counts(t: Trial) -> None:
-    """Segments alive in a clear slab at normal incidence (L3, A32).
+    """Segments alive in a clear slab at normal incidence.
 
     1, 1, .96, .0384, .001536, 6.1e-5: exact multinomial; sees 5 % of the third. The sky is whole.
     """
@@ -264,7 +264,7 @@ def clear_slab_counts(t: Trial) -> None:
 
 @case(3)
 def trapped_light(t: Trial) -> None:
-    """Directions from inside a cube of glass n = 1.5: sqrt 5 - 2 of them never leave (N10, L3).
+    """Directions from inside a cube of glass n = 1.5: sqrt 5 - 2 of them never leave.
 
     Those with no component above sqrt(1 - 1/n^2). On one face of the cube of directions that is all
     beyond a circle: 1 - pi / 5 of its area, a binomial count of paths cut at max_depth; weighted by

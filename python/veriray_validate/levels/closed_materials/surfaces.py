@@ -1,4 +1,4 @@
-"""Plastic, what lets light pass, shading normals."""
+"""Plastic, surfaces that let light pass, shading normals."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from veriray_validate.trial import Trial, case
 
 @case(3, each={"nonlinear": (False, True), "angle": (0, 60, 80)})
 def plastic_in_a_sky(t: Trial, nonlinear: bool, angle: float) -> None:
-    """A smooth coat on a diffuse base in a sky of 1 (A34).
+    """A smooth coat on a diffuse base in a sky of 1.
 
     F + (1 - F) (1 - Fi) rho / (1 - Fi rho); linear: F + (1 - F) rho. Fi by quadrature.
     """
@@ -51,7 +51,7 @@ def plastic_in_a_sky(t: Trial, nonlinear: bool, angle: float) -> None:
 
 @case(3, each={"eta": (1.3, 1.9)})
 def roulette_between_lobes_is_splitting(t: Trial, eta: float) -> None:
-    """Radiance of a plastic floor under a lamp whose mirror image is a second lamp (A34).
+    """Radiance of a plastic floor under a lamp whose mirror image is a second lamp.
 
     Splitting, by quadrature: F(o) L_mirror + sum over the lamp of (1 - F(i)) (1 - F(o)) f cos.
     """
@@ -82,9 +82,9 @@ def roulette_between_lobes_is_splitting(t: Trial, eta: float) -> None:
 
 @case(3)
 def masks_and_panes_in_front_of_a_lamp(t: Trial) -> None:
-    """A lamp behind black masks of opacity .3 and .5, null surfaces and both sides of a mask (A40).
+    """A lamp behind black masks of opacity .3 and .5, null surfaces and both sides of a mask.
 
-    .7 x .5 of it, at max_depth 1: passes are no bounces.
+    .7 x .5 of it, at max_depth 1: passes are not bounces.
     """
     lamp = flat("rectangle", [0, 0, -5], [0, 0, 1], 5, BLACK, [1, 2, 3])
     panes = [flat("rectangle", [0, 0, 1], [0, 0, 1], 2, masked(0.3, BLACK)),
@@ -96,9 +96,9 @@ def masks_and_panes_in_front_of_a_lamp(t: Trial) -> None:
 
 @case(3, each={"material": ("mask", "null", "thindielectric")})
 def shadow_rays_pass(t: Trial, material: str) -> None:
-    """A point light over a floor, a pane between (A20, A32).
+    """A point light over a floor, with a pane in between.
 
-    Straight through, and no noise: .7, 1, (1 - f) / (1 + f) of it.
+    Straight through, without noise: .7, 1, (1 - f) / (1 + f) of it.
     """
     thin = glass(1.5, 1.0, "thindielectric", specular_transmittance=rgb([1, 0.5, 0.2]))
     pane = {"mask": masked(0.3, BLACK), "null": NULL, "thindielectric": thin}[material]
@@ -122,9 +122,9 @@ def shadow_rays_pass(t: Trial, material: str) -> None:
 @case(3, each={"lamp": ("rectangle", "sphere"), "depth": (2, -1)},
       quick=lambda lamp, depth: depth == 2)  # fmt: skip
 def passes_do_not_count_as_bounces(t: Trial, lamp: str, depth: int) -> None:
-    """Ten null shells around a floor, before its lamp (A10, A2).
+    """Ten null shells around a floor, between it and its lamp.
 
-    The form factor of the lamp, as without them, at max_depth 2 too.
+    The form factor of the lamp, as without the shells, also at max_depth 2.
     """
     floor = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(0.5))
     lamps = {"rectangle": (flat("rectangle", [0, 0, 2], [0, 0, -1], 0.5, BLACK, 3),
@@ -150,7 +150,7 @@ def tilted(degrees: float, material: Dict) -> tuple[veriray.Scene, float]:
 
 @case(3, each={"degrees": (5, 30, 60)})
 def shading_normals_do_not_light_from_behind(t: Trial, degrees: float) -> None:
-    """A diffuse plate with bent normals in a sky of 1 (A5, N7).
+    """A diffuse plate with bent normals in a sky of 1.
 
     A cosine lobe about n_s, cut at the plane of n_g: (1 + cos) / 2 of it. Nothing leaks.
     """
@@ -160,7 +160,7 @@ def shading_normals_do_not_light_from_behind(t: Trial, degrees: float) -> None:
 
 @case(3, each={"degrees": (5, 30, 60)})
 def mirror_about_a_shading_normal(t: Trial, degrees: float) -> None:
-    """A bent mirror sees the lamp where the bent normal says (N7).
+    """A mirror with a bent normal sees the lamp in the direction that follows from that normal.
 
     The lamp's radiance, or 0 exactly where the direction is behind the plate.
     """
@@ -201,8 +201,8 @@ def interpolated_normals_have_unit_length(t: Trial) -> None:
 def the_front_is_the_faces(t: Trial, turned: bool) -> None:
     """A lamp whose vertex normals lean by 60 degrees, seen at 50 degrees from the other side.
 
-    All of its radiance on the side of the face where its vertex normals are, exactly 0 on the
-    other, whichever way the corners run.
+    All of its radiance on the side of the face where its vertex normals point, exactly 0 on the
+    other, for either winding.
     """
     for eye in (direction(-50), -direction(-50)):
         seen = scene(view(5 * eye, [0, 0, 0]), flat("rectangle", [0, 0, 0], [0, 0, 1], 9, BLACK, 3))

@@ -29,7 +29,7 @@ from veriray_validate.trial import Trial, case
 
 @case(3, each={"boundary": ("null", "mask")})
 def beer_lambert(t: Trial, boundary: str) -> None:
-    """A lamp behind an absorbing slab (A40).
+    """A lamp behind an absorbing slab.
 
     e^-tau in three channels, tau = .1, 1, 3: .904837, .367879, .049787.
     """
@@ -43,7 +43,7 @@ def beer_lambert(t: Trial, boundary: str) -> None:
 
 @case(3, quick=False)
 def beer_lambert_of_ten(t: Trial) -> None:
-    """A lamp behind an absorbing slab of optical depth 10 (A40).
+    """A lamp behind an absorbing slab of optical depth 10.
 
     e^-10 = 4.539993e-5; one path in 22,026 arrives. Sees 10 %.
     """
@@ -55,7 +55,7 @@ def beer_lambert_of_ten(t: Trial) -> None:
 
 @case(3)
 def beer_lambert_in_a_camera_medium(t: Trial) -> None:
-    """The camera in the medium and the lamp oblique (A40, N9).
+    """The camera in the medium and the lamp oblique.
 
     e^-(sigma d): the ray's length counts.
     """
@@ -69,7 +69,7 @@ def beer_lambert_in_a_camera_medium(t: Trial) -> None:
 
 @case(3, each={"shells": (1, 4)})
 def transmittance_of_shadow_rays(t: Trial, shells: int) -> None:
-    """A point light in an absorbing ball over a floor (A45).
+    """A point light in an absorbing ball over a floor.
 
     I cos / d^2 rho / pi e^-tau, without noise; tau = 1.5 in green: .223130. In several shells, one
     in another, the same.
@@ -96,7 +96,7 @@ def transmittance_of_shadow_rays(t: Trial, shells: int) -> None:
 
 @case(3, each={"light": ("sun", "lamp")})
 def absorbing_sheet_over_a_floor(t: Trial, light: str) -> None:
-    """Parallel light through an absorbing sheet at 50 degrees, and a square lamp above it (A45).
+    """Parallel light through an absorbing sheet at 50 degrees, and a square lamp above it.
 
     rho / pi E cos e^(-tau / cos), without noise; the lamp by quadrature of e^(-tau / cos) over its
     form factor: shadow rays of all lengths. Sees 0.5 %.
@@ -124,9 +124,9 @@ def absorbing_sheet_over_a_floor(t: Trial, light: str) -> None:
 
 @case(3)
 def chromatic_distance_to_a_wall(t: Trial) -> None:
-    """Extinctions of .1, 1 and 5 with albedo 0 (A40).
+    """Extinctions of .1, 1 and 5 with albedo 0.
 
-    e^-tau: one channel's path may not starve another's.
+    e^-tau: no channel's paths may be lost because of another's extinction.
     """
     slab = cuboid([-50, -50, 0], [50, 50, 1], NULL, interior=medium([0.1, 1.0, 5.0], 0.0))
     seen = scene(view([0, 0, 5], [0, 0, 0]), slab, sky(1))

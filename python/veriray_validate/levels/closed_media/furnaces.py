@@ -20,7 +20,7 @@ WHITE = {
 @case(3, each={"name": WHITE, "boundary": ("null", "glass")}, quick=lambda name, boundary: (
     name != "grey" and (name == "forward") == (boundary == "glass")))  # fmt: skip
 def white_furnace_of_a_medium(t: Trial, name: str, boundary: str) -> None:
-    """Albedo 1 in a null ball and in a glass ball, in a sky of 1 (E2).
+    """Albedo 1 in a null ball and in a glass ball, in a sky of 1.
 
     Radiance 1 everywhere. Sees 0.2 %.
     """
@@ -33,9 +33,9 @@ def white_furnace_of_a_medium(t: Trial, name: str, boundary: str) -> None:
 
 @case(3)
 def white_furnace_of_nested_and_touching_media(t: Trial) -> None:
-    """A ball in a ball in a glass ball, two cubes that share a wall, with one of air within (N9).
+    """A ball in a ball in a glass ball; two cubes that share a wall, one with air inside.
 
-    Lossless: 1 everywhere (E2). Sees 0.2 %.
+    Lossless: 1 everywhere. Sees 0.2 %.
     """
     outer, inner = medium(1.0, 1.0), medium(3.0, 1.0, 0.5)
     bodies = [
@@ -51,7 +51,7 @@ def white_furnace_of_nested_and_touching_media(t: Trial) -> None:
 
 @case(3, each={"place": ("fog", "water")})
 def camera_in_a_white_medium(t: Trial, place: str) -> None:
-    """The camera stands in fog of albedo 1, in a null ball and in water (E2, E6, N9).
+    """The camera stands in fog of albedo 1, in a null ball and in water.
 
     1, and n^2. Sees 0.2 %.
     """
@@ -64,9 +64,9 @@ def camera_in_a_white_medium(t: Trial, place: str) -> None:
 
 @case(3, each={"distance": (10.0, 1e3, 1e4)}, quick=lambda distance: distance == 1e4)
 def white_medium_from_afar(t: Trial, distance: float) -> None:
-    """A ball of radius 1 whose coordinates are rounded to 1e-7 of the camera's distance (E2, N8).
+    """A ball of radius 1 whose coordinates are rounded to 1e-7 of the camera's distance.
 
-    Still 1: shadow rays and paths must cross the same length of medium, however it is rounded.
+    Still 1: shadow rays and paths must cross the same length of medium, whatever the rounding.
     """
     ball = sphere([0, 0, 0], 1, NULL, interior=medium(8.0, 1.0))
     fov = 2 * math.degrees(math.atan(0.9 / distance))
@@ -76,7 +76,7 @@ def white_medium_from_afar(t: Trial, distance: float) -> None:
 
 @case(3)
 def ledger_of_a_clear_medium(t: Trial) -> None:
-    """Extinction 0 is a vacuum (L6, A40).
+    """Extinction 0 is a vacuum.
 
     Three segments, no scattering, the sky itself: exactly.
     """

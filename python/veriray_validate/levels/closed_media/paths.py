@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 @case(3)
 def single_scattering(t: Trial) -> None:
-    """One scattering in a slab of tau = 1, isotropic, albedo .5, under a sun overhead (A42).
+    """One scattering in a slab of tau = 1, isotropic, albedo .5, under a sun overhead.
 
     w / 4 pi mu0 / (mu + mu0) (1 - exp(-tau (1/mu + 1/mu0))) E = .025205181 at mu = .5.
     """
@@ -42,7 +42,7 @@ def single_scattering(t: Trial) -> None:
 
 @case(3, each={"g": (0.8, -0.5)})
 def single_scattering_has_the_phase_function(t: Trial, g: float) -> None:
-    """One scattering with Henyey and Greenstein's law, light 60 degrees aside (A42).
+    """One scattering with Henyey and Greenstein's law, light 60 degrees aside.
 
     4 pi p(cos) in place of 1.
     """
@@ -59,7 +59,7 @@ def single_scattering_has_the_phase_function(t: Trial, g: float) -> None:
 @case(3, each={"g": (0.0, 0.6, -0.8), "mu": (0.5, 1.0)},
       quick=lambda g, mu: (g, mu) == (0.6, 0.5))  # fmt: skip
 def single_scattering_through_a_slab(t: Trial, g: float, mu: float) -> None:
-    """One scattering, seen from below, in three colours (A42).
+    """One scattering, seen from below, in three colours.
 
     w / 4 pi mu0 / (mu0 - mu) (e^(-tau / mu0) - e^(-tau / mu)) E with mu0 = .8 across from the eye,
     times 4 pi p(cos). Sees 1 %.
@@ -88,11 +88,11 @@ SCATTERINGS = {1.0: (0.153426, 0.097273, 0.069241, 0.052697, 0.041916, 0.034406)
 @case(3, each={"mu": SCATTERINGS, "rr_depth": (1, 1000)},
       quick=lambda mu, rr_depth: (mu, rr_depth) == (0.5, 1))  # fmt: skip
 def leaves_after_n_scatterings(t: Trial, mu: float, rr_depth: int) -> None:
-    """Half space, isotropic, albedo 1: paths out after n scatterings (L3, A43).
+    """Half space, isotropic, albedo 1: paths out after n scatterings.
 
-    Exact multinomial; n = 1 is (1 - mu log(1 + 1/mu)) / 2. Segment 0 ends at the null boundary; n
-    scatterings on, segment n + 2 is in the open. Albedo 1 gives roulette nothing to do. Sees 1 %
-    of the first.
+    Exact multinomial; n = 1 is (1 - mu log(1 + 1/mu)) / 2. Segment 0 ends at the null boundary;
+    after n scatterings, segment n + 2 is outside. With albedo 1 roulette ends no path. Sees 1 % of
+    the first.
     """
     law = np.array(SCATTERINGS[mu])
     t.check(abs(law[0] - (1 - mu * math.log(1 + 1 / mu)) / 2) < 1e-6)
@@ -107,10 +107,10 @@ def leaves_after_n_scatterings(t: Trial, mu: float, rr_depth: int) -> None:
 
 @case(3, each={"depth": (1, 2, 3, 4, 6)})
 def depth_counts_in_a_medium(t: Trial, depth: int) -> None:
-    """Orders of scattering by max_depth: n scatterings take max_depth n + 1 (A2, A43).
+    """Orders of scattering by max_depth: n scatterings take max_depth n + 1.
 
     Half space at mu = 1 in a sky of 1: the sum of w^k times the law of the last case, k < depth; 0
-    exactly at max_depth 1. Boundaries are no vertices. Sees 2 %.
+    exactly at max_depth 1. Boundaries are not vertices. Sees 2 %.
     """
     law = np.array(SCATTERINGS[1.0])[: depth - 1]
     exact = [float((w ** np.arange(1, depth)) @ law) for w in ALBEDOS.tolist()]
@@ -121,7 +121,7 @@ def depth_counts_in_a_medium(t: Trial, depth: int) -> None:
 
 @case(3, each={"g": (0.6, -0.4, 0.9)})
 def direction_after_n_scatterings(t: Trial, g: float) -> None:
-    """The turn after n scatterings with Henyey and Greenstein's law (A49).
+    """The turn after n scatterings with Henyey and Greenstein's law.
 
     E[cos] = g^n, E[P2] = g^2n, and the whole law is that of g^n: chi-square in its own
     coordinate. Chains of the core's sampler, n = 1, 2, 3. Sees 1 % in the mean cosine (g = .6).
@@ -152,12 +152,12 @@ def direction_after_n_scatterings(t: Trial, g: float) -> None:
 
 @case(3, each={"body": ((1.0, 0.0), (8.0, 0.0), (6.0, 0.9), (2.0, -0.5))})
 def mean_path_in_a_lossless_ball(t: Trial, body: tuple[float, float]) -> None:
-    """Scatterings in a ball that light enters by the cosine law; body: sigma, g (A48).
+    """Scatterings in a ball that light enters by the cosine law; body: sigma, g.
 
-    Mean path 4 V / S = 4/3, whatever sigma and g (S. Blanco and R. Fournier, 2003): so many
-    scatterings are 4/3 sigma in the mean. A far camera's almost parallel rays over the whole disc
-    are the cosine law at the surface. Segments: 1 to the ball, n + 1 inside, 1 outside. z test with
-    the counts' own variance; sees 2 %.
+    The mean path is 4 V / S = 4/3, whatever sigma and g (S. Blanco and R. Fournier, 2003), so the
+    mean number of scatterings is 4/3 sigma. A far camera's almost parallel rays over the whole disc
+    follow the cosine law at the surface. Segments: 1 to the ball, n + 1 inside, 1 outside. z test
+    with the counts' own variance; sees 2 %.
     """
     sigma, g = body
     distance = 100.0
@@ -181,12 +181,12 @@ BOXES = {"cube": ([1.0, 1, 1], 0.666667), "box": ([1.0, 2, 3], 1.090909)}
 @case(3, each={"body": BOXES, "made": ("quads", "mesh"), "g": (0.0, 0.8)},
       quick=lambda body, made, g: (body, made, g) == ("box", "quads", 0))  # fmt: skip
 def mean_path_in_a_lossless_box(t: Trial, body: str, made: str, g: float) -> None:
-    """Scatterings in a cube and in a box 1 x 2 x 3 that light enters from all sides (A48).
+    """Scatterings in a cube and in a box 1 x 2 x 3 that light enters from all sides.
 
-    4 V / S = .666667 and 1.090909 mean free paths, whatever g; none is cut (exact). One far picture
-    of the sphere around it from each of 200 random directions: the rays that meet the box obey the
-    cosine law. Ratio of sums, error from the directions; sees 4 %. Six quads, or 192 triangles in a
-    tree.
+    4 V / S = .666667 and 1.090909 mean free paths, whatever g; none is cut (exact). One distant
+    picture of the sphere around the box from each of 200 random directions: the rays that meet the
+    box obey the cosine law. Ratio of sums, error from the directions; sees 4 %. Six quads, or 192
+    triangles in a tree.
     """
     size, exact = np.array(BOXES[body][0]), BOXES[body][1]
     surface = 2 * float(size @ np.roll(size, 1))
@@ -246,7 +246,7 @@ def report_ball(scattering: float, absorption: float, paths: int, seed: int) -> 
 @case(3, each={"values": ((4.0, 0.3), (1.0, 1.0), (8.0, 0.1))},
       quick=lambda values: values == (1.0, 1.0))  # fmt: skip
 def report_parameters(t: Trial, values: tuple[float, float]) -> None:
-    """A ball by the 2016 report's parameters sigma_s' and mu, and its own procedure (A40, A43).
+    """A ball by the 2016 report's parameters sigma_s' and mu, and its own procedure.
 
     sigma_s = sigma_s', sigma_a = mu, isotropic: equal to the report's procedure, in expectation.
     Two-sample z test against the procedure itself in NumPy; sees 2 %.
@@ -263,7 +263,7 @@ def report_parameters(t: Trial, values: tuple[float, float]) -> None:
 
 @case(3)
 def report_parameters_as_sigma_s_and_sigma_a(t: Trial) -> None:
-    """The same medium by sigma_s and sigma_a (A40).
+    """The same medium by sigma_s and sigma_a.
 
     The same film, bit for bit.
     """

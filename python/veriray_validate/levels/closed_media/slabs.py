@@ -46,7 +46,7 @@ def at(mu: float) -> Array:
 
 @case(3, once=True, quick=False)
 def transfer_theory(t: Trial) -> None:
-    """Solvers of the transfer equation against each other and printed values (A42, A43, A44).
+    """Solvers of the transfer equation against each other and printed values.
 
     Adding-doubling and discrete ordinates to 1e-8; H functions; the integral equation; lossless
     slabs keep everything; H. C. van de Hulst, 1980 (g = .75, tau = 2: .09739, .66096); R. G.
@@ -91,7 +91,7 @@ HALF_SPACE = {1.0: (0.115226, 0.414947, 0.752721), 0.5: (0.160144, 0.507939, 0.8
 
 @case(3, each={"mu": HALF_SPACE}, quick=lambda mu: mu == 0.5)
 def half_space(t: Trial, mu: float) -> None:
-    """An isotropic half space in a sky of 1, three albedos as three channels; tau is 200 (A43).
+    """An isotropic half space in a sky of 1, three albedos as three channels; tau is 200.
 
     Chandrasekhar's 1 - H(mu) sqrt(1 - w): at mu = 1 .115226, .414947, .752721. Sees 2 %.
     """
@@ -103,17 +103,18 @@ def half_space(t: Trial, mu: float) -> None:
 
 @case(3, quick=False)
 def spherical_albedo_of_a_half_space(t: Trial) -> None:
-    """An isotropic half space lit by diffuse light (A43).
+    """An isotropic half space lit by diffuse light.
 
     2 integral of mu (1 - H sqrt(1 - w)) = .146544, .478024, .794564. Sees 2 %.
 
-    The body that stands for it is 36 mean free paths deep and wide: what is missing of R is below
+    The body that represents it is 36 mean free paths deep and wide. What is missing of R is below
     w / 2 exp(-2 k tau), 2e-6 for k = .1725 at w = .99 (its largest root of k = w artanh k), and the
     patch sees (h / W)^2 = 2e-7 past it. Light enters 2^-20 of the renderer's unit U = 2048 inside,
-    unattenuated, and leaves through a plane 2^-22 U inside. To begin an optical depth e inside
-    changes R(mu) by e / mu (R(mu) - w E), with E = (1 + integral of R) / 2 the light that leaves a
-    source at the boundary: relative to R 2 e (integral of R - w E) / R, -1.66 e, -.69 e, -.21 e for
-    the three albedos. e = 3 / 4 2^-20 U sigma is 2.6e-5 here, and the change 4.4e-5.
+    unattenuated, and leaves through a plane 2^-22 U inside. Starting an optical depth e inside
+    changes R(mu) by e / mu (R(mu) - w E), where E = (1 + integral of R) / 2 is the light that
+    leaves a source at the boundary. Relative to R that is 2 e (integral of R - w E) / R: -1.66 e,
+    -.69 e, -.21 e for the three albedos. e = 3 / 4 2^-20 U sigma is 2.6e-5 here, and the change
+    4.4e-5.
     """
     x, w = gauss(64)
     at_mu = np.array([1 - chandrasekhar(a, x.tolist()) * math.sqrt(1 - a) for a in ALBEDOS])
@@ -129,7 +130,7 @@ def spherical_albedo_of_a_half_space(t: Trial) -> None:
 
 @case(3, each={"mu": (1.0, 0.7, 0.25)}, quick=lambda mu: mu == 0.7)
 def half_space_in_parallel_light(t: Trial, mu: float) -> None:
-    """An isotropic half space under a sun at cosine .4 (A43).
+    """An isotropic half space under a sun at cosine .4.
 
     S. Chandrasekhar, 1950: w / 4 pi mu0 / (mu + mu0) H(mu) H(mu0) E. Sees 2 %.
     """
@@ -147,7 +148,7 @@ def half_space_in_parallel_light(t: Trial, mu: float) -> None:
 
 @case(3, each={"mu": (1.0, 0.4)})
 def conservative_slab(t: Trial, mu: float) -> None:
-    """Tau = 1, albedo 1, isotropic: of the sky above and of a lamp below (A44).
+    """Tau = 1, albedo 1, isotropic: reflection of the sky above, transmission of a lamp below.
 
     R = .341329, T = .658671 at mu = 1; R + T = 1. Sees 1 %.
     """
@@ -166,7 +167,7 @@ def conservative_slab(t: Trial, mu: float) -> None:
     quick=lambda eta, g, tau, mu: (g, tau, mu) == (0.75, 2.0, 1.0),
 )  # fmt: skip
 def scattering_slab(t: Trial, eta: float, g: float, tau: float, mu: float) -> None:
-    """Reflectance and transmittance of a slab, Henyey-Greenstein, matched or glassy (A43, A44).
+    """Reflectance and transmittance of a slab, Henyey-Greenstein, matched or glassy.
 
     Adding-doubling, which discrete ordinates confirm to 1e-8; albedo .5, .9 and .99 as three
     channels, tau = 1000 for the half space, all angles of the sky. Sees 2 %.
@@ -191,7 +192,7 @@ def scattering_slab(t: Trial, eta: float, g: float, tau: float, mu: float) -> No
 @case(3, each={"side": ("above", "below"), "mu": (1.0, 0.3)},
       quick=lambda side, mu: (side == "above") == (mu == 0.3))  # fmt: skip
 def slab_in_parallel_light(t: Trial, side: str, mu: float) -> None:
-    """An isotropic slab of tau = 1 under a sun at cosine .6, from above and below (A44).
+    """An isotropic slab of tau = 1 under a sun at cosine .6, from above and below.
 
     The source function of the integral equation, integrated towards the eye. Sees 2 %.
     """

@@ -50,20 +50,35 @@ __global__ void __launch_bounds__(kWaveBlock)
     if (threadIdx.x == 0) w.queues[blockIdx.x] = q;
 }
 
+// All hits; kind: those of one queue alone, and with `misses` those of queue 0.
+constexpr uint32_t kEveryKind = ~0u;
 template <class Tracer>
 __global__ void __launch_bounds__(kWaveBlock)
     scatter_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
-                   const __grid_constant__ Wave w, uint64_t* ledger) {
+                   const __grid_constant__ Wave w, uint32_t kind, bool misses, uint64_t* ledger) {
     if (w.queues[blockIdx.x].live == 0) return;
     __shared__ TileQueues q;
     __shared__ BlockLedger counts;
     if (threadIdx.x == 0) q = w.queues[blockIdx.x];
     counts.clear();
     __syncthreads();
-    each_of(hit_places(q), [&](uint32_t k) {
+    const auto scatter = [&](uint32_t of, uint32_t k) {
         wave_scatter<Tracer>(
-            scene, job, w, q, blockIdx.x * kTileSlots, k,
+            scene, job, w, q, blockIdx.x * kTileSlots, of, k,
             [&](uint32_t depth, uint32_t column) { counts.record(ledger, depth, column); });
+    };
+    const uint32_t missed = misses ? hit_places(q, 0) : 0;
+    each_of(kind == kEveryKind ? hit_places(q) : missed + q.hits[kind], [&](uint32_t k) {
+        uint32_t of = kind;
+        if (kind == kEveryKind) {
+            if (!find_hit(q, of, k)) return;
+        } else if (k >= missed) {
+            k -= missed;
+        } else {
+            of = 0;
+            if (k >= q.hits[0]) return;
+        }
+        scatter(of, k);
     });
     __syncthreads();
     if (threadIdx.x == 0) w.queues[blockIdx.x] = q;
@@ -135,10 +150,38 @@ void load_kernels(Kernels... kernels) {
     (check(cudaFuncGetAttributes(&attributes, kernels), "kernels"), ...);
 }
 
+// Calls fn.template operator()<One>(queue) with the tracer of each kind of material that the scene
+// has. In a tree hits are as they were sorted; without one, rims may change them.
+template <class Tracer, uint32_t kKind = 0, class Fn>
+void each_kind(const SceneView& scene, Fn fn) {
+    if constexpr (kKind < kMaterialCount) {
+        constexpr uint32_t kBit = materials(1u << kKind), kFlat = kQuads | kPolygons;
+        if constexpr ((Tracer::kMask & kBit) != 0)
+            if (scene.features & kBit)
+                fn.template operator()<typename Tracer::template With<
+                    (Tracer::kMask & ~(materials(kAllKinds) | kFlat)) | kBit>>(1 + kKind);
+        each_kind<Tracer, kKind + 1>(scene, fn);
+    }
+}
+
+// Calls fn(kernel, kind, misses) for the launches that scatter a wave's hits.
+template <class Tracer, class Fn>
+void each_scatter(const SceneView& scene, const Wave& w, Fn fn) {
+    if constexpr ((Tracer::kMask & kBvh) != 0 && !Tracer::Material::kOneKind)
+        if (w.kinds > 1 && (scene.features & kBvh)) {
+            bool misses = true;
+            each_kind<Tracer>(scene, [&]<class One>(uint32_t queue) {
+                fn(scatter_kernel<One>, queue, std::exchange(misses, false));
+            });
+            return;
+        }
+    fn(scatter_kernel<Tracer>, kEveryKind, false);
+}
+
 template <class Tracer>
 Graph record_steps(const Launches& l, const Job& job, const Wave& w) {
-    load_kernels(refill_kernel<Tracer>, trace_kernel<Tracer>, scatter_kernel<Tracer>,
-                 shadow_kernel<Tracer>);
+    load_kernels(refill_kernel<Tracer>, trace_kernel<Tracer>, shadow_kernel<Tracer>);
+    each_scatter<Tracer>(l.scene, w, [](auto kernel, uint32_t, bool) { load_kernels(kernel); });
     const uint32_t tiles = tile_count(w.capacity);
     const cudaStream_t s = l.work.s;
     uint64_t* const ledger = l.ledger.get();
@@ -148,8 +191,10 @@ Graph record_steps(const Launches& l, const Job& job, const Wave& w) {
             check_launch("refill");
             trace_kernel<Tracer><<<tiles, kWaveBlock, 0, s>>>(l.scene, w);
             check_launch("trace");
-            scatter_kernel<Tracer><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
-            check_launch("scatter");
+            each_scatter<Tracer>(l.scene, w, [&](auto kernel, uint32_t kind, bool misses) {
+                kernel<<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, kind, misses, ledger);
+                check_launch("scatter");
+            });
             shadow_kernel<Tracer><<<tiles, kWaveBlock, 0, s>>>(l.scene, job, w, ledger);
             check_launch("shadow");
         }

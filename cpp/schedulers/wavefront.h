@@ -136,7 +136,8 @@ VR_HD void wave_trace(const SceneView& scene, const Wave& w, TileQueues& q, uint
     w.hits[static_cast<uint64_t>(kind) * w.capacity + place] = i;
 }
 
-// ---- scatter: place k of the queues of hits, laid end to end, each rounded up to kKindPlaces ----
+// ---- scatter: place k of a kind's queue of hits ----
+// Laid end to end, the queues of a tile have hit_places(q); each is rounded up to kKindPlaces.
 VR_HD uint32_t hit_places(const TileQueues& q, uint32_t kind) {
     return (q.hits[kind] + kKindPlaces - 1) / kKindPlaces * kKindPlaces;
 }
@@ -146,13 +147,16 @@ VR_HD uint32_t hit_places(const TileQueues& q) {
     return places;
 }
 
+// Place k of these as one of its kind's queue; false where there is none.
+VR_HD bool find_hit(const TileQueues& q, uint32_t& kind, uint32_t& k) {
+    for (kind = 0; k >= hit_places(q, kind); ++kind) k -= hit_places(q, kind);
+    return k < q.hits[kind];
+}
+
 // record(depth, column) counts one event of the ledger.
 template <class Tracer, class Record>
 VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, TileQueues& q,
-                        uint32_t first, uint32_t k, Record record) {
-    uint32_t kind = 0;
-    for (; k >= hit_places(q, kind); ++kind) k -= hit_places(q, kind);
-    if (k >= q.hits[kind]) return;
+                        uint32_t first, uint32_t kind, uint32_t k, Record record) {
     const uint32_t i = w.hits[static_cast<uint64_t>(kind) * w.capacity + first + k];
     const uint32_t segment = w.state[i];
     typename Tracer::State path = load_path<Tracer>(w.paths, i);
@@ -213,9 +217,9 @@ void run_wave_tile(const SceneView& scene, const Job& job, const Wave& w, uint32
         if (q.idle) return;
         for (uint32_t k = 0; k < r.begins; ++k) wave_begin<Tracer>(scene, job, w, r, first, k);
         for (uint32_t k = 0; k < q.live; ++k) wave_trace<Tracer>(scene, w, q, first, k);
-        const uint32_t places = hit_places(q);
-        for (uint32_t k = 0; k < places; ++k)
-            wave_scatter<Tracer>(scene, job, w, q, first, k, record);
+        for (uint32_t kind = 0; kind < w.kinds; ++kind)
+            for (uint32_t k = 0; k < q.hits[kind]; ++k)
+                wave_scatter<Tracer>(scene, job, w, q, first, kind, k, record);
         for (uint32_t k = 0; k < q.shadows; ++k)
             wave_shadow<Tracer>(scene, job, w, first, k, record);
     }

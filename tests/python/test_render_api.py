@@ -22,7 +22,8 @@ import pytest
 import veriray as vr
 from veriray import device as device_module
 from veriray import native_scene
-from veriray.rendering import METHODS, SCHEDULERS, prepare
+from veriray.rendering import METHODS, SCHEDULERS, choose_scheduler, prepare
+from veriray.settings import RenderSettings
 from veriray_validate.levels.stress_extremes import too_bright
 from veriray_validate.scenes import Part, camera, check_scene, make
 
@@ -467,3 +468,23 @@ def test_native_error_types_become_ours() -> None:
         raise theirs("lost")
     with pytest.raises(KeyError), device_module.native_errors():
         raise KeyError("other")
+
+
+def test_auto_takes_wavefront_where_it_pays() -> None:
+    """The rule of `choose_scheduler`, on what scenes say of themselves."""
+    many = RenderSettings(width=1024, height=1024, spp=16)
+    tree = {"tree": {"width": 4}, "variant": ["bvh", "diffuse", "plastic"]}
+    plain = {**tree, "variant": ["bvh", "diffuse"]}
+    flat = {**tree, "tree": {}}
+
+    def chosen(settings: RenderSettings = many, backend: str = "cuda", facts: Any = tree) -> str:
+        return choose_scheduler(settings, backend, facts)[0]
+
+    assert chosen() == "wavefront"
+    assert {chosen(facts=plain), chosen(facts=flat), chosen(backend="cpu")} == {"fused"}
+    few = dataclasses.replace(many, spp=15)
+    by_batch = dataclasses.replace(many, batches=2)
+    until = dataclasses.replace(many, target_error=0.1)
+    assert {chosen(few), chosen(by_batch), chosen(until)} == {"fused"}
+    asked = dataclasses.replace(few, scheduler="thrust")
+    assert choose_scheduler(asked, "cuda", tree) == ("thrust", "asked for")

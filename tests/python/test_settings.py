@@ -26,8 +26,7 @@ RANGE = {"sample_begin": 0, "sample_end": 1, "pixels": None}
 def native_defaults(*, path: bool = False) -> dict[str, Any]:
     """By native name: what a render gets that asks for nothing, of a scene that states nothing."""
     of_scene = {name: s.scene for name, s in SETTINGS.items() if s.scene is not None}
-    scheduler, _ = rendering.choose_scheduler(SETTINGS["scheduler"].default)
-    return RenderSettings(**of_scene, scheduler=scheduler).native(path=path)
+    return RenderSettings(**of_scene, scheduler="fused").native(path=path)
 
 
 def keywords(function: Any, *others: str) -> dict[str, Any]:

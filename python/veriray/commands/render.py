@@ -68,10 +68,8 @@ def _render(arguments: argparse.Namespace) -> int:
     settings = RenderSettings(**{name: getattr(arguments, name) for name in SETTINGS})
     used, settled = settle(scene, settings)
     chosen, reason = device_module.select(arguments.device)
-    scheduler, scheduler_reason = choose_scheduler(arguments.scheduler)
     if not arguments.quiet:
         say(f"device     {chosen.name}, {chosen.description} ({reason})")
-        say(f"scheduler  {scheduler} ({scheduler_reason})")
     asked = {name: getattr(settled, name) for name in ("width", "height", "spp", "builder")}
     if len(scene.triangles) >= LARGE_MESH:
         title = f"building the tree over {len(scene.triangles):,} triangles"
@@ -83,6 +81,8 @@ def _render(arguments: argparse.Namespace) -> int:
         if facts["tree"]:
             say(f"tree       {tree_text(facts['tree'])}")
         say(f"primitives {primitives_text(facts['primitives'])}")
+        scheduler, why = choose_scheduler(settled, chosen.backend, facts)
+        say(f"scheduler  {scheduler} ({why})")
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
         result = render_with(scene, settings, progress)

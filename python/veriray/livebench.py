@@ -1,9 +1,10 @@
-"""`veriray bench live-rays`: how many rays live at each depth, and what each depth costs.
+"""`veriray bench live-rays`: how many rays are alive at each depth, and what each depth costs.
 
 The columns Depth, Live rays and Thread blocks are those of Table 1 of the 2016 report on thread
 compaction, measured by the scheduler that implements its algorithm. Row d: rays alive after bounce
 d (row 0: the camera rays), thread blocks launched for that bounce, rays alive as a share of all
-paths, and the time of the bounce. A bounce is launched for the rays that the one before left alive:
+paths, and the time of the bounce. A bounce is launched for the rays that the previous one left
+alive:
 blocks[d + 1] = ceil(live[d] / 256) when all paths fit in one batch.
 """
 
@@ -59,7 +60,7 @@ def run(
 
 
 def rows(result: Render) -> list[dict[str, Any]]:
-    """The table of a render; blocks and seconds are None where the scheduler has none."""
+    """The table of a render; blocks and seconds are None if the scheduler has none."""
     stats = result.stats
     live, blocks, seconds = stats["live_rays"], stats["blocks"], stats["depth_seconds"]
     table = []
@@ -77,7 +78,7 @@ def rows(result: Render) -> list[dict[str, Any]]:
 
 
 def law_holds(result: Render) -> bool | None:
-    """Whether blocks launched for a bounce are ceil(live rays before it / 256); None: no blocks."""
+    """Whether the blocks of a bounce are ceil(live rays before it / 256); None: no blocks."""
     live, blocks = result.stats["live_rays"], result.stats["blocks"]
     if not blocks:
         return None
@@ -87,7 +88,7 @@ def law_holds(result: Render) -> bool | None:
 def as_text(table: list[dict[str, Any]], limit: int | None = None) -> str:
     """The table as aligned text; only the first `limit` rows and the last one when given.
 
-    Columns that no row fills are left out.
+    Columns that are empty in every row are left out.
     """
     headers = {
         "depth": "Depth",
@@ -116,7 +117,7 @@ def as_text(table: list[dict[str, Any]], limit: int | None = None) -> str:
 
 
 def aligned(lines: list[list[str]]) -> str:
-    """Lines of as many cells each, aligned on the right."""
+    """Lines with equal numbers of cells, right-aligned."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join(text.rjust(w) for text, w in zip(line, widths, strict=True)) for line in lines

@@ -39,7 +39,7 @@ class Maps:
 
 @dataclass
 class Report:
-    """Verdict on two renders, with what it rests on.
+    """Verdict on two renders, with its evidence.
 
     Attributes:
         result: "pass" (no difference found), "fail" (they differ) or "inconclusive".
@@ -58,7 +58,7 @@ class Report:
             (variance of the picture's mean over that of independent pixels, about 1) of A and B,
             correlation of their noise, asymmetry (skewness of A - B), number of flips.
         ledger: rows of `veriray.comparison.statistics.LedgerComparison`.
-        notes: things to know. `a`, `b`: where the pictures come from.
+        notes: remarks. `a`, `b`: where the pictures come from.
     """
 
     alpha: float

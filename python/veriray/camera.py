@@ -216,7 +216,7 @@ class Camera:
         view = check_matrix("matrix [R t]", matrix)
         square = (view[:3, None, :3] * view[None, :3, :3]).sum(axis=2)
         if np.abs(square - np.eye(3)).max() > 1e-3 or determinant(view) < 0:
-            raise SceneError(f"R = {view[:3, :3].tolist()} is no rotation")
+            raise SceneError(f"R = {view[:3, :3].tolist()} is not a rotation")
         back = np.eye(4)
         back[:3, :3] = view[:3, :3].T
         position = transform.compose(back, transform.translate((-view[:3, 3]).tolist()))

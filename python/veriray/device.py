@@ -256,7 +256,7 @@ def select(device: str = "auto") -> tuple[Device, str]:
             reason = f"{error}; {why}"
             level = logging.WARNING  # shown even where nobody set up logging
         else:
-            reason = "auto takes a CUDA device where one can be used"
+            reason = "auto takes a CUDA device if one can be used"
             level = logging.INFO
         _announce(level, f"{chosen.name} ({chosen.description}): {reason}")
         return chosen, reason

@@ -94,7 +94,7 @@ def as_text(report: dict[str, Any]) -> str:
         "materials   " + (", ".join(f"{n} {k}" for k, n in report["materials"].items()) or "none"),
         f"primitives  {primitives_text(report['primitives'])}",
         f"tree        {tree_text(report['tree'])}",
-        f"memory      {report['memory']:,} bytes, and {report['path_bytes']} bytes a path",
+        f"memory      {report['memory']:,} bytes, and {report['path_bytes']} bytes per path",
         *(f"warning     {text}" for text in report["warnings"]),
         "",
         f"{'feature':<16} {'needed':<7} {'compiled in':<12} meaning",

@@ -72,8 +72,9 @@ def media(scene: Scene, origin: Array) -> list[str]:
         name = _name(scene, f"sigma_t[{k}]")
         if far > FREE_PATHS:
             found.append(
-                f"{name} reaches {far:.2g} free paths from the frame's origin: places are rounded "
-                f"to {_ROUNDING * far:.1g} of one; above {FREE_PATHS:g} light may be 0.5 % off"
+                f"{name} reaches {far:.2g} free paths from the frame's origin: positions are "
+                f"rounded to {_ROUNDING * far:.1g} of a free path; above {FREE_PATHS:g} light may "
+                "be 0.5 % off"
             )
         scatterings = min(depth, 1 / max(1 - float(albedo[k].max()), 1e-300))
         if scatterings > SCATTERINGS and not 0 <= scene.max_depth < SCATTERINGS:
@@ -123,8 +124,8 @@ def near_faces(scene: Scene, origin: Array) -> list[str]:
         if len(hit):
             one, other = (_name(scene, f"triangles[{number[x[hit[0]]]}]") for x in (a, b))
             return [
-                f"{one} and {other} are {gap[near][hit[0]]:.1g} of their distance from the frame's "
-                f"origin apart: below {LENGTH:g} they may change places"
+                f"the gap between {one} and {other} is {gap[near][hit[0]]:.1g} of their distance "
+                f"from the frame's origin: below {LENGTH:g} they may change places"
             ]
     return []
 

@@ -305,7 +305,7 @@ def test_lights_follow_from_their_classes(monkeypatch: pytest.MonkeyPatch) -> No
     assert row["figures"]["best_over_power"] <= 1
     monkeypatch.setattr(studies, "LAMP_RATIO", 2)
     row = quick("lights")
-    assert row["void"].startswith("the classes foretell the measured variance +")
+    assert row["void"].startswith("the classes predict the measured variance +")
     assert row["figures"] == {}
 
 

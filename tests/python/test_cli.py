@@ -109,7 +109,7 @@ def test_info(capsys: Any) -> None:
     out = capsys.readouterr().out
     for word in (
         "1 degenerate triangles dropped",
-        "bytes a path",
+        "bytes per path",
         "tree ",
         "skipped",
         "refraction",

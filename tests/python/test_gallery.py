@@ -159,7 +159,7 @@ def test_run_resumes_by_file(tmp_path: Path) -> None:
     before = (tmp_path / "spheres.exr").read_bytes()
 
     titles, lines = again()
-    assert not titles and lines[0] == "picture 1 of 2: spheres is there"
+    assert not titles and lines[0] == "picture 1 of 2: spheres exists"
     (tmp_path / "spheres.exr").write_bytes(before[:5000])
     (tmp_path / "spheres-300.png").unlink()
     titles, _ = again()

@@ -82,7 +82,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "walls": (
         {"a": wall(0, 0, 0), "b": wall(0, 0, 2e-6)},
         {"a": wall(0, 0, 0), "b": wall(0, 0, 2e-5)},
-        "triangles[0] (scene.a) and triangles[2] (scene.b) are 4e-07",
+        "triangles[0] (scene.a) and triangles[2] (scene.b) is 4e-07",
     ),
     "walls of other forms": (
         {"a": wall(0, 0, 0), "b": wall(0.3, 0, 2e-6, size=0.1, turn=0.7)},

@@ -174,8 +174,8 @@ def _t_test(
             finds,
             "inconclusive",
             where=(
-                f"needs {st.MIN_EFFECTIVE_SAMPLES:,} effective samples a cell on both sides, known "
-                f"standard errors, and for parts of the picture {st.MIN_BATCHES} batches"
+                f"needs {st.MIN_EFFECTIVE_SAMPLES:,} effective samples per cell on both sides, "
+                f"known standard errors, and for parts of the picture {st.MIN_BATCHES} batches"
             ),
         )
     change, level = (partition.mean(x) for x in (images[0] - images[1], sum(images) / 2))

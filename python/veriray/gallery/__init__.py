@@ -141,7 +141,7 @@ def _render_all(
         result = None if force else _finished(exr, scene, spp, settings["seed"])
         head = f"picture {k + 1} of {len(jobs)}"
         if result is not None:
-            say(f"{head}: {picture.name} is there")
+            say(f"{head}: {picture.name} exists")
         else:
             film, rate = scene.film, rendered / max(time.perf_counter() - start, 1e-9)
             left = f", about {(sum(work) - done) / rate:.0f} s left" if rate > 0 else ""

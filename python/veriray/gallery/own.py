@@ -26,5 +26,5 @@ def protect(paths: Iterable[Path], force: bool) -> None:
     """Raises FileExistsError for the first file that is foreign, unless `force`."""
     for path in () if force else paths:
         if is_foreign(path):
-            reason = "is there and was not made by the gallery; --force replaces it"
+            reason = "exists and was not made by the gallery; --force replaces it"
             raise OSError(errno.EEXIST, reason, str(path))

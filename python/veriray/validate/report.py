@@ -45,8 +45,8 @@ SHOWS = {
     4: "As many rays live and die at each depth as theory and other programs say",
     5: "A renderer that shares no code gives the same pictures within chance",
     6: "Schedulers, batches, threads and devices give the same bits",
-    7: "The measured Cornell box comes out as its spectra say, as far as RGB can",
-    8: "Extreme numbers and broken input do what is promised",
+    7: "The measured Cornell box matches its spectra, as far as RGB can",
+    8: "Extreme numbers and broken input are handled as promised",
     9: "Planted bugs are found",
 }
 _TEMPLATE = Path(__file__).with_name("report.html.j2")
@@ -82,8 +82,8 @@ def verdict(validation: Validation) -> tuple[str, str]:
     stage = validation.first_stage()
     how_many = (
         f"{stage['low']} of {stage['of']:,} statistical cases had p < {FIRST:g} in the first "
-        f"stage, where chance makes {stage['of'] * FIRST:.2g}, and as many with probability "
-        f"{stage['p']:.2g}"
+        f"stage, where chance makes {stage['of'] * FIRST:.2g}, and that many or more with "
+        f"probability {stage['p']:.2g}"
     )
     if validation.crowded:
         return "fail", (
@@ -386,7 +386,7 @@ def _plots(outcomes: list[Outcome]) -> list[tuple[str, str]]:
     if z := _z_values(outcomes):
         out.append((
             f"Do the z-scores follow chance? {len(z):,} pixels of scenes with exact answers; the "
-            "channels of a pixel share noise, so the band is a guide and no part of the verdict",
+            "channels of a pixel share noise, so the band is a guide and not part of the verdict",
             html.z_plot(np.array(z), law="normal law"),
         ))  # fmt: skip
     return out

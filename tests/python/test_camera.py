@@ -1,7 +1,7 @@
-"""Cameras made and moved: where points appear on the film says whether they are right.
+"""Cameras made and moved: tested by where points appear on the film.
 
-A point's place on the film follows from Camera's definition; the other programs' conventions are
-written out here by their own formulas.
+A point's place on the film follows from Camera's definition; other programs' conventions are
+written out here with their own formulas.
 """
 
 import dataclasses

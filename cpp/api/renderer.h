@@ -168,12 +168,12 @@ std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* orig
 struct TreeWords {
     std::vector<uint32_t> nodes, order;
 };
-// The scene's tree with 2, 4 or 8 boxes per node, rebuilt by `ploc` on the host.
+// The scene's tree of 2, 4 or 8 boxes a node, built anew by `ploc` on the host.
 TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads);
 // The tree that the device holds. CUDA only.
 TreeWords device_tree(const Scene& scene);
-// As intersect, through a tree with 2, 4 or 8 boxes per node, on which the answers do not depend;
-// returns the kernel's seconds. CUDA only.
+// As intersect, through a tree of 2, 4 or 8 boxes a node, which the answers do not show; returns
+// the kernel's seconds. CUDA only.
 double intersect_width(const Scene& scene, uint32_t width, const double* origins,
                        const double* directions, size_t n, float* t, int32_t* primitive);
 

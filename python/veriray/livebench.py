@@ -1,10 +1,9 @@
-"""`veriray bench live-rays`: how many rays are alive at each depth, and what each depth costs.
+"""`veriray bench live-rays`: how many rays live at each depth, and what each depth costs.
 
 The columns Depth, Live rays and Thread blocks are those of Table 1 of the 2016 report on thread
 compaction, measured by the scheduler that implements its algorithm. Row d: rays alive after bounce
 d (row 0: the camera rays), thread blocks launched for that bounce, rays alive as a share of all
-paths, and the time of the bounce. A bounce is launched for the rays that the previous one left
-alive:
+paths, and the time of the bounce. A bounce is launched for the rays that the one before left alive:
 blocks[d + 1] = ceil(live[d] / 256) when all paths fit in one batch.
 """
 

@@ -18,8 +18,8 @@ from .scene import Scene
 #: How a tree is built: binned SAH with spatial splits on the host, or clustering (PLOC) on the
 #: device. The films are the same.
 BUILDERS = ("auto", "sah", "ploc")
-#: Paths per triangle from which on a tree by `sah` saves more time on CUDA than it takes (an H200
-#: and 16 cores: scenario `build` of `veriray bench`).
+#: Paths a triangle from which on a tree by `sah` saves more time on CUDA than it takes (an H200 and
+#: 16 cores: scenario `build` of `veriray bench`).
 CATCH_UP = 2000
 
 _KEPT_PER_SCENE = 2
@@ -126,7 +126,7 @@ def _make(scene: Scene, device: Device, arguments: dict[str, Any]) -> Any:
 
 
 def scene_facts(native: Any) -> dict[str, Any]:
-    """A native scene's description of itself, as plain data."""
+    """What a native scene says of itself, as plain data."""
     return {
         "features": [str(name) for name in native.features],
         "variant": [str(name) for name in native.variant],

@@ -81,7 +81,7 @@ class _Runs:
 
 def uniform(device: Device, held: Any, scene: Scene, spp: int, batches: int,
             settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
-    """The same samples for every pixel, in one piece or in `batches` pieces with kept means."""
+    """The same samples of every pixel, in one piece or in `batches` pieces whose means are kept."""
     runs = _Runs(device, held, scene, settings, progress)
     width, height = runs.size
     runs.ahead = float(width * height * spp)
@@ -100,7 +100,7 @@ def uniform(device: Device, held: Any, scene: Scene, spp: int, batches: int,
 
 def adaptive(device: Device, held: Any, scene: Scene, spp: int, target: float,
              settings: dict[str, Any], progress: Progress) -> Sampled:  # fmt: skip
-    """As many samples as each tile needs for `target`, `PILOT` to spp per pixel; see the module."""
+    """As many samples as each tile needs for `target`, `PILOT` to spp a pixel; see the module."""
     runs = _Runs(device, held, scene, settings, progress)
     width, height = runs.size
     pilot = runs.film()

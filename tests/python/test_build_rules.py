@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CPP = ROOT / "cpp"
 BINDINGS = ROOT / "python" / "bindings"
 
-#: A layer includes layers of smaller rank and itself.
+#: A room (a layer of the C++ code) includes rooms of smaller rank and itself.
 RANKS = {
     "core": 0, "schema": 0,
     "geometry": 1, "spectrum": 1,
@@ -26,8 +26,8 @@ RANKS = {
     "backends": 6,
     "api": 7,
 }  # fmt: skip
-#: Layers whose code runs once per ray, on every device.
-STAGE_LAYERS = {name for name, rank in RANKS.items() if rank <= 2} | {"integrators"}
+#: Rooms whose code runs once per ray, on every device.
+STAGE_ROOMS = {name for name, rank in RANKS.items() if rank <= 2} | {"integrators"}
 LIBM = (
     "sin cos tan asin acos atan atan2 sincos sinpi cospi sinh cosh tanh asinh acosh atanh exp exp2 "
     "exp10 expm1 log log2 log10 log1p pow cbrt hypot erf erfc tgamma lgamma fmod remainder"
@@ -51,7 +51,7 @@ def code(path: Path) -> str:
     return re.sub(r'(?<!include )"(?:\\.|[^"\\\n])*"', '""', text)
 
 
-def layer(path: Path) -> str:
+def room(path: Path) -> str:
     return "bindings" if BINDINGS in path.parents else path.relative_to(CPP).parts[0]
 
 
@@ -61,7 +61,7 @@ def test_sources_are_found() -> None:
 
 @each_source
 def test_include_rule(path: Path) -> None:
-    here = layer(path)
+    here = room(path)
     for target in re.findall(r'#\s*include\s+"([^"]+)"', code(path)):
         assert (CPP / target).is_file(), f"{target}: include paths start at cpp/"
         if here == "bindings":
@@ -75,13 +75,13 @@ def test_include_rule(path: Path) -> None:
 
 
 @each_source
-def test_layers_are_known(path: Path) -> None:
-    assert layer(path) in {*RANKS, "bindings"}
+def test_rooms_are_known(path: Path) -> None:
+    assert room(path) in {*RANKS, "bindings"}
 
 
 @each_source
 def test_compiler_macros_stay_in_platform(path: Path) -> None:
-    if path == CPP / "core" / "platform.h" or layer(path) == "backends":
+    if path == CPP / "core" / "platform.h" or room(path) == "backends":
         return
     found = re.findall(r"__CUDACC\w*|__CUDA_ARCH__|__NVCC__", code(path))
     assert not found, "only core/platform.h and backends know which compiler is at work"
@@ -89,7 +89,7 @@ def test_compiler_macros_stay_in_platform(path: Path) -> None:
 
 @each_source
 def test_vendor_calls_stay_in_backends(path: Path) -> None:
-    if path == CPP / "core" / "platform.h" or layer(path) == "backends":
+    if path == CPP / "core" / "platform.h" or room(path) == "backends":
         return
     found = re.findall(
         r"\bcu(?:da)?[A-Z]\w+\s*\(|<<<|#\s*include\s*<cu(?:da|rand|b)\b[^>]*>", code(path)
@@ -110,7 +110,7 @@ def test_no_libm(path: Path) -> None:
 
 @each_source
 def test_stage_code_uses_own_min_max(path: Path) -> None:
-    if layer(path) in STAGE_LAYERS:
+    if room(path) in STAGE_ROOMS:
         found = re.findall(r"std::f?(?:min|max)\b|\bf(?:min|max)f?\s*\(", code(path))
         assert not found, "min and max come from core/lane.h, which defines what NaN does"
 
@@ -134,7 +134,7 @@ def test_no_floating_point_switches(path: Path) -> None:
 def test_sizes(path: Path) -> None:
     lines = len(path.read_text("utf-8").splitlines())
     if path.suffix == ".h":
-        assert lines < (200 if layer(path) == "bsdfs" else 400)
+        assert lines < (200 if room(path) == "bsdfs" else 400)
         assert "#pragma once" in path.read_text("utf-8")
 
 
@@ -215,7 +215,7 @@ def test_nothing_outside_bsdfs_names_a_closure() -> None:
     assert len(names) == len(veriray.columns.MATERIAL_KINDS)
     pattern = re.compile(rf"\bk(?:Kind)?(?:{'|'.join(names)})\b|\b(?:{'|'.join(names)})\s*<")
     for path in SOURCES:
-        if layer(path) != "bsdfs":
+        if room(path) != "bsdfs":
             assert not pattern.findall(code(path)), path
 
 

@@ -233,7 +233,7 @@ def sign_chunks(flips: int, batches: int, rng: np.random.Generator) -> Iterator[
 
 
 def _noisy(shifted: Array, level: Array) -> NDArray[np.bool_]:
-    """Cells whose d exceeds the rounding of float32 batch means."""
+    """Cells whose d is more than the rounding of float32 batch means."""
     return np.sqrt(np.mean(shifted**2, axis=0)) > 1e-7 * np.abs(level)
 
 

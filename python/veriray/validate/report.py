@@ -45,8 +45,8 @@ SHOWS = {
     4: "As many rays live and die at each depth as theory and other programs say",
     5: "A renderer that shares no code gives the same pictures within chance",
     6: "Schedulers, batches, threads and devices give the same bits",
-    7: "The measured Cornell box matches its spectra, as far as RGB can",
-    8: "Extreme numbers and broken input are handled as promised",
+    7: "The measured Cornell box comes out as its spectra say, as far as RGB can",
+    8: "Extreme numbers and broken input do what is promised",
     9: "Planted bugs are found",
 }
 _TEMPLATE = Path(__file__).with_name("report.html.j2")

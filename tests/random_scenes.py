@@ -1,7 +1,7 @@
 """Random valid scenes as Mitsuba XML: hypothesis strategies, and their judgement.
 
-What a scene consists of is drawn by hypothesis, and so shrinks; where things stand comes from a
-generator that is seeded by a drawn integer, so that no two surfaces coincide by chance.
+Hypothesis draws the contents of a scene, so these shrink. The placement comes from a generator
+seeded with a drawn integer, so that no two surfaces coincide by chance.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ index = st.sampled_from([1.0, 1.0001, 1.33, 1.5, 2.4])
 def colours(draw: st.DrawFn, name: str, top: float = 1.0) -> str:
     """One number or three, above 0 and at most `top`; an extinction and an intensity may be 0.
 
-    When a path of weight 0 ends, and as what, is each renderer's own affair, so there are none
-    (nor coats of an index below 1, which reflect all light at a slant, nor lamps without light).
+    Each renderer decides when and how a path of weight 0 ends, so there are none (nor coats of an
+    index below 1, which reflect all light at grazing angles, nor lamps without light).
     """
     dark = name in ("sigma_t", "intensity", "irradiance")
     level = st.one_of(share, st.just(0.0)) if dark else share
@@ -73,7 +73,7 @@ def colours(draw: st.DrawFn, name: str, top: float = 1.0) -> str:
 
 @st.composite
 def opaque(draw: st.DrawFn) -> str:
-    """A material that lets nothing through."""
+    """An opaque material."""
     kind = draw(st.sampled_from(["diffuse", "plastic", "conductor", "mirror", "black"]))
     if kind == "black":
         return tag("bsdf", "diffuse", value("rgb", "reflectance", 0.0))
@@ -92,7 +92,7 @@ def opaque(draw: st.DrawFn) -> str:
 
 @st.composite
 def clear(draw: st.DrawFn) -> str:
-    """A material that lets something through."""
+    """A material that transmits light."""
     kind = draw(st.sampled_from(["null", "dielectric", "thindielectric", "mask"]))
     if kind == "null":
         return tag("bsdf", "null")
@@ -136,7 +136,7 @@ def bodies(draw: st.DrawFn, rng: np.random.Generator, centre: Array, size: float
     if not through and draw(st.booleans()):
         bsdf = tag("bsdf", "twosided", bsdf)
     content = [bsdf]
-    # A clear mesh that shines where its normals turn away ends as this or as that: no such thing.
+    # An emitting clear mesh whose normals turn away may end paths in either of two ways: excluded.
     if draw(st.integers(0, 3)) == 0 and not (through and kind == "smooth"):
         content.append(tag("emitter", "area", draw(colours("radiance", 5.0))))
     inner = draw(media("interior")) if solid and draw(st.booleans()) else ""
@@ -271,7 +271,7 @@ def against_the_reference(path: Path, scene: veriray.Scene, seed: int, effort: i
     """The p value of our picture and its ledger against the reference's, equal samples.
 
     Welch's test of the picture's mean by channel over BATCHES batches, Pearson's of the ends of
-    paths; Sidak over the four. A difference below MARGIN of the mean is none.
+    paths; Sidak over the four. A difference below MARGIN of the mean does not count.
     """
     spp = 256 * effort
     ours = veriray.render(scene, spp=spp, seed=seed, batches=BATCHES, device="cpu")
@@ -294,7 +294,7 @@ def against_the_reference(path: Path, scene: veriray.Scene, seed: int, effort: i
 
 
 def judge(text: str, path: Path) -> None:
-    """Renders the scene in three ways, same bits and no faults, and against the reference."""
+    """Renders the scene in three ways, with equal bits and no faults, and against the reference."""
     path.write_text(text)
     scene = veriray.load_file(path)
     first = veriray.render(scene, spp=16, seed=1, device="cpu", scheduler="fused", threads=1)

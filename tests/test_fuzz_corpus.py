@@ -1,4 +1,4 @@
-"""The inputs that fuzzing kept: each is a valid object or a documented error, within the limits."""
+"""The inputs that fuzzing kept: each gives a valid object or a documented error, within limits."""
 
 from __future__ import annotations
 

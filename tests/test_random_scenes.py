@@ -1,6 +1,6 @@
 """Random valid scenes: no faults, the same bits in two ways, and the reference's mean.
 
-25 scenes, always the same ones; with --slow 400 others, new ones each time.
+25 scenes, always the same; with --slow, 400 others, new each time.
 """
 
 from __future__ import annotations

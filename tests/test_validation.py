@@ -1,4 +1,4 @@
-"""The quick run of `veriray validate`, a test a case: `pytest -k` takes the names of cases."""
+"""The quick run of `veriray validate`, one test per case: `pytest -k` takes the names of cases."""
 
 from __future__ import annotations
 

@@ -62,9 +62,9 @@ struct Fault {
     float radiance[3];
 };
 
-// What the kernel that traces paths takes of a multiprocessor; all 0 on a CPU.
+// The resources of a multiprocessor that the path-tracing kernel uses; all 0 on a CPU.
 struct KernelUse {
-    uint32_t registers = 0, local_bytes = 0;  // of a thread
+    uint32_t registers = 0, local_bytes = 0;  // per thread
     uint32_t resident_threads = 0;
 };
 
@@ -72,7 +72,7 @@ struct RenderStats {
     std::vector<uint64_t> ledger;            // [depth][column of LedgerColumn]
     std::vector<uint64_t> blocks;            // by depth; scheduler `thrust`
     std::vector<double> depth_seconds;       // scheduler `thrust`
-    std::vector<double> compaction_seconds;  // of these, closing the gaps of ended paths
+    std::vector<double> compaction_seconds;  // of these, for the compaction of ended paths
     double seconds = 0;
     uint64_t fault_count = 0;
     std::vector<Fault> faults;
@@ -98,7 +98,7 @@ class Film {
     uint64_t samples() const;  // of every pixel; renders of listed pixels do not count
     size_t memory() const;
     void clear();
-    void add(const Film& other);  // exact: the order of additions never shows
+    void add(const Film& other);  // exact: independent of the order of additions
     // width * height * 3 each, row 0 on top. counts: samples by pixel; null: samples() of each.
     void resolve(float* mean, float* standard_error, const uint64_t* counts) const;
     void sums(double* out) const;
@@ -112,7 +112,7 @@ struct TreeInfo {
     std::string builder;
     uint32_t width = 0, depth = 0;  // width 0: the scene has no tree
     size_t nodes = 0, references = 0, memory = 0;
-    double cost = 0, seconds = 0;  // see WideTree; CUDA: from the primitives on the device on
+    double cost = 0, seconds = 0;  // see WideTree; CUDA: once the primitives are on the device
 };
 
 class Scene {
@@ -138,7 +138,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& setting
 struct PathVertex {
     uint32_t depth;
     std::string event;
-    double position[3];                // world; the ray's origin shifted by t where it escaped
+    double position[3];                // world; the ray's origin shifted by t if it escaped
     float direction[3], normal[3], t;  // of the segment; world t
     float throughput[3], radiance[3];  // before the vertex, after the vertex
     int64_t primitive;                 // triangle, T + sphere or T + S + disk of the input; -1 none

@@ -1,4 +1,4 @@
-// Points close to surfaces: on which side, and put back to it.
+// Points close to surfaces: finds their side, and puts them back on it.
 #pragma once
 
 #include "integrators/surface.h"
@@ -12,8 +12,8 @@ struct Beside : SurfaceReader<L, kFeatures> {
         Reader::terms;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
 
-    // A point beside a primitive: unit normal and height over it, by the arithmetic of the tests,
-    // and what its rounding is in proportion to.
+    // A point close to a primitive: unit normal and height over it, by the arithmetic of the tests,
+    // and the size to which its rounding is proportional.
     struct Height {
         V n;
         F height, size;
@@ -37,8 +37,8 @@ struct Beside : SurfaceReader<L, kFeatures> {
         return b;
     }
 
-    // The point at t of a ray that has passed a primitive there: on it, along the ray, as far as t
-    // is rounded.
+    // The point at t of a ray that has passed a primitive there: moved along the ray onto the
+    // primitive, by at most the rounding of t.
     static VR_HD V passed_point(const SceneView& scene, const Ray<L>& ray, F t, U prim, M valid) {
         const V p = ray.at(t);
         const Height b = beside(scene, prim, p, valid);
@@ -47,8 +47,8 @@ struct Beside : SurfaceReader<L, kFeatures> {
     }
 
     // A collision's point p, which the ray reaches before (or, `after`, beyond) its point at t on a
-    // primitive, put back to that side of it if rounding has taken it across: else its path would
-    // never meet the surface.
+    // primitive. It is put back on that side if rounding has taken it across; otherwise its path
+    // would never meet the surface.
     static VR_HD V on_this_side(const SceneView& scene, const Ray<L>& ray, F t, U prim, bool after,
                                 V p, M valid) {
         const F towards = dot(beside(scene, prim, ray.at(t), valid).n, ray.d);
@@ -58,7 +58,7 @@ struct Beside : SurfaceReader<L, kFeatures> {
         return select(across, fma(b.n * side, fma(b.size, F(0x1p-22f), abs(b.height)), p), p);
     }
 
-    // The point of a collision, a flight from what the ray has passed, before its hit `end`.
+    // The point of a collision, a free flight from the surface last passed, before the hit `end`.
     static VR_HD V collision_point(const SceneView& scene, const PathState<L>& path, F flight,
                                    const Hit<L>& end, M collided) {
         const Ray<L> ray = path.ray;

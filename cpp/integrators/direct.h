@@ -1,4 +1,4 @@
-// Light samples at a vertex and their way to the light, through media and passes.
+// Light samples at a vertex, and their shadow rays through media and passes.
 #pragma once
 
 #include "integrators/surface.h"
@@ -30,7 +30,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         V p;        // shadow rays start here
         V ng, ns;   // on wo's side; surfaces only
         M surface;  // else a collision in a medium
-        F g;        // of the phase function
+        F g;        // asymmetry of the phase function
     };
 
     static VR_HD M no_lanes(M m) { return m & !m; }
@@ -82,7 +82,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const F ratio = value.pdf_sa * light.inverse_pdf;
         F weight = light.inverse_pdf / fma(ratio, ratio, F(1.f));
         if constexpr (has(kDeltaLights)) weight = select(light.delta, light.inverse_pdf, weight);
-        // From nearer than 2^-64 the inverse has no number; its weight would be 0.
+        // From nearer than 2^-64 the inverse overflows; its weight would be 0.
         lit = lit & (light.inverse_pdf < F(kInfinity));
         shadow.wanted = lit & (max_channel(light.radiance) > F(0.f));
         shadow.ray = {at.p, light.wi};
@@ -93,12 +93,12 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         shadow.travelled = F(0.f), shadow.passed = U(~0u);
     }
 
-    // Whether shadow rays go on behind surfaces that let them through.
+    // Whether shadow rays continue behind surfaces that let them through.
     static VR_HD bool shadows_pass(const SceneView& scene) {
         return has(kPass) && (scene.features & kPass);
     }
 
-    // ---- shadow: the lanes whose light arrives; what media and passes leave of it ----
+    // ---- shadow: the lanes whose light arrives, attenuated by media and passes ----
     static VR_HD M unblocked(const SceneView& scene, ShadowRequest<L>& shadow) {
         if (!shadows_pass(scene)) {
             const M free = shadow.wanted & !occluded(scene, shadow);
@@ -112,8 +112,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         return free;
     }
 
-    // Where shadow rays pass: what the hit of one leaves of it. Returns the lanes whose light has
-    // arrived; in todo remain those that go on.
+    // For shadow rays that pass surfaces: attenuates by the hit. Returns the lanes whose light has
+    // arrived; those that go on remain in todo.
     static VR_HD M shadow_hit(const SceneView& scene, ShadowRequest<L>& shadow, const Hit<L>& hit,
                               M& todo) {
         M met = todo & (hit.t < shadow.t_max);

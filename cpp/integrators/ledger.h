@@ -1,6 +1,6 @@
-// The ray ledger: what became of every segment, as integers that add up exactly.
+// The ray ledger: how every segment ended, as integers that add up exactly.
 //   live[d] = escaped + emitter_end + absorbed + rr_killed + depth_cut + invalid + live[d + 1]
-// d counts segments from the camera's, 0. One shadow ray at most leaves each vertex.
+// d counts segments from the camera's, 0. At most one shadow ray leaves each vertex.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ enum LedgerColumn : uint32_t {
     kLedgerColumns,
 };
 
-// Paths are cut here whatever max_depth says, and counted as depth_cut.
+// Paths are cut here whatever max_depth is, and counted as depth_cut.
 inline constexpr uint32_t kHardMaxDepth = 262143;
 
 }  // namespace veriray

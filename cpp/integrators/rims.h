@@ -1,4 +1,4 @@
-// The rims of faces without a tree (geometry/polygon.h), of which one-sided backs have none.
+// The rims of faces without a tree (geometry/polygon.h); the backs of one-sided faces have none.
 #pragma once
 
 #include "integrators/surface.h"
@@ -11,8 +11,7 @@ struct Rims : SurfaceReader<L, kFeatures> {
     using Reader::has, Reader::primitive_column, Reader::primitive_column3, Reader::surface_column;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V;
 
-    // Lanes of a scene without a tree, and of those that meet the back of a face, where it is
-    // one-sided.
+    // In a scene without a tree, those lanes of `back` whose face is one-sided.
     static VR_HD M one_sided(const SceneView& scene, const Hit<L>& hit, M back) {
         const uint32_t faces = scene.quad_count + scene.polygon_count;
         back = back & (hit.t < F(kInfinity)) & (hit.primitive < U(faces));
@@ -27,7 +26,7 @@ struct Rims : SurfaceReader<L, kFeatures> {
                          valid & (dot(primitive_column3(scene, prim, kPrimN), ray.d) > F(0.f)));
     }
 
-    // Of those, the lanes on its rim.
+    // Those lanes of `back` whose hit is on the rim of its face.
     static VR_HD M on_rim(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit, M back) {
         if (none(back)) return back;
         const U prim = select(back, hit.primitive, U(0u));
@@ -55,15 +54,15 @@ struct Rims : SurfaceReader<L, kFeatures> {
         return has(kBvh) && (scene.features & kBvh) != 0;
     }
 
-    // The hit of a path's ray, beyond rims of backs.
+    // The hit of a path's ray, with hits on the rims of backs skipped.
     static VR_HD Hit<L> past_rims(const SceneView& scene, const Ray<L>& ray, Hit<L> hit, M active) {
         if (none_here(scene)) return hit;
         const M back = meets_back(scene, ray, hit, active);
         return none(back) ? hit : call_beyond_rims(scene, ray, hit, back);
     }
 
-    // The same where nothing happens on the way: takes hits on rims, and what is there, on to the
-    // next before `far`; returns the lanes that have none.
+    // The same for rays to which nothing else happens on the way: replaces hits on rims, and the
+    // surface there, by the next ones before `far`; returns the lanes that have none.
     static VR_HD M leave_rims(const SceneView& scene, const Ray<L>& ray, F far, Hit<L>& hit,
                               Surface<L>& at, M valid) {
         M back = valid & !at.front;
@@ -76,7 +75,7 @@ struct Rims : SurfaceReader<L, kFeatures> {
         return gone;
     }
 
-    // Called where much else is in the registers.
+    // A call instead of inline code, for callers that need many registers themselves.
     static VR_RARE Hit<L> call_beyond_rims(const SceneView& scene, Ray<L> ray, Hit<L> hit, M back) {
         return beyond_rims(scene, ray, hit, back);
     }
@@ -90,7 +89,7 @@ struct Rims : SurfaceReader<L, kFeatures> {
         return hit;
     }
 
-    // The nearest hit beyond `last` without a tree: what `closest` finds, for the few.
+    // The nearest hit beyond `last` without a tree: as `closest`, for the few lanes that need it.
     static VR_HD Hit<L> next_flat(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last) {
         Hit<L> hit{F(kInfinity), U(~0u)};
         uint32_t primitive = 0;

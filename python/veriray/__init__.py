@@ -5,9 +5,9 @@
     >>> picture.save("cornell.exr")
     >>> picture.film_sha256  # the same on every device
 
-Works without a GPU and without a driver: `veriray doctor` says what can be used, and why not.
-Names are imported when they are first used (PEP 562); no module bears one of them, as importing
-`veriray.NAME` would put the module in its place.
+Works without a GPU and without a driver: `veriray doctor` says what can be used, and why other
+things cannot. Names are imported on first use (PEP 562). No module has one of these names, because
+importing `veriray.NAME` would replace the name by the module.
 """
 
 from importlib import import_module

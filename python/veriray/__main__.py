@@ -13,7 +13,7 @@ from typing import Any
 def main() -> int:
     """Runs the command of `sys.argv`; returns its exit status.
 
-    What cannot be written to standard output or error stops no command; it is reported afterwards.
+    A failure to write to standard output or error stops no command; it is reported afterwards.
     """
     open_standard_streams()
     if may_use_cuda(sys.argv[1:]):
@@ -37,7 +37,7 @@ class StandardStream(io.FileIO):
     error: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """As FileIO's; waits where the stream does not block."""
+        """As FileIO's, but waits if the stream is non-blocking."""
         if not self.error:
             try:
                 while (count := super().write(data)) is None:
@@ -81,7 +81,7 @@ def open_standard_streams() -> None:
 
 
 def may_use_cuda(words: list[str]) -> bool:
-    """Whether this command line may render on CUDA; what is wrong in it is left to the parser."""
+    """Whether this command line may render on CUDA; errors in it are left to the parser."""
     device = "auto"
     for word, following in zip(words, [*words[1:], ""], strict=False):
         name, equals, value = word.partition("=")
@@ -94,7 +94,7 @@ def may_use_cuda(words: list[str]) -> bool:
 def start_cuda() -> None:
     """Starts CUDA on a thread: the driver takes as long as all imports and the scene together.
 
-    What fails here fails again when the device is selected, and is reported then.
+    A failure here recurs when the device is selected, and is reported then.
     """
     with contextlib.suppress(Exception):
         native = importlib.import_module("veriray._cuda")

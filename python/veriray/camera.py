@@ -79,7 +79,7 @@ class Film:
 
     @property
     def filter_parameters(self) -> tuple[float, float]:
-        """The filter's numbers as a pair; 0 for the one that most filters do not have."""
+        """The filter's numbers as a pair; 0 for the second one that most filters lack."""
         parameter: Any = self.filter_parameter
         return parameter if isinstance(parameter, tuple) else (parameter, 0.0)
 
@@ -95,8 +95,8 @@ class Camera:
     (u, v), both in [0, 1] from the top left, has the local direction
     (tan_half_x (1 - 2 (u + offset x)), tan_half_y (1 - 2 (v + offset y)), 1).
     aperture_radius: of the lens, 0 for a pinhole. focus_distance: along local Z to the plane in
-    focus; used if the aperture is above 0. medium: index into the scene's media of the one that the
-    camera stands in, -1 for vacuum.
+    focus; used if the aperture is above 0. medium: index of the medium around the camera in the
+    scene's media, -1 for vacuum.
     Raises SceneError for values outside these ranges and for a singular or scaling to_world.
     """
 
@@ -164,7 +164,7 @@ class Camera:
         fov: float = 40.0,
         **lens: Any,
     ) -> Camera:
-        """A camera at `origin` that has `target` in the middle and `up` upwards.
+        """A camera at `origin` with `target` in the middle of the picture and `up` upwards.
 
         lens: the other fields of Camera. Raises SceneError if target is origin or lies along up.
         """
@@ -197,7 +197,7 @@ class Camera:
         K: (3, 3), [[f, 0, cx], [0, f, cy], [0, 0, 1]] in pixels of a picture of width x height, the
         centre of the top left pixel at (0, 0). x_camera = R x_world + t with rotation R (3, 3) and
         t (3,), camera axes +X right, +Y down, +Z forward; or matrix = [R t; 0 1] (4, 4) instead.
-        Raises SceneError for skew, pixels that are not square (to 1e-6) and an R that is no
+        Raises SceneError for skew, pixels that are not square (to 1e-6) and an R that is not a
         rotation (to 1e-3).
         """
         k = array("K", K, np.float64, (3, 3))
@@ -216,7 +216,7 @@ class Camera:
         view = check_matrix("matrix [R t]", matrix)
         square = (view[:3, None, :3] * view[None, :3, :3]).sum(axis=2)
         if np.abs(square - np.eye(3)).max() > 1e-3 or determinant(view) < 0:
-            raise SceneError(f"R = {view[:3, :3].tolist()} is no rotation")
+            raise SceneError(f"R = {view[:3, :3].tolist()} is not a rotation")
         back = np.eye(4)
         back[:3, :3] = view[:3, :3].T
         position = transform.compose(back, transform.translate((-view[:3, 3]).tolist()))
@@ -232,7 +232,7 @@ class Camera:
         origin: Sequence[float] | None = None,
         up: Sequence[float] = _UP,
     ) -> Camera:
-        """This camera, lens kept, turned to `target`, and moved to `origin` if that is given."""
+        """This camera with the same lens, turned to `target`, and moved to `origin` if given."""
         eye = self.to_world[:3, 3].tolist() if origin is None else _vector("origin", origin)
         matrix = transform.look_at(eye, _vector("target", target), _vector("up", up))
         return dataclasses.replace(self, to_world=matrix)
@@ -244,7 +244,7 @@ class Camera:
         centre: Sequence[float] = (0.0, 0.0, 0.0),
         up: Sequence[float] = _UP,
     ) -> Camera:
-        """This camera, carried around `centre` as on a turntable: what it sees there stays in view.
+        """This camera moved around `centre` as on a turntable: what is there stays in view.
 
         azimuth: degrees about `up`, counter-clockwise seen from above. elevation: degrees towards
         `up`, before that.

@@ -24,7 +24,7 @@ COMMANDS = (render, compare, validate, info, gallery, bench, doctor)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit status and never lets a user's error become a traceback."""
+    """Run the command; returns its exit status. A user's error never becomes a traceback."""
     logging.getLogger("veriray").setLevel(logging.ERROR)  # the command prints the choice itself
     warnings.showwarning = show_warning
     if isinstance(sys.stdout, io.TextIOWrapper):

@@ -15,7 +15,7 @@ BLOCK_SIZE = 256
 
 
 def rows(result: Render) -> list[dict[str, Any]]:
-    """The table of a render; blocks and seconds are None where the scheduler has none."""
+    """The table of a render; blocks and seconds are None if the scheduler has none."""
     stats = result.stats
     live, blocks, seconds = stats["live_rays"], stats["blocks"], stats["depth_seconds"]
     table = []
@@ -33,7 +33,7 @@ def rows(result: Render) -> list[dict[str, Any]]:
 
 
 def law_holds(result: Render) -> bool | None:
-    """Whether blocks launched for a bounce are ceil(live rays before it / 256); None: no blocks."""
+    """Whether the blocks of a bounce are ceil(live rays before it / 256); None: no blocks."""
     live, blocks = result.stats["live_rays"], result.stats["blocks"]
     if not blocks:
         return None
@@ -43,7 +43,7 @@ def law_holds(result: Render) -> bool | None:
 def as_text(table: list[dict[str, Any]], limit: int | None = None) -> str:
     """The table as aligned text; only the first `limit` rows and the last one when given.
 
-    Columns that no row fills are left out.
+    Columns that are empty in every row are left out.
     """
     headers = {
         "depth": "Depth",
@@ -72,7 +72,7 @@ def as_text(table: list[dict[str, Any]], limit: int | None = None) -> str:
 
 
 def aligned(lines: list[list[str]]) -> str:
-    """Lines of as many cells each, aligned on the right."""
+    """Lines with equal numbers of cells, right-aligned."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join(text.rjust(w) for text, w in zip(line, widths, strict=True)) for line in lines

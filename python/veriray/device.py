@@ -1,13 +1,13 @@
-"""Which device renders, and why.
+"""Selection of the device that renders, with the reason.
 
 A device name is one of
 
 - `auto`: the first CUDA device if one can be used, else the CPU;
 - `cuda`, `cuda:N`: the CUDA device of that index;
-- `cpu`: the widest instruction set that this processor and this build have, unless the environment
-  variable VERIRAY_ISA names one; `cpu:avx512`, `cpu:avx2`, `cpu:portable`: that one.
+- `cpu`: the widest instruction set that both this processor and this build support, unless the
+  environment variable VERIRAY_ISA names one; `cpu:avx512`, `cpu:avx2`, `cpu:portable`: that one.
 
-All of them give the same bits. Nothing is chosen silently: `select` returns its reason.
+All of them give the same bits. No choice is silent: `select` returns its reason.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Device:
     """One way to render on this machine.
 
     name: "cpu:avx512", "cuda:0"; description: the processor's or GPU's own name; lanes: paths in
-    one vector (1 on CUDA); memory_total, memory_free: bytes; details: whatever else the native
-    module tells (compute_capability, multiprocessors, driver).
+    one vector (1 on CUDA); memory_total, memory_free: bytes; details: other facts from the native
+    module (compute_capability, multiprocessors, driver).
     """
 
     name: str
@@ -67,7 +67,7 @@ class Device:
 
 @functools.lru_cache(maxsize=1)
 def processor_flags() -> frozenset[str] | None:
-    """Flags of the first processor that the operating system lets programs use; None: unknown."""
+    """Flags of the first processor as the operating system reports them; None: unknown."""
     try:
         text = Path("/proc/cpuinfo").read_text(errors="replace")
     except OSError:
@@ -82,8 +82,8 @@ def processor_flags() -> frozenset[str] | None:
 def load_native(module: str) -> Any:
     """The native module of that name (`_cpu`, `_cuda`, ...).
 
-    Raises DeviceError with the exact reason when it is missing, cannot be loaded or cannot run
-    here. Machine code that this processor lacks is never loaded.
+    Raises DeviceError with the exact reason if it is missing, cannot be loaded or cannot run here.
+    A module whose instructions this processor lacks is never loaded.
     """
     isa = next((isa for isa, name in CPU_MODULES.items() if name == module), None)
     if isa is not None and _FLAGS[isa]:
@@ -130,9 +130,9 @@ def _check_fork() -> None:
 
 @contextlib.contextmanager
 def native_errors() -> Iterator[None]:
-    """Around calls of the native modules: their exceptions become those of `veriray.errors`.
+    """For calls of the native modules: translates their exceptions to those of `veriray.errors`.
 
-    The interpreter aborts if it ends while another thread is in there: it waits, see `_end`.
+    The interpreter would abort if it ended while another thread is in native code; see `_end`.
     """
     thread = threading.get_ident()
     _inside.append(thread)
@@ -151,7 +151,7 @@ def native_errors() -> Iterator[None]:
 
 
 def polled(callback: Callable[[float], object] | None) -> Callable[[float], object]:
-    """A callback for native code: `callback`, where the interpreter is not ending."""
+    """A callback for native code: `callback`, unless the interpreter is ending."""
 
     def poll(share: float) -> None:
         _stop_at_end()
@@ -167,7 +167,7 @@ def _stop_at_end() -> None:
 
 
 def _end() -> None:
-    """Stops what daemon threads do in native code, and waits until they have left it."""
+    """Stops daemon threads that are in native code, and waits until they have left it."""
     global _ending
     _ending = True
     last = time.monotonic() + _END_WAIT  # a progress callback may wait for ever
@@ -215,7 +215,7 @@ def _describe(native: Any, backend: str) -> list[Device]:
 
 
 def survey() -> tuple[list[Device], dict[str, str]]:
-    """All devices that can render here, best first, and why each of the others cannot."""
+    """All devices that can render here, best first, and the reasons why the others cannot."""
     usable: list[Device] = []
     reasons: dict[str, str] = {}
     for name, module in {
@@ -238,10 +238,10 @@ def devices() -> list[Device]:
 
 
 def select(device: str = "auto") -> tuple[Device, str]:
-    """The device of that name (see the top of this module) and one line that says why.
+    """The device of that name (see the top of this module) and one line with the reason.
 
-    Raises ValueError for a name that does not exist anywhere, DeviceError with the exact cause for
-    one that cannot be used here.
+    Raises ValueError for an unknown name, DeviceError with the exact cause for a device that cannot
+    be used here.
     """
     if not isinstance(device, str):
         from .numeric import shown
@@ -256,7 +256,7 @@ def select(device: str = "auto") -> tuple[Device, str]:
             reason = f"{error}; {why}"
             level = logging.WARNING  # shown even where nobody set up logging
         else:
-            reason = "auto takes a CUDA device where one can be used"
+            reason = "auto takes a CUDA device if one can be used"
             level = logging.INFO
         _announce(level, f"{chosen.name} ({chosen.description}): {reason}")
         return chosen, reason

@@ -1,4 +1,4 @@
-"""`veriray doctor`: what this installation is, what it can use, and whether it computes right."""
+"""`veriray doctor`: describes this installation, what it can use, and whether it is correct."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _plain(device: Device) -> dict[str, Any]:
 
 
 def run_self_test(usable: list[Device]) -> dict[str, Any]:
-    """Render the test picture with every device and scheduler; all hashes must be one.
+    """Render the test picture with every device and scheduler; all hashes must be equal.
 
     Passed: at least one run, no failure, and every hash is EXPECTED_SHA256.
     """

@@ -8,7 +8,7 @@ MAX_MESSAGE = 2000
 def printable(text: str) -> str:
     """`text` as a message: control characters and the like as escapes, the middle cut if too long.
 
-    Files may hold any character, and names of any length. Raises TypeError for what is no text.
+    Files may hold any character, and names of any length. Raises TypeError if it is not text.
     """
     _must_be_text("message", text)
     if len(text) > MAX_MESSAGE:
@@ -18,7 +18,7 @@ def printable(text: str) -> str:
 
 
 def visible(text: str) -> str:
-    """`text` for a terminal or a report: as `printable`, but whole and in its lines."""
+    """`text` for a terminal or a report: as `printable`, but uncut and with its line breaks."""
     return "\n".join(map(_escaped, text.split("\n")))
 
 
@@ -36,7 +36,7 @@ def _escaped(text: str) -> str:
 class SceneError(ValueError):
     """Bad scene: names the place (file:line or key path), the value and what is allowed.
 
-    One printable line. `where` holds the place alone, "" where arrays were given directly.
+    One printable line. `where` holds only the place, "" if arrays were given directly.
     """
 
     def __init__(self, message: str, where: str = "") -> None:
@@ -47,7 +47,7 @@ class SceneError(ValueError):
 
 
 class SceneWarning(UserWarning):
-    """A scene that renders, but hardly as meant: no light, for example."""
+    """A scene that renders, but probably not as intended: without light, for example."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))

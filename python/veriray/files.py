@@ -1,4 +1,4 @@
-"""Files: only regular ones are read, and what is written appears whole or not at all."""
+"""Files: only regular files are read, and a written file appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import IO
 
 
 def open_regular(path: str | os.PathLike[str]) -> IO[bytes]:
-    """A regular file opened for reading; anything else, a pipe too, is an OSError at once."""
+    """A regular file opened for reading; anything else, even a pipe, raises OSError at once."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
     try:
         _must_be_regular(os.fstat(descriptor), os.fspath(path))
@@ -25,9 +25,9 @@ def open_regular(path: str | os.PathLike[str]) -> IO[bytes]:
 
 
 def target_of(path: str | os.PathLike[str]) -> tuple[Path, os.stat_result | None]:
-    """The file that writing to `path` replaces, links followed, and its status if it is there.
+    """The file that writing to `path` replaces, links followed, and its status if it exists.
 
-    Raises OSError naming `path` where that is no place for a regular file.
+    Raises OSError naming `path` if no regular file can be there.
     """
     where = os.fspath(path)
     if os.path.basename(where) in ("", ".", ".."):
@@ -64,15 +64,15 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """A binary file that takes the place of `path` when the block ends without an exception.
+    """A binary file that replaces `path` when the block ends without an exception.
 
-    Written beside it, flushed to the disk, renamed; on any failure it is removed and `path`
-    stays as it was. What a killed process left is removed when `path` is written again. Links are
-    followed; a place that is not a regular file is refused. A new file's mode is the umask's; a
-    file that was there keeps its mode and, where permitted, its owner, extended attributes and
-    access control list (but not capabilities). One with several hard links is overwritten in place
-    once its new content is whole on the disk, so that all names see it: a kill during this copy can
-    cut it short.
+    It is written beside `path`, flushed to the disk and renamed; on any failure it is removed and
+    `path` stays as it was. Leftovers of a killed process are removed when `path` is written again.
+    Links are followed; a target that is not a regular file is refused. A new file's mode follows
+    the umask; an existing file keeps its mode and, where permitted, its owner, extended attributes
+    and access control list (but not capabilities). A file with several hard links is overwritten in
+    place once its new content is complete on the disk, so that all names see it: a kill during this
+    copy can truncate it.
     """
     where = os.fspath(path)
     try:
@@ -113,8 +113,8 @@ def _must_be_regular(status: os.stat_result, where: str) -> None:
 def _temporary(target: Path, mode: int) -> tuple[int, Path]:
     """A new locked file ".NAME.veriray-XXXXXXXX.tmp" beside `target`: its descriptor and path.
 
-    The kernel drops the lock when the process ends, however that happens: a file of this name
-    that can be locked is a dead process's, and is removed.
+    The kernel drops the lock when the process ends, however that happens. So a file of this name
+    that can be locked belongs to a dead process, and is removed.
     """
     head = f".{os.fsdecode(os.fsencode(target.name)[:200])}.veriray-"  # names end at 255 bytes
     with contextlib.suppress(OSError):
@@ -170,7 +170,7 @@ def _attributes(file: Path) -> list[str]:
 
 
 def _copy_into(file: IO[bytes], target: Path) -> None:
-    """Overwrites `target` in place, after making sure of the room on the disk."""
+    """Overwrites `target` in place, after reserving the space on the disk."""
     size = file.seek(0, os.SEEK_END)
     file.seek(0)
     with open(target, "r+b") as out:

@@ -1,4 +1,4 @@
-"""What the HTML reports share: frame and style of the page, plots, pictures, numbers as JSON.
+"""Shared parts of the HTML reports: frame and style of the page, plots, pictures, JSON.
 
 A report is one file that needs no network and no script. Its template extends `page.html.j2`.
 """
@@ -29,7 +29,7 @@ _STYLE = {"font.size": 9, "font.family": "sans-serif", "axes.spines.top": False,
 
 
 def page(template: Path, result: str, verdict: str, json_text: str, **more: Any) -> str:
-    """A page from a template: its verdict, the numbers as JSON inside, `more` for the template."""
+    """A page from a template, with the verdict, embedded JSON, and `more` for the template."""
     import jinja2
 
     folders = [template.parent, Path(__file__).parent]
@@ -61,7 +61,7 @@ def number(value: object) -> str:
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON has it: numbers that are not finite become None, other objects text."""
+    """The value for JSON: numbers that are not finite become None, other objects text."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -136,7 +136,7 @@ def signed_map(values: Array, limit: float, unit: str) -> str:
 
 
 def z_plot(z: Array, dof: float = math.inf, law: str = "without a difference") -> str:
-    """z-scores against Student's law, the normal one by default: density and quantiles."""
+    """z-scores against Student's distribution, by default the normal one: density and quantiles."""
     from scipy.stats import t as student
 
     z = np.sort(z, axis=None)

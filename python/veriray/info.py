@@ -12,7 +12,7 @@ from .native_scene import native_scene
 from .rendering import prepare
 from .scene import Scene
 
-#: Features by the native modules' names. One not listed here is shown without its meaning.
+#: Features by the native modules' names. A feature not listed here is shown without its meaning.
 FEATURES = {
     "quads": "parallelograms tested one by one",
     "polygons": "other flat primitives tested one by one",
@@ -51,7 +51,7 @@ def examine(
     Keys: device, device_reason, features (needed), variant (compiled in), unused (compiled in, not
     needed), skipped (not compiled in), path_bytes, primitives, tree and memory (as
     `rendering.prepare` gives them), counts (rows of the scene's tables), materials (count by
-    kind), width, height, scene_sha256, warnings (texts: what is finer than float32 can tell, see
+    kind), width, height, scene_sha256, warnings (texts about details too fine for float32, see
     `limits`). Raises as `veriray.render`.
     """
     chosen, reason = device_module.select(device)
@@ -94,7 +94,7 @@ def as_text(report: dict[str, Any]) -> str:
         "materials   " + (", ".join(f"{n} {k}" for k, n in report["materials"].items()) or "none"),
         f"primitives  {primitives_text(report['primitives'])}",
         f"tree        {tree_text(report['tree'])}",
-        f"memory      {report['memory']:,} bytes, and {report['path_bytes']} bytes a path",
+        f"memory      {report['memory']:,} bytes, and {report['path_bytes']} bytes per path",
         *(f"warning     {text}" for text in report["warnings"]),
         "",
         f"{'feature':<16} {'needed':<7} {'compiled in':<12} meaning",

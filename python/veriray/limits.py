@@ -1,6 +1,6 @@
-"""What in a scene is finer than float32 can tell: README's Limits, as warnings of `veriray info`.
+"""Details of a scene too fine for float32: README's Limits, as warnings of `veriray info`.
 
-Places are float32 in a frame whose origin the native scene chooses (its `frame`), so they are
+Positions are float32 in a frame whose origin the native scene chooses (its `frame`), so they are
 rounded to 6e-8 of their distance from it. Each check gives a list of texts, empty if all is well.
 """
 
@@ -17,22 +17,23 @@ from .scene import Scene
 
 Array = npt.NDArray[Any]
 
-#: Radians of a pixel: of a lens or in a medium, and of a pinhole, whose rays start at what it sees.
+#: Least radians of a pixel: with a lens or in a medium; with a pinhole, whose rays start at what it
+#: sees.
 PIXEL, PINHOLE_PIXEL = 1e-6, 1e-7
 #: Share of its distance from the frame's origin below which a length is lost.
 LENGTH = 1e-6
-#: Free paths from the frame's origin from which a medium may be 0.5 % off.
+#: Mean free paths from the frame's origin beyond which a medium may be 0.5 % off.
 FREE_PATHS = 1e5
-#: Scatterings of a path from which a render takes its time.
+#: Scatterings per path beyond which a render takes its time.
 SCATTERINGS = 1e4
-#: Triangles at most among which near ones are looked for, and neighbours, by offset, of each.
+#: Largest number of triangles among which near ones are sought, and of neighbours of each.
 MOST_TRIANGLES, NEIGHBOURS = 1 << 16, 32
 
 _ROUNDING = 2.0**-24
 
 
 def warnings(scene: Scene, origin: Sequence[float]) -> list[str]:
-    """All that is beyond the limits; origin: of the frame, in world space."""
+    """Everything beyond the limits; origin: of the frame, in world space."""
     centre = np.array(origin, np.float64)
     checks = (media, small_shapes, near_faces, near_lamps)
     with np.errstate(all="ignore"):
@@ -51,7 +52,7 @@ def narrow_view(scene: Scene) -> list[str]:
 
 
 def media(scene: Scene, origin: Array) -> list[str]:
-    """Free paths near the rounding of places; paths with very many scatterings."""
+    """Mean free paths near the rounding of positions; paths with very many scatterings."""
     sigma_t, albedo, boundaries = (
         np.asarray(getattr(scene, name)) for name in ("sigma_t", "albedo", "boundaries")
     )
@@ -71,8 +72,9 @@ def media(scene: Scene, origin: Array) -> list[str]:
         name = _name(scene, f"sigma_t[{k}]")
         if far > FREE_PATHS:
             found.append(
-                f"{name} reaches {far:.2g} free paths from the frame's origin: places are rounded "
-                f"to {_ROUNDING * far:.1g} of one; above {FREE_PATHS:g} light may be 0.5 % off"
+                f"{name} reaches {far:.2g} free paths from the frame's origin: positions are "
+                f"rounded to {_ROUNDING * far:.1g} of a free path; above {FREE_PATHS:g} light may "
+                "be 0.5 % off"
             )
         scatterings = min(depth, 1 / max(1 - float(albedo[k].max()), 1e-300))
         if scatterings > SCATTERINGS and not 0 <= scene.max_depth < SCATTERINGS:
@@ -81,7 +83,7 @@ def media(scene: Scene, origin: Array) -> list[str]:
 
 
 def small_shapes(scene: Scene, origin: Array) -> list[str]:
-    """Primitives smaller than the rounding of places."""
+    """Primitives smaller than the rounding of positions."""
     found = []
     for kind in ("triangle", "sphere", "disk"):
         low, high = _boxes(scene, kind, origin)
@@ -99,7 +101,7 @@ def small_shapes(scene: Scene, origin: Array) -> list[str]:
 def near_faces(scene: Scene, origin: Array) -> list[str]:
     """Parallel triangles, one above the other, in planes that rounding does not keep apart.
 
-    Up to MOST_TRIANGLES are looked at, each beside those of the NEIGHBOURS next planes.
+    Up to MOST_TRIANGLES are examined, each with those of the NEIGHBOURS next planes.
     """
     if not 1 < len(scene.triangles) <= MOST_TRIANGLES:
         return []
@@ -122,14 +124,14 @@ def near_faces(scene: Scene, origin: Array) -> list[str]:
         if len(hit):
             one, other = (_name(scene, f"triangles[{number[x[hit[0]]]}]") for x in (a, b))
             return [
-                f"{one} and {other} are {gap[near][hit[0]]:.1g} of their distance from the frame's "
-                f"origin apart: below {LENGTH:g} they may change places"
+                f"the gap between {one} and {other} is {gap[near][hit[0]]:.1g} of their distance "
+                f"from the frame's origin: below {LENGTH:g} they may change places"
             ]
     return []
 
 
 def near_lamps(scene: Scene, origin: Array) -> list[str]:
-    """Point and spot lights whose distance to a surface is near the rounding of places."""
+    """Point and spot lights whose distance to a surface is near the rounding of positions."""
     found = []
     kinds = np.asarray(scene.light_kind)
     rows = np.flatnonzero(kinds != LIGHT_KINDS.index("directional"))
@@ -158,7 +160,7 @@ def _corners(scene: Scene, origin: Array, rows: Any = ...) -> Array:
 
 
 def _longest(vectors: Array) -> Array:
-    """Of each vector (n, 3) the largest coordinate without its sign."""
+    """The largest absolute coordinate of each vector (n, 3)."""
     x, y, z = np.abs(vectors).T
     longest: Array = np.maximum(np.maximum(x, y), z)
     return longest
@@ -184,7 +186,7 @@ def _boxes(scene: Scene, kind: str, origin: Array) -> Array:
 
 
 def _distance(scene: Scene, kind: str, rows: Array, origin: Array, place: Array) -> Array:
-    """Distances of a place from shapes, as far as it lies over them; else infinity."""
+    """Distances of a place from shapes that it lies over; infinity from others."""
     if kind == "sphere":
         spheres = np.asarray(scene.spheres)[rows]
         middle = np.sqrt(((spheres[:, :3] - origin - place) ** 2).sum(axis=1))
@@ -221,6 +223,6 @@ def _overlap(a: Array, b: Array, normals: Array) -> Array:
 
 
 def _name(scene: Scene, row: str) -> str:
-    """A row of a table, with its place in the scene file."""
+    """A table's row, with its place in the scene file."""
     place = scene.place(row)
     return f"{row} ({place})" if place else row

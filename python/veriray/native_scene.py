@@ -1,4 +1,4 @@
-"""The native form of a scene: what it is made of, who builds its tree, how long it is kept."""
+"""The native form of a scene: its arguments, the builder of its tree, and how long it is kept."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _building = threading.RLock()
 
 
 def _new_lock() -> None:
-    """One tree at a time; a child process must not wait for a thread of its parent."""
+    """Builds one tree at a time; a child process must not wait for a thread of its parent."""
     global _building
     _building = threading.RLock()  # a progress callback may render
 
@@ -66,10 +66,10 @@ def native_scene_arguments(scene: Scene) -> dict[str, Any]:
 def choose_builder(backend: str, triangles: int, paths: int) -> str:
     """The builder that "auto" takes: `sah` on a CPU; on CUDA `ploc`, until `sah` pays.
 
-    A tree by `ploc` is there at once on CUDA, one by `sah` is traced faster: from CATCH_UP paths a
-    triangle on that is worth its time, and below 2^14 triangles it takes none. A tree by `sah` that
-    is there already is taken, and so is one where the device has too little memory to build by
-    `ploc`: 216 bytes a primitive more.
+    On CUDA a tree by `ploc` is built almost at once, and one by `sah` is traversed faster: from
+    CATCH_UP paths per triangle on that is worth its build time, and below 2^14 triangles the build
+    takes hardly any. `sah` is also taken if its tree exists already, or if the device has too
+    little memory to build by `ploc`: 216 bytes more per primitive.
     """
     early = backend == "cuda" and triangles >= 1 << 14 and paths < CATCH_UP * triangles
     return "ploc" if early else "sah"

@@ -1,4 +1,4 @@
-"""Checks of numbers and arrays, and exact trigonometry: what scene, camera and formats share."""
+"""Checks of numbers and arrays, and exact trigonometry, for scene, camera and formats."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def tan_half_degrees(angle: float) -> float:
 
 
 def view_angle(extent: float, distance: float) -> float:
-    """Degrees under which `extent` is seen from `distance`: 2 atan(extent / (2 distance)).
+    """Angle in degrees of `extent` seen from `distance`: 2 atan(extent / (2 distance)).
 
-    Rounded to 12 decimals, as atan differs in the last bit between C libraries.
+    Rounded to 12 decimals, because atan differs in the last bit between C libraries.
     """
     return round(math.degrees(2.0 * math.atan(extent / (2.0 * distance))), 12)
 
@@ -126,7 +126,7 @@ def in_range(
 
 
 def shown(value: object, most: int = 80) -> str:
-    """repr(value) for a message: cut if long, and of every object."""
+    """repr(value) for a message: cut if long; works for every object."""
     try:
         text = repr(value)
     except Exception:  # of the object's own, or of an integer of thousands of digits
@@ -182,7 +182,7 @@ def texts(name: str, value: Any, error: type[ValueError] = SceneError) -> tuple[
 
 
 def path_text(name: str, value: Any, error: type[ValueError] = SceneError) -> str:
-    """A path as text. Raises TypeError for what is none, `error` for a null character."""
+    """A path as text. Raises TypeError if it is not a path, `error` for a null character."""
     try:
         text = os.fspath(value)
     except Exception:

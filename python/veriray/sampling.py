@@ -1,9 +1,9 @@
-"""How many samples each pixel gets, and their sum: the same number everywhere, or by error.
+"""The number of samples of each pixel, and their sum: the same number everywhere, or by error.
 
 Adaptive sampling follows D. Kirk and J. Arvo, "Unbiased Sampling Techniques for Image Synthesis"
 (1991): samples that decide how many more are drawn would bias the picture, since a tile that was
-dark by chance stops early. So `PILOT` samples a pixel decide the number of each tile, and none of
-them is in the picture: that number and the samples of the picture are independent.
+dark by chance stops early. So `PILOT` samples per pixel decide the number for each tile, and none
+of them is in the picture: that number and the samples of the picture are independent.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
 
-#: Samples a pixel that decide, and pixels a side of the tiles that are decided of.
+#: Samples per pixel that decide, and the side in pixels of the tiles that they decide about.
 PILOT, TILE = 16, 16
-#: Samples over what the pilot's variance asks for: it is off by a tenth, and more for rare light.
+#: Factor on the samples that the pilot's variance asks for, which is off by a tenth, and by more
+#: for rare light.
 HEADROOM = 1.2
-#: Share of the picture's mean that is added to the radiance of which the error is a part.
+#: Share of the picture's mean that is added to the radiance to which the error is relative.
 FLOOR = 0.1
 
 
@@ -39,8 +40,8 @@ FLOOR = 0.1
 class Sampled:
     """Result of a sampling.
 
-    image, stderr: (H, W, 3) float32. counts: (H, W) uint32 samples by pixel, or None where all have
-    as many. results: what the native renders reported. facts: for `Render.stats`.
+    image, stderr: (H, W, 3) float32. counts: (H, W) uint32 samples by pixel, or None if all have
+    the same number. results: reports of the native renders. facts: for `Render.stats`.
     """
 
     image: Array
@@ -54,7 +55,7 @@ class Sampled:
 
 
 class _Runs:
-    """Native renders one after the other, with one progress."""
+    """Native renders one after another, with a common progress."""
 
     def __init__(self, device: Device, held: NativeScene, scene: Scene, settings: dict[str, Any],
                  progress: Progress) -> None:  # fmt: skip
@@ -143,9 +144,9 @@ def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str
 def tile_errors(image: Array, stderr: Array) -> Array:
     """Squared relative standard error of each tile (float64).
 
-    Of a pixel: the mean over channels of stderr^2 / (radiance^2 + (`FLOOR` times the picture's
-    mean)^2); of a tile: the mean of its pixels. Sums are of integers, so that every machine decides
-    alike; nothing changes with the scale of radiance by a power of two.
+    For a pixel it is the mean over channels of stderr^2 / (radiance^2 + (`FLOOR` times the
+    picture's mean)^2); for a tile, the mean over its pixels. Sums are of integers, so every machine
+    decides alike; scaling radiance by a power of two changes nothing.
     """
     height, width = image.shape[:2]
     mean, error = image.astype(np.float64), stderr.astype(np.float64)
@@ -171,6 +172,6 @@ def _round_up(wanted: Array) -> Array:
 
 
 def _spread(tiles: Array, width: int, height: int) -> Array:
-    """A number by tile as one by pixel."""
+    """Expands numbers per tile to numbers per pixel."""
     whole: Array = tiles.repeat(TILE, axis=0).repeat(TILE, axis=1)[:height, :width]
     return whole

@@ -61,7 +61,7 @@ def scale(v: Sequence[float]) -> Array:
 def rotate(axis: Sequence[float], angle: float, where: str = "") -> Array:
     """Rotation by `angle` degrees about `axis`, counter-clockwise seen against the axis.
 
-    The axis must have unit length: Mitsuba uses it as it is, and makes a shear of any other.
+    The axis must have unit length: Mitsuba uses it as given, and any other makes a shear.
     """
     x, y, z = axis
     length = math.hypot(x, y, z)

@@ -149,7 +149,7 @@ def _speed(results: Sequence[Result]) -> Section:
         "Medians of alternating rounds; spread is largest less smallest over the median. Times end "
         "with the film in device memory on CUDA, with the picture in memory on the CPU. Means: the "
         "relative difference of the pictures' means and its largest |z|. Veriray: how many times "
-        "faster it is; first: seconds to read the file and draw one sample a pixel.",
+        "faster it is; first: seconds to read the file and draw one sample per pixel.",
         [Table(columns, rows)] if rows else [],
     )
     if rows:
@@ -246,7 +246,7 @@ def _depth(results: Sequence[Result]) -> Section:
     found = list(of_kind(results, "depth"))
     out = Section(
         "Live rays and time by depth",
-        "One sample a pixel with the scheduler `thrust`, which compacts the rays after every "
+        "One sample per pixel with the scheduler `thrust`, which compacts the rays after every "
         "bounce: rays alive after bounce d as a share of all paths, and the time of the bounce.",
     )
     rows = []

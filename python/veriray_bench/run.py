@@ -114,7 +114,7 @@ def _header(chosen: Any, crew: Crew, quick: bool) -> dict[str, Any]:
         "quick": quick, "filter": "box", "threads": cpu_count(), "errors": RELMSE,
         "ratio_by": "seconds" if chosen.backend == "cuda" else "wall",
         "limit": f"{kinds.LIMITS[chosen.backend]:.3g} paths/s {kinds.LIMIT_OF[chosen.backend]} at "
-                 "max_depth 8 without roulette, by rays a path at other depths",
+                 "max_depth 8 without roulette, by rays per path at other depths",
     }  # fmt: skip
     result["peers"] = {name: dict(about) for name, about in crew.about.items()}
     return result

@@ -38,7 +38,7 @@ class Scenario:
     """One measurement.
 
     scene: a shipped scene or one that `scene_file` makes. kind: a function of `kinds` or `studies`.
-    size: width and height by backend; spp: samples a pixel, by backend; several for kind "error".
+    size: width and height by backend; spp: samples per pixel, by backend; several for kind "error".
     vary: (setting, values) for kinds "scaling", "adaptive" and "roulette". schedulers: raced beside
     "auto". peers: whether other renderers take part. margin: relative difference of means that is
     no disagreement. limit: whether the physical limit of the box is stated.
@@ -205,9 +205,9 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario(
         "build", "the tree over 1,310,720 triangles", _MESH, "build", _SIZE, _FEW, peers=False,
         targets=(
-            Target("cpu_seconds_per_million", "CPU seconds a million triangles",
+            Target("cpu_seconds_per_million", "CPU seconds per million triangles",
                    {"cpu": (0.6, 0.6)}, below=True, unit="s"),
-            Target("seconds_per_million", "seconds a million triangles", {"cuda": (5e-3, 1e-3)},
+            Target("seconds_per_million", "seconds per million triangles", {"cuda": (5e-3, 1e-3)},
                    below=True, unit="s"),
         ),
     ),

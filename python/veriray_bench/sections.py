@@ -61,10 +61,10 @@ def with_unit(value: float | None, of: str) -> str:
 def compaction_section(results: Sequence[Result]) -> Section:
     """Scenarios of kind "compaction"."""
     out = Section(
-        "Closing the gaps of ended paths",
-        "Ways to close the gaps that ended paths leave after a bounce (`veriray bench "
-        "compaction`); lanes: share of the launched threads whose path lived; closing gaps: share "
-        "of the time.",
+        "Compaction of ended paths",
+        "Ways to handle the gaps that ended paths leave after a bounce (`veriray bench "
+        "compaction`); lanes: share of the launched threads whose path was alive; closing gaps: "
+        "share of the time.",
     )
     rows: list[list[str]] = []
     columns: tuple[str, ...] = ()
@@ -84,7 +84,7 @@ def compaction_section(results: Sequence[Result]) -> Section:
     if rows:
         out.tables.append(Table(columns, rows))
         out.plots.append((
-            "Milliseconds of each bounce of a wave of one sample a pixel, closing the gaps "
+            "Milliseconds of each bounce of a wave of one sample per pixel, compaction "
             "included, and the live rays in proportion to the first bounce without compaction",
             plots.gaps(times),
         ))  # fmt: skip
@@ -101,7 +101,7 @@ def adaptive_section(results: Sequence[Result]) -> Section:
             rows.append([device, name, who, f"{row['mean_spp']:,.1f}", num(row["seconds"]),
                          f"{100 * row['worst_tile']:.2f} %",
                          ratio if who == "adaptive" else ""])  # fmt: skip
-    columns = ("device", "scenario", "samples", " paths a pixel", " seconds", " worst tile",
+    columns = ("device", "scenario", "samples", " paths per pixel", " seconds", " worst tile",
                " fewer paths, less time")  # fmt: skip
     return Section(
         "Adaptive sampling at equal error",
@@ -139,7 +139,7 @@ def variants_section(results: Sequence[Result]) -> Section:
             + ", ".join(f"{k} {n}" for k, n in result["path_bytes"].items()) + "."
         )  # fmt: skip
     columns = ("device", "scenario", "variant", " Mpaths/s", " spread", " exact is faster",
-               " registers", " local bytes", " resident threads", " bytes a path",
+               " registers", " local bytes", " resident threads", " bytes per path",
                "compiled in")  # fmt: skip
     out.tables = [Table(columns, rows)] if rows else []
     return out
@@ -181,7 +181,7 @@ def roulette_section(results: Sequence[Result]) -> Section:
                 f"{max(abs(z) for z in row['agreement']['z']):.1f}",
             ])  # fmt: skip
         curves.append((f"{name}, {device}", points))
-    columns = ("device", "scenario", "start", " ms a sample", " rays a path", " MSE", " relMSE",
+    columns = ("device", "scenario", "start", " ms per sample", " rays per path", " MSE", " relMSE",
                " efficiency", " by relMSE", " |z| of means")  # fmt: skip
     if rows:
         out.tables.append(Table(columns, rows))
@@ -201,10 +201,11 @@ def lights_section(results: Sequence[Result]) -> Section:
                          with_unit(row["variance"] / by_power, "x")])  # fmt: skip
         text = (
             f"Variance of one sample of direct light from {result['lamps']:,} lamps whose powers "
-            f"are {', '.join(f'{p:,.0f}' for p in result['powers'])}, as many of each. Uniform "
-            "choice is no setting of the renderer: its variance follows from pictures of each "
-            "power's lamps alone, as does that of choice by power, which is checked against the "
-            "measured one. Best: the best chances that are the same at every point."
+            f"are {', '.join(f'{p:,.0f}' for p in result['powers'])}, equally many of each. "
+            "Uniform selection is not a setting of the renderer: its variance follows from "
+            "pictures of each power's lamps alone. So does that of selection by power, which is "
+            "checked against the measured one. Best: the best probabilities that are the same at "
+            "every point."
         )
-    columns = ("device", "scenario", "choice", " variance", " spread", " of that by power")
-    return Section("Choice among many lights", text, [Table(columns, rows)] if rows else [])
+    columns = ("device", "scenario", "selection", " variance", " spread", " of that by power")
+    return Section("Selection among many lights", text, [Table(columns, rows)] if rows else [])

@@ -42,7 +42,7 @@ def adaptive(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     """Adaptive against uniform sampling at the same error of the worst tile.
 
     The uniform samples that bring the worst tile to the error of the adaptive picture's are
-    foretold from a render of their own; both are then timed in turn. figures: saving in paths (the
+    predicted from a render of their own; both are then timed in turn. figures: saving in paths (the
     pilot's counted) and in time.
     """
     scene = loaded(bench, settings).with_(width=settings["width"], height=settings["height"])
@@ -52,8 +52,8 @@ def adaptive(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     first = render(scene, spp=LIMIT, target_error=target, **common)
     step()
     worst = _worst(first)
-    foretold = _worst(render(scene, spp=_TRY, **common)) ** 2 / worst**2
-    spp = min(LIMIT, max(PILOT, math.ceil(_TRY * foretold)))
+    predicted = _worst(render(scene, spp=_TRY, **common)) ** 2 / worst**2
+    spp = min(LIMIT, max(PILOT, math.ceil(_TRY * predicted)))
     step()
     runs: dict[str, list[Render]] = {"adaptive": [], "uniform": []}
     for _ in range(settings["rounds"]):
@@ -223,7 +223,7 @@ def lights(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
                    "powers": power.tolist(), "figures": {}}  # fmt: skip
     off = by_power / rows["by power, measured"]["variance"] - 1
     if abs(off) > 0.05 + 4 * math.sqrt(2 / rounds) * np.mean(noise):
-        return {**out, "void": f"the classes foretell the measured variance {100 * off:+.1f} % off"}
+        return {**out, "void": f"the classes predict the measured variance {100 * off:+.1f} % off"}
     out["figures"] = {
         "uniform_over_power": rows["uniform"]["variance"] / by_power,
         "best_over_power": rows["best"]["variance"] / by_power,

@@ -72,8 +72,8 @@ def verdict(validation: Validation) -> tuple[str, str]:
     stage = validation.first_stage()
     how_many = (
         f"{stage['low']} of {stage['of']:,} statistical cases had p < {FIRST:g} in the first "
-        f"stage, where chance makes {stage['of'] * FIRST:.2g}, and as many with probability "
-        f"{stage['p']:.2g}"
+        f"stage, where chance makes {stage['of'] * FIRST:.2g}, and that many or more with "
+        f"probability {stage['p']:.2g}"
     )
     if validation.crowded:
         return "fail", (
@@ -376,7 +376,7 @@ def _plots(outcomes: list[Outcome]) -> list[tuple[str, str]]:
     if z := _z_values(outcomes):
         out.append((
             f"Do the z-scores follow chance? {len(z):,} pixels of scenes with exact answers; the "
-            "channels of a pixel share noise, so the band is a guide and no part of the verdict",
+            "channels of a pixel share noise, so the band is a guide and not part of the verdict",
             html.z_plot(np.array(z), law="normal law"),
         ))  # fmt: skip
     return out

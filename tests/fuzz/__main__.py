@@ -4,9 +4,9 @@
 
 from the repository root; `pip install atheris` first. All formats run at once, each in J processes
 for N seconds, from the inputs in tests/fuzz/corpus. Prints, and writes as JSON, executions,
-coverage and findings of each format; exit status 1 if there is a finding. --keep: puts the smallest
-inputs that reach all that was reached (with what is there) into tests/fuzz/corpus; --folder: keeps
-all.
+coverage and findings of each format; exit status 1 if there is a finding. --keep: adds to
+tests/fuzz/corpus the smallest inputs that, with the existing ones, reach all code that was reached;
+--folder: keeps all.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Run:
             )  # fmt: skip
 
     def alive(self) -> bool:
-        """Starts again what crashed; whether anything is left to wait for."""
+        """Restarts what crashed; returns whether anything is left to wait for."""
         for process in self.processes:
             if process.poll() is None:
                 self.cpu[process.pid] = cpu_seconds(process.pid)
@@ -132,7 +132,7 @@ def packed(data: bytes) -> str:
 
 
 def replayed(name: str, file: Path) -> str:
-    """What is wrong with an input in a process of its own; "" if nothing."""
+    """The fault of an input in a process of its own; "" if there is none."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (HANG, HANG + 1))

@@ -1,6 +1,6 @@
 """What every parser promises, whatever bytes it is given.
 
-It returns a valid object, or raises one of its documented exceptions with a text of one line;
+It returns a valid object, or raises one of its documented exceptions with a one-line message,
 within `SECONDS` of processor time and `BYTES` of memory. Anything else is a `Finding`; a crash or a
 hang ends the process.
 """
@@ -23,7 +23,7 @@ MAX_MESSAGE = 4096
 
 
 class Finding(Exception):  # noqa: N818
-    """A broken promise. key: the same for all inputs that break it in the same way."""
+    """A broken promise. key: equal for all inputs that break it in the same way."""
 
     def __init__(self, key: str, text: str) -> None:
         super().__init__(text)
@@ -94,7 +94,7 @@ def repeated(data: bytes, rng: random.Random, most: int) -> bytes:
 
 
 def _place(error: BaseException) -> str:
-    """Function of the package that the exception came through last."""
+    """The last function of the package that the exception passed through."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [f for f in frames if "veriray" in Path(f.filename).parts and "tests" not in f.filename]
     last = (own or list(frames))[-1]

@@ -1,4 +1,4 @@
-"""The smallest inputs that together run all that a set of inputs runs; needs no fuzzer.
+"""The smallest inputs that together run the same code as a set of inputs; needs no fuzzer.
 
     python -m tests.fuzz.minimise FORMAT LIMIT TO FROM...
 

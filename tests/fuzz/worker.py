@@ -27,7 +27,7 @@ with atheris.instrument_imports(include=["veriray", "trimesh.exchange.stl"]):
 
 
 def limit_memory() -> None:
-    """What an input may take beyond what the process has; the fuzzer grows with its corpus."""
+    """Memory that an input may add to the process's own; the fuzzer grows with its corpus."""
     pages = int(Path("/proc/self/statm").read_text("utf-8").split()[0])
     limit = pages * resource.getpagesize() + contract.BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))

@@ -476,11 +476,11 @@ PYTHON = (
             'add(f"batch.{k:03d}.", np.float16(batch), f"batch_means[{k}]")'),
 )  # fmt: skip
 
-#: Survivors and why they are no fault of the suite.
+#: Survivors, and why they are not a fault of the suite.
 EXPLAINED: dict[str, str] = {
     "boxes not padded": "equal in effect: rays carry a slack of 2^-20 of their own "
     "(`geometry/triangle.h`), as wide as the padding, and either covers the rounding of the tests.",
-    "a pass leaves out what coincides with it": "equal in effect: planes that coincide are parted "
-    "when the scene is made (`scene/touching.cpp`) and pieces of one sheet are passed together; "
-    "what is left is a point or a line, or a scene of more than 2^26 pairs.",
+    "a pass leaves out what coincides with it": "equal in effect: coincident planes are separated "
+    "when the scene is made (`scene/touching.cpp`), and pieces of one sheet are passed together; "
+    "what remains is a point or a line, or a scene of more than 2^26 pairs.",
 }

@@ -2,12 +2,12 @@
 
     python -m tests.mutation.level_judge LEVEL quick|full SECONDS MOST [LOG.json]
 
-with the packages to be judged first on PYTHONPATH, alone with their native module. LEVEL 0: the
-films of level 6 that are compared with recorded hashes, which the other levels leave out: they tell
-that something changed, not that it is wrong. SECONDS: of CPU time, after which the level ends as
-survived; MOST: after which it is killed (SIGXCPU) in a case that does not end. LOG.json: seconds of
-the cases that a sound run passed: they alone run, cheap ones first; without it all run to the end
-and the seconds are told.
+with the packages to be judged first on PYTHONPATH, alone with its native module. LEVEL 0: the films
+of level 6 that are compared with recorded hashes. The other levels leave these out, because they
+show that something changed, not that it is wrong. SECONDS: of CPU time, after which the level ends
+as survived; MOST: after which it is killed (SIGXCPU) in a case that does not end. LOG.json: seconds
+of the cases that a sound run passed; only these run, cheap ones first. Without it all cases run to
+the end and the seconds are reported.
 """
 
 from __future__ import annotations

@@ -5,20 +5,20 @@
                                     [--add] [-o FILE.json]
 
 from the repository root, with veriray installed or on PYTHONPATH. Builds one CPU module that holds
-all bugs of C++ (none where Python's alone are asked for), puts it (and the bugs of Python, one a
-copy) into copies of the packages, and runs the quick levels 1 to 8 on each bug and, first, on the
-unchanged copy, which must pass; J processes at once. A level ends at its first failed case; a bug
-is caught by a level if a case fails, ends in an error, kills the process or hangs. --first: no
-further levels for a bug that is caught, cheap levels first. --full-survivors: what no quick level
-catches is given to the full ones. --limit: no level is begun after S seconds; bugs without all
-their answers are named as not judged and count nowhere. Films compared with recorded hashes are
-told apart and do not count: any change shows.
+all C++ bugs (none if only Python bugs are requested) and puts it, and the Python bugs, one per
+copy, into copies of the packages. Then it runs the quick levels 1 to 8 on the unchanged copy, which
+must pass, and on each bug, with J processes at once. A level ends at its first failed case; a level
+catches a bug if a case fails, ends in an error, kills the process or hangs. --first: no further
+levels for a caught bug, cheap levels first. --full-survivors: bugs that no quick level catches are
+given to the full levels. --limit: no level starts after S seconds; bugs without all their answers
+are listed as not judged and not counted. Films compared with recorded hashes are reported
+separately and do not count, because any change shows.
 
-Prints and writes as JSON, after each bug, which level catches it, by which case, after how many
-seconds. A stopped run goes on: --folder keeps the build and every answer, until a source changes;
---add keeps what the JSON file says of bugs whose own text is unchanged, and judges the named ones,
-or all others. Ends with status 1, before any bug is judged, if the unchanged copy fails. `python -m
-tests.mutation.table` makes a page of it.
+After each bug, prints and writes as JSON which level catches it, by which case, after how many
+seconds. A stopped run can continue: --folder keeps the build and every answer until a source
+changes; --add keeps the JSON file's rows of bugs whose own text is unchanged, and judges the named
+bugs, or all others. Ends with status 1, before any bug is judged, if the unchanged copy fails.
+`python -m tests.mutation.table` makes a page of the result.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ RESULT = ROOT / "benchmarks" / "results" / "mutants_levels.json"
 PACKAGES = ("veriray", "veriray_validate")
 LEVELS = (1, 2, 3, 4, 5, 6, 7, 8)
 #: A level stops after LIMIT times the CPU seconds that the unchanged copy takes, but not before
-#: LEAST. A case that goes on for HANG times as long hangs; so does a level after ASLEEP times that
-#: by the clock, which only one that waits for nothing takes.
+#: LEAST. A case that runs HANG times as long counts as hanging; so does a level after ASLEEP times
+#: that in wall time, which only a level that waits in vain takes.
 LIMIT, LEAST, HANG, ASLEEP = 2, 120, 2, 4
 UNJUDGED = "not judged"
-#: Bugs of C++; those of `bugs` that change a scene's reflectance test the verdict of compare alone.
+#: C++ bugs; those of `bugs` that change a scene's reflectance test only the verdict of `compare`.
 BUGS = (*(m for m in BUILT if m.file), *PYTHON)
 
 
@@ -152,7 +152,7 @@ class Stand:
 
 
 def _digest() -> str:
-    """Hash of all that the answers depend on."""
+    """Hash of everything that the answers depend on."""
     digest = hashlib.sha256()
     for place in ("cpp", "python", "reference", "scenes", "tests/mutation"):
         for file in sorted((ROOT / place).rglob("*")):

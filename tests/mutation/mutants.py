@@ -5,9 +5,9 @@
 from the repository root. A mutant is a change of the core's source (or of the scene), made in a
 copy outside the tree, rendered at the effort of the reference picture and compared with it; it is
 *killed* if the verdict fails. One CPU module holds all mutants, each behind a switch that is read
-when the module is loaded. With no mutant switched on it goes first in each case and must pass. Exit
-status 1 if a mutant survives or the unchanged module is killed. --folder keeps build and reference
-pictures for the next run.
+when the module is loaded. In each case the module first runs with no mutant switched on, and must
+pass. Exit status 1 if a mutant survives or the unchanged module is killed. --folder keeps build and
+reference pictures for the next run.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ inline const unsigned long planted_bug = [] {{
 
 
 def span(text: str, old: str) -> tuple[int, int]:
-    """Where `old` is in `text`, blanks aside; ValueError unless it occurs exactly once."""
+    """Where `old` is in `text`, ignoring blanks; ValueError unless it occurs exactly once."""
     tokens = re.findall(r"\w+|[^\w\s]", old)
     pattern = r"\s*".join(re.escape(token) for token in tokens)
     first, last = (r"\b" if re.match(r"\w", token) else "" for token in (tokens[0], tokens[-1]))

@@ -1,8 +1,8 @@
-"""Writes bad_inputs.md: what the command line answers to bad input, each in a process of its own.
+"""Writes bad_inputs.md: the command line's answers to bad input, each in a process of its own.
 
     python -m tests.python.bad_inputs        (from the repository root)
 
-Fails if an answer holds a traceback, is no one-line error with status 2, or leaves a file behind.
+Fails if an answer has a traceback, is not a one-line error with status 2, or leaves a file behind.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # ruff: noqa: E501 (the tables of messages)
 """Bad scenes: each gives a SceneError that says where, what, and what is allowed; never a picture.
 
-Files of a second run are damaged at random: they give a SceneError or a valid scene, nothing else.
+In a second run files are damaged at random: they give a SceneError or a valid scene, nothing else.
 """
 
 import math
@@ -39,8 +39,8 @@ PLY_HEAD = (
 )
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
-# Line 3 of scene.xml -> fragments of the message, which all begins "scene.xml:3: " unless a file
-# name is among the fragments. Line 1 is <scene>, line 2 the sky; a sensor follows on line 4.
+# Line 3 of scene.xml -> fragments of the message. Every message begins with "scene.xml:3: " unless
+# a file name is among the fragments. Line 1 is <scene>, line 2 the sky; a sensor is on line 4.
 LINES = {
     "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: cube, disk, obj, ply, rectangle, sphere, stl", 'did you mean "rectangle"?'),
     "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: cube"),

@@ -126,7 +126,7 @@ def test_slope_has_the_standard_error_of_least_squares() -> None:
 
 
 class Stand:
-    """A peer whose picture is ours of other seeds, times `gain`; fails from round `dies` on."""
+    """A peer whose picture is ours with other seeds, times `gain`; fails from round `dies` on."""
 
     def __init__(self, scene: veriray.Scene, gain: float = 1.0, dies: int = 99) -> None:
         self.own, self.gain, self.dies = Veriray(scene, device="cpu"), gain, dies
@@ -199,7 +199,7 @@ def test_mitsuba_in_its_process(folder: Path) -> None:
 
 
 def test_cycles_in_its_process(folder: Path) -> None:
-    """Seeds change the picture, and its mean is ours within 5 standard errors of ours."""
+    """Seeds change the picture, and its mean is within 5 of our standard errors of ours."""
     if importlib.util.find_spec("bpy") is None:
         pytest.skip("bpy is not installed")
     film = {"width": 32, "height": 32, "max_depth": 8, "rr_depth": 5}
@@ -305,7 +305,7 @@ def test_lights_follow_from_their_classes(monkeypatch: pytest.MonkeyPatch) -> No
     assert row["figures"]["best_over_power"] <= 1
     monkeypatch.setattr(studies, "LAMP_RATIO", 2)
     row = quick("lights")
-    assert row["void"].startswith("the classes foretell the measured variance +")
+    assert row["void"].startswith("the classes predict the measured variance +")
     assert row["figures"] == {}
 
 

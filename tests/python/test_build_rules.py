@@ -16,7 +16,7 @@ CPP = ROOT / "cpp"
 BINDINGS = ROOT / "python" / "bindings"
 PACKAGES = ("veriray", "veriray_bench", "veriray_validate")
 
-#: A room includes rooms of smaller rank and itself.
+#: A room (a layer of the C++ code) includes rooms of smaller rank and itself.
 RANKS = {
     "core": 0, "schema": 0,
     "geometry": 1, "spectrum": 1,

@@ -1,7 +1,7 @@
-"""Cameras made and moved: where points appear on the film says whether they are right.
+"""Cameras made and moved: tested by where points appear on the film.
 
-A point's place on the film follows from Camera's definition; the other programs' conventions are
-written out here by their own formulas.
+A point's place on the film follows from Camera's definition; other programs' conventions are
+written out here with their own formulas.
 """
 
 import dataclasses
@@ -125,9 +125,9 @@ def test_from_opencv():
         ({"K": [[35, 0, 20], [0, 36, 15], [0, 0, 1]]}, "pixels must be square"),
         ({"K": [[-35, 0, 20], [0, -35, 15], [0, 0, 1]]}, "expected [[f, 0, cx]"),
         ({"K": np.eye(4)}, "K has shape (4, 4), expected (3, 3)"),
-        ({"R": 2 * np.eye(3)}, "is no rotation"),
-        ({"R": np.diag([1, 1, -1])}, "is no rotation"),
-        ({"R": [[1, 0.5, 0], [0, 0.866, 0], [0, 0, 1]]}, "is no rotation"),
+        ({"R": 2 * np.eye(3)}, "is not a rotation"),
+        ({"R": np.diag([1, 1, -1])}, "is not a rotation"),
+        ({"R": [[1, 0.5, 0], [0, 0.866, 0], [0, 0, 1]]}, "is not a rotation"),
         ({"R": None}, "give either R and t or matrix"),
         ({"matrix": np.eye(4)}, "give either R and t or matrix"),
         ({"width": 0}, "width = 0 is outside"),

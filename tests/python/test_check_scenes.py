@@ -1,4 +1,4 @@
-"""scenes/checks and what is stored about it: files, not pictures."""
+"""scenes/checks and the data stored about it: files, not pictures."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def test_info(capsys: Any) -> None:
     out = capsys.readouterr().out
     for word in (
         "1 degenerate triangles dropped",
-        "bytes a path",
+        "bytes per path",
         "tree ",
         "skipped",
         "refraction",
@@ -120,7 +120,7 @@ def test_info(capsys: Any) -> None:
 
 
 def test_info_names_every_feature() -> None:
-    """The table knows the native modules' features, so that it says which were skipped."""
+    """The table knows the native modules' features, so it can say which were skipped."""
     scene = vr.cornell_box().with_(width=8, height=8)
     report = info.examine(scene, "cpu")
     whole = vr.render(scene, 1, device="cpu", all_features=True).stats

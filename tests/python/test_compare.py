@@ -105,7 +105,7 @@ def pair() -> tuple[Render, Render]:
 
 @pytest.fixture(autouse=True)
 def _no_figures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Error measures are no part of the verdict; only tests named so wait for them."""
+    """Error measures are not part of the verdict; only tests named after them wait for them."""
     if "figures" not in request.node.name and "report" not in request.node.name:
         monkeypatch.setattr(import_module("veriray.comparison.metrics"), "figures", lambda a, b: {})
 
@@ -114,7 +114,7 @@ def _no_figures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch)
 
 
 def false_alarms(runs: int, **other: object) -> int:
-    """Number of fails of correct pairs at alpha = 1 %."""
+    """Number of failures of correct pairs at alpha = 1 %."""
     mask = box(24)[0]
     return sum(
         compare(fake(10_000 + k), fake(50_000 + k, **other), alpha=0.01, seed=k, regions=mask,
@@ -182,7 +182,7 @@ def differences(scale: np.ndarray | float, seed: int) -> tuple[np.ndarray, np.nd
 
 
 def p_values(scale: np.ndarray | float, runs: int, energy: bool = False) -> np.ndarray:
-    """S1, or S3, of pictures of which one is multiplied by `scale`."""
+    """S1 or S3 of two pictures, one of which is multiplied by `scale`."""
     rng, out = np.random.default_rng(9), []
     for k in range(runs):
         d, level = differences(scale, k)
@@ -320,7 +320,7 @@ def test_ledger_false_alarms_and_power() -> None:
 
 
 def test_ledger_margin() -> None:
-    """A difference under 1e-5 of all paths is none, however many paths show it."""
+    """A difference under 1e-5 of all paths does not count, however many paths show it."""
     one = {name: [0] for name in LEDGER_COLUMNS} | {"live": [10**13], "escaped": [10**13]}
     two = {**one, "escaped": [10**13 - 9 * 10**7], "absorbed": [9 * 10**7]}
     three = {**one, "escaped": [10**13 - 2 * 10**8], "absorbed": [2 * 10**8]}

@@ -1,5 +1,5 @@
-"""The measured Cornell box: its files against each other, against the published numbers, and the
-scene that is made of them. Checksums and colours of the data are in level 7 of the validation."""
+"""The measured Cornell box: its files against each other and the published numbers, and the scene
+made from them. Checksums and colours of the data are in level 7 of the validation."""
 
 import importlib.util
 import json

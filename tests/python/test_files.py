@@ -1,4 +1,4 @@
-"""What is read and written: regular files alone, whole or not at all, as they were before."""
+"""Reading and writing: only regular files, whole or not at all, attributes as before."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_scene_with_a_slash_at_the_end(tmp_path: Path) -> None:
         veriray.load_file(f"{tmp_path}/scene.xml/")
 
 
-# ---- what is overwritten stays as it was ----
+# ---- an overwritten file keeps its attributes ----
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o640, 0o664, 0o755])
@@ -188,7 +188,7 @@ def test_links_stay(tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path)) == ["link", "twin", "x"]
 
 
-# ---- what killed processes leave ----
+# ---- leftovers of killed processes ----
 
 WRITER = """
 import sys, time

@@ -1,4 +1,4 @@
-"""What fuzzing found stays repaired."""
+"""Regression tests for what fuzzing found."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_long_names_are_not_repeated(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("end", ["0\n3 0 1 2", "zero\n3 0 1 2", "0\n4 0 1 2"])
 def test_a_long_word_needs_little_memory(tmp_path: Path, end: str) -> None:
-    """Memory goes with the size of a PLY file, not with its words times the longest of them."""
+    """Memory grows with the size of a PLY file, not with its words times the longest of them."""
     head = "ply\nformat ascii 1.0\nelement vertex 9000\nproperty float x\nproperty float y\n"
     head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
     words = f"{'0' * 60_000}.5 0 {end}"
@@ -166,7 +166,7 @@ def test_a_long_word_needs_little_memory(tmp_path: Path, end: str) -> None:
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.xml"])
 def test_messages_do_not_read_a_file_aloud(tmp_path: Path, name: str) -> None:
-    """Of a file that is something else, a message quotes a short word at most."""
+    """A message quotes at most a short word of a file that is something else."""
     secret = "correct-horse-battery-staple-correct-horse"
     data = "ply\nformat ascii 1.0\nelement x 1\nproperty float x\nend_header\n"
     kinds = {
@@ -201,7 +201,7 @@ def test_a_small_file_needs_little_memory(tmp_path: Path) -> None:
 def test_compare_prints_its_own_lines_alone(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Neither a picture's text nor the EXR library speaks to the terminal."""
+    """Neither a picture's text nor the EXR library writes to the terminal."""
     paths = [tmp_path / f"{name}.exr" for name in ("escape-in-region", "escape-other", "truncated")]
     for path in paths:
         path.write_bytes((corpus("exr") / f"found-{path.stem}").read_bytes())

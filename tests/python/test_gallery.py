@@ -159,7 +159,7 @@ def test_run_resumes_by_file(tmp_path: Path) -> None:
     before = (tmp_path / "spheres.exr").read_bytes()
 
     titles, lines = again()
-    assert not titles and lines[0] == "picture 1 of 2: spheres is there"
+    assert not titles and lines[0] == "picture 1 of 2: spheres exists"
     (tmp_path / "spheres.exr").write_bytes(before[:5000])
     (tmp_path / "spheres-300.png").unlink()
     titles, _ = again()
@@ -172,7 +172,7 @@ def test_run_resumes_by_file(tmp_path: Path) -> None:
 
 
 def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
-    """Found before anything is rendered; --force replaces them, and what it made it may replace."""
+    """Found before anything is rendered; --force replaces them, and later runs may do so too."""
     folder, docs = tmp_path / "gallery", tmp_path / "docs"
     (docs / "images").mkdir(parents=True)
     folder.mkdir()

@@ -1,7 +1,7 @@
-"""Every public function and class with arguments that no program should give: documented errors.
+"""Every public function and class with absurd arguments raises documented errors.
 
-The table is of callables and the arguments of each that are tried one at a time; the message of an
-error names the argument (or says which file it is).
+The table lists callables and the arguments of each that are tried one at a time; the message of an
+error names the argument (or the file).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from veriray.settings import RenderSettings
 
 
 class Rude:
-    """Raises at whatever is asked of it."""
+    """Raises whatever is done with it."""
 
     def __getattribute__(self, name: str) -> Any:
         if name == "__class__":

@@ -1,4 +1,4 @@
-"""Files: what is written comes back, a failed write harms nothing, a damaged file is an error."""
+"""Files: a written picture reads back, a failed write harms nothing, a damaged file is an error."""
 
 from __future__ import annotations
 
@@ -296,7 +296,7 @@ def test_missing_file(tmp_path: Path) -> None:
 
 
 def test_a_damaged_file_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Neither does the library's C code; stderr works as before afterwards, closed or open."""
+    """The library's C code prints nothing either; stderr works as before, closed or open."""
     path = tmp_path / "x.exr"
     image.save(make_render(3, 4, batches=2), path)
     data = path.read_bytes()

@@ -1,4 +1,4 @@
-"""`veriray info` tells what is finer than float32; it is silent about what is not."""
+"""`veriray info` warns of details too fine for float32, and only of these."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "walls": (
         {"a": wall(0, 0, 0), "b": wall(0, 0, 2e-6)},
         {"a": wall(0, 0, 0), "b": wall(0, 0, 2e-5)},
-        "triangles[0] (scene.a) and triangles[2] (scene.b) are 4e-07",
+        "triangles[0] (scene.a) and triangles[2] (scene.b) is 4e-07",
     ),
     "walls of other forms": (
         {"a": wall(0, 0, 0), "b": wall(0.3, 0, 2e-6, size=0.1, turn=0.7)},
@@ -116,7 +116,7 @@ def test_beyond_and_within(name: str) -> None:
 
 
 def test_flat_meshes_are_no_near_faces() -> None:
-    """A turned grid whose vertices are rounded to float32, and coincident walls."""
+    """A rotated grid whose vertices are rounded to float32, and coincident walls."""
     n = 20
     x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0))
     plane = np.stack([x, y, 0.3 * x + 0.7 * y], axis=2).reshape(-1, 3).astype(np.float32) / 3

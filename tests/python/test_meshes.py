@@ -1,4 +1,4 @@
-"""Mesh files: what is read, shading normals, closedness; positions and normals against Mitsuba."""
+"""Mesh files: reading, shading normals, closedness; positions and normals against Mitsuba."""
 
 import math
 import warnings
@@ -235,7 +235,7 @@ def test_normals_of_the_file_are_transformed_by_the_inverse_transpose(tmp_path):
 
 
 def test_a_folded_sliver_does_not_break_a_surface():
-    """A closed mesh is turned as a whole; where neighbours disagree, each triangle by itself."""
+    """A closed mesh is turned as a whole; if neighbours disagree, each triangle by itself."""
     tables, corners, triangles = mesh._obj_lines(TETRAHEDRON.encode())
     vertices, triangles = tables[0], corners[:, 0][triangles]
     outward = mesh.unit(vertices - vertices.mean(axis=0))

@@ -1,4 +1,4 @@
-"""Shapes, materials, media, lights and lenses of scene files: what each becomes in the arrays."""
+"""Shapes, materials, media, lights and lenses of scene files: the array entries that they give."""
 
 import cProfile
 import dataclasses
@@ -278,7 +278,7 @@ def test_thin_lens_mitchell_and_volpath(tmp_path):
 
 @pytest.fixture
 def rich():
-    """Something of everything."""
+    """A scene with one of everything."""
     scene = load_dict(scene_dict(
         fog={"type": "homogeneous", "sigma_t": 2.0},
         ball={"type": "sphere", "bsdf": {"type": "dielectric"}, "light": {"type": "area"},
@@ -468,7 +468,7 @@ def calls(run):
 
 
 def test_reading_does_little_for_each_shape(tmp_path):
-    """Checks of spheres are for all at once; materials and childless objects are looked up."""
+    """Spheres are checked all at once; materials and childless objects are looked up."""
     counts = []
     for many in (100, 1100):
         (tmp_path / "many.xml").write_text(HEAD + '<shape type="sphere"/>\n' * many + "</scene>\n")

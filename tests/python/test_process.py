@@ -259,7 +259,7 @@ except vr.OutOfMemoryError as error:
 @pytest.mark.parametrize("scheduler", ["fused", "thrust", "wavefront"])
 @pytest.mark.parametrize(("scene", "most"), [("box", 1), ("box", 3), ("big(20_000)", 1)])
 def test_threads_that_cannot_start(scheduler: str, scene: str, most: int) -> None:
-    """None for a render or for a tree: an OutOfMemoryError. Fewer than asked for: the picture."""
+    """No thread for a render or a tree: an OutOfMemoryError. Fewer than requested: the picture."""
     values = {"scene": scene, "scheduler": scheduler, "most": most, "user": 60_123}
     done = python(BIG + NO_THREADS.format(**values))
     if "in spite of RLIMIT_NPROC" in done.stderr or "os.set" in done.stderr:

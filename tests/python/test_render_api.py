@@ -110,7 +110,7 @@ def test_nothing_but_the_picture_settings_matters(
     "name", ["mask", "medium_in_mesh", "nested_dielectrics", "spheres_300", "thinlens"]
 )
 def test_waves_of_any_size(device: str, scheduler: str, name: str) -> None:
-    """One path, a warp and one more, a tile and a part of one, more than there are."""
+    """Batches of one path, a warp and one more, a tile and part of one, more than all paths."""
     scene = check_scene(name, 16).with_(sampler="sobol")
     for depth in (1, -1):
         wanted = vr.render(scene, 3, device="cpu", scheduler="fused", max_depth=depth)

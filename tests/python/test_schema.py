@@ -39,7 +39,7 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
         object.__setattr__(copy, "roughness", roughness)
         assert (copy.sha256 == before) == same
     monkeypatch.setitem(columns.COLUMNS, "knots", Column("curves", np.float64, (3,)))
-    for rows, hashed in ((0, False), (2, True)):  # of a new table: what is there counts, zeros too
+    for rows, hashed in ((0, False), (2, True)):  # of a new table: existing rows count, even zeros
         assert columns.hashed("knots", np.zeros((rows, 3))) == hashed
 
 

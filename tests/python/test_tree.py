@@ -1,4 +1,4 @@
-"""Trees: what both builders must hold, and that no picture shows which one it was."""
+"""Trees: properties of both builders' trees, and that no picture depends on the builder."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def flat(n: int) -> Part:
 
 
 def graded(n: int, size: float = 1e-5) -> Part:
-    """Along a line, each farther from the next: one pair alone is nearest both ways."""
+    """Along a line, each farther from the next: only one pair is mutually nearest."""
     x = np.cumsum(1.0 + 1e-3 * np.arange(n))
     x *= 1.5 / x[-1]
     return around(np.stack([x - 0.5, 0 * x, 0 * x], axis=1), size)
@@ -227,7 +227,7 @@ def test_hits_are_those_of_the_sah_tree(device: str, name: str, scale: float) ->
 def test_no_tree_shows_in_triangles_of_the_size_of_rounding(
     device: str, size: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Seen edge on, rays far beside them have edge functions that are rounded to nothing."""
+    """For triangles seen edge-on, edge functions of rays far beside them are rounded to 0."""
     monkeypatch.setitem(SHAPES, "tiny", lambda: [graded(3000, size)])
     scene = scene_of("tiny")
     rng = np.random.default_rng(5)
@@ -342,7 +342,7 @@ print(again | {"seconds": 0} == held.tree | {"seconds": 0})
     reason="AddressSanitizer ends a process whose operator new fails",
 )
 def test_a_build_without_memory_leaves_the_process_whole(cpu: str) -> None:
-    """64 MiB of address space where it takes 82 in one piece."""
+    """64 MiB of address space for something that takes 82 in one piece."""
     done = subprocess.run(
         [sys.executable, "-c", SHORT_OF_MEMORY, cpu], capture_output=True, text=True
     )

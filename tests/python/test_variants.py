@@ -18,13 +18,13 @@ from veriray_bench import SCENARIOS
 from veriray_bench.scenarios import scene_file
 from veriray_validate.scenes import Part, camera, make, quad
 
-#: Bytes that a path stores for a feature, above those of every path.
+#: Bytes that a path stores for a feature, in addition to those of every path.
 NEEDS = {"refraction": 4, "pass": 12, "media": 4}
 SCENES = [*SHIPPED, *sorted((find_shipped("open").parent / "checks").glob("*.xml"))]
 
 
 def smallest(needed: list[str], variants: list[list[str]]) -> list[str]:
-    """The first that covers what is needed; the list has the smallest first."""
+    """The first variant that covers what is needed; the list starts with the smallest."""
     return next(v for v in variants if set(needed) <= set(v))
 
 

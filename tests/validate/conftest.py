@@ -1,4 +1,4 @@
-"""A suite of synthetic cases, for the tests of what runs, judges and reports them."""
+"""A suite of synthetic cases, for testing the code that runs, judges and reports them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report: verdict in words, every figure drawn or shown as text, nothing that breaks it."""
+"""The report: verdict in words, every figure drawn or shown as text, no input that breaks it."""
 
 from __future__ import annotations
 

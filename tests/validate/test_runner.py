@@ -46,7 +46,7 @@ def run(**settings: Any) -> Validation:
 
 
 def likely(count: int, n: int, p: float) -> bool:
-    """Whether a binomial count is no outlier; wrong once in 100,000."""
+    """Whether a binomial count is plausible; wrong once in 100,000."""
     return bool(stats.binomtest(count, n, p).pvalue > 1e-5)
 
 
@@ -198,7 +198,7 @@ def test_conditions(suite: Suite) -> None:
     assert t.checks == 6
 
 
-# ---- no verdict is no pass ----
+# ---- no verdict is not a pass ----
 
 
 @pytest.mark.parametrize("how", ["raised", "blind", "nan", "nothing", "skipped"])
@@ -296,7 +296,7 @@ def test_a_first_stage_that_fires_too_often_fails_the_run(
 
 @pytest.mark.parametrize("n", [1, 2, 10, 100, 700, 1500, 10_000])
 def test_so_many_first_stage_p_values_are_rare(n: int) -> None:
-    """The count at which a run fails has a probability below MANY; one less has not."""
+    """The count at which a run fails has a probability below MANY; one less does not."""
     outcome = Outcome("a", 1, "", "cpu", "pass", p=0.5)
 
     def crowded(low: int) -> bool:

@@ -1,7 +1,7 @@
 """The tests of counts and means: their false-alarm rates and power, by simulation or exactly.
 
-Simulated rates are accepted within four standard errors of the nominal rate and a tenth of it,
-which the approximations of the tests may cost at 10 counts a cell.
+Simulated rates are accepted within four standard errors of the nominal rate plus a tenth of it,
+which the approximations of the tests may cost at 10 counts per cell.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def test_pooling_loses_nothing(rng: np.random.Generator) -> None:
 
 
 def cells(kind: str) -> Array:
-    """Probabilities of 50 cells: alike, falling by a factor 1000, or most of them nearly empty."""
+    """Probabilities of 50 cells: equal, falling by a factor of 1000, or mostly nearly empty."""
     p = {"even": np.ones(50), "steep": np.geomspace(1, 1e-3, 50),
          "thin": np.where(np.arange(50) < 12, 1.0, 1e-4)}[kind]  # fmt: skip
     return np.asarray(p / p.sum())
@@ -130,7 +130,7 @@ def test_grid_family_false_alarms_with_lost_samples(rng: np.random.Generator) ->
 
 
 def test_lost_samples_have_a_cell(rng: np.random.Generator) -> None:
-    """What is left is uniform, but 1 % of the samples more are lost than should be."""
+    """The remaining samples are uniform, but 1 % more of them are lost than should be."""
     u, v = rng.random((2, 89_100))
     assert st.grid_family(u, v, drawn=99_000, chance=0.9) > 1e-3
     assert st.grid_family(u, v, drawn=100_000, chance=0.9) < 1e-9
@@ -182,7 +182,7 @@ def test_homogeneous_false_alarms(rng: np.random.Generator) -> None:
 
 
 def test_homogeneous_thin_classes(rng: np.random.Generator) -> None:
-    """Rare ends are judged by their exact law: neither alarmed by one, nor blind to nine.
+    """Rare ends are judged by their exact law, which neither alarms at one nor overlooks nine.
 
     A million paths against eight million: chi-square takes one event of the smaller sample, where
     a ninth is expected, for a z of 2.7, and three for 8.

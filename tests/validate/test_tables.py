@@ -1,4 +1,4 @@
-"""The table of stress lines, from a validation's JSON."""
+"""The table of stress cases, from a validation's JSON."""
 
 from __future__ import annotations
 

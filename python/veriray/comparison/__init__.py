@@ -61,14 +61,14 @@ def compare(
     Args:
         a: render under test, or the path of its EXR file.
         b: reference, likewise. Independent of `a`: another seed or another program.
-        alpha: family-wise false-alarm rate: two correct renders differ so rarely.
+        alpha: family-wise false-alarm rate, at which two correct renders are found to differ.
         seed: of the sign flips; the report is a function of the renders and this.
         regions: (H, W) integers >= 0, one value per object; default: the masks in `a` or `b`.
         region_names: name of value k + 1 at index k; value 0 is the background.
         same_estimator: both were made by the same algorithm, so that noise (S4) and shadow rays
             must agree too.
-        target: the largest relative bias of the whole picture that may go unseen (90 % power);
-            when the data cannot keep it, no difference found is "inconclusive", not a pass.
+        target: the largest relative bias of the whole picture that may go unseen (90 % power); if
+            the data are too noisy for it, finding no difference is "inconclusive", not a pass.
 
     Returns:
         The report; `.passed` is True if no test failed and the mean could be tested.
@@ -201,7 +201,7 @@ def _notes(a: Render, b: Render) -> list[str]:
 
 
 def _exact(report: Report, a: Render, b: Render) -> None:
-    """Conditions without statistics; sets `effort` where they leave nothing to test."""
+    """Conditions without statistics; sets `effort` if they leave nothing to test."""
     report.tests += [_valid(a, "A"), _valid(b, "B")]
     invalid = any(t.result == "fail" for t in report.tests)
     ledgers = [x.stats.get("ledger") or {} for x in (a, b)]
@@ -235,8 +235,7 @@ def _condition(name: str, finds: str, problems: list[str]) -> Test:
 
 
 def _valid(x: Render, letter: str) -> Test:
-    """S0: nothing but finite numbers, >= 0 unless the filter has negative lobes, in pictures and
-    among samples."""
+    """S0: pictures and samples are finite, and >= 0 unless the filter has negative lobes."""
     features = x.stats.get("features") or ()
     signed = "signed_filter" in features or x.stats.get("filter") == "mitchell"
     arrays = [x.image] + ([] if x.batch_means is None else [x.batch_means])

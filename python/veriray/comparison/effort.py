@@ -30,7 +30,7 @@ def equal_effort(
     labels: dict[int, str],
     same_estimator: bool,
 ) -> None:
-    """Sign-flip tests S1 to S3 (S4 for one estimator), into the report."""
+    """Adds the sign-flip tests S1 to S3 (S4 for one estimator) to the report."""
     assert a.batch_means is not None and b.batch_means is not None
     d = a.batch_means - b.batch_means
     level = 0.5 * (a.batch_means.mean(axis=0) + b.batch_means.mean(axis=0))
@@ -107,7 +107,7 @@ def unequal_effort(
     labels: dict[int, str],
     same_estimator: bool,
 ) -> None:
-    """Welch's t, or z where batch means are missing, of all cells with enough samples."""
+    """Welch's t, or z if batch means are missing, of all cells with enough samples."""
     height, width, _ = a.image.shape
     plans = [("S1 mean of the picture", _OVERALL, st.whole(height, width))]
     plans += [
@@ -174,8 +174,8 @@ def _t_test(
             finds,
             "inconclusive",
             where=(
-                f"needs {st.MIN_EFFECTIVE_SAMPLES:,} effective samples a cell on both sides, known "
-                f"standard errors, and for parts of the picture {st.MIN_BATCHES} batches"
+                f"needs {st.MIN_EFFECTIVE_SAMPLES:,} effective samples per cell on both sides, "
+                f"known standard errors, and for parts of the picture {st.MIN_BATCHES} batches"
             ),
         )
     change, level = (
@@ -201,7 +201,7 @@ def _t_test(
 
 
 def _error(x: Render) -> Array:
-    """Standard error per pixel; NaN where the render does not tell."""
+    """Standard error per pixel; NaN where the render does not provide it."""
     if x.batch_means is not None and not np.isfinite(x.stderr).all():
         return np.asarray(x.batch_means.std(axis=0, ddof=1) / math.sqrt(len(x.batch_means)))
     return np.asarray(x.stderr, np.float64)

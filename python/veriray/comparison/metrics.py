@@ -1,6 +1,6 @@
 """Error measures of a picture I against a reference R: figures, never a verdict.
 
-A picture that is 2 % wrong scores better by all of them than a right one with more noise.
+By all of them, a picture that is 2 % wrong scores better than a right one with more noise.
 Definitions (means run over pixels and channels):
 
 - mse      mean (I - R)^2
@@ -14,7 +14,7 @@ Definitions (means run over pixels and channels):
 - mean_ratio_r, _g, _b   mean I / mean R
 
 Display copy: both pictures over the 95th percentile of R's luminance, clipped to [0, 1], sRGB.
-A measure that cannot be taken is None: NaN in a picture, sides under 7 pixels, black reference.
+A measure that cannot be computed (NaN in a picture, sides under 7 pixels, black reference) is None.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def _display(x: NDArray[np.float64]) -> NDArray[np.float64]:
 def _flip(image: NDArray[np.float64], reference: NDArray[np.float64]) -> float | None:
     """Mean HDR-FLIP at exposures from log2(x / max) to log2(x / median), as FLIP chooses them.
 
-    x is where its ACES curve saturates. They are given, because the package ends the process when
-    its own choice fails (very dark pictures).
+    x is where its ACES curve saturates. The exposures are passed explicitly because the package
+    ends the process if its own choice fails (very dark pictures).
     """
     import flip_evaluator
 

@@ -39,7 +39,7 @@ class Maps:
 
 @dataclass
 class Report:
-    """Verdict on two renders, with what it rests on.
+    """Verdict on two renders, with its evidence.
 
     Attributes:
         result: "pass" (no difference found), "fail" (they differ) or "inconclusive".
@@ -52,13 +52,13 @@ class Report:
             median, smallest and largest over them.
         means: relative difference of the whole picture and of each object per channel, with its
             relative standard error, t and two-sided p (one by one, without Holm).
-        metrics: error measures (`veriray.comparison.metrics`); no part of the verdict.
+        metrics: error measures (`veriray.comparison.metrics`); not part of the verdict.
         maps: the pictures, and z-scores of their difference.
         figures: variance_ratio (A over B, of one sample) and its standard error, independence
             (variance of the picture's mean over that of independent pixels, about 1) of A and B,
             correlation of their noise, asymmetry (skewness of A - B), number of flips.
         ledger: rows of `veriray.comparison.statistics.LedgerComparison`.
-        notes: things to know. `a`, `b`: where the pictures come from.
+        notes: remarks. `a`, `b`: where the pictures come from.
     """
 
     alpha: float
@@ -177,7 +177,7 @@ class Report:
             for row in self.power
         ]
         shown = ", ".join(f"{k} {v:.4g}" for k, v in self.metrics.items() if v is not None)
-        lines.append(f"figures, no part of the verdict: {shown}")
+        lines.append(f"figures, not part of the verdict: {shown}")
         return "\n".join(lines + [f"note: {note}" for note in self.notes])
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -1,15 +1,15 @@
-"""Tests behind the verdict of `veriray.compare`: exact sign flips at equal effort, Welch else.
+"""Tests behind the verdict of `veriray.compare`: exact sign flips at equal effort, else Welch.
 
 Conventions: A is the picture under test, R the reference, d = A - R. Batch means are
 (B, H, W, 3) float64 in linear radiance. A *cell* is a pixel, block or object, in one channel.
 
-At equal effort (same B, same samples a batch, same estimator) the pairs (A_b, R_b) can be swapped
-without changing their distribution if the expectations agree, so the signs of d_b can be flipped:
+At equal effort (same B, same samples per batch, same estimator), swapping a pair (A_b, R_b) does
+not change the distribution if the expectations agree. So the signs of d_b can be flipped:
 p = (1 + flips at least as extreme) / (1 + flips) is exact, whatever the noise looks like
 (Fisher 1935; the maximum over cells: Westfall and Young 1993, Resampling-Based Multiple Testing).
 
 A float32 renderer has a true bias near 1e-6 and two programs decide some edges differently, so a
-relative bias up to `MARGIN` is not called a difference: each cell is tested against the point
+relative bias up to `MARGIN` does not count as a difference: each cell is tested against the point
 nearest to its estimate within the margin.
 """
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[Any]
 
-#: Relative bias that is not called a difference; absolute for fractions of the ledger.
+#: Relative bias that does not count as a difference; absolute for fractions of the ledger.
 MARGIN = 1e-5
 #: Samples that must carry a mean before its t distribution is trusted: (sum x)^2 / sum x^2. As one
 #: contribution is at most sqrt(sum x^2), it also bounds the largest to 1 % of the sum.
 MIN_EFFECTIVE_SAMPLES = 10_000
 #: Largest mean skewness of A - R at which pixels are tested. Measured with fireflies in A alone:
-#: at 0.35, S2 (pixels) and S3 raise 2 % of false alarms at a nominal 1 %, at 0.9 they raise 7 %.
+#: at 0.35, S2 (pixels) and S3 raise 2 % false alarms at a nominal 1 %; at 0.9 they raise 7 %.
 MAX_ASYMMETRY = 0.3
 #: Batches needed for a t test of blocks against a picture of another effort.
 MIN_BATCHES = 64
@@ -70,7 +70,7 @@ class Test:
 
 @dataclass(frozen=True)
 class Partition:
-    """A picture cut into cells, each channel apart.
+    """A picture cut into cells, separately for each channel.
 
     Attributes:
         name: of the scale.
@@ -99,7 +99,7 @@ class Cells:
 def holm(tests: Sequence[Test], alpha: float) -> list[Test]:
     """Decide the tests that have a p-value, at a family-wise error rate `alpha` (Holm 1979).
 
-    Thresholds are alpha / (tests left), in order of p; the others stay as they are.
+    Thresholds are alpha / (tests left), in order of p; tests without a p-value stay as they are.
     """
     family = sorted((t.p, k) for k, t in enumerate(tests) if t.p is not None)
     out, rejecting = list(tests), True
@@ -111,7 +111,7 @@ def holm(tests: Sequence[Test], alpha: float) -> list[Test]:
 
 
 def flips_needed(alpha: float, tests: int) -> int:
-    """Flips, so that p can reach Holm's first threshold with room for one exceedance."""
+    """Number of flips with which p can reach Holm's first threshold despite one exceedance."""
     return max(1000, 1000 * math.ceil(2.5 * tests / alpha / 1000)) - 1
 
 
@@ -128,7 +128,7 @@ def block_means(x: Array, size: int) -> Array:
 
 
 def block_sizes(height: int, width: int) -> list[int]:
-    """1, 4, 16, 32, 64 ... up to half of the smaller side; small ones left out of big pictures."""
+    """1, 4, 16, 32, 64 ... up to half of the smaller side, without small ones for big pictures."""
     half = min(height, width) // 2
     sizes = [1, 4] + [1 << k for k in range(4, 17)]
     sizes = [s for s in sizes if s <= max(half, 1)]
@@ -349,9 +349,9 @@ def t_values(x: Array) -> Array:
 
 
 def variance_ratio(a: Array, r: Array) -> tuple[float, float, Array]:
-    """Variance of A over that of R, so that no block of 8x8 pixels decides alone.
+    """Variance of A over that of R, such that no block of 8x8 pixels dominates.
 
-    Per block q = (vA - vR)/(vA + vR), v summed over pixels, channels weighed alike; q' = mean of q
+    Per block q = (vA - vR)/(vA + vR), v summed over pixels with equal channel weights; q' = mean q
     and the ratio is (1 + q')/(1 - q'). Returns (ratio, its standard error, q per block).
     """
     va, vr = (block_means(x.var(axis=0, ddof=1), 8) for x in (a, r))
@@ -417,7 +417,7 @@ def effective_samples(mean: Array, error: Array, n: int | Array, partition: Part
 def welch(
     difference: Array, level: Array, error_a: Array, error_r: Array, dof_a: float, dof_r: float
 ) -> tuple[Array, Array, Array]:
-    """Welch's t per cell with the margin taken off: (t, two-sided p, degrees of freedom).
+    """Welch's t per cell with the margin subtracted: (t, two-sided p, degrees of freedom).
 
     Welch (1947); degrees of freedom by Satterthwaite (1946). Infinite dof give a z test.
     """
@@ -452,7 +452,7 @@ class LedgerComparison:
             Holm names (or the most unusual one) for the ends of paths.
         shadow_p, shadow_where: the same for shadow rays, by the largest |z|.
         rows: per depth and column: depth, column, counts a and b, their fractions of all paths,
-            z of the difference (margin taken off), and whether Holm over the cells names it.
+            z of the difference (margin subtracted), and whether Holm over the cells names it.
     """
 
     statistic: float
@@ -466,9 +466,9 @@ class LedgerComparison:
 def ledger_test(a: dict[str, list[int]], r: dict[str, list[int]], alpha: float) -> LedgerComparison:
     """Do paths end alike? Two-sample test of the counts per (depth, end).
 
-    Chi-square over the cells (those expected below 10 make one pool) and, for a tail that drifts
-    the same way at every depth, the largest |z| of the fractions that reach each depth; p is
-    twice the smaller one. A difference of `MARGIN` in a fraction of all paths is not counted.
+    Chi-square over the cells (those that expect fewer than 10 are pooled) and, for a tail that
+    drifts the same way at every depth, the largest |z| of the fractions that reach each depth; p is
+    twice the smaller one. A difference of `MARGIN` in a fraction of all paths does not count.
     """
     from scipy.stats import chi2, norm
 

@@ -46,29 +46,29 @@ def run(
 ) -> list[Path]:
     """Render pictures of the gallery, then make its contact sheet and page.
 
-    A picture is skipped if its EXR is there with the same scene, samples and seed, so a run that
-    was stopped goes on where it was. Files appear whole or not at all.
+    A picture is skipped if its EXR exists with the same scene, samples and seed, so a stopped run
+    continues where it was. Files appear whole or not at all.
 
     Args:
         names: pictures, or "fig5" for all of a figure; () for all.
-        output: folder, made if missing; scene and mesh files that are generated go there too.
+        output: folder, created if missing; generated scene and mesh files go there too.
         mesh: closed mesh for figure 5 (y up, facing +z); None takes the generated hare.
         spp: samples per pixel; None takes each picture's own.
         seed: of all pictures.
-        width: in pixels, of all pictures; the height follows. None takes scale times their own.
+        width: in pixels, of all pictures; the height follows. None takes `scale` times their own.
         scale: of width and height, 0 to 16.
         device, threads: as for `render`.
-        force: render pictures that are there too, and replace files that the gallery did not make.
+        force: also render existing pictures, and replace files that the gallery did not make.
         sheet_only: render nothing.
         docs: folder of gallery.md and images/; None takes `output`.
-        show: from a title, a context that gives a progress callback or None.
-        say: called with a line for each thing done.
+        show: maps a title to a context that gives a progress callback or None.
+        say: called with one line for each step.
 
     Returns:
         The files written.
 
     Raises:
-        ValueError: an unknown name, or a setting out of range; and as `render` and `load` do.
+        ValueError: an unknown name or a setting out of range; also as `render` and `load` do.
         OSError: a file that cannot be written; before anything is rendered, FileExistsError for a
             file in the way that the gallery did not make.
     """
@@ -112,7 +112,7 @@ def _quietly(title: str) -> Iterator[None]:
 
 
 def _sized(scene: Scene, width: int | None, scale: float) -> Scene:
-    """The scene with a film of `width` pixels, or `scale` times its own, of the same shape."""
+    """The scene with a film `width` pixels wide, or `scale` times its own, of the same aspect."""
     film = scene.film
     factor = scale if width is None else width / film.width
     width, height = (max(round(pixels * factor), 1) for pixels in (film.width, film.height))
@@ -142,7 +142,7 @@ def _render_all(
         result = None if force else _finished(exr, scene, spp, settings["seed"])
         head = f"picture {k + 1} of {len(jobs)}"
         if result is not None:
-            say(f"{head}: {picture.name} is there")
+            say(f"{head}: {picture.name} exists")
         else:
             film, rate = scene.film, rendered / max(time.perf_counter() - start, 1e-9)
             left = f", about {(sum(work) - done) / rate:.0f} s left" if rate > 0 else ""
@@ -165,7 +165,7 @@ def _render_all(
 
 
 def _finished(path: Path, scene: Scene, spp: int, seed: int) -> Render | None:
-    """The render in `path` if it is whole and of this scene, with these samples and seed."""
+    """The render in `path` if it is complete and of this scene, with these samples and seed."""
     from .. import image
 
     try:

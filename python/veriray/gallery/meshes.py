@@ -1,6 +1,6 @@
 """Meshes that the gallery makes itself: closed, with vertex normals, the same on every machine.
 
-Coordinates come from + - * / and sqrt alone (and sines of 50 digits) and are rounded to float32.
+Coordinates use only + - * /, sqrt and sines of 50 digits, and are rounded to float32.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def write_ply(path: Path, mesh: Mesh) -> None:
 
 
 def standing(path: Path, height: float = 2.25) -> Mesh:
-    """A mesh file of the user's, y up and facing +z, turned to face -z and set on the plane y = 0.
+    """A user's mesh file, y up and facing +z, turned to face -z and placed on the plane y = 0.
 
     Raises SceneError if it cannot be read or is not closed: a medium needs an inside.
     """
@@ -63,7 +63,7 @@ def standing(path: Path, height: float = 2.25) -> Mesh:
 
 # ---- the hare: spheres, ellipsoids and cones, blended ----
 
-# Each part: blend radius, ends (x, y, z, radius), and after the second how much the middle bulges.
+# Each part: blend radius, ends (x, y, z, radius), and for the second the bulge of the middle.
 # All are mirrored in x.
 _HARE: tuple[tuple[float, tuple[float, ...], tuple[float, ...]], ...] = (
     (0.00, (0.0, 0.62, 0.16, 0.50), (0.0, 0.60, 0.02, 0.47)),  # hips
@@ -139,7 +139,7 @@ def _unit(vectors: Array) -> Array:
 
 
 def hare(cells: int = 60) -> Mesh:
-    """The gallery's animal, 2.3 high, facing -z: about 73,000 triangles at 60 cells a unit."""
+    """The gallery's animal, 2.3 high, facing -z: about 73,000 triangles at 60 cells per unit."""
     return contour(hare_distance, _LOW, _HIGH, cells)
 
 
@@ -201,13 +201,13 @@ def _grid_triangles(rows: int, columns: int, closed: bool) -> Array:
 
 
 def _circle(count: int, turns: int = 1) -> Array:
-    """(count, 2): cosines and sines of `count` even angles over `turns` turns."""
+    """(count, 2): cosines and sines of `count` equally spaced angles over `turns` turns."""
     pairs = [sin_cos_degrees(360.0 * turns * k / count) for k in range(count)]
     return np.array([(c, s) for s, c in pairs])
 
 
 def knot(turns: int = 2, around: int = 3, length: int = 720, section: int = 36) -> Mesh:
-    """A torus knot of radius 1 about the z axis whose square, rounded section twists as it runs.
+    """A torus knot of radius 1 about the z axis with a rounded square section that twists.
 
     Closed by construction: 2 * length * section triangles. The vertex normals are the means of the
     faces around a vertex, weighted by area.
@@ -243,9 +243,9 @@ def knot(turns: int = 2, around: int = 3, length: int = 720, section: int = 36) 
 
 
 def sweep(width: float = 60.0, floor: float = 14.0, wall: float = 14.0, bend: float = 5.0) -> Mesh:
-    """A photographer's backdrop: the floor y = 0 turns into the wall z = bend in a quarter circle.
+    """A photographer's backdrop: the floor y = 0 curves into the wall z = bend by a quarter circle.
 
-    It reaches from z = -floor to the wall and up to y = bend + wall; its front is towards +y on the
+    It extends from z = -floor to the wall and up to y = bend + wall; its front faces +y on the
     floor and -z on the wall.
     """
     steps = 96

@@ -144,7 +144,7 @@ def load(name: str, folder: Path, mesh: Path | None = None, force: bool = False)
     """The scene of a picture. Generated meshes and scene files are written to `folder`.
 
     mesh: a closed mesh, y up and facing +z, for figure 5 in place of the hare.
-    force: replace files of these names that the gallery did not make, too.
+    force: also replace files of these names that the gallery did not make.
     Raises ValueError for an unknown name, SceneError as `load_file` does or for a mesh that is not
     closed, OSError if the folder cannot be written or holds such files.
     """

@@ -1,7 +1,7 @@
 """The gallery's display copies, contact sheet and page.
 
-A PNG of the gallery holds the facts of its render as JSON in the text entry "veriray", so that
-sheet and page can be made where the EXR files are not.
+A PNG of the gallery holds the facts of its render as JSON in the text entry "veriray", so sheet and
+page can be made without the EXR files.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _KEYS = (
 
 
 def facts(render: Render) -> dict[str, Any]:
-    """What the captions and the page say about a render."""
+    """The facts about a render that the captions and the page state."""
     known = {**render.stats, "width": render.width, "height": render.height}
     known |= {"spp": render.spp, "seed": render.seed}
     return {key: known[key] for key in _KEYS if key in known} | {"film_sha256": render.film_sha256}
@@ -68,7 +68,7 @@ def save_png(path: Path, pixels: Array, render: Render) -> None:
 
 
 def outputs(folder: Path, docs: Path, names: Collection[str] = ()) -> list[Path]:
-    """What `make` writes once the pictures of these names are in `folder`: page, sheet, copies."""
+    """The files that `make` writes once these pictures are in `folder`: page, sheet, copies."""
     images = docs / "images"
     shown = [p for p in PICTURES if p.name in names or (folder / f"{p.name}.png").exists()]
     copies = [images / f"{picture.name}.jpg" for picture in shown]
@@ -78,8 +78,8 @@ def outputs(folder: Path, docs: Path, names: Collection[str] = ()) -> list[Path]
 def side_by_side(ours: Render, theirs: Render, zoom: int = 4) -> Array:
     """Our picture, theirs and their difference in standard errors: (H zoom, 3 W zoom, 3) bytes.
 
-    The difference is the mean over the channels of (ours - theirs) / standard error; white 0, red
-    ours brighter, blue darker, full colour at 4. Pixels are repeated, not interpolated.
+    The difference is the mean over the channels of (ours - theirs) / standard error: white is 0,
+    red ours brighter, blue ours darker, full colour 4. Pixels are repeated, not interpolated.
     """
     error = np.sqrt(np.square(ours.stderr, dtype=np.float64) + np.square(theirs.stderr))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -196,7 +196,7 @@ def _rows(shown: list[Any]) -> list[list[Any]]:
 
 
 def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
-    """The page in Markdown; `docs` is asked whether it has the picture of figure 2."""
+    """The page in Markdown; includes the picture of figure 2 if `docs` has it."""
     lines = [
         f"<!-- {MARK} -->",
         "",

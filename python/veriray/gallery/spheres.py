@@ -76,7 +76,7 @@ _EMITTER = """
 def place(count: int, seed: int) -> list[tuple[float, float, float, float]]:
     """(x, y, z, radius) of `count` spheres above y = 0, at least 0.02 apart and off the floor.
 
-    Large ones first; a quarter of them lie on the floor. The same on every machine.
+    Large ones come first; a quarter of all lie on the floor. The same on every machine.
     """
     draw = random.Random(seed).random
     found: list[tuple[float, float, float, float]] = []

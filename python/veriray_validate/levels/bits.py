@@ -179,13 +179,13 @@ def one_hash(t: Trial, name: str) -> None:
         for way in (*mine, *[{}] * (4 if name in ("cornell-box", "mesh") else 0)):
             found = host.sha(spp, **way)
             wanted = wanted or found
-            t.check(found == wanted, f"{device}: other bits with {way}")
+            t.check(found == wanted, f"{device}: different bits with {way}")
         for order in (("thrust", "fused"), ("fused", "wavefront")):
             added, resumed, complete = merged(host, spp, order)
-            t.check(added == wanted, f"{device}: other bits from merged ranges, {order}")
-            t.check(resumed == wanted, f"{device}: other bits when resumed, {order}")
+            t.check(added == wanted, f"{device}: different bits from merged ranges, {order}")
+            t.check(resumed == wanted, f"{device}: different bits when resumed, {order}")
             t.check(complete, "samples of merged films")
-        t.check(in_parts(host, spp) == wanted, f"{device}: other bits from lists of pixels")
+        t.check(in_parts(host, spp) == wanted, f"{device}: different bits from lists of pixels")
 
 
 @case(6, once=True)
@@ -245,7 +245,7 @@ def light_times_a_power_of_two(t: Trial, name: str) -> None:
     t.check(all(v.any() for v in plain) or name in CHECKS, "a dark picture shows nothing")
     for exponent in (20, 10, -20):
         other, counts = Host(t, scene.with_emission_scaled(2.0**exponent)).render(0, spp)
-        t.check(sha(film, ledger) == sha(other, counts), f"other bits for 2^{exponent}")
+        t.check(sha(film, ledger) == sha(other, counts), f"different bits for 2^{exponent}")
         for value, times in zip(plain, other.resolve(), strict=True):
             t.check(value * np.float32(2.0**exponent) == times, f"picture for 2^{exponent}")
 
@@ -298,7 +298,7 @@ def another_order_of_triangles(t: Trial, seed: int) -> None:
         host = Host(t, make([lamp, floor, body], view, 0.2, 24, 24))
         t.check(host.held.tree, "no tree")
         films.append(host.sha(16))
-    t.check(films[0] == films[1], "other bits for another order")
+    t.check(films[0] == films[1], "different bits for another order")
 
 
 @case(6)
@@ -326,7 +326,8 @@ def faintest_light(t: Trial) -> None:
     scene = make(parts, camera([0, 0, -2.9], [0, 0, 0], 60), width=24, height=20, filter="mitchell")
     host = Host(t, scene)
     t.check(host.render(0, 16)[0].words().any(), "no light")
-    t.check(len({host.sha(16, scheduler=scheduler) for scheduler in METHODS}) == 1, "other bits")
+    hashes = {host.sha(16, scheduler=scheduler) for scheduler in METHODS}
+    t.check(len(hashes) == 1, "different bits")
 
 
 @case(6)

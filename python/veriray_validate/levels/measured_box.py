@@ -284,10 +284,10 @@ def quadrature(t: Trial) -> None:
             numbers = np.round(1e3 * np.ravel((seen, noise, told[i])), 3)
             rows.append([f"{n}, {wall}", *numbers.tolist()])
             t.check(np.abs(seen - told[i]) < limit + 4.5 * noise,
-                    f"{n} wavelengths, {wall}: {seen}, and {told[i]} was foretold")  # fmt: skip
+                    f"{n} wavelengths, {wall}: {seen}, and {told[i]} was predicted")  # fmt: skip
     for wall, told in zip(spectral.WALLS, model["quadrature"], strict=True):
         rows.append([f"301, {wall}", *[""] * 6, *np.round(-1e3 * told, 3).tolist()])
-    head = [f"{kind} {c}" for kind in ("seen", "its error", "foretold") for c in "XYZ"]
+    head = [f"{kind} {c}" for kind in ("seen", "its error", "predicted") for c in "XYZ"]
     t.figure("table of XYZ by other numbers of wavelengths less that by 76, in 1e-3",
              {"columns": ["wavelengths", *head], "rows": rows})  # fmt: skip
 

@@ -145,7 +145,7 @@ def more_than_two_to_the_32_paths_in_one_call(t: Trial) -> None:
     t.check(ledger[0, 0] == 256 * n and ledger[0, 0] > 2**32, f"{ledger[0, 0]} paths")
     again = render(0, middle, parts) + render(middle, n, parts)
     t.check(ledger == again, "another ledger")
-    t.check(whole.words() == parts.words(), "other bits")
+    t.check(whole.words() == parts.words(), "different bits")
 
 
 # ---- film sizes and settings ----

@@ -635,7 +635,7 @@ def meshes_that_are_no_solid(t: Trial, kind: str) -> None:
         a, b = (t.render(make([Part(v, f, 0.7, two_sided=True)], eye, 1.0, **size), 64, seed=seed)
                 for v, f in ((vertices, faces), (other_vertices, other_faces)))  # fmt: skip
         if kind == "isolated vertices":
-            t.check(a.film_sha256 == b.film_sha256, "other bits")
+            t.check(a.film_sha256 == b.film_sha256, "different bits")
         off = np.abs(a.image - b.image).max()
         t.check(off < 1e-5, f"a pixel differs by {off:.2g}")
         return

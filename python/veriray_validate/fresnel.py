@@ -28,7 +28,7 @@ def fresnel_conductor(cosine: float, eta: complex) -> float:
 
 
 def external_reflectance(eta: float) -> float:
-    """Hemispherical reflectance for diffuse light from outside (A31)."""
+    """Hemispherical reflectance for diffuse light from outside."""
     x, w = np.polynomial.legendre.leggauss(200)
     c = (x + 1) / 2
     return float((w * fresnel(c, eta) * c).sum())

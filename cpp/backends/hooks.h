@@ -45,12 +45,14 @@ enum class Function : uint32_t {
     kSphereLight,        // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
     kFresnelDielectric,  // cos_i, eta -> reflected, cos_t
     kFresnelConductor,   // cos_i, eta, k -> reflected
-    kBsdfSample,        // material, n, wo, u, v, lobe -> wi, weight, pdf, transmitted, pass, mirror
-    kBsdfEval,          // material, n, wo, wi -> f cos, pdf, share that passes straight through
-    kLight,             // shape, p, e1, e2, n, offset, chance, receiver, u, v
-                        //   -> wi, pdf, distance, radiance for 1, delta
-    kFreeFlight,        // sigma, limit, upper and lower 16 bits -> t, collides
-    kFreeFlightColour,  // sigma, albedo, throughput: 3 each; limit, u24, bits -> t, weight
+    kBsdfSample,         // material, n, wo, u, v, lobe
+                         //   -> wi, weight, pdf, transmitted, pass, mirror, weight of importance
+    kBsdfEval,           // material, n, wo, wi
+                         //   -> f cos, pdf, share that passes straight through, reverse pdf, albedo
+    kLight,              // shape, p, e1, e2, n, offset, chance, receiver, u, v
+                         //   -> wi, pdf, distance, radiance for 1, delta
+    kFreeFlight,         // sigma, limit, upper and lower 16 bits -> t, collides
+    kFreeFlightColour,   // sigma, albedo, throughput: 3 each; limit, u24, bits -> t, weight
     kFilmSums,  // x, y -> the film's sum and square of x and 63 times y, 16 bits a column from 2^0
 };
 
@@ -78,8 +80,8 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"sphere_light", 13, 7},
     {"fresnel_dielectric", 2, 2},
     {"fresnel_conductor", 3, 1},
-    {"bsdf_sample", 16, 8},
-    {"bsdf_eval", 16, 3},
+    {"bsdf_sample", 16, 9},
+    {"bsdf_eval", 16, 5},
     {"light", 20, 7},
     {"free_flight", 4, 2},
     {"free_flight_colour", 13, 4},
@@ -220,13 +222,19 @@ VR_HD void evaluate_bsdf(Function which, const typename L::F* x, typename L::F* 
         y[3] = s.weight[0], y[4] = s.pdf_sa;
         y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
         y[7] = select(b.parameters.eta[0] > none, b.view.fresnel.reflected, none);
+        auto importance = b;
+        importance.view.transport = Transport::kImportance;
+        y[8] = importance.sample(wo, {x[13], x[14], x[15]}).weight[0];
         return;
     }
-    const F cos_i = dot(b.view.n, Vec3<F>{x[13], x[14], x[15]});
+    const Vec3<F> wo{x[10], x[11], x[12]}, wi{x[13], x[14], x[15]};
+    const F cos_i = dot(b.view.n, wi);
     const auto lit = b.scatters() & (cos_i > none);
-    const BsdfValue<F> value = b.eval(max(cos_i, none));
+    const BsdfValue<F> value = b.eval(wo, wi, max(cos_i, none));
     y[0] = select(lit, value.f_cos[0], none), y[1] = select(lit, value.pdf_sa, none);
     y[2] = b.pass_through()[0];
+    const F back = b.reverse_pdf(wo, wi, b.view.cos_o, max(cos_i, none), x[1] > none);
+    y[3] = select(lit, back, none), y[4] = b.albedo()[0];
 }
 
 // Radiance 1 (intensity, irradiance), vacuum.

@@ -76,15 +76,31 @@ struct Bsdf {
         }
     }
 
-    // Non-delta lobes for light from wi on wo's side; cos_i positive.
-    VR_HD BsdfValue<F> eval(F cos_i) const {
+    // Non-delta lobes for light from wi on wo's side; cos_i: between wi and n, positive.
+    VR_HD BsdfValue<F> eval(V wo, V wi, F cos_i) const {
         BsdfValue<F> value{S::all(F(0.f)), F(0.f)};
         each<kScattering>([&](auto closure, M m) {
-            const BsdfValue<F> one = closure.eval(parameters, view, cos_i);
+            const BsdfValue<F> one = closure.eval(parameters, view, wo, wi, cos_i);
             value.f_cos = kOneKind ? one.f_cos : select(m, one.f_cos, value.f_cos);
             value.pdf_sa = kOneKind ? one.pdf_sa : select(m, one.pdf_sa, value.pdf_sa);
         });
         return value;
+    }
+
+    // Density of sampling wo from wi, both on the side of n; non-delta lobes. cos_o, cos_i:
+    // positive.
+    VR_HD F reverse_pdf(V wo, V wi, F cos_o, F cos_i, M from_front) const {
+        Bsdf back = *this;
+        back.set_view(view.n, cos_i, from_front);
+        return back.eval(wi, wo, cos_o).pdf_sa;
+    }
+
+    // Share of the light from wo that goes on; see the closures.
+    VR_HD S albedo() const {
+        S share = S::all(F(0.f));
+        each(
+            [&](auto closure, M m) { share = select(m, closure.albedo(parameters, view), share); });
+        return share;
     }
 
     VR_HD BsdfSample<L> sample(V wo, BsdfNumbers<F> r) const {

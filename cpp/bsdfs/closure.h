@@ -43,9 +43,15 @@ struct BsdfSample {
     typename L::M pass;              // straight through
 };
 
+// What is carried along wo: radiance to wo's side, or importance, as light paths carry light.
+// Refraction scales radiance alone. E. Veach, "Robust Monte Carlo methods for light transport
+// simulation", 1997, section 5.2.
+enum class Transport : uint32_t { kRadiance, kImportance };
+
 // A surface as seen along wo.
 template <class L>
 struct ClosureView {
+    Transport transport = Transport::kRadiance;
     Vec3<typename L::F> n;                // shading normal on wo's side
     typename L::F cos_o;                  // between wo and n, positive
     FresnelSplit<typename L::F> fresnel;  // for closures with an index
@@ -87,9 +93,11 @@ struct Closure {
     static VR_HD M black(const Parameters&, M nobody) { return nobody; }
 
     // These have no default, so that none is forgotten: sample(parameters, view, wo, numbers,
-    // nobody); for closures that scatter, eval(parameters, view, cos_i); for those that pass,
-    // pass_through(parameters, view), the share that goes straight through; for clear ones that
-    // reflect, sample_again(parameters, view, wo, through), the same lobe about the view's normal.
+    // nobody); albedo(parameters, view), the share of light from wo that goes on, for feature
+    // images; for closures that scatter, eval(parameters, view, wo, wi, cos_i), whose density is
+    // that of sampling wi as seen from wo; for those that pass, pass_through(parameters, view), the
+    // share that goes straight through; for clear ones that reflect, sample_again(parameters, view,
+    // wo, through), the same lobe about the view's normal.
 
     // A delta lobe.
     static VR_HD Sample delta(V wi, S weight, M nobody) {

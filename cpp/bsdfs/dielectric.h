@@ -18,6 +18,10 @@ struct Dielectric : Closure<L> {
     static VR_HD F index(const Parameters& p, M from_front) {
         return select(from_front, p.eta[0], F(1.f) / p.eta[0]);
     }
+    static VR_HD S albedo(const Parameters& p, const View& view) {
+        const F r = view.fresnel.reflected;
+        return p.specular_reflectance * r + p.specular_transmittance * (F(1.f) - r);
+    }
     static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, M) {
         return sample_again(p, view, wo, !(r.lobe < view.fresnel.reflected));
     }
@@ -27,12 +31,14 @@ struct Dielectric : Closure<L> {
         return {
             select(through, refracted(wo, view.n, view.cos_o, view.fresnel.cos_t, view.relative),
                    reflected(wo, view.n, view.cos_o)),
-            select(through, p.specular_transmittance * compression(view.relative),
-                   p.specular_reflectance),
+            select(through, p.specular_transmittance * compression(view), p.specular_reflectance),
             F(0.f), through, nobody};
     }
     // Refraction scales radiance as it compresses the solid angle.
-    static VR_HD F compression(F relative) { return F(1.f) / (relative * relative); }
+    static VR_HD F compression(const View& view) {
+        if (view.transport == Transport::kImportance) return F(1.f);
+        return F(1.f) / (view.relative * view.relative);
+    }
 };
 
 }  // namespace veriray

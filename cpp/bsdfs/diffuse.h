@@ -13,7 +13,8 @@ struct Diffuse : Closure<L> {
     static constexpr uint32_t kReads = parameter_bit(kParameter_reflectance);
 
     static VR_HD M black(const Parameters& p, M) { return max_channel(p.reflectance) <= F(0.f); }
-    static VR_HD Value eval(const Parameters& p, const View&, F cos_i) {
+    static VR_HD S albedo(const Parameters& p, const View&) { return p.reflectance; }
+    static VR_HD Value eval(const Parameters& p, const View&, V, V, F cos_i) {
         const F pdf = cosine_hemisphere_pdf_sa(cos_i);
         return {p.reflectance * pdf, pdf};
     }

@@ -19,7 +19,13 @@ struct Plastic : Closure<L> {
     static VR_HD F entering(const View& view, F cos_i) {
         return F(1.f) - fresnel_dielectric(min(cos_i, F(1.f)), view.relative).reflected;
     }
-    static VR_HD Value eval(const Parameters& p, const View& view, F cos_i) {
+    // Of the base: light enters, on the average over the hemisphere, nearly as at cosine 1/2.
+    static VR_HD S albedo(const Parameters& p, const View& view) {
+        const F r = view.fresnel.reflected;
+        return p.specular_reflectance * r +
+               p.reflectance * (entering(view, F(0.5f)) * (F(1.f) - r));
+    }
+    static VR_HD Value eval(const Parameters& p, const View& view, V, V, F cos_i) {
         const F pdf = cosine_hemisphere_pdf_sa(cos_i), base = F(1.f) - view.fresnel.reflected;
         return {p.reflectance * pdf * (entering(view, cos_i) * base), pdf * base};
     }

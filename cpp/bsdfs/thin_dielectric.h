@@ -18,6 +18,9 @@ struct ThinDielectric : Closure<L> {
         const F r = one.reflected;
         return {select(r < F(1.f), (r + r) / (F(1.f) + r), F(1.f)), one.cos_t};
     }
+    static VR_HD S albedo(const Parameters& p, const View& view) {
+        return p.specular_reflectance * view.fresnel.reflected + pass_through(p, view);
+    }
     static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, M nobody) {
         const M mirror = r.lobe < view.fresnel.reflected, through = !mirror;
         return {select(mirror, reflected(wo, view.n, view.cos_o), -wo),

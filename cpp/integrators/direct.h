@@ -69,7 +69,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                               ShadowRequest<L>& shadow) {
         const LightSample<L> light = sample_light(scene, s, path, at.p, segment, scatter, active);
         const F cos_i = dot(at.ns, light.wi);
-        BsdfValue<F> value = material.eval(cos_i);
+        BsdfValue<F> value = material.eval(-path.ray.d, light.wi, cos_i);
         M lit = active & (cos_i > F(0.f));
         if constexpr (has(kSmooth)) lit = lit & (dot(at.ng, light.wi) > F(0.f));
         if constexpr (has(kMedia)) {

@@ -183,19 +183,25 @@ struct PathTracer : DirectLight<L, kFeatures> {
         return survives | (active & !plays);
     }
 
-    // ---- scatter: all of a segment's end but the tracing. In: the hit of the segment. Out: the
-    // next ray in the path, the shadow request, and what became of the segment ----
-    static VR_HD Events<L> scatter(const SceneView& scene, const PathSettings& s,
-                                   PathState<L>& path, Hit<L> hit, uint32_t segment, M active,
-                                   ShadowRequest<L>& shadow) {
-        Events<L> e;
-        const M nobody = no_lanes(active);
-        e.emitter_end = e.absorbed = e.depth_cut = e.rr_killed = e.alive = nobody;
-        e.visible = e.occluded = e.collided = shadow.wanted = nobody;
+    // Where a path scatters: at a surface, or at a collision in a medium.
+    struct Place {
+        Hit<L> hit;
+        Surface<L> at;
+        Vertex vertex;
+        Material bsdf;
+        M collided, scatters;  // of these, in a medium; all
+        M pass;                // goes on straight through the surface
+    };
 
+    // ---- arrive: what ends the segment. Returns the lanes at a surface; those of place.collided
+    // are at a collision, the others have escaped ----
+    static VR_HD M arrive(const SceneView& scene, const PathSettings& s, PathState<L>& path,
+                          uint32_t segment, M active, Place& place, Events<L>& e) {
         using Rim = Rims<L, kFeatures>;
+        Hit<L>& hit = place.hit;
         if constexpr (has(kMedia)) hit = Rim::past_rims(scene, path.ray, hit, active);
-        M valid = active & (hit.t < F(kInfinity)), collided = nobody;
+        M valid = active & (hit.t < F(kInfinity));
+        place.collided = no_lanes(active);
         V collision = path.ray.o;
         const F far = far_end(scene, path, segment);
         if constexpr (has(kClip))
@@ -206,32 +212,42 @@ struct PathTracer : DirectLight<L, kFeatures> {
         if constexpr (has(kMedia)) {
             const Hit<L> end = hit;
             F flown(0.f);
-            collided = cross(scene, s, path, hit, flown, far, segment, active);
-            e.collided = collided;
-            if (any(collided)) collision = Near::collision_point(scene, path, flown, end, collided);
-            valid = valid & !collided;
+            place.collided = e.collided = cross(scene, s, path, hit, flown, far, segment, active);
+            if (any(e.collided))
+                collision = Near::collision_point(scene, path, flown, end, e.collided);
+            valid = valid & !e.collided;
         }
-        e.escaped = active & !(valid | collided);
+        e.escaped = active & !(valid | place.collided);
         if (any(e.escaped)) miss(scene, path, e.escaped);
-        if (none(valid | collided)) return e;
-
-        // The surface, and which lanes it ends.
-        Surface<L> at = surface_at(scene, path.ray, hit, valid);
+        if (none(valid | place.collided)) return valid;
+        place.at = surface_at(scene, path.ray, hit, valid);
         if constexpr (!has(kMedia)) {
-            const M gone = Rim::leave_rims(scene, path.ray, far, hit, at, valid);
+            const M gone = Rim::leave_rims(scene, path.ray, far, hit, place.at, valid);
             if (any(gone)) miss(scene, path, gone);
             e.escaped = e.escaped | gone, valid = valid & !gone;
         }
-        const M lit = hit_emitter(scene, path, hit, at, valid);
-        Material bsdf = material(scene, at.row);
-        const V wo = -path.ray.d;
+        place.vertex.p = collision;
+        return valid;
+    }
+
+    // ---- surface vertex: emission, the material as seen along the ray, and which lanes end ----
+    static VR_HD void surface_vertex(const SceneView& scene, const PathSettings& s,
+                                     PathState<L>& path, uint32_t segment, M valid, Place& place,
+                                     Events<L>& e) {
+        const Surface<L>& at = place.at;
+        const M lit = hit_emitter(scene, path, place.hit, at, valid);
+        place.bsdf = material(scene, at.row);
+        const V wo = -path.ray.d, collision = place.vertex.p;
         const F side = select(at.front, F(1.f), F(-1.f));
-        Vertex vertex{fma(at.ng, at.offset * side, at.p), at.ng * side, at.ns * side, valid,
-                      F(0.f)};
+        place.vertex = {fma(at.ng, at.offset * side, at.p), at.ng * side, at.ns * side, valid,
+                        F(0.f)};
+        Vertex& vertex = place.vertex;
         F cos_o = dot(vertex.ns, wo);
-        if constexpr (has(kSmooth)) Reader::face_viewer(bsdf, wo, vertex.ng, vertex.ns, cos_o);
-        bsdf.set_view(vertex.ns, cos_o, at.front);
-        M pass = nobody, covered = valid;
+        if constexpr (has(kSmooth))
+            Reader::face_viewer(place.bsdf, wo, vertex.ng, vertex.ns, cos_o);
+        place.bsdf.set_view(vertex.ns, cos_o, at.front);
+        place.pass = no_lanes(valid);
+        M covered = valid;
         if constexpr (has(kPass)) {
             const F opacity = surface_column(scene, at.row, kSurface_opacity);
             const M thin = valid & (opacity < F(1.f));
@@ -239,84 +255,120 @@ struct PathTracer : DirectLight<L, kFeatures> {
                 const U u =
                     random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross))
                         .z;
-                pass = thin & !(uniform(u) < opacity);
-                covered = valid & !pass;
+                place.pass = thin & !(uniform(u) < opacity);
+                covered = valid & !place.pass;
             }
         }
-        const M dark = covered & is_dark(scene, at, bsdf, cos_o);
+        const M dark = covered & is_dark(scene, at, place.bsdf, cos_o);
         e.emitter_end = lit & dark;
         e.absorbed = dark & !e.emitter_end;
-        M scatters = (covered & !dark) | collided;
-        const M deep = beyond_depth(s, path, segment, scatters);
+        place.scatters = (covered & !dark) | place.collided;
+        if constexpr (has(kMedia)) {
+            vertex.p = select(place.collided, collision, vertex.p);
+            vertex.g = medium_column(scene, path.medium, kMediumG);
+        }
+    }
+
+    // ---- surface vertex: the next direction. Lanes that pass leave `scatters` ----
+    static VR_HD BsdfSample<L> scatter_at_surface(const PathSettings& s, const PathState<L>& path,
+                                                  uint32_t segment, Block<U> random, M deep,
+                                                  M valid, Place& place, Events<L>& e) {
+        const V wo = -path.ray.d;
+        U lobe(0u);
+        if constexpr (Material::kChooses)
+            lobe =
+                random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).z;
+        BsdfSample<L> next =
+            place.bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)});
+        if constexpr (has(kPass)) {
+            next.pass = (next.pass & place.scatters & valid) | place.pass;
+            next.transmitted = next.transmitted & !place.pass;
+            next.wi = select(place.pass, path.ray.d, next.wi);
+            next.weight = select(place.pass, white(), next.weight);
+            place.pass = next.pass;
+            e.depth_cut = place.scatters & deep & !place.pass;
+            if (segment + 1 >= kHardMaxDepth) {
+                e.depth_cut = e.depth_cut | place.pass;
+                place.pass = no_lanes(deep);
+            }
+            place.scatters = place.scatters & !(place.pass | e.depth_cut);
+        }
+        if constexpr (has(kSmooth)) {  // both normals must agree on the side
+            const F up = dot(place.vertex.ng, next.wi);
+            const M wrong =
+                ((next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)))) &
+                !place.pass;
+            if (any(wrong)) {
+                next.weight = select(wrong, black(), next.weight);
+                place.bsdf.sample_flat(next, wo, place.vertex.ng, place.at.front, wrong);
+            }
+        }
+        return next;
+    }
+
+    // ---- medium vertex: the next direction of lanes that have collided ----
+    static VR_HD void scatter_in_medium(const PathState<L>& path, const Place& place,
+                                        Block<U> random, BsdfSample<L>& next) {
+        const M collided = place.collided;
+        next.wi = select(
+            collided,
+            henyey_greenstein(path.ray.d, place.vertex.g, uniform(random.z), uniform(random.w)),
+            next.wi);
+        const F phase = henyey_greenstein_pdf(path.ray.d, next.wi, place.vertex.g);
+        next.weight = select(collided, white(), next.weight);
+        next.pdf_sa = select(collided, phase, next.pdf_sa);
+        next.transmitted = next.transmitted & !collided;
+    }
+
+    // ---- scatter: all of a segment's end but the tracing. In: the hit of the segment. Out: the
+    // next ray in the path, the shadow request, and what became of the segment ----
+    static VR_HD Events<L> scatter(const SceneView& scene, const PathSettings& s,
+                                   PathState<L>& path, Hit<L> hit, uint32_t segment, M active,
+                                   ShadowRequest<L>& shadow) {
+        Events<L> e;
+        const M nobody = no_lanes(active);
+        e.emitter_end = e.absorbed = e.depth_cut = e.rr_killed = e.alive = nobody;
+        e.visible = e.occluded = e.collided = shadow.wanted = nobody;
+        Place place;
+        place.hit = hit;
+        const M valid = arrive(scene, s, path, segment, active, place, e);
+        if (none(valid | place.collided)) return e;
+        surface_vertex(scene, s, path, segment, valid, place, e);
+        const M deep = beyond_depth(s, path, segment, place.scatters);
         if constexpr (!has(kPass)) {
             if (any(deep)) {
                 e.depth_cut = deep;
                 return e;
             }
         }
-        if (none(scatters | pass)) return e;
+        if (none(place.scatters | place.pass)) return e;
 
         // Light samples, then the direction to go on.
         const Block<U> random =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter));
-        if constexpr (has(kMedia)) {
-            vertex.p = select(collided, collision, vertex.p);
-            vertex.g = medium_column(scene, path.medium, kMediumG);
-        }
         if constexpr (has(kAnyLight)) {
-            const M receives = ((scatters & bsdf.scatters()) | collided) & !deep;
+            const M receives = ((place.scatters & place.bsdf.scatters()) | place.collided) & !deep;
             if (scene.lights.count && any(receives))
-                request(scene, s, path, vertex, bsdf, segment, random, receives, shadow);
+                request(scene, s, path, place.vertex, place.bsdf, segment, random, receives,
+                        shadow);
         }
-        U lobe(0u);
-        if constexpr (Material::kChooses)
-            lobe =
-                random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).z;
-        BsdfSample<L> next = bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)});
-        if constexpr (has(kPass)) {
-            next.pass = (next.pass & scatters & valid) | pass;
-            next.transmitted = next.transmitted & !pass;
-            next.wi = select(pass, path.ray.d, next.wi);
-            next.weight = select(pass, white(), next.weight);
-            pass = next.pass;
-            e.depth_cut = scatters & deep & !pass;
-            if (segment + 1 >= kHardMaxDepth) {
-                e.depth_cut = e.depth_cut | pass;
-                pass = nobody;
-            }
-            scatters = scatters & !(pass | e.depth_cut);
-        }
-        if constexpr (has(kSmooth)) {  // both normals must agree on the side
-            const F up = dot(vertex.ng, next.wi);
-            const M wrong =
-                ((next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)))) &
-                !pass;
-            if (any(wrong)) {
-                next.weight = select(wrong, black(), next.weight);
-                bsdf.sample_flat(next, wo, vertex.ng, at.front, wrong);
-            }
-        }
-        if constexpr (has(kMedia)) {
-            if (any(collided)) {
-                next.wi = select(
-                    collided,
-                    henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w)),
-                    next.wi);
-                const F phase = henyey_greenstein_pdf(path.ray.d, next.wi, vertex.g);
-                next.weight = select(collided, white(), next.weight);
-                next.pdf_sa = select(collided, phase, next.pdf_sa);
-                next.transmitted = next.transmitted & !collided;
-            }
-        }
-        advance(scene, path, hit, at, vertex, bsdf, next, pass);
+        BsdfSample<L> next = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
+        if constexpr (has(kMedia))
+            if (any(place.collided)) scatter_in_medium(path, place, random, next);
+        advance(scene, path, place.hit, place.at, place.vertex, place.bsdf, next, place.pass);
+        end_here(s, path, segment, place, e);
+        return e;
+    }
 
-        const M black = scatters & !(max_channel(path.throughput) > F(0.f));
+    // ---- end: absorption and roulette ----
+    static VR_HD void end_here(const PathSettings& s, PathState<L>& path, uint32_t segment,
+                               const Place& place, Events<L>& e) {
+        const M black = place.scatters & !(max_channel(path.throughput) > F(0.f));
         e.absorbed = e.absorbed | black;
-        scatters = scatters & !black;
+        const M scatters = place.scatters & !black;
         const M survivors = roulette(s, path, segment, scatters);
         e.rr_killed = scatters & !survivors;
-        e.alive = survivors | pass;
-        return e;
+        e.alive = survivors | place.pass;
     }
 
     // The next ray, and all that the path carries along.

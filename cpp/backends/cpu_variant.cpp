@@ -6,9 +6,10 @@ namespace {
 
 // `fused` runs on full lanes; the other schedulers share what one lane needs.
 template <class Variant>
-using Lanes = typename Variant::template Tracer<Simd>;
-template <class Variant>
 using OneLane = Called<typename Variant::template Tracer<Scalar>>;
+template <class Variant>
+using Lanes = std::conditional_t<Simd::kWidth == 1, OneLane<Variant>,
+                                 typename Variant::template Tracer<Simd>>;
 
 template <class Tracer>
 void tile(Tile& tile, const SceneView& scene, const Job& job, uint32_t pixel, uint32_t pixels,

@@ -5,8 +5,8 @@
 // associative, so any order, split, merge or resume gives the same film, no sum drifts, and threads
 // need no order. Resolution 2^-72 of the largest radiance a sample (its square 2^-76: the standard
 // error of pixels below 2^-38 of the largest radiance reads 0); a sample at or above 2^20 of it,
-// negative or not finite is not added but counted and reported (SampleFault). Sums are signed: a
-// filter with negative lobes subtracts.
+// not finite, or negative where its integrator gives no such samples, is not added but counted and
+// reported (SampleFault). Sums are signed: a filter with negative lobes subtracts.
 #pragma once
 
 #include "core/fixed.h"
@@ -29,12 +29,16 @@ struct PixelSum {
     Fixed128 sum[3], square[3];
 };
 
-// True where a film can hold the sample; false also for NaN.
-template <class F>
+// True where a film takes the sample; false also for NaN. kNegative: one below 0 is legitimate.
+template <bool kNegative, class F>
 VR_HD auto film_accepts(const Spectrum<F>& radiance, float scale) {
     const F limit(kSampleLimit), zero(0.f), s(scale);
-    return (radiance[0] >= zero) & (radiance[1] >= zero) & (radiance[2] >= zero) &
-           (radiance[0] * s < limit) & (radiance[1] * s < limit) & (radiance[2] * s < limit);
+    if constexpr (kNegative)
+        return (abs(radiance[0] * s) < limit) & (abs(radiance[1] * s) < limit) &
+               (abs(radiance[2] * s) < limit);
+    else
+        return (radiance[0] >= zero) & (radiance[1] >= zero) & (radiance[2] >= zero) &
+               (radiance[0] * s < limit) & (radiance[1] * s < limit) & (radiance[2] * s < limit);
 }
 
 // x: a channel of a sample that the film accepts, times the weight of the filter and the scale.

@@ -32,11 +32,15 @@ VR_HD void add_to_number(uint64_t* number, Fixed128 x) {
     if (high) atomic_add(number + 1, high);
 }
 
-// x: a sample's channels. Returns false, and adds none, where the plane refuses one of them.
-VR_HD bool add_values(const PlaneView& plane, uint32_t pixel, const float* x) {
+// x: a sample's channels. Where the plane refuses one it takes none: the sample is logged, and the
+// answer false.
+VR_HD bool add_values(const PlaneView& plane, FaultLog* faults, uint32_t pixel, uint32_t sample,
+                      const float* x) {
     for (uint32_t c = 0; c < plane.channels; ++c) {
-        const float size = x[c] < 0.f ? -x[c] : x[c];
-        if (!(size * plane.scale < kSampleLimit) || (x[c] < 0.f && !plane.negative)) return false;
+        if (abs(x[c] * plane.scale) < kSampleLimit && (x[c] >= 0.f || plane.negative)) continue;
+        const uint32_t last = plane.channels - 1;
+        log_fault(faults, pixel, sample, {{x[0], x[last < 1 ? last : 1], x[last < 2 ? last : 2]}});
+        return false;
     }
     for (uint32_t c = 0; c < plane.channels; ++c) {
         PixelSum one{};

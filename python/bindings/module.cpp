@@ -142,7 +142,7 @@ T value_of(const py::dict& from, const std::string& where, const char* name) {
     if (!from.contains(name)) throw py::value_error(where + " has no '" + name + "'");
     try {
         return from[name].cast<T>();
-    } catch (const py::cast_error&) {
+    } catch (const std::exception&) {  // of pybind11 or of the object's own conversion
         throw py::value_error(where + ": '" + name + "' has no valid value");
     }
 }

@@ -213,6 +213,16 @@ def random(
     block: npt.NDArray[np.uint32],
     sampler: str = "independent",
 ) -> npt.NDArray[np.uint32]: ...
+def add_values(
+    film: Film,
+    plane: str,
+    scale: float,
+    pixel: npt.NDArray[np.uint32],
+    x: npt.NDArray[np.float32],  # (len(pixel), C)
+) -> tuple[int, list[tuple[int, int, float, float, float]]]: ...  # refused: number, and some
+def add_integers(
+    film: Film, plane: str, pixel: npt.NDArray[np.uint32], x: npt.NDArray[np.uint64]
+) -> None: ...
 def intersect(
     scene: Scene, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]: ...

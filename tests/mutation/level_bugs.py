@@ -257,8 +257,8 @@ _PICTURE = (
     Mutant("film shifted by a pixel", _TILE, "flush(job.film, pixel + k, sums_[k]);",
            "flush(job.film, (pixel + k + 1) % static_cast<uint32_t>(job.pixels()), sums_[k]);"),
     Mutant("film shifted by a pixel when merged", _CPU, "add_one(i);",
-           "AddNumbers{words_.data() + first, from + static_cast<std::ptrdiff_t>((2 * i + kFilmWords)"
-           " % n) - static_cast<std::ptrdiff_t>(2 * i)}(i);"),
+           "{ const size_t at = (2 * i + kFilmWords) % n;"
+           " AddNumbers{words_.data() + first + 2 * i, from + at}(0); }"),
     Mutant("carry lost when films are added", "backends/film_memory.h", "a[2 * i + 1] = x.hi;",
            "a[2 * i + 1] += b[2 * i + 1];"),
     Mutant("samples of added films counted in 32 bits", "backends/film.cpp",

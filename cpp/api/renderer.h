@@ -87,7 +87,6 @@ struct RenderStats {
 // Called about every 50 ms on the calling thread with the share done; false stops the render.
 using Poll = std::function<bool(double)>;
 
-// A plane of a film, beside radiance.
 struct PlaneInfo {
     std::string name;
     PlaneKind kind;
@@ -118,7 +117,7 @@ class Film {
     void clear();
     void add(const Film& other);  // exact: the order of additions never shows
     // The same for what a film held, on any device: its samples() and its planes in order. Adds
-    // nothing where it throws.
+    // nothing where that does not fit (std::invalid_argument).
     void add(uint64_t samples, const std::vector<PlaneState>& planes);
     const std::vector<PlaneInfo>& planes() const;
     float scale(size_t plane) const;

@@ -67,7 +67,7 @@ struct Film::Impl {
         check_scale(plane, scale);
         if (scale != 0) scales[plane] = scale;
     }
-    // `samples` once there are n more.
+    // `samples` once there are n more; throws where there is no such number.
     uint64_t with_more(uint64_t n) const;
 };
 

@@ -1,10 +1,9 @@
-// The compiled variants, and what both backends do alike around a render.
+// The compiled variants, and what both backends need to run them.
 #pragma once
 
 #include <algorithm>
 #include <iterator>
 #include <string>
-#include <utility>
 
 #include "api/renderer.h"
 #include "integrators/integrators.h"

@@ -1,7 +1,9 @@
 // A render, on either machine.
 #include "backends/render.h"
 
+#include <algorithm>
 #include <chrono>
+#include <utility>
 
 #include "backends/film_memory.h"
 #include "backends/instances.h"
@@ -74,7 +76,8 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     const HostScene& host = scene.host();
     check_settings(s, host, film);
     const uint64_t samples = s.sample_end - s.sample_begin, pixels = pixel_count(s, film);
-    const uint64_t held = film.impl->with_more(s.pixels.empty() ? samples : 0);
+    const uint64_t of_all = s.pixels.empty() ? samples : 0;
+    film.impl->with_more(of_all);
     RenderStats stats;
     stats.features = kVariants[choose_variant(host.view, s)];
     const std::unique_ptr<Runner> runner = make_runner(scene, film, s, stats);
@@ -95,7 +98,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
                       });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    film.impl->samples = held;
+    film.impl->samples += of_all;
     for (uint64_t live = samples * pixels; live;) {
         const std::vector<uint64_t> rows = runner->ledger(stats.ledger.size() / kLedgerColumns);
         if (rows.empty()) break;

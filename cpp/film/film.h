@@ -1,4 +1,4 @@
-// The film: per pixel and channel the exact sums of the samples and of their squares.
+// Radiance in the film: per pixel and channel the exact sums of the samples and of their squares.
 //
 // A sample x (radiance) enters as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit
 // integers, e being the binary exponent of the scene's largest radiance. Integer addition is

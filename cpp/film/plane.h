@@ -18,7 +18,7 @@ struct PlaneView {
     uint64_t* words;  // [pixel][channel][kPlaneWords]
     uint32_t channels;
     bool squares, negative;
-    float scale;  // 2^-e: samples of 2^(20 + e) or more are refused
+    float scale;  // 2^-e: samples of 2^(20 + e) or more are refused; of integers 0
 
     VR_HD uint64_t* number(uint32_t pixel, uint32_t channel) const {
         return words + (static_cast<uint64_t>(pixel) * channels + channel) * (squares ? 4u : 2u);
@@ -32,8 +32,8 @@ VR_HD void add_to_number(uint64_t* number, Fixed128 x) {
     if (high) atomic_add(number + 1, high);
 }
 
-// x: a sample's channels. Where the plane refuses one it takes none: the sample is logged, and the
-// answer false.
+// x: a sample's channels. Where the plane refuses one it takes none: the sample is logged (its
+// first three channels, or the last again), and the answer false.
 VR_HD bool add_values(const PlaneView& plane, FaultLog* faults, uint32_t pixel, uint32_t sample,
                       const float* x) {
     for (uint32_t c = 0; c < plane.channels; ++c) {

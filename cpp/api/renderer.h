@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "film/film.h"
+#include "film/plane.h"
 #include "integrators/path_state.h"
 #include "scene/scene.h"
 
@@ -86,9 +86,25 @@ struct RenderStats {
 // Called about every 50 ms on the calling thread with the share done; false stops the render.
 using Poll = std::function<bool(double)>;
 
+struct PlaneInfo {
+    std::string name;
+    PlaneKind kind;
+    uint32_t channels;
+    bool negative;  // samples below 0 are legitimate; of radiance the integrator decides
+
+    bool operator==(const PlaneInfo&) const = default;
+};
+// What a plane holds. scale: as in PlaneView, 0 where there are no samples yet, and of integers.
+struct PlaneState {
+    PlaneInfo info;
+    float scale;
+    const uint64_t* words;  // [pixel][channel][kPlaneWords of its kind]
+};
+
+// Planes of exact sums, `radiance` first: sums and squares of three channels.
 class Film {
    public:
-    Film(uint32_t width, uint32_t height, int device);
+    Film(uint32_t width, uint32_t height, int device, const std::vector<PlaneInfo>& more = {});
     ~Film();
     Film(const Film&) = delete;
     Film& operator=(const Film&) = delete;
@@ -99,10 +115,16 @@ class Film {
     size_t memory() const;
     void clear();
     void add(const Film& other);  // exact: independent of the order of additions
-    // width * height * 3 each, row 0 on top. counts: samples by pixel; null: samples() of each.
+    // The same for what a film held, on any device: its samples() and its planes in order. Adds
+    // nothing where that does not fit (std::invalid_argument).
+    void add(uint64_t samples, const std::vector<PlaneState>& planes);
+    const std::vector<PlaneInfo>& planes() const;
+    float scale(size_t plane) const;
+    void words(size_t plane, uint64_t* out) const;
+    // Of radiance: width * height * 3 each, row 0 on top. counts: samples by pixel; null: samples()
+    // of each.
     void resolve(float* mean, float* standard_error, const uint64_t* counts) const;
     void sums(double* out) const;
-    void words(uint64_t* out) const;  // width * height * kFilmWords, for tests and checkpoints
 
     struct Impl;
     std::unique_ptr<Impl> impl;

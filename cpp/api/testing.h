@@ -13,6 +13,12 @@ std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
                                    const std::vector<uint32_t>& pixel,
                                    const std::vector<uint64_t>& sample,
                                    const std::vector<uint32_t>& block);
+// Adds samples, rows of x, to a film's plane of sums of that scale or of integers, from many
+// threads at once. Returns those refused; their `sample` is the row.
+FaultLog add_values(Film& film, const std::string& plane, float scale,
+                    const std::vector<uint32_t>& pixel, const std::vector<float>& x);
+void add_integers(Film& film, const std::string& plane, const std::vector<uint32_t>& pixel,
+                  const std::vector<uint64_t>& x);
 // Rays in world units; t in world units, primitive of the input (see PathVertex) or -1.
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
                float* t, int32_t* primitive);

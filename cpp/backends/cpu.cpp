@@ -8,18 +8,14 @@
 #include <fstream>
 #include <thread>
 
+#include "backends/film_memory.h"
 #include "backends/instances.h"
+#include "backends/render.h"
 #include "backends/waves_cpu.h"
 #include "scene/thread_pool.h"
 #include "scene/tree_layout.h"
 
 namespace veriray {
-
-struct Film::Impl {
-    FilmView view;
-    uint64_t samples = 0;
-    std::vector<uint64_t> words;
-};
 
 struct Scene::Impl {
     HostScene host;
@@ -53,54 +49,42 @@ struct Scene::Impl {
     }
 };
 
-Film::Film(uint32_t width, uint32_t height, int) : impl(std::make_unique<Impl>()) {
-    check_film_size(width, height);
-    const size_t words = static_cast<size_t>(width) * height * kFilmWords;
+namespace {
+
+class HostFilm final : public FilmMemory {
+   public:
+    explicit HostFilm(size_t words) : words_(words) {}
+    uint64_t* words() override { return words_.data(); }
+    void clear() override { std::fill(words_.begin(), words_.end(), 0); }
+    void read(size_t first, size_t n, uint64_t* out) const override {
+        std::copy_n(words_.begin() + static_cast<std::ptrdiff_t>(first), n, out);
+    }
+    void add(const FilmMemory& other) override {
+        add(0, words_.size(), static_cast<const HostFilm&>(other).words_.data());
+    }
+    void add(size_t first, size_t n, const uint64_t* from) override {
+        const AddNumbers add_one{words_.data() + first, from};
+        for (size_t i = 0; i < n / 2; ++i) add_one(i);
+    }
+    void resolve(const FilmView& film, uint64_t n, const uint64_t* counts, float* mean,
+                 float* error) const override {
+        const ResolveChannels resolve_one{film, n, counts, mean, error};
+        for (size_t i = 0; i < 3ull * film.width * film.height; ++i) resolve_one(i);
+    }
+
+   private:
+    std::vector<uint64_t> words_;
+};
+
+}  // namespace
+
+std::unique_ptr<FilmMemory> film_memory(size_t words, int) {
     try {
-        impl->words.resize(words);
+        return std::make_unique<HostFilm>(words);
     } catch (const std::bad_alloc&) {
         throw OutOfMemoryError("film: needs " + std::to_string(words * 8) + " bytes");
     }
-    impl->view = {impl->words.data(), width, height, 0.f};
 }
-Film::~Film() = default;
-uint32_t Film::width() const { return impl->view.width; }
-uint32_t Film::height() const { return impl->view.height; }
-uint64_t Film::samples() const { return impl->samples; }
-size_t Film::memory() const { return impl->words.size() * sizeof(uint64_t); }
-void Film::clear() {
-    std::fill(impl->words.begin(), impl->words.end(), 0);
-    impl->samples = 0;
-    impl->view.scale = 0;
-}
-
-void Film::add(const Film& other) {
-    if (other.width() != width() || other.height() != height())
-        throw std::invalid_argument("films of different sizes cannot be added");
-    match_scale(impl->view.scale, other.impl->view.scale);
-    for (size_t i = 0; i < impl->words.size(); i += 2) {
-        Fixed128 a{impl->words[i], impl->words[i + 1]};
-        veriray::add(a, {other.impl->words[i], other.impl->words[i + 1]});
-        impl->words[i] = a.lo;
-        impl->words[i + 1] = a.hi;
-    }
-    impl->samples += other.impl->samples;
-}
-
-void Film::resolve(float* mean, float* standard_error, const uint64_t* counts) const {
-    const float scale = impl->view.scale ? impl->view.scale : 1.f;
-    for (size_t i = 0; i < impl->words.size() / 4; ++i)
-        veriray::resolve(&impl->words[i / 3 * kFilmWords], static_cast<uint32_t>(i % 3), scale,
-                         counts ? counts[i / 3] : impl->samples, mean[i], standard_error[i]);
-}
-
-void Film::sums(double* out) const {
-    const float scale = impl->view.scale ? impl->view.scale : 1.f;
-    for (size_t i = 0; i < impl->words.size() / 4; ++i)
-        out[i] = film_sum(&impl->words[i / 3 * kFilmWords], static_cast<uint32_t>(i % 3), scale);
-}
-
-void Film::words(uint64_t* out) const { std::copy(impl->words.begin(), impl->words.end(), out); }
 
 Scene::Scene(const SceneInput& in, int, const std::string& builder, const BuildPoll& poll)
     : impl(std::make_unique<Impl>(in, find_builder(builder), poll)) {}
@@ -149,51 +133,43 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
         });
 }
 
+class CpuRunner final : public Runner {
+   public:
+    CpuRunner(const SceneView& scene, const RenderSettings& s, RenderStats& stats)
+        : scene_(scene), s_(s), stats_(stats) {
+        stats.threads = s.threads ? s.threads : std::max(1u, std::thread::hardware_concurrency());
+        if (stats.threads > 4096)
+            throw std::invalid_argument("threads = " + std::to_string(s.threads) +
+                                        "; allowed: 0 (all) to 4096");
+        stats.device = "cpu";
+        ledgers_.resize(stats.threads);
+    }
+    bool run(const Job& job, const Poll& poll) override {
+        return by_method(find_scheduler(s_.scheduler)->method, render_tiles, render_thrust,
+                         render_wavefront)(scene_, job, s_, ledgers_, stats_, poll);
+    }
+    std::vector<uint64_t> ledger(uint64_t first) override {
+        std::vector<uint64_t> sum;
+        if (first) return sum;
+        for (const LedgerRows& rows : ledgers_) {
+            if (sum.size() < rows.counts.size()) sum.resize(rows.counts.size());
+            for (size_t i = 0; i < rows.counts.size(); ++i) sum[i] += rows.counts[i];
+        }
+        return sum;
+    }
+
+   private:
+    const SceneView& scene_;
+    const RenderSettings& s_;
+    RenderStats& stats_;
+    std::vector<LedgerRows> ledgers_;
+};
+
 }  // namespace
 
-RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
-    const HostScene& host = scene.host();
-    check_settings(s, host, film);
-    match_scale(film.impl->view.scale, host.view.emission_scale);
-    RenderStats stats;
-    const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
-    stats.threads = s.threads ? s.threads : cores;
-    if (stats.threads > 4096)
-        throw std::invalid_argument("threads = " + std::to_string(s.threads) +
-                                    "; allowed: 0 (all) to 4096");
-    stats.device = "cpu";
-    stats.features = kVariants[choose_variant(host.view, s)];
-    std::vector<LedgerRows> ledgers(stats.threads);
-    const auto start = std::chrono::steady_clock::now();
-    bool complete = true;
-    const uint64_t pixels = pixel_count(s, film);
-    for_sample_ranges(s, pixels, poll,
-                      [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
-                          uint32_t upper, const Poll& part) {
-                          if (!complete) return;
-                          FaultLog faults{};
-                          const Job job{settings,
-                                        film.impl->view,
-                                        &faults,
-                                        begin,
-                                        samples,
-                                        s.pixels.empty() ? nullptr : s.pixels.data(),
-                                        static_cast<uint32_t>(s.pixels.size())};
-                          complete = by_method(find_scheduler(s.scheduler)->method, render_tiles,
-                                               render_thrust, render_wavefront)(
-                              host.view, job, s, ledgers, stats, part);
-                          add_faults(stats, faults, film.width(), upper);
-                      });
-    if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
-    stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    for (LedgerRows& rows : ledgers) {
-        if (stats.ledger.size() < rows.counts.size()) stats.ledger.resize(rows.counts.size());
-        for (size_t i = 0; i < rows.counts.size(); ++i) stats.ledger[i] += rows.counts[i];
-    }
-    const uint64_t samples = s.sample_end - s.sample_begin;
-    if (s.pixels.empty()) film.impl->samples += samples;
-    complete_ledger(stats.ledger, samples * pixels);
-    return stats;
+std::unique_ptr<Runner> make_runner(const Scene& scene, const Film&, const RenderSettings& s,
+                                    RenderStats& stats) {
+    return std::make_unique<CpuRunner>(scene.host().view, s, stats);
 }
 
 std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, uint32_t x,

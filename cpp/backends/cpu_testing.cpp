@@ -61,6 +61,25 @@ std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
     return out;
 }
 
+namespace {
+constexpr uint32_t kHookThreads = 8;
+}  // namespace
+
+FaultLog add_values(Film& film, const std::string& plane, float scale,
+                    const std::vector<uint32_t>& pixel, const std::vector<float>& x) {
+    FaultLog faults{};
+    const AddValues add_row{checked_plane(film, plane, scale, pixel, x), &faults, pixel.data(),
+                            x.data()};
+    parallel(kHookThreads, pixel.size(), {}, [&](uint32_t, uint64_t i) { add_row(i); });
+    return faults;
+}
+
+void add_integers(Film& film, const std::string& plane, const std::vector<uint32_t>& pixel,
+                  const std::vector<uint64_t>& x) {
+    const AddIntegers add_row{checked_plane(film, plane, 0, pixel, x), pixel.data(), x.data()};
+    parallel(kHookThreads, pixel.size(), {}, [&](uint32_t, uint64_t i) { add_row(i); });
+}
+
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
                float* t, int32_t* triangle) {
     const HostScene& host = scene.host();

@@ -2,8 +2,10 @@
 #include <cuda_runtime.h>
 
 #include "backends/cuda_objects.cuh"
+#include "backends/film_memory.h"
 #include "backends/items.cuh"
 #include "backends/launches.cuh"
+#include "backends/render.h"
 #include "schedulers/fused.h"
 #include "schedulers/walking.h"
 
@@ -86,65 +88,63 @@ bool render_fused(const Launches& l, const Job& job) {
     return watch.complete();
 }
 
-RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
-    const HostScene& host = scene.host();
-    check_settings(s, host, film);
+namespace {
+
+class CudaRunner final : public Runner {
+   public:
+    CudaRunner(const Scene& scene, const RenderSettings& s, RenderStats& stats)
+        : scene_(*scene.impl), s_(s), stats_(stats) {
+        cudaDeviceProp prop{};
+        check(cudaGetDeviceProperties(&prop, scene_.device), "device");
+        stats.device = std::string("cuda:") + std::to_string(scene_.device) + " " + prop.name;
+        multiprocessors_ = prop.multiProcessorCount;
+        // Passes make more segments than max_depth counts.
+        const bool bounded = s.max_depth >= 0 && !(scene_.view.features & kPass);
+        depths_ = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
+        ledger_ = {std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns, "ledger"};
+        faults_ = {1, "fault log"};
+        listed_ = {s.pixels, "pixel list"};
+        ledger_.zero();
+        check(cudaDeviceSynchronize(), "prepare");
+    }
+    bool run(const Job& job, const Poll& poll) override {
+        const Launches launches{scene_.view, s_,    stats_,  multiprocessors_,
+                                work_,       side_, ledger_, poll};
+        faults_.zero();
+        check(cudaDeviceSynchronize(), "prepare");
+        Job there = job;
+        there.faults = faults_.get(), there.listed = listed_.get();
+        const bool complete = by_method(find_scheduler(s_.scheduler)->method, render_fused,
+                                        render_thrust, render_wavefront)(launches, there);
+        *job.faults = faults_.download()[0];
+        return complete;
+    }
+    // Rows beyond the last path's end stay on the device.
+    std::vector<uint64_t> ledger(uint64_t first) override {
+        const uint64_t n = std::min(kLedgerRowsFetched, depths_ - first);
+        return ledger_.download(first * kLedgerColumns, n * kLedgerColumns);
+    }
+
+   private:
+    const Scene::Impl& scene_;
+    const RenderSettings& s_;
+    RenderStats& stats_;
+    int multiprocessors_;
+    uint64_t depths_;
+    Stream work_, side_;
+    Buffer<uint64_t> ledger_;
+    Buffer<FaultLog> faults_;
+    Buffer<uint32_t> listed_;
+};
+
+}  // namespace
+
+std::unique_ptr<Runner> make_runner(const Scene& scene, const Film& film, const RenderSettings& s,
+                                    RenderStats& stats) {
     if (film.impl->device != scene.impl->device)
         throw std::invalid_argument("film and scene are on different devices");
     use_device(scene.impl->device);
-    match_scale(film.impl->view.scale, host.view.emission_scale);
-    RenderStats stats;
-    stats.threads = 0;
-    cudaDeviceProp prop{};
-    check(cudaGetDeviceProperties(&prop, scene.impl->device), "device");
-    stats.device = std::string("cuda:") + std::to_string(scene.impl->device) + " " + prop.name;
-    stats.features = kVariants[choose_variant(host.view, s)];
-    // Passes make more segments than max_depth counts.
-    const bool bounded = s.max_depth >= 0 && !(host.view.features & kPass);
-    const uint64_t depths = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
-    Stream work, side;
-    Buffer<uint64_t> ledger(std::max<uint64_t>(depths, kLedgerRowsShared) * kLedgerColumns,
-                            "ledger");
-    Buffer<FaultLog> faults(1, "fault log");
-    Buffer<uint32_t> listed;
-    if (!s.pixels.empty()) listed = {s.pixels, "pixel list"};
-    ledger.zero();
-    check(cudaDeviceSynchronize(), "prepare");
-    const Clock::time_point start = Clock::now();
-    bool complete = true;
-    const uint64_t pixels = pixel_count(s, film);
-    for_sample_ranges(s, pixels, poll,
-                      [&](const PathSettings& settings, uint32_t begin, uint32_t samples,
-                          uint32_t upper, const Poll& part) {
-                          if (!complete) return;
-                          const Launches launches{
-                              scene.impl->view, s,   stats, prop.multiProcessorCount, work, side,
-                              ledger,           part};
-                          faults.zero();
-                          check(cudaDeviceSynchronize(), "prepare");
-                          const Job job{settings,
-                                        film.impl->view,
-                                        faults.get(),
-                                        begin,
-                                        samples,
-                                        listed.get(),
-                                        static_cast<uint32_t>(s.pixels.size())};
-                          complete = by_method(find_scheduler(s.scheduler)->method, render_fused,
-                                               render_thrust, render_wavefront)(launches, job);
-                          add_faults(stats, faults.download()[0], film.width(), upper);
-                      });
-    if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
-    stats.seconds = seconds_since(start);
-    const uint64_t samples = s.sample_end - s.sample_begin;
-    if (s.pixels.empty()) film.impl->samples += samples;
-    uint64_t live = samples * pixels;  // rows beyond the last path's end stay on the device
-    for (uint64_t row = 0; row < depths && live; row += kLedgerRowsFetched) {
-        const std::vector<uint64_t> rows = ledger.download(
-            row * kLedgerColumns, std::min(kLedgerRowsFetched, depths - row) * kLedgerColumns);
-        stats.ledger.insert(stats.ledger.end(), rows.begin(), rows.end());
-        live = complete_ledger(stats.ledger, samples * pixels);
-    }
-    return stats;
+    return std::make_unique<CudaRunner>(scene, s, stats);
 }
 
 }  // namespace veriray

@@ -15,13 +15,6 @@ struct DeviceTree {
 // From the host's records, by either builder; launches in cuda_objects.cu.
 DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const BuildPoll& poll);
 
-struct Film::Impl {
-    int device;
-    FilmView view{};
-    uint64_t samples = 0;
-    Buffer<uint64_t> words;
-};
-
 struct Scene::Impl {
     int device;
     HostScene host;

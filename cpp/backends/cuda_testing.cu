@@ -72,6 +72,27 @@ std::vector<uint32_t> random_words(uint64_t seed, Sampler sampler,
     return out.download();
 }
 
+FaultLog add_values(Film& film, const std::string& plane, float scale,
+                    const std::vector<uint32_t>& pixel, const std::vector<float>& x) {
+    use_device(film.impl->device);
+    const PlaneView view = checked_plane(film, plane, scale, pixel, x);
+    const Buffer<uint32_t> pixels(pixel, "arguments");
+    const Buffer<float> values(x, "arguments");
+    Buffer<FaultLog> faults(1, "fault log");
+    faults.zero();
+    each_of(pixel.size(), AddValues{view, faults.get(), pixels.get(), values.get()}, "add values");
+    return faults.download()[0];
+}
+
+void add_integers(Film& film, const std::string& plane, const std::vector<uint32_t>& pixel,
+                  const std::vector<uint64_t>& x) {
+    use_device(film.impl->device);
+    const PlaneView view = checked_plane(film, plane, 0, pixel, x);
+    const Buffer<uint32_t> pixels(pixel, "arguments");
+    const Buffer<uint64_t> values(x, "arguments");
+    each_of(pixel.size(), AddIntegers{view, pixels.get(), values.get()}, "add integers");
+}
+
 namespace {
 __global__ void intersect_kernel(const __grid_constant__ SceneView scene, const float* rays,
                                  uint64_t n, float* t, uint32_t* primitive) {

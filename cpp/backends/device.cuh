@@ -42,9 +42,10 @@ class Buffer {
                           " bytes");
         check(status, what);
     }
-    Buffer(const std::vector<T>& v, const char* what) : Buffer(v.size(), what) {
-        if (n_) check(cudaMemcpy(p_, v.data(), n_ * sizeof(T), cudaMemcpyHostToDevice), what);
+    Buffer(const T* from, size_t n, const char* what) : Buffer(n, what) {
+        if (n) check(cudaMemcpy(p_, from, n * sizeof(T), cudaMemcpyHostToDevice), what);
     }
+    Buffer(const std::vector<T>& v, const char* what) : Buffer(v.data(), v.size(), what) {}
     Buffer(Buffer&& o) noexcept : p_(o.p_), n_(o.n_) { o.p_ = nullptr, o.n_ = 0; }
     Buffer& operator=(Buffer&& o) noexcept {
         std::swap(p_, o.p_);
@@ -60,10 +61,11 @@ class Buffer {
     std::vector<T> download() const { return download(0, n_); }
     std::vector<T> download(size_t first, size_t n) const {
         std::vector<T> out(n);
-        if (n)
-            check(cudaMemcpy(out.data(), p_ + first, n * sizeof(T), cudaMemcpyDeviceToHost),
-                  "copy");
+        download(first, n, out.data());
         return out;
+    }
+    void download(size_t first, size_t n, T* out) const {
+        if (n) check(cudaMemcpy(out, p_ + first, n * sizeof(T), cudaMemcpyDeviceToHost), "copy");
     }
 
    private:
@@ -79,6 +81,20 @@ inline void use_device(int device) {
 
 inline unsigned blocks_for(uint64_t n, uint32_t block) {
     return static_cast<unsigned>((n + block - 1) / block);
+}
+
+template <class Body>
+__global__ void each_of_kernel(const __grid_constant__ Body body, uint64_t n) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) body(i);
+}
+
+// body(i) for i in [0, n), which is done when it returns.
+template <class Body>
+void each_of(uint64_t n, const Body& body, const char* what) {
+    if (n) each_of_kernel<<<blocks_for(n, 256), 256>>>(body, n);
+    check_launch(what);
+    check(cudaDeviceSynchronize(), what);
 }
 
 }  // namespace veriray

@@ -54,6 +54,7 @@ enum class Function : uint32_t {
     kFreeFlight,         // sigma, limit, upper and lower 16 bits -> t, collides
     kFreeFlightColour,   // sigma, albedo, throughput: 3 each; limit, u24, bits -> t, weight
     kFilmSums,  // x, y -> the film's sum and square of x and 63 times y, 16 bits a column from 2^0
+    kFilmAccepts,  // sample of a film of scale 1/4 -> accepted, and where it may be negative
 };
 
 inline constexpr FunctionInfo kFunctions[] = {
@@ -86,6 +87,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"free_flight", 4, 2},
     {"free_flight_colour", 13, 4},
     {"film_sums", 2, 16},
+    {"film_accepts", 3, 2},
 };
 
 // The index in kFunctions, with which `evaluate` is called.
@@ -324,6 +326,10 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         evaluate_light<L>(x, y);
     } else if (f == Function::kFilmSums) {
         evaluate_film<L>(x, y);
+    } else if (f == Function::kFilmAccepts) {
+        const F yes(1.f), no(0.f);
+        y[0] = select(film_accepts<false>(Spectrum<F>::from(x), 0.25f), yes, no);
+        y[1] = select(film_accepts<true>(Spectrum<F>::from(x), 0.25f), yes, no);
     } else if (f > Function::kSphereLight) {
         evaluate_optics<L>(f, x, y);
     } else {

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "api/testing.h"
+#include "backends/film_memory.h"
 #include "backends/instances.h"
 
 namespace veriray {
@@ -41,5 +42,39 @@ inline void normalise_ray(const HostScene& scene, const double* o, const double*
         out[3 + k] = static_cast<float>(unit[k]);
     }
 }
+
+// The plane to which rows of x are added.
+template <class T>
+PlaneView checked_plane(Film& film, const std::string& name, float scale,
+                        const std::vector<uint32_t>& pixel, const std::vector<T>& x) {
+    const PlaneView plane = film.impl->plane(name, scale);
+    if (x.size() != pixel.size() * plane.channels)
+        throw std::invalid_argument(std::to_string(x.size()) + " numbers for " +
+                                    std::to_string(pixel.size()) + " samples of " +
+                                    std::to_string(plane.channels) + " channels");
+    for (const uint32_t k : pixel)
+        if (k >= static_cast<uint64_t>(film.width()) * film.height())
+            throw std::invalid_argument("the film has no pixel " + std::to_string(k));
+    return plane;
+}
+
+// Adds row i.
+struct AddValues {
+    PlaneView plane;
+    FaultLog* faults;
+    const uint32_t* pixel;
+    const float* x;
+    VR_HD void operator()(uint64_t i) const {
+        add_values(plane, faults, pixel[i], static_cast<uint32_t>(i), x + i * plane.channels);
+    }
+};
+struct AddIntegers {
+    PlaneView plane;
+    const uint32_t* pixel;
+    const uint64_t* x;
+    VR_HD void operator()(uint64_t i) const {
+        add_integers(plane, pixel[i], x + i * plane.channels);
+    }
+};
 
 }  // namespace veriray

@@ -1,12 +1,13 @@
-// The film: per pixel and channel, the exact sums of the samples and of their squares.
+// Radiance in the film: per pixel and channel, the exact sums of the samples and of their squares.
 //
 // A sample x (radiance) is added as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit
 // integers, where e is the binary exponent of the scene's largest radiance. Integer addition is
 // associative, so any order, split, merge or resume gives the same film, no sum drifts, and threads
 // need no order. The resolution per sample is 2^-72 of the largest radiance (2^-76 for its square,
 // so the standard error of pixels below 2^-38 of the largest radiance reads 0). A sample that is at
-// or above 2^20 times the largest radiance, negative or not finite is not added, but counted and
-// reported (SampleFault). Sums are signed, because a filter with negative lobes subtracts.
+// or above 2^20 times the largest radiance, not finite, or negative although its integrator gives
+// no such samples, is not added, but counted and reported (SampleFault). Sums are signed, because a
+// filter with negative lobes subtracts.
 #pragma once
 
 #include "core/fixed.h"
@@ -29,12 +30,16 @@ struct PixelSum {
     Fixed128 sum[3], square[3];
 };
 
-// True where a film can hold the sample; false also for NaN.
-template <class F>
+// True where a film takes the sample; false also for NaN. kNegative: one below 0 is legitimate.
+template <bool kNegative, class F>
 VR_HD auto film_accepts(const Spectrum<F>& radiance, float scale) {
     const F limit(kSampleLimit), zero(0.f), s(scale);
-    return (radiance[0] >= zero) & (radiance[1] >= zero) & (radiance[2] >= zero) &
-           (radiance[0] * s < limit) & (radiance[1] * s < limit) & (radiance[2] * s < limit);
+    if constexpr (kNegative)
+        return (abs(radiance[0] * s) < limit) & (abs(radiance[1] * s) < limit) &
+               (abs(radiance[2] * s) < limit);
+    else
+        return (radiance[0] >= zero) & (radiance[1] >= zero) & (radiance[2] >= zero) &
+               (radiance[0] * s < limit) & (radiance[1] * s < limit) & (radiance[2] * s < limit);
 }
 
 // x: a channel of a sample that the film accepts, times the filter's weight and the scale.

@@ -15,6 +15,8 @@ concept Integrator = requires(const SceneView& scene, const PathSettings& s, typ
                               typename T::M active, typename T::State path,
                               typename T::Request request, Hit<typename T::Lane> hit) {
     { T::kMask } -> std::convertible_to<uint32_t>;
+    // Samples below 0 are legitimate; else the film refuses them.
+    { T::kNegativeSamples } -> std::convertible_to<bool>;
     { T::begin(scene, s, word, word, 0u, word) } -> std::same_as<typename T::State>;
     { T::no_request(active) } -> std::same_as<typename T::Request>;
     // The closest surface ahead.

@@ -30,6 +30,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
     using typename Reader::Material;
     using Lane = L;
     static constexpr uint32_t kMask = kFeatures;
+    static constexpr bool kNegativeSamples = false;
     using State = PathState<L>;
     using Request = ShadowRequest<L>;
     template <uint32_t kOther>

@@ -60,7 +60,7 @@ VR_HD LedgerColumn finish(const SceneView& scene, const Job& job,
                           const typename Tracer::State& path, LedgerColumn cause,
                           Spectrum<float>& sample) {
     sample = Spectrum<float>::all(0.f);
-    if (!film_accepts(path.radiance, job.film.scale)) {
+    if (!film_accepts<Tracer::kNegativeSamples>(path.radiance, job.film.scale)) {
         log_fault(job.faults, path.pixel, path.sample, path.radiance);
         return kInvalid;
     }

@@ -39,8 +39,8 @@ class Tile {
         uint32_t live = pixels * samples;
         // Sums by lanes pay from the third sample on. Their pixels come in whole vectors.
         constexpr uint32_t kLanes = Simd::kWidth;
-        const bool by_lanes =
-            kLanes > 1 && pixels >= kLanes && samples > 2 && !(scene.features & kSignedFilter);
+        const bool by_lanes = kLanes > 1 && pixels >= kLanes && samples > 2 &&
+                              !Tracer::kNegativeSamples && !(scene.features & kSignedFilter);
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
         first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
         uint32_t x = pixel % job.film.width, y = pixel / job.film.width, s = 0;
@@ -121,7 +121,8 @@ class Tile {
     template <class Tracer>
     M end_paths(const SceneView& scene, const Job& job, const typename Tracer::State& path,
                 M ended) {
-        const M bad = ended & !film_accepts(path.radiance, job.film.scale);
+        const M bad =
+            ended & !film_accepts<Tracer::kNegativeSamples>(path.radiance, job.film.scale);
         Spectrum<F> sample = path.radiance;
         if constexpr ((Tracer::kMask & kSignedFilter) != 0)
             sample = sample * Tracer::sample_weight(scene, job.settings, path);

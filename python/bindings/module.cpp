@@ -136,6 +136,94 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
         "kernel"_a = kernel_dict(stats.kernel));
 }
 
+// A value of a state's dictionary; where: what the dictionary is.
+template <class T>
+T value_of(const py::dict& from, const std::string& where, const char* name) {
+    if (!from.contains(name)) throw py::value_error(where + " has no '" + name + "'");
+    try {
+        return from[name].cast<T>();
+    } catch (const std::exception&) {  // of pybind11 or of the object's own conversion
+        throw py::value_error(where + ": '" + name + "' has no valid value");
+    }
+}
+
+PlaneInfo plane_info(const py::dict& from, const std::string& where) {
+    PlaneInfo p{value_of<std::string>(from, where, "name"), PlaneKind::kSums,
+                value_of<uint32_t>(from, where, "channels"),
+                value_of<bool>(from, where, "negative")};
+    const auto kind = value_of<std::string>(from, where, "kind");
+    const auto* found = std::find(std::begin(kPlaneKinds), std::end(kPlaneKinds), kind);
+    if (found == std::end(kPlaneKinds))
+        throw py::value_error(where + ": kind = '" + kind +
+                              "'; allowed: sums and squares, sums, integers");
+    p.kind = static_cast<PlaneKind>(found - kPlaneKinds);
+    return p;
+}
+
+// Calls fn(plane, "plane i") for a list of dictionaries.
+template <class Fn>
+void each_plane(const py::list& planes, Fn fn) {
+    size_t i = 0;
+    for (const py::handle item : planes) {
+        const std::string where = "plane " + std::to_string(i++);
+        if (!py::isinstance<py::dict>(item)) throw py::value_error(where + " is no dictionary");
+        fn(py::reinterpret_borrow<py::dict>(item), where);
+    }
+}
+
+std::unique_ptr<Film> make_film(uint32_t width, uint32_t height, int device,
+                                const py::list& planes) {
+    std::vector<PlaneInfo> more;
+    each_plane(planes, [&](const py::dict& plane, const std::string& where) {
+        more.push_back(plane_info(plane, where));
+    });
+    return std::make_unique<Film>(width, height, device, more);
+}
+
+std::vector<py::ssize_t> words_shape(const Film& film, const PlaneInfo& p) {
+    return {film.height(), film.width(), p.channels, kPlaneWords[static_cast<uint32_t>(p.kind)]};
+}
+
+py::array_t<uint64_t> words_of(const Film& film, size_t plane) {
+    py::array_t<uint64_t> out(words_shape(film, film.planes()[plane]));
+    uint64_t* words = out.mutable_data();
+    py::gil_scoped_release release;
+    film.words(plane, words);
+    return out;
+}
+
+py::dict state_of(const Film& film) {
+    using namespace py::literals;
+    py::list planes;
+    for (size_t i = 0; i < film.planes().size(); ++i) {
+        const PlaneInfo& p = film.planes()[i];
+        planes.append(py::dict("name"_a = p.name,
+                               "kind"_a = kPlaneKinds[static_cast<uint32_t>(p.kind)],
+                               "channels"_a = p.channels, "negative"_a = p.negative,
+                               "scale"_a = film.scale(i), "words"_a = words_of(film, i)));
+    }
+    return py::dict("samples"_a = film.samples(), "planes"_a = planes);
+}
+
+void add_state(Film& film, const py::dict& state) {
+    const auto samples = value_of<uint64_t>(state, "the state", "samples");
+    std::vector<PlaneState> planes;
+    std::vector<py::object> keep;
+    each_plane(value_of<py::list>(state, "the state", "planes"),
+               [&](const py::dict& plane, const std::string& where) {
+                   const PlaneInfo info = plane_info(plane, where);
+                   const auto words = value_of<py::object>(plane, where, "words");
+                   if (!py::isinstance<py::array_t<uint64_t>>(words))
+                       throw py::value_error(where + ": words is no array of uint64");
+                   const auto array = words.cast<Array<uint64_t>>();
+                   need_shape(array, where + ": words", words_shape(film, info));
+                   keep.push_back(array);
+                   planes.push_back({info, value_of<float>(plane, where, "scale"), array.data()});
+               });
+    py::gil_scoped_release release;
+    film.add(samples, planes);
+}
+
 }  // namespace
 
 Sampler find_sampler(const std::string& name) {
@@ -233,13 +321,16 @@ void bind_renderer(py::module_& m) {
                                [](const Scene& s) { return s.host().memory() + s.tree().memory; });
 
     py::class_<Film>(m, "Film", py::module_local())
-        .def(py::init<uint32_t, uint32_t, int>(), "width"_a, "height"_a, "device"_a = 0)
+        .def(py::init(&make_film), "width"_a, "height"_a, "device"_a = 0, "planes"_a = py::list())
         .def_property_readonly("width", &Film::width)
         .def_property_readonly("height", &Film::height)
         .def_property_readonly("samples", &Film::samples)
         .def_property_readonly("memory", &Film::memory)
         .def("clear", &Film::clear, py::call_guard<py::gil_scoped_release>())
-        .def("add", &Film::add, "other"_a, py::call_guard<py::gil_scoped_release>())
+        .def("add", py::overload_cast<const Film&>(&Film::add), "other"_a,
+             py::call_guard<py::gil_scoped_release>())
+        .def("state", &state_of)
+        .def("add_state", &add_state, "state"_a)
         .def(
             "resolve",
             [](const Film& f, const std::optional<Array<uint64_t>>& counts) {
@@ -265,12 +356,7 @@ void bind_renderer(py::module_& m) {
                  }
                  return out;
              })
-        .def("words", [](const Film& f) {
-            py::array_t<uint64_t> out(
-                std::vector<py::ssize_t>{f.height(), f.width(), 3, kFilmWords / 3});
-            f.words(out.mutable_data());
-            return out;
-        });
+        .def("words", [](const Film& f) { return words_of(f, 0); });
 
     m.def(
         "render",

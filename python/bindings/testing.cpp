@@ -28,6 +28,24 @@ void bind_testing(py::module_& m) {
                             {pixel.size(), 4});
         },
         "seed"_a, "pixel"_a, "sample"_a, "block"_a, "sampler"_a = "independent");
+    m.def(
+        "add_values",
+        [](Film& film, const std::string& plane, float scale, const Array<uint32_t>& pixel,
+           const Array<float>& x) {
+            const FaultLog log = add_values(film, plane, scale, to_vector(pixel), to_vector(x));
+            py::list first;
+            for (uint64_t i = 0; i < std::min<uint64_t>(log.count, kMaxFaults); ++i)
+                first.append(py::make_tuple(log.first[i].pixel, log.first[i].sample,
+                                            log.first[i].radiance[0], log.first[i].radiance[1],
+                                            log.first[i].radiance[2]));
+            return py::make_tuple(log.count, first);
+        },
+        "film"_a, "plane"_a, "scale"_a, "pixel"_a, "x"_a);
+    m.def(
+        "add_integers",
+        [](Film& film, const std::string& plane, const Array<uint32_t>& pixel,
+           const Array<uint64_t>& x) { add_integers(film, plane, to_vector(pixel), to_vector(x)); },
+        "film"_a, "plane"_a, "pixel"_a, "x"_a);
     m.def("intersect",
           [](const Scene& scene, const Array<double>& origins, const Array<double>& directions) {
               need_shape(origins, "origins", {-1, 3});

@@ -121,10 +121,35 @@ class Scene:
     @property
     def memory(self) -> int: ...
 
-class Film:
-    """Exact sums: any order and any split of the samples give the same bits."""
+class Plane(TypedDict):
+    """A plane of a film, C channels a pixel. kind: "sums and squares", "sums" or "integers" (kept
+    as sums). negative: samples below 0 are legitimate; of radiance the integrator decides."""
 
-    def __init__(self, width: int, height: int, device: int = 0) -> None: ...
+    name: str
+    kind: str
+    channels: int
+    negative: bool
+
+class PlaneState(Plane):
+    """words: (H, W, C, 4 for sums and squares, else 2), row 0 on top: a 128-bit sum, its lower half
+    first, then that of squares; two's complement, of multiples of 2^-72 / scale, of squares
+    2^-76 / scale^2. scale: a power of two; 0 where there are no samples yet, and of integers."""
+
+    scale: float
+    words: npt.NDArray[np.uint64]
+
+class FilmState(TypedDict):
+    samples: int
+    planes: list[PlaneState]
+
+class Film:
+    """Exact sums: any order and any split of the samples give the same bits.
+
+    The first plane is radiance, sums and squares of three channels; `planes` come after it."""
+
+    def __init__(
+        self, width: int, height: int, device: int = 0, planes: list[Plane] = ...
+    ) -> None: ...
     @property
     def samples(self) -> int: ...
     @property
@@ -136,9 +161,15 @@ class Film:
     def resolve(
         self, counts: npt.NDArray[np.uint64] | None = None
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]: ...
-    def words(self) -> npt.NDArray[np.uint64]: ...
+    def words(self) -> npt.NDArray[np.uint64]: ...  # of radiance, as in PlaneState
     def sums(self) -> npt.NDArray[np.float64]: ...
-    def add(self, other: Film) -> None: ...
+    def add(self, other: Film) -> None: ...  # of the same device
+    def state(self) -> FilmState: ...
+    def add_state(self, state: FilmState) -> None:
+        """Adds what a film of any device held, of the same size and planes; adds nothing where it
+        raises ValueError. Samples of listed pixels are in the words, their number is the caller's.
+        """
+
     def clear(self) -> None: ...
 
 def build_info() -> dict[str, Any]: ...
@@ -182,6 +213,16 @@ def random(
     block: npt.NDArray[np.uint32],
     sampler: str = "independent",
 ) -> npt.NDArray[np.uint32]: ...
+def add_values(
+    film: Film,
+    plane: str,
+    scale: float,
+    pixel: npt.NDArray[np.uint32],
+    x: npt.NDArray[np.float32],  # (len(pixel), C)
+) -> tuple[int, list[tuple[int, int, float, float, float]]]: ...  # refused: number, and some
+def add_integers(
+    film: Film, plane: str, pixel: npt.NDArray[np.uint32], x: npt.NDArray[np.uint64]
+) -> None: ...
 def intersect(
     scene: Scene, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]: ...

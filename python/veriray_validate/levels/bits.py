@@ -190,19 +190,26 @@ def one_hash(t: Trial, name: str) -> None:
 
 @case(6, once=True)
 def films_add_across_devices(t: Trial) -> None:
-    """Half of the samples on one device, half on another, through the files' exact sums.
+    """Half of the samples on one device, half on another, through the films' states.
 
-    The sum of the 128-bit words equals those of the whole render.
+    The film that takes both states, and the sum of their 128-bit words, equal the whole render.
     """
     scene, spp = scene_of("cornell-box")
     first = t.devices[0]
-    whole = Host(t, scene, first).render(0, spp)[0].words()
-    a = Host(t, scene, first).render(0, 10)[0].words()
+    host = Host(t, scene, first)
+    whole, half = host.render(0, spp)[0].words(), host.render(0, 10)[0]
+    a = half.words()
     for device in t.devices:
-        b = Host(t, scene, device).render(10, spp)[0].words()
+        rest = Host(t, scene, device).render(10, spp)[0]
+        b = rest.words()
         low = a[..., 0::2] + b[..., 0::2]
         high = a[..., 1::2] + b[..., 1::2] + (low < a[..., 0::2])
         t.check((low == whole[..., 0::2]).all() and (high == whole[..., 1::2]).all(), device)
+        total = host.film()
+        for part in (rest, half):
+            total.add_state(part.state())
+        t.check(total.words() == whole, f"{device}: another film of both states")
+        t.check(total.samples == spp, "samples of both states")
 
 
 @case(6)

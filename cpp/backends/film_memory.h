@@ -1,0 +1,74 @@
+// What a film is, whatever memory it lies in: film.cpp. Each back end has its FilmMemory.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "api/renderer.h"
+
+namespace veriray {
+
+// The words of a film.
+class FilmMemory {
+   public:
+    virtual ~FilmMemory() = default;
+    virtual uint64_t* words() = 0;  // as stages see them
+    virtual void clear() = 0;
+    virtual void read(size_t first, size_t n, uint64_t* out) const = 0;
+    // Adds 128-bit numbers: those of a film of the same device, or n words of the host's from
+    // `first` on.
+    virtual void add(const FilmMemory& other) = 0;
+    virtual void add(size_t first, size_t n, const uint64_t* from) = 0;
+    // See Film::resolve; n: samples() of the film.
+    virtual void resolve(const FilmView& film, uint64_t n, const uint64_t* counts, float* mean,
+                         float* error) const = 0;
+};
+// Zeros. Throws OutOfMemoryError, and DeviceError for a device that there is not.
+std::unique_ptr<FilmMemory> film_memory(size_t words, int device);
+
+// What is done to the i-th number of a film, or to the i-th channel of its radiance.
+struct AddNumbers {
+    uint64_t* a;
+    const uint64_t* b;
+    VR_HD void operator()(uint64_t i) const {
+        Fixed128 x{a[2 * i], a[2 * i + 1]};
+        add(x, {b[2 * i], b[2 * i + 1]});
+        a[2 * i] = x.lo;
+        a[2 * i + 1] = x.hi;
+    }
+};
+struct ResolveChannels {
+    FilmView film;
+    uint64_t n;
+    const uint64_t* counts;
+    float *mean, *error;
+    VR_HD void operator()(uint64_t i) const {
+        resolve(film.words + i / 3 * kFilmWords, static_cast<uint32_t>(i % 3), film.scale,
+                counts ? counts[i / 3] : n, mean[i], error[i]);
+    }
+};
+
+struct Film::Impl {
+    uint32_t width, height;
+    int device;
+    std::vector<PlaneInfo> planes;
+    std::vector<float> scales;  // by plane
+    std::vector<size_t> first;  // word by plane, and their number
+    std::unique_ptr<FilmMemory> memory;
+    uint64_t samples = 0;
+
+    FilmView view() const { return {memory->words(), width, height, scales[0]}; }
+    // The plane of that name, to which samples of a scale are added; of integers: 0.
+    PlaneView plane(const std::string& name, float scale);
+    // A plane holds samples of one scale; the first to come set it.
+    void check_scale(size_t plane, float scale) const;
+    void match_scale(size_t plane, float scale) {
+        check_scale(plane, scale);
+        if (scale != 0) scales[plane] = scale;
+    }
+    // `samples` once there are n more; throws where there is no such number.
+    uint64_t with_more(uint64_t n) const;
+};
+
+}  // namespace veriray

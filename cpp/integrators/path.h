@@ -19,7 +19,7 @@ struct PathTracer : DirectLight<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;
     using Near = Beside<L, kFeatures>;
-    using Direct::kShapes, Direct::leave_closed, Direct::medium_beyond, Direct::medium_column,
+    using Direct::leave_closed, Direct::medium_beyond, Direct::medium_column,
         Direct::medium_spectrum, Direct::no_lanes, Direct::white, Direct::request,
         Direct::unblocked, Direct::black;
     using Reader::closest, Reader::has, Reader::material, Reader::surface_at,
@@ -95,10 +95,13 @@ struct PathTracer : DirectLight<L, kFeatures> {
         return filter_weight(scene.filter, dx) * filter_weight(scene.filter, dy);
     }
 
-    // ---- miss: the environment ----
+    // ---- miss: the sky ----
     static VR_HD void miss(const SceneView& scene, PathState<L>& path, M escaped) {
-        if constexpr (has(kEnvironment)) {
-            add_radiance(path, escaped, S::from(scene.lights.environment));
+        if constexpr (has(kSky)) {
+            const auto weight = [&](LightPdf<F> pdf) {
+                return mis_weight(path.pdf_sa, pdf.over / (pdf.under * path.pdf_sa));
+            };
+            add_radiance(path, escaped, Sampler::sky(Direct::sky_row(scene), path.ray.d, weight));
         }
     }
 
@@ -128,33 +131,16 @@ struct PathTracer : DirectLight<L, kFeatures> {
     static VR_HD M hit_emitter(const SceneView& scene, PathState<L>& path, const Hit<L>& hit,
                                const Surface<L>& at, M valid) {
         M lit = no_lanes(valid);
-        if constexpr (has(kAreaLights | kSphereLights | kDiskLights)) {
+        if constexpr (has(kLamps)) {
             const U prim = select(valid, hit.primitive, U(0u));
             const F chance = lookup(scene.light_chance, prim, scene.primitive_count);
             lit = valid & at.front & (chance > F(0.f));
             if (any(lit)) {
                 const F cos_light = -dot(at.ng, path.ray.d);
-                // Density of light samples over that of the direction.
-                F ratio = chance * (hit.t * hit.t) / (cos_light * path.pdf_sa);
-                const V from = path.ray.o;  // of the density: the last vertex
-                if constexpr (has(kRectangleLights)) {
-                    if (scene.features & kRectangleLights) {
-                        const U row = to_uint(lookup(scene.light_row, prim, scene.primitive_count));
-                        const F inverse = Sampler::inverse_pdf_by_angle(
-                            [&](uint32_t c) { return Direct::light_column(scene, row, c); }, from,
-                            lit);
-                        ratio = select(inverse > F(0.f), F(1.f) / (inverse * path.pdf_sa), ratio);
-                    }
-                }
-                if constexpr (has(kSphereLights)) {
-                    const M round = lit & !(prim < U(scene.first_sphere));
-                    if (any(round)) {
-                        F record[kSphereFloats];
-                        Reader::sphere_record(scene, prim, record);
-                        const F pdf = chance * sphere_light_pdf(record, from);
-                        ratio = select(round, pdf / path.pdf_sa, ratio);
-                    }
-                }
+                // From the last vertex, where the direction was drawn.
+                const LightPdf<F> pdf =
+                    Direct::light_pdf(scene, prim, {path.ray.o, hit.t, cos_light, chance}, lit);
+                const F ratio = pdf.over / (pdf.under * path.pdf_sa);
                 const S emitted = surface_spectrum(scene, at.row, kSurfaceRadiance);
                 add_radiance(path, lit, emitted * mis_weight(path.pdf_sa, ratio));
             }

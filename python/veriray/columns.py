@@ -276,11 +276,12 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
 
 def _check_lights(arrays: Mapping[str, Array]) -> None:
     lengths = _lengths(arrays["light_direction"])
-    row = _first((arrays["light_kind"] != 0) & ~(np.abs(lengths - 1) <= 1e-3))
+    kinds = arrays["light_kind"]
+    row = _first((kinds != LIGHT_KINDS.index("point")) & ~(np.abs(lengths - 1) <= 1e-3))
     if row is not None:
         raise SceneError(f"light_direction[{row}] has length {lengths[row]:g}, expected 1")
     cutoff, beam = arrays["light_angles"].T
-    row = _first((arrays["light_kind"] == 1) & ~((cutoff > 0) & (beam <= cutoff)))
+    row = _first((kinds == LIGHT_KINDS.index("spot")) & ~((cutoff > 0) & (beam <= cutoff)))
     if row is not None:
         raise SceneError(
             f"light_angles[{row}] = {[float(cutoff[row]), float(beam[row])]}; expected a cutoff in "

@@ -42,7 +42,7 @@ enum class Function : uint32_t {
     kHenyeyGreenstein,   // d, g, u, v -> direction, pdf
     kHenyeyGreensteinP,  // d, w, g -> pdf
     kSphere,             // record, o, d, t_max -> t (infinite: missed), p, n, offset
-    kSphereLight,        // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
+    kConeOfSphere,       // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
     kFresnelDielectric,  // cos_i, eta -> reflected, cos_t
     kFresnelConductor,   // cos_i, eta, k -> reflected
     kBsdfSample,        // material, n, wo, u, v, lobe -> wi, weight, pdf, transmitted, pass, mirror
@@ -366,7 +366,7 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         evaluate_power<L>(x, y);
     } else if (f == Function::kFilmSums) {
         evaluate_film<L>(x, y);
-    } else if (f > Function::kSphereLight) {
+    } else if (f > Function::kConeOfSphere) {
         evaluate_optics<L>(f, x, y);
     } else {
         const Vec3<F> p{x[8], x[9], x[10]};

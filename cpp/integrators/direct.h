@@ -53,9 +53,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         });
     }
     static VR_HD auto sky_row(const SceneView& scene) {
-        return light_row<L>([&scene](uint32_t c) {
-            return F(scene.lights.table[c * scene.lights.stride + scene.lights.sky]);
-        });
+        return light_row<L>([&scene](uint32_t c) { return F(scene.lights.sky[c]); });
     }
 
     // The density of light samples where a path's ray meets a lamp.

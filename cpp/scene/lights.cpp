@@ -121,8 +121,7 @@ void HostScene::set_lights(const SceneInput& in) {
         if (sum3(in.light_intensity.data + 3 * q) > 0) delta.push_back(q);
     LightView& l = view.lights;
     l.count = static_cast<uint32_t>(lit.size() + delta.size());
-    l.sky = l.count;
-    l.stride = padded(l.count + 1);
+    l.stride = padded(l.count);
     light_table.assign(static_cast<size_t>(kLightColumns) * l.stride, 0.f);
     light_chance.assign(padded(sources.size()), 0.f);
     if (l.count >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 lights");
@@ -149,9 +148,9 @@ void HostScene::set_lights(const SceneInput& in) {
         before = end;
         LightSource s = source(k);
         if (k < lit.size()) place_lamp(in, lit[k], s);
-        put_light(k, s, chance);
+        put_light(s, chance, light_table.data() + k, l.stride);
     }
-    if (const LightSource s = sky_source(in); s.strength > 0) put_light(l.sky, s, 0);
+    if (const LightSource s = sky_source(in); s.strength > 0) put_light(s, 0, l.sky, 1);
     l.top_step = 1;
     while (l.top_step * 2 <= l.count) l.top_step *= 2;
     l.table = light_table.data();
@@ -189,11 +188,9 @@ void HostScene::set_lights(const SceneInput& in) {
     view.emission_scale = std::ldexp(1.f, -exponent);
 }
 
-// A row of the light table, and what primitives know of it.
-void HostScene::put_light(uint32_t row, const LightSource& s, double chance) {
-    const auto at = [&](uint32_t c) -> float& {
-        return light_table[static_cast<size_t>(c) * view.lights.stride + row];
-    };
+// A row of the light table, column c at row[c * stride], and what primitives know of it.
+void HostScene::put_light(const LightSource& s, double chance, float* row, size_t stride) {
+    const auto at = [&](uint32_t c) -> float& { return row[c * stride]; };
     const double per = kLights[s.shape].flat ? s.area : 1;
     at(kLightShape) = static_cast<float>(s.shape);
     at(kLightInverse) = static_cast<float>(per / chance);

@@ -227,7 +227,7 @@ class HostScene {
     LightSource light_source(const SceneInput& in, uint32_t q) const;
     static LightSource sky_source(const SceneInput& in);
     void place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const;
-    void put_light(uint32_t row, const LightSource& s, double chance);
+    void put_light(const LightSource& s, double chance, float* row, size_t stride);
     void set_first_occluder();
     void set_camera(const SceneInput& in);
     void set_filter(const SceneInput& in);

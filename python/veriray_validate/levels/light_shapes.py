@@ -193,13 +193,14 @@ SHAPES = {
     "constant_sky": Shape(np.array([*NOWHERE, 0, 0, 0]), 12 * math.pi**2, place=on_disk,
                           way=lambda p, d: everywhere(d), power=3),
 }  # fmt: skip
+NUMBER = {name: k for k, name in enumerate(SHAPES)}
 LAMPS = [name for name, shape in SHAPES.items() if shape.meets]
 
 
 def pdf(t: Trial, name: str, p: Array, d: Array) -> Array:
     """Density of light samples at directions (n, 3), all of which are taken to meet the lamp."""
     shape = SHAPES[name]
-    return hooked(t, "light_pdf", list(SHAPES).index(name), *shape.columns, shape.density, *p,
+    return hooked(t, "light_pdf", NUMBER[name], *shape.columns, shape.density, *p,
                   *d.T)[:, 0]  # fmt: skip
 
 
@@ -207,7 +208,7 @@ def samples(t: Trial, name: str, p: Array, n: int) -> Array:
     """Rows of the hook `light`."""
     shape = SHAPES[name]
     u, v = random_numbers(t, n)[2:]
-    return hooked(t, "light", list(SHAPES).index(name), *shape.columns, 0, shape.density, *p, u, v)
+    return hooked(t, "light", NUMBER[name], *shape.columns, 0, shape.density, *p, u, v)
 
 
 @case(2, each={"name": LAMPS})
@@ -240,7 +241,7 @@ def densities_of_lamps(t: Trial, name: str) -> None:
 def emitted(t: Trial, name: str, n: int) -> Array:
     """Rows of position (3), direction (3), cosine, radiance and the two densities."""
     shape = SHAPES[name]
-    return hooked(t, "light_emission", list(SHAPES).index(name), *shape.columns, 0, shape.density,
+    return hooked(t, "light_emission", NUMBER[name], *shape.columns, 0, shape.density,
                   *random_numbers(t, n))  # fmt: skip
 
 
@@ -267,6 +268,6 @@ def emission(t: Trial, name: str) -> None:
         u, v = square(p, d)
         t.check((u > -1e-5) & (u < 1 + 1e-5) & (v > -1e-5) & (v < 1 + 1e-5), f"{what}: outside")
         uniform(t, np.clip(u, 0, 1), np.clip(v, 0, 1), what)
-    power = hooked(t, "light_power", [list(SHAPES).index(name)], shape.area, 1.0, CUTOFF, BEAM)
+    power = hooked(t, "light_power", [NUMBER[name]], shape.area, 1.0, CUTOFF, BEAM)
     off = abs(float(power[0, 0]) * shape.power / shape.flux - 1)
     t.check(off < 1e-6, f"power off by {off:.2g}")

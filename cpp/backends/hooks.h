@@ -42,7 +42,7 @@ enum class Function : uint32_t {
     kHenyeyGreenstein,   // d, g, u, v -> direction, pdf
     kHenyeyGreensteinP,  // d, w, g -> pdf
     kSphere,             // record, o, d, t_max -> t (infinite: missed), p, n, offset
-    kSphereLight,        // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
+    kConeOfSphere,       // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
     kFresnelDielectric,  // cos_i, eta -> reflected, cos_t
     kFresnelConductor,   // cos_i, eta, k -> reflected
     kBsdfSample,         // material, n, wo, u, v, lobe
@@ -51,6 +51,11 @@ enum class Function : uint32_t {
                          //   -> f cos, pdf, share that passes straight through, reverse pdf, albedo
     kLight,              // shape, p, e1, e2, n, offset, chance, receiver, u, v
                          //   -> wi, pdf, distance, radiance for 1, delta
+    kLightPdf,           // shape, p, e1, e2, n, chance, receiver, wi
+                         //   -> pdf if a ray along wi meets the light
+    kLightEmission,      // shape, p, e1, e2, n, offset, chance, u, v, s, t
+                         //   -> p, d, cosine, radiance for 1, pdf_area, pdf_sa
+    kLightPower,         // shape, area, strength, cutoff, beam -> flux
     kFreeFlight,         // sigma, limit, upper and lower 16 bits -> t, collides
     kFreeFlightColour,   // sigma, albedo, throughput: 3 each; limit, u24, bits -> t, weight
     kFilmSums,  // x, y -> the film's sum and square of x and 63 times y, 16 bits a column from 2^0
@@ -84,6 +89,9 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"bsdf_sample", 16, 9},
     {"bsdf_eval", 16, 5},
     {"light", 20, 7},
+    {"light_pdf", 20, 1},
+    {"light_emission", 19, 10},
+    {"light_power", 5, 1},
     {"free_flight", 4, 2},
     {"free_flight_colour", 13, 4},
     {"film_sums", 2, 16},
@@ -239,28 +247,68 @@ VR_HD void evaluate_bsdf(Function which, const typename L::F* x, typename L::F* 
     y[3] = select(lit, back, none), y[4] = b.albedo()[0];
 }
 
-// Radiance 1 (intensity, irradiance), vacuum.
+// All shapes, in a vacuum.
 template <class L>
-VR_HD void evaluate_light(const typename L::F* x, typename L::F* y) {
+using AllLights = Lights<L, kAllShapes, false>;
+
+// The row of a light of radiance 1 (intensity, irradiance): shape, p, e1, e2, n, offset, and 1 /
+// the chance of being chosen, over the area for flat lights.
+template <class L>
+VR_HD auto light_of(const typename L::F* x, typename L::F offset, typename L::F chance) {
     using F = typename L::F;
-    const F one(1.f), none(0.f);
+    const F one(1.f);
     const Vec3<F> e1{x[4], x[5], x[6]}, e2{x[7], x[8], x[9]};
     const F a = sqrt(dot(e1, e1)), b = sqrt(dot(e2, e2));
-    const F rectangle[kRectangleFloats] = {one / a, one / b, b / a, one / (a * b)};
-    const auto column = [&](uint32_t c) {
+    struct {
+        F v[kLightMoreColumns];
+    } more{{one / a, one / b, b / a, one / (a * b), one}};
+    return light_row<L>([=](uint32_t c) {
         if (c == kLightShape) return x[0];
-        if (c >= kRectangleUnit && c < kRectangleOther) return rectangle[c - kRectangleUnit];
+        if (c >= kLightMore) return more.v[c - kLightMore];
         if (c < kLightOffset) return x[1 + c - kLightP];
-        if (c == kLightOffset) return x[13];
-        return c == kLightInverse ? one / x[14] : one;
-    };
-    const Vec3<F> p{x[15], x[16], x[17]};
-    const LightSample<L> s =
-        LightSampler<L, kFlatLights | kDeltaShapes | shape_bit(LightShape::kSphere)>::sample(
-            column, p, x[18], x[19], one < none);
-    put(y, s.wi);
-    y[3] = F(1.f) / s.inverse_pdf, y[4] = s.distance, y[5] = s.radiance[0];
-    y[6] = select(s.delta, one, none);
+        if (c == kLightOffset) return offset;
+        return c == kLightInverse ? one / chance : one;
+    });
+}
+
+template <class L>
+VR_HD void evaluate_light(Function which, const typename L::F* x, typename L::F* y) {
+    using F = typename L::F;
+    const F one(1.f), none(0.f);
+    if (which == Function::kLight) {
+        const LightSample<L> s = AllLights<L>::sample_li(
+            light_of<L>(x, x[13], x[14]), {x[15], x[16], x[17]}, x[18], x[19], one < none);
+        put(y, s.wi);
+        y[3] = one / s.inverse_pdf, y[4] = s.distance, y[5] = s.radiance[0];
+        y[6] = select(s.delta, one, none);
+        return;
+    }
+    if (which == Function::kLightPdf) {
+        const Vec3<F> n{x[10], x[11], x[12]}, p{x[14], x[15], x[16]}, wi{x[17], x[18], x[19]};
+        const F cosine = -dot(n, wi), t = dot(n, p - Vec3<F>{x[1], x[2], x[3]}) / cosine;
+        const LightPdf<F> pdf =
+            AllLights<L>::pdf_li(light_of<L>(x, none, x[13]), {p, t, cosine, x[13]}, none < one);
+        y[0] = pdf.over / pdf.under;
+        return;
+    }
+    const LightEmission<L> e =
+        AllLights<L>::emit(light_of<L>(x, x[13], x[14]), {x[15], x[16], x[17], x[18]});
+    put(y, e.p), put(y + 3, e.d);
+    y[6] = e.cosine, y[7] = e.radiance[0], y[8] = e.pdf_area, y[9] = e.pdf_sa;
+}
+
+template <class L>
+VR_HD void evaluate_power(const typename L::F* x, typename L::F* y) {
+    float column[5][L::kWidth], power[L::kWidth] = {};
+    for (uint32_t c = 0; c < 5; ++c) store(column[c], x[c]);
+    for (uint32_t k = 0; k < L::kWidth; ++k) {
+        LightSource s{};
+        s.shape = static_cast<uint32_t>(column[0][k]);
+        s.area = to_double(column[1][k]), s.strength = to_double(column[2][k]);
+        s.cutoff = to_double(column[3][k]), s.beam = to_double(column[4][k]);
+        with_shape(s.shape, [&](auto shape) { power[k] = static_cast<float>(shape.power(s)); });
+    }
+    y[0] = load(power, typename L::F());
 }
 
 template <class F>
@@ -322,15 +370,17 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         evaluate_sphere<L>(x, y);
     } else if (f == Function::kBsdfSample || f == Function::kBsdfEval) {
         evaluate_bsdf<L>(f, x, y);
-    } else if (f == Function::kLight) {
-        evaluate_light<L>(x, y);
+    } else if (f >= Function::kLight && f <= Function::kLightEmission) {
+        evaluate_light<L>(f, x, y);
+    } else if (f == Function::kLightPower) {
+        evaluate_power<L>(x, y);
     } else if (f == Function::kFilmSums) {
         evaluate_film<L>(x, y);
     } else if (f == Function::kFilmAccepts) {
         const F yes(1.f), no(0.f);
         y[0] = select(film_accepts<false>(Spectrum<F>::from(x), 0.25f), yes, no);
         y[1] = select(film_accepts<true>(Spectrum<F>::from(x), 0.25f), yes, no);
-    } else if (f > Function::kSphereLight) {
+    } else if (f > Function::kConeOfSphere) {
         evaluate_optics<L>(f, x, y);
     } else {
         const Vec3<F> p{x[8], x[9], x[10]};

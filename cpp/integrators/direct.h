@@ -14,16 +14,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         typename Reader::S;
     using typename Reader::Material;
 
-    static constexpr uint32_t kShapes =
-        (has(kAreaLights) ? shape_bit(LightShape::kParallelogram) : 0u) |
-        (has(kTriangleLights) ? shape_bit(LightShape::kTriangle) : 0u) |
-        (has(kDiskLights) ? shape_bit(LightShape::kDisk) : 0u) |
-        (has(kRectangleLights) ? shape_bit(LightShape::kRectangle) : 0u) |
-        (has(kSphereLights) ? shape_bit(LightShape::kSphere) : 0u) |
-        (has(kDeltaLights) ? kDeltaShapes : 0u) |
-        (has(kRefraction | kPass | kMedia) ? shape_bit(LightShape::kTouching) : 0u);
-
-    using Sampler = LightSampler<L, kShapes>;
+    using Sampler = Lights<L, shapes_of(kFeatures), has(kRefraction | kPass | kMedia)>;
 
     // A vertex: where and how light is scattered.
     struct Vertex {
@@ -51,15 +42,29 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                 8;
             row = choose_light(lights, u24);
         }
-        return Sampler::sample([&](uint32_t c) { return light_column(scene, row, c); }, p, u, v,
-                               nobody);
+        return Sampler::sample_li(row_of(scene, row), p, u, v, nobody);
     }
 
-    static VR_HD F light_column(const SceneView& scene, U row, uint32_t c) {
-        const LightView& lights = scene.lights;
-        const float* column = lights.table + c * lights.stride;
-        if constexpr (has(kManyLights)) return lookup(column, row, lights.count);
-        return F(*column);
+    static VR_HD auto row_of(const SceneView& scene, U row) {
+        return light_row<L>([&scene, row](uint32_t c) {
+            const float* column = scene.lights.table + c * scene.lights.stride;
+            if constexpr (has(kManyLights)) return lookup(column, row, scene.lights.count);
+            return F(*column);
+        });
+    }
+    static VR_HD auto sky_row(const SceneView& scene) {
+        return light_row<L>([&scene](uint32_t c) { return F(scene.lights.sky[c]); });
+    }
+
+    // The density of light samples where a path's ray meets a lamp.
+    static VR_HD LightPdf<F> light_pdf(const SceneView& scene, U primitive, const LightHit<L>& at,
+                                       M lanes) {
+        if constexpr (has(kOwnPdfLights))
+            if (scene.features & kOwnPdfLights) {
+                const F row = lookup(scene.light_row, primitive, scene.primitive_count);
+                return Sampler::pdf_li(row_of(scene, to_uint(row)), at, lanes);
+            }
+        return at.by_area();
     }
 
     // ---- request: what the light sample would add, as a shadow ray ----

@@ -97,7 +97,7 @@ constexpr uint32_t path_bytes(uint32_t features) {
 }
 
 // Features with which a shadow ray leaves a primitive out.
-inline constexpr uint32_t kShadowSkips = kSphereLights | kPass | kBvh;
+inline constexpr uint32_t kShadowSkips = kSkippedLights | kPass | kBvh;
 
 template <class L>
 struct ShadowRequest {

@@ -211,7 +211,7 @@ struct SurfaceReader {
                   [&](auto meets, uint32_t primitive) {
                       F t;
                       M hit = meets(shadow.t_max, t);
-                      if constexpr (has(kSphereLights)) hit = hit & !(shadow.skip == U(primitive));
+                      if constexpr (has(kSkippedLights)) hit = hit & !(shadow.skip == U(primitive));
                       if constexpr (kOneLane)
                           mark = hit ? 1u : mark;
                       else

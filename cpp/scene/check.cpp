@@ -79,7 +79,7 @@ void check_input(const SceneInput& in) {
         if (!(kMetalKinds >> in.material_kind.data[m] & 1u) && !(in.eta.data[3 * m] > 0))
             fail("eta", m, "holds 0; a transparent material needs more");
     for (size_t i = 0; i < in.light_kind.count; ++i) {
-        if (in.light_kind.data[i] != 1) continue;
+        if (!kLights[shape_of_kind(in.light_kind.data[i])].cone) continue;
         const double cutoff = in.light_angles.data[2 * i], beam = in.light_angles.data[2 * i + 1];
         if (!(cutoff > 0 && cutoff <= 180 && beam >= 0 && beam <= cutoff))
             fail("light_angles", i,

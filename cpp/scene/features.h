@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "bsdfs/closures.h"
+#include "lights/shapes.h"
 
 namespace veriray {
 
@@ -13,65 +14,74 @@ enum Feature : uint32_t {
     kPolygons = 1u << 1,  // other flat primitives without a tree
     kDisks = 1u << 2,
     kSpheres = 1u << 3,
-    kBvh = 1u << 4,     // primitives in a tree
-    kSmooth = 1u << 5,  // interpolated normals
-    kAreaLights = 1u << 6,
-    kManyLights = 1u << 7,  // more than one light to choose from
-    kTriangleLights = 1u << 8,
-    kDiskLights = 1u << 9,
-    kSphereLights = 1u << 10,
-    kDeltaLights = 1u << 11,  // point, spot, directional
-    kEnvironment = 1u << 12,
-    kClip = 1u << 13,  // near or far clipping that can cut something
-    kLens = 1u << 14,
-    kSignedFilter = 1u << 15,  // a filter with negative lobes
-    kRefraction = 1u << 16,    // a material that changes the direction of transmitted light
-    kPass = 1u << 17,          // a mask, or a material that lets light straight through
-    kMedia = 1u << 18,
-    kChromatic = 1u << 19,        // a medium whose extinction depends on the channel
-    kRectangleLights = 1u << 20,  // lights near to what they light: sampled by solid angle
-    kFirstMaterial = 1u << 21,    // a bit for each kind of material, in their order
+    kBvh = 1u << 4,         // primitives in a tree
+    kSmooth = 1u << 5,      // interpolated normals
+    kManyLights = 1u << 6,  // more than one light to choose from
+    kClip = 1u << 7,        // near or far clipping that can cut something
+    kLens = 1u << 8,
+    kSignedFilter = 1u << 9,  // a filter with negative lobes
+    kRefraction = 1u << 10,   // a material that changes the direction of what goes through
+    kPass = 1u << 11,         // a mask, or a material that lets light straight through
+    kMedia = 1u << 12,
+    kChromatic = 1u << 13,   // a medium whose extinction depends on the channel
+    kFirstLight = 1u << 14,  // a bit for each feature of lights, in their order
+    kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
-inline constexpr uint32_t kOtherFeatures = 21, kFeatureCount = kOtherFeatures + kMaterialCount;
-static_assert(kFeatureCount <= 32);
+inline constexpr const char* kFeatureNames[] = {
+    "quads", "polygons", "disks",         "spheres",    "bvh",  "smooth", "many_lights",
+    "clip",  "lens",     "signed_filter", "refraction", "pass", "media",  "chromatic"};
+inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
+                          kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
+static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 32);
 
 constexpr uint32_t materials(uint32_t kinds) { return kFirstMaterial * kinds; }
 constexpr uint32_t kinds_of(uint32_t features) { return features / kFirstMaterial; }
-
-inline constexpr const char* kFeatureNames[] = {
-    "quads",         "polygons",      "disks",
-    "spheres",       "bvh",           "smooth",
-    "area_lights",   "many_lights",   "triangle_lights",
-    "disk_lights",   "sphere_lights", "delta_lights",
-    "environment",   "clip",          "lens",
-    "signed_filter", "refraction",    "pass",
-    "media",         "chromatic",     "rectangle_lights"};
-constexpr const char* feature_name(uint32_t bit) {
-    return bit < kOtherFeatures ? kFeatureNames[bit] : kClosures[bit - kOtherFeatures].name;
+constexpr uint32_t lights(uint32_t shapes) {
+    uint32_t features = 0;
+    for (uint32_t k = 0; k < kLightShapes; ++k)
+        if (shapes >> k & 1u) features |= kFirstLight << light_feature(k);
+    return features;
 }
+constexpr uint32_t shapes_of(uint32_t features) {
+    uint32_t shapes = 0;
+    for (uint32_t k = 0; k < kLightShapes; ++k)
+        if (features & lights(shape_bit(k))) shapes |= shape_bit(k);
+    return shapes;
+}
+
+constexpr const char* feature_name(uint32_t bit) {
+    if (bit < kOtherFeatures) return kFeatureNames[bit];
+    bit -= kOtherFeatures;
+    return bit < kLightFeatures ? light_feature_name(bit) : kClosures[bit - kLightFeatures].name;
+}
+
+inline constexpr uint32_t kLamps = lights(kLampShapes), kDeltaLights = lights(kDeltaShapes),
+                          kSky = lights(kSkyShapes);
+inline constexpr uint32_t kAnyLight = lights(kSampledShapes);
+inline constexpr uint32_t kOwnPdfLights = lights(kOwnPdfShapes);
+inline constexpr uint32_t kSkippedLights = lights(kSkippedShapes);
 
 // With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr uint32_t kLocalOffsets =
     kBvh | kDisks | kDeltaLights | kRefraction | kPass | kMedia;
 inline constexpr uint32_t kPlainMaterials = materials(kPlainKinds);
 inline constexpr uint32_t kSolid = kAllFeatures & ~(kPass | materials(kPassing));
-inline constexpr uint32_t kAnyLight = kAreaLights | kDeltaLights;  // lights that are sampled
-inline constexpr uint32_t kDiffuseFlat = kQuads | kPolygons | kAreaLights | kManyLights |
-                                         kTriangleLights | kRectangleLights | kEnvironment | kClip |
-                                         kPlainMaterials;
-inline constexpr uint32_t kDiffuseMesh = kBvh | kSmooth | kAreaLights | kManyLights |
-                                         kTriangleLights | kEnvironment | kClip | kPlainMaterials;
+inline constexpr uint32_t kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes);
+inline constexpr uint32_t kDiffuseFlat =
+    kQuads | kPolygons | kMeshLights | kManyLights | kNearLights | kSky | kClip | kPlainMaterials;
+inline constexpr uint32_t kDiffuseMesh =
+    kBvh | kSmooth | kMeshLights | kManyLights | kSky | kClip | kPlainMaterials;
 
 // Compiled variants, smallest first; the last holds everything.
 inline constexpr uint32_t kVariants[] = {
-    kQuads | kAreaLights | kPlainMaterials,
+    kQuads | lights(kPlainShapes) | kPlainMaterials,
     kDiffuseFlat,
     kDiffuseMesh,
-    kDiffuseMesh | kRectangleLights,
+    kDiffuseMesh | kNearLights,
     kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),
     kSolid & ~(kMedia | kChromatic),
-    kSpheres | kEnvironment | kMedia | kRefraction | materials(kRefracting),
+    kSpheres | kSky | kMedia | kRefraction | materials(kRefracting),
     kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
     kAllFeatures & ~(kMedia | kChromatic),
     kAllFeatures,

@@ -52,7 +52,7 @@ std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
     };
     std::vector<Lamp> lamps;
     for (size_t q = 0; q < in.light_kind.count; ++q)
-        if (in.light_kind.data[q] != 2) lamps.push_back({row3(in.light_position, q), {0, 0, 0}, 0});
+        if (in.light_has_place(q)) lamps.push_back({row3(in.light_position, q), {0, 0, 0}, 0});
     // f(group, row, middle, normal, size, distance of a point), for every shape
     const auto each_shape = [&](auto f) {
         // A lower bound of the distance to something that lies in a plane and in a box.

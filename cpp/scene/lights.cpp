@@ -6,32 +6,12 @@
 namespace veriray {
 namespace {
 
-constexpr double kPiDouble = 3.14159265358979323846;
-// The largest number of pairs of a point light and a primitive near it that are examined; beyond
-// it, every light counts as within rounding of something.
+// Pairs of a point light and a primitive beside it that are looked at; beyond it, every light
+// counts as within rounding of something.
 constexpr size_t kMostPairs = size_t{1} << 24;
 
 double sum3(const float* rgb) {
     return static_cast<double>(rgb[0]) + static_cast<double>(rgb[1]) + static_cast<double>(rgb[2]);
-}
-
-// Sine and cosine of an angle in degrees in [0, 180], by halving and Taylor series: the same on
-// every machine.
-void sin_cos_degrees(double degrees, double& s, double& c) {
-    const double x = degrees * (kPiDouble / 180) / 16;
-    double term = 1, sine = 0, cosine = 1;
-    for (int n = 1; n < 20; n += 2) {
-        term *= x / n;
-        sine += term;
-        term *= -x / (n + 1);
-        cosine += term;
-    }
-    for (int k = 0; k < 4; ++k) {
-        const double twice = 2 * sine * cosine;
-        cosine = 1 - 2 * sine * sine;
-        sine = twice;
-    }
-    s = sine, c = cosine;
 }
 
 }  // namespace
@@ -98,7 +78,7 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
     };
     std::vector<Lamp> lamps;
     for (const uint32_t q : lights) {
-        if (in.light_kind.data[q] == 2) continue;
+        if (!in.light_has_place(q)) continue;
         const Double3 p = (row3(in.light_position, q) - centre) * (1 / unit);
         const float* rgb = in.light_intensity.data + 3 * q;
         const double most = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
@@ -145,31 +125,14 @@ void HostScene::set_lights(const SceneInput& in) {
     light_table.assign(static_cast<size_t>(kLightColumns) * l.stride, 0.f);
     light_chance.assign(padded(sources.size()), 0.f);
     if (l.count >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 lights");
-
-    const bool sky = sum3(in.environment.data) > 0;
-    std::copy_n(in.environment.data, 3, l.environment);
+    const auto source = [&](size_t k) {
+        return k < lit.size() ? light_source(in, lit[k]) : light_source(in, delta[k - lit.size()]);
+    };
 
     std::vector<double> power;
-    for (const AreaLight& a : lit)
-        power.push_back(kPiDouble * a.area *
-                        sum3(in.emissions.data + 3 * sources[a.primitive].emission));
-    for (const uint32_t q : delta) {
-        const double intensity = sum3(in.light_intensity.data + 3 * q);
-        double mean = -1;  // cosine, averaged over the angles of the linear falloff
-        if (in.light_kind.data[q] == 1) {
-            const double cutoff = in.light_angles.data[2 * q],
-                         beam = in.light_angles.data[2 * q + 1];
-            const double width = (cutoff - beam) * (kPiDouble / 180);
-            double s, s2;
-            sin_cos_degrees(cutoff, s, mean);
-            if (width > 1e-6) {
-                sin_cos_degrees(beam, s2, mean);
-                mean = (s - s2) / width;
-            }
-        }
-        const double solid_angle = 2 * kPiDouble * (1 - mean);
-        power.push_back(in.light_kind.data[q] == 2 ? kPiDouble * intensity
-                                                   : solid_angle * intensity / (unit * unit));
+    for (uint32_t k = 0; k < l.count; ++k) {
+        const LightSource s = source(k);
+        with_shape(s.shape, [&](auto shape) { power.push_back(shape.power(s)); });
     }
     double total = 0, sum = 0;
     for (const double p : power) total += p;
@@ -183,24 +146,24 @@ void HostScene::set_lights(const SceneInput& in) {
         light_cdf[k] = end;
         const double chance = (end - before) * 0x1p-24;
         before = end;
-        if (k < lit.size())
-            put_area_light(in, k, lit[k], chance);
-        else
-            put_delta_light(in, k, delta[k - lit.size()], chance);
+        LightSource s = source(k);
+        if (k < lit.size()) place_lamp(in, lit[k], s);
+        put_light(s, chance, light_table.data() + k, l.stride);
     }
+    if (const LightSource s = sky_source(in); s.strength > 0) put_light(s, 0, l.sky, 1);
     l.top_step = 1;
     while (l.top_step * 2 <= l.count) l.top_step *= 2;
     l.table = light_table.data();
     l.cdf = light_cdf.data();
     view.light_chance = light_chance.data();
-    if (view.features & kRectangleLights) {
+    if (view.features & kOwnPdfLights) {
         light_row.assign(padded(sources.size()), 0.f);
         for (size_t k = 0; k < lit.size(); ++k)
             light_row[lit[k].primitive] = light_row[lit[k].other] = static_cast<float>(k);
         view.light_row = light_row.data();
     }
     if (delta.empty()) set_first_occluder();
-    view.features |= (l.count > 1 ? kManyLights : 0u) | (sky ? kEnvironment : 0u);
+    view.features |= l.count > 1 ? kManyLights : 0u;
 
     // A delta light's radiance at a receiver has no bound. It counts as the radiance at a 64th of
     // the scene's size, or more, so that at the nearest receiver it is below the film's limit of
@@ -214,7 +177,7 @@ void HostScene::set_lights(const SceneInput& in) {
     for (const uint32_t q : delta)
         for (int k = 0; k < 3; ++k) {
             const double intensity = in.light_intensity.data[3 * q + k];
-            const double far = in.light_kind.data[q] == 2 ? 1 : unit / 64;
+            const double far = in.light_has_place(q) ? unit / 64 : 1;
             brightest = std::max(brightest, static_cast<float>(intensity / (far * far)));
         }
     brightest = brightest_receiver(in, delta, brightest);
@@ -226,100 +189,92 @@ void HostScene::set_lights(const SceneInput& in) {
     view.emission_scale = std::ldexp(1.f, -exponent);
 }
 
-void HostScene::put_area_light(const SceneInput& in, size_t row, const AreaLight& light,
-                               double chance) {
+// A row of the light table, column c at row[c * stride], and what primitives know of it.
+void HostScene::put_light(const LightSource& s, double chance, float* row, size_t stride) {
+    const auto at = [&](uint32_t c) -> float& { return row[c * stride]; };
+    const double per = kLights[s.shape].flat ? s.area : 1;
+    at(kLightShape) = static_cast<float>(s.shape);
+    at(kLightInverse) = static_cast<float>(per / chance);
+    at(kLightPrimitive) = bit_cast<float>(s.primitive);
+    for (uint32_t k = 0; k < 3; ++k) at(kLightRadiance + k) = s.radiance[k];
+    with_shape(s.shape, [&](auto shape) { shape.write(s, at); });
+    view.features |= lights(shape_bit(s.shape));
+    if (kLights[s.shape].site != kOnSurface) return;
+    for (const uint32_t p : {s.primitive, s.other})
+        light_chance[p] = static_cast<float>(chance / per);
+}
+
+// What a lamp emits; place_lamp() gives the rest.
+LightSource HostScene::light_source(const SceneInput& in, const AreaLight& light) const {
     const PrimitiveSource& source = sources[light.primitive];
-    const auto at = [&](uint32_t c) -> float& {
-        return light_table[static_cast<size_t>(c) * view.lights.stride + row];
-    };
+    LightSource s{};
+    s.shape = source.group == kSphereGroup                    ? kSphereLight
+              : source.group == kDiskGroup                    ? kDiskLight
+              : light.rectangle                               ? kRectangleLight
+              : light_shape(in, light.primitive).corners == 3 ? kTriangleLight
+                                                              : kParallelogramLight;
+    s.area = light.area;
+    std::copy_n(in.emissions.data + 3 * source.emission, 3, s.radiance);
+    s.strength = sum3(s.radiance);
+    s.primitive = light.primitive, s.other = light.other;
+    return s;
+}
+
+void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const {
+    const PrimitiveSource& source = sources[light.primitive];
     const auto column_of = [&](uint32_t primitive, uint32_t c) {
         return primitives[static_cast<size_t>(primitive) * view.primitive_row +
                           static_cast<size_t>(c) * view.primitive_column];
     };
     const auto prim = [&](uint32_t c) { return column_of(light.primitive, c); };
-    const auto shape = [&](LightShape s, uint32_t feature) {
-        at(kLightShape) = static_cast<float>(s);
-        view.features |= feature;
-    };
-    const bool sphere = source.group == kSphereGroup;
-    const double area = sphere ? 1 : light.area;
-    at(kLightInverse) = static_cast<float>(area / chance);
-    for (const uint32_t p : {light.primitive, light.other}) {
-        light_chance[p] = static_cast<float>(chance / area);
-    }
-    for (uint32_t k = 0; k < 3; ++k)
-        at(kLightRadiance + k) = in.emissions.data[3 * source.emission + k];
-    at(kLightPrimitive) = bit_cast<float>(light.primitive);
-    if (sphere) {
-        shape(LightShape::kSphere, kSphereLights);
-        for (uint32_t k = 0; k < kSphereFloats; ++k) at(kLightP + k) = prim(k);
+    if (source.group == kSphereGroup) {
+        for (uint32_t k = 0; k < kSphereFloats; ++k) s.record[k] = prim(k);
         const bool inside = prim(kPrimSide) < 0;
-        at(kLightN) = inside && lets_through(in, kSphereGroup, source.row) ? -2.f : prim(kPrimSide);
+        s.side = inside && lets_through(in, kSphereGroup, source.row) ? -2.f : prim(kPrimSide);
         return;
     }
     Double3 p, e1, e2;
     if (source.group == kDiskGroup) {
-        shape(LightShape::kDisk, kDiskLights);
         p = (row3(in.disks, 3 * source.row) - centre) * (1 / unit);
         e1 = row3(in.disks, 3 * source.row + 1) * (1 / unit);
         e2 = row3(in.disks, 3 * source.row + 2) * (1 / unit);
     } else {
         const Flat f = shape_of(in, light);
         p = f.v[0], e1 = f.v[1] - f.v[0], e2 = f.v[f.corners - 1] - f.v[0];
-        if (f.corners == 3)
-            shape(LightShape::kTriangle, kAreaLights | kTriangleLights);
-        else
-            shape(LightShape::kParallelogram, kAreaLights);
     }
-    for (uint32_t k = 0; k < 3; ++k) {
-        at(kLightP + k) = static_cast<float>(p[static_cast<int>(k)]);
-        at(kLightE1 + k) = static_cast<float>(e1[static_cast<int>(k)]);
-        at(kLightE2 + k) = static_cast<float>(e2[static_cast<int>(k)]);
-        at(kLightN + k) = prim(kPrimN + k);
-    }
-    // If rays leave the face by a bound that depends on the point, the offset is the bound at the
-    // face's corners.
+    s.p = {p.x, p.y, p.z}, s.e1 = {e1.x, e1.y, e1.z}, s.e2 = {e2.x, e2.y, e2.z};
+    s.n = {prim(kPrimN), prim(kPrimN + 1), prim(kPrimN + 2)};
+    // The offset of a face that is left by the point's own bound: the bound at its corners.
     const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
-    const double most = terms(box, {prim(kPrimN), prim(kPrimN + 1), prim(kPrimN + 2)});
+    const double most = terms(box, {s.n.x, s.n.y, s.n.z});
     const float offsets[2] = {prim(kPrimOffset), column_of(light.other, kPrimOffset)};
-    at(kLightOffset) = std::max(offsets[0], offsets[1]);
-    if (std::min(offsets[0], offsets[1]) < 0)
-        at(kLightOffset) = static_cast<float>(most) * kLocalOffset;
-    if (std::min(offsets[0], offsets[1]) <= kTouches) at(kLightOffset) *= -1;
-    if (!light.rectangle) return;
-    shape(LightShape::kRectangle, kRectangleLights);
-    const double a = length(e1), b = length(e2);
-    const double columns[kRectangleFloats] = {1 / a, 1 / b, b / a, 1 / area};
-    for (uint32_t k = 0; k < kRectangleFloats; ++k)
-        at(kRectangleUnit + k) = static_cast<float>(columns[k]);
-    at(kRectangleOther) = bit_cast<float>(light.other);
+    s.offset = std::max(offsets[0], offsets[1]);
+    if (std::min(offsets[0], offsets[1]) < 0) s.offset = static_cast<float>(most) * kLocalOffset;
+    if (std::min(offsets[0], offsets[1]) <= kTouches) s.offset *= -1;
 }
 
-void HostScene::put_delta_light(const SceneInput& in, size_t light, size_t row, double chance) {
-    const auto at = [&](uint32_t c) -> float& {
-        return light_table[static_cast<size_t>(c) * view.lights.stride + light];
-    };
-    const uint32_t kind = in.light_kind.data[row];
-    const double scale = kind == 2 ? 1 : 1 / (unit * unit);
-    const Double3 p = (row3(in.light_position, row) - centre) * (1 / unit);
-    const Double3 d = kind ? normalised(row3(in.light_direction, row)) : Double3{0, 0, 1};
-    for (int k = 0; k < 3; ++k) {
-        if (kind != 2) at(kLightP + static_cast<uint32_t>(k)) = static_cast<float>(p[k]);
-        at(kLightN + static_cast<uint32_t>(k)) = static_cast<float>(d[k]);
-        at(kLightRadiance + static_cast<uint32_t>(k)) =
-            static_cast<float>(in.light_intensity.data[3 * row + k] * scale);
-    }
-    static constexpr LightShape kShapes[3] = {LightShape::kPoint, LightShape::kSpot,
-                                              LightShape::kDirectional};
-    at(kLightShape) = static_cast<float>(kShapes[kind]);
-    at(kLightInverse) = static_cast<float>(1 / chance);
-    at(kLightPrimitive) = bit_cast<float>(~0u);
-    view.features |= kDeltaLights;
-    if (kind != 1) return;
-    const double cutoff = in.light_angles.data[2 * row], beam = in.light_angles.data[2 * row + 1];
-    at(kSpotCutoff) = static_cast<float>(cutoff * (kPiDouble / 180));
-    const double width = (cutoff - beam) * (kPiDouble / 180);
-    at(kSpotInverse) = static_cast<float>(width > 1e-9 ? 1 / width : 1e9);
+// A light that no ray meets.
+LightSource HostScene::light_source(const SceneInput& in, uint32_t q) const {
+    LightSource s{};
+    s.shape = shape_of_kind(in.light_kind.data[q]);
+    const double scale = in.light_has_place(q) ? 1 / (unit * unit) : 1;
+    const float* intensity = in.light_intensity.data + 3 * q;
+    for (int k = 0; k < 3; ++k) s.radiance[k] = static_cast<float>(intensity[k] * scale);
+    s.strength = sum3(intensity) * scale;
+    const Double3 p = (row3(in.light_position, q) - centre) * (1 / unit);
+    const Double3 d =
+        kLights[s.shape].aimed ? normalised(row3(in.light_direction, q)) : Double3{0, 0, 1};
+    s.p = {p.x, p.y, p.z}, s.n = {d.x, d.y, d.z};
+    s.cutoff = in.light_angles.data[2 * q], s.beam = in.light_angles.data[2 * q + 1];
+    return s;
+}
+
+LightSource HostScene::sky_source(const SceneInput& in) {
+    LightSource s{};
+    s.shape = kConstantSky;
+    std::copy_n(in.environment.data, 3, s.radiance);
+    s.strength = sum3(s.radiance);
+    return s;
 }
 
 }  // namespace veriray

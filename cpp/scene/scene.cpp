@@ -119,7 +119,7 @@ double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>&
     std::vector<Box> boxes;
     for (const Flat& f : flats) boxes.push_back(box_of(f));
     for (size_t i = 0; i < in.light_kind.count; ++i) {
-        if (in.light_kind.data[i] == 2) continue;
+        if (!in.light_has_place(i)) continue;
         const Double3 p = (row3(in.light_position, i) - centre) * (1 / unit);
         for (const Box& box : boxes)
             smallest = std::min(smallest, std::sqrt(squared_gap({p, p}, box)));

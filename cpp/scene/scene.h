@@ -50,6 +50,10 @@ struct SceneInput {
     const Rows<int32_t>& boundary(ShapeGroup g) const {
         return pick(g, triangle_boundary, sphere_boundary, disk_boundary);
     }
+    // Of a light that no ray meets: else it is far away.
+    bool light_has_place(size_t q) const {
+        return kLights[shape_of_kind(light_kind.data[q])].site == kAtPoint;
+    }
 
    private:
     template <class T>
@@ -219,9 +223,12 @@ class HostScene {
     double receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const;
     float brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
                              float least) const;
-    void put_area_light(const SceneInput& in, size_t row, const AreaLight& light, double chance);
+    LightSource light_source(const SceneInput& in, const AreaLight& light) const;
+    LightSource light_source(const SceneInput& in, uint32_t q) const;
+    static LightSource sky_source(const SceneInput& in);
+    void place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const;
+    void put_light(const LightSource& s, double chance, float* row, size_t stride);
     void set_first_occluder();
-    void put_delta_light(const SceneInput& in, size_t light, size_t row, double chance);
     void set_camera(const SceneInput& in);
     void set_filter(const SceneInput& in);
     template <class Density>

@@ -65,8 +65,8 @@ struct SceneView {
     uint32_t camera_medium;
     const float* primitives;     // [i * primitive_row + column * primitive_column]
     const float* smooth;         // by primitive: kSmoothFloats
-    const float* light_chance;   // by primitive: of selection, / area if flat; 0: not an emitter
-    const float* light_row;      // by primitive: light table's row; with kRectangleLights only
+    const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter
+    const float* light_row;      // by primitive: in the light table; with kOwnPdfLights only
     const uint32_t* surface_of;  // by primitive; null: the same index
     const float* surfaces;       // [column][surface_stride]
     const float* media;          // [column][medium_stride]; medium 0 is the vacuum

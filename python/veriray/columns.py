@@ -303,12 +303,12 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
 
 def _check_lights(arrays: Mapping[str, Array]) -> None:
     lengths = _lengths(arrays["light_direction"])
-    point, spot = (arrays["light_kind"] == LIGHT_KINDS.index(name) for name in ("point", "spot"))
-    row = _first(~point & ~(np.abs(lengths - 1) <= 1e-3))
+    kinds = arrays["light_kind"]
+    row = _first((kinds != LIGHT_KINDS.index("point")) & ~(np.abs(lengths - 1) <= 1e-3))
     if row is not None:
         raise SceneError(f"light_direction[{row}] has length {lengths[row]:g}, expected 1")
     cutoff, beam = arrays["light_angles"].T
-    row = _first(spot & ~((cutoff > 0) & (beam <= cutoff)))
+    row = _first((kinds == LIGHT_KINDS.index("spot")) & ~((cutoff > 0) & (beam <= cutoff)))
     if row is not None:
         raise SceneError(
             f"light_angles[{row}] = {[float(cutoff[row]), float(beam[row])]}; expected a cutoff in "

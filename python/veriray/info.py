@@ -20,7 +20,7 @@ FEATURES = {
     "spheres": "spheres",
     "bvh": "a tree over the primitives",
     "smooth": "interpolated normals",
-    "area_lights": "surfaces that emit",
+    "area_lights": "parallelograms that emit",
     "many_lights": "more than one light to choose from",
     "triangle_lights": "triangles that emit",
     "disk_lights": "disks that emit",

@@ -120,19 +120,20 @@ _SURFACE, _BSDF = "integrators/surface.h", "bsdfs/bsdf.h"
 _DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic"))
 _THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
-_LIGHT, _ROUND_LIGHT = "lights/light.h", "lights/sphere_light.h"
-_RECTANGLE = "lights/rectangle_light.h"
+_LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
+_SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directional"))
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 
 _EVAL = "p.reflectance * pdf"
-_PDF = "column(kLightInverse) * (inverse * inverse) * cos_light"
+_PDF = "row(kLightInverse) * (inverse * inverse) * cos_light"
 _Q = "min(F(1.f), to_float(to_uint(min(most, F(1.f)) * F(0x1p24f)) + U(1u)) * F(0x1p-24f))"
 _DIVIDE = "path.throughput * (F(1.f) / q)"
 _SURVIVE = "plays & (uniform(u) < q)"
 _CUT = "segment + 1 >= s.max_depth ? scatters : no_lanes(scatters)"
 _HIT = "emitted * mis_weight(path.pdf_sa, ratio)"
 _NEE = "light.inverse_pdf / fma(ratio, ratio, F(1.f))"
-_SKY = "S::from(scene.lights.environment)"
+_SKY = "Sampler::sky(Direct::sky_row(scene), path.ray.d, weight)"
+_MET = "Direct::light_pdf(scene, prim, {path.ray.o, hit.t, cos_light, chance}, lit)"
 _FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
 _LIT = "hit_emitter(scene, path, hit, at, valid)"
 _T_MAX = "shadow.t_max = light.distance;"
@@ -158,9 +159,9 @@ _CORNELL = (
            "path.throughput * (F(1.f) / (q * q))"),
     Mutant("roulette survives 2 % too rarely", _PATH, _SURVIVE,
            "plays & (uniform(u) < q * F(.98f))"),
-    Mutant("light cosine missing", _LIGHT, _PDF, "column(kLightInverse) * (inverse * inverse)"),
-    Mutant("1/r for 1/r^2", _LIGHT, _PDF, "column(kLightInverse) * inverse * cos_light"),
-    Mutant("light pdf doubled", _LIGHT, _PDF, f"F(.5f) * {_PDF}"),
+    Mutant("light cosine missing", _LAMP, _PDF, "row(kLightInverse) * (inverse * inverse)"),
+    Mutant("1/r for 1/r^2", _LAMP, _PDF, "row(kLightInverse) * inverse * cos_light"),
+    Mutant("light pdf doubled", _LAMP, _PDF, f"F(.5f) * {_PDF}"),
     Mutant("emission doubled at depth 1", _PATH, _LIT,
            "((void)(segment == 1 ? hit_emitter(scene, path, hit, at, valid) : valid),"
            " hit_emitter(scene, path, hit, at, valid))"),
@@ -184,7 +185,7 @@ _CORNELL = (
            "valid & (chance > F(0.f))", "lowered lamp",
            also=(("-dot(at.ng, path.ray.d)", "abs(dot(at.ng, path.ray.d))"),)),
     # The ray is shortened, or the lamp would shadow its own back.
-    Mutant("back of the lamp emits when sampled", _LIGHT, "-dot(n, s.wi)",
+    Mutant("back of the lamp emits when sampled", _LAMP, "-dot(n, s.wi)",
            "(s.distance = s.distance * select(dot(n, s.wi) > F(0.f), F(.99f), F(1.f)),"
            " abs(dot(n, s.wi)))", "lowered lamp"),
     Mutant("no 1/pi", _DIFFUSE, _EVAL, "p.reflectance * cos_i", "quick"),
@@ -258,11 +259,10 @@ _MATERIALS = (
            "mask, depth 3"),
     Mutant("pass forgets the density", _PATH, "select(pass, path.pdf_sa, next.pdf_sa)",
            "next.pdf_sa", "mask"),
-    Mutant("way before a pass forgotten, flat lamp", _PATH, "(hit.t * hit.t)",
-           "((hit.t - path.travelled) * (hit.t - path.travelled))", "lamp_in_medium"),
-    Mutant("way before a pass forgotten, sphere lamp", _PATH,
-           "chance * sphere_light_pdf(record, from)",
-           "chance * sphere_light_pdf(record, fma(path.ray.d, path.travelled, from))",
+    Mutant("way before a pass forgotten, flat lamp", _PATH, _MET,
+           _MET.replace("hit.t", "hit.t - path.travelled"), "lamp_in_medium"),
+    Mutant("way before a pass forgotten, sphere lamp", _PATH, _MET,
+           _MET.replace("path.ray.o", "fma(path.ray.d, path.travelled, path.ray.o)"),
            "sphere lamp in fog"),
 )  # fmt: skip
 
@@ -312,38 +312,39 @@ _LIGHTS = (
            " const F along = F(1.f) - r * c, s2 = r * r * (F(1.f) - c * c);"
            " const F z = along / sqrt(along * along + s2);"
            " return uniform_cone((F(1.f) - z) / open, v, open); }()", "sphere_light"),
-    Mutant("sphere light's chance left out when hit", _PATH,
-           "chance * sphere_light_pdf(record, from)", "sphere_light_pdf(record, from)",
+    Mutant("sphere light's chance left out when hit", _ROUND_LIGHT,
+           "at.chance * sphere_light_pdf(record, at.from)", "sphere_light_pdf(record, at.from)",
            "spheres_300"),
-    Mutant("rectangle by area, weighted by solid angle", _LIGHT, "view.sample(u0, v0, a, b);",
-           "a = u0; b = v0;", "near_lamps"),
-    Mutant("rectangle's density by area when hit", _PATH,
-           "select(inverse > F(0.f), F(1.f) / (inverse * path.pdf_sa), ratio)", "ratio",
-           "near_lamps"),
+    Mutant("rectangle by area, weighted by solid angle", _RECTANGLE, "view.sample(u, v, a, b);",
+           "a = u; b = v;", "near_lamps"),
+    Mutant("rectangle's density by area when hit", _RECTANGLE,
+           "return {select(by_angle, F(1.f), by_area.over),"
+           " select(by_angle, row(kLightInverse) * view.share(), by_area.under)};",
+           "return by_area;", "near_lamps"),
     Mutant("rectangle's solid angle 2 % too large", _RECTANGLE, "strip(x0 + F(1.f)) - first",
            "F(1.02f) * (strip(x0 + F(1.f)) - first)", "near_lamps"),
     Mutant("rectangle uniform along its second edge", _RECTANGLE,
            "h * sqrt(square / ((one - h) * (one + h)))", "fma(v, height, y0)", "near_lamps"),
     Mutant("rectangle with the area of its half", "scene/rectangles.cpp",
            "light.area += sources[next].area;", "(void)next;", "near_lamps"),
-    Mutant("spot without falloff", _LIGHT,
+    Mutant("spot without falloff", _SPOT,
            "max(min(edge, F(1.f)), F(0.f))", "select(edge > F(0.f), F(1.f), F(0.f))",
            "spot_light"),
-    Mutant("spot's falloff linear in the squared angle", _LIGHT,
-           "(column(kSpotCutoff) - off) * column(kSpotInverse)",
-           "(column(kSpotCutoff) * column(kSpotCutoff) - off * off) * column(kSpotInverse) /"
-           " (F(2.f) * column(kSpotCutoff) - F(1.f) / column(kSpotInverse))", "spot_light"),
-    Mutant("point light by 1/r", _LIGHT, "radiance(column) * (F(1.f) / d2)",
-           "radiance(column) * (F(1.f) / distance)", "point_light"),
-    Mutant("point light without its chance", _LIGHT, "return {intensity, column(kLightInverse),"
-           " distance * F(kShadowShorten), wi, valid, U(~0u)};",
-           "return {intensity, F(1.f), distance * F(kShadowShorten), wi, valid, U(~0u)};",
+    Mutant("spot's falloff linear in the squared angle", _SPOT,
+           "(row(kSpotCutoff) - off) * row(kSpotInverse)",
+           "(row(kSpotCutoff) * row(kSpotCutoff) - off * off) * row(kSpotInverse) /"
+           " (F(2.f) * row(kSpotCutoff) - F(1.f) / row(kSpotInverse))", "spot_light"),
+    Mutant("point light by 1/r", _POINT, "row.radiance() * (F(1.f) / d2)",
+           "row.radiance() * (F(1.f) / distance)", "point_light"),
+    Mutant("point light without its chance", _POINT, "return {radiance, row(kLightInverse),"
+           " distance * F(kShadowShorten), wi, lanes, U(~0u)};",
+           "return {radiance, F(1.f), distance * F(kShadowShorten), wi, lanes, U(~0u)};",
            "spot_light"),
-    Mutant("directional light without its chance", _LIGHT,
-           "merge(s, far, {radiance(column), column(kLightInverse), F(kInfinity),"
-           " -column3(column, kLightN), far, U(~0u)});",
-           "merge(s, far, {radiance(column), F(1.f), F(kInfinity),"
-           " -column3(column, kLightN), far, U(~0u)});", "directional_light"),
+    Mutant("directional light without its chance", _PARALLEL,
+           "return {row.radiance(), row(kLightInverse), F(kInfinity), -row.vector(kLightN),"
+           " lanes, U(~0u)};",
+           "return {row.radiance(), F(1.f), F(kInfinity), -row.vector(kLightN), lanes, U(~0u)};",
+           "directional_light"),
     Mutant("sky weighted as if it were sampled too", _PATH, _SKY,
            f"{_SKY} * mis_weight(path.pdf_sa, F(0.25f * kInvPi))", "null_medium"),
     Mutant("disk light with the area of its box", "scene/scene.cpp",

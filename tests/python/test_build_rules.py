@@ -10,6 +10,7 @@ import pytest
 
 import veriray
 from veriray.shipped import SHIPPED, find_shipped
+from veriray_validate.levels import light_shapes
 
 ROOT = Path(__file__).resolve().parents[2]
 CPP = ROOT / "cpp"
@@ -143,7 +144,7 @@ def test_no_floating_point_switches(path: Path) -> None:
 def test_sizes(path: Path) -> None:
     lines = len(path.read_text("utf-8").splitlines())
     if path.suffix == ".h":
-        assert lines < (200 if room(path) == "bsdfs" else 400)
+        assert lines < (200 if room(path) in ("bsdfs", "lights") else 400)
         assert "#pragma once" in path.read_text("utf-8")
 
 
@@ -240,3 +241,41 @@ def test_kinds_are_those_of_the_closures() -> None:
         if found:
             names[found[1]] = found[2]
     assert tuple(names[name] for name in listed) == veriray.columns.MATERIAL_KINDS
+
+
+def shapes_of_lights() -> dict[str, tuple[str, str]]:
+    """Types of the list in cpp/lights/shapes.h, in its order: name, feature."""
+    members = r'struct (\w+) :(?:(?!struct).)*?kName = "(\w+)", \*kFeature = "(\w+)"'
+    found = {}
+    for path in (CPP / "lights").glob("*.h"):
+        shapes = re.findall(members, path.read_text("utf-8"), re.DOTALL)
+        assert len(shapes) <= 1, f"{path}: one shape a file"
+        found.update({kind: (name, feature) for kind, name, feature in shapes})
+    listed = re.findall(r"X\((\w+)\)", (CPP / "lights" / "shapes.h").read_text("utf-8"))
+    assert {*listed} == {*found}
+    return {kind: found[kind] for kind in listed}
+
+
+def test_nothing_outside_lights_names_a_shape() -> None:
+    """But scene/lights.cpp, which says once which lamp is of which shape."""
+    pattern = re.compile(rf"\bk?(?:{'|'.join(shapes_of_lights())})\b")
+    for path in SOURCES:
+        if room(path) == "lights":
+            continue
+        found = pattern.findall(code(path))
+        if path == CPP / "scene" / "lights.cpp":
+            assert len(found) == len({*found})
+        else:
+            assert not found, path
+
+
+def test_shapes_of_lights_are_tested_and_kinds_among_them() -> None:
+    shapes = shapes_of_lights().values()
+    assert [name for name, _ in shapes] == [*light_shapes.SHAPES]
+    unmet = tuple(name for name, feature in shapes if feature == "delta_lights")
+    assert unmet == veriray.columns.LIGHT_KINDS
+
+
+@each_source
+def test_kinds_are_no_numbers(path: Path) -> None:
+    assert not re.findall(r"kind(?:\.data\[[^]]*\])?\s*[!=]=\s*\d", code(path))

@@ -389,7 +389,7 @@ def _materials(rng: np.random.Generator, n: int) -> Array:
 
 def _lights(rng: np.random.Generator, n: int) -> Array:
     """Lights of every shape, receivers in [-1, 1]^3 and two random numbers."""
-    shape = rng.integers(0, 7, (n, 1))
+    shape = rng.integers(0, 8, (n, 1))
     place = np.concatenate([rng.uniform(-2, 2, (n, 9)), directions(rng, n)], axis=1)
     ball = np.zeros((n, 12))
     ball[:, :8], _ = _spheres(rng, n)
@@ -403,6 +403,13 @@ def _lights(rng: np.random.Generator, n: int) -> Array:
     return np.concatenate(
         [shape, place, rest, rng.uniform(-1, 1, (n, 3)), _unit(rng, n, 2)], axis=1
     )
+
+
+def _powers(rng: np.random.Generator, n: int) -> Array:
+    """Shape, area, strength, cutoff and beam in degrees."""
+    cutoff = rng.uniform(1, 180, n)
+    return np.stack([rng.integers(0, 9, n), rng.uniform(0.01, 9, n), rng.uniform(0.01, 9, n),
+                     cutoff, cutoff * rng.random(n) * 0.99], axis=1)  # fmt: skip
 
 
 def _flights(rng: np.random.Generator, n: int, colours: int) -> Array:
@@ -447,6 +454,13 @@ MANY: dict[str, Arguments] = {
     "bsdf_sample": lambda rng, n: np.concatenate([_materials(rng, n), _unit(rng, n, 3)], axis=1),
     "bsdf_eval": lambda rng, n: np.concatenate([_materials(rng, n), directions(rng, n)], axis=1),
     "light": _lights,
+    "light_pdf": lambda rng, n: np.concatenate(
+        [np.delete(_lights(rng, n), (13, 18, 19), 1), directions(rng, n)], axis=1
+    ),
+    "light_emission": lambda rng, n: np.concatenate(
+        [_lights(rng, n)[:, :15], _unit(rng, n, 4)], axis=1
+    ),
+    "light_power": _powers,
     "free_flight": lambda rng, n: _flights(rng, n, 1),
     "free_flight_colour": lambda rng, n: _flights(rng, n, 3),
 }

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray.scene import Scene
+from veriray_validate.levels.light_shapes import NUMBER
 from veriray_validate.levels.numbers import jacobian, places
 from veriray_validate.levels.samplers import (
     N,
@@ -110,7 +111,7 @@ def receiver(shape: str, where: str, side: float = 1.0) -> Array:
 
 def light(t: Trial, shape: str, p: Array, u: Any, v: Any) -> Array:
     """Rows of wi (3), pdf, distance, radiance and whether the light is a delta one."""
-    return hooked(t, "light", SHAPES.index(shape), *CORNER, *EDGES[0], *EDGES[1], *LAMP_NORMAL, 0.0,
+    return hooked(t, "light", NUMBER[shape], *CORNER, *EDGES[0], *EDGES[1], *LAMP_NORMAL, 0.0,
                   0.4 / AREA[shape], *p, u, v)  # fmt: skip
 
 
@@ -210,8 +211,8 @@ def rectangles_by_solid_angle(t: Trial, where: str) -> None:
     u, v = random_numbers(t, 20_000 * t.effort)[2:].astype(np.float64)
     u[:16], v[:16] = np.array(list(itertools.product(CORNERS, CORNERS))).T
     area = float(np.linalg.norm(np.cross(*RIGHT)))
-    s = hooked(t, "light", 7, *CORNER, *RIGHT[0], *RIGHT[1], *RIGHT_NORMAL, 0.0, 0.4 / area, *p,
-               u, v)  # fmt: skip
+    s = hooked(t, "light", NUMBER["rectangle"], *CORNER, *RIGHT[0], *RIGHT[1], *RIGHT_NORMAL, 0.0,
+               0.4 / area, *p, u, v)  # fmt: skip
     t.check(np.isfinite(s), "not finite")
     (x0,), (y0,), (z,) = seen_rectangle(p, CORNER, *RIGHT)
     w, h = np.linalg.norm(RIGHT, axis=1)
@@ -260,8 +261,7 @@ def delta_lights(t: Trial) -> None:
     to = at - p
     d = np.linalg.norm(to, axis=1)
     for kind, row in (("point", [0] * 6), ("spot", [*spot, 0, 0, 0, 0]), ("directional", [0] * 6)):
-        number = 4 + ("point", "spot", "directional").index(kind)
-        s = hooked(t, "light", number, *at, *row, *way, 0.0, 0.25, *p.T, u, v)
+        s = hooked(t, "light", NUMBER[kind], *at, *row, *way, 0.0, 0.25, *p.T, u, v)
         t.check((s[:, 3] == 0.25) & (s[:, 6] == 1), f"{kind}: chance")
         if kind == "directional":
             t.check(np.isinf(s[:, 4]) & (s[:, 5] == 1), "radiance")

@@ -1,9 +1,10 @@
-// Rectangular lights by solid angle: the map of C. Urena, M. Fajardo, A. King, "An Area-Preserving
-// Parametrization for Spherical Rectangles", CGF 32(4), 2013, inverted in another way.
+// Rectangles near to what they light, by solid angle where that is large: the map of C. Urena, M.
+// Fajardo, A. King, "An Area-Preserving Parametrization for Spherical Rectangles", CGF 32(4), 2013,
+// turned round in another way.
 #pragma once
 
 #include "core/math.h"
-#include "core/vec.h"
+#include "lights/flat.h"
 
 namespace veriray {
 
@@ -13,6 +14,10 @@ inline constexpr float kLeastSolidAngle = 0x1p-4f;
 
 // Numbers from the host: 1 / |e1|, 1 / |e2|, |e2| / |e1|, 1 / area.
 inline constexpr uint32_t kRectangleFloats = 4;
+inline constexpr uint32_t kRectangleUnit = kLightMore;
+inline constexpr uint32_t kRectangleOther =  // bits: the primitive with u >= v
+    kRectangleUnit + kRectangleFloats;
+static_assert(kRectangleOther < kLightColumns);
 
 // A rectangle seen from p, with axes along its edges and in units of the first: x from x0 to
 // x0 + 1, y from y0 to y1, at height z above p, which is positive in front.
@@ -67,6 +72,55 @@ struct RectangleView {
         const F y = min(max(h * sqrt(square / ((one - h) * (one + h))), y0), y1);
         a = x - x0;
         b = (y - y0) / height;
+    }
+};
+
+template <class L>
+struct RectangleLight : FlatLight<L, RectangleLight<L>> {
+    VR_LIGHT_SHAPE(FlatLight<L, RectangleLight<L>>);
+    static constexpr const char *kName = "rectangle", *kFeature = "rectangle_lights";
+    static constexpr bool kByAngle = true, kOwnPdf = true;
+
+    template <class Row>
+    static VR_HD RectangleView<F> view_of(const Row& row, V p) {
+        F shape[kRectangleFloats];
+        for (uint32_t k = 0; k < kRectangleFloats; ++k) shape[k] = row(kRectangleUnit + k);
+        return {shape, row.vector(kLightP) - p, row.vector(kLightE1), row.vector(kLightE2),
+                row.vector(kLightN)};
+    }
+
+    template <class Row>
+    static VR_HD void place(const Row& row, V p, F u, F v, M lanes, FlatPlace<L>& at) {
+        const RectangleView<F> view = view_of(row, p);
+        at.by_angle = lanes & view.by_angle();
+        if (any(at.by_angle)) {
+            F a, b;
+            view.sample(u, v, a, b);
+            at.u = select(at.by_angle, a, at.u);
+            at.v = select(at.by_angle, b, at.v);
+            at.share = view.share();
+        }
+        at.skip = select(lanes & (at.u >= at.v), as_uint(row(kRectangleOther)), at.skip);
+    }
+    template <class Row>
+    static VR_HD Pdf pdf_li(const Row& row, const Hit& at) {
+        const RectangleView<F> view = view_of(row, at.from);
+        const M by_angle = view.by_angle();
+        const Pdf by_area = at.by_area();
+        return {select(by_angle, F(1.f), by_area.over),
+                select(by_angle, row(kLightInverse) * view.share(), by_area.under)};
+    }
+    template <class At>
+    static void write(const LightSource& s, At at) {
+        const auto length = [](Vec3<double> a) {
+            return ieee_sqrt(a.x * a.x + a.y * a.y + a.z * a.z);
+        };
+        const double a = length(s.e1), b = length(s.e2);
+        const double columns[kRectangleFloats] = {1 / a, 1 / b, b / a, 1 / s.area};
+        Base::write(s, at);
+        for (uint32_t k = 0; k < kRectangleFloats; ++k)
+            at(kRectangleUnit + k) = static_cast<float>(columns[k]);
+        at(kRectangleOther) = bit_cast<float>(s.other);
     }
 };
 

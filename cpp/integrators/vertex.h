@@ -1,0 +1,246 @@
+// Where the segments of a path end, as stages: nowhere, at a surface, or at a collision in a
+// medium; the light that is met there, and the next direction.
+#pragma once
+
+#include "integrators/beside.h"
+#include "integrators/direct.h"
+#include "integrators/rims.h"
+
+namespace veriray {
+
+template <class L, uint32_t kFeatures>
+struct PathVertices : DirectLight<L, kFeatures> {
+    using Reader = SurfaceReader<L, kFeatures>;
+    using Direct = DirectLight<L, kFeatures>;
+    using Near = Beside<L, kFeatures>;
+    using Direct::leave_closed, Direct::medium_column, Direct::medium_spectrum, Direct::no_lanes,
+        Direct::white, Direct::black;
+    using Reader::has, Reader::material, Reader::surface_at, Reader::surface_column,
+        Reader::surface_spectrum;
+    using typename Direct::Sampler, typename Direct::Vertex;
+    using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
+        typename Reader::S;
+    using typename Reader::Material;
+
+    // ---- miss: the sky ----
+    static VR_HD void miss(const SceneView& scene, PathState<L>& path, M escaped) {
+        if constexpr (has(kSky)) {
+            const auto weight = [&](LightPdf<F> pdf) {
+                return mis_weight(path.pdf_sa, pdf.over / (pdf.under * path.pdf_sa));
+            };
+            add_radiance(path, escaped, Sampler::sky(Direct::sky_row(scene), path.ray.d, weight));
+        }
+    }
+
+    // ---- cross: the medium between the ray's origin and its hit; returns the lanes that collide
+    // before it ----
+    static VR_HD M cross(const SceneView& scene, const PathSettings& s, PathState<L>& path,
+                         Hit<L>& hit, F& flown, F far, uint32_t segment, M active) {
+        M inside = active & !(path.medium == U(0u));
+        leave_closed(scene, path, inside & !(hit.t < F(kInfinity)));
+        inside = inside & !(path.medium == U(0u));
+        if (none(inside)) return inside;
+        const Block<U> r =
+            random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
+        const F limit = min(hit.t, far) - Reader::passed(path).t;
+        const Flight<F> flight =
+            free_flight(medium_spectrum(scene, path.medium, kMediumSigma),
+                        medium_spectrum(scene, path.medium, kMediumAlbedo), path.throughput, limit,
+                        uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
+        path.throughput = select(inside, path.throughput * flight.weight, path.throughput);
+        flown = flight.t;
+        const M collided = inside & (flight.t < limit);
+        hit.t = select(collided, Reader::passed(path).t + flight.t, hit.t);
+        return collided;
+    }
+
+    // ---- hit emitter: adds emission, returns the lanes that met an emitter's front ----
+    static VR_HD M hit_emitter(const SceneView& scene, PathState<L>& path, const Hit<L>& hit,
+                               const Surface<L>& at, M valid) {
+        M lit = no_lanes(valid);
+        if constexpr (has(kLamps)) {
+            const U prim = select(valid, hit.primitive, U(0u));
+            const F chance = lookup(scene.light_chance, prim, scene.primitive_count);
+            lit = valid & at.front & (chance > F(0.f));
+            if (any(lit)) {
+                const F cos_light = -dot(at.ng, path.ray.d);
+                // From the last vertex, where the direction was drawn.
+                const LightPdf<F> pdf =
+                    Direct::light_pdf(scene, prim, {path.ray.o, hit.t, cos_light, chance}, lit);
+                const F ratio = pdf.over / (pdf.under * path.pdf_sa);
+                const S emitted = surface_spectrum(scene, at.row, kSurfaceRadiance);
+                add_radiance(path, lit, emitted * mis_weight(path.pdf_sa, ratio));
+            }
+        }
+        return lit;
+    }
+
+    // Where a path scatters: at a surface, or at a collision in a medium.
+    struct Place {
+        Hit<L> hit;
+        Surface<L> at;
+        Vertex vertex;
+        Material bsdf;
+        M collided, scatters;  // of these, in a medium; all
+        M pass;                // goes on straight through the surface
+    };
+
+    // ---- arrive: what ends the segment. Returns the lanes at a surface; those of place.collided
+    // are at a collision, the others have escaped ----
+    static VR_HD M arrive(const SceneView& scene, const PathSettings& s, PathState<L>& path,
+                          uint32_t segment, M active, Place& place, Events<L>& e) {
+        using Rim = Rims<L, kFeatures>;
+        Hit<L>& hit = place.hit;
+        if constexpr (has(kMedia)) hit = Rim::past_rims(scene, path.ray, hit, active);
+        M valid = active & (hit.t < F(kInfinity));
+        place.collided = no_lanes(active);
+        V collision = path.ray.o;
+        const F far = far_end(scene, path, segment);
+        if constexpr (has(kClip))
+            if (has(kPass) || segment == 0) {
+                valid = valid & (hit.t <= far);
+                hit.t = select(valid, hit.t, F(kInfinity));
+            }
+        if constexpr (has(kMedia)) {
+            const Hit<L> end = hit;
+            F flown(0.f);
+            place.collided = e.collided = cross(scene, s, path, hit, flown, far, segment, active);
+            if (any(e.collided))
+                collision = Near::collision_point(scene, path, flown, end, e.collided);
+            valid = valid & !e.collided;
+        }
+        e.escaped = active & !(valid | place.collided);
+        if (any(e.escaped)) miss(scene, path, e.escaped);
+        if (none(valid | place.collided)) return valid;
+        place.at = surface_at(scene, path.ray, hit, valid);
+        if constexpr (!has(kMedia)) {
+            const M gone = Rim::leave_rims(scene, path.ray, far, hit, place.at, valid);
+            if (any(gone)) miss(scene, path, gone);
+            e.escaped = e.escaped | gone, valid = valid & !gone;
+        }
+        place.vertex.p = collision;
+        return valid;
+    }
+
+    // ---- surface vertex: emission, the material as seen along the ray, and which lanes end ----
+    static VR_HD void surface_vertex(const SceneView& scene, const PathSettings& s,
+                                     PathState<L>& path, uint32_t segment, M valid, Place& place,
+                                     Events<L>& e) {
+        const Surface<L>& at = place.at;
+        const M lit = hit_emitter(scene, path, place.hit, at, valid);
+        place.bsdf = material(scene, at.row);
+        const V wo = -path.ray.d, collision = place.vertex.p;
+        const F side = select(at.front, F(1.f), F(-1.f));
+        place.vertex = {fma(at.ng, at.offset * side, at.p), at.ng * side, at.ns * side, valid,
+                        F(0.f)};
+        Vertex& vertex = place.vertex;
+        F cos_o = dot(vertex.ns, wo);
+        if constexpr (has(kSmooth))
+            Reader::face_viewer(place.bsdf, wo, vertex.ng, vertex.ns, cos_o);
+        place.bsdf.set_view(vertex.ns, cos_o, at.front);
+        place.pass = no_lanes(valid);
+        M covered = valid;
+        if constexpr (has(kPass)) {
+            const F opacity = surface_column(scene, at.row, kSurface_opacity);
+            const M thin = valid & (opacity < F(1.f));
+            if (any(thin)) {
+                const U u =
+                    random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross))
+                        .z;
+                place.pass = thin & !(uniform(u) < opacity);
+                covered = valid & !place.pass;
+            }
+        }
+        const M dark = covered & is_dark(scene, at, place.bsdf, cos_o);
+        e.emitter_end = lit & dark;
+        e.absorbed = dark & !e.emitter_end;
+        place.scatters = (covered & !dark) | place.collided;
+        if constexpr (has(kMedia)) {
+            vertex.p = select(place.collided, collision, vertex.p);
+            vertex.g = medium_column(scene, path.medium, kMediumG);
+        }
+    }
+
+    // ---- surface vertex: the next direction. Lanes that pass leave `scatters` ----
+    static VR_HD BsdfSample<L> scatter_at_surface(const PathSettings& s, const PathState<L>& path,
+                                                  uint32_t segment, Block<U> random, M deep,
+                                                  M valid, Place& place, Events<L>& e) {
+        const V wo = -path.ray.d;
+        U lobe(0u);
+        if constexpr (Material::kChooses)
+            lobe =
+                random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).z;
+        BsdfSample<L> next =
+            place.bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)});
+        if constexpr (has(kPass)) {
+            next.pass = (next.pass & place.scatters & valid) | place.pass;
+            next.transmitted = next.transmitted & !place.pass;
+            next.wi = select(place.pass, path.ray.d, next.wi);
+            next.weight = select(place.pass, white(), next.weight);
+            place.pass = next.pass;
+            e.depth_cut = place.scatters & deep & !place.pass;
+            if (segment + 1 >= kHardMaxDepth) {
+                e.depth_cut = e.depth_cut | place.pass;
+                place.pass = no_lanes(deep);
+            }
+            place.scatters = place.scatters & !(place.pass | e.depth_cut);
+        }
+        if constexpr (has(kSmooth)) {  // both normals must agree on the side
+            const F up = dot(place.vertex.ng, next.wi);
+            const M wrong =
+                ((next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)))) &
+                !place.pass;
+            if (any(wrong)) {
+                next.weight = select(wrong, black(), next.weight);
+                place.bsdf.sample_flat(next, wo, place.vertex.ng, place.at.front, wrong);
+            }
+        }
+        return next;
+    }
+
+    // ---- medium vertex: the next direction of lanes that have collided ----
+    static VR_HD void scatter_in_medium(const PathState<L>& path, const Place& place,
+                                        Block<U> random, BsdfSample<L>& next) {
+        const M collided = place.collided;
+        next.wi = select(
+            collided,
+            henyey_greenstein(path.ray.d, place.vertex.g, uniform(random.z), uniform(random.w)),
+            next.wi);
+        const F phase = henyey_greenstein_pdf(path.ray.d, next.wi, place.vertex.g);
+        next.weight = select(collided, white(), next.weight);
+        next.pdf_sa = select(collided, phase, next.pdf_sa);
+        next.transmitted = next.transmitted & !collided;
+    }
+
+   private:
+    // Power heuristic; 1 where no light sample competes.
+    static VR_HD F mis_weight(F pdf, F ratio) {
+        return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));
+    }
+    static VR_HD void add_radiance(PathState<L>& path, M m, const S& radiance) {
+        path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
+    }
+    // Where the path's ray ends: a camera ray at the far plane.
+    static VR_HD F far_end(const SceneView& scene, const PathState<L>& path, uint32_t segment) {
+        if constexpr (!has(kClip)) return F(kInfinity);
+        M camera = path.pdf_sa >= F(0.f);
+        if constexpr (has(kPass))
+            camera = path.vertices == U(0u);
+        else if (segment)
+            return F(kInfinity);
+        const F cosine = dot(path.ray.d, broadcast<F>(scene.camera.forward));
+        const F depth(scene.camera.far_clip - scene.camera.near_clip);
+        return select(camera, depth / cosine, F(kInfinity));
+    }
+    // Reflects nothing: black, the back of a one-sided material, or seen from below the shading
+    // normal's horizon.
+    static VR_HD M is_dark(const SceneView& scene, const Surface<L>& at, const Material& bsdf,
+                           F cos_o) {
+        M dark = (!at.front) & (surface_column(scene, at.row, kSurfaceTwoSided) <= F(0.f));
+        if constexpr (has(kSmooth)) dark = dark | !(cos_o > F(0.f));
+        if constexpr (has(kPass)) dark = dark & !bsdf.only_passes();
+        return dark | bsdf.black();
+    }
+};
+
+}  // namespace veriray

@@ -1,0 +1,17 @@
+// Ellipses, from the centre along two half axes.
+#pragma once
+
+#include "lights/flat.h"
+
+namespace veriray {
+
+template <class L>
+struct DiskLight : FlatLight<L, DiskLight<L>> {
+    VR_LIGHT_SHAPE(FlatLight<L, DiskLight<L>>);
+    static constexpr const char *kName = "disk", *kFeature = "disk_lights";
+    static constexpr bool kSpreads = true;
+
+    static VR_HD void spread(F u, F v, F& a, F& b) { uniform_disk(u, v, a, b); }
+};
+
+}  // namespace veriray

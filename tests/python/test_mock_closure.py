@@ -46,7 +46,7 @@ import veriray as vr
 def ball(light, exponent):
     bsdf = {"type": "phong", "exponent": exponent, "specular_reflectance": 0.7}
     film = {"type": "hdrfilm", "width": 16, "height": 16}
-    eye = vr.Transform.look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
+    eye = [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 4], [0, 0, 0, 1]]  # from z = 4 to the centre
     camera = {"type": "perspective", "fov": 25.0, "to_world": eye, "film": film}
     return vr.render(vr.load_dict({"type": "scene", "camera": camera, "light": light,
                      "ball": {"type": "sphere", "bsdf": bsdf}}), spp=1024)

@@ -24,8 +24,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
-    using Vertices::arrive, Vertices::scatter_at_surface, Vertices::scatter_in_medium,
-        Vertices::surface_vertex;
+    using Vertices::arrive, Vertices::reach, Vertices::scatter_at_surface,
+        Vertices::scatter_in_medium, Vertices::surface_vertex;
     using Lane = L;
     static constexpr uint32_t kMask = kFeatures;
     static constexpr bool kNegativeSamples = false;
@@ -126,8 +126,10 @@ struct PathTracer : PathVertices<L, kFeatures> {
         e.visible = e.occluded = e.collided = shadow.wanted = nobody;
         Place place;
         place.hit = hit;
-        const M valid = arrive(scene, s, path, segment, active, place, e);
+        const F far = Vertices::far_end(scene, path, segment);
+        M valid = arrive(scene, s, path, far, segment, active, place, e);
         if (none(valid | place.collided)) return e;
+        reach(scene, path, far, valid, place, e);
         surface_vertex(scene, s, path, segment, valid, place, e);
         const M deep = beyond_depth(s, path, segment, place.scatters);
         if constexpr (!has(kPass)) {

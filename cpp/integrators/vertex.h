@@ -13,6 +13,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;
     using Near = Beside<L, kFeatures>;
+    using Rim = Rims<L, kFeatures>;
     using Direct::leave_closed, Direct::medium_column, Direct::medium_spectrum, Direct::no_lanes,
         Direct::white, Direct::black;
     using Reader::has, Reader::material, Reader::surface_at, Reader::surface_column,
@@ -75,6 +76,19 @@ struct PathVertices : DirectLight<L, kFeatures> {
         return lit;
     }
 
+    // Where the path's ray ends: a camera ray at the far plane.
+    static VR_HD F far_end(const SceneView& scene, const PathState<L>& path, uint32_t segment) {
+        if constexpr (!has(kClip)) return F(kInfinity);
+        M camera = path.pdf_sa >= F(0.f);
+        if constexpr (has(kPass))
+            camera = path.vertices == U(0u);
+        else if (segment)
+            return F(kInfinity);
+        const F cosine = dot(path.ray.d, broadcast<F>(scene.camera.forward));
+        const F depth(scene.camera.far_clip - scene.camera.near_clip);
+        return select(camera, depth / cosine, F(kInfinity));
+    }
+
     // Where a path scatters: at a surface, or at a collision in a medium.
     struct Place {
         Hit<L> hit;
@@ -87,15 +101,13 @@ struct PathVertices : DirectLight<L, kFeatures> {
 
     // ---- arrive: what ends the segment. Returns the lanes at a surface; those of place.collided
     // are at a collision, the others have escaped ----
-    static VR_HD M arrive(const SceneView& scene, const PathSettings& s, PathState<L>& path,
+    static VR_HD M arrive(const SceneView& scene, const PathSettings& s, PathState<L>& path, F far,
                           uint32_t segment, M active, Place& place, Events<L>& e) {
-        using Rim = Rims<L, kFeatures>;
         Hit<L>& hit = place.hit;
         if constexpr (has(kMedia)) hit = Rim::past_rims(scene, path.ray, hit, active);
         M valid = active & (hit.t < F(kInfinity));
         place.collided = no_lanes(active);
         V collision = path.ray.o;
-        const F far = far_end(scene, path, segment);
         if constexpr (has(kClip))
             if (has(kPass) || segment == 0) {
                 valid = valid & (hit.t <= far);
@@ -111,15 +123,19 @@ struct PathVertices : DirectLight<L, kFeatures> {
         }
         e.escaped = active & !(valid | place.collided);
         if (any(e.escaped)) miss(scene, path, e.escaped);
-        if (none(valid | place.collided)) return valid;
-        place.at = surface_at(scene, path.ray, hit, valid);
+        place.vertex.p = collision;
+        return valid;
+    }
+
+    // ---- reach: the surface there; lanes that rims let go on to nothing leave `valid` ----
+    static VR_HD void reach(const SceneView& scene, PathState<L>& path, F far, M& valid,
+                            Place& place, Events<L>& e) {
+        place.at = surface_at(scene, path.ray, place.hit, valid);
         if constexpr (!has(kMedia)) {
-            const M gone = Rim::leave_rims(scene, path.ray, far, hit, place.at, valid);
+            const M gone = Rim::leave_rims(scene, path.ray, far, place.hit, place.at, valid);
             if (any(gone)) miss(scene, path, gone);
             e.escaped = e.escaped | gone, valid = valid & !gone;
         }
-        place.vertex.p = collision;
-        return valid;
     }
 
     // ---- surface vertex: emission, the material as seen along the ray, and which lanes end ----
@@ -219,18 +235,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
     }
     static VR_HD void add_radiance(PathState<L>& path, M m, const S& radiance) {
         path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
-    }
-    // Where the path's ray ends: a camera ray at the far plane.
-    static VR_HD F far_end(const SceneView& scene, const PathState<L>& path, uint32_t segment) {
-        if constexpr (!has(kClip)) return F(kInfinity);
-        M camera = path.pdf_sa >= F(0.f);
-        if constexpr (has(kPass))
-            camera = path.vertices == U(0u);
-        else if (segment)
-            return F(kInfinity);
-        const F cosine = dot(path.ray.d, broadcast<F>(scene.camera.forward));
-        const F depth(scene.camera.far_clip - scene.camera.near_clip);
-        return select(camera, depth / cosine, F(kInfinity));
     }
     // Reflects nothing: black, the back of a one-sided material, or seen from below the shading
     // normal's horizon.

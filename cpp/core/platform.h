@@ -16,6 +16,13 @@
 #define VR_HD inline __attribute__((always_inline))
 #endif
 
+// After a lambda's parameters: as VR_HD, which a lambda has from where it stands.
+#if VR_CUDA
+#define VR_INLINED
+#else
+#define VR_INLINED __attribute__((always_inline))
+#endif
+
 #if defined(__CUDA_ARCH__)
 #define VR_DEVICE_CODE 1
 #else

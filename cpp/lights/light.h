@@ -51,7 +51,7 @@ struct Lights {
     template <uint32_t kWanted, class Row>
     static VR_HD M any_of(const Row& row, M nobody) {
         M found = nobody;
-        each<kWanted>(row, [&](auto, M m) { found = found | m; });
+        each<kWanted>(row, [&](auto, M m) VR_INLINED { found = found | m; });
         return found;
     }
 
@@ -63,25 +63,25 @@ struct Lights {
         s.skip = U(~0u);
         if constexpr (has(kFlatShapes)) {
             FlatPlace<L> at{u, v, as_uint(row(kLightPrimitive)), nobody, F(0.f)};
-            each<kSpreadShapes>(row, [&](auto shape, M m) {
+            each<kSpreadShapes>(row, [&](auto shape, M m) VR_INLINED {
                 F a, b;
                 shape.spread(u, v, a, b);
                 at.u = select(m, a, at.u);
                 at.v = select(m, b, at.v);
             });
-            each<kByAngleShapes>(row, [&](auto shape, M m) {
+            each<kByAngleShapes>(row, [&](auto shape, M m) VR_INLINED {
                 if (any(m)) shape.place(row, p, u, v, m, at);
             });
             s = sample_flat<L, has(kByAngleShapes), kTouching>(row, p, at, nobody);
         }
-        each<kSampledShapes & ~(kFlatShapes | kPointShapes)>(row, [&](auto shape, M m) {
+        each<kSampledShapes & ~(kFlatShapes | kPointShapes)>(row, [&](auto shape, M m) VR_INLINED {
             if (any(m)) merge(s, m, shape.sample_li(row, p, u, v, m, nobody));
         });
         if constexpr (has(kPointShapes)) {
             const M point = any_of<kPointShapes>(row, nobody);
             if (any(point)) {
                 LightSample<L> one = PointLight<L>::sample_li(row, p, u, v, point, nobody);
-                each<kConeShapes>(row, [&](auto shape, M m) {
+                each<kConeShapes>(row, [&](auto shape, M m) VR_INLINED {
                     if (any(m))
                         one.radiance =
                             select(m, one.radiance * shape.falloff(row, one.wi), one.radiance);
@@ -105,7 +105,7 @@ struct Lights {
     template <class Row>
     static VR_HD LightPdf<F> pdf_li(const Row& row, const LightHit<L>& at, M lanes) {
         LightPdf<F> pdf = at.by_area();
-        each<kOwnPdfShapes>(row, [&](auto shape, M m) {
+        each<kOwnPdfShapes>(row, [&](auto shape, M m) VR_INLINED {
             if (any(lanes & m)) {
                 const LightPdf<F> own = shape.pdf_li(row, at);
                 pdf.over = select(m, own.over, pdf.over);
@@ -119,7 +119,7 @@ struct Lights {
     template <class Row, class Weight>
     static VR_HD S sky(const Row& row, V d, Weight weight) {
         S light = S::all(F(0.f));
-        each<kSkyShapes>(row, [&](auto shape, M m) {
+        each<kSkyShapes>(row, [&](auto shape, M m) VR_INLINED {
             S one = shape.radiance(row, d);
             if constexpr (decltype(shape)::kSampled) one = one * weight(shape.pdf_li(row, d));
             constexpr uint32_t kSkies = kShapes & kSkyShapes;
@@ -133,7 +133,7 @@ struct Lights {
     static VR_HD LightEmission<L> emit(const Row& row, EmissionNumbers<F> r) {
         const V zero{F(0.f), F(0.f), F(0.f)};
         LightEmission<L> e{zero, zero, S::all(F(0.f)), F(0.f), F(0.f), F(0.f)};
-        each<kAllShapes>(row, [&](auto shape, M m) {
+        each<kAllShapes>(row, [&](auto shape, M m) VR_INLINED {
             const LightEmission<L> one = shape.emit(row, r);
             e.p = select(m, one.p, e.p);
             e.d = select(m, one.d, e.d);

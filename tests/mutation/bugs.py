@@ -115,7 +115,7 @@ CASES = {
     "two floors": Case("checks/smooth_normals.xml", _CHECK, hidden=(("</scene>", _SECOND_FLOOR),)),
 }  # fmt: skip
 
-_PATH, _DIRECT = "integrators/path.h", "integrators/direct.h"
+_PATH, _VERTEX, _DIRECT = (f"integrators/{n}.h" for n in ("path", "vertex", "direct"))
 _SURFACE, _BSDF = "integrators/surface.h", "bsdfs/bsdf.h"
 _DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic"))
 _THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
@@ -135,13 +135,13 @@ _NEE = "light.inverse_pdf / fma(ratio, ratio, F(1.f))"
 _SKY = "Sampler::sky(Direct::sky_row(scene), path.ray.d, weight)"
 _MET = "Direct::light_pdf(scene, prim, {path.ray.o, hit.t, cos_light, chance}, lit)"
 _FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
-_LIT = "hit_emitter(scene, path, hit, at, valid)"
+_LIT = "hit_emitter(scene, path, place.hit, at, valid)"
 _T_MAX = "shadow.t_max = light.distance;"
 _ALBEDO = "m.parameters.reflectance"
 _READ = "return m;"
 _KEEP = "samples_[c][at[k]] = x[c][k];"
 _JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
-_PHASE = "henyey_greenstein(path.ray.d, vertex.g, uniform(random.z), uniform(random.w))"
+_PHASE = "henyey_greenstein(path.ray.d, place.vertex.g, uniform(random.z), uniform(random.w))"
 
 
 def _wall(shape: str, percent: float) -> Mutant:
@@ -150,7 +150,7 @@ def _wall(shape: str, percent: float) -> Mutant:
 
 _CORNELL = (
     *(_wall(shape, 0.5) for shape in ("floor", "back_wall", "right_wall", "left_wall")),
-    Mutant("MIS weight missing on hit", _PATH, _HIT, "emitted"),
+    Mutant("MIS weight missing on hit", _VERTEX, _HIT, "emitted"),
     Mutant("MIS weight missing on light sample", _DIRECT, _NEE, "light.inverse_pdf"),
     Mutant("cosine missing in eval", _DIFFUSE, _EVAL, "p.reflectance * F(kInvPi)"),
     Mutant("cosine squared in eval", _DIFFUSE, _EVAL, "p.reflectance * (pdf * cos_i)"),
@@ -162,9 +162,8 @@ _CORNELL = (
     Mutant("light cosine missing", _LAMP, _PDF, "row(kLightInverse) * (inverse * inverse)"),
     Mutant("1/r for 1/r^2", _LAMP, _PDF, "row(kLightInverse) * inverse * cos_light"),
     Mutant("light pdf doubled", _LAMP, _PDF, f"F(.5f) * {_PDF}"),
-    Mutant("emission doubled at depth 1", _PATH, _LIT,
-           "((void)(segment == 1 ? hit_emitter(scene, path, hit, at, valid) : valid),"
-           " hit_emitter(scene, path, hit, at, valid))"),
+    Mutant("emission doubled at depth 1", _VERTEX, _LIT,
+           f"((void)(segment == 1 ? {_LIT} : valid), {_LIT})"),
     Mutant("samples clamped at 10", "schedulers/tile.h", _KEEP,
            "samples_[c][at[k]] = __builtin_fminf(x[c][k], 10.f * job.film.scale);"),
     Mutant("half-pixel shift", _PATH, _JITTER_X, _JITTER_X.replace("0.5f", "1.0f")),
@@ -181,7 +180,7 @@ _CORNELL = (
     Mutant("no light sample at the last vertex", _DIRECT, _T_MAX,
            _T_MAX + " if (segment + 2 >= s.max_depth) shadow.wanted = no_lanes(shadow.wanted);",
            "depth 3"),
-    Mutant("back of the lamp emits when hit", _PATH, "valid & at.front & (chance > F(0.f))",
+    Mutant("back of the lamp emits when hit", _VERTEX, "valid & at.front & (chance > F(0.f))",
            "valid & (chance > F(0.f))", "lowered lamp",
            also=(("-dot(at.ng, path.ray.d)", "abs(dot(at.ng, path.ray.d))"),)),
     # The ray is shortened, or the lamp would shadow its own back.
@@ -222,10 +221,10 @@ _MATERIALS = (
     Mutant("reflection chosen 2 % too often", _DIELECTRIC, "r.lobe < view.fresnel.reflected",
            "r.lobe < view.fresnel.reflected + F(.02f)", "dielectric_sphere"),
     Mutant("radiance not scaled on refraction", _DIELECTRIC,
-           "F(1.f) / (relative * relative)", "F(1.f)", "lamp_in_medium"),
+           "F(1.f) / (view.relative * view.relative)", "F(1.f)", "lamp_in_medium"),
     Mutant("tint of refraction left out", _DIELECTRIC,
-           "p.specular_transmittance * compression(view.relative)",
-           "S::all(compression(view.relative))", "dielectric_sphere"),
+           "p.specular_transmittance * compression(view)",
+           "S::all(compression(view))", "dielectric_sphere"),
     Mutant("thin slab of one surface", _THIN, "(r + r) / (F(1.f) + r)", "r", "thindielectric"),
     Mutant("thin slab clear to light samples", _THIN,
            "p.specular_transmittance * (F(1.f) - view.fresnel.reflected)", "S::all(F(1.f))",
@@ -244,11 +243,11 @@ _MATERIALS = (
     Mutant("plastic never nonlinear", _TABLES, "in.nonlinear.data[m] ? rho : 1", "1",
            "plastic_nonlinear"),
     Mutant("mirror with a density for the heuristic", _METAL,
-           "return delta(reflected(wo, view.n, view.cos_o), tint, nobody);",
-           "{ Sample s = delta(reflected(wo, view.n, view.cos_o), tint, nobody);"
+           "return delta(reflected(wo, view.n, view.cos_o), albedo(p, view), nobody);",
+           "{ Sample s = delta(reflected(wo, view.n, view.cos_o), albedo(p, view), nobody);"
            " s.pdf_sa = F(1.f); return s; }", "conductor_mirror"),
     Mutant("conductor without k", _FRESNEL, "k * k", "F(0.f)", "conductor_metal"),
-    Mutant("mask's opacity inverted", _PATH, "thin & !(uniform(u) < opacity)",
+    Mutant("mask's opacity inverted", _VERTEX, "thin & !(uniform(u) < opacity)",
            "thin & (uniform(u) < opacity)", "mask"),
     Mutant("mask's opacity inverted for light samples", _DIRECT, "F(1.f) - opacity", "opacity",
            "mask"),
@@ -259,9 +258,9 @@ _MATERIALS = (
            "mask, depth 3"),
     Mutant("pass forgets the density", _PATH, "select(pass, path.pdf_sa, next.pdf_sa)",
            "next.pdf_sa", "mask"),
-    Mutant("way before a pass forgotten, flat lamp", _PATH, _MET,
+    Mutant("way before a pass forgotten, flat lamp", _VERTEX, _MET,
            _MET.replace("hit.t", "hit.t - path.travelled"), "lamp_in_medium"),
-    Mutant("way before a pass forgotten, sphere lamp", _PATH, _MET,
+    Mutant("way before a pass forgotten, sphere lamp", _VERTEX, _MET,
            _MET.replace("path.ray.o", "fma(path.ray.d, path.travelled, path.ray.o)"),
            "sphere lamp in fog"),
 )  # fmt: skip
@@ -280,13 +279,13 @@ _MEDIA = (
            "thin fog"),
     Mutant("channels weighted evenly, chosen by throughput", _MEDIUM, "inner(w, density)",
            "sum(density) * F(1.f / 3.f)", "chromatic_medium"),
-    Mutant("phase sampled for -g", _PATH, _PHASE, _PHASE.replace("vertex.g", "-vertex.g"),
+    Mutant("phase sampled for -g", _VERTEX, _PHASE, _PHASE.replace("place", "-place"),
            "hg_forward"),
     Mutant("phase of light samples for -g", _DIRECT,
            "henyey_greenstein_pdf(path.ray.d, light.wi, at.g)",
            "henyey_greenstein_pdf(path.ray.d, light.wi, -at.g)", "hg_forward"),
-    Mutant("phase isotropic for the heuristic", _PATH,
-           "henyey_greenstein_pdf(path.ray.d, next.wi, vertex.g)", "F(0.25f * kInvPi)",
+    Mutant("phase isotropic for the heuristic", _VERTEX,
+           "henyey_greenstein_pdf(path.ray.d, next.wi, place.vertex.g)", "F(0.25f * kInvPi)",
            "hg_forward"),
     Mutant("no transmittance to the light", _DIRECT,
            "transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance)",
@@ -345,7 +344,7 @@ _LIGHTS = (
            " lanes, U(~0u)};",
            "return {row.radiance(), F(1.f), F(kInfinity), -row.vector(kLightN), lanes, U(~0u)};",
            "directional_light"),
-    Mutant("sky weighted as if it were sampled too", _PATH, _SKY,
+    Mutant("sky weighted as if it were sampled too", _VERTEX, _SKY,
            f"{_SKY} * mis_weight(path.pdf_sa, F(0.25f * kInvPi))", "null_medium"),
     Mutant("disk light with the area of its box", "scene/scene.cpp",
            "3.14159265358979323846 * area", "4 * area", "disk_light"),
@@ -364,15 +363,15 @@ _GEOMETRY = (
            "mitchell"),
     Mutant("cosine to the geometric normal in light samples", _DIRECT, "dot(at.ns, light.wi)",
            "dot(at.ng, light.wi)", "smooth_normals"),
-    Mutant("smooth lobe about the geometric normal", _PATH,
-           "bsdf.set_view(vertex.ns, cos_o, at.front);",
-           "bsdf.set_view(vertex.ng, cos_o, at.front);", "smooth_normals"),
+    Mutant("smooth lobe about the geometric normal", _VERTEX,
+           "place.bsdf.set_view(vertex.ns, cos_o, at.front);",
+           "place.bsdf.set_view(vertex.ng, cos_o, at.front);", "smooth_normals"),
     Mutant("interpolated normal not normalised", _SURFACE, "ns * (F(1.f) / sqrt(d2))", "ns",
            "bent glass"),
     Mutant("front told by the shading normal", _SURFACE, "dot(at.ng, ray.d) < F(0.f)",
            "dot(at.ns, ray.d) < F(0.f)", "bent glass"),
-    Mutant("side of a direction told by the shading normal", _PATH, "dot(vertex.ng, next.wi)",
-           "dot(vertex.ns, next.wi)", "glass_mesh"),
+    Mutant("side of a direction told by the shading normal", _VERTEX,
+           "dot(place.vertex.ng, next.wi)", "dot(place.vertex.ns, next.wi)", "glass_mesh"),
     Mutant("sphere's side ignored", _SURFACE, "s.n * primitive_column(scene, prim, kPrimSide)",
            "s.n", "flip_normals"),
     Mutant("sphere's normal always towards the ray", _SURFACE,

@@ -32,6 +32,7 @@ from tests.mutation.bugs import (
     _SPOT,
     _T_MAX,
     _TABLES,
+    _VERTEX,
     Mutant,
 )  # fmt: skip
 
@@ -40,6 +41,7 @@ _JOBS, _TRIANGLE, _SPHERE = "backends/instances.h", "geometry/triangle.h", "geom
 _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
+_TO_LIGHT = "-path.ray.d, light.wi"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
@@ -84,13 +86,14 @@ _SCATTERING = (
     Mutant("hemisphere 2 % too narrow", _MAPPING, _HEMISPHERE,
            "sincos_2pi(v, s, c); const F r = F(.98f) * sqrt(u);"
            " return {r * c, r * s, sqrt(F(1.f) - r * r)};"),
-    Mutant("albedo squared at the first bounce", _PATH,
-           "bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)})",
-           "[&] { BsdfSample<L> n = bsdf.sample(wo, {uniform(random.z),"
+    Mutant("albedo squared at the first bounce", _VERTEX,
+           "place.bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)})",
+           "[&] { BsdfSample<L> n = place.bsdf.sample(wo, {uniform(random.z),"
            " uniform(random.w), uniform(lobe)});"
            " if (segment == 0) n.weight = n.weight * n.weight; return n; }()"),
     Mutant("light from below the horizon", _DIRECT, "active & (cos_i > F(0.f))", "active",
-           also=(("material.eval(cos_i)", "material.eval(abs(cos_i))"),)),
+           also=((f"material.eval({_TO_LIGHT}, cos_i)",
+                  f"material.eval({_TO_LIGHT}, abs(cos_i))"),)),
     Mutant("Schlick for Fresnel", _FRESNEL, _R,
            "[&] { const F q = (F(1.f) - eta) / (F(1.f) + eta), r0 = q * q,"
            " m = F(1.f) - select(eta < F(1.f), cos_t, cos_i);"
@@ -106,26 +109,26 @@ _SCATTERING = (
            "p.specular_reflectance"),
     Mutant("refraction starts on the wrong side", _PATH, "fma(vertex.ng, -at.offset, at.p)",
            "fma(vertex.ng, at.offset, at.p)"),
-    Mutant("reflection starts on the wrong side", _PATH, _LEAVE,
+    Mutant("reflection starts on the wrong side", _VERTEX, _LEAVE,
            "fma(at.ng, -at.offset * side, at.p)"),
 )  # fmt: skip
 
 _ESTIMATOR = (
-    Mutant("balance heuristic when hit, power when sampled", _PATH, _MIS,
+    Mutant("balance heuristic when hit, power when sampled", _VERTEX, _MIS,
            "F(1.f) / (ratio + F(1.f))"),
-    Mutant("MIS weights swapped", _PATH, _MIS, "ratio * ratio / fma(ratio, ratio, F(1.f))",
+    Mutant("MIS weights swapped", _VERTEX, _MIS, "ratio * ratio / fma(ratio, ratio, F(1.f))",
            elsewhere=((_DIRECT, _NEE,
                        "light.inverse_pdf * ratio * ratio / fma(ratio, ratio, F(1.f))"),)),
-    Mutant("MIS density of another light", _PATH, _CHANCE,
+    Mutant("MIS density of another light", _VERTEX, _CHANCE,
            f"select({_CHANCE} > F(0.f), F(scene.lights.count ? 1.f /"
            " scene.lights.table[kLightInverse * scene.lights.stride] : 0.f), F(0.f))"),
-    Mutant("emission lost after a mirror", _PATH, _HIT,
+    Mutant("emission lost after a mirror", _VERTEX, _HIT,
            "emitted * select((path.pdf_sa == F(0.f)) & !((path.ray.o.x == F(0.f)) &"
            " (path.ray.o.y == F(0.f))), F(0.f), mis_weight(path.pdf_sa, ratio))"),
-    Mutant("emission lost at depth 0", _PATH, _LIT,
-           "(segment == 0 ? no_lanes(valid) : hit_emitter(scene, path, hit, at, valid))"),
-    Mutant("emission lost at depth 1", _PATH, _LIT,
-           "(segment == 1 ? no_lanes(valid) : hit_emitter(scene, path, hit, at, valid))"),
+    Mutant("emission lost at depth 0", _VERTEX, _LIT,
+           "(segment == 0 ? no_lanes(valid) : hit_emitter(scene, path, place.hit, at, valid))"),
+    Mutant("emission lost at depth 1", _VERTEX, _LIT,
+           "(segment == 1 ? no_lanes(valid) : hit_emitter(scene, path, place.hit, at, valid))"),
     Mutant("roulette by luminance", _PATH, _PLAYS,
            "{ most = F(.2126f) * path.throughput[0] + F(.7152f) * path.throughput[1] +"
            " F(.0722f) * path.throughput[2];"
@@ -159,7 +162,7 @@ _LIGHTS = (
            "select(excess > F(0.f), cone * F(1.02f), F(2.f))"),
     Mutant("edge of a spot 1 % too far", _SPOT, "s.cutoff * (kPiDouble / 180)",
            "1.01 * s.cutoff * (kPiDouble / 180)"),
-    Mutant("sky met by camera rays alone", _PATH, _SKY,
+    Mutant("sky met by camera rays alone", _VERTEX, _SKY,
            f"{_SKY} * select(path.pdf_sa == F(0.f), F(1.f), F(0.f))"),
     Mutant("half of the lights' chance kept for a sky", _LIGHT_TABLE, "(end - before) * 0x1p-24",
            "(end - before) * (sum3(in.environment.data) > 0 ? 0x1p-25 : 0x1p-24)"),
@@ -175,7 +178,7 @@ _MEDIA = (
     Mutant("phase function over half the sphere", _MAPPING, _PHASE_PDF, "F(0.5f * kInvPi)"),
     Mutant("phase function never backward", _MAPPING, "select(g < F(0.f), -cosine, cosine)",
            "cosine"),
-    Mutant("medium ends before its boundary", _PATH,
+    Mutant("medium ends before its boundary", _VERTEX,
            "min(hit.t, far) - Reader::passed(path).t",
            "min(hit.t, far) * F(.98f) - Reader::passed(path).t"),
     Mutant("camera always in vacuum", _PATH, "U(scene.camera_medium)", "U(0u)"),
@@ -186,8 +189,8 @@ _MEDIA = (
 )  # fmt: skip
 
 _GEOMETRY = (
-    Mutant("rays start 0.02 off", _PATH, _LEAVE, "fma(at.ng, F(.02f) * side, at.p)"),
-    Mutant("rays start on the surface", _PATH, _LEAVE, "at.p"),
+    Mutant("rays start 0.02 off", _VERTEX, _LEAVE, "fma(at.ng, F(.02f) * side, at.p)"),
+    Mutant("rays start on the surface", _VERTEX, _LEAVE, "at.p"),
     Mutant("shadow rays reach the lamp", _DIRECT, _T_MAX,
            "shadow.t_max = light.distance * F(1.00001f);"),
     Mutant("hits behind the ray accepted", _RAY, _BETWEEN, "and_less(inside, t, t_max)"),

@@ -31,7 +31,8 @@ EDITS: dict[str, list[tuple[str, str]] | str] = {
     ],
     "python/veriray/formats/plugins.py": [
         ('    "null": Plugin("bsdf"', '    "phong": Plugin("bsdf", {"specular_reflectance": '
-         '_SPECULAR, "exponent": Param("float", 30.0, 0.0, 1e4, column="exponent")}),\n'
+         '_SPECULAR, "exponent": Param("float", 30.0, 0.0, 1e4, column="exponent"), '
+         '"reflectance": Param(COLOUR, 0.5, **_SHARE, column="reflectance")}),\n'
          '    "null": Plugin("bsdf"'),
     ],
 }  # fmt: skip
@@ -43,8 +44,9 @@ import json, sys
 import numpy as np
 import veriray as vr
 
-def ball(light, exponent):
-    bsdf = {"type": "phong", "exponent": exponent, "specular_reflectance": 0.7}
+def ball(light, exponent, base=0.3):
+    bsdf = {"type": "phong", "exponent": exponent, "specular_reflectance": 0.7,
+            "reflectance": base}
     film = {"type": "hdrfilm", "width": 16, "height": 16}
     eye = [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 4], [0, 0, 0, 1]]  # from z = 4 to the centre
     camera = {"type": "perspective", "fov": 25.0, "to_world": eye, "film": film}
@@ -60,9 +62,9 @@ for exponent in (1.0, 30.0, 1000.0):
     a, b = ball(sky, exponent), ball(lamp, exponent)
     error = np.hypot(np.sqrt((a.stderr**2).sum()), np.sqrt((b.stderr**2).sum()))
     off.append(float((a.image - b.image).sum() / error))
-sharp = ball(sky, 1e4).image
+sharp = ball(sky, 1e4, 0.0).image
 box = vr.cornell_box()
-print(json.dumps({"off": off, "sharp": float(sharp[8, 8].mean()), "scene": box.sha256,
+print(json.dumps({"off": off, "sharp": float(sharp[6:10, 6:10].mean()), "scene": box.sha256,
                   "film": vr.render(box, spp=4, width=32, height=32).film_sha256}))
 """
 
@@ -88,9 +90,9 @@ def test_edits_are_few_and_fit(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_mock_closure(tmp_path: Path) -> None:
-    """A ball of it is lit alike by a sky and by a lamp, |z| < 5 for three sums; the box is as ever.
+    """A ball of two lobes is lit alike by a sky and by a lamp, |z| < 5 for three sums.
 
-    False alarm: 2e-6.
+    One that is nearly a mirror shows its reflectance; the box is as ever. False alarm: 3e-6.
     """
     ignored = shutil.ignore_patterns("*.so", "__pycache__", "references")
     for name in ("cpp", "python", "scenes"):
@@ -116,7 +118,7 @@ def test_mock_closure(tmp_path: Path) -> None:
     (tmp_path / "python" / "veriray" / "scenes").symlink_to(tmp_path / "scenes")
     found = json.loads(call(sys.executable, "-c", RENDER))
     assert max(abs(z) for z in found["off"]) < 5
-    assert abs(found["sharp"] - 0.7) < 0.01
+    assert abs(found["sharp"] - 0.7) < 0.03  # 5 standard errors
     box = veriray.cornell_box()
     assert found["scene"] == box.sha256
     assert found["film"] == veriray.render(box, spp=4, width=32, height=32).film_sha256

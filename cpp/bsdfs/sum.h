@@ -1,0 +1,74 @@
+// Closures made of several lobes, one of which is selected by the share that it has of the whole.
+#pragma once
+
+#include <utility>
+
+#include "bsdfs/closure.h"
+
+namespace veriray {
+
+// A lobe has `share(parameters, view)`, kDelta, albedo, sample(parameters, view, wo, numbers,
+// nobody) and, unless it is a delta lobe, eval(parameters, view, wo, wi, cos_i, share), which
+// multiplies both numbers by `share`. f is the sum of share times f of the lobe; the shares sum to
+// 1, so the last lobe's is not asked for. Where several lobes are not delta lobes, the one that is
+// selected draws the direction and all of them weigh it (the balance heuristic for one sample: E.
+// Veach, 1997, section 9.2.4).
+template <class L, class... Lobes>
+struct LobeSum : Closure<L> {
+    VR_CLOSURE(L);
+    static constexpr uint32_t kSmooth = (0u + ... + (Lobes::kDelta ? 0u : 1u));
+    static constexpr bool kScatters = kSmooth > 0;
+
+    // Calls visit(lobe, share, sum of shares up to and with this one).
+    template <class Visit>
+    static VR_HD void each(const Parameters& p, const View& view, Visit visit) {
+        F sum(0.f);
+        const auto one = [&]<bool kLast>(auto lobe) {
+            F share = F(1.f) - sum;
+            if constexpr (!kLast) share = lobe.share(p, view);
+            sum = sum + share;
+            visit(lobe, share, sum);
+        };
+        [&]<size_t... i>(std::index_sequence<i...>) {
+            (one.template operator()<i + 1 == sizeof...(Lobes)>(Lobes()), ...);
+        }(std::index_sequence_for<Lobes...>());
+    }
+    static VR_HD S albedo(const Parameters& p, const View& view) {
+        S total = S::all(F(0.f));
+        each(p, view,
+             [&](auto lobe, F share, F) { total = fma(lobe.albedo(p, view), share, total); });
+        return total;
+    }
+    static VR_HD Value eval(const Parameters& p, const View& view, V wo, V wi, F cos_i) {
+        Value total{S::all(F(0.f)), F(0.f)};
+        bool first = true;
+        each(p, view, [&](auto lobe, F share, F) {
+            if constexpr (!decltype(lobe)::kDelta) {
+                const Value one = lobe.eval(p, view, wo, wi, cos_i, share);
+                total = first ? one : Value{total.f_cos + one.f_cos, total.pdf_sa + one.pdf_sa};
+                first = false;
+            }
+        });
+        return total;
+    }
+    static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, M nobody) {
+        Sample s{};
+        M taken = nobody;
+        each(p, view, [&](auto lobe, F share, F sum) {
+            Sample one = lobe.sample(p, view, wo, r, nobody);
+            one.pdf_sa = one.pdf_sa * share;
+            s = chosen(taken, s, one);
+            taken = taken | (r.lobe < sum);
+        });
+        if constexpr (kSmooth > 1) {
+            const F cos_i = dot(view.n, s.wi);
+            const Value all = eval(p, view, wo, s.wi, cos_i);
+            const M smooth = (s.pdf_sa > F(0.f)) & (cos_i > F(0.f));
+            s.weight = select(smooth, all.f_cos * (F(1.f) / all.pdf_sa), s.weight);
+            s.pdf_sa = select(smooth, all.pdf_sa, s.pdf_sa);
+        }
+        return s;
+    }
+};
+
+}  // namespace veriray

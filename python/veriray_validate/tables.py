@@ -34,9 +34,9 @@ def stress_table(*validations: Mapping[str, Any]) -> str:
     """The page docs/stress.md from `Validation.to_dict()`s, or their JSON: one row per question.
 
     Columns: the case, the scene, what is expected (the case's docstring), verdicts on the CPU and
-    on CUDA. Cases with arguments share a row.
+    on CUDA. Cases with arguments share a row. Cases that no validation holds are listed below.
     """
-    expected = {c.id.partition("[")[0]: c.expects for c in cases([STRESS], full=True)}
+    known = {c.id.partition("[")[0]: c for c in cases([STRESS], full=True)}
     rows: dict[str, list[Mapping[str, Any]]] = {}
     for outcome in (o for validation in validations for o in validation["cases"]):
         if outcome["level"] == STRESS:
@@ -50,15 +50,17 @@ def stress_table(*validations: Mapping[str, Any]) -> str:
         "In addition, no sample may be non-finite and the ray ledger must add up in every case.",
         "Known limits are named as such.",
         "",
-        *(f"- {name}: {about}" for v in validations for name, about in v["devices"].items()),
+        *(f"- {name}: {about}{_commit(v)}" for v in validations
+          for name, about in v["devices"].items()),
         "",
         "| case | scene | expected | CPU | CUDA |",
         "|---|---|---|---|---|",
     ]  # fmt: skip
     for name, outcomes in rows.items():
-        scene = str(outcomes[0]["title"]).rstrip(".")
+        case = known.get(name)
+        scene = (case.title if case else str(outcomes[0]["title"])).rstrip(".")
         cells = [
-            f"`{name}`", scene, expected.get(name, ""),
+            f"`{name}`", scene, case.expects if case else "",
             *(verdict([o for o in outcomes if str(o["device"]).startswith(kind)])
               for kind in ("cpu", "cuda")),
         ]  # fmt: skip
@@ -66,7 +68,14 @@ def stress_table(*validations: Mapping[str, Any]) -> str:
     counts = {v: sum(o["verdict"] == v for group in rows.values() for o in group) for v in WORST}
     lines += ["", f"{len(rows)} lines, {sum(counts.values())} outcomes: "
               + ", ".join(f"{n} {v}" for v, n in counts.items() if n) + "."]  # fmt: skip
+    if later := [f"`{name}`" for name in known if name not in rows]:
+        lines += ["", f"{len(later)} cases are not in these runs: {', '.join(later)}."]
     return "\n".join(lines) + "\n"
+
+
+def _commit(validation: Mapping[str, Any]) -> str:
+    commit = validation.get("facts", {}).get("commit")
+    return f", commit {commit[:7]}" if commit else ""
 
 
 def main() -> int:

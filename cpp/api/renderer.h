@@ -39,10 +39,9 @@ BuildInfo build_info();
 std::string why_unusable();
 std::vector<DeviceInfo> devices();
 
-// Features compiled in the variant that renders a scene.
-inline uint32_t variant_mask(const SceneView& scene) {
-    return kVariants[variant_for(scene.features)];
-}
+// Features compiled in the variant that renders a scene, and in each variant.
+uint32_t variant_mask(const SceneView& scene);
+std::vector<uint32_t> variant_masks();
 
 struct RenderSettings {
     uint64_t seed = 0, sample_begin = 0, sample_end = 1;

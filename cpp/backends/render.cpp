@@ -72,6 +72,10 @@ void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_
 
 }  // namespace
 
+uint32_t variant_mask(const SceneView& scene) { return kVariants[variant_for(scene.features)]; }
+
+std::vector<uint32_t> variant_masks() { return {std::begin(kVariants), std::end(kVariants)}; }
+
 RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
     const HostScene& host = scene.host();
     check_settings(s, host, film);

@@ -1,5 +1,5 @@
 // The building blocks of closures. A closure is a class template on lanes that defines those
-// members of Closure that differ from the defaults; closures.h lists all closures.
+// members of Closure that differ from the defaults; closures.def lists all closures.
 //
 // Directions point away from the surface. A random number of its own selects the lobe, so weights
 // do not depend on the selection (section 3.4 of H. Dahlberg, "Parallel Path Tracing in CUDA", KTH,

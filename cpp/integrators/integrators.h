@@ -2,6 +2,7 @@
 #pragma once
 
 #include "integrators/path.h"
+#include "scene/variants.h"
 
 // (name, template)
 #define VR_INTEGRATORS(INTEGRATOR) INTEGRATOR(path, PathTracer)

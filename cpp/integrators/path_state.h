@@ -1,8 +1,10 @@
 // What a path carries from bounce to bounce, and what a bounce reports.
 #pragma once
 
+#include "core/rng.h"
 #include "geometry/ray.h"
 #include "integrators/ledger.h"
+#include "scene/features.h"
 #include "scene/view.h"
 
 namespace veriray {

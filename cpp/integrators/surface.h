@@ -3,7 +3,9 @@
 
 #include <type_traits>
 
+#include "bsdfs/bsdf.h"
 #include "integrators/path_state.h"
+#include "lights/light.h"
 
 namespace veriray {
 

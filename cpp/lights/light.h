@@ -7,14 +7,6 @@
 
 namespace veriray {
 
-struct LightView {
-    const float* table;        // [column][stride]
-    const uint32_t* cdf;       // upper ends of the choice intervals in units of 2^-24; last is 2^24
-    uint32_t stride, count;    // count: of the lights that are sampled, the first rows
-    uint32_t top_step;         // largest power of two <= count
-    float sky[kLightColumns];  // its row, which is one for all lanes; black where there is none
-};
-
 // The light whose interval holds u24 in [0, 2^24): its probability is exactly its share of 2^24.
 template <class U>
 VR_HD U choose_light(const LightView& lights, U u24) {

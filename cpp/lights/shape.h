@@ -30,6 +30,15 @@ enum LightColumn : uint32_t {
     kLightColumns = kLightMore + kLightMoreColumns,
 };
 
+// The lights of a scene.
+struct LightView {
+    const float* table;        // [column][stride]
+    const uint32_t* cdf;       // upper ends of the choice intervals in units of 2^-24; last is 2^24
+    uint32_t stride, count;    // count: of the lights that are sampled, the first rows
+    uint32_t top_step;         // largest power of two <= count
+    float sky[kLightColumns];  // its row, which is one for all lanes; black where there is none
+};
+
 // A light on the host.
 struct LightSource {
     uint32_t shape;

@@ -1,10 +1,10 @@
-// The features of a scene. The mask selects the smallest compiled variant that covers them, and
-// with it code, launches and memory.
+// The features of a scene. The mask selects the smallest compiled variant that covers them
+// (scene/variants.h), and with it code, launches and memory.
 #pragma once
 
 #include <cstdint>
 
-#include "bsdfs/closures.h"
+#include "bsdfs/kinds.h"
 #include "lights/shapes.h"
 
 namespace veriray {
@@ -50,10 +50,11 @@ constexpr uint32_t shapes_of(uint32_t features) {
     return shapes;
 }
 
-constexpr const char* feature_name(uint32_t bit) {
+inline const char* feature_name(uint32_t bit) {
     if (bit < kOtherFeatures) return kFeatureNames[bit];
     bit -= kOtherFeatures;
-    return bit < kLightFeatures ? light_feature_name(bit) : kClosures[bit - kLightFeatures].name;
+    return bit < kLightFeatures ? light_feature_name(bit)
+                                : closure_traits(bit - kLightFeatures).name;
 }
 
 inline constexpr uint32_t kLamps = lights(kLampShapes), kDeltaLights = lights(kDeltaShapes),
@@ -65,34 +66,5 @@ inline constexpr uint32_t kSkippedLights = lights(kSkippedShapes);
 // With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr uint32_t kLocalOffsets =
     kBvh | kDisks | kDeltaLights | kRefraction | kPass | kMedia;
-inline constexpr uint32_t kPlainMaterials = materials(kPlainKinds);
-inline constexpr uint32_t kSolid = kAllFeatures & ~(kPass | materials(kPassing));
-inline constexpr uint32_t kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes);
-inline constexpr uint32_t kDiffuseFlat =
-    kQuads | kPolygons | kMeshLights | kManyLights | kNearLights | kSky | kClip | kPlainMaterials;
-inline constexpr uint32_t kDiffuseMesh =
-    kBvh | kSmooth | kMeshLights | kManyLights | kSky | kClip | kPlainMaterials;
-
-// Compiled variants, smallest first; the last holds everything.
-inline constexpr uint32_t kVariants[] = {
-    kQuads | lights(kPlainShapes) | kPlainMaterials,
-    kDiffuseFlat,
-    kDiffuseMesh,
-    kDiffuseMesh | kNearLights,
-    kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),
-    kSolid & ~(kMedia | kChromatic),
-    kSpheres | kSky | kMedia | kRefraction | materials(kRefracting),
-    kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
-    kAllFeatures & ~(kMedia | kChromatic),
-    kAllFeatures,
-};
-inline constexpr uint32_t kVariantCount = 10;  // CMakeLists.txt reads it
-static_assert(sizeof(kVariants) == sizeof(uint32_t) * kVariantCount);
-
-constexpr uint32_t variant_for(uint32_t features) {
-    for (uint32_t i = 0; i < kVariantCount; ++i)
-        if ((features & ~kVariants[i]) == 0) return i;
-    return kVariantCount - 1;
-}
 
 }  // namespace veriray

@@ -16,6 +16,10 @@ double sum3(const float* rgb) {
 
 }  // namespace
 
+bool SceneInput::light_has_place(size_t q) const {
+    return kLights[shape_of_kind(light_kind.data[q])].site == kAtPoint;
+}
+
 // Counts the leading quads that cannot block a shadow ray which begins in front of them: the light
 // itself if it is the only one (a shadow ray ends before it), and quads that have the lights in
 // front of them by more than the rounding of a shadow ray and its distance to the plane (2^-18).

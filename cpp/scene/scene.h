@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "scene/bvh_build.h"
+#include "scene/features.h"
 #include "scene/view.h"
 
 namespace veriray {
@@ -51,9 +52,7 @@ struct SceneInput {
         return pick(g, triangle_boundary, sphere_boundary, disk_boundary);
     }
     // Of a light that no ray meets: else it is far away.
-    bool light_has_place(size_t q) const {
-        return kLights[shape_of_kind(light_kind.data[q])].site == kAtPoint;
-    }
+    bool light_has_place(size_t q) const;
 
    private:
     template <class T>

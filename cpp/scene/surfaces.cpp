@@ -73,7 +73,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
             surfaces[static_cast<size_t>(c) * view.surface_stride + r] = x;
         };
         const uint32_t kind = in.material_kind.data[m];
-        const ClosureTraits& closure = kClosures[kind];
+        const ClosureTraits& closure = closure_traits(kind);
 #define VR_PARAMETER(name, width)        \
     for (uint32_t k = 0; k < width; ++k) \
         put(kSurface_##name + k, in.name.data[static_cast<size_t>(width) * m + k]);

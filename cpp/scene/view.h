@@ -4,16 +4,14 @@
 // lies in [1/2, 1).
 #pragma once
 
-#include "bsdfs/bsdf.h"
 #include "camera/perspective.h"
 #include "film/filter.h"
 #include "geometry/bvh.h"
 #include "geometry/disk.h"
 #include "geometry/polygon.h"
 #include "geometry/sphere.h"
-#include "lights/light.h"
+#include "lights/shape.h"
 #include "media/medium.h"
-#include "scene/features.h"
 
 namespace veriray {
 

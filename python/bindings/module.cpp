@@ -266,7 +266,7 @@ void bind_renderer(py::module_& m) {
     });
     m.def("variants", [] {
         std::vector<std::vector<std::string>> out;
-        for (const uint32_t mask : kVariants) out.push_back(feature_names(mask));
+        for (const uint32_t mask : variant_masks()) out.push_back(feature_names(mask));
         return out;
     });
     m.def("path_bytes", [](const std::vector<std::string>& f) { return path_bytes(to_mask(f)); });

@@ -221,7 +221,7 @@ def test_version_is_stated_once() -> None:
 
 
 def test_nothing_outside_bsdfs_names_a_closure() -> None:
-    text = (CPP / "bsdfs" / "closures.h").read_text("utf-8")
+    text = (CPP / "bsdfs" / "closures.def").read_text("utf-8")
     names = re.findall(r"X\((\w+)\)", text)
     assert len(names) == len(veriray.columns.MATERIAL_KINDS)
     pattern = re.compile(rf"\bk(?:Kind)?(?:{'|'.join(names)})\b|\b(?:{'|'.join(names)})\s*<")
@@ -232,15 +232,29 @@ def test_nothing_outside_bsdfs_names_a_closure() -> None:
 
 def test_kinds_are_those_of_the_closures() -> None:
     bsdfs = CPP / "bsdfs"
-    listed = re.findall(r"X\((\w+)\)", (bsdfs / "closures.h").read_text("utf-8"))
+    listed = re.findall(r"X\((\w+)\)", (bsdfs / "closures.def").read_text("utf-8"))
     names = {}
     for path in bsdfs.glob("*.h"):
         found = re.search(
-            r"struct (\w+) : Closure<L>.*?kName = \"(\w+)\"", path.read_text(), re.DOTALL
+            r"struct (\w+) :(?:(?!struct).)*?kName = \"(\w+)\"", path.read_text(), re.DOTALL
         )
         if found:
             names[found[1]] = found[2]
     assert tuple(names[name] for name in listed) == veriray.columns.MATERIAL_KINDS
+
+
+def test_the_host_is_not_compiled_again_for_a_closure() -> None:
+    def included(file: Path, seen: set[Path]) -> set[Path]:
+        for name in re.findall(r'#include "([^"]+)"', file.read_text("utf-8")):
+            found = next((f for f in (CPP / name, file.parent / name) if f.exists()), None)
+            if found and found not in seen:
+                seen.add(found)
+                included(found, seen)
+        return seen
+
+    for part in (CPP / "scene", ROOT / "python" / "bindings"):
+        for source in part.glob("*.cpp"):
+            assert CPP / "bsdfs" / "closures.h" not in included(source, set()), source
 
 
 def shapes_of_lights() -> dict[str, tuple[str, str]]:

@@ -19,7 +19,7 @@ MOCK = ROOT / "tests" / "mock_closure" / "phong.h"
 #: What is written by hand: file -> (text there, text instead), or all of a new file.
 EDITS: dict[str, list[tuple[str, str]] | str] = {
     "cpp/bsdfs/phong.h": MOCK.read_text("utf-8"),
-    "cpp/bsdfs/closures.h": [
+    "cpp/bsdfs/closures.def": [
         ('#include "bsdfs/null.h"\n', '#include "bsdfs/null.h"\n#include "bsdfs/phong.h"\n'),
         ("X(Null)", "X(Null) X(Phong)"),
     ],

@@ -1,6 +1,8 @@
 // One compiled variant, VR_VARIANT, of every integrator on the CPU.
 #include "backends/cpu_variant.h"
 
+#include "integrators/integrators.h"
+
 namespace veriray {
 namespace {
 

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "api/renderer.h"
-#include "integrators/integrators.h"
 #include "schedulers/job.h"
 
 namespace veriray {
@@ -14,9 +13,7 @@ namespace veriray {
 // Of kIntegrators: the one that renders, so far all scenes.
 inline constexpr uint32_t kIntegrator = 0;
 
-inline uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) {
-    return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
-}
+uint32_t choose_variant(const SceneView& scene, const RenderSettings& s);
 
 inline const SchedulerInfo* find_scheduler(const std::string& name) {
     for (const SchedulerInfo& i : kSchedulers)

@@ -9,6 +9,7 @@
 
 #include "backends/device.cuh"
 #include "backends/instances.h"
+#include "integrators/integrators.h"
 
 namespace veriray {
 

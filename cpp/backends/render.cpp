@@ -7,6 +7,7 @@
 
 #include "backends/film_memory.h"
 #include "backends/instances.h"
+#include "scene/variants.h"
 
 namespace veriray {
 namespace {
@@ -71,6 +72,10 @@ void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_
 }
 
 }  // namespace
+
+uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) {
+    return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
+}
 
 uint32_t variant_mask(const SceneView& scene) { return kVariants[variant_for(scene.features)]; }
 

@@ -51,8 +51,11 @@ enum Dimension : uint32_t {
     kCross = 3,    // free flight, its channel, opacity, free
     kBlocksPerSegment = 3,
 };
-VR_HD uint32_t dimension_block(uint32_t segment, Dimension d) {
-    return segment * kBlocksPerSegment + d;
+// subpath: of a sample with several, such as one from the camera and one from a light; the blocks
+// of two subpaths differ for all depths.
+inline constexpr uint32_t kSubpathBlocks = 1u << 24;
+VR_HD uint32_t dimension_block(uint32_t segment, Dimension d, uint32_t subpath = 0) {
+    return subpath * kSubpathBlocks + segment * kBlocksPerSegment + d;
 }
 
 // Vertices from the seventh on take independent numbers: they cause little of a picture's noise.

@@ -9,6 +9,8 @@
 
 namespace veriray {
 
+static_assert((kHardMaxDepth + 1) * kBlocksPerSegment < kSubpathBlocks);
+
 struct PathSettings {
     RandomKey key;
     uint32_t max_depth;  // segments at most, passes not counted; kHardMaxDepth for unlimited

@@ -63,6 +63,8 @@ inline constexpr uint32_t kAnyLight = lights(kSampledShapes);
 inline constexpr uint32_t kOwnPdfLights = lights(kOwnPdfShapes);
 inline constexpr uint32_t kSkippedLights = lights(kSkippedShapes);
 
+inline constexpr uint32_t kVariantCount = 10;  // of variants.h; CMakeLists.txt reads it
+
 // With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr uint32_t kLocalOffsets =
     kBvh | kDisks | kDeltaLights | kRefraction | kPass | kMedia;

@@ -27,7 +27,6 @@ inline constexpr uint32_t kVariants[] = {
     kAllFeatures & ~(kMedia | kChromatic),
     kAllFeatures,
 };
-inline constexpr uint32_t kVariantCount = 10;  // CMakeLists.txt reads it
 static_assert(sizeof(kVariants) == sizeof(uint32_t) * kVariantCount);
 
 constexpr uint32_t variant_for(uint32_t features) {

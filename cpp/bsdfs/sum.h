@@ -16,8 +16,8 @@ namespace veriray {
 template <class L, class... Lobes>
 struct LobeSum : Closure<L> {
     VR_CLOSURE(L);
-    static constexpr uint32_t kSmooth = (0u + ... + (Lobes::kDelta ? 0u : 1u));
-    static constexpr bool kScatters = kSmooth > 0;
+    static constexpr uint32_t kNonDelta = (0u + ... + (Lobes::kDelta ? 0u : 1u));
+    static constexpr bool kScatters = kNonDelta > 0;
 
     // Calls visit(lobe, share, sum of shares up to and with this one).
     template <class Visit>
@@ -60,12 +60,12 @@ struct LobeSum : Closure<L> {
             s = chosen(taken, s, one);
             taken = taken | (r.lobe < sum);
         });
-        if constexpr (kSmooth > 1) {
+        if constexpr (kNonDelta > 1) {
             const F cos_i = dot(view.n, s.wi);
             const Value all = eval(p, view, wo, s.wi, cos_i);
-            const M smooth = (s.pdf_sa > F(0.f)) & (cos_i > F(0.f));
-            s.weight = select(smooth, all.f_cos * (F(1.f) / all.pdf_sa), s.weight);
-            s.pdf_sa = select(smooth, all.pdf_sa, s.pdf_sa);
+            const M drawn = (s.pdf_sa > F(0.f)) & (cos_i > F(0.f));
+            s.weight = select(drawn, all.f_cos * (F(1.f) / all.pdf_sa), s.weight);
+            s.pdf_sa = select(drawn, all.pdf_sa, s.pdf_sa);
         }
         return s;
     }

@@ -219,9 +219,9 @@ def choose_scheduler(
     """The scheduler that runs and why. settings: settled; facts: those of `scene_facts`.
 
     Rule of "auto": `fused`, but `wavefront` on CUDA for scenes with a tree and materials of several
-    kinds, from WAVE_PATHS paths per launch on. On an H200 it then takes 0.35 to 0.98 of the time of
-    `fused`, whose one kernel holds everything; with fewer paths it may take twice the time, and for
-    diffuse meshes 1.7 times (docs/speed.md).
+    kinds, from WAVE_PATHS paths per launch on. On an H200 it takes 0.34 to 0.83 of the time of
+    `fused`, whose one kernel holds everything, at 2^26 paths; with few paths it may take twice the
+    time, and for diffuse meshes 1.7 times (docs/speed.md).
     """
     if settings.scheduler != "auto":
         return settings.scheduler, "asked for"

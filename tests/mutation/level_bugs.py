@@ -126,9 +126,9 @@ _ESTIMATOR = (
            "emitted * select((path.pdf_sa == F(0.f)) & !((path.ray.o.x == F(0.f)) &"
            " (path.ray.o.y == F(0.f))), F(0.f), mis_weight(path.pdf_sa, ratio))"),
     Mutant("emission lost at depth 0", _VERTEX, _LIT,
-           "(segment == 0 ? no_lanes(valid) : hit_emitter(scene, path, place.hit, at, valid))"),
+           f"(segment == 0 ? no_lanes(valid) : {_LIT})"),
     Mutant("emission lost at depth 1", _VERTEX, _LIT,
-           "(segment == 1 ? no_lanes(valid) : hit_emitter(scene, path, place.hit, at, valid))"),
+           f"(segment == 1 ? no_lanes(valid) : {_LIT})"),
     Mutant("roulette by luminance", _PATH, _PLAYS,
            "{ most = F(.2126f) * path.throughput[0] + F(.7152f) * path.throughput[1] +"
            " F(.0722f) * path.throughput[2];"

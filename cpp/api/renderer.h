@@ -40,8 +40,8 @@ std::string why_unusable();
 std::vector<DeviceInfo> devices();
 
 // Features compiled in the variant that renders a scene, and in each variant.
-uint32_t variant_mask(const SceneView& scene);
-std::vector<uint32_t> variant_masks();
+FeatureMask variant_mask(const SceneView& scene);
+std::vector<FeatureMask> variant_masks();
 
 struct RenderSettings {
     uint64_t seed = 0, sample_begin = 0, sample_end = 1;
@@ -77,7 +77,7 @@ struct RenderStats {
     std::vector<Fault> faults;
     uint64_t launches = 0;
     std::string device;
-    uint32_t features = 0;  // the compiled variant that ran
+    FeatureMask features = 0;  // the compiled variant that ran
     uint32_t threads = 0;
     KernelUse kernel;
 };

@@ -77,9 +77,9 @@ uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) {
     return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
 }
 
-uint32_t variant_mask(const SceneView& scene) { return kVariants[variant_for(scene.features)]; }
+FeatureMask variant_mask(const SceneView& scene) { return kVariants[variant_for(scene.features)]; }
 
-std::vector<uint32_t> variant_masks() { return {std::begin(kVariants), std::end(kVariants)}; }
+std::vector<FeatureMask> variant_masks() { return {std::begin(kVariants), std::end(kVariants)}; }
 
 RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
     const HostScene& host = scene.host();

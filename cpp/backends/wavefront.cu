@@ -155,7 +155,7 @@ void load_kernels(Kernels... kernels) {
 template <class Tracer, uint32_t kKind = 0, class Fn>
 void each_kind(const SceneView& scene, Fn fn) {
     if constexpr (kKind < kMaterialCount) {
-        constexpr uint32_t kBit = materials(1u << kKind), kFlat = kQuads | kPolygons;
+        constexpr FeatureMask kBit = materials(1u << kKind), kFlat = kQuads | kPolygons;
         if constexpr ((Tracer::kMask & kBit) != 0)
             if (scene.features & kBit)
                 fn.template operator()<typename Tracer::template With<

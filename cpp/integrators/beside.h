@@ -5,7 +5,7 @@
 
 namespace veriray {
 
-template <class L, uint32_t kFeatures>
+template <class L, FeatureMask kFeatures>
 struct Beside : SurfaceReader<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Reader::has, Reader::primitive_column, Reader::primitive_column3, Reader::sphere_record,

@@ -5,7 +5,7 @@
 
 namespace veriray {
 
-template <class L, uint32_t kFeatures>
+template <class L, FeatureMask kFeatures>
 struct DirectLight : SurfaceReader<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::passed,

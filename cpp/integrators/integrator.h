@@ -14,7 +14,7 @@ template <class T>
 concept Integrator = requires(const SceneView& scene, const PathSettings& s, typename T::U word,
                               typename T::M active, typename T::State path,
                               typename T::Request request, Hit<typename T::Lane> hit) {
-    { T::kMask } -> std::convertible_to<uint32_t>;
+    { T::kMask } -> std::convertible_to<FeatureMask>;
     // Samples below 0 are legitimate; else the film refuses them.
     { T::kNegativeSamples } -> std::convertible_to<bool>;
     { T::begin(scene, s, word, word, 0u, word) } -> std::same_as<typename T::State>;

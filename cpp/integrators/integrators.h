@@ -10,7 +10,7 @@
 namespace veriray {
 
 // An integrator compiled for a set of features.
-template <template <class, uint32_t> class T, uint32_t kMask>
+template <template <class, FeatureMask> class T, FeatureMask kMask>
 struct Variant {
     template <class L>
     using Tracer = T<L, kMask>;

@@ -12,7 +12,7 @@
 
 namespace veriray {
 
-template <class L, uint32_t kFeatures>
+template <class L, FeatureMask kFeatures>
 struct PathTracer : PathVertices<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;
@@ -27,11 +27,11 @@ struct PathTracer : PathVertices<L, kFeatures> {
     using Vertices::arrive, Vertices::reach, Vertices::scatter_at_surface,
         Vertices::scatter_in_medium, Vertices::surface_vertex;
     using Lane = L;
-    static constexpr uint32_t kMask = kFeatures;
+    static constexpr FeatureMask kMask = kFeatures;
     static constexpr bool kNegativeSamples = false;
     using State = PathState<L>;
     using Request = ShadowRequest<L>;
-    template <uint32_t kOther>
+    template <FeatureMask kOther>
     using With = PathTracer<L, kOther>;
 
     template <uint32_t kUse, class Path, class FloatField, class UintField>
@@ -42,8 +42,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
     static VR_HD void each_request_field(Shadow& s, FloatField f, UintField u) {
         each_shadow_field<kFeatures>(s, f, u);
     }
-    static constexpr ColumnCount columns(uint32_t features) { return path_columns(features); }
-    static constexpr ColumnCount request_columns(uint32_t features) {
+    static constexpr ColumnCount columns(FeatureMask features) { return path_columns(features); }
+    static constexpr ColumnCount request_columns(FeatureMask features) {
         return shadow_columns(features);
     }
     static VR_HD Request no_request(M m) {

@@ -66,7 +66,7 @@ enum FieldUse : uint32_t {
     FIELD(u, vertices, kPass, kCarried)    \
     FIELD(u, medium, kMedia, kCarried)
 
-constexpr bool needs_field(uint32_t features, uint32_t need) {
+constexpr bool needs_field(FeatureMask features, FeatureMask need) {
     return need == 0 || (features & need) != 0;
 }
 
@@ -82,26 +82,26 @@ struct ColumnCount {
 #define VR_COUNT_FIELD(type, value, need, use) \
     if (needs_field(features, need)) ++column.type;
 
-template <uint32_t kFeatures, uint32_t kUse, class Path, class FloatField, class UintField>
+template <FeatureMask kFeatures, uint32_t kUse, class Path, class FloatField, class UintField>
 VR_HD void each_path_field(Path& x, FloatField f, UintField u) {
     struct {
         uint32_t f = 0, u = 0;
     } column;
     VR_PATH_FIELDS(VR_VISIT_FIELD)
 }
-constexpr ColumnCount path_columns(uint32_t features) {
+constexpr ColumnCount path_columns(FeatureMask features) {
     struct {
         uint32_t f = 0, u = 0;
     } column;
     VR_PATH_FIELDS(VR_COUNT_FIELD)
     return {column.f, column.u};
 }
-constexpr uint32_t path_bytes(uint32_t features) {
+constexpr uint32_t path_bytes(FeatureMask features) {
     return 4 * (path_columns(features).floats + path_columns(features).uints);
 }
 
 // Features with which a shadow ray leaves a primitive out.
-inline constexpr uint32_t kShadowSkips = kSkippedLights | kPass | kBvh;
+inline constexpr FeatureMask kShadowSkips = kSkippedLights | kPass | kBvh;
 
 template <class L>
 struct ShadowRequest {
@@ -130,7 +130,7 @@ struct ShadowRequest {
     FIELD(u, skip, kShadowSkips, kWholePath) \
     FIELD(u, medium, kMedia, kWholePath)
 
-template <uint32_t kFeatures, class Request, class FloatField, class UintField>
+template <FeatureMask kFeatures, class Request, class FloatField, class UintField>
 VR_HD void each_shadow_field(Request& x, FloatField f, UintField u) {
     constexpr uint32_t kUse = kWholePath;
     struct {
@@ -138,7 +138,7 @@ VR_HD void each_shadow_field(Request& x, FloatField f, UintField u) {
     } column;
     VR_SHADOW_FIELDS(VR_VISIT_FIELD)
 }
-constexpr ColumnCount shadow_columns(uint32_t features) {
+constexpr ColumnCount shadow_columns(FeatureMask features) {
     struct {
         uint32_t f = 0, u = 0;
     } column;

@@ -18,7 +18,7 @@ __device__ inline QuadRecord* block_quads() {
     return copy;
 }
 
-template <uint32_t kFeatures>
+template <FeatureMask kFeatures>
 __device__ void fill_block_quads(const SceneView& scene) {
     if constexpr ((kFeatures & kQuads) != 0) {
         float* const copy = block_quads()->v;
@@ -28,7 +28,7 @@ __device__ void fill_block_quads(const SceneView& scene) {
 }
 #endif
 
-template <class L, uint32_t kFeatures>
+template <class L, FeatureMask kFeatures>
 struct SurfaceReader {
     using F = typename L::F;
     using U = typename L::U;
@@ -36,7 +36,7 @@ struct SurfaceReader {
     using V = Vec3<F>;
     using S = Spectrum<F>;
 
-    static constexpr bool has(uint32_t features) { return (kFeatures & features) != 0; }
+    static constexpr bool has(FeatureMask features) { return (kFeatures & features) != 0; }
     static constexpr uint32_t kTreeKinds =
         kTreeTriangles | (has(kSpheres) ? kTreeSpheres : 0u) | (has(kDisks) ? kTreeDisks : 0u);
     using Material = Bsdf<L, kinds_of(kFeatures)>;

@@ -8,7 +8,7 @@
 
 namespace veriray {
 
-template <class L, uint32_t kFeatures>
+template <class L, FeatureMask kFeatures>
 struct PathVertices : DirectLight<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;

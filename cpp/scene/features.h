@@ -9,7 +9,9 @@
 
 namespace veriray {
 
-enum Feature : uint32_t {
+using FeatureMask = uint64_t;
+
+enum Feature : FeatureMask {
     kQuads = 1u << 0,     // flat parallelograms without a tree
     kPolygons = 1u << 1,  // other flat primitives without a tree
     kDisks = 1u << 2,
@@ -33,17 +35,19 @@ inline constexpr const char* kFeatureNames[] = {
     "clip",  "lens",     "signed_filter", "refraction", "pass", "media",  "chromatic"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
-static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 32);
+static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);
 
-constexpr uint32_t materials(uint32_t kinds) { return kFirstMaterial * kinds; }
-constexpr uint32_t kinds_of(uint32_t features) { return features / kFirstMaterial; }
-constexpr uint32_t lights(uint32_t shapes) {
-    uint32_t features = 0;
+constexpr FeatureMask materials(uint32_t kinds) { return FeatureMask{kFirstMaterial} * kinds; }
+constexpr uint32_t kinds_of(FeatureMask features) {
+    return static_cast<uint32_t>(features / kFirstMaterial);
+}
+constexpr FeatureMask lights(uint32_t shapes) {
+    FeatureMask features = 0;
     for (uint32_t k = 0; k < kLightShapes; ++k)
-        if (shapes >> k & 1u) features |= kFirstLight << light_feature(k);
+        if (shapes >> k & 1u) features |= FeatureMask{kFirstLight} << light_feature(k);
     return features;
 }
-constexpr uint32_t shapes_of(uint32_t features) {
+constexpr uint32_t shapes_of(FeatureMask features) {
     uint32_t shapes = 0;
     for (uint32_t k = 0; k < kLightShapes; ++k)
         if (features & lights(shape_bit(k))) shapes |= shape_bit(k);
@@ -57,16 +61,16 @@ inline const char* feature_name(uint32_t bit) {
                                 : closure_traits(bit - kLightFeatures).name;
 }
 
-inline constexpr uint32_t kLamps = lights(kLampShapes), kDeltaLights = lights(kDeltaShapes),
-                          kSky = lights(kSkyShapes);
-inline constexpr uint32_t kAnyLight = lights(kSampledShapes);
-inline constexpr uint32_t kOwnPdfLights = lights(kOwnPdfShapes);
-inline constexpr uint32_t kSkippedLights = lights(kSkippedShapes);
+inline constexpr FeatureMask kLamps = lights(kLampShapes), kDeltaLights = lights(kDeltaShapes),
+                             kSky = lights(kSkyShapes);
+inline constexpr FeatureMask kAnyLight = lights(kSampledShapes);
+inline constexpr FeatureMask kOwnPdfLights = lights(kOwnPdfShapes);
+inline constexpr FeatureMask kSkippedLights = lights(kSkippedShapes);
 
-inline constexpr uint32_t kVariantCount = 10;  // of variants.h; CMakeLists.txt reads it
+inline constexpr uint32_t kVariantCount = 12;  // of variants.h; CMakeLists.txt reads it
 
 // With these features, rays may leave a plane by a bound that depends on their point.
-inline constexpr uint32_t kLocalOffsets =
+inline constexpr FeatureMask kLocalOffsets =
     kBvh | kDisks | kDeltaLights | kRefraction | kPass | kMedia;
 
 }  // namespace veriray

@@ -6,16 +6,20 @@
 
 namespace veriray {
 
-inline constexpr uint32_t kPlainMaterials = materials(kPlainKinds);
-inline constexpr uint32_t kSolid = kAllFeatures & ~(kPass | materials(kPassing));
-inline constexpr uint32_t kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes);
-inline constexpr uint32_t kDiffuseFlat =
+inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
+// Features that the variants of scenes without any of them are compiled without, so that these
+// scenes do not pay for them.
+inline constexpr FeatureMask kRich = 0;
+inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
+inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
+inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes);
+inline constexpr FeatureMask kDiffuseFlat =
     kQuads | kPolygons | kMeshLights | kManyLights | kNearLights | kSky | kClip | kPlainMaterials;
-inline constexpr uint32_t kDiffuseMesh =
+inline constexpr FeatureMask kDiffuseMesh =
     kBvh | kSmooth | kMeshLights | kManyLights | kSky | kClip | kPlainMaterials;
 
 // Compiled variants, smallest first; the last holds everything.
-inline constexpr uint32_t kVariants[] = {
+inline constexpr FeatureMask kVariants[] = {
     kQuads | lights(kPlainShapes) | kPlainMaterials,
     kDiffuseFlat,
     kDiffuseMesh,
@@ -23,13 +27,15 @@ inline constexpr uint32_t kVariants[] = {
     kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),
     kSolid & ~(kMedia | kChromatic),
     kSpheres | kSky | kMedia | kRefraction | materials(kRefracting),
-    kAllFeatures & ~(kBvh | kSmooth | kMedia | kChromatic),
+    kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
+    kLean & ~(kMedia | kChromatic),
+    kLean,
     kAllFeatures & ~(kMedia | kChromatic),
     kAllFeatures,
 };
-static_assert(sizeof(kVariants) == sizeof(uint32_t) * kVariantCount);
+static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);
 
-constexpr uint32_t variant_for(uint32_t features) {
+constexpr uint32_t variant_for(FeatureMask features) {
     for (uint32_t i = 0; i < kVariantCount; ++i)
         if ((features & ~kVariants[i]) == 0) return i;
     return kVariantCount - 1;

@@ -12,6 +12,7 @@
 #include "geometry/sphere.h"
 #include "lights/shape.h"
 #include "media/medium.h"
+#include "scene/features.h"
 
 namespace veriray {
 
@@ -52,7 +53,7 @@ enum SurfaceColumn : uint32_t {
 };
 
 struct SceneView {
-    uint32_t features;
+    FeatureMask features;
     // Primitives without a tree come in this order; with a tree: triangles, disks, spheres.
     uint32_t quad_count, polygon_count, disk_count, sphere_count;
     uint32_t first_occluder;  // quads before this one have all light samples in front of them

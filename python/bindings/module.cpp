@@ -76,20 +76,20 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     }
 }
 
-std::vector<std::string> feature_names(uint32_t mask) {
+std::vector<std::string> feature_names(FeatureMask mask) {
     std::vector<std::string> names;
     for (uint32_t k = 0; k < kFeatureCount; ++k)
         if (mask >> k & 1u) names.push_back(feature_name(k));
     return names;
 }
 
-uint32_t to_mask(const std::vector<std::string>& names) {
-    uint32_t mask = 0;
+FeatureMask to_mask(const std::vector<std::string>& names) {
+    FeatureMask mask = 0;
     for (const std::string& name : names) {
         uint32_t k = 0;
         while (k < kFeatureCount && name != feature_name(k)) ++k;
         if (k == kFeatureCount) throw py::value_error("feature '" + name + "' is unknown");
-        mask |= 1u << k;
+        mask |= FeatureMask{1} << k;
     }
     return mask;
 }
@@ -266,7 +266,7 @@ void bind_renderer(py::module_& m) {
     });
     m.def("variants", [] {
         std::vector<std::vector<std::string>> out;
-        for (const uint32_t mask : variant_masks()) out.push_back(feature_names(mask));
+        for (const FeatureMask mask : variant_masks()) out.push_back(feature_names(mask));
         return out;
     });
     m.def("path_bytes", [](const std::vector<std::string>& f) { return path_bytes(to_mask(f)); });

@@ -1,7 +1,9 @@
 """Mesh files: reading, shading normals, closedness; positions and normals against Mitsuba."""
 
 import math
+import struct
 import warnings
+import zlib
 
 import numpy as np
 import pytest
@@ -201,6 +203,106 @@ def test_stl(tmp_path):
     assert len(scene.triangles) == 2 and not scene.normals.any()
 
 
+# ---- serialized files ----
+
+FLAGS = {"normals": 1, "uv": 2, "colours": 8, "f4": 0x1000, "f8": 0x2000}
+TABLES = {
+    "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.25, 0.5, 1]],
+    "normals": [[-1, -1, -1], [0, -2, -1], [-2, 0, -1], [-1, -1, 0]],
+    "uv": [[0, 0.1], [1, 0.2], [-3, 0.3], [0.5, 7]],
+    "colours": [[1, 0, 0]] * 4,
+}
+FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2]]
+
+
+def one_mesh(
+    parts=("normals", "uv"), kind="f4", version=4, shift=0.0, flags=0, end=b"", counts=(4, 3)
+):
+    """One mesh of a serialized file."""
+    body = struct.pack("<I", FLAGS[kind] | flags | sum(FLAGS[part] for part in parts))
+    body += "Stra\u00dfe\0".encode() if version == 4 else b""
+    body += struct.pack("<QQ", *counts)
+    for part in ("vertices", *parts):
+        table = np.array(TABLES[part]) + (shift if part == "vertices" else 0)
+        body += table.astype("<" + kind).tobytes()
+    body += np.array(FACES, "<u4").tobytes() + end
+    return struct.pack("<HH", 0x041C, version) + zlib.compress(body)
+
+
+def serialized_file(meshes, version=4):
+    """A file of several meshes, with its table of offsets."""
+    offsets = np.cumsum([0, *map(len, meshes)])[:-1]
+    table = offsets.astype("<u8" if version == 4 else "<u4").tobytes()
+    return b"".join(meshes) + table + struct.pack("<I", len(meshes))
+
+
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+@pytest.mark.parametrize("parts", [(), ("normals",), ("uv", "colours"), ("normals", "uv")])
+def test_serialized(tmp_path, version, kind, parts):
+    meshes = [one_mesh(parts, kind, version, shift) for shift in (0, 1, 2)]
+    (tmp_path / "a.serialized").write_bytes(serialized_file(meshes, version))
+    files = {}
+    for index in range(3):
+        got = mesh.read(tmp_path / "a.serialized", "serialized", "here", index, files)
+        assert (got.vertices == np.array(TABLES["vertices"]) + index).all()
+        assert got.triangles.tolist() == FACES and got.vertices.dtype == np.float64
+        for part, values in (("normals", got.normals), ("uv", got.uv)):
+            assert (values is None) == (part not in parts)
+            exact = np.array(TABLES[part], kind).astype(float)
+            assert values is None or (values == exact).all()
+    assert len(files) == 1
+    alone = read(tmp_path, "b.serialized", meshes[0])
+    assert alone.triangles.tolist() == FACES, "one mesh needs no table"
+
+
+DAMAGE = {
+    "empty": (b"", 0, "no header"),
+    "magic": (b"\x1c\x05\x04\0" + one_mesh()[4:], 0, "format 0x051c and the version 4"),
+    "version": (b"\x1c\x04\x05\0" + one_mesh()[4:], 0, "version 5, expected 0x041c and 3 or 4"),
+    "not zlib": (one_mesh()[:4] + b"hello world", 0, "mesh 0 cannot be unpacked"),
+    "bits": (bytes(b ^ (k == 40) * 8 for k, b in enumerate(one_mesh())), 0, "cannot be unpacked"),
+    "short": (one_mesh()[:-20], 0, "ends within its"),
+    "no checksum": (one_mesh()[:-1], 0, "ends within its"),
+    "long": (one_mesh(end=b"x"), 0, "holds more than the"),
+    "bomb": (one_mesh(end=bytes(10**8)), 0, "holds more than the"),
+    "vertices": (one_mesh(counts=(10**9, 3)), 0, "at most 2147483648 allowed"),
+    "triangles": (one_mesh(counts=(4, 2**64 - 1)), 0, "18446744073709551615 triangles"),
+    "few": (one_mesh(counts=(4, 4)), 0, "ends within its"),
+    "none": (one_mesh(counts=(4, 0), end=b""), 0, "holds more than"),
+    "name": (one_mesh()[:4] + zlib.compress(b"x" * 10**7), 0, "no counts"),
+    "flags": (one_mesh(flags=0x3000), 0, "single and double"),
+    "index": (serialized_file([one_mesh()] * 2), 2, r'"shape_index" = 2 is outside \[0, 1\]'),
+    "no table": (one_mesh(), 1, "its end states [0-9]+ meshes"),
+    "no meshes": (one_mesh() + bytes(4), 1, "its end states 0 meshes"),
+    "offset": (one_mesh() + struct.pack("<QQI", 0, 2**40, 2), 1, "begin at byte 1099511627776"),
+    "not there": (one_mesh() + struct.pack("<QQI", 0, 3, 2), 1, "at byte 3 stand"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_damaged_serialized_files(tmp_path, name):
+    content, index, message = DAMAGE[name]
+    with pytest.raises(SceneError, match=rf"s.filename: .*a.serialized.*{message}"):
+        shape(tmp_path, "a.serialized", content, shape_index=index)
+
+
+def test_every_byte_of_a_serialized_file_may_be_wrong(tmp_path):
+    whole = serialized_file([one_mesh(), one_mesh(shift=1.0)])
+    same = 0
+    for k in range(len(whole)):
+        for content in (whole[:k], whole[:k] + bytes([whole[k] ^ 0x55]) + whole[k + 1 :]):
+            (tmp_path / "a.serialized").write_bytes(content)
+            for index in (0, 1):
+                try:
+                    mesh.read(tmp_path / "a.serialized", "serialized", "here", index)
+                    same += 1
+                except SceneError:
+                    continue
+    first = len(one_mesh())  # the other mesh may be wrong, and what says where that is
+    assert same == 2 * (len(whole) - first) + (first - 4) + 8
+
+
 # ---- normals ----
 
 
@@ -368,6 +470,9 @@ FILES = {
     ).replace(
         "0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "0 0 0 0 0 2\n1 0 0 .3 0 1\n1 1 0 0 0 1\n0 1 .1 0 .2 1\n"
     ),
+    "computed.serialized": one_mesh(("uv", "colours"), "f8"),
+    "given.serialized": one_mesh(version=3),
+    "flag.serialized": one_mesh(("uv",), flags=0x10),  # Mitsuba 3 ignores it
 }  # fmt: skip
 
 
@@ -378,13 +483,13 @@ def test_vertices_and_normals_are_mitsubas(mi, tmp_path, name, matrix, flip):
     matrix = MATRICES[matrix]
     ours = shape(tmp_path, name, FILES[name], to_world=matrix, flip_normals=flip)
     theirs = mi.load_dict({
-        "type": name[-3:], "filename": str(tmp_path / name), "flip_normals": flip,
+        "type": name.partition(".")[2], "filename": str(tmp_path / name), "flip_normals": flip,
         "to_world": mi.ScalarTransform4f(matrix),
     })  # fmt: skip
     params = mi.traverse(theirs)
     assert len(ours.triangles) == np.array(params["faces"]).size // 3
     positions = np.array(params["vertex_positions"]).reshape(-1, 3)
-    given = "vn " in FILES[name] or "float nx" in FILES[name]
+    given = name.startswith(("given", "turned"))
     turned = np.linalg.det(matrix[:3, :3]) < 0 and not given  # Mitsuba turns these inside out
     normals = np.array(params["vertex_normals"]).reshape(-1, 3) * (-1 if flip != turned else 1)
     for position, normal in zip(ours.vertices, ours.normals, strict=True):
@@ -406,6 +511,7 @@ TEXTURED = {
              "f 1/1/1 2/2/1 3/3/2\nf 1/1/1 3/2/2 4/2/2\n",
     "a.ply": PLY.replace("float z\n", "float z\nproperty float u\nproperty float v\n").replace(
         "0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "0 0 0 0 .1\n1 0 0 .7 .2\n1 1 .3 4 5\n0 1 0 .1 .9\n"),
+    "a.serialized": one_mesh(("uv", "colours")),
 }  # fmt: skip
 
 
@@ -427,12 +533,13 @@ def with_uv(folder, description):
 def test_texture_coordinates_are_mitsubas(mi, tmp_path, name, flip_tex_coords, flip, matrix):
     description = {"type": name.rpartition(".")[2], "flip_normals": flip}
     if name in TEXTURED:
-        (tmp_path / name).write_text(TEXTURED[name])
+        text = TEXTURED[name]
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
         description["filename"] = str(tmp_path / name)
-        if flip_tex_coords is not None:
-            description["flip_tex_coords"] = flip_tex_coords
-    elif flip_tex_coords is not None:
-        return
+    if flip_tex_coords is not None:
+        if not name.endswith(("obj", "ply")):
+            pytest.skip("has no flip_tex_coords")
+        description["flip_tex_coords"] = flip_tex_coords
     corners, uv = with_uv(tmp_path, {**description, "to_world": MATRICES[matrix]})
     to_world = mi.ScalarTransform4f(MATRICES[matrix])
     scene = mi.load_dict({"type": "scene", "s": {**description, "to_world": to_world}})

@@ -1,4 +1,4 @@
-"""Triangle meshes from OBJ, PLY and STL files, and their shading normals.
+"""Triangle meshes from OBJ, PLY, STL and serialized files, and their shading normals.
 
 OBJ and PLY are read here: trimesh (5.2) takes OBJ's index 0 for vertex 1, counts negative indices
 from the end of the file and reverses groups, shortens damaged PLY faces and lets indices run out of
@@ -12,6 +12,7 @@ import io
 import logging
 import re
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ import numpy.typing as npt
 
 from ..errors import SceneError
 from ..numeric import MAX_COORDINATE
-from . import ply
+from . import ply, serialized
 from .node import quoted, read_bytes, shorten
 from .ply import MeshFileError
 
@@ -44,17 +45,33 @@ class Mesh:
     uv: Array | None = None
 
 
-def read(path: Path, kind: str, where: str) -> Mesh:
-    """A mesh file; kind: "obj", "ply" or "stl".
+_Arrays = tuple[Array, Array, Array | None, Array | None]
+
+
+def read(
+    path: Path, kind: str, where: str, index: int = 0, files: dict[Path, bytes] | None = None
+) -> Mesh:
+    """A mesh file; kind: "obj", "ply", "stl" or "serialized", with the mesh `index` of that file.
+
+    files: holds the content of the file that was read last, for shapes in a row that share one.
 
     Vertices of an OBJ file that is used with several normals or texture coordinates are split, as
     Mitsuba does. Raises SceneError for a file that is missing, damaged, empty, or holds indices out
     of range or numbers that are not finite.
     """
-    data = read_bytes(path, MAX_BYTES, where)
+    files = {} if files is None else files
+    if path not in files:
+        files.clear()
+        files[path] = read_bytes(path, MAX_BYTES, where)
+    data = files[path]
     name = f'"filename" = {shorten(str(path))}'
     try:
-        mesh = Mesh(*{"obj": _obj, "ply": ply.read, "stl": _stl}[kind](data))
+        if kind == "serialized":
+            mesh = Mesh(*serialized.read(data, index))
+        else:
+            readers: dict[str, Callable[[bytes], _Arrays]]
+            readers = {"obj": _obj, "ply": ply.read, "stl": _stl}
+            mesh = Mesh(*readers[kind](data))
     except MeshFileError as error:
         raise SceneError(f"{name}{error}", where) from None
     if not len(mesh.triangles):
@@ -83,7 +100,7 @@ def read(path: Path, kind: str, where: str) -> Mesh:
     return mesh
 
 
-def _obj(data: bytes) -> tuple[Array, Array, Array | None, Array | None]:
+def _obj(data: bytes) -> _Arrays:
     text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
     tables, corners, triangles = _obj_tables(text) or _obj_lines(text)
     vertices, *others = tables
@@ -218,7 +235,7 @@ def _corner(token: bytes, tables: dict[bytes, list[Any]], number: int) -> tuple[
     return result[0], result[1], result[2]
 
 
-def _stl(data: bytes) -> tuple[Array, Array, None]:
+def _stl(data: bytes) -> _Arrays:
     import trimesh  # slow to import, and rarely needed
 
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
@@ -245,7 +262,7 @@ def _stl(data: bytes) -> tuple[Array, Array, None]:
         log.setLevel(level)
     if len(triangles) != count:
         raise MeshFileError(f" is damaged: {len(triangles)} triangles read, {count} expected")
-    return vertices, triangles, None
+    return vertices, triangles, None, None
 
 
 # ---- normals; elementwise and in a fixed order, so that they have the same bits everywhere ----

@@ -78,7 +78,7 @@ _PLACED = {
 }
 _UNMASKED = (*OPAQUE_KINDS, "twosided", *(k for k in MATERIAL_KINDS if k not in OPAQUE_KINDS))
 _BSDFS = (*_UNMASKED, "mask")
-_SHAPES = ("obj", "ply", "stl", "rectangle", "disk", "cube", "sphere")
+_SHAPES = ("obj", "ply", "stl", "serialized", "rectangle", "disk", "cube", "sphere")
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": (_BSDFS, 0, 1),
     "emitter": (("area",), 0, 1),
@@ -242,6 +242,12 @@ PLUGINS: dict[str, Plugin] = {
         {**_MESH, "face_normals": Param("boolean", True, choices=(True,))},
         _ON_SHAPES,
         doc="STL, flat; not in Mitsuba",
+    ),
+    "serialized": Plugin(
+        "shape",
+        {**_MESH, "shape_index": Param("integer", 0, 0, 2**32 - 1, doc="which mesh of the file")},
+        _ON_SHAPES,
+        doc="Mitsuba's own format, versions 3 and 4; vertex colours are left out",
     ),
     "diffuse": Plugin(
         "bsdf",

@@ -68,7 +68,7 @@ def read(data: bytes) -> tuple[Array, Array, Array | None, Array | None]:
 
 def _columns(vertex: dict[str, Any], *names: str) -> Array | None:
     """Numbers of the vertices (V, names) float64; None if one is not there, or a list."""
-    columns = [vertex.get(name) for name in names]
+    columns: list[Any] = [vertex.get(name) for name in names]
     if not all(isinstance(column, np.ndarray) and column.ndim == 1 for column in columns):
         return None
     return np.stack(columns, axis=1).astype(np.float64)

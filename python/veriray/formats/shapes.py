@@ -58,6 +58,7 @@ class Shapes:
         }
         #: first vertex and triangle; vertices, triangles, normals and texture coordinates
         self.meshes: list[tuple[int, int, Array, Array, Array | None, Array | None]] = []
+        self.files: dict[Path, bytes] = {}  # the mesh file that was read last
         self.spheres: list[tuple[Node, Array, tuple[float, ...], bool]] = []
         self.disks: list[Array] = []
         self.rows: dict[str, list[tuple[int, int, int, int]]] = {
@@ -114,8 +115,8 @@ class Shapes:
                 chunk = given[begin : begin + _CHUNK]
                 _place(local, local_faces, chunk, vertices, triangles)
                 if uv is not None:
-                    rows = np.array([first for *_, first, _ in chunk])[:, None]
-                    uv[rows + np.arange(len(local))] = local_uv
+                    begins = np.array([first for *_, first, _ in chunk])[:, None]
+                    uv[begins + np.arange(len(local))] = local_uv
         for first, face, corners, faces, directions, coordinates in self.meshes:
             vertices[first : first + len(corners)] = corners
             triangles[face : face + len(faces)] = faces + first
@@ -156,7 +157,8 @@ class Shapes:
         normals = None
         where = node.values["filename"].where
         path = Path(node.folder) / values["filename"]
-        loaded = mesh.read(path, node.plugin, where)
+        index = values.get("shape_index", 0)
+        loaded = mesh.read(path, node.plugin, where, index, self.files)
         vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
         by_winding = values["face_normals"] or loaded.normals is None
         if by_winding and determinant(matrix) < 0:  # a mirror keeps the front in front

@@ -526,7 +526,7 @@ def with_uv(folder, description):
     return arrays["vertices"][arrays["triangles"]], arrays["uv"][arrays["triangles"]]
 
 
-@pytest.mark.parametrize("name", [*TEXTURED, "cube", "rectangle"])
+@pytest.mark.parametrize("name", [*TEXTURED, "cube", "rectangle", "cylinder"])
 @pytest.mark.parametrize("flip_tex_coords", [None, False, True])
 @pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize("matrix", MATRICES)
@@ -550,6 +550,89 @@ def test_texture_coordinates_are_mitsubas(mi, tmp_path, name, flip_tex_coords, f
             ray = mi.Ray3f((weights @ points + normal).tolist(), (-normal).tolist())
             hit = scene.ray_intersect(ray)
             assert np.abs(np.array(hit.uv) - weights @ values).max() < 1e-4
+
+
+def one_shape(**values):
+    """The scene of a shape."""
+    return load_dict({
+        "type": "scene",
+        "sensor": {"type": "perspective", "fov": 40.0},
+        "sky": {"type": "constant"},
+        "s": values,
+    })  # fmt: skip
+
+
+ENDS = {
+    "default": {},
+    "slanted": {"p0": [1, 2, 3], "p1": [2, 4, 3], "radius": 0.5},
+    "down": {"p0": [0, 0, 1], "p1": [0, 0, 0], "radius": 3.0},
+    "steep": {"p0": [0, 1, 0], "p1": [0.25, 1, -9], "radius": 2.0},
+}
+CYLINDERS = {
+    **MATRICES,
+    "long": np.diag([2.0, 2.0, 9.0, 1.0]),
+    "flat": np.diag([1.0, 1.0, -0.125, 1.0]),
+}
+
+
+@pytest.mark.parametrize("ends", ENDS)
+@pytest.mark.parametrize("matrix", CYLINDERS)
+@pytest.mark.parametrize("flip", [False, True])
+def test_cylinders_are_mitsubas(mi, ends, matrix, flip):
+    """From points about the axis: hits, normals, texture coordinates and sides."""
+    values = {"type": "cylinder", "flip_normals": flip, **ENDS[ends]}
+    matrix = CYLINDERS[matrix]
+    ours = one_shape(**values, to_world=matrix)
+    theirs = mi.load_dict({
+        "type": "scene", "s": {**values, "to_world": mi.ScalarTransform4f(matrix)}
+    })  # fmt: skip
+    corners, uv = with_uv(None, {**values, "to_world": matrix})
+    points = corners.mean(axis=1)
+    normals = ours.normals[ours.triangles].mean(axis=1)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    size = np.ptp(corners.reshape(-1, 3), axis=0).max()
+    fronts = facing(ours)
+    assert (fronts * normals).sum(axis=1).min() > 0.999
+    assert len(points) == 512
+    outward = normals * (-1 if flip else 1)
+    for k in range(0, 512, 5):
+        ray = mi.Ray3f((points[k] + 1e-3 * size * outward[k]).tolist(), (-outward[k]).tolist())
+        hit = theirs.ray_intersect(ray)
+        assert np.abs(np.array(hit.p) - points[k]).max() < 1.5e-4 * size
+        assert np.array(hit.n) @ normals[k] > 1 - 1e-5 and (hit.wi.z > 0) != flip
+        assert np.abs(np.array(hit.uv) - uv[k].mean(axis=0)).max() < 1e-3
+
+
+def test_cylinders_are_as_near_as_stated():
+    scene = one_shape(type="cylinder", radius=0.5, p1=[0, 0, 4])
+    a, b, c = (scene.vertices[scene.triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert 1 - area / (4 * math.pi) == pytest.approx(2.51e-5, rel=1e-3)
+    radii = np.linalg.norm(scene.vertices[:, :2], axis=1)
+    assert np.abs(radii - 0.5).max() < 1e-15
+    middle = np.linalg.norm(((a + b) / 2)[::2, :2], axis=1)
+    assert 1 - middle.min() / 0.5 == pytest.approx(7.53e-5, rel=1e-3)
+    assert (np.abs(np.linalg.norm(scene.normals, axis=1) - 1) < 1e-15).all()
+    assert set(scene.vertices[:, 2]) == {0.0, 4.0}
+    turned = one_shape(type="cylinder", to_world=np.diag([-1.0, 1, 1, 1]))
+    assert (facing(turned)[:, :2] * turned.vertices[turned.triangles[:, 0]][:, :2]).sum() > 0
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"p1": [0, 0, 0]}, 's: cylinder "s": p0 and p1 are the same point'),
+        ({"radius": 0}, r'"radius" = 0 is outside \(0, 1e\+100\)'),
+        ({"radius": -1.0}, r'"radius" = -1.0 is outside \(0, 1e\+100\)'),
+        ({"p0": [1e101, 0, 0]}, '"p0"'),
+        ({"radius": 9e99, "p0": [9e99, 0, 0], "p1": [9e99, 0, 1]}, "a vertex exceeds 1e\\+100"),
+        ({"radius": 9e99, "to_world": np.diag([1e99, 1e99, 1e99, 1])}, "a vertex exceeds"),
+        ({"p1": [0, 0, 1e99], "to_world": np.full((4, 4), 1e100)}, "to_world"),
+    ],
+)
+def test_bad_cylinders(values, message):
+    with pytest.raises(SceneError, match=message):
+        one_shape(type="cylinder", **values)
 
 
 def test_texture_coordinates_are_finite(tmp_path):

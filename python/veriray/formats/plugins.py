@@ -78,7 +78,7 @@ _PLACED = {
 }
 _UNMASKED = (*OPAQUE_KINDS, "twosided", *(k for k in MATERIAL_KINDS if k not in OPAQUE_KINDS))
 _BSDFS = (*_UNMASKED, "mask")
-_SHAPES = ("obj", "ply", "stl", "serialized", "rectangle", "disk", "cube", "sphere")
+_SHAPES = ("obj", "ply", "stl", "serialized", "rectangle", "disk", "cube", "sphere", "cylinder")
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": (_BSDFS, 0, 1),
     "emitter": (("area",), 0, 1),
@@ -234,6 +234,18 @@ PLUGINS: dict[str, Plugin] = {
         },
         _ON_SHAPES,
         doc="exact; to_world scales alike in all directions; front outside, inside if it mirrors",
+    ),
+    "cylinder": Plugin(
+        "shape",
+        {
+            "p0": Param("point", (0.0, 0.0, 0.0), -MAX_COORDINATE, MAX_COORDINATE),
+            "p1": Param("point", (0.0, 0.0, 1.0), -MAX_COORDINATE, MAX_COORDINATE),
+            "radius": Param("float", 1.0, 0.0, MAX_COORDINATE, open=True),
+            **_PLACED,
+        },
+        _ON_SHAPES,
+        doc="from p0 to p1, without caps, front outside; a prism of 256 sides with smooth normals: "
+        "up to 7.6e-5 of the radius thinner, area 2.6e-5 smaller",
     ),
     "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
     "ply": Plugin("shape", {**_MESH, **_flip_uv(False)}, _ON_SHAPES, doc="Stanford PLY"),

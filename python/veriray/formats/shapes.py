@@ -13,7 +13,7 @@ from .. import transform
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
 from ..numeric import MAX_COORDINATE, determinant, mirrors
-from . import mesh
+from . import cylinder, mesh
 from .node import Node, shorten
 
 Array = npt.NDArray[Any]
@@ -153,35 +153,44 @@ class Shapes:
         return place
 
     def _mesh(self, node: Node, values: dict[str, Any], matrix: Array, solid: str) -> None:
-        flip = values["flip_normals"]
+        """Adds a mesh that is read, or made."""
         normals = None
-        where = node.values["filename"].where
-        path = Path(node.folder) / values["filename"]
-        index = values.get("shape_index", 0)
-        loaded = mesh.read(path, node.plugin, where, index, self.files)
+        loaded, name = self._loaded(node, values)
+        if node.plugin == "cylinder":
+            matrix = cylinder.matrix(node, values, matrix)
         vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
-        by_winding = values["face_normals"] or loaded.normals is None
-        if by_winding and determinant(matrix) < 0:  # a mirror keeps the front in front
-            faces = faces[:, ::-1]
-        if not values["face_normals"]:
+        flat = values.get("face_normals", False)
+        if (flat or loaded.normals is None) and determinant(matrix) < 0:
+            faces = faces[:, ::-1]  # a mirror keeps the front in front
+        if not flat:
             normals = _normals(matrix, vertices, faces, loaded)
         if normals is not None:
             faces = mesh.fronts_by_normals(vertices, faces, normals)
             if mesh.is_flat(vertices, faces, normals):
                 normals = None
-        if solid and not mesh.is_closed(vertices, faces):
+        if solid and name and not mesh.is_closed(vertices, faces):
             warnings.warn(
-                f"{where}: {node}: the mesh {shorten(str(path))} is open, but {solid}: light "
-                "leaks through the edges",
+                f"{name[0]}: {node}: the mesh {name[1]} is open, but {solid}: light leaks through "
+                "the edges",
                 SceneWarning,
                 stacklevel=7,
             )
-        if flip:
+        if values["flip_normals"]:
             faces, normals = faces[:, ::-1], None if normals is None else -normals
         uv = loaded.uv
         if uv is not None and values.get("flip_tex_coords"):
             uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
         self.meshes.append((*self._room(len(vertices), len(faces)), vertices, faces, normals, uv))
+
+    def _loaded(self, node: Node, values: dict[str, Any]) -> tuple[mesh.Mesh, tuple[str, ...]]:
+        """The mesh of a shape, and where it is named and how; no name for one that is made."""
+        if node.plugin == "cylinder":
+            return cylinder.unit(), ()
+        where = node.values["filename"].where
+        path = Path(node.folder) / values["filename"]
+        index = values.get("shape_index", 0)
+        loaded = mesh.read(path, node.plugin, where, index, self.files)
+        return loaded, (where, shorten(str(path)))
 
 
 def _place(

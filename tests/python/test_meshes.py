@@ -520,7 +520,8 @@ def with_uv(folder, description):
     shapes = Shapes()
     tree = mitsuba_dict.read({"type": "scene", "s": description})
     node = tree.scene.children[0]
-    shapes.add(node, check(node), (0, -1, -1), "")
+    values = {"to_world": np.eye(4), **{k: v for k, v in check(node).items() if v is not None}}
+    shapes.add((node, values, (0, -1, -1), ""))
     arrays = shapes.arrays(with_uv=True)
     assert "uv" not in shapes.arrays() and len(arrays["uv"]) == len(arrays["vertices"])
     return arrays["vertices"][arrays["triangles"]], arrays["uv"][arrays["triangles"]]

@@ -157,7 +157,7 @@ PLUGINS: dict[str, Plugin] = {
             "integrator": (("path", "volpath"), 0, 1),
             "sensor": (("perspective", "thinlens"), 1, 1),
             "emitter": (("constant", "point", "spot", "directional"), 0, _MANY),
-            "shape": (_SHAPES, 0, _MANY),
+            "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
             "medium": (("homogeneous",), 0, _MANY),
         },
@@ -260,6 +260,26 @@ PLUGINS: dict[str, Plugin] = {
         {**_MESH, "shape_index": Param("integer", 0, 0, 2**32 - 1, doc="which mesh of the file")},
         _ON_SHAPES,
         doc="Mitsuba's own format, versions 3 and 4; vertex colours are left out",
+    ),
+    "shapegroup": Plugin(
+        "shape",
+        {},
+        {"shape": ((*_SHAPES, "merge"), 0, _MANY)},
+        {"to_world": "without effect in Mitsuba; give it to the instances"},
+        doc="shapes that instances show; a lamp among them shines in each (not in Mitsuba)",
+    ),
+    "instance": Plugin(
+        "shape",
+        {"to_world": _TO_WORLD},
+        {"shape": (("shapegroup",), 1, 1)},
+        doc="the shapes of a group once more; each takes memory of its own, at most 100,000 "
+        "shapes and 50,000,000 triangles (12 GB) in all",
+    ),
+    "merge": Plugin(
+        "shape",
+        {},
+        {"shape": ((*_SHAPES, "instance"), 0, _MANY)},
+        doc="its shapes, as if they stood in its place",
     ),
     "diffuse": Plugin(
         "bsdf",

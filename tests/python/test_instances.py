@@ -9,7 +9,8 @@ import trimesh
 import veriray
 from veriray import transform
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import build, mitsuba_dict, shapes
+from veriray.formats import shapes
+from veriray.formats.node import Node
 from veriray.scene import load_dict, load_file
 
 SENSOR = {"type": "perspective", "fov": 40.0, "film": {"type": "hdrfilm", "width": 8, "height": 8}}
@@ -148,18 +149,22 @@ def test_the_memory_of_instances_is_stated_and_bounded(tmp_path):
         "their own; instances share no memory"
     )
     assert time.process_time() - begin < 20
-    monkeyed = shapes.Shapes()
-    tree = mitsuba_dict.read({**SCENE, "g": {"type": "shapegroup", **group},
-                              "i": {"type": "instance", "r": GROUP},
-                              "c": {"type": "cylinder"}})  # fmt: skip
-    builder = build._Builder(tree)
-    for node in tree.scene.children[2:]:
-        builder.shape(node, monkeyed)
-    assert monkeyed.notes() == [
-        ("1 instances are rendered as shapes of their own: 1 shapes with 81920 triangles, about "
-         "19 MB", "scene.i"),
-        ("1 cylinders are rendered as prisms of 256 sides", "scene.c"),
-    ]  # fmt: skip
+    found = shapes.Shapes()
+    values = {"to_world": np.eye(4), "flip_normals": False, "p0": (0, 0, 0), "p1": (1, 0, 0)}
+    values["radius"] = 1.0
+    box, tube = (
+        (Node(kind, "there", "shape"), values, (0, -1, -1), "") for kind in ("cube", "cylinder")
+    )
+    found.add(tube)
+    found.instance(Node("instance", "here"), TURN, [box, tube])
+    found.instance(Node("instance", "then"), TURN, [box])
+    text = (
+        "2 instances are rendered as shapes of their own: 3 shapes with 536 triangles, about 1 MB"
+    )
+    assert found.notes() == [
+        (text, "here"),
+        ("2 cylinders are rendered as prisms of 256 sides", "there"),
+    ]
 
 
 def test_many_shapes_of_instances_are_bounded(monkeypatch):

@@ -11,9 +11,10 @@ import trimesh
 
 import veriray
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh, mitsuba_dict
+from veriray.formats import mesh
+from veriray.formats.node import Node, Value
+from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
-from veriray.formats.values import check
 from veriray.scene import load_dict
 from veriray_validate.scenes import Medium, Part, camera, make, material
 
@@ -517,10 +518,10 @@ TEXTURED = {
 
 def with_uv(folder, description):
     """The triangles' corners (T, 3, 3) and texture coordinates (T, 3, 2) of a shape."""
-    shapes = Shapes()
-    tree = mitsuba_dict.read({"type": "scene", "s": description})
-    node = tree.scene.children[0]
-    values = {"to_world": np.eye(4), **{k: v for k, v in check(node).items() if v is not None}}
+    shapes, kind = Shapes(), description["type"]
+    values = {name: param.default for name, param in PLUGINS[kind].params.items()}
+    values = {**values, "to_world": np.eye(4), **description}
+    node = Node(kind, "here", values={n: Value("string", v, "here") for n, v in values.items()})
     shapes.add((node, values, (0, -1, -1), ""))
     arrays = shapes.arrays(with_uv=True)
     assert "uv" not in shapes.arrays() and len(arrays["uv"]) == len(arrays["vertices"])

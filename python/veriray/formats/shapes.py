@@ -109,7 +109,7 @@ class Shapes:
             text = (
                 f"{len(self.instances)} instances are rendered as shapes of their own: "
                 f"{self.instanced_shapes} shapes with {self.instanced_triangles} triangles, about "
-                f"{self.instanced_triangles * BYTES_A_TRIANGLE // 10**6} MB"
+                f"{-(-self.instanced_triangles * BYTES_A_TRIANGLE // 10**6)} MB"
             )
             found.append((text, self.instances[0].where))
         if self.cylinders:

@@ -11,7 +11,7 @@ import trimesh
 
 import veriray
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh
+from veriray.formats import mesh, mitsuba_dict
 from veriray.formats.node import Node, Value
 from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
@@ -521,7 +521,7 @@ def with_uv(folder, description):
     shapes, kind = Shapes(), description["type"]
     values = {name: param.default for name, param in PLUGINS[kind].params.items()}
     values = {**values, "to_world": np.eye(4), **description}
-    node = Node(kind, "here", values={n: Value("string", v, "here") for n, v in values.items()})
+    node = Node(kind, "here", values={n: Value("", v, "here") for n, v in description.items()})
     shapes.add((node, values, (0, -1, -1), ""))
     arrays = shapes.arrays(with_uv=True)
     assert "uv" not in shapes.arrays() and len(arrays["uv"]) == len(arrays["vertices"])
@@ -635,6 +635,90 @@ def test_cylinders_are_as_near_as_stated():
 def test_bad_cylinders(values, message):
     with pytest.raises(SceneError, match=message):
         one_shape(type="cylinder", **values)
+
+
+# ---- arrays ----
+
+TRIANGLE = {"type": "mesh", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
+
+
+def test_arrays_are_a_file(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    (tmp_path / "b.obj").write_text(ball.export(file_type="obj", include_normals=False, digits=17))
+    matrix = MATRICES["mirror"]
+    filed = shape(tmp_path, "b.obj", to_world=matrix, flip_normals=True)
+    arrays = one_shape(type="mesh", vertices=ball.vertices.tolist(), faces=ball.faces,
+                       to_world=matrix, flip_normals=True)  # fmt: skip
+    assert arrays.sha256 == filed.sha256 and arrays.normals.any()
+    scene = load_dict({"type": "scene", "sensor": {"type": "perspective", "fov": 40.0},
+                       "sky": {"type": "constant"}, "ball": ball})  # fmt: skip
+    assert scene.sha256 == one_shape(type="mesh", mesh=ball).sha256
+    assert scene.shape_names == ("ball",)
+    assert scene.sha256 == one_shape(type="obj", filename=tmp_path / "b.obj").sha256
+    red = one_shape(type="mesh", mesh=ball, face_normals=True,
+                    bsdf={"type": "diffuse", "reflectance": 0.25})  # fmt: skip
+    assert red.reflectance.tolist() == [[0.25] * 3] and not red.normals.any()
+
+
+def test_arrays_with_normals():
+    scene = one_shape(**TRIANGLE, normals=[[0, 0, -2], [0.5, 0, -1], [0, 0, 0]])
+    lengths = np.linalg.norm(scene.normals, axis=1)
+    assert lengths.tolist() == pytest.approx([1, 1, 0])
+
+
+def test_texture_coordinates_of_arrays(tmp_path):
+    uv = np.array([[0, 0.25], [1, 0.5], [-2, 3]])
+    for flip in (False, True):
+        made = trimesh.Trimesh(TRIANGLE["vertices"], TRIANGLE["faces"], process=False)
+        made.visual = trimesh.visual.TextureVisuals(uv=uv)
+        tree = mitsuba_dict._described(made)
+        assert tree["flip_tex_coords"] is True and (tree["uv"] == uv).all()
+        _, found = with_uv(tmp_path, {**TRIANGLE, "uv": uv, "flip_tex_coords": flip})
+        assert (found[0] == (uv * [1, -1] + [0, 1] if flip else uv)).all()
+    one_shape(type="mesh", mesh=made)
+
+
+class Odd:
+    @property
+    def vertices(self):
+        raise RuntimeError("no")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"vertices": None}, r's.vertices: mesh "s": "vertices" cannot be read as numbers'),
+        ({"vertices": "abc"}, "s.vertices: .* cannot be read as numbers"),
+        ({"vertices": [[0, 1]]}, r"has shape \(1, 2\), expected \(n, 3\)"),
+        ({"vertices": [[0, 1], [0]]}, "s.vertices: .* is not an array"),
+        ({"vertices": [[0, 0, np.nan]] * 3}, "must be finite"),
+        ({"vertices": [[0, 0, 1e101]] * 3}, r"vertex 0 has the coordinate 1e\+101"),
+        ({"faces": [[0, 1, 3]]}, r'mesh "s": triangle 0 uses vertex 3, outside \[0, 2\]'),
+        ({"faces": [[0, 1, -1]]}, "uses vertex -1, outside"),
+        ({"faces": [[0.0, 1.0, 2.0]]}, "has dtype float64, expected integers"),
+        ({"faces": [[0, 1, 2, 3]]}, r"has shape \(1, 4\), expected \(n, 3\)"),
+        ({"faces": []}, "holds no triangles"),
+        ({"faces": {"type": "cube"}}, "cannot be read as numbers"),
+        ({"uv": [[0, 0]]}, '"uv" has 1 rows for 3 vertices'),
+        ({"uv": [[0, 0], [1, 1], [0, 1e31]]}, r"the texture coordinate 1e\+31"),
+        ({"normals": [[0, 0, 1]]}, '"normals" has 1 rows for 3 vertices'),
+        ({"filename": "a.obj"}, "unknown parameter"),
+        ({"mesh": 3}, 'unknown parameter "mesh" = 3'),
+        ({"mesh": Odd()}, "is not a value that a scene can hold"),
+    ],
+)
+def test_bad_arrays(values, message):
+    with pytest.raises(SceneError, match=message):
+        one_shape(**{**TRIANGLE, **values})
+
+
+def test_a_file_holds_no_arrays(tmp_path):
+    (tmp_path / "a.xml").write_text(
+        """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>
+        <shape type="mesh"/></scene>"""
+    )
+    with pytest.raises(SceneError, match=r'a.xml:2: mesh: "vertices" \(array\) is missing'):
+        veriray.load_file(tmp_path / "a.xml")
 
 
 def test_texture_coordinates_are_finite(tmp_path):

@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .. import numeric
 from ..errors import SceneError
 from ..numeric import MAX_COORDINATE
 from . import ply, serialized
-from .node import quoted, read_bytes, shorten
+from .node import Node, quoted, read_bytes, shorten
 from .ply import MeshFileError
 
 Array = npt.NDArray[Any]
@@ -74,6 +75,37 @@ def read(
             mesh = Mesh(*readers[kind](data))
     except MeshFileError as error:
         raise SceneError(f"{name}{error}", where) from None
+    _check(mesh, name, where)
+    return mesh
+
+
+def given(node: Node) -> Mesh:
+    """The mesh of a shape whose parameters are its arrays. Raises SceneError as `read`."""
+
+    def array(name: str, dtype: Any, width: int) -> Array | None:
+        value = node.values.get(name)
+        if value is None:
+            return None
+        try:
+            return numeric.array(f'{node}: "{name}"', value.value, dtype, (None, width))
+        except SceneError as error:
+            raise SceneError(str(error), value.where) from None
+
+    vertices, triangles = array("vertices", np.float64, 3), array("faces", np.int64, 3)
+    assert vertices is not None and triangles is not None  # they are required
+    mesh = Mesh(vertices, triangles, array("normals", np.float64, 3), array("uv", np.float64, 2))
+    for name, values in (("normals", mesh.normals), ("uv", mesh.uv)):
+        if values is not None and len(values) != len(vertices):
+            raise SceneError(
+                f'{node}: "{name}" has {len(values)} rows for {len(vertices)} vertices',
+                node.values[name].where,
+            )
+    _check(mesh, str(node), node.where)
+    return mesh
+
+
+def _check(mesh: Mesh, name: str, where: str) -> None:
+    """Raises SceneError for a mesh without triangles, indices out of range and bad numbers."""
     if not len(mesh.triangles):
         raise SceneError(f"{name} holds no triangles", where)
     for what, values, limit in (
@@ -97,7 +129,6 @@ def read(
             f"[0, {len(mesh.vertices) - 1}]",
             where,
         )
-    return mesh
 
 
 def _obj(data: bytes) -> _Arrays:

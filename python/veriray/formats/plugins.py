@@ -78,7 +78,18 @@ _PLACED = {
 }
 _UNMASKED = (*OPAQUE_KINDS, "twosided", *(k for k in MATERIAL_KINDS if k not in OPAQUE_KINDS))
 _BSDFS = (*_UNMASKED, "mask")
-_SHAPES = ("obj", "ply", "stl", "serialized", "rectangle", "disk", "cube", "sphere", "cylinder")
+_SHAPES = (
+    "mesh",
+    "obj",
+    "ply",
+    "stl",
+    "serialized",
+    "rectangle",
+    "disk",
+    "cube",
+    "sphere",
+    "cylinder",
+)
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": (_BSDFS, 0, 1),
     "emitter": (("area",), 0, 1),
@@ -254,6 +265,19 @@ PLUGINS: dict[str, Plugin] = {
         {**_MESH, "face_normals": Param("boolean", True, choices=(True,))},
         _ON_SHAPES,
         doc="STL, flat; not in Mitsuba",
+    ),
+    "mesh": Plugin(
+        "shape",
+        {
+            "vertices": Param("array", REQUIRED, doc="(V, 3) numbers"),
+            "faces": Param("array", REQUIRED, doc="(T, 3) integers in [0, V)"),
+            "uv": Param("array", None, doc="(V, 2) texture coordinates"),
+            "normals": Param("array", None, doc="(V, 3) shading normals; zeros for none"),
+            **_flip_uv(False),
+            **{name: param for name, param in _MESH.items() if name != "filename"},
+        },
+        _ON_SHAPES,
+        doc="arrays of a dictionary, not of a file; not in Mitsuba",
     ),
     "serialized": Plugin(
         "shape",

@@ -235,7 +235,7 @@ class Shapes:
                 normals = None
         if solid and name and not mesh.is_closed(vertices, faces):
             warnings.warn(
-                f"{name[0]}: {node}: the mesh {name[1]} is open, but {solid}: light leaks through "
+                f"{name[0]}: {node}: the mesh {name[1]}is open, but {solid}: light leaks through "
                 "the edges",
                 SceneWarning,
                 stacklevel=8,
@@ -251,11 +251,13 @@ class Shapes:
         """The mesh of a shape, and where it is named and how; no name for one that is made."""
         if node.plugin == "cylinder":
             return cylinder.unit(), ()
+        if node.plugin == "mesh":
+            return mesh.given(node), (node.where, "")
         where = node.values["filename"].where
         path = Path(node.folder) / values["filename"]
         index = values.get("shape_index", 0)
         loaded = mesh.read(path, node.plugin, where, index, self.files)
-        return loaded, (where, shorten(str(path)))
+        return loaded, (where, f"{shorten(str(path))} ")
 
 
 def _place(

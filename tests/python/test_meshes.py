@@ -335,6 +335,33 @@ def test_computed_normals_of_a_sphere_point_outwards(tmp_path):
     assert (inside.triangles == scene.triangles[:, ::-1]).all()
 
 
+def test_creases(tmp_path):
+    box = trimesh.creation.box()
+    values = {"type": "mesh", "mesh": box}
+    assert len(one_shape(**values).vertices) == 8 and one_shape(**values).normals.any()
+    sharp = one_shape(**values, max_smooth_angle=89.0)
+    assert len(sharp.vertices) == 24 and not sharp.normals.any()
+    assert len(one_shape(**values, max_smooth_angle=91.0).vertices) == 8
+    tube = trimesh.creation.cylinder(1, 2, sections=64)
+    turned = np.where((np.arange(len(tube.faces)) % 2)[:, None] == 0, [0, 1, 2], [1, 2, 0])
+    faces = np.take_along_axis(tube.faces, turned, axis=1)
+    scene = one_shape(type="mesh", vertices=tube.vertices, faces=faces, max_smooth_angle=20)
+    assert len(scene.vertices) == 2 + 4 * 64, "caps and side apart"
+    side = np.abs(facing(scene)[:, 2]) < 0.5
+    round_ = scene.normals[scene.triangles[side]]
+    expected = scene.vertices[scene.triangles[side]] * [1, 1, 0]
+    assert np.abs(round_ - expected).max() < 1e-12
+    assert np.abs(np.abs(scene.normals[scene.triangles[~side]][..., 2]) - 1).max() < 1e-12
+    (tmp_path / "a.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 .1\nv 0 1 0\nvt 0 0\nvt 1 1\nf 1/1 2/1 3/1\nf 1/2 3/2 4/2\n"
+    )
+    assert len(shape(tmp_path, "a.obj", max_smooth_angle=180).vertices) == 6, "a seam stays"
+    with pytest.raises(SceneError, match="both face_normals and max_smooth_angle given"):
+        one_shape(**values, max_smooth_angle=3.0, face_normals=True)
+    with pytest.raises(SceneError, match="unknown parameter"):
+        shape(tmp_path, "a.stl", b"", max_smooth_angle=3.0)
+
+
 def test_a_flat_mesh_keeps_no_normals(tmp_path):
     assert not shape(tmp_path, "a.ply", PLY).normals.any()
     bent = shape(tmp_path, "b.ply", PLY.replace("0 1 0\n3", "0 1 1\n3"))

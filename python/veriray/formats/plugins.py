@@ -95,11 +95,13 @@ _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "emitter": (("area",), 0, 1),
     "medium": (("homogeneous",), 0, 2),
 }
+_CREASE = "degrees between faces from which on an edge is sharp; of Mitsuba 0.x"
 _MESH = {
     "filename": Param("string", REQUIRED, doc="mesh file, relative to the scene file"),
     "face_normals": Param(
         "boolean", False, doc="flat shading; else the file's vertex normals, or computed ones"
     ),
+    "max_smooth_angle": Param("float", None, 0.0, 180.0, doc=_CREASE),
     **_PLACED,
 }
 
@@ -262,7 +264,8 @@ PLUGINS: dict[str, Plugin] = {
     "ply": Plugin("shape", {**_MESH, **_flip_uv(False)}, _ON_SHAPES, doc="Stanford PLY"),
     "stl": Plugin(
         "shape",
-        {**_MESH, "face_normals": Param("boolean", True, choices=(True,))},
+        {name: param for name, param in _MESH.items() if name != "max_smooth_angle"}
+        | {"face_normals": Param("boolean", True, choices=(True,))},
         _ON_SHAPES,
         doc="STL, flat; not in Mitsuba",
     ),

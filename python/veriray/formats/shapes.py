@@ -13,7 +13,7 @@ from .. import transform
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
 from ..numeric import MAX_COORDINATE, determinant, mirrors
-from . import cylinder, mesh
+from . import creases, cylinder, mesh
 from .node import Node, shorten
 
 Array = npt.NDArray[Any]
@@ -224,7 +224,14 @@ class Shapes:
             self.cylinders.append(node)
             matrix = cylinder.matrix(node, values, matrix)
         vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
-        flat = values.get("face_normals", False)
+        flat, angle = values.get("face_normals", False), values.get("max_smooth_angle")
+        if angle is not None:
+            if flat:
+                raise SceneError(
+                    f"{node}: both face_normals and max_smooth_angle given", node.where
+                )
+            loaded = creases.split(mesh.Mesh(vertices, faces, None, loaded.uv), angle)
+            vertices, faces = loaded.vertices, loaded.triangles
         if (flat or loaded.normals is None) and determinant(matrix) < 0:
             faces = faces[:, ::-1]  # a mirror keeps the front in front
         if not flat:

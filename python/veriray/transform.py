@@ -20,10 +20,10 @@ Array = npt.NDArray[Any]
 
 
 def compose(a: Array, b: Array) -> Array:
-    """The matrix that applies b first, then a."""
-    result: Array = a[:, 0:1] * b[0:1, :]
+    """The matrix that applies b first, then a; leading axes are broadcast."""
+    result: Array = a[..., 0:1] * b[..., 0:1, :]
     for k in (1, 2, 3):
-        result = result + a[:, k : k + 1] * b[k : k + 1, :]
+        result = result + a[..., k : k + 1] * b[..., k : k + 1, :]
     return result
 
 

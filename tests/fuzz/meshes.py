@@ -1,4 +1,4 @@
-"""Mesh files: the body of the targets obj, ply and stl."""
+"""Mesh files: the body of the targets obj, ply, stl and serialized."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ def target(kind: str, modules: tuple[str, ...], words: tuple[str, ...]) -> Targe
     scene = BESIDE["scene.xml"].replace(b"KIND", kind.encode())
 
     def load(path: Path) -> tuple[mesh.Mesh, Path]:
-        return mesh.read(path, kind, "here"), path.parent / "scene.xml"
+        index = path.stat().st_size % 3 if kind == "serialized" else 0
+        return mesh.read(path, kind, "here", index), path.parent / "scene.xml"
 
     def valid(loaded: tuple[mesh.Mesh, Path]) -> str:
         found, path = loaded
@@ -32,6 +33,9 @@ def target(kind: str, modules: tuple[str, ...], words: tuple[str, ...]) -> Targe
             return "an index is out of range"
         if found.normals is not None and not np.isfinite(found.normals).all():
             return "a normal is not finite"
+        if found.uv is not None and (found.uv.shape != (len(vertices), 2) or not
+                                     np.isfinite(found.uv).all()):  # fmt: skip
+            return "a texture coordinate is not finite"
         try:
             return problem(load_file(path))
         except SceneError:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 import re
+import struct
+import zlib
 
 import numpy as np
 
@@ -22,7 +24,7 @@ _TAGS = (
 NAMES = tuple(sorted({
     *CATEGORIES, *PLUGINS, *(n for p in PLUGINS.values() for n in (*p.params, *p.unsupported)),
     *_TAGS, "interior", "exterior", "true", "false", "a", "$a", "${a}", "mesh.obj", "mesh.ply",
-    "mesh.stl", "part.xml", ".", *list(IORS)[:3], "50mm",
+    "mesh.stl", "mesh.serialized", "part.xml", ".", *list(IORS)[:3], "50mm",
 }))  # fmt: skip
 ATTRIBUTES = ("type", "id", "name", "value", "x", "y", "z", "angle", "origin", "target", "up",
               "filename", "version")  # fmt: skip
@@ -33,7 +35,11 @@ PLY = (
     b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
     b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 )
+SERIALIZED = struct.pack("<HH", 0x041C, 3) + zlib.compress(
+    struct.pack("<IQQ9f3I", 0x1000, 3, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 2)
+)
 BESIDE = {
+    "mesh.serialized": SERIALIZED,
     "mesh.obj": TRIANGLE + b"f 1 2 3\n", "mesh.stl": STL, "mesh.ply": PLY,
     "part.xml": b'<scene version="3.0.0"><shape type="cube"/></scene>',
     "scene.xml": b'<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/>'

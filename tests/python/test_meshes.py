@@ -1,7 +1,9 @@
 """Mesh files: reading, shading normals, closedness; positions and normals against Mitsuba."""
 
 import math
+import struct
 import warnings
+import zlib
 
 import numpy as np
 import pytest
@@ -9,7 +11,10 @@ import trimesh
 
 import veriray
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh
+from veriray.formats import mesh, mitsuba_dict
+from veriray.formats.node import Node, Value
+from veriray.formats.plugins import PLUGINS
+from veriray.formats.shapes import Shapes
 from veriray.scene import load_dict
 from veriray_validate.scenes import Medium, Part, camera, make, material
 
@@ -110,6 +115,21 @@ def test_ply_normals_and_other_properties(tmp_path):
     assert got.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     assert got.normals.tolist() == [[0, 0, 1], [0, 0, 2], [1, 0, 0]]
     assert got.triangles.tolist() == [[0, 1, 2]]
+    assert got.uv.tolist() == [[0.1, 0.2]] * 3
+
+
+@pytest.mark.parametrize("names", ["u v", "s t", "texture_u texture_v", "v u"])
+def test_ply_texture_coordinates(tmp_path, names):
+    extra = "".join(f"property float {name}\n" for name in names.split())
+    text = PLY.replace("property float z\n", f"property float z\n{extra}")
+    for k, corner in enumerate(CORNERS):
+        line = " ".join(map(str, corner))
+        text = text.replace(f"\n{line}\n", f"\n{line} {k} {-k / 2}\n")
+    got = read(tmp_path, "a.ply", text)
+    expected = [[k, -k / 2] for k in range(4)]
+    assert got.uv.tolist() == [row[::-1] if names == "v u" else row for row in expected]
+    other = read(tmp_path, "b.ply", text.replace(f"{names.split()[1]}\n", "w\n"))
+    assert other.uv is None, "one of two is none"
 
 
 def test_obj(tmp_path):
@@ -158,6 +178,11 @@ def test_obj_vertices_are_split_by_normal_and_texture(tmp_path):
     assert (got.vertices[got.triangles] == np.array(
         [[[0, 0, 0], [1, 0, 0], [1, 1, 0.3]], [[0, 0, 0], [1, 1, 0.3], [0, 1, 0.1]]]
     )).all()  # fmt: skip
+    assert got.uv is None
+    seam = OBJ + "vt 0 .25\nvt 1\nf 1/1 2/1 3/1\nf 1/2 3 4/2\n"
+    split = read(tmp_path, "b.obj", seam)
+    assert len(split.vertices) == 6 and split.normals is None
+    assert split.uv[split.triangles].tolist() == [[[0, 0.25]] * 3, [[1, 0], [0, 0], [1, 0]]]
     seam = OBJ + "vt 0 0\nvt 1 1\nf 1/1 2/1 3/1\nf 1/2 3/2 4/2\n"
     assert len(read(tmp_path, "b.obj", seam).vertices) == 6
     assert not shape(tmp_path, "b.obj").normals.any(), "a seam is an edge, as in Mitsuba"
@@ -177,6 +202,106 @@ def test_stl(tmp_path):
     (tmp_path / "b.stl").write_bytes(binary_stl(corners + [[[0, 0, 0], [0, 0, 0], [0, 0, 1]]]))
     scene = shape(tmp_path, "b.stl")
     assert len(scene.triangles) == 2 and not scene.normals.any()
+
+
+# ---- serialized files ----
+
+FLAGS = {"normals": 1, "uv": 2, "colours": 8, "f4": 0x1000, "f8": 0x2000}
+TABLES = {
+    "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.25, 0.5, 1]],
+    "normals": [[-1, -1, -1], [0, -2, -1], [-2, 0, -1], [-1, -1, 0]],
+    "uv": [[0, 0.1], [1, 0.2], [-3, 0.3], [0.5, 7]],
+    "colours": [[1, 0, 0]] * 4,
+}
+FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2]]
+
+
+def one_mesh(
+    parts=("normals", "uv"), kind="f4", version=4, shift=0.0, flags=0, end=b"", counts=(4, 3)
+):
+    """One mesh of a serialized file."""
+    body = struct.pack("<I", FLAGS[kind] | flags | sum(FLAGS[part] for part in parts))
+    body += "Stra\u00dfe\0".encode() if version == 4 else b""
+    body += struct.pack("<QQ", *counts)
+    for part in ("vertices", *parts):
+        table = np.array(TABLES[part]) + (shift if part == "vertices" else 0)
+        body += table.astype("<" + kind).tobytes()
+    body += np.array(FACES, "<u4").tobytes() + end
+    return struct.pack("<HH", 0x041C, version) + zlib.compress(body)
+
+
+def serialized_file(meshes, version=4):
+    """A file of several meshes, with its table of offsets."""
+    offsets = np.cumsum([0, *map(len, meshes)])[:-1]
+    table = offsets.astype("<u8" if version == 4 else "<u4").tobytes()
+    return b"".join(meshes) + table + struct.pack("<I", len(meshes))
+
+
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+@pytest.mark.parametrize("parts", [(), ("normals",), ("uv", "colours"), ("normals", "uv")])
+def test_serialized(tmp_path, version, kind, parts):
+    meshes = [one_mesh(parts, kind, version, shift) for shift in (0, 1, 2)]
+    (tmp_path / "a.serialized").write_bytes(serialized_file(meshes, version))
+    files = {}
+    for index in range(3):
+        got = mesh.read(tmp_path / "a.serialized", "serialized", "here", index, files)
+        assert (got.vertices == np.array(TABLES["vertices"]) + index).all()
+        assert got.triangles.tolist() == FACES and got.vertices.dtype == np.float64
+        for part, values in (("normals", got.normals), ("uv", got.uv)):
+            assert (values is None) == (part not in parts)
+            exact = np.array(TABLES[part], kind).astype(float)
+            assert values is None or (values == exact).all()
+    assert len(files) == 1
+    alone = read(tmp_path, "b.serialized", meshes[0])
+    assert alone.triangles.tolist() == FACES, "one mesh needs no table"
+
+
+DAMAGE = {
+    "empty": (b"", 0, "no header"),
+    "magic": (b"\x1c\x05\x04\0" + one_mesh()[4:], 0, "format 0x051c and the version 4"),
+    "version": (b"\x1c\x04\x05\0" + one_mesh()[4:], 0, "version 5, expected 0x041c and 3 or 4"),
+    "not zlib": (one_mesh()[:4] + b"hello world", 0, "mesh 0 cannot be unpacked"),
+    "bits": (bytes(b ^ (k == 40) * 8 for k, b in enumerate(one_mesh())), 0, "cannot be unpacked"),
+    "short": (one_mesh()[:-20], 0, "ends within its"),
+    "no checksum": (one_mesh()[:-1], 0, "ends within its"),
+    "long": (one_mesh(end=b"x"), 0, "holds more than the"),
+    "bomb": (one_mesh(end=bytes(10**8)), 0, "holds more than the"),
+    "vertices": (one_mesh(counts=(10**9, 3)), 0, "at most 2147483648 allowed"),
+    "triangles": (one_mesh(counts=(4, 2**64 - 1)), 0, "18446744073709551615 triangles"),
+    "few": (one_mesh(counts=(4, 4)), 0, "ends within its"),
+    "none": (one_mesh(counts=(4, 0), end=b""), 0, "holds more than"),
+    "name": (one_mesh()[:4] + zlib.compress(b"x" * 10**7), 0, "no counts"),
+    "flags": (one_mesh(flags=0x3000), 0, "single and double"),
+    "index": (serialized_file([one_mesh()] * 2), 2, r'"shape_index" = 2 is outside \[0, 1\]'),
+    "no table": (one_mesh(), 1, "its end states [0-9]+ meshes"),
+    "no meshes": (one_mesh() + bytes(4), 1, "its end states 0 meshes"),
+    "offset": (one_mesh() + struct.pack("<QQI", 0, 2**40, 2), 1, "begin at byte 1099511627776"),
+    "not there": (one_mesh() + struct.pack("<QQI", 0, 3, 2), 1, "at byte 3 stand"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_damaged_serialized_files(tmp_path, name):
+    content, index, message = DAMAGE[name]
+    with pytest.raises(SceneError, match=rf"s.filename: .*a.serialized.*{message}"):
+        shape(tmp_path, "a.serialized", content, shape_index=index)
+
+
+def test_every_byte_of_a_serialized_file_may_be_wrong(tmp_path):
+    whole = serialized_file([one_mesh(), one_mesh(shift=1.0)])
+    same = 0
+    for k in range(len(whole)):
+        for content in (whole[:k], whole[:k] + bytes([whole[k] ^ 0x55]) + whole[k + 1 :]):
+            (tmp_path / "a.serialized").write_bytes(content)
+            for index in (0, 1):
+                try:
+                    mesh.read(tmp_path / "a.serialized", "serialized", "here", index)
+                    same += 1
+                except SceneError:
+                    continue
+    first = len(one_mesh())  # the other mesh may be wrong, and what says where that is
+    assert same == 2 * (len(whole) - first) + (first - 4) + 8
 
 
 # ---- normals ----
@@ -208,6 +333,33 @@ def test_computed_normals_of_a_sphere_point_outwards(tmp_path):
     inside = shape(tmp_path, "ball.obj", flip_normals=True)
     assert (inside.normals == -scene.normals).all()
     assert (inside.triangles == scene.triangles[:, ::-1]).all()
+
+
+def test_creases(tmp_path):
+    box = trimesh.creation.box()
+    values = {"type": "mesh", "mesh": box}
+    assert len(one_shape(**values).vertices) == 8 and one_shape(**values).normals.any()
+    sharp = one_shape(**values, max_smooth_angle=89.0)
+    assert len(sharp.vertices) == 24 and not sharp.normals.any()
+    assert len(one_shape(**values, max_smooth_angle=91.0).vertices) == 8
+    tube = trimesh.creation.cylinder(1, 2, sections=64)
+    turned = np.where((np.arange(len(tube.faces)) % 2)[:, None] == 0, [0, 1, 2], [1, 2, 0])
+    faces = np.take_along_axis(tube.faces, turned, axis=1)
+    scene = one_shape(type="mesh", vertices=tube.vertices, faces=faces, max_smooth_angle=20)
+    assert len(scene.vertices) == 2 + 4 * 64, "caps and side apart"
+    side = np.abs(facing(scene)[:, 2]) < 0.5
+    round_ = scene.normals[scene.triangles[side]]
+    expected = scene.vertices[scene.triangles[side]] * [1, 1, 0]
+    assert np.abs(round_ - expected).max() < 1e-12
+    assert np.abs(np.abs(scene.normals[scene.triangles[~side]][..., 2]) - 1).max() < 1e-12
+    (tmp_path / "a.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 .1\nv 0 1 0\nvt 0 0\nvt 1 1\nf 1/1 2/1 3/1\nf 1/2 3/2 4/2\n"
+    )
+    assert len(shape(tmp_path, "a.obj", max_smooth_angle=180).vertices) == 6, "a seam stays"
+    with pytest.raises(SceneError, match="both face_normals and max_smooth_angle given"):
+        one_shape(**values, max_smooth_angle=3.0, face_normals=True)
+    with pytest.raises(SceneError, match="unknown parameter"):
+        shape(tmp_path, "a.stl", b"", max_smooth_angle=3.0)
 
 
 def test_a_flat_mesh_keeps_no_normals(tmp_path):
@@ -346,6 +498,9 @@ FILES = {
     ).replace(
         "0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "0 0 0 0 0 2\n1 0 0 .3 0 1\n1 1 0 0 0 1\n0 1 .1 0 .2 1\n"
     ),
+    "computed.serialized": one_mesh(("uv", "colours"), "f8"),
+    "given.serialized": one_mesh(version=3),
+    "flag.serialized": one_mesh(("uv",), flags=0x10),  # Mitsuba 3 ignores it
 }  # fmt: skip
 
 
@@ -356,13 +511,13 @@ def test_vertices_and_normals_are_mitsubas(mi, tmp_path, name, matrix, flip):
     matrix = MATRICES[matrix]
     ours = shape(tmp_path, name, FILES[name], to_world=matrix, flip_normals=flip)
     theirs = mi.load_dict({
-        "type": name[-3:], "filename": str(tmp_path / name), "flip_normals": flip,
+        "type": name.partition(".")[2], "filename": str(tmp_path / name), "flip_normals": flip,
         "to_world": mi.ScalarTransform4f(matrix),
     })  # fmt: skip
     params = mi.traverse(theirs)
     assert len(ours.triangles) == np.array(params["faces"]).size // 3
     positions = np.array(params["vertex_positions"]).reshape(-1, 3)
-    given = "vn " in FILES[name] or "float nx" in FILES[name]
+    given = name.startswith(("given", "turned"))
     turned = np.linalg.det(matrix[:3, :3]) < 0 and not given  # Mitsuba turns these inside out
     normals = np.array(params["vertex_normals"]).reshape(-1, 3) * (-1 if flip != turned else 1)
     for position, normal in zip(ours.vertices, ours.normals, strict=True):
@@ -376,6 +531,227 @@ def test_vertices_and_normals_are_mitsubas(mi, tmp_path, name, matrix, flip):
         ray = mi.Ray3f((corners.mean(axis=0) + 0.01 * front).tolist(), (-front).tolist())
         side = scene.ray_intersect(ray).wi.z * (-1 if turned else 1)
         assert side > 0, "our front is the side that Mitsuba shades"
+
+
+TEXTURED = {
+    "a.obj": OBJ + "vt 0 .1\nvt 1 .2\nvt .9 1\nvt -3 7\nf 1/1 2/2 3/3\nf 1/1 3/4 4/2\n",
+    "n.obj": OBJ + "vt 0 .1\nvt 1 .2\nvt 2 3\nvn 0 0 -1\nvn .1 0 -1\n"
+             "f 1/1/1 2/2/1 3/3/2\nf 1/1/1 3/2/2 4/2/2\n",
+    "a.ply": PLY.replace("float z\n", "float z\nproperty float u\nproperty float v\n").replace(
+        "0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "0 0 0 0 .1\n1 0 0 .7 .2\n1 1 .3 4 5\n0 1 0 .1 .9\n"),
+    "a.serialized": one_mesh(("uv", "colours")),
+}  # fmt: skip
+
+
+def with_uv(folder, description):
+    """The triangles' corners (T, 3, 3) and texture coordinates (T, 3, 2) of a shape."""
+    shapes, kind = Shapes(), description["type"]
+    values = {name: param.default for name, param in PLUGINS[kind].params.items()}
+    values = {**values, "to_world": np.eye(4), **description}
+    node = Node(kind, "here", values={n: Value("", v, "here") for n, v in description.items()})
+    shapes.add((node, values, (0, -1, -1), ""))
+    arrays = shapes.arrays(with_uv=True)
+    assert "uv" not in shapes.arrays() and len(arrays["uv"]) == len(arrays["vertices"])
+    return arrays["vertices"][arrays["triangles"]], arrays["uv"][arrays["triangles"]]
+
+
+@pytest.mark.parametrize("name", [*TEXTURED, "cube", "rectangle", "cylinder"])
+@pytest.mark.parametrize("flip_tex_coords", [None, False, True])
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("matrix", MATRICES)
+def test_texture_coordinates_are_mitsubas(mi, tmp_path, name, flip_tex_coords, flip, matrix):
+    description = {"type": name.rpartition(".")[2], "flip_normals": flip}
+    if name in TEXTURED:
+        text = TEXTURED[name]
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+        description["filename"] = str(tmp_path / name)
+    if flip_tex_coords is not None:
+        if not name.endswith(("obj", "ply")):
+            pytest.skip("has no flip_tex_coords")
+        description["flip_tex_coords"] = flip_tex_coords
+    corners, uv = with_uv(tmp_path, {**description, "to_world": MATRICES[matrix]})
+    to_world = mi.ScalarTransform4f(MATRICES[matrix])
+    scene = mi.load_dict({"type": "scene", "s": {**description, "to_world": to_world}})
+    for points, values in zip(corners, uv, strict=True):
+        normal = np.cross(points[1] - points[0], points[2] - points[0])
+        normal *= 0.01 / np.linalg.norm(normal)
+        for weights in ([0.2, 0.3, 0.5], [0.7, 0.1, 0.2]):
+            ray = mi.Ray3f((weights @ points + normal).tolist(), (-normal).tolist())
+            hit = scene.ray_intersect(ray)
+            assert np.abs(np.array(hit.uv) - weights @ values).max() < 1e-4
+
+
+def one_shape(**values):
+    """The scene of a shape."""
+    return load_dict({
+        "type": "scene",
+        "sensor": {"type": "perspective", "fov": 40.0},
+        "sky": {"type": "constant"},
+        "s": values,
+    })  # fmt: skip
+
+
+ENDS = {
+    "default": {},
+    "slanted": {"p0": [1, 2, 3], "p1": [2, 4, 3], "radius": 0.5},
+    "down": {"p0": [0, 0, 1], "p1": [0, 0, 0], "radius": 3.0},
+    "steep": {"p0": [0, 1, 0], "p1": [0.25, 1, -9], "radius": 2.0},
+}
+CYLINDERS = {
+    **MATRICES,
+    "long": np.diag([2.0, 2.0, 9.0, 1.0]),
+    "flat": np.diag([1.0, 1.0, -0.125, 1.0]),
+}
+
+
+@pytest.mark.parametrize("ends", ENDS)
+@pytest.mark.parametrize("matrix", CYLINDERS)
+@pytest.mark.parametrize("flip", [False, True])
+def test_cylinders_are_mitsubas(mi, ends, matrix, flip):
+    """From points about the axis: hits, normals, texture coordinates and sides."""
+    values = {"type": "cylinder", "flip_normals": flip, **ENDS[ends]}
+    matrix = CYLINDERS[matrix]
+    ours = one_shape(**values, to_world=matrix)
+    theirs = mi.load_dict({
+        "type": "scene", "s": {**values, "to_world": mi.ScalarTransform4f(matrix)}
+    })  # fmt: skip
+    corners, uv = with_uv(None, {**values, "to_world": matrix})
+    points = corners.mean(axis=1)
+    normals = ours.normals[ours.triangles].mean(axis=1)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    size = np.ptp(corners.reshape(-1, 3), axis=0).max()
+    fronts = facing(ours)
+    assert (fronts * normals).sum(axis=1).min() > 0.999
+    assert len(points) == 512
+    outward = normals * (-1 if flip else 1)
+    for k in range(0, 512, 5):
+        ray = mi.Ray3f((points[k] + 1e-3 * size * outward[k]).tolist(), (-outward[k]).tolist())
+        hit = theirs.ray_intersect(ray)
+        assert np.abs(np.array(hit.p) - points[k]).max() < 1.5e-4 * size
+        assert np.array(hit.n) @ normals[k] > 1 - 1e-5 and (hit.wi.z > 0) != flip
+        assert np.abs(np.array(hit.uv) - uv[k].mean(axis=0)).max() < 1e-3
+
+
+def test_cylinders_are_as_near_as_stated():
+    scene = one_shape(type="cylinder", radius=0.5, p1=[0, 0, 4])
+    a, b, c = (scene.vertices[scene.triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert 1 - area / (4 * math.pi) == pytest.approx(2.51e-5, rel=1e-3)
+    radii = np.linalg.norm(scene.vertices[:, :2], axis=1)
+    assert np.abs(radii - 0.5).max() < 1e-15
+    middle = np.linalg.norm(((a + b) / 2)[::2, :2], axis=1)
+    assert 1 - middle.min() / 0.5 == pytest.approx(7.53e-5, rel=1e-3)
+    assert (np.abs(np.linalg.norm(scene.normals, axis=1) - 1) < 1e-15).all()
+    assert set(scene.vertices[:, 2]) == {0.0, 4.0}
+    turned = one_shape(type="cylinder", to_world=np.diag([-1.0, 1, 1, 1]))
+    assert (facing(turned)[:, :2] * turned.vertices[turned.triangles[:, 0]][:, :2]).sum() > 0
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"p1": [0, 0, 0]}, 's: cylinder "s": p0 and p1 are the same point'),
+        ({"radius": 0}, r'"radius" = 0 is outside \(0, 1e\+100\)'),
+        ({"radius": -1.0}, r'"radius" = -1.0 is outside \(0, 1e\+100\)'),
+        ({"p0": [1e101, 0, 0]}, '"p0"'),
+        ({"radius": 9e99, "p0": [9e99, 0, 0], "p1": [9e99, 0, 1]}, "a vertex exceeds 1e\\+100"),
+        ({"radius": 9e99, "to_world": np.diag([1e99, 1e99, 1e99, 1])}, "a vertex exceeds"),
+        ({"p1": [0, 0, 1e99], "to_world": np.full((4, 4), 1e100)}, "to_world"),
+    ],
+)
+def test_bad_cylinders(values, message):
+    with pytest.raises(SceneError, match=message):
+        one_shape(type="cylinder", **values)
+
+
+# ---- arrays ----
+
+TRIANGLE = {"type": "mesh", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
+
+
+def test_arrays_are_a_file(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    (tmp_path / "b.obj").write_text(ball.export(file_type="obj", include_normals=False, digits=17))
+    matrix = MATRICES["mirror"]
+    filed = shape(tmp_path, "b.obj", to_world=matrix, flip_normals=True)
+    arrays = one_shape(type="mesh", vertices=ball.vertices.tolist(), faces=ball.faces,
+                       to_world=matrix, flip_normals=True)  # fmt: skip
+    assert arrays.sha256 == filed.sha256 and arrays.normals.any()
+    scene = load_dict({"type": "scene", "sensor": {"type": "perspective", "fov": 40.0},
+                       "sky": {"type": "constant"}, "ball": ball})  # fmt: skip
+    assert scene.sha256 == one_shape(type="mesh", mesh=ball).sha256
+    assert scene.shape_names == ("ball",)
+    assert scene.sha256 == one_shape(type="obj", filename=tmp_path / "b.obj").sha256
+    red = one_shape(type="mesh", mesh=ball, face_normals=True,
+                    bsdf={"type": "diffuse", "reflectance": 0.25})  # fmt: skip
+    assert red.reflectance.tolist() == [[0.25] * 3] and not red.normals.any()
+
+
+def test_arrays_with_normals():
+    scene = one_shape(**TRIANGLE, normals=[[0, 0, -2], [0.5, 0, -1], [0, 0, 0]])
+    lengths = np.linalg.norm(scene.normals, axis=1)
+    assert lengths.tolist() == pytest.approx([1, 1, 0])
+
+
+def test_texture_coordinates_of_arrays(tmp_path):
+    uv = np.array([[0, 0.25], [1, 0.5], [-2, 3]])
+    for flip in (False, True):
+        made = trimesh.Trimesh(TRIANGLE["vertices"], TRIANGLE["faces"], process=False)
+        made.visual = trimesh.visual.TextureVisuals(uv=uv)
+        tree = mitsuba_dict._described(made)
+        assert tree["flip_tex_coords"] is True and (tree["uv"] == uv).all()
+        _, found = with_uv(tmp_path, {**TRIANGLE, "uv": uv, "flip_tex_coords": flip})
+        assert (found[0] == (uv * [1, -1] + [0, 1] if flip else uv)).all()
+    one_shape(type="mesh", mesh=made)
+
+
+class Odd:
+    @property
+    def vertices(self):
+        raise RuntimeError("no")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"vertices": None}, r's.vertices: mesh "s": "vertices" cannot be read as numbers'),
+        ({"vertices": "abc"}, "s.vertices: .* cannot be read as numbers"),
+        ({"vertices": [[0, 1]]}, r"has shape \(1, 2\), expected \(n, 3\)"),
+        ({"vertices": [[0, 1], [0]]}, "s.vertices: .* is not an array"),
+        ({"vertices": [[0, 0, np.nan]] * 3}, "must be finite"),
+        ({"vertices": [[0, 0, 1e101]] * 3}, r"vertex 0 has the coordinate 1e\+101"),
+        ({"faces": [[0, 1, 3]]}, r'mesh "s": triangle 0 uses vertex 3, outside \[0, 2\]'),
+        ({"faces": [[0, 1, -1]]}, "uses vertex -1, outside"),
+        ({"faces": [[0.0, 1.0, 2.0]]}, "has dtype float64, expected integers"),
+        ({"faces": [[0, 1, 2, 3]]}, r"has shape \(1, 4\), expected \(n, 3\)"),
+        ({"faces": []}, "holds no triangles"),
+        ({"faces": {"type": "cube"}}, "cannot be read as numbers"),
+        ({"uv": [[0, 0]]}, '"uv" has 1 rows for 3 vertices'),
+        ({"uv": [[0, 0], [1, 1], [0, 1e31]]}, r"the texture coordinate 1e\+31"),
+        ({"normals": [[0, 0, 1]]}, '"normals" has 1 rows for 3 vertices'),
+        ({"filename": "a.obj"}, "unknown parameter"),
+        ({"mesh": 3}, 'unknown parameter "mesh" = 3'),
+        ({"mesh": Odd()}, "is not a value that a scene can hold"),
+    ],
+)
+def test_bad_arrays(values, message):
+    with pytest.raises(SceneError, match=message):
+        one_shape(**{**TRIANGLE, **values})
+
+
+def test_a_file_holds_no_arrays(tmp_path):
+    (tmp_path / "a.xml").write_text(
+        """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>
+        <shape type="mesh"/></scene>"""
+    )
+    with pytest.raises(SceneError, match=r'a.xml:2: mesh: "vertices" \(array\) is missing'):
+        veriray.load_file(tmp_path / "a.xml")
+
+
+def test_texture_coordinates_are_finite(tmp_path):
+    text = TEXTURED["a.ply"].replace("4 5", "4 nan")
+    with pytest.raises(SceneError, match=r"vertex 2 has the texture coordinate nan; .* 1e\+30"):
+        shape(tmp_path, "a.ply", text)
 
 
 def test_errors_name_the_file(tmp_path):

@@ -18,7 +18,7 @@ from ..numeric import check_rigid, view_angle
 from . import materials
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
-from .shapes import Shapes, must_be_closed
+from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .values import check, located
 
 Array = npt.NDArray[Any]
@@ -46,6 +46,7 @@ class _Builder:
         self.checked: dict[int, tuple[Node, _Parts, dict[str, Any]]] = {}
         self.childless: dict[str, _Parts] = {}
         self.rows: dict[int, materials.Row] = {}
+        self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
 
     def check(self, node: Node) -> tuple[_Parts, dict[str, Any]]:
@@ -127,7 +128,7 @@ class _Builder:
             "rr_depth": path["rr_depth"],
             **sampling,
         }
-        places = {"scene": [root.where], "shapes": [shape.where for shape in parts["shape"]]}
+        places = {"scene": [root.where], "shapes": shapes.places}
         return Built(arguments, {**places, **self.tables.places()})
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
@@ -236,6 +237,33 @@ class _Builder:
         return media.get("interior", -1), media.get("exterior", -1)
 
     def shape(self, node: Node, shapes: Shapes) -> None:
+        """Adds a shape; the ones of a group are added by its instances."""
+        if node.plugin == "shapegroup":
+            self.group(node)
+        elif node.plugin == "instance":
+            parts, values = self.children(node), check(node)
+            shapes.instance(node, values["to_world"], self.group(parts["shape"][0]))
+        elif node.plugin == "merge":
+            check(node)
+            for child in self.children(node)["shape"]:
+                self.shape(child, shapes)
+        else:
+            shapes.add(self.surface(node))
+
+    def group(self, node: Node) -> list[Surface]:
+        """The shapes of a group, or of a merge in one."""
+        found = self.groups.get(id(node))
+        if found is None:
+            found = []
+            for child in self.check(node)[0]["shape"]:  # holds the node, and so its id
+                if child.plugin == "instance":
+                    raise SceneError(f"{node}: a group cannot hold an instance", child.where)
+                found += self.group(child) if child.plugin == "merge" else [self.surface(child)]
+            self.groups[id(node)] = found
+        return found
+
+    def surface(self, node: Node) -> Surface:
+        """A shape with the rows of its material, emission and boundary."""
         parts, values = self.children(node), check(node)  # used once
         lamp = parts["emitter"][0] if parts["emitter"] else None
         if parts["bsdf"]:
@@ -252,8 +280,9 @@ class _Builder:
         media = self.boundary(node)
         if media != (-1, -1):
             boundary = self.tables.index("boundaries", media, {"boundaries": media})
-        solid = must_be_closed(row, media[0] >= 0)
-        shapes.add(node, values, (material, emission, boundary), solid)
+        if values["to_world"] is None:
+            values["to_world"] = IDENTITY
+        return node, values, (material, emission, boundary), must_be_closed(row, media[0] >= 0)
 
     def light(self, node: Node) -> None:
         """Adds a point, spot or directional light."""

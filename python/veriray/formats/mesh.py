@@ -1,4 +1,4 @@
-"""Triangle meshes from OBJ, PLY and STL files, and their shading normals.
+"""Triangle meshes from OBJ, PLY, STL and serialized files, and their shading normals.
 
 OBJ and PLY are read here: trimesh (5.2) takes OBJ's index 0 for vertex 1, counts negative indices
 from the end of the file and reverses groups, shortens damaged PLY faces and lets indices run out of
@@ -12,6 +12,7 @@ import io
 import logging
 import re
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .. import numeric
 from ..errors import SceneError
 from ..numeric import MAX_COORDINATE
-from . import ply
-from .node import quoted, read_bytes, shorten
+from . import ply, serialized
+from .node import Node, quoted, read_bytes, shorten
 from .ply import MeshFileError
 
 Array = npt.NDArray[Any]
 MAX_BYTES = 512 * 2**20
+MAX_UV = 1e30  # float32 on the device
 _NUMBER = re.compile(rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 
@@ -34,36 +37,88 @@ _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 @dataclass
 class Mesh:
     """vertices (V, 3) float64, triangles (T, 3) int64; normals (V, 3) float64 of the file, of any
-    length, zero rows for vertices without one; None for a file without any."""
+    length, and texture coordinates uv (V, 2) float64 as they stand in the file: zero rows for
+    vertices without, None for a file without any."""
 
     vertices: Array
     triangles: Array
     normals: Array | None
+    uv: Array | None = None
 
 
-def read(path: Path, kind: str, where: str) -> Mesh:
-    """A mesh file; kind: "obj", "ply" or "stl". Texture coordinates are checked and left out.
+_Arrays = tuple[Array, Array, Array | None, Array | None]
+
+
+def read(
+    path: Path, kind: str, where: str, index: int = 0, files: dict[Path, bytes] | None = None
+) -> Mesh:
+    """A mesh file; kind: "obj", "ply", "stl" or "serialized", with the mesh `index` of that file.
+
+    files: holds the content of the file that was read last, for shapes in a row that share one.
 
     Vertices of an OBJ file that is used with several normals or texture coordinates are split, as
     Mitsuba does. Raises SceneError for a file that is missing, damaged, empty, or holds indices out
     of range or numbers that are not finite.
     """
-    data = read_bytes(path, MAX_BYTES, where)
+    files = {} if files is None else files
+    if path not in files:
+        files.clear()
+        files[path] = read_bytes(path, MAX_BYTES, where)
+    data = files[path]
     name = f'"filename" = {shorten(str(path))}'
     try:
-        mesh = Mesh(*{"obj": _obj, "ply": ply.read, "stl": _stl}[kind](data))
+        if kind == "serialized":
+            mesh = Mesh(*serialized.read(data, index))
+        else:
+            readers: dict[str, Callable[[bytes], _Arrays]]
+            readers = {"obj": _obj, "ply": ply.read, "stl": _stl}
+            mesh = Mesh(*readers[kind](data))
     except MeshFileError as error:
         raise SceneError(f"{name}{error}", where) from None
+    _check(mesh, name, where)
+    return mesh
+
+
+def given(node: Node) -> Mesh:
+    """The mesh of a shape whose parameters are its arrays. Raises SceneError as `read`."""
+
+    def array(name: str, dtype: Any, width: int) -> Array | None:
+        value = node.values.get(name)
+        if value is None:
+            return None
+        try:
+            return numeric.array(f'{node}: "{name}"', value.value, dtype, (None, width))
+        except SceneError as error:
+            raise SceneError(str(error), value.where) from None
+
+    vertices, triangles = array("vertices", np.float64, 3), array("faces", np.int64, 3)
+    assert vertices is not None and triangles is not None  # they are required
+    mesh = Mesh(vertices, triangles, array("normals", np.float64, 3), array("uv", np.float64, 2))
+    for name, values in (("normals", mesh.normals), ("uv", mesh.uv)):
+        if values is not None and len(values) != len(vertices):
+            raise SceneError(
+                f'{node}: "{name}" has {len(values)} rows for {len(vertices)} vertices',
+                node.values[name].where,
+            )
+    _check(mesh, str(node), node.where)
+    return mesh
+
+
+def _check(mesh: Mesh, name: str, where: str) -> None:
+    """Raises SceneError for a mesh without triangles, indices out of range and bad numbers."""
     if not len(mesh.triangles):
         raise SceneError(f"{name} holds no triangles", where)
-    normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
-    for what, values in (("coordinate", mesh.vertices), ("normal's component", normals)):
-        bad = np.argwhere(~(np.abs(values) <= MAX_COORDINATE))  # NaN too
-        if len(bad):
+    for what, values, limit in (
+        ("coordinate", mesh.vertices, MAX_COORDINATE),
+        ("normal's component", mesh.normals, MAX_COORDINATE),
+        ("texture coordinate", mesh.uv, MAX_UV),
+    ):
+        bad = np.zeros((0, 2)) if values is None else np.argwhere(~(np.abs(values) <= limit))
+        if values is not None and len(bad):  # NaN too
             row, column = (int(i) for i in bad[0])
             raise SceneError(
                 f"{name}: vertex {row} has the {what} {values[row, column]}; it must be finite and "
-                f"within {MAX_COORDINATE:g}",
+                f"within {limit:g}",
                 where,
             )
     bad = np.argwhere((mesh.triangles < 0) | (mesh.triangles >= len(mesh.vertices)))
@@ -74,20 +129,22 @@ def read(path: Path, kind: str, where: str) -> Mesh:
             f"[0, {len(mesh.vertices) - 1}]",
             where,
         )
-    return mesh
 
 
-def _obj(data: bytes) -> tuple[Array, Array, Array | None]:
+def _obj(data: bytes) -> _Arrays:
     text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
     tables, corners, triangles = _obj_tables(text) or _obj_lines(text)
-    vertices, _, normals = tables
+    vertices, *others = tables
     if not (corners[:, 1:] >= 0).any():
-        return vertices, corners[:, 0][triangles], None
+        return vertices, corners[:, 0][triangles], None, None
     rows, inverse = np.unique(corners, axis=0, return_inverse=True)
-    split = None
-    if (rows[:, 2] >= 0).any():
-        split = np.concatenate([normals, np.zeros((1, 3))])[rows[:, 2]]
-    return vertices[rows[:, 0]], inverse.reshape(-1)[triangles], split
+    uv, normals = (
+        np.concatenate([table, np.zeros((1, table.shape[1]))])[index]
+        if (index >= 0).any()
+        else None
+        for table, index in zip(others, rows[:, 1:].T, strict=True)
+    )
+    return vertices[rows[:, 0]], inverse.reshape(-1)[triangles], normals, uv
 
 
 _KINDS = {b"v": 3, b"vt": 2, b"vn": 3}  # line -> numbers kept
@@ -209,7 +266,7 @@ def _corner(token: bytes, tables: dict[bytes, list[Any]], number: int) -> tuple[
     return result[0], result[1], result[2]
 
 
-def _stl(data: bytes) -> tuple[Array, Array, None]:
+def _stl(data: bytes) -> _Arrays:
     import trimesh  # slow to import, and rarely needed
 
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
@@ -236,7 +293,7 @@ def _stl(data: bytes) -> tuple[Array, Array, None]:
         log.setLevel(level)
     if len(triangles) != count:
         raise MeshFileError(f" is damaged: {len(triangles)} triangles read, {count} expected")
-    return vertices, triangles, None
+    return vertices, triangles, None, None
 
 
 # ---- normals; elementwise and in a fixed order, so that they have the same bits everywhere ----

@@ -4,6 +4,10 @@ An object is {"type": name, parameter: value, child: object}. Values: bool, int,
 arrays or objects with a `matrix` attribute, {"type": "rgb", "value": ...},
 {"type": "spectrum", "value": number}, {"type": "ref", "id": name}. A key of the scene is the id of
 its object. Places in messages are key paths, "scene.white.reflectance".
+
+Beyond Mitsuba: {"type": "mesh", "vertices": (V, 3), "faces": (T, 3)} with "uv": (V, 2) and
+"normals": (V, 3) if wanted. A trimesh.Trimesh stands for such a dictionary with its vertices, faces
+and texture coordinates; "mesh": a trimesh.Trimesh stands for these arrays in one.
 """
 
 from __future__ import annotations
@@ -18,6 +22,8 @@ import numpy.typing as npt
 from ..errors import SceneError
 from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS
+
+_ARRAYS = ("vertices", "faces", "uv", "normals")  # of a mesh
 
 
 def read(scene: Mapping[str, Any]) -> Tree:
@@ -44,6 +50,13 @@ def _fill(content: Mapping[str, Any], node: Node, tree: Tree, depth: int) -> Non
             if not isinstance(value, str):
                 raise SceneError(f"{shorten(value)} is not a string", where)
             continue
+        value = _described(value)
+        if node.plugin == "mesh" and key == "mesh" and isinstance(value, Mapping):
+            _fill({k: v for k, v in value.items() if k not in content}, node, tree, depth)
+            continue
+        if node.plugin == "mesh" and key in _ARRAYS:
+            node.values[key] = Value("array", _array(value, where), where)
+            continue
         item = _convert(value, where)
         if isinstance(item, Value):
             node.values[key] = item
@@ -58,6 +71,18 @@ def _fill(content: Mapping[str, Any], node: Node, tree: Tree, depth: int) -> Non
                 tree.add_id(item)
             node.children.append(item)
             _fill(value, item, tree, depth + 1)
+
+
+def _described(value: Any) -> Any:
+    """A trimesh.Trimesh as a dictionary; anything else as it is."""
+    if isinstance(value, Mapping):
+        return value
+    try:
+        found = {"type": "mesh", "vertices": value.vertices, "faces": value.faces}
+        uv = getattr(value.visual, "uv", None)
+    except Exception:  # it is something else, and may raise anything
+        return value
+    return found if uv is None else {**found, "uv": uv, "flip_tex_coords": True}
 
 
 def _convert(value: Any, where: str) -> Value | Ref | Node:
@@ -108,6 +133,13 @@ def _mapping(value: Mapping[str, Any], where: str) -> Value | Ref | Node:
         expected = " or ".join(str(n) for n in counts)
         raise SceneError(f'"value" holds {len(numbers)} numbers, expected {expected}', where)
     return Value(kind, tuple(numbers.tolist()) * (3 // len(numbers)), where)
+
+
+def _array(value: Any, where: str) -> npt.NDArray[Any]:
+    try:
+        return np.array(value)
+    except Exception:  # as below
+        raise SceneError(f"{shorten(value)} is not an array", where) from None
 
 
 def _numbers(value: Any, where: str) -> npt.NDArray[np.float64]:

@@ -78,19 +78,39 @@ _PLACED = {
 }
 _UNMASKED = (*OPAQUE_KINDS, "twosided", *(k for k in MATERIAL_KINDS if k not in OPAQUE_KINDS))
 _BSDFS = (*_UNMASKED, "mask")
-_SHAPES = ("obj", "ply", "stl", "rectangle", "disk", "cube", "sphere")
+_SHAPES = (
+    "mesh",
+    "obj",
+    "ply",
+    "stl",
+    "serialized",
+    "rectangle",
+    "disk",
+    "cube",
+    "sphere",
+    "cylinder",
+)
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": (_BSDFS, 0, 1),
     "emitter": (("area",), 0, 1),
     "medium": (("homogeneous",), 0, 2),
 }
+_CREASE = "degrees between faces from which on an edge is sharp; of Mitsuba 0.x"
 _MESH = {
     "filename": Param("string", REQUIRED, doc="mesh file, relative to the scene file"),
     "face_normals": Param(
         "boolean", False, doc="flat shading; else the file's vertex normals, or computed ones"
     ),
+    "max_smooth_angle": Param("float", None, 0.0, 180.0, doc=_CREASE),
     **_PLACED,
 }
+
+
+def _flip_uv(default: bool) -> dict[str, Param]:
+    doc = "v of a texture coordinate is 1 - v of the file"
+    return {"flip_tex_coords": Param("boolean", default, doc=doc)}
+
+
 _RADIANCE = Param(COLOUR, 1.0, 0.0, doc="emitted radiance, linear RGB")
 _SHARE: dict[str, Any] = {"low": 0.0, "high": 1.0}
 _INT_IOR = Param(IOR, "bk7", 0.1, 10.0, doc="refractive index inside (behind the front)")
@@ -150,7 +170,7 @@ PLUGINS: dict[str, Plugin] = {
             "integrator": (("path", "volpath"), 0, 1),
             "sensor": (("perspective", "thinlens"), 1, 1),
             "emitter": (("constant", "point", "spot", "directional"), 0, _MANY),
-            "shape": (_SHAPES, 0, _MANY),
+            "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
             "medium": (("homogeneous",), 0, _MANY),
         },
@@ -228,13 +248,65 @@ PLUGINS: dict[str, Plugin] = {
         _ON_SHAPES,
         doc="exact; to_world scales alike in all directions; front outside, inside if it mirrors",
     ),
-    "obj": Plugin("shape", _MESH, _ON_SHAPES, doc="Wavefront OBJ"),
-    "ply": Plugin("shape", _MESH, _ON_SHAPES, doc="Stanford PLY"),
+    "cylinder": Plugin(
+        "shape",
+        {
+            "p0": Param("point", (0.0, 0.0, 0.0), -MAX_COORDINATE, MAX_COORDINATE),
+            "p1": Param("point", (0.0, 0.0, 1.0), -MAX_COORDINATE, MAX_COORDINATE),
+            "radius": Param("float", 1.0, 0.0, MAX_COORDINATE, open=True),
+            **_PLACED,
+        },
+        _ON_SHAPES,
+        doc="from p0 to p1, without caps, front outside; a prism of 256 sides with smooth normals: "
+        "up to 7.6e-5 of the radius thinner, area 2.6e-5 smaller",
+    ),
+    "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
+    "ply": Plugin("shape", {**_MESH, **_flip_uv(False)}, _ON_SHAPES, doc="Stanford PLY"),
     "stl": Plugin(
         "shape",
-        {**_MESH, "face_normals": Param("boolean", True, choices=(True,))},
+        {name: param for name, param in _MESH.items() if name != "max_smooth_angle"}
+        | {"face_normals": Param("boolean", True, choices=(True,))},
         _ON_SHAPES,
         doc="STL, flat; not in Mitsuba",
+    ),
+    "mesh": Plugin(
+        "shape",
+        {
+            "vertices": Param("array", REQUIRED, doc="(V, 3) numbers"),
+            "faces": Param("array", REQUIRED, doc="(T, 3) integers in [0, V)"),
+            "uv": Param("array", None, doc="(V, 2) texture coordinates"),
+            "normals": Param("array", None, doc="(V, 3) shading normals; zeros for none"),
+            **_flip_uv(False),
+            **{name: param for name, param in _MESH.items() if name != "filename"},
+        },
+        _ON_SHAPES,
+        doc="arrays of a dictionary, not of a file; not in Mitsuba",
+    ),
+    "serialized": Plugin(
+        "shape",
+        {**_MESH, "shape_index": Param("integer", 0, 0, 2**32 - 1, doc="which mesh of the file")},
+        _ON_SHAPES,
+        doc="Mitsuba's own format, versions 3 and 4; vertex colours are left out",
+    ),
+    "shapegroup": Plugin(
+        "shape",
+        {},
+        {"shape": ((*_SHAPES, "merge"), 0, _MANY)},
+        {"to_world": "without effect in Mitsuba; give it to the instances"},
+        doc="shapes that instances show; a lamp among them shines in each (not in Mitsuba)",
+    ),
+    "instance": Plugin(
+        "shape",
+        {"to_world": _TO_WORLD},
+        {"shape": (("shapegroup",), 1, 1)},
+        doc="the shapes of a group once more; each takes memory of its own, at most 100,000 "
+        "shapes and 50,000,000 triangles (12 GB) in all",
+    ),
+    "merge": Plugin(
+        "shape",
+        {},
+        {"shape": ((*_SHAPES, "instance"), 0, _MANY)},
+        doc="its shapes, as if they stood in its place",
     ),
     "diffuse": Plugin(
         "bsdf",

@@ -13,7 +13,7 @@ from .. import transform
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
 from ..numeric import MAX_COORDINATE, determinant, mirrors
-from . import mesh
+from . import creases, cylinder, mesh
 from .node import Node, shorten
 
 Array = npt.NDArray[Any]
@@ -31,14 +31,26 @@ _CUBE = np.array(  # four corners a face, counter-clockwise from outside: -y, +y
     ],
     np.float64,
 ).reshape(24, 3)
-_IDENTITY = np.eye(4)
-_IDENTITY.setflags(write=False)
+_QUAD_UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+_CUBE_UV = np.tile(np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float64), (6, 1))
+IDENTITY = np.eye(4)
+IDENTITY.setflags(write=False)
 _CUBE_FACES = np.concatenate([_QUAD_FACES + 4 * face for face in range(6)])
 
 
-#: Shapes with the same faces whatever their size: local vertices, faces.
-_FLAT = {"rectangle": (_QUAD, _QUAD_FACES), "cube": (_CUBE, _CUBE_FACES)}
+#: Shapes with the same faces whatever their size: local vertices, faces, texture coordinates.
+_FLAT = {
+    "rectangle": (_QUAD, _QUAD_FACES, _QUAD_UV),
+    "cube": (_CUBE, _CUBE_FACES, _CUBE_UV),
+}
 _CHUNK = 256  # shapes that are placed together
+#: What instances may add to a scene, which holds each as shapes of its own; a triangle takes
+#: BYTES_A_TRIANGLE of a device, its tree included.
+MAX_INSTANCED = {"shapes": 100_000, "triangles": 50_000_000}
+BYTES_A_TRIANGLE = 240
+#: A shape's node, its checked parameters, its indices of material, emission and boundary, and why
+#: it must be closed, "" if it need not.
+Surface = tuple[Node, dict[str, Any], tuple[int, int, int], str]
 
 
 class Shapes:
@@ -51,7 +63,10 @@ class Shapes:
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
             name: [] for name in _FLAT
         }
-        self.meshes: list[tuple[int, int, Array, Array, Array | None]] = []
+        #: first vertex and triangle; the shape, its mesh, and by what that is still to be moved
+        self.meshes: list[tuple[int, int, Node, mesh.Mesh, Array | None]] = []
+        self.shared: dict[int, mesh.Mesh] = {}  # meshes of shape groups, by their nodes' ids
+        self.files: dict[Path, bytes] = {}  # the mesh file that was read last
         self.spheres: list[tuple[Node, Array, tuple[float, ...], bool]] = []
         self.disks: list[Array] = []
         self.rows: dict[str, list[tuple[int, int, int, int]]] = {
@@ -60,19 +75,56 @@ class Shapes:
             "disk": [],
         }
         self.counts: list[int] = []
+        self.places: list[str] = []  # of the shapes in the scene file
         self.vertex_count = self.triangle_count = 0
+        self.instances: list[Node] = []
+        self.cylinders: list[Node] = []
+        self.instanced_shapes = self.instanced_triangles = 0
 
-    def add(
-        self, node: Node, values: dict[str, Any], row: tuple[int, int, int], solid: str
-    ) -> None:
-        """Adds the primitives of a shape.
+    def instance(self, node: Node, to_world: Array | None, group: list[Surface]) -> None:
+        """Adds the shapes of a group once more, moved by to_world. Raises SceneError if that makes
+        more shapes or triangles than MAX_INSTANCED."""
+        self.instances.append(node)
+        to_world = IDENTITY if to_world is None else to_world
+        own = np.array([values["to_world"] for _, values, _, _ in group]).reshape(-1, 4, 4)
+        with np.errstate(all="ignore"):
+            moved = transform.compose(to_world, own)
+        for surface, matrix in zip(group, moved, strict=True):
+            before = self.triangle_count
+            self.add(surface, (node, to_world, matrix))
+            self.instanced_shapes += 1
+            self.instanced_triangles += self.triangle_count - before
+            for what, most in MAX_INSTANCED.items():
+                if getattr(self, f"instanced_{what}") > most:
+                    many = f"{len(self.instances)} instances make more than {most} {what}"
+                    raise SceneError(
+                        f"{node}: with it, {many} of their own; instances share no memory",
+                        node.where,
+                    )
 
-        values: its checked parameters. row: indices of material, emission and boundary. solid: why
-        the shape must be closed, "" if it need not.
-        """
+    def notes(self) -> list[tuple[str, str]]:
+        """How shapes are rendered that are rendered as others: text and place of the first."""
+        found = []
+        if self.instances:
+            text = (
+                f"{len(self.instances)} instances are rendered as shapes of their own: "
+                f"{self.instanced_shapes} shapes with {self.instanced_triangles} triangles, about "
+                f"{-(-self.instanced_triangles * BYTES_A_TRIANGLE // 10**6)} MB"
+            )
+            found.append((text, self.instances[0].where))
+        if self.cylinders:
+            text = (
+                f"{len(self.cylinders)} cylinders are rendered as prisms of {cylinder.SIDES} sides"
+            )
+            found.append((text, self.cylinders[0].where))
+        return found
+
+    def add(self, surface: Surface, instance: tuple[Node, Array, Array] | None = None) -> None:
+        """Adds the primitives of a shape; instance: what moves it further, its matrix, and the
+        matrix of both."""
+        node, values, row, _ = surface
         plugin = node.plugin
-        matrix, flip = values["to_world"], values["flip_normals"]
-        matrix = _IDENTITY if matrix is None else matrix
+        flip, matrix = values["flip_normals"], instance[2] if instance else values["to_world"]
         kind = "triangle"
         if plugin == "sphere":
             kind = plugin
@@ -83,30 +135,46 @@ class Shapes:
             first, second = (1, 0) if flip != (determinant(matrix) < 0) else (0, 1)
             self.disks.append(np.stack([matrix[:3, 3], matrix[:3, first], matrix[:3, second]]))
         elif plugin in _FLAT:
-            place = self._room(*map(len, _FLAT[plugin]))
+            corners, faces, _ = _FLAT[plugin]
+            place = self._room(len(corners), len(faces))
             self.flat[plugin].append((node, matrix, flip, *place))
         else:
-            self._mesh(node, values, matrix, solid)
+            self._mesh(surface, instance)
         self.rows[kind].append((*row, len(self.names)))
-        self.names.append(node.id or f"{plugin}_{len(self.names)}")
+        name = node.id or f"{plugin}_{len(self.names)}"
+        if instance:
+            name = f"{instance[0].id or f'instance_{len(self.instances) - 1}'}/{name}"
+        self.names.append(name)
+        self.places.append(instance[0].where if instance else node.where)
 
-    def arrays(self) -> dict[str, Any]:
-        """The arguments of Scene."""
+    def arrays(self, *, with_uv: bool = False) -> dict[str, Any]:
+        """The arguments of Scene; with_uv: also the texture coordinates uv (V, 2) float64, zero
+        for the vertices of meshes without."""
         spheres, inward = _spheres(self.spheres)
         vertices = np.empty((self.vertex_count, 3))
         index = np.uint32 if self.vertex_count < 2**32 else np.int64
         triangles = np.empty((self.triangle_count, 3), index)
         normals = None
-        if any(mesh_normals is not None for *_, mesh_normals in self.meshes):
+        if any(found.normals is not None for _, _, _, found, _ in self.meshes):
             normals = np.zeros_like(vertices)
+        uv = np.zeros((self.vertex_count, 2)) if with_uv else None
         for name, given in self.flat.items():
+            local, local_faces, local_uv = _FLAT[name]
             for begin in range(0, len(given), _CHUNK):
-                _place(*_FLAT[name], given[begin : begin + _CHUNK], vertices, triangles)
-        for first, face, corners, faces, directions in self.meshes:
-            vertices[first : first + len(corners)] = corners
-            triangles[face : face + len(faces)] = faces + first
-            if normals is not None and directions is not None:
-                normals[first : first + len(corners)] = directions
+                chunk = given[begin : begin + _CHUNK]
+                _place(local, local_faces, chunk, vertices, triangles)
+                if uv is not None:
+                    begins = np.array([first for *_, first, _ in chunk])[:, None]
+                    uv[begins + np.arange(len(local))] = local_uv
+        for first, face, node, found, matrix in self.meshes:
+            rows = slice(first, first + len(found.vertices))
+            moved = found if matrix is None else _moved(node, matrix, found)
+            vertices[rows] = moved.vertices
+            triangles[face : face + len(moved.triangles)] = moved.triangles + first
+            if normals is not None and moved.normals is not None:
+                normals[rows] = moved.normals
+            if uv is not None and moved.uv is not None:
+                uv[rows] = moved.uv
         result: dict[str, Any] = {
             "vertices": vertices,
             "normals": normals,
@@ -116,8 +184,10 @@ class Shapes:
             "disks": np.array(self.disks, np.float64).reshape(-1, 3, 3),
             "shape_names": tuple(self.names),
         }
-        for kind, rows in self.rows.items():
-            table = np.array(rows, np.int32).reshape(-1, 4).T
+        if uv is not None:
+            result["uv"] = uv
+        for kind, table_rows in self.rows.items():
+            table = np.array(table_rows, np.int32).reshape(-1, 4).T
             for values, name in zip(
                 table, ("material", "emission", "boundary", "shape"), strict=True
             ):
@@ -133,32 +203,68 @@ class Shapes:
         self.counts.append(triangles)
         return place
 
-    def _mesh(self, node: Node, values: dict[str, Any], matrix: Array, solid: str) -> None:
-        flip = values["flip_normals"]
-        normals = None
-        where = node.values["filename"].where
-        path = Path(node.folder) / values["filename"]
-        loaded = mesh.read(path, node.plugin, where)
+    def _mesh(self, surface: Surface, instance: tuple[Node, Array, Array] | None) -> None:
+        """Adds a mesh that is read, or made; of a shape in a group only once."""
+        key = id(surface[0])
+        found = self.shared.get(key) if instance else None
+        if found is None:
+            found = self._prepared(surface)
+        if instance:
+            self.shared[key] = found
+        place = self._room(len(found.vertices), len(found.triangles))
+        node, moved, _ = instance or (surface[0], None, None)
+        self.meshes.append((*place, node, found, moved))
+
+    def _prepared(self, surface: Surface) -> mesh.Mesh:
+        """A mesh after its to_world, front where it belongs; normals of unit length or None."""
+        node, values, _, solid = surface
+        matrix, normals = values["to_world"], None
+        loaded, name = self._loaded(node, values)
+        if node.plugin == "cylinder":
+            self.cylinders.append(node)
+            matrix = cylinder.matrix(node, values, matrix)
         vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
-        by_winding = values["face_normals"] or loaded.normals is None
-        if by_winding and determinant(matrix) < 0:  # a mirror keeps the front in front
-            faces = faces[:, ::-1]
-        if not values["face_normals"]:
+        flat, angle = values.get("face_normals", False), values.get("max_smooth_angle")
+        if angle is not None:
+            if flat:
+                raise SceneError(
+                    f"{node}: both face_normals and max_smooth_angle given", node.where
+                )
+            loaded = creases.split(mesh.Mesh(vertices, faces, None, loaded.uv), angle)
+            vertices, faces = loaded.vertices, loaded.triangles
+        if (flat or loaded.normals is None) and determinant(matrix) < 0:
+            faces = faces[:, ::-1]  # a mirror keeps the front in front
+        if not flat:
             normals = _normals(matrix, vertices, faces, loaded)
         if normals is not None:
             faces = mesh.fronts_by_normals(vertices, faces, normals)
             if mesh.is_flat(vertices, faces, normals):
                 normals = None
-        if solid and not mesh.is_closed(vertices, faces):
+        if solid and name and not mesh.is_closed(vertices, faces):
             warnings.warn(
-                f"{where}: {node}: the mesh {shorten(str(path))} is open, but {solid}: light "
-                "leaks through the edges",
+                f"{name[0]}: {node}: the mesh {name[1]}is open, but {solid}: light leaks through "
+                "the edges",
                 SceneWarning,
-                stacklevel=7,
+                stacklevel=8,
             )
-        if flip:
+        if values["flip_normals"]:
             faces, normals = faces[:, ::-1], None if normals is None else -normals
-        self.meshes.append((*self._room(len(vertices), len(faces)), vertices, faces, normals))
+        uv = loaded.uv
+        if uv is not None and values.get("flip_tex_coords"):
+            uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
+        return mesh.Mesh(vertices, faces, normals, uv)
+
+    def _loaded(self, node: Node, values: dict[str, Any]) -> tuple[mesh.Mesh, tuple[str, ...]]:
+        """The mesh of a shape, and where it is named and how; no name for one that is made."""
+        if node.plugin == "cylinder":
+            return cylinder.unit(), ()
+        if node.plugin == "mesh":
+            return mesh.given(node), (node.where, "")
+        where = node.values["filename"].where
+        path = Path(node.folder) / values["filename"]
+        index = values.get("shape_index", 0)
+        loaded = mesh.read(path, node.plugin, where, index, self.files)
+        return loaded, (where, f"{shorten(str(path))} ")
 
 
 def _place(
@@ -212,7 +318,7 @@ def _spheres(
         raise SceneError(
             f'{node}: "to_world" scales a sphere unevenly; allowed: rotation, translation and '
             "the same scale in all directions (or a mesh)",
-            node.values["to_world"].where,
+            (node.values.get("to_world") or node).where,
         )
     return np.column_stack([centres, radii]), inward
 
@@ -223,6 +329,15 @@ def _placed(node: Node, matrix: Array, vertices: Array) -> Array:
     if not (np.abs(placed) <= MAX_COORDINATE).all():
         _too_far(node)
     return placed
+
+
+def _moved(node: Node, matrix: Array, found: mesh.Mesh) -> mesh.Mesh:
+    """A mesh moved by an instance's matrix; a mirror keeps the front in front."""
+    faces = found.triangles[:, ::-1] if determinant(matrix) < 0 else found.triangles
+    normals = found.normals
+    if normals is not None:
+        normals = mesh.unit(transform.apply(transform.for_normals(matrix), normals))
+    return mesh.Mesh(_placed(node, matrix, found.vertices), faces, normals, found.uv)
 
 
 def _too_far(node: Node) -> NoReturn:

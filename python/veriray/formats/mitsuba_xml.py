@@ -4,8 +4,8 @@ Elements: an object by its category (shape, bsdf, ...) with type and optional id
 boolean, string, rgb, spectrum (one constant), point, vector, transform (translate, scale, rotate,
 lookat, matrix, each applied after those before it); ref; alias; default; include; path, a folder in
 which files are looked for first. "$name" in an attribute is replaced by the parameter of that name,
-unless a backslash precedes it. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file, includes 8 deep
-and 256 in all.
+unless a backslash precedes it. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file, includes 8
+deep and 256 in all.
 """
 
 from __future__ import annotations

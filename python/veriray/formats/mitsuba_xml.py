@@ -379,7 +379,9 @@ class _Reader:
                 axis = self.vector(a, tag, where, 0.0)
                 fault = tf.axis_fault(axis)
                 if fault:
-                    self.report.note(f"rotate: {fault}, not 1: it shears, as in Mitsuba", where)
+                    self.report.warn(
+                        f"rotate: {fault}, not 1: it shears (in Mitsuba points, not normals)", where
+                    )
                 step = tf.rotate_as_given(axis, angle)
             elif tag == "lookat":
                 a = {"up": "0 0 0", **self.attributes(child, where, "origin target", "up")}

@@ -427,6 +427,28 @@ def test_direct_light_without_one_kind_of_samples(tmp_path: Path) -> None:
     assert "parallel light" in str(fault(tmp_path, VIEW, POINT, without))
 
 
+def test_what_mitsuba_renders_otherwise_is_said(tmp_path: Path) -> None:
+    line = '<shape type="cube"><bsdf type="{}">{}</bsdf></shape><integrator type="{}"/>'
+    for kind, inner, integrator, said in (
+        ("conductor", "", "ptracer", "what mirrors and glass show is rendered"),
+        ("mask", '<bsdf type="diffuse"/>', "direct", "what is seen through masks"),
+        ("diffuse", "", "ptracer", ""),
+        ("conductor", "", "direct", ""),
+    ):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            scene = loaded(tmp_path, VIEW, SKY, line.format(kind, inner, integrator))
+        assert [said in str(warning.message) for warning in caught] == [True] * bool(said)
+        assert len(scene.notes) == bool(said)
+
+
+def test_grey_opacity(tmp_path: Path) -> None:
+    mask = '<shape type="cube"><bsdf type="mask">{}<bsdf type="diffuse"/></bsdf></shape>'
+    for kind in ("float", "rgb", "spectrum"):
+        scene = loaded(tmp_path, VIEW, SKY, mask.format(param(kind, "opacity", 0.25)))
+        assert scene.opacity.tolist() == [0.25]
+
+
 # ---- faults ------------------------------------------------------------------------------------
 
 

@@ -85,7 +85,6 @@ class _Builder:
         for node in known:
             self.attempt(self.children, node, True)
             self.attempt(check, node, self.report, every=True)
-        shapes = Shapes()
         for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
@@ -96,7 +95,9 @@ class _Builder:
             elif node.category == "integrator":
                 self.attempt(self.integrator, node)
             elif node.category == "shape":
+                shapes = Shapes()
                 self.attempt(self.shape, node, shapes)
+                self.attempt(shapes.arrays)
             elif node.category == "emitter" and node.plugin in LIGHT_KINDS:
                 self.attempt(self.light, node)
 
@@ -285,9 +286,12 @@ class _Builder:
         for inner in parts.get("integrator", [])[:1]:
             self.check_integrator(inner, seen, arrays)
         kinds = {MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()}
-        masks = any(opacity < 1 for opacity in arrays["opacity"] or ())
+        kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
+        text = _OTHER_IN_MITSUBA.get(node.plugin)
+        if text and kinds & text[0]:
+            self.report.warn(f"{node}: {text[1]}", node.where)
         for name, wrong, what in (
-            ("bsdf_samples", bool(kinds & _SINGULAR) or masks, "a mirror, glass or a mask"),
+            ("bsdf_samples", bool(kinds & _SINGULAR), "a mirror, glass or a mask"),
             (
                 "emitter_samples",
                 arrays["light_kind"] is not None,
@@ -502,7 +506,13 @@ def _framing(arrays: dict[str, Any], root: Node) -> Array:
 
 _FRAMING_FOV = 45.0
 #: Kinds of material of which no light sample finds the light.
-_SINGULAR = {"conductor", "dielectric", "plastic", "thindielectric", "null"}
+_SINGULAR = {"conductor", "dielectric", "plastic", "thindielectric", "null", "mask"}
+_PASSES = {"thindielectric", "null", "mask"}
+#: What integrators render otherwise than Mitsuba's, where there are materials of these kinds.
+_OTHER_IN_MITSUBA = {
+    "ptracer": (_SINGULAR, "what mirrors and glass show is rendered; Mitsuba's leaves it out"),
+    "direct": (_PASSES, "what is seen through masks, null and thin glass is lit, not in Mitsuba"),
+}
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.

@@ -17,10 +17,12 @@ from ..settings import SETTINGS
 REQUIRED = object()
 COLOUR = "rgb, spectrum or number"
 IOR = "number or name"
+GREY = "number or grey"
 _ACCEPTED = {
     "float": ("float", "integer"),
     COLOUR: ("rgb", "spectrum", "float", "integer"),
     IOR: ("float", "integer", "string"),
+    GREY: ("float", "integer", "rgb", "spectrum"),
     "point": ("point", "vector"),
     "vector": ("point", "vector"),
 }
@@ -171,7 +173,7 @@ _PATHS = {
     "prbvolpath": _integrator(6, _SAME),
     "prb_projective": _integrator(6, _SAME, **_PROJECTIVE),
     "direct_projective": _integrator(None, "path with max_depth 2", **_PROJECTIVE),
-    "ptracer": _integrator(-1, "light from the lamps in Mitsuba; " + _SAME),
+    "ptracer": _integrator(-1, "by light from the lamps in Mitsuba, which misses mirror images"),
     "direct": Plugin(
         "integrator", {**_DIRECT, "hide_emitters": _HIDE}, doc="path with max_depth 2", noted=_RUN
     ),
@@ -362,7 +364,7 @@ PLUGINS: dict[str, Plugin] = {
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(
         "bsdf",
-        {"opacity": Param("float", 0.5, **_SHARE, doc="share that is there", column="opacity")},
+        {"opacity": Param(GREY, 0.5, **_SHARE, doc="share that is there", column="opacity")},
         {"bsdf": (_UNMASKED, 1, 1)},
         doc="partly transparent",
     ),
@@ -462,7 +464,10 @@ def describe() -> str:
         for key, param in plugin.params.items():
             default = "required" if param.default is REQUIRED else param.default
             limits = ", ".join(str(choice) for choice in param.choices)
-            if param.kind in ("float", "integer", COLOUR, IOR) and (param.low, param.high) != (
+            if param.kind in ("float", "integer", COLOUR, IOR, GREY) and (
+                param.low,
+                param.high,
+            ) != (
                 -inf,
                 inf,
             ):
@@ -472,6 +477,11 @@ def describe() -> str:
             if isinstance(default, float):
                 default = f"{default:.4g}"
             shown = "" if default is None else default
-            rows.append(f"| | `{key}` | {param.kind} | {shown} | {limits} | {param.doc} |")
+            meaning = param.doc or (param.note and f"without effect: {param.note}")
+            rows.append(f"| | `{key}` | {param.kind} | {shown} | {limits} | {meaning} |")
+        for key, reason in plugin.noted.items():
+            rows.append(f"| | `{key}` | | | | without effect: {reason} |")
+        if plugin.lenient:
+            rows.append(f"| | any other | | | | without effect: {plugin.lenient} |")
     names = ", ".join(f"{name} {value:g}" for name, value in IORS.items())
     return "\n".join(rows) + f"\n\nRefractive indices by name: {names}.\n"

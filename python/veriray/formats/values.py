@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import SceneError
 from ..numeric import check_matrix
 from .node import Node, Value, allowed, shorten
-from .plugins import COLOUR, IOR, IORS, PLUGINS, REQUIRED, Param, Plugin
+from .plugins import COLOUR, GREY, IOR, IORS, PLUGINS, REQUIRED, Param, Plugin
 from .report import Listed, Report
 
 _DEFAULTS: dict[str, dict[str, Any]] = {}  # of the plugins met without a parameter
@@ -29,7 +29,8 @@ def check(node: Node, report: Report | None = None, *, every: bool = False) -> d
     plugin = PLUGINS[node.plugin]
     result: dict[str, Any] = {}
     faulty = node.faulty
-    for name in (*node.values, *(name for name in plugin.params if name not in node.values)):
+    absent = [name for name in plugin.params if name not in node.values]
+    for name in (*node.values, *absent):
         try:
             if name in plugin.params:
                 result[name] = _given(node, name, plugin.params[name], report)
@@ -104,6 +105,10 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
         if value.lower() not in IORS:
             raise SceneError(f"{label} is unknown{allowed(value.lower(), IORS)}", given.where)
         value = IORS[value.lower()]
+    if param.kind == GREY and isinstance(value, tuple):
+        if len(set(value)) > 1:
+            raise SceneError(f"{label} must be grey", given.where)
+        value = value[0]
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3
         value = _taken(value, param, given, label, report)
@@ -118,7 +123,7 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
             )
     if param.kind == COLOUR and max(value) > float(np.finfo(np.float32).max):
         raise SceneError(f"{label} exceeds the float32 range", given.where)
-    return float(value) if param.kind in ("float", IOR) else value
+    return float(value) if param.kind in ("float", IOR, GREY) else value
 
 
 def _taken(

@@ -424,7 +424,7 @@ def test_direct_light_without_one_kind_of_samples(tmp_path: Path) -> None:
         assert "leaves out the light of a mirror, glass or a mask" in text
     without = line.format(param("integer", "emitter_samples", 0))
     assert loaded(tmp_path, VIEW, LAMP, without).max_depth == 2
-    assert "parallel light" in str(fault(tmp_path, VIEW, POINT, without))
+    assert "parallel lamp" in str(fault(tmp_path, VIEW, POINT, without))
 
 
 def test_what_mitsuba_renders_otherwise_is_said(tmp_path: Path) -> None:

@@ -287,16 +287,9 @@ class _Builder:
             self.check_integrator(inner, seen, arrays)
         kinds = {MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()}
         kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
-        text = _OTHER_IN_MITSUBA.get(node.plugin)
-        if text and kinds & text[0]:
-            self.report.warn(f"{node}: {text[1]}", node.where)
         for name, wrong, what in (
             ("bsdf_samples", bool(kinds & _SINGULAR), "a mirror, glass or a mask"),
-            (
-                "emitter_samples",
-                arrays["light_kind"] is not None,
-                "a point, spot or parallel light",
-            ),
+            ("emitter_samples", arrays["light_kind"] is not None, "a point, spot or parallel lamp"),
         ):
             if wrong and values.get(name) == 0:
                 raise SceneError(
@@ -304,6 +297,9 @@ class _Builder:
                     "that is not supported",
                     node.values[name].where,
                 )
+        text = _OTHER_IN_MITSUBA.get(node.plugin)
+        if text and kinds & text[0]:
+            self.report.warn(f"{node}: {text[1]}", node.where)
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
         """Adds the lights that are not on shapes; returns the environment's radiance."""

@@ -36,7 +36,8 @@ def _escaped(text: str) -> str:
 class SceneError(ValueError):
     """Bad scene: names the place (file:line or key path), the value and what is allowed.
 
-    One printable line. `where` holds only the place, "" if arrays were given directly.
+    One printable line. `where` holds only the place, "" if arrays were given directly. A file with
+    several faults raises the first; `faults` holds the lines of all.
     """
 
     def __init__(self, message: str, where: str = "") -> None:
@@ -44,6 +45,7 @@ class SceneError(ValueError):
         _must_be_text("where", where)
         super().__init__(printable(f"{where}: {message}" if where else message))
         self.where = where
+        self.faults: tuple[str, ...] = (str(self),)
 
 
 class SceneWarning(UserWarning):

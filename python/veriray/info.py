@@ -51,8 +51,8 @@ def examine(
     Keys: device, device_reason, features (needed), variant (compiled in), unused (compiled in, not
     needed), skipped (not compiled in), path_bytes, primitives, tree and memory (as
     `rendering.prepare` gives them), counts (rows of the scene's tables), materials (count by
-    kind), width, height, scene_sha256, warnings (texts about details too fine for float32, see
-    `limits`). Raises as `veriray.render`.
+    kind), width, height, scene_sha256, cameras (count), notes (`Scene.notes`), warnings (texts
+    about details too fine for float32, see `limits`). Raises as `veriray.render`.
     """
     chosen, reason = device_module.select(device)
     facts = prepare(scene, device, width, height, progress)
@@ -81,6 +81,8 @@ def examine(
         "width": used.film.width,
         "height": used.film.height,
         "scene_sha256": used.sha256,
+        "cameras": len(used.cameras),
+        "notes": list(used.notes),
         "warnings": limits.warnings(used, origin),
     }
 
@@ -95,6 +97,8 @@ def as_text(report: dict[str, Any]) -> str:
         f"primitives  {primitives_text(report['primitives'])}",
         f"tree        {tree_text(report['tree'])}",
         f"memory      {report['memory']:,} bytes, and {report['path_bytes']} bytes per path",
+        *([f"cameras     {report['cameras']}"] if report["cameras"] > 1 else []),
+        *(f"note        {text}" for text in report["notes"]),
         *(f"warning     {text}" for text in report["warnings"]),
         "",
         f"{'feature':<16} {'needed':<7} {'compiled in':<12} meaning",

@@ -7,6 +7,7 @@ its local +Z with local +X on the left of the picture, pixel (0, 0) is top left.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import os
 import re
@@ -21,7 +22,7 @@ import numpy.typing as npt
 from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, in_range, number, path_text, shown, texts, whole
+from .numeric import MAX_COORDINATE, array, in_range, number, path_text, shown, switch, texts, whole
 from .scene_arrays import _NONE, SceneArrays
 from .settings import MAX_PATH_DEPTH as MAX_PATH_DEPTH
 from .settings import SAMPLERS as SAMPLERS
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 _DERIVED = ("_array_digest", "_native_forms")
+_OF_FILE = ("_places", "_cameras", "_notes")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -138,9 +140,21 @@ class Scene(SceneArrays):
     def _with_arrays(self, **changes: Any) -> Scene:
         """A copy with other values in the same rows."""
         copy = dataclasses.replace(self, **changes)
-        if "_places" in self.__dict__:
-            copy.__dict__["_places"] = self.__dict__["_places"]
+        copy.__dict__.update((k, v) for k, v in self.__dict__.items() if k in _OF_FILE)
         return copy
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras of all sensors of the file, by their numbers; `camera` is one of them."""
+        cameras: tuple[Camera, ...] = self.__dict__.get("_cameras", (self.camera,))
+        return cameras
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the file asks for and what changes no light here: lines of text, each with its
+        place."""
+        notes: tuple[str, ...] = self.__dict__.get("_notes", ())
+        return notes
 
     @property
     def sha256(self) -> str:
@@ -205,11 +219,6 @@ class Scene(SceneArrays):
         its square.
         """
         factor = number("scale factor", factor, 0.0, MAX_COORDINATE, open_=True)
-        camera = self.camera
-        to_world = np.array(camera.to_world)
-        to_world[:3, 3] *= factor
-        lens = ("near_clip", "far_clip", "aperture_radius", "focus_distance")
-        lengths: dict[str, Any] = {name: getattr(camera, name) * factor for name in lens}
         intensity = self.light_intensity.astype(np.float64)
         near = self.light_kind != LIGHT_KINDS.index("directional")
         with np.errstate(over="ignore"):
@@ -219,12 +228,14 @@ class Scene(SceneArrays):
             name: getattr(self, name) * factor
             for name in ("vertices", "spheres", "disks", "light_position")
         }
-        return self._with_arrays(
-            camera=dataclasses.replace(camera, to_world=to_world, **lengths),
+        copy = self._with_arrays(
+            camera=_scaled(self.camera, factor),
             sigma_t=sigma_t,
             light_intensity=intensity,
             **places,
         )
+        copy.__dict__["_cameras"] = tuple(_scaled(camera, factor) for camera in self.cameras)
+        return copy
 
     def with_emission_scaled(self, factor: float) -> Scene:
         """A copy with all that shines, the environment too, multiplied by `factor` > 0."""
@@ -236,14 +247,29 @@ class Scene(SceneArrays):
         return self._with_arrays(**changed)
 
 
+def _scaled(camera: Camera, factor: float) -> Camera:
+    """A camera with all lengths multiplied by `factor`."""
+    to_world = np.array(camera.to_world)
+    to_world[:3, 3] *= factor
+    lens = ("near_clip", "far_clip", "aperture_radius", "focus_distance")
+    lengths: dict[str, Any] = {name: getattr(camera, name) * factor for name in lens}
+    return dataclasses.replace(camera, to_world=to_world, **lengths)
+
+
 def load_file(
-    scene: str | os.PathLike[str], parameters: Mapping[str, object] | None = None
+    scene: str | os.PathLike[str],
+    parameters: Mapping[str, object] | None = None,
+    *,
+    sensor: int | None = None,
+    strict: bool = False,
 ) -> Scene:
     """Reads a scene file, or a shipped scene by its name.
 
     scene: path of a file in the Mitsuba 3 XML subset (see veriray.formats), or a key of SHIPPED; a
     file that has such a name is reached as "./name". parameters: values for the file's $names, as
-    `-D key=value` gives them. Raises SceneError for anything that is missing, unknown or wrong.
+    `-D key=value` gives them. sensor: the number of the file's sensor that sees the scene, from 0;
+    None takes the first. strict: what `Scene.notes` would list is an error.
+    Raises SceneError for anything that is missing, unknown or wrong; its `faults` lists all of it.
     """
     from . import formats
 
@@ -254,19 +280,27 @@ def load_file(
     if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
         raise SceneError(f"parameters = {shown(parameters)} is not a dictionary of names")
     path = find_shipped(text) if text in SHIPPED else Path(text)
-    return _made(formats.load(path, parameters))
+    return _made(formats.load(path, parameters, *_options(sensor, strict)))
 
 
-def load_dict(scene: Mapping[str, Any]) -> Scene:
+def _options(sensor: int | None, strict: bool) -> tuple[int | None, bool]:
+    number = None if sensor is None else whole("sensor", sensor, 0, 2**31 - 1)
+    return number, switch("strict", strict)
+
+
+def load_dict(
+    scene: Mapping[str, Any], *, sensor: int | None = None, strict: bool = False
+) -> Scene:
     """Builds a scene from a Mitsuba-style dictionary (as mitsuba.load_dict takes it).
 
     Transforms are 4x4 arrays or objects with a `matrix` attribute, colours {"type": "rgb", "value":
-    ...} or one number. File names are relative to the working directory. Raises SceneError naming
-    the key path.
+    ...} or one number. File names are relative to the working directory. sensor, strict: as
+    `load_file` takes them. Raises SceneError naming the key path.
     """
     from .formats import build, mitsuba_dict
 
-    return _made(build.build(mitsuba_dict.read(scene)))
+    read = functools.partial(mitsuba_dict.read, scene)
+    return _made(build.build(read, *_options(sensor, strict)))
 
 
 def _made(built: Built) -> Scene:
@@ -275,7 +309,7 @@ def _made(built: Built) -> Scene:
         scene = Scene(**built.arguments)
     except SceneError as error:
         raise SceneError(str(error), built.places["scene"][0]) from None
-    scene.__dict__["_places"] = built.places
+    scene.__dict__.update(_places=built.places, _cameras=built.cameras, _notes=built.notes)
     return scene
 
 

@@ -63,12 +63,24 @@ def rotate(axis: Sequence[float], angle: float, where: str = "") -> Array:
 
     The axis must have unit length: Mitsuba uses it as given, and any other makes a shear.
     """
+    fault = axis_fault(axis)
+    if fault:
+        raise SceneError(f"rotate: {fault}, expected 1", where)
+    return rotate_as_given(axis, angle)
+
+
+def axis_fault(axis: Sequence[float]) -> str:
+    """What is wrong with the length of an axis of rotation, "" if it is 1."""
     x, y, z = axis
     length = math.hypot(x, y, z)
-    if abs(length - 1.0) > 1e-3:
-        raise SceneError(
-            f"rotate: the axis ({x:g}, {y:g}, {z:g}) has length {length:g}, expected 1", where
-        )
+    if abs(length - 1.0) <= 1e-3:
+        return ""
+    return f"the axis ({x:g}, {y:g}, {z:g}) has length {length:g}"
+
+
+def rotate_as_given(axis: Sequence[float], angle: float) -> Array:
+    """`rotate` about an axis of any length: a shear if it is not 1."""
+    x, y, z = axis
     s, c = sin_cos_degrees(angle)
     t = 1.0 - c
     matrix = np.eye(4)
@@ -114,3 +126,16 @@ def look_at(
     matrix = np.eye(4)
     matrix[:3] = np.array([left, cross(forward, left), forward, list(origin)]).T
     return matrix
+
+
+def any_up(origin: Sequence[float], target: Sequence[float], where: str = "") -> tuple[float, ...]:
+    """An `up` for look_at where none is given: Mitsuba's, of Duff et al., "Building an Orthonormal
+    Basis, Revisited" (2017)."""
+    x, y, z = unit(
+        [t - o for t, o in zip(target, origin, strict=True)],
+        "lookat: origin and target are the same point",
+        where,
+    )
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    return sign * (x * x * a) + 1.0, sign * (x * y * a), -sign * x

@@ -10,6 +10,7 @@ import zlib
 import numpy as np
 
 from veriray.columns import COLUMNS
+from veriray.formats.known import MITSUBA
 from veriray.formats.plugins import CATEGORIES, IORS, PLUGINS
 from veriray.scene import Scene
 
@@ -19,15 +20,18 @@ NUMBERS = (
 )  # fmt: skip
 _TAGS = (
     "float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform",
-    "ref", "default", "include", "translate", "scale", "rotate", "lookat", "matrix",
+    "ref", "alias", "default", "include", "path", "translate", "scale", "rotate", "lookat",
+    "matrix",
 )  # fmt: skip
 NAMES = tuple(sorted({
-    *CATEGORIES, *PLUGINS, *(n for p in PLUGINS.values() for n in (*p.params, *p.unsupported)),
+    *CATEGORIES, *PLUGINS,
+    *(n for p in PLUGINS.values() for n in (*p.params, *p.unsupported, *p.noted)),
+    *MITSUBA, *(name for names in MITSUBA.values() for name in names),
     *_TAGS, "interior", "exterior", "true", "false", "a", "$a", "${a}", "mesh.obj", "mesh.ply",
     "mesh.stl", "mesh.serialized", "part.xml", ".", *list(IORS)[:3], "50mm",
 }))  # fmt: skip
 ATTRIBUTES = ("type", "id", "name", "value", "x", "y", "z", "angle", "origin", "target", "up",
-              "filename", "version")  # fmt: skip
+              "filename", "version", "as")  # fmt: skip
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 STL = b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid x\n"  # noqa: E501
 PLY = (

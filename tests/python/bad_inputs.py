@@ -30,13 +30,15 @@ SCENES = {
     "unknown plugin": SENSOR + SKY + '<shape type="spehre"/>',
     "unknown parameter": SENSOR + SKY + '<shape type="cube"><float name="radius" value="1"/></shape>',  # noqa: E501
     "wrong type": SENSOR + SKY + '<integrator type="path"><string name="max_depth" value="8"/></integrator>',  # noqa: E501
-    "no sensor": SKY + '<shape type="cube"/>',
+    "no sensor": SKY,
     "film without pixels": SENSOR.replace('name="width" value="8"', 'name="width" value="0"') + SKY,
     "field of view": SENSOR.replace('value="40"', 'value="180"') + SKY,
     "number that is none": SENSOR.replace('value="40"', 'value="wide"') + SKY,
     "NaN": SENSOR.replace('value="40"', 'value="nan"') + SKY,
     "reflectance above 1": SENSOR + SKY + '<shape type="cube"><bsdf type="diffuse"><rgb name="reflectance" value="0.5, 1.5, 0.5"/></bsdf></shape>',  # noqa: E501
-    "negative radiance": SENSOR + '<shape type="rectangle"><emitter type="area"><rgb name="radiance" value="-1"/></emitter></shape>',  # noqa: E501
+    "plugin of Mitsuba": SENSOR + SKY + '<shape type="cube"><bsdf type="hair"/></shape>',
+    "several faults": SKY + SENSOR.replace('value="40"', 'value="180"') + '<shape type="spehre"/><shape type="obj"/>',  # noqa: E501
+    "negative scattering": SENSOR + SKY + '<medium type="homogeneous"><float name="sigma_s" value="-1"/><float name="sigma_a" value="1"/></medium>',  # noqa: E501
     "singular transform": SENSOR + SKY + '<shape type="cube"><transform name="to_world"><scale x="0" y="1" z="1"/></transform></shape>',  # noqa: E501
     "missing mesh": SENSOR + SKY + OBJ.format("none.obj"),
     "mesh with NaN vertex": SENSOR + SKY + OBJ.format("nan.obj"),

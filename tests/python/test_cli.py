@@ -244,6 +244,11 @@ BAD: list[tuple[list[str], str]] = [
     (["info", "missing.xml"], "missing.xml"),
     (["info", "cornell-box", "--width", "0"], "width = 0 is outside"),
     (["info", "cornell-box", "--device", "gpu"], "device = 'gpu' is unknown"),
+    (["info", "cornell-box", "--sensor", "1"], "sensor = 1 is outside [0, 0]"),
+    (["convert", "cornell-box"], "required: OUT.xml"),
+    (["convert", "missing.xml", "out.xml"], "cannot read"),
+    (["convert", "cornell-box", "a.exr"], "a.exr: unknown suffix; expected .xml"),
+    (["convert", "cornell-box", "missing/out.xml"], "missing/out.xml: folder"),
     (["gallery", "no-such-picture"], "no-such-picture"),
     (["gallery", "--scale", "big"], "'big' is not a number"),
     (["gallery", "--scale", "2", "--width", "8"], "not allowed with"),
@@ -362,7 +367,8 @@ def test_without_gpu() -> None:
 
 def test_version_and_help() -> None:
     assert run("--version").stdout == f"veriray {vr.__version__}\n"
-    commands = ("", "render", "compare", "validate", "info", "gallery", "bench live-rays", "doctor")
+    commands = ("", "render", "compare", "validate", "info", "convert", "gallery",
+                "bench live-rays", "doctor")  # fmt: skip
     for command in map(str.split, commands):
         result = run(*command, "--help")
         assert result.returncode == 0 and result.stdout.startswith("usage: veriray")

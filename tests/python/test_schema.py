@@ -64,7 +64,7 @@ plugins.PLUGINS["diffuse"].params["alpha"] = plugins.Param("float", 0.5, column=
 one, two = ({"type": "sphere", "m": {"type": kind, **given}}
             for kind, given in (("diffuse", {"alpha": 0.75}), ("conductor", {})))
 scene = {"type": "scene", "s": {"type": "perspective", "fov": 40.0}, "one": one, "two": two}
-print(build.build(mitsuba_dict.read(scene)).arguments["roughness"])
+print(build.build(lambda report: mitsuba_dict.read(scene, report)).arguments["roughness"])
 """
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True

@@ -45,6 +45,15 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         help=f"a Mitsuba 3 XML file, or a shipped scene: {', '.join(SHIPPED)}",
     )
     parser.add_argument(
+        "--sensor", type=integer, metavar="N", help="which of the file's sensors sees it, from 0"
+    )
+    add_definitions(parser)
+    add_settings(parser, *SCENE_SETTINGS)
+
+
+def add_definitions(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments that say how a scene file is read."""
+    parser.add_argument(
         "-D",
         dest="defines",
         metavar="KEY=VALUE",
@@ -52,7 +61,9 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="value of $KEY in the scene file (repeatable)",
     )
-    add_settings(parser, *SCENE_SETTINGS)
+    parser.add_argument(
+        "--strict", action="store_true", help="what has no effect in the scene file is an error"
+    )
 
 
 def add_settings(parser: argparse.ArgumentParser, *names: str) -> None:
@@ -84,22 +95,39 @@ def number(text: str) -> float:
 
 
 def load(arguments: argparse.Namespace) -> Scene:
-    """The scene that the arguments of `add_scene` name."""
+    """The scene that the arguments of `add_scene` name; one line of warning about its notes."""
     from ..scene import load_file
 
-    parameters: dict[str, object] = {}
-    for define in arguments.defines:
-        key, sign, value = define.partition("=")
-        if not sign or not key:
-            raise CommandError(f"-D {define}: expected KEY=VALUE")
-        parameters[key] = value
+    parameters = definitions(arguments)
     name = arguments.scene
     if name not in SHIPPED and not os.path.exists(name) and not os.path.splitext(name)[1]:
         raise CommandError(
             f"{name}: no such file, and no shipped scene of that name; shipped: "
             f"{', '.join(SHIPPED)}"
         )
-    return load_file(name, parameters)
+    scene = load_file(name, parameters, sensor=arguments.sensor, strict=arguments.strict)
+    if not getattr(arguments, "quiet", False):
+        report_notes(name, scene.notes)
+    return scene
+
+
+def definitions(arguments: argparse.Namespace) -> dict[str, object]:
+    """The values that -D gives."""
+    parameters: dict[str, object] = {}
+    for define in arguments.defines:
+        key, sign, value = define.partition("=")
+        if not sign or not key:
+            raise CommandError(f"-D {define}: expected KEY=VALUE")
+        parameters[key] = value
+    return parameters
+
+
+def report_notes(name: str, notes: Sequence[str]) -> None:
+    """Warns of notes on a scene, in one line."""
+    if notes:
+        first, *others = notes
+        more = f" (and {len(others)} more: `veriray info` lists them)" if others else ""
+        show_warning(f"{name}: taken as it does not change the light: {first}{more}")
 
 
 def add_outputs(parser: argparse.ArgumentParser, text: str) -> None:

@@ -19,8 +19,16 @@ def add(commands: Any) -> None:
 
 def _info(arguments: argparse.Namespace) -> int:
     from .. import info
+    from ..errors import SceneError
 
-    scene = load(arguments)
+    try:
+        scene = load(arguments)
+    except SceneError as error:
+        if len(error.faults) > 1:
+            faults = list(error.faults)
+            text = "\n".join(f"fault       {fault}" for fault in faults)
+            say(json.dumps({"faults": faults}, indent=2) if arguments.json else text)
+        raise
     quiet = arguments.json or len(scene.triangles) < LARGE_MESH
     with show_progress("building the tree", quiet) as progress:
         report = info.examine(scene, arguments.device, arguments.width, arguments.height, progress)

@@ -11,24 +11,24 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import SceneError
-from ..shipped import SHIPPED
-from . import build, mitsuba_xml
+from ..files import replacing
+from ..shipped import SHIPPED, find_shipped
+from . import build, mitsuba_xml, write
 from .node import Tree, allowed, shorten
+from .report import Report
 
-READERS: dict[str, Callable[[Path, Mapping[str, object]], Tree]] = {".xml": mitsuba_xml.read}
+READERS: dict[str, Callable[[Path, Mapping[str, object], Report], Tree]] = {
+    ".xml": mitsuba_xml.read
+}
 
 
-def load(path: Path, parameters: Mapping[str, object]) -> build.Built:
+def load(
+    path: Path, parameters: Mapping[str, object], sensor: int | None = None, strict: bool = False
+) -> build.Built:
     """Reads a scene file by its suffix. Raises SceneError."""
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        known = ", ".join(READERS)
-        raise SceneError(
-            f"{shorten(str(path))} is neither a scene file ({known}) nor a shipped scene"
-            + allowed(path.name, SHIPPED, "shipped")
-        )
+    reader = _reader(path)
     with _without_collector():
-        return build.build(reader(path, parameters))
+        return build.build(lambda report: reader(path, parameters, report), sensor, strict)
 
 
 @contextlib.contextmanager
@@ -41,3 +41,38 @@ def _without_collector() -> Iterator[None]:
     finally:
         if on:
             gc.enable()
+
+
+def convert(
+    source: str, target: str, parameters: Mapping[str, object], strict: bool = False
+) -> tuple[str, ...]:
+    """Writes what was understood of a scene file as one of version 3.0.0; returns the notes.
+
+    Values and references are those of `source`, includes and $names are replaced, and what has no
+    effect is left out. Raises SceneError, OSError naming the path.
+    """
+    path = find_shipped(source) if source in SHIPPED else Path(source)
+    reader = _reader(path)
+    trees: list[Tree] = []
+
+    def read(report: Report) -> Tree:
+        trees.append(reader(path, parameters, report))
+        return trees[-1]
+
+    with _without_collector():
+        built = build.build(read, None, strict)
+        text = write.as_xml(trees[-1], Path(target).parent)
+    with replacing(target) as file:
+        file.write(text.encode())
+    return built.notes
+
+
+def _reader(path: Path) -> Callable[[Path, Mapping[str, object], Report], Tree]:
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(READERS)
+        raise SceneError(
+            f"{shorten(str(path))} is neither a scene file ({known}) nor a shipped scene"
+            + allowed(path.name, SHIPPED, "shipped")
+        )
+    return reader

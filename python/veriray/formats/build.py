@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,71 +13,133 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, TABLES, blank_row
+from ..columns import LIGHT_KINDS, MATERIAL_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
-from ..numeric import check_rigid, view_angle
+from ..numeric import check_rigid, tan_half_degrees, view_angle
 from . import materials
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
+from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .values import check, located
 
 Array = npt.NDArray[Any]
 _Parts = dict[str, list[Node]]
+_View = tuple[Camera, Film, dict[str, Any]]
 _DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
 
 
 @dataclass(frozen=True)
 class Built:
-    """The arguments of a Scene, and where in the file the rows of its tables come from."""
+    """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
+    all sensors, and notes on what has no effect."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
+    cameras: tuple[Camera, ...]
+    notes: tuple[str, ...]
 
 
-def build(tree: Tree) -> Built:
-    """The scene of a tree. Raises SceneError naming place, object, key, value and what is allowed;
-    warns (SceneWarning) of a scene without light."""
-    return _Builder(tree).scene()
+def build(read: Callable[[Report], Tree], sensor: int | None = None, strict: bool = False) -> Built:
+    """The scene of the tree that `read` gives, seen by its sensor of that number, else the first.
+
+    Raises SceneError naming place, object, key, value and what is allowed, of all faults that there
+    are; warns (SceneWarning) of a scene without light. strict: notes are faults.
+    """
+    report = Report(strict)
+    try:
+        tree = read(report)
+        if not report.faults:
+            try:
+                built = _Builder(tree, sensor).scene()
+            except SceneError as error:
+                report.add(error)
+            if not report.faults:
+                return built
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)
+            _Builder(tree, sensor).search()
+    except Full:
+        pass
+    report.fail()
 
 
 class _Builder:
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, sensor: int | None) -> None:
         self.tree = tree
+        self.report = tree.report
+        self.sensor_index = sensor
         self.checked: dict[int, tuple[Node, _Parts, dict[str, Any]]] = {}
         self.childless: dict[str, _Parts] = {}
         self.rows: dict[int, materials.Row] = {}
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
 
+    def search(self) -> None:
+        """Puts all faults into the report that can be found."""
+        nodes, todo = [], [*reversed(self.tree.orphans), self.tree.scene]
+        while todo:
+            node = todo.pop()
+            nodes.append(node)
+            todo += [item for item in reversed(node.children) if isinstance(item, Node)]
+        known = [node for node in nodes if node.plugin]
+        for node in known:
+            self.attempt(self.children, node, True)
+            self.attempt(check, node, self.report, every=True)
+        for node in known:
+            if node.category == "bsdf":
+                self.attempt(self.material, node)
+            elif node.category == "medium":
+                self.attempt(self.check_medium, node)
+            elif node.category == "sensor":
+                self.attempt(self.sensor, node)
+            elif node.category == "integrator":
+                self.attempt(self.integrator, node)
+            elif node.category == "shape":
+                shapes = Shapes()
+                self.attempt(self.shape, node, shapes)
+                self.attempt(shapes.arrays)
+            elif node.category == "emitter" and node.plugin in LIGHT_KINDS:
+                self.attempt(self.light, node)
+
+    def attempt(self, make: Callable[..., object], *arguments: Any, **options: Any) -> None:
+        """make(*arguments, **options); its SceneError goes to the report."""
+        try:
+            make(*arguments, **options)
+        except SceneError as error:
+            self.report.add(error)
+
     def check(self, node: Node) -> tuple[_Parts, dict[str, Any]]:
         """A node's objects and parameters, checked once however often it is used."""
         found = self.checked.get(id(node))
         if found is None:  # holding the node keeps its id unique
-            found = self.checked[id(node)] = node, self.children(node), check(node)
+            values = check(node, self.report)
+            found = self.checked[id(node)] = node, self.children(node), values
         return found[1:]
 
-    def children(self, node: Node) -> _Parts:
-        """A node's objects by category, references resolved, kinds and numbers checked."""
-        if not node.children and node.plugin in self.childless:
+    def children(self, node: Node, every: bool = False) -> _Parts:
+        """A node's objects by category, references resolved, kinds and numbers checked.
+
+        every: the report takes all faults, instead of the first being raised.
+        """
+        if not node.children and not node.faulty and node.plugin in self.childless:
             return self.childless[node.plugin]
         rules = PLUGINS[node.plugin].children
         result: _Parts = {category: [] for category in rules}
-        for item in node.children:
-            if isinstance(item, Ref) and node.category == "scene":
-                raise SceneError("a ref must stand inside the object that uses it", item.where)
-            child = self.resolve(item, node) if isinstance(item, Ref) else item
-            if child.category not in rules or child.plugin not in rules[child.category][0]:
-                names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
-                raise SceneError(
-                    f"{node} cannot hold a {child.category} {shorten(child.plugin)}"
-                    + allowed(child.plugin, names),
-                    item.where,
-                )
-            result[child.category].append(child)
+        faulty = node.faulty
+        for item in self.items(node):
+            try:
+                child = self.child(item, node)
+            except SceneError as error:
+                if not every:
+                    raise
+                self.report.add(error)
+                faulty = True
+            else:
+                result[child.category].append(child)
         for category, (names_, fewest, most) in rules.items():
             found = result[category]
-            if len(found) < fewest:
+            if len(found) < fewest and not faulty:
                 what = f"{node} has no {category}"
                 raise SceneError(f"{what}; allowed: {', '.join(names_)}", node.where)
             if len(found) > most:
@@ -85,9 +148,42 @@ class _Builder:
                     "allowed",
                     found[most].where,
                 )
+        if faulty:
+            raise Listed("")
         if not node.children:
             self.childless[node.plugin] = result
         return result
+
+    def items(self, node: Node) -> list[Node | Ref]:
+        """What a node holds; of the scene without references to what it holds already."""
+        if node.category != "scene" or not any(isinstance(item, Ref) for item in node.children):
+            return node.children
+        held = {id(item) for item in node.children}
+        result: list[Node | Ref] = []
+        for item in node.children:
+            child = self.tree.ids.get(item.id) if isinstance(item, Ref) else None
+            if child is not None and id(child) in held:
+                text = f"{shorten(item.id)} is a part of the scene already; it counts once"
+                self.report.note(f"ref: {text}", item.where)
+                continue
+            held.add(id(child))
+            result.append(item)
+        return result
+
+    def child(self, item: Node | Ref, node: Node) -> Node:
+        """What an object of `node` is, checked for its kind."""
+        child = self.resolve(item, node) if isinstance(item, Ref) else item
+        if not child.plugin:
+            raise Listed("")
+        rules = PLUGINS[node.plugin].children
+        if child.category not in rules or child.plugin not in rules[child.category][0]:
+            names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
+            raise SceneError(
+                f"{node} cannot hold a {child.category} {shorten(child.plugin)}"
+                + allowed(child.plugin, names),
+                item.where,
+            )
+        return child
 
     def resolve(self, ref: Ref, node: Node) -> Node:
         if ref.id not in self.tree.ids:
@@ -102,8 +198,9 @@ class _Builder:
         root = self.tree.scene
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
-        _, path = self.check(integrator)
-        camera, film, sampling = self.sensor(parts["sensor"][0])
+        depths = self.integrator(integrator)
+        views = [self.sensor(node) for node in parts["sensor"]]
+        chosen = self.chosen(parts["sensor"])
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
             self.material(bsdf)
@@ -113,23 +210,97 @@ class _Builder:
         for shape in parts["shape"]:
             self.shape(shape, shapes)
         arrays = {**self.tables.arrays(), **shapes.arrays()}
-        if arrays["emissions"] is None and arrays["light_kind"] is None and not any(environment):
+        seen = arrays["emissions"] is not None or any(environment)
+        if not seen and arrays["light_kind"] is None:
             warnings.warn(
                 f"{root.where}: the scene has no light: the picture will be black",
                 SceneWarning,
                 stacklevel=4,
             )
+        self.check_integrator(integrator, seen, arrays)
+        if not views:
+            views = [self.sensor(Node("perspective", root.where), _framing(arrays, root))]
+            self.report.note("the scene has no sensor; one was placed that frames it", root.where)
+        camera, film, sampling = views[chosen]
         arguments = {
             **arrays,
             "environment": np.array(environment),
             "camera": camera,
             "film": film,
-            "max_depth": path["max_depth"],
-            "rr_depth": path["rr_depth"],
+            **depths,
             **sampling,
         }
         places = {"scene": [root.where], "shapes": shapes.places}
-        return Built(arguments, {**places, **self.tables.places()})
+        return Built(
+            arguments,
+            {**places, **self.tables.places()},
+            tuple(camera for camera, _, _ in views),
+            tuple(self.report.notes),
+        )
+
+    def chosen(self, sensors: list[Node]) -> int:
+        """The number of the sensor to render."""
+        count, number = max(len(sensors), 1), self.sensor_index
+        if number is None:
+            if count > 1:
+                text = f"the first of {count} sensors is rendered; sensor = N takes another"
+                self.report.note(text, sensors[0].where)
+            return 0
+        if not 0 <= number < count:
+            raise SceneError(
+                f"sensor = {number} is outside [0, {count - 1}]", self.tree.scene.where
+            )
+        return number
+
+    def integrator(self, node: Node) -> dict[str, int]:
+        """The depths of paths that an integrator asks for."""
+        parts, values = self.check(node)
+        inner = parts.get("integrator")
+        if inner:
+            for other in inner[1:]:
+                self.report.note(f"{node}: only its first integrator is rendered", other.where)
+            self.report.note(f"{node} renders {inner[0]}: {PLUGINS[node.plugin].doc}", node.where)
+            return self.integrator(inner[0])
+        if node.plugin == "direct":
+            shorthand = "shading_samples" in node.values
+            if shorthand and {"emitter_samples", "bsdf_samples"} & set(node.values):
+                raise SceneError(
+                    f"{node}: both shading_samples and one of emitter_samples and bsdf_samples "
+                    "given",
+                    node.where,
+                )
+            if not values["emitter_samples"] + values["bsdf_samples"]:
+                raise SceneError(f"{node}: emitter_samples and bsdf_samples are 0", node.where)
+        default = {"max_depth": 2, "rr_depth": PLUGINS["path"].params["rr_depth"].default}
+        return {name: values.get(name, default[name]) for name in default}
+
+    def check_integrator(self, node: Node, seen: bool, arrays: dict[str, Any]) -> None:
+        """Raises SceneError for what an integrator asks for and this scene does not allow; seen:
+        something emits that a camera can see."""
+        parts, values = self.check(node)
+        if seen and values["hide_emitters"]:
+            raise SceneError(
+                f'{node}: "hide_emitters" = True is not supported where an area light or a sky '
+                "shines; allowed: false",
+                node.values["hide_emitters"].where,
+            )
+        for inner in parts.get("integrator", [])[:1]:
+            self.check_integrator(inner, seen, arrays)
+        kinds = {MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()}
+        kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
+        for name, wrong, what in (
+            ("bsdf_samples", bool(kinds & _SINGULAR), "a mirror, glass or a mask"),
+            ("emitter_samples", arrays["light_kind"] is not None, "a point, spot or parallel lamp"),
+        ):
+            if wrong and values.get(name) == 0:
+                raise SceneError(
+                    f'{node}: "{name}" = 0 leaves out the light of {what}, which the scene has; '
+                    "that is not supported",
+                    node.values[name].where,
+                )
+        text = _OTHER_IN_MITSUBA.get(node.plugin)
+        if text and kinds & text[0]:
+            self.report.warn(f"{node}: {text[1]}", node.where)
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
         """Adds the lights that are not on shapes; returns the environment's radiance."""
@@ -141,7 +312,8 @@ class _Builder:
                 self.light(node)
         return self.check(skies[0])[1]["radiance"] if skies else (0.0, 0.0, 0.0)
 
-    def sensor(self, node: Node) -> tuple[Camera, Film, dict[str, Any]]:
+    def sensor(self, node: Node, place: Array | None = None) -> _View:
+        """What a sensor sees, and how; place: its to_world, unless the file has it."""
         parts, values = self.check(node)
         film_node = parts["film"][0] if parts["film"] else Node("hdrfilm", node.where)
         sampler = parts["sampler"][0] if parts["sampler"] else Node("independent", node.where)
@@ -149,22 +321,34 @@ class _Builder:
         filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
         parameters = list(self.check(filter_node)[1].values())
+        width, height = size["width"], size["height"]
+        crop = [size[f"crop_{name}"] for name in ("offset_x", "offset_y", "width", "height")]
+        left, top, wide, high = crop[:2] + [crop[2] or width, crop[3] or height]
+        if left + wide > width or top + high > height:
+            raise SceneError(
+                f"{film_node}: the crop window of {wide} x {high} pixels at ({left}, {top}) is not "
+                f"within the film of {width} x {height}",
+                film_node.where,
+            )
         film = located(
             film_node,
             lambda: Film(
-                size["width"],
-                size["height"],
+                wide,
+                high,
                 filter_node.plugin,
                 parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
             ),
         )
         fov, axis = values["fov"], values["fov_axis"]
         focal = values["focal_length"]
-        if (fov is None) == (focal is None):
-            both = "both fov and focal_length" if focal else "neither fov nor focal_length"
-            raise SceneError(f"{node}: {both} given, expected one of them", node.where)
-        if focal is not None:
-            where = node.values["focal_length"].where
+        if fov is not None and focal is not None:
+            text = "both fov and focal_length given, expected one of them"
+            raise SceneError(f"{node}: {text}", node.where)
+        if place is not None:
+            fov = _FRAMING_FOV
+        if fov is None:
+            where = node.values["focal_length"].where if focal else node.where
+            focal = focal or "50mm"
             number = re.sub(r"\s*mm\s*$", "", focal)
             length = parse_float(number, f'{node}: "focal_length"', where)
             if not 1e-3 <= length <= 1e6:
@@ -173,7 +357,18 @@ class _Builder:
                 )
             fov, axis = view_angle(_DIAGONAL_35_MM, length), "diagonal"
         offset = [values.get(f"principal_point_offset_{end}", 0.0) for end in "xy"]
-        to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
+        to_world = np.eye(4) if place is None else place
+        to_world = to_world if values["to_world"] is None else values["to_world"]
+        window = (left, top, wide, high) if (wide, high) != (width, height) else None
+        if window:
+            whole = located(node, lambda: Camera(to_world, fov, axis))
+            fov, axis = view_angle(2 * whole.tan_half_x(width, height) * wide, width), "x"
+            offset = [
+                (1 - full / part * (1 - 2 * shift - 2 * begin / full)) / 2
+                for full, part, shift, begin in zip(
+                    (width, height), (wide, high), offset, (left, top), strict=True
+                )
+            ]
         camera = located(
             node,
             lambda: Camera(
@@ -241,7 +436,7 @@ class _Builder:
         if node.plugin == "shapegroup":
             self.group(node)
         elif node.plugin == "instance":
-            parts, values = self.children(node), check(node)
+            values, parts = check(node, self.report), self.children(node)
             shapes.instance(node, values["to_world"], self.group(parts["shape"][0]))
         elif node.plugin == "merge":
             check(node)
@@ -264,7 +459,7 @@ class _Builder:
 
     def surface(self, node: Node) -> Surface:
         """A shape with the rows of its material, emission and boundary."""
-        parts, values = self.children(node), check(node)  # used once
+        values, parts = check(node, self.report), self.children(node)  # used once
         lamp = parts["emitter"][0] if parts["emitter"] else None
         if parts["bsdf"]:
             bsdf, row = parts["bsdf"][0], self.material(parts["bsdf"][0])
@@ -318,6 +513,31 @@ class _Builder:
         self.tables.index("lights", node, row)
 
 
+def _framing(arrays: dict[str, Any], root: Node) -> Array:
+    """A place from which a view of _FRAMING_FOV holds the whole scene, looking along +z."""
+    disks, spheres = arrays["disks"], arrays["spheres"]
+    reach = np.sqrt((disks[:, 1:] * disks[:, 1:]).sum(axis=1))
+    points = [arrays["vertices"], disks[:, 0] - reach, disks[:, 0] + reach]
+    points += [spheres[:, :3] + side * spheres[:, 3:] for side in (-1, 1)]
+    ends = np.concatenate(points)
+    if not len(ends):
+        names = ", ".join(PLUGINS["scene"].children["sensor"][0])
+        raise SceneError(f"scene has no sensor; allowed: {names}", root.where)
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    away = 0.5 * float((high - low).max()) / tan_half_degrees(_FRAMING_FOV)
+    middle = (low + 0.5 * (high - low)).tolist()
+    return transform.translate([*middle[:2], float(low[2]) - away])
+
+
+_FRAMING_FOV = 45.0
+#: Kinds of material of which no light sample finds the light.
+_SINGULAR = {"conductor", "dielectric", "plastic", "thindielectric", "null", "mask"}
+_PASSES = {"thindielectric", "null", "mask"}
+#: What integrators render otherwise than Mitsuba's, where there are materials of these kinds.
+_OTHER_IN_MITSUBA = {
+    "ptracer": (_SINGULAR, "what mirrors and glass show is rendered; Mitsuba's leaves it out"),
+    "direct": (_PASSES, "what is seen through masks, null and thin glass is lit, not in Mitsuba"),
+}
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.

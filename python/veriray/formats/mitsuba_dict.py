@@ -20,19 +20,23 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
+from .known import category, missing
 from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS
+from .report import Report
 
 _ARRAYS = ("vertices", "faces", "uv", "normals")  # of a mesh
 
 
-def read(scene: Mapping[str, Any]) -> Tree:
-    """The tree of a dictionary whose type is "scene". Raises SceneError with the key path."""
+def read(scene: Mapping[str, Any], report: Report | None = None) -> Tree:
+    """The tree of a dictionary whose type is "scene". Raises SceneError with the key path for what
+    is none; `report` takes all other faults, and the tree is then not complete."""
     if not isinstance(scene, Mapping):
         raise SceneError(f"{shorten(scene)} is not a dictionary", "scene")
     if scene.get("type") != "scene":
         raise SceneError(f'"type" = {shorten(scene.get("type"))}, expected "scene"', "scene")
-    tree = Tree(Node("scene", "scene", "scene"))
+    report = Report() if report is None else report
+    tree = Tree(Node("scene", "scene", "scene"), report=report)
     _fill(scene, tree.scene, tree, 0)
     return tree
 
@@ -41,36 +45,44 @@ def _fill(content: Mapping[str, Any], node: Node, tree: Tree, depth: int) -> Non
     if depth > MAX_DEPTH:
         raise SceneError(f"nested deeper than {MAX_DEPTH}", node.where[:200])
     for key, value in content.items():
-        if not isinstance(key, str):
-            raise SceneError(f"the key {shorten(key)} is not a string", node.where)
-        where = f"{node.where}.{key}"
-        if key == "type":
-            continue
-        if key == "id":
-            if not isinstance(value, str):
-                raise SceneError(f"{shorten(value)} is not a string", where)
-            continue
-        value = _described(value)
-        if node.plugin == "mesh" and key == "mesh" and isinstance(value, Mapping):
-            _fill({k: v for k, v in value.items() if k not in content}, node, tree, depth)
-            continue
-        if node.plugin == "mesh" and key in _ARRAYS:
-            node.values[key] = Value("array", _array(value, where), where)
-            continue
-        item = _convert(value, where)
-        if isinstance(item, Value):
-            node.values[key] = item
-            continue
-        item.name = key
-        if isinstance(item, Ref):
-            node.children.append(item)
-        else:
-            named = value.get("id", key if depth == 0 else "")
-            item.id = named if isinstance(named, str) else ""
-            if item.id:
-                tree.add_id(item)
-            node.children.append(item)
-            _fill(value, item, tree, depth + 1)
+        try:
+            _add(key, content, node, tree, depth)
+        except SceneError as error:
+            tree.report.add(error)
+            node.faulty = True
+
+
+def _add(key: Any, content: Mapping[str, Any], node: Node, tree: Tree, depth: int) -> None:
+    if not isinstance(key, str):
+        raise SceneError(f"the key {shorten(key)} is not a string", node.where)
+    where = f"{node.where}.{key}"
+    value = _described(content[key])
+    if key == "type":
+        return
+    if key == "id":
+        if not isinstance(value, str):
+            raise SceneError(f"{shorten(value)} is not a string", where)
+        return
+    if node.plugin == "mesh" and key == "mesh" and isinstance(value, Mapping):
+        _fill({k: v for k, v in value.items() if k not in content}, node, tree, depth)
+        return
+    if node.plugin == "mesh" and key in _ARRAYS:
+        node.values[key] = Value("array", _array(value, where), where)
+        return
+    item = _convert(value, where, tree)
+    if isinstance(item, Value):
+        node.values[key] = item
+        return
+    item.name = key
+    node.children.append(item)
+    if isinstance(item, Node):
+        named = value.get("id", key if depth == 0 else "")
+        item.id = named if isinstance(named, str) else ""
+        if item.id:
+            tree.add_id(item)
+        _fill(value, item, tree, depth + 1)
+        if not item.plugin:
+            tree.orphans += [child for child in item.children if isinstance(child, Node)]
 
 
 def _described(value: Any) -> Any:
@@ -85,9 +97,9 @@ def _described(value: Any) -> Any:
     return found if uv is None else {**found, "uv": uv, "flip_tex_coords": True}
 
 
-def _convert(value: Any, where: str) -> Value | Ref | Node:
+def _convert(value: Any, where: str, tree: Tree) -> Value | Ref | Node:
     if isinstance(value, Mapping):
-        return _mapping(value, where)
+        return _mapping(value, where, tree)
     if isinstance(value, (bool, np.bool_)):
         return Value("boolean", bool(value), where)
     if isinstance(value, (int, np.integer)):
@@ -106,12 +118,17 @@ def _convert(value: Any, where: str) -> Value | Ref | Node:
     raise SceneError(f"an array of shape {numbers.shape}, expected (4, 4) or (3,)", where)
 
 
-def _mapping(value: Mapping[str, Any], where: str) -> Value | Ref | Node:
+def _mapping(value: Mapping[str, Any], where: str, tree: Tree) -> Value | Ref | Node:
     kind = value.get("type")
     if not isinstance(kind, str):
         raise SceneError(f'"type" = {shorten(kind)} is not the name of an object', where)
     fields = {"rgb": "value", "spectrum": "value", "ref": "id"}
     if kind not in fields:
+        if (
+            category(kind) and kind not in PLUGINS
+        ):  # what it holds is read, for what else is missing
+            tree.report.add(SceneError(missing(category(kind), kind), where))
+            return Node("", where, category(kind), faulty=True)
         if kind not in PLUGINS or kind == "scene":
             names = (*(name for name in PLUGINS if name != "scene"), *fields)
             raise SceneError(f"unknown type {shorten(kind)}{allowed(kind, names)}", where)

@@ -2,13 +2,15 @@
 
 Elements: an object by its category (shape, bsdf, ...) with type and optional id; float, integer,
 boolean, string, rgb, spectrum (one constant), point, vector, transform (translate, scale, rotate,
-lookat, matrix, each applied after those before it); ref; default; include. "$name" in an attribute
-is replaced by the parameter of that name. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file,
-includes 8 deep and 256 in all.
+lookat, matrix, each applied after those before it); ref; alias; default; include; path, a folder in
+which files are looked for first. "$name" in an attribute is replaced by the parameter of that name,
+unless a backslash precedes it. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file, includes 8
+deep and 256 in all.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from functools import lru_cache
@@ -21,6 +23,7 @@ from lxml import etree
 
 from .. import transform as tf
 from ..errors import SceneError
+from .known import MITSUBA, missing
 from .node import (
     MAX_DEPTH,
     Node,
@@ -34,20 +37,23 @@ from .node import (
     read_bytes,
     shorten,
 )
-from .plugins import CATEGORIES, PLUGINS, of_category
+from .plugins import CATEGORIES, PLUGINS
+from .report import Report
 
 Array = npt.NDArray[np.float64]
 MAX_BYTES = 16 * 2**20
 MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
-_PARAMETER = re.compile(r"\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
+_PARAMETER = re.compile(r"\\\$|\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
 _VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "spectrum")
-_OTHER_TAGS = ("point", "vector", "transform", "ref", "default", "include")
+_OTHER_TAGS = ("point", "vector", "transform", "ref", "alias", "default", "include", "path")
 
 
-def read(path: Path, parameters: Mapping[str, object]) -> Tree:
-    """Reads a file; `parameters` overrides its <default> values. Raises SceneError."""
-    reader = _Reader(parameters)
+def read(path: Path, parameters: Mapping[str, object], report: Report | None = None) -> Tree:
+    """Reads a file; `parameters` overrides its <default> values. Raises SceneError for a file that
+    is none of the format; `report` takes all other faults, and the tree is then not complete."""
+    reader = _Reader(parameters, Report() if report is None else report)
+    reader.folders[path] = [path.parent]
     root, name = reader.parse(path, "")
     where = f"{name}:{root.sourceline}"
     if root.tag != "scene":
@@ -58,22 +64,37 @@ def read(path: Path, parameters: Mapping[str, object]) -> Tree:
     reader.children(root, reader.tree.scene, path, (path.resolve(),), 1)
     for key in reader.given:
         if key not in reader.used:
-            raise SceneError(
-                f'parameter "{key}" = {shorten(reader.values[key])} is not used by the scene'
-                + allowed(key, reader.used | set(reader.values) - reader.given, "it has"),
-                name,
+            reader.report.add(
+                SceneError(
+                    f'parameter "{key}" = {shorten(reader.values[key])} is not used by the scene'
+                    + allowed(key, reader.used | set(reader.values) - reader.given, "it has"),
+                    name,
+                )
             )
     return reader.tree
 
 
 class _Reader:
-    def __init__(self, parameters: Mapping[str, object]) -> None:
+    def __init__(self, parameters: Mapping[str, object], report: Report) -> None:
         self.values = {str(key): _text(value) for key, value in parameters.items()}
         self.given = set(self.values)
         self.used: set[str] = set()
         self.includes = 0
         self.expanded = 0
-        self.tree = Tree(Node("scene", "", "scene"))
+        self.report = report
+        self.tree = Tree(Node("scene", "", "scene"), report=report)
+        self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
+
+    def folder(self, name: str, path: Path) -> Path:
+        """Where the file is that `name` in the file `path` means: the first search folder that has
+        it; that of `path` if none does."""
+        for folder in self.folders[path]:
+            try:
+                if (folder / name).exists():
+                    return folder
+            except (OSError, ValueError):  # no possible name
+                break
+        return path.parent
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
         name = str(path)
@@ -128,7 +149,14 @@ class _Reader:
         return result
 
     def lookup(self, match: re.Match[str], where: str) -> str:
-        key = match[1] or match[2]
+        if match[0] == "\\$":
+            return "$"
+        key, rest = match[1] or match[2], ""
+        if match[2] and key not in self.values:  # as Mitsuba: the longest name that it begins with
+            known = [name for name in self.values if key.startswith(name)]
+            if known:
+                rest = key[len(max(known, key=len)) :]
+                key = key[: len(key) - len(rest)]
         if not key:
             raise SceneError('"$" must be followed by the name of a parameter', where)
         if key not in self.values:
@@ -141,7 +169,7 @@ class _Reader:
         self.expanded += len(self.values[key])
         if self.expanded > MAX_BYTES:
             raise SceneError(f"parameters expand to more than {MAX_BYTES} characters", where)
-        return self.values[key]
+        return self.values[key] + rest
 
     def children(
         self,
@@ -154,37 +182,73 @@ class _Reader:
         """Adds the element's children to `node`."""
         if depth > MAX_DEPTH:
             raise SceneError(f"nested deeper than {MAX_DEPTH}", f"{path}:{element.sourceline}")
-        file = str(path)
         _no_text(element, element.text, path)
         for child in element:
-            where = f"{file}:{child.sourceline}"
-            tag = child.tag
-            _no_text(element, child.tail, path)
-            if not isinstance(tag, str):
-                raise SceneError("entities are not allowed", where)
-            if tag == "include":
-                self.include(child, node, path, chain, depth, where)
-            elif tag == "default":
-                a = self.attributes(child, where, "name value")
-                if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", a["name"]):
-                    raise SceneError(f"<default> has a bad name {shorten(a['name'])}", where)
-                self.values.setdefault(a["name"], a["value"])
-                _empty(child, where)
-            elif tag == "ref":
-                a = self.attributes(child, where, "id", "name")
-                node.children.append(Ref(a["id"], where, a.get("name", "")))
-                _empty(child, where)
-            elif tag in CATEGORIES and tag != "scene":
-                node.children.append(self.object(child, path, chain, depth, where))
-            elif tag in _VALUE_TAGS or tag in _OTHER_TAGS:
-                name, value = self.value(child, path, where)
-                if name in node.values:
-                    first = node.values[name].where
-                    raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
-                node.values[name] = value
-            else:
-                names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)
-                raise SceneError(f"unknown element <{tag[:64]}>{allowed(tag, names)}", where)
+            where = f"{path}:{child.sourceline}"
+            try:
+                _no_text(element, child.tail, path)
+                if not isinstance(child.tag, str):
+                    raise SceneError("entities are not allowed", where)
+                self.child(child, node, path, chain, depth, where)
+            except SceneError as error:
+                self.report.add(error)
+                node.faulty = True
+
+    def child(
+        self,
+        child: etree._Element,
+        node: Node,
+        path: Path,
+        chain: tuple[Path, ...],
+        depth: int,
+        where: str,
+    ) -> None:
+        """Adds a child to `node`."""
+        tag = str(child.tag)
+        if tag == "include":
+            self.include(child, node, path, chain, depth, where)
+        elif tag == "default":
+            a = self.attributes(child, where, "name value")
+            if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", a["name"]):
+                raise SceneError(f"<default> has a bad name {shorten(a['name'])}", where)
+            self.values.setdefault(a["name"], a["value"])
+            _empty(child, where)
+        elif tag == "ref":
+            a = self.attributes(child, where, "id", "name")
+            node.children.append(Ref(a["id"], where, a.get("name", "")))
+            _empty(child, where)
+        elif tag == "alias":
+            a = self.attributes(child, where, "id as")
+            if a["id"] not in self.tree.ids:
+                known = allowed(a["id"], self.tree.ids, "known")
+                raise SceneError(f"there is no id {shorten(a['id'])} before this{known}", where)
+            self.tree.add_id(self.tree.ids[a["id"]], a["as"], where)
+            _empty(child, where)
+        elif tag == "path":
+            self.search(child, path, depth, where)
+        elif tag in _VALUE_TAGS or tag in _OTHER_TAGS:
+            name, value = self.value(child, path, where)
+            if name in node.values:
+                first = node.values[name].where
+                raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
+            node.values[name] = value
+        elif (tag in CATEGORIES and tag != "scene") or tag in MITSUBA:
+            node.children.append(self.object(child, path, chain, depth, where))
+        else:
+            names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)
+            raise SceneError(f"unknown element <{tag[:64]}>{allowed(tag, names)}", where)
+
+    def search(self, element: etree._Element, path: Path, depth: int, where: str) -> None:
+        """Adds a folder before those in which the files of `path` are looked for."""
+        name = self.attributes(element, where, "value")["value"]
+        _empty(element, where)
+        if depth > 1:
+            raise SceneError("<path> must stand directly in <scene>", where)
+        folder = self.folder(name, path) / name
+        if os.path.isdir(folder):
+            self.folders[path].insert(0, folder)
+        else:
+            self.report.note(f"<path>: {shorten(name)} is no folder; nothing is looked for", where)
 
     def object(
         self, element: etree._Element, path: Path, chain: tuple[Path, ...], depth: int, where: str
@@ -192,14 +256,19 @@ class _Reader:
         optional = "id name version" if depth == 0 else "id name"
         a = self.attributes(element, where, "type", optional)
         tag, plugin = str(element.tag), a["type"]
-        if plugin not in PLUGINS or PLUGINS[plugin].category != tag:
-            names = of_category(tag)
-            raise SceneError(f"unknown {tag} {shorten(plugin)}{allowed(plugin, names)}", where)
-        folder = str(path.parent) if "filename" in PLUGINS[plugin].params else ""
-        node = Node(plugin, where, tag, a.get("id", ""), folder, name=a.get("name", ""))
+        node = Node(plugin, where, tag, a.get("id", ""), name=a.get("name", ""))
+        supported = plugin in PLUGINS and PLUGINS[plugin].category == tag
+        if not supported:  # what it holds is read, for what else is missing
+            self.report.add(SceneError(missing(tag, plugin), where))
+            node.plugin, node.faulty = "", True
         if node.id:
             self.tree.add_id(node)
         self.children(element, node, path, chain, depth + 1)
+        if not supported:
+            self.tree.orphans += [child for child in node.children if isinstance(child, Node)]
+        elif "filename" in PLUGINS[plugin].params:
+            name = node.values["filename"].value if "filename" in node.values else ""
+            node.folder = str(self.folder(name if isinstance(name, str) else "", path))
         return node
 
     def include(
@@ -211,9 +280,9 @@ class _Reader:
         depth: int,
         where: str,
     ) -> None:
-        name = self.attributes(element, where, "filename")["filename"]
+        name = self.attributes(element, where, "filename", "name")["filename"]
         _empty(element, where)
-        target = path.parent / name
+        target = self.folder(name, path) / name
         try:
             resolved = target.resolve()
         except (OSError, RuntimeError, ValueError) as error:
@@ -226,6 +295,7 @@ class _Reader:
                 f"more than {MAX_INCLUDE_DEPTH} nested or {MAX_INCLUDES} included files", where
             )
         root, file = self.parse(target, where)
+        self.folders[target] = [target.parent, *self.folders[path]]
         inside = f"{file}:{root.sourceline}"
         if root.tag == "scene":
             self.version(root, inside)
@@ -306,13 +376,21 @@ class _Reader:
             elif tag == "rotate":
                 a = self.attributes(child, where, "angle", "value x y z")
                 angle = parse_float(a.pop("angle"), 'rotate: "angle"', where)
-                step = tf.rotate(self.vector(a, tag, where, 0.0), angle, where)
+                axis = self.vector(a, tag, where, 0.0)
+                fault = tf.axis_fault(axis)
+                if fault:
+                    self.report.warn(
+                        f"rotate: {fault}, not 1: it shears (in Mitsuba points, not normals)", where
+                    )
+                step = tf.rotate_as_given(axis, angle)
             elif tag == "lookat":
-                a = self.attributes(child, where, "origin target up")
+                a = {"up": "0 0 0", **self.attributes(child, where, "origin target", "up")}
                 origin, target, up = (
                     parse_floats(a[key], f'lookat: "{key}"', where, (3,))
                     for key in ("origin", "target", "up")
                 )
+                if up == (0.0, 0.0, 0.0):  # as Mitsuba: any
+                    up = tf.any_up(origin, target, where)
                 step = tf.look_at(origin, target, up, where)
             elif tag == "matrix":
                 a = self.attributes(child, where, "value")

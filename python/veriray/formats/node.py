@@ -17,6 +17,7 @@ from typing import Any
 from ..errors import SceneError
 from ..files import open_regular
 from ..numeric import shown
+from .report import Report
 
 MAX_DEPTH = 32
 _FLOAT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -45,7 +46,8 @@ class Ref:
 @dataclass(slots=True)
 class Node:
     """An object: plugin name, category if the file states it, parameters and nested objects;
-    name: what it is for in the object around it."""
+    name: what it is for in the object around it; faulty: a part of it is missing, and in the
+    report."""
 
     plugin: str
     where: str
@@ -55,6 +57,7 @@ class Node:
     values: dict[str, Value] = field(default_factory=dict)
     children: list[Node | Ref] = field(default_factory=list)
     name: str = ""
+    faulty: bool = False
 
     def __str__(self) -> str:
         return f'{self.plugin} "{self.id}"' if self.id else self.plugin
@@ -62,16 +65,20 @@ class Node:
 
 @dataclass(slots=True)
 class Tree:
-    """A scene node and every object in it that has an id."""
+    """A scene node, every object in it that has an id, and what is wrong with the file so far;
+    orphans: objects in objects that are not supported."""
 
     scene: Node
     ids: dict[str, Node] = field(default_factory=dict)
+    report: Report = field(default_factory=Report)
+    orphans: list[Node] = field(default_factory=list)
 
-    def add_id(self, node: Node) -> None:
-        """Registers a node's id; raises SceneError if another node has it."""
-        other = self.ids.setdefault(node.id, node)
+    def add_id(self, node: Node, name: str = "", where: str = "") -> None:
+        """Registers a node's id, or `name` as another; raises SceneError if another node has it."""
+        name = name or node.id
+        other = self.ids.setdefault(name, node)
         if other is not node:
-            raise SceneError(f'id "{node.id}" is already used at {other.where}', node.where)
+            raise SceneError(f'id "{name}" is already used at {other.where}', where or node.where)
 
 
 def shorten(value: object) -> str:

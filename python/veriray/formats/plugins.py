@@ -5,7 +5,7 @@ To add an object, add it here and in `build`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
@@ -17,10 +17,12 @@ from ..settings import SETTINGS
 REQUIRED = object()
 COLOUR = "rgb, spectrum or number"
 IOR = "number or name"
+GREY = "number or grey"
 _ACCEPTED = {
     "float": ("float", "integer"),
     COLOUR: ("rgb", "spectrum", "float", "integer"),
     IOR: ("float", "integer", "string"),
+    GREY: ("float", "integer", "rgb", "spectrum"),
     "point": ("point", "vector"),
     "vector": ("point", "vector"),
 }
@@ -29,7 +31,11 @@ _ACCEPTED = {
 @dataclass(frozen=True)
 class Param:
     """One parameter: kind, default, range (without its ends if `open`), choices, meaning, and the
-    column of the scene that it fills; "" for what `build` and `materials` convert."""
+    column of the scene that it fills; "" for what `build` and `materials` convert.
+
+    note: what to say where another value than the default is given, which changes no light. beyond:
+    a "share" or "light", of which Mitsuba takes values outside the range too (see `values`).
+    """
 
     kind: str
     default: Any = None
@@ -39,6 +45,8 @@ class Param:
     choices: tuple[Any, ...] = ()
     doc: str = ""
     column: str = ""
+    note: str = ""
+    beyond: str = ""
 
     @property
     def accepted(self) -> tuple[str, ...]:
@@ -49,13 +57,16 @@ class Param:
 @dataclass(frozen=True)
 class Plugin:
     """One kind of object. children: category -> (plugins allowed there, fewest, most);
-    unsupported: parameter of Mitsuba's -> what to do instead."""
+    unsupported: parameter of Mitsuba's -> what to do instead; noted: parameter that changes no
+    light -> why, whatever its type; lenient: why none that is not listed does, "" where one may."""
 
     category: str
     params: dict[str, Param] = field(default_factory=dict)
     children: dict[str, tuple[tuple[str, ...], int, int]] = field(default_factory=dict)
     unsupported: dict[str, str] = field(default_factory=dict)
     doc: str = ""
+    noted: dict[str, str] = field(default_factory=dict)
+    lenient: str = ""
 
 
 #: Refractive indices by name, as in Mitsuba 3.
@@ -69,8 +80,7 @@ IORS = {
 }  # fmt: skip
 
 _MANY = 10**9
-_CROP = "crop windows are not supported; render the whole film"
-_BLUR = "motion blur is not supported"
+_SHUTTER = dict.fromkeys(("shutter_open", "shutter_close"), "nothing in the scene moves")
 _TO_WORLD = Param("transform", doc="local to world space; default the identity")
 _PLACED = {
     "to_world": _TO_WORLD,
@@ -111,19 +121,24 @@ def _flip_uv(default: bool) -> dict[str, Param]:
     return {"flip_tex_coords": Param("boolean", default, doc=doc)}
 
 
-_RADIANCE = Param(COLOUR, 1.0, 0.0, doc="emitted radiance, linear RGB")
+_RADIANCE = Param(COLOUR, 1.0, 0.0, doc="emitted radiance, linear RGB", beyond="light")
 _SHARE: dict[str, Any] = {"low": 0.0, "high": 1.0}
+_REFLECTED: dict[str, Any] = {**_SHARE, "beyond": "share"}
 _INT_IOR = Param(IOR, "bk7", 0.1, 10.0, doc="refractive index inside (behind the front)")
 _EXT_IOR = Param(IOR, "air", 0.1, 10.0, doc="refractive index outside")
 _SPECULAR = Param(
-    COLOUR, 1.0, **_SHARE, doc="factor on reflected light", column="specular_reflectance"
+    COLOUR, 1.0, **_REFLECTED, doc="factor on reflected light", column="specular_reflectance"
 )
 _GLASS = {
     "int_ior": _INT_IOR,
     "ext_ior": _EXT_IOR,
     "specular_reflectance": _SPECULAR,
     "specular_transmittance": Param(
-        COLOUR, 1.0, **_SHARE, doc="factor on transmitted light", column="specular_transmittance"
+        COLOUR,
+        1.0,
+        **_REFLECTED,
+        doc="factor on transmitted light",
+        column="specular_transmittance",
     ),
 }
 
@@ -133,17 +148,73 @@ def _setting(name: str, doc: str) -> Param:
     return Param("integer", setting.scene, setting.low or 0, setting.high, doc=doc)
 
 
-_PATH = Plugin(
-    "integrator",
-    {
-        "max_depth": _setting("max_depth", "path length, -1 unlimited"),
-        "rr_depth": _setting("rr_depth", "first depth with roulette"),
-        "hide_emitters": Param("boolean", False, choices=(False,)),
-    },
-    doc="path tracing with next-event estimation; media always count",
-)
+_IN_PARTS = "how the work is cut does not change the picture"
+_DERIVATIVES = "it concerns derivatives, not the picture"
+_RUN = {
+    **dict.fromkeys(("samples_per_pass", "block_size", "timeout"), _IN_PARTS),
+    "strict_normals": "directions count only where both normals agree, always",
+}
+_HIDE = Param("boolean", False, doc="true only where no area light or sky shines")
+
+
+def _integrator(max_depth: int | None, doc: str, **noted: str) -> Plugin:
+    """An integrator that runs as path; max_depth: its default, None if it has no such parameter."""
+    params = {"hide_emitters": _HIDE}
+    if max_depth is not None:
+        default = _setting("max_depth", "path length, -1 unlimited")
+        params = {
+            "max_depth": replace(default, default=max_depth),
+            "rr_depth": _setting("rr_depth", "first depth with roulette"),
+            **params,
+        }
+    return Plugin("integrator", params, doc=doc, noted={**_RUN, **noted})
+
+
+_SAME = "the same picture as path"
+_PROJECTIVE = dict.fromkeys(
+    (
+        "sppc", "sppp", "sppi", "guiding", "guiding_proj", "guiding_rounds", "project_seed",
+    ),
+    _DERIVATIVES,
+)  # fmt: skip
+_COUNT = Param("integer", 1, 0, 2**31 - 1, note="the sampler's sample_count alone counts here")
+_DIRECT = {
+    "shading_samples": replace(_COUNT, low=1, doc="stands for both of the next"),
+    "emitter_samples": replace(_COUNT, doc="0 only where no light is a point, spot or directional"),
+    "bsdf_samples": replace(_COUNT, doc="0 only where nothing mirrors, refracts or lets through"),
+}
+#: Integrators that render paths.
+_PATHS = {
+    "path": _integrator(-1, "path tracing with next-event estimation; media always count"),
+    "volpath": _integrator(-1, _SAME),
+    "volpathmis": _integrator(-1, _SAME, use_spectral_mis="a choice of samples"),
+    "prb": _integrator(6, _SAME),
+    "prb_basic": _integrator(6, _SAME),
+    "prbvolpath": _integrator(6, _SAME),
+    "prb_projective": _integrator(6, _SAME, **_PROJECTIVE),
+    "direct_projective": _integrator(None, "path with max_depth 2", **_PROJECTIVE),
+    "ptracer": _integrator(-1, "by light from the lamps in Mitsuba, which misses mirror images"),
+    "direct": Plugin(
+        "integrator", {**_DIRECT, "hide_emitters": _HIDE}, doc="path with max_depth 2", noted=_RUN
+    ),
+}
+#: Integrators that add planes to what another one renders.
+_AROUND = ("moment", "aov", "stokes")
+_INTEGRATORS = (*_PATHS, *_AROUND)
+
+
+def _around(doc: str, **noted: str) -> Plugin:
+    return Plugin(
+        "integrator",
+        {"hide_emitters": _HIDE},
+        {"integrator": (_INTEGRATORS, 1, _MANY)},
+        doc=f"renders its first integrator; {doc}",
+        noted={**_RUN, **noted},
+    )
+
+
 _PERSPECTIVE = {
-    "fov": Param("float", None, 0.0, 180.0, open=True, doc="degrees; or focal_length"),
+    "fov": Param("float", None, 0.0, 180.0, open=True, doc="degrees; or focal_length, 50mm"),
     "fov_axis": Param("string", "x", choices=FOV_AXES),
     "focal_length": Param("string", None, doc='on 35 mm film, as "50mm"'),
     "near_clip": Param("float", 0.0, 0.0, MAX_COORDINATE, open=True, doc="default none"),
@@ -151,32 +222,69 @@ _PERSPECTIVE = {
     "to_world": _TO_WORLD,
 }
 #: Mitsuba's stratified samplers.
-STRATIFIED = ("stratified", "multijitter", "ldsampler")
+STRATIFIED = ("stratified", "multijitter", "orthogonal", "ldsampler")
+#: Films; all but the first are of version 0.x.
+FILMS = ("hdrfilm", "ldrfilm", "tiledhdrfilm", "mfilm")
+_SAMPLED = "it chooses samples, not what they are an estimate of"
 _SAMPLER: dict[str, Any] = {
     "sample_count": Param("integer", 4, 1, 2**63 - 1, doc="samples per pixel"),
     "seed": Param("integer", 0, 0, 2**64 - 1),
 }
 _ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
-    "film": (("hdrfilm",), 0, 1),
+    "film": (FILMS, 0, 1),
     "sampler": (("independent", *STRATIFIED), 0, 1),
     "medium": (("homogeneous",), 0, 1),
 }
 _COEFFICIENT: dict[str, Any] = {"low": 0.0, "high": MAX_COORDINATE}
 
+_WRITTEN = "the picture is written as render asks"
+_BORDER = "the filter needs no samples outside the film here"
+
+
+def _film(name: str) -> Plugin:
+    return Plugin(
+        "film",
+        {
+            "width": Param("integer", 768, 1, MAX_PIXELS),
+            "height": Param("integer", 576, 1, MAX_PIXELS),
+            **{
+                f"crop_{size}": Param("integer", None, 1, MAX_PIXELS, doc="of the part to render")
+                for size in ("width", "height")
+            },
+            **{
+                f"crop_offset_{axis}": Param("integer", 0, 0, MAX_PIXELS, doc="where it begins")
+                for axis in "xy"
+            },
+            "pixel_format": Param("string", "rgb", note="radiance is written as rgb"),
+            "component_format": Param("string", None, doc="float32 is written"),
+            "file_format": Param("string", "openexr", note=_WRITTEN),
+            "sample_border": Param("boolean", False, note=_BORDER),
+            "high_quality_edges": Param("boolean", False, note=_BORDER),
+            "compensate": Param("boolean", False, note="sums are exact"),
+            "banner": Param("boolean", False, note="no banner is drawn"),
+        },
+        {"rfilter": (FILTERS, 0, 1)},
+        doc="linear RGB" if name == "hdrfilm" else "as hdrfilm; of version 0.x",
+        lenient="" if name == "hdrfilm" else _WRITTEN,
+    )
+
+
 PLUGINS: dict[str, Plugin] = {
     "scene": Plugin(
         "scene",
         children={
-            "integrator": (("path", "volpath"), 0, 1),
-            "sensor": (("perspective", "thinlens"), 1, 1),
+            "integrator": (_INTEGRATORS, 0, 1),
+            "sensor": (("perspective", "thinlens"), 0, _MANY),
             "emitter": (("constant", "point", "spot", "directional"), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
             "medium": (("homogeneous",), 0, _MANY),
         },
     ),
-    "path": _PATH,
-    "volpath": _PATH,
+    **_PATHS,
+    "moment": _around("moments are not written: stderr has the variance"),
+    "aov": _around("its planes are not written", aovs="other planes than radiance are not written"),
+    "stokes": _around("polarisation is not"),
     "perspective": Plugin(
         "sensor",
         {
@@ -186,12 +294,9 @@ PLUGINS: dict[str, Plugin] = {
             "focus_distance": Param("float", None, 0.0, doc="without effect on a pinhole"),
         },
         _ON_SENSORS,
-        {
-            "shutter_open": _BLUR,
-            "shutter_close": _BLUR,
-            "aperture_radius": 'depth of field needs the sensor "thinlens"',
-        },
+        {"aperture_radius": 'depth of field needs the sensor "thinlens"'},
         doc="pinhole; a medium in it is the one that it stands in",
+        noted=_SHUTTER,
     ),
     "thinlens": Plugin(
         "sensor",
@@ -203,26 +308,10 @@ PLUGINS: dict[str, Plugin] = {
             ),
         },
         _ON_SENSORS,
-        {"shutter_open": _BLUR, "shutter_close": _BLUR},
         doc="lens with a round aperture",
+        noted=_SHUTTER,
     ),
-    "hdrfilm": Plugin(
-        "film",
-        {
-            "width": Param("integer", 768, 1, MAX_PIXELS),
-            "height": Param("integer", 576, 1, MAX_PIXELS),
-            "pixel_format": Param("string", "rgb", choices=("rgb",)),
-            "component_format": Param(
-                "string", "float32", choices=("float16", "float32"), doc="float32 is written"
-            ),
-            "file_format": Param("string", "openexr", choices=("openexr",)),
-        },
-        {"rfilter": (FILTERS, 0, 1)},
-        {
-            **{f"crop_{name}": _CROP for name in ("width", "height", "offset_x", "offset_y")},
-            "sample_border": "samples never fall outside the film here; leave it out",
-        },
-    ),
+    **{name: _film(name) for name in FILMS},
     "box": Plugin("rfilter", doc="one pixel wide"),
     "tent": Plugin("rfilter", {"radius": Param("float", 1.0, 1e-3, 100.0, doc="pixels")}),
     "gaussian": Plugin(
@@ -233,8 +322,11 @@ PLUGINS: dict[str, Plugin] = {
         {name: Param("float", 1.0 / 3.0, **_SHARE) for name in "BC"},
         doc="Mitchell and Netravali, 1988; 4 pixels wide, with negative lobes",
     ),
-    "independent": Plugin("sampler", _SAMPLER),
-    **{name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol") for name in STRATIFIED},
+    "independent": Plugin("sampler", _SAMPLER, lenient=_SAMPLED),
+    **{
+        name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol", lenient=_SAMPLED)
+        for name in STRATIFIED
+    },
     "rectangle": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^2 at z = 0, front towards +z"),
     "disk": Plugin("shape", _PLACED, _ON_SHAPES, doc="unit disc at z = 0, front towards +z"),
     "cube": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^3, front outside"),
@@ -310,7 +402,7 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "diffuse": Plugin(
         "bsdf",
-        {"reflectance": Param(COLOUR, 0.5, **_SHARE, column="reflectance")},
+        {"reflectance": Param(COLOUR, 0.5, **_REFLECTED, column="reflectance")},
         doc="Lambertian; black from behind unless inside twosided",
     ),
     "conductor": Plugin(
@@ -330,7 +422,7 @@ PLUGINS: dict[str, Plugin] = {
         "bsdf",
         {
             "diffuse_reflectance": Param(
-                COLOUR, 0.5, **_SHARE, doc="of the base", column="reflectance"
+                COLOUR, 0.5, **_REFLECTED, doc="of the base", column="reflectance"
             ),
             "int_ior": Param(IOR, "polypropylene", 0.1, 10.0, doc="refractive index of the coat"),
             "ext_ior": _EXT_IOR,
@@ -344,7 +436,7 @@ PLUGINS: dict[str, Plugin] = {
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(
         "bsdf",
-        {"opacity": Param("float", 0.5, **_SHARE, doc="share that is there", column="opacity")},
+        {"opacity": Param(GREY, 0.5, **_SHARE, doc="share that is there", column="opacity")},
         {"bsdf": (_UNMASKED, 1, 1)},
         doc="partly transparent",
     ),
@@ -357,7 +449,10 @@ PLUGINS: dict[str, Plugin] = {
             "sigma_s": Param(COLOUR, None, **_COEFFICIENT, doc="scattering; not in Mitsuba"),
             "sigma_a": Param(COLOUR, None, **_COEFFICIENT, doc="absorption; not in Mitsuba"),
             "scale": Param("float", 1.0, **_COEFFICIENT, doc="factor on the coefficients"),
-            "sample_emitters": Param("boolean", True, choices=(True,)),
+            "sample_emitters": Param("boolean", True, note="light is sampled in media anyway"),
+            "has_spectral_extinction": Param(
+                "boolean", True, note="the coefficients themselves say so"
+            ),
         },
         {"phase": (("isotropic", "hg"), 0, 1)},
         doc="per unit length of the world; sigma_t and albedo, or sigma_s and sigma_a",
@@ -380,7 +475,12 @@ PLUGINS: dict[str, Plugin] = {
             "position": Param("point", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
             "to_world": _TO_WORLD,
             "intensity": Param(
-                COLOUR, 1.0, 0.0, doc="power per steradian", column="light_intensity"
+                COLOUR,
+                1.0,
+                0.0,
+                doc="power per steradian",
+                column="light_intensity",
+                beyond="light",
             ),
         },
     ),
@@ -389,7 +489,12 @@ PLUGINS: dict[str, Plugin] = {
         {
             "to_world": Param("transform", doc="no scale; it shines along local +z"),
             "intensity": Param(
-                COLOUR, 1.0, 0.0, doc="power per steradian on the axis", column="light_intensity"
+                COLOUR,
+                1.0,
+                0.0,
+                doc="power per steradian on the axis",
+                column="light_intensity",
+                beyond="light",
             ),
             "cutoff_angle": Param("float", 20.0, 0.0, 180.0, doc="degrees from the axis to dark"),
             "beam_width": Param("float", None, 0.0, 180.0, doc="to the end of full light; 3/4"),
@@ -403,7 +508,12 @@ PLUGINS: dict[str, Plugin] = {
             "direction": Param("vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
             "to_world": Param("transform", doc="it shines along local +z"),
             "irradiance": Param(
-                COLOUR, 1.0, 0.0, doc="on a surface that faces it", column="light_intensity"
+                COLOUR,
+                1.0,
+                0.0,
+                doc="on a surface that faces it",
+                column="light_intensity",
+                beyond="light",
             ),
         },
         doc="the sun: parallel light",
@@ -426,7 +536,10 @@ def describe() -> str:
         for key, param in plugin.params.items():
             default = "required" if param.default is REQUIRED else param.default
             limits = ", ".join(str(choice) for choice in param.choices)
-            if param.kind in ("float", "integer", COLOUR, IOR) and (param.low, param.high) != (
+            if param.kind in ("float", "integer", COLOUR, IOR, GREY) and (
+                param.low,
+                param.high,
+            ) != (
                 -inf,
                 inf,
             ):
@@ -436,6 +549,11 @@ def describe() -> str:
             if isinstance(default, float):
                 default = f"{default:.4g}"
             shown = "" if default is None else default
-            rows.append(f"| | `{key}` | {param.kind} | {shown} | {limits} | {param.doc} |")
+            meaning = param.doc or (param.note and f"without effect: {param.note}")
+            rows.append(f"| | `{key}` | {param.kind} | {shown} | {limits} | {meaning} |")
+        for key, reason in plugin.noted.items():
+            rows.append(f"| | `{key}` | | | | without effect: {reason} |")
+        if plugin.lenient:
+            rows.append(f"| | any other | | | | without effect: {plugin.lenient} |")
     names = ", ".join(f"{name} {value:g}" for name, value in IORS.items())
     return "\n".join(rows) + f"\n\nRefractive indices by name: {names}.\n"

@@ -10,43 +10,80 @@ import numpy as np
 
 from ..errors import SceneError
 from ..numeric import check_matrix
-from .node import Node, allowed, shorten
-from .plugins import COLOUR, IOR, IORS, PLUGINS, REQUIRED, Param
+from .node import Node, Value, allowed, shorten
+from .plugins import COLOUR, GREY, IOR, IORS, PLUGINS, REQUIRED, Param, Plugin
+from .report import Listed, Report
 
 _DEFAULTS: dict[str, dict[str, Any]] = {}  # of the plugins met without a parameter
 
 
-def check(node: Node) -> dict[str, Any]:
-    """A node's parameters, converted and complete with defaults; None for absent ones."""
+def check(node: Node, report: Report | None = None, *, every: bool = False) -> dict[str, Any]:
+    """A node's parameters, converted and complete with defaults; None for absent ones.
+
+    report: takes the notes on parameters without effect. every: it takes all faults, instead of the
+    first being raised.
+    """
     if not node.values and node.plugin in _DEFAULTS:
         return dict(_DEFAULTS[node.plugin])
+    report = Report() if report is None else report
     plugin = PLUGINS[node.plugin]
-    for name, value in node.values.items():
-        if name in plugin.unsupported:
-            raise SceneError(f'{node}: "{name}": {plugin.unsupported[name]}', value.where)
-        if name not in plugin.params:
-            raise SceneError(
-                f'{node}: unknown parameter "{name}" = {shorten(value.value)}'
-                + allowed(name, plugin.params),
-                value.where,
-            )
-    result = {}
-    for name, param in plugin.params.items():
-        if name in node.values:
-            result[name] = _parameter(node, name, param)
-        elif param.default is REQUIRED:
-            raise SceneError(f'{node}: "{name}" ({param.kind}) is missing', node.where)
-        elif param.kind == IOR:
-            result[name] = IORS[param.default]
-        else:
-            colour = param.kind == COLOUR and param.default is not None
-            result[name] = (param.default,) * 3 if colour else param.default
-    if not node.values:
+    result: dict[str, Any] = {}
+    faulty = node.faulty
+    absent = [name for name in plugin.params if name not in node.values]
+    for name in (*node.values, *absent):
+        try:
+            if name in plugin.params:
+                result[name] = _given(node, name, plugin.params[name], report)
+            else:
+                _without_effect(node, name, plugin, report)
+        except SceneError as error:
+            if not every:
+                raise
+            report.add(error)
+            faulty = True
+    if faulty:
+        raise Listed("")
+    result = {name: result[name] for name in plugin.params if name in result}
+    if not node.values and not node.faulty:
         _DEFAULTS[node.plugin] = dict(result)
     return result
 
 
-def _parameter(node: Node, name: str, param: Param) -> Any:
+def _without_effect(node: Node, name: str, plugin: Plugin, report: Report) -> None:
+    """Notes a parameter that changes no light; raises SceneError for any other."""
+    value = node.values[name]
+    if name in plugin.unsupported:
+        raise SceneError(f'{node}: "{name}": {plugin.unsupported[name]}', value.where)
+    reason = plugin.noted.get(name, plugin.lenient)
+    if not reason:
+        raise SceneError(
+            f'{node}: unknown parameter "{name}" = {shorten(value.value)}'
+            + allowed(name, plugin.params),
+            value.where,
+        )
+    report.note(f'{node}: "{name}" = {shorten(value.value)} has no effect: {reason}', value.where)
+
+
+def _given(node: Node, name: str, param: Param, report: Report) -> Any:
+    """A parameter or its default."""
+    if name in node.values:
+        value = _parameter(node, name, param, report)
+        given = node.values[name]
+        plain = value.lower() if isinstance(value, str) else value
+        if param.note and plain != param.default:
+            report.note(f'{node}: "{name}" = {shorten(given.value)}: {param.note}', given.where)
+        return value
+    if param.default is REQUIRED:
+        if node.faulty:
+            raise Listed("")
+        raise SceneError(f'{node}: "{name}" ({param.kind}) is missing', node.where)
+    if param.kind == IOR:
+        return IORS[param.default]
+    colour = param.kind == COLOUR and param.default is not None
+    return (param.default,) * 3 if colour else param.default
+
+
+def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
     given = node.values[name]
     label = f'{node}: "{name}" = {shorten(given.value)}'
     if given.kind not in param.accepted:
@@ -70,8 +107,13 @@ def _parameter(node: Node, name: str, param: Param) -> Any:
         if value.lower() not in IORS:
             raise SceneError(f"{label} is unknown{allowed(value.lower(), IORS)}", given.where)
         value = IORS[value.lower()]
+    if param.kind == GREY and isinstance(value, tuple):
+        if len(set(value)) > 1:
+            raise SceneError(f"{label} must be grey", given.where)
+        value = value[0]
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3
+        value = _taken(value, param, given, label, report)
     for number in value if isinstance(value, tuple) else (value,):
         good = param.low < number < param.high if param.open else param.low <= number <= param.high
         if number != number or number in (math.inf, -math.inf):
@@ -83,7 +125,26 @@ def _parameter(node: Node, name: str, param: Param) -> Any:
             )
     if param.kind == COLOUR and max(value) > float(np.finfo(np.float32).max):
         raise SceneError(f"{label} exceeds the float32 range", given.where)
-    return float(value) if param.kind in ("float", IOR) else value
+    return float(value) if param.kind in ("float", IOR, GREY) else value
+
+
+def _taken(
+    value: tuple[float, ...], param: Param, given: Value, label: str, report: Report
+) -> tuple[float, ...]:
+    """A colour with what Mitsuba takes and veriray cannot: shares of light outside [0, 1] unless
+    given as rgb, and negative light. The nearest number that can be rendered stands for these, with
+    a warning."""
+    if param.beyond == "share" and given.kind == "rgb" or not param.beyond:
+        return value
+    taken = tuple(min(max(x, param.low), param.high) for x in value)
+    if taken != value and all(math.isfinite(x) for x in value):
+        energy = "negative light" if min(value) < 0 else "more light leaving than arriving"
+        report.warn(
+            f"{label} means {energy}; rendered as {shorten(taken)}: the picture is not Mitsuba's",
+            given.where,
+        )
+        return taken
+    return value
 
 
 def located(node: Node, make: Callable[[], Any]) -> Any:

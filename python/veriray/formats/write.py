@@ -1,0 +1,79 @@
+"""A tree as a scene file of version 3.0.0."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from lxml import etree
+
+from .node import Node, Ref, Tree, Value
+from .plugins import FILMS, PLUGINS
+
+
+def as_xml(tree: Tree, folder: Path) -> str:
+    """The text of a scene file in `folder` that means the same as the tree, which must be one of a
+    scene; what has no effect is left out. Numbers are written exactly."""
+    root = etree.Element("scene", version="3.0.0")
+    _fill(root, tree.scene, tree, folder)
+    etree.indent(root, "    ")
+    return etree.tostring(root, encoding="unicode") + "\n"
+
+
+def _fill(element: etree._Element, node: Node, tree: Tree, folder: Path) -> None:
+    params = PLUGINS[node.plugin].params
+    for name, value in node.values.items():
+        if name in params and not params[name].note:
+            element.append(_value(name, value, node, folder))
+    held = {id(item) for item in node.children}
+    for item in node.children:
+        if isinstance(item, Ref):
+            target = tree.ids[item.id]
+            if node.category == "scene" and id(target) in held:
+                continue
+            child = etree.SubElement(element, "ref", id=_text(target.id))
+        else:
+            plugin = FILMS[0] if item.plugin in FILMS else item.plugin
+            child = etree.SubElement(element, item.category, type=plugin)
+            if item.id:
+                child.set("id", _text(item.id))
+            _fill(child, item, tree, folder)
+        if item.name:
+            child.set("name", _text(item.name))
+
+
+def _value(name: str, value: Value, node: Node, folder: Path) -> etree._Element:
+    kind, content = value.kind, value.value
+    if kind == "transform":
+        element = etree.Element(kind, name=name)
+        etree.SubElement(element, "matrix", value=_numbers(content.ravel().tolist()))
+        return element
+    if kind == "spectrum" and len(set(content)) > 1:
+        kind = "rgb"
+    if kind in ("point", "vector"):
+        axes = {axis: _number(x) for axis, x in zip("xyz", content, strict=True)}
+        return etree.Element(kind, name=name, **axes)
+    if kind == "rgb":
+        text = _numbers(content)
+    elif kind == "spectrum":
+        text = _number(content[0])
+    elif kind == "boolean":
+        text = str(content).lower()
+    elif name == "filename" and not os.path.isabs(content):
+        text = _text(os.path.relpath(Path(node.folder) / content, folder))
+    else:
+        text = _text(content) if kind == "string" else str(content)
+    return etree.Element(kind, name=name, value=text)
+
+
+def _numbers(numbers: list[float] | tuple[float, ...]) -> str:
+    return " ".join(map(_number, numbers))
+
+
+def _number(number: float) -> str:
+    return repr(float(number))
+
+
+def _text(text: str) -> str:
+    """Text in which a dollar names no parameter."""
+    return text.replace("$", "\\$")

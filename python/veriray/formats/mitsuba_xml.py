@@ -1,10 +1,10 @@
 """Mitsuba 3 scene files (XML), a subset: see `plugins` for the objects and their parameters.
 
 Elements: an object by its category (shape, bsdf, ...) with type and optional id; float, integer,
-boolean, string, rgb, spectrum (one constant), point, vector, transform (translate, scale, rotate,
-lookat, matrix, each applied after those before it); ref; default; include. "$name" in an attribute
-is replaced by the parameter of that name. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file,
-includes 8 deep and 256 in all.
+boolean, string, rgb, srgb, spectrum (see `spectra`), point, vector, transform (translate, scale,
+rotate, lookat, matrix, each applied after those before it); ref; default; include. "$name" in an
+attribute is replaced by the parameter of that name. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB
+a file, includes 8 deep and 256 in all.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from lxml import etree
 
 from .. import transform as tf
 from ..errors import SceneError
+from . import spectra
 from .node import (
     MAX_DEPTH,
     Node,
@@ -41,7 +42,7 @@ MAX_BYTES = 16 * 2**20
 MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
 _PARAMETER = re.compile(r"\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
-_VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "spectrum")
+_VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum")
 _OTHER_TAGS = ("point", "vector", "transform", "ref", "default", "include")
 
 
@@ -74,6 +75,7 @@ class _Reader:
         self.includes = 0
         self.expanded = 0
         self.tree = Tree(Node("scene", "", "scene"))
+        self.spectra: dict[str, Value] = {}  # by id
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
         name = str(path)
@@ -172,19 +174,26 @@ class _Reader:
                 _empty(child, where)
             elif tag == "ref":
                 a = self.attributes(child, where, "id", "name")
-                node.children.append(Ref(a["id"], where, a.get("name", "")))
+                if a["id"] in self.spectra and "name" in a:
+                    self.add(node, a["name"], self.spectra[a["id"]], where)
+                else:
+                    node.children.append(Ref(a["id"], where, a.get("name", "")))
                 _empty(child, where)
             elif tag in CATEGORIES and tag != "scene":
                 node.children.append(self.object(child, path, chain, depth, where))
-            elif tag in _VALUE_TAGS or tag in _OTHER_TAGS:
+            elif tag in _VALUE_TAGS or tag in _OTHER_TAGS or _is_spectrum(child):
                 name, value = self.value(child, path, where)
-                if name in node.values:
-                    first = node.values[name].where
-                    raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
-                node.values[name] = value
+                if name or node.category != "scene":  # a spectrum with an id alone is used by ref
+                    self.add(node, name, value, where)
             else:
                 names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)
                 raise SceneError(f"unknown element <{tag[:64]}>{allowed(tag, names)}", where)
+
+    def add(self, node: Node, name: str, value: Value, where: str) -> None:
+        if name in node.values:
+            first = node.values[name].where
+            raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
+        node.values[name] = value
 
     def object(
         self, element: etree._Element, path: Path, chain: tuple[Path, ...], depth: int, where: str
@@ -244,6 +253,8 @@ class _Reader:
         if kind == "transform":
             name = self.attributes(element, where, "", "name").get("name", "to_world")
             return name, Value(kind, self.transform(element, path), where)
+        if kind == "spectrum" or kind == "texture":
+            return self.spectrum(element, path, where)
         _empty(element, where)
         if kind in ("point", "vector"):
             a = self.attributes(element, where, "name", "value x y z")
@@ -262,16 +273,49 @@ class _Reader:
                 raise SceneError(f"{label} = {shorten(text)}, expected true or false", where)
             return name, Value(kind, word == "true", where)
         if kind == "rgb":
-            numbers = parse_floats(text, label, where, (1, 3))
-            return name, Value(kind, numbers * (3 // len(numbers)), where)
-        if kind == "spectrum":
-            if ":" in text:
-                raise SceneError(
-                    f"{label} = {shorten(text)}: only a constant spectrum is supported, one number",
-                    where,
-                )
-            return name, Value(kind, parse_floats(text, label, where, (1,)) * 3, where)
+            return name, Value(kind, spectra.parse_rgb(text, label, where), where)
+        if kind == "srgb":
+            return name, Value("rgb", spectra.srgb(text, label, where), where)
         return name, Value(kind, text, where)
+
+    def spectrum(self, element: etree._Element, path: Path, where: str) -> tuple[str, Value]:
+        """A spectrum by text, by file or as an object; its name is "" where it has none."""
+        if element.get("type") is None:
+            a = self.attributes(element, where, "name", "value filename")
+            _empty(element, where)
+            label = f'"{a["name"]}"'
+            if ("value" in a) == ("filename" in a):
+                raise SceneError(f"{label}: give either value or filename", where)
+            if "value" in a:
+                found = spectra.parse(a["value"], label, where)
+            else:
+                found = spectra.read_spd(path.parent / a["filename"], label, where)
+            return a["name"], Value("spectrum", found, where)
+        a = self.attributes(element, where, "type", "name id")
+        if a["type"] not in spectra.PLUGINS:
+            known = allowed(a["type"], spectra.PLUGINS)
+            raise SceneError(f"unknown spectrum {shorten(a['type'])}{known}", where)
+        _no_text(element, element.text, path)
+        given: dict[str, Value] = {}
+        nested = []
+        for child in element:
+            here = f"{path}:{child.sourceline}"
+            _no_text(element, child.tail, path)
+            if child.tag not in (*_VALUE_TAGS, "point", "vector", "texture"):
+                raise SceneError(f"a spectrum cannot hold {shorten(str(child.tag))}", here)
+            name, value = self.value(child, path, here)
+            if child.get("type") is not None:
+                nested.append(value)
+            elif name in given:
+                raise SceneError(f'{a["type"]}: "{name}" is given twice', here)
+            else:
+                given[name] = value
+        found = spectra.plugin(a["type"], given, nested, where)
+        if "id" in a:
+            if a["id"] in self.spectra:
+                raise SceneError(f'id "{a["id"]}" is already used', where)
+            self.spectra[a["id"]] = found
+        return a.get("name", ""), found
 
     def vector(
         self, a: dict[str, str], label: str, where: str, default: float
@@ -353,6 +397,11 @@ def _text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _is_spectrum(element: etree._Element) -> bool:
+    """Whether it is a spectrum by the element's name <texture>, which Mitsuba takes for both."""
+    return bool(element.tag == "texture" and element.get("type") in spectra.PLUGINS)
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..numeric import check_matrix
+from . import spectra
 from .node import Node, allowed, shorten
 from .plugins import COLOUR, IOR, IORS, PLUGINS, REQUIRED, Param
 
@@ -68,6 +69,10 @@ def _parameter(node: Node, name: str, param: Param) -> Any:
         if value.lower() not in IORS:
             raise SceneError(f"{label} is unknown{allowed(value.lower(), IORS)}", given.where)
         value = IORS[value.lower()]
+    if given.kind == "spectrum":
+        emitter = PLUGINS[node.plugin].category == "emitter"
+        shown = f'{node}: "{name}"'
+        value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where)
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3
     for number in value if isinstance(value, tuple) else (value,):

@@ -2,14 +2,15 @@
 
 Elements: an object by its category (shape, bsdf, ...) with type and optional id; float, integer,
 boolean, string, rgb, srgb, spectrum (see `spectra`), point, vector, transform (translate, scale,
-rotate, lookat, matrix, each applied after those before it); ref; default; include. "$name" in an
-attribute is replaced by the parameter of that name. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB
-a file, includes 8 deep and 256 in all.
+rotate, lookat, matrix, each applied after those before it); ref; alias; default; include. "$name"
+in an attribute is replaced by the parameter of that name. Versions below 2: see `upgrade`. Limits:
+UTF-8, no DOCTYPE, no entities, 16 MiB a file, includes 8 deep and 256 in all.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -20,8 +21,8 @@ import numpy.typing as npt
 from lxml import etree
 
 from .. import transform as tf
-from ..errors import SceneError
-from . import spectra
+from ..errors import SceneError, SceneWarning
+from . import spectra, upgrade
 from .node import (
     MAX_DEPTH,
     Node,
@@ -43,7 +44,7 @@ MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
 _PARAMETER = re.compile(r"\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
 _VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum")
-_OTHER_TAGS = ("point", "vector", "transform", "ref", "default", "include")
+_OTHER_TAGS = ("point", "vector", "transform", "ref", "alias", "default", "include")
 
 
 def read(path: Path, parameters: Mapping[str, object]) -> Tree:
@@ -64,6 +65,10 @@ def read(path: Path, parameters: Mapping[str, object]) -> Tree:
                 + allowed(key, reader.used | set(reader.values) - reader.given, "it has"),
                 name,
             )
+    told = reader.upgraded.listed()
+    if told:
+        texts = "; ".join(text for text, _ in told)
+        warnings.warn(f"{told[0][1]}: an old version: {texts}", SceneWarning, stacklevel=4)
     return reader.tree
 
 
@@ -76,6 +81,8 @@ class _Reader:
         self.expanded = 0
         self.tree = Tree(Node("scene", "", "scene"))
         self.spectra: dict[str, Value] = {}  # by id
+        self.upgraded = upgrade.Notes()
+        self.old = False
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
         name = str(path)
@@ -105,8 +112,11 @@ class _Reader:
         version = root.get("version")
         if version is None:
             raise SceneError('<scene> has no version; write version="3.0.0"', where)
-        if not re.fullmatch(r"[23](\.[0-9]{1,9}){0,2}", version):
-            raise SceneError(f"version = {shorten(version)}, expected 2.x.x or 3.x.x", where)
+        if not re.fullmatch(r"[0-3](\.[0-9]{1,9}){0,2}", version):
+            raise SceneError(f"version = {shorten(version)}, expected 0.x.x to 3.x.x", where)
+        self.old = version[0] in "01"
+        if self.old:
+            upgrade.upgrade(root, where.rpartition(":")[0], self.upgraded)
 
     def attributes(
         self, element: etree._Element, where: str, needed: str, optional: str = ""
@@ -179,6 +189,10 @@ class _Reader:
                 else:
                     node.children.append(Ref(a["id"], where, a.get("name", "")))
                 _empty(child, where)
+            elif tag == "alias":
+                a = self.attributes(child, where, "id as")
+                self.alias(a["id"], a["as"], where)
+                _empty(child, where)
             elif tag in CATEGORIES and tag != "scene":
                 node.children.append(self.object(child, path, chain, depth, where))
             elif tag in _VALUE_TAGS or tag in _OTHER_TAGS or _is_spectrum(child):
@@ -188,6 +202,17 @@ class _Reader:
             else:
                 names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)
                 raise SceneError(f"unknown element <{tag[:64]}>{allowed(tag, names)}", where)
+
+    def alias(self, name: str, new: str, where: str) -> None:
+        if name not in self.tree.ids:
+            raise SceneError(
+                f"there is no object with the id {shorten(name)} before its alias"
+                + allowed(name, self.tree.ids, "known"),
+                where,
+            )
+        node = self.tree.ids[name]
+        if self.tree.ids.setdefault(new, node) is not node:
+            raise SceneError(f'id "{new}" is already used at {self.tree.ids[new].where}', where)
 
     def add(self, node: Node, name: str, value: Value, where: str) -> None:
         if name in node.values:
@@ -240,6 +265,10 @@ class _Reader:
             self.version(root, inside)
             self.children(root, node, target, (*chain, resolved), depth)
         elif root.tag in CATEGORIES:
+            if "version" in root.attrib:
+                self.version(root, inside)
+            elif self.old:
+                upgrade.upgrade(root, file, self.upgraded)
             node.children.append(self.object(root, target, (*chain, resolved), 0, inside))
         else:
             raise SceneError(

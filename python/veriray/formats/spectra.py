@@ -8,9 +8,10 @@ observer x, y, z, linear between its rows of 5 nm, and 1000 wavelengths w from 3
 
 The illuminant is 1 for what emits and for metals by name, and D65 / 98.99741751876255 for all else,
 so that a white reflectance is grey (0.9989; the constants are Mitsuba's, of sums like this one, and
-give an even spectrum Y = 1). RGB below 0 becomes 0. What must not exceed 1 (a reflectance) is cut at
-1; unlike in Mitsuba, the coefficients of media are not. A SceneWarning tells what was cut. One number
-is that number in R, G and B, but in an emitter an even spectrum of that height, which is reddish.
+give an even spectrum Y = 1). RGB below 0 becomes 0. What must not exceed 1 (a reflectance) is cut
+at 1; unlike in Mitsuba, the coefficients of media are not. A SceneWarning tells what was cut. One
+number is that number in R, G and B, but in an emitter an even spectrum of that height, which is
+reddish.
 
 Mitsuba's rgb variants refuse to render `regular`, `irregular` and `blackbody`; here they are lists
 like any other, a blackbody in W m^-2 sr^-1 nm^-1. As there, `d65` is (1, 1, 1) and its `scale` does

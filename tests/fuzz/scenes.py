@@ -8,6 +8,7 @@ import re
 import numpy as np
 
 from veriray.columns import COLUMNS
+from veriray.formats import spectra
 from veriray.formats.plugins import CATEGORIES, IORS, PLUGINS
 from veriray.scene import Scene
 
@@ -17,15 +18,24 @@ NUMBERS = (
 )  # fmt: skip
 _TAGS = (
     "float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform",
-    "ref", "default", "include", "translate", "scale", "rotate", "lookat", "matrix",
+    "ref", "default", "include", "srgb", "alias", "lookAt", "blackbody", "texture", "translate",
+    "scale", "rotate", "lookat", "matrix",
+)  # fmt: skip
+_SPECTRA = (
+    *spectra.PLUGINS, "temperature", "color", "range", "values", "wavelengths", "wavelength_min",
+    "wavelength_max", "unbounded", "400:1 700:2", "500:0.1, 600:0.3", "#ff8000", "Au", "a.spd",
+)  # fmt: skip
+_OLD = (
+    "5000K", "toWorld", "diffuseReflectance", "uscale", "bdpt", "ldrfilm", "sobol", "mixturebsdf",
+    "weights", "adaptive", "0.5.0",
 )  # fmt: skip
 NAMES = tuple(sorted({
     *CATEGORIES, *PLUGINS, *(n for p in PLUGINS.values() for n in (*p.params, *p.unsupported)),
     *_TAGS, "interior", "exterior", "true", "false", "a", "$a", "${a}", "mesh.obj", "mesh.ply",
-    "mesh.stl", "part.xml", ".", *list(IORS)[:3], "50mm",
+    "mesh.stl", "part.xml", ".", *list(IORS)[:3], "50mm", *_SPECTRA, *_OLD,
 }))  # fmt: skip
 ATTRIBUTES = ("type", "id", "name", "value", "x", "y", "z", "angle", "origin", "target", "up",
-              "filename", "version")  # fmt: skip
+              "filename", "version", "as", "temperature")  # fmt: skip
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 STL = b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid x\n"  # noqa: E501
 PLY = (
@@ -34,6 +44,7 @@ PLY = (
     b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 )
 BESIDE = {
+    "a.spd": b"# x\n400 0.1\n700 0.5\n",
     "mesh.obj": TRIANGLE + b"f 1 2 3\n", "mesh.stl": STL, "mesh.ply": PLY,
     "part.xml": b'<scene version="3.0.0"><shape type="cube"/></scene>',
     "scene.xml": b'<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/>'

@@ -295,6 +295,21 @@ def test_a_blackbody_is_plancks_integral(kelvin: float) -> None:
     np.testing.assert_allclose(twice, 2 * np.array(found), rtol=1e-14)
 
 
+def test_a_blackbody_is_mitsubas() -> None:
+    """In the spectral variant; its constants are those of 2014, in float32."""
+    mi = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
+    mi.set_variant("scalar_spectral")
+    try:
+        theirs = mi.load_dict({"type": "blackbody", "temperature": 5000.0})
+        ours = spectra.blackbody(5000.0, 360.0, 830.0, 1.0)
+        place = mi.SurfaceInteraction3f()
+        for i in range(0, 1000, 111):
+            place.wavelengths = [ours.wavelengths[i]] * 4
+            assert theirs.eval(place)[0] == pytest.approx(ours.values[i], rel=1e-5)
+    finally:
+        mi.set_variant("scalar_rgb")
+
+
 def test_a_cut_range_is_dark_outside() -> None:
     whole = spectra.xyz(spectra.blackbody(5000.0, 360.0, 830.0, 1.0))
     parts = (spectra.xyz(spectra.blackbody(5000.0, a, b, 1.0)) for a, b in ((360, 600), (600, 830)))

@@ -281,9 +281,16 @@ def test_included_files_are_upgraded(tmp_path: Path) -> None:
     (tmp_path / "old.xml").write_text(
         '<scene version="0.5.0"><shape type="cube"><transform name="toWorld"/></shape></scene>'
     )
+    (tmp_path / "unversioned.xml").write_text(
+        '<shape type="cube"><transform name="toWorld"/></shape>'
+    )
     body = f'{SENSOR}<include filename="lamp.xml"/><include filename="old.xml"/>'
     for version in ("0.5.0", "3.0.0"):
         assert read(tmp_path, version, body).light_intensity.tolist() == [[1.0, 2.0, 3.0]]
+    inherits = body + '<include filename="unversioned.xml"/>'
+    assert len(read(tmp_path, "0.5.0", inherits).vertices) == 48
+    with pytest.raises(SceneError, match='unversioned.xml:1: cube: unknown parameter "toWorld"'):
+        read(tmp_path, "3.0.0", inherits)
 
 
 @pytest.mark.parametrize("name", ["phong", "ward", "coating", "difftrans"])

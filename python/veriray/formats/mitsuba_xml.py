@@ -82,7 +82,7 @@ class _Reader:
         self.tree = Tree(Node("scene", "", "scene"))
         self.spectra: dict[str, Value] = {}  # by id
         self.upgraded = upgrade.Notes()
-        self.old = False
+        self.old = False  # whether the file being read is of a version below 2
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
         name = str(path)
@@ -260,6 +260,7 @@ class _Reader:
                 f"more than {MAX_INCLUDE_DEPTH} nested or {MAX_INCLUDES} included files", where
             )
         root, file = self.parse(target, where)
+        old = self.old
         inside = f"{file}:{root.sourceline}"
         if root.tag == "scene":
             self.version(root, inside)
@@ -276,6 +277,7 @@ class _Reader:
                 + allowed(str(root.tag), CATEGORIES),
                 inside,
             )
+        self.old = old
 
     def value(self, element: etree._Element, path: Path, where: str) -> tuple[str, Value]:
         kind = str(element.tag)

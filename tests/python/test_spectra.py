@@ -164,6 +164,13 @@ PLUGINS = {
 }
 
 
+def test_uniform_is_a_number(tmp_path: Path) -> None:
+    """Also where a number is asked for."""
+    inner = '<spectrum name="opacity" type="uniform"><float name="value" value="0.3"/></spectrum>'
+    body = f'<bsdf type="mask">{inner}<bsdf type="diffuse"/></bsdf>'
+    assert arrays(tmp_path, body).opacity.tolist() == [np.float32(0.3)]
+
+
 @pytest.mark.parametrize("case", PLUGINS)
 @pytest.mark.parametrize("place", range(3))
 def test_a_plugin_is_a_simpler_colour(tmp_path: Path, case: str, place: int) -> None:
@@ -238,6 +245,10 @@ def test_what_is_cut_is_told(tmp_path: Path) -> None:
 
 def chromaticity(xyz: tuple[float, float, float]) -> tuple[float, float]:
     return xyz[0] / sum(xyz), xyz[1] / sum(xyz)
+
+
+def unexpected(text: str, where: str) -> None:
+    raise AssertionError(text)
 
 
 STEPS = tuple(range(360, 831, 5))
@@ -323,7 +334,7 @@ def test_numbers_are_the_same_everywhere() -> None:
         context.prec = 3
         spectra.blackbody.cache_clear()
         values = spectra.blackbody(5000.0, 360.0, 830.0, 1.0)
-        red = spectra.to_rgb(values, True, False, "", "")[0]
+        red = spectra.to_rgb(values, True, False, "", "", unexpected)[0]
         codes = [spectra.srgb(f"#{i:02x}0000", "", "")[0] for i in range(256)]
     assert red.hex() == expected
     assert codes[0] == 0.0 and codes[255] == 1.0 and codes[10] == 10 / 255 / 12.92
@@ -338,7 +349,7 @@ def test_numbers_are_the_same_everywhere() -> None:
 def test_huge_values_are_refused() -> None:
     spectrum = spectra.Spectrum((400.0, 500.0), (1e308, 1e308))
     with pytest.raises(SceneError, match="its RGB must be finite"):
-        spectra.to_rgb(spectrum, True, False, "", "")
+        spectra.to_rgb(spectrum, True, False, "", "", unexpected)
 
 
 # Metals.

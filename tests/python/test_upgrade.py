@@ -202,6 +202,27 @@ def test_bitmaps() -> None:
     )
 
 
+def test_wrap_modes_and_gamma() -> None:
+    text, _ = upgraded(
+        '<texture type="bitmap"><string name="wrapModeU" value="clamp"/><string name="wrapModeV"'
+        ' value="clamp"/><float name="gamma" value="-1"/></texture>'
+    )
+    assert text == '<texture type="bitmap"><string name="wrap_mode" value="clamp"/></texture>'
+    other = '<texture type="bitmap"><float name="gamma" value="2.2"/></texture>'
+    assert upgraded(other)[0] == other
+
+
+def test_the_scale_of_a_bump_map() -> None:
+    text, _ = upgraded(
+        '<bsdf type="bumpmap"><texture name="map" type="scale"><float name="scale" value="50"/>'
+        '<texture type="bitmap"/></texture><bsdf type="diffuse"/></bsdf>'
+    )
+    assert text == (
+        '<bsdf type="bumpmap"><texture type="bitmap"/><bsdf type="diffuse"/>'
+        '<float name="scale" value="50"/></bsdf>'
+    )
+
+
 @pytest.mark.parametrize(
     ("weights", "bsdfs", "expected"),
     [

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..errors import SceneError, SceneWarning
+from ..errors import SceneError
 from .colour_tables import D65, X, Y, Z
 from .node import Value, allowed, parse_float, parse_floats, read_bytes, shorten
 
@@ -107,8 +106,16 @@ def read_spd(path: Path, label: str, where: str) -> Spectrum:
     return listed(tuple(r[0] for r in rows), tuple(r[1] for r in rows), label, where)
 
 
-def to_rgb(value: Any, emitter: bool, bounded: bool, label: str, where: str) -> RGB:
-    """RGB of the value of a `spectrum`: three equal numbers or a Spectrum."""
+def to_rgb(
+    value: Any,
+    emitter: bool,
+    bounded: bool,
+    label: str,
+    where: str,
+    warn: Callable[[str, str], None],
+) -> RGB:
+    """RGB of the value of a `spectrum`, three equal numbers or a Spectrum; warn: takes the text and
+    the place of a warning."""
     if not isinstance(value, Spectrum):
         return _matrix(value) if emitter else value
     rgb = _converted(value, not emitter)
@@ -118,11 +125,7 @@ def to_rgb(value: Any, emitter: bool, bounded: bool, label: str, where: str) -> 
     if cut != rgb:
         shown = ", ".join(f"{x:.4g}" for x in rgb)
         allowed_range = "[0, 1]" if bounded else "[0, inf)"
-        warnings.warn(
-            f"{where}: {label}: its linear RGB ({shown}) is cut to {allowed_range}, as in Mitsuba",
-            SceneWarning,
-            stacklevel=2,
-        )
+        warn(f"{label}: its linear RGB ({shown}) is cut to {allowed_range}, as in Mitsuba", where)
     return cut
 
 
@@ -312,7 +315,7 @@ class _Given:
 
 
 def _even(given: _Given, _: list[Value]) -> Value:
-    return Value("rgb", (given.number("value"),) * 3, given.where)
+    return Value("float", given.number("value"), given.where)
 
 
 def _d65(given: _Given, nested: list[Value]) -> Value:
@@ -321,7 +324,9 @@ def _d65(given: _Given, nested: list[Value]) -> Value:
         raise SceneError("d65 holds more than one colour or spectrum", given.where)
     if nested:  # Mitsuba's rgb variants take what is nested as it is, without scale
         return Value(nested[0].kind, nested[0].value, given.where)
-    colour = given.colour("color", ("rgb", "vector")) if "color" in given else (1.0,) * 3
+    if "color" not in given:
+        return Value("float", scale, given.where)
+    colour = given.colour("color", ("rgb", "vector"))
     return Value("rgb", tuple(scale * x for x in colour), given.where)
 
 

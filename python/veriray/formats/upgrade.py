@@ -12,6 +12,7 @@ versions had; where today's terms say the same, they are used:
   is a medium, with the same depths;
 - `mixturebsdf`: `blendbsdf` in `blendbsdf`; `sky` and `sun`: the halves of `sunsky`;
   `vertexcolors`: `mesh_attribute`; bitmaps filtered by `trilinear` or `ewa`: bilinear;
+- a bump map of a texture `scale`: its own `scale`;
 - parameters that change no light are left out.
 
 What has no counterpart stays as it is, and is refused by name as any unknown object.
@@ -56,7 +57,7 @@ _DROPPED = {
     "sampler": ("dimension", "scramble"),
     "film": ("banner", "attach_log", "high_quality_edges"),
     "texture": ("cache", "max_anisotropy"),
-    "emitter": ("cache",),
+    "emitter": ("cache", "resolution"),
     "shape": ("collapse",),
 }
 
@@ -159,6 +160,8 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
         for child in _parameters(element):
             if child.get("name") == "diffuse_reflectance":
                 child.set("name", "reflectance")
+    elif (category, plugin) == ("bsdf", "bumpmap"):
+        _bump(element, where, notes)
     elif (category, plugin) == ("bsdf", "mask"):
         _opacity(element)
     elif category == "texture":
@@ -236,13 +239,16 @@ def _texture(element: _Element, plugin: str, where: str, notes: Notes) -> None:
         elif name == "filter_type" and child.get("value") in ("trilinear", "ewa"):
             notes.add(f"texture {plugin}: filter {child.get('value')} is bilinear", where)
             child.set("value", "bilinear")
-        elif name == "gamma" and plugin == "bitmap":
-            gamma = parse_floats(str(child.get("value")), 'bitmap: "gamma"', where, (1,))[0]
-            if gamma not in (1.0, -1.0):
-                raise SceneError(f"bitmap: gamma = {gamma:g}; expected 1 or -1 (sRGB)", where)
+        elif name == "gamma" and _is(child, 1.0, -1.0):  # -1: as the file says
             element.remove(child)
-            if gamma == 1.0:
+            if _is(child, 1.0):
                 _add(element, "boolean", "raw", "true")
+    modes = {str(c.get("name")): c for c in _parameters(element) if c.tag == "string"}
+    one, other = modes.get("wrap_mode_u"), modes.get("wrap_mode_v")
+    if one is not None and other is not None and one.get("value") == other.get("value"):
+        one.set("name", "wrap_mode")
+        element.remove(other)
+        notes.add(f"texture {plugin}: wrap_mode_u and wrap_mode_v are wrap_mode", where)
     if found:
         transform = _made(element, "transform", {"name": "to_uv"})
         element.append(transform)
@@ -250,6 +256,26 @@ def _texture(element: _Element, plugin: str, where: str, notes: Notes) -> None:
             axes = {"x": numbers[u], "y": numbers[v]}
             transform.append(_made(element, tag, axes))
         notes.add("uoffset, voffset, uscale and vscale are to_uv", where)
+
+
+def _bump(element: _Element, where: str, notes: Notes) -> None:
+    """A bump map of a texture times a number: the number is the bump map's own."""
+    for child in list(element):
+        if child.tag == "texture" and child.get("type") == "scale":
+            factors = [c for c in _parameters(child) if c.get("name") == "scale"]
+            inner = [c for c in child if c.tag in ("texture", "ref")]
+            if len(factors) == len(inner) == 1 and factors[0].tag in ("float", "integer"):
+                element.replace(child, inner[0])
+                element.append(factors[0])
+                notes.add("bsdf bumpmap: scale of its texture is its scale", where)
+
+
+def _is(element: _Element, *numbers: float) -> bool:
+    """Whether an element's value is one of these numbers."""
+    try:
+        return float(str(element.get("value"))) in numbers
+    except ValueError:
+        return False
 
 
 def _parameters(element: _Element) -> Iterable[_Element]:

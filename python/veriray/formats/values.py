@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError
+from ..errors import SceneError, SceneWarning
 from ..numeric import check_matrix
 from . import spectra
 from .node import Node, allowed, shorten
@@ -72,7 +73,7 @@ def _parameter(node: Node, name: str, param: Param) -> Any:
     if given.kind == "spectrum":
         emitter = PLUGINS[node.plugin].category == "emitter"
         shown = f'{node}: "{name}"'
-        value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where)
+        value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where, _warn)
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3
     for number in value if isinstance(value, tuple) else (value,):
@@ -87,6 +88,10 @@ def _parameter(node: Node, name: str, param: Param) -> Any:
     if param.kind == COLOUR and max(value) > float(np.finfo(np.float32).max):
         raise SceneError(f"{label} exceeds the float32 range", given.where)
     return float(value) if param.kind in ("float", IOR) else value
+
+
+def _warn(text: str, where: str) -> None:
+    warnings.warn(f"{where}: {text}", SceneWarning, stacklevel=8)
 
 
 def located(node: Node, make: Callable[[], Any]) -> Any:

@@ -222,6 +222,11 @@ def test_dictionaries_take_spectra() -> None:
     assert emission({"type": "rgb", "value": "#ffffff"}) == [1.0] * 3
 
 
+def test_a_spectrum_is_written_exactly() -> None:
+    spectrum = spectra.blackbody(5000.0, 360.0, 830.0, 1e-9)
+    assert spectra.parse(spectrum.written(), "", "") == spectrum
+
+
 def test_a_spectrum_may_have_an_id(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(

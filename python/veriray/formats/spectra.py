@@ -63,6 +63,11 @@ class Spectrum:
 
     __repr__ = __str__
 
+    def written(self) -> str:
+        """Text that `parse` reads as the same spectrum."""
+        pairs = zip(self.wavelengths, self.values, strict=True)
+        return " ".join(f"{w!r}:{v!r}" for w, v in pairs)
+
 
 def listed(
     wavelengths: tuple[float, ...], values: tuple[float, ...], label: str, where: str

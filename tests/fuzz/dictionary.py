@@ -70,6 +70,7 @@ def mutate(data: bytes, rng: random.Random) -> bytes | None:
 TARGET = Target(
     ".json", _load, _valid, (SceneError,),
     ("formats/mitsuba_dict.py", "formats/node.py", "formats/build.py", "formats/values.py",
+     "formats/spectra.py", "formats/metals.py",
      "formats/shapes.py", "formats/materials.py", "numeric.py", "columns.py", "camera.py"),
     (*(f'"{n}"' for n in NAMES), *NUMBERS, '{"type":"', "null", "true", "NaN"), mutate, BESIDE,
 )  # fmt: skip

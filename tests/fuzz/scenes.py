@@ -10,6 +10,7 @@ import zlib
 import numpy as np
 
 from veriray.columns import COLUMNS
+from veriray.formats import spectra
 from veriray.formats.known import MITSUBA
 from veriray.formats.plugins import CATEGORIES, IORS, PLUGINS
 from veriray.scene import Scene
@@ -20,18 +21,26 @@ NUMBERS = (
 )  # fmt: skip
 _TAGS = (
     "float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform",
-    "ref", "alias", "default", "include", "path", "translate", "scale", "rotate", "lookat",
-    "matrix",
+    "ref", "default", "include", "path", "srgb", "alias", "lookAt", "blackbody", "texture",
+    "translate", "scale", "rotate", "lookat", "matrix",
+)  # fmt: skip
+_SPECTRA = (
+    *spectra.PLUGINS, "temperature", "color", "range", "values", "wavelengths", "wavelength_min",
+    "wavelength_max", "unbounded", "400:1 700:2", "500:0.1, 600:0.3", "#ff8000", "Au", "a.spd",
+)  # fmt: skip
+_OLD = (
+    "5000K", "toWorld", "diffuseReflectance", "uscale", "bdpt", "ldrfilm", "sobol", "mixturebsdf",
+    "weights", "adaptive", "0.5.0",
 )  # fmt: skip
 NAMES = tuple(sorted({
     *CATEGORIES, *PLUGINS,
     *(n for p in PLUGINS.values() for n in (*p.params, *p.unsupported, *p.noted)),
     *MITSUBA, *(name for names in MITSUBA.values() for name in names),
     *_TAGS, "interior", "exterior", "true", "false", "a", "$a", "${a}", "mesh.obj", "mesh.ply",
-    "mesh.stl", "mesh.serialized", "part.xml", ".", *list(IORS)[:3], "50mm",
+    "mesh.stl", "mesh.serialized", "part.xml", ".", *list(IORS)[:3], "50mm", *_SPECTRA, *_OLD,
 }))  # fmt: skip
 ATTRIBUTES = ("type", "id", "name", "value", "x", "y", "z", "angle", "origin", "target", "up",
-              "filename", "version", "as")  # fmt: skip
+              "filename", "version", "as", "temperature")  # fmt: skip
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 STL = b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid x\n"  # noqa: E501
 PLY = (
@@ -44,6 +53,7 @@ SERIALIZED = struct.pack("<HH", 0x041C, 3) + zlib.compress(
 )
 BESIDE = {
     "mesh.serialized": SERIALIZED,
+    "a.spd": b"# x\n400 0.1\n700 0.5\n",
     "mesh.obj": TRIANGLE + b"f 1 2 3\n", "mesh.stl": STL, "mesh.ply": PLY,
     "part.xml": b'<scene version="3.0.0"><shape type="cube"/></scene>',
     "scene.xml": b'<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/>'

@@ -54,6 +54,7 @@ def mutate(data: bytes, rng: random.Random) -> bytes | None:
 TARGET = Target(
     ".xml", _load, problem, (SceneError,),
     ("formats/mitsuba_xml.py", "formats/node.py", "formats/build.py", "formats/values.py",
+     "formats/spectra.py", "formats/metals.py", "formats/upgrade.py",
      "formats/shapes.py", "formats/materials.py", "formats/known.py",
      "formats/report.py", "transform.py", "numeric.py", "columns.py", "camera.py"),
     (*NAMES, *NUMBERS, *(f'{a}="' for a in ATTRIBUTES)), mutate, BESIDE,

@@ -95,7 +95,7 @@ class _Builder:
                 self.attempt(self.sensor, node)
             elif node.category == "integrator":
                 self.attempt(self.integrator, node)
-            elif node.category == "shape":
+            elif node.category == "shape" and node.plugin != "instance":  # its group is there
                 shapes = Shapes()
                 self.attempt(self.shape, node, shapes)
                 self.attempt(shapes.arrays)

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..columns import MATERIAL_KINDS, blank_row
 from ..errors import SceneError
-from .node import Node, shorten
+from . import metals
+from .node import Node
 from .plugins import PLUGINS
 
 Row = dict[str, Any]
@@ -33,12 +34,6 @@ def material(node: Node, values: dict[str, Any]) -> Row:
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
     name, eta, k = values["material"], values["eta"], values["k"]
-    if name is not None and name.lower() != "none":
-        raise SceneError(
-            f'{node}: "material" = {shorten(name)}: metals by name are not supported; give eta and '
-            "k (rgb)",
-            node.values["material"].where,
-        )
     if (eta is None) != (k is None) or (name is not None and eta is not None):
         given = [key for key in ("material", "eta", "k") if values[key] is not None]
         raise SceneError(
@@ -46,7 +41,8 @@ def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
             node.where,
         )
     if eta is None:
-        return (0.0,) * 3, (1.0,) * 3
+        where = node.values["material"].where if name else node.where
+        eta, k = metals.metal(name or "none", f'{node}: "material"', where)
     outside = values["ext_eta"]
     return tuple(x / outside for x in eta), tuple(x / outside for x in k)
 

@@ -2,8 +2,9 @@
 
 An object is {"type": name, parameter: value, child: object}. Values: bool, int, float, str, 4x4
 arrays or objects with a `matrix` attribute, {"type": "rgb", "value": ...},
-{"type": "spectrum", "value": number}, {"type": "ref", "id": name}. A key of the scene is the id of
-its object. Places in messages are key paths, "scene.white.reflectance".
+{"type": "spectrum", "value": number or pairs} and the plugins of `spectra`, {"type": "ref", "id":
+name}. A key of the scene is the id of its object. Places in messages are key paths,
+"scene.white.reflectance".
 
 Beyond Mitsuba: {"type": "mesh", "vertices": (V, 3), "faces": (T, 3)} with "uv": (V, 2) and
 "normals": (V, 3) if wanted. A trimesh.Trimesh stands for such a dictionary with its vertices, faces
@@ -14,12 +15,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
+from . import spectra
 from .known import category, missing
 from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS
@@ -44,7 +47,7 @@ def read(scene: Mapping[str, Any], report: Report | None = None) -> Tree:
 def _fill(content: Mapping[str, Any], node: Node, tree: Tree, depth: int) -> None:
     if depth > MAX_DEPTH:
         raise SceneError(f"nested deeper than {MAX_DEPTH}", node.where[:200])
-    for key, value in content.items():
+    for key in content:
         try:
             _add(key, content, node, tree, depth)
         except SceneError as error:
@@ -123,6 +126,8 @@ def _mapping(value: Mapping[str, Any], where: str, tree: Tree) -> Value | Ref | 
     if not isinstance(kind, str):
         raise SceneError(f'"type" = {shorten(kind)} is not the name of an object', where)
     fields = {"rgb": "value", "spectrum": "value", "ref": "id"}
+    if kind in spectra.PLUGINS:
+        return _spectrum_plugin(kind, value, where, tree)
     if kind not in fields:
         if (
             category(kind) and kind not in PLUGINS
@@ -133,6 +138,8 @@ def _mapping(value: Mapping[str, Any], where: str, tree: Tree) -> Value | Ref | 
             names = (*(name for name in PLUGINS if name != "scene"), *fields)
             raise SceneError(f"unknown type {shorten(kind)}{allowed(kind, names)}", where)
         return Node(kind, where, PLUGINS[kind].category)
+    if kind == "spectrum":
+        return _spectrum(value, where)
     for key in value:
         if key not in ("type", fields[kind]):
             raise SceneError(
@@ -144,11 +151,11 @@ def _mapping(value: Mapping[str, Any], where: str, tree: Tree) -> Value | Ref | 
         if not isinstance(content, str):
             raise SceneError(f'"id" = {shorten(content)} is not a string', where)
         return Ref(content, where)
+    if isinstance(content, str):
+        return Value(kind, spectra.parse_rgb(content, '"value"', where), where)
     numbers = _numbers(content, where).ravel()
-    counts = (1, 3) if kind == "rgb" else (1,)
-    if len(numbers) not in counts:
-        expected = " or ".join(str(n) for n in counts)
-        raise SceneError(f'"value" holds {len(numbers)} numbers, expected {expected}', where)
+    if len(numbers) not in (1, 3):
+        raise SceneError(f'"value" holds {len(numbers)} numbers, expected 1 or 3', where)
     return Value(kind, tuple(numbers.tolist()) * (3 // len(numbers)), where)
 
 
@@ -157,6 +164,58 @@ def _array(value: Any, where: str) -> npt.NDArray[Any]:
         return np.array(value)
     except Exception:  # as below
         raise SceneError(f"{shorten(value)} is not an array", where) from None
+
+
+def _spectrum(value: Mapping[str, Any], where: str) -> Value:
+    """{"type": "spectrum"} with a number, pairs of wavelength and value, text, or a file."""
+    for key in value:
+        if key not in ("type", "value", "filename"):
+            raise SceneError(
+                f"spectrum has an unknown key {shorten(key)}"
+                + allowed(str(key), ["value", "filename"]),
+                where,
+            )
+    if ("value" in value) == ("filename" in value):
+        raise SceneError("spectrum: give either value or filename", where)
+    content = value.get("value", value.get("filename"))
+    if "filename" in value:
+        if not isinstance(content, (str, os.PathLike)):
+            raise SceneError(f'"filename" = {shorten(content)} is not a path', where)
+        return Value("spectrum", spectra.read_spd(Path(content), '"filename"', where), where)
+    if isinstance(content, str):
+        return Value("spectrum", spectra.parse(content, '"value"', where), where)
+    numbers = _numbers(content, where)
+    if numbers.ndim == 2 and numbers.shape[1] == 2:
+        if not np.isfinite(numbers).all():
+            raise SceneError('"value" must be finite', where)
+        wavelengths, heights = (tuple(column) for column in numbers.T.tolist())
+        return Value("spectrum", spectra.listed(wavelengths, heights, '"value"', where), where)
+    if numbers.size != 1:
+        raise SceneError(
+            f'"value" holds {numbers.size} numbers, expected one, or pairs of wavelength and value',
+            where,
+        )
+    return Value("spectrum", tuple(numbers.ravel().tolist()) * 3, where)
+
+
+def _spectrum_plugin(kind: str, content: Mapping[str, Any], where: str, tree: Tree) -> Value:
+    given: dict[str, Value] = {}
+    nested = []
+    for key, value in content.items():
+        if key in ("type", "id"):
+            continue
+        here = f"{where}.{key}"
+        if isinstance(value, (list, tuple, np.ndarray)) and kind in ("regular", "irregular"):
+            item: Value | Ref | Node = Value("numbers", _numbers(value, here).ravel(), here)
+        else:
+            item = _convert(value, here, tree)
+        if not isinstance(item, Value):
+            raise SceneError(f"{kind} cannot hold {shorten(key)}", here)
+        if isinstance(value, Mapping) and value.get("type") in spectra.PLUGINS:
+            nested.append(item)
+        else:
+            given[str(key)] = item
+    return spectra.plugin(kind, given, nested, where)
 
 
 def _numbers(value: Any, where: str) -> npt.NDArray[np.float64]:

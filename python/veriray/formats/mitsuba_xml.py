@@ -1,11 +1,11 @@
 """Mitsuba 3 scene files (XML), a subset: see `plugins` for the objects and their parameters.
 
 Elements: an object by its category (shape, bsdf, ...) with type and optional id; float, integer,
-boolean, string, rgb, spectrum (one constant), point, vector, transform (translate, scale, rotate,
-lookat, matrix, each applied after those before it); ref; alias; default; include; path, a folder in
-which files are looked for first. "$name" in an attribute is replaced by the parameter of that name,
-unless a backslash precedes it. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file, includes 8
-deep and 256 in all.
+boolean, string, rgb, srgb, spectrum (see `spectra`), point, vector, transform (translate, scale,
+rotate, lookat, matrix, each applied after those before it); ref; alias; default; include; path, a
+folder in which files are looked for first. "$name" in an attribute is replaced by the parameter of that name,
+unless a backslash precedes it. Versions below 2: see `upgrade`. Limits: UTF-8, no DOCTYPE, no
+entities, 16 MiB a file, includes 8 deep and 256 in all.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from lxml import etree
 
 from .. import transform as tf
 from ..errors import SceneError
+from . import spectra, upgrade
 from .known import MITSUBA, missing
 from .node import (
     MAX_DEPTH,
@@ -45,7 +46,7 @@ MAX_BYTES = 16 * 2**20
 MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
 _PARAMETER = re.compile(r"\\\$|\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
-_VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "spectrum")
+_VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum")
 _OTHER_TAGS = ("point", "vector", "transform", "ref", "alias", "default", "include", "path")
 
 
@@ -71,6 +72,8 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
                     name,
                 )
             )
+    for text, place in reader.upgraded.listed():
+        reader.report.note(text, place)
     return reader.tree
 
 
@@ -83,6 +86,9 @@ class _Reader:
         self.expanded = 0
         self.report = report
         self.tree = Tree(Node("scene", "", "scene"), report=report)
+        self.spectra: dict[str, Value] = {}  # by id
+        self.upgraded = upgrade.Notes()
+        self.old = False  # whether the file being read is of a version below 2
         self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
 
     def folder(self, name: str, path: Path) -> Path:
@@ -124,8 +130,11 @@ class _Reader:
         version = root.get("version")
         if version is None:
             raise SceneError('<scene> has no version; write version="3.0.0"', where)
-        if not re.fullmatch(r"[23](\.[0-9]{1,9}){0,2}", version):
-            raise SceneError(f"version = {shorten(version)}, expected 2.x.x or 3.x.x", where)
+        if not re.fullmatch(r"[0-3](\.[0-9]{1,9}){0,2}", version):
+            raise SceneError(f"version = {shorten(version)}, expected 0.x.x to 3.x.x", where)
+        self.old = version[0] in "01"
+        if self.old:
+            upgrade.upgrade(root, where.rpartition(":")[0], self.upgraded)
 
     def attributes(
         self, element: etree._Element, where: str, needed: str, optional: str = ""
@@ -215,7 +224,10 @@ class _Reader:
             _empty(child, where)
         elif tag == "ref":
             a = self.attributes(child, where, "id", "name")
-            node.children.append(Ref(a["id"], where, a.get("name", "")))
+            if a["id"] in self.spectra and "name" in a:
+                self.add(node, a["name"], self.spectra[a["id"]], where)
+            else:
+                node.children.append(Ref(a["id"], where, a.get("name", "")))
             _empty(child, where)
         elif tag == "alias":
             a = self.attributes(child, where, "id as")
@@ -226,12 +238,10 @@ class _Reader:
             _empty(child, where)
         elif tag == "path":
             self.search(child, path, depth, where)
-        elif tag in _VALUE_TAGS or tag in _OTHER_TAGS:
+        elif tag in _VALUE_TAGS or tag in _OTHER_TAGS or _is_spectrum(child):
             name, value = self.value(child, path, where)
-            if name in node.values:
-                first = node.values[name].where
-                raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
-            node.values[name] = value
+            if name or node.category != "scene":  # a spectrum with an id alone is used by ref
+                self.add(node, name, value, where)
         elif (tag in CATEGORIES and tag != "scene") or tag in MITSUBA:
             node.children.append(self.object(child, path, chain, depth, where))
         else:
@@ -249,6 +259,12 @@ class _Reader:
             self.folders[path].insert(0, folder)
         else:
             self.report.note(f"<path>: {shorten(name)} is no folder; nothing is looked for", where)
+
+    def add(self, node: Node, name: str, value: Value, where: str) -> None:
+        if name in node.values:
+            first = node.values[name].where
+            raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
+        node.values[name] = value
 
     def object(
         self, element: etree._Element, path: Path, chain: tuple[Path, ...], depth: int, where: str
@@ -296,11 +312,16 @@ class _Reader:
             )
         root, file = self.parse(target, where)
         self.folders[target] = [target.parent, *self.folders[path]]
+        old = self.old
         inside = f"{file}:{root.sourceline}"
         if root.tag == "scene":
             self.version(root, inside)
             self.children(root, node, target, (*chain, resolved), depth)
         elif root.tag in CATEGORIES:
+            if "version" in root.attrib:
+                self.version(root, inside)
+            elif self.old:
+                upgrade.upgrade(root, file, self.upgraded)
             node.children.append(self.object(root, target, (*chain, resolved), 0, inside))
         else:
             raise SceneError(
@@ -308,12 +329,15 @@ class _Reader:
                 + allowed(str(root.tag), CATEGORIES),
                 inside,
             )
+        self.old = old
 
     def value(self, element: etree._Element, path: Path, where: str) -> tuple[str, Value]:
         kind = str(element.tag)
         if kind == "transform":
             name = self.attributes(element, where, "", "name").get("name", "to_world")
             return name, Value(kind, self.transform(element, path), where)
+        if kind == "spectrum" or kind == "texture":
+            return self.spectrum(element, path, where)
         _empty(element, where)
         if kind in ("point", "vector"):
             a = self.attributes(element, where, "name", "value x y z")
@@ -332,16 +356,51 @@ class _Reader:
                 raise SceneError(f"{label} = {shorten(text)}, expected true or false", where)
             return name, Value(kind, word == "true", where)
         if kind == "rgb":
-            numbers = parse_floats(text, label, where, (1, 3))
-            return name, Value(kind, numbers * (3 // len(numbers)), where)
-        if kind == "spectrum":
-            if ":" in text:
-                raise SceneError(
-                    f"{label} = {shorten(text)}: only a constant spectrum is supported, one number",
-                    where,
-                )
-            return name, Value(kind, parse_floats(text, label, where, (1,)) * 3, where)
+            return name, Value(kind, spectra.parse_rgb(text, label, where), where)
+        if kind == "srgb":
+            return name, Value("rgb", spectra.srgb(text, label, where), where)
         return name, Value(kind, text, where)
+
+    def spectrum(self, element: etree._Element, path: Path, where: str) -> tuple[str, Value]:
+        """A spectrum by text, by file or as an object; its name is "" where it has none."""
+        if element.get("type") is None:
+            a = self.attributes(element, where, "name", "value filename")
+            _empty(element, where)
+            label = f'"{a["name"]}"'
+            if ("value" in a) == ("filename" in a):
+                raise SceneError(f"{label}: give either value or filename", where)
+            if "value" in a:
+                found = spectra.parse(a["value"], label, where)
+            else:
+                found = spectra.read_spd(
+                    self.folder(a["filename"], path) / a["filename"], label, where
+                )
+            return a["name"], Value("spectrum", found, where)
+        a = self.attributes(element, where, "type", "name id")
+        if a["type"] not in spectra.PLUGINS:
+            known = allowed(a["type"], spectra.PLUGINS)
+            raise SceneError(f"unknown spectrum {shorten(a['type'])}{known}", where)
+        _no_text(element, element.text, path)
+        given: dict[str, Value] = {}
+        nested = []
+        for child in element:
+            here = f"{path}:{child.sourceline}"
+            _no_text(element, child.tail, path)
+            if child.tag not in (*_VALUE_TAGS, "point", "vector", "texture"):
+                raise SceneError(f"a spectrum cannot hold {shorten(str(child.tag))}", here)
+            name, value = self.value(child, path, here)
+            if child.get("type") is not None:
+                nested.append(value)
+            elif name in given:
+                raise SceneError(f'{a["type"]}: "{name}" is given twice', here)
+            else:
+                given[name] = value
+        found = spectra.plugin(a["type"], given, nested, where)
+        if "id" in a:
+            if a["id"] in self.spectra:
+                raise SceneError(f'id "{a["id"]}" is already used', where)
+            self.spectra[a["id"]] = found
+        return a.get("name", ""), found
 
     def vector(
         self, a: dict[str, str], label: str, where: str, default: float
@@ -431,6 +490,11 @@ def _text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _is_spectrum(element: etree._Element) -> bool:
+    """Whether it is a spectrum by the element's name <texture>, which Mitsuba takes for both."""
+    return bool(element.tag == "texture" and element.get("type") in spectra.PLUGINS)
 
 
 @lru_cache(maxsize=64)

@@ -408,7 +408,7 @@ PLUGINS: dict[str, Plugin] = {
     "conductor": Plugin(
         "bsdf",
         {
-            "material": Param("string", None, doc='"none", an ideal mirror, unless eta and k'),
+            "material": Param("string", None, doc='a metal; default "none", a mirror'),
             "eta": Param(COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index"),
             "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part"),
             "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..numeric import check_matrix
+from . import spectra
 from .node import Node, Value, allowed, shorten
 from .plugins import COLOUR, GREY, IOR, IORS, PLUGINS, REQUIRED, Param, Plugin
 from .report import Listed, Report
@@ -111,6 +112,10 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
         if len(set(value)) > 1:
             raise SceneError(f"{label} must be grey", given.where)
         value = value[0]
+    if given.kind == "spectrum":
+        emitter = PLUGINS[node.plugin].category == "emitter"
+        shown = f'{node}: "{name}"'
+        value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where, report.warn)
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3
         value = _taken(value, param, given, label, report)

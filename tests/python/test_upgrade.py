@@ -1,0 +1,324 @@
+"""Scene files of Mitsuba 0.4 to 1.x: the scene that the same file in today's terms gives."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import etree
+
+import veriray as vr
+from veriray.errors import SceneError, SceneWarning
+from veriray.formats import upgrade
+
+SENSOR = '<sensor type="perspective"><float name="fov" value="40"/></sensor>'
+LIGHT = '<emitter type="constant"/>'
+
+
+def read(folder: Path, version: str, body: str) -> vr.Scene:
+    path = folder / f"scene-{version}.xml"
+    path.write_text(f'<scene version="{version}">{body}</scene>', encoding="utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        return vr.load_file(path)
+
+
+def upgraded(text: str) -> tuple[str, list[tuple[str, str]]]:
+    """The elements of a file after the upgrade as text, and its notes."""
+    root = etree.fromstring(text)
+    notes = upgrade.Notes()
+    upgrade.upgrade(root, "f.xml", notes)
+    return etree.tostring(root).decode(), notes.listed()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("toWorld", "to_world"),
+        ("intIOR", "int_ior"),
+        ("rrDepth", "rr_depth"),
+        ("sigmaA", "sigma_a"),
+        ("fooBARBaz", "foo_barbaz"),  # as Mitsuba writes it
+        ("fooBar2Baz", "foo_bar2Baz"),
+        ("alpha", "alpha"),
+        ("BSDF", "BSDF"),
+    ],
+)
+def test_names(old: str, new: str) -> None:
+    assert upgrade.snake(old) == new
+
+
+#: What an old file says, and today's words for it.
+SAME = {
+    "diffuse": (
+        '<shape type="cube"><bsdf type="diffuse"><rgb name="diffuseReflectance" value="0.1 0.2 0.3"'
+        ' intent="reflectance"/></bsdf></shape>',
+        '<shape type="cube"><bsdf type="diffuse"><rgb name="reflectance" value="0.1 0.2 0.3"/>'
+        "</bsdf></shape>",
+    ),
+    "transform": (
+        '<shape type="cube"><transform name="toWorld"><lookAt origin="0 1 5" target="0 0 0"'
+        ' up="0 1 0"/></transform></shape>',
+        '<shape type="cube"><transform name="to_world"><lookat origin="0 1 5" target="0 0 0"'
+        ' up="0 1 0"/></transform></shape>',
+    ),
+    "glass": (
+        '<shape type="sphere"><bsdf type="dielectric"><float name="intIOR" value="1.7"/>'
+        '<string name="extIOR" value="water"/></bsdf></shape>',
+        '<shape type="sphere"><bsdf type="dielectric"><float name="int_ior" value="1.7"/>'
+        '<string name="ext_ior" value="water"/></bsdf></shape>',
+    ),
+    "srgb": (
+        '<shape type="cube"><bsdf type="plastic"><srgb name="diffuseReflectance" value="#336699"/>'
+        "</bsdf></shape>",
+        '<shape type="cube"><bsdf type="plastic"><srgb name="diffuse_reflectance"'
+        ' value="0.2 0.4 0.6"/></bsdf></shape>',
+    ),
+    "three numbers": (
+        '<emitter type="point"><spectrum name="intensity" value="1, 2, 3"/></emitter>',
+        '<emitter type="point"><rgb name="intensity" value="1 2 3"/></emitter>',
+    ),
+    "blackbody": (
+        '<emitter type="point"><blackbody name="intensity" temperature="5000 K" scale="0.01"/>'
+        "</emitter>",
+        '<emitter type="point"><spectrum type="blackbody" name="intensity">'
+        '<float name="temperature" value="5000"/><float name="scale" value="0.01"/></spectrum>'
+        "</emitter>",
+    ),
+    "opacity": (
+        '<shape type="cube"><bsdf type="mask"><spectrum name="opacity" value="0.3"/>'
+        '<bsdf type="diffuse"/></bsdf></shape>',
+        '<shape type="cube"><bsdf type="mask"><float name="opacity" value="0.3"/>'
+        '<bsdf type="diffuse"/></bsdf></shape>',
+    ),
+    "alias": (
+        '<bsdf type="conductor" id="a"/><alias id="a" as="b"/><shape type="cube"><ref id="b"/>'
+        "</shape>",
+        '<bsdf type="conductor" id="a"/><shape type="cube"><ref id="a"/></shape>',
+    ),
+}
+
+
+def same(one: vr.Scene, other: vr.Scene) -> None:
+    assert one.sha256 == other.sha256
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_an_old_file_is_todays(tmp_path: Path, case: str) -> None:
+    old, new = (SENSOR + LIGHT + text for text in SAME[case])
+    same(read(tmp_path, "0.5.0", old), read(tmp_path, "3.0.0", new))
+
+
+def test_camera_film_sampler_and_integrator(tmp_path: Path) -> None:
+    old = read(
+        tmp_path, "0.4.0",
+        '<integrator type="bdpt"><integer name="maxDepth" value="7"/><integer name="rrDepth"'
+        ' value="9"/><boolean name="lightImage" value="true"/></integrator>'
+        '<sensor type="perspective"><string name="fovAxis" value="smaller"/><float name="fov"'
+        ' value="30"/><float name="nearClip" value="0.5"/><float name="farClip" value="50"/>'
+        '<transform name="toWorld"><lookAt origin="0 0 5" target="0 0 0" up="0 1 0"/></transform>'
+        '<sampler type="sobol"><integer name="sampleCount" value="16"/><integer name="scramble"'
+        ' value="3"/></sampler><film type="ldrfilm"><integer name="width" value="64"/>'
+        '<integer name="height" value="32"/><float name="gamma" value="2.2"/><boolean name="banner"'
+        ' value="false"/><rfilter type="box"/></film></sensor>' + LIGHT,
+    )  # fmt: skip
+    new = read(
+        tmp_path, "3.0.0",
+        '<integrator type="path"><integer name="max_depth" value="7"/><integer name="rr_depth"'
+        ' value="9"/></integrator>'
+        '<sensor type="perspective"><string name="fov_axis" value="smaller"/><float name="fov"'
+        ' value="30"/><float name="near_clip" value="0.5"/><float name="far_clip" value="50"/>'
+        '<transform name="to_world"><lookat origin="0 0 5" target="0 0 0" up="0 1 0"/></transform>'
+        '<sampler type="ldsampler"><integer name="sample_count" value="16"/></sampler>'
+        '<film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="32"/>'
+        '<rfilter type="box"/></film></sensor>' + LIGHT,
+    )  # fmt: skip
+    same(old, new)
+    for name in ("max_depth", "rr_depth", "sampler", "spp", "seed"):
+        assert getattr(old, name) == getattr(new, name)
+    assert (old.film.width, old.film.filter) == (64, "box")
+
+
+@pytest.mark.parametrize("version", ["0.4.0", "0.6.0", "1.0.0"])
+def test_mitsuba_reads_the_same(tmp_path: Path, version: str) -> None:
+    """Parameters of a file that Mitsuba 3 upgrades too."""
+    mi = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
+    body = (
+        '<sensor type="perspective"><string name="fovAxis" value="x"/>'
+        '<float name="fov" value="30"/>'
+        '<float name="nearClip" value="0.5"/><float name="farClip" value="50"/>'
+        '<transform name="toWorld"><lookat origin="1 2 5" target="0 0 0" up="0 1 0"/></transform>'
+        "</sensor>"
+        '<shape type="cube" id="one"><transform name="toWorld"><translate x="2"/></transform>'
+        '<bsdf type="diffuse"><rgb name="diffuseReflectance" value="0.1 0.2 0.3"/></bsdf></shape>'
+        '<shape type="cube" id="two"><bsdf type="dielectric"><float name="intIOR" value="1.7"/>'
+        '<string name="extIOR" value="water"/><spectrum name="specularReflectance" value="0.5"/>'
+        "</bsdf></shape>"
+        '<emitter type="constant" id="sky"><spectrum name="radiance" value="2"/></emitter>'
+    )
+    mi.set_variant("scalar_rgb")
+    theirs = mi.traverse(mi.load_string(f'<scene version="{version}">{body}</scene>'))
+    ours = read(tmp_path, version, body)
+
+    def of(end: str) -> Any:
+        (key,) = [k for k in theirs.keys() if k.endswith(end)]  # noqa: SIM118
+        return theirs[key]
+
+    camera = ours.camera
+    assert (camera.near_clip, camera.far_clip) == (of("near_clip"), of("far_clip"))
+    assert camera.fov == pytest.approx(of("x_fov"), rel=1e-6) and camera.fov_axis == "x"
+    matrix = np.array(of("perspective.to_world").matrix) if False else None
+    assert matrix is None
+    np.testing.assert_allclose(ours.reflectance[0], of("one.bsdf.reflectance.value"), rtol=1e-6)
+    assert ours.eta[1][0] == pytest.approx(of("two.bsdf.eta"), rel=1e-6)
+    assert ours.specular_reflectance[1].tolist() == [of("specular_reflectance.value")] * 3
+    np.testing.assert_allclose(ours.environment, of("sky.radiance.value"), rtol=2e-6)
+    assert np.ravel(of("one.vertex_positions"))[0::3].min() == ours.vertices[:, 0][:24].min() == 1.0
+
+
+def test_texture_placement_is_mitsubas() -> None:
+    text, notes = upgraded(
+        '<scene><texture type="checkerboard"><float name="uscale" value="3"/>'
+        '<float name="uoffset" value=".25"/></texture></scene>'
+    )
+    assert text == (
+        '<scene><texture type="checkerboard"><transform name="to_uv"><translate x=".25" y="0"/>'
+        '<scale x="3" y="1"/></transform></texture></scene>'
+    )
+    assert notes == [("uoffset, voffset, uscale and vscale are to_uv", "f.xml:1")]
+
+
+def test_bitmaps() -> None:
+    text, _ = upgraded(
+        '<texture type="bitmap"><string name="filterType" value="ewa"/><float name="gamma"'
+        ' value="1"/><float name="maxAnisotropy" value="8"/></texture>'
+    )
+    assert text == (
+        '<texture type="bitmap"><string name="filter_type" value="bilinear"/>'
+        '<boolean name="raw" value="true"/></texture>'
+    )
+
+
+def test_wrap_modes_and_gamma() -> None:
+    text, _ = upgraded(
+        '<texture type="bitmap"><string name="wrapModeU" value="clamp"/><string name="wrapModeV"'
+        ' value="clamp"/><float name="gamma" value="-1"/></texture>'
+    )
+    assert text == '<texture type="bitmap"><string name="wrap_mode" value="clamp"/></texture>'
+    other = '<texture type="bitmap"><float name="gamma" value="2.2"/></texture>'
+    assert upgraded(other)[0] == other
+
+
+def test_the_scale_of_a_bump_map() -> None:
+    text, _ = upgraded(
+        '<bsdf type="bumpmap"><texture name="map" type="scale"><float name="scale" value="50"/>'
+        '<texture type="bitmap"/></texture><bsdf type="diffuse"/></bsdf>'
+    )
+    assert text == (
+        '<bsdf type="bumpmap"><texture type="bitmap"/><bsdf type="diffuse"/>'
+        '<float name="scale" value="50"/></bsdf>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("weights", "bsdfs", "expected"),
+    [
+        ("0.25, 0.75", 2, [0.25, 0.75]),
+        ("0.2 0.3 0.5", 3, [0.2, 0.3, 0.5]),
+        ("0.2 0.3", 2, [0.2, 0.3, 0.5]),
+        ("1", 1, [1.0, 0.0]),
+    ],
+)
+def test_a_mixture_is_blends(weights: str, bsdfs: int, expected: list[float]) -> None:
+    """The weights that the leaves of the blends have."""
+    inner = "".join(f'<bsdf type="diffuse" id="b{i}"/>' for i in range(bsdfs))
+    root = etree.fromstring(
+        f'<bsdf type="mixturebsdf" id="m"><string name="weights" value="{weights}"/>{inner}</bsdf>'
+    )
+    upgrade.upgrade(root, "f.xml", upgrade.Notes())
+    found = []
+    node, left = root, 1.0
+    while True:
+        assert node.get("type") == "blendbsdf"
+        first, second = (child for child in node if child.tag == "bsdf")
+        (weight,) = (float(child.get("value")) for child in node if child.tag == "float")
+        found.append(left * (1 - weight))
+        left *= weight
+        if second.get("type") != "blendbsdf":
+            found.append(left)
+            break
+        node = second
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+    assert root.get("id") == "m" and first is not None
+
+
+@pytest.mark.parametrize("weights", ["0.5", "0.5 0.6", "-0.1 0.5", "0 0"])
+def test_bad_weights_are_refused(weights: str) -> None:
+    with pytest.raises(SceneError, match="weights"):
+        upgraded(
+            f'<bsdf type="mixturebsdf"><string name="weights" value="{weights}"/>'
+            '<bsdf type="diffuse"/><bsdf type="diffuse"/></bsdf>'
+        )
+
+
+@pytest.mark.parametrize("name", ["bdpt", "sppm", "photonmapper", "mlt", "volpath_simple"])
+def test_integrators_of_the_same_expectation(name: str) -> None:
+    text, notes = upgraded(
+        f'<scene><integrator type="{name}"><integer name="maxDepth" value="5"/>'
+        '<integer name="photonCount" value="9"/></integrator></scene>'
+    )
+    assert text == (
+        '<scene><integrator type="path"><integer name="max_depth" value="5"/></integrator></scene>'
+    )
+    assert any("has the same expectation" in note for note, _ in notes)
+    inner = f'<integrator type="{name}"/><medium type="homogeneous"/>'
+    assert 'type="volpath"' in upgraded(f"<scene>{inner}</scene>")[0]
+
+
+def test_adaptive_is_what_it_holds() -> None:
+    text, _ = upgraded(
+        '<scene><integrator type="adaptive"><float name="maxError" value="5"/><integrator'
+        ' type="bdpt"><integer name="maxDepth" value="3"/></integrator></integrator></scene>'
+    )
+    assert text == (
+        '<scene><integrator type="path"><integer name="max_depth" value="3"/></integrator></scene>'
+    )
+
+
+def test_what_was_read_otherwise_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="0.6.0">\n<integrator type="sppm"/>{SENSOR}{LIGHT}</scene>')
+    assert any("scene.xml:2: " in n and "sppm runs as path" in n for n in vr.load_file(path).notes)
+
+
+def test_included_files_are_upgraded(tmp_path: Path) -> None:
+    (tmp_path / "lamp.xml").write_text(
+        '<emitter version="0.5.0" type="point"><spectrum name="intensity" value="1 2 3"/></emitter>'
+    )
+    (tmp_path / "old.xml").write_text(
+        '<scene version="0.5.0"><shape type="cube"><transform name="toWorld"/></shape></scene>'
+    )
+    (tmp_path / "unversioned.xml").write_text(
+        '<shape type="cube"><transform name="toWorld"/></shape>'
+    )
+    body = f'{SENSOR}<include filename="lamp.xml"/><include filename="old.xml"/>'
+    for version in ("0.5.0", "3.0.0"):
+        assert read(tmp_path, version, body).light_intensity.tolist() == [[1.0, 2.0, 3.0]]
+    inherits = body + '<include filename="unversioned.xml"/>'
+    assert len(read(tmp_path, "0.5.0", inherits).vertices) == 48
+    with pytest.raises(SceneError, match='unversioned.xml:1: cube: unknown parameter "toWorld"'):
+        read(tmp_path, "3.0.0", inherits)
+
+
+@pytest.mark.parametrize("name", ["phong", "ward", "coating", "difftrans"])
+def test_what_has_no_counterpart_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    with pytest.raises(SceneError, match=f'unknown bsdf "{name}"'):
+        read(tmp_path, "0.6.0", f'{SENSOR}<shape type="cube"><bsdf type="{name}"/></shape>')
+
+
+def test_today_is_not_upgraded(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match='unknown parameter "toWorld"'):
+        read(tmp_path, "2.1.0", f'{SENSOR}<shape type="cube"><transform name="toWorld"/></shape>')

@@ -12,10 +12,14 @@ from pathlib import Path
 
 from ..errors import SceneError
 from ..shipped import SHIPPED
-from . import build, mitsuba_xml
+from . import build, gltf, mitsuba_xml
 from .node import Tree, allowed, shorten
 
-READERS: dict[str, Callable[[Path, Mapping[str, object]], Tree]] = {".xml": mitsuba_xml.read}
+READERS: dict[str, Callable[[Path, Mapping[str, object]], Tree]] = {
+    ".xml": mitsuba_xml.read,
+    ".gltf": gltf.read,
+    ".glb": gltf.read,
+}
 
 
 def load(path: Path, parameters: Mapping[str, object]) -> build.Built:

@@ -13,12 +13,14 @@ from pathlib import Path
 from ..errors import SceneError
 from ..files import replacing
 from ..shipped import SHIPPED, find_shipped
-from . import build, mitsuba_xml, write
+from . import build, gltf, mitsuba_xml, write
 from .node import Tree, allowed, shorten
 from .report import Report
 
 READERS: dict[str, Callable[[Path, Mapping[str, object], Report], Tree]] = {
-    ".xml": mitsuba_xml.read
+    ".xml": mitsuba_xml.read,
+    ".gltf": gltf.read,
+    ".glb": gltf.read,
 }
 
 

@@ -24,14 +24,14 @@ def split(found: Mesh, angle: float) -> Mesh:
     _, inverse = np.unique(points, axis=0, return_inverse=True)
     corners = inverse.reshape(-1)[found.triangles].reshape(-1)
     normals = np.repeat(face_normals(found.vertices, found.triangles), 3, axis=0)
-    flat = ~normals.any(axis=1)  # faces without area, which join any
+    flat = np.asarray(~normals.any(axis=1))  # faces without area, which join any
     _, cosine = sin_cos_degrees(angle)
     group = np.empty(len(corners), np.int64)  # of each corner: its group's first corner
     left = np.argsort(corners, kind="stable")
     while len(left):
-        begins = np.append(True, corners[left][1:] != corners[left][:-1])
-        first = left[np.maximum.accumulate(np.where(begins, np.arange(len(left)), 0))]
-        cosines = (normals[left] * normals[first]).sum(axis=1)
+        begins = np.flatnonzero(np.diff(corners[left], prepend=-1))
+        first = np.repeat(left[begins], np.diff(begins, append=len(left)))
+        cosines: Array = (normals[left] * normals[first]).sum(axis=1)
         joined = (first == left) | (cosines >= cosine) | flat[left]
         group[left[joined]] = first[joined]
         left = left[~joined]

@@ -3,9 +3,9 @@
 Elements: an object by its category (shape, bsdf, ...) with type and optional id; float, integer,
 boolean, string, rgb, srgb, spectrum (see `spectra`), point, vector, transform (translate, scale,
 rotate, lookat, matrix, each applied after those before it); ref; alias; default; include; path, a
-folder in which files are looked for first. "$name" in an attribute is replaced by the parameter of that name,
-unless a backslash precedes it. Versions below 2: see `upgrade`. Limits: UTF-8, no DOCTYPE, no
-entities, 16 MiB a file, includes 8 deep and 256 in all.
+folder in which files are looked for first. "$name" in an attribute is replaced by the parameter of
+that name, unless a backslash precedes it. Versions below 2: see `upgrade`. Limits: UTF-8, no
+DOCTYPE, no entities, 16 MiB a file, includes 8 deep and 256 in all.
 """
 
 from __future__ import annotations

@@ -1,0 +1,335 @@
+"""glTF 2.0 scenes (.gltf, .glb): meshes where their nodes put them, a camera, lights and colours.
+
+A material is diffuse in its base colour on both sides, with its alpha and its emission; what else
+it has, textures among it, is named in a warning. Light keeps its numbers: candela, lux and nits are
+taken for what they are in watts. A spot of KHR_lights_punctual falls off linearly between its
+angles. The first perspective camera is taken; without one the scene is framed from its front.
+Without a light there is a white sky. Skins, morph targets and animations stay at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import transform
+from ..errors import SceneError
+from ..numeric import MAX_COORDINATE, check_matrix, sin_cos_degrees
+from .gltf_json import File, Json
+from .gltf_json import read as read_json
+from .node import Node, Tree, Value, shorten
+from .report import Report
+
+Array = npt.NDArray[Any]
+WIDTH, HEIGHT, SPP, FOV = 768, 576, 64, 40.0
+#: Required extensions without which a file can still be shown.
+_OPTIONAL = ("KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_", "KHR_materials_",
+             "EXT_texture_", "KHR_xmp", "KHR_animation_pointer")  # fmt: skip
+_MODES = ("POINTS", "LINES", "LINE_LOOP", "LINE_STRIP", "TRIANGLES", "STRIP", "FAN")
+_TO_SENSOR = np.diag([-1.0, 1.0, -1.0, 1.0])  # looks along -z, +x right; a sensor along +z, +x left
+
+
+def read(path: Path, parameters: Mapping[str, object], report: Report | None = None) -> Tree:
+    """Reads a file. Raises SceneError; `report` takes what is not shown."""
+    for key in parameters:
+        raise SceneError(f"parameter {shorten(key)} is not used by the scene", str(path))
+    report = Report() if report is None else report
+    return _Reader(read_json(path), str(path), report).tree()
+
+
+class _Reader:
+    def __init__(self, file: File, where: str, report: Report) -> None:
+        self.file, self.where, self.report = file, where, report
+        self.materials: dict[int | None, tuple[Node, Node | None]] = {}
+        self.groups: dict[int, Node] = {}
+        self.cameras: list[tuple[Json, Array]] = []
+        self.lights: list[Node] = []
+        self.corners: list[Array] = []  # of the boxes around meshes, in world space
+        self.uses: Counter[int | None] = Counter()  # of meshes
+        self.names: dict[str, int] = {}  # of nodes, and how often they were met
+        self.shines = False
+
+    def tree(self) -> Tree:
+        root = self.file.root
+        for name in root.rows("extensionsRequired"):
+            if not isinstance(name, str) or not name.startswith(_OPTIONAL):
+                raise root.fail(f"the extension {shorten(name)} is required and not supported")
+        for what in ("skins", "animations"):
+            if root.rows(what):
+                self.report.warn(f"{what} are not applied", self.where)
+        tree = Tree(Node("scene", self.where, "scene"), report=self.report)
+        placed = self.placed()
+        meshes = self.file.tables["meshes"]
+        self.uses = Counter(node.index("mesh", meshes) for node, _ in placed)
+        shapes = [shape for found in placed for shape in self.shapes(*found)]
+        children = tree.scene.children
+        children += [self.sensor(), *shapes, *self.lights]
+        if not self.lights and not self.shines:
+            self.report.warn("the file has no light; a white sky was added", self.where)
+            children.append(Node("constant", self.where, "emitter"))
+        return tree
+
+    def placed(self) -> list[tuple[Json, Array]]:
+        """All nodes of the scene with what takes them to world space."""
+        nodes, scenes = self.file.tables["nodes"], self.file.tables["scenes"]
+        if scenes:
+            roots = _indices(scenes[self.file.root.index("scene", scenes) or 0], "nodes", nodes)
+        else:
+            held = {k for node in nodes for k in _indices(node, "children", nodes)}
+            roots = [k for k in range(len(nodes)) if k not in held]
+        result, met = [], set()
+        todo = [(k, np.eye(4)) for k in reversed(roots)]
+        while todo:
+            number, above = todo.pop()
+            node = nodes[number]
+            if number in met:
+                raise node.fail("the node is met twice")
+            met.add(number)
+            with np.errstate(all="ignore"):
+                matrix = transform.compose(above, _local(node))
+            if not (np.abs(matrix) <= MAX_COORDINATE).all():
+                raise node.fail(f"its place exceeds {MAX_COORDINATE:g}")
+            result.append((node, matrix))
+            todo += [(k, matrix) for k in reversed(_indices(node, "children", nodes))]
+        return result
+
+    def shapes(self, node: Json, matrix: Array) -> list[Node]:
+        """The shapes of a node's mesh; its camera and light are kept."""
+        cameras = self.file.tables["cameras"]
+        camera = node.index("camera", cameras)
+        if camera is not None:
+            self.cameras.append((cameras[camera], matrix))
+        lights = self.file.root.of("extensions").of("KHR_lights_punctual").all("lights")
+        light = node.of("extensions").of("KHR_lights_punctual").index("light", lights)
+        if light is not None:
+            self.lights += self.light(lights[light], matrix)
+        number = node.index("mesh", self.file.tables["meshes"])
+        if number is None:
+            return []
+        if "EXT_mesh_gpu_instancing" in node.of("extensions").content:
+            self.report.warn("EXT_mesh_gpu_instancing: one instance of each is shown", node.where)
+        group = self.group(number)
+        try:
+            check_matrix("matrix", matrix)
+        except SceneError:
+            self.report.warn("a mesh whose node flattens space is not shown", node.where)
+            return []
+        children = [child for child in group.children if isinstance(child, Node)]
+        picks = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
+        for child in children:
+            points = child.values["vertices"].value
+            ends = np.stack([points.min(axis=0), points.max(axis=0)])
+            self.corners.append(transform.apply(matrix, ends[picks, np.arange(3)]))
+        place = {"to_world": Value("transform", matrix, node.where)}
+        name = node.text("name") or self.file.tables["meshes"][number].text("name") or "mesh"
+        self.names[name] = self.names.get(name, 0) + 1
+        if self.names[name] > 1:
+            name = f"{name}.{self.names[name] - 1}"
+        if self.uses[number] > 1:
+            return [Node("instance", node.where, "shape", name, "", place, [group])]
+        many = len(children) > 1
+        return [
+            replace(child, values={**child.values, **place}, id=f"{name}/{k}" if many else name)
+            for k, child in enumerate(children)
+        ]
+
+    def group(self, number: int) -> Node:
+        """The primitives of a mesh as a shape group, made once."""
+        if number not in self.groups:
+            mesh = self.file.tables["meshes"][number]
+            shapes = [self.primitive(part, mesh) for part in mesh.all("primitives")]
+            parts = [shape for shape in shapes if shape]
+            self.groups[number] = Node("shapegroup", mesh.where, "shape", children=[*parts])
+        return self.groups[number]
+
+    def primitive(self, part: Json, mesh: Json) -> Node | None:
+        """A mesh; None for points and lines."""
+        accessors, attributes = self.file.tables["accessors"], part.of("attributes")
+        mode = part.whole("mode", 4, len(_MODES) - 1) or 0
+        place = attributes.index("POSITION", accessors)
+        if mode < 4 or place is None:
+            what = _MODES[mode] if mode < 4 else "a primitive without POSITION"
+            self.report.warn(f"{what} is not shown", part.where)
+            return None
+        for key in ("targets", "extensions"):
+            if part.content.get(key):
+                self.report.warn(f"{key} of a primitive are not applied", part.where)
+        if "COLOR_0" in attributes.content:
+            self.report.warn("colours of vertices are not shown", part.where)
+        vertices = self.file.array(place)
+        if vertices.shape[1] != 3:
+            raise accessors[place].fail('"type" of a POSITION is not VEC3')
+        index = part.index("indices", accessors)
+        corners = np.arange(len(vertices)) if index is None else self.file.array(index).ravel()
+        faces = _triangles(corners, mode)
+        if not len(faces) or not len(vertices):
+            self.report.warn("a primitive without triangles is not shown", part.where)
+            return None
+        values = {"vertices": Value("array", vertices, part.where),
+                  "faces": Value("array", faces, part.where)}  # fmt: skip
+        for key, name in (("uv", "TEXCOORD_0"), ("normals", "NORMAL")):
+            found = attributes.index(name, accessors)
+            if found is not None:
+                values[key] = Value("array", self.file.array(found), part.where)
+        if "normals" not in values:
+            values["face_normals"] = Value("boolean", True, part.where)
+        bsdf, lamp = self.material(part.index("material", self.file.tables["materials"]))
+        children: list[Any] = [bsdf] if lamp is None else [bsdf, lamp]
+        return Node("mesh", part.where, "shape", mesh.text("name"), "", values, children)
+
+    def material(self, number: int | None) -> tuple[Node, Node | None]:
+        """The bsdf and the emitter of a material, made once; the default one for None."""
+        if number not in self.materials:
+            materials = self.file.tables["materials"]
+            about = Json({}, self.where) if number is None else materials[number]
+            self.materials[number] = self.bsdf(about), self.emitter(about)
+        return self.materials[number]
+
+    def bsdf(self, about: Json) -> Node:
+        """What a material reflects: the place to make more of it than its base colour."""
+        rough = about.of("pbrMetallicRoughness")
+        *colour, alpha = rough.numbers("baseColorFactor", (1.0,) * 4, 0.0, 1.0).tolist()
+        if rough.number("metallicFactor", 1.0, 0.0, 1.0) > 0 and about.content:
+            self.report.warn("metallicFactor is not applied", about.where)
+        names = [name for name in about.content if name.endswith("Texture")]
+        names += [name for name in rough.content if name.endswith("Texture")]
+        names += [n for n in about.of("extensions").content if n not in _STRENGTH]
+        for name in sorted(names):
+            self.report.warn(f"{shorten(name)} of a material is not applied", about.where)
+        reflectance = {"reflectance": Value("rgb", tuple(colour), about.where)}
+        result = Node("diffuse", about.where, "bsdf", values=reflectance)
+        result = Node("twosided", about.where, "bsdf", children=[result])
+        mode = about.text("alphaMode", "OPAQUE")
+        if mode == "MASK":
+            alpha = float(alpha >= about.number("alphaCutoff", 0.5, 0.0))
+        if mode != "OPAQUE" and alpha < 1:
+            opacity = {"opacity": Value("float", alpha, about.where)}
+            result = Node("mask", about.where, "bsdf", "", "", opacity, [result])
+        return result
+
+    def emitter(self, about: Json) -> Node | None:
+        """What a material emits, on its front."""
+        strength = about.of("extensions").of(_STRENGTH[0]).number("emissiveStrength", 1.0, 0.0)
+        factor = about.numbers("emissiveFactor", (0.0,) * 3, 0.0) * strength
+        if not factor.any() or "emissiveTexture" in about.content:  # what shines is in the texture
+            return None
+        self.shines = True
+        radiance = {"radiance": Value("rgb", tuple(factor.tolist()), about.where)}
+        return Node("area", about.where, "emitter", values=radiance)
+
+    def light(self, about: Json, matrix: Array) -> list[Node]:
+        """A punctual light; none for a dark one."""
+        kind = about.text("type")
+        if kind not in ("point", "spot", "directional"):
+            raise about.fail(f'"type" = {shorten(kind)}, expected point, spot or directional')
+        if "range" in about.content:
+            self.report.warn("range of a light is not applied", about.where)
+        power = about.numbers("color", (1.0,) * 3, 0.0) * about.number("intensity", 1.0, 0.0)
+        if not power.any():
+            return []
+        name = "irradiance" if kind == "directional" else "intensity"
+        place = transform.compose(_rigid(matrix, about), _TO_SENSOR)
+        values = {name: Value("rgb", tuple(power.tolist()), about.where),
+                  "to_world": Value("transform", place, about.where)}  # fmt: skip
+        if kind == "spot":
+            angles = about.of("spot")
+            outer = math.degrees(angles.number("outerConeAngle", math.pi / 4, 0.0, math.pi / 2))
+            inner = math.degrees(angles.number("innerConeAngle", 0.0, 0.0, math.pi / 2))
+            values["cutoff_angle"] = Value("float", outer, about.where)
+            values["beam_width"] = Value("float", inner, about.where)
+        return [Node(kind, about.where, "emitter", about.text("name"), values=values)]
+
+    def sensor(self) -> Node:
+        """The first perspective camera, else one that frames the scene."""
+        for camera, matrix in self.cameras:
+            if camera.text("type") != "perspective":
+                self.report.warn("an orthographic camera is left out", camera.where)
+                continue
+            if len(self.cameras) > 1:
+                self.report.warn("the first of several cameras is taken", camera.where)
+            view = camera.of("perspective")
+            fov = math.degrees(view.number("yfov", 0.0, 0.0, math.pi))
+            aspect = view.number("aspectRatio", WIDTH / HEIGHT, 1e-2, 1e2)
+            place = transform.compose(_rigid(matrix, camera), _TO_SENSOR)
+            return _sensor(camera.where, place, fov, "y", max(1, round(HEIGHT * aspect)))
+        self.report.warn("the file has no camera; one was placed that frames it", self.where)
+        corners = np.concatenate(self.corners) if self.corners else np.zeros((1, 3))
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        middle, ends = low + 0.5 * (high - low), 0.5 * (high - low)
+        radius = math.sqrt(float((ends * ends).sum())) or 1.0
+        away = radius / sin_cos_degrees(0.5 * FOV)[0]
+        ahead = np.array(transform.unit([0.5, 0.375, 1.0], ""))
+        place = transform.look_at(
+            (middle + away * ahead).tolist(), middle.tolist(), [0.0, 1.0, 0.0], self.where
+        )
+        return _sensor(self.where, place, FOV, "smaller", WIDTH)
+
+
+_STRENGTH = ("KHR_materials_emissive_strength",)
+
+
+def _sensor(where: str, place: Array, fov: float, axis: str, width: int) -> Node:
+    def values(kind: str, **given: Any) -> dict[str, Value]:
+        return {name: Value(kind, value, where) for name, value in given.items()}
+
+    film = Node("hdrfilm", where, "film", values=values("integer", width=width, height=HEIGHT))
+    sampler = Node("independent", where, "sampler", values=values("integer", sample_count=SPP))
+    view = {**values("float", fov=fov), **values("string", fov_axis=axis),
+            **values("transform", to_world=place)}  # fmt: skip
+    return Node("perspective", where, "sensor", values=view, children=[film, sampler])
+
+
+def _indices(node: Json, key: str, of: list[Any]) -> list[int]:
+    """The list of rows of `of` in a key."""
+    return [Json({key: row}, node.where).needed(key, len(of) - 1) for row in node.rows(key)]
+
+
+def _local(node: Json) -> Array:
+    """A node's own matrix, or its translation, rotation and scale as one."""
+    if "matrix" in node.content:
+        matrix = node.numbers("matrix", tuple(np.eye(4).ravel())).reshape(4, 4).T
+        if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            raise node.fail(f"its matrix has the last row {matrix[3].tolist()}")
+        return matrix
+    x, y, z, w = node.numbers("rotation", (0.0, 0.0, 0.0, 1.0), -2.0, 2.0).tolist()
+    square = x * x + y * y + z * z + w * w
+    if not 0.5 < square < 2.0:
+        raise node.fail(f'"rotation" has the length {math.sqrt(square):g}, expected 1')
+    x, y, z, w = (part / math.sqrt(square) for part in (x, y, z, w))
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, :3] *= node.numbers("scale", (1.0,) * 3)
+    matrix[:3, 3] = node.numbers("translation", (0.0,) * 3)
+    return matrix
+
+
+def _rigid(matrix: Array, about: Json) -> Array:
+    """A matrix without its scale: glTF's cameras and lights have none."""
+    result = np.array(matrix)
+    for axis in range(3):
+        message = "its node's matrix is singular"
+        result[:3, axis] = transform.unit(result[:3, axis].tolist(), message, about.where)
+    return result
+
+
+def _triangles(corners: Array, mode: int) -> Array:
+    """Triangles (T, 3) of a list, strip or fan of corners."""
+    if mode == 4:
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    count = max(len(corners) - 2, 0)
+    a, b, c = corners[:count], corners[1 : count + 1], corners[2:]
+    if mode == 6:
+        return np.stack([np.broadcast_to(corners[:1], (count,)), b, c], axis=1)
+    odd = np.arange(count) % 2 == 1
+    return np.stack([np.where(odd, b, a), np.where(odd, a, b), c], axis=1)

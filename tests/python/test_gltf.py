@@ -1,0 +1,410 @@
+"""glTF files: meshes, nodes, cameras, lights and materials; against trimesh; damage."""
+
+import base64
+import copy
+import json
+import math
+import struct
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+import veriray
+from veriray.columns import LIGHT_KINDS, MATERIAL_KINDS
+from veriray.errors import SceneError, SceneWarning
+
+VERTICES = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]
+TYPES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+FORMS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+
+
+class Model:
+    """A file in the making."""
+
+    def __init__(self, **content):
+        self.data = b""
+        self.content = {
+            "asset": {"version": "2.0"}, "accessors": [], "bufferViews": [], "meshes": [],
+            "nodes": [], **content,
+        }  # fmt: skip
+
+    def array(self, values, kind="f4", stride=0, **more):
+        """Adds an accessor; its number."""
+        table = np.array(values, "<" + kind)
+        table = table.reshape(len(table), -1)
+        self.data += bytes(-len(self.data) % 4)
+        rows = [row.tobytes().ljust(stride, b"\xee") for row in table]
+        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(b"".join(rows))}
+        if stride:
+            view["byteStride"] = stride
+        self.data += b"".join(rows)
+        self.content["bufferViews"].append(view)
+        self.content["accessors"].append({
+            "bufferView": len(self.content["bufferViews"]) - 1, "componentType": TYPES[kind],
+            "count": len(table), "type": FORMS[table.shape[1]], **more,
+        })  # fmt: skip
+        return len(self.content["accessors"]) - 1
+
+    def mesh(self, position, indices=None, node=None, **more):
+        """Adds a mesh of one primitive, and a node that shows it."""
+        attributes = {"POSITION": position, **more.pop("attributes", {})}
+        part = {"attributes": attributes, **more}
+        if indices is not None:
+            part["indices"] = indices
+        self.content["meshes"].append({"primitives": [part]})
+        number = len(self.content["meshes"]) - 1
+        self.content["nodes"].append({"mesh": number, **(node or {})})
+
+    def text(self, uri=None):
+        """As .gltf."""
+        uri = uri or "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
+        buffers = [{"byteLength": len(self.data), "uri": uri}]
+        return json.dumps({**self.content, "buffers": buffers}).encode()
+
+    def glb(self):
+        """As .glb."""
+        data = self.data + bytes(-len(self.data) % 4)
+        head = json.dumps({**self.content, "buffers": [{"byteLength": len(self.data)}]}).encode()
+        head += b" " * (-len(head) % 4)
+        body = struct.pack("<I4s", len(head), b"JSON") + head
+        body += struct.pack("<I4s", len(data), b"BIN\0") + data
+        return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+def load(folder, model, name="a.gltf"):
+    """The scene of a model or of bytes, and what it warns of."""
+    data = model if isinstance(model, bytes) else model.text()
+    (folder / name).write_bytes(data)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = veriray.load_file(folder / name)
+    assert all(w.category is SceneWarning for w in caught)
+    return scene, "; ".join(str(w.message) for w in caught)
+
+
+def quad(**more):
+    """A model of one mesh of two triangles."""
+    model = Model()
+    model.mesh(model.array(VERTICES), model.array([0, 1, 2, 0, 2, 3], "u2"), **more)
+    return model
+
+
+CORNERS = np.array(VERTICES, float)[[[0, 1, 2], [0, 2, 3]]]
+
+
+def corners(scene):
+    return scene.vertices[scene.triangles]
+
+
+@pytest.mark.parametrize("kind", ["u1", "u2", "u4"])
+@pytest.mark.parametrize(
+    ("mode", "indices"),
+    [(4, [0, 1, 2, 0, 2, 3]), (5, [1, 2, 0, 3]), (6, [0, 1, 2, 3]), (4, [0, 1, 2, 0, 2, 3, 1])],
+)
+def test_triangles(tmp_path, kind, mode, indices):
+    model = Model()
+    model.mesh(model.array(VERTICES, stride=20), model.array(indices, kind), mode=mode)
+    scene, text = load(tmp_path, model)
+    expected = CORNERS if mode != 5 else np.array(VERTICES)[[[1, 2, 0], [0, 2, 3]]]
+    assert (corners(scene) == expected).all() and not scene.normals.any()
+    assert "no camera" in text and "a white sky was added" in text
+    assert scene.environment.tolist() == [1, 1, 1] and scene.shape_names == ("mesh",)
+
+
+def test_without_indices_and_with_normals(tmp_path):
+    model = Model()
+    normals = model.array([[0, 0, 1], [0.6, 0, 0.8], [0, 0, 1]])
+    model.mesh(model.array(VERTICES[:3]), attributes={"NORMAL": normals, "TEXCOORD_0": 0})
+    with pytest.raises(SceneError, match=r'a.gltf: meshes\[0\].primitives\[0\]: .*"uv" has shape'):
+        load(tmp_path, model)
+    uv = model.array([[0, 0], [1, 0], [0.5, 2]])
+    model.content["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = uv
+    scene, _ = load(tmp_path, model)
+    assert np.abs(scene.normals - [[0, 0, 1], [0.6, 0, 0.8], [0, 0, 1]]).max() < 1e-7
+
+
+def test_forms_of_numbers(tmp_path):
+    """Quantized, normalized, sparse, interleaved: the same vertices."""
+    plain, _ = load(tmp_path, quad())
+    sparse = quad()
+    rows, new = sparse.array([1, 3], "u1"), sparse.array([VERTICES[1], VERTICES[3]])
+    views = {
+        "indices": {"bufferView": rows, "componentType": 5121},
+        "values": {"bufferView": new, "componentType": 5126},
+    }
+    zeros = np.array(VERTICES) * [[1], [0], [1], [0]]
+    sparse.content["accessors"][0] |= {"sparse": {"count": 2, **views}}
+    start = sparse.content["bufferViews"][0]["byteOffset"]
+    sparse.data = sparse.data[:start] + zeros.astype("<f4").tobytes() + sparse.data[start + 48 :]
+    quantized = Model()
+    place = quantized.array(np.array(VERTICES) * 2, "i2", stride=8)
+    quantized.mesh(place, quantized.array([0, 1, 2, 0, 2, 3], "u1"), {"scale": [0.5] * 3})
+    normalized = Model(extensionsRequired=["KHR_mesh_quantization"])
+    place = normalized.array(np.array(VERTICES) * 254 // 2, "i1", stride=4, normalized=True)
+    normalized.mesh(place, normalized.array([0, 1, 2, 0, 2, 3], "u1"))
+    for model in (sparse, quantized):
+        assert (corners(load(tmp_path, model)[0]) == corners(plain)).all()
+    assert np.abs(corners(load(tmp_path, normalized)[0]) - corners(plain)).max() < 0.004
+
+
+def test_glb_is_gltf(tmp_path):
+    model = quad()
+    one, _ = load(tmp_path, model)
+    two, _ = load(tmp_path, model.glb(), "a.glb")
+    (tmp_path / "the data.bin").write_bytes(model.data)
+    three, _ = load(tmp_path, model.text("the%20data.bin"))
+    assert one.sha256 == two.sha256 == three.sha256
+
+
+def test_nodes_are_composed_as_trimesh_does(tmp_path):
+    rng = np.random.default_rng(1)
+    model = quad()
+    model.content["nodes"] = []
+    matrices = []
+    for k in range(6):
+        q = rng.normal(size=4)
+        q /= np.linalg.norm(q)
+        scale = rng.uniform(0.5, 2, 3) * [1, -1 if k == 3 else 1, 1]
+        node = {"translation": rng.normal(size=3).tolist(), "rotation": q.tolist()}
+        node["scale"] = scale.tolist()
+        if k == 4:
+            node = {"matrix": [*(2 * np.eye(4))[:3].ravel(), 1, 2, 3, 1]}
+        if k in (1, 3, 5):
+            node["mesh"] = 0
+        if k < 4:
+            node["children"] = [k + 1]
+        model.content["nodes"].append(node)
+        matrices.append(node)
+    model.content["scenes"] = [{"nodes": [5]}, {"nodes": [0, 5]}]
+    model.content["scene"] = 1
+    scene, _ = load(tmp_path, model)
+    assert scene.shape_names == ("mesh/mesh_0", "mesh.1/mesh_1", "mesh.2/mesh_2")
+    theirs = trimesh.load_scene(tmp_path / "a.gltf").to_mesh()
+    ours = np.sort(corners(scene).mean(axis=1), axis=0)
+    assert np.abs(ours - np.sort(theirs.triangles.mean(axis=1), axis=0)).max() < 1e-6
+    del model.content["scene"]
+    assert len(load(tmp_path, model)[0].triangles) == 2
+    del model.content["scenes"]  # all nodes without parents
+    assert len(load(tmp_path, model)[0].triangles) == 6
+
+
+def test_a_mesh_of_many_nodes_is_an_instance(tmp_path):
+    model = quad(node={"name": "x"})
+    model.content["meshes"][0]["primitives"] *= 2
+    scene, _ = load(tmp_path, model)
+    assert scene.shape_names == ("x/0", "x/1") and len(scene.triangles) == 4
+    model.content["nodes"] += [{"mesh": 0, "name": "x"}, {"mesh": 0, "scale": [0, 1, 1]}]
+    scene, text = load(tmp_path, model)
+    assert len(scene.triangles) == 8 and "a mesh whose node flattens space is not shown" in text
+    assert {name.rpartition("/")[0] for name in scene.shape_names} == {"x", "x.1"}
+
+
+def test_the_camera(tmp_path):
+    half = math.sqrt(0.5)
+    camera = {"type": "perspective", "perspective": {"yfov": 1.0, "aspectRatio": 2.0, "znear": 1}}
+    model = quad(node={"translation": [-5, 1, 0]})
+    model.content["cameras"] = [camera]
+    model.content["nodes"] += [
+        {"camera": 0, "translation": [1, 2, 3], "rotation": [0, half, 0, half], "scale": [2] * 3}
+    ]
+    scene, text = load(tmp_path, model)
+    assert "no camera" not in text and (scene.film.width, scene.film.height) == (1152, 576)
+    assert scene.camera.fov == pytest.approx(math.degrees(1.0)) and scene.camera.fov_axis == "y"
+    # turned by 90 degrees about y it looks along -x, its right is -z
+    expected = np.array([[0, 0, -1, 1], [0, 1, 0, 2], [1, 0, 0, 3], [0, 0, 0, 1]])
+    assert np.abs(scene.camera.to_world - expected).max() < 1e-15
+    model.content["cameras"][0]["type"] = "orthographic"
+    text = load(tmp_path, model)[1]
+    assert "an orthographic camera is left out" in text and "the file has no camera" in text
+
+
+def test_a_scene_without_camera_is_framed(tmp_path):
+    """All of it is seen, and most of the picture is it."""
+    model = Model()
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    model.mesh(model.array(ball.vertices * [3, 1, 1] + 7), model.array(ball.faces.ravel(), "u2"))
+    scene, _ = load(tmp_path, model)
+    points = np.c_[scene.vertices, np.ones(len(scene.vertices))]
+    seen = points @ np.linalg.inv(scene.camera.to_world).T
+    reach = np.abs(seen[:, :2] / seen[:, 2:3]).max()
+    assert (seen[:, 2] > 0).all() and 0.5 < reach / math.tan(math.radians(20)) < 1
+
+
+def test_lights(tmp_path):
+    quarter = [math.sqrt(0.5), 0, 0, math.sqrt(0.5)]
+    lights = [
+        {"type": "point", "color": [1, 0.5, 0], "intensity": 3, "range": 4},
+        {"type": "directional", "intensity": 2},
+        {"type": "spot", "spot": {"outerConeAngle": 0.5, "innerConeAngle": 0.25}},
+        {"type": "spot", "intensity": 0},
+    ]
+    name = "KHR_lights_punctual"
+    model = quad()
+    model.content |= {"extensions": {name: {"lights": lights}}, "extensionsRequired": [name]}
+    model.content["nodes"] += [
+        {"extensions": {name: {"light": k}}, "translation": [k, 1, 2], "rotation": quarter,
+         "scale": [3] * 3} for k in range(4)
+    ]  # fmt: skip
+    scene, text = load(tmp_path, model)
+    assert "sky" not in text and not scene.environment.any() and "range of a light" in text
+    kinds = [LIGHT_KINDS[k] for k in scene.light_kind]
+    assert kinds == ["point", "directional", "spot"]
+    assert scene.light_intensity.tolist() == [[3, 1.5, 0], [2, 2, 2], [1, 1, 1]]
+    assert scene.light_position[[0, 2]].tolist() == [[0, 1, 2], [2, 1, 2]]
+    # turned by 90 degrees about x, -z is +y
+    assert np.abs(scene.light_direction[1:] - [0, 1, 0]).max() < 1e-15
+    assert scene.light_angles[2] == pytest.approx([math.degrees(0.5), math.degrees(0.25)])
+
+
+def test_materials(tmp_path):
+    rough = {"baseColorFactor": [0.25, 0.5, 0.75, 0.125], "metallicFactor": 0}
+    strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}
+    materials = [
+        {"pbrMetallicRoughness": rough},
+        {"pbrMetallicRoughness": rough, "alphaMode": "BLEND"},
+        {"pbrMetallicRoughness": rough, "alphaMode": "MASK", "alphaCutoff": 0.1},
+        {"pbrMetallicRoughness": rough, "alphaMode": "MASK"},
+        {"emissiveFactor": [1, 0.5, 0], "extensions": strength},
+        {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}, "normalTexture": {}},
+    ]
+    model = Model(materials=materials)
+    place = model.array(VERTICES)
+    for k in range(7):
+        model.mesh(place, model.array([0, 1, 2], "u1"), **({"material": k} if k < 6 else {}))
+    scene, text = load(tmp_path, model)
+    rows = scene.triangle_material
+    assert scene.two_sided[rows].all()
+    assert {MATERIAL_KINDS[k] for k in scene.material_kind[rows]} == {"diffuse"}
+    colour = [0.25, 0.5, 0.75]
+    assert scene.reflectance[rows].tolist() == [colour] * 4 + [[1, 1, 1]] * 3
+    assert scene.opacity[rows].tolist() == [1, 0.125, 1, 0, 1, 1, 1]
+    assert scene.triangle_emission.tolist() == [-1] * 4 + [0, -1, -1]
+    assert scene.emissions.tolist() == [[4, 2, 0]]
+    assert 'materials[5]: "normalTexture" of a material is not applied' in text
+    assert "metallicFactor is not applied" in text and "sky" not in text
+
+
+def test_what_is_left_out_is_said(tmp_path):
+    model = quad(mode=1)
+    model.content |= {"animations": [{}], "skins": [{}]}
+    model.mesh(0, 1, targets=[{}], attributes={"COLOR_0": 0})
+    scene, text = load(tmp_path, model)
+    assert len(scene.triangles) == 2
+    for said in ("skins are not applied", "animations are not", "LINES is not shown",
+                 "targets of a primitive", "colours of vertices"):  # fmt: skip
+        assert said in text
+
+
+def change(path, value):
+    """A quad's content with one value changed; None removes it."""
+
+    def apply(content):
+        *keys, last = path
+        for key in keys:
+            content = content[key]
+        if value is None:
+            del content[last]
+        else:
+            content[last] = value
+
+    return apply  # fmt: skip
+
+
+PART = ("meshes", 0, "primitives", 0)
+BAD = {
+    "version": (change(("asset", "version"), "1.0"), 'asset.version = "1.0", expected "2.0"'),
+    "asset": (change(("asset",), []), r"a.gltf: asset: \[\] is not an object"),
+    "no list": (change(("nodes",), {}), '"nodes" = {} is not a list'),
+    "required": (change(("extensionsRequired",), ["KHR_draco_mesh_compression"]), "draco"),
+    "mesh": (change(("nodes", 0, "mesh"), 1),
+             r'a.gltf: nodes\[0\]: "mesh" = 1 is not an integer in \[0, 0\]'),
+    "mesh type": (change(("nodes", 0, "mesh"), "x"), '"mesh" = "x" is not an integer'),
+    "bool": (change(("nodes", 0, "mesh"), True), '"mesh" = True is not an integer'),
+    "loop": (change(("nodes", 0, "children"), [0]), None),
+    "twice": (change(("scenes",), [{"nodes": [0, 0]}]), r"nodes\[0\]: the node is met twice"),
+    "rotation": (change(("nodes", 0, "rotation"), [0, 0, 0, 0]), "has the length 0, expected 1"),
+    "scale": (change(("nodes", 0, "scale"), [1, 2]), '"scale" = .* is not 3 numbers'),
+    "matrix": (change(("nodes", 0, "matrix"), [1] * 16), "has the last row"),
+    "far": (change(("nodes", 0, "translation"), [1e31, 0, 0]), "is not 3 numbers in"),
+    "position": (change((*PART, "attributes", "POSITION"), 9), r"9 is not .* \[0, 1\]"),
+    "scalar": (change((*PART, "attributes", "POSITION"), 1), '"type" of a POSITION is not VEC3'),
+    "mode": (change((*PART, "mode"), 7), '"mode" = 7 is not an integer'),
+    "vec": (change(("accessors", 0, "type"), "VEC9"), '"type" = "VEC9", expected SCALAR'),
+    "component": (change(("accessors", 0, "componentType"), 5), '"componentType" = 5 is unknown'),
+    "count": (change(("accessors", 0, "count"), 5), "5 rows of 12 bytes every 12 bytes"),
+    "many": (change(("accessors", 0), {"componentType": 5126, "count": 2**30, "type": "VEC3"}),
+             '"count" = 1073741824 without a bufferView; at most 1048576'),
+    "index": (change(("accessors", 0, "count"), 3), r"triangle 1 uses vertex 3, outside \[0, 2\]"),
+    "stride": (change(("bufferViews", 0, "byteStride"), 4), "every 4 bytes"),
+    "view": (change(("bufferViews", 0, "byteOffset"), 80), '"byteOffset" = 80 is not an integer'),
+    "length": (change(("bufferViews", 0, "byteLength"), 800), '"byteLength" = 800 is not'),
+    "buffer": (change(("bufferViews", 0, "buffer"), 1), '"buffer" = 1 is not'),
+    "no view": (change(("bufferViews", 0, "buffer"), None), '"buffer" is missing'),
+    "material": (change((*PART, "material"), 0), '"material" = 0 is not'),
+    "colour": (change(("materials",), [{"pbrMetallicRoughness": {"baseColorFactor": [2] * 4}}]),
+               None),
+    "camera": (change(("nodes", 0, "camera"), 0), '"camera" = 0 is not'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files(tmp_path, name):
+    apply, message = BAD[name]
+    model = quad()
+    model.content = copy.deepcopy(model.content)
+    apply(model.content)
+    if name == "colour":
+        model.content["meshes"][0]["primitives"][0]["material"] = 0
+        message = r"materials\[0\].pbrMetallicRoughness: .baseColorFactor. .* in \[0, 1\]"
+    if name == "loop":
+        scene, _ = load(tmp_path, model)  # no node is without a parent
+        assert not len(scene.triangles)
+        return
+    with pytest.raises(SceneError, match=message):
+        load(tmp_path, model)
+
+
+DAMAGED = {
+    "no json": (b"hello", "not glTF"),
+    "nan": (b'{"asset": {"version": "2.0"}, "x": NaN}', "NaN is no number of JSON"),
+    "deep": (b"[" * 100_000, "nested too deeply"),
+    "list": (b"[]", r"\[\] is not an object"),
+    "short glb": (b"glTF\2\0\0\0", "it ends within its header"),
+    "glb version": (b"glTF" + struct.pack("<II", 1, 20) + bytes(8), "version 1 and 20 bytes"),
+    "glb length": (b"glTF" + struct.pack("<II", 2, 99) + bytes(8), "2 and at most 20"),
+    "no chunk": (b"glTF" + struct.pack("<II", 2, 20) + bytes(8), "it has no JSON"),
+    "chunk": (b"glTF" + struct.pack("<III4s", 2, 20, 9, b"JSON"), "it ends within a chunk"),
+    "uri": (quad().text("http://x/y.bin"), "is no file beside this one"),
+    "missing": (quad().text("missing.bin"), "cannot read .*missing.bin"),
+    "base64": (quad().text("data:application/octet-stream;base64,!"), "holds no data in base64"),
+    "too short": (quad().text("data:x;base64,AAAA"), "it has 3 bytes, less than its byteLength"),
+    "no chunk of data": (quad().glb()[:-68], "it ends within a chunk|bytes stated"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damaged_files(tmp_path, name):
+    data, message = DAMAGED[name]
+    with pytest.raises(SceneError, match=message):
+        load(tmp_path, data)
+
+
+def test_parameters_are_not_used(tmp_path):
+    (tmp_path / "a.gltf").write_bytes(quad().text())
+    with pytest.raises(SceneError, match='parameter "x" is not used by the scene'):
+        veriray.load_file(tmp_path / "a.gltf", {"x": 1})
+
+
+def test_it_renders(tmp_path):
+    """Under a white sky a white mesh, seen from either side, sends back all that it gets."""
+    model = Model()
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    for faces in (ball.faces, ball.faces[:, ::-1]):
+        model.content["meshes"], model.content["nodes"] = [], []
+        model.mesh(model.array(ball.vertices), model.array(faces.ravel(), "u2"))
+        scene, _ = load(tmp_path, model)
+        picture = veriray.render(scene, spp=4, width=16, height=12, max_depth=-1, rr_depth=10**6,
+                                 device="cpu")  # fmt: skip
+        assert np.abs(picture.image - 1).max() < 1e-5

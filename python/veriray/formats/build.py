@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, MATERIAL_KINDS, TABLES, blank_row
+from ..columns import LIGHT_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
-from ..numeric import check_rigid, tan_half_degrees, view_angle
-from . import materials
+from ..numeric import check_rigid, view_angle
+from . import integrators, materials, views
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
 from .report import Full, Listed, Report
@@ -94,7 +94,7 @@ class _Builder:
             elif node.category == "sensor":
                 self.attempt(self.sensor, node)
             elif node.category == "integrator":
-                self.attempt(self.integrator, node)
+                self.attempt(integrators.depths, node, self.check, self.report)
             elif node.category == "shape" and node.plugin != "instance":  # its group is there
                 shapes = Shapes()
                 self.attempt(self.shape, node, shapes)
@@ -198,8 +198,8 @@ class _Builder:
         root = self.tree.scene
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
-        depths = self.integrator(integrator)
-        views = [self.sensor(node) for node in parts["sensor"]]
+        depths = integrators.depths(integrator, self.check, self.report)
+        seen_by = [self.sensor(node) for node in parts["sensor"]]
         chosen = self.chosen(parts["sensor"])
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
@@ -217,11 +217,11 @@ class _Builder:
                 SceneWarning,
                 stacklevel=4,
             )
-        self.check_integrator(integrator, seen, arrays)
-        if not views:
-            views = [self.sensor(Node("perspective", root.where), _framing(arrays, root))]
+        integrators.check_scene(integrator, self.check, self.report, seen, arrays)
+        if not seen_by:
+            seen_by = [self.sensor(Node("perspective", root.where), views.framing(arrays, root))]
             self.report.note("the scene has no sensor; one was placed that frames it", root.where)
-        camera, film, sampling = views[chosen]
+        camera, film, sampling = seen_by[chosen]
         arguments = {
             **arrays,
             "environment": np.array(environment),
@@ -234,7 +234,7 @@ class _Builder:
         return Built(
             arguments,
             {**places, **self.tables.places()},
-            tuple(camera for camera, _, _ in views),
+            tuple(camera for camera, _, _ in seen_by),
             tuple(self.report.notes),
         )
 
@@ -251,56 +251,6 @@ class _Builder:
                 f"sensor = {number} is outside [0, {count - 1}]", self.tree.scene.where
             )
         return number
-
-    def integrator(self, node: Node) -> dict[str, int]:
-        """The depths of paths that an integrator asks for."""
-        parts, values = self.check(node)
-        inner = parts.get("integrator")
-        if inner:
-            for other in inner[1:]:
-                self.report.note(f"{node}: only its first integrator is rendered", other.where)
-            self.report.note(f"{node} renders {inner[0]}: {PLUGINS[node.plugin].doc}", node.where)
-            return self.integrator(inner[0])
-        if node.plugin == "direct":
-            shorthand = "shading_samples" in node.values
-            if shorthand and {"emitter_samples", "bsdf_samples"} & set(node.values):
-                raise SceneError(
-                    f"{node}: both shading_samples and one of emitter_samples and bsdf_samples "
-                    "given",
-                    node.where,
-                )
-            if not values["emitter_samples"] + values["bsdf_samples"]:
-                raise SceneError(f"{node}: emitter_samples and bsdf_samples are 0", node.where)
-        default = {"max_depth": 2, "rr_depth": PLUGINS["path"].params["rr_depth"].default}
-        return {name: values.get(name, default[name]) for name in default}
-
-    def check_integrator(self, node: Node, seen: bool, arrays: dict[str, Any]) -> None:
-        """Raises SceneError for what an integrator asks for and this scene does not allow; seen:
-        something emits that a camera can see."""
-        parts, values = self.check(node)
-        if seen and values["hide_emitters"]:
-            raise SceneError(
-                f'{node}: "hide_emitters" = True is not supported where an area light or a sky '
-                "shines; allowed: false",
-                node.values["hide_emitters"].where,
-            )
-        for inner in parts.get("integrator", [])[:1]:
-            self.check_integrator(inner, seen, arrays)
-        kinds = {MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()}
-        kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
-        for name, wrong, what in (
-            ("bsdf_samples", bool(kinds & _SINGULAR), "a mirror, glass or a mask"),
-            ("emitter_samples", arrays["light_kind"] is not None, "a point, spot or parallel lamp"),
-        ):
-            if wrong and values.get(name) == 0:
-                raise SceneError(
-                    f'{node}: "{name}" = 0 leaves out the light of {what}, which the scene has; '
-                    "that is not supported",
-                    node.values[name].where,
-                )
-        text = _OTHER_IN_MITSUBA.get(node.plugin)
-        if text and kinds & text[0]:
-            self.report.warn(f"{node}: {text[1]}", node.where)
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
         """Adds the lights that are not on shapes; returns the environment's radiance."""
@@ -322,14 +272,7 @@ class _Builder:
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
         parameters = list(self.check(filter_node)[1].values())
         width, height = size["width"], size["height"]
-        crop = [size[f"crop_{name}"] for name in ("offset_x", "offset_y", "width", "height")]
-        left, top, wide, high = crop[:2] + [crop[2] or width, crop[3] or height]
-        if left + wide > width or top + high > height:
-            raise SceneError(
-                f"{film_node}: the crop window of {wide} x {high} pixels at ({left}, {top}) is not "
-                f"within the film of {width} x {height}",
-                film_node.where,
-            )
+        left, top, wide, high = views.window(film_node, size)
         film = located(
             film_node,
             lambda: Film(
@@ -345,7 +288,7 @@ class _Builder:
             text = "both fov and focal_length given, expected one of them"
             raise SceneError(f"{node}: {text}", node.where)
         if place is not None:
-            fov = _FRAMING_FOV
+            fov = views.FRAMING_FOV
         if fov is None:
             where = node.values["focal_length"].where if focal else node.where
             focal = focal or "50mm"
@@ -359,16 +302,10 @@ class _Builder:
         offset = [values.get(f"principal_point_offset_{end}", 0.0) for end in "xy"]
         to_world = np.eye(4) if place is None else place
         to_world = to_world if values["to_world"] is None else values["to_world"]
-        window = (left, top, wide, high) if (wide, high) != (width, height) else None
-        if window:
+        if (wide, high) != (width, height):
             whole = located(node, lambda: Camera(to_world, fov, axis))
             fov, axis = view_angle(2 * whole.tan_half_x(width, height) * wide, width), "x"
-            offset = [
-                (1 - full / part * (1 - 2 * shift - 2 * begin / full)) / 2
-                for full, part, shift, begin in zip(
-                    (width, height), (wide, high), offset, (left, top), strict=True
-                )
-            ]
+            offset = views.shifted(offset, (width, height), (left, top), (wide, high))
         camera = located(
             node,
             lambda: Camera(
@@ -513,31 +450,6 @@ class _Builder:
         self.tables.index("lights", node, row)
 
 
-def _framing(arrays: dict[str, Any], root: Node) -> Array:
-    """A place from which a view of _FRAMING_FOV holds the whole scene, looking along +z."""
-    disks, spheres = arrays["disks"], arrays["spheres"]
-    reach = np.sqrt((disks[:, 1:] * disks[:, 1:]).sum(axis=1))
-    points = [arrays["vertices"], disks[:, 0] - reach, disks[:, 0] + reach]
-    points += [spheres[:, :3] + side * spheres[:, 3:] for side in (-1, 1)]
-    ends = np.concatenate(points)
-    if not len(ends):
-        names = ", ".join(PLUGINS["scene"].children["sensor"][0])
-        raise SceneError(f"scene has no sensor; allowed: {names}", root.where)
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    away = 0.5 * float((high - low).max()) / tan_half_degrees(_FRAMING_FOV)
-    middle = (low + 0.5 * (high - low)).tolist()
-    return transform.translate([*middle[:2], float(low[2]) - away])
-
-
-_FRAMING_FOV = 45.0
-#: Kinds of material of which no light sample finds the light.
-_SINGULAR = {"conductor", "dielectric", "plastic", "thindielectric", "null", "mask"}
-_PASSES = {"thindielectric", "null", "mask"}
-#: What integrators render otherwise than Mitsuba's, where there are materials of these kinds.
-_OTHER_IN_MITSUBA = {
-    "ptracer": (_SINGULAR, "what mirrors and glass show is rendered; Mitsuba's leaves it out"),
-    "direct": (_PASSES, "what is seen through masks, null and thin glass is lit, not in Mitsuba"),
-}
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.

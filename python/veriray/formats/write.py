@@ -51,8 +51,9 @@ def _value(name: str, value: Value, node: Node, folder: Path) -> etree._Element:
     if kind == "spectrum" and len(set(content)) > 1:
         kind = "rgb"
     if kind in ("point", "vector"):
-        axes = {axis: _number(x) for axis, x in zip("xyz", content, strict=True)}
-        return etree.Element(kind, name=name, **axes)
+        return etree.Element(
+            kind, {"name": name, **dict(zip("xyz", map(_number, content), strict=True))}
+        )
     if kind == "rgb":
         text = _numbers(content)
     elif kind == "spectrum":

@@ -1,0 +1,75 @@
+"""What integrators ask for: the depths of paths, and what a scene must not have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..columns import MATERIAL_KINDS
+from ..errors import SceneError
+from .node import Node
+from .plugins import PLUGINS
+from .report import Report
+
+Check = Callable[[Node], tuple[dict[str, list[Node]], dict[str, Any]]]
+#: Kinds of material of which no light sample finds the light.
+_SINGULAR = {"conductor", "dielectric", "plastic", "thindielectric", "null", "mask"}
+_PASSES = {"thindielectric", "null", "mask"}
+#: What integrators render otherwise than Mitsuba's, where there are materials of these kinds.
+_OTHER_IN_MITSUBA = {
+    "ptracer": (_SINGULAR, "what mirrors and glass show is rendered; Mitsuba's leaves it out"),
+    "direct": (_PASSES, "what is seen through masks, null and thin glass is lit, not in Mitsuba"),
+}
+
+
+def depths(node: Node, check: Check, report: Report) -> dict[str, int]:
+    """max_depth and rr_depth; check: gives a node's objects and parameters."""
+    parts, values = check(node)
+    inner = parts.get("integrator")
+    if inner:
+        for other in inner[1:]:
+            report.note(f"{node}: only its first integrator is rendered", other.where)
+        report.note(f"{node} renders {inner[0]}: {PLUGINS[node.plugin].doc}", node.where)
+        return depths(inner[0], check, report)
+    if node.plugin == "direct":
+        shorthand = "shading_samples" in node.values
+        if shorthand and {"emitter_samples", "bsdf_samples"} & set(node.values):
+            raise SceneError(
+                f"{node}: both shading_samples and one of emitter_samples and bsdf_samples given",
+                node.where,
+            )
+        if not values["emitter_samples"] + values["bsdf_samples"]:
+            raise SceneError(f"{node}: emitter_samples and bsdf_samples are 0", node.where)
+    default = {"max_depth": 2, "rr_depth": PLUGINS["path"].params["rr_depth"].default}
+    return {name: values.get(name, default[name]) for name in default}
+
+
+def check_scene(
+    node: Node, check: Check, report: Report, seen: bool, arrays: dict[str, Any]
+) -> None:
+    """Raises SceneError for what an integrator asks for and a scene with these arrays does not
+    allow; seen: something shines that a camera can see."""
+    parts, values = check(node)
+    if seen and values["hide_emitters"]:
+        raise SceneError(
+            f'{node}: "hide_emitters" = True is not supported where an area light or a sky '
+            "shines; allowed: false",
+            node.values["hide_emitters"].where,
+        )
+    for inner in parts.get("integrator", [])[:1]:
+        check_scene(inner, check, report, seen, arrays)
+    kinds = {MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()}
+    kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
+    for name, wrong, what in (
+        ("bsdf_samples", bool(kinds & _SINGULAR), "a mirror, glass or a mask"),
+        ("emitter_samples", arrays["light_kind"] is not None, "a point, spot or parallel lamp"),
+    ):
+        if wrong and values.get(name) == 0:
+            raise SceneError(
+                f'{node}: "{name}" = 0 leaves out the light of {what}, which the scene has; '
+                "that is not supported",
+                node.values[name].where,
+            )
+    other, text = _OTHER_IN_MITSUBA.get(node.plugin, (set(), ""))
+    if kinds & other:
+        report.warn(f"{node}: {text}", node.where)

@@ -1,0 +1,58 @@
+"""Parts of a film, and a view of a scene that has no sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import transform
+from ..errors import SceneError
+from ..numeric import tan_half_degrees
+from .node import Node
+from .plugins import PLUGINS
+
+FRAMING_FOV = 45.0  # degrees
+
+
+def window(node: Node, values: dict[str, Any]) -> tuple[int, int, int, int]:
+    """Left, top, width and height, in pixels, of the part of a film that is rendered."""
+    width, height = values["width"], values["height"]
+    left, top = values["crop_offset_x"], values["crop_offset_y"]
+    wide, high = values["crop_width"] or width, values["crop_height"] or height
+    if left + wide > width or top + high > height:
+        raise SceneError(
+            f"{node}: the crop window of {wide} x {high} pixels at ({left}, {top}) is not within "
+            f"the film of {width} x {height}",
+            node.where,
+        )
+    return left, top, wide, high
+
+
+def shifted(
+    offset: Sequence[float], film: Sequence[int], begin: Sequence[int], part: Sequence[int]
+) -> list[float]:
+    """The principal point offset of a part of a film, for that of the whole: both see the same
+    along each direction. begin: left and top of the part."""
+    return [
+        (1 - whole / size * (1 - 2 * shift - 2 * first / whole)) / 2
+        for shift, whole, first, size in zip(offset, film, begin, part, strict=True)
+    ]
+
+
+def framing(arrays: dict[str, Any], root: Node) -> npt.NDArray[np.float64]:
+    """A place from which a view of FRAMING_FOV along +z holds all of a scene with these arrays."""
+    disks, spheres = arrays["disks"], arrays["spheres"]
+    reach = np.sqrt((disks[:, 1:] * disks[:, 1:]).sum(axis=1))
+    points = [arrays["vertices"], disks[:, 0] - reach, disks[:, 0] + reach]
+    points += [spheres[:, :3] + side * spheres[:, 3:] for side in (-1, 1)]
+    ends = np.concatenate(points)
+    if not len(ends):
+        names = ", ".join(PLUGINS["scene"].children["sensor"][0])
+        raise SceneError(f"scene has no sensor; allowed: {names}", root.where)
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    away = 0.5 * float((high - low).max()) / tan_half_degrees(FRAMING_FOV)
+    middle = (low + 0.5 * (high - low)).tolist()
+    return transform.translate([*middle[:2], float(low[2]) - away])

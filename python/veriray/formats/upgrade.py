@@ -57,7 +57,7 @@ _DROPPED = {
     "sampler": ("dimension", "scramble"),
     "film": ("banner", "attach_log", "high_quality_edges"),
     "texture": ("cache", "max_anisotropy"),
-    "emitter": ("cache", "resolution"),
+    "emitter": ("cache", "resolution", "sampling_weight"),
     "shape": ("collapse",),
 }
 

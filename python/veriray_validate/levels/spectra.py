@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.integrate import trapezoid
 
 import veriray
 from veriray_validate.trial import Trial, case
@@ -31,7 +32,7 @@ def expected(spectrum: Any) -> Array:
 
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     w, functions = observer.wavelengths, observer.values
-    xyz = np.trapezoid(functions.T * spectrum(w), w) / np.trapezoid(functions[:, 1], w)
+    xyz = trapezoid(functions.T * spectrum(w), w) / trapezoid(functions[:, 1], w)
     rgb: Array = _MATRIX @ xyz
     return rgb
 

@@ -193,7 +193,7 @@ class _Reader:
                 a = self.attributes(child, where, "id as")
                 self.alias(a["id"], a["as"], where)
                 _empty(child, where)
-            elif tag in CATEGORIES and tag != "scene":
+            elif tag in CATEGORIES and tag != "scene" and not _is_spectrum(child):
                 node.children.append(self.object(child, path, chain, depth, where))
             elif tag in _VALUE_TAGS or tag in _OTHER_TAGS or _is_spectrum(child):
                 name, value = self.value(child, path, where)

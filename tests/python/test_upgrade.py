@@ -202,6 +202,14 @@ def test_bitmaps() -> None:
     )
 
 
+def test_even_light_is_told() -> None:
+    light = '<emitter type="point"><spectrum name="intensity" value="{}"/></emitter>'
+    assert [note for note, _ in upgraded(light.format("2"))[1]] == [
+        "light of one number is an even spectrum, as in Mitsuba 3: reddish"
+    ]
+    assert not upgraded(light.format("400:1 700:2"))[1]
+
+
 def test_wrap_modes_and_gamma() -> None:
     text, _ = upgraded(
         '<texture type="bitmap"><string name="wrapModeU" value="clamp"/><string name="wrapModeV"'

@@ -9,8 +9,8 @@ from .node import allowed, shorten
 RGB = tuple[float, float, float]
 #: Mitsuba has these with this suffix alone.
 _PALIK_ONLY = ("Na", "Ni", "V")
-_NO_PALIK = ("Ag", "Al", "Au", "Cr", "TiN", "W", "a-C")
-_PALIK = {f"{name}_palik": name for name in METALS if name not in _NO_PALIK or name == "TiN"}
+_NO_PALIK = ("Ag", "Al", "Au", "Cr", "W", "a-C")
+_PALIK = {f"{name}_palik": name for name in METALS if name not in _NO_PALIK}
 #: Names of Mitsuba's that have no page with n and k over the visible range that resembles it.
 MISSING = (
     "AlAs", "AlSb", "Cu2O", "CuO", "HgTe", "Se", "Se-e", "SiC", "SnTe", "Ta", "ThF4", "TiO2",

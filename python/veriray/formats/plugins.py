@@ -13,6 +13,8 @@ from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
 from ..columns import MATERIAL_KINDS, MAX_ETA, OPAQUE_KINDS
 from ..numeric import MAX_COORDINATE
 from ..settings import SETTINGS
+from .metals import NAMES
+from .spectra import PLUGINS as SPECTRA
 
 REQUIRED = object()
 COLOUR = "rgb, spectrum or number"
@@ -556,4 +558,9 @@ def describe() -> str:
         if plugin.lenient:
             rows.append(f"| | any other | | | | without effect: {plugin.lenient} |")
     names = ", ".join(f"{name} {value:g}" for name, value in IORS.items())
-    return "\n".join(rows) + f"\n\nRefractive indices by name: {names}.\n"
+    spectrum = ", ".join(f"{name} ({', '.join(given)})" for name, (_, given) in SPECTRA.items())
+    return (
+        "\n".join(rows)
+        + f"\n\nRefractive indices by name: {names}.\n\nMetals by name: {', '.join(NAMES)}.\n\n"
+        + f"Spectra, for any {COLOUR}: {spectrum}; text or a file of wavelength:value.\n"
+    )

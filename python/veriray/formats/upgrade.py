@@ -57,7 +57,7 @@ _DROPPED = {
     "sampler": ("dimension", "scramble"),
     "film": ("banner", "attach_log", "high_quality_edges"),
     "texture": ("cache", "max_anisotropy"),
-    "emitter": ("cache", "resolution"),
+    "emitter": ("cache", "resolution", "sampling_weight"),
     "shape": ("collapse",),
 }
 
@@ -117,9 +117,16 @@ def _value(element: _Element, where: str, notes: Notes) -> None:
     elif element.tag in ("spectrum", "rgb", "srgb"):
         element.attrib.pop("intent", "")
         text = element.get("value") or ""
-        if element.tag == "spectrum" and ":" not in text and len(re.findall(r"[^\s,]+", text)) == 3:
+        count = len(re.findall(r"[^\s,]+", text))
+        parent = element.getparent()
+        if element.tag == "spectrum" and ":" not in text and count == 3:
             element.tag = "rgb"
             notes.add("a spectrum of three numbers is RGB", where)
+        elif element.tag == "spectrum" and ":" not in text and count == 1:
+            if parent is not None and parent.tag == "emitter":
+                notes.add(
+                    "light of one number is an even spectrum, as in Mitsuba 3: reddish", where
+                )
     elif element.tag == "blackbody":
         _blackbody(element, where)
 

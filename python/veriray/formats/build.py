@@ -15,7 +15,7 @@ from ..camera import Camera, Film
 from ..columns import LIGHT_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
-from . import materials
+from . import materials, textures
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
 from .shapes import Shapes, must_be_closed
@@ -47,6 +47,7 @@ class _Builder:
         self.childless: dict[str, _Parts] = {}
         self.rows: dict[int, materials.Row] = {}
         self.tables = _Tables()
+        self.texels = textures.Texels()
 
     def check(self, node: Node) -> tuple[_Parts, dict[str, Any]]:
         """A node's objects and parameters, checked once however often it is used."""
@@ -65,6 +66,9 @@ class _Builder:
             if isinstance(item, Ref) and node.category == "scene":
                 raise SceneError("a ref must stand inside the object that uses it", item.where)
             child = self.resolve(item, node) if isinstance(item, Ref) else item
+            if child.category == "texture" and node.category != "scene":
+                textures.check_place(node, child, item)
+                continue
             if child.category not in rules or child.plugin not in rules[child.category][0]:
                 names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
                 raise SceneError(
@@ -108,10 +112,14 @@ class _Builder:
             self.material(bsdf)
         for medium in parts["medium"]:
             self.check_medium(medium)
+        for texture in parts["texture"]:
+            self.check(texture)
         shapes = Shapes()
         for shape in parts["shape"]:
             self.shape(shape, shapes)
-        arrays = {**self.tables.arrays(), **shapes.arrays()}
+        textured = bool(self.tables.rows["textures"])
+        arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured)}
+        arrays["texels"] = self.texels.array()
         if arrays["emissions"] is None and arrays["light_kind"] is None and not any(environment):
             warnings.warn(
                 f"{root.where}: the scene has no light: the picture will be black",
@@ -203,8 +211,23 @@ class _Builder:
                 row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
             else:
                 row = materials.material(node, values)
+            row |= self.textures(node)
             self.rows[id(node)] = row
         return row
+
+    def textures(self, node: Node) -> materials.Row:
+        """The columns that name the textures of a bsdf."""
+        columns: materials.Row = {}
+        for item in node.children:
+            child = self.resolve(item, node) if isinstance(item, Ref) else item
+            if child.category != "texture":
+                continue
+            column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
+            if item.name in node.values or column in columns:
+                raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
+            values = self.check(child)[1]
+            columns[column] = self.tables.index("textures", child, self.texels.row(child, values))
+        return columns
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
@@ -292,7 +315,7 @@ class _Builder:
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.
-_TABLES = {table: blank_row(table) for table in TABLES if table not in Shapes.TABLES}
+_TABLES = {table: blank_row(table) for table in TABLES if table not in (*Shapes.TABLES, "texels")}
 
 
 class _Tables:

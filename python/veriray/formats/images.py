@@ -257,7 +257,7 @@ _BITS = 80  # of a fraction before it is rounded to float32
 
 
 def _float32(fraction: int, exact: bool) -> float:
-    """Fraction times 2^-_BITS as a float32, rounded to nearest even; exact: nothing follows its bits."""
+    """A fraction (times 2^-_BITS) to the nearest even float32; exact: nothing follows its bits."""
     drop = max(fraction.bit_length() - 24, 0)
     kept, rest, half = fraction >> drop, fraction & ((1 << drop) - 1), (1 << drop) >> 1
     up = rest > half or (drop > 0 and rest == half and (not exact or kept & 1))

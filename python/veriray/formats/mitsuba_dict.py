@@ -44,6 +44,9 @@ def _fill(content: Mapping[str, Any], node: Node, tree: Tree, depth: int) -> Non
             if not isinstance(value, str):
                 raise SceneError(f"{shorten(value)} is not a string", where)
             continue
+        if node.plugin == "bitmap" and key in ("bitmap", "data"):
+            node.values[key] = Value("array", _array(value, where), where)
+            continue
         item = _convert(value, where)
         if isinstance(item, Value):
             node.values[key] = item
@@ -108,6 +111,13 @@ def _mapping(value: Mapping[str, Any], where: str) -> Value | Ref | Node:
         expected = " or ".join(str(n) for n in counts)
         raise SceneError(f'"value" holds {len(numbers)} numbers, expected {expected}', where)
     return Value(kind, tuple(numbers.tolist()) * (3 // len(numbers)), where)
+
+
+def _array(value: Any, where: str) -> npt.NDArray[Any]:
+    try:
+        return np.array(value)
+    except Exception:  # as below
+        raise SceneError(f"{shorten(value)} is not an array", where) from None
 
 
 def _numbers(value: Any, where: str) -> npt.NDArray[np.float64]:

@@ -52,6 +52,8 @@ def _parameter(node: Node, name: str, param: Param) -> Any:
     if given.kind not in param.accepted:
         raise SceneError(f"{label} is of type {given.kind}, expected {param.kind}", given.where)
     value = given.value
+    if param.kind == "array":
+        return value
     if param.kind == "transform":
         try:
             return check_matrix(f'{node}: "{name}"', value)

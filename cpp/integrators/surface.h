@@ -332,14 +332,10 @@ struct SurfaceReader {
         }
         at.front = dot(at.ng, ray.d) < F(0.f);
         at.row = surface_row(scene, prim);
-        if constexpr (has(kTextures))
-            if (scene.uv) {
-                V outward = at.ng;
-                if constexpr (has(kSpheres))
-                    outward = outward * primitive_column(scene, prim, kPrimSide);
-                at.uv = Texturing<L>::template point<has(kDisks), has(kSpheres)>(scene, prim, at.p,
-                                                                                 outward);
-            }
+        if constexpr (has(kTextures)) {
+            const auto column = [&](uint32_t c) { return primitive_column(scene, prim, c); };
+            Texturing<L>::template place<has(kDisks), has(kSpheres)>(scene, prim, column, at);
+        }
         return at;
     }
 

@@ -1,7 +1,7 @@
 // Where surfaces read textures, and the numbers of a material that these give.
 #pragma once
 
-#include "scene/view.h"
+#include "integrators/path_state.h"
 
 namespace veriray {
 
@@ -14,14 +14,16 @@ struct Texturing {
     using S = Spectrum<F>;
     using Point = TexturePoint<F>;
 
-    // At p on a primitive; outward: the unit normal, of spheres.
-    template <bool kWithDisks, bool kWithSpheres>
-    static VR_HD Point point(const SceneView& scene, U prim, V p, V outward) {
+    // Writes the place on a primitive; column(c): of the primitive.
+    template <bool kWithDisks, bool kWithSpheres, class Column>
+    static VR_HD void place(const SceneView& scene, U prim, Column column, Surface<L>& at) {
+        if (!scene.uv) return;
         const U row = prim * U(kUvFloats);
         const auto number = [&](uint32_t c) { return gather(scene.uv + c, row); };
         const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
         const F last = number(3);
-        Point uv{dot(a, p) + last, dot(b, p) + number(7)};
+        Point& uv = at.uv;
+        uv = {dot(a, at.p) + last, dot(b, at.p) + number(7)};
         if constexpr (kWithDisks) {
             const M round = !(prim < U(scene.first_sphere - scene.disk_count));
             if (any(round)) {
@@ -33,13 +35,13 @@ struct Texturing {
         if constexpr (kWithSpheres) {
             const M round = !(prim < U(scene.first_sphere));
             if (any(round)) {
+                const V outward = at.ng * column(kPrimSide);
                 const F x = dot(a, outward), y = dot(cross(b, a), outward) * last;
                 const F across = sqrt(fma(x, x, y * y));
                 uv.u = select(round, share_of_turn(x, y), uv.u);
                 uv.v = select(round, angle(dot(b, outward), across) * F(kInvPi), uv.v);
             }
         }
-        return uv;
     }
 
     // Replaces the numbers of a material for which its surface has a texture; column(c): of the

@@ -68,7 +68,7 @@ inline constexpr FeatureMask kAnyLight = lights(kSampledShapes);
 inline constexpr FeatureMask kOwnPdfLights = lights(kOwnPdfShapes);
 inline constexpr FeatureMask kSkippedLights = lights(kSkippedShapes);
 
-inline constexpr uint32_t kVariantCount = 12;  // of variants.h; CMakeLists.txt reads it
+inline constexpr uint32_t kVariantCount = 13;  // of variants.h; CMakeLists.txt reads it
 
 // With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr FeatureMask kLocalOffsets =

@@ -22,6 +22,7 @@ inline constexpr FeatureMask kDiffuseMesh =
 inline constexpr FeatureMask kVariants[] = {
     kQuads | lights(kPlainShapes) | kPlainMaterials,
     kDiffuseFlat,
+    kDiffuseFlat | kTextures,
     kDiffuseMesh,
     kDiffuseMesh | kNearLights,
     kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),

@@ -272,6 +272,35 @@ def test_triangles_with_other_coordinates_are_not_joined(cpu: str) -> None:
         assert ("textures" in facts["features"]) == (texture == 0)
 
 
+@pytest.mark.parametrize("what", ["flat", "tree", "smooth", "turned"])
+def test_texture_coordinates_of_meshes(what: str, device: str) -> None:
+    """Of small scenes, of a tree, and of triangles whose vertex normals look the other way."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    uv = np.array([[0.1, 0.2], [0.9, 0.3], [0.8, 0.9], [0.2, 0.7]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    faces = faces[:, ::-1] if what == "turned" else faces
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1)) if what in ("smooth", "turned") else None
+    dust = [[9, 9, -9, 1e-4]] if what == "tree" else []
+    for x, y in ((0.7, 0.2), (0.3, 0.9)):
+        scene = veriray.Scene(
+            vertices=corners, uv=uv, triangles=faces, triangle_material=[0, 0], normals=normals,
+            spheres=dust, sphere_material=[0] * len(dust), reflectance=[[0.5] * 3],
+            reflectance_texture=[0], texture_kind=[0], texture_width=[2], texture_height=[2],
+            texture_format=[3], texture_grey=[True], texture_wrap=[2],
+            texels=np.array([0.1, 0.9, 0.4, 0.2], np.float32).view(np.uint32),
+            environment=[1.0] * 3, camera=camera([x, y, 2], [x, y, 0], 1e-4),
+            film=veriray.Film(1, 1),
+        )  # fmt: skip
+        assert ("bvh" in veriray.rendering.prepare(scene, device)["features"]) == (what != "flat")
+        a, b, c = (0, 1, 2) if x > y else (0, 3, 2)
+        at = np.linalg.solve((corners[[b, c], :2] - corners[a, :2]).T, [x, y])
+        u, v = uv[a] + at @ (uv[[b, c]] - uv[a])
+        s, t = np.clip(2 * u - 0.5, 0, 1), np.clip(2 * v - 0.5, 0, 1)
+        expected = (1 - t) * ((1 - s) * 0.1 + s * 0.9) + t * ((1 - s) * 0.4 + s * 0.2)
+        found = veriray.render(scene, 4, device=device, max_depth=3).image[0, 0]
+        np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
 def test_the_texels_are_part_of_the_hash(tmp_path: Path) -> None:
     """Decoded ones: another file of the same texels leaves it alone."""
     image = IMAGES["srgb8"]

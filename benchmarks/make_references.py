@@ -63,7 +63,12 @@ class Piece:
 
 def digest(path: Path) -> str:
     """Of the reference's sources, a scene file and the meshes."""
-    files = [path, *sorted((path.parent / "meshes").glob("*")), *(ROOT / "reference").glob("*.py")]
+    files = [
+        path,
+        *path.parent.glob("meshes/*"),
+        *path.parent.glob("images/*"),
+        *(ROOT / "reference").glob("*.py"),
+    ]
     contents = b"".join(f.read_bytes() for f in sorted(files))
     return hashlib.sha256(contents).hexdigest()
 

@@ -186,8 +186,10 @@ class Integrator:
         """Events. One-sided ones turn both normals to wo's side of ng."""
         turned = self.materials.two_sided.take(v.material) & (v.facing < 0)
         facing, cosine = (np.where(turned, -x, x) for x in (v.facing, v.cosine))
+        geometry = self.scene.geometry
+        base = self.materials.textured(geometry, v.primitive, live.origin, v.material)
         if v.scattered is None or not v.scattered.any():
-            v.event = self.materials.events(rng, v.material, facing, cosine, live.throughput)
+            v.event = self.materials.events(rng, v.material, facing, cosine, live.throughput, base)
         else:
             inside, at = np.flatnonzero(v.scattered), np.flatnonzero(~v.scattered)
             v.event = np.empty(len(v.t), np.int8)
@@ -195,7 +197,12 @@ class Integrator:
             v.event[inside] = np.where(black, BLACK, PHASE)
             throughput = live.throughput.take(at, axis=1)
             v.event[at] = self.materials.events(
-                rng, v.material[at], facing[at], cosine[at], throughput
+                rng,
+                v.material[at],
+                facing[at],
+                cosine[at],
+                throughput,
+                None if base is None else base[:, at],
             )
             live.throughput[:, at] = throughput
 

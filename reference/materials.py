@@ -26,7 +26,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference.scene import MATERIAL_KINDS, Material
+from reference.scene import MATERIAL_KINDS, Geometry, Material
+from reference.textures import coordinates
 from reference.vectors import dot
 
 LAMBERT, COATED, PHASE, MIRROR, REFRACT, PASS, BLACK = range(7)
@@ -89,6 +90,7 @@ class Materials:
         self.black = self.kind != _NULL
         for colour, kinds in lobes:
             self.black &= ~(np.isin(self.kind, kinds) & (colour > 0).any(axis=0))
+        self.textures = {i: m.texture for i, m in enumerate(materials) if m.texture is not None}
         present = set(self.kind.tolist())
         self.has = {kind: kind in present for kind in range(len(MATERIAL_KINDS))}
         self.masked = bool((self.opacity < 1).any())
@@ -103,11 +105,13 @@ class Materials:
         front: np.ndarray,
         cosine: np.ndarray,
         throughput: np.ndarray,
+        base: np.ndarray | None = None,
     ) -> np.ndarray:
         """One event for each path (n,) int8; multiplies ``throughput`` (3, n) by its weight.
 
         front, cosine: dot of wo with ng and ns, both turned round where the material has two equal
-        sides. BLACK: nothing is scattered.
+        sides; base (3, n): of LAMBERT and COATED, if not as in ``base``. BLACK: nothing is
+        scattered.
         """
         event = np.zeros(len(m), np.int8)
         kind = self.kind.take(m)
@@ -129,9 +133,9 @@ class Materials:
                 ):
                     event[at] = choose(rng, m[at], cosine[at], throughput, at)
         if self.plain:
-            throughput *= self.base.take(m, axis=1)
+            throughput *= self.base.take(m, axis=1) if base is None else base
         elif len(at := np.flatnonzero(event <= COATED)):
-            throughput[:, at] *= self.base.take(m[at], axis=1)
+            throughput[:, at] *= self.base.take(m[at], axis=1) if base is None else base[:, at]
         return event
 
     def _conductor(self, rng, m, cosine, throughput, at) -> int:  # noqa: ANN001
@@ -176,6 +180,18 @@ class Materials:
         """Reflectance (n,) of a thin pane with all its inter-reflections."""
         f = fresnel(np.abs(cosine), self.index.take(m))
         return 2 * f / (1 + f)
+
+    def textured(
+        self, geometry: Geometry, primitive: np.ndarray, point: np.ndarray, m: np.ndarray
+    ) -> np.ndarray | None:
+        """The bases (3, n) at points of primitives; None without textures."""
+        if not self.textures:
+            return None
+        base = self.base.take(m, axis=1)
+        for number, texture in self.textures.items():
+            if len(at := np.flatnonzero((m == number) & (primitive >= 0))):
+                base[:, at] = texture.at(coordinates(geometry, primitive[at], point[:, at]))
+        return base
 
     def coat(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """1 - F(wi) (n,): the factor of COATED that depends on wi."""

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from reference import shapes
+from reference import shapes, textures
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
 from reference.xml import Document
 
@@ -238,7 +238,49 @@ class _Reader(Document):
         return replace(inner, two_sided=True)
 
     def diffuse(self, element: etree._Element) -> dict:
-        return self.parameters(element, reflectance=self.colour(1.0))
+        colour = self.colour(1.0)
+
+        def read(e: etree._Element) -> np.ndarray | textures.Texture:
+            return self.texture(e) if e.tag == "texture" else colour(e)
+
+        values = self.parameters(element, reflectance=read)
+        if isinstance(values.get("reflectance"), textures.Texture):
+            return {"texture": values["reflectance"], "reflectance": np.ones(3)}
+        return values
+
+    def texture(self, element: etree._Element) -> textures.Texture:
+        kind = self.plugin(element, "bitmap", "checkerboard")
+        frame = dict(to_uv=self.transform)
+        if kind == "checkerboard":
+            values = self.parameters(
+                element, color0=self.colour(1.0), color1=self.colour(1.0), **frame
+            )
+            pair = values.get("color0", np.full(3, 0.4)), values.get("color1", np.full(3, 0.2))
+            texels = np.array([pair])
+        else:
+            values = self.parameters(
+                element,
+                filename=lambda e: self.folder / self.text(e, "value"),
+                raw=self.boolean,
+                filter_type=self.choice("bilinear", "nearest"),
+                wrap_mode=self.choice("repeat", "mirror", "clamp"),
+                format=self.ignore,
+                accel=self.ignore,
+                **frame,
+            )
+            try:
+                data = values["filename"].read_bytes()
+                texels = textures.decoded(data, values.get("raw", False))
+            except (KeyError, OSError) as error:
+                raise self.error(element, f"bitmap: {error}") from error
+            self.hash.update(data)
+        return textures.Texture(
+            kind,
+            texels,
+            values.get("to_uv", np.eye(4))[:2][:, [0, 1, 3]],
+            values.get("wrap_mode", "repeat"),
+            values.get("filter_type") == "nearest",
+        )
 
     def null(self, element: etree._Element) -> dict:
         return self.parameters(element)
@@ -406,6 +448,8 @@ class _Reader(Document):
             boundary = (values.get("interior", -1), values.get("exterior", -1))
         radiance = values.get("emitter")
         material = values.get("bsdf", Material() if radiance is None else _NO_LIGHT)
+        if material.texture is not None and kind in ("obj", "ply", "stl"):
+            raise self.error(element, "textures on meshes are not supported")
         return _Shape(self.geometry(element, kind, values), material, radiance, boundary)
 
     def geometry(self, element: etree._Element, kind: str, values: dict) -> Geometry:

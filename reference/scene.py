@@ -10,8 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from reference.textures import Texture
 
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null")
 LIGHT_KINDS = ("point", "spot", "directional")
@@ -79,7 +83,8 @@ class Material:
 
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
-    opacity: of a mask around the material, 1 without one.
+    opacity: of a mask around the material, 1 without one. texture: in place of a diffuse
+    reflectance.
     """
 
     kind: str = "diffuse"
@@ -91,6 +96,7 @@ class Material:
     opacity: float = 1.0
     two_sided: bool = False
     nonlinear: bool = False
+    texture: Texture | None = None
 
 
 @dataclass(frozen=True)
@@ -124,7 +130,8 @@ class Geometry:
 
     triangles (T, 3, 3); normals (T, 3, 3) unit at the corners, zero for none (a triangle is smooth
     if it has all three); spheres (S, 4) centre and radius; inward (S,) bool; disks (D, 3, 3)
-    centre and half axes a, b.
+    centre and half axes a, b. For textures: uv (T, 3, 2) at the corners; frames (S, 3, 3) to local
+    space; turned (D,) bool: a is local y and b local x.
     """
 
     triangles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
@@ -132,6 +139,9 @@ class Geometry:
     spheres: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     inward: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
     disks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2)))
+    frames: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    turned: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     @property
     def counts(self) -> tuple[int, int, int]:

@@ -15,6 +15,16 @@ import trimesh
 from reference.scene import Geometry
 
 _SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+_CORNERS = (_SQUARE[:, :2] + 1) / 2  # texture coordinates of the square
+#: Face of a cube, as (axis, sign) -> the local axes along which u and v grow.
+_CUBE_AXES = {
+    (1, -1): ((0, 0, 1), (1, 0, 0)),
+    (1, 1): ((-1, 0, 0), (0, 0, -1)),
+    (0, 1): ((0, 1, 0), (0, 0, -1)),
+    (2, 1): ((0, 1, 0), (1, 0, 0)),
+    (0, -1): ((0, 1, 0), (0, 0, 1)),
+    (2, -1): ((0, -1, 0), (1, 0, 0)),
+}
 _HALVES = [[0, 1, 2], [0, 2, 3]]
 _FACES = {  # outward, counter-clockwise, as (axis, sign)
     (axis, sign): np.roll(_SQUARE + [0, 0, 1], axis + 1, axis=1) * sign
@@ -25,28 +35,42 @@ _FACES = {  # outward, counter-clockwise, as (axis, sign)
 
 def rectangle(to_world: np.ndarray, flip: bool = False) -> Geometry:
     """[-1, 1] squared at z = 0, front +z; the front stays in front under a mirror."""
-    return _flat(_SQUARE[_HALVES], to_world, flip)
+    return _flat(_SQUARE[_HALVES], _CORNERS[_HALVES], to_world, flip)
 
 
 def cube(to_world: np.ndarray, flip: bool = False) -> Geometry:
     """[-1, 1] cubed, front outside, under a mirror too."""
     quads = [quad if sign > 0 else quad[::-1] for (_, sign), quad in _FACES.items()]
-    return _flat(np.concatenate([quad[_HALVES] for quad in quads]), to_world, flip)
+    triangles = np.concatenate([quad[_HALVES] for quad in quads])
+    return _flat(triangles, _cube_coordinates(triangles), to_world, flip)
 
 
-def _flat(triangles: np.ndarray, to_world: np.ndarray, flip: bool) -> Geometry:
+def _cube_coordinates(triangles: np.ndarray) -> np.ndarray:
+    """Texture coordinates (12, 3, 2) of the local cube, as measured: see ``_CUBE_AXES``."""
+    out = []
+    for corners in triangles:
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        axis = int(np.argmax(np.abs(normal)))
+        along_u, along_v = (np.array(a) for a in _CUBE_AXES[axis, int(np.sign(normal[axis]))])
+        out.append((np.stack([corners @ along_u, corners @ along_v], axis=1) + 1) / 2)
+    return np.array(out)
+
+
+def _flat(triangles: np.ndarray, uv: np.ndarray, to_world: np.ndarray, flip: bool) -> Geometry:
     triangles = _moved(triangles, to_world)
     if _mirrors(to_world) != flip:
-        triangles = triangles[:, ::-1]
-    return Geometry(triangles=triangles, normals=np.zeros_like(triangles))
+        triangles, uv = triangles[:, ::-1], uv[:, ::-1]
+    return Geometry(triangles=triangles, normals=np.zeros_like(triangles), uv=uv)
 
 
 def disk(to_world: np.ndarray, flip: bool = False) -> Geometry:
     """The unit disk at z = 0, front +z; an affine transform makes an ellipse of it."""
     axes = to_world[:3, [0, 1]].T
-    if _mirrors(to_world) != flip:
+    turned = _mirrors(to_world) != flip
+    if turned:
         axes = axes[::-1]
-    return Geometry(disks=np.concatenate([to_world[None, :3, 3], axes])[None])
+    disks = np.concatenate([to_world[None, :3, 3], axes])[None]
+    return Geometry(disks=disks, turned=np.array([turned]))
 
 
 def sphere(centre: np.ndarray, radius: float, to_world: np.ndarray, flip: bool = False) -> Geometry:
@@ -62,6 +86,7 @@ def sphere(centre: np.ndarray, radius: float, to_world: np.ndarray, flip: bool =
     return Geometry(
         spheres=np.append(place, radius * scale)[None],
         inward=np.array([flip]),
+        frames=np.linalg.inv(linear)[None],
     )
 
 
@@ -90,7 +115,7 @@ def mesh(
     corner = np.zeros_like(triangles) if normals is None else normals[faces]
     if flip:
         triangles, corner = triangles[:, ::-1], -corner[:, ::-1]
-    return Geometry(triangles=triangles, normals=corner)
+    return Geometry(triangles=triangles, normals=corner, uv=np.zeros((len(triangles), 3, 2)))
 
 
 def angle_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -108,7 +133,7 @@ def angle_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarra
 
 def joined(parts: list[Geometry]) -> Geometry:
     """All parts' triangles, then all spheres, then all disks, each in the order of the parts."""
-    names = ("triangles", "normals", "spheres", "inward", "disks")
+    names = ("triangles", "normals", "spheres", "inward", "disks", "uv", "frames", "turned")
     parts = [Geometry(), *parts]
     return Geometry(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
 

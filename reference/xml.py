@@ -16,7 +16,7 @@ from lxml import etree
 from reference.scene import SceneError
 
 _TRANSFORMS = ("translate", "rotate", "scale", "matrix", "lookat")
-_OBJECTS = ("bsdf", "emitter", "film", "medium", "phase", "rfilter", "sampler", "shape")
+_OBJECTS = ("bsdf", "emitter", "film", "medium", "phase", "rfilter", "sampler", "shape", "texture")
 
 
 class Document:
@@ -106,7 +106,7 @@ class Document:
     def parameters(self, element: etree._Element, **readers: Callable) -> dict:
         """Read the named parameters of a plugin; a name without a reader is an error.
 
-        Nested objects go by their tag, but for a shape's media, which have names.
+        Nested objects go by their tag, but for media and textures, which have names.
         """
         out = {}
         for child in self.children(element):

@@ -19,8 +19,8 @@ struct Scene::Impl {
     int device;
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges;
-    Buffer<uint32_t> surface_of, light_cdf;
+        filter_edges, uv, textures;
+    Buffer<uint32_t> surface_of, light_cdf, texels;
     TreeBuilder builder;
     DeviceTree tree;
     SceneView view;
@@ -34,6 +34,9 @@ struct Scene::Impl {
         };
         upload(primitives, host.primitives, view.primitives);
         upload(smooth, host.smooth, view.smooth);
+        upload(uv, host.uv, view.uv);
+        upload(textures, host.textures, view.textures.table);
+        upload(texels, host.texels, view.textures.texels);
         upload(light_chance, host.light_chance, view.light_chance);
         upload(light_row, host.light_row, view.light_row);
         upload(surfaces, host.surfaces, view.surfaces);

@@ -48,6 +48,7 @@ VR_HD uint32_t to_uint(float a) { return static_cast<uint32_t>(static_cast<int32
 VR_HD uint32_t as_uint(float a) { return bit_cast<uint32_t>(a); }
 VR_HD float as_float(uint32_t a) { return bit_cast<float>(a); }
 VR_HD double to_double(float a) { return static_cast<double>(a); }
+VR_HD float floor(float a) { return __builtin_floorf(a); }
 VR_HD double floor(double a) { return __builtin_floor(a); }
 VR_HD float gather(const float* p, uint32_t i) { return p[i]; }
 VR_HD uint32_t gather(const uint32_t* p, uint32_t i) { return p[i]; }

@@ -155,6 +155,7 @@ VR_HD D8 operator-(D8 a, D8 b) {
 VR_HD D8 operator*(D8 a, D8 b) {
     return {_mm256_mul_pd(a.low, b.low), _mm256_mul_pd(a.high, b.high)};
 }
+VR_HD F8 floor(F8 a) { return _mm256_floor_ps(a.v); }
 VR_HD D8 floor(D8 a) { return {_mm256_floor_pd(a.low), _mm256_floor_pd(a.high)}; }
 VR_HD void store(double* p, D8 a) {
     _mm256_storeu_pd(p, a.low);

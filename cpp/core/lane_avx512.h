@@ -131,6 +131,9 @@ VR_HD D16 operator-(D16 a, D16 b) {
 VR_HD D16 operator*(D16 a, D16 b) {
     return {_mm512_mul_pd(a.low, b.low), _mm512_mul_pd(a.high, b.high)};
 }
+VR_HD F16 floor(F16 a) {
+    return _mm512_roundscale_ps(a.v, _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC);
+}
 VR_HD D16 floor(D16 a) {
     constexpr int down = _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC;
     return {_mm512_roundscale_pd(a.low, down), _mm512_roundscale_pd(a.high, down)};

@@ -128,14 +128,14 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         todo = met;
         if (none(todo)) return free;
         const Surface<L> at = surface_at(scene, shadow.ray, hit, todo);
-        Material bsdf = material(scene, at.row);
+        Material bsdf = material(scene, at);
         const V wo = -shadow.ray.d;
         const F side = select(at.front, F(1.f), F(-1.f));
         V ns = at.ns * side;
         F cosine = dot(ns, wo);
         Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
         bsdf.set_view(ns, cosine, at.front);
-        const F opacity = surface_column(scene, at.row, kSurface_opacity);
+        const F opacity = Reader::opacity(scene, at);
         const F open = F(1.f) - opacity;
         const S share = fma(bsdf.pass_through(), opacity, S::all(open));
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);

@@ -5,6 +5,7 @@
 
 #include "bsdfs/bsdf.h"
 #include "integrators/path_state.h"
+#include "integrators/texturing.h"
 #include "lights/light.h"
 
 namespace veriray {
@@ -331,6 +332,10 @@ struct SurfaceReader {
         }
         at.front = dot(at.ng, ray.d) < F(0.f);
         at.row = surface_row(scene, prim);
+        if constexpr (has(kTextures)) {
+            const auto column = [&](uint32_t c) { return primitive_column(scene, prim, c); };
+            Texturing<L>::template place<has(kDisks), has(kSpheres)>(scene, prim, column, at);
+        }
         return at;
     }
 
@@ -363,7 +368,14 @@ struct SurfaceReader {
     static VR_HD void read(const SceneView& scene, U row, uint32_t c, S& value) {
         value = surface_spectrum(scene, row, c);
     }
-    static VR_HD Material material(const SceneView& scene, U row) {
+
+    static VR_HD F opacity(const SceneView& scene, const Surface<L>& at) {
+        const auto column = [&](uint32_t c) VR_INLINED { return surface_column(scene, at.row, c); };
+        if constexpr (has(kTextures)) return Texturing<L>::opacity(scene, column, at.uv);
+        return column(kSurface_opacity);
+    }
+    static VR_HD Material material(const SceneView& scene, const Surface<L>& at) {
+        const U row = at.row;
         Material m;
         m.kind = U(only_kind(kinds_of(kFeatures)));
         if constexpr (!Material::kOneKind)
@@ -372,6 +384,11 @@ struct SurfaceReader {
     if constexpr (Material::reads(kParameter_##name)) \
         read(scene, row, kSurface_##name, m.parameters.name);
 #include "schema/materials.def"
+        if constexpr (has(kTextures)) {
+            const auto column = [&](uint32_t c)
+                                    VR_INLINED { return surface_column(scene, row, c); };
+            Texturing<L>::replace(scene, column, at.uv, m);
+        }
         return m;
     }
 };

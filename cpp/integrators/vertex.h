@@ -144,7 +144,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
                                      Events<L>& e) {
         const Surface<L>& at = place.at;
         const M lit = hit_emitter(scene, path, place.hit, at, valid);
-        place.bsdf = material(scene, at.row);
+        place.bsdf = material(scene, at);
         const V wo = -path.ray.d, collision = place.vertex.p;
         const F side = select(at.front, F(1.f), F(-1.f));
         place.vertex = {fma(at.ng, at.offset * side, at.p), at.ng * side, at.ns * side, valid,
@@ -157,7 +157,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.pass = no_lanes(valid);
         M covered = valid;
         if constexpr (has(kPass)) {
-            const F opacity = surface_column(scene, at.row, kSurface_opacity);
+            const F opacity = Reader::opacity(scene, at);
             const M thin = valid & (opacity < F(1.f));
             if (any(thin)) {
                 const U u =

@@ -86,6 +86,16 @@ void check_input(const SceneInput& in) {
                  "holds cutoff " + number(cutoff) + " and beam " + number(beam) +
                      "; allowed: 0 <= beam <= cutoff <= 180 degrees");
     }
+    for (size_t t = 0; t < in.textures_rows(); ++t) {
+        if (in.texture_kind.data[t] != kBitmap) continue;
+        const uint64_t bytes = uint64_t{in.texture_width.data[t]} * in.texture_height.data[t] *
+                               texel_bytes(in.texture_format.data[t], in.texture_grey.data[t] != 0);
+        const uint64_t last = in.texture_first.data[t] + (bytes + 3) / 4;
+        if (bytes >= uint64_t{1} << 32 || last > in.texels.count || last >= 0x7ffffe00u)
+            fail("texture_first", t,
+                 "begins texels that end at " + std::to_string(last) + "; there are " +
+                     std::to_string(in.texels.count) + ", and at most 2^31 - 512 are allowed");
+    }
     if (in.camera_medium < -1 || in.camera_medium >= static_cast<int64_t>(in.sigma_t.count))
         throw std::invalid_argument("the camera's medium " + std::to_string(in.camera_medium) +
                                     " does not exist");

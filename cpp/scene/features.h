@@ -26,13 +26,14 @@ enum Feature : FeatureMask {
     kPass = 1u << 11,         // a mask, or a material that lets light straight through
     kMedia = 1u << 12,
     kChromatic = 1u << 13,   // a medium whose extinction depends on the channel
-    kFirstLight = 1u << 14,  // a bit for each feature of lights, in their order
+    kTextures = 1u << 14,    // a number of a material that a texture gives
+    kFirstLight = 1u << 15,  // a bit for each feature of lights, in their order
     kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
 inline constexpr const char* kFeatureNames[] = {
-    "quads", "polygons", "disks",         "spheres",    "bvh",  "smooth", "many_lights",
-    "clip",  "lens",     "signed_filter", "refraction", "pass", "media",  "chromatic"};
+    "quads", "polygons",      "disks",      "spheres", "bvh",   "smooth",    "many_lights", "clip",
+    "lens",  "signed_filter", "refraction", "pass",    "media", "chromatic", "textures"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);
@@ -67,7 +68,7 @@ inline constexpr FeatureMask kAnyLight = lights(kSampledShapes);
 inline constexpr FeatureMask kOwnPdfLights = lights(kOwnPdfShapes);
 inline constexpr FeatureMask kSkippedLights = lights(kSkippedShapes);
 
-inline constexpr uint32_t kVariantCount = 12;  // of variants.h; CMakeLists.txt reads it
+inline constexpr uint32_t kVariantCount = 13;  // of variants.h; CMakeLists.txt reads it
 
 // With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr FeatureMask kLocalOffsets =

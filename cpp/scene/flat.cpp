@@ -76,7 +76,8 @@ bool join_coplanar(const Flat& a, const Flat& b, Flat& out) {
     return false;
 }
 
-std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles) {
+std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles,
+                                 const std::function<bool(const Flat&, const Flat&)>& matches) {
     std::vector<Flat> out;
     std::vector<bool> used(triangles.size(), false);
     for (size_t i = 0; i < triangles.size(); ++i) {
@@ -87,7 +88,8 @@ std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles) {
             if (used[j] || triangles[j].material != triangles[i].material ||
                 triangles[j].emission != triangles[i].emission ||
                 triangles[j].boundary != triangles[i].boundary ||
-                !join_coplanar(triangles[i], triangles[j], joined))
+                !join_coplanar(triangles[i], triangles[j], joined) ||
+                !matches(triangles[i], triangles[j]))
                 continue;
             best = joined;
             used[j] = true;

@@ -70,6 +70,7 @@ HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.
     if (!set_flat(in)) set_tree(in);
     view.primitives = primitives.data();
     set_surfaces(in);
+    set_textures(in);
     set_media(in);
     set_lights(in);
     set_camera(in);
@@ -168,7 +169,8 @@ bool HostScene::set_flat(const SceneInput& in) {
         flats.push_back(triangle(in, i));
         if (!(length(flats.back().area_vector()) > 0)) flats.pop_back(), ++dropped;
     }
-    flats = merge_coplanar(flats);
+    flats = merge_coplanar(
+        flats, [&](const Flat& a, const Flat& b) { return same_texture_map(in, a, b); });
     double smallest = INFINITY;
     for (const Flat& f : flats)
         for (uint32_t k = 0; k < f.corners; ++k) {
@@ -424,7 +426,8 @@ size_t HostScene::memory() const {
     return sizeof(SceneView) +
            4 * (primitives.size() + smooth.size() + light_chance.size() + light_row.size() +
                 surfaces.size() + media.size() + light_table.size() + filter_edges.size() +
-                surface_of.size() + light_cdf.size() + records.size() + round_boxes.size());
+                surface_of.size() + light_cdf.size() + records.size() + round_boxes.size() +
+                uv.size() + textures.size() + texels.size());
 }
 
 }  // namespace veriray

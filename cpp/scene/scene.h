@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cmath>
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -112,7 +113,9 @@ Double3 ellipse_reach(Double3 a, Double3 b);
 // first's.
 bool join_coplanar(const Flat& a, const Flat& b, Flat& out);
 // Joins coplanar pairs that share an edge, material, emission and media into convex quadrilaterals.
-std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles);
+// matches: whether two of one material may be joined.
+std::vector<Flat> merge_coplanar(const std::vector<Flat>& triangles,
+                                 const std::function<bool(const Flat&, const Flat&)>& matches);
 // For edge k (corner k to k + 1) of each primitive: whether the primitive must be widened there,
 // because another one runs along it.
 std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats);
@@ -170,8 +173,8 @@ class HostScene {
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges;
-    std::vector<uint32_t> surface_of, light_cdf;
+        filter_edges, uv, textures;
+    std::vector<uint32_t> surface_of, light_cdf, texels;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
 
@@ -207,6 +210,10 @@ class HostScene {
     Box round_box(const SceneInput& in, ShapeGroup group, uint32_t row) const;
     Box box_around(const SceneInput& in, size_t primitive) const;
     void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);
+    void put_uv(const SceneInput& in, size_t primitive);
+    std::array<Double3, 3> corner_uv(const SceneInput& in, const Flat& f) const;
+    bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
+    void set_textures(const SceneInput& in);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);
     void set_surfaces(const SceneInput& in);

@@ -78,10 +78,19 @@ void HostScene::set_surfaces(const SceneInput& in) {
     for (uint32_t k = 0; k < width; ++k) \
         put(kSurface_##name + k, in.name.data[static_cast<size_t>(width) * m + k]);
 #include "schema/materials.def"
+#define VR_TEXTURABLE(name)                                                        \
+    put(kSurface_##name##_texture, static_cast<float>(in.name##_texture.data[m])); \
+    if (in.name##_texture.data[m] >= 0) view.features |= kTextures;
+#include "schema/materials.def"
         if (kCoatedKinds >> kind & 1u) {
             const double eta = static_cast<double>(in.eta.data[3 * m]);
             const double inside = diffuse_reflectance_inside(eta);
-            for (uint32_t k = 0; k < 3; ++k) {
+            if (in.reflectance_texture.data[m] >= 0) {  // the rest follows at the hit: base_in_coat
+                put(kSurface_reflectance, static_cast<float>(inside));
+                put(kSurface_reflectance + 1, in.nonlinear.data[m] ? 1.f : 0.f);
+                put(kSurface_reflectance + 2, static_cast<float>(1 / (eta * eta)));
+            }
+            for (uint32_t k = 0; k < 3 && in.reflectance_texture.data[m] < 0; ++k) {
                 const double rho = static_cast<double>(in.reflectance.data[3 * m + k]);
                 put(kSurface_reflectance + k,
                     static_cast<float>(rho / (1 - (in.nonlinear.data[m] ? rho : 1) * inside) /
@@ -98,7 +107,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
 
         view.features |= materials(1u << kind) | (closure.refracts ? kRefraction : 0u) |
                          (closure.passes ? kPass : 0u);
-        if (in.opacity.data[m] < 1) view.features |= kPass;
+        if (in.opacity.data[m] < 1 || in.opacity_texture.data[m] >= 0) view.features |= kPass;
     }
     view.surface_of = tree ? surface_of.data() : nullptr;
     view.surfaces = surfaces.data();

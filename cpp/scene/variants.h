@@ -9,7 +9,7 @@ namespace veriray {
 inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
 // Features that the variants of scenes without any of them are compiled without, so that these
 // scenes do not pay for them.
-inline constexpr FeatureMask kRich = 0;
+inline constexpr FeatureMask kRich = kTextures;
 inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
 inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
 inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes);
@@ -22,6 +22,7 @@ inline constexpr FeatureMask kDiffuseMesh =
 inline constexpr FeatureMask kVariants[] = {
     kQuads | lights(kPlainShapes) | kPlainMaterials,
     kDiffuseFlat,
+    kDiffuseFlat | kTextures,
     kDiffuseMesh,
     kDiffuseMesh | kNearLights,
     kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),

@@ -13,6 +13,7 @@
 #include "lights/shape.h"
 #include "media/medium.h"
 #include "scene/features.h"
+#include "textures/texture.h"
 
 namespace veriray {
 
@@ -38,11 +39,19 @@ inline constexpr float kLocalOffset = 0x1p-21f, kLocal = -1.f, kTouches = -2.f;
 // Interpolated normal as an affine function of the point on the triangle: 3 rows of {g, w}.
 inline constexpr uint32_t kSmoothFloats = 12;
 
+// Where on a primitive a texture is read: of faces u and v, of discs x and y between their axes, as
+// affine functions of the point, 2 rows of {g, w}; of spheres the axes x and z with -1 or 1 behind
+// the first, the side of y.
+inline constexpr uint32_t kUvFloats = 8;
+
 // Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
 // Of the material; opacity: a ray meets the material if its random number is below it.
 #define VR_PARAMETER(name, width) \
     kSurface_##name, kSurface_##name##_last = kSurface_##name + width - 1,
+#include "schema/materials.def"
+// The texture that gives it; -1: none.
+#define VR_TEXTURABLE(name) kSurface_##name##_texture,
 #include "schema/materials.def"
     kSurfaceRadiance,                         // emitted by the front: 3 columns
     kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
@@ -64,11 +73,13 @@ struct SceneView {
     uint32_t camera_medium;
     const float* primitives;     // [i * primitive_row + column * primitive_column]
     const float* smooth;         // by primitive: kSmoothFloats
+    const float* uv;             // by primitive: kUvFloats; with kTextures only
     const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter
     const float* light_row;      // by primitive: in the light table; with kOwnPdfLights only
     const uint32_t* surface_of;  // by primitive; null: the same index
     const float* surfaces;       // [column][surface_stride]
     const float* media;          // [column][medium_stride]; medium 0 is the vacuum
+    TextureView textures;
     BvhView bvh;
     LightView lights;
     CameraView camera;

@@ -19,7 +19,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "python"))
 
-from veriray.columns import COLUMNS, KINDS, REQUIRED, TABLES, Column  # noqa: E402
+from veriray.columns import COLUMNS, KINDS, REQUIRED, TABLES, TEXTURABLE, Column  # noqa: E402
 
 C_TYPES = {np.float64: "double", np.float32: "float", np.uint32: "uint32_t", np.int32: "int32_t",
            np.bool_: "uint8_t"}  # fmt: skip
@@ -54,8 +54,18 @@ DEF = """\
 MATERIALS = """\
 // What closures know of a material: its numbers. {source}
 //   VR_PARAMETER(name, numbers)
+//   VR_TEXTURABLE(name): a texture can give it
+#ifndef VR_PARAMETER
+#define VR_PARAMETER(...)
+#endif
+#ifndef VR_TEXTURABLE
+#define VR_TEXTURABLE(...)
+#endif
+
 {rows}
+
 #undef VR_PARAMETER
+#undef VR_TEXTURABLE
 """
 FIELDS = '''\
 """The array fields of a scene. {source}"""
@@ -160,6 +170,7 @@ def parameters() -> str:
     """materials.def."""
     rows = [f"VR_PARAMETER({name}, {math.prod(column.width)})" for name, column in COLUMNS.items()
             if column.table == "materials" and column.dtype is np.float32]  # fmt: skip
+    rows += [f"VR_TEXTURABLE({name})" for name in TEXTURABLE]
     return MATERIALS.format(source=SOURCE, rows="\n".join(rows))
 
 

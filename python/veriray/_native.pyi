@@ -16,7 +16,7 @@ class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
     """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
-    media, Q lights; see veriray.Scene. uint8 columns hold 0 or 1. Made by
+    media, Q lights, X textures, W texels; see veriray.Scene. uint8 columns hold 0 or 1. Made by
     cpp/schema/generate.py from python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
@@ -54,6 +54,25 @@ class SceneArrays(TypedDict):
     light_direction: npt.NDArray[np.float64]  # (Q, 3)
     light_intensity: npt.NDArray[np.float32]  # (Q, 3)
     light_angles: npt.NDArray[np.float64]  # (Q, 2)
+    uv: npt.NDArray[np.float32]  # (V, 2)
+    sphere_frame: npt.NDArray[np.float32]  # (S, 3, 3)
+    disk_turned: npt.NDArray[np.uint8]  # (D,)
+    texture_kind: npt.NDArray[np.uint32]  # (X,)
+    texture_to_uv: npt.NDArray[np.float32]  # (X, 2, 3)
+    texture_color0: npt.NDArray[np.float32]  # (X, 3)
+    texture_color1: npt.NDArray[np.float32]  # (X, 3)
+    texture_wrap: npt.NDArray[np.uint32]  # (X,)
+    texture_filter: npt.NDArray[np.uint32]  # (X,)
+    texture_format: npt.NDArray[np.uint32]  # (X,)
+    texture_width: npt.NDArray[np.uint32]  # (X,)
+    texture_height: npt.NDArray[np.uint32]  # (X,)
+    texture_grey: npt.NDArray[np.uint8]  # (X,)
+    texture_first: npt.NDArray[np.uint32]  # (X,)
+    texels: npt.NDArray[np.uint32]  # (W,)
+    reflectance_texture: npt.NDArray[np.int32]  # (M,)
+    specular_reflectance_texture: npt.NDArray[np.int32]  # (M,)
+    specular_transmittance_texture: npt.NDArray[np.int32]  # (M,)
+    opacity_texture: npt.NDArray[np.int32]  # (M,)
 
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]

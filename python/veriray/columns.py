@@ -44,6 +44,14 @@ MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
 SCATTERING_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.scatters)
 LIGHT_KINDS = ("point", "spot", "directional")
+#: Names of the values of `texture_kind`, `texture_wrap`, `texture_filter` and `texture_format`.
+TEXTURE_KINDS = ("bitmap", "checkerboard")
+TEXTURE_WRAPS = ("repeat", "mirror", "clamp")
+TEXTURE_FILTERS = ("bilinear", "nearest")
+TEXTURE_FORMATS = ("srgb8", "linear8", "half", "float")
+#: Numbers of a material that a texture can give: one more is a name here.
+TEXTURABLE = ("reflectance", "specular_reflectance", "specular_transmittance", "opacity")
+MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
 REQUIRED = object()
@@ -59,6 +67,8 @@ TABLES = {
     "boundaries": "B",
     "media": "K",
     "lights": "Q",
+    "textures": "X",
+    "texels": "W",
 }
 
 
@@ -193,11 +203,69 @@ _ALWAYS_HASHED: dict[str, Column] = {
 }  # fmt: skip
 #: Columns that enter the hash of a scene only where they are not at their default, so that they
 #: change the hash of no scene that does not use them.
-_HASHED_IF_SET: dict[str, Column] = {}
+_HASHED_IF_SET: dict[str, Column] = {
+    "uv": Column(
+        "vertices", np.float32, (2,), 0.0, -MAX_UV, MAX_UV, doc="texture coordinates u and v"
+    ),
+    "sphere_frame": Column(
+        "spheres", np.float32, (3, 3), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        -1.0, 1.0,
+        doc="unit axes x, y and z, a row each, across each other: u is the angle about z from x "
+        "towards y over 2 pi, v that from z over pi",
+    ),
+    "disk_turned": Column(
+        "disks", np.bool_, (), False,
+        doc="v, the angle over 2 pi, runs from b to a; else from a to b; u is the distance from "
+        "the centre",
+    ),
+    "texture_kind": Column("textures", np.uint32, indexes="texture kinds", doc="of TEXTURE_KINDS"),
+    "texture_to_uv": Column(
+        "textures", np.float32, (2, 3), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), -1e6, 1e6,
+        doc="what takes (u, v, 1) to the texture's own coordinates; rows of texels follow its v",
+    ),
+    "texture_color0": Column(
+        "textures", np.float32, (3,), 0.4, 0.0, 1.0,
+        doc="of a checkerboard, where u and v are both in the first or both in the second half",
+    ),
+    "texture_color1": Column(
+        "textures", np.float32, (3,), 0.2, 0.0, 1.0, doc="of its other fields"
+    ),
+    "texture_wrap": Column(
+        "textures", np.uint32, (), 0, indexes="texture wraps", doc="of TEXTURE_WRAPS"
+    ),
+    "texture_filter": Column(
+        "textures", np.uint32, (), 0, indexes="texture filters", doc="of TEXTURE_FILTERS"
+    ),
+    "texture_format": Column(
+        "textures", np.uint32, (), 0, indexes="texture formats", doc="of TEXTURE_FORMATS"
+    ),
+    "texture_width": Column("textures", np.uint32, (), 1, 1, 1 << 15, doc="in texels"),
+    "texture_height": Column("textures", np.uint32, (), 1, 1, 1 << 15, doc="in texels"),
+    "texture_grey": Column(
+        "textures", np.bool_, (), False, doc="one number a texel; else three, and 8-bit and half "
+        "texels have a fourth that is not used",
+    ),
+    "texture_first": Column("textures", np.uint32, (), 0, doc="its first row of texels"),
+    "texels": Column(
+        "texels", np.uint32, doc="texels row by row, packed from the lowest bits; each texture "
+        "begins a row",
+    ),
+    **{
+        f"{name}_texture": _index("materials", "textures", -1, doc=f"gives {name}; -1: none does")
+        for name in TEXTURABLE
+    },
+}  # fmt: skip
 #: The first column of a table is the one that says how many rows it has.
 COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}
 #: How many values there are of what is no table.
-KINDS = {"material kinds": len(MATERIAL_KINDS), "light kinds": len(LIGHT_KINDS)}
+KINDS = {
+    "material kinds": len(MATERIAL_KINDS),
+    "light kinds": len(LIGHT_KINDS),
+    "texture kinds": len(TEXTURE_KINDS),
+    "texture wraps": len(TEXTURE_WRAPS),
+    "texture filters": len(TEXTURE_FILTERS),
+    "texture formats": len(TEXTURE_FORMATS),
+}
 
 
 def hashed(name: str, values: Array) -> bool:
@@ -239,6 +307,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
     _check_shapes(arrays)
     _check_materials(arrays)
     _check_lights(arrays)
+    _check_textures(arrays)
     return arrays
 
 
@@ -317,3 +386,37 @@ def _check_lights(arrays: Mapping[str, Array]) -> None:
             f"light_angles[{row}] = {[float(cutoff[row]), float(beam[row])]}; expected a cutoff in "
             "(0, 180] and a beam width in [0, cutoff]"
         )
+
+
+#: Bytes of a texel by format, of colours and of grey.
+TEXEL_BYTES = ((4, 1), (4, 1), (8, 2), (12, 4))
+
+
+def _check_textures(arrays: Mapping[str, Array]) -> None:
+    words, formats = arrays["texels"], arrays["texture_format"]
+    for row in np.flatnonzero(arrays["texture_kind"] == TEXTURE_KINDS.index("bitmap")).tolist():
+        name = TEXTURE_FORMATS[formats[row]]
+        size = TEXEL_BYTES[formats[row]][int(arrays["texture_grey"][row])]
+        width, height, first = (
+            int(arrays[f"texture_{key}"][row]) for key in ("width", "height", "first")
+        )
+        last = first + -(-width * height * size // 4)
+        if last > len(words):
+            raise SceneError(
+                f"texture_first[{row}] = {first}: {width} x {height} texels {name} end at {last}; "
+                f"there are {len(words)} texels"
+            )
+        if name.endswith("8"):
+            continue
+        texels = words[first:last].view(np.float16 if name == "half" else np.float32)
+        bad = _first(~((texels >= 0) & (texels <= 1)))
+        if bad is not None:
+            raise SceneError(
+                f"texels[{first + bad * texels.itemsize // 4}] of texture {row} holds "
+                f"{texels[bad]:g}, outside [0, 1]"
+            )
+    frames = arrays["sphere_frame"].astype(np.float64)
+    products = (frames[:, :, None, :] * frames[:, None, :, :]).sum(axis=3)
+    row = _first(~(np.abs(products - np.eye(3)) <= 1e-3).all(axis=(1, 2)))
+    if row is not None:
+        raise SceneError(f"sphere_frame[{row}] does not hold unit axes across each other")

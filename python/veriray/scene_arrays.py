@@ -63,6 +63,33 @@ class SceneArrays:
         infinity), default 1.0)
     light_angles (Q, 2) float64: a spot's cutoff and beam width, degrees from its axis (in [0, 180],
         default (20.0, 15.0))
+    uv (V, 2) float32: texture coordinates u and v (in [-1e+30, 1e+30], default 0.0)
+    sphere_frame (S, 3, 3) float32: unit axes x, y and z, a row each, across each other: u is the
+        angle about z from x towards y over 2 pi, v that from z over pi (in [-1, 1], default ((1.0,
+        0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    disk_turned (D,) bool: v, the angle over 2 pi, runs from b to a; else from a to b; u is the
+        distance from the centre (default False)
+    texture_kind (X,) uint32: of TEXTURE_KINDS
+    texture_to_uv (X, 2, 3) float32: what takes (u, v, 1) to the texture's own coordinates; rows of
+        texels follow its v (in [-1e+06, 1e+06], default ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    texture_color0 (X, 3) float32: of a checkerboard, where u and v are both in the first or both in
+        the second half (in [0, 1], default 0.4)
+    texture_color1 (X, 3) float32: of its other fields (in [0, 1], default 0.2)
+    texture_wrap (X,) uint32: of TEXTURE_WRAPS (default 0)
+    texture_filter (X,) uint32: of TEXTURE_FILTERS (default 0)
+    texture_format (X,) uint32: of TEXTURE_FORMATS (default 0)
+    texture_width (X,) uint32: in texels (in [1, 32768], default 1)
+    texture_height (X,) uint32: in texels (in [1, 32768], default 1)
+    texture_grey (X,) bool: one number a texel; else three, and 8-bit and half texels have a fourth
+        that is not used (default False)
+    texture_first (X,) uint32: its first row of texels (default 0)
+    texels (W,) uint32: texels row by row, packed from the lowest bits; each texture begins a row
+    reflectance_texture (M,) int32: gives reflectance; -1: none does (index of textures, default -1)
+    specular_reflectance_texture (M,) int32: gives specular_reflectance; -1: none does (index of
+        textures, default -1)
+    specular_transmittance_texture (M,) int32: gives specular_transmittance; -1: none does (index of
+        textures, default -1)
+    opacity_texture (M,) int32: gives opacity; -1: none does (index of textures, default -1)
     """
 
     vertices: Array = _NONE
@@ -100,3 +127,22 @@ class SceneArrays:
     light_direction: Array = _NONE
     light_intensity: Array = _NONE
     light_angles: Array = _NONE
+    uv: Array = _NONE
+    sphere_frame: Array = _NONE
+    disk_turned: Array = _NONE
+    texture_kind: Array = _NONE
+    texture_to_uv: Array = _NONE
+    texture_color0: Array = _NONE
+    texture_color1: Array = _NONE
+    texture_wrap: Array = _NONE
+    texture_filter: Array = _NONE
+    texture_format: Array = _NONE
+    texture_width: Array = _NONE
+    texture_height: Array = _NONE
+    texture_grey: Array = _NONE
+    texture_first: Array = _NONE
+    texels: Array = _NONE
+    reflectance_texture: Array = _NONE
+    specular_reflectance_texture: Array = _NONE
+    specular_transmittance_texture: Array = _NONE
+    opacity_texture: Array = _NONE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -191,6 +192,10 @@ SCENARIOS: tuple[Scenario, ...] = (
              "variants", _SIZE, _ONE, max_depth=32, peers=False),
     Scenario("variants-lamp", "the same, 81,920 triangles under a near lamp", "lamp icosphere 6",
              "variants", _SIZE, _ONE, peers=False),
+    Scenario("variants-textures", "the same, Mitsuba's box with checkerboards on all walls",
+             "cornell textured", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-textured-spheres", "the same with a mirror and a glass sphere",
+             "cornell textured spheres", "variants", _SIZE, _SPP, peers=False),
     Scenario("roulette-cornell", "where roulette starts, Mitsuba's Cornell box", _BOX, "roulette",
              _both(256, 512), _SPP, max_depth=64, rounds=9, vary=_STARTS, reference_spp=8192,
              peers=False),
@@ -314,6 +319,11 @@ _NEAR_LAMP = """<shape type="rectangle">
         <emitter type="area"><rgb name="radiance" value="9, 8, 7"/></emitter>
     </shape>
     """
+_BOARD = r"""<texture type="checkerboard" name="reflectance">
+            <rgb name="color0" value="\1"/>
+            <rgb name="color1" value="0.5, 0.5, 0.5"/>
+            <transform name="to_uv"><scale value="4"/></transform>
+        </texture>"""
 _SAMPLER = 'sampler type="independent"'
 #: Scene "lights": classes of lamps, lamps in each, and the ratio of power from class to class.
 LAMP_CLASSES, LAMPS, LAMP_RATIO = 8, 128, 4
@@ -326,9 +336,10 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     (of thin glass) and "lamp icosphere N" (in the dark, under a rectangle that shines, a quarter of
     its width away), "glass sphere" and "glass medium" (with one inside) under a constant sky;
     "cornell spheres", Mitsuba's box with two of them for its boxes, "cornell thin" with one of thin
-    glass; "lights", small lamps over a floor, and "lights C", those of class C
-    alone. Parameters of the file: width, height, max_depth and rr_depth. sampler: Mitsuba's name;
-    the only word in which the files of a scene differ.
+    glass; "cornell textured", the box with checkerboards for its colours, "cornell textured
+    spheres" with the two spheres as well; "lights", small lamps over a floor, and "lights C", those
+    of class C alone. Parameters of the file: width, height, max_depth and rr_depth. sampler:
+    Mitsuba's name; the only word in which the files of a scene differ.
     """
     if name in SHIPPED:
         path = find_shipped(name)
@@ -348,8 +359,12 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
 
 def _made(name: str, folder: Path) -> str:
     """The text of a scene that is not shipped; its mesh is written to `folder`."""
-    if name in ("cornell spheres", "cornell thin"):
+    if name.startswith("cornell"):
         text = find_shipped(_BOX).read_text("utf-8")
+        if "textured" in name:
+            text = re.sub(r'<rgb name="reflectance" value="([^"]*)"/>', _BOARD, text)
+        if name == "cornell textured":
+            return text
         spheres = _TWO_SPHERES.replace(_GLASS, _THIN if name == "cornell thin" else _GLASS)
         return text[: text.index('<shape type="cube"')] + spheres
     if name.startswith("lights"):

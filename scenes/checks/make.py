@@ -9,8 +9,10 @@ Every file is valid for Mitsuba 3.9 (volpath) as it stands. Needs numpy and trim
 
 from __future__ import annotations
 
+import struct
 import sys
 import xml.etree.ElementTree as ET
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -203,6 +205,13 @@ def scene(make: Callable[[], str]) -> Callable[[], str]:
     """Registers a scene under its function's name; the docstring is its line in the README."""
     SCENES[make.__name__] = make
     return make
+
+
+def texture(kind: str, *content: str, name: str = "reflectance", to_uv: str = "") -> str:
+    """A texture of a bsdf; bitmaps as they are, without a graphics card's filter."""
+    exact = flag("accel", False) + text("format", "variant") if kind == "bitmap" else ""
+    place = f'<transform name="to_uv">{to_uv}</transform>' if to_uv else ""
+    return f'<texture type="{kind}" name="{name}">{"".join(content)}{exact}{place}</texture>'
 
 
 # ---- emitters ----
@@ -825,6 +834,74 @@ def obj(vertices: Array, faces: Array) -> str:
     return "".join(rows).replace("-0.00000", "0.00000")
 
 
+@scene
+def textures() -> str:
+    """Bitmaps and checkerboards on a plane, a ball, a cube, a disk: wrapped, filtered, turned."""
+    image = text("filename", "images/weave.png")
+    ground = bsdf(
+        "diffuse",
+        texture(
+            "bitmap",
+            image,
+            text("wrap_mode", "mirror"),
+            to_uv=scale(7, 11, 1) + rotate("z", 30) + translate(0.3, 0.1, 0),
+        ),
+    )
+    ball = bsdf("diffuse", texture("bitmap", image, to_uv=scale(2, 1, 1)))
+    crate = bsdf(
+        "diffuse",
+        texture(
+            "checkerboard",
+            rgb("color0", 0.8, 0.3, 0.2),
+            rgb("color1", 0.2, 0.4, 0.7),
+            to_uv=scale(3, 2, 1),
+        ),
+    )
+    coin = bsdf(
+        "diffuse",
+        texture(
+            "bitmap",
+            image,
+            flag("raw"),
+            text("filter_type", "nearest"),
+            text("wrap_mode", "clamp"),
+            to_uv=scale(1.2, 1.2, 1) + translate(-0.1, -0.1, 0),
+        ),
+    )
+    return (
+        sensor() + shape("rectangle", transform(scale(20), rotate("x", -90)), ground)
+        + shape("sphere", transform(rotate("x", -70), rotate("y", 40), translate(-1.3, 1, 0)), ball)
+        + shape("cube", transform(scale(0.6), rotate("y", 30), translate(1.1, 0.6, 0.6)), crate)
+        + shape("disk", transform(scale(0.9), rotate("x", -20), translate(0.9, 2.2, -1)), coin)
+        + sky(0.5, 0.6, 0.7) + lamp(4, 3.5, 3)
+    )  # fmt: skip
+
+
+def png(texels: npt.NDArray[np.uint8]) -> bytes:
+    """A PNG file (H, W, 3), not compressed, so that every version of zlib makes the same."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    height, width, _ = texels.shape
+    rows = b"".join(b"\0" + row.tobytes() for row in texels)
+    stored = b"\x78\x01\x01" + struct.pack("<HH", len(rows), len(rows) ^ 0xFFFF) + rows
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+        + chunk(b"IDAT", stored + struct.pack(">I", zlib.adler32(rows)))
+        + chunk(b"IEND", b"")
+    )
+
+
+def weave() -> npt.NDArray[np.uint8]:
+    """12 x 9 texels, different in all directions and channels, by integers."""
+    y, x = np.mgrid[0:9, 0:12]
+    red, green = 60 + 190 * ((x * 5 + y * 3) % 7) // 6, 60 + 190 * ((x * x + 2 * y) % 9) // 8
+    return np.stack([red, green, 80 + 17 * ((x + y * y) % 11)], axis=-1).astype(np.uint8)
+
+
 def xml(about: str, body: str) -> str:
     """A scene file."""
     defaults = {"spp": 64, "width": 64, "height": 64, "max_depth": 64, "rr_depth": 5}
@@ -851,12 +928,13 @@ too (`--check` compares). Parameters: `spp`, `width`, `height`, `max_depth`, `rr
 """
 
 
-def files() -> dict[str, str]:
+def files() -> dict[str, str | bytes]:
     """Content by path."""
     ball, ball_faces = displaced(3, bumps)
     unit, _ = displaced(3, lambda d: d)
     body, body_faces = displaced(3, egg)
-    result = {
+    result: dict[str, str | bytes] = {
+        "images/weave.png": png(weave()),
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),
         "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),
@@ -872,13 +950,14 @@ def main() -> int:
     status = 0
     for name, content in files().items():
         path = HERE / name
+        content = content.encode() if isinstance(content, str) else content
         if "--check" in sys.argv[1:]:
-            if not path.is_file() or path.read_text() != content:
+            if not path.is_file() or path.read_bytes() != content:
                 print(f"differs: {name}")
                 status = 1
         else:
             path.parent.mkdir(exist_ok=True)
-            path.write_text(content)
+            path.write_bytes(content)
     return status
 
 

@@ -58,7 +58,7 @@ _CHECKS = (
     "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
     "plastic",
     "plastic_nonlinear", "point_in_medium", "point_light", "smooth_normals", "sphere_light",
-    "spheres_300", "spot_light", "thindielectric", "thinlens", "twosided",
+    "spheres_300", "spot_light", "textures", "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
 _SECOND_FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="20"/>
 <rotate x="1" angle="-90"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/>
@@ -123,6 +123,7 @@ _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surface
 _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
 _SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directional"))
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
+_TEXTURE, _TEXTURING = "textures/texture.h", "integrators/texturing.h"
 
 _EVAL = "p.reflectance * pdf"
 _PDF = "row(kLightInverse) * (inverse * inverse) * cos_light"
@@ -352,6 +353,31 @@ _LIGHTS = (
            "x = u * c; y = u * s;", "disk_light"),
 )  # fmt: skip
 
+_TEXTURES = (
+    Mutant("texture upside down", _TEXTURE, "coordinate(kTextureToUv + 3)",
+           "F(1.f) - coordinate(kTextureToUv + 3)", "textures"),
+    Mutant("repeated texture is mirrored", _TEXTURE, "select(repeat, x - floor(x),",
+           "select(repeat, min(turn, F(2.f) - turn),", "textures"),
+    Mutant("mirrored texture is repeated", _TEXTURE, "select(mirror, min(turn, F(2.f) - turn),",
+           "select(mirror, x - floor(x),", "textures"),
+    Mutant("clamped texture is repeated", _TEXTURE, "min(max(x, zero), one)", "x - floor(x)",
+           "textures"),
+    Mutant("texels half a texel off", _TEXTURE, "select(nearest, zero, F(-0.5f))", "zero",
+           "textures"),
+    Mutant("weights of texels swapped", _TEXTURE, "select(nearest, zero, place - below)",
+           "select(nearest, zero, above - place)", "textures"),
+    Mutant("sRGB taken for linear", _TEXTURE, "select(is(traits, kTraitSrgb), U(0u), U(256u))",
+           "U(256u)", "textures"),
+    Mutant("linear taken for sRGB", "scene/textures.cpp", "format == kSrgb8 ? kTraitSrgb",
+           "format <= kLinear8 ? kTraitSrgb", "textures"),
+    Mutant("checkerboard of one half", _TEXTURE, "(a & b) | !(a | b)", "a & b", "textures"),
+    Mutant("texture turns the other way about a sphere", _TEXTURING,
+           "dot(cross(b, a), outward) * last", "dot(cross(a, b), outward) * last", "textures"),
+    Mutant("triangle's texture coordinates turned", "scene/textures.cpp",
+           "cross(e2, m) * (value[1] - value[0])", "cross(e2, m) * (value[2] - value[0])",
+           "textures"),
+)  # fmt: skip
+
 _GEOMETRY = (
     Mutant("lens of double size", _CAMERA, "uniform_disk(u, v, x, y);",
            "uniform_disk(u, v, x, y); x = x + x; y = y + y;", "thinlens"),
@@ -386,4 +412,4 @@ _GEOMETRY = (
 )  # fmt: skip
 
 #: The bugs that the verdict against the reference must find, in this order.
-MUTANTS = (*_CORNELL, *_MATERIALS, *_MEDIA, *_LIGHTS, *_GEOMETRY)
+MUTANTS = (*_CORNELL, *_MATERIALS, *_MEDIA, *_LIGHTS, *_TEXTURES, *_GEOMETRY)

@@ -32,6 +32,7 @@ from tests.mutation.bugs import (
     _SPOT,
     _T_MAX,
     _TABLES,
+    _TEXTURE,
     _VERTEX,
     Mutant,
 )  # fmt: skip
@@ -378,6 +379,22 @@ _REPAIRED = (  # bugs that veriray had
 )  # fmt: skip
 
 #: Further bugs in C++, found by levels of `veriray validate` if at all.
+_TEXTURES = (
+    Mutant("repeated texture ends at its edge", _TEXTURE, "select(repeat, zero, last)", "last"),
+    Mutant("repeated texture begins at its edge", _TEXTURE, "select(repeat, last, zero)", "zero"),
+    Mutant("nearest texel half a texel off", _TEXTURE, "select(nearest, zero, F(-0.5f))",
+           "F(-0.5f)"),
+    Mutant("second row of texels for the first", _TEXTURE, "mix(low, high, y.share)",
+           "mix(high, low, y.share)"),
+    Mutant("odd half texels read at even places", _TEXTURE,
+           "select(grey & ((byte & U(2u)) == U(2u)), word >> 16, word)", "word"),
+    Mutant("grey texels read at every fourth place", _TEXTURE, "select(grey, one, all)", "all"),
+    Mutant("opacity without its texture on paths", _VERTEX, "Reader::opacity(scene, at)",
+           "surface_column(scene, at.row, kSurface_opacity)"),
+    Mutant("opacity without its texture on shadow rays", _DIRECT, "Reader::opacity(scene, at)",
+           "surface_column(scene, at.row, kSurface_opacity)"),
+)  # fmt: skip
+
 MORE = (
     *_SCATTERING,
     *_ESTIMATOR,
@@ -387,6 +404,7 @@ MORE = (
     *_PICTURE,
     *_RANDOM,
     *_COUNTS,
+    *_TEXTURES,
     *_REPAIRED,
 )
 
@@ -397,6 +415,15 @@ def _python(name: str, file: str, old: str, new: str) -> Mutant:
 
 #: Bugs in the package's Python.
 PYTHON = (
+    # textures
+    _python("image upside down", "formats/textures.py", "texels.reshape(height * width, channels)",
+            "texels[::-1].reshape(height * width, channels)"),
+    _python("texture transposed", "formats/textures.py", "matrix[:2][:, [0, 1, 3]]",
+            "matrix[[1, 0]][:, [0, 1, 3]]"),
+    _python("8 bits are always sRGB", "formats/textures.py",
+            '"srgb8" if image.encoded else "linear8"', '"srgb8"'),
+    _python("image a texel narrower than it is", "formats/textures.py", '"texture_width": width',
+            '"texture_width": width - 1'),
     # samples
     _python("samples that decide are in the picture", "sampling.py",
             "first = 1 << (spp - 1).bit_length()", "first = 0"),

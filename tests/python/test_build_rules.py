@@ -21,7 +21,7 @@ PACKAGES = ("veriray", "veriray_bench", "veriray_validate")
 RANKS = {
     "core": 0, "schema": 0,
     "geometry": 1, "spectrum": 1,
-    "bsdfs": 2, "media": 2, "lights": 2, "camera": 2, "film": 2,
+    "bsdfs": 2, "media": 2, "lights": 2, "camera": 2, "film": 2, "textures": 2,
     "scene": 3,
     "integrators": 4,
     "schedulers": 5,

@@ -11,7 +11,7 @@ import pytest
 
 import veriray
 from veriray import columns, scene_arrays
-from veriray.columns import COLUMNS, MATERIAL_KINDS, Column
+from veriray.columns import COLUMNS, MATERIAL_KINDS, TEXTURABLE, Column
 from veriray.formats.plugins import PLUGINS, of_category
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,8 +44,10 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
 
 
 def test_parameters_fill_columns() -> None:
-    tables = {"bsdf": "materials", "phase": "media", "emitter": "lights"}
-    filled = {"two_sided", "material_kind", "eta", "k"}  # by what they hold, or computed
+    tables = {"bsdf": "materials", "phase": "media", "emitter": "lights", "texture": "textures"}
+    # by what they hold, or computed
+    filled = {"two_sided", "material_kind", "eta", "k"}
+    filled |= {f"{name}_texture" for name in TEXTURABLE}
     for plugin in PLUGINS.values():
         for param in plugin.params.values():
             if param.column:

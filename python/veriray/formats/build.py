@@ -16,7 +16,7 @@ from ..camera import Camera, Film
 from ..columns import LIGHT_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
-from . import integrators, materials, views
+from . import integrators, materials, textures, views
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
 from .report import Full, Listed, Report
@@ -74,6 +74,7 @@ class _Builder:
         self.rows: dict[int, materials.Row] = {}
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
+        self.texels = textures.Texels()
 
     def search(self) -> None:
         """Puts all faults into the report that can be found."""
@@ -136,7 +137,8 @@ class _Builder:
                 self.report.add(error)
                 faulty = True
             else:
-                result[child.category].append(child)
+                if child.category in rules:  # a texture is a value of its parameter
+                    result[child.category].append(child)
         for category, (names_, fewest, most) in rules.items():
             found = result[category]
             if len(found) < fewest and not faulty:
@@ -176,7 +178,9 @@ class _Builder:
         if not child.plugin:
             raise Listed("")
         rules = PLUGINS[node.plugin].children
-        if child.category not in rules or child.plugin not in rules[child.category][0]:
+        if child.category == "texture" and node.category != "scene":
+            textures.check_place(node, child, item)
+        elif child.category not in rules or child.plugin not in rules[child.category][0]:
             names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
             raise SceneError(
                 f"{node} cannot hold a {child.category} {shorten(child.plugin)}"
@@ -206,10 +210,14 @@ class _Builder:
             self.material(bsdf)
         for medium in parts["medium"]:
             self.check_medium(medium)
+        for texture in parts["texture"]:
+            self.check(texture)
         shapes = Shapes()
         for shape in parts["shape"]:
             self.shape(shape, shapes)
-        arrays = {**self.tables.arrays(), **shapes.arrays()}
+        textured = bool(self.tables.rows["textures"])
+        arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured)}
+        arrays["texels"] = self.texels.array()
         seen = arrays["emissions"] is not None or any(environment)
         if not seen and arrays["light_kind"] is None:
             warnings.warn(
@@ -336,8 +344,23 @@ class _Builder:
                 row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
             else:
                 row = materials.material(node, values)
+            row |= self.textures(node)
             self.rows[id(node)] = row
         return row
+
+    def textures(self, node: Node) -> materials.Row:
+        """The columns that name the textures of a bsdf."""
+        columns: materials.Row = {}
+        for item in node.children:
+            child = self.resolve(item, node) if isinstance(item, Ref) else item
+            if child.category != "texture":
+                continue
+            column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
+            if item.name in node.values or column in columns:
+                raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
+            values = self.check(child)[1]
+            columns[column] = self.tables.index("textures", child, self.texels.row(child, values))
+        return columns
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
@@ -453,7 +476,7 @@ class _Builder:
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.
-_TABLES = {table: blank_row(table) for table in TABLES if table not in Shapes.TABLES}
+_TABLES = {table: blank_row(table) for table in TABLES if table not in (*Shapes.TABLES, "texels")}
 
 
 class _Tables:

@@ -28,7 +28,7 @@ from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS
 from .report import Report
 
-_ARRAYS = ("vertices", "faces", "uv", "normals")  # of a mesh
+_ARRAYS = {"mesh": ("vertices", "faces", "uv", "normals"), "bitmap": ("bitmap", "data")}
 
 
 def read(scene: Mapping[str, Any], report: Report | None = None) -> Tree:
@@ -69,7 +69,7 @@ def _add(key: Any, content: Mapping[str, Any], node: Node, tree: Tree, depth: in
     if node.plugin == "mesh" and key == "mesh" and isinstance(value, Mapping):
         _fill({k: v for k, v in value.items() if k not in content}, node, tree, depth)
         return
-    if node.plugin == "mesh" and key in _ARRAYS:
+    if key in _ARRAYS.get(node.plugin, ()):
         node.values[key] = Value("array", _array(value, where), where)
         return
     item = _convert(value, where, tree)

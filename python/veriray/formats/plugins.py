@@ -10,7 +10,14 @@ from math import inf
 from typing import Any
 
 from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
-from ..columns import MATERIAL_KINDS, MAX_ETA, OPAQUE_KINDS
+from ..columns import (
+    MATERIAL_KINDS,
+    MAX_ETA,
+    OPAQUE_KINDS,
+    TEXTURABLE,
+    TEXTURE_FILTERS,
+    TEXTURE_WRAPS,
+)
 from ..numeric import MAX_COORDINATE
 from ..settings import SETTINGS
 from .metals import NAMES
@@ -55,6 +62,11 @@ class Param:
         """Kinds of values that a file or a dictionary may give."""
         return _ACCEPTED.get(self.kind, (self.kind,))
 
+    @property
+    def texturable(self) -> bool:
+        """Whether a texture may stand in its place."""
+        return self.column in TEXTURABLE
+
 
 @dataclass(frozen=True)
 class Plugin:
@@ -88,6 +100,8 @@ _PLACED = {
     "to_world": _TO_WORLD,
     "flip_normals": Param("boolean", False, doc="swap front and back"),
 }
+_TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
+_TEXTURES = ("bitmap", "checkerboard")
 _UNMASKED = (*OPAQUE_KINDS, "twosided", *(k for k in MATERIAL_KINDS if k not in OPAQUE_KINDS))
 _BSDFS = (*_UNMASKED, "mask")
 _SHAPES = (
@@ -281,6 +295,7 @@ PLUGINS: dict[str, Plugin] = {
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
             "medium": (("homogeneous",), 0, _MANY),
+            "texture": (_TEXTURES, 0, _MANY),
         },
     ),
     **_PATHS,
@@ -443,6 +458,37 @@ PLUGINS: dict[str, Plugin] = {
         doc="partly transparent",
     ),
     "twosided": Plugin("bsdf", {}, {"bsdf": (OPAQUE_KINDS, 1, 1)}, doc="both sides reflect"),
+    "bitmap": Plugin(
+        "texture",
+        {
+            "filename": Param(
+                "string", None, doc="PNG, JPEG, BMP, TGA, PPM, EXR, HDR or PFM; or data, bitmap"
+            ),
+            "data": Param("array", None, doc="(H, W, C) in a dictionary; not for sRGB"),
+            "bitmap": Param("array", None, doc="likewise; uint8 is sRGB unless raw"),
+            "raw": Param("boolean", False, doc="8-bit texels are linear, not sRGB"),
+            "filter_type": Param("string", "bilinear", choices=TEXTURE_FILTERS),
+            "wrap_mode": Param("string", "repeat", choices=TEXTURE_WRAPS),
+            "to_uv": _TO_UV,
+            "format": Param(
+                "string",
+                "auto",
+                choices=("auto", "variant", "fp16"),
+                doc="without effect: texels keep the precision of the file",
+            ),
+            "accel": Param("boolean", True, doc="without effect: the filter is exact"),
+        },
+        doc="an image; row 0 at v = 0",
+    ),
+    "checkerboard": Plugin(
+        "texture",
+        {
+            "color0": Param(COLOUR, 0.4, **_SHARE, column="texture_color0"),
+            "color1": Param(COLOUR, 0.2, **_SHARE, column="texture_color1"),
+            "to_uv": _TO_UV,
+        },
+        doc="two by two fields a unit of u and v, color0 next to the origin",
+    ),
     "homogeneous": Plugin(
         "medium",
         {
@@ -524,6 +570,16 @@ PLUGINS: dict[str, Plugin] = {
 CATEGORIES = tuple(dict.fromkeys(plugin.category for plugin in PLUGINS.values()))
 
 
+def texturable() -> list[str]:
+    """The parameters that a texture may give, as "diffuse.reflectance"."""
+    return [
+        f"{name}.{key}"
+        for name, plugin in PLUGINS.items()
+        for key, param in plugin.params.items()
+        if param.texturable
+    ]
+
+
 def of_category(category: str) -> list[str]:
     """Names of the plugins of a category."""
     return [name for name, plugin in PLUGINS.items() if plugin.category == category]
@@ -551,8 +607,11 @@ def describe() -> str:
             if isinstance(default, float):
                 default = f"{default:.4g}"
             shown = "" if default is None else default
+            kind = (
+                f"{param.kind.replace(' or', ',')} or texture" if param.texturable else param.kind
+            )
             meaning = param.doc or (param.note and f"without effect: {param.note}")
-            rows.append(f"| | `{key}` | {param.kind} | {shown} | {limits} | {meaning} |")
+            rows.append(f"| | `{key}` | {kind} | {shown} | {limits} | {meaning} |")
         for key, reason in plugin.noted.items():
             rows.append(f"| | `{key}` | | | | without effect: {reason} |")
         if plugin.lenient:

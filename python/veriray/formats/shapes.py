@@ -69,6 +69,7 @@ class Shapes:
         self.files: dict[Path, bytes] = {}  # the mesh file that was read last
         self.spheres: list[tuple[Node, Array, tuple[float, ...], bool]] = []
         self.disks: list[Array] = []
+        self.turned: list[bool] = []  # of discs: y stands before x
         self.rows: dict[str, list[tuple[int, int, int, int]]] = {
             "triangle": [],
             "sphere": [],
@@ -133,6 +134,7 @@ class Shapes:
             kind = plugin
             # mirrors keep the front in front
             first, second = (1, 0) if flip != (determinant(matrix) < 0) else (0, 1)
+            self.turned.append(first == 1)
             self.disks.append(np.stack([matrix[:3, 3], matrix[:3, first], matrix[:3, second]]))
         elif plugin in _FLAT:
             corners, faces, _ = _FLAT[plugin]
@@ -149,7 +151,7 @@ class Shapes:
 
     def arrays(self, *, with_uv: bool = False) -> dict[str, Any]:
         """The arguments of Scene; with_uv: also the texture coordinates uv (V, 2) float64, zero
-        for the vertices of meshes without."""
+        for the vertices of meshes without, and what spheres and discs have for them."""
         spheres, inward = _spheres(self.spheres)
         vertices = np.empty((self.vertex_count, 3))
         index = np.uint32 if self.vertex_count < 2**32 else np.int64
@@ -186,6 +188,8 @@ class Shapes:
         }
         if uv is not None:
             result["uv"] = uv
+            result["sphere_frame"] = _frames(self.spheres)
+            result["disk_turned"] = np.array(self.turned, np.bool_)
         for kind, table_rows in self.rows.items():
             table = np.array(table_rows, np.int32).reshape(-1, 4).T
             for values, name in zip(
@@ -321,6 +325,15 @@ def _spheres(
             (node.values.get("to_world") or node).where,
         )
     return np.column_stack([centres, radii]), inward
+
+
+def _frames(given: list[tuple[Node, Array, tuple[float, ...], bool]]) -> Array:
+    """Unit axes (S, 3, 3) in world space of spheres, a row each."""
+    if not given:
+        return np.zeros((0, 3, 3))
+    axes = np.array([matrix[:3, :3].T for _, matrix, _, _ in given])
+    frames: Array = axes / np.sqrt((axes * axes).sum(axis=2))[:, :, None]
+    return frames
 
 
 def _placed(node: Node, matrix: Array, vertices: Array) -> Array:

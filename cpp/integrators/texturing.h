@@ -1,0 +1,102 @@
+// Where surfaces read textures, and the numbers of a material that these give.
+#pragma once
+
+#include "integrators/path_state.h"
+
+namespace veriray {
+
+template <class L>
+struct Texturing {
+    using F = typename L::F;
+    using U = typename L::U;
+    using M = typename L::M;
+    using V = Vec3<F>;
+    using S = Spectrum<F>;
+    using Point = TexturePoint<F>;
+
+    // Writes the place on a primitive; column(c): of the primitive.
+    template <bool kWithDisks, bool kWithSpheres, class Column>
+    static VR_HD void place(const SceneView& scene, U prim, Column column, Surface<L>& at) {
+        if (!scene.uv) return;
+        const U row = prim * U(kUvFloats);
+        const auto number = [&](uint32_t c) { return gather(scene.uv + c, row); };
+        const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
+        const F last = number(3);
+        Point& uv = at.uv;
+        uv = {dot(a, at.p) + last, dot(b, at.p) + number(7)};
+        if constexpr (kWithDisks) {
+            const M round = !(prim < U(scene.first_sphere - scene.disk_count));
+            if (any(round)) {
+                const F radius = sqrt(fma(uv.u, uv.u, uv.v * uv.v));
+                uv.v = select(round, share_of_turn(uv.u, uv.v), uv.v);
+                uv.u = select(round, radius, uv.u);
+            }
+        }
+        if constexpr (kWithSpheres) {
+            const M round = !(prim < U(scene.first_sphere));
+            if (any(round)) {
+                const V outward = at.ng * column(kPrimSide);
+                const F x = dot(a, outward), y = dot(cross(b, a), outward) * last;
+                const F across = sqrt(fma(x, x, y * y));
+                uv.u = select(round, share_of_turn(x, y), uv.u);
+                uv.v = select(round, angle(dot(b, outward), across) * F(kInvPi), uv.v);
+            }
+        }
+    }
+
+    // Replaces the numbers of a material for which its surface has a texture; column(c): of the
+    // surface.
+    template <class Column, class Material>
+    static VR_HD void replace(const SceneView& scene, Column column, Point uv, Material& m) {
+        if (!scene.uv) return;
+        [[maybe_unused]] const S coat = m.parameters.reflectance;
+#define VR_TEXTURABLE(name)                           \
+    if constexpr (Material::reads(kParameter_##name)) \
+        read(scene, column(kSurface_##name##_texture), uv, m.parameters.name);
+#include "schema/materials.def"
+        if constexpr (Material::has(kCoatedKinds)) {
+            const M lanes = m.template any_of<kCoatedKinds>() &
+                            (column(kSurface_reflectance_texture) >= F(0.f));
+            S& rho = m.parameters.reflectance;
+            if (any(lanes)) rho = select(lanes, base_in_coat(rho, coat), rho);
+        }
+    }
+    template <class Column>
+    static VR_HD F opacity(const SceneView& scene, Column column, Point uv) {
+        F value = column(kSurface_opacity);
+        if (scene.uv) read(scene, column(kSurface_opacity_texture), uv, value);
+        return value;
+    }
+
+   private:
+    // The angle of (x, y) in turns, in [0, 1].
+    static VR_HD F share_of_turn(F x, F y) {
+        const F turns = angle(x, y) * F(0.5f * kInvPi);
+        return select(turns < F(0.f), turns + F(1.f), turns);
+    }
+    template <class Value>
+    static VR_HD void read(const SceneView& scene, F index, Point uv, Value& value) {
+        const M textured = index >= F(0.f);
+        if (none(textured)) return;
+        const U row = to_uint(max(index, F(0.f)));
+        const S colour = Textures<L>::colour(scene.textures, row, uv, textured);
+        if constexpr (std::is_same_v<Value, S>)
+            value = select(textured, colour, value);
+        else
+            value = select(textured, luminance(colour), value);
+    }
+    // The number of a grey colour is itself.
+    static VR_HD F luminance(const S& s) {
+        const F sum = fma(s[2], F(0.072169f), fma(s[1], F(0.71516f), s[0] * F(0.212671f)));
+        return select((s[0] == s[1]) & (s[1] == s[2]), s[0], sum);
+    }
+    // The reflectance of a base within a coat; coat: what surfaces.cpp left in its place.
+    static VR_HD S base_in_coat(const S& rho, const S& coat) {
+        return S::of([&](uint32_t k) {
+            const F again = select(coat[1] > F(0.f), rho[k], F(1.f)) * coat[0];
+            return rho[k] * coat[2] / (F(1.f) - again);
+        });
+    }
+};
+
+}  // namespace veriray

@@ -1,0 +1,178 @@
+// Textures by lane: rows of the texture table, and what they are at a point (u, v).
+//
+// A bitmap's first row of texels is at v = 0, and the centre of texel k of n is at (k + 1/2) / n.
+// Between centres colours are interpolated, first along u, in float32.
+#pragma once
+
+#include "spectrum/spectrum.h"
+
+namespace veriray {
+
+// The values of the columns texture_kind, texture_wrap, texture_filter and texture_format.
+enum TextureKind : uint32_t { kBitmap, kCheckerboard };
+enum TextureWrap : uint32_t { kRepeat, kMirror, kClamp };
+enum TextureFilter : uint32_t { kBilinear, kNearest };
+enum TexelFormat : uint32_t { kSrgb8, kLinear8, kHalf, kFloat };
+
+// Bytes of a texel; colours of 8 bits and half ones have a fourth number, so that they do not
+// straddle.
+constexpr uint32_t texel_bytes(uint32_t format, bool grey) {
+    const uint32_t one = format == kFloat ? 4 : format == kHalf ? 2 : 1;
+    return grey ? one : format == kFloat ? 12 : 4 * one;
+}
+
+enum TextureColumn : uint32_t {
+    kTextureToUv,                         // 2 rows of what takes (u, v, 1) to its coordinates
+    kTextureColor0 = kTextureToUv + 6,    // of a checkerboard: 3 columns
+    kTextureColor1 = kTextureColor0 + 3,  // 3 columns
+    kTextureWidth = kTextureColor1 + 3,   // in texels; 1 without any
+    kTextureHeight,
+    kTextureFirst,   // its first word; bits
+    kTextureTraits,  // TextureTrait; bits
+    kTextureColumns,
+};
+enum TextureTrait : uint32_t {
+    kTraitBoard = 1,
+    kTraitRepeat = 2,
+    kTraitMirror = 4,
+    kTraitNearest = 8,
+    kTraitGrey = 16,
+    kTraitSrgb = 32,
+    kTraitHalf = 64,
+    kTraitFloat = 128,  // none of the three: 8 bits, linear
+};
+
+// Words before the texels: the numbers of 8-bit codes, of sRGB and linear.
+inline constexpr uint32_t kCodeWords = 512;
+
+struct TextureView {
+    const float* table;  // [column][stride]
+    uint32_t stride, count;
+    const uint32_t* texels;  // kCodeWords, then the texels
+};
+
+// Coordinates on a surface.
+template <class F>
+struct TexturePoint {
+    F u, v;
+};
+
+template <class L>
+struct Textures {
+    using F = typename L::F;
+    using U = typename L::U;
+    using M = typename L::M;
+    using S = Spectrum<F>;
+    using Point = TexturePoint<F>;
+
+    // The colour of a texture where m is set; any valid row elsewhere.
+    static VR_HD S colour(const TextureView& textures, U row, Point at, M m) {
+        const auto column = [&](uint32_t c) {
+            return lookup(textures.table + static_cast<uint64_t>(c) * textures.stride, row,
+                          textures.count);
+        };
+        const auto coordinate = [&](uint32_t c) {
+            return fma(column(c), at.u, fma(column(c + 1), at.v, column(c + 2)));
+        };
+        const F u = coordinate(kTextureToUv), v = coordinate(kTextureToUv + 3);
+        const U traits = as_uint(column(kTextureTraits));
+        const M board = is(traits, kTraitBoard);
+        S value = S::all(F(0.f));
+        if (any(m & board)) {
+            const M a = u - floor(u) > F(0.5f), b = v - floor(v) > F(0.5f);
+            const M first = (a & b) | !(a | b);
+            value = S::of([&](uint32_t k) {
+                return select(first, column(kTextureColor0 + k), column(kTextureColor1 + k));
+            });
+        }
+        const M bitmap = m & !board;
+        if (none(bitmap)) return value;
+        const F width = column(kTextureWidth), height = column(kTextureHeight);
+        const Texels texels{textures.texels, as_uint(column(kTextureFirst)) + U(kCodeWords), traits,
+                            bitmap};
+        const Taps x = taps(u, width, traits), y = taps(v, height, traits);
+        const U row0 = y.first * to_uint(width), row1 = y.second * to_uint(width);
+        S colour = texels.at(row0 + x.first);
+        if (any(bitmap & !is(traits, kTraitNearest))) {
+            const S low = mix(colour, texels.at(row0 + x.second), x.share);
+            const S high = mix(texels.at(row1 + x.first), texels.at(row1 + x.second), x.share);
+            colour = mix(low, high, y.share);
+        }
+        return select(board, value, colour);
+    }
+
+   private:
+    static VR_HD M is(U traits, uint32_t trait) { return (traits & U(trait)) == U(trait); }
+    // Equal colours stay as they are.
+    static VR_HD S mix(const S& a, const S& b, F share) {
+        return S::of([&](uint32_t k) { return fma(share, b[k] - a[k], a[k]); });
+    }
+
+    // The texels on both sides of a coordinate along an axis of n, and the second one's share.
+    struct Taps {
+        U first, second;
+        F share;
+    };
+    static VR_HD Taps taps(F x, F n, U traits) {
+        const M repeat = is(traits, kTraitRepeat), mirror = is(traits, kTraitMirror);
+        const M nearest = is(traits, kTraitNearest);
+        const F zero(0.f), one(1.f), last = n - one;
+        const F turn = x - F(2.f) * floor(x * F(0.5f));  // in [0, 2]
+        const F clamped = min(max(x, zero), one);
+        const F s = select(repeat, x - floor(x), select(mirror, min(turn, F(2.f) - turn), clamped));
+        const F place = fma(s, n, select(nearest, zero, F(-0.5f)));
+        const F below = floor(place), above = below + one;
+        const F low = select(below < zero, select(repeat, last, zero), below);
+        const F high = select(above > last, select(repeat, zero, last), above);
+        // min also keeps NaN within the texels.
+        return {to_uint(min(low, last)), to_uint(min(high, last)),
+                select(nearest, zero, place - below)};
+    }
+
+    struct Texels {
+        const uint32_t* words;
+        U first, traits;
+        M lanes;
+
+        VR_HD S at(U texel) const {
+            const M grey = is(traits, kTraitGrey), half = is(traits, kTraitHalf),
+                    whole = is(traits, kTraitFloat);
+            const U one = select(whole, U(4u), select(half, U(2u), U(1u)));
+            const U all = select(whole, U(12u), select(half, U(8u), U(4u)));
+            const U byte = texel * select(grey, one, all);
+            const U at = select(lanes, first + (byte >> 2), U(0u));
+            const U word = gather(words, at);
+            S value = S::all(F(0.f));
+            if (any(lanes & whole)) {
+                // Of other lanes the words may lie behind the last one.
+                const U step = select(lanes & whole & !grey, U(1u), U(0u));
+                const S read{{as_float(word), as_float(gather(words, at + step)),
+                              as_float(gather(words, at + step + step))}};
+                value = select(whole, read, value);
+            }
+            if (any(lanes & half)) {
+                const U step = select(lanes & half & !grey, U(1u), U(0u));
+                const U second = gather(words, at + step);
+                const U lower = select(grey & ((byte & U(2u)) == U(2u)), word >> 16, word);
+                const S read{{of_half(lower), of_half(word >> 16), of_half(second)}};
+                value = select(half, read, value);
+            }
+            const M codes = !(half | whole);
+            if (any(lanes & codes)) {
+                const U base = select(is(traits, kTraitSrgb), U(0u), U(256u));
+                U shifted = select((byte & U(1u)) == U(1u), word >> 8, word);
+                shifted = select((byte & U(2u)) == U(2u), shifted >> 16, shifted);
+                const auto of_code = [&](U code) {
+                    return as_float(gather(words, base + (code & U(255u))));
+                };
+                const S read{{of_code(shifted), of_code(word >> 8), of_code(word >> 16)}};
+                value = select(codes, read, value);
+            }
+            return S::of([&](uint32_t k) { return select(grey, value[0], value[k]); });
+        }
+        // A finite half from 16 bits, exactly.
+        static VR_HD F of_half(U bits) { return as_float((bits & U(0x7fffu)) << 13) * F(0x1p112f); }
+    };
+};
+
+}  // namespace veriray

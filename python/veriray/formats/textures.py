@@ -1,0 +1,119 @@
+"""From texture objects to rows of a scene's texture table, and their texels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..columns import TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
+from ..errors import SceneError
+from . import images, materials
+from .node import Node, Ref, shorten
+from .plugins import PLUGINS, texturable
+
+Array = npt.NDArray[Any]
+_SOURCES = ("filename", "data", "bitmap")
+
+
+def check_place(node: Node, child: Node, item: Node | Ref) -> None:
+    """Raises SceneError if a texture may not stand where it does: `item` of `node`."""
+    param = PLUGINS[node.plugin].params.get(item.name)
+    if param is None or not param.texturable:
+        name = f"{node.plugin}.{shorten(item.name)[1:-1] or '?'}"
+        raise SceneError(
+            f"texture {child.plugin} is supported on {', '.join(texturable())}, not on {name}",
+            item.where,
+        )
+
+
+class Texels:
+    """The texels of the textures that are used, each image once."""
+
+    def __init__(self) -> None:
+        self.words: list[Array] = []
+        self.count = 0
+        self.known: dict[tuple[str, bool], materials.Row] = {}
+        self.rows: dict[int, materials.Row] = {}
+
+    def array(self) -> Array | None:
+        """The column `texels`; None without any."""
+        return np.concatenate(self.words) if self.words else None
+
+    def row(self, node: Node, values: dict[str, Any]) -> materials.Row:
+        """The row of a texture, made once; values: its checked parameters."""
+        found = self.rows.get(id(node))  # the caller keeps the node, and so its id
+        if found is None:
+            matrix = np.eye(4) if values["to_uv"] is None else values["to_uv"]
+            found = {
+                "texture_kind": TEXTURE_KINDS.index(node.plugin),
+                "texture_to_uv": matrix[:2][:, [0, 1, 3]].tolist(),
+                **materials.filled(node, values),
+            }
+            if node.plugin == "bitmap":
+                found |= self._bitmap(node, values)
+            self.rows[id(node)] = found
+        return found
+
+    def _bitmap(self, node: Node, values: dict[str, Any]) -> materials.Row:
+        given = [name for name in _SOURCES if values[name] is not None]
+        if len(given) != 1:
+            raise SceneError(
+                f"{node}: {' and '.join(given) or 'no image'} given; expected one of "
+                f"{', '.join(_SOURCES)}",
+                node.where,
+            )
+        where, raw = node.values[given[0]].where, values["raw"]
+        path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
+        stored = self.known.get((str(path), raw)) if path is not None else None
+        if stored is None:
+            if path is None:
+                image = images.from_array(values[given[0]], where, raw=raw or given[0] == "data")
+            else:
+                image = images.read(path, where, raw=raw)
+            _check_range(node, image.texels, where)
+            stored = self._store(image)
+            if path is not None:
+                self.known[str(path), raw] = stored
+        return {
+            **stored,
+            "texture_wrap": TEXTURE_WRAPS.index(values["wrap_mode"]),
+            "texture_filter": TEXTURE_FILTERS.index(values["filter_type"]),
+        }
+
+    def _store(self, image: images.Image) -> materials.Row:
+        height, width, channels = image.texels.shape
+        first, words = self.count, packed(image.texels)
+        self.words.append(words)
+        self.count += len(words)
+        name = {"u1": "srgb8" if image.encoded else "linear8", "f2": "half", "f4": "float"}
+        return {
+            "texture_format": TEXTURE_FORMATS.index(name[image.texels.dtype.str[1:]]),
+            "texture_width": width,
+            "texture_height": height,
+            "texture_grey": channels == 1,
+            "texture_first": first,
+        }
+
+
+def packed(texels: Array) -> Array:
+    """Texels (H, W, 1 or 3) uint8, float16 or float32 as uint32 words: see `texels` of a scene."""
+    height, width, channels = texels.shape
+    flat = texels.reshape(height * width, channels)
+    if channels == 3 and texels.itemsize < 4:
+        flat = np.concatenate([flat, np.zeros((len(flat), 1), texels.dtype)], axis=1)
+    data = np.ascontiguousarray(flat, texels.dtype.newbyteorder("<")).tobytes()
+    return np.frombuffer(data + b"\0" * (-len(data) % 4), "<u4").astype(np.uint32)
+
+
+def _check_range(node: Node, texels: Array, where: str) -> None:
+    if texels.dtype == np.uint8:
+        return
+    bad = ~((texels >= 0) & (texels <= 1))
+    if bad.any():
+        y, x, c = (int(i) for i in np.argwhere(bad)[0])
+        raise SceneError(
+            f"{node}: the texel (x {x}, y {y}) holds {texels[y, x, c]:g}, outside [0, 1]", where
+        )

@@ -1,0 +1,147 @@
+"""Textures against closed forms: a textured plane under an even sky is the mean of its texture.
+
+The picture is one pixel, just the square that the texture lies on, so that the sample is a point of
+the square with even density, and its radiance the texture there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+import veriray
+from veriray.formats.images import BYTE_TO_SHARE, SRGB_TO_LINEAR
+from veriray_validate.dicts import BLACK, Array, Dict, flat, rgb, scene, sky, view
+from veriray_validate.trial import Trial, case
+
+#: What takes the square's coordinates to the texture's, u and v: factors and offsets.
+WINDOWS = {
+    "whole": (1.0, 1.0, 0.0, 0.0),
+    "corner": (0.5, 0.25, -0.25, -0.125),
+    "far": (5.3, 2.2, -1.7, 3.4),
+    "backwards": (-1.6, -2.3, 0.9, 1.4),
+}
+KINDS: dict[str, Callable[[Array], Array]] = {  # codes 0 to 255 as an image
+    "srgb": lambda codes: codes.astype(np.uint8),
+    "raw": lambda codes: codes.astype(np.uint8),
+    "grey": lambda codes: codes[..., :1].astype(np.uint8),
+    "half": lambda codes: (codes / 256).astype(np.float16),
+    "float": lambda codes: BYTE_TO_SHARE[codes],
+}
+
+
+def seen(bsdf: Dict, *more: Dict) -> veriray.Scene:
+    """The square of a material from above, and nothing else."""
+    half = math.degrees(math.atan(1 / 3))
+    square = flat("rectangle", [0, 0, 0], [0, 0, 1], 1, bsdf)
+    return scene(view([0, 0, 3], [0, 0, 0], 2 * half), square, *(more or (sky(1),)), max_depth=2)
+
+
+def placed(window: tuple[float, ...], texture: Dict) -> Dict:
+    """A texture seen through a window of its own coordinates."""
+    to_uv = np.diag([window[0], window[1], 1.0, 1.0])
+    to_uv[:2, 3] = window[2:]
+    return {**texture, "to_uv": to_uv}
+
+
+def tent(x: Array) -> Array:
+    """Integral of max(0, 1 - |t|) up to x."""
+    x = np.clip(x, -1, 1)
+    return np.where(x < 0, (1 + x) ** 2, 2 - (1 - x) ** 2) / 2
+
+
+def box(x: Array) -> Array:
+    """Integral up to x of what is 1 within 1/2 of 0."""
+    return np.clip(x + 0.5, 0, 1)
+
+
+def shares(n: int, first: float, last: float, wrap: str, kernel: Callable[[Array], Array]) -> Array:
+    """The mean weights (n,) of the texels of an axis over coordinates from first to last.
+
+    By the kernel's integral over each texel of an endless row, of which every one is a copy.
+    """
+    a, b = sorted((first * n, last * n))
+    places = np.arange(math.floor(a) - 2, math.ceil(b) + 3)
+    weight = (kernel(b - places - 0.5) - kernel(a - places - 0.5)) / (b - a)
+    folded = np.mod(places, 2 * n)
+    copies = {
+        "repeat": np.mod(places, n),
+        "mirror": np.minimum(folded, 2 * n - 1 - folded),
+        "clamp": np.clip(places, 0, n - 1),
+    }[wrap]
+    return np.bincount(copies, weight, n)
+
+
+@case(3, each={"wrap": ("repeat", "mirror", "clamp"), "filter_": ("bilinear", "nearest"),
+               "window": WINDOWS, "kind": KINDS},
+      quick=lambda wrap, filter_, window, kind:
+      (len(wrap) + list(WINDOWS).index(window)) % 5 == list(KINDS).index(kind))  # fmt: skip
+def plane_with_a_bitmap(t: Trial, wrap: str, filter_: str, window: str, kind: str) -> None:
+    """A plane with a random bitmap of 5 x 3 texels in a sky of 1: sum of texels times shares.
+
+    Shares are integrals of the tent or the box. Sees 1 %.
+    """
+    codes = t.rng.integers(20, 256, (3, 5, 3))
+    image = KINDS[kind](codes)
+    table = BYTE_TO_SHARE if kind == "raw" else SRGB_TO_LINEAR
+    texels = table[image] if image.dtype == np.uint8 else image.astype(np.float64)
+    u, v, left, low = WINDOWS[window]
+    kernel = tent if filter_ == "bilinear" else box
+    exact = np.einsum(
+        "v,u,vuc->c",
+        shares(3, low, low + v, wrap, kernel),
+        shares(5, left, left + u, wrap, kernel),
+        texels,
+    )
+    texture = {"type": "bitmap", "bitmap": image, "wrap_mode": wrap, "filter_type": filter_}
+    texture["raw"] = kind == "raw"
+    bsdf = {"type": "diffuse", "reflectance": placed(WINDOWS[window], texture)}
+    t.agrees(seen(bsdf), exact, 2_000_000, sees=0.01)
+
+
+def coverage(window: tuple[float, ...]) -> float:
+    """Share of a window in which both coordinates are in the first or both in the second half."""
+    parts = [
+        shares(2, low, low + factor, "repeat", box)[0]
+        for factor, low in zip(window[:2], window[2:], strict=True)
+    ]
+    return parts[0] * parts[1] + (1 - parts[0]) * (1 - parts[1])
+
+
+@case(3, each={"window": WINDOWS})
+def plane_with_a_checkerboard(t: Trial, window: str) -> None:
+    """A plane with a checkerboard in a sky of 1: its colours by the areas of its fields.
+
+    Sees 0.5 %.
+    """
+    colours = np.array([0.9, 0.6, 0.1]), np.array([0.2, 0.3, 0.7])
+    board = {"type": "checkerboard", "color0": rgb(colours[0]), "color1": rgb(colours[1])}
+    bsdf = {"type": "diffuse", "reflectance": placed(WINDOWS[window], board)}
+    share = coverage(WINDOWS[window])
+    exact = share * colours[0] + (1 - share) * colours[1]
+    t.agrees(seen(bsdf), exact, 2_000_000, sees=0.005)
+
+
+@case(3, each={"window": WINDOWS, "light": ("camera", "shadow")})
+def plane_with_holes(t: Trial, window: str, light: str) -> None:
+    """A black plane with a checkerboard for its opacity: 1 and 0.25. What comes through it.
+
+    camera: from the sky of 1 behind it, to the eye. shadow: from the sun above to a white plane
+    below it, which is seen from between them. Sees 0.5 %.
+    """
+    board = {"type": "checkerboard", "color0": 1.0, "color1": 0.25}
+    plane = {"type": "mask", "opacity": placed(WINDOWS[window], board), "bsdf": BLACK}
+    share = (1 - coverage(WINDOWS[window])) * 0.75
+    if light == "camera":
+        t.agrees(seen(plane), share, 2_000_000, sees=0.005)
+        return
+    sun = {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(math.pi)}
+    white = {"type": "diffuse", "reflectance": 1.0}
+    # The pixel is the shadow that the square casts.
+    half = math.degrees(math.atan(1 / 3))
+    holes = flat("rectangle", [0, 0, 4], [0, 0, 1], 1, plane)
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, white)
+    eye = view([0, 0, 3], [0, 0, 0], 2 * half)
+    t.agrees(scene(eye, holes, ground, sun, max_depth=2), share, 2_000_000, sees=0.005)

@@ -84,6 +84,8 @@ struct Closure {
     static constexpr bool kPasses = false;    // lets light straight through
     static constexpr bool kReflects = true;   // if false, it only passes
     static constexpr bool kIndexed = false;   // splits light by Fresnel's equations and index()
+    static constexpr bool kTransmits = false;    // lobes of eval and sample behind the surface, too
+    static constexpr bool kThirdNumber = false;  // reads Numbers::lobe without an index
 
     // For closures with an index: index beyond over index here, and the split of light that follows
     // from the split at one interface.
@@ -95,7 +97,7 @@ struct Closure {
     // These have no default, so that none is forgotten: sample(parameters, view, wo, numbers,
     // nobody); albedo(parameters, view), the share of light from wo that goes on, for feature
     // images; for closures that scatter, eval(parameters, view, wo, wi, cos_i), whose density is
-    // that of sampling wi as seen from wo; for those that pass, pass_through(parameters, view), the
+    // that of sampling wi as seen from wo (cos_i < 0 asks those that transmit alone); for those that pass, pass_through(parameters, view), the
     // share that goes straight through; for clear ones that reflect, sample_again(parameters, view,
     // wo, through), the same lobe about the view's normal.
 

@@ -76,7 +76,8 @@ void HostScene::set_surfaces(const SceneInput& in) {
         const ClosureTraits& closure = closure_traits(kind);
 #define VR_PARAMETER(name, width)        \
     for (uint32_t k = 0; k < width; ++k) \
-        put(kSurface_##name + k, in.name.data[static_cast<size_t>(width) * m + k]);
+        put(kSurface_##name + k,         \
+            static_cast<float>(in.name.data[static_cast<size_t>(width) * m + k]));
 #include "schema/materials.def"
         if (kCoatedKinds >> kind & 1u) {
             const double eta = static_cast<double>(in.eta.data[3 * m]);
@@ -90,7 +91,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
         }
         for (uint32_t k = 0; k < 3 && emission >= 0; ++k)
             put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
-        put(kSurfaceTwoSided, in.two_sided.data[m] || closure.clear ? 1.f : 0.f);
+        put(kSurfaceTwoSided, in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f);
         put(kSurfaceKind, static_cast<float>(kind));
         const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;
         put(kSurfaceInside, border ? static_cast<float>(border[0] + 1) : -1.f);

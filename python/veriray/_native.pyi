@@ -54,6 +54,9 @@ class SceneArrays(TypedDict):
     light_direction: npt.NDArray[np.float64]  # (Q, 3)
     light_intensity: npt.NDArray[np.float32]  # (Q, 3)
     light_angles: npt.NDArray[np.float64]  # (Q, 2)
+    alpha_u: npt.NDArray[np.float32]  # (M,)
+    alpha_v: npt.NDArray[np.float32]  # (M,)
+    distribution: npt.NDArray[np.uint32]  # (M,)
 
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]

@@ -36,7 +36,11 @@ _MATERIAL_KINDS = {
     "plastic": MaterialKind(opaque=True, refracts=True),
     "thindielectric": MaterialKind(refracts=True),
     "null": MaterialKind(),
+    "roughconductor": MaterialKind(opaque=True),
 }
+#: Values of `distribution`.
+DISTRIBUTIONS = ("beckmann", "ggx")
+MIN_ALPHA, MAX_ALPHA = 5e-5, 10.0
 #: Names of the values of `material_kind` and `light_kind`.
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
@@ -190,11 +194,28 @@ _ALWAYS_HASHED: dict[str, Column] = {
 }  # fmt: skip
 #: Columns that enter the hash of a scene only where they are not at their default, so that they
 #: change the hash of no scene that does not use them.
-_HASHED_IF_SET: dict[str, Column] = {}
+_HASHED_IF_SET: dict[str, Column] = {
+    "alpha_u": Column(
+        "materials", np.float32, (), 0.1, MIN_ALPHA, MAX_ALPHA,
+        doc="root mean square slope of a rough surface, along its tangent",
+    ),
+    "alpha_v": Column(
+        "materials", np.float32, (), 0.1, MIN_ALPHA, MAX_ALPHA,
+        doc="likewise, across its tangent",
+    ),
+    "distribution": Column(
+        "materials", np.uint32, (), 0, indexes="distributions",
+        doc="of the slopes; of DISTRIBUTIONS",
+    ),
+}  # fmt: skip
 #: The first column of a table is the one that says how many rows it has.
 COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}
 #: How many values there are of what is no table.
-KINDS = {"material kinds": len(MATERIAL_KINDS), "light kinds": len(LIGHT_KINDS)}
+KINDS = {
+    "material kinds": len(MATERIAL_KINDS),
+    "light kinds": len(LIGHT_KINDS),
+    "distributions": len(DISTRIBUTIONS),
+}
 
 
 def hashed(name: str, values: Array) -> bool:

@@ -63,6 +63,10 @@ class SceneArrays:
         infinity), default 1.0)
     light_angles (Q, 2) float64: a spot's cutoff and beam width, degrees from its axis (in [0, 180],
         default (20.0, 15.0))
+    alpha_u (M,) float32: root mean square slope of a rough surface, along its tangent (in [5e-05,
+        10], default 0.1)
+    alpha_v (M,) float32: likewise, across its tangent (in [5e-05, 10], default 0.1)
+    distribution (M,) uint32: of the slopes; of DISTRIBUTIONS (default 0)
     """
 
     vertices: Array = _NONE
@@ -100,3 +104,6 @@ class SceneArrays:
     light_direction: Array = _NONE
     light_intensity: Array = _NONE
     light_angles: Array = _NONE
+    alpha_u: Array = _NONE
+    alpha_v: Array = _NONE
+    distribution: Array = _NONE

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null")
+MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
+                  "roughconductor", "roughplastic", "roughdielectric")  # fmt: skip
 LIGHT_KINDS = ("point", "spot", "directional")
 
 
@@ -79,7 +80,7 @@ class Material:
 
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
-    opacity: of a mask around the material, 1 without one.
+    opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones.
     """
 
     kind: str = "diffuse"
@@ -91,6 +92,8 @@ class Material:
     opacity: float = 1.0
     two_sided: bool = False
     nonlinear: bool = False
+    alpha: float = 0.1
+    distribution: str = "beckmann"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@
 #pragma once
 
 #include "bsdfs/fresnel.h"
+#include "bsdfs/rough_coat.h"
 #include "core/mapping.h"
 #include "spectrum/spectrum.h"
 
@@ -48,6 +49,26 @@ struct BsdfSample {
 // simulation", 1997, section 5.2.
 enum class Transport : uint32_t { kRadiance, kImportance };
 
+// What the coats of some surfaces let in from outside, by the cosine there; see scene/surfaces.cpp.
+template <class L>
+struct CoatTable {
+    using F = typename L::F;
+    using U = typename L::U;
+
+    const float* columns = nullptr;  // of kCoatCells + 1 cosines from 0 to 1; null: there are none
+    uint32_t stride;
+    U row;
+
+    VR_HD F transmittance(F cosine) const {
+        if (!columns) return F(1.f);
+        const F x = max(min(cosine, F(1.f)), F(0.f)) * F(float{kCoatCells});
+        const U cell = to_uint(min(x, F(kCoatCells - 1.f)));
+        const U at = cell * U(stride) + row;
+        const F low = gather(columns, at), high = gather(columns, at + U(stride));
+        return fma(x - to_float(cell), high - low, low);
+    }
+};
+
 // A surface as seen along wo.
 template <class L>
 struct ClosureView {
@@ -56,6 +77,7 @@ struct ClosureView {
     typename L::F cos_o;                  // between wo and n, positive
     FresnelSplit<typename L::F> fresnel;  // for closures with an index
     typename L::F relative;               // for these: index beyond over index on wo's side
+    CoatTable<L> coat;                    // for rough coats
 };
 
 // Three numbers in [0, 1), for a direction and for the selection of a lobe.
@@ -86,6 +108,7 @@ struct Closure {
     static constexpr bool kIndexed = false;   // splits light by Fresnel's equations and index()
     static constexpr bool kTransmits = false;    // lobes of eval and sample behind the surface, too
     static constexpr bool kThirdNumber = false;  // reads Numbers::lobe without an index
+    static constexpr bool kReadsCoat = false;    // reads View::coat
 
     // For closures with an index: index beyond over index here, and the split of light that follows
     // from the split at one interface.

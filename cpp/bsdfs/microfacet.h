@@ -87,8 +87,7 @@ struct Microfacets {
         return normal(select(ggx, h, V{x * sign, y * sign, F(1.f)}));
     }
 
-   private:
-    // From the unit sphere's slopes to those of the surface.
+    // Of a mirror whose normal would be along h if alpha were 1.
     VR_HD V normal(V h) const {
         const V m{alpha_u * h.x, alpha_v * h.y, h.z};
         return m * (F(1.f) / sqrt(dot(m, m)));

@@ -42,7 +42,7 @@ struct RoughInterface : Closure<L> {
 template <class L>
 struct RoughPlastic : LobeSum<L, RoughCoat<L>, CoatedBase<L, RoughInterface<L>>> {
     static constexpr const char* kName = "roughplastic";
-    static constexpr bool kIndexed = true, kCoated = true;
+    static constexpr bool kIndexed = true, kReadsCoat = true;
     static constexpr uint32_t kReads = parameter_bit(kParameter_reflectance) |
                                        parameter_bit(kParameter_specular_reflectance) |
                                        parameter_bit(kParameter_eta) | kReadsRoughness;

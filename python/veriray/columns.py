@@ -37,6 +37,8 @@ _MATERIAL_KINDS = {
     "thindielectric": MaterialKind(refracts=True),
     "null": MaterialKind(),
     "roughconductor": MaterialKind(opaque=True),
+    "roughplastic": MaterialKind(opaque=True, refracts=True),
+    "roughdielectric": MaterialKind(refracts=True),
 }
 #: Values of `distribution`.
 DISTRIBUTIONS = ("beckmann", "ggx")
@@ -320,6 +322,18 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
                 f"eta[{row}] = {eta[row].tolist()} of a {MATERIAL_KINDS[kinds[row]]}; expected one "
                 f"number in [{1 / MAX_IOR:g}, {MAX_IOR:g}] three times"
             )
+    row = _first((kinds == MATERIAL_KINDS.index("roughdielectric")) & (eta[:, 0] == 1))
+    if row is not None:
+        raise SceneError(
+            f"eta[{row}] is 1 on a roughdielectric; equal indices have no small mirrors"
+        )
+    u, v = arrays["alpha_u"], arrays["alpha_v"]
+    row = _first(u != v)
+    if row is not None:
+        raise SceneError(
+            f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: anisotropic roughness is "
+            "not supported"
+        )
 
 
 def _check_lights(arrays: Mapping[str, Array]) -> None:

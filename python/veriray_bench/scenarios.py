@@ -185,6 +185,8 @@ SCENARIOS: tuple[Scenario, ...] = (
              "cornell spheres", "variants", _SIZE, _SPP, peers=False),
     Scenario("variants-thin", "the same, box with a mirror and a sphere of thin glass",
              "cornell thin", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-rough", "the same, box with a rough metal and a rough glass sphere",
+             "cornell rough", "variants", _SIZE, _SPP, peers=False),
     Scenario("variants-thin-mesh", "the same, 81,920 triangles of thin glass", "thin icosphere 6",
              "variants", _SIZE, _ONE, max_depth=32, peers=False),
     Scenario("variants-glass-mesh", "the same, 81,920 triangles of glass", "glass icosphere 6",
@@ -326,7 +328,7 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     (of thin glass) and "lamp icosphere N" (in the dark, under a rectangle that shines, a quarter of
     its width away), "glass sphere" and "glass medium" (with one inside) under a constant sky;
     "cornell spheres", Mitsuba's box with two of them for its boxes, "cornell thin" with one of thin
-    glass; "lights", small lamps over a floor, and "lights C", those of class C
+    glass, "cornell rough" with rough ones; "lights", small lamps over a floor, and "lights C", those of class C
     alone. Parameters of the file: width, height, max_depth and rr_depth. sampler: Mitsuba's name;
     the only word in which the files of a scene differ.
     """
@@ -348,9 +350,11 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
 
 def _made(name: str, folder: Path) -> str:
     """The text of a scene that is not shipped; its mesh is written to `folder`."""
-    if name in ("cornell spheres", "cornell thin"):
+    if name in ("cornell spheres", "cornell thin", "cornell rough"):
         text = find_shipped(_BOX).read_text("utf-8")
         spheres = _TWO_SPHERES.replace(_GLASS, _THIN if name == "cornell thin" else _GLASS)
+        if name == "cornell rough":
+            spheres = spheres.replace('bsdf type="', 'bsdf type="rough')
         return text[: text.index('<shape type="cube"')] + spheres
     if name.startswith("lights"):
         chosen = name.removeprefix("lights").strip()

@@ -30,6 +30,12 @@ def material(node: Node, values: dict[str, Any]) -> Row:
     if "material" in values:
         row["eta"], row["k"] = _conductor(node, values)
     if "distribution" in values:
+        if "int_ior" in values and values["int_ior"] == values["ext_ior"]:
+            raise SceneError(
+                f"{node}: int_ior and ext_ior are equal; a rough interface of equal indices has no "
+                "small mirrors",
+                node.where,
+            )
         row["distribution"] = DISTRIBUTIONS.index(values["distribution"])
         row["alpha_u"] = row["alpha_v"] = _roughness(node, values)
     return row

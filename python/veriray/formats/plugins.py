@@ -281,6 +281,12 @@ PLUGINS: dict[str, Plugin] = {
         doc="smooth clear coat on a diffuse base",
     ),
     "roughconductor": Plugin("bsdf", {**_METAL, **_ROUGH}, doc="rough metal"),
+    "roughplastic": Plugin(
+        "bsdf", {**_PLASTIC, **_ROUGH}, doc="rough clear coat on a diffuse base"
+    ),
+    "roughdielectric": Plugin(
+        "bsdf", {**_GLASS, **_ROUGH}, doc="rough boundary of a clear material"
+    ),
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(
         "bsdf",

@@ -48,6 +48,8 @@ class Grey:
     transmission: float = 1.0
     eta: float = 1.5
     k: float = 0.0
+    alpha: float = 0.1
+    ggx: float = 0.0
 
     def columns(self, front: bool = True) -> tuple[float, ...]:
         """As the hooks take them."""

@@ -111,14 +111,14 @@ def coat(eta: float, alpha: float, ggx: bool) -> tuple[np.ndarray, float]:
 
 
 def _share(through: bool, cosines: np.ndarray, eta: float, alpha: float, ggx: bool) -> np.ndarray:
-    x, w = np.polynomial.legendre.leggauss(96)
+    x, w = np.polynomial.legendre.leggauss(320)
     if ggx:
         u, weight = ((x + 1) / 2) ** 2, w * (x + 1) / 2
     else:
         r = 3 * (x + 1)
         u, weight = -np.expm1(-r * r), w * 3 * 2 * r * np.exp(-r * r)
-    u, v = (a.ravel() for a in np.meshgrid(u, (np.arange(96) + 0.5) / 96, indexing="ij"))
-    weight = np.repeat(weight / 96, 96)
+    u, v = (a.ravel() for a in np.meshgrid(u, (np.arange(64) + 0.5) / 128, indexing="ij"))
+    weight = np.repeat(weight / 64, 64)  # half of the angles, by symmetry
     rough, smooth = np.full(len(u), alpha), np.full(len(u), ggx)
     out = []
     for cosine in cosines:

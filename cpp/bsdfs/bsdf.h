@@ -52,7 +52,7 @@ struct Bsdf {
 
     // Lobes let light through.
     VR_HD M clear() const { return any_of<kClearKinds | kTransmittingKinds>(); }
-    VR_HD M scatters() const { return any_of<kScattering>(); }  // light samples reach it
+    VR_HD M scatters() const { return any_of<kScattering>(); }          // light samples reach it
     VR_HD M transmits() const { return any_of<kTransmittingKinds>(); }  // from behind, too
     VR_HD M only_passes() const { return any_of<kAllKinds & ~kReflecting>(); }
     VR_HD M black() const {

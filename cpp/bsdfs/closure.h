@@ -120,9 +120,10 @@ struct Closure {
     // These have no default, so that none is forgotten: sample(parameters, view, wo, numbers,
     // nobody); albedo(parameters, view), the share of light from wo that goes on, for feature
     // images; for closures that scatter, eval(parameters, view, wo, wi, cos_i), whose density is
-    // that of sampling wi as seen from wo (cos_i < 0 asks those that transmit alone); for those that pass, pass_through(parameters, view), the
-    // share that goes straight through; for clear ones that reflect, sample_again(parameters, view,
-    // wo, through), the same lobe about the view's normal.
+    // that of sampling wi as seen from wo (cos_i < 0 asks those that transmit alone); for those
+    // that pass, pass_through(parameters, view), the share that goes straight through; for clear
+    // ones that reflect, sample_again(parameters, view, wo, through), the same lobe about the
+    // view's normal.
 
     // A delta lobe.
     static VR_HD Sample delta(V wi, S weight, M nobody) {

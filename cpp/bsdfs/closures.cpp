@@ -23,8 +23,8 @@ double rough_share(bool through, float cosine, float eta, float alpha, bool ggx)
             float coin = 0.f, sine, cosine_v;
             sincos_2pi(v, sine, cosine_v);
             const float r = sqrt(-log(rest * rest));
-            const V m = ggx ? facets.draw(o, u, v, coin)
-                            : facets.normal({r * cosine_v, r * sine, 1.f});
+            const V m =
+                ggx ? facets.draw(o, u, v, coin) : facets.normal({r * cosine_v, r * sine, 1.f});
             const float om = dot(o, m);
             const FresnelSplit<float> split = fresnel_dielectric(min(om, 1.f), eta);
             const V i = through ? refracted(o, m, om, split.cos_t, eta) : reflected(o, m, om);

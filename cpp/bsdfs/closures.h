@@ -9,7 +9,7 @@
 namespace veriray {
 
 inline constexpr ClosureTraits kClosures[] = {
-#define VR_TRAITS_OF(C)                                                                 \
+#define VR_TRAITS_OF(C)                                                                         \
     {C<Scalar>::kName,      C<Scalar>::kReads,       C<Scalar>::kScatters, C<Scalar>::kClear,   \
      C<Scalar>::kRefracts,  C<Scalar>::kPasses,      C<Scalar>::kReflects, C<Scalar>::kIndexed, \
      C<Scalar>::kTransmits, C<Scalar>::kThirdNumber, C<Scalar>::kReadsCoat},

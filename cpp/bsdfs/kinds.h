@@ -20,8 +20,7 @@ inline constexpr uint32_t kAllKinds = (1u << kMaterialCount) - 1u;
 struct ClosureTraits {
     const char* name;
     uint32_t reads;
-    bool scatters, clear, refracts, passes, reflects, indexed, transmits, third_number,
-        reads_coat;
+    bool scatters, clear, refracts, passes, reflects, indexed, transmits, third_number, reads_coat;
 
     bool lets_through() const { return clear || transmits; }
 };
@@ -33,8 +32,7 @@ inline constexpr uint32_t kPlainKinds = kind_bit(kKindDiffuse);
 inline constexpr uint32_t kMetalKinds = kind_bit(kKindConductor) | kind_bit(kKindRoughConductor);
 inline constexpr uint32_t kCoatedKinds = kind_bit(kKindPlastic) | kind_bit(kKindRoughPlastic);
 // Kinds that scenes with smooth surfaces do without.
-inline constexpr uint32_t kRoughKinds = kind_bit(kKindRoughConductor) |
-                                        kind_bit(kKindRoughPlastic) |
-                                        kind_bit(kKindRoughDielectric);
+inline constexpr uint32_t kRoughKinds =
+    kind_bit(kKindRoughConductor) | kind_bit(kKindRoughPlastic) | kind_bit(kKindRoughDielectric);
 
 }  // namespace veriray

@@ -1,6 +1,6 @@
-// Rough interfaces: sheets of small mirrors, whose normals m are spread about n. Directions are local: n = +z.
-// B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007; shadowing
-// by Smith's separable function, as Mitsuba 3 has it.
+// Rough interfaces: sheets of small mirrors, whose normals m are spread about n. Directions are
+// local: n = +z. B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR
+// 2007; shadowing by Smith's separable function, as Mitsuba 3 has it.
 #pragma once
 
 #include "bsdfs/closure.h"

@@ -12,8 +12,8 @@ struct RoughConductor : RoughMirror<L> {
     static constexpr const char* kName = "roughconductor";
     static constexpr bool kScatters = true, kThirdNumber = true;
     static constexpr uint32_t kReads = parameter_bit(kParameter_specular_reflectance) |
-                                       parameter_bit(kParameter_eta) |
-                                       parameter_bit(kParameter_k) | kReadsRoughness;
+                                       parameter_bit(kParameter_eta) | parameter_bit(kParameter_k) |
+                                       kReadsRoughness;
 
     static VR_HD S colour(const Parameters& p, F cosine) {
         const F c = min(cosine, F(1.f));

@@ -54,16 +54,16 @@ struct RoughDielectric : Closure<L> {
         const F om = dot(o, m);
         const FresnelSplit<F> split = fresnel_dielectric(min(om, F(1.f)), view.relative);
         const M mirror = (r.lobe < split.reflected) | !(split.cos_t > F(0.f));
-        const V i = select(mirror, reflected(o, m, om),
-                           refracted(o, m, om, split.cos_t, view.relative));
+        const V i =
+            select(mirror, reflected(o, m, om), refracted(o, m, om, split.cos_t, view.relative));
         const F masking = facets.seen(o), chance = facets.drawn(o, m, masking);
         const F up = select(mirror, i.z, -i.z);
         const F share = select(up > F(0.f), facets.seen(i) * up * masking / chance, F(0.f));
         const F across = fma(-view.relative, split.cos_t, om);
         const F through = (F(1.f) - split.reflected) * om * split.cos_t / (across * across);
         const F spread = select(mirror, F(0.25f) * split.reflected, through * squared(view));
-        const S colour = select(mirror, p.specular_reflectance,
-                                p.specular_transmittance * compression(view));
+        const S colour =
+            select(mirror, p.specular_reflectance, p.specular_transmittance * compression(view));
         return {facets.world(i), colour * share, facets.density(m) * chance * spread, !mirror,
                 nobody};
     }

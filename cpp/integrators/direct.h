@@ -81,7 +81,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         if constexpr (has(kSmooth)) lit = lit & (dot(at.ng, light.wi) > F(0.f));
         M behind = no_lanes(active);
         if constexpr (Material::kTransmits) {
-            behind = active & material.transmits() & (cos_i < F(0.f));
+            behind = active & material.transmits() & (cos_i < F(0.f)) & (value.pdf_sa > F(0.f));
             if constexpr (has(kSmooth)) behind = behind & (dot(at.ng, light.wi) < F(0.f));
             if constexpr (has(kMedia)) behind = behind & at.surface;
             lit = lit | behind;

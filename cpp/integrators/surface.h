@@ -374,7 +374,8 @@ struct SurfaceReader {
 #include "schema/materials.def"
         if constexpr (Material::has(kCoatTables)) {
             const uint64_t first = static_cast<uint64_t>(kSurfaceColumns) * scene.surface_stride;
-            if (scene.features & materials(kCoatTables)) m.view.coat.columns = scene.surfaces + first;
+            if (scene.features & materials(kCoatTables))
+                m.view.coat.columns = scene.surfaces + first;
             m.view.coat.stride = scene.surface_stride, m.view.coat.row = row;
         }
         return m;

@@ -147,8 +147,13 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.bsdf = material(scene, at.row);
         const V wo = -path.ray.d, collision = place.vertex.p;
         const F side = select(at.front, F(1.f), F(-1.f));
-        place.vertex = {fma(at.ng, at.offset * side, at.p), at.ng * side, at.ns * side, valid,
-                        F(0.f), {}, U(0u)};
+        place.vertex = {fma(at.ng, at.offset * side, at.p),
+                        at.ng * side,
+                        at.ns * side,
+                        valid,
+                        F(0.f),
+                        {},
+                        U(0u)};
         Vertex& vertex = place.vertex;
         if constexpr (Material::kTransmits) {
             vertex.behind = fma(at.ng, -at.offset * side, at.p);

@@ -29,9 +29,9 @@ double diffuse_reflectance_inside(double eta) {
     return 1 - (1 - sum / kSteps) / (eta * eta);
 }
 
-// What a rough coat lets in from outside, by cosine, and the share of diffuse light from inside that
-// it sends back, as Mitsuba 3.9 has them: the latter is a mean over the cosines of the table, which
-// counts its ends in full (for alpha 0.1 and the default index 1.5 % below the integral).
+// What a rough coat lets in from outside, by cosine, and the share of diffuse light from inside
+// that it sends back, as Mitsuba 3.9 has them: the latter is a mean over the cosines of the table,
+// which counts its ends in full (for alpha 0.1 and the default index 1.5 % below the integral).
 struct RoughCoat {
     float transmittance[kCoatCells + 1];
     double inside;

@@ -328,7 +328,8 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
             f"eta[{row}] is 1 on a roughdielectric; equal indices have no small mirrors"
         )
     u, v = arrays["alpha_u"], arrays["alpha_v"]
-    row = _first(u != v)
+    rough = np.array([name.startswith("rough") for name in MATERIAL_KINDS])[kinds]
+    row = _first(rough & (u != v))
     if row is not None:
         raise SceneError(
             f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: anisotropic roughness is "

@@ -34,16 +34,18 @@ from reference.materials import (
     PASS,
     PHASE,
     REFRACT,
+    ROUGH,
     Materials,
     mirrored,
     refracted,
 )
 from reference.media import Media
 from reference.paths import ABSORBED, CUT, EMITTER, ESCAPED, RR, Paths, Tally, Vertices
+from reference.rough import Rough
 from reference.scene import Scene
 from reference.shadows import Shadows
 from reference.tracer import Start, Tracer
-from reference.vectors import dot, unit_sphere
+from reference.vectors import cross, dot, unit_sphere
 
 SEGMENTS = 262143
 
@@ -55,6 +57,7 @@ class Integrator:
         self.scene = scene
         self.tracer = Tracer(scene.geometry)
         self.materials = Materials(scene.materials)
+        self.rough = Rough(scene.materials, self.materials)
         self.media = Media(scene.media)
         self.lights = Lights(scene, self.tracer)
         self.shadows = Shadows(scene, self.tracer, self.materials, self.media)
@@ -230,7 +233,7 @@ class Integrator:
     def light_sample(
         self, rng: np.random.Generator, live: Paths, v: Vertices, tally: Tally
     ) -> None:
-        """Add one light sample's share at diffuse events and scatterings in media."""
+        """Add one light sample's share at diffuse and rough events and scatterings in media."""
         at = np.flatnonzero(v.event <= PHASE)
         if not self.lights.any or not len(at):
             return
@@ -249,12 +252,29 @@ class Integrator:
             ahead = dot(live.direction[:, at[inside]], sample.direction[:, inside])
             pdf[inside] = self.media.phase(live.medium[at[inside]], ahead)
             share[inside], use[inside] = pdf[inside], True
+        colour = None
+        if len(rough := np.flatnonzero(event == ROUGH)):
+            colour = np.ones((3, len(at)))
+            behind = dot(v.front[:, at[rough]], sample.direction[:, rough]) * turn[rough]
+            behind = (behind < -GRAZING) & (cosine[rough] < -GRAZING)
+            colour[:, rough], pdf[rough] = self.rough_value(
+                live, v, at[rough], sample.direction[:, rough]
+            )
+            share[rough], use[rough] = 1, use[rough] | behind
+            use[rough] &= pdf[rough] > 0
         use &= sample.pdf > 0
         use = np.flatnonzero(use)
         sample.keep(use)
         at, pdf, share, turn = at.take(use), pdf.take(use), share.take(use), turn.take(use)
-        start = Start(v.primitive.take(at), v.front.take(at, axis=1) * turn, v.near.take(at))
+        beyond = (event.take(use) == ROUGH) & (cosine.take(use) < 0)
+        side = v.front.take(at, axis=1) * np.where(beyond, -turn, turn)
+        start = Start(v.primitive.take(at), side, v.near.take(at))
         medium = None if live.medium is None else live.medium.take(at)
+        if medium is not None and beyond.any():
+            boundary = self.scene.boundary.take(v.primitive.take(at))
+            inner = np.flatnonzero(beyond & (boundary >= 0))
+            to = (turn[inner] < 0).astype(np.int64)  # from behind: to the front's side
+            medium[inner] = self.scene.boundaries[boundary[inner], to]
         seen, through = self.shadows.light(live.origin.take(at, axis=1), start, sample, medium)
         tally.counts[-1][1] = len(seen)
         tally.counts[-1][2] = len(at) - len(seen)
@@ -264,6 +284,8 @@ class Integrator:
         light *= sample.radiance.take(seen, axis=1)
         light *= share.take(seen)
         light *= through
+        if colour is not None:
+            light *= colour.take(use.take(seen), axis=1)
         tally.radiance[:, live.path.take(at)] += light
 
     def leave(self, rng: np.random.Generator, live: Paths, v: Vertices, tally: Tally) -> None:
@@ -275,10 +297,17 @@ class Integrator:
         self.turn(rng, live, v, normal)
         ahead = dot(front, live.direction)
         alive = np.ones(len(ahead), bool)
+        if self.materials.rough:
+            lost = ~(live.throughput > 0).any(axis=0)
+            tally.cause[live.path[lost]] = ABSORBED
+            alive &= ~lost
         if self.any_smooth:
             below = np.where(v.event == REFRACT, ahead >= 0, ahead <= 0)
+            if self.materials.rough:
+                rough = v.event == ROUGH
+                below = np.where(rough, ahead * dot(normal, live.direction) <= 0, below)
             below &= (v.event != PASS) & (v.event != PHASE)
-            clear = below & self.materials.clear.take(v.material)
+            clear = below & self.materials.clear.take(v.material) & (v.event != ROUGH)
             if len(at := np.flatnonzero(clear)):
                 self.turn_flat(live, v, at, front[:, at], old[:, at])
                 ahead[at] = dot(front[:, at], live.direction[:, at])
@@ -318,6 +347,8 @@ class Integrator:
             live.direction[:, at], live.pdf[at] = self.media.scatter(
                 rng, live.medium[at], old[:, at]
             )
+        if len(at := np.flatnonzero(v.event == ROUGH)):
+            self.turn_rough(rng, live, v, at)
         if len(at := np.flatnonzero(v.event == MIRROR)):
             live.direction[:, at] = mirrored(old[:, at], v.normal[:, at])
             live.pdf[at] = np.inf
@@ -326,6 +357,40 @@ class Integrator:
             live.direction[:, at] = refracted(old[:, at], v.normal[:, at], eta)
             live.pdf[at] = np.inf
             live.eta2[at] *= eta * eta
+
+    def rough_frame(self, v: Vertices, at: np.ndarray) -> np.ndarray:
+        """Tangents and the normal towards wo at rough events (3 rows, 3, n)."""
+        z = v.normal[:, at] * np.where(v.facing[at] < 0, -1.0, 1.0)
+        aside = np.where(np.abs(z[0]) > 0.7, [[0.0], [1.0], [0.0]], [[1.0], [0.0], [0.0]])
+        x = cross(aside, z)
+        x /= np.sqrt(dot(x, x))
+        return np.stack([x, cross(z, x), z])
+
+    def rough_value(
+        self, live: Paths, v: Vertices, at: np.ndarray, wi: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """F cos (3, n) and density (n,) of directions wi at rough events."""
+        frame = self.rough_frame(v, at)
+        m, eta = v.material[at], self.rough.eta(v.material[at], v.facing[at])
+        local = (np.stack([dot(row, w) for row in frame]) for w in (-live.direction[:, at], wi))
+        return self.rough.evaluate(m, eta, *local)
+
+    def turn_rough(
+        self, rng: np.random.Generator, live: Paths, v: Vertices, at: np.ndarray
+    ) -> None:
+        """Directions of rough events, their weight and density."""
+        frame = self.rough_frame(v, at)
+        m, eta = v.material[at], self.rough.eta(v.material[at], v.facing[at])
+        wo = np.stack([dot(row, -live.direction[:, at]) for row in frame])
+        wi = self.rough.sample(rng, m, eta, wo)
+        value, density = self.rough.evaluate(m, eta, wo, wi)
+        good = density > 0
+        live.throughput[:, at] *= np.where(good, value / np.where(good, density, 1), 0)
+        wi[:, ~good] = [[0.0], [0.0], [1.0]]
+        x, y, z = frame
+        live.direction[:, at], live.pdf[at] = wi[0] * x + wi[1] * y + wi[2] * z, density
+        if live.eta2 is not None:
+            live.eta2[at] *= np.where(wi[2] < 0, eta * eta, 1)
 
     def turn_flat(
         self, live: Paths, v: Vertices, at: np.ndarray, normal: np.ndarray, old: np.ndarray
@@ -351,7 +416,9 @@ class Integrator:
     def cross(self, live: Paths, v: Vertices, ahead: np.ndarray) -> None:
         """Media beyond the boundaries that paths cross; ahead: dot(ng, new direction)."""
         boundary = self.scene.boundary.take(v.primitive)
-        through = (boundary >= 0) & ((v.event == PASS) | (v.event == REFRACT))
+        through = (v.event == PASS) | (v.event == REFRACT)
+        through |= (v.event == ROUGH) & (ahead * v.facing < 0)
+        through &= boundary >= 0
         at = np.flatnonzero(through)
         side = (ahead[at] >= 0).astype(np.int64)
         live.medium[at] = self.scene.boundaries[boundary[at], side]

@@ -13,6 +13,7 @@ plastic         MIRROR with probability F(wo), else COATED: rho / (1 - Fi) / eta
 thindielectric  MIRROR with probability 2F / (1 + F) (all inter-reflections), else PASS
 null            PASS
 mask            PASS with probability 1 - opacity
+roughconductor, roughplastic, roughdielectric: ROUGH (``reference/rough.py``)
 =============== ==================================================================================
 
 Normals: ng is geometric, ns the shading normal. Cosines are of ns. A value is 0 unless wo and wi
@@ -30,9 +31,10 @@ from reference.scene import MATERIAL_KINDS, Geometry, Material
 from reference.textures import coordinates
 from reference.vectors import dot
 
-LAMBERT, COATED, PHASE, MIRROR, REFRACT, PASS, BLACK = range(7)
-_DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(len(MATERIAL_KINDS))
-_ONE_SIDED = np.array([True, True, False, True, False, False])
+LAMBERT, COATED, ROUGH, PHASE, MIRROR, REFRACT, PASS, BLACK = range(8)
+_DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(6)
+ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS = range(6, len(MATERIAL_KINDS))
+_ONE_SIDED = np.array([True, True, False, True, False, False, True, True, False])
 
 
 def fresnel(cosine: np.ndarray, eta: np.ndarray | float) -> np.ndarray:
@@ -80,14 +82,14 @@ class Materials:
         self.opacity = np.array([m.opacity for m in materials])
         self.two_sided = np.array([m.two_sided for m in materials])
         self.one_sided = _ONE_SIDED[self.kind]
-        self.clear = np.isin(self.kind, (_DIELECTRIC, _THIN, _NULL))
+        self.clear = np.isin(self.kind, (_DIELECTRIC, _THIN, _NULL, ROUGH_GLASS))
         self.base = np.array([_base(m) for m in materials]).T.copy()
         lobes = [
             (self.base, (_DIFFUSE, _PLASTIC)),
             (self.specular_reflectance, (_CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN)),
             (self.specular_transmittance, (_DIELECTRIC, _THIN)),
         ]
-        self.black = self.kind != _NULL
+        self.black = (self.kind != _NULL) & (self.kind < ROUGH_METAL)
         for colour, kinds in lobes:
             self.black &= ~(np.isin(self.kind, kinds) & (colour > 0).any(axis=0))
         self.textures = {i: m.texture for i, m in enumerate(materials) if m.texture is not None}
@@ -95,7 +97,8 @@ class Materials:
         self.has = {kind: kind in present for kind in range(len(MATERIAL_KINDS))}
         self.masked = bool((self.opacity < 1).any())
         self.passes = self.masked or self.has[_THIN] or self.has[_NULL]
-        self.bends = self.has[_DIELECTRIC]
+        self.bends = self.has[_DIELECTRIC] or self.has[ROUGH_GLASS]
+        self.rough = max(present) >= ROUGH_METAL
         self.plain = present == {_DIFFUSE} and not self.masked
 
     def events(
@@ -127,6 +130,9 @@ class Materials:
                 (_PLASTIC, self._plastic),
                 (_THIN, self._thin),
                 (_NULL, self._null),
+                (ROUGH_METAL, self._rough),
+                (ROUGH_PLASTIC, self._rough),
+                (ROUGH_GLASS, self._rough),
             ):
                 if self.has[number] and len(
                     at := np.flatnonzero((kind == number) & (event == LAMBERT))
@@ -170,6 +176,9 @@ class Materials:
 
     def _null(self, rng, m, cosine, throughput, at) -> int:  # noqa: ANN001
         return PASS
+
+    def _rough(self, rng, m, cosine, throughput, at) -> int:  # noqa: ANN001
+        return ROUGH
 
     def relative(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """N beyond / n on wo's side (n,), for wo on the side that the cosine's sign tells."""

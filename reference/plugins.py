@@ -216,7 +216,7 @@ class _Reader(Document):
     def bsdf(self, element: etree._Element) -> Material:
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
-            "mask", "twosided",
+            "mask", "twosided", "roughconductor", "roughplastic", "roughdielectric",
         )  # fmt: skip
         if kind in ("mask", "twosided"):
             return getattr(self, kind)(element)
@@ -233,7 +233,7 @@ class _Reader(Document):
         inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")
         if inner is None or inner.opacity < 1:
             raise self.error(element, "twosided needs exactly one bsdf, without a mask")
-        if inner.kind not in ("diffuse", "conductor", "plastic"):
+        if inner.kind not in ("diffuse", "conductor", "plastic", "roughconductor", "roughplastic"):
             raise self.error(element, f"twosided {inner.kind}: it transmits light")
         return replace(inner, two_sided=True)
 
@@ -285,9 +285,35 @@ class _Reader(Document):
     def null(self, element: etree._Element) -> dict:
         return self.parameters(element)
 
-    def conductor(self, element: etree._Element) -> dict:
+    def roughness(self, element: etree._Element, values: dict) -> dict:
+        """Takes alpha_u and alpha_v for alpha; sample_visible changes no expectation."""
+        values.pop("sample_visible", None)
+        both = values.pop("alpha_u", None), values.pop("alpha_v", None)
+        if both != (None, None):
+            if both[0] != both[1] or "alpha" in values:
+                raise self.error(element, "expected alpha, or alpha_u and alpha_v equal to it")
+            values["alpha"] = both[0]
+        return {**values, "alpha": max(values.get("alpha", 0.1), 1e-4)}
+
+    def rough(self) -> dict:
+        """The parameters of rough materials."""
+        alphas = dict.fromkeys(("alpha", "alpha_u", "alpha_v"), self.number(0))
+        return {**alphas, "distribution": self.choice("beckmann", "ggx"),
+                "sample_visible": self.boolean}  # fmt: skip
+
+    def roughconductor(self, element: etree._Element) -> dict:
+        return self.roughness(element, self.conductor(element, **self.rough()))
+
+    def roughplastic(self, element: etree._Element) -> dict:
+        return self.roughness(element, self.plastic(element, **self.rough()))
+
+    def roughdielectric(self, element: etree._Element) -> dict:
+        return self.roughness(element, self.dielectric(element, **self.rough()))
+
+    def conductor(self, element: etree._Element, **more: object) -> dict:
         values = self.parameters(
             element,
+            **more,
             material=self.choice("none"),
             eta=self.colour(),
             k=self.colour(),
@@ -312,9 +338,10 @@ class _Reader(Document):
             return IOR[name]
         return self.number(0, open_low=True)(element)
 
-    def dielectric(self, element: etree._Element) -> dict:
+    def dielectric(self, element: etree._Element, **more: object) -> dict:
         values = self.parameters(
             element,
+            **more,
             int_ior=self.ior,
             ext_ior=self.ior,
             specular_reflectance=self.colour(1.0),
@@ -325,9 +352,10 @@ class _Reader(Document):
 
     thindielectric = dielectric
 
-    def plastic(self, element: etree._Element) -> dict:
+    def plastic(self, element: etree._Element, **more: object) -> dict:
         values = self.parameters(
             element,
+            **more,
             int_ior=self.ior,
             ext_ior=self.ior,
             diffuse_reflectance=self.colour(1.0),

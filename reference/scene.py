@@ -17,7 +17,8 @@ import numpy as np
 if TYPE_CHECKING:
     from reference.textures import Texture
 
-MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null")
+MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
+                  "roughconductor", "roughplastic", "roughdielectric")  # fmt: skip
 LIGHT_KINDS = ("point", "spot", "directional")
 
 
@@ -83,8 +84,8 @@ class Material:
 
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
-    opacity: of a mask around the material, 1 without one. texture: in place of a diffuse
-    reflectance.
+    opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones.
+    texture: in place of a diffuse reflectance.
     """
 
     kind: str = "diffuse"
@@ -97,6 +98,8 @@ class Material:
     two_sided: bool = False
     nonlinear: bool = False
     texture: Texture | None = None
+    alpha: float = 0.1
+    distribution: str = "beckmann"
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "bsdfs/bsdf.h"
+#include "backends/bsdf_hooks.h"
 #include "film/lane_sums.h"
 #include "lights/light.h"
 #include "media/medium.h"
@@ -86,8 +86,8 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"sphere_light", 13, 7},
     {"fresnel_dielectric", 2, 2},
     {"fresnel_conductor", 3, 1},
-    {"bsdf_sample", 16, 9},
-    {"bsdf_eval", 16, 5},
+    {"bsdf_sample", 18, 9},
+    {"bsdf_eval", 18, 5},
     {"light", 20, 7},
     {"light_pdf", 20, 1},
     {"light_emission", 19, 10},
@@ -104,16 +104,6 @@ inline uint32_t find_function(const std::string& name) {
                                  [&](const FunctionInfo& f) { return name == f.name; });
     if (at == std::end(kFunctions)) throw std::invalid_argument("unknown function '" + name + "'");
     return static_cast<uint32_t>(at - std::begin(kFunctions));
-}
-
-template <class F>
-VR_HD void put(F* y, Vec3<F> v) {
-    y[0] = v.x, y[1] = v.y, y[2] = v.z;
-}
-
-template <class F>
-VR_HD void put(F* y, const Spectrum<F>& s) {
-    for (uint32_t k = 0; k < kChannels; ++k) y[k] = s[k];
 }
 
 template <class F>
@@ -201,50 +191,6 @@ VR_HD void evaluate_sphere(const typename L::F* x, typename L::F* y) {
     y[0] = select(met, t, F(kInfinity));
     put(y + 1, s.p), put(y + 4, s.n);
     y[7] = s.offset;
-}
-
-// A grey material seen from wo: kind, front (1: wo sees it), albedo, specular reflectance and
-// transmittance, eta, k, n (on wo's side), wo.
-template <class L>
-VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x) {
-    using F = typename L::F;
-    const Vec3<F> n{x[7], x[8], x[9]}, wo{x[10], x[11], x[12]};
-    Bsdf<L, kAllKinds> b;
-    b.kind = to_uint(x[0]);
-    using S = Spectrum<F>;
-    auto& p = b.parameters;
-    p.reflectance = S::all(x[2]);
-    p.specular_reflectance = S::all(x[3]), p.specular_transmittance = S::all(x[4]);
-    p.eta = S::all(x[5]), p.k = S::all(x[6]);
-    b.set_view(n, dot(n, wo), x[1] > F(0.f));
-    return b;
-}
-
-template <class L>
-VR_HD void evaluate_bsdf(Function which, const typename L::F* x, typename L::F* y) {
-    using F = typename L::F;
-    const F one(1.f), none(0.f);
-    const auto b = bsdf_of<L>(x);
-    if (which == Function::kBsdfSample) {
-        const Vec3<F> wo{x[10], x[11], x[12]};
-        const BsdfSample<L> s = b.sample(wo, {x[13], x[14], x[15]});
-        put(y, s.wi);
-        y[3] = s.weight[0], y[4] = s.pdf_sa;
-        y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
-        y[7] = select(b.parameters.eta[0] > none, b.view.fresnel.reflected, none);
-        auto importance = b;
-        importance.view.transport = Transport::kImportance;
-        y[8] = importance.sample(wo, {x[13], x[14], x[15]}).weight[0];
-        return;
-    }
-    const Vec3<F> wo{x[10], x[11], x[12]}, wi{x[13], x[14], x[15]};
-    const F cos_i = dot(b.view.n, wi);
-    const auto lit = b.scatters() & (cos_i > none);
-    const BsdfValue<F> value = b.eval(wo, wi, max(cos_i, none));
-    y[0] = select(lit, value.f_cos[0], none), y[1] = select(lit, value.pdf_sa, none);
-    y[2] = b.pass_through()[0];
-    const F back = b.reverse_pdf(wo, wi, b.view.cos_o, max(cos_i, none), x[1] > none);
-    y[3] = select(lit, back, none), y[4] = b.albedo()[0];
 }
 
 // All shapes, in a vacuum.
@@ -369,7 +315,7 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
     } else if (f == Function::kSphere) {
         evaluate_sphere<L>(x, y);
     } else if (f == Function::kBsdfSample || f == Function::kBsdfEval) {
-        evaluate_bsdf<L>(f, x, y);
+        evaluate_bsdf<L>(f == Function::kBsdfSample, x, y);
     } else if (f >= Function::kLight && f <= Function::kLightEmission) {
         evaluate_light<L>(f, x, y);
     } else if (f == Function::kLightPower) {

@@ -16,8 +16,9 @@ struct Bsdf {
 
     static constexpr bool has(uint32_t kinds) { return (kKinds & kinds) != 0; }
     static constexpr bool kOneKind = (kKinds & (kKinds - 1u)) == 0;
-    static constexpr bool kChooses = has(kIndexedKinds);  // selects between lobes
-    static constexpr bool kClear = has(kClearKinds);
+    static constexpr bool kChooses = has(kChoosingKinds);  // selects between lobes
+    static constexpr bool kTransmits = has(kTransmittingKinds);
+    static constexpr bool kClear = has(kClearKinds) || kTransmits;
     // Parameters that some of the kinds read.
     static constexpr bool reads(ParameterBit p) {
         for (uint32_t k = 0; k < kMaterialCount; ++k)
@@ -57,8 +58,10 @@ struct Bsdf {
         return found;
     }
 
-    VR_HD M clear() const { return any_of<kClearKinds>(); }     // delta lobes let light through
-    VR_HD M scatters() const { return any_of<kScattering>(); }  // light samples reach it
+    // Lobes let light through.
+    VR_HD M clear() const { return any_of<kClearKinds | kTransmittingKinds>(); }
+    VR_HD M scatters() const { return any_of<kScattering>(); }          // light samples reach it
+    VR_HD M transmits() const { return any_of<kTransmittingKinds>(); }  // from behind, too
     VR_HD M only_passes() const { return any_of<kAllKinds & ~kReflecting>(); }
     VR_HD M black() const {
         M found = nobody();
@@ -85,7 +88,8 @@ struct Bsdf {
         }
     }
 
-    // Non-delta lobes for light from wi on wo's side; cos_i: between wi and n, positive.
+    // Non-delta lobes for light from wi on wo's side, or behind where they transmit; cos_i: between
+    // wi and n, positive on wo's side.
     VR_HD BsdfValue<F> eval(V wo, V wi, F cos_i) const {
         BsdfValue<F> value{S::all(F(0.f)), F(0.f)};
         const auto take = [&](auto closure, M m) {
@@ -136,7 +140,7 @@ struct Bsdf {
     // selected lobe about the geometric normal, or by the mirror under total reflection.
     VR_HD void sample_flat(BsdfSample<L>& s, V wo, V ng, M from_front, M wrong) const {
         if constexpr (has(kClearKinds & kReflecting)) {
-            wrong = wrong & clear();
+            wrong = wrong & any_of<kClearKinds>();
             if (none(wrong)) return;
             Bsdf flat = *this;
             flat.set_view(ng, dot(ng, wo), from_front);

@@ -7,6 +7,7 @@
 #pragma once
 
 #include "bsdfs/fresnel.h"
+#include "bsdfs/rough_coat.h"
 #include "core/mapping.h"
 #include "spectrum/spectrum.h"
 
@@ -48,6 +49,26 @@ struct BsdfSample {
 // simulation", 1997, section 5.2.
 enum class Transport : uint32_t { kRadiance, kImportance };
 
+// What the coats of some surfaces let in from outside, by the cosine there; see scene/surfaces.cpp.
+template <class L>
+struct CoatTable {
+    using F = typename L::F;
+    using U = typename L::U;
+
+    const float* columns = nullptr;  // of kCoatCells + 1 cosines from 0 to 1; null: there are none
+    uint32_t stride;
+    U row;
+
+    VR_HD F transmittance(F cosine) const {
+        if (!columns) return F(1.f);
+        const F x = max(min(cosine, F(1.f)), F(0.f)) * F(float{kCoatCells});
+        const U cell = to_uint(min(x, F(kCoatCells - 1.f)));
+        const U at = cell * U(stride) + row;
+        const F low = gather(columns, at), high = gather(columns, at + U(stride));
+        return fma(x - to_float(cell), high - low, low);
+    }
+};
+
 // A surface as seen along wo.
 template <class L>
 struct ClosureView {
@@ -56,6 +77,7 @@ struct ClosureView {
     typename L::F cos_o;                  // between wo and n, positive
     FresnelSplit<typename L::F> fresnel;  // for closures with an index
     typename L::F relative;               // for these: index beyond over index on wo's side
+    CoatTable<L> coat;                    // for rough coats
 };
 
 // Three numbers in [0, 1), for a direction and for the selection of a lobe.
@@ -84,6 +106,9 @@ struct Closure {
     static constexpr bool kPasses = false;    // lets light straight through
     static constexpr bool kReflects = true;   // if false, it only passes
     static constexpr bool kIndexed = false;   // splits light by Fresnel's equations and index()
+    static constexpr bool kTransmits = false;    // lobes of eval and sample behind the surface, too
+    static constexpr bool kThirdNumber = false;  // reads Numbers::lobe without an index
+    static constexpr bool kReadsCoat = false;    // reads View::coat
 
     // For closures with an index: index beyond over index here, and the split of light that follows
     // from the split at one interface.
@@ -95,9 +120,10 @@ struct Closure {
     // These have no default, so that none is forgotten: sample(parameters, view, wo, numbers,
     // nobody); albedo(parameters, view), the share of light from wo that goes on, for feature
     // images; for closures that scatter, eval(parameters, view, wo, wi, cos_i), whose density is
-    // that of sampling wi as seen from wo; for those that pass, pass_through(parameters, view), the
-    // share that goes straight through; for clear ones that reflect, sample_again(parameters, view,
-    // wo, through), the same lobe about the view's normal.
+    // that of sampling wi as seen from wo (cos_i < 0 asks those that transmit alone); for those
+    // that pass, pass_through(parameters, view), the share that goes straight through; for clear
+    // ones that reflect, sample_again(parameters, view, wo, through), the same lobe about the
+    // view's normal.
 
     // A delta lobe.
     static VR_HD Sample delta(V wi, S weight, M nobody) {

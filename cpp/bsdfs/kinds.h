@@ -20,14 +20,19 @@ inline constexpr uint32_t kAllKinds = (1u << kMaterialCount) - 1u;
 struct ClosureTraits {
     const char* name;
     uint32_t reads;
-    bool scatters, clear, refracts, passes, reflects, indexed;
+    bool scatters, clear, refracts, passes, reflects, indexed, transmits, third_number, reads_coat;
+
+    bool lets_through() const { return clear || transmits; }
 };
 const ClosureTraits& closure_traits(uint32_t kind);
 
 // The most frequent kind: scenes with this kind alone have code of their own.
 inline constexpr uint32_t kPlainKinds = kind_bit(kKindDiffuse);
 // Kinds whose eta may be 0, and kinds whose reflectance is that of a base within a coat.
-inline constexpr uint32_t kMetalKinds = kind_bit(kKindConductor);
-inline constexpr uint32_t kCoatedKinds = kind_bit(kKindPlastic);
+inline constexpr uint32_t kMetalKinds = kind_bit(kKindConductor) | kind_bit(kKindRoughConductor);
+inline constexpr uint32_t kCoatedKinds = kind_bit(kKindPlastic) | kind_bit(kKindRoughPlastic);
+// Kinds that scenes with smooth surfaces do without.
+inline constexpr uint32_t kRoughKinds =
+    kind_bit(kKindRoughConductor) | kind_bit(kKindRoughPlastic) | kind_bit(kKindRoughDielectric);
 
 }  // namespace veriray

@@ -17,15 +17,22 @@ struct Coat : Closure<L> {
     }
 };
 
-// reflectance: of the base, with the reflections between it and the coat (see scene/surfaces.cpp).
 template <class L>
-struct CoatedBase : Closure<L> {
+struct SmoothInterface : Closure<L> {
     VR_CLOSURE(L);
-    static constexpr bool kDelta = false;
-
     static VR_HD F entering(const View& view, F cos_i) {
         return F(1.f) - fresnel_dielectric(min(cos_i, F(1.f)), view.relative).reflected;
     }
+};
+
+// reflectance: of the base, with the reflections between it and the coat (see scene/surfaces.cpp).
+// Interface: `entering` is the share of light from cos_i that the coat lets in.
+template <class L, class Interface>
+struct CoatedBase : Interface {
+    VR_CLOSURE(L);
+    using Interface::entering;
+    static constexpr bool kDelta = false;
+
     // Light enters, on the average over the hemisphere, nearly as at cosine 1/2.
     static VR_HD S albedo(const Parameters& p, const View& view) {
         return p.reflectance * entering(view, F(0.5f));
@@ -43,7 +50,7 @@ struct CoatedBase : Closure<L> {
 };
 
 template <class L>
-struct Plastic : LobeSum<L, Coat<L>, CoatedBase<L>> {
+struct Plastic : LobeSum<L, Coat<L>, CoatedBase<L, SmoothInterface<L>>> {
     static constexpr const char* kName = "plastic";
     static constexpr bool kIndexed = true;
     static constexpr uint32_t kReads = parameter_bit(kParameter_reflectance) |

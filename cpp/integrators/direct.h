@@ -22,6 +22,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         V ng, ns;   // on wo's side; surfaces only
         M surface;  // else a collision in a medium
         F g;        // asymmetry of the phase function
+        V behind;   // with kTransmits: where shadow rays to the other side of a surface start,
+        U beyond;   // and the medium there
     };
 
     static VR_HD M no_lanes(M m) { return m & !m; }
@@ -77,6 +79,13 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         BsdfValue<F> value = material.eval(-path.ray.d, light.wi, cos_i);
         M lit = active & (cos_i > F(0.f));
         if constexpr (has(kSmooth)) lit = lit & (dot(at.ng, light.wi) > F(0.f));
+        M behind = no_lanes(active);
+        if constexpr (Material::kTransmits) {
+            behind = active & material.transmits() & (cos_i < F(0.f)) & (value.pdf_sa > F(0.f));
+            if constexpr (has(kSmooth)) behind = behind & (dot(at.ng, light.wi) < F(0.f));
+            if constexpr (has(kMedia)) behind = behind & at.surface;
+            lit = lit | behind;
+        }
         if constexpr (has(kMedia)) {
             const F phase = henyey_greenstein_pdf(path.ray.d, light.wi, at.g);
             value.f_cos = select(at.surface, value.f_cos, S::all(phase));
@@ -96,6 +105,19 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         shadow.skip = light.skip;
         if constexpr (has(kMedia)) shadow.medium = path.medium;
         shadow.travelled = F(0.f), shadow.passed = U(~0u);
+        if constexpr (Material::kTransmits)
+            if (any(behind)) start_behind(at, behind, shadow);
+    }
+
+    // From the other side of the surface to the same point, or the same way if that is far away.
+    static VR_HD void start_behind(const Vertex& at, M lanes, ShadowRequest<L>& shadow) {
+        const V ahead = fma(shadow.ray.d, shadow.t_max, at.p - at.behind);
+        const F distance = sqrt(dot(ahead, ahead));
+        const M near = lanes & (distance < F(kInfinity));
+        shadow.ray.o = select(lanes, at.behind, shadow.ray.o);
+        shadow.ray.d = select(near, ahead * (F(1.f) / distance), shadow.ray.d);
+        shadow.t_max = select(near, distance * F(kShadowShorten), shadow.t_max);
+        if constexpr (has(kMedia)) shadow.medium = select(lanes, at.beyond, shadow.medium);
     }
 
     // Whether shadow rays continue behind surfaces that let them through.

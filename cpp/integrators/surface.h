@@ -389,6 +389,12 @@ struct SurfaceReader {
                                     VR_INLINED { return surface_column(scene, row, c); };
             Texturing<L>::replace(scene, column, at.uv, m);
         }
+        if constexpr (Material::has(kCoatTables)) {
+            const uint64_t first = static_cast<uint64_t>(kSurfaceColumns) * scene.surface_stride;
+            if (scene.features & materials(kCoatTables))
+                m.view.coat.columns = scene.surfaces + first;
+            m.view.coat.stride = scene.surface_stride, m.view.coat.row = row;
+        }
         return m;
     }
 };

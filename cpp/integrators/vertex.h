@@ -147,9 +147,19 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.bsdf = material(scene, at);
         const V wo = -path.ray.d, collision = place.vertex.p;
         const F side = select(at.front, F(1.f), F(-1.f));
-        place.vertex = {fma(at.ng, at.offset * side, at.p), at.ng * side, at.ns * side, valid,
-                        F(0.f)};
+        place.vertex = {fma(at.ng, at.offset * side, at.p),
+                        at.ng * side,
+                        at.ns * side,
+                        valid,
+                        F(0.f),
+                        {},
+                        U(0u)};
         Vertex& vertex = place.vertex;
+        if constexpr (Material::kTransmits) {
+            vertex.behind = fma(at.ng, -at.offset * side, at.p);
+            if constexpr (has(kMedia))
+                vertex.beyond = Direct::medium_beyond(scene, path, at, valid);
+        }
         F cos_o = dot(vertex.ns, wo);
         if constexpr (has(kSmooth))
             Reader::face_viewer(place.bsdf, wo, vertex.ng, vertex.ns, cos_o);

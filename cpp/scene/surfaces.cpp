@@ -3,6 +3,7 @@
 #include <map>
 #include <tuple>
 
+#include "bsdfs/rough_coat.h"
 #include "scene/edge_hash.h"
 
 namespace veriray {
@@ -26,6 +27,25 @@ double diffuse_reflectance_inside(double eta) {
         sum += 0.5 * (s * s + p * p);
     }
     return 1 - (1 - sum / kSteps) / (eta * eta);
+}
+
+// What a rough coat lets in from outside, by cosine, and the share of diffuse light from inside
+// that it sends back, as Mitsuba 3.9 has them: the latter is a mean over the cosines of the table,
+// which counts its ends in full (for alpha 0.1 and the default index 1.5 % below the integral).
+struct RoughCoat {
+    float transmittance[kCoatCells + 1];
+    double inside;
+};
+RoughCoat rough_coat(float eta, float alpha, bool ggx) {
+    RoughCoat coat;
+    double sum = 0;
+    for (uint32_t k = 0; k <= kCoatCells; ++k) {
+        const float cosine = std::max(static_cast<float>(k) / kCoatCells, 0x1p-20f);
+        coat.transmittance[k] = static_cast<float>(rough_share(true, cosine, eta, alpha, ggx));
+        sum += 2.0 * k / kCoatCells * rough_share(false, cosine, 1 / eta, alpha, ggx);
+    }
+    coat.inside = sum / (kCoatCells + 1);
+    return coat;
 }
 
 using SurfaceKey = std::tuple<uint32_t, int32_t, int32_t>;
@@ -66,7 +86,12 @@ void HostScene::set_surfaces(const SceneInput& in) {
     }
     view.surface_count = static_cast<uint32_t>(rows.size());
     view.surface_stride = padded(rows.size());
-    surfaces.assign(static_cast<size_t>(kSurfaceColumns) * view.surface_stride, 0.f);
+    const bool coats = std::any_of(rows.begin(), rows.end(), [&](const SurfaceKey& row) {
+        return closure_traits(in.material_kind.data[std::get<0>(row)]).reads_coat;
+    });
+    surfaces.assign((kSurfaceColumns + (coats ? kCoatCells + 1 : size_t{0})) * view.surface_stride,
+                    0.f);
+    std::map<uint32_t, RoughCoat> made;  // by material
     for (size_t r = 0; r < rows.size(); ++r) {
         const auto [m, emission, boundary] = rows[r];
         const auto put = [&](uint32_t c, float x) {
@@ -76,7 +101,8 @@ void HostScene::set_surfaces(const SceneInput& in) {
         const ClosureTraits& closure = closure_traits(kind);
 #define VR_PARAMETER(name, width)        \
     for (uint32_t k = 0; k < width; ++k) \
-        put(kSurface_##name + k, in.name.data[static_cast<size_t>(width) * m + k]);
+        put(kSurface_##name + k,         \
+            static_cast<float>(in.name.data[static_cast<size_t>(width) * m + k]));
 #include "schema/materials.def"
 #define VR_TEXTURABLE(name)                                                        \
     put(kSurface_##name##_texture, static_cast<float>(in.name##_texture.data[m])); \
@@ -84,7 +110,18 @@ void HostScene::set_surfaces(const SceneInput& in) {
 #include "schema/materials.def"
         if (kCoatedKinds >> kind & 1u) {
             const double eta = static_cast<double>(in.eta.data[3 * m]);
-            const double inside = diffuse_reflectance_inside(eta);
+            double inside;
+            if (closure.reads_coat) {
+                const auto [at, fresh] = made.try_emplace(m);
+                if (fresh)
+                    at->second = rough_coat(in.eta.data[3 * m], in.alpha_u.data[m],
+                                            in.distribution.data[m] != 0);
+                for (uint32_t k = 0; k <= kCoatCells; ++k)
+                    put(kSurfaceColumns + k, at->second.transmittance[k]);
+                inside = at->second.inside;
+            } else {
+                inside = diffuse_reflectance_inside(eta);
+            }
             if (in.reflectance_texture.data[m] >= 0) {  // the rest follows at the hit: base_in_coat
                 put(kSurface_reflectance, static_cast<float>(inside));
                 put(kSurface_reflectance + 1, in.nonlinear.data[m] ? 1.f : 0.f);
@@ -99,7 +136,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
         }
         for (uint32_t k = 0; k < 3 && emission >= 0; ++k)
             put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
-        put(kSurfaceTwoSided, in.two_sided.data[m] || closure.clear ? 1.f : 0.f);
+        put(kSurfaceTwoSided, in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f);
         put(kSurfaceKind, static_cast<float>(kind));
         const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;
         put(kSurfaceInside, border ? static_cast<float>(border[0] + 1) : -1.f);

@@ -88,7 +88,7 @@ bool overlap(const Box& a, const Box& b, double coarse, Box& out) {
 }
 
 bool clear_material(const SceneInput& in, uint32_t m) {
-    return closure_traits(in.material_kind.data[m]).clear || in.opacity.data[m] < 1 ||
+    return closure_traits(in.material_kind.data[m]).lets_through() || in.opacity.data[m] < 1 ||
            in.opacity_texture.data[m] >= 0;
 }
 

@@ -9,7 +9,7 @@ namespace veriray {
 inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
 // Features that the variants of scenes without any of them are compiled without, so that these
 // scenes do not pay for them.
-inline constexpr FeatureMask kRich = kTextures;
+inline constexpr FeatureMask kRich = kTextures | materials(kRoughKinds);
 inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
 inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
 inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes);
@@ -27,7 +27,7 @@ inline constexpr FeatureMask kVariants[] = {
     kDiffuseMesh | kNearLights,
     kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),
     kSolid & ~(kMedia | kChromatic),
-    kSpheres | kSky | kMedia | kRefraction | materials(kRefracting),
+    kSpheres | kSky | kMedia | kRefraction | (materials(kRefracting) & kLean),
     kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
     kLean & ~(kMedia | kChromatic),
     kLean,

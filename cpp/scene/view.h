@@ -58,7 +58,7 @@ enum SurfaceColumn : uint32_t {
     kSurfaceKind,                             // MaterialKind
     kSurfaceInside,                           // medium behind; -1: no change of medium
     kSurfaceOutside,                          // medium in front
-    kSurfaceColumns,
+    kSurfaceColumns,  // then, where a material has a rough coat, kCoatCells + 1 of its table
 };
 
 struct SceneView {

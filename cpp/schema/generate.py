@@ -169,7 +169,8 @@ def definitions() -> str:
 def parameters() -> str:
     """materials.def."""
     rows = [f"VR_PARAMETER({name}, {math.prod(column.width)})" for name, column in COLUMNS.items()
-            if column.table == "materials" and column.dtype is np.float32]  # fmt: skip
+            if column.table == "materials"
+            and (column.dtype is np.float32 or name == "distribution")]  # fmt: skip
     rows += [f"VR_TEXTURABLE({name})" for name in TEXTURABLE]
     return MATERIALS.format(source=SOURCE, rows="\n".join(rows))
 

@@ -38,7 +38,13 @@ _MATERIAL_KINDS = {
     "plastic": MaterialKind(opaque=True, refracts=True, scatters=True),
     "thindielectric": MaterialKind(refracts=True),
     "null": MaterialKind(),
+    "roughconductor": MaterialKind(opaque=True, scatters=True),
+    "roughplastic": MaterialKind(opaque=True, refracts=True, scatters=True),
+    "roughdielectric": MaterialKind(refracts=True, scatters=True),
 }
+#: Values of `distribution`.
+DISTRIBUTIONS = ("beckmann", "ggx")
+MIN_ALPHA, MAX_ALPHA = 5e-5, 10.0
 #: Names of the values of `material_kind` and `light_kind`.
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
@@ -254,6 +260,18 @@ _HASHED_IF_SET: dict[str, Column] = {
         f"{name}_texture": _index("materials", "textures", -1, doc=f"gives {name}; -1: none does")
         for name in TEXTURABLE
     },
+    "alpha_u": Column(
+        "materials", np.float32, (), 0.1, MIN_ALPHA, MAX_ALPHA,
+        doc="root mean square slope of a rough surface, along its tangent",
+    ),
+    "alpha_v": Column(
+        "materials", np.float32, (), 0.1, MIN_ALPHA, MAX_ALPHA,
+        doc="likewise, across its tangent",
+    ),
+    "distribution": Column(
+        "materials", np.uint32, (), 0, indexes="distributions",
+        doc="of the slopes; of DISTRIBUTIONS",
+    ),
 }  # fmt: skip
 #: The first column of a table is the one that says how many rows it has.
 COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}
@@ -265,6 +283,7 @@ KINDS = {
     "texture wraps": len(TEXTURE_WRAPS),
     "texture filters": len(TEXTURE_FILTERS),
     "texture formats": len(TEXTURE_FORMATS),
+    "distributions": len(DISTRIBUTIONS),
 }
 
 
@@ -371,6 +390,19 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
                 f"eta[{row}] = {eta[row].tolist()} of a {MATERIAL_KINDS[kinds[row]]}; expected one "
                 f"number in [{1 / MAX_IOR:g}, {MAX_IOR:g}] three times"
             )
+    row = _first((kinds == MATERIAL_KINDS.index("roughdielectric")) & (eta[:, 0] == 1))
+    if row is not None:
+        raise SceneError(
+            f"eta[{row}] is 1 on a roughdielectric; equal indices have no small mirrors"
+        )
+    u, v = arrays["alpha_u"], arrays["alpha_v"]
+    rough = np.array([name.startswith("rough") for name in MATERIAL_KINDS])[kinds]
+    row = _first(rough & (u != v))
+    if row is not None:
+        raise SceneError(
+            f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: anisotropic roughness is "
+            "not supported"
+        )
 
 
 def _check_lights(arrays: Mapping[str, Array]) -> None:

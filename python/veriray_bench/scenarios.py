@@ -186,6 +186,8 @@ SCENARIOS: tuple[Scenario, ...] = (
              "cornell spheres", "variants", _SIZE, _SPP, peers=False),
     Scenario("variants-thin", "the same, box with a mirror and a sphere of thin glass",
              "cornell thin", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-rough", "the same, box with a rough metal and a rough glass sphere",
+             "cornell rough", "variants", _SIZE, _SPP, peers=False),
     Scenario("variants-thin-mesh", "the same, 81,920 triangles of thin glass", "thin icosphere 6",
              "variants", _SIZE, _ONE, max_depth=32, peers=False),
     Scenario("variants-glass-mesh", "the same, 81,920 triangles of glass", "glass icosphere 6",
@@ -336,10 +338,10 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     (of thin glass) and "lamp icosphere N" (in the dark, under a rectangle that shines, a quarter of
     its width away), "glass sphere" and "glass medium" (with one inside) under a constant sky;
     "cornell spheres", Mitsuba's box with two of them for its boxes, "cornell thin" with one of thin
-    glass; "cornell textured", the box with checkerboards for its colours, "cornell textured
-    spheres" with the two spheres as well; "lights", small lamps over a floor, and "lights C", those
-    of class C alone. Parameters of the file: width, height, max_depth and rr_depth. sampler:
-    Mitsuba's name; the only word in which the files of a scene differ.
+    glass, "cornell rough" with rough ones; "cornell textured", the box with checkerboards for its
+    colours, "cornell textured spheres" with the two spheres as well; "lights", small lamps over a
+    floor, and "lights C", those of class C alone. Parameters of the file: width, height, max_depth
+    and rr_depth. sampler: Mitsuba's name; the only word in which the files of a scene differ.
     """
     if name in SHIPPED:
         path = find_shipped(name)
@@ -366,6 +368,8 @@ def _made(name: str, folder: Path) -> str:
         if name == "cornell textured":
             return text
         spheres = _TWO_SPHERES.replace(_GLASS, _THIN if name == "cornell thin" else _GLASS)
+        if name == "cornell rough":
+            spheres = spheres.replace('bsdf type="', 'bsdf type="rough')
         return text[: text.index('<shape type="cube"')] + spheres
     if name.startswith("lights"):
         chosen = name.removeprefix("lights").strip()

@@ -553,6 +553,67 @@ def plastic_nonlinear() -> str:
     )  # fmt: skip
 
 
+def rough(alpha: float, *more: str, ggx: bool = False) -> tuple[str, ...]:
+    """Parameters of a rough surface; Beckmann, the default, is not named."""
+    return (number("alpha", alpha), *([text("distribution", "ggx")] if ggx else []), *more)
+
+
+@scene
+def rough_metal() -> str:
+    """Rough metal and rough mirrors: GGX and Beckmann, fine and coarse."""
+    gold = rgb("eta", 0.2, 0.5, 1.4), rgb("k", 3.9, 2.4, 1.7)
+    pane = transform(scale(0.8), rotate("y", -35), rotate("x", -10), translate(1.5, 0.9, -0.6))
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.8, 0.2, 0.7, bsdf("roughconductor", *gold, *rough(0.3, ggx=True)))
+        + sphere(0.5, 0.5, 1, 0.45, bsdf("roughconductor", *gold))
+        + shape("rectangle", pane, bsdf("twosided", bsdf(
+            "roughconductor", *rough(0.05, rgb("specular_reflectance", 0.9, 0.8, 0.5)))))
+        + shape("ply", text("filename", "meshes/bumps.ply"),
+                transform(scale(0.4), translate(-0.4, 0.5, 1.3)),
+                bsdf("roughconductor", *rough(0.6)))
+    )  # fmt: skip
+
+
+@scene
+def rough_plastic() -> str:
+    """Rough plastic: GGX and Beckmann, linear and not, from both sides."""
+    red, green = (rgb("diffuse_reflectance", *c) for c in ((0.8, 0.3, 0.1), (0.1, 0.6, 0.3)))
+    pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.9, -0.6))
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.8, 0.2, 0.7,
+                 bsdf("roughplastic", red, *rough(0.3, flag("nonlinear"), ggx=True)))
+        + sphere(0.5, 0.5, 1, 0.45, bsdf("roughplastic"))
+        + shape("rectangle", pane, bsdf("twosided", bsdf(
+            "roughplastic", green, *rough(0.5, number("int_ior", 1.9),
+                                          rgb("specular_reflectance", 0.9, 0.8, 0.5)))))
+    )  # fmt: skip
+
+
+@scene
+def rough_glass() -> str:
+    """Rough glass: balls, a block and an egg, GGX and Beckmann."""
+    tints = rgb("specular_reflectance", 0.7, 0.8, 0.9), rgb("specular_transmittance", 0.9, 0.8, 0.7)
+    block = transform(scale(0.5, 0.6, 0.3), rotate("y", 30), translate(1.4, 0.61, 0.2))
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.8, 0.2, 0.7, bsdf("roughdielectric", *rough(0.3, *tints, ggx=True)))
+        + sphere(0.3, 0.5, 1, 0.45, bsdf("roughdielectric"))
+        + shape("cube", block, bsdf("roughdielectric", *rough(0.5, number("int_ior", 1.8))))
+        + shape("ply", text("filename", "meshes/egg.ply"),
+                transform(scale(0.4), rotate("z", 25), translate(-0.6, 0.5, 1.5)),
+                bsdf("roughdielectric", *rough(0.2)))
+    )  # fmt: skip
+
+
+@scene
+def medium_in_rough_glass() -> str:
+    """A scattering medium in a ball of rough glass."""
+    glass = bsdf("roughdielectric", number("int_ior", 1.4), *rough(0.2))
+    return sensor() + striped() + sphere(0, 1.1, 0.3, 1, glass, inside((2,), (0.9, 0.9, 0.9)))
+
+
 @scene
 def mask() -> str:
     """Opacity 0.3, 0.6 and 0.9 over diffuse, plastic and mirror."""

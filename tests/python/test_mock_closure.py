@@ -26,8 +26,9 @@ EDITS: dict[str, list[tuple[str, str]] | str] = {
     "python/veriray/columns.py": [
         ('    "null": MaterialKind(),\n', '    "null": MaterialKind(),\n'
          '    "phong": MaterialKind(opaque=True),\n'),
-        ("_HASHED_IF_SET: dict[str, Column] = {}",
-         '_HASHED_IF_SET = {"exponent": Column("materials", np.float32, (), 1.0, 0.0, 1e4)}'),
+        ("_HASHED_IF_SET: dict[str, Column] = {\n",
+         "_HASHED_IF_SET: dict[str, Column] = {\n"
+         '    "exponent": Column("materials", np.float32, (), 1.0, 0.0, 1e4),\n'),
     ],
     "python/veriray/formats/plugins.py": [
         ('    "null": Plugin("bsdf"', '    "phong": Plugin("bsdf", {"specular_reflectance": '

@@ -146,6 +146,18 @@ def test_plastics():
     assert red["reflectance"] == [1, 0, 0] and red["eta"] == [1] * 3
 
 
+@pytest.mark.parametrize("name", ["roughconductor", "roughplastic", "roughdielectric"])
+def test_rough_surfaces(name):
+    rough, smooth = material(type=name), material(type=name.removeprefix("rough"))
+    assert rough["material_kind"] == kind(name)
+    assert rough["alpha_u"] == rough["alpha_v"] == np.float32(0.1) and rough["distribution"] == 0
+    assert {**rough, "material_kind": smooth["material_kind"]} == smooth
+    coarse = material(type=name, distribution="GGX", alpha_u=0.5, alpha_v=0.5)
+    assert coarse["alpha_u"] == coarse["alpha_v"] == 0.5 and coarse["distribution"] == 1
+    assert material(type=name, alpha=0.0)["alpha_u"] == np.float32(1e-4)
+    assert material(type=name, sample_visible=False) == rough
+
+
 def test_adapters():
     assert material(type="null")["material_kind"] == kind("null")
     both = material(type="twosided", b={"type": "plastic"})
@@ -307,6 +319,7 @@ CHANGES = {
     "sigma_t": ((0, 2), 7), "albedo": ((0, 1), 0.5), "phase_g": (0, 0.5), "light_kind": (0, 1),
     "light_position": ((0, 0), 7), "light_direction": (0, (1, 0, 0)),
     "light_intensity": ((0, 0), 7), "light_angles": ((2, 1), 7),
+    "alpha_u": (0, 0.5), "alpha_v": (0, 0.5), "distribution": (0, 1),
 }  # fmt: skip
 
 

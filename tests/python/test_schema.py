@@ -46,7 +46,7 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
 def test_parameters_fill_columns() -> None:
     tables = {"bsdf": "materials", "phase": "media", "emitter": "lights", "texture": "textures"}
     # by what they hold, or computed
-    filled = {"two_sided", "material_kind", "eta", "k"}
+    filled = {"two_sided", "material_kind", "eta", "k", "alpha_u", "alpha_v", "distribution"}
     filled |= {f"{name}_texture" for name in TEXTURABLE}
     for plugin in PLUGINS.values():
         for param in plugin.params.values():

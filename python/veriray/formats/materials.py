@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..columns import MATERIAL_KINDS, blank_row
+from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, blank_row
 from ..errors import SceneError
 from . import metals
 from .node import Node
@@ -14,6 +14,7 @@ from .plugins import PLUGINS
 
 Row = dict[str, Any]
 BLACK: Row = blank_row("materials")
+_LEAST_ALPHA = 1e-4  # smaller ones are taken for it, as by Mitsuba
 
 
 def filled(node: Node, values: dict[str, Any]) -> Row:
@@ -27,9 +28,36 @@ def material(node: Node, values: dict[str, Any]) -> Row:
     row = {**BLACK, **filled(node, values), "material_kind": MATERIAL_KINDS.index(node.plugin)}
     if "int_ior" in values:
         row["eta"] = (values["int_ior"] / values["ext_ior"],) * 3
-    if node.plugin == "conductor":
+    if "material" in values:
         row["eta"], row["k"] = _conductor(node, values)
+    if "distribution" in values:
+        if "int_ior" in values and values["int_ior"] == values["ext_ior"]:
+            raise SceneError(
+                f"{node}: int_ior and ext_ior are equal; a rough interface of equal indices has no "
+                "small mirrors",
+                node.where,
+            )
+        row["distribution"] = DISTRIBUTIONS.index(values["distribution"])
+        row["alpha_u"] = row["alpha_v"] = _roughness(node, values)
     return row
+
+
+def _roughness(node: Node, values: dict[str, Any]) -> float:
+    both, u, v = (values[name] for name in ("alpha", "alpha_u", "alpha_v"))
+    given = [name for name in ("alpha", "alpha_u", "alpha_v") if values[name] is not None]
+    if given not in ([], ["alpha"], ["alpha_u", "alpha_v"]):
+        raise SceneError(
+            f"{node}: {' and '.join(given)} given; expected alpha, or both alpha_u and alpha_v",
+            node.where,
+        )
+    if u != v:
+        raise SceneError(
+            f"{node}: alpha_u = {u:g} and alpha_v = {v:g}: anisotropic roughness is not "
+            "supported; give alpha",
+            node.values["alpha_u"].where,
+        )
+    alpha = u if both is None else both
+    return 0.1 if alpha is None else max(alpha, _LEAST_ALPHA)
 
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:

@@ -11,7 +11,9 @@ from typing import Any
 
 from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
 from ..columns import (
+    DISTRIBUTIONS,
     MATERIAL_KINDS,
+    MAX_ALPHA,
     MAX_ETA,
     OPAQUE_KINDS,
     TEXTURABLE,
@@ -156,6 +158,35 @@ _GLASS = {
         doc="factor on transmitted light",
         column="specular_transmittance",
     ),
+}
+_METAL = {
+    "material": Param("string", None, doc='a metal; default "none", a mirror'),
+    "eta": Param(COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index"),
+    "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part"),
+    "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
+    "specular_reflectance": _SPECULAR,
+}
+_PLASTIC = {
+    "diffuse_reflectance": Param(
+        COLOUR, 0.5, **_REFLECTED, doc="of the base", column="reflectance"
+    ),
+    "int_ior": Param(IOR, "polypropylene", 0.1, 10.0, doc="refractive index of the coat"),
+    "ext_ior": _EXT_IOR,
+    "specular_reflectance": _SPECULAR,
+    "nonlinear": Param(
+        "boolean", False, doc="colour shifts by internal scattering", column="nonlinear"
+    ),
+}
+_ROUGH = {
+    "distribution": Param(
+        "string", "beckmann", choices=DISTRIBUTIONS, doc="of the slopes; Smith's G, separable"
+    ),
+    "alpha": Param(
+        "float", None, 0.0, MAX_ALPHA, doc="root mean square slope; 0.1; below 1e-4 as 1e-4"
+    ),
+    "alpha_u": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_v, equal to it, for alpha"),
+    "alpha_v": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_u"),
+    "sample_visible": Param("boolean", True, doc="changes no expectation and nothing here"),
 }
 
 
@@ -424,31 +455,22 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "conductor": Plugin(
         "bsdf",
-        {
-            "material": Param("string", None, doc='a metal; default "none", a mirror'),
-            "eta": Param(COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index"),
-            "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part"),
-            "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
-            "specular_reflectance": _SPECULAR,
-        },
+        _METAL,
         doc="smooth metal",
     ),
     "dielectric": Plugin("bsdf", _GLASS, doc="smooth boundary of a clear material"),
     "thindielectric": Plugin("bsdf", _GLASS, doc="pane: two boundaries, too close to refract"),
     "plastic": Plugin(
         "bsdf",
-        {
-            "diffuse_reflectance": Param(
-                COLOUR, 0.5, **_REFLECTED, doc="of the base", column="reflectance"
-            ),
-            "int_ior": Param(IOR, "polypropylene", 0.1, 10.0, doc="refractive index of the coat"),
-            "ext_ior": _EXT_IOR,
-            "specular_reflectance": _SPECULAR,
-            "nonlinear": Param(
-                "boolean", False, doc="colour shifts by internal scattering", column="nonlinear"
-            ),
-        },
+        _PLASTIC,
         doc="smooth clear coat on a diffuse base",
+    ),
+    "roughconductor": Plugin("bsdf", {**_METAL, **_ROUGH}, doc="rough metal"),
+    "roughplastic": Plugin(
+        "bsdf", {**_PLASTIC, **_ROUGH}, doc="rough clear coat on a diffuse base"
+    ),
+    "roughdielectric": Plugin(
+        "bsdf", {**_GLASS, **_ROUGH}, doc="rough boundary of a clear material"
     ),
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(

@@ -17,7 +17,7 @@ from . import creases, cylinder, mesh
 from .node import Node, shorten
 
 Array = npt.NDArray[Any]
-_DIELECTRIC = MATERIAL_KINDS.index("dielectric")
+_DIELECTRICS = [MATERIAL_KINDS.index(name) for name in ("dielectric", "roughdielectric")]
 _QUAD = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
 _QUAD_FACES = np.array([[0, 1, 2], [0, 2, 3]])
 _CUBE = np.array(  # four corners a face, counter-clockwise from outside: -y, +y, +x, +z, -x, -z
@@ -369,4 +369,4 @@ def must_be_closed(row: dict[str, Any], interior: bool) -> str:
     """Why a shape with this material and an interior medium or none must be closed, else ""."""
     if interior:
         return "has an interior medium"
-    return "is a dielectric" if row["material_kind"] == _DIELECTRIC else ""
+    return "is a dielectric" if row["material_kind"] in _DIELECTRICS else ""

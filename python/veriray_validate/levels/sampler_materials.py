@@ -48,6 +48,8 @@ class Grey:
     transmission: float = 1.0
     eta: float = 1.5
     k: float = 0.0
+    alpha: float = 0.1
+    ggx: float = 0.0
 
     def columns(self, front: bool = True) -> tuple[float, ...]:
         """As the hooks take them."""
@@ -57,7 +59,8 @@ class Grey:
     def relative(self, front: bool) -> float:
         """Index beyond over index on the side of wo."""
         eta = float(single(self.eta))
-        return 1 / eta if self.kind == "dielectric" and not front else eta
+        two_sided = self.kind in ("dielectric", "roughdielectric")
+        return 1 / eta if two_sided and not front else eta
 
     def mirror(self, cos_o: float, front: bool) -> float:
         """Probability of the mirror lobe."""

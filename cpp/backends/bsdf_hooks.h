@@ -1,0 +1,77 @@
+// What the tests ask of materials (backends/hooks.h).
+#pragma once
+
+#include "bsdfs/bsdf.h"
+
+namespace veriray {
+
+template <class F>
+VR_HD void put(F* y, Vec3<F> v) {
+    y[0] = v.x, y[1] = v.y, y[2] = v.z;
+}
+
+template <class F>
+VR_HD void put(F* y, const Spectrum<F>& s) {
+    for (uint32_t k = 0; k < kChannels; ++k) y[k] = s[k];
+}
+
+// A grey material seen from wo: kind, front (1: wo sees it), albedo, specular reflectance and
+// transmittance, eta, k, alpha, distribution, n (on wo's side), wo. table: of a rough coat, which
+// lets in what a smooth one does.
+inline constexpr uint32_t kBsdfInputs = 15;
+template <class L>
+VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
+    using F = typename L::F;
+    const Vec3<F> n{x[9], x[10], x[11]}, wo{x[12], x[13], x[14]};
+    Bsdf<L, kAllKinds> b;
+    b.kind = to_uint(x[0]);
+    using S = Spectrum<F>;
+    auto& p = b.parameters;
+    p.reflectance = S::all(x[2]);
+    p.specular_reflectance = S::all(x[3]), p.specular_transmittance = S::all(x[4]);
+    p.eta = S::all(x[5]), p.k = S::all(x[6]);
+    p.alpha_u = p.alpha_v = x[7], p.distribution = x[8];
+    uint32_t lane[L::kWidth];
+    for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
+    for (uint32_t k = 0; k <= kCoatCells; ++k) {
+        const F cosine(static_cast<float>(k) / kCoatCells);
+        const F entering = F(1.f) - fresnel_dielectric(cosine, x[5]).reflected;
+        store(table + k * L::kWidth, entering);
+    }
+    b.view.coat = {table, L::kWidth, load(lane, typename L::U())};
+    b.set_view(n, dot(n, wo), x[1] > F(0.f));
+    return b;
+}
+
+template <class L>
+VR_HD void evaluate_bsdf(bool sample, const typename L::F* x, typename L::F* y) {
+    using F = typename L::F;
+    const F one(1.f), none(0.f);
+    float table[(kCoatCells + 1) * L::kWidth];
+    const auto b = bsdf_of<L>(x, table);
+    const Vec3<F> wo{x[12], x[13], x[14]};
+    const auto from_front = x[1] > none;
+    x += kBsdfInputs;
+    if (sample) {
+        const BsdfSample<L> s = b.sample(wo, {x[0], x[1], x[2]});
+        put(y, s.wi);
+        y[3] = s.weight[0], y[4] = s.pdf_sa;
+        y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
+        y[7] = select(b.parameters.eta[0] > none, b.view.fresnel.reflected, none);
+        auto importance = b;
+        importance.view.transport = Transport::kImportance;
+        y[8] = importance.sample(wo, {x[0], x[1], x[2]}).weight[0];
+        return;
+    }
+    const Vec3<F> wi{x[0], x[1], x[2]};
+    const F cos_i = dot(b.view.n, wi);
+    const auto behind = b.transmits() & (cos_i < none);
+    const auto lit = (b.scatters() & (cos_i > none)) | behind;
+    const BsdfValue<F> value = b.eval(wo, wi, select(behind, cos_i, max(cos_i, none)));
+    y[0] = select(lit, value.f_cos[0], none), y[1] = select(lit, value.pdf_sa, none);
+    y[2] = b.pass_through()[0];
+    const F back = b.reverse_pdf(wo, wi, b.view.cos_o, max(cos_i, none), from_front);
+    y[3] = select(lit & !behind, back, none), y[4] = b.albedo()[0];
+}
+
+}  // namespace veriray

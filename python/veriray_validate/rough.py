@@ -1,0 +1,76 @@
+"""Rough interfaces by quadrature: what small mirrors send back, or through, in one step.
+
+Slopes follow GGX or Beckmann, and what Smith's G1 hides is lost, as in Mitsuba 3.9.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from veriray_validate.fresnel import fresnel
+
+Array = npt.NDArray[Any]
+N = 96
+
+
+def unhidden(w: Array, alpha: float, ggx: bool) -> Array:
+    """Smith's G1 of directions (3, ...); of Beckmann by Mitsuba's rational function."""
+    with np.errstate(divide="ignore"):
+        a = np.abs(w[2]) / (alpha * np.hypot(w[0], w[1]))
+        if ggx:
+            exact: Array = 2 / (1 + np.sqrt(1 + 1 / a**2))
+            return exact
+    b = np.minimum(a, 1.6)
+    return np.where(a < 1.6, (3.535 * b + 2.181 * b * b) / (1 + 2.276 * b + 2.577 * b * b), 1.0)
+
+
+def share(mu: float, alpha: float, ggx: bool, reflectance: Callable[[Array], Array],
+          eta: float | None = None) -> float:  # fmt: skip
+    """The mean over the slopes that wo sees at a cosine mu, of what goes where wi is not hidden.
+
+    reflectance: of a mirror by its cosine to wo. Through the interface if eta, beyond over here, is
+    given, else back. In polar coordinates of the slopes over alpha: Gauss-Legendre in their
+    share, even in angle.
+    """
+    x, w = np.polynomial.legendre.leggauss(N)
+    if ggx:  # of slopes (p, q): 1 / (pi (1 + p^2 + q^2)^2); tangent of an angle to pi / 2
+        angle = (x + 1) * math.pi / 4
+        r, weight = np.tan(angle), w * math.pi / 4 * np.sin(2 * angle)
+    else:  # exp(-p^2 - q^2) / pi
+        r = (x + 1) * 3
+        weight = w * 6 * r * np.exp(-r * r)
+    turn = (np.arange(2 * N) + 0.5) / N * math.pi
+    p, q = np.outer(r, np.cos(turn)), np.outer(r, np.sin(turn))
+    m = np.stack([alpha * p, alpha * q, np.ones_like(p)])
+    m = m / np.sqrt((m * m).sum(axis=0))
+    wo = np.array([math.sqrt(1 - mu * mu), 0.0, mu])
+    om = np.tensordot(wo, m, 1)
+    seen = np.maximum(om, 0) / m[2] / mu * unhidden(wo[:, None, None], alpha, ggx)
+    f = reflectance(np.clip(om, 0, 1))
+    if eta is None:
+        wi = 2 * om * m - wo[:, None, None]
+        sent = np.where(wi[2] > 0, f, 0)
+    else:
+        beyond = np.sqrt(np.maximum(1 - (1 - om * om) / eta**2, 0))
+        wi = (om / eta - beyond) * m - wo[:, None, None] / eta
+        sent = np.where((wi[2] < 0) & (beyond > 0), 1 - f, 0)
+    value = seen * sent * unhidden(wi, alpha, ggx)
+    return float((weight[:, None] * value).sum() / (2 * N))
+
+
+@functools.cache
+def coat(eta: float, alpha: float, ggx: bool) -> tuple[Array, float]:
+    """Mitsuba's tables of a rough coat, at 64 cosines: what it lets in; what it sends back inside.
+
+    The latter is the mean over those cosines.
+    """
+    cosines = np.maximum(np.linspace(0, 1, 64), 1e-6)
+    through = [share(c, alpha, ggx, lambda x: fresnel(x, eta), eta) for c in cosines]
+    inside = [share(c, alpha, ggx, lambda x: fresnel(x, 1 / eta)) for c in cosines]
+    return np.array(through), float(2 * (np.array(inside) * cosines).mean())

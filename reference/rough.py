@@ -1,0 +1,222 @@
+"""Rough surfaces: small mirrors whose slopes follow GGX or Beckmann, as in Mitsuba 3.9.
+
+Directions are local here (3, n), z along the shading normal, wo above. f is of radiance, with the
+cosine of wi; densities are per solid angle.
+
+=============== ==================================================================================
+mirrors         D of the slopes; what others hide of them by Smith's G1 for either direction
+                (separable; of Beckmann by Mitsuba's rational function)
+chosen          GGX: of those that wo sees, by E. Heitz, JCGT 7(4), 2018; Beckmann: of all, and
+                then it or the one of opposite slope, in proportion to what wo sees of either
+roughconductor  reflects, weight F of the complex index, per channel
+roughplastic    reflects with probability 1 - T(wo), else as a matt base: rho / (1 - Fi) / eta^2
+                T(wo) T(wi) over pi; the density is that of both. T: what enters, Fi: what comes
+                back from inside, both of single steps, Mitsuba's tables
+roughdielectric reflects with probability F, else refracts
+=============== ==================================================================================
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from reference.materials import (
+    ROUGH_GLASS,
+    ROUGH_METAL,
+    ROUGH_PLASTIC,
+    Materials,
+    fresnel,
+    fresnel_conductor,
+    mirrored,
+    refracted,
+)
+from reference.scene import Material
+from reference.vectors import dot
+
+STEPS = 64  # of Mitsuba's tables for rough coats
+
+
+def unhidden(w: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
+    """Smith's G1 (n,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.abs(w[2]) / (alpha * np.hypot(w[0], w[1]))
+        smooth = 2 / (1 + np.sqrt(1 + 1 / slope**2))
+        a = np.minimum(slope, 1.6)
+        rational = (3.535 * a + 2.181 * a * a) / (1 + 2.276 * a + 2.577 * a * a)
+    return np.where(ggx, smooth, np.where(slope < 1.6, rational, 1.0))
+
+
+def spread(m: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
+    """D (n,), of m above."""
+    with np.errstate(divide="ignore", over="ignore"):
+        tangent2 = (m[0] ** 2 + m[1] ** 2) / m[2] ** 2 / alpha**2
+        gauss = np.exp(-tangent2)
+        slopes = np.where(ggx, 1 / (1 + tangent2) ** 2, gauss) / (np.pi * alpha**2)
+        return np.where(slopes > 0, slopes / m[2] ** 4, 0)
+
+
+def chance(wo: np.ndarray, m: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
+    """The density (n,) of choosing m, over D wo.m."""
+    area = dot(wo, m) / m[2]
+    both = np.maximum(area, 0) + np.maximum(2 * wo[2] - area, 0)
+    return np.where(ggx, unhidden(wo, alpha, ggx) / wo[2], 2 / both)
+
+
+def normals(
+    wo: np.ndarray, alpha: np.ndarray, ggx: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray
+) -> np.ndarray:
+    """Mirrors (3, n) chosen by three numbers in [0, 1)."""
+    one = _any(alpha, u, v)
+    other = one * [[-1], [-1], [1]]
+    seen, seen_too = (np.maximum(dot(wo, m), 0) for m in (one, other))
+    one = np.where(w * (seen + seen_too) < seen, one, other)
+    return np.where(ggx, _visible(wo, alpha, u, v), one)
+
+
+def _any(alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    radius, turn = alpha * np.sqrt(-np.log1p(-u)), 2 * np.pi * v
+    m = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.ones_like(u)])
+    return m / np.sqrt(dot(m, m))
+
+
+def _visible(wo: np.ndarray, alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    # the slopes of alpha 1 as points of a disc, seen along the stretched wo
+    z = np.stack([alpha * wo[0], alpha * wo[1], wo[2]])
+    z /= np.sqrt(dot(z, z))
+    x = np.stack([-z[1], z[0], np.zeros_like(u)])
+    length = np.hypot(z[0], z[1])
+    x = np.where(length > 0, x / np.where(length > 0, length, 1), [[1.0], [0.0], [0.0]])
+    y = np.cross(z, x, axis=0)
+    r, turn = np.sqrt(u), 2 * np.pi * v
+    a, b = r * np.cos(turn), r * np.sin(turn)
+    share = (1 + z[2]) / 2
+    b = (1 - share) * np.sqrt(np.maximum(1 - a * a, 0)) + share * b
+    m = a * x + b * y + np.sqrt(np.maximum(1 - a * a - b * b, 0)) * z
+    m = np.stack([alpha * m[0], alpha * m[1], np.maximum(m[2], 0)])
+    return m / np.sqrt(dot(m, m))
+
+
+@functools.cache
+def coat(eta: float, alpha: float, ggx: bool) -> tuple[np.ndarray, float]:
+    """What a rough coat lets in at STEPS cosines from 0 to 1, and what it sends back inside.
+
+    The latter is Mitsuba's mean over the same cosines. Gauss-Legendre in the radius, even in angle.
+    """
+    cosine = np.maximum(np.linspace(0, 1, STEPS), 1e-6)
+    through = _share(True, cosine, eta, alpha, ggx)
+    inside = _share(False, cosine, 1 / eta, alpha, ggx)
+    return through, float(2 * (inside * cosine).mean())
+
+
+def _share(through: bool, cosines: np.ndarray, eta: float, alpha: float, ggx: bool) -> np.ndarray:
+    x, w = np.polynomial.legendre.leggauss(320)
+    if ggx:
+        u, weight = ((x + 1) / 2) ** 2, w * (x + 1) / 2
+    else:
+        r = 3 * (x + 1)
+        u, weight = -np.expm1(-r * r), w * 3 * 2 * r * np.exp(-r * r)
+    u, v = (a.ravel() for a in np.meshgrid(u, (np.arange(64) + 0.5) / 128, indexing="ij"))
+    weight = np.repeat(weight / 64, 64)  # half of the angles, by symmetry
+    rough, smooth = np.full(len(u), alpha), np.full(len(u), ggx)
+    out = []
+    for cosine in cosines:
+        wo = np.empty((3, len(u)))
+        wo[:] = np.array([[np.sqrt(1 - cosine * cosine)], [0.0], [cosine]])
+        if ggx:
+            m, area = _visible(wo, rough, u, v), 1.0
+        else:
+            m = _any(rough, u, v)
+            area = dot(wo, m) / m[2] / cosine * unhidden(wo, rough, smooth)
+        om = dot(wo, m)
+        f = fresnel(np.clip(om, 0, 1), eta)
+        wi = refracted(-wo, m, np.full(len(u), eta)) if through else mirrored(-wo, m)
+        side = wi[2] < 0 if through else wi[2] > 0
+        share = (1 - f if through else f) * unhidden(wi, rough, smooth) * area
+        out.append((weight * share * (side & (om > 0))).sum())
+    return np.array(out)
+
+
+class Rough:
+    """The rough ones of a scene's materials; ``m`` in calls is an index of one for each path.
+
+    eta: n beyond / n on wo's side (n,).
+    """
+
+    def __init__(self, materials: tuple[Material, ...], smooth: Materials) -> None:
+        self.smooth = smooth
+        self.alpha = np.array([m.alpha for m in materials])
+        self.ggx = np.array([m.distribution == "ggx" for m in materials])
+        self.base, self.coats = np.zeros((3, len(materials))), np.zeros((len(materials), STEPS))
+        for k, m in enumerate(materials):
+            if m.kind == "roughplastic":
+                eta, rho = float(m.eta[0]), m.reflectance
+                self.coats[k], inside = coat(eta, m.alpha, m.distribution == "ggx")
+                self.base[:, k] = rho / (1 - (rho * inside if m.nonlinear else inside)) / eta**2
+
+    def eta(self, m: np.ndarray, facing: np.ndarray) -> np.ndarray:
+        """N beyond / n on wo's side (n,); plastic's sides are alike."""
+        kind = self.smooth.kind[m]
+        index = np.where(kind == ROUGH_METAL, 1.0, self.smooth.index[m])
+        return np.where((kind == ROUGH_GLASS) & (facing < 0), 1 / index, index)
+
+    def entering(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+        """T (n,) of rough plastic, linear between the steps."""
+        at = np.clip(cosine, 0, 1) * (STEPS - 1)
+        cell = np.minimum(at.astype(np.int64), STEPS - 2)
+        low, high = self.coats[m, cell], self.coats[m, cell + 1]
+        return low + (at - cell) * (high - low)
+
+    def evaluate(
+        self, m: np.ndarray, eta: np.ndarray, wo: np.ndarray, wi: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """F (3, n) times the cosine of wi, and the density (n,); 0 where nothing goes."""
+        kind, alpha, ggx = self.smooth.kind[m], self.alpha[m], self.ggx[m]
+        mirror, glass = wi[2] > 0, kind == ROUGH_GLASS
+        h = wo + np.where(mirror, 1.0, eta) * wi
+        length = np.sqrt(dot(h, h))
+        h *= np.where(h[2] < 0, -1, 1) / np.where(length > 0, length, 1)
+        om, im = dot(wo, h), dot(wi, h)
+        ok = (om > 0) & (mirror | (glass & (im < 0))) & (wi[2] != 0)
+        with np.errstate(all="ignore"):
+            slopes = spread(h, alpha, ggx) * np.where(
+                mirror, 1 / (4 * om), eta**2 * np.abs(im) / (om + eta * im) ** 2
+            )
+            density = slopes * om * chance(wo, h, alpha, ggx)
+            both = unhidden(wo, alpha, ggx) * unhidden(wi, alpha, ggx)
+            value = slopes * om / wo[2] * both
+        f = fresnel(np.clip(om, 0, 1), eta)
+        colour = self.smooth.specular_reflectance[:, m] * f
+        at = kind == ROUGH_METAL
+        index, k = self.smooth.eta[:, m[at]], self.smooth.k[:, m[at]]
+        colour[:, at] = fresnel_conductor(np.clip(om[at], 0, 1), index, k)
+        colour[:, at] *= self.smooth.specular_reflectance[:, m[at]]
+        share = np.where(glass, f, 1.0)
+        at = ~mirror
+        colour[:, at] = self.smooth.specular_transmittance[:, m[at]] * (1 - f[at]) / eta[at] ** 2
+        share[at] = 1 - f[at]
+        value, density = np.where(ok, colour * value, 0), np.where(ok, share * density, 0)
+        at = (kind == ROUGH_PLASTIC) & mirror
+        through, matt = self.entering(m[at], wo[2, at]), wi[2, at] / np.pi
+        value[:, at] += self.base[:, m[at]] * (through * self.entering(m[at], wi[2, at]) * matt)
+        density[at] = (1 - through) * density[at] + through * matt
+        return value, density
+
+    def sample(
+        self, rng: np.random.Generator, m: np.ndarray, eta: np.ndarray, wo: np.ndarray
+    ) -> np.ndarray:
+        """Directions (3, n) with that density."""
+        kind, n = self.smooth.kind[m], len(m)
+        h = normals(wo, self.alpha[m], self.ggx[m], *rng.random((3, n)))
+        lobe = rng.random(n)
+        wi = mirrored(-wo, h)
+        through = (kind == ROUGH_GLASS) & (lobe >= fresnel(np.clip(dot(wo, h), 0, 1), eta))
+        wi = np.where(through, refracted(-wo, h, eta), wi)
+        matt = (kind == ROUGH_PLASTIC) & (lobe < self.entering(m, wo[2]))
+        r, turn = np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
+        even = np.stack([r * np.cos(turn), r * np.sin(turn), np.sqrt(1 - r * r)])
+        # a mirror's refraction or reflection that leaves on the other side is lost
+        lost = ~matt & ((wi[2] > 0) == through)
+        wi = np.where(matt, even, wi)
+        return np.where(lost, 0.0, wi)

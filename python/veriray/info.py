@@ -34,6 +34,7 @@ FEATURES = {
     "pass": "straight through: null, mask, thin dielectric",
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
+    "textures": "numbers of materials that textures give",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }

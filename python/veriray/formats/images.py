@@ -27,6 +27,9 @@ Array = npt.NDArray[Any]
 MAX_SIDE = 1 << 15
 MAX_TEXELS = 1 << 27
 _MAX_BYTES = 1 << 31
+#: Texels that a byte of a file can hold: deflate makes 1032 bytes of one, and an image of one bit
+#: a texel has 8 in each.
+_MOST_PER_BYTE = 8 * 1032
 _PILLOW = ("PNG", "JPEG", "BMP", "TGA", "PPM")
 _GREY = ("1", "L", "LA", "La", "I;16", "I;16B", "I;16L", "I")
 _COLOUR = ("RGB", "RGBA", "RGBa", "RGBX", "P", "PA")
@@ -69,7 +72,7 @@ def read(path: Path, where: str, *, raw: bool = False) -> Image:
             elif re.match(rb"P[Ff]\s", start):
                 image = Image(_pfm(_whole(file, size)))
             else:
-                image = _by_pillow(file, raw)
+                image = _by_pillow(file, size, raw)
     except (SceneError, ImageError) as error:
         text = str(error).removeprefix(f"{path}: ")
         raise SceneError(f"{name}: {text}", where) from None
@@ -129,20 +132,26 @@ def _whole(file: IO[bytes], size: int) -> bytes:
     return file.read(_MAX_BYTES)
 
 
-def _by_pillow(file: IO[bytes], raw: bool) -> Image:
+def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Pillow.DecompressionBombWarning)  # the size is checked
             with Pillow.open(file, formats=_PILLOW) as image:
                 _check_size(*image.size)
                 kind, mode = str(image.format), image.mode
+                if image.width * image.height > _MOST_PER_BYTE * size:
+                    raise SceneError(
+                        f"damaged: {image.width} x {image.height} texels cannot come from {size} "
+                        "bytes"
+                    )
                 if kind == "PNG" and mode in _COLOUR and _png_depth(file) == 16:
                     raise SceneError("a colour PNG of 16 bits is not supported; use 8 bits or EXR")
                 if mode in _GREY:
                     wide = mode.startswith("I")
                     texels = np.asarray(image if wide else image.convert("L"))[:, :, None]
                 elif mode in _COLOUR:
-                    texels = np.asarray(image.convert("RGBA").convert("RGB"))
+                    palette = mode in ("P", "PA")
+                    texels = np.asarray(image.convert("RGBA") if palette else image)[:, :, :3]
                 else:
                     raise SceneError(f"{kind} of mode {mode}; expected grey or RGB")
     except (SceneError, MemoryError):

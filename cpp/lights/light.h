@@ -10,14 +10,8 @@ namespace veriray {
 // The light whose interval holds u24 in [0, 2^24): its probability is exactly its share of 2^24.
 template <class U>
 VR_HD U choose_light(const LightView& lights, U u24) {
-    U first(0u);
-    for (uint32_t step = lights.top_step; step; step >>= 1) {
-        const U next = first + U(step);
-        const auto valid = next < U(lights.count + 1u);
-        const U end = gather(lights.cdf, select(valid, next, U(1u)) + U(~0u));
-        first = select(valid & !(u24 < end), next, first);
-    }
-    return first;
+    return choose_interval(lights.count, lights.top_step, u24,
+                           [&](U k) VR_INLINED { return gather(lights.cdf, k); });
 }
 
 // kShapes: those that can occur. kTouching: some lamps may touch what lets light through.
@@ -112,10 +106,12 @@ struct Lights {
     static VR_HD S sky(const Row& row, V d, Weight weight) {
         S light = S::all(F(0.f));
         each<kSkyShapes>(row, [&](auto shape, M m) VR_INLINED {
+            constexpr uint32_t kSkies = kShapes & kSkyShapes;
+            constexpr bool kOnly = (kSkies & (kSkies - 1u)) == 0;
+            if (!kOnly && none(m)) return;  // an image that is not there
             S one = shape.radiance(row, d);
             if constexpr (decltype(shape)::kSampled) one = one * weight(shape.pdf_li(row, d));
-            constexpr uint32_t kSkies = kShapes & kSkyShapes;
-            light = (kSkies & (kSkies - 1u)) == 0 ? one : select(m, one, light);
+            light = kOnly ? one : select(m, one, light);
         });
         return light;
     }
@@ -126,6 +122,7 @@ struct Lights {
         const V zero{F(0.f), F(0.f), F(0.f)};
         LightEmission<L> e{zero, zero, S::all(F(0.f)), F(0.f), F(0.f), F(0.f)};
         each<kAllShapes>(row, [&](auto shape, M m) VR_INLINED {
+            if (none(m)) return;
             const LightEmission<L> one = shape.emit(row, r);
             e.p = select(m, one.p, e.p);
             e.d = select(m, one.d, e.d);

@@ -30,6 +30,32 @@ enum LightColumn : uint32_t {
     kLightColumns = kLightMore + kLightMoreColumns,
 };
 
+// An image around the scene (image_sky.h). The upper ends of choice intervals are bits, in units of
+// 2^-24; the last of a row of cells that can be chosen is 2^24.
+inline constexpr uint32_t kSkyFloats = 4, kSkyEnd = 3;  // a texel: radiance; a cell's upper end
+inline constexpr uint32_t kSkyRowFloats = 2;            // a row's upper end; its sine
+struct SkyMap {
+    const float* texels;
+    const float* rows;
+    uint32_t width, height;         // texels
+    uint32_t row_step, column_step;  // largest powers of two <= rows of cells, columns
+    float rows_per_radian, columns_per_radian;
+    float cell;  // the size of a cell in square radians
+};
+
+// The interval of `count` that holds u24, by their upper ends.
+template <class U, class End>
+VR_HD U choose_interval(uint32_t count, uint32_t top_step, U u24, End end) {
+    U first(0u);
+    for (uint32_t step = top_step; step; step >>= 1) {
+        const U next = first + U(step);
+        const auto valid = next < U(count + 1u);
+        const U upper = end(select(valid, next, U(1u)) + U(~0u));
+        first = select(valid & !(u24 < upper), next, first);
+    }
+    return first;
+}
+
 // The lights of a scene.
 struct LightView {
     const float* table;        // [column][stride]
@@ -37,6 +63,7 @@ struct LightView {
     uint32_t stride, count;    // count: of the lights that are sampled, the first rows
     uint32_t top_step;         // largest power of two <= count
     float sky[kLightColumns];  // its row, which is one for all lanes; black where there is none
+    SkyMap map;                // its texels, if it has any
 };
 
 // A light on the host.
@@ -52,11 +79,12 @@ struct LightSource {
     float record[8], side;                  // of a sphere (sphere.h)
 };
 
-// A row of the light table by lane; read(c) gives a column.
+// A row of the light table by lane; read(c) gives a column. map: of the sky.
 template <class L, class Read>
 struct LightRow {
     using F = typename L::F;
     Read read;
+    SkyMap map;
 
     VR_HD F operator()(uint32_t c) const { return read(c); }
     VR_HD Vec3<F> vector(uint32_t c) const { return {read(c), read(c + 1), read(c + 2)}; }
@@ -68,8 +96,8 @@ struct LightRow {
     }
 };
 template <class L, class Read>
-VR_HD LightRow<L, Read> light_row(Read read) {
-    return {read};
+VR_HD LightRow<L, Read> light_row(Read read, const SkyMap& map) {
+    return {read, map};
 }
 
 template <class L>

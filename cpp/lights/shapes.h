@@ -7,6 +7,7 @@
 #include "lights/constant_sky.h"
 #include "lights/directional.h"
 #include "lights/disk.h"
+#include "lights/image_sky.h"
 #include "lights/parallelogram.h"
 #include "lights/point.h"
 #include "lights/rectangle.h"
@@ -23,7 +24,8 @@
     X(SpotLight)          \
     X(DirectionalLight)   \
     X(RectangleLight)     \
-    X(ConstantSky)
+    X(ConstantSky)        \
+    X(ImageSky)
 
 namespace veriray {
 

@@ -33,7 +33,7 @@ FOV = 40.0  # degrees
 def load(path: Path) -> tuple[Array, Array]:
     """Vertices (V, 3) and triangles (T, 3) of a PLY file, plain or in gzip."""
     data = path.read_bytes()
-    vertices, triangles, _ = ply.read(gzip.decompress(data) if path.suffix == ".gz" else data)
+    vertices, triangles, *_ = ply.read(gzip.decompress(data) if path.suffix == ".gz" else data)
     return vertices, triangles
 
 

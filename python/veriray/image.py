@@ -90,7 +90,12 @@ def load_with_regions(
     """As `load`, with the object masks: (H, W) uint32 (0 = nothing) or None, and their names."""
     where = path_text("path", path, ImageError)
     max_bytes = whole("max_bytes", max_bytes, 0, 2**63, error=ImageError)
-    header, channels = _read_exr(path, max_bytes)
+    header, channels = read_exr(path, max_bytes)
+    if "R" not in channels:
+        found = ", ".join(sorted(channels)[:9])
+        raise ImageError(f"{where}: no channels R, G, B; found {found}")
+    for name, values in channels.items():
+        channels[name] = values.astype(np.uint32 if name in _WHOLE else np.float32)
     image = _group(channels, "", where)
     assert image is not None
     stderr = _group(channels, "stderr.", where)
@@ -122,10 +127,14 @@ def load_with_regions(
     return render, channels.get("region"), names
 
 
-def _read_exr(
+def read_exr(
     path: str | os.PathLike[str], max_bytes: int
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Header and channels (name -> (H, W) float32, `region` uint32) of the first part."""
+    """Header and channels (name -> (H, W) float16, float32 or uint32) of the first part.
+
+    max_bytes: of all decoded channels together, as float32. Raises ImageError for a file that is
+    damaged or larger, OSError for one that cannot be read.
+    """
     where = os.fspath(path)
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -154,14 +163,11 @@ def _read_exr(
         except Exception as error:  # the library's errors have no common base class
             reason = " ".join(str(error).split())
             raise ImageError(f"{where}: not a readable OpenEXR file: {reason}") from error
-    if "R" not in pixels:
-        raise ImageError(f"{where}: no channels R, G, B; found {', '.join(sorted(pixels)[:9])}")
-    shape = pixels["R"].shape
+    shape = next((values.shape for values in pixels.values()), ())
     for name, values in pixels.items():
         if values.shape != shape or values.dtype not in (np.float16, np.float32, np.uint32):
             raise ImageError(f"{where}: channel {name!r} is {values.dtype} {values.shape}; "
                              f"expected float32 {shape}")  # fmt: skip
-        pixels[name] = values.astype(np.uint32 if name in _WHOLE else np.float32)
     return header, pixels
 
 

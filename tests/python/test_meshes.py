@@ -9,7 +9,9 @@ import trimesh
 
 import veriray
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh
+from veriray.formats import mesh, mitsuba_dict
+from veriray.formats.shapes import Shapes
+from veriray.formats.values import check
 from veriray.scene import load_dict
 from veriray_validate.scenes import Medium, Part, camera, make, material
 
@@ -110,6 +112,21 @@ def test_ply_normals_and_other_properties(tmp_path):
     assert got.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     assert got.normals.tolist() == [[0, 0, 1], [0, 0, 2], [1, 0, 0]]
     assert got.triangles.tolist() == [[0, 1, 2]]
+    assert got.uv.tolist() == [[0.1, 0.2]] * 3
+
+
+@pytest.mark.parametrize("names", ["u v", "s t", "texture_u texture_v", "v u"])
+def test_ply_texture_coordinates(tmp_path, names):
+    extra = "".join(f"property float {name}\n" for name in names.split())
+    text = PLY.replace("property float z\n", f"property float z\n{extra}")
+    for k, corner in enumerate(CORNERS):
+        line = " ".join(map(str, corner))
+        text = text.replace(f"\n{line}\n", f"\n{line} {k} {-k / 2}\n")
+    got = read(tmp_path, "a.ply", text)
+    expected = [[k, -k / 2] for k in range(4)]
+    assert got.uv.tolist() == [row[::-1] if names == "v u" else row for row in expected]
+    other = read(tmp_path, "b.ply", text.replace(f"{names.split()[1]}\n", "w\n"))
+    assert other.uv is None, "one of two is none"
 
 
 def test_obj(tmp_path):
@@ -158,6 +175,11 @@ def test_obj_vertices_are_split_by_normal_and_texture(tmp_path):
     assert (got.vertices[got.triangles] == np.array(
         [[[0, 0, 0], [1, 0, 0], [1, 1, 0.3]], [[0, 0, 0], [1, 1, 0.3], [0, 1, 0.1]]]
     )).all()  # fmt: skip
+    assert got.uv is None
+    seam = OBJ + "vt 0 .25\nvt 1\nf 1/1 2/1 3/1\nf 1/2 3 4/2\n"
+    split = read(tmp_path, "b.obj", seam)
+    assert len(split.vertices) == 6 and split.normals is None
+    assert split.uv[split.triangles].tolist() == [[[0, 0.25]] * 3, [[1, 0], [0, 0], [1, 0]]]
     seam = OBJ + "vt 0 0\nvt 1 1\nf 1/1 2/1 3/1\nf 1/2 3/2 4/2\n"
     assert len(read(tmp_path, "b.obj", seam).vertices) == 6
     assert not shape(tmp_path, "b.obj").normals.any(), "a seam is an edge, as in Mitsuba"
@@ -376,6 +398,57 @@ def test_vertices_and_normals_are_mitsubas(mi, tmp_path, name, matrix, flip):
         ray = mi.Ray3f((corners.mean(axis=0) + 0.01 * front).tolist(), (-front).tolist())
         side = scene.ray_intersect(ray).wi.z * (-1 if turned else 1)
         assert side > 0, "our front is the side that Mitsuba shades"
+
+
+TEXTURED = {
+    "a.obj": OBJ + "vt 0 .1\nvt 1 .2\nvt .9 1\nvt -3 7\nf 1/1 2/2 3/3\nf 1/1 3/4 4/2\n",
+    "n.obj": OBJ + "vt 0 .1\nvt 1 .2\nvt 2 3\nvn 0 0 -1\nvn .1 0 -1\n"
+             "f 1/1/1 2/2/1 3/3/2\nf 1/1/1 3/2/2 4/2/2\n",
+    "a.ply": PLY.replace("float z\n", "float z\nproperty float u\nproperty float v\n").replace(
+        "0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "0 0 0 0 .1\n1 0 0 .7 .2\n1 1 .3 4 5\n0 1 0 .1 .9\n"),
+}  # fmt: skip
+
+
+def with_uv(folder, description):
+    """The triangles' corners (T, 3, 3) and texture coordinates (T, 3, 2) of a shape."""
+    shapes = Shapes()
+    tree = mitsuba_dict.read({"type": "scene", "s": description})
+    node = tree.scene.children[0]
+    shapes.add(node, check(node), (0, -1, -1), "")
+    arrays = shapes.arrays(with_uv=True)
+    assert "uv" not in shapes.arrays() and len(arrays["uv"]) == len(arrays["vertices"])
+    return arrays["vertices"][arrays["triangles"]], arrays["uv"][arrays["triangles"]]
+
+
+@pytest.mark.parametrize("name", [*TEXTURED, "cube", "rectangle"])
+@pytest.mark.parametrize("flip_tex_coords", [None, False, True])
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("matrix", MATRICES)
+def test_texture_coordinates_are_mitsubas(mi, tmp_path, name, flip_tex_coords, flip, matrix):
+    description = {"type": name.rpartition(".")[2], "flip_normals": flip}
+    if name in TEXTURED:
+        (tmp_path / name).write_text(TEXTURED[name])
+        description["filename"] = str(tmp_path / name)
+        if flip_tex_coords is not None:
+            description["flip_tex_coords"] = flip_tex_coords
+    elif flip_tex_coords is not None:
+        return
+    corners, uv = with_uv(tmp_path, {**description, "to_world": MATRICES[matrix]})
+    to_world = mi.ScalarTransform4f(MATRICES[matrix])
+    scene = mi.load_dict({"type": "scene", "s": {**description, "to_world": to_world}})
+    for points, values in zip(corners, uv, strict=True):
+        normal = np.cross(points[1] - points[0], points[2] - points[0])
+        normal *= 0.01 / np.linalg.norm(normal)
+        for weights in ([0.2, 0.3, 0.5], [0.7, 0.1, 0.2]):
+            ray = mi.Ray3f((weights @ points + normal).tolist(), (-normal).tolist())
+            hit = scene.ray_intersect(ray)
+            assert np.abs(np.array(hit.uv) - weights @ values).max() < 1e-4
+
+
+def test_texture_coordinates_are_finite(tmp_path):
+    text = TEXTURED["a.ply"].replace("4 5", "4 nan")
+    with pytest.raises(SceneError, match=r"vertex 2 has the texture coordinate nan; .* 1e\+30"):
+        shape(tmp_path, "a.ply", text)
 
 
 def test_errors_name_the_file(tmp_path):

@@ -27,6 +27,7 @@ from .ply import MeshFileError
 
 Array = npt.NDArray[Any]
 MAX_BYTES = 512 * 2**20
+MAX_UV = 1e30  # float32 on the device
 _NUMBER = re.compile(rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 
@@ -34,15 +35,17 @@ _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 @dataclass
 class Mesh:
     """vertices (V, 3) float64, triangles (T, 3) int64; normals (V, 3) float64 of the file, of any
-    length, zero rows for vertices without one; None for a file without any."""
+    length, and texture coordinates uv (V, 2) float64 as they stand in the file: zero rows for
+    vertices without, None for a file without any."""
 
     vertices: Array
     triangles: Array
     normals: Array | None
+    uv: Array | None = None
 
 
 def read(path: Path, kind: str, where: str) -> Mesh:
-    """A mesh file; kind: "obj", "ply" or "stl". Texture coordinates are checked and left out.
+    """A mesh file; kind: "obj", "ply" or "stl".
 
     Vertices of an OBJ file that is used with several normals or texture coordinates are split, as
     Mitsuba does. Raises SceneError for a file that is missing, damaged, empty, or holds indices out
@@ -56,14 +59,17 @@ def read(path: Path, kind: str, where: str) -> Mesh:
         raise SceneError(f"{name}{error}", where) from None
     if not len(mesh.triangles):
         raise SceneError(f"{name} holds no triangles", where)
-    normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
-    for what, values in (("coordinate", mesh.vertices), ("normal's component", normals)):
-        bad = np.argwhere(~(np.abs(values) <= MAX_COORDINATE))  # NaN too
-        if len(bad):
+    for what, values, limit in (
+        ("coordinate", mesh.vertices, MAX_COORDINATE),
+        ("normal's component", mesh.normals, MAX_COORDINATE),
+        ("texture coordinate", mesh.uv, MAX_UV),
+    ):
+        bad = np.zeros((0, 2)) if values is None else np.argwhere(~(np.abs(values) <= limit))
+        if values is not None and len(bad):  # NaN too
             row, column = (int(i) for i in bad[0])
             raise SceneError(
                 f"{name}: vertex {row} has the {what} {values[row, column]}; it must be finite and "
-                f"within {MAX_COORDINATE:g}",
+                f"within {limit:g}",
                 where,
             )
     bad = np.argwhere((mesh.triangles < 0) | (mesh.triangles >= len(mesh.vertices)))
@@ -77,17 +83,20 @@ def read(path: Path, kind: str, where: str) -> Mesh:
     return mesh
 
 
-def _obj(data: bytes) -> tuple[Array, Array, Array | None]:
+def _obj(data: bytes) -> tuple[Array, Array, Array | None, Array | None]:
     text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
     tables, corners, triangles = _obj_tables(text) or _obj_lines(text)
-    vertices, _, normals = tables
+    vertices, *others = tables
     if not (corners[:, 1:] >= 0).any():
-        return vertices, corners[:, 0][triangles], None
+        return vertices, corners[:, 0][triangles], None, None
     rows, inverse = np.unique(corners, axis=0, return_inverse=True)
-    split = None
-    if (rows[:, 2] >= 0).any():
-        split = np.concatenate([normals, np.zeros((1, 3))])[rows[:, 2]]
-    return vertices[rows[:, 0]], inverse.reshape(-1)[triangles], split
+    uv, normals = (
+        np.concatenate([table, np.zeros((1, table.shape[1]))])[index]
+        if (index >= 0).any()
+        else None
+        for table, index in zip(others, rows[:, 1:].T, strict=True)
+    )
+    return vertices[rows[:, 0]], inverse.reshape(-1)[triangles], normals, uv
 
 
 _KINDS = {b"v": 3, b"vt": 2, b"vn": 3}  # line -> numbers kept

@@ -91,6 +91,13 @@ _MESH = {
     ),
     **_PLACED,
 }
+
+
+def _flip_uv(default: bool) -> dict[str, Param]:
+    doc = "v of a texture coordinate is 1 - v of the file"
+    return {"flip_tex_coords": Param("boolean", default, doc=doc)}
+
+
 _RADIANCE = Param(COLOUR, 1.0, 0.0, doc="emitted radiance, linear RGB")
 _SHARE: dict[str, Any] = {"low": 0.0, "high": 1.0}
 _INT_IOR = Param(IOR, "bk7", 0.1, 10.0, doc="refractive index inside (behind the front)")
@@ -228,8 +235,8 @@ PLUGINS: dict[str, Plugin] = {
         _ON_SHAPES,
         doc="exact; to_world scales alike in all directions; front outside, inside if it mirrors",
     ),
-    "obj": Plugin("shape", _MESH, _ON_SHAPES, doc="Wavefront OBJ"),
-    "ply": Plugin("shape", _MESH, _ON_SHAPES, doc="Stanford PLY"),
+    "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
+    "ply": Plugin("shape", {**_MESH, **_flip_uv(False)}, _ON_SHAPES, doc="Stanford PLY"),
     "stl": Plugin(
         "shape",
         {**_MESH, "face_normals": Param("boolean", True, choices=(True,))},

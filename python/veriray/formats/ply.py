@@ -20,6 +20,7 @@ _TYPES = {
     "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+_UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))  # as Mitsuba
 _INDICES = ("vertex_indices", "vertex_index")
 _MAX_WORD = 1000  # characters of a number
 
@@ -36,8 +37,9 @@ class _Element:
     properties: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
-def read(data: bytes) -> tuple[Array, Array, Array | None]:
-    """Vertices (V, 3) float64, triangles (T, 3) int64 and vertex normals (V, 3) or None.
+def read(data: bytes) -> tuple[Array, Array, Array | None, Array | None]:
+    """Vertices (V, 3) float64, triangles (T, 3) int64; vertex normals (V, 3) and texture
+    coordinates (V, 2), or None.
 
     Raises MeshFileError for anything but a header with vertex x, y, z and face vertex_indices (or
     vertex_index) and exactly the data that it states.
@@ -54,16 +56,22 @@ def read(data: bytes) -> tuple[Array, Array, Array | None]:
     found = {element.name: content.element(element) for element in elements}
     content.end()
     vertex, face = found.get("vertex", {}), found.get("face", {})
-    if not {"x", "y", "z"} <= vertex.keys():
+    vertices, normals = _columns(vertex, "x", "y", "z"), _columns(vertex, "nx", "ny", "nz")
+    if vertices is None:
         raise MeshFileError(": the vertices have no x, y and z")
     name = next((name for name in _INDICES if name in face), None)
     if "face" in found and name is None:
         raise MeshFileError(": the faces have no list vertex_indices")
-    vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    normals = None
-    if {"nx", "ny", "nz"} <= vertex.keys():
-        normals = np.stack([vertex[axis].astype(np.float64) for axis in ("nx", "ny", "nz")], axis=1)
-    return vertices, _fans(face[name] if name else []), normals
+    uv = next((uv for names in _UV if (uv := _columns(vertex, *names)) is not None), None)
+    return vertices, _fans(face[name] if name else []), normals, uv
+
+
+def _columns(vertex: dict[str, Any], *names: str) -> Array | None:
+    """Numbers of the vertices (V, names) float64; None if one is not there, or a list."""
+    columns = [vertex.get(name) for name in names]
+    if not all(isinstance(column, np.ndarray) and column.ndim == 1 for column in columns):
+        return None
+    return np.stack(columns, axis=1).astype(np.float64)
 
 
 def _header(data: bytes) -> tuple[list[_Element], str, bytes]:

@@ -31,13 +31,18 @@ _CUBE = np.array(  # four corners a face, counter-clockwise from outside: -y, +y
     ],
     np.float64,
 ).reshape(24, 3)
+_QUAD_UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+_CUBE_UV = np.tile(np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float64), (6, 1))
 _IDENTITY = np.eye(4)
 _IDENTITY.setflags(write=False)
 _CUBE_FACES = np.concatenate([_QUAD_FACES + 4 * face for face in range(6)])
 
 
-#: Shapes with the same faces whatever their size: local vertices, faces.
-_FLAT = {"rectangle": (_QUAD, _QUAD_FACES), "cube": (_CUBE, _CUBE_FACES)}
+#: Shapes with the same faces whatever their size: local vertices, faces, texture coordinates.
+_FLAT = {
+    "rectangle": (_QUAD, _QUAD_FACES, _QUAD_UV),
+    "cube": (_CUBE, _CUBE_FACES, _CUBE_UV),
+}
 _CHUNK = 256  # shapes that are placed together
 
 
@@ -51,7 +56,8 @@ class Shapes:
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
             name: [] for name in _FLAT
         }
-        self.meshes: list[tuple[int, int, Array, Array, Array | None]] = []
+        #: first vertex and triangle; vertices, triangles, normals and texture coordinates
+        self.meshes: list[tuple[int, int, Array, Array, Array | None, Array | None]] = []
         self.spheres: list[tuple[Node, Array, tuple[float, ...], bool]] = []
         self.disks: list[Array] = []
         self.rows: dict[str, list[tuple[int, int, int, int]]] = {
@@ -83,30 +89,40 @@ class Shapes:
             first, second = (1, 0) if flip != (determinant(matrix) < 0) else (0, 1)
             self.disks.append(np.stack([matrix[:3, 3], matrix[:3, first], matrix[:3, second]]))
         elif plugin in _FLAT:
-            place = self._room(*map(len, _FLAT[plugin]))
+            corners, faces, _ = _FLAT[plugin]
+            place = self._room(len(corners), len(faces))
             self.flat[plugin].append((node, matrix, flip, *place))
         else:
             self._mesh(node, values, matrix, solid)
         self.rows[kind].append((*row, len(self.names)))
         self.names.append(node.id or f"{plugin}_{len(self.names)}")
 
-    def arrays(self) -> dict[str, Any]:
-        """The arguments of Scene."""
+    def arrays(self, *, with_uv: bool = False) -> dict[str, Any]:
+        """The arguments of Scene; with_uv: also the texture coordinates uv (V, 2) float64, zero
+        for the vertices of meshes without."""
         spheres, inward = _spheres(self.spheres)
         vertices = np.empty((self.vertex_count, 3))
         index = np.uint32 if self.vertex_count < 2**32 else np.int64
         triangles = np.empty((self.triangle_count, 3), index)
         normals = None
-        if any(mesh_normals is not None for *_, mesh_normals in self.meshes):
+        if any(mesh_normals is not None for *_, mesh_normals, _ in self.meshes):
             normals = np.zeros_like(vertices)
+        uv = np.zeros((self.vertex_count, 2)) if with_uv else None
         for name, given in self.flat.items():
+            local, local_faces, local_uv = _FLAT[name]
             for begin in range(0, len(given), _CHUNK):
-                _place(*_FLAT[name], given[begin : begin + _CHUNK], vertices, triangles)
-        for first, face, corners, faces, directions in self.meshes:
+                chunk = given[begin : begin + _CHUNK]
+                _place(local, local_faces, chunk, vertices, triangles)
+                if uv is not None:
+                    rows = np.array([first for *_, first, _ in chunk])[:, None]
+                    uv[rows + np.arange(len(local))] = local_uv
+        for first, face, corners, faces, directions, coordinates in self.meshes:
             vertices[first : first + len(corners)] = corners
             triangles[face : face + len(faces)] = faces + first
             if normals is not None and directions is not None:
                 normals[first : first + len(corners)] = directions
+            if uv is not None and coordinates is not None:
+                uv[first : first + len(corners)] = coordinates
         result: dict[str, Any] = {
             "vertices": vertices,
             "normals": normals,
@@ -116,6 +132,8 @@ class Shapes:
             "disks": np.array(self.disks, np.float64).reshape(-1, 3, 3),
             "shape_names": tuple(self.names),
         }
+        if uv is not None:
+            result["uv"] = uv
         for kind, rows in self.rows.items():
             table = np.array(rows, np.int32).reshape(-1, 4).T
             for values, name in zip(
@@ -158,7 +176,10 @@ class Shapes:
             )
         if flip:
             faces, normals = faces[:, ::-1], None if normals is None else -normals
-        self.meshes.append((*self._room(len(vertices), len(faces)), vertices, faces, normals))
+        uv = loaded.uv
+        if uv is not None and values.get("flip_tex_coords"):
+            uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
+        self.meshes.append((*self._room(len(vertices), len(faces)), vertices, faces, normals, uv))
 
 
 def _place(

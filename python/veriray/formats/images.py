@@ -1,0 +1,297 @@
+"""Image files as texels: what textures and skies are made of.
+
+PNG, JPEG, BMP, TGA and PPM by Pillow, OpenEXR by its own library, Radiance HDR and PFM here. Texels
+keep the precision of the file: 8 bits, half or float; a 16-bit PNG or PPM becomes float. An alpha
+channel is left out, as in Mitsuba.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image as Pillow
+
+from ..errors import ImageError, SceneError
+from ..files import open_regular
+from ..image import read_exr
+from .node import shorten
+
+Array = npt.NDArray[Any]
+MAX_SIDE = 1 << 15
+MAX_TEXELS = 1 << 27
+_MAX_BYTES = 1 << 31
+_PILLOW = ("PNG", "JPEG", "BMP", "TGA", "PPM")
+_GREY = ("1", "L", "LA", "La", "I;16", "I;16B", "I;16L", "I")
+_COLOUR = ("RGB", "RGBA", "RGBa", "RGBX", "P", "PA")
+
+
+@dataclass(frozen=True)
+class Image:
+    """texels (H, W, C) uint8, float16 or float32, row 0 on top; C is 1 (grey) or 3 (RGB).
+
+    encoded: 8-bit texels that follow the sRGB curve; all others are linear.
+    """
+
+    texels: Array
+    encoded: bool = False
+
+    def linear(self) -> npt.NDArray[np.float32]:
+        """(H, W, C) float32: sRGB undone, other 8-bit texels divided by 255."""
+        if self.texels.dtype == np.uint8:
+            table = SRGB_TO_LINEAR if self.encoded else BYTE_TO_SHARE
+            return table[self.texels]
+        return self.texels.astype(np.float32)
+
+
+def read(path: Path, where: str, *, raw: bool = False) -> Image:
+    """An image file. raw: its numbers as they are; else files other than EXR, HDR and PFM are sRGB.
+
+    Raises SceneError for a file that is missing, damaged, too large, of an unknown kind, or holds
+    texels that are not finite; `where` is the place that names it.
+    """
+    name = shorten(str(path))
+    try:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            start = file.read(16)
+            file.seek(0)
+            if start.startswith(b"\x76\x2f\x31\x01"):
+                image = Image(_exr(path))
+            elif start.startswith((b"#?RADIANCE", b"#?RGBE")):
+                image = Image(_hdr(_whole(file, size)))
+            elif re.match(rb"P[Ff]\s", start):
+                image = Image(_pfm(_whole(file, size)))
+            else:
+                image = _by_pillow(file, raw)
+    except (SceneError, ImageError) as error:
+        text = str(error).removeprefix(f"{path}: ")
+        raise SceneError(f"{name}: {text}", where) from None
+    except OSError as error:
+        raise SceneError(f"cannot read {name}: {error.strerror or error}", where) from None
+    except ValueError as error:  # a name with a null character
+        raise SceneError(f"cannot read {name}: {error}", where) from None
+    return _checked(image, name, where)
+
+
+def from_array(values: object, where: str, *, raw: bool = False) -> Image:
+    """The image of an array (H, W) or (H, W, C), C 1, 3 or 4: uint8 is sRGB unless raw, floats are
+    linear. Raises SceneError."""
+    texels = np.asarray(values)
+    texels = texels[:, :, None] if texels.ndim == 2 else texels
+    if texels.ndim != 3 or texels.shape[2] not in (1, 3, 4) or texels.dtype.kind not in "uf":
+        raise SceneError(
+            f"an image of shape {texels.shape} and type {texels.dtype}; expected (H, W), "
+            "(H, W, 1), (H, W, 3) or (H, W, 4) of uint8, float16 or float32",
+            where,
+        )
+    if texels.dtype.kind == "u" and texels.dtype != np.uint8:
+        raise SceneError(f"an image of {texels.dtype}; expected uint8, or floats", where)
+    try:
+        _check_size(texels.shape[1], texels.shape[0])
+    except SceneError as error:
+        raise SceneError(str(error), where) from None
+    if texels.dtype == np.float64:
+        with np.errstate(over="ignore"):
+            texels = texels.astype(np.float32)
+    if texels.dtype not in (np.uint8, np.float16, np.float32):
+        raise SceneError(f"an image of {texels.dtype}; expected float16, float32 or uint8", where)
+    texels = np.array(texels[:, :, :3])
+    return _checked(Image(texels, texels.dtype == np.uint8 and not raw), "the image", where)
+
+
+def _checked(image: Image, name: str, where: str) -> Image:
+    if image.texels.dtype != np.uint8 and not np.isfinite(image.texels).all():
+        y, x, c = (int(i) for i in np.argwhere(~np.isfinite(image.texels))[0])
+        value = image.texels[y, x, c]
+        raise SceneError(f"{name}: texel (x {x}, y {y}) is {value}; it must be finite", where)
+    image.texels.setflags(write=False)
+    return image
+
+
+def _check_size(width: int, height: int) -> None:
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_TEXELS):
+        raise SceneError(
+            f"{width} x {height} texels; expected 1 to {MAX_SIDE} a side and at most "
+            f"{MAX_TEXELS} in all"
+        )
+
+
+def _whole(file: IO[bytes], size: int) -> bytes:
+    if size > _MAX_BYTES:
+        raise SceneError(f"exceeds {_MAX_BYTES} bytes")
+    return file.read(_MAX_BYTES)
+
+
+def _by_pillow(file: IO[bytes], raw: bool) -> Image:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Pillow.DecompressionBombWarning)  # the size is checked
+            with Pillow.open(file, formats=_PILLOW) as image:
+                _check_size(*image.size)
+                kind, mode = str(image.format), image.mode
+                if kind == "PNG" and mode in _COLOUR and _png_depth(file) == 16:
+                    raise SceneError("a colour PNG of 16 bits is not supported; use 8 bits or EXR")
+                if mode in _GREY:
+                    wide = mode.startswith("I")
+                    texels = np.asarray(image if wide else image.convert("L"))[:, :, None]
+                elif mode in _COLOUR:
+                    texels = np.asarray(image.convert("RGBA").convert("RGB"))
+                else:
+                    raise SceneError(f"{kind} of mode {mode}; expected grey or RGB")
+    except (SceneError, MemoryError):
+        raise
+    except Pillow.UnidentifiedImageError:
+        raise SceneError(
+            f"not an image of a known kind: EXR, HDR, PFM, {', '.join(_PILLOW)}"
+        ) from None
+    except Exception as error:  # the library's errors have no common base class
+        raise SceneError(f"not a readable image: {' '.join(str(error).split())}") from None
+    if texels.dtype == np.uint8:
+        return Image(np.array(texels), not raw)
+    codes = texels.astype(np.int64)
+    if not ((codes >= 0) & (codes < 1 << 16)).all():
+        raise SceneError("holds numbers outside [0, 65535]")
+    found, index = np.unique(codes, return_inverse=True)
+    values = [_rounded(code, 65535) if raw else _linear(code, 65535) for code in found.tolist()]
+    return Image(np.array(values, np.float32)[index].reshape(codes.shape))
+
+
+def _png_depth(file: IO[bytes]) -> int:
+    at = file.tell()
+    file.seek(24)  # behind the signature and the length, name, width and height of IHDR
+    depth = file.read(1)
+    file.seek(at)
+    return depth[0] if depth else 0
+
+
+def _exr(path: Path) -> Array:
+    _, channels = read_exr(path, _MAX_BYTES)
+    for names in (("R", "G", "B"), ("Y",)):
+        if all(name in channels for name in names):
+            break
+    else:
+        found = ", ".join(sorted(channels)[:9])
+        raise SceneError(f"no channels R, G, B, and no channel Y; found {found}")
+    if {"RY", "BY"} & set(channels):
+        raise SceneError("luminance and chroma channels are not supported; use R, G, B")
+    planes = [channels[name] for name in names]
+    _check_size(planes[0].shape[1], planes[0].shape[0])
+    half = all(plane.dtype == np.float16 for plane in planes)
+    kind = np.float16 if half else np.float32
+    return np.stack([plane.astype(kind) for plane in planes], axis=-1)
+
+
+def _pfm(data: bytes) -> Array:
+    """Portable float map: rows from the bottom, a negative scale for little-endian numbers."""
+    head = re.match(rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([+-]?[0-9.]{1,20})\s", data)
+    if not head:
+        raise SceneError("damaged: no header of a PFM file")
+    width, height, count = int(head[2]), int(head[3]), 3 if head[1] == b"PF" else 1
+    _check_size(width, height)
+    order = "<" if head[4].startswith(b"-") else ">"
+    need = width * height * count
+    if len(data) - head.end() < 4 * need:
+        raise SceneError("damaged: it ends before its last texel")
+    values = np.frombuffer(data, order + "f4", need, head.end())
+    return values.reshape(height, width, count)[::-1].astype(np.float32)
+
+
+def _hdr(data: bytes) -> Array:
+    """Radiance's picture format (G. Ward, "Real pixels", Graphics Gems II, 1991): three mantissas
+    and a common exponent, scan lines run-length coded by channel or flat."""
+    head = re.match(rb"#\?[^\n]*\n(?:[^\n]{0,2000}\n){0,200}?\r?\n", data)
+    size = re.match(rb"-Y (\d{1,6}) \+X (\d{1,6})\r?\n", data[head.end() :]) if head else None
+    if not head or not size:
+        raise SceneError('damaged: no header of an HDR file with "-Y height +X width"')
+    if re.search(rb"FORMAT=(?!32-bit_rle_rgbe)", head[0]):
+        raise SceneError("only FORMAT=32-bit_rle_rgbe is supported")
+    height, width = int(size[1]), int(size[2])
+    _check_size(width, height)
+    at = head.end() + size.end()
+    mark = bytes((2, 2, width >> 8, width & 255))
+    if 8 <= width < 1 << 15 and data[at : at + 4] == mark:
+        codes = _hdr_runs(data, at, width, height, mark)
+    else:
+        if len(data) - at < 4 * width * height:
+            raise SceneError("damaged, or coded in the old way: it ends before its last texel")
+        codes = np.frombuffer(data, np.uint8, 4 * width * height, at).reshape(height, width, 4)
+    exponent = codes[:, :, 3:].astype(np.int32) - (128 + 8)
+    mantissa = codes[:, :, :3].astype(np.float32)
+    return np.where(codes[:, :, 3:] > 0, np.ldexp(mantissa, exponent), np.float32(0))
+
+
+def _hdr_runs(data: bytes, at: int, width: int, height: int, mark: bytes) -> Array:
+    codes = np.empty((height, width, 4), np.uint8)
+    for y in range(height):
+        if data[at : at + 4] != mark:
+            raise SceneError(f"damaged: scan line {y} does not begin as one")
+        at += 4
+        line = bytearray()
+        for channel in range(4):
+            while len(line) < width * (channel + 1):
+                if at + 1 >= len(data):
+                    raise SceneError(f"damaged: it ends in scan line {y}")
+                count = data[at]
+                if count > 128:
+                    line += data[at + 1 : at + 2] * (count - 128)
+                    at += 2
+                else:
+                    line += data[at + 1 : at + 1 + count]
+                    at += 1 + count
+                if not count or at > len(data):
+                    raise SceneError(f"damaged: a run of scan line {y} is empty or cut off")
+            if len(line) != width * (channel + 1):
+                raise SceneError(f"damaged: a run leaves scan line {y}")
+        codes[y] = np.frombuffer(bytes(line), np.uint8).reshape(4, width).T
+    return codes
+
+
+_BITS = 80  # of a fraction before it is rounded to float32
+
+
+def _float32(fraction: int, exact: bool) -> float:
+    """Fraction times 2^-_BITS as a float32, rounded to nearest even; exact: nothing follows its bits."""
+    drop = max(fraction.bit_length() - 24, 0)
+    kept, rest, half = fraction >> drop, fraction & ((1 << drop) - 1), (1 << drop) >> 1
+    up = rest > half or (drop > 0 and rest == half and (not exact or kept & 1))
+    return float((kept + up) << drop) * 2.0**-_BITS
+
+
+def _rounded(code: int, most: int) -> float:
+    """The share code / most, correctly rounded to float32."""
+    fraction, rest = divmod(code << _BITS, most)
+    return _float32(fraction, rest == 0)
+
+
+def _linear(code: int, most: int) -> float:
+    """Linear value of the sRGB code (IEC 61966-2-1), correctly rounded to float32, by integers.
+
+    Above 0.04045 it is z^(12/5) with z = (code / most + 0.055) / 1.055, the fifth root of z^12.
+    """
+    if code * 100_000 <= 4045 * most:
+        fraction, rest = divmod(code * 100 << _BITS, 1292 * most)
+        return _float32(fraction, rest == 0)
+    above, below = 1000 * code + 55 * most, 1055 * most
+    power = (above**12 << 5 * _BITS) // below**12
+    root = 1 << -(-power.bit_length() // 5)  # not below the root; Newton's steps then descend
+    while True:
+        lower = (4 * root + power // root**4) // 5
+        if lower >= root:
+            break
+        root = lower
+    return _float32(root, above == below)  # irrational otherwise
+
+
+#: Linear values of the 256 codes of sRGB, and of codes that are shares of 255; float32, exact to
+#: rounding.
+SRGB_TO_LINEAR = np.array([_linear(code, 255) for code in range(256)], np.float32)
+BYTE_TO_SHARE = np.array([_rounded(code, 255) for code in range(256)], np.float32)
+for _table in (SRGB_TO_LINEAR, BYTE_TO_SHARE):
+    _table.setflags(write=False)

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from reference.skies import Sky
+
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null")
 LIGHT_KINDS = ("point", "spot", "directional")
 
@@ -145,7 +147,7 @@ class Scene:
 
     Per primitive (P,) int32: material, an index; emission, of the radiances (E, 3), or -1;
     boundary, a row of boundaries (B, 2) int32, which holds the media inside and outside (-1
-    vacuum), or -1. environment (3,) or None; depths as in Mitsuba's volpath integrator; digest is
+    vacuum), or -1. environment (3,) or None, and so the image sky; depths as in Mitsuba's volpath integrator; digest is
     the SHA-256 of every file read and every parameter given.
     """
 
@@ -165,6 +167,7 @@ class Scene:
     rr_depth: int
     spp: int
     digest: str
+    sky: Sky | None = None
 
     @property
     def triangles(self) -> np.ndarray:

@@ -19,7 +19,7 @@ struct Scene::Impl {
     int device;
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges;
+        filter_edges, sky_texels, sky_rows;
     Buffer<uint32_t> surface_of, light_cdf;
     TreeBuilder builder;
     DeviceTree tree;
@@ -42,6 +42,8 @@ struct Scene::Impl {
         upload(light_table, host.light_table, view.lights.table);
         upload(light_cdf, host.light_cdf, view.lights.cdf);
         upload(filter_edges, host.filter_edges, view.filter.edges);
+        upload(sky_texels, host.sky_texels, view.lights.map.texels);
+        upload(sky_rows, host.sky_rows, view.lights.map.rows);
         if (!(host.view.features & kBvh)) return;
         tree = build_tree_of(host, builder, poll);
         view.bvh = {tree.nodes.get(), tree.records.get(), host.slab_slack};

@@ -47,8 +47,8 @@ struct ImageSky : LightShape<L> {
         }
         // The density of places (s, t) in the cell.
         VR_HD F density(F s, F t) const {
-            const F q = between(between(weight[0], weight[2], t),
-                                between(weight[1], weight[3], t), s);
+            const F q =
+                between(between(weight[0], weight[2], t), between(weight[1], weight[3], t), s);
             return select(mean > F(0.f), q / mean, F(0.f));
         }
     };
@@ -67,18 +67,18 @@ struct ImageSky : LightShape<L> {
                 texel[c] = gather(map.texels, index * U(kSkyFloats) + U(c));
         }
     }
-    // The number of units of 2^-24 of interval k, by the upper ends of intervals.
-    template <class End>
-    static VR_HD U units(U k, End end) {
-        const auto first = k == U(0u);
-        return end(k) + (U(0u) - select(first, U(0u), end(select(first, U(0u), k + U(~0u)))));
+    // Upper ends of choice intervals, and the size of interval k by them, in units of 2^-24.
+    static VR_HD F row_end(const SkyMap& map, U row) {
+        return gather(map.rows, row * U(kSkyRowFloats));
     }
-    static VR_HD U row_end(const SkyMap& map, U row) {
-        return as_uint(gather(map.rows, row * U(kSkyRowFloats)));
-    }
-    static VR_HD U column_end(const SkyMap& map, U row, U column) {
+    static VR_HD F column_end(const SkyMap& map, U row, U column) {
         const U index = row * U(map.width) + column;
-        return as_uint(gather(map.texels, index * U(kSkyFloats) + U(kSkyEnd)));
+        return gather(map.texels, index * U(kSkyFloats) + U(kSkyEnd));
+    }
+    template <class End>
+    static VR_HD F start(U k, End end) {
+        const auto first = k == U(0u);
+        return select(first, F(0.f), end(select(first, k, k + U(~0u))));
     }
 
     static VR_HD Cell cell(const SkyMap& map, U column, U row) {
@@ -97,9 +97,11 @@ struct ImageSky : LightShape<L> {
             c.weight[2 + k] = select(north, a + b, b) * sine_lower;
         }
         c.mean = (c.weight[0] + c.weight[1] + (c.weight[2] + c.weight[3])) * F(0.25f);
-        const U across = units(column, [&](U k) VR_INLINED { return column_end(map, row, k); });
-        const U down = units(row, [&](U k) VR_INLINED { return row_end(map, k); });
-        c.chance = (to_float(across) * F(0x1p-24f)) * (to_float(down) * F(0x1p-24f));
+        const F across = c.texel[0][kSkyEnd] -
+                         start(column, [&](U k) VR_INLINED { return column_end(map, row, k); });
+        const F down =
+            row_end(map, row) - start(row, [&](U k) VR_INLINED { return row_end(map, k); });
+        c.chance = (across * F(0x1p-24f)) * (down * F(0x1p-24f));
         return c;
     }
 
@@ -107,10 +109,10 @@ struct ImageSky : LightShape<L> {
     // that the number stands for.
     template <class End>
     static VR_HD U choose(F u, uint32_t count, uint32_t top_step, End end, F& rest) {
-        const U u24 = to_uint(u * F(0x1p24f));
-        const U k = choose_interval(count, top_step, u24, end);
-        const U size = units(k, end), above = end(k) + (U(0u) - u24);  // from 1 to size
-        rest = (to_float(size + (U(0u) - above)) + F(0.5f)) / to_float(size);
+        const F u24 = u * F(0x1p24f);
+        const U k = choose_interval<U>(count, top_step, u24, end);
+        const F from = start(k, end);
+        rest = (u24 - from + F(0.5f)) / (end(k) - from);
         return k;
     }
 
@@ -154,8 +156,7 @@ struct ImageSky : LightShape<L> {
         Place at;
         F s, t;
         at.row = choose(
-            v, map.height - 1u, map.row_step,
-            [&](U k) VR_INLINED { return row_end(map, k); }, t);
+            v, map.height - 1u, map.row_step, [&](U k) VR_INLINED { return row_end(map, k); }, t);
         at.column = choose(
             u, map.width, map.column_step,
             [&](U k) VR_INLINED { return column_end(map, at.row, k); }, s);
@@ -169,8 +170,7 @@ struct ImageSky : LightShape<L> {
         sincos_2pi(y, sine, cosine);
         sincos_2pi(select(x < F(1.f), x, x - F(1.f)), across, along);
         const V wi = fma(row.vector(kLightP), sine * across,
-                         fma(row.vector(kLightE1), cosine,
-                             row.vector(kLightE2) * -(sine * along)));
+                         fma(row.vector(kLightE1), cosine, row.vector(kLightE2) * -(sine * along)));
         const F inverse = row(kLightInverse) * F(map.cell) * sine;
         return {c.radiance(at.s, at.t),
                 inverse / (c.density(at.s, at.t) * c.chance),
@@ -184,12 +184,9 @@ struct ImageSky : LightShape<L> {
         const M nobody = r.s < F(0.f);
         const Sample s = sample_li(row, {r.s, r.s, r.s}, r.s, r.t, nobody, nobody);
         const F chance = F(1.f) / row(kLightInverse);
-        return {Base::before_scene(-s.wi, r.u, r.v),
-                -s.wi,
-                s.radiance,
-                F(1.f),
-                chance / F(kSceneArea),
-                F(1.f) / (s.inverse_pdf * chance)};
+        return {
+            Base::before_scene(-s.wi, r.u, r.v), -s.wi, s.radiance, F(1.f), chance / F(kSceneArea),
+            F(1.f) / (s.inverse_pdf * chance)};
     }
     // Across a disc of radius 1, as of a directional light. strength: the mean over the sphere.
     static VR_HD double power(const LightSource& s) {

@@ -10,8 +10,8 @@ namespace veriray {
 // The light whose interval holds u24 in [0, 2^24): its probability is exactly its share of 2^24.
 template <class U>
 VR_HD U choose_light(const LightView& lights, U u24) {
-    return choose_interval(lights.count, lights.top_step, u24,
-                           [&](U k) VR_INLINED { return gather(lights.cdf, k); });
+    return choose_interval<U>(lights.count, lights.top_step, u24,
+                              [&](U k) VR_INLINED { return gather(lights.cdf, k); });
 }
 
 // kShapes: those that can occur. kTouching: some lamps may touch what lets light through.

@@ -14,8 +14,8 @@ inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
 inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
 inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes),
                              kLeanSky = kSky & kLean;
-inline constexpr FeatureMask kDiffuseFlat =
-    kQuads | kPolygons | kMeshLights | kManyLights | kNearLights | kLeanSky | kClip | kPlainMaterials;
+inline constexpr FeatureMask kDiffuseFlat = kQuads | kPolygons | kMeshLights | kManyLights |
+                                            kNearLights | kLeanSky | kClip | kPlainMaterials;
 inline constexpr FeatureMask kDiffuseMesh =
     kBvh | kSmooth | kMeshLights | kManyLights | kLeanSky | kClip | kPlainMaterials;
 

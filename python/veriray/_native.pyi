@@ -16,7 +16,7 @@ class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
     """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
-    media, Q lights; see veriray.Scene. uint8 columns hold 0 or 1. Made by
+    media, Q lights, X sky; see veriray.Scene. uint8 columns hold 0 or 1. Made by
     cpp/schema/generate.py from python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
@@ -54,6 +54,9 @@ class SceneArrays(TypedDict):
     light_direction: npt.NDArray[np.float64]  # (Q, 3)
     light_intensity: npt.NDArray[np.float32]  # (Q, 3)
     light_angles: npt.NDArray[np.float64]  # (Q, 2)
+    sky_texels: npt.NDArray[np.float32]  # (X, 3)
+    sky_size: npt.NDArray[np.uint32]  # (2,)
+    sky_to_world: npt.NDArray[np.float64]  # (3, 3)
 
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]

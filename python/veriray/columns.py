@@ -43,6 +43,7 @@ OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaq
 LIGHT_KINDS = ("point", "spot", "directional")
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
+MAX_SKY_TEXELS = 1 << 27
 REQUIRED = object()
 
 #: Tables and the letters of their numbers of rows; the table "" has one row.
@@ -56,6 +57,7 @@ TABLES = {
     "boundaries": "B",
     "media": "K",
     "lights": "Q",
+    "sky": "X",
 }
 
 
@@ -190,7 +192,20 @@ _ALWAYS_HASHED: dict[str, Column] = {
 }  # fmt: skip
 #: Columns that enter the hash of a scene only where they are not at their default, so that they
 #: change the hash of no scene that does not use them.
-_HASHED_IF_SET: dict[str, Column] = {}
+_HASHED_IF_SET: dict[str, Column] = {
+    "sky_texels": Column(
+        "sky", np.float32, (3,), low=0.0,
+        doc="radiance from far away by direction: an image in rows from the local pole +y to -y; "
+        "in a row, azimuths from -z by +x",
+    ),
+    "sky_size": Column(
+        "", np.uint32, (2,), 0, 0, 1 << 15, doc="width and height of the image, 0 for none"
+    ),
+    "sky_to_world": Column(
+        "", np.float64, (3, 3), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), -2.0, 2.0,
+        doc="rotation or reflection of the image, acting on column vectors",
+    ),
+}  # fmt: skip
 #: The first column of a table is the one that says how many rows it has.
 COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}
 #: How many values there are of what is no table.
@@ -236,6 +251,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
     _check_shapes(arrays)
     _check_materials(arrays)
     _check_lights(arrays)
+    _check_sky(arrays)
     return arrays
 
 
@@ -313,4 +329,21 @@ def _check_lights(arrays: Mapping[str, Array]) -> None:
         raise SceneError(
             f"light_angles[{row}] = {[float(cutoff[row]), float(beam[row])]}; expected a cutoff in "
             "(0, 180] and a beam width in [0, cutoff]"
+        )
+
+
+def _check_sky(arrays: Mapping[str, Array]) -> None:
+    (width, height), texels = arrays["sky_size"].tolist(), len(arrays["sky_texels"])
+    if width * height != texels or texels > MAX_SKY_TEXELS:
+        raise SceneError(
+            f"sky_size = [{width}, {height}] of {texels} sky_texels; expected width x height of "
+            f"them, {MAX_SKY_TEXELS} at most"
+        )
+    if texels and arrays["environment"].any():
+        raise SceneError("environment and sky_texels are both given; expected one of them")
+    turn = arrays["sky_to_world"]
+    off = float(np.abs(turn.T @ turn - np.eye(3)).max())
+    if not off <= 1e-3:
+        raise SceneError(
+            f"sky_to_world = {turn.tolist()} is {off:.3g} from a rotation or reflection"
         )

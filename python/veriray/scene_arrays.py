@@ -63,6 +63,11 @@ class SceneArrays:
         infinity), default 1.0)
     light_angles (Q, 2) float64: a spot's cutoff and beam width, degrees from its axis (in [0, 180],
         default (20.0, 15.0))
+    sky_texels (X, 3) float32: radiance from far away by direction: an image in rows from the local
+        pole +y to -y; in a row, azimuths from -z by +x (in [0, infinity))
+    sky_size (2,) uint32: width and height of the image, 0 for none (in [0, 32768], default 0)
+    sky_to_world (3, 3) float64: rotation or reflection of the image, acting on column vectors (in
+        [-2, 2], default ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     """
 
     vertices: Array = _NONE
@@ -100,3 +105,6 @@ class SceneArrays:
     light_direction: Array = _NONE
     light_intensity: Array = _NONE
     light_angles: Array = _NONE
+    sky_texels: Array = _NONE
+    sky_size: Array = _NONE
+    sky_to_world: Array = _NONE

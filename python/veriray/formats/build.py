@@ -19,6 +19,7 @@ from . import materials
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
 from .shapes import Shapes, must_be_closed
+from .skies import envmap
 from .values import check, located
 
 Array = npt.NDArray[Any]
@@ -47,6 +48,7 @@ class _Builder:
         self.childless: dict[str, _Parts] = {}
         self.rows: dict[int, materials.Row] = {}
         self.tables = _Tables()
+        self.sky: dict[str, Any] = {}
 
     def check(self, node: Node) -> tuple[_Parts, dict[str, Any]]:
         """A node's objects and parameters, checked once however often it is used."""
@@ -111,8 +113,9 @@ class _Builder:
         shapes = Shapes()
         for shape in parts["shape"]:
             self.shape(shape, shapes)
-        arrays = {**self.tables.arrays(), **shapes.arrays()}
-        if arrays["emissions"] is None and arrays["light_kind"] is None and not any(environment):
+        arrays = {**self.tables.arrays(), **shapes.arrays(), **self.sky}
+        lit = bool(self.sky) or any(environment)
+        if arrays["emissions"] is None and arrays["light_kind"] is None and not lit:
             warnings.warn(
                 f"{root.where}: the scene has no light: the picture will be black",
                 SceneWarning,
@@ -132,13 +135,22 @@ class _Builder:
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
         """Adds the lights that are not on shapes; returns the environment's radiance."""
-        skies = [node for node in nodes if node.plugin == "constant"]
+        skies = [node for node in nodes if node.plugin in _SKIES]
         if len(skies) > 1:
-            raise SceneError("a second emitter constant; at most 1 allowed", skies[1].where)
+            raise SceneError(
+                f"a second emitter {skies[1].plugin}; at most 1 allowed of {' and '.join(_SKIES)}",
+                skies[1].where,
+            )
         for node in nodes:
-            if node.plugin != "constant":
+            if node.plugin not in _SKIES:
                 self.light(node)
-        return self.check(skies[0])[1]["radiance"] if skies else (0.0, 0.0, 0.0)
+        if not skies:
+            return 0.0, 0.0, 0.0
+        _, values = self.check(skies[0])
+        if skies[0].plugin == "constant":
+            return tuple(values["radiance"])
+        self.sky = envmap(skies[0], values)
+        return 0.0, 0.0, 0.0
 
     def sensor(self, node: Node) -> tuple[Camera, Film, dict[str, Any]]:
         parts, values = self.check(node)
@@ -289,6 +301,7 @@ class _Builder:
         self.tables.index("lights", node, row)
 
 
+_SKIES = ("constant", "envmap")
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.

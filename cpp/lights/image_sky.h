@@ -15,18 +15,6 @@
 
 namespace veriray {
 
-// sum / total of the weights a and b at the ends of [0, 1] as a density, inverted at u.
-template <class F>
-VR_HD F linear_place(F a, F b, F u) {
-    const F total = a + b, from = a / total, to = b / total;
-    const F root = sqrt(fma(u, to * to, (F(1.f) - u) * (from * from)));
-    return min(u / (from + root), F(1.f));
-}
-template <class F>
-VR_HD F between(F a, F b, F u) {
-    return fma(u, b - a, a);
-}
-
 template <class L>
 struct ImageSky : LightShape<L> {
     VR_LIGHT_SHAPE(LightShape<L>);

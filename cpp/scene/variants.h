@@ -9,7 +9,7 @@ namespace veriray {
 inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
 // Features that the variants of scenes without any of them are compiled without, so that these
 // scenes do not pay for them.
-inline constexpr FeatureMask kRich = lights(shape_bit(kImageSky));
+inline constexpr FeatureMask kRich = lights(kRichShapes);
 inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
 inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
 inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes),
@@ -30,8 +30,8 @@ inline constexpr FeatureMask kVariants[] = {
     kSpheres | kLeanSky | kMedia | kRefraction | materials(kRefracting),
     kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
     kLean & ~(kMedia | kChromatic),
-    kLean,
     kAllFeatures & ~(kMedia | kChromatic),
+    kLean,
     kAllFeatures,
 };
 static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);

@@ -6,8 +6,8 @@ radius of a ball about the scene. On triangles and disks the point is uniform in
 triangles that make a rectangle near to a surface, in solid angle where that is large; a sphere that
 shines outwards is sampled uniformly in the cone that it fills; from within a sphere that shines
 inwards every direction meets it, so directions are uniform. The environment is not sampled: paths
-that escape bring its light. A sky's image is sampled (see skies.py). Densities are per solid angle at the
-vertex and include the choice of the light.
+that escape bring its light. An image of a sky is sampled (skies.py). Densities are per solid angle
+at the vertex and include the choice of the light.
 """
 
 from __future__ import annotations

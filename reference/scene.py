@@ -147,8 +147,8 @@ class Scene:
 
     Per primitive (P,) int32: material, an index; emission, of the radiances (E, 3), or -1;
     boundary, a row of boundaries (B, 2) int32, which holds the media inside and outside (-1
-    vacuum), or -1. environment (3,) or None, and so the image sky; depths as in Mitsuba's volpath integrator; digest is
-    the SHA-256 of every file read and every parameter given.
+    vacuum), or -1. environment (3,) or None, sky its image or None; depths as in Mitsuba's volpath
+    integrator; digest is the SHA-256 of every file read and every parameter given.
     """
 
     geometry: Geometry

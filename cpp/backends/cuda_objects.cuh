@@ -19,8 +19,8 @@ struct Scene::Impl {
     int device;
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, sky_texels, sky_rows;
-    Buffer<uint32_t> surface_of, light_cdf;
+        filter_edges, sky_texels, sky_ends, sky_sines;
+    Buffer<uint32_t> surface_of, light_cdf, sky_guides;
     TreeBuilder builder;
     DeviceTree tree;
     SceneView view;
@@ -43,7 +43,9 @@ struct Scene::Impl {
         upload(light_cdf, host.light_cdf, view.lights.cdf);
         upload(filter_edges, host.filter_edges, view.filter.edges);
         upload(sky_texels, host.sky_texels, view.lights.map.texels);
-        upload(sky_rows, host.sky_rows, view.lights.map.rows);
+        upload(sky_ends, host.sky_ends, view.lights.map.ends);
+        upload(sky_sines, host.sky_sines, view.lights.map.sines);
+        upload(sky_guides, host.sky_guides, view.lights.map.guides);
         if (!(host.view.features & kBvh)) return;
         tree = build_tree_of(host, builder, poll);
         view.bvh = {tree.nodes.get(), tree.records.get(), host.slab_slack};

@@ -11,21 +11,22 @@ using AllLights = Lights<L, kAllShapes, false>;
 
 // A sky of 4 x 3 texels of radiance a b, with a 1, 0, 3, 0 in a row and b 2, 1, 0 by rows.
 struct HookSky {
-    alignas(16) float texels[12 * kSkyFloats];
-    float rows[3 * kSkyRowFloats];
+    float texels[12 * kSkyFloats];
+    float ends[10] = {0x1.8p23f, 0x1p24f,                      // rows
+                      0x1p21f,   0x1p23f, 0x1.cp23f, 0x1p24f,  // of the first
+                      0x1p21f,   0x1p23f, 0x1.cp23f, 0x1p24f};
+    float sines[3] = {0, 1, 0};
+    uint32_t guides[6] = {0, 1, 0, 3, 0, 3};
 
     VR_HD HookSky() {
-        constexpr float a[] = {1, 0, 3, 0}, ends[] = {0x1p21f, 0x1p23f, 0x1.cp23f, 0x1p24f};
-        for (uint32_t k = 0; k < 12; ++k) {
-            for (uint32_t c = 0; c < kSkyEnd; ++c)
-                texels[kSkyFloats * k + c] = a[k % 4] * static_cast<float>(2 - k / 4);
-            texels[kSkyFloats * k + kSkyEnd] = ends[k % 4];
+        for (uint32_t k = 0; k < 12 * kSkyFloats; ++k) {
+            const uint32_t row = k / (4 * kSkyFloats), column = k / kSkyFloats % 4;
+            const float a = column == 0 ? 1.f : column == 2 ? 3.f : 0.f;
+            texels[k] = a * static_cast<float>(2 - row);
         }
-        constexpr float by_row[] = {0x1.8p23f, 0, 0x1p24f, 1, 0, 0};
-        for (uint32_t k = 0; k < 3 * kSkyRowFloats; ++k) rows[k] = by_row[k];
     }
     VR_HD SkyMap map() const {
-        return {texels, rows, 4, 3, 2, 4, 2 / kPi, 2 / kPi, 0.25f * kPi * kPi};
+        return {texels, ends, sines, guides, 4, 3, 0, 0, 2 / kPi, 2 / kPi, 0.25f * kPi * kPi};
     }
 };
 

@@ -6,8 +6,7 @@
 // probabilities that are multiples of 2^-24, and a place in the cell in proportion to the bilinear
 // interpolation of its corners' weights: the sum of the channels times the sine of the polar angle.
 // At the poles the sine is 0, so that a pole's texel gives its sum to its neighbour away from the
-// pole. The density of directions is then positive where the radiance is, and falls below a
-// quarter of its share nowhere on maps of many rows.
+// pole. The density is then positive where the radiance is, and hardly less than in proportion.
 #pragma once
 
 #include "core/math.h"
@@ -47,26 +46,12 @@ struct ImageSky : LightShape<L> {
     };
 
     static VR_HD void read(const SkyMap& map, U index, F texel[kSkyFloats]) {
-        if constexpr (L::kWidth == 1) {
-            const auto q = *reinterpret_cast<const Quad<float>*>(map.texels + 4 * index);
-            texel[0] = q.x, texel[1] = q.y, texel[2] = q.z, texel[3] = q.w;
-        } else {
-            for (uint32_t c = 0; c < kSkyFloats; ++c)
-                texel[c] = gather(map.texels, index * U(kSkyFloats) + U(c));
-        }
+        for (uint32_t c = 0; c < kSkyFloats; ++c)
+            texel[c] = gather(map.texels, index * U(kSkyFloats) + U(c));
     }
-    // Upper ends of choice intervals, and the size of interval k by them, in units of 2^-24.
-    static VR_HD F row_end(const SkyMap& map, U row) {
-        return gather(map.rows, row * U(kSkyRowFloats));
-    }
-    static VR_HD F column_end(const SkyMap& map, U row, U column) {
-        const U index = row * U(map.width) + column;
-        return gather(map.texels, index * U(kSkyFloats) + U(kSkyEnd));
-    }
-    template <class End>
-    static VR_HD F start(U k, End end) {
-        const auto first = k == U(0u);
-        return select(first, F(0.f), end(select(first, k, k + U(~0u))));
+    static VR_HD Intervals<L> rows(const SkyMap& map) { return {map.ends, U(0u)}; }
+    static VR_HD Intervals<L> columns(const SkyMap& map, U row) {
+        return {map.ends, row * U(map.width) + U(map.height - 1u)};
     }
 
     static VR_HD Cell cell(const SkyMap& map, U column, U row) {
@@ -76,8 +61,7 @@ struct ImageSky : LightShape<L> {
         read(map, upper + column, c.texel[0]), read(map, upper + beside, c.texel[1]);
         read(map, lower + column, c.texel[2]), read(map, lower + beside, c.texel[3]);
         const auto north = row == U(0u), south = row + U(2u) == U(map.height);
-        const F sine_upper = gather(map.rows, row * U(kSkyRowFloats) + U(1u)),
-                sine_lower = gather(map.rows, row * U(kSkyRowFloats) + U(kSkyRowFloats + 1u));
+        const F sine_upper = gather(map.sines, row), sine_lower = gather(map.sines, row + U(1u));
         for (uint32_t k = 0; k < 2; ++k) {
             const F a = c.texel[k][0] + c.texel[k][1] + c.texel[k][2];
             const F b = c.texel[2 + k][0] + c.texel[2 + k][1] + c.texel[2 + k][2];
@@ -85,23 +69,9 @@ struct ImageSky : LightShape<L> {
             c.weight[2 + k] = select(north, a + b, b) * sine_lower;
         }
         c.mean = (c.weight[0] + c.weight[1] + (c.weight[2] + c.weight[3])) * F(0.25f);
-        const F across = c.texel[0][kSkyEnd] -
-                         start(column, [&](U k) VR_INLINED { return column_end(map, row, k); });
-        const F down =
-            row_end(map, row) - start(row, [&](U k) VR_INLINED { return row_end(map, k); });
+        const F across = columns(map, row).size(column), down = rows(map).size(row);
         c.chance = (across * F(0x1p-24f)) * (down * F(0x1p-24f));
         return c;
-    }
-
-    // A number in [0, 1) to an interval and the place in it, which lies in the middle of those
-    // that the number stands for.
-    template <class End>
-    static VR_HD U choose(F u, uint32_t count, uint32_t top_step, End end, F& rest) {
-        const F u24 = u * F(0x1p24f);
-        const U k = choose_interval<U>(count, top_step, u24, end);
-        const F from = start(k, end);
-        rest = (u24 - from + F(0.5f)) / (end(k) - from);
-        return k;
     }
 
     template <class Row>
@@ -143,11 +113,9 @@ struct ImageSky : LightShape<L> {
         const SkyMap& map = row.map;
         Place at;
         F s, t;
-        at.row = choose(
-            v, map.height - 1u, map.row_step, [&](U k) VR_INLINED { return row_end(map, k); }, t);
-        at.column = choose(
-            u, map.width, map.column_step,
-            [&](U k) VR_INLINED { return column_end(map, at.row, k); }, s);
+        at.row = rows(map).choose(map.guides, U(0u), map.row_bits, v, t);
+        const U guide = at.row * U((1u << map.column_bits) + 1u) + U((1u << map.row_bits) + 1u);
+        at.column = columns(map, at.row).choose(map.guides, guide, map.column_bits, u, s);
         const Cell c = cell(map, at.column, at.row);
         at.t = linear_place(c.weight[0] + c.weight[1], c.weight[2] + c.weight[3], t);
         at.s = linear_place(between(c.weight[0], c.weight[2], at.t),

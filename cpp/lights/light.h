@@ -10,8 +10,14 @@ namespace veriray {
 // The light whose interval holds u24 in [0, 2^24): its probability is exactly its share of 2^24.
 template <class U>
 VR_HD U choose_light(const LightView& lights, U u24) {
-    return choose_interval<U>(lights.count, lights.top_step, u24,
-                              [&](U k) VR_INLINED { return gather(lights.cdf, k); });
+    U first(0u);
+    for (uint32_t step = lights.top_step; step; step >>= 1) {
+        const U next = first + U(step);
+        const auto valid = next < U(lights.count + 1u);
+        const U end = gather(lights.cdf, select(valid, next, U(1u)) + U(~0u));
+        first = select(valid & !(u24 < end), next, first);
+    }
+    return first;
 }
 
 // kShapes: those that can occur. kTouching: some lamps may touch what lets light through.

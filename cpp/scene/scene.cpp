@@ -424,8 +424,8 @@ size_t HostScene::memory() const {
     return sizeof(SceneView) +
            4 * (primitives.size() + smooth.size() + light_chance.size() + light_row.size() +
                 surfaces.size() + media.size() + light_table.size() + filter_edges.size() +
-                sky_texels.size() + sky_rows.size() + surface_of.size() + light_cdf.size() +
-                records.size() + round_boxes.size());
+                sky_texels.size() + sky_ends.size() + sky_sines.size() + sky_guides.size() +
+                surface_of.size() + light_cdf.size() + records.size() + round_boxes.size());
 }
 
 }  // namespace veriray

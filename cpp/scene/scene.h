@@ -172,8 +172,8 @@ class HostScene {
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, sky_texels, sky_rows;
-    std::vector<uint32_t> surface_of, light_cdf;
+        filter_edges, sky_texels, sky_ends, sky_sines;
+    std::vector<uint32_t> surface_of, light_cdf, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
 

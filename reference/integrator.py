@@ -130,6 +130,14 @@ class Integrator:
             tally.radiance[:, live.path[lost]] += (
                 live.throughput[:, lost] * self.lights.environment[:, None]
             )
+        if self.lights.sky is not None:
+            d = live.direction[:, lost]
+            pdf = self.lights.sky.pdf(d) * self.lights.sky_chance()
+            tally.radiance[:, live.path[lost]] += (
+                live.throughput[:, lost]
+                * self.lights.sky.radiance(d)
+                / (1 + (pdf / live.pdf[lost]) ** 2)
+            )
         stay = np.flatnonzero(~gone)
         live.keep(stay)
         v.keep(stay)

@@ -6,8 +6,8 @@ radius of a ball about the scene. On triangles and disks the point is uniform in
 triangles that make a rectangle near to a surface, in solid angle where that is large; a sphere that
 shines outwards is sampled uniformly in the cone that it fills; from within a sphere that shines
 inwards every direction meets it, so directions are uniform. The environment is not sampled: paths
-that escape bring its light. Densities are per solid angle at the
-vertex and include the choice of the light.
+that escape bring its light. An image of a sky is sampled (skies.py). Densities are per solid angle
+at the vertex and include the choice of the light.
 """
 
 from __future__ import annotations
@@ -57,11 +57,13 @@ class Lights:
         shining = np.flatnonzero(area_power > 0)
         self.check_overlaps(shining)
         self.delta = tuple(scene.lights)
-        power = np.append(area_power[shining], [_power(x, tracer.extent) for x in self.delta])
-        self.primitive = np.append(shining, np.full(len(self.delta), -1))[power > 0].astype(
-            np.int32
-        )
-        number = np.append(np.full(len(shining), -1), np.arange(len(self.delta)))
+        self.sky = scene.sky if scene.sky is not None and scene.sky.power > 0 else None
+        others = [_power(x, tracer.extent) for x in self.delta]
+        if self.sky is not None:
+            others.append(self.sky.power * tracer.extent**2)
+        power = np.append(area_power[shining], others)
+        self.primitive = np.append(shining, np.full(len(others), -1))[power > 0].astype(np.int32)
+        number = np.append(np.full(len(shining), -1), np.arange(len(others)))
         self.number = number[power > 0].astype(np.int32)
         power = power[power > 0]
         environment = scene.environment
@@ -112,6 +114,10 @@ class Lights:
             pdf[at] = self.chance.take(primitive[at]) / solid
         return pdf
 
+    def sky_chance(self) -> float:
+        """Probability that the sky is sampled: the last light."""
+        return float(self.delta_chance[-1])
+
     def chance_of(self, rectangle: np.ndarray) -> np.ndarray:
         """Probability (n,) that one of the halves of a rectangle is sampled."""
         return self.chance.take(self.rectangles.halves[:, rectangle]).sum(axis=0)
@@ -143,10 +149,10 @@ class Lights:
         choice = np.searchsorted(self.cdf, rng.random(n), side="right")
         primitive = self.primitive.take(choice)
         sample = self._area(primitive, u, v, point)
-        if len(self.delta):
+        if len(self.delta) or self.sky is not None:
             at = np.flatnonzero(primitive < 0)
             for light in np.unique(self.number[choice[at]]):
-                self._delta(sample, light, at[self.number[choice[at]] == light], point)
+                self._delta(rng, sample, light, at[self.number[choice[at]] == light], point)
         return sample
 
     def _area(
@@ -206,7 +212,21 @@ class Lights:
             right, self.chance.take(sample.target[at]) / (2 * math.pi * cap), 0
         )
 
-    def _delta(self, sample: Sample, number: int, at: np.ndarray, point: np.ndarray) -> None:
+    def _delta(
+        self,
+        rng: np.random.Generator,
+        sample: Sample,
+        number: int,
+        at: np.ndarray,
+        point: np.ndarray,
+    ) -> None:
+        if number == len(self.delta) and self.sky is not None:
+            direction, pdf = self.sky.sample(rng, len(at))
+            sample.direction[:, at], sample.distance[at] = direction, np.inf
+            sample.radiance[:, at] = self.sky.radiance(direction)
+            sample.pdf[at], sample.target[at] = pdf * self.sky_chance(), -1
+            sample.delta[at] = False
+            return
         light, n = self.delta[number], len(at)
         scale = np.full(n, 1 / self.delta_chance[(self.number == number).argmax()])
         if light.kind == "directional":

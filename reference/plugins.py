@@ -17,6 +17,7 @@ from lxml import etree
 
 from reference import shapes, textures
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
+from reference.skies import Sky, read_texels
 from reference.xml import Document
 
 IOR = {
@@ -66,6 +67,7 @@ class _Reader(Document):
         self.medium_index: dict[etree._Element, int] = {}
         self.lights: list[Light] = []
         self.environment: np.ndarray | None = None
+        self.sky: Sky | None = None
         self.folder = self.path.parent
         sensor: tuple[Camera, Film, int] | None = None
         settings = {"max_depth": -1, "rr_depth": 5}
@@ -110,6 +112,7 @@ class _Reader(Document):
             film=film,
             spp=spp,
             digest=self.hash.hexdigest(),
+            sky=self.sky,
             **settings,
         )
 
@@ -405,13 +408,16 @@ class _Reader(Document):
     # -- lights and shapes ---------------------------------------------------------------------
 
     def emitter(self, element: etree._Element) -> None:
-        kind = self.plugin(element, "constant", "point", "directional", "spot")
+        kind = self.plugin(element, "constant", "envmap", "point", "directional", "spot")
         light = self.colour(grey=False)
         if kind == "constant":
-            if self.environment is not None:
-                raise self.error(element, "second environment")
+            self.only_environment(element)
             values = self.parameters(element, radiance=light)
             self.environment = values.get("radiance", np.ones(3))
+            return
+        if kind == "envmap":
+            self.only_environment(element)
+            self.sky = self.envmap(element)
             return
         frame = dict(to_world=self.transform)
         readers = {
@@ -444,6 +450,35 @@ class _Reader(Document):
                 beam=math.radians(beam),
             )
         )
+
+    def only_environment(self, element: etree._Element) -> None:
+        """SceneError if there is one already."""
+        if self.environment is not None or self.sky is not None:
+            raise self.error(element, "second environment")
+
+    def envmap(self, element: etree._Element) -> Sky:
+        """The image of an EXR file, which its sky is made of."""
+        values = self.parameters(
+            element,
+            filename=lambda e: self.folder / self.text(e, "value"),
+            scale=self.number(0),
+            to_world=self.transform,
+            mis_compensation=self.ignore,
+        )
+        path = values.get("filename")
+        if path is None:
+            raise self.error(element, "needs a filename")
+        try:
+            self.hash.update(path.read_bytes())
+            texels = read_texels(path)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise self.error(element, f"{path}: {error}") from error
+        if not (np.isfinite(texels).all() and (texels >= 0).all()):
+            raise self.error(element, f"{path}: radiance that is negative or not finite")
+        turn = values.get("to_world", np.eye(4))[:3, :3]
+        if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-3:
+            raise self.error(element, "to_world scales or shears")
+        return Sky(texels * values.get("scale", 1.0), turn)
 
     def area(self, element: etree._Element) -> np.ndarray:
         self.plugin(element, "area")

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from reference.skies import Sky
+
 if TYPE_CHECKING:
     from reference.textures import Texture
 
@@ -158,8 +160,8 @@ class Scene:
 
     Per primitive (P,) int32: material, an index; emission, of the radiances (E, 3), or -1;
     boundary, a row of boundaries (B, 2) int32, which holds the media inside and outside (-1
-    vacuum), or -1. environment (3,) or None; depths as in Mitsuba's volpath integrator; digest is
-    the SHA-256 of every file read and every parameter given.
+    vacuum), or -1. environment (3,) or None, sky its image or None; depths as in Mitsuba's volpath
+    integrator; digest is the SHA-256 of every file read and every parameter given.
     """
 
     geometry: Geometry
@@ -178,6 +180,7 @@ class Scene:
     rr_depth: int
     spp: int
     digest: str
+    sky: Sky | None = None
 
     @property
     def triangles(self) -> np.ndarray:

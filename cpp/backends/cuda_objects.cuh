@@ -19,8 +19,8 @@ struct Scene::Impl {
     int device;
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, textures;
-    Buffer<uint32_t> surface_of, light_cdf, texels;
+        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines;
+    Buffer<uint32_t> surface_of, light_cdf, texels, sky_guides;
     TreeBuilder builder;
     DeviceTree tree;
     SceneView view;
@@ -45,6 +45,10 @@ struct Scene::Impl {
         upload(light_table, host.light_table, view.lights.table);
         upload(light_cdf, host.light_cdf, view.lights.cdf);
         upload(filter_edges, host.filter_edges, view.filter.edges);
+        upload(sky_texels, host.sky_texels, view.lights.map.texels);
+        upload(sky_ends, host.sky_ends, view.lights.map.ends);
+        upload(sky_sines, host.sky_sines, view.lights.map.sines);
+        upload(sky_guides, host.sky_guides, view.lights.map.guides);
         if (!(host.view.features & kBvh)) return;
         tree = build_tree_of(host, builder, poll);
         view.bvh = {tree.nodes.get(), tree.records.get(), host.slab_slack};

@@ -8,8 +8,8 @@
 #include <string>
 
 #include "backends/bsdf_hooks.h"
+#include "backends/hook_lights.h"
 #include "film/lane_sums.h"
-#include "lights/light.h"
 #include "media/medium.h"
 
 namespace veriray {
@@ -193,37 +193,17 @@ VR_HD void evaluate_sphere(const typename L::F* x, typename L::F* y) {
     y[7] = s.offset;
 }
 
-// All shapes, in a vacuum.
-template <class L>
-using AllLights = Lights<L, kAllShapes, false>;
-
-// The row of a light of radiance 1 (intensity, irradiance): shape, p, e1, e2, n, offset, and 1 /
-// the chance of being chosen, over the area for flat lights.
-template <class L>
-VR_HD auto light_of(const typename L::F* x, typename L::F offset, typename L::F chance) {
-    using F = typename L::F;
-    const F one(1.f);
-    const Vec3<F> e1{x[4], x[5], x[6]}, e2{x[7], x[8], x[9]};
-    const F a = sqrt(dot(e1, e1)), b = sqrt(dot(e2, e2));
-    struct {
-        F v[kLightMoreColumns];
-    } more{{one / a, one / b, b / a, one / (a * b), one}};
-    return light_row<L>([=](uint32_t c) {
-        if (c == kLightShape) return x[0];
-        if (c >= kLightMore) return more.v[c - kLightMore];
-        if (c < kLightOffset) return x[1 + c - kLightP];
-        if (c == kLightOffset) return offset;
-        return c == kLightInverse ? one / chance : one;
-    });
 }
 
 template <class L>
 VR_HD void evaluate_light(Function which, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
     const F one(1.f), none(0.f);
+    const HookSky sky;
     if (which == Function::kLight) {
-        const LightSample<L> s = AllLights<L>::sample_li(
-            light_of<L>(x, x[13], x[14]), {x[15], x[16], x[17]}, x[18], x[19], one < none);
+        const LightSample<L> s =
+            AllLights<L>::sample_li(light_of<L>(x, x[13], x[14], sky.map()), {x[15], x[16], x[17]},
+                                    x[18], x[19], one < none);
         put(y, s.wi);
         y[3] = one / s.inverse_pdf, y[4] = s.distance, y[5] = s.radiance[0];
         y[6] = select(s.delta, one, none);
@@ -232,13 +212,13 @@ VR_HD void evaluate_light(Function which, const typename L::F* x, typename L::F*
     if (which == Function::kLightPdf) {
         const Vec3<F> n{x[10], x[11], x[12]}, p{x[14], x[15], x[16]}, wi{x[17], x[18], x[19]};
         const F cosine = -dot(n, wi), t = dot(n, p - Vec3<F>{x[1], x[2], x[3]}) / cosine;
-        const LightPdf<F> pdf =
-            AllLights<L>::pdf_li(light_of<L>(x, none, x[13]), {p, t, cosine, x[13]}, none < one);
+        const LightPdf<F> pdf = AllLights<L>::pdf_li(light_of<L>(x, none, x[13], sky.map()),
+                                                     {p, t, cosine, x[13]}, none < one);
         y[0] = pdf.over / pdf.under;
         return;
     }
     const LightEmission<L> e =
-        AllLights<L>::emit(light_of<L>(x, x[13], x[14]), {x[15], x[16], x[17], x[18]});
+        AllLights<L>::emit(light_of<L>(x, x[13], x[14], sky.map()), {x[15], x[16], x[17], x[18]});
     put(y, e.p), put(y + 3, e.d);
     y[6] = e.cosine, y[7] = e.radiance[0], y[8] = e.pdf_area, y[9] = e.pdf_sa;
 }

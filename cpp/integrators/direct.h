@@ -48,14 +48,17 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     }
 
     static VR_HD auto row_of(const SceneView& scene, U row) {
-        return light_row<L>([&scene, row](uint32_t c) VR_INLINED {
-            const float* column = scene.lights.table + c * scene.lights.stride;
-            if constexpr (has(kManyLights)) return lookup(column, row, scene.lights.count);
-            return F(*column);
-        });
+        return light_row<L>(
+            [&scene, row](uint32_t c) VR_INLINED {
+                const float* column = scene.lights.table + c * scene.lights.stride;
+                if constexpr (has(kManyLights)) return lookup(column, row, scene.lights.count);
+                return F(*column);
+            },
+            scene.lights.map);
     }
     static VR_HD auto sky_row(const SceneView& scene) {
-        return light_row<L>([&scene](uint32_t c) VR_INLINED { return F(scene.lights.sky[c]); });
+        return light_row<L>([&scene](uint32_t c) VR_INLINED { return F(scene.lights.sky[c]); },
+                            scene.lights.map);
     }
 
     // The density of light samples where a path's ray meets a lamp.

@@ -1,7 +1,7 @@
 // Unidirectional path tracing as stages on a path's state, which know no loop, queue or launch:
 // schedulers own those. J. Kajiya 1986; E. Veach 1997 (multiple importance sampling, chapter 9).
 // Next-event estimation and direction sampling are combined by the power heuristic with exponent 2.
-// The constant environment has no light samples: sampled directions meet all of it alike. A segment
+// A constant environment has no light samples: sampled directions meet all of it alike. A segment
 // is a ray from one surface or collision to the next; passes (null surfaces, uncovered parts of
 // masks, thin glass) end a segment but are no vertices: depth, roulette and the density for the
 // heuristic skip them.

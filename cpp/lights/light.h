@@ -112,10 +112,12 @@ struct Lights {
     static VR_HD S sky(const Row& row, V d, Weight weight) {
         S light = S::all(F(0.f));
         each<kSkyShapes>(row, [&](auto shape, M m) VR_INLINED {
+            constexpr uint32_t kSkies = kShapes & kSkyShapes;
+            constexpr bool kOnly = (kSkies & (kSkies - 1u)) == 0;
+            if (!kOnly && none(m)) return;  // an image that is not there
             S one = shape.radiance(row, d);
             if constexpr (decltype(shape)::kSampled) one = one * weight(shape.pdf_li(row, d));
-            constexpr uint32_t kSkies = kShapes & kSkyShapes;
-            light = (kSkies & (kSkies - 1u)) == 0 ? one : select(m, one, light);
+            light = kOnly ? one : select(m, one, light);
         });
         return light;
     }
@@ -126,6 +128,7 @@ struct Lights {
         const V zero{F(0.f), F(0.f), F(0.f)};
         LightEmission<L> e{zero, zero, S::all(F(0.f)), F(0.f), F(0.f), F(0.f)};
         each<kAllShapes>(row, [&](auto shape, M m) VR_INLINED {
+            if (none(m)) return;
             const LightEmission<L> one = shape.emit(row, r);
             e.p = select(m, one.p, e.p);
             e.d = select(m, one.d, e.d);

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "core/mapping.h"
+#include "lights/sky_map.h"
 #include "spectrum/spectrum.h"
 
 namespace veriray {
@@ -37,6 +38,7 @@ struct LightView {
     uint32_t stride, count;    // count: of the lights that are sampled, the first rows
     uint32_t top_step;         // largest power of two <= count
     float sky[kLightColumns];  // its row, which is one for all lanes; black where there is none
+    SkyMap map;                // its texels, if it has any
 };
 
 // A light on the host.
@@ -52,11 +54,12 @@ struct LightSource {
     float record[8], side;                  // of a sphere (sphere.h)
 };
 
-// A row of the light table by lane; read(c) gives a column.
+// A row of the light table by lane; read(c) gives a column. map: of the sky.
 template <class L, class Read>
 struct LightRow {
     using F = typename L::F;
     Read read;
+    SkyMap map;
 
     VR_HD F operator()(uint32_t c) const { return read(c); }
     VR_HD Vec3<F> vector(uint32_t c) const { return {read(c), read(c + 1), read(c + 2)}; }
@@ -68,8 +71,8 @@ struct LightRow {
     }
 };
 template <class L, class Read>
-VR_HD LightRow<L, Read> light_row(Read read) {
-    return {read};
+VR_HD LightRow<L, Read> light_row(Read read, const SkyMap& map) {
+    return {read, map};
 }
 
 template <class L>

@@ -7,6 +7,7 @@
 #include "lights/constant_sky.h"
 #include "lights/directional.h"
 #include "lights/disk.h"
+#include "lights/image_sky.h"
 #include "lights/parallelogram.h"
 #include "lights/point.h"
 #include "lights/rectangle.h"
@@ -23,7 +24,8 @@
     X(SpotLight)          \
     X(DirectionalLight)   \
     X(RectangleLight)     \
-    X(ConstantSky)
+    X(ConstantSky)        \
+    X(ImageSky)
 
 namespace veriray {
 
@@ -75,6 +77,8 @@ inline constexpr uint32_t kConeShapes = shapes_with([](auto& s) { return s.cone;
 inline constexpr uint32_t kPlainShapes = shape_bit(kParallelogramLight);
 inline constexpr uint32_t kMeshShapes = kPlainShapes | shape_bit(kTriangleLight);
 inline constexpr uint32_t kNearShapes = shape_bit(kRectangleLight);
+// Scenes without these do not pay for their code.
+inline constexpr uint32_t kRichShapes = shape_bit(kImageSky);
 
 // Features of scenes: the place of a shape's in the order of the list; how many there are.
 constexpr uint32_t light_feature(uint32_t shape) {

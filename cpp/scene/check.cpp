@@ -96,6 +96,11 @@ void check_input(const SceneInput& in) {
                  "begins texels that end at " + std::to_string(last) + "; there are " +
                      std::to_string(in.texels.count) + ", and at most 2^31 - 512 are allowed");
     }
+    const uint64_t sky = uint64_t{in.sky_size.data[0]} * in.sky_size.data[1];
+    if (sky != in.sky_texels.count || sky > kMostSkyTexels)
+        throw std::invalid_argument("sky_size holds " + std::to_string(in.sky_size.data[0]) +
+                                    " x " + std::to_string(in.sky_size.data[1]) + " texels of " +
+                                    std::to_string(in.sky_texels.count));
     if (in.camera_medium < -1 || in.camera_medium >= static_cast<int64_t>(in.sigma_t.count))
         throw std::invalid_argument("the camera's medium " + std::to_string(in.camera_medium) +
                                     " does not exist");

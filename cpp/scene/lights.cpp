@@ -124,12 +124,15 @@ void HostScene::set_lights(const SceneInput& in) {
     for (uint32_t q = 0; q < in.light_kind.count; ++q)
         if (sum3(in.light_intensity.data + 3 * q) > 0) delta.push_back(q);
     LightView& l = view.lights;
-    l.count = static_cast<uint32_t>(lit.size() + delta.size());
+    const LightSource sky = sky_source(in);
+    const bool sky_sampled = sky.strength > 0 && kLights[sky.shape].sampled;
+    l.count = static_cast<uint32_t>(lit.size() + delta.size() + sky_sampled);
     l.stride = padded(l.count);
     light_table.assign(static_cast<size_t>(kLightColumns) * l.stride, 0.f);
     light_chance.assign(padded(sources.size()), 0.f);
     if (l.count >= 1u << 22) throw std::invalid_argument("more than 2^22 - 1 lights");
     const auto source = [&](size_t k) {
+        if (k == lit.size() + delta.size()) return sky;
         return k < lit.size() ? light_source(in, lit[k]) : light_source(in, delta[k - lit.size()]);
     };
 
@@ -143,6 +146,7 @@ void HostScene::set_lights(const SceneInput& in) {
     const uint32_t spare = (1u << 24) - l.count;
     light_cdf.assign(std::max<size_t>(1, l.count), 1u << 24);
     uint32_t before = 0;
+    double sky_chance = 0;
     for (uint32_t k = 0; k < l.count; ++k) {
         sum += power[k];
         const uint32_t end =
@@ -150,11 +154,12 @@ void HostScene::set_lights(const SceneInput& in) {
         light_cdf[k] = end;
         const double chance = (end - before) * 0x1p-24;
         before = end;
+        if (sky_sampled && k + 1 == l.count) sky_chance = chance;
         LightSource s = source(k);
         if (k < lit.size()) place_lamp(in, lit[k], s);
         put_light(s, chance, light_table.data() + k, l.stride);
     }
-    if (const LightSource s = sky_source(in); s.strength > 0) put_light(s, 0, l.sky, 1);
+    if (sky.strength > 0) put_light(sky, sky_chance, l.sky, 1);
     l.top_step = 1;
     while (l.top_step * 2 <= l.count) l.top_step *= 2;
     l.table = light_table.data();
@@ -166,7 +171,7 @@ void HostScene::set_lights(const SceneInput& in) {
             light_row[lit[k].primitive] = light_row[lit[k].other] = static_cast<float>(k);
         view.light_row = light_row.data();
     }
-    if (delta.empty()) set_first_occluder();
+    if (delta.empty() && !sky_sampled) set_first_occluder();
     view.features |= l.count > 1 ? kManyLights : 0u;
 
     // A delta light's radiance at a receiver has no bound. It counts as the radiance at a 64th of
@@ -174,6 +179,8 @@ void HostScene::set_lights(const SceneInput& in) {
     // 2^20.
     float brightest =
         std::max({in.environment.data[0], in.environment.data[1], in.environment.data[2]});
+    for (size_t k = 0; k < 3 * in.sky_texels.count; ++k)
+        brightest = std::max(brightest, in.sky_texels.data[k]);
     for (const AreaLight& a : lit)
         for (int k = 0; k < 3; ++k)
             brightest =
@@ -275,6 +282,13 @@ LightSource HostScene::light_source(const SceneInput& in, uint32_t q) const {
 
 LightSource HostScene::sky_source(const SceneInput& in) {
     LightSource s{};
+    if (in.sky_texels.count) {
+        s.shape = kImageSky;
+        s.strength = set_sky_map(in);
+        const double* m = in.sky_to_world.data;
+        s.p = {m[0], m[3], m[6]}, s.e1 = {m[1], m[4], m[7]}, s.e2 = {m[2], m[5], m[8]};
+        return s;
+    }
     s.shape = kConstantSky;
     std::copy_n(in.environment.data, 3, s.radiance);
     s.strength = sum3(s.radiance);

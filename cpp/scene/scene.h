@@ -62,6 +62,8 @@ struct SceneInput {
     }
 };
 
+constexpr uint64_t kMostSkyTexels = uint64_t{1} << 27;
+
 struct Double3 {
     double x, y, z;
     double operator[](int k) const { return k == 0 ? x : k == 1 ? y : z; }
@@ -173,8 +175,8 @@ class HostScene {
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, textures;
-    std::vector<uint32_t> surface_of, light_cdf, texels;
+        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines;
+    std::vector<uint32_t> surface_of, light_cdf, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
 
@@ -231,7 +233,8 @@ class HostScene {
                              float least) const;
     LightSource light_source(const SceneInput& in, const AreaLight& light) const;
     LightSource light_source(const SceneInput& in, uint32_t q) const;
-    static LightSource sky_source(const SceneInput& in);
+    LightSource sky_source(const SceneInput& in);
+    double set_sky_map(const SceneInput& in);
     void place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const;
     void put_light(const LightSource& s, double chance, float* row, size_t stride);
     void set_first_occluder();

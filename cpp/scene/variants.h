@@ -9,14 +9,16 @@ namespace veriray {
 inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
 // Features that the variants of scenes without any of them are compiled without, so that these
 // scenes do not pay for them.
-inline constexpr FeatureMask kRich = kTextures | materials(kRoughKinds);
+inline constexpr FeatureMask kRich =
+    kTextures | materials(kRoughKinds) | lights(kRichShapes);
 inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
 inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
-inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes);
-inline constexpr FeatureMask kDiffuseFlat =
-    kQuads | kPolygons | kMeshLights | kManyLights | kNearLights | kSky | kClip | kPlainMaterials;
+inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes),
+                             kLeanSky = kSky & kLean;
+inline constexpr FeatureMask kDiffuseFlat = kQuads | kPolygons | kMeshLights | kManyLights |
+                                            kNearLights | kLeanSky | kClip | kPlainMaterials;
 inline constexpr FeatureMask kDiffuseMesh =
-    kBvh | kSmooth | kMeshLights | kManyLights | kSky | kClip | kPlainMaterials;
+    kBvh | kSmooth | kMeshLights | kManyLights | kLeanSky | kClip | kPlainMaterials;
 
 // Compiled variants, smallest first; the last holds everything.
 inline constexpr FeatureMask kVariants[] = {
@@ -27,11 +29,11 @@ inline constexpr FeatureMask kVariants[] = {
     kDiffuseMesh | kNearLights,
     kSolid & ~(kBvh | kSmooth | kMedia | kChromatic),
     kSolid & ~(kMedia | kChromatic),
-    kSpheres | kSky | kMedia | kRefraction | (materials(kRefracting) & kLean),
+    kSpheres | kLeanSky | kMedia | kRefraction | (materials(kRefracting) & kLean),
     kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
     kLean & ~(kMedia | kChromatic),
-    kLean,
     kAllFeatures & ~(kMedia | kChromatic),
+    kLean,
     kAllFeatures,
 };
 static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);

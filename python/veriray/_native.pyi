@@ -16,8 +16,8 @@ class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
     """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
-    media, Q lights, X textures, W texels; see veriray.Scene. uint8 columns hold 0 or 1. Made by
-    cpp/schema/generate.py from python/veriray/columns.py."""
+    media, Q lights, X textures, W texels, Y sky; see veriray.Scene. uint8 columns hold 0 or 1.
+    Made by cpp/schema/generate.py from python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
     normals: npt.NDArray[np.float64]  # (V, 3)
@@ -76,6 +76,9 @@ class SceneArrays(TypedDict):
     alpha_u: npt.NDArray[np.float32]  # (M,)
     alpha_v: npt.NDArray[np.float32]  # (M,)
     distribution: npt.NDArray[np.uint32]  # (M,)
+    sky_texels: npt.NDArray[np.float32]  # (Y, 3)
+    sky_size: npt.NDArray[np.uint32]  # (2,)
+    sky_to_world: npt.NDArray[np.float64]  # (3, 3)
 
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]

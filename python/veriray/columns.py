@@ -60,6 +60,7 @@ TEXTURABLE = ("reflectance", "specular_reflectance", "specular_transmittance", "
 MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
+MAX_SKY_TEXELS = 1 << 27
 REQUIRED = object()
 
 #: Tables and the letters of their numbers of rows; the table "" has one row.
@@ -75,6 +76,7 @@ TABLES = {
     "lights": "Q",
     "textures": "X",
     "texels": "W",
+    "sky": "Y",
 }
 
 
@@ -272,6 +274,18 @@ _HASHED_IF_SET: dict[str, Column] = {
         "materials", np.uint32, (), 0, indexes="distributions",
         doc="of the slopes; of DISTRIBUTIONS",
     ),
+    "sky_texels": Column(
+        "sky", np.float32, (3,), low=0.0,
+        doc="radiance from far away by direction: an image in rows from the local pole +y to -y; "
+        "in a row, azimuths from -z by +x",
+    ),
+    "sky_size": Column(
+        "", np.uint32, (2,), 0, 0, 1 << 15, doc="width and height of the image, 0 for none"
+    ),
+    "sky_to_world": Column(
+        "", np.float64, (3, 3), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), -2.0, 2.0,
+        doc="rotation or reflection of the image, acting on column vectors",
+    ),
 }  # fmt: skip
 #: The first column of a table is the one that says how many rows it has.
 COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}
@@ -327,6 +341,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
     _check_materials(arrays)
     _check_lights(arrays)
     _check_textures(arrays)
+    _check_sky(arrays)
     return arrays
 
 
@@ -452,3 +467,18 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
     row = _first(~(np.abs(products - np.eye(3)) <= 1e-3).all(axis=(1, 2)))
     if row is not None:
         raise SceneError(f"sphere_frame[{row}] does not hold unit axes across each other")
+def _check_sky(arrays: Mapping[str, Array]) -> None:
+    (width, height), texels = arrays["sky_size"].tolist(), len(arrays["sky_texels"])
+    if width * height != texels or texels > MAX_SKY_TEXELS:
+        raise SceneError(
+            f"sky_size = [{width}, {height}] of {texels} sky_texels; expected width x height of "
+            f"them, {MAX_SKY_TEXELS} at most"
+        )
+    if texels and arrays["environment"].any():
+        raise SceneError("environment and sky_texels are both given; expected one of them")
+    turn = arrays["sky_to_world"]
+    off = float(np.abs(turn.T @ turn - np.eye(3)).max())
+    if not off <= 1e-3:
+        raise SceneError(
+            f"sky_to_world = {turn.tolist()} is {off:.3g} from a rotation or reflection"
+        )

@@ -27,6 +27,7 @@ FEATURES = {
     "sphere_lights": "spheres that emit",
     "delta_lights": "point, spot and directional lights",
     "environment": "light from all around",
+    "image_sky": "an image around the scene",
     "clip": "near or far clipping",
     "lens": "a lens with an aperture",
     "signed_filter": "a filter with negative lobes",

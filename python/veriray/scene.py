@@ -240,7 +240,7 @@ class Scene(SceneArrays):
     def with_emission_scaled(self, factor: float) -> Scene:
         """A copy with all that shines, the environment too, multiplied by `factor` > 0."""
         factor = number("emission factor", factor, 0.0, MAX_COORDINATE, open_=True)
-        names = ("emissions", "environment", "light_intensity")
+        names = ("emissions", "environment", "light_intensity", "sky_texels")
         changed: dict[str, Any] = {
             name: getattr(self, name).astype(np.float64) * factor for name in names
         }

@@ -94,6 +94,11 @@ class SceneArrays:
         10], default 0.1)
     alpha_v (M,) float32: likewise, across its tangent (in [5e-05, 10], default 0.1)
     distribution (M,) uint32: of the slopes; of DISTRIBUTIONS (default 0)
+    sky_texels (Y, 3) float32: radiance from far away by direction: an image in rows from the local
+        pole +y to -y; in a row, azimuths from -z by +x (in [0, infinity))
+    sky_size (2,) uint32: width and height of the image, 0 for none (in [0, 32768], default 0)
+    sky_to_world (3, 3) float64: rotation or reflection of the image, acting on column vectors (in
+        [-2, 2], default ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     """
 
     vertices: Array = _NONE
@@ -153,3 +158,6 @@ class SceneArrays:
     alpha_u: Array = _NONE
     alpha_v: Array = _NONE
     distribution: Array = _NONE
+    sky_texels: Array = _NONE
+    sky_size: Array = _NONE
+    sky_to_world: Array = _NONE

@@ -192,6 +192,10 @@ SCENARIOS: tuple[Scenario, ...] = (
              "variants", _SIZE, _ONE, max_depth=32, peers=False),
     Scenario("variants-glass-mesh", "the same, 81,920 triangles of glass", "glass icosphere 6",
              "variants", _SIZE, _ONE, max_depth=32, peers=False),
+    Scenario("variants-sky", "the same, box with a mirror and a glass sphere under an image",
+             "image sky", "variants", _SIZE, _SPP, peers=False),
+    Scenario("variants-medium-mesh", "the same, 81,920 triangles of glass with a medium",
+             "medium icosphere 6", "variants", _SIZE, _ONE, max_depth=32, peers=False),
     Scenario("variants-lamp", "the same, 81,920 triangles under a near lamp", "lamp icosphere 6",
              "variants", _SIZE, _ONE, peers=False),
     Scenario("variants-textures", "the same, Mitsuba's box with checkerboards on all walls",
@@ -264,6 +268,10 @@ _SKY = """<emitter type="constant">
         <rgb name="radiance" value="1, 1, 1"/>
     </emitter>
     """
+_IMAGE_SKY = """<emitter type="envmap">
+        <string name="filename" value="sky.pfm"/>
+    </emitter>
+"""
 _PLY = """<shape type="ply">
         <string name="filename" value="{name}.ply"/>
         <boolean name="face_normals" value="true"/>
@@ -335,10 +343,11 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     """The scene's file, made in `folder` where it is not shipped, its mesh beside it.
 
     Made are "icosphere N" (displaced, 20 * 4^N triangles), "glass icosphere N", "thin icosphere N"
-    (of thin glass) and "lamp icosphere N" (in the dark, under a rectangle that shines, a quarter of
-    its width away), "glass sphere" and "glass medium" (with one inside) under a constant sky;
-    "cornell spheres", Mitsuba's box with two of them for its boxes, "cornell thin" with one of thin
-    glass, "cornell rough" with rough ones; "cornell textured", the box with checkerboards for its
+    (of thin glass), "medium icosphere N" (of glass with a medium) and "lamp icosphere N" (in the
+    dark, under a rectangle that shines, a quarter of its width away), "glass sphere" and "glass
+    medium" (with one inside) under a constant sky; "cornell spheres", Mitsuba's box with two of
+    them for its boxes, "cornell thin" with one of thin glass, "cornell rough" with rough ones,
+    "image sky" with an image around it; "cornell textured", the box with checkerboards for its
     colours, "cornell textured spheres" with the two spheres as well; "lights", small lamps over a
     floor, and "lights C", those of class C alone. Parameters of the file: width, height, max_depth
     and rr_depth. sampler: Mitsuba's name; the only word in which the files of a scene differ.
@@ -371,6 +380,11 @@ def _made(name: str, folder: Path) -> str:
         if name == "cornell rough":
             spheres = spheres.replace('bsdf type="', 'bsdf type="rough')
         return text[: text.index('<shape type="cube"')] + spheres
+    if name == "image sky":
+        _write_sky(folder / "sky.pfm")
+        text = find_shipped(_BOX).read_text("utf-8")
+        spheres = _TWO_SPHERES.replace("</scene>", _IMAGE_SKY + "</scene>")
+        return text[: text.index('<shape type="cube"')] + spheres
     if name.startswith("lights"):
         chosen = name.removeprefix("lights").strip()
         return _SCENE.format(sky="", shape=_lamps(chosen), integrator="path")
@@ -383,7 +397,8 @@ def _made(name: str, folder: Path) -> str:
         from veriray_validate.leaks import displaced_icosphere
 
         write_ply(folder / f"{stem}.ply", *displaced_icosphere(level))
-    bsdf = {"glass": _GLASS, "thin": _THIN}.get(name.split()[0], _WHITE)
+    kinds = {"glass": _GLASS, "thin": _THIN, "medium": _GLASS + _MEDIUM_INSIDE}
+    bsdf = kinds.get(name.split()[0], _WHITE)
     shape = _PLY.format(name=stem, bsdf=bsdf)
     sky = _NEAR_LAMP if name.startswith("lamp") else _SKY
     return _SCENE.format(sky=sky, shape=shape, integrator="path")
@@ -395,6 +410,12 @@ def _lamps(chosen: str) -> str:
     classes = range(LAMP_CLASSES) if chosen == "" else (int(chosen),)
     lamps = [_LAMP.format(*at, LAMP_RATIO**c) for c in classes for at in place[c]]
     return "\n    ".join([_FLOOR, *lamps])
+
+
+def _write_sky(path: Path) -> None:
+    """A PFM file of 32 x 16 texels: rows from the bottom, brighter above."""
+    texels = np.linspace(0.2, 1, 16)[:, None, None] * np.ones((32, 3))
+    path.write_bytes(b"PF\n32 16\n-1.0\n" + texels.astype("<f4").tobytes())
 
 
 def write_ply(path: Path, vertices: Array, triangles: Array) -> None:

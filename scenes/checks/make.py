@@ -4,7 +4,7 @@
     python scenes/checks/make.py [--check]
 
 --check compares with the files that are there and writes nothing (exit status 1 if they differ).
-Every file is valid for Mitsuba 3.9 (volpath) as it stands. Needs numpy and trimesh.
+Every file is valid for Mitsuba 3.9 (volpath) as it stands. Needs numpy, OpenEXR and trimesh.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import OpenEXR
 
 HERE = Path(__file__).resolve().parent
 SEED = 20160300
@@ -151,7 +152,7 @@ def sky(*radiance: float) -> str:
 
 
 def emitter(kind: str, *content: str) -> str:
-    """A point, spot or directional light."""
+    """A point, spot or directional light, or an image of the sky."""
     return f'<emitter type="{kind}">{"".join(content)}</emitter>'
 
 
@@ -300,6 +301,20 @@ def near_lamps() -> str:
                 transform(scale(0.5, 0.3, 1), rotate("x", 90), translate(1, 0.95, 0.3)),
                 diffuse(0.1), area(4, 5, 6))
         + shape("cube", transform(scale(0.4), translate(1, 0.4, 0.3)), diffuse(0.7, 0.4, 0.5))
+    )  # fmt: skip
+
+
+@scene
+def image_sky() -> str:
+    """An image of a sky, turned and scaled, with a small bright sun on its seam, beside a lamp."""
+    turn = transform(rotate("z", 20), rotate("y", 110))
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(-1.1, 0.8, 0, 0.8, diffuse(0.7, 0.5, 0.3))
+        + sphere(1.1, 0.7, 0.2, 0.7, bsdf("dielectric"))
+        + shape("rectangle", transform(scale(2, 1, 1), translate(0, 1, -2)),
+                bsdf("conductor", text("material", "none")))
+        + emitter("envmap", text("filename", "skies/sun.exr"), number("scale", 0.8), turn)
+        + lamp(3, 4, 5, x=-1, y=3, z=0, half=0.5)
     )  # fmt: skip
 
 
@@ -963,6 +978,16 @@ def weave() -> npt.NDArray[np.uint8]:
     return np.stack([red, green, 80 + 17 * ((x + y * y) % 11)], axis=-1).astype(np.uint8)
 
 
+def sun() -> Array:
+    """The texels of a sky, (9, 16, 3): brighter above, a sun in the first column, a dark corner."""
+    height, turn = np.linspace(1, -1, 9)[:, None], np.arange(16) / 8
+    blue = 0.3 + 0.13 * height * (1 + np.abs(1 - turn))
+    texels = np.round(np.stack([0.6 * blue, 0.8 * blue, blue], axis=-1), 3)
+    texels[3, 0] = 30, 25, 20
+    texels[6:, 12:] = 0
+    return texels
+
+
 def xml(about: str, body: str) -> str:
     """A scene file."""
     defaults = {"spp": 64, "width": 64, "height": 64, "max_depth": 64, "rr_depth": 5}
@@ -981,8 +1006,8 @@ def xml(about: str, body: str) -> str:
 README = """# Checks
 
 Small bright scenes, each about one thing, in which every shape, material, medium, camera, light and
-filter occurs. Mitsuba 3 reads the same files. `make.py` makes them all, meshes and random spheres
-too (`--check` compares). Parameters: `spp`, `width`, `height`, `max_depth`, `rr_depth`.
+filter occurs. Mitsuba 3 reads the same files. `make.py` makes them all, meshes, a sky and random
+spheres too (`--check` compares). Parameters: `spp`, `width`, `height`, `max_depth`, `rr_depth`.
 
 | scene | what it is about |
 |---|---|
@@ -1006,9 +1031,30 @@ def files() -> dict[str, str | bytes]:
     return result
 
 
+def read_sky(path: Path) -> Array:
+    """The texels of an EXR file."""
+    with OpenEXR.File(str(path)) as file:
+        return np.asarray(file.channels()["RGB"].pixels, np.float64)
+
+
+def write_sky(path: Path, texels: Array) -> None:
+    """An EXR file of half precision."""
+    header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": texels.astype(np.float16)}) as file:
+        file.write(str(path))
+
+
 def main() -> int:
     """Command line."""
     status = 0
+    path, texels = HERE / "skies" / "sun.exr", sun()
+    if "--check" in sys.argv[1:]:
+        if not path.is_file() or (read_sky(path) != texels.astype(np.float16)).any():
+            print("differs: skies/sun.exr")
+            status = 1
+    else:
+        path.parent.mkdir(exist_ok=True)
+        write_sky(path, texels)
     for name, content in files().items():
         path = HERE / name
         content = content.encode() if isinstance(content, str) else content

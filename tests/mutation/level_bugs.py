@@ -43,6 +43,7 @@ _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
 _TO_LIGHT = "-path.ray.d, light.wi"
+_IMAGE, _SKY_TABLE = "lights/image_sky.h", "scene/sky.cpp"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
@@ -167,6 +168,23 @@ _LIGHTS = (
            f"{_SKY} * select(path.pdf_sa == F(0.f), F(1.f), F(0.f))"),
     Mutant("half of the lights' chance kept for a sky", _LIGHT_TABLE, "(end - before) * 0x1p-24",
            "(end - before) * (sum3(in.environment.data) > 0 ? 0x1p-25 : 0x1p-24)"),
+    Mutant("image of a sky torn at its seam", _IMAGE,
+           "select(column + U(1u) < U(map.width), column + U(1u), U(0u))",
+           "select(column + U(1u) < U(map.width), column + U(1u), column)"),
+    Mutant("image of a sky half a column off where it is met", _IMAGE,
+           "F(map.columns_per_radian), F(-0.5f)", "F(map.columns_per_radian), F(0.f)"),
+    Mutant("image of a sky sampled without the sine", _IMAGE, "F(map.cell) * sine", "F(map.cell)"),
+    Mutant("image of a sky mirrored where it is sampled", _IMAGE,
+           "row.vector(kLightE2) * -(sine * along)", "row.vector(kLightE2) * (sine * along)"),
+    Mutant("places in an image's cells drawn evenly", _IMAGE,
+           "return min(u / (from + root), F(1.f));", "return u + F(0.f) * root;"),
+    Mutant("density of an image's cell taken as even where it is met", _IMAGE,
+           "c.density(at.s, at.t) * c.chance)", "c.chance)"),
+    Mutant("first cell of an image's row has its neighbour's chance", _IMAGE,
+           "select(first, F(0.f), end(select(first, k, k + U(~0u))))",
+           "end(select(first, k, k + U(~0u))) * F(.5f)"),
+    Mutant("image of a sky sampled, but met without its chance", _LIGHT_TABLE,
+           "put_light(sky, sky_chance, l.sky, 1)", "put_light(sky, 1, l.sky, 1)"),
 )  # fmt: skip
 
 _MEDIA = (

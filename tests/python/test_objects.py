@@ -320,21 +320,26 @@ CHANGES = {
     "light_position": ((0, 0), 7), "light_direction": (0, (1, 0, 0)),
     "light_intensity": ((0, 0), 7), "light_angles": ((2, 1), 7),
     "alpha_u": (0, 0.5), "alpha_v": (0, 0.5), "distribution": (0, 1),
+    "sky_texels": ((1, 2), 7), "sky_size": (slice(None), (1, 2)),
+    "sky_to_world": (slice(None), -np.eye(3)),
 }  # fmt: skip
 
 
 def test_every_array_is_in_the_hash(rich):
     assert CHANGES.keys() == COLUMNS.keys()
-    hashes = {rich.sha256}
+    image = {"environment": [0, 0, 0], "sky_texels": np.ones((2, 3)), "sky_size": [2, 1]}
+    under_image = dataclasses.replace(rich, **image)
+    hashes = {rich.sha256, under_image.sha256}
     for name, (index, value) in CHANGES.items():
-        values = np.array(getattr(rich, name))
+        scene = under_image if name.startswith("sky") else rich
+        values = np.array(getattr(scene, name))
         values[index] = value
-        hashes.add(dataclasses.replace(rich, **{name: values}).sha256)
+        hashes.add(dataclasses.replace(scene, **{name: values}).sha256)
     for change in ({"aperture_radius": 0.4}, {"focus_distance": 3.0}, {"medium": 0}):
         hashes.add(rich.with_(camera=dataclasses.replace(rich.camera, **change)).sha256)
     for parameter in ((0, 0.5), (0.5, 0)):
         hashes.add(rich.with_(filter="mitchell", filter_parameter=parameter).sha256)
-    assert len(hashes) == 1 + len(CHANGES) + 3 + 2
+    assert len(hashes) == 2 + len(CHANGES) + 3 + 2
 
 
 def test_focus_without_an_aperture_is_not_in_the_hash(rich):

@@ -21,6 +21,7 @@ from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import PLUGINS, STRATIFIED
 from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
+from .skies import envmap
 from .values import check, located
 
 Array = npt.NDArray[Any]
@@ -75,6 +76,7 @@ class _Builder:
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
         self.texels = textures.Texels()
+        self.sky: dict[str, Any] = {}
 
     def search(self) -> None:
         """Puts all faults into the report that can be found."""
@@ -216,9 +218,9 @@ class _Builder:
         for shape in parts["shape"]:
             self.shape(shape, shapes)
         textured = bool(self.tables.rows["textures"])
-        arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured)}
+        arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured), **self.sky}
         arrays["texels"] = self.texels.array()
-        seen = arrays["emissions"] is not None or any(environment)
+        seen = arrays["emissions"] is not None or bool(self.sky) or any(environment)
         if not seen and arrays["light_kind"] is None:
             warnings.warn(
                 f"{root.where}: the scene has no light: the picture will be black",
@@ -262,13 +264,22 @@ class _Builder:
 
     def lights(self, nodes: list[Node]) -> tuple[float, ...]:
         """Adds the lights that are not on shapes; returns the environment's radiance."""
-        skies = [node for node in nodes if node.plugin == "constant"]
+        skies = [node for node in nodes if node.plugin in _SKIES]
         if len(skies) > 1:
-            raise SceneError("a second emitter constant; at most 1 allowed", skies[1].where)
+            raise SceneError(
+                f"a second emitter {skies[1].plugin}; at most 1 allowed of {' and '.join(_SKIES)}",
+                skies[1].where,
+            )
         for node in nodes:
-            if node.plugin != "constant":
+            if node.plugin not in _SKIES:
                 self.light(node)
-        return self.check(skies[0])[1]["radiance"] if skies else (0.0, 0.0, 0.0)
+        if not skies:
+            return 0.0, 0.0, 0.0
+        _, values = self.check(skies[0])
+        if skies[0].plugin == "constant":
+            return tuple(values["radiance"])
+        self.sky = envmap(skies[0], values)
+        return 0.0, 0.0, 0.0
 
     def sensor(self, node: Node, place: Array | None = None) -> _View:
         """What a sensor sees, and how; place: its to_world, unless the file has it."""
@@ -473,6 +484,7 @@ class _Builder:
         self.tables.index("lights", node, row)
 
 
+_SKIES = ("constant", "envmap")
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.

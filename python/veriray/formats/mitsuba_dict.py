@@ -118,6 +118,8 @@ def _convert(value: Any, where: str, tree: Tree) -> Value | Ref | Node:
         return Value("transform", numbers, where)
     if numbers.shape == (3,):
         return Value("vector", tuple(numbers.tolist()), where)
+    if numbers.ndim == 3:
+        return Value("array", np.asarray(value), where)
     raise SceneError(f"an array of shape {numbers.shape}, expected (4, 4) or (3,)", where)
 
 

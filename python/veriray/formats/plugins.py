@@ -322,7 +322,7 @@ PLUGINS: dict[str, Plugin] = {
         children={
             "integrator": (_INTEGRATORS, 0, 1),
             "sensor": (("perspective", "thinlens"), 0, _MANY),
-            "emitter": (("constant", "point", "spot", "directional"), 0, _MANY),
+            "emitter": (("constant", "envmap", "point", "spot", "directional"), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
             "medium": (("homogeneous",), 0, _MANY),
@@ -539,6 +539,17 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "area": Plugin("emitter", {"radiance": _RADIANCE}, doc="emits on the shape's front side"),
     "constant": Plugin("emitter", {"radiance": _RADIANCE}, doc="the same in every direction"),
+    "envmap": Plugin(
+        "emitter",
+        {
+            "filename": Param("string", None, doc="EXR, HDR, PFM; PNG and JPEG are sRGB"),
+            "bitmap": Param("array", None, doc="instead, in a dictionary: (H, W, 3) radiances"),
+            "scale": Param("float", 1.0, 0.0, doc="factor on the radiance"),
+            "to_world": Param("transform", doc="no scale; the upper edge is at local +y"),
+            "mis_compensation": Param("boolean", False, doc="changes noise alone; ignored"),
+        },
+        doc="radiance by direction: latitudes and longitudes; the middle column is at local +z",
+    ),
     "point": Plugin(
         "emitter",
         {

@@ -97,6 +97,8 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
             return check_matrix(f'{node}: "{name}"', value)
         except SceneError as error:
             raise SceneError(str(error), given.where) from None
+    if param.kind == "array":
+        return value
     if param.kind == "string":
         value = value.lower() if param.choices else value
     if param.choices and value not in param.choices:

@@ -180,6 +180,21 @@ def spot() -> Shape:
     return Shape(columns, flux, way=way)
 
 
+def of_image(p: Array, d: Array) -> Square:
+    """Directions from the sky of hooks.h to the unit square.
+
+    Its texels are a b with a 1, 0, 3, 0 in a row, and b 2, 1, 0 by rows. The columns' weights are
+    a; those of the rows, 3, 3 t and 1 - t in the upper and the lower half.
+    """
+    x, y, z = -d.T
+    a, ends = np.array([1, 0, 3, 0, 1]), np.array([0, 1, 4, 7])
+    along = np.mod(np.arctan2(x, -z) / (2 * math.pi) * 4 - 0.5, 4)
+    i = np.minimum(along.astype(int), 3)
+    s, down = along - i, np.arctan2(np.hypot(x, z), y) * 2 / math.pi
+    v = (ends[i] + 2 * a[i] * s + (a[i + 1] - a[i]) * s**2) / 8
+    return np.where(down < 1, 0.75 * down**2, 1 - 0.25 * (2 - down) ** 2), v
+
+
 NOWHERE = np.zeros(9)
 SHAPES = {
     "parallelogram": flat("parallelogram", EDGES),
@@ -192,6 +207,8 @@ SHAPES = {
     "rectangle": flat("rectangle", RIGHT),
     "constant_sky": Shape(np.array([*NOWHERE, 0, 0, 0]), 12 * math.pi**2, place=on_disk,
                           way=lambda p, d: everywhere(d), power=3),
+    "image_sky": Shape(np.array([*np.eye(3).ravel(), 0, 0, 0]), 12 * math.pi**2, place=on_disk,
+                       way=of_image, power=3),
 }  # fmt: skip
 NUMBER = {name: k for k, name in enumerate(SHAPES)}
 LAMPS = [name for name, shape in SHAPES.items() if shape.meets]

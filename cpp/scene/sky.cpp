@@ -1,0 +1,120 @@
+// The image around the scene: its texels, and the choice among its cells (lights/image_sky.h).
+#include <algorithm>
+#include <thread>
+
+#include "core/math.h"
+#include "scene/scene.h"
+#include "scene/thread_pool.h"
+
+namespace veriray {
+namespace {
+
+// Upper ends of intervals in proportion to weights, whose running sums are given: at least one
+// unit for what has any. Of no weight at all, zeros. guide: 2^bits parts.
+void put_intervals(const std::vector<double>& sums, float* ends, uint32_t* guide, uint32_t bits) {
+    const double total = sums.back();
+    uint32_t some = 0, before = 0;
+    for (size_t k = 0; k < sums.size(); ++k) some += sums[k] > (k ? sums[k - 1] : 0);
+    const double per = ((1u << 24) - some) / total;
+    for (size_t k = 0; k < sums.size(); ++k) {
+        before += sums[k] > (k ? sums[k - 1] : 0);
+        const uint32_t end = before < some
+                                 ? before + (before ? static_cast<uint32_t>(sums[k] * per) : 0u)
+                             : some ? 1u << 24
+                                    : 0u;
+        ends[k] = static_cast<float>(end);
+    }
+    uint32_t k = 0;
+    for (uint32_t part = 0; part <= 1u << bits; ++part) {
+        const uint32_t first = std::min(part << (24 - bits), (1u << 24) - 1);
+        while (some && ends[k] <= static_cast<float>(first)) ++k;
+        guide[part] = k;
+    }
+}
+
+// Of guides for n intervals: one part for 32 of them.
+uint32_t guide_bits(uint32_t n) {
+    uint32_t bits = 0;
+    while (n >> (bits + 6)) ++bits;
+    return bits;
+}
+
+}  // namespace
+
+// Returns the mean over the sphere of the sum of the channels; 0 for a black image, which has no
+// tables. Images of less than three rows repeat their last one.
+double HostScene::set_sky_map(const SceneInput& in) {
+    SkyMap& map = view.lights.map;
+    const uint32_t width = in.sky_size.data[0], rows = in.sky_size.data[1];
+    map.width = width, map.height = std::max(rows, 3u);
+    const uint32_t cells = map.height - 1;  // rows of them
+    sky_texels.resize(size_t{kSkyFloats} * width * map.height);
+    sky_ends.resize(size_t{cells} * (width + 1));
+    sky_sines.resize(map.height);
+    map.row_bits = guide_bits(cells), map.column_bits = guide_bits(width);
+    const size_t row_guide = (size_t{1} << map.row_bits) + 1,
+                 guide = (size_t{1} << map.column_bits) + 1;
+    sky_guides.resize(row_guide + cells * guide);
+    for (uint32_t j = 0; j < map.height; ++j) {
+        float sine, cosine;
+        sincos_2pi(static_cast<float>(j) / static_cast<float>(2 * cells), sine, cosine);
+        sky_sines[j] = j == cells ? 0.f : sine;
+    }
+    const auto texel = [&](uint32_t i, uint32_t j) {
+        return in.sky_texels.data + 3 * (size_t{std::min(j, rows - 1)} * width + i);
+    };
+    const auto light = [&](uint32_t i, uint32_t j) {
+        const float* t = texel(i, j);
+        return double{t[0]} + double{t[1]} + double{t[2]};
+    };
+    std::vector<double> weight(cells), sum(map.height);
+    const auto row = [&](uint32_t, uint64_t at) {
+        const uint32_t j = static_cast<uint32_t>(at);
+        float* out = sky_texels.data() + size_t{kSkyFloats} * width * j;
+        std::copy_n(texel(0, j), size_t{kSkyFloats} * width, out);
+        for (uint32_t i = 0; i < width; ++i) sum[j] += light(i, j);
+        if (j == cells) return;
+        // As ImageSky's weights: a pole gives its light to its neighbour.
+        const double upper = sky_sines[j], lower = sky_sines[j + 1];
+        const double first = upper + (j == 0 ? lower : 0),
+                     second = lower + (j + 1 == cells ? upper : 0);
+        const auto side = [&](uint32_t i) {
+            return light(i, j) * first + light(i, j + 1) * second;
+        };
+        std::vector<double> sums(width);
+        const double seam = side(0);
+        double left = seam, before = 0;
+        for (uint32_t i = 0; i < width; ++i) {
+            const double right = i + 1 < width ? side(i + 1) : seam;
+            sums[i] = before += left + right;
+            left = right;
+        }
+        weight[j] = before;
+        put_intervals(sums, sky_ends.data() + cells + size_t{width} * j,
+                      sky_guides.data() + row_guide + guide * j, map.column_bits);
+    };
+    parallel(in.sky_texels.count < 1 << 16 ? 1 : std::max(1u, std::thread::hardware_concurrency()),
+             map.height, {}, row);
+    std::vector<double> sums(cells);
+    double before = 0;
+    for (uint32_t j = 0; j < cells; ++j) sums[j] = before += weight[j];
+    put_intervals(sums, sky_ends.data(), sky_guides.data(), map.row_bits);
+
+    map.texels = sky_texels.data(), map.ends = sky_ends.data();
+    map.sines = sky_sines.data(), map.guides = sky_guides.data();
+    const double across = 2 * kPiDouble / width, down = kPiDouble / cells;
+    map.columns_per_radian = static_cast<float>(1 / across);
+    map.rows_per_radian = static_cast<float>(1 / down);
+    map.cell = static_cast<float>(across * down);
+    // Simpson's rule for the sine times the share of a row's texels.
+    double strength = 0;
+    for (uint32_t j = 0; j < cells; ++j) {
+        float middle, cosine;
+        sincos_2pi((static_cast<float>(j) + 0.5f) / static_cast<float>(2 * cells), middle, cosine);
+        for (uint32_t end = 0; end < 2; ++end)
+            strength += sum[j + end] * (sky_sines[j + end] + 2 * middle);
+    }
+    return strength * down / 6 * across / (4 * kPiDouble);
+}
+
+}  // namespace veriray

@@ -193,8 +193,6 @@ VR_HD void evaluate_sphere(const typename L::F* x, typename L::F* y) {
     y[7] = s.offset;
 }
 
-}
-
 template <class L>
 VR_HD void evaluate_light(Function which, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;

@@ -202,6 +202,28 @@ def test_bitmaps() -> None:
     )
 
 
+def test_multichannel_is_its_light() -> None:
+    text, _ = upgraded(
+        '<scene><integrator type="multichannel"><integrator type="field"/><integrator type="path">'
+        '<integer name="maxDepth" value="3"/></integrator></integrator></scene>'
+    )
+    assert text == (
+        '<scene><integrator type="path"><integer name="max_depth" value="3"/></integrator></scene>'
+    )
+
+
+def test_normal_maps_and_conductors() -> None:
+    text, notes = upgraded(
+        '<scene><bsdf type="normalmap"><texture name="normals" type="bitmap"/>'
+        '<bsdf type="conductor"><string name="extEta" value="water"/></bsdf></bsdf></scene>'
+    )
+    assert text == (
+        '<scene><bsdf type="normalmap"><texture name="normalmap" type="bitmap"/>'
+        '<bsdf type="conductor"><float name="ext_eta" value="1.333"/></bsdf></bsdf></scene>'
+    )
+    assert "bsdf conductor of no material is a mirror" in " ".join(note for note, _ in notes)
+
+
 def test_even_light_is_told() -> None:
     light = '<emitter type="point"><spectrum name="intensity" value="{}"/></emitter>'
     assert [note for note, _ in upgraded(light.format("2"))[1]] == [

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lxml import etree
+from PIL import Image
 
 import veriray as vr
 from veriray.errors import SceneError, SceneWarning
@@ -179,6 +180,61 @@ def test_mitsuba_reads_the_same(tmp_path: Path, version: str) -> None:
     assert np.ravel(of("one.vertex_positions"))[0::3].min() == ours.vertices[:, 0][:24].min() == 1.0
 
 
+OBJECT = '<shape type="rectangle">{}</shape>'
+IMAGE = '<string name="filename" value="IMAGE"/>'
+#: What Mitsuba 3 reads once it is upgraded, and not before.
+UPGRADED = {
+    "lookAt": '<sensor type="perspective"><transform name="toWorld"><lookAt origin="0 0 1"'
+    ' target="0 0 0" up="0 1 0"/></transform></sensor>',
+    "normal map": OBJECT.format(
+        f'<bsdf type="normalmap"><texture name="normals" type="bitmap">{IMAGE}<float name="gamma"'
+        ' value="1"/></texture><bsdf type="diffuse"/></bsdf>'
+    ),
+    "bump map": OBJECT.format(
+        '<bsdf type="bumpmap"><texture type="scale" name="map"><float name="scale" value="5"/>'
+        f'<texture type="bitmap">{IMAGE}</texture></texture><bsdf type="diffuse"/></bsdf>'
+    ),
+    "mixture": OBJECT.format(
+        '<bsdf type="mixturebsdf"><string name="weights" value="0.2, 0.3, 0.4"/>'
+        '<bsdf type="diffuse"/><bsdf type="plastic"/><bsdf type="diffuse"/></bsdf>'
+    ),
+    "bitmap": OBJECT.format(
+        f'<bsdf type="diffuse"><texture name="reflectance" type="bitmap">{IMAGE}<string'
+        ' name="filterType" value="ewa"/><string name="wrapModeU" value="clamp"/><string'
+        ' name="wrapModeV" value="clamp"/><float name="maxAnisotropy" value="3"/></texture></bsdf>'
+    ),
+    "vertex colours": OBJECT.format(
+        '<bsdf type="diffuse"><texture name="reflectance" type="vertexcolors"/></bsdf>'
+    ),
+    "integrators": '<integrator type="multichannel"><integrator type="sppm"><integer'
+    ' name="photonCount" value="3"/></integrator><integrator type="field"/></integrator>',
+    "film and sampler": '<sensor type="perspective"><film type="mfilm"><integer name="width"'
+    ' value="8"/><string name="fileFormat" value="numpy"/></film><sampler type="hammersley"/>'
+    "</sensor>",
+    "intent": '<emitter type="point"><rgb name="intensity" value="1 2 3" intent="illuminant"/>'
+    "</emitter>",
+    "three numbers": '<emitter type="point"><spectrum name="intensity" value="1 2 3"/></emitter>',
+    "envmap": f'<emitter type="envmap">{IMAGE}<boolean name="cache" value="false"/></emitter>',
+}
+
+
+@pytest.mark.parametrize("case", UPGRADED)
+def test_mitsuba_reads_what_is_upgraded(tmp_path: Path, case: str) -> None:
+    mi = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
+    mi.set_variant("scalar_rgb")
+    Image.fromarray(np.full((4, 4, 3), 128, np.uint8)).save(tmp_path / "image.png")
+    body = UPGRADED[case].replace("IMAGE", str(tmp_path / "image.png"))
+    old = f'<scene version="0.6.0">{body}</scene>'
+    level = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Error)
+    try:
+        with pytest.raises(RuntimeError):
+            mi.load_string(old)
+        mi.load_string(upgraded(old)[0])
+    finally:
+        mi.set_log_level(level)
+
+
 def test_texture_placement_is_mitsubas() -> None:
     text, notes = upgraded(
         '<scene><texture type="checkerboard"><float name="uscale" value="3"/>'
@@ -200,6 +256,28 @@ def test_bitmaps() -> None:
         '<texture type="bitmap"><string name="filter_type" value="bilinear"/>'
         '<boolean name="raw" value="true"/></texture>'
     )
+
+
+def test_multichannel_is_its_light() -> None:
+    text, _ = upgraded(
+        '<scene><integrator type="multichannel"><integrator type="field"/><integrator type="path">'
+        '<integer name="maxDepth" value="3"/></integrator></integrator></scene>'
+    )
+    assert text == (
+        '<scene><integrator type="path"><integer name="max_depth" value="3"/></integrator></scene>'
+    )
+
+
+def test_normal_maps_and_conductors() -> None:
+    text, notes = upgraded(
+        '<scene><bsdf type="normalmap"><texture name="normals" type="bitmap"/>'
+        '<bsdf type="conductor"><string name="extEta" value="water"/></bsdf></bsdf></scene>'
+    )
+    assert text == (
+        '<scene><bsdf type="normalmap"><texture name="normalmap" type="bitmap"/>'
+        '<bsdf type="conductor"><float name="ext_eta" value="1.333"/></bsdf></bsdf></scene>'
+    )
+    assert "bsdf conductor of no material is a mirror" in " ".join(note for note, _ in notes)
 
 
 def test_even_light_is_told() -> None:

@@ -10,9 +10,10 @@ versions had; where today's terms say the same, they are used:
 - samplers `sobol`, `halton`, `hammersley`: `ldsampler`;
 - integrators that compute what `path` computes, by other paths: `path`, or `volpath` where there
   is a medium, with the same depths;
-- `mixturebsdf`: `blendbsdf` in `blendbsdf`; `sky` and `sun`: the halves of `sunsky`;
-  `vertexcolors`: `mesh_attribute`; bitmaps filtered by `trilinear` or `ewa`: bilinear;
-- a bump map of a texture `scale`: its own `scale`;
+- `adaptive` and `multichannel`: the integrator that they hold;
+- `mixturebsdf`: `blendbsdf` in `blendbsdf`; a bump map of a texture `scale`: its own `scale`; the
+  texture of a `normalmap`, of any name, is its `normalmap`; `extEta` by name is a number;
+- `vertexcolors`: `mesh_attribute`; bitmaps filtered by `trilinear` or `ewa`: bilinear;
 - parameters that change no light are left out.
 
 What has no counterpart stays as it is, and is refused by name as any unknown object.
@@ -28,6 +29,7 @@ from lxml.etree import _Element
 
 from ..errors import SceneError
 from .node import parse_floats, shorten
+from .plugins import IORS
 
 _HUMP = re.compile(r"(?<=[a-z])[A-Z]+")
 _OBJECTS = (
@@ -44,7 +46,6 @@ _RENAMED = {
     ("film", "tiledhdrfilm"): "hdrfilm",
     ("sampler", "sobol"): "ldsampler", ("sampler", "halton"): "ldsampler",
     ("sampler", "hammersley"): "ldsampler",
-    ("emitter", "sky"): "sunsky", ("emitter", "sun"): "sunsky",
     ("texture", "vertexcolors"): "mesh_attribute",
 }  # fmt: skip
 _KEPT = {
@@ -58,7 +59,7 @@ _DROPPED = {
     "film": ("banner", "attach_log", "high_quality_edges"),
     "texture": ("cache", "max_anisotropy"),
     "emitter": ("cache", "resolution", "sampling_weight"),
-    "shape": ("collapse",),
+    "shape": ("collapse", "srgb"),
 }
 
 
@@ -149,14 +150,12 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
     _drop(element, lambda name: name in left_out, where, notes)
     if category == "film":
         _drop(element, lambda name: name.startswith(("label[", "metadata[")), where, notes)
-    if category == "integrator" and plugin in _PATHS:
+    if category == "integrator" and plugin in (*_PATHS, "multichannel"):
         _integrator(element, plugin, "volpath" if media else "path", where, notes)
     elif (category, plugin) in _RENAMED:
         new = _RENAMED[category, plugin]
         if category == "film":
             _drop(element, lambda name: name not in _KEPT["film"], where, notes)
-        if category == "emitter":
-            _add(element, "float", "sun_scale" if plugin == "sky" else "sky_scale", "0")
         if plugin == "vertexcolors":
             _add(element, "string", "name", "vertex_color")
         element.set("type", new)
@@ -167,6 +166,12 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
         for child in _parameters(element):
             if child.get("name") == "diffuse_reflectance":
                 child.set("name", "reflectance")
+    elif (category, plugin) == ("bsdf", "normalmap"):
+        for child in element:
+            if child.tag == "texture" or (child.tag == "ref" and child.get("name")):
+                child.set("name", "normalmap")
+    elif category == "bsdf" and plugin in ("conductor", "roughconductor"):
+        _conductor(element, plugin, where, notes)
     elif (category, plugin) == ("bsdf", "bumpmap"):
         _bump(element, where, notes)
     elif (category, plugin) == ("bsdf", "mask"):
@@ -176,8 +181,11 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
 
 
 def _integrator(element: _Element, plugin: str, new: str, where: str, notes: Notes) -> None:
-    inner = element.find("integrator")
-    if inner is not None and plugin == "adaptive":  # what it holds is what it draws
+    held = [c for c in element if c.tag == "integrator" and c.get("type") != "field"]
+    inner = held[0] if held and plugin in ("adaptive", "multichannel") else None
+    if inner is None and plugin == "multichannel":
+        return  # it draws no light
+    if inner is not None:  # what it holds is what it draws
         if inner.get("type") in _PATHS:
             _integrator(inner, str(inner.get("type")), new, where, notes)
         element[:] = list(inner)
@@ -263,6 +271,17 @@ def _texture(element: _Element, plugin: str, where: str, notes: Notes) -> None:
             axes = {"x": numbers[u], "y": numbers[v]}
             transform.append(_made(element, tag, axes))
         notes.add("uoffset, voffset, uscale and vscale are to_uv", where)
+
+
+def _conductor(element: _Element, plugin: str, where: str, notes: Notes) -> None:
+    given = {str(child.get("name")): child for child in _parameters(element)}
+    outside = given.get("ext_eta")
+    name = str(outside.get("value")).lower() if outside is not None else ""
+    if outside is not None and outside.tag == "string" and name in IORS:
+        outside.tag = "float"
+        outside.set("value", repr(IORS[name]))
+    if not {"material", "eta", "k"} & set(given):
+        notes.add(f"bsdf {plugin} of no material is a mirror, as in Mitsuba 3 (once Cu)", where)
 
 
 def _bump(element: _Element, where: str, notes: Notes) -> None:

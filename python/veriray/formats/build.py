@@ -85,6 +85,7 @@ class _Builder:
         for node in known:
             self.attempt(self.children, node, True)
             self.attempt(check, node, self.report, every=True)
+        shapes = Shapes()
         for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
@@ -94,10 +95,8 @@ class _Builder:
                 self.attempt(self.sensor, node)
             elif node.category == "integrator":
                 self.attempt(integrators.depths, node, self.check, self.report)
-            elif node.category == "shape":
-                shapes = Shapes()
+            elif node.category == "shape" and "shape" not in PLUGINS[node.plugin].children:
                 self.attempt(self.shape, node, shapes)
-                self.attempt(shapes.arrays)
             elif node.category == "emitter" and node.plugin in LIGHT_KINDS:
                 self.attempt(self.light, node)
 

@@ -154,7 +154,7 @@ class _Builder:
 
     def items(self, node: Node) -> list[Node | Ref]:
         """What a node holds; of the scene without references to what it holds already."""
-        if node.category != "scene" or not any(isinstance(item, Ref) for item in node.children):
+        if node.category != "scene" or Ref not in map(type, node.children):
             return node.children
         held = {id(item) for item in node.children}
         result: list[Node | Ref] = []

@@ -226,13 +226,15 @@ class _Reader:
             _empty(child, where)
         elif tag == "path":
             self.search(child, path, depth, where)
+        elif tag in CATEGORIES and tag != "scene":
+            node.children.append(self.object(child, path, chain, depth, where))
         elif tag in _VALUE_TAGS or tag in _OTHER_TAGS:
             name, value = self.value(child, path, where)
             if name in node.values:
                 first = node.values[name].where
                 raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
             node.values[name] = value
-        elif (tag in CATEGORIES and tag != "scene") or tag in MITSUBA:
+        elif tag in MITSUBA:
             node.children.append(self.object(child, path, chain, depth, where))
         else:
             names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)

@@ -282,7 +282,8 @@ class _Reader:
         depth: int,
         where: str,
     ) -> None:
-        name = self.attributes(element, where, "filename", "name")["filename"]
+        a = self.attributes(element, where, "filename", "name")
+        name = a["filename"]
         _empty(element, where)
         target = self.folder(name, path) / name
         try:
@@ -303,7 +304,9 @@ class _Reader:
             self.version(root, inside)
             self.children(root, node, target, (*chain, resolved), depth)
         elif root.tag in CATEGORIES:
-            node.children.append(self.object(root, target, (*chain, resolved), 0, inside))
+            child = self.object(root, target, (*chain, resolved), 0, inside)
+            child.name = a.get("name", child.name)
+            node.children.append(child)
         else:
             raise SceneError(
                 f"the root element of an included file is <{root.tag}>"

@@ -577,6 +577,14 @@ def test_convert(tmp_path: Path, capsys: Any) -> None:
     assert [note.split(": ", 1)[1][:19] for note in scene.notes] == ["moment renders path"]
 
 
+def test_convert_writes_the_sensor_and_the_integrator_that_are_not_there(tmp_path: Path) -> None:
+    source = write(tmp_path / "in.xml", SKY, '<shape type="cube"/>')
+    (note,) = convert(str(source), str(tmp_path / "out.xml"), {})
+    scene = vr.load_file(tmp_path / "out.xml", strict=True)
+    assert "no sensor" in note and scene.sha256 == vr.load_file(source).sha256
+    assert '<integrator type="path"/>' in (tmp_path / "out.xml").read_text("utf-8")
+
+
 def test_convert_writes_nothing_of_a_scene_with_faults(tmp_path: Path, capsys: Any) -> None:
     source = str(write(tmp_path / "in.xml", '<shape type="torus"/>'))
     assert main(["convert", source, str(tmp_path / "out.xml")]) == 2

@@ -126,6 +126,7 @@ LINES = {
     "path in an object": (RECTANGLE.format('<path value="."/>'), "<path> must stand directly in <scene>"),
     "depth": ('<integrator type="depth"/>', 'integrator "depth" of Mitsuba is not supported yet'),
     "moments of nothing": ('<integrator type="moment"/>', "moment has no integrator; allowed: path, volpath"),
+    "moments of itself": ('<integrator type="moment" id="m"><ref id="m"/></integrator>', 'moment "m" holds itself'),
     "direct light by no samples": ('<integrator type="direct"><integer name="emitter_samples" value="0"/><integer name="bsdf_samples" value="0"/></integrator>', "direct: emitter_samples and bsdf_samples are 0"),
     "direct light by two rules": ('<integrator type="direct"><integer name="shading_samples" value="2"/><integer name="bsdf_samples" value="1"/></integrator>', "direct: both shading_samples and one of emitter_samples and bsdf_samples given"),
     "mirrors left out": ('<integrator type="direct"><integer name="bsdf_samples" value="0"/></integrator>' + BSDF.format("conductor", ""), 'direct: "bsdf_samples" = 0 leaves out the light of a mirror, glass or a mask'),

@@ -82,6 +82,16 @@ def test_folders_of_an_included_file_end_with_it(tmp_path: Path) -> None:
     )
 
 
+def test_an_included_object_has_the_name_that_its_place_gives(tmp_path: Path) -> None:
+    medium = (
+        '<medium version="3.0.0" type="homogeneous"><float name="albedo" value="0.1"/></medium>'
+    )
+    (tmp_path / "fog.xml").write_text(medium)
+    ball = '<shape type="sphere"><include filename="fog.xml" name="interior"/></shape>'
+    scene = loaded(tmp_path, VIEW, SKY, ball)
+    assert scene.boundaries.tolist() == [[0, -1]]
+
+
 def test_names_with_dollars_and_defaults(tmp_path: Path) -> None:
     # the longest known name that the text begins with, as in Mitsuba
     lines = (
@@ -342,7 +352,8 @@ def test_notes_on_the_command_line(tmp_path: Path, capsys: Any) -> None:
     assert main(["render", path, "-o", output, "--device", "cpu", "--spp", "1"]) == 0
     (text,) = capsys.readouterr().err.strip().split("\n")[:1]
     assert (
-        text.startswith("veriray: warning: ") and "(and 1 more: `veriray info` lists them)" in text
+        text.startswith(f"veriray: warning: note: {path}:")
+        and "(and 1 more: `veriray info` lists them)" in text
     )
     assert main(["info", path, "--device", "cpu"]) == 0
     assert capsys.readouterr().out.count("\nnote        ") == 2
@@ -557,13 +568,21 @@ def test_convert(tmp_path: Path, capsys: Any) -> None:
     )  # fmt: skip
     source, target = str(tmp_path / "in/scene.xml"), tmp_path / "out.xml"
     assert main(["convert", source, str(target), "-D", "g=0.7"]) == 0
-    assert "taken as it does not change the light" in capsys.readouterr().err
+    assert "veriray: warning: note: " in capsys.readouterr().err
     text = target.read_text("utf-8")
     assert "in/\\$a &amp; b.obj" in text and "hdrfilm" in text and "banner" not in text
     scene = vr.load_file(target)
     assert scene.sha256 == vr.load_file(source, {"g": 0.7}).sha256
     assert scene.shape_names == vr.load_file(source, {"g": 0.7}).shape_names
     assert [note.split(": ", 1)[1][:19] for note in scene.notes] == ["moment renders path"]
+
+
+def test_convert_writes_the_sensor_and_the_integrator_that_are_not_there(tmp_path: Path) -> None:
+    source = write(tmp_path / "in.xml", SKY, '<shape type="cube"/>')
+    (note,) = convert(str(source), str(tmp_path / "out.xml"), {})
+    scene = vr.load_file(tmp_path / "out.xml", strict=True)
+    assert "no sensor" in note and scene.sha256 == vr.load_file(source).sha256
+    assert '<integrator type="path"/>' in (tmp_path / "out.xml").read_text("utf-8")
 
 
 def test_convert_writes_nothing_of_a_scene_with_faults(tmp_path: Path, capsys: Any) -> None:

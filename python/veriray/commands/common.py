@@ -107,7 +107,7 @@ def load(arguments: argparse.Namespace) -> Scene:
         )
     scene = load_file(name, parameters, sensor=arguments.sensor, strict=arguments.strict)
     if not getattr(arguments, "quiet", False):
-        report_notes(name, scene.notes)
+        report_notes(scene.notes)
     return scene
 
 
@@ -122,12 +122,12 @@ def definitions(arguments: argparse.Namespace) -> dict[str, object]:
     return parameters
 
 
-def report_notes(name: str, notes: Sequence[str]) -> None:
+def report_notes(notes: Sequence[str]) -> None:
     """Warns of notes on a scene, in one line."""
     if notes:
         first, *others = notes
         more = f" (and {len(others)} more: `veriray info` lists them)" if others else ""
-        show_warning(f"{name}: taken as it does not change the light: {first}{more}")
+        show_warning(f"note: {first}{more}")
 
 
 def add_outputs(parser: argparse.ArgumentParser, text: str) -> None:

@@ -24,6 +24,6 @@ def _convert(arguments: argparse.Namespace) -> int:
     from ..formats import convert
 
     notes = convert(arguments.scene, arguments.output, definitions(arguments), arguments.strict)
-    report_notes(arguments.scene, notes)
+    report_notes(notes)
     say(f"written    {arguments.output}")
     return 0

@@ -63,7 +63,7 @@ def convert(
 
     with _without_collector():
         built = build.build(read, None, strict)
-        text = write.as_xml(trees[-1], Path(target).parent)
+        text = write.as_xml(trees[-1], Path(target).parent, built.cameras[0])
     with replacing(target) as file:
         file.write(text.encode())
     return built.notes

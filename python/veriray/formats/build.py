@@ -89,6 +89,7 @@ class _Builder:
         for node in known:
             self.attempt(self.children, node, True)
             self.attempt(check, node, self.report, every=True)
+        shapes = Shapes()
         for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
@@ -98,10 +99,8 @@ class _Builder:
                 self.attempt(self.sensor, node)
             elif node.category == "integrator":
                 self.attempt(integrators.depths, node, self.check, self.report)
-            elif node.category == "shape" and node.plugin != "instance":  # its group is there
-                shapes = Shapes()
+            elif node.category == "shape" and "shape" not in PLUGINS[node.plugin].children:
                 self.attempt(self.shape, node, shapes)
-                self.attempt(shapes.arrays)
             elif node.category == "emitter" and node.plugin in LIGHT_KINDS:
                 self.attempt(self.light, node)
 
@@ -160,7 +159,7 @@ class _Builder:
 
     def items(self, node: Node) -> list[Node | Ref]:
         """What a node holds; of the scene without references to what it holds already."""
-        if node.category != "scene" or not any(isinstance(item, Ref) for item in node.children):
+        if node.category != "scene" or Ref not in map(type, node.children):
             return node.children
         held = {id(item) for item in node.children}
         result: list[Node | Ref] = []

@@ -22,15 +22,20 @@ _OTHER_IN_MITSUBA = {
 }
 
 
-def depths(node: Node, check: Check, report: Report) -> dict[str, int]:
-    """max_depth and rr_depth; check: gives a node's objects and parameters."""
+def depths(
+    node: Node, check: Check, report: Report, around: tuple[Node, ...] = ()
+) -> dict[str, int]:
+    """max_depth and rr_depth; check: gives a node's objects and parameters; around: those that hold
+    the node."""
+    if any(node is other for other in around):
+        raise SceneError(f"{node} holds itself", node.where)
     parts, values = check(node)
     inner = parts.get("integrator")
     if inner:
         for other in inner[1:]:
             report.note(f"{node}: only its first integrator is rendered", other.where)
         report.note(f"{node} renders {inner[0]}: {PLUGINS[node.plugin].doc}", node.where)
-        return depths(inner[0], check, report)
+        return depths(inner[0], check, report, (*around, node))
     if node.plugin == "direct":
         shorthand = "shading_samples" in node.values
         if shorthand and {"emitter_samples", "bsdf_samples"} & set(node.values):

@@ -296,7 +296,8 @@ class _Reader:
         depth: int,
         where: str,
     ) -> None:
-        name = self.attributes(element, where, "filename", "name")["filename"]
+        a = self.attributes(element, where, "filename", "name")
+        name = a["filename"]
         _empty(element, where)
         target = self.folder(name, path) / name
         try:
@@ -322,7 +323,9 @@ class _Reader:
                 self.version(root, inside)
             elif self.old:
                 upgrade.upgrade(root, file, self.upgraded)
-            node.children.append(self.object(root, target, (*chain, resolved), 0, inside))
+            child = self.object(root, target, (*chain, resolved), 0, inside)
+            child.name = a.get("name", child.name)
+            node.children.append(child)
         else:
             raise SceneError(
                 f"the root element of an included file is <{root.tag}>"

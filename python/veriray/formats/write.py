@@ -7,15 +7,30 @@ from pathlib import Path
 
 from lxml import etree
 
+from ..camera import Camera
 from .node import Node, Ref, Tree, Value
 from .plugins import FILMS, PLUGINS
 
 
-def as_xml(tree: Tree, folder: Path) -> str:
-    """The text of a scene file in `folder` that means the same as the tree, which must be one of a
-    scene; what has no effect is left out. Numbers are written exactly."""
+def as_xml(tree: Tree, folder: Path, camera: Camera) -> str:
+    """The text of a scene file in `folder` that means the same as the tree of a scene.
+
+    What has no effect is left out, and numbers are written exactly. If there is no sensor, `camera`
+    becomes one; if there is no integrator, `path` does.
+    """
     root = etree.Element("scene", version="3.0.0")
     _fill(root, tree.scene, tree, folder)
+    items = (tree.ids[i.id] if isinstance(i, Ref) else i for i in tree.scene.children)
+    given = {item.category for item in items}
+    if "integrator" not in given:
+        root.insert(0, etree.Element("integrator", type="path"))
+    if "sensor" not in given:
+        view = {
+            "fov": Value("float", camera.fov, ""),
+            "to_world": Value("transform", camera.to_world, ""),
+        }
+        sensor = etree.SubElement(root, "sensor", type="perspective")
+        _fill(sensor, Node("perspective", "", "sensor", values=view), tree, folder)
     etree.indent(root, "    ")
     return etree.tostring(root, encoding="unicode") + "\n"
 

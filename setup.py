@@ -17,7 +17,7 @@ from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
-SCENE_SUFFIXES = {".xml", ".obj", ".ply", ".csv", ".json", ".txt", ".md"}
+SCENE_SUFFIXES = {".xml", ".obj", ".ply", ".serialized", ".csv", ".json", ".txt", ".md"}
 
 
 def scene_files() -> list[Path]:

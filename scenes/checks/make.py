@@ -946,14 +946,15 @@ def main() -> int:
     """Command line."""
     status = 0
     for name, content in files().items():
-        path, data = HERE / name, content if isinstance(content, bytes) else content.encode()
+        path = HERE / name
+        content = content.encode() if isinstance(content, str) else content
         if "--check" in sys.argv[1:]:
-            if not path.is_file() or path.read_bytes() != data:
+            if not path.is_file() or path.read_bytes() != content:
                 print(f"differs: {name}")
                 status = 1
         else:
             path.parent.mkdir(exist_ok=True)
-            path.write_bytes(data)
+            path.write_bytes(content)
     return status
 
 

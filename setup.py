@@ -17,7 +17,9 @@ from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
-SCENE_SUFFIXES = {".xml", ".obj", ".ply", ".exr", ".csv", ".json", ".txt", ".md", ".png"}
+SCENE_SUFFIXES = {
+    ".xml", ".obj", ".ply", ".serialized", ".exr", ".png", ".csv", ".json", ".txt", ".md",
+}  # fmt: skip
 
 
 def scene_files() -> list[Path]:

@@ -90,7 +90,7 @@ class _Reader(Document):
             elif element.tag == "emitter":
                 self.emitter(element)
             elif element.tag == "shape":
-                found.append(self.shape(element))
+                found += self.shapes(element)
             elif element.tag == "bsdf":
                 self.bsdf(element)  # checked even if nothing uses it
             elif element.tag == "medium":
@@ -485,11 +485,34 @@ class _Reader(Document):
         values = self.parameters(element, radiance=self.colour(grey=False))
         return values.get("radiance", np.ones(3))
 
+    def shapes(self, element: etree._Element) -> list[_Shape]:
+        """What a shape shows: a group by its instances alone."""
+        kind = element.get("type")
+        if kind == "shapegroup":
+            return []
+        if kind == "merge":
+            return self.group(element)
+        if kind == "instance":
+            values = self.parameters(element, to_world=self.transform, shape=self.group)
+            matrix = values.get("to_world", np.eye(4))
+            return [replace(s, geometry=shapes.moved(s.geometry, matrix)) for s in values["shape"]]
+        return [self.shape(element)]
+
+    def group(self, element: etree._Element) -> list[_Shape]:
+        """The shapes in a group or a merge."""
+        return [s for child in self.children(element) for s in self.shapes(self.target(child))]
+
     def shape(self, element: etree._Element) -> _Shape:
-        kind = self.plugin(element, "rectangle", "cube", "disk", "sphere", "obj", "ply", "stl")
+        kind = self.plugin(
+            element, "rectangle", "cube", "disk", "sphere", "cylinder", "obj", "ply", "stl",
+            "serialized",
+        )  # fmt: skip
         special: dict = {}
-        if kind in ("obj", "ply", "stl"):
+        if kind == "cylinder":
+            special = dict(p0=self.point, p1=self.point, radius=self.number(0, open_low=True))
+        elif kind in ("obj", "ply", "stl", "serialized"):
             special = dict(
+                shape_index=self.integer(0),
                 filename=lambda e: self.folder / self.text(e, "value"),
                 face_normals=self.boolean,
                 flip_tex_coords=self.ignore,
@@ -523,12 +546,16 @@ class _Reader(Document):
             if kind == "sphere":
                 centre = values.get("center", np.zeros(3))
                 return shapes.sphere(centre, values.get("radius", 1.0), to_world, flip)
+            if kind == "cylinder":
+                start, end = values.get("p0", np.zeros(3)), values.get("p1", np.array([0, 0, 1.0]))
+                return shapes.cylinder(start, end, values.get("radius", 1.0), to_world, flip)
             path = values.get("filename")
             if path is None:
                 raise self.error(element, "needs a filename")
             data = path.read_bytes()
             self.hash.update(data)
-            return shapes.mesh(kind, data, to_world, values.get("face_normals", False), flip)
+            flat, index = values.get("face_normals", False), values.get("shape_index", 0)
+            return shapes.mesh(kind, data, to_world, flat, flip, index)
         except SceneError:
             raise
         except Exception as error:

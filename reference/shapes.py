@@ -8,6 +8,7 @@ was measured with mitsuba 3.9.1.
 from __future__ import annotations
 
 import io
+import zlib
 
 import numpy as np
 import trimesh
@@ -90,16 +91,56 @@ def sphere(centre: np.ndarray, radius: float, to_world: np.ndarray, flip: bool =
     )
 
 
-def mesh(
-    kind: str, data: bytes, to_world: np.ndarray, face_normals: bool = False, flip: bool = False
+def cylinder(
+    start: np.ndarray, end: np.ndarray, radius: float, to_world: np.ndarray, flip: bool = False
 ) -> Geometry:
-    """Triangles of a mesh file's ``data``; ``kind`` is obj, ply or stl.
+    """Open at both ends, front outside: a prism of 4096 sides, thinner by 3e-7 of its radius."""
+    axis = end - start
+    basis = np.linalg.svd(axis[None])[2]  # rows: along the axis, and two across it
+    angle = np.linspace(0, 2 * np.pi, 4097)
+    across = np.cos(angle)[:, None] * basis[1] + np.sin(angle)[:, None] * basis[2]
+    if np.linalg.det([axis, basis[1], basis[2]]) < 0:
+        across = across[::-1]
+    low = start + radius * across
+    a, b, c, d = low[:-1], low[1:], low[1:] + axis, low[:-1] + axis
+    n, m = across[:-1], across[1:]
+    triangles = np.stack([np.stack([a, b, c], 1), np.stack([a, c, d], 1)], 1).reshape(-1, 3, 3)
+    normals = np.stack([np.stack([n, m, m], 1), np.stack([n, m, n], 1)], 1).reshape(-1, 3, 3)
+    if flip:
+        triangles, normals = triangles[:, ::-1], -normals[:, ::-1]
+    return moved(Geometry(triangles=triangles, normals=normals), to_world)
+
+
+def moved(geometry: Geometry, matrix: np.ndarray) -> Geometry:
+    """A geometry under one more affine map, fronts in front; ValueError for an uneven sphere."""
+    triangles, disks = _moved(geometry.triangles, matrix), geometry.disks @ matrix[:3, :3].T
+    normals = _unit(geometry.normals @ np.linalg.inv(matrix[:3, :3]))
+    disks[:, 0] += matrix[:3, 3]
+    if _mirrors(matrix):
+        triangles, normals, disks = triangles[:, ::-1], normals[:, ::-1], disks[:, [0, 2, 1]]
+    balls = [
+        sphere(ball[:3], ball[3], matrix, inward).spheres
+        for ball, inward in zip(geometry.spheres, geometry.inward, strict=True)
+    ]
+    spheres = np.concatenate([np.zeros((0, 4)), *balls])
+    return Geometry(triangles, normals, spheres, geometry.inward, disks)
+
+
+def mesh(
+    kind: str, data: bytes, to_world: np.ndarray, face_normals: bool = False, flip: bool = False,
+    index: int = 0,
+) -> Geometry:  # fmt: skip
+    """Triangles of a mesh file's ``data``; ``kind`` is obj, ply, stl or serialized (and its mesh
+    ``index``).
 
     Vertex normals are the file's; if it has none they are computed, weighted by the angle that a
     face has at the vertex. stl and ``face_normals`` are flat. Front: by the file's winding, also
     under a mirror, which turns it round.
     """
-    vertices, faces, normals = _READERS[kind](data)
+    if kind == "serialized":
+        vertices, faces, normals = serialized(data, index)
+    else:
+        vertices, faces, normals = _READERS[kind](data)
     if not np.isfinite(vertices).all() or (len(faces) and not _in_range(faces, len(vertices))):
         raise ValueError("non-finite vertex or index out of range")
     vertices = _moved(vertices, to_world)
@@ -189,6 +230,21 @@ def _ply(data: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         np.asarray(faces, int),
         None if normals is None else np.asarray(normals, float),
     )
+
+
+def serialized(data: bytes, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Mesh `index` of a serialized file of version 4."""
+    count = int.from_bytes(data[-4:], "little")
+    table = np.frombuffer(data[-4 - 8 * count : -4], "<u8")
+    body = zlib.decompressobj().decompress(data[int(table[index]) + 4 :])
+    flags, name = int.from_bytes(body[:4], "little"), body.index(0, 4)
+    vertices, faces = (int(n) for n in np.frombuffer(body[name + 1 : name + 17], "<u8"))
+    rest, kind = body[name + 17 :], "<f8" if flags & 0x2000 else "<f4"
+    sizes = [3, 3 * bool(flags & 1), 2 * bool(flags & 2), 3 * bool(flags & 8)]
+    numbers = np.frombuffer(rest, kind, vertices * sum(sizes))
+    parts = np.split(numbers.astype(float), np.cumsum(sizes[:-1]) * vertices)
+    corners = np.frombuffer(rest[numbers.nbytes :], "<u4", 3 * faces).astype(int).reshape(-1, 3)
+    return parts[0].reshape(-1, 3), corners, parts[1].reshape(-1, 3) if flags & 1 else None
 
 
 def _stl(data: bytes) -> tuple[np.ndarray, np.ndarray, None]:

@@ -321,6 +321,60 @@ def image_sky() -> str:
 # ---- shapes ----
 
 
+def cylinder(start: tuple[float, ...], end: tuple[float, ...], radius: float, *content: str) -> str:
+    """A cylinder by the ends of its axis."""
+    return shape("cylinder", point("p0", *start), point("p1", *end), number("radius", radius),
+                 *content)  # fmt: skip
+
+
+@scene
+def cylinders() -> str:
+    """Cylinders seen from within, shining, stretched, mirrored, of metal, and flipped."""
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.2, 0.25, 0.3) + lamp(3, 3, 3)
+        + cylinder((-1.6, 0.8, 0.2), (-0.6, 1.2, 0.6), 0.15, diffuse(0.1), area(5, 4, 3))
+        + cylinder((-1, 0, -1), (-1, 1.4, -1), 0.5,
+                   bsdf("twosided", diffuse(0.7, 0.5, 0.3)))
+        + cylinder((0, 0, 0), (0, 0, 1), 0.3,
+                   transform(scale(1, 1, 3), rotate("x", -60), translate(0.8, 0.3, -0.8)),
+                   diffuse(0.3, 0.4, 0.8))
+        + cylinder((0, 0, 0), (0.2, 0.5, 0.1), 0.4,
+                   transform(scale(-1, 1, 1), translate(0, 0.1, 1)), diffuse(0.4, 0.7, 0.3))
+        + cylinder((1.5, 0, 0.5), (1.5, 1.2, 0.5), 0.4, bsdf("conductor"))
+        + cylinder((1.2, 1.6, -1), (2.2, 2.2, -1), 0.4, flag("flip_normals"),
+                   diffuse(0.8, 0.3, 0.3))
+    )  # fmt: skip
+
+
+def instance(group: str, *steps: str) -> str:
+    """A group once more."""
+    return shape("instance", ref(group), transform(*steps))
+
+
+@scene
+def instances() -> str:
+    """Groups of serialized meshes, a cube, a sphere and merged shapes, moved and mirrored."""
+    meshes = text("filename", "meshes/bumps_egg.serialized")
+    eggs = shape("serialized", meshes, '<integer name="shape_index" value="1"/>',
+                 diffuse(0.7, 0.5, 0.3))  # fmt: skip
+    ball = sphere(0, 1.2, 0, 0.4, bsdf("conductor"))
+    flat = shape("serialized", meshes, flag("face_normals"), diffuse(0.4, 0.4, 0.7))
+    smooth = eggs.replace("0.7, 0.5, 0.3", "0.3, 0.6, 0.6")
+    merged = shape("merge", shape("cube", transform(scale(0.3), translate(0.9, 0.3, 0)),
+                                  diffuse(0.3, 0.7, 0.4)),
+                   shape("disk", transform(scale(0.5), rotate("y", 30), translate(-0.9, 0.6, 0)),
+                         bsdf("twosided", diffuse(0.8, 0.2, 0.2))))  # fmt: skip
+    group = '<shape type="shapegroup" id="{}">{}</shape>'.format
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.4, 0.45, 0.5) + lamp(5, 5, 4.5)
+        + group("pair", eggs + ball + merged) + group("flat", flat) + group("smooth", smooth)
+        + instance("pair", scale(0.6), rotate("y", 70), translate(-1.3, 0.6, 0.4))
+        + instance("pair", scale(-0.5, 0.5, 0.5), translate(1.3, 0.5, 0.6))
+        + instance("flat", scale(-0.5, 0.9, 0.3), rotate("z", 20), translate(-0.6, 1, -1.2))
+        + instance("smooth", scale(0.3, 0.9, 0.9), rotate("y", 40), translate(0.6, 1, -1.2))
+    )  # fmt: skip
+
+
 def mesh(name: str, *content: str) -> str:
     """A mesh on the floor under a lamp."""
     place = transform(scale(1.1), rotate("y", 40), translate(0, 1.2, 0))
@@ -903,6 +957,23 @@ def ply(vertices: Array, faces: Array, normal: Array) -> str:
     ).replace("-0.0000 ", "0.0000 ")  # fmt: skip
 
 
+def serialized(*meshes: tuple[Array, Array, Array | None]) -> bytes:
+    """Mitsuba's own format, version 4, of vertices, faces and normals; stored, not compressed."""
+    content, offsets = b"", []
+    for vertices, faces, normal in meshes:
+        flags = 0x1000 + (normal is not None)
+        counts = np.array([len(vertices), len(faces)], "<u8").tobytes()
+        body = np.uint32(flags).tobytes() + b"egg\0" + counts + vertices.astype("<f4").tobytes()
+        body += b"" if normal is None else normal.astype("<f4").tobytes()
+        body += faces.astype("<u4").tobytes()
+        size = np.array([len(body), len(body) ^ 0xFFFF], "<u2").tobytes()
+        offsets.append(len(content))
+        content += b"\x1c\x04\x04\0" + b"\x78\x01" + b"\1" + size + body
+        content += zlib.adler32(body).to_bytes(4, "big")
+    table = np.array(offsets, "<u8").tobytes()
+    return content + table + np.uint32(len(offsets)).tobytes()
+
+
 def obj(vertices: Array, faces: Array) -> str:
     """An OBJ file without normals."""
     rows = ["v {:.5f} {:.5f} {:.5f}\n".format(*v) for v in vertices]
@@ -1024,6 +1095,9 @@ def files() -> dict[str, str | bytes]:
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),
         "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),
+        "meshes/bumps_egg.serialized": serialized(
+            (ball, ball_faces, None), (body, body_faces, normals(egg, unit))
+        ),
     }
     result |= {f"{name}.xml": xml(str(make.__doc__), make()) for name, make in SCENES.items()}
     rows = [f"| `{name}` | {str(make.__doc__)[:-1]} |\n" for name, make in SCENES.items()]

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 import veriray
+from veriray import transform
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats import mesh, mitsuba_dict
 from veriray.formats.node import Node, Value
@@ -645,6 +646,22 @@ def test_cylinders_are_as_near_as_stated():
     assert set(scene.vertices[:, 2]) == {0.0, 4.0}
     turned = one_shape(type="cylinder", to_world=np.diag([-1.0, 1, 1, 1]))
     assert (facing(turned)[:, :2] * turned.vertices[turned.triangles[:, 0]][:, :2]).sum() > 0
+
+
+def test_a_closed_cylinder_leaks_no_light():
+    """Black from within, with disks as ends, under a bright sky: 65,536 paths see nothing."""
+    black = {"type": "twosided", "b": {"type": "diffuse", "reflectance": 0.0}}
+    for k, target in enumerate(([0.3, 0.1, 2], [1, 0.2, 0.1], [-0.2, 1, -2], [0.1, 0.1, 1.1])):
+        place = transform.look_at([0.1, -0.2, 0.3], target, [1, 2, 3])
+        scene = load_dict({
+            "type": "scene", "sky": {"type": "constant", "radiance": 1e30},
+            "sensor": {"type": "perspective", "fov": 150.0, "to_world": place},
+            "side": {"type": "cylinder", "p0": [0, 0, -1], "bsdf": black},
+            "low": {"type": "disk", "to_world": transform.translate([0, 0, -1]), "bsdf": black},
+            "high": {"type": "disk", "to_world": transform.translate([0, 0, 1]), "bsdf": black},
+        })  # fmt: skip
+        picture = veriray.render(scene, spp=16, width=32, height=32, device="cpu", seed=k)
+        assert not picture.image.any()
 
 
 @pytest.mark.parametrize(

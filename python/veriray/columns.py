@@ -23,23 +23,26 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class MaterialKind:
-    """opaque: nothing goes through, so `two_sided` may be set; refracts: `eta` is one index."""
+    """opaque: nothing goes through, so `two_sided` may be set; refracts: `eta` is one index;
+    scatters: not by delta lobes alone, so light samples reach it."""
 
     opaque: bool = False
     refracts: bool = False
+    scatters: bool = False
 
 
 _MATERIAL_KINDS = {
-    "diffuse": MaterialKind(opaque=True),
+    "diffuse": MaterialKind(opaque=True, scatters=True),
     "conductor": MaterialKind(opaque=True),
     "dielectric": MaterialKind(refracts=True),
-    "plastic": MaterialKind(opaque=True, refracts=True),
+    "plastic": MaterialKind(opaque=True, refracts=True, scatters=True),
     "thindielectric": MaterialKind(refracts=True),
     "null": MaterialKind(),
 }
 #: Names of the values of `material_kind` and `light_kind`.
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
+SCATTERING_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.scatters)
 LIGHT_KINDS = ("point", "spot", "directional")
 #: Names of the values of `texture_kind`, `texture_wrap`, `texture_filter` and `texture_format`.
 TEXTURE_KINDS = ("bitmap", "checkerboard")

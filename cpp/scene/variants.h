@@ -30,8 +30,8 @@ inline constexpr FeatureMask kVariants[] = {
     kSpheres | kSky | kMedia | kRefraction | materials(kRefracting),
     kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
     kLean & ~(kMedia | kChromatic),
-    kLean,
     kAllFeatures & ~(kMedia | kChromatic),
+    kLean,
     kAllFeatures,
 };
 static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "scene/scene.h"
+#include "scene/thread_pool.h"
 #include "textures/srgb.h"
 
 namespace veriray {
@@ -138,7 +139,9 @@ void HostScene::set_textures(const SceneInput& in) {
     }
     std::copy_n(in.texels.data, in.texels.count, texels.begin() + kCodeWords);
     uv.assign(sources.size() * kUvFloats, 0.f);
-    for (size_t i = 0; i < sources.size(); ++i) put_uv(in, i);
+    in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) put_uv(in, i);
+    });
     view.uv = uv.data();
     view.textures = {textures.data(), stride, static_cast<uint32_t>(count), texels.data()};
 }

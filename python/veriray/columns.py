@@ -467,6 +467,8 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
     row = _first(~(np.abs(products - np.eye(3)) <= 1e-3).all(axis=(1, 2)))
     if row is not None:
         raise SceneError(f"sphere_frame[{row}] does not hold unit axes across each other")
+
+
 def _check_sky(arrays: Mapping[str, Array]) -> None:
     (width, height), texels = arrays["sky_size"].tolist(), len(arrays["sky_texels"])
     if width * height != texels or texels > MAX_SKY_TEXELS:

@@ -182,6 +182,8 @@ SCENARIOS: tuple[Scenario, ...] = (
              peers=False),
     Scenario("variants-medium", "the same, glass sphere with a medium", _MEDIUM, "variants",
              _both(512), _ONE, max_depth=128, rr_depth=64, peers=False),
+    Scenario("variants-lit-medium", "the same under a lamp", "glass medium lit", "variants",
+             _both(512), _ONE, max_depth=128, rr_depth=64, peers=False),
     Scenario("variants-spheres", "the same, box with a mirror and a glass sphere",
              "cornell spheres", "variants", _SIZE, _SPP, peers=False),
     Scenario("variants-thin", "the same, box with a mirror and a sphere of thin glass",
@@ -345,7 +347,8 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     Made are "icosphere N" (displaced, 20 * 4^N triangles), "glass icosphere N", "thin icosphere N"
     (of thin glass), "medium icosphere N" (of glass with a medium) and "lamp icosphere N" (in the
     dark, under a rectangle that shines, a quarter of its width away), "glass sphere" and "glass
-    medium" (with one inside) under a constant sky; "cornell spheres", Mitsuba's box with two of
+    medium" (with one inside) under a constant sky, "glass medium lit" under a rectangle; "cornell
+    spheres", Mitsuba's box with two of
     them for its boxes, "cornell thin" with one of thin glass, "cornell rough" with rough ones,
     "image sky" with an image around it; "cornell textured", the box with checkerboards for its
     colours, "cornell textured spheres" with the two spheres as well; "lights", small lamps over a
@@ -389,9 +392,10 @@ def _made(name: str, folder: Path) -> str:
         chosen = name.removeprefix("lights").strip()
         return _SCENE.format(sky="", shape=_lamps(chosen), integrator="path")
     if name.startswith("glass") and "icosphere" not in name:
-        inside = _MEDIUM_INSIDE if name == "glass medium" else ""
+        inside = _MEDIUM_INSIDE if "medium" in name else ""
         shape = f'<shape type="sphere">\n        {_GLASS}{inside}\n    </shape>'
-        return _SCENE.format(sky=_SKY, shape=shape, integrator="volpath")
+        sky = _NEAR_LAMP if name.endswith("lit") else _SKY
+        return _SCENE.format(sky=sky, shape=shape, integrator="volpath")
     stem, level = name.replace(" ", "_"), int(name.split()[-1])
     if not (folder / f"{stem}.ply").exists():
         from veriray_validate.leaks import displaced_icosphere

@@ -45,7 +45,8 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
 
 def test_parameters_fill_columns() -> None:
     tables = {"bsdf": "materials", "phase": "media", "emitter": "lights"}
-    filled = {"two_sided", "material_kind", "eta", "k", "alpha_u", "alpha_v", "distribution"}  # by what they hold, or computed
+    # by what they hold, or computed
+    filled = {"two_sided", "material_kind", "eta", "k", "alpha_u", "alpha_v", "distribution"}
     for plugin in PLUGINS.values():
         for param in plugin.params.values():
             if param.column:

@@ -381,7 +381,9 @@ def _sphere_lights(rng: np.random.Generator, n: int) -> Array:
 def _materials(rng: np.random.Generator, n: int) -> Array:
     """Kind, side, albedo, colours, eta, k, alpha, slopes, a normal and a direction on its side."""
     kind = rng.integers(0, len(MATERIAL_KINDS), (n, 1))
-    eta = np.where((kind == 1) | (kind == 6), 10 ** rng.uniform(-2, 1, (n, 1)), rng.uniform(0.4, 2.5, (n, 1)))
+    eta = np.where(
+        (kind == 1) | (kind == 6), 10 ** rng.uniform(-2, 1, (n, 1)), rng.uniform(0.4, 2.5, (n, 1))
+    )
     normal = directions(rng, n)
     wo = normalised(normal + 0.9999 * directions(rng, n))
     return np.concatenate([kind, rng.integers(0, 2, (n, 1)), rng.random((n, 3)), eta,

@@ -33,6 +33,14 @@ struct Bsdf {
     VR_HD M is(uint32_t which) const { return kind == U(which); }
     VR_HD M nobody() const { return kind == U(kMaterialCount); }
 
+    // The code of these kinds is skipped where no lane has them (cpp/README.md, "Code of rare
+    // kinds").
+    static constexpr uint32_t kRare = kAllKinds & ~kPlainKinds;
+    template <uint32_t kWanted>
+    VR_HD bool occurs() const {
+        return kOneKind || any(any_of<kWanted>());
+    }
+
     // Calls visit(closure, lanes that have it) for the kinds of kWanted that can occur.
     template <uint32_t kWanted = kAllKinds, class Visit>
     VR_HD void each(Visit visit) const {
@@ -66,7 +74,8 @@ struct Bsdf {
         view.n = n;
         view.cos_o = cosine;
         if constexpr (has(kIndexedKinds)) {
-            view.relative = parameters.eta[0];
+            view.relative = parameters.eta[0], view.fresnel = {F(0.f), F(0.f)};
+            if (!occurs<kIndexedKinds>()) return;
             each<kIndexedKinds>([&](auto closure, M m) {
                 view.relative = select(m, closure.index(parameters, from_front), view.relative);
             });
@@ -83,10 +92,14 @@ struct Bsdf {
     // wi and n, positive on wo's side.
     VR_HD BsdfValue<F> eval(V wo, V wi, F cos_i) const {
         BsdfValue<F> value{S::all(F(0.f)), F(0.f)};
-        each<kScattering>([&](auto closure, M m) {
+        const auto take = [&](auto closure, M m) {
             const BsdfValue<F> one = closure.eval(parameters, view, wo, wi, cos_i);
             value.f_cos = kOneKind ? one.f_cos : select(m, one.f_cos, value.f_cos);
             value.pdf_sa = kOneKind ? one.pdf_sa : select(m, one.pdf_sa, value.pdf_sa);
+        };
+        each<kScattering & ~kRare>(take);
+        each<kScattering & kRare>([&](auto closure, M m) {
+            if (kOneKind || any(m)) take(closure, m);
         });
         return value;
     }
@@ -110,7 +123,11 @@ struct Bsdf {
     VR_HD BsdfSample<L> sample(V wo, BsdfNumbers<F> r) const {
         const F zero(0.f);
         BsdfSample<L> s{{zero, zero, zero}, S::all(zero), zero, nobody(), nobody()};
-        each([&](auto closure, M m) {
+        each<~kRare>([&](auto closure, M) {  // the other kinds' lanes are set below
+            s = closure.sample(parameters, view, wo, r, nobody());
+        });
+        if (!occurs<kRare>()) return s;
+        each<kRare>([&](auto closure, M m) {
             if (kOneKind || any(m)) {
                 const BsdfSample<L> one = closure.sample(parameters, view, wo, r, nobody());
                 s = kOneKind ? one : Closure<L>::chosen(m, one, s);

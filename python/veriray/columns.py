@@ -23,17 +23,19 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class MaterialKind:
-    """opaque: nothing goes through, so `two_sided` may be set; refracts: `eta` is one index."""
+    """opaque: nothing goes through, so `two_sided` may be set; refracts: `eta` is one index;
+    scatters: not by delta lobes alone, so light samples reach it."""
 
     opaque: bool = False
     refracts: bool = False
+    scatters: bool = False
 
 
 _MATERIAL_KINDS = {
-    "diffuse": MaterialKind(opaque=True),
+    "diffuse": MaterialKind(opaque=True, scatters=True),
     "conductor": MaterialKind(opaque=True),
     "dielectric": MaterialKind(refracts=True),
-    "plastic": MaterialKind(opaque=True, refracts=True),
+    "plastic": MaterialKind(opaque=True, refracts=True, scatters=True),
     "thindielectric": MaterialKind(refracts=True),
     "null": MaterialKind(),
     "roughconductor": MaterialKind(opaque=True),
@@ -46,6 +48,7 @@ MIN_ALPHA, MAX_ALPHA = 5e-5, 10.0
 #: Names of the values of `material_kind` and `light_kind`.
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
+SCATTERING_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.scatters)
 LIGHT_KINDS = ("point", "spot", "directional")
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR

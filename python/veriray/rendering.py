@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
-from .columns import MATERIAL_KINDS
+from .columns import MATERIAL_KINDS, SCATTERING_KINDS
 from .errors import RefusedSamplesWarning
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
@@ -218,17 +218,19 @@ def choose_scheduler(
 ) -> tuple[str, str]:
     """The scheduler that runs and why. settings: settled; facts: those of `scene_facts`.
 
-    Rule of "auto": `fused`, but `wavefront` on CUDA for scenes with a tree and materials of several
-    kinds, from WAVE_PATHS paths per launch on. On an H200 it takes 0.34 to 0.83 of the time of
-    `fused`, whose one kernel holds everything, at 2^26 paths; with few paths it may take twice the
-    time, and for diffuse meshes 1.7 times (docs/speed.md).
+    Rule of "auto": `fused`, but `wavefront` on CUDA for scenes with a tree, code for several kinds
+    of material, and one that is not made of delta lobes, from WAVE_PATHS paths per launch on. On an
+    H200 it takes 0.34 to 0.83 of the time of `fused`, whose one kernel holds everything, at 2^26
+    paths; with few paths it may take twice the time, for a mesh of glass alone 1.3 times, and for
+    diffuse meshes 1.7 times (docs/speed.md).
     """
     if settings.scheduler != "auto":
         return settings.scheduler, "asked for"
     width, height, spp = (getattr(settings, name) for name in ("width", "height", "spp"))
     paths = 0 if settings.target_error else width * height * spp // max(1, settings.batches)
     several = len({*MATERIAL_KINDS} & {*facts["variant"]}) > 1
-    if backend == "cuda" and facts["tree"] and several and paths >= WAVE_PATHS:
+    suits = facts["tree"] and several and {*SCATTERING_KINDS} & {*facts["features"]}
+    if backend == "cuda" and suits and paths >= WAVE_PATHS:
         return "wavefront", "auto takes it for many paths among several materials in a tree"
     return "fused", "auto"
 

@@ -473,15 +473,18 @@ def test_native_error_types_become_ours() -> None:
 def test_auto_takes_wavefront_where_it_pays() -> None:
     """The rule of `choose_scheduler`, on what scenes say of themselves."""
     many = RenderSettings(width=1024, height=1024, spp=16)
-    tree = {"tree": {"width": 4}, "variant": ["bvh", "diffuse", "plastic"]}
+    kinds = ["bvh", "diffuse", "plastic"]
+    tree = {"tree": {"width": 4}, "features": ["bvh", "diffuse"], "variant": kinds}
     plain = {**tree, "variant": ["bvh", "diffuse"]}
     flat = {**tree, "tree": {}}
+    glass = {**tree, "features": ["bvh", "dielectric"]}
 
     def chosen(settings: RenderSettings = many, backend: str = "cuda", facts: Any = tree) -> str:
         return choose_scheduler(settings, backend, facts)[0]
 
     assert chosen() == "wavefront"
-    assert {chosen(facts=plain), chosen(facts=flat), chosen(backend="cpu")} == {"fused"}
+    others = {chosen(facts=facts) for facts in (plain, flat, glass)}
+    assert others | {chosen(backend="cpu")} == {"fused"}
     few = dataclasses.replace(many, spp=15)
     by_batch = dataclasses.replace(many, batches=2)
     until = dataclasses.replace(many, target_error=0.1)

@@ -94,7 +94,8 @@ def rough_plastic(t: Trial, alpha: float, ggx: bool, mu: float, lit: str) -> Non
     t.agrees(plate(rough(alpha, ggx, smooth), mu, lit), exact, 800_000, sees=0.01)
 
 
-@case(3, each={"alpha": (0.05, 0.4), "ggx": (True, False), "mu": (0.9, 0.3), "inside": (True, False)},
+@case(3, each={"alpha": (0.05, 0.4), "ggx": (True, False), "mu": (0.9, 0.3),
+               "inside": (True, False)},
       quick=lambda alpha, ggx, mu, inside: alpha == 0.4)  # fmt: skip
 def rough_glass(t: Trial, alpha: float, ggx: bool, mu: float, inside: bool) -> None:
     """Rough glass over a lamp, by quadrature: 1 of the sky reflected, 3 of the lamp through it.

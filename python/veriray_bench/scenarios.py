@@ -327,10 +327,10 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     Made are "icosphere N" (displaced, 20 * 4^N triangles), "glass icosphere N", "thin icosphere N"
     (of thin glass) and "lamp icosphere N" (in the dark, under a rectangle that shines, a quarter of
     its width away), "glass sphere" and "glass medium" (with one inside) under a constant sky;
-    "cornell spheres", Mitsuba's box with two of them for its boxes, "cornell thin" with one of thin
-    glass, "cornell rough" with rough ones; "lights", small lamps over a floor, and "lights C", those
-    of class C alone. Parameters of the file: width, height, max_depth and rr_depth. sampler: Mitsuba's name;
-    the only word in which the files of a scene differ.
+    "cornell spheres", Mitsuba's box with two of them for its boxes, "cornell thin" with one of
+    thin glass, "cornell rough" with rough ones; "lights", small lamps over a floor, and "lights C",
+    those of class C alone. Parameters of the file: width, height, max_depth and rr_depth. sampler:
+    Mitsuba's name; the only word in which the files of a scene differ.
     """
     if name in SHIPPED:
         path = find_shipped(name)

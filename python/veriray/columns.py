@@ -415,8 +415,8 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
     row = _first(rough & (u != v))
     if row is not None:
         raise SceneError(
-            f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: anisotropic roughness is "
-            "not supported"
+            f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: anisotropic roughness "
+            "is not supported"
         )
 
 

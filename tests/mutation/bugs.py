@@ -57,7 +57,8 @@ _CHECKS = (
     "directional_light", "disk_ellipse", "disk_light", "flip_normals", "glass_cube", "glass_mesh",
     "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
     "plastic",
-    "plastic_nonlinear", "point_in_medium", "point_light", "smooth_normals", "sphere_light",
+    "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
+    "point_in_medium", "point_light", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "textures", "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
 _SECOND_FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="20"/>
@@ -119,6 +120,10 @@ _PATH, _VERTEX, _DIRECT = (f"integrators/{n}.h" for n in ("path", "vertex", "dir
 _SURFACE, _BSDF = "integrators/surface.h", "bsdfs/bsdf.h"
 _DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic"))
 _THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
+_ROUGH_METAL, _ROUGH_PLASTIC, _ROUGH_GLASS = (
+    f"bsdfs/rough_{n}.h" for n in ("conductor", "plastic", "dielectric")
+)
+_FACETS, _CLOSURE = "bsdfs/microfacet.h", "bsdfs/closure.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
 _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
 _SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directional"))
@@ -253,7 +258,7 @@ _MATERIALS = (
     Mutant("mask's opacity inverted for light samples", _DIRECT, "F(1.f) - opacity", "opacity",
            "mask"),
     Mutant("one-sided materials reflect on both sides", _TABLES,
-           "in.two_sided.data[m] || closure.clear ? 1.f : 0.f", "1.f", "twosided"),
+           "in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f", "1.f", "twosided"),
     Mutant("pass counted as a vertex", _PATH,
            "select(pass, path.vertices, path.vertices + U(1u))", "path.vertices + U(1u)",
            "mask, depth 3"),
@@ -264,6 +269,50 @@ _MATERIALS = (
     Mutant("way before a pass forgotten, sphere lamp", _VERTEX, _MET,
            _MET.replace("path.ray.o", "fma(path.ray.d, path.travelled, path.ray.o)"),
            "sphere lamp in fog"),
+)  # fmt: skip
+
+_ROUGH = (
+    Mutant("slopes of GGX without their square", _FACETS, "F(1.f) / (q * q)", "F(1.f) / q",
+           "rough_metal"),
+    Mutant("slopes of Beckmann half as steep", _FACETS, "exp_minus(slope2 / z2)",
+           "exp_minus(F(4.f) * slope2 / z2)", "rough_metal"),
+    Mutant("light not hidden by small mirrors", _FACETS,
+           "d * masking * facets.seen(i) * cos_i", "d * masking", "rough_metal"),
+    Mutant("sampled light not hidden by small mirrors", _FACETS,
+           "facets.seen(i) * i.z * masking / chance", "masking / chance", "rough_metal"),
+    Mutant("opposite slopes at even chances", _FACETS, "(at < one_way) | !(other > none)",
+           "coin < F(0.5f)", "rough_metal"),
+    Mutant("density of visible slopes for Beckmann", _FACETS,
+           "F(1.f) / max(wo.z, F(0.5f) * (wo.z + tilt))", "masking", "rough_metal"),
+    Mutant("cap of GGX not about the stretched direction", _FACETS,
+           "fma(r, cosine, w.x)", "r * cosine", "rough_metal"),
+    Mutant("small mirrors reflect as the surface would", _ROUGH_METAL,
+           "colour(p, one.cosine) * one.f_cos", "colour(p, view.cos_o) * one.f_cos", "rough_metal"),
+    Mutant("density of light samples for rough metal doubled", _FACETS,
+           "d * facets.drawn(o, m, masking)", "F(2.f) * d * facets.drawn(o, m, masking)",
+           "rough_metal"),
+    Mutant("rough base seen through no coat", _ROUGH_PLASTIC, "view.coat.transmittance(cos_i)",
+           "F(1.f)", "rough_plastic"),
+    Mutant("rough coat chosen without its density", _ROUGH_PLASTIC, "one.pdf_sa * share",
+           "one.pdf_sa", "rough_plastic"),
+    Mutant("rough coat reflects without Fresnel", _ROUGH_PLASTIC,
+           "one.f_cos * reflectance(view, one.cosine)", "one.f_cos", "rough_plastic"),
+    Mutant("table of rough coats one step off", _CLOSURE, "to_uint(min(x, F(kCoatCells - 1.f)))",
+           "to_uint(max(x - F(1.f), F(0.f)))", "rough_plastic"),
+    Mutant("nothing sent back inside a rough coat", _TABLES, "sum / (kCoatCells + 1)", "0.0",
+           "rough_plastic"),
+    Mutant("light behind rough glass left out", _DIRECT, "lit = lit | behind;", "lit = lit;",
+           "rough_glass"),
+    Mutant("light behind rough glass not compressed", _ROUGH_GLASS,
+           "(squared(view) * compression(view))", "(squared(view))", "rough_glass"),
+    Mutant("refraction at small mirrors not compressed", _ROUGH_GLASS,
+           "F(1.f) / squared(view)", "F(1.f)", "rough_glass"),
+    Mutant("density of refraction at small mirrors lacks the index", _ROUGH_GLASS,
+           "select(mirror, F(1.f), squared(view))", "F(1.f)", "rough_glass"),
+    Mutant("shadow rays behind rough glass start in front", _DIRECT,
+           "select(lanes, at.behind, shadow.ray.o)", "at.p", "rough_glass"),
+    Mutant("light behind rough glass takes the medium in front", _DIRECT,
+           "select(lanes, at.beyond, shadow.medium)", "shadow.medium", "medium_in_rough_glass"),
 )  # fmt: skip
 
 _MEDIA = (
@@ -412,4 +461,4 @@ _GEOMETRY = (
 )  # fmt: skip
 
 #: The bugs that the verdict against the reference must find, in this order.
-MUTANTS = (*_CORNELL, *_MATERIALS, *_MEDIA, *_LIGHTS, *_TEXTURES, *_GEOMETRY)
+MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_MEDIA, *_LIGHTS, *_TEXTURES, *_GEOMETRY)

@@ -384,7 +384,7 @@ _REPAIRED = (  # bugs that veriray had
            "gap > 1e30 * size"),
     Mutant("smooth glass black from behind its normal", "integrators/surface.h",
            "bsdf.clear() & !(cosine > F(0.f))", "bsdf.clear() & !bsdf.clear()"),
-    Mutant("smooth glass loses the wrong side", _BSDF, "wrong = wrong & clear();",
+    Mutant("smooth glass loses the wrong side", _BSDF, "wrong = wrong & any_of<kClearKinds>();",
            "wrong = wrong & !wrong;"),
     Mutant("inward lamp unseen through its own surface", "scene/lights.cpp",
            "inside && lets_through(in, kSphereGroup, source.row) ? -2.f : prim(kPrimSide)",

@@ -21,7 +21,8 @@ SIZE, BATCHES, SPP = 32, 64, 16
 #: One scene for each part of the renderer; every one of scenes/checks is in the benchmark.
 CHECKS = ("chromatic_medium", "nested_dielectrics", "thinlens", "sphere_light", "spheres_300",
           "smooth_normals", "plastic", "mask", "touching_media", "spot_light",
-          "camera_in_medium", "conductor_metal")  # fmt: skip
+          "camera_in_medium", "conductor_metal", "rough_metal", "rough_plastic",
+          "rough_glass")  # fmt: skip
 
 
 def verdict(

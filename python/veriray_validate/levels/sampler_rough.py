@@ -36,6 +36,7 @@ ROUGH = {
 MIRRORS = tuple(name for name, grey in ROUGH.items() if grey.kind != "roughplastic")
 GLASS = tuple(name for name, grey in ROUGH.items() if grey.kind == "roughdielectric")
 ONE_SIDE = tuple(name for name in ROUGH if name not in GLASS)
+COARSE = tuple(name for name, grey in ROUGH.items() if grey.alpha > 0.1)
 ANGLES = (0.0, 30.0, 60.0, 80.0, 89.0)
 
 
@@ -281,9 +282,7 @@ def mean_albedo_of_rough_mirrors(t: Trial) -> None:
     t.check(abs(total - 4 * (1 - math.log(2)) ** 2) < 1e-4, f"{total}")
 
 
-@case(
-    2, each={"name": [n for n, grey in ROUGH.items() if grey.alpha > 0.1], "front": [True, False]}
-)
+@case(2, each={"name": COARSE, "front": [True, False]})
 def weak_white_furnace(t: Trial, name: str, front: bool) -> None:
     """The density over all directions and the lost samples add up to 1, within 1 %.
 

@@ -72,23 +72,18 @@ double HostScene::set_sky_map(const SceneInput& in) {
         const uint32_t j = static_cast<uint32_t>(at);
         float* out = sky_texels.data() + size_t{kSkyFloats} * width * j;
         std::copy_n(texel(0, j), size_t{kSkyFloats} * width, out);
-        for (uint32_t i = 0; i < width; ++i) sum[j] += light(i, j);
+        std::vector<double> here(width), sums(width);
+        for (uint32_t i = 0; i < width; ++i) here[i] = light(i, j);
+        for (uint32_t i = 0; i < width; ++i) sum[j] += here[i];
         if (j == cells) return;
         // As ImageSky's weights: a pole gives its light to its neighbour.
         const double upper = sky_sines[j], lower = sky_sines[j + 1];
         const double first = upper + (j == 0 ? lower : 0),
                      second = lower + (j + 1 == cells ? upper : 0);
-        const auto side = [&](uint32_t i) {
-            return light(i, j) * first + light(i, j + 1) * second;
-        };
-        std::vector<double> sums(width);
-        const double seam = side(0);
-        double left = seam, before = 0;
-        for (uint32_t i = 0; i < width; ++i) {
-            const double right = i + 1 < width ? side(i + 1) : seam;
-            sums[i] = before += left + right;
-            left = right;
-        }
+        for (uint32_t i = 0; i < width; ++i) here[i] = here[i] * first + light(i, j + 1) * second;
+        double before = 0;
+        for (uint32_t i = 0; i < width; ++i)
+            sums[i] = before += here[i] + here[i + 1 < width ? i + 1 : 0];
         weight[j] = before;
         put_intervals(sums, sky_ends.data() + cells + size_t{width} * j,
                       sky_guides.data() + row_guide + guide * j, map.column_bits);

@@ -43,7 +43,7 @@ _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
 _TO_LIGHT = "-path.ray.d, light.wi"
-_IMAGE, _SKY_TABLE = "lights/image_sky.h", "scene/sky.cpp"
+_IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "lights/sky_map.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
@@ -176,13 +176,13 @@ _LIGHTS = (
     Mutant("image of a sky sampled without the sine", _IMAGE, "F(map.cell) * sine", "F(map.cell)"),
     Mutant("image of a sky mirrored where it is sampled", _IMAGE,
            "row.vector(kLightE2) * -(sine * along)", "row.vector(kLightE2) * (sine * along)"),
-    Mutant("places in an image's cells drawn evenly", _IMAGE,
+    Mutant("places in an image's cells drawn evenly", _TABLE_OF_SKY,
            "return min(u / (from + root), F(1.f));", "return u + F(0.f) * root;"),
     Mutant("density of an image's cell taken as even where it is met", _IMAGE,
-           "c.density(at.s, at.t) * c.chance)", "c.chance)"),
-    Mutant("first cell of an image's row has its neighbour's chance", _IMAGE,
-           "select(first, F(0.f), end(select(first, k, k + U(~0u))))",
-           "end(select(first, k, k + U(~0u))) * F(.5f)"),
+           "select(pole, F(0.f), c.density(at.s, at.t) * c.chance)",
+           "select(pole, F(0.f), c.chance)"),
+    Mutant("chance of an image's cell from its upper end alone", _TABLE_OF_SKY,
+           "end(k) - start(k)", "end(k)"),
     Mutant("image of a sky sampled, but met without its chance", _LIGHT_TABLE,
            "put_light(sky, sky_chance, l.sky, 1)", "put_light(sky, 1, l.sky, 1)"),
 )  # fmt: skip

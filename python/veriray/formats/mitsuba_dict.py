@@ -1,8 +1,8 @@
 """Mitsuba-style dictionaries, as mitsuba.load_dict takes them: the same rules as for files.
 
 An object is {"type": name, parameter: value, child: object}. Values: bool, int, float, str, 4x4
-arrays or objects with a `matrix` attribute, {"type": "rgb", "value": ...},
-{"type": "spectrum", "value": number or pairs} and the plugins of `spectra`, {"type": "ref", "id":
+arrays or objects with a `matrix` attribute, images as arrays (H, W, C), {"type": "rgb", "value":
+...}, {"type": "spectrum", "value": number or pairs} and the plugins of `spectra`, {"type": "ref", "id":
 name}. A key of the scene is the id of its object. Places in messages are key paths,
 "scene.white.reflectance".
 
@@ -113,13 +113,13 @@ def _convert(value: Any, where: str, tree: Tree) -> Value | Ref | Node:
         return Value("float", float(value), where)
     if isinstance(value, (str, os.PathLike)):
         return Value("string", str(value), where)
+    if hasattr(value, "__array_interface__") and np.asarray(value).ndim == 3:  # mitsuba.Bitmap too
+        return Value("array", np.asarray(value), where)
     numbers = _numbers(value, where)
     if numbers.shape == (4, 4):
         return Value("transform", numbers, where)
     if numbers.shape == (3,):
         return Value("vector", tuple(numbers.tolist()), where)
-    if numbers.ndim == 3:
-        return Value("array", np.asarray(value), where)
     raise SceneError(f"an array of shape {numbers.shape}, expected (4, 4) or (3,)", where)
 
 

@@ -26,8 +26,8 @@ _INTEGER = re.compile(r"[+-]?[0-9]{1,20}")
 
 @dataclass(slots=True)
 class Value:
-    """A parameter: kind (float, integer, boolean, string, rgb, spectrum, vector, point, transform),
-    its value (rgb and vector: tuple of float; transform: (4, 4) float64) and its place."""
+    """A parameter: kind (float, integer, boolean, string, rgb, spectrum, vector, point, transform,
+    array), its value (rgb and vector: tuple of float; transform: (4, 4) float64) and its place."""
 
     kind: str
     value: Any

@@ -44,8 +44,7 @@ struct SurfaceReader {
 
     static constexpr bool kOneLane = std::is_same_v<F, float>;
 
-    // The record of quad i: several lanes read it as the CPU has laid it out for lanes, CUDA from
-    // the block's copy.
+    // The record of quad i: on a CPU laid out for lanes, on CUDA from the block's copy.
     static VR_HD auto quad(const SceneView& scene, uint32_t i) {
         if constexpr (!kOneLane) {
             return static_cast<const typename L::Uniform*>(scene.uniform_quads) + i * kQuadFloats;
@@ -224,8 +223,7 @@ struct SurfaceReader {
         return blocked & shadow.wanted;
     }
 
-    // Lanes whose hit is a piece of the sheet that they have passed there: a ray along the edge of
-    // two triangles meets both at one distance.
+    // Lanes whose hit is of the sheet that they passed there: rays meet both triangles at an edge.
     static VR_HD M same_sheet(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last,
                               const Hit<L>& hit, M active) {
         M same = active & (last.t > F(0.f)) & (hit.t == last.t);

@@ -2,8 +2,8 @@
 
 An object is {"type": name, parameter: value, child: object}. Values: bool, int, float, str, 4x4
 arrays or objects with a `matrix` attribute, images as arrays (H, W, C), {"type": "rgb", "value":
-...}, {"type": "spectrum", "value": number or pairs} and the plugins of `spectra`, {"type": "ref", "id":
-name}. A key of the scene is the id of its object. Places in messages are key paths,
+...}, {"type": "spectrum", "value": number or pairs} and the plugins of `spectra`, {"type": "ref",
+"id": name}. A key of the scene is the id of its object. Places in messages are key paths,
 "scene.white.reflectance".
 
 Beyond Mitsuba: {"type": "mesh", "vertices": (V, 3), "faces": (T, 3)} with "uv": (V, 2) and

@@ -9,7 +9,7 @@ import pytest
 
 from veriray import transform
 from veriray.camera import Film
-from veriray.columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS
+from veriray.columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, TEXTURABLE
 from veriray.errors import SceneError
 from veriray.formats.plugins import IORS
 from veriray.scene import load_dict, load_file
@@ -283,8 +283,10 @@ def rich():
         fog={"type": "homogeneous", "sigma_t": 2.0},
         ball={"type": "sphere", "bsdf": {"type": "dielectric"}, "light": {"type": "area"},
               "interior": {"type": "ref", "id": "fog"}},
-        plate={"type": "disk", "bsdf": {"type": "plastic"}},
-        box={"type": "cube", "bsdf": {"type": "conductor", "eta": 0.5, "k": 2.0}},
+        plate={"type": "disk", "bsdf": {"type": "plastic", "diffuse_reflectance": {
+            "type": "bitmap", "bitmap": np.arange(12, dtype=np.uint8).reshape(2, 2, 3)}}},
+        box={"type": "cube", "bsdf": {"type": "conductor", "eta": 0.5, "k": 2.0,
+             "specular_reflectance": {"type": "checkerboard"}}},
         lamp={"type": "point", "position": [0, 1, 0], "intensity": 3.0},
         sun={"type": "directional", "irradiance": 3.0},
         spot={"type": "spot"},
@@ -307,6 +309,12 @@ CHANGES = {
     "sigma_t": ((0, 2), 7), "albedo": ((0, 1), 0.5), "phase_g": (0, 0.5), "light_kind": (0, 1),
     "light_position": ((0, 0), 7), "light_direction": (0, (1, 0, 0)),
     "light_intensity": ((0, 0), 7), "light_angles": ((2, 1), 7),
+    "uv": ((0, 1), 7), "sphere_frame": (0, np.eye(3)[[1, 0, 2]]), "disk_turned": (0, True),
+    "texture_kind": (0, 1), "texture_to_uv": ((0, 0, 2), 7), "texture_color0": ((1, 0), 0.25),
+    "texture_color1": ((1, 1), 0.25), "texture_wrap": (0, 1), "texture_filter": (0, 1),
+    "texture_format": (0, 1), "texture_width": (0, 1), "texture_height": (0, 1),
+    "texture_grey": (0, True), "texture_first": (1, 1), "texels": (0, 7),
+    **{f"{name}_texture": (0, 1) for name in TEXTURABLE},
 }  # fmt: skip
 
 

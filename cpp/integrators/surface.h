@@ -283,8 +283,7 @@ struct SurfaceReader {
             record[c] = primitive_column(scene, primitive, c);
     }
 
-    // A shading normal that looks away from the viewer is left for the geometric one where a
-    // surface is clear: it would be black there.
+    // Clear surfaces, not to be black, take the geometric normal where the other looks away.
     static VR_HD void face_viewer(const Material& bsdf, V wo, V ng, V& ns, F& cosine) {
         if constexpr (Material::kClear) {
             const M away = bsdf.clear() & !(cosine > F(0.f));

@@ -591,3 +591,17 @@ def test_convert_writes_nothing_of_a_scene_with_faults(tmp_path: Path, capsys: A
     assert main(["convert", source, str(tmp_path / "out.txt")]) == 2
     assert "unknown suffix; expected .xml" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["in.xml"]
+
+
+def test_objects_in_no_object_have_no_effect(tmp_path: Path) -> None:
+    """As in Mitsuba: a film, sampler, filter or area light that stands in the scene itself."""
+    idle = '<film type="hdrfilm"/><sampler type="stratified"/><rfilter type="box"/>'
+    idle += '<emitter type="area"><rgb name="radiance" value="3"/></emitter>'
+    body = '<sensor type="perspective"/><emitter type="constant"/><shape type="sphere"/>'
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{body}</scene>')
+    plain = vr.load_file(path)
+    path.write_text(f'<scene version="3.0.0">{idle}{body}</scene>')
+    scene = vr.load_file(path)
+    assert scene.sha256 == plain.sha256
+    assert sum("in no object, it has no effect" in note for note in scene.notes) == 4

@@ -30,6 +30,10 @@ _View = tuple[Camera, Film, dict[str, Any]]
 _DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
 
 
+#: Categories of objects that Mitsuba takes in a scene, too, where they have no effect.
+_IDLE = ("film", "sampler", "rfilter", "phase")
+
+
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
@@ -138,8 +142,8 @@ class _Builder:
                 self.report.add(error)
                 faulty = True
             else:
-                if child.category in rules:  # a texture is a value of its parameter
-                    result[child.category].append(child)
+                if child.plugin in rules.get(child.category, ((),))[0]:  # else without effect, or a
+                    result[child.category].append(child)  # texture, which is a parameter's value
         for category, (names_, fewest, most) in rules.items():
             found = result[category]
             if len(found) < fewest and not faulty:
@@ -181,6 +185,8 @@ class _Builder:
         rules = PLUGINS[node.plugin].children
         if child.category == "texture" and node.category != "scene":
             textures.check_place(node, child, item)
+        elif node.category == "scene" and (child.category in _IDLE or child.plugin == "area"):
+            self.report.note(f"{child}: in no object, it has no effect", item.where)
         elif child.category not in rules or child.plugin not in rules[child.category][0]:
             names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
             raise SceneError(

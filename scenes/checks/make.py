@@ -356,7 +356,7 @@ def instances() -> str:
     """Groups of serialized meshes, a cube, a sphere and merged shapes, moved and mirrored."""
     meshes = text("filename", "meshes/bumps_egg.serialized")
     eggs = shape("serialized", meshes, '<integer name="shape_index" value="1"/>',
-                 diffuse(0.7, 0.5, 0.3))  # fmt: skip
+                 transform(scale(0.8, 1, 1), rotate("z", 15)), diffuse(0.7, 0.5, 0.3))  # fmt: skip
     ball = sphere(0, 1.2, 0, 0.4, bsdf("conductor"))
     flat = shape("serialized", meshes, flag("face_normals"), diffuse(0.4, 0.4, 0.7))
     smooth = eggs.replace("0.7, 0.5, 0.3", "0.3, 0.6, 0.6")

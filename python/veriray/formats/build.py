@@ -222,6 +222,8 @@ class _Builder:
         shapes = Shapes()
         for shape in parts["shape"]:
             self.shape(shape, shapes)
+        for text, place in shapes.notes():
+            self.report.note(text, place)
         textured = bool(self.tables.rows["textures"])
         arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured), **self.sky}
         arrays["texels"] = self.texels.array()

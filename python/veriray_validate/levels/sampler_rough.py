@@ -106,7 +106,6 @@ def rough_directions(t: Trial, name: str, angle: float) -> None:
         local, own = s[:, :3] @ frame.T, np.broadcast_to(wo @ frame.T, (len(s), 3))
         eta = grey.relative(front) if name in GLASS else 1.0
         through = s[:, 5] > 0
-        keep = s[:, 3] > 0  # the others left on the wrong side
         h = own + np.where(through, eta, 1.0)[:, None] * local
         h *= np.where(h[:, 2:] < 0, -1, 1) / single(grey.alpha) ** np.array([1, 1, 0])
         if grey.ggx:
@@ -122,8 +121,9 @@ def rough_directions(t: Trial, name: str, angle: float) -> None:
             # which of the two: its mean, where both are seen
             p = np.clip((own[:, 2] + np.abs(turn)) / (2 * own[:, 2]), 0, 1)
             odds = ((turn > 0) - p) / np.sqrt(np.maximum(p * (1 - p), 1e-12))
-            both = keep & (p < 0.999) & (p > 0)
-            if keep.all() and both.sum() > 1000:
+            both = p < 0.999
+            t.check((turn > 0)[~both], "a slope that wo does not see")
+            if both.sum() > 1000:
                 z = odds[both].sum() / math.sqrt(both.sum())
                 t.p(math.erfc(abs(z) / math.sqrt(2)), "which of two slopes")
         uniform(t, np.clip(u, 0, 1), v / (2 * np.pi) % 1, f"{name}, front {front}")

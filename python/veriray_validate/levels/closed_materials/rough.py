@@ -11,10 +11,12 @@ import veriray
 from veriray_validate.dicts import (
     BLACK,
     Dict,
+    cuboid,
     direction,
     facing,
     flat,
     glass,
+    medium,
     plastic,
     rgb,
     scene,
@@ -109,11 +111,12 @@ def rough_glass(t: Trial, alpha: float, ggx: bool, mu: float, inside: bool) -> N
     t.agrees(plate(sheet, mu, "sky", 3.0), exact, 400_000, sees=0.01)
 
 
-@case(3, each={"ggx": (True, False), "lamp": (True, False)})
-def light_through_rough_glass(t: Trial, ggx: bool, lamp: bool) -> None:
-    """A point light, or a distant lamp as small, behind a sheet of rough glass: f cos over d^2.
+@case(3, each={"ggx": (True, False), "lamp": (True, False), "fog": (0.0, 0.4)})
+def light_through_rough_glass(t: Trial, ggx: bool, lamp: bool, fog: float) -> None:
+    """A point light, or a lamp as small, behind the face of rough glass: f cos over d^2.
 
-    What radiance the sheet scatters to the eye, from D, G1 and F in float64.
+    What radiance the face scatters to the eye, from D, G1 and F in float64; exp(-fog d) of it where
+    the glass is a block that absorbs.
     """
     eta, alpha, mu = 1.5, 0.4, 0.8
     wo = np.array([math.sqrt(1 - mu * mu), 0.0, mu])
@@ -132,11 +135,14 @@ def light_through_rough_glass(t: Trial, ggx: bool, lamp: bool) -> None:
     sheet = rough(alpha, ggx, glass(eta))
     radius = 0.01
     parts: list[Any] = [flat("rectangle", [0, 0, 0], [0, 0, 1], 50, sheet)]
+    if fog:
+        parts = [cuboid([-50, -50, -9], [50, 50, 0], sheet, interior=medium(fog, 0.0))]
     if lamp:
         parts.append(sphere(list(place), radius, BLACK, 1.0))
-        power = math.pi * radius**2
+        power, way = math.pi * radius**2, distance - 2 / 3 * radius  # to its surface, on the mean
     else:
         parts.append({"type": "point", "position": place.tolist(), "intensity": rgb(1.0)})
-        power = 1.0
+        power, way = 1.0, distance
     seen = scene(view(5 * wo, [0, 0, 0]), *parts, max_depth=2)
-    t.agrees(seen, value * power / distance**2, 20_000, sees=0.01, margin=1e-3)
+    exact = value * power / distance**2 * math.exp(-fog * way)
+    t.agrees(seen, exact, 20_000, sees=0.01, margin=1e-3)

@@ -1,9 +1,10 @@
 """An image around the scene, in latitudes and longitudes.
 
 The first row is at the local pole +y and the last at -y; columns have their centres half a column
-from the seam at -z, and +x is a quarter further. Radiance is bilinear in the angles. A sample's
-cell, between four texels, is drawn in proportion to its solid angle and the brightest of its
-corners, by the sum over channels, and its direction uniformly in the cell.
+from the seam at -z, and +x is a quarter further. Radiance is bilinear in the angles. A sample is
+drawn, by rejection within a cell of four texels, in proportion to what is bilinear between weights
+at the cell's corners: the sum over channels times the sine of the polar angle. At a pole, where the
+sine is 0, a texel's sum counts for its neighbour away from the pole.
 """
 
 from __future__ import annotations
@@ -32,15 +33,19 @@ class Sky:
         height, self.width, _ = self.texels.shape
         self.cells = height - 1
         light = self.texels.sum(axis=2)
-        light = np.maximum(light, np.roll(light, -1, axis=1))
-        edges = np.cos(math.pi * np.arange(height) / self.cells)
-        self.edges = edges
-        weight = np.maximum(light[:-1], light[1:]) * -np.diff(edges)[:, None]
-        total = weight.sum()
+        sine = np.sin(math.pi * np.arange(height) / self.cells)[:, None]
+        upper, lower = light[:-1] * sine[:-1], light[1:] * sine[1:]
+        lower[0] += light[0] * sine[1]
+        upper[-1] += light[-1] * sine[-2]
+        #: By corner: upper left, upper right, lower left, lower right.
+        rolled = [np.roll(x, -1, axis=1) for x in (upper, lower)]
+        self.corners = np.stack([upper, rolled[0], lower, rolled[1]])
+        weight = self.corners.mean(axis=0)
+        self.area = 2 * math.pi / self.width * math.pi / self.cells
         #: Light across a unit disc, about.
-        self.power = math.pi * 2 * math.pi / self.width * total
-        self.chance = weight / max(total, 1e-300)
-        self.cdf = np.cumsum(self.chance)
+        self.power = math.pi * self.area * weight.sum()
+        self.scale = 1 / max(weight.sum() * self.area, 1e-300)
+        self.cdf = np.cumsum(weight) / max(weight.sum(), 1e-300)
 
     def _place(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Row, column and place in the cell of world directions (3, n)."""
@@ -61,20 +66,30 @@ class Sky:
                 out += self.texels[j, i].T * (down * along)
         return out
 
+    def _weight(
+        self, row: np.ndarray, column: np.ndarray, s: np.ndarray, t: np.ndarray
+    ) -> np.ndarray:
+        a, b, c, d = self.corners[:, row, column]
+        return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
+
     def pdf(self, d: np.ndarray) -> np.ndarray:
         """Density (n,) per solid angle of sampled directions."""
-        row, column, _, _ = self._place(d)
-        return self.chance[row, column] / self._solid_angle(row)
-
-    def _solid_angle(self, row: np.ndarray) -> np.ndarray:
-        return (self.edges[row] - self.edges[row + 1]) * (2 * math.pi / self.width)
+        row, column, s, t = self._place(d)
+        sine = np.sin((row + t) * math.pi / self.cells)
+        return self._weight(row, column, s, t) * self.scale / np.where(sine > 0, sine, np.inf)
 
     def sample(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
         """World directions (3, n) and their densities."""
         cell = np.searchsorted(self.cdf, rng.random(n) * self.cdf[-1], side="right")
         row, column = np.divmod(np.minimum(cell, self.cdf.size - 1), self.width)
-        height = self.edges[row] + rng.random(n) * (self.edges[row + 1] - self.edges[row])
-        azimuth = (column + 0.5 + rng.random(n)) * (2 * math.pi / self.width)
-        sine = np.sqrt(np.maximum(1 - height**2, 0))
-        local = np.stack([sine * np.sin(azimuth), height, -sine * np.cos(azimuth)])
-        return self.turn @ local, self.chance[row, column] / self._solid_angle(row)
+        s, t, todo = np.empty(n), np.empty(n), np.arange(n)
+        while len(todo):
+            s[todo], t[todo] = rng.random(len(todo)), rng.random(len(todo))
+            i, j = row[todo], column[todo]
+            most = self.corners[:, i, j].max(axis=0)
+            todo = todo[rng.random(len(todo)) * most >= self._weight(i, j, s[todo], t[todo])]
+        polar = (row + t) * math.pi / self.cells
+        azimuth = (column + 0.5 + s) * (2 * math.pi / self.width)
+        sine = np.sin(polar)
+        local = np.stack([sine * np.sin(azimuth), np.cos(polar), -sine * np.cos(azimuth)])
+        return self.turn @ local, self._weight(row, column, s, t) * self.scale / sine

@@ -306,7 +306,7 @@ def near_lamps() -> str:
 
 @scene
 def image_sky() -> str:
-    """An image of a sky, turned and scaled, with a small bright sun on its seam, beside a lamp."""
+    """An image of a sky, turned and scaled, with a small bright sun on its seam."""
     turn = transform(rotate("z", 20), rotate("y", 110))
     return (
         sensor() + floor(0.5, 0.6, 0.5) + sphere(-1.1, 0.8, 0, 0.8, diffuse(0.7, 0.5, 0.3))
@@ -314,7 +314,6 @@ def image_sky() -> str:
         + shape("rectangle", transform(scale(2, 1, 1), translate(0, 1, -2)),
                 bsdf("conductor", text("material", "none")))
         + emitter("envmap", text("filename", "skies/sun.exr"), number("scale", 0.8), turn)
-        + lamp(3, 4, 5, x=-1, y=3, z=0, half=0.5)
     )  # fmt: skip
 
 

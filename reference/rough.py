@@ -117,8 +117,8 @@ def _share(through: bool, cosines: np.ndarray, eta: float, alpha: float, ggx: bo
     else:
         r = 3 * (x + 1)
         u, weight = -np.expm1(-r * r), w * 3 * 2 * r * np.exp(-r * r)
-    u, v = (a.ravel() for a in np.meshgrid(u, (np.arange(64) + 0.5) / 128, indexing="ij"))
-    weight = np.repeat(weight / 64, 64)  # half of the angles, by symmetry
+    u, v = (a.ravel() for a in np.meshgrid(u, (np.arange(64) + 0.5) / 64, indexing="ij"))
+    weight = np.repeat(weight / 64, 64)
     rough, smooth = np.full(len(u), alpha), np.full(len(u), ggx)
     out = []
     for cosine in cosines:

@@ -59,8 +59,8 @@ NAMES = tuple(checks())
 QUICK = {
     "camera_in_medium", "conductor_metal", "directional_light", "disk_ellipse", "glass_cube",
     "hg_forward", "mask", "medium_in_glass", "mitchell", "plastic_nonlinear", "point_light",
-    "rectangle_sheared", "smooth_normals", "sphere_light", "spot_light", "tent", "thindielectric",
-    "thinlens", "twosided",
+    "rectangle_sheared", "rough_metal", "rough_plastic", "smooth_normals", "sphere_light",
+    "spot_light", "tent", "thindielectric", "thinlens", "twosided",
 }  # fmt: skip
 #: p values of one comparison, at most.
 TESTS = 9

@@ -50,9 +50,10 @@ struct Texturing {
     static VR_HD void replace(const SceneView& scene, Column column, Point uv, Material& m) {
         if (!scene.uv) return;
         [[maybe_unused]] const S coat = m.parameters.reflectance;
-#define VR_TEXTURABLE(name)                           \
-    if constexpr (Material::reads(kParameter_##name)) \
-        read(scene, column(kSurface_##name##_texture), uv, m.parameters.name);
+#define VR_TEXTURABLE(name)                                                   \
+    if constexpr (Material::reads(kParameter_##name))                         \
+        read(scene, column(kSurface_##name##_texture), uv, m.parameters.name, \
+             least(kParameter_##name));
 #include "schema/materials.def"
         if constexpr (Material::has(kCoatedKinds)) {
             const M lanes = m.template any_of<kCoatedKinds>() &
@@ -64,7 +65,7 @@ struct Texturing {
     template <class Column>
     static VR_HD F opacity(const SceneView& scene, Column column, Point uv) {
         F value = column(kSurface_opacity);
-        if (scene.uv) read(scene, column(kSurface_opacity_texture), uv, value);
+        if (scene.uv) read(scene, column(kSurface_opacity_texture), uv, value, F(0.f));
         return value;
     }
 
@@ -74,8 +75,12 @@ struct Texturing {
         const F turns = angle(x, y) * F(0.5f * kInvPi);
         return select(turns < F(0.f), turns + F(1.f), turns);
     }
+    // The least value that a texture gives, as of Mitsuba's: slopes are not 0.
+    static VR_HD F least(ParameterBit p) {
+        return F(p == kParameter_alpha_u || p == kParameter_alpha_v ? 1e-4f : 0.f);
+    }
     template <class Value>
-    static VR_HD void read(const SceneView& scene, F index, Point uv, Value& value) {
+    static VR_HD void read(const SceneView& scene, F index, Point uv, Value& value, F least) {
         const M textured = index >= F(0.f);
         if (none(textured)) return;
         const U row = to_uint(max(index, F(0.f)));
@@ -83,7 +88,7 @@ struct Texturing {
         if constexpr (std::is_same_v<Value, S>)
             value = select(textured, colour, value);
         else
-            value = select(textured, luminance(colour), value);
+            value = select(textured, max(luminance(colour), least), value);
     }
     // The number of a grey colour is itself.
     static VR_HD F luminance(const S& s) {

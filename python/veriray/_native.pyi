@@ -73,6 +73,8 @@ class SceneArrays(TypedDict):
     specular_reflectance_texture: npt.NDArray[np.int32]  # (M,)
     specular_transmittance_texture: npt.NDArray[np.int32]  # (M,)
     opacity_texture: npt.NDArray[np.int32]  # (M,)
+    alpha_u_texture: npt.NDArray[np.int32]  # (M,)
+    alpha_v_texture: npt.NDArray[np.int32]  # (M,)
     alpha_u: npt.NDArray[np.float32]  # (M,)
     alpha_v: npt.NDArray[np.float32]  # (M,)
     distribution: npt.NDArray[np.uint32]  # (M,)

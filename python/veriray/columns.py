@@ -56,7 +56,10 @@ TEXTURE_WRAPS = ("repeat", "mirror", "clamp")
 TEXTURE_FILTERS = ("bilinear", "nearest")
 TEXTURE_FORMATS = ("srgb8", "linear8", "half", "float")
 #: Numbers of a material that a texture can give: one more is a name here.
-TEXTURABLE = ("reflectance", "specular_reflectance", "specular_transmittance", "opacity")
+TEXTURABLE = (
+    "reflectance", "specular_reflectance", "specular_transmittance", "opacity",
+    "alpha_u", "alpha_v",
+)  # fmt: skip
 MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR

@@ -90,6 +90,8 @@ class SceneArrays:
     specular_transmittance_texture (M,) int32: gives specular_transmittance; -1: none does (index of
         textures, default -1)
     opacity_texture (M,) int32: gives opacity; -1: none does (index of textures, default -1)
+    alpha_u_texture (M,) int32: gives alpha_u; -1: none does (index of textures, default -1)
+    alpha_v_texture (M,) int32: gives alpha_v; -1: none does (index of textures, default -1)
     alpha_u (M,) float32: root mean square slope of a rough surface, along its tangent (in [5e-05,
         10], default 0.1)
     alpha_v (M,) float32: likewise, across its tangent (in [5e-05, 10], default 0.1)
@@ -155,6 +157,8 @@ class SceneArrays:
     specular_reflectance_texture: Array = _NONE
     specular_transmittance_texture: Array = _NONE
     opacity_texture: Array = _NONE
+    alpha_u_texture: Array = _NONE
+    alpha_v_texture: Array = _NONE
     alpha_u: Array = _NONE
     alpha_v: Array = _NONE
     distribution: Array = _NONE

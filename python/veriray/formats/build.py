@@ -378,6 +378,9 @@ class _Builder:
                 raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
             values = self.check(child)[1]
             columns[column] = self.tables.index("textures", child, self.texels.row(child, values))
+            if item.name == "alpha":
+                columns["alpha_v_texture"] = columns[column]
+        materials.check_textured_alpha(node, columns)
         return columns
 
     def medium(self, node: Node) -> int:

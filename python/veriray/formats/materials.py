@@ -60,6 +60,18 @@ def _roughness(node: Node, values: dict[str, Any]) -> float:
     return 0.1 if alpha is None else max(alpha, _LEAST_ALPHA)
 
 
+def check_textured_alpha(node: Node, columns: Row) -> None:
+    """Raises SceneError unless textures of roughness stand for both directions alike, and alone."""
+    u, v = (columns.get(f"alpha_{axis}_texture") for axis in "uv")
+    numbers = [name for name in ("alpha", "alpha_u", "alpha_v") if name in node.values]
+    if u != v or (u is not None and numbers):
+        raise SceneError(
+            f"{node}: alpha_u and alpha_v differ: anisotropic roughness is not supported; give "
+            "alpha, or one texture for both",
+            node.where,
+        )
+
+
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
     name, eta, k = values["material"], values["eta"], values["k"]
     if (eta is None) != (k is None) or (name is not None and eta is not None):

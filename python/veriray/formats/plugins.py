@@ -188,6 +188,11 @@ _ROUGH = {
     "alpha_v": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_u"),
     "sample_visible": Param("boolean", True, doc="changes no expectation and nothing here"),
 }
+#: A rough coat has tables for its one alpha.
+_TEXTURED_ALPHA = {
+    name: replace(_ROUGH[name], column=column)
+    for name, column in (("alpha", "alpha_u"), ("alpha_u", "alpha_u"), ("alpha_v", "alpha_v"))
+}
 
 
 def _setting(name: str, doc: str) -> Param:
@@ -465,12 +470,12 @@ PLUGINS: dict[str, Plugin] = {
         _PLASTIC,
         doc="smooth clear coat on a diffuse base",
     ),
-    "roughconductor": Plugin("bsdf", {**_METAL, **_ROUGH}, doc="rough metal"),
+    "roughconductor": Plugin("bsdf", {**_METAL, **_ROUGH, **_TEXTURED_ALPHA}, doc="rough metal"),
     "roughplastic": Plugin(
         "bsdf", {**_PLASTIC, **_ROUGH}, doc="rough clear coat on a diffuse base"
     ),
     "roughdielectric": Plugin(
-        "bsdf", {**_GLASS, **_ROUGH}, doc="rough boundary of a clear material"
+        "bsdf", {**_GLASS, **_ROUGH, **_TEXTURED_ALPHA}, doc="rough boundary of a clear material"
     ),
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(

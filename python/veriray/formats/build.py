@@ -369,6 +369,7 @@ class _Builder:
     def textures(self, node: Node) -> materials.Row:
         """The columns that name the textures of a bsdf."""
         columns: materials.Row = {}
+        rows: materials.Row = {}
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "texture":
@@ -377,11 +378,9 @@ class _Builder:
             if item.name in node.values or column in columns:
                 raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
             values = self.check(child)[1]
-            columns[column] = self.tables.index("textures", child, self.texels.row(child, values))
-            if item.name == "alpha":
-                columns["alpha_v_texture"] = columns[column]
-        materials.check_textured_alpha(node, columns)
-        return columns
+            rows[item.name] = self.texels.row(child, values)
+            columns[column] = self.tables.index("textures", child, rows[item.name])
+        return columns | materials.textured_alpha(node, columns, rows)
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""

@@ -60,16 +60,23 @@ def _roughness(node: Node, values: dict[str, Any]) -> float:
     return 0.1 if alpha is None else max(alpha, _LEAST_ALPHA)
 
 
-def check_textured_alpha(node: Node, columns: Row) -> None:
-    """Raises SceneError unless textures of roughness stand for both directions alike, and alone."""
-    u, v = (columns.get(f"alpha_{axis}_texture") for axis in "uv")
-    numbers = [name for name in ("alpha", "alpha_u", "alpha_v") if name in node.values]
-    if u != v or (u is not None and numbers):
+def textured_alpha(node: Node, columns: Row, rows: Row) -> Row:
+    """The column of roughness that follows from the others; columns, rows: of the textures given.
+
+    Raises SceneError unless one texture, or two alike, stand for both directions.
+    """
+    names = {"alpha", "alpha_u", "alpha_v"}
+    given = names & rows.keys()
+    if not given:
+        return {}
+    alike = given == {"alpha"} or (len(given) == 2 and rows.get("alpha_u") == rows.get("alpha_v"))
+    if not alike or names & node.values.keys():
         raise SceneError(
             f"{node}: alpha_u and alpha_v differ: anisotropic roughness is not supported; give "
             "alpha, or one texture for both",
             node.where,
         )
+    return {"alpha_v_texture": columns["alpha_u_texture"]}
 
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:

@@ -4,6 +4,7 @@
 // SIGGRAPH 2015; the numbers are Mitsuba 3's.
 #pragma once
 
+#include "bsdfs/clear_coat.h"
 #include "bsdfs/microfacet.h"
 
 namespace veriray {
@@ -14,6 +15,7 @@ template <class L, bool kOpen>
 struct PrincipledLobes : Closure<L> {
     VR_CLOSURE(L);
     using Facets = Microfacets<L>;
+    using Coat = ClearCoat<F>;
     static constexpr bool kScatters = true, kIndexed = true;
     static constexpr bool kTransmits = kOpen, kRefracts = kOpen;
     static constexpr uint32_t kReads =
@@ -81,9 +83,9 @@ struct PrincipledLobes : Closure<L> {
         const F soft = F(1.25f) * fma(under, one / (view.cos_o + cos_i) - F(0.5f), F(0.5f));
         const F diffuse = base * F(kInvPi) * cos_i * mix(rough, soft, p.flatness);
         const F sheen = select(base > none, p.sheen * shut * grazing(im) * cos_i, none);
-        const F coat = coat_density(p, m);
+        const F coat = Coat::density(p.clearcoat_gloss, m);
         const F glint = F(0.25f) * p.clearcoat * mix(F(0.04f), one, slant) * coat *
-                        coat_seen(view.cos_o) * coat_seen(cos_i) * cos_i;
+                        Coat::seen(view.cos_o) * Coat::seen(cos_i) * cos_i;
         const M above = up & front;
         const auto only = [&](F x) { return kOpen ? select(above, x, none) : x; };
         for (uint32_t k = 0; k < kChannels; ++k) {
@@ -103,7 +105,8 @@ struct PrincipledLobes : Closure<L> {
         const M diffuse = r.lobe < chosen.diffuse, glossy = !(r.lobe < before);
         const F coin = (r.lobe - before) / chosen.mirrors;
         const V o = facets.local(wo, view.cos_o);
-        const V m = select(glossy, facets.draw(o, r.u, r.v, r.lobe), coat_normal(p, r.u, r.v));
+        const V m = select(glossy, facets.draw(o, r.u, r.v, r.lobe),
+                           Coat::draw(p.clearcoat_gloss, r.u, r.v));
         const F om = dot(o, m);
         V i = reflected(o, m, om);
         M through = nobody;
@@ -121,7 +124,6 @@ struct PrincipledLobes : Closure<L> {
     }
 
    private:
-    static VR_HD F mix(F a, F b, F t) { return fma(t, b, fma(-t, a, a)); }
     // Schlick's (1 - c)^5.
     static VR_HD F grazing(F c) {
         const F x = max(F(1.f) - c, F(0.f)), x2 = x * x;
@@ -181,28 +183,6 @@ struct PrincipledLobes : Closure<L> {
         const F open = select(front, opened(p), F(1.f)), metal = select(front, p.metallic, F(0.f));
         const F through = open * (F(1.f) - r);
         return select(through > F(0.f), through / (through + mix(r, F(1.f), metal)), F(0.f));
-    }
-
-    // The coat's mirrors: Burley's distribution of exponent 1, of slope a, drawn as they are.
-    static VR_HD F coat_squared(const Parameters& p) {
-        const F a = mix(F(0.1f), F(0.001f), p.clearcoat_gloss);
-        return a * a;
-    }
-    static VR_HD F coat_density(const Parameters& p, V m) {
-        const F a2 = coat_squared(p), spread = fma(a2 * m.z, m.z, fma(m.x, m.x, m.y * m.y));
-        return (a2 - F(1.f)) * F(kInvPi) / (log(a2) * spread);
-    }
-    static VR_HD V coat_normal(const Parameters& p, F u, F v) {
-        const F a2 = coat_squared(p), q = exp_minus(log(a2) * (u - F(1.f)));
-        const F per = F(1.f) / (F(1.f) - a2), r = sqrt(max((q - a2) * per, F(0.f)));
-        F sine, cosine;
-        sincos_2pi(v, sine, cosine);
-        return {r * cosine, r * sine, sqrt(max((F(1.f) - q) * per, F(0.f)))};
-    }
-    // Smith's G1 for GGX of slope 1/4.
-    static VR_HD F coat_seen(F c) {
-        const F c2 = c * c;
-        return F(2.f) * c / (c + sqrt(fma(F(0.0625f), F(1.f) - c2, c2)));
     }
 };
 

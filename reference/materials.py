@@ -13,7 +13,8 @@ plastic         MIRROR with probability F(wo), else COATED: rho / (1 - Fi) / eta
 thindielectric  MIRROR with probability 2F / (1 + F) (all inter-reflections), else PASS
 null            PASS
 mask            PASS with probability 1 - opacity
-roughconductor, roughplastic, roughdielectric: ROUGH (``reference/rough.py``)
+roughconductor, roughplastic, roughdielectric: ROUGH (``reference/rough.py``); principled likewise
+                (``reference/principled.py``)
 =============== ==================================================================================
 
 Normals: ng is geometric, ns the shading normal. Cosines are of ns. A value is 0 unless wo and wi
@@ -33,8 +34,8 @@ from reference.vectors import dot
 
 LAMBERT, COATED, ROUGH, PHASE, MIRROR, REFRACT, PASS, BLACK = range(8)
 _DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(6)
-ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS = range(6, len(MATERIAL_KINDS))
-_ONE_SIDED = np.array([True, True, False, True, False, False, True, True, False])
+ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS, PRINCIPLED, OPEN = range(6, len(MATERIAL_KINDS))
+_ONE_SIDED = np.array([True, True, False, True, False, False, True, True, False, True, False])
 
 
 def fresnel(cosine: np.ndarray, eta: np.ndarray | float) -> np.ndarray:
@@ -82,7 +83,7 @@ class Materials:
         self.opacity = np.array([m.opacity for m in materials])
         self.two_sided = np.array([m.two_sided for m in materials])
         self.one_sided = _ONE_SIDED[self.kind]
-        self.clear = np.isin(self.kind, (_DIELECTRIC, _THIN, _NULL, ROUGH_GLASS))
+        self.clear = np.isin(self.kind, (_DIELECTRIC, _THIN, _NULL, ROUGH_GLASS, OPEN))
         self.base = np.array([_base(m) for m in materials]).T.copy()
         lobes = [
             (self.base, (_DIFFUSE, _PLASTIC)),
@@ -97,7 +98,7 @@ class Materials:
         self.has = {kind: kind in present for kind in range(len(MATERIAL_KINDS))}
         self.masked = bool((self.opacity < 1).any())
         self.passes = self.masked or self.has[_THIN] or self.has[_NULL]
-        self.bends = self.has[_DIELECTRIC] or self.has[ROUGH_GLASS]
+        self.bends = self.has[_DIELECTRIC] or self.has[ROUGH_GLASS] or self.has[OPEN]
         self.rough = max(present) >= ROUGH_METAL
         self.plain = present == {_DIFFUSE} and not self.masked
 
@@ -133,6 +134,8 @@ class Materials:
                 (ROUGH_METAL, self._rough),
                 (ROUGH_PLASTIC, self._rough),
                 (ROUGH_GLASS, self._rough),
+                (PRINCIPLED, self._rough),
+                (OPEN, self._rough),
             ):
                 if self.has[number] and len(
                     at := np.flatnonzero((kind == number) & (event == LAMBERT))

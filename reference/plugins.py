@@ -16,6 +16,7 @@ import numpy as np
 from lxml import etree
 
 from reference import shapes, textures
+from reference.principled import SHARES
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
 from reference.skies import Sky, read_texels
 from reference.xml import Document
@@ -219,11 +220,11 @@ class _Reader(Document):
     def bsdf(self, element: etree._Element) -> Material:
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
-            "mask", "twosided", "roughconductor", "roughplastic", "roughdielectric",
+            "mask", "twosided", "roughconductor", "roughplastic", "roughdielectric", "principled",
         )  # fmt: skip
         if kind in ("mask", "twosided"):
             return getattr(self, kind)(element)
-        return Material(kind=kind, **getattr(self, kind)(element))
+        return Material(**{"kind": kind, **getattr(self, kind)(element)})
 
     def mask(self, element: etree._Element) -> Material:
         values = self.parameters(element, opacity=self.number(0, 1), bsdf=self.bsdf)
@@ -236,7 +237,8 @@ class _Reader(Document):
         inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")
         if inner is None or inner.opacity < 1:
             raise self.error(element, "twosided needs exactly one bsdf, without a mask")
-        if inner.kind not in ("diffuse", "conductor", "plastic", "roughconductor", "roughplastic"):
+        if inner.kind not in ("diffuse", "conductor", "plastic", "roughconductor", "roughplastic",
+                              "principled"):  # fmt: skip
             raise self.error(element, f"twosided {inner.kind}: it transmits light")
         return replace(inner, two_sided=True)
 
@@ -312,6 +314,28 @@ class _Reader(Document):
 
     def roughdielectric(self, element: etree._Element) -> dict:
         return self.roughness(element, self.dielectric(element, **self.rough()))
+
+    def principled(self, element: etree._Element) -> dict:
+        numbers = dict.fromkeys(SHARES, self.number(0, 1))
+        values = self.parameters(
+            element, base_color=self.colour(1.0), eta=self.number(1e-3, 1e3),
+            specular=self.number(0, 1), **numbers,
+        )  # fmt: skip
+        if "eta" in values and "specular" in values:
+            raise self.error(element, "expected eta or specular")
+        shares = {**SHARES, **{k: v for k, v in values.items() if k in SHARES}}
+        specular = values.get("specular", 0.5)
+        if shares["spec_trans"] and specular == 0:
+            specular = 1e-3
+        eta = values.get("eta", 2 / (1 - math.sqrt(0.08 * specular)) - 1)
+        if shares["spec_trans"] and eta == 1:
+            eta = 1.001
+        return {
+            "kind": "principled_open" if shares["spec_trans"] else "principled",
+            "reflectance": values.get("base_color", np.full(3, 0.5)),
+            "eta": np.full(3, eta),
+            "shares": shares,
+        }
 
     def conductor(self, element: etree._Element, **more: object) -> dict:
         values = self.parameters(

@@ -19,10 +19,12 @@ roughdielectric reflects with probability F, else refracts
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 
 import numpy as np
 
 from reference.materials import (
+    OPEN,
     ROUGH_GLASS,
     ROUGH_METAL,
     ROUGH_PLASTIC,
@@ -32,70 +34,12 @@ from reference.materials import (
     mirrored,
     refracted,
 )
+from reference.mirrors import any_normal, chance, normals, spread, unhidden, visible
+from reference.principled import Principled
 from reference.scene import Material
 from reference.vectors import dot
 
 STEPS = 64  # of Mitsuba's tables for rough coats
-
-
-def unhidden(w: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
-    """Smith's G1 (n,)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.abs(w[2]) / (alpha * np.hypot(w[0], w[1]))
-        smooth = 2 / (1 + np.sqrt(1 + 1 / slope**2))
-        a = np.minimum(slope, 1.6)
-        rational = (3.535 * a + 2.181 * a * a) / (1 + 2.276 * a + 2.577 * a * a)
-    return np.where(ggx, smooth, np.where(slope < 1.6, rational, 1.0))
-
-
-def spread(m: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
-    """D (n,), of m above."""
-    with np.errstate(divide="ignore", over="ignore"):
-        tangent2 = (m[0] ** 2 + m[1] ** 2) / m[2] ** 2 / alpha**2
-        gauss = np.exp(-tangent2)
-        slopes = np.where(ggx, 1 / (1 + tangent2) ** 2, gauss) / (np.pi * alpha**2)
-        return np.where(slopes > 0, slopes / m[2] ** 4, 0)
-
-
-def chance(wo: np.ndarray, m: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
-    """The density (n,) of choosing m, over D wo.m."""
-    area = dot(wo, m) / m[2]
-    both = np.maximum(area, 0) + np.maximum(2 * wo[2] - area, 0)
-    return np.where(ggx, unhidden(wo, alpha, ggx) / wo[2], 2 / both)
-
-
-def normals(
-    wo: np.ndarray, alpha: np.ndarray, ggx: np.ndarray, u: np.ndarray, v: np.ndarray, w: np.ndarray
-) -> np.ndarray:
-    """Mirrors (3, n) chosen by three numbers in [0, 1)."""
-    one = _any(alpha, u, v)
-    other = one * [[-1], [-1], [1]]
-    seen, seen_too = (np.maximum(dot(wo, m), 0) for m in (one, other))
-    one = np.where(w * (seen + seen_too) < seen, one, other)
-    return np.where(ggx, _visible(wo, alpha, u, v), one)
-
-
-def _any(alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    radius, turn = alpha * np.sqrt(-np.log1p(-u)), 2 * np.pi * v
-    m = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.ones_like(u)])
-    return m / np.sqrt(dot(m, m))
-
-
-def _visible(wo: np.ndarray, alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    # the slopes of alpha 1 as points of a disc, seen along the stretched wo
-    z = np.stack([alpha * wo[0], alpha * wo[1], wo[2]])
-    z /= np.sqrt(dot(z, z))
-    x = np.stack([-z[1], z[0], np.zeros_like(u)])
-    length = np.hypot(z[0], z[1])
-    x = np.where(length > 0, x / np.where(length > 0, length, 1), [[1.0], [0.0], [0.0]])
-    y = np.cross(z, x, axis=0)
-    r, turn = np.sqrt(u), 2 * np.pi * v
-    a, b = r * np.cos(turn), r * np.sin(turn)
-    share = (1 + z[2]) / 2
-    b = (1 - share) * np.sqrt(np.maximum(1 - a * a, 0)) + share * b
-    m = a * x + b * y + np.sqrt(np.maximum(1 - a * a - b * b, 0)) * z
-    m = np.stack([alpha * m[0], alpha * m[1], np.maximum(m[2], 0)])
-    return m / np.sqrt(dot(m, m))
 
 
 @functools.cache
@@ -125,9 +69,9 @@ def _share(through: bool, cosines: np.ndarray, eta: float, alpha: float, ggx: bo
         wo = np.empty((3, len(u)))
         wo[:] = np.array([[np.sqrt(1 - cosine * cosine)], [0.0], [cosine]])
         if ggx:
-            m, area = _visible(wo, rough, u, v), 1.0
+            m, area = visible(wo, rough, u, v), 1.0
         else:
-            m = _any(rough, u, v)
+            m = any_normal(rough, u, v)
             area = dot(wo, m) / m[2] / cosine * unhidden(wo, rough, smooth)
         om = dot(wo, m)
         f = fresnel(np.clip(om, 0, 1), eta)
@@ -148,6 +92,11 @@ class Rough:
         self.smooth = smooth
         self.alpha = np.array([m.alpha for m in materials])
         self.ggx = np.array([m.distribution == "ggx" for m in materials])
+        self.principled = {
+            k: Principled(m)
+            for k, m in enumerate(materials)
+            if m.kind in ("principled", "principled_open")
+        }
         self.base, self.coats = np.zeros((3, len(materials))), np.zeros((len(materials), STEPS))
         for k, m in enumerate(materials):
             if m.kind == "roughplastic":
@@ -159,7 +108,7 @@ class Rough:
         """N beyond / n on wo's side (n,); plastic's sides are alike."""
         kind = self.smooth.kind[m]
         index = np.where(kind == ROUGH_METAL, 1.0, self.smooth.index[m])
-        return np.where((kind == ROUGH_GLASS) & (facing < 0), 1 / index, index)
+        return np.where(np.isin(kind, (ROUGH_GLASS, OPEN)) & (facing < 0), 1 / index, index)
 
     def entering(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """T (n,) of rough plastic, linear between the steps."""
@@ -172,6 +121,22 @@ class Rough:
         self, m: np.ndarray, eta: np.ndarray, wo: np.ndarray, wi: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """F (3, n) times the cosine of wi, and the density (n,); 0 where nothing goes."""
+        value, density = self._evaluate(m, eta, wo, wi)
+        for one, at, front in self._principled(m, eta):
+            value[:, at], density[at] = one.evaluate(front, wo[:, at], wi[:, at])
+        return value, density
+
+    def _principled(self, m: np.ndarray, eta: np.ndarray) -> Iterator[tuple]:
+        """Each principled material with where it is seen, and from which side."""
+        for number, one in self.principled.items():
+            for front, index in ((True, one.index), (False, 1 / one.index)):
+                at = np.flatnonzero((m == number) & (eta == index))
+                if len(at) and (front or one.index != 1):
+                    yield one, at, front
+
+    def _evaluate(
+        self, m: np.ndarray, eta: np.ndarray, wo: np.ndarray, wi: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         kind, alpha, ggx = self.smooth.kind[m], self.alpha[m], self.ggx[m]
         mirror, glass = wi[2] > 0, kind == ROUGH_GLASS
         h = wo + np.where(mirror, 1.0, eta) * wi
@@ -218,5 +183,7 @@ class Rough:
         even = np.stack([r * np.cos(turn), r * np.sin(turn), np.sqrt(1 - r * r)])
         # a mirror's refraction or reflection that leaves on the other side is lost
         lost = ~matt & ((wi[2] > 0) == through)
-        wi = np.where(matt, even, wi)
-        return np.where(lost, 0.0, wi)
+        wi = np.where(lost, 0.0, np.where(matt, even, wi))
+        for one, at, front in self._principled(m, eta):
+            wi[:, at] = one.sample(rng, front, wo[:, at])
+        return wi

@@ -9,6 +9,7 @@ outside unless ``inward``. Colours are linear RGB (3,) float64.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from reference.textures import Texture
 
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
-                  "roughconductor", "roughplastic", "roughdielectric")  # fmt: skip
+                  "roughconductor", "roughplastic", "roughdielectric", "principled",
+                  "principled_open")  # fmt: skip
 LIGHT_KINDS = ("point", "spot", "directional")
 
 
@@ -87,7 +89,8 @@ class Material:
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
     opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones.
-    texture: in place of a diffuse reflectance.
+    texture: in place of a diffuse reflectance. shares: of principled ones, of which the open let
+    light through; their base colour is `reflectance`.
     """
 
     kind: str = "diffuse"
@@ -102,6 +105,7 @@ class Material:
     texture: Texture | None = None
     alpha: float = 0.1
     distribution: str = "beckmann"
+    shares: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ inline constexpr uint32_t kMetalKinds = kind_bit(kKindConductor) | kind_bit(kKin
 inline constexpr uint32_t kCoatedKinds = kind_bit(kKindPlastic) | kind_bit(kKindRoughPlastic);
 // Kinds that scenes with smooth surfaces do without.
 inline constexpr uint32_t kRoughKinds =
-    kind_bit(kKindRoughConductor) | kind_bit(kKindRoughPlastic) | kind_bit(kKindRoughDielectric);
+    kind_bit(kKindRoughConductor) | kind_bit(kKindRoughPlastic) | kind_bit(kKindRoughDielectric) |
+    kind_bit(kKindPrincipled) | kind_bit(kKindOpenPrincipled);
 
 }  // namespace veriray

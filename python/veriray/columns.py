@@ -41,10 +41,26 @@ _MATERIAL_KINDS = {
     "roughconductor": MaterialKind(opaque=True, scatters=True),
     "roughplastic": MaterialKind(opaque=True, refracts=True, scatters=True),
     "roughdielectric": MaterialKind(refracts=True, scatters=True),
+    "principled": MaterialKind(opaque=True, refracts=True, scatters=True),
+    "principled_open": MaterialKind(refracts=True, scatters=True),
 }
+#: Kinds that a parameter of a plugin makes of its own kind.
+OPEN_KINDS = {"principled": "principled_open"}
 #: Values of `distribution`.
 DISTRIBUTIONS = ("beckmann", "ggx")
 MIN_ALPHA, MAX_ALPHA = 5e-5, 10.0
+#: Shares of a principled surface: default and meaning.
+PRINCIPLED = {
+    "roughness": (0.5, "root of the slope of its mirrors, which is 0.001 at least"),
+    "metallic": (0.0, "share of a metal of the base colour"),
+    "spec_trans": (0.0, "share of the rest that lets light through"),
+    "spec_tint": (0.0, "share of the base colour's hue in what is not metal and reflects"),
+    "sheen": (0.0, "light that it reflects at grazing angles"),
+    "sheen_tint": (0.0, "share of the base colour's hue in that"),
+    "flatness": (0.0, "share of the diffuse part that imitates scattering below the surface"),
+    "clearcoat": (0.0, "amount of a clear coat"),
+    "clearcoat_gloss": (0.0, "the coat's slope, from 0.1 to 0.001"),
+}
 #: Names of the values of `material_kind` and `light_kind`.
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
@@ -58,7 +74,7 @@ TEXTURE_FORMATS = ("srgb8", "linear8", "half", "float")
 #: Numbers of a material that a texture can give: one more is a name here.
 TEXTURABLE = (
     "reflectance", "specular_reflectance", "specular_transmittance", "opacity",
-    "alpha_u", "alpha_v",
+    "alpha_u", "alpha_v", "roughness", "metallic",
 )  # fmt: skip
 MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
@@ -277,6 +293,10 @@ _HASHED_IF_SET: dict[str, Column] = {
         "materials", np.uint32, (), 0, indexes="distributions",
         doc="of the slopes; of DISTRIBUTIONS",
     ),
+    **{
+        name: Column("materials", np.float32, (), default, 0.0, 1.0, doc=f"of a principled: {doc}")
+        for name, (default, doc) in PRINCIPLED.items()
+    },
     "sky_texels": Column(
         "sky", np.float32, (3,), low=0.0,
         doc="radiance from far away by direction: an image in rows from the local pole +y to -y; "
@@ -408,11 +428,10 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
                 f"eta[{row}] = {eta[row].tolist()} of a {MATERIAL_KINDS[kinds[row]]}; expected one "
                 f"number in [{1 / MAX_IOR:g}, {MAX_IOR:g}] three times"
             )
-    row = _first((kinds == MATERIAL_KINDS.index("roughdielectric")) & (eta[:, 0] == 1))
-    if row is not None:
-        raise SceneError(
-            f"eta[{row}] is 1 on a roughdielectric; equal indices have no small mirrors"
-        )
+    for name in ("roughdielectric", "principled_open"):
+        row = _first((kinds == MATERIAL_KINDS.index(name)) & (eta[:, 0] == 1))
+        if row is not None:
+            raise SceneError(f"eta[{row}] is 1 on a {name}; equal indices have no small mirrors")
     u, v = arrays["alpha_u"], arrays["alpha_v"]
     rough = np.array([name.startswith("rough") for name in MATERIAL_KINDS])[kinds]
     row = _first(rough & (u != v))

@@ -92,10 +92,29 @@ class SceneArrays:
     opacity_texture (M,) int32: gives opacity; -1: none does (index of textures, default -1)
     alpha_u_texture (M,) int32: gives alpha_u; -1: none does (index of textures, default -1)
     alpha_v_texture (M,) int32: gives alpha_v; -1: none does (index of textures, default -1)
+    roughness_texture (M,) int32: gives roughness; -1: none does (index of textures, default -1)
+    metallic_texture (M,) int32: gives metallic; -1: none does (index of textures, default -1)
     alpha_u (M,) float32: root mean square slope of a rough surface, along its tangent (in [5e-05,
         10], default 0.1)
     alpha_v (M,) float32: likewise, across its tangent (in [5e-05, 10], default 0.1)
     distribution (M,) uint32: of the slopes; of DISTRIBUTIONS (default 0)
+    roughness (M,) float32: of a principled: root of the slope of its mirrors, which is 0.001 at
+        least (in [0, 1], default 0.5)
+    metallic (M,) float32: of a principled: share of a metal of the base colour (in [0, 1], default
+        0.0)
+    spec_trans (M,) float32: of a principled: share of the rest that lets light through (in [0, 1],
+        default 0.0)
+    spec_tint (M,) float32: of a principled: share of the base colour's hue in what is not metal and
+        reflects (in [0, 1], default 0.0)
+    sheen (M,) float32: of a principled: light that it reflects at grazing angles (in [0, 1],
+        default 0.0)
+    sheen_tint (M,) float32: of a principled: share of the base colour's hue in that (in [0, 1],
+        default 0.0)
+    flatness (M,) float32: of a principled: share of the diffuse part that imitates scattering below
+        the surface (in [0, 1], default 0.0)
+    clearcoat (M,) float32: of a principled: amount of a clear coat (in [0, 1], default 0.0)
+    clearcoat_gloss (M,) float32: of a principled: the coat's slope, from 0.1 to 0.001 (in [0, 1],
+        default 0.0)
     sky_texels (Y, 3) float32: radiance from far away by direction: an image in rows from the local
         pole +y to -y; in a row, azimuths from -z by +x (in [0, infinity))
     sky_size (2,) uint32: width and height of the image, 0 for none (in [0, 32768], default 0)
@@ -159,9 +178,20 @@ class SceneArrays:
     opacity_texture: Array = _NONE
     alpha_u_texture: Array = _NONE
     alpha_v_texture: Array = _NONE
+    roughness_texture: Array = _NONE
+    metallic_texture: Array = _NONE
     alpha_u: Array = _NONE
     alpha_v: Array = _NONE
     distribution: Array = _NONE
+    roughness: Array = _NONE
+    metallic: Array = _NONE
+    spec_trans: Array = _NONE
+    spec_tint: Array = _NONE
+    sheen: Array = _NONE
+    sheen_tint: Array = _NONE
+    flatness: Array = _NONE
+    clearcoat: Array = _NONE
+    clearcoat_gloss: Array = _NONE
     sky_texels: Array = _NONE
     sky_size: Array = _NONE
     sky_to_world: Array = _NONE

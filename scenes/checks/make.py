@@ -682,6 +682,44 @@ def medium_in_rough_glass() -> str:
     return sensor() + striped() + sphere(0, 1.1, 0.3, 1, glass, inside((2,), (0.9, 0.9, 0.9)))
 
 
+def principled(base: tuple[float, ...], *more: str, **shares: float) -> str:
+    """A principled surface of such shares."""
+    given = (number(name, value) for name, value in shares.items())
+    return bsdf("principled", rgb("base_color", *base), *given, *more)
+
+
+@scene
+def principled_surfaces() -> str:
+    """Principled surfaces: cloth, lacquer, tinted and metallic ones, one of them on both sides."""
+    pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.9, -0.6))
+    cloth = principled((0.6, 0.2, 0.1), roughness=0.9, sheen=1, sheen_tint=0.6, flatness=0.4)
+    lacquer = principled((0.1, 0.3, 0.7), roughness=0.6, clearcoat=1, clearcoat_gloss=0.3)
+    metal = principled((0.9, 0.6, 0.2), roughness=0.4, metallic=0.8, spec_tint=0.5, specular=0.9)
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.8, 0.2, 0.7, cloth)
+        + sphere(0.5, 0.5, 1, 0.45, lacquer)
+        + sphere(-0.3, 0.35, 1.6, 0.3, bsdf("principled"))
+        + shape("rectangle", pane, bsdf("twosided", metal))
+    )  # fmt: skip
+
+
+@scene
+def principled_glass() -> str:
+    """Principled surfaces that let light through: frosted glass, half glass and half metal."""
+    block = transform(scale(0.5, 0.6, 0.3), rotate("y", 30), translate(1.4, 0.61, 0.2))
+    frosted = principled((0.9, 0.8, 0.6), roughness=0.5, spec_trans=1)
+    half = principled((0.3, 0.7, 0.4), roughness=0.6, spec_trans=0.6, eta=1.3, clearcoat=0.8)
+    mixed = principled((0.8, 0.5, 0.3), roughness=0.7, spec_trans=0.7, metallic=0.3, sheen=0.5,
+                       spec_tint=0.5)  # fmt: skip
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.8, 0.2, 0.7, frosted)
+        + sphere(0.5, 0.5, 1, 0.45, half)
+        + shape("cube", block, mixed)
+    )  # fmt: skip
+
+
 @scene
 def mask() -> str:
     """Opacity 0.3, 0.6 and 0.9 over diffuse, plastic and mirror."""

@@ -58,6 +58,7 @@ _CHECKS = (
     "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
     "plastic",
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
+    "principled_surfaces", "principled_glass",
     "point_in_medium", "point_light", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "textures", "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
@@ -123,6 +124,7 @@ _THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
 _ROUGH_METAL, _ROUGH_PLASTIC, _ROUGH_GLASS = (
     f"bsdfs/rough_{n}.h" for n in ("conductor", "plastic", "dielectric")
 )
+_PRINCIPLED, _COAT = "bsdfs/principled.h", "bsdfs/clear_coat.h"
 _FACETS, _CLOSURE = "bsdfs/microfacet.h", "bsdfs/closure.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
 _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
@@ -315,6 +317,32 @@ _ROUGH = (
            "select(lanes, at.beyond, shadow.medium)", "shadow.medium", "medium_in_rough_glass"),
 )  # fmt: skip
 
+_BURLEY = (
+    Mutant("retro-reflection left out", _PRINCIPLED, "retro * fma(o5 * i5, retro - one, o5 + i5)",
+           "none", "principled_surfaces"),
+    Mutant("sheen without the base's hue", _PRINCIPLED, "mix(one, tint[k], p.sheen_tint)", "one",
+           "principled_surfaces"),
+    Mutant("flatness left out", _PRINCIPLED, "mix(rough, soft, p.flatness)", "rough",
+           "principled_surfaces"),
+    Mutant("metal without Schlick's rise", _PRINCIPLED, "mix(c, one, slant)", "c",
+           "principled_surfaces"),
+    Mutant("clear coat twice as strong", _PRINCIPLED, "F(0.25f) * p.clearcoat * mix(F(0.04f), one,"
+           " slant)", "F(0.5f) * p.clearcoat * mix(F(0.04f), one, slant)", "principled_surfaces"),
+    Mutant("clear coat drawn as if half as glossy", _COAT, "log(a2) * (u - F(1.f))",
+           "F(0.5f) * log(a2) * (u - F(1.f))", "principled_surfaces"),
+    Mutant("principled lobes chosen without their density", _PRINCIPLED,
+           "fma(chosen.diffuse, cosine_hemisphere_pdf_sa(cos_i),",
+           "fma(one, cosine_hemisphere_pdf_sa(cos_i),", "principled_surfaces"),
+    Mutant("principled glass passes the base colour, not its root", _PRINCIPLED,
+           "(one - r) * sqrt(c)", "(one - r) * c", "principled_glass"),
+    Mutant("principled glass not compressed", _PRINCIPLED, "F(1.f) / squared(view)", "F(1.f)",
+           "principled_glass"),
+    Mutant("chance of principled refraction left out of its density", _PRINCIPLED,
+           "select(up, one - through, through)", "one", "principled_glass"),
+    Mutant("principled glass diffuse from behind", _PRINCIPLED, "up & front", "up",
+           "principled_glass"),
+)  # fmt: skip
+
 _MEDIA = (
     Mutant("albedo of a medium squared", _MEDIUM, _FLIGHT,
            _FLIGHT.replace("albedo", "albedo * albedo"), "null_medium"),
@@ -461,4 +489,4 @@ _GEOMETRY = (
 )  # fmt: skip
 
 #: The bugs that the verdict against the reference must find, in this order.
-MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_MEDIA, *_LIGHTS, *_TEXTURES, *_GEOMETRY)
+MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_BURLEY, *_MEDIA, *_LIGHTS, *_TEXTURES, *_GEOMETRY)

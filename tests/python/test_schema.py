@@ -33,10 +33,10 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
     scene, *copies = (veriray.load_file("cornell-box") for _ in range(3))
     before, rows = scene.sha256, len(scene.reflectance)
     new = Column("materials", np.float32, (), 0.25, 0.0, 1.0)
-    monkeypatch.setitem(columns.COLUMNS, "roughness", new)
+    monkeypatch.setitem(columns.COLUMNS, "polish", new)
     at_default, set_ = np.full(rows, 0.25), np.linspace(0.0, 1.0, rows)
-    for copy, roughness, same in zip(copies, (at_default, set_), (True, False), strict=True):
-        object.__setattr__(copy, "roughness", roughness)
+    for copy, polish, same in zip(copies, (at_default, set_), (True, False), strict=True):
+        object.__setattr__(copy, "polish", polish)
         assert (copy.sha256 == before) == same
     monkeypatch.setitem(columns.COLUMNS, "knots", Column("curves", np.float64, (3,)))
     for rows, hashed in ((0, False), (2, True)):  # of a new table: existing rows count, even zeros
@@ -54,19 +54,20 @@ def test_parameters_fill_columns() -> None:
                 assert COLUMNS[param.column].table == tables[plugin.category]
                 filled.add(param.column)
     assert {name for name, column in COLUMNS.items() if column.table == "materials"} <= filled
-    assert set(MATERIAL_KINDS) | {"twosided", "mask"} == set(of_category("bsdf"))
+    own = set(MATERIAL_KINDS) - set(columns.OPEN_KINDS.values())
+    assert own | {"twosided", "mask"} == set(of_category("bsdf"))
 
 
 def test_a_new_number_of_a_material_is_a_column_and_a_parameter() -> None:
     code = """
 import veriray.columns as c
-c.COLUMNS["roughness"] = c.Column("materials", c.np.float32, (), 0.25, 0.0, 1.0)
+c.COLUMNS["polish"] = c.Column("materials", c.np.float32, (), 0.25, 0.0, 1.0)
 from veriray.formats import build, mitsuba_dict, plugins
-plugins.PLUGINS["diffuse"].params["alpha"] = plugins.Param("float", 0.5, column="roughness")
+plugins.PLUGINS["diffuse"].params["alpha"] = plugins.Param("float", 0.5, column="polish")
 one, two = ({"type": "sphere", "m": {"type": kind, **given}}
             for kind, given in (("diffuse", {"alpha": 0.75}), ("conductor", {})))
 scene = {"type": "scene", "s": {"type": "perspective", "fov": 40.0}, "one": one, "two": two}
-print(build.build(lambda report: mitsuba_dict.read(scene, report)).arguments["roughness"])
+print(build.build(lambda report: mitsuba_dict.read(scene, report)).arguments["polish"])
 """
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, TABLES, blank_row
+from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
 from . import integrators, materials, textures, views
@@ -358,6 +358,11 @@ class _Builder:
         if row is None:
             if node.plugin == "twosided":
                 row = {**self.material(parts["bsdf"][0]), "two_sided": True}
+                if MATERIAL_KINDS[row["material_kind"]] in OPEN_KINDS.values():
+                    raise SceneError(
+                        f"{node} cannot hold a {parts['bsdf'][0].plugin} that lets light through",
+                        parts["bsdf"][0].where,
+                    )
             elif node.plugin == "mask":
                 row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
             else:

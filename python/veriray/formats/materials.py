@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
 
-from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, blank_row
+from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, OPEN_KINDS, blank_row
 from ..errors import SceneError
 from . import metals
 from .node import Node
@@ -28,6 +29,8 @@ def material(node: Node, values: dict[str, Any]) -> Row:
     row = {**BLACK, **filled(node, values), "material_kind": MATERIAL_KINDS.index(node.plugin)}
     if "int_ior" in values:
         row["eta"] = (values["int_ior"] / values["ext_ior"],) * 3
+    if node.plugin == "principled":
+        row |= _principled(node, values)
     if "material" in values:
         row["eta"], row["k"] = _conductor(node, values)
     if "distribution" in values:
@@ -39,6 +42,27 @@ def material(node: Node, values: dict[str, Any]) -> Row:
             )
         row["distribution"] = DISTRIBUTIONS.index(values["distribution"])
         row["alpha_u"] = row["alpha_v"] = _roughness(node, values)
+    return row
+
+
+def _principled(node: Node, values: dict[str, Any]) -> Row:
+    """The index and the kind: one that lets light through is another, of an index other than 1."""
+    eta, specular, open_ = (values[name] for name in ("eta", "specular", "spec_trans"))
+    if eta is not None and specular is not None:
+        raise SceneError(
+            f"{node}: both eta and specular given, expected one of them",
+            node.values["specular"].where,
+        )
+    if eta is None:
+        specular = 0.5 if specular is None else specular
+        if open_ and not specular:
+            specular = 1e-3  # as Mitsuba
+        eta = 2 / (1 - sqrt(0.08 * specular)) - 1
+    elif open_ and eta == 1:
+        eta = 1.001  # as Mitsuba
+    row: Row = {"eta": (eta,) * 3}
+    if open_:
+        row["material_kind"] = MATERIAL_KINDS.index(OPEN_KINDS[node.plugin])
     return row
 
 

@@ -15,7 +15,10 @@ from ..columns import (
     MATERIAL_KINDS,
     MAX_ALPHA,
     MAX_ETA,
+    MAX_IOR,
     OPAQUE_KINDS,
+    OPEN_KINDS,
+    PRINCIPLED,
     TEXTURABLE,
     TEXTURE_FILTERS,
     TEXTURE_WRAPS,
@@ -104,7 +107,11 @@ _PLACED = {
 }
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
 _TEXTURES = ("bitmap", "checkerboard")
-_UNMASKED = (*OPAQUE_KINDS, "twosided", *(k for k in MATERIAL_KINDS if k not in OPAQUE_KINDS))
+_UNMASKED = (
+    *OPAQUE_KINDS,
+    "twosided",
+    *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values())),
+)
 _BSDFS = (*_UNMASKED, "mask")
 _SHAPES = (
     "mesh",
@@ -192,6 +199,18 @@ _ROUGH = {
 _TEXTURED_ALPHA = {
     name: replace(_ROUGH[name], column=column)
     for name, column in (("alpha", "alpha_u"), ("alpha_u", "alpha_u"), ("alpha_v", "alpha_v"))
+}
+_PRINCIPLED = {
+    "base_color": Param(
+        COLOUR, 0.5, **_REFLECTED, doc="of the diffuse part and the metal", column="reflectance"
+    ),
+    **{
+        name: Param(GREY, default, **_SHARE, doc=doc, column=name)
+        for name, (default, doc) in PRINCIPLED.items()
+    },
+    "anisotropic": Param("float", 0.0, choices=(0.0,), doc="slopes are alike in all directions"),
+    "eta": Param("float", None, 1 / MAX_IOR, MAX_IOR, doc="index inside over outside; or specular"),
+    "specular": Param("float", None, **_SHARE, doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"),
 }
 
 
@@ -476,6 +495,20 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "roughdielectric": Plugin(
         "bsdf", {**_GLASS, **_ROUGH, **_TEXTURED_ALPHA}, doc="rough boundary of a clear material"
+    ),
+    "principled": Plugin(
+        "bsdf",
+        _PRINCIPLED,
+        doc="diffuse, metal, glass, sheen and clear coat after Burley; black from behind unless "
+        "spec_trans is above 0 or it is inside twosided",
+        noted=dict.fromkeys(
+            (
+                "diffuse_reflectance_sampling_rate",
+                "main_specular_sampling_rate",
+                "clearcoat_sampling_rate",
+            ),
+            _SAMPLED,
+        ),
     ),
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(

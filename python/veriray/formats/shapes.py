@@ -17,7 +17,9 @@ from . import creases, cylinder, mesh
 from .node import Node, shorten
 
 Array = npt.NDArray[Any]
-_DIELECTRICS = [MATERIAL_KINDS.index(name) for name in ("dielectric", "roughdielectric")]
+_DIELECTRICS = [
+    MATERIAL_KINDS.index(name) for name in ("dielectric", "roughdielectric", "principled_open")
+]
 _QUAD = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
 _QUAD_FACES = np.array([[0, 1, 2], [0, 2, 3]])
 _CUBE = np.array(  # four corners a face, counter-clockwise from outside: -y, +y, +x, +z, -x, -z

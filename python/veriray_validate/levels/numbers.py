@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray import device as device_module
-from veriray.columns import MATERIAL_KINDS
+from veriray.columns import MATERIAL_KINDS, PRINCIPLED
 from veriray.numeric import sin_cos_degrees
 from veriray_validate.oracles import (
     CORNERS,
@@ -379,7 +379,8 @@ def _sphere_lights(rng: np.random.Generator, n: int) -> Array:
 
 
 def _materials(rng: np.random.Generator, n: int) -> Array:
-    """Kind, side, albedo, colours, eta, k, alpha, slopes, a normal and a direction on its side."""
+    """Kind, side, albedo, colours, eta, k, alpha, slopes, shares of a principled one, a normal and
+    a direction on its side."""
     kind = rng.integers(0, len(MATERIAL_KINDS), (n, 1))
     eta = np.where(
         (kind == 1) | (kind == 6), 10 ** rng.uniform(-2, 1, (n, 1)), rng.uniform(0.4, 2.5, (n, 1))
@@ -388,7 +389,8 @@ def _materials(rng: np.random.Generator, n: int) -> Array:
     wo = normalised(normal + 0.9999 * directions(rng, n))
     return np.concatenate([kind, rng.integers(0, 2, (n, 1)), rng.random((n, 3)), eta,
                            rng.uniform(0, 20, (n, 1)), 10 ** rng.uniform(-4, 0.5, (n, 1)),
-                           rng.integers(0, 2, (n, 1)), normal, wo], axis=1)  # fmt: skip
+                           rng.integers(0, 2, (n, 1)), rng.random((n, len(PRINCIPLED))), normal,
+                           wo], axis=1)  # fmt: skip
 
 
 def _lights(rng: np.random.Generator, n: int) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from veriray.columns import MATERIAL_KINDS
+from veriray.columns import MATERIAL_KINDS, PRINCIPLED
 from veriray_validate.levels.samplers import (
     N,
     count,
@@ -50,16 +50,17 @@ class Grey:
     k: float = 0.0
     alpha: float = 0.1
     ggx: float = 0.0
+    shares: tuple[float, ...] = tuple(default for default, _ in PRINCIPLED.values())
 
     def columns(self, front: bool = True) -> tuple[float, ...]:
         """As the hooks take them."""
-        kind, *rest = astuple(self)
-        return (MATERIAL_KINDS.index(kind), float(front), *rest)
+        kind, *rest, shares = astuple(self)
+        return (MATERIAL_KINDS.index(kind), float(front), *rest, *shares)
 
     def relative(self, front: bool) -> float:
         """Index beyond over index on the side of wo."""
         eta = float(single(self.eta))
-        two_sided = self.kind in ("dielectric", "roughdielectric")
+        two_sided = self.kind in ("dielectric", "roughdielectric", "principled_open")
         return 1 / eta if two_sided and not front else eta
 
     def mirror(self, cos_o: float, front: bool) -> float:

@@ -1,0 +1,267 @@
+"""Level 2: the principled surface, against its formulas in float64 (../principled.py).
+
+Grey, as the hooks take it; colours: tests/python/test_principled.py and the pictures of level 5.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from veriray_validate.levels.sampler_materials import NORMAL, Grey, evaluated, sampled, view
+from veriray_validate.levels.sampler_rough import near, pairs
+from veriray_validate.levels.samplers import N, random_numbers, random_points, uniform
+from veriray_validate.oracles import CORNERS, gauss, single
+from veriray_validate.principled import Principled, lobes
+from veriray_validate.trial import Trial, case
+
+Array = npt.NDArray[Any]
+WHITE = (1.0, 1.0, 1.0)
+SURFACES = {
+    "default": Principled(),
+    "chalk": Principled(WHITE, roughness=1.0),
+    "no interface": Principled(eta=1.0),
+    "thinner inside": Principled(eta=0.7, spec_tint=0.5, roughness=0.4),
+    "metal": Principled((0.9,) * 3, metallic=1.0, roughness=0.3),
+    "half metal": Principled((0.3,) * 3, metallic=0.5, spec_tint=0.7),
+    "cloth": Principled((0.3,) * 3, sheen=1.0, sheen_tint=0.5, roughness=0.8),
+    "flat": Principled((0.8,) * 3, flatness=0.7, roughness=0.7),
+    "lacquer": Principled((0.2,) * 3, clearcoat=1.0, roughness=0.6),
+    "gloss": Principled((0.2,) * 3, clearcoat=0.7, clearcoat_gloss=0.5, roughness=0.6),
+    "coat alone": Principled((0.0,) * 3, 1.0, clearcoat=1.0),
+    "fine coat alone": Principled((0.0,) * 3, 1.0, clearcoat=1.0, clearcoat_gloss=0.9),
+    "black": Principled((0.0,) * 3, 1.0, metallic=1.0),
+    "glass": Principled(WHITE, spec_trans=1.0, roughness=0.5),
+    "tinted glass": Principled((0.5,) * 3, 1.3, spec_trans=1.0, roughness=0.3),
+    "diamond": Principled(WHITE, 2.4, spec_trans=1.0, roughness=0.7),
+    "bubble": Principled((0.8,) * 3, 0.8, spec_trans=0.9, roughness=0.6),
+    "everything": Principled((0.6,) * 3, 1.7, 0.6, 0.3, 0.5, 0.4, 0.6, 0.5, 0.3, 0.8, 0.1),
+}  # fmt: skip
+OPEN = tuple(name for name, p in SURFACES.items() if p.open)
+#: A surface and the side that it is seen from.
+SIDES = {name: (name, True) for name in SURFACES}
+SIDES |= {f"{name} from behind": (name, False) for name in OPEN}
+COATS = ("coat alone", "fine coat alone")
+#: Without spikes narrower than the cells of a histogram.
+BROAD = tuple(
+    side
+    for side, (name, _) in SIDES.items()
+    if name != "black" and not SURFACES[name].clearcoat and SURFACES[name].roughness > 0.45
+)
+#: Without sheen and diffuse parts, which return more than they get at grazing angles.
+FRUGAL = ("metal", *COATS, "glass", "glass from behind", "tinted glass", "diamond from behind")
+ANGLES = (0.0, 30.0, 60.0, 80.0, 89.0)
+
+
+def grey(p: Principled) -> Grey:
+    """As the hooks take it."""
+    kind = "principled_open" if p.open else "principled"
+    return Grey(kind, p.base[0], eta=p.eta, shares=p.shares)
+
+
+def rounded(p: Principled) -> Principled:
+    """With the float32 numbers that the core has."""
+    base, eta, *shares = vars(p).values()
+    numbers = (float(x) for x in single(np.array([base[0], eta, *shares])))
+    value, *others = numbers
+    return Principled((value,) * 3, *others)
+
+
+@case(2, each={"side": SIDES})
+def principled_weights(t: Trial, side: str) -> None:
+    """eval, sample and density agree with each other and with the formulas.
+
+    Five angles: at the sampled directions density and f cos within 3e-4 + 3e-7 / (alpha cos) of
+    float64 (1 in 500 may be 100 times as far off, near total reflection), weight = f cos /
+    density; 0 on the wrong side.
+    """
+    name, front = SIDES[side]
+    p = SURFACES[name]
+    for angle in ANGLES:
+        wo, frame = view(angle)
+        cosine = float(wo @ frame[2])
+        alpha = min(p.alpha, p.coat_alpha if p.clearcoat else 1)
+        slack = 3e-4 + 3e-7 / (alpha * cosine)
+        s = sampled(t, grey(p), front, wo, *random_numbers(t, 4000)[1:])
+        t.check(np.isfinite(s), "not finite")
+        t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-6, "length")
+        t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")
+        local = s[:, :3] @ frame.T
+        right = (local[:, 2] < 0) == (s[:, 5] > 0)
+        t.check(s[~right, 3] == 0, "weight on the wrong side")
+        steady = (s[:, 4] > 0) & (np.abs(local[:, 2]) > 1e-3)
+        if name == "black":
+            t.check(~steady, "a density where nothing is sampled")
+            continue
+        t.check(steady.sum() > 100, "nothing sampled")
+        found = evaluated(t, grey(p), front, wo, s[steady, :3])
+        own = np.broadcast_to(wo @ frame.T, (int(steady.sum()), 3))
+        told, density = lobes(rounded(p), own, local[steady], front)
+        near(t, s[steady, 4], found[:, 1], slack, f"density at {angle}")
+        near(t, found[:, 1], density, slack, f"exact density at {angle}")
+        lit = told[:, 0] > 1e-12
+        near(t, (s[:, 3] * s[:, 4])[steady][lit], found[lit, 0], slack, f"weight at {angle}")
+        near(t, found[lit, 0], told[lit, 0], slack, f"exact f at {angle}")
+        if not p.open:
+            below = evaluated(t, grey(p), front, wo, -s[steady, :3])
+            t.check(below[:, :2] == 0, "from below")
+
+
+@case(2, each={"side": BROAD, "angle": (20.0, 70.0)})
+def principled_directions(t: Trial, side: str, angle: float) -> None:
+    """Directions of samples against the exact density, in 20 x 20 cells of a hemisphere.
+
+    Cells by midpoints, 24 x 24 each; those of fewer than 20 samples are one; so are samples lost.
+    10^5 samples: sees 4 % of one direction in ten.
+    """
+    name, front = SIDES[side]
+    p = SURFACES[name]
+    n, cells, fine = N * t.effort, 20, 24
+    wo, frame = view(angle)
+    s = sampled(t, grey(p), front, wo, *random_numbers(t, n)[1:])
+    local, kept = s[:, :3] @ frame.T, s[:, 4] > 0
+    own = wo @ frame.T
+    x = (np.arange(cells * fine) + 0.5) / (cells * fine)
+    z, turn = (a.ravel() for a in np.meshgrid(x, 2 * np.pi * x, indexing="ij"))
+    expected, counts = [], []
+    for sign in (1, -1) if p.open else (1,):
+        sine = np.sqrt(1 - z * z)
+        net = np.stack([sine * np.cos(turn), sine * np.sin(turn), sign * z], axis=-1)
+        _, density = lobes(rounded(p), np.broadcast_to(own, net.shape), net, front)
+        share = density.reshape(cells, fine, cells, fine).mean(axis=(1, 3)) * 2 * np.pi / cells**2
+        expected.append(share.ravel() * n)
+        here = local[kept & (np.sign(local[:, 2]) == sign)]
+        azimuth = np.arctan2(here[:, 1], here[:, 0]) % (2 * np.pi)
+        edges = np.linspace(0, 1, cells + 1)
+        grid, _, _ = np.histogram2d(np.abs(here[:, 2]), azimuth / (2 * np.pi), (edges, edges))
+        counts.append(grid.ravel())
+    told, seen = np.concatenate(expected), np.concatenate(counts)
+    many = told >= 20
+    told = np.append(told[many], n - told[many].sum())
+    seen = np.append(seen[many], n - seen[many].sum())
+    t.p(chi_square(seen, told), f"{side} at {angle}")
+
+
+def chi_square(seen: Array, told: Array) -> float:
+    """P-value, by Wilson and Hilferty's cube root."""
+    keep = told > 0
+    value, free = float(((seen - told)[keep] ** 2 / told[keep]).sum()), int(keep.sum()) - 1
+    z = ((value / free) ** (1 / 3) - (1 - 2 / (9 * free))) / np.sqrt(2 / (9 * free))
+    return math.erfc(float(z) / math.sqrt(2)) / 2
+
+
+@case(2, each={"name": COATS, "angle": (0.0, 45.0)})
+def coat_directions(t: Trial, name: str, angle: float) -> None:
+    """The coat's small mirrors follow its distribution, by the inverse of its sampling.
+
+    Mirrors that send light below the horizon are a cell apart (at 45 degrees 1 in 100).
+    """
+    p, (wo, frame) = SURFACES[name], view(angle)
+    s = sampled(t, grey(p), True, wo, *random_numbers(t, N * t.effort)[1:])
+    local = s[:, :3] @ frame.T
+    kept = s[:, 4] > 0
+    h = local + wo @ frame.T
+    tilt = (h[:, 0] ** 2 + h[:, 1] ** 2) / (h**2).sum(axis=1)
+    a2 = float(single(p.coat_alpha)) ** 2
+    u = 1 - np.log(tilt * (1 - a2) + a2) / np.log(a2)
+    turn = np.arctan2(h[:, 1], h[:, 0]) / (2 * np.pi) % 1
+    if angle == 0:  # up to 45 degrees a mirror reflects
+        edge = 1 - np.log(0.5 * (1 - a2) + a2) / np.log(a2)
+        t.check(np.abs(kept.mean() - (1 - edge)) < 0.01, f"{kept.mean()} of {1 - edge}")
+        uniform(t, (u[kept] - edge) / (1 - edge), turn[kept], name)
+    else:
+        t.check(kept.mean() > 0.7, f"{kept.mean()}")
+        near_pole = kept & (u > 0.5)  # whatever way they are turned they reflect
+        uniform(t, (u[near_pole] - 0.5) * 2, turn[near_pole], name)
+
+
+@case(2, each={"side": SIDES})
+def principled_reciprocity(t: Trial, side: str) -> None:
+    """f(a, b) = f(b, a) of reflection on either side, 10^5 pairs, relative 2e-4."""
+    name, front = SIDES[side]
+    p, (_, frame) = SURFACES[name], view(0.0)
+    n = 100_000 * t.effort
+    a, b = single(random_points(t, "cosine_hemisphere", 2 * n) @ frame).reshape(2, n, 3)
+    forth, back = (pairs(t, grey(p), front, *x)[:, 0] / (x[1] @ frame[2]) for x in ((a, b), (b, a)))
+    seen = (np.minimum(a @ frame[2], b @ frame[2]) > 0.02) & (forth > 1e-4)
+    t.check(seen.sum() > 100 or name == "black", "nothing seen")
+    off = np.abs(back[seen] / forth[seen] - 1).max() if seen.any() else 0.0
+    t.check(off < 2e-4, f"off by {off:.2g}")
+
+
+@case(2, each={"name": OPEN})
+def principled_reciprocity_of_refraction(t: Trial, name: str) -> None:
+    """f(a, b) / n_b^2 = f(b, a) / n_a^2 across the surface, as of rough glass: 5e-3."""
+    p, (_, frame) = SURFACES[name], view(0.0)
+    n = 100_000 * t.effort
+    a, b = single(random_points(t, "cosine_hemisphere", 2 * n) @ frame).reshape(2, n, 3)
+    b = -b
+    forth = pairs(t, grey(p), True, a, b)[:, 0] / -(b @ frame[2])
+    back = pairs(t, grey(p), False, b, a, -NORMAL)[:, 0] / (a @ frame[2])
+    squared = float(single(p.eta)) ** 2
+    seen = (np.minimum(a @ frame[2], -(b @ frame[2])) > 0.05) & (forth > 1e-3)
+    t.check(seen.sum() > 20, "nothing passes")
+    off = np.abs(back[seen] / (forth[seen] * squared) - 1).max()
+    t.check(off < 5e-3, f"off by {off:.2g}")
+
+
+@case(2, each={"side": FRUGAL})
+def principled_energy(t: Trial, side: str) -> None:
+    """Metal, glass and coat return no more than they get: mean weight of importance below 1.005.
+
+    64 x 64 x 32 random numbers, five angles. Burley's diffuse part and the sheen do return more.
+    """
+    name, front = SIDES[side]
+    p = SURFACES[name]
+    x = (np.arange(64) + 0.5) / 64
+    u, v, lobe = (a.ravel() for a in np.meshgrid(x, x, (np.arange(32) + 0.5) / 32))
+    for angle in ANGLES:
+        s = sampled(t, grey(p), front, view(angle)[0], u, v, lobe)
+        t.check(s[:, 8].mean() < 1.005, f"{s[:, 8].mean()} at {angle}")
+
+
+@case(2, each={"side": BROAD})
+def principled_both_ways(t: Trial, side: str) -> None:
+    """The mean weight of samples is the integral of f cos over directions, within 2 %."""
+    name, front = SIDES[side]
+    p = SURFACES[name]
+    z, w = gauss(256, 0, 1)
+    turn = (np.arange(256) + 0.5) / 256 * 2 * np.pi
+    sine = np.sqrt(1 - z * z)
+    net = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)),
+                    np.outer(z, np.ones(256))], axis=-1).reshape(-1, 3)  # fmt: skip
+    weights = np.repeat(w, 256) * 2 * np.pi / 256
+    x = (np.arange(64) + 0.5) / 64
+    u, v, lobe = (a.ravel() for a in np.meshgrid(x, x, x))
+    for angle in (0.0, 30.0, 60.0, 80.0):
+        wo, frame = view(angle)
+        sides = (1, -1) if p.open else (1,)
+        told = sum(float(weights @ evaluated(t, grey(p), front, wo, single(k * net @ frame))[:, 0])
+                   for k in sides)  # fmt: skip
+        found = float(sampled(t, grey(p), front, wo, u, v, lobe)[:, 3].mean())
+        t.check(abs(found - told) <= 0.02 * told, f"{found} for {told} at {angle}")
+
+
+@case(2, each={"side": SIDES})
+def principled_corners(t: Trial, side: str) -> None:
+    """Samples for random numbers at the end of their range, roughness from 0 to 1.
+
+    u, v, lobe in {0, 2^-24, 1/2, 1 - 2^-24}, angles up to 89.9999 degrees: unit directions (1e-5),
+    finite weights and densities, none of them negative.
+    """
+    name, front = SIDES[side]
+    u, v, lobe = np.array(list(itertools.product(CORNERS, repeat=3))).T
+    for roughness, angle in itertools.product((0.0, 0.1, 1.0), (*ANGLES, 89.99, 89.9999)):
+        p = Principled(**{**vars(SURFACES[name]), "roughness": roughness})
+        wo, _ = view(angle)
+        s = sampled(t, grey(p), front, wo, u, v, lobe)
+        t.check(np.isfinite(s), f"not finite at {angle}, roughness {roughness}")
+        t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-5, "length")
+        t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")
+        e = evaluated(t, grey(p), front, wo, s[:, :3])
+        t.check(np.isfinite(e), f"eval not finite at {angle}, roughness {roughness}")
+        t.check((e[:, 0] >= 0) & (e[:, 1] >= 0), "negative eval")

@@ -148,10 +148,20 @@ void HostScene::set_lights(const SceneInput& in) {
     };
 
     std::vector<double> power;
+    std::vector<bool> far;
+    double near_power = 0, far_power = 0;
     for (uint32_t k = 0; k < l.count; ++k) {
         const LightSource s = source(k);
         with_shape(s.shape, [&](auto shape) { power.push_back(shape.power(s)); });
+        const LightSite site = kLights[s.shape].site;
+        far.push_back(site != kOnSurface && site != kAtPoint);
+        (far[k] ? far_power : near_power) += power[k];
     }
+    // Light from far away is counted over the whole scene, of which lamps may light a small part:
+    // beside these it gets half of the chances at most.
+    if (near_power > 0 && far_power > near_power)
+        for (uint32_t k = 0; k < l.count; ++k)
+            if (far[k]) power[k] *= near_power / far_power;
     double total = 0, sum = 0;
     for (const double p : power) total += p;
     const uint32_t spare = (1u << 24) - l.count;

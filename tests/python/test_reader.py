@@ -605,3 +605,17 @@ def test_objects_in_no_object_have_no_effect(tmp_path: Path) -> None:
     scene = vr.load_file(path)
     assert scene.sha256 == plain.sha256
     assert sum("in no object, it has no effect" in note for note in scene.notes) == 4
+
+
+def test_convert_keeps_spectra(tmp_path: Path) -> None:
+    """Lists of wavelengths are written exactly; arrays of a model cannot be."""
+    body = (
+        '<sensor type="perspective"/><shape type="sphere"><bsdf type="diffuse">'
+        '<spectrum name="reflectance" value="400:0.1, 500:0.3, 700:0.7"/></bsdf></shape>'
+        '<emitter type="constant"><spectrum name="radiance" type="blackbody">'
+        '<float name="temperature" value="4000"/></spectrum></emitter>'
+    )
+    (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{body}</scene>')
+    convert(str(tmp_path / "a.xml"), str(tmp_path / "b.xml"), {})
+    both = [vr.load_file(tmp_path / name) for name in ("a.xml", "b.xml")]
+    assert both[0].sha256 == both[1].sha256

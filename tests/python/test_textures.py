@@ -251,9 +251,21 @@ def test_roughness_by_texture() -> None:
             material(**wrong)
 
 
+def test_the_scale_of_a_pfm_file(tmp_path: Path) -> None:
+    texels = np.arange(6, dtype="<f4").reshape(1, 2, 3) / 8
+    for scale, factor in ((b"-1.0", 1.0), (b"-0.5", 0.5), (b"-25e-1", 2.5)):
+        (tmp_path / "a.pfm").write_bytes(b"PF\n2 1\n" + scale + b"\n" + texels.tobytes())
+        found = images.read(tmp_path / "a.pfm", "here").texels
+        assert (found == texels * np.float32(factor)).all()
+    for scale in (b"0", b"-0.0", b"1.2.3"):
+        (tmp_path / "a.pfm").write_bytes(b"PF\n2 1\n" + scale + b"\n" + texels.tobytes())
+        with pytest.raises(SceneError, match="its scale is"):
+            images.read(tmp_path / "a.pfm", "here")
+
+
 def test_opacity(device: str) -> None:
     """Camera rays and shadow rays pass the open fields of a mask, and only those."""
-    board = {"type": "checkerboard", "color0": 1.0, "color1": 0.0}
+    board = {"type": "checkerboard", "color0": 0.0, "color1": 1.0}  # exchanged, as by Mitsuba
     mask = {"type": "mask", "opacity": board, "in": diffuse(0.0)}
     for x, open_ in ((-0.5, False), (0.5, True)):  # v below 0.5
         found = seen({"type": "rectangle"}, mask, ((x, -0.5, 3.0), (x, -0.5, 0.0)), device)

@@ -18,7 +18,7 @@ from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
 from . import integrators, materials, textures, views
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
-from .plugins import PLUGINS, STRATIFIED
+from .plugins import COLOUR, PLUGINS, STRATIFIED
 from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
@@ -80,6 +80,7 @@ class _Builder:
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
         self.texels = textures.Texels()
+        self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
 
     def search(self) -> None:
@@ -382,6 +383,11 @@ class _Builder:
             column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
             if item.name in node.values or column in columns:
                 raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
+            if (
+                child.plugin == "checkerboard"
+                and PLUGINS[node.plugin].params[item.name].kind != COLOUR
+            ):
+                child = self.exchanged.setdefault(id(child), textures.exchanged(child))
             values = self.check(child)[1]
             rows[item.name] = self.texels.row(child, values)
             columns[column] = self.tables.index("textures", child, rows[item.name])

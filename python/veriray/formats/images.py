@@ -199,7 +199,9 @@ def _exr(path: Path) -> Array:
 
 def _pfm(data: bytes) -> Array:
     """Portable float map: rows from the bottom, a negative scale for little-endian numbers."""
-    head = re.match(rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([+-]?[0-9.]{1,20})\s", data)
+    head = re.match(
+        rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([+-]?[0-9.]{1,20}(?:[eE][+-]?\d{1,3})?)\s", data
+    )
     if not head:
         raise SceneError("damaged: no header of a PFM file")
     width, height, count = int(head[2]), int(head[3]), 3 if head[1] == b"PF" else 1
@@ -208,8 +210,15 @@ def _pfm(data: bytes) -> Array:
     need = width * height * count
     if len(data) - head.end() < 4 * need:
         raise SceneError("damaged: it ends before its last texel")
-    values = np.frombuffer(data, order + "f4", need, head.end())
-    return values.reshape(height, width, count)[::-1].astype(np.float32)
+    try:
+        scale = np.float32(abs(float(head[4])))
+    except ValueError:
+        scale = np.float32(0)
+    if not 0 < scale < np.inf:
+        raise SceneError(f"damaged: its scale is {head[4].decode()}")
+    values = np.frombuffer(data, order + "f4", need, head.end()).astype(np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return values.reshape(height, width, count)[::-1] * scale
 
 
 def _hdr(data: bytes) -> Array:

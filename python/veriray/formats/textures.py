@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from ..columns import TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
 from ..errors import SceneError
 from . import images, materials
-from .node import Node, Ref, shorten
+from .node import Node, Ref, Value, shorten
 from .plugins import PLUGINS, texturable
 
 Array = npt.NDArray[Any]
@@ -27,6 +28,16 @@ def check_place(node: Node, child: Node, item: Node | Ref) -> None:
             f"texture {child.plugin} is supported on {', '.join(texturable())}, not on {name}",
             item.where,
         )
+
+
+def exchanged(node: Node) -> Node:
+    """A checkerboard where one number is wanted, for which Mitsuba 3.9.1 exchanges its colours."""
+    values = dict(node.values)
+    first, second = (
+        values.pop(name, Value("float", PLUGINS[node.plugin].params[name].default, node.where))
+        for name in ("color0", "color1")
+    )
+    return replace(node, values={**values, "color0": second, "color1": first})
 
 
 class Texels:

@@ -8,8 +8,10 @@ from pathlib import Path
 from lxml import etree
 
 from ..camera import Camera
+from ..errors import SceneError
 from .node import Node, Ref, Tree, Value
 from .plugins import FILMS, PLUGINS
+from .spectra import Spectrum
 
 
 def as_xml(tree: Tree, folder: Path, camera: Camera) -> str:
@@ -63,6 +65,12 @@ def _value(name: str, value: Value, node: Node, folder: Path) -> etree._Element:
         element = etree.Element(kind, name=name)
         etree.SubElement(element, "matrix", value=_numbers(content.ravel().tolist()))
         return element
+    if kind == "array":
+        raise SceneError(
+            f'{node}: "{name}" is an array, which a scene file cannot hold', value.where
+        )
+    if isinstance(content, Spectrum):
+        return etree.Element(kind, name=name, value=content.written())
     if kind == "spectrum" and len(set(content)) > 1:
         kind = "rgb"
     if kind in ("point", "vector"):

@@ -113,6 +113,22 @@ def inside_a_shining_sphere(t: Trial) -> None:
     t.agrees(scene(view([1.5, 2, 3], [2, 2.2, 3.5], 60), room), exact, 800_000, sees=0.01)
 
 
+@case(3, each={"far": ("sun", "sky"), "half": (5, 100, 10_000)})
+def lamp_beside_faint_light_from_far_away(t: Trial, far: str, half: float) -> None:
+    """A point light of 20 one above a ground, which a sun of 0.1 or an even sky of 0.1 lights whole.
+
+    rho / pi (20 + 0.1), or 20 rho / pi + 0.1 rho. The power from far away goes with the ground's
+    area, the lamp's does not: by power alone the lamp's samples would be too rare to see.
+    """
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], half, diffuse(0.5))
+    lamp = {"type": "point", "position": [0, 0, 1], "intensity": rgb(20)}
+    sun = {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(0.1)}
+    even = {"type": "envmap", "bitmap": np.full((2, 4, 3), 0.1, np.float32)}
+    exact = 0.5 / math.pi * (20 + 0.1 * (1 if far == "sun" else math.pi))
+    light = sun if far == "sun" else even
+    t.agrees(scene(EYE, ground, lamp, light, max_depth=2), exact, 400_000, sees=0.005)
+
+
 @case(3, each={"inside": (True, False)})
 def backs_of_spheres_are_black(t: Trial, inside: bool) -> None:
     """A floor within a ball that emits outwards, and in front of one that emits inwards.

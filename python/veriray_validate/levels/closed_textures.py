@@ -128,12 +128,13 @@ def plane_with_a_checkerboard(t: Trial, window: str) -> None:
 
 @case(3, each={"window": WINDOWS, "light": ("camera", "shadow")})
 def plane_with_holes(t: Trial, window: str, light: str) -> None:
-    """A black plane with a checkerboard for its opacity: 1 and 0.25. What comes through it.
+    """A black plane with a checkerboard for its opacity: 0.25 and 1, which Mitsuba exchanges. What
+    comes through it.
 
     camera: from the sky of 1 behind it, to the eye. shadow: from the sun above to a white plane
     below it, which is seen from between them. Sees 0.5 %.
     """
-    board = {"type": "checkerboard", "color0": 1.0, "color1": 0.25}
+    board = {"type": "checkerboard", "color0": 0.25, "color1": 1.0}
     plane = {"type": "mask", "opacity": placed(WINDOWS[window], board), "bsdf": BLACK}
     share = (1 - coverage(WINDOWS[window])) * 0.75
     if light == "camera":

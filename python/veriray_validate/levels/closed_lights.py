@@ -115,7 +115,7 @@ def inside_a_shining_sphere(t: Trial) -> None:
 
 @case(3, each={"far": ("sun", "sky"), "half": (5, 100, 10_000)})
 def lamp_beside_faint_light_from_far_away(t: Trial, far: str, half: float) -> None:
-    """A point light of 20 one above a ground, which a sun of 0.1 or an even sky of 0.1 lights whole.
+    """A point light of 20, one above a ground that a sun or an even sky of 0.1 lights as a whole.
 
     rho / pi (20 + 0.1), or 20 rho / pi + 0.1 rho. The power from far away goes with the ground's
     area, the lamp's does not: by power alone the lamp's samples would be too rare to see.

@@ -3,8 +3,8 @@
 Source: B. Burley, "Physically-Based Shading at Disney", 2012, and "Extending the Disney BRDF to a
 BSDF with Integrated Subsurface Scattering", 2015; how Mitsuba mixes their parts was measured.
 Directions are local (3, n), z along the shading normal, wo above; f is of radiance, with the cosine
-of wi. One third of the directions is chosen by the cosine, one by the coat, one by the mirrors that
-wo sees, which reflect or refract by Fresnel's reflectance; below, the mirrors choose all.
+of wi. A direction is chosen by the cosine, the coat's mirrors or the mirrors that wo sees, with
+the chances of ``chances``, as in veriray, so that paths end alike; the density is that of all.
 """
 
 from __future__ import annotations
@@ -67,11 +67,12 @@ class Principled:
             tint = np.where(
                 up, self._mirrors(front, f, lean, eta), self._through(f) / eta**2
             ) * np.where((f > 0) | ~up, lobe, 0)
-            chosen = slopes * om * hidden / wo[2] * self._choice(up, f)
+            chosen = slopes * om * hidden / wo[2] * self._choice(front, up, f)
             if front:
                 tint = np.where(up, tint + self._base(wo, wi, h, im, lean), tint)
                 coat = self._coat(h) * h[2] / (4 * om)
-                chosen = np.where(up, (chosen + wi[2] / np.pi + coat) / 3, chosen / 3)
+                even, shiny, small = self.chances(front, wo)
+                chosen = small * chosen + np.where(up, even * wi[2] / np.pi + shiny * coat, 0)
         return np.where(ok, tint, 0), np.where(ok, chosen, 0)
 
     def sample(self, rng: np.random.Generator, front: bool, wo: np.ndarray) -> np.ndarray:
@@ -79,14 +80,16 @@ class Principled:
         eta, n = self.index if front else 1 / self.index, wo.shape[1]
         h = normals(wo, np.full(n, self.alpha), np.ones(n, bool), *rng.random((3, n)))
         lobe, u, turn = rng.random(n), rng.random(n), 2 * np.pi * rng.random(n)
-        which = rng.integers(0, 3, n) if front else np.full(n, 2)
+        even, shiny, _ = self.chances(front, wo)
+        select = rng.random(n)
+        which = np.where(select < even, 0, np.where(select < even + shiny, 1, 2))
         square = self.gloss**2
         z = np.sqrt((1 - square ** (1 - u)) / (1 - square))
         r = np.sqrt(np.maximum(1 - z * z, 0))
         coat = np.stack([r * np.cos(turn), r * np.sin(turn), z])
         h = np.where(which == 1, coat, h)
         f, _ = self._split(dot(wo, h), eta)
-        through = (which == 2) & (self.glass > 0) & (lobe >= f)
+        through = (which == 2) & (lobe >= self._choice(front, np.ones(n, bool), f))
         wi = np.where(through, refracted(-wo, h, np.full(n, eta)), mirrored(-wo, h))
         lost = (wi[2] > 0) == through
         r = np.sqrt(u)
@@ -97,8 +100,27 @@ class Principled:
         c = np.clip(cosine, 0, 1)
         return fresnel(c, eta), np.sqrt(np.maximum(1 - (1 - c * c) / eta**2, 0))
 
-    def _choice(self, up: np.ndarray, f: np.ndarray) -> np.ndarray:
-        return np.where(up, f, 1 - f) if self.glass > 0 else np.ones_like(f)
+    def chances(self, front: bool, wo: np.ndarray) -> np.ndarray:
+        """Of the three ways to choose a direction (3, n): about what they send back or on."""
+        none = np.zeros(wo.shape[1])
+        if not front:
+            return np.stack([none, none, none + 1])
+        f, most = fresnel(wo[2], self.index), self.color.max()
+        even = self.matt * most + (self.sheen * (1 - self.metallic) / 4 if self.matt > 0 else 0)
+        shiny = self.clearcoat / 4 * (0.04 + 0.96 * _schlick(wo[2]))
+        small = np.maximum(f, 1 / 16) + (1 - f) * (self.metallic * most + self.glass)
+        weights = np.stack([none + even, shiny, small * (self.index != 1)])
+        total = weights.sum(axis=0)
+        return weights / np.where(total > 0, total, 1)
+
+    def _choice(self, front: bool, up: np.ndarray, f: np.ndarray) -> np.ndarray:
+        """The chance (n,) that mirrors of reflectance f reflect (up) or refract."""
+        if self.glass == 0 and (front or self.spec_trans == 0):
+            return np.where(up, 1.0, 0.0)
+        glass, metal = (self.glass, self.metallic) if front else (1.0, 0.0)
+        on = glass * (1 - f)
+        on = on / (on + f + metal * (1 - f))
+        return np.where(up, 1 - on, on)
 
     def _mirrors(self, front: bool, f: np.ndarray, lean: np.ndarray, eta: float) -> np.ndarray:
         if not front:

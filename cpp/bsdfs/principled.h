@@ -43,9 +43,10 @@ struct PrincipledLobes : Closure<L> {
         const V o = facets.local(wo, view.cos_o), i = facets.local(wi, cos_i);
         const M up = kOpen ? cos_i > none : facets.ggx, front = in_front(p, view);
         const V h = fma(i, select(up, one, view.relative), o);
-        const F h2 = dot(h, h);
-        const V m = h * (select(h.z < none, F(-1.f), one) / sqrt(h2));
-        const F om = dot(o, m), im = dot(i, m);
+        const F h2 = dot(h, h), length = sqrt(h2);
+        const V m = h * (select(h.z < none, F(-1.f), one) / length);
+        F om = F(0.5f) * length, im = om;
+        if constexpr (kOpen) om = select(up, om, dot(o, m)), im = select(up, im, dot(i, m));
         const FresnelSplit<F> split = fresnel_dielectric(min(abs(om), one), view.relative);
         const F r = split.reflected;
         const F slant = grazing(select(view.relative > one, abs(om), split.cos_t));

@@ -158,7 +158,7 @@ def chi_square(seen: Array, told: Array) -> float:
 def coat_directions(t: Trial, name: str, angle: float) -> None:
     """The coat's small mirrors follow its distribution, by the inverse of its sampling.
 
-    Mirrors that send light below the horizon are a cell apart (at 45 degrees 1 in 100).
+    Those that reflect however they are turned: 0.6 of them and more; 10^5 samples.
     """
     p, (wo, frame) = SURFACES[name], view(angle)
     s = sampled(t, grey(p), True, wo, *random_numbers(t, N * t.effort)[1:])
@@ -169,19 +169,21 @@ def coat_directions(t: Trial, name: str, angle: float) -> None:
     a2 = float(single(p.coat_alpha)) ** 2
     u = 1 - np.log(tilt * (1 - a2) + a2) / np.log(a2)
     turn = np.arctan2(h[:, 1], h[:, 0]) / (2 * np.pi) % 1
-    if angle == 0:  # up to 45 degrees a mirror reflects
-        edge = 1 - np.log(0.5 * (1 - a2) + a2) / np.log(a2)
-        t.check(np.abs(kept.mean() - (1 - edge)) < 0.01, f"{kept.mean()} of {1 - edge}")
-        uniform(t, (u[kept] - edge) / (1 - edge), turn[kept], name)
-    else:
-        t.check(kept.mean() > 0.7, f"{kept.mean()}")
-        near_pole = kept & (u > 0.5)  # whatever way they are turned they reflect
-        uniform(t, (u[near_pole] - 0.5) * 2, turn[near_pole], name)
+    # all mirrors within this tilt reflect wo upwards, and at 0 degrees no others
+    edge = np.sin(np.radians((90 - angle) / 2)) ** 2
+    cut = 1 - np.log(edge * (1 - a2) + a2) / np.log(a2)
+    inside = kept & (u < cut)
+    t.check(np.abs(inside.mean() - cut) < 0.01, f"{inside.mean()} of {cut}")
+    t.check(angle > 0 or kept.mean() - cut < 0.001, "light from below")
+    uniform(t, u[inside] / cut, turn[inside], name)
 
 
 @case(2, each={"side": SIDES})
 def principled_reciprocity(t: Trial, side: str) -> None:
-    """f(a, b) = f(b, a) of reflection on either side, 10^5 pairs, relative 2e-4."""
+    """f(a, b) = f(b, a) of reflection on either side, 10^5 pairs, relative 2e-4.
+
+    From behind 2e-3: F is steep next to total reflection.
+    """
     name, front = SIDES[side]
     p, (_, frame) = SURFACES[name], view(0.0)
     n = 100_000 * t.effort
@@ -190,7 +192,7 @@ def principled_reciprocity(t: Trial, side: str) -> None:
     seen = (np.minimum(a @ frame[2], b @ frame[2]) > 0.02) & (forth > 1e-4)
     t.check(seen.sum() > 100 or name == "black", "nothing seen")
     off = np.abs(back[seen] / forth[seen] - 1).max() if seen.any() else 0.0
-    t.check(off < 2e-4, f"off by {off:.2g}")
+    t.check(off < (2e-4 if front else 2e-3), f"off by {off:.2g}")
 
 
 @case(2, each={"name": OPEN})

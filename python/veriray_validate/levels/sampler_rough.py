@@ -318,7 +318,7 @@ def rough_corners(t: Trial, name: str) -> None:
     for alpha, angle, front in itertools.product(
         (1e-4, 1e-3, 0.1, 1.0, 10.0), (*ANGLES, 89.99, 89.9999), (True, False)
     ):
-        kind, albedo, up, through, eta, k, _, ggx = vars(ROUGH[name]).values()
+        kind, albedo, up, through, eta, k, _, ggx, _ = vars(ROUGH[name]).values()
         grey = Grey(kind, albedo, up, through, eta, k, alpha, ggx)
         wo, _ = view(angle)
         s = sampled(t, grey, front, wo, u, v, lobe)

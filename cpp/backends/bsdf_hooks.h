@@ -60,7 +60,7 @@ VR_HD void evaluate_bsdf(bool sample, const typename L::F* x, typename L::F* y) 
         put(y, s.wi);
         y[3] = s.weight[0], y[4] = s.pdf_sa;
         y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
-        y[7] = select(b.parameters.eta[0] > none, b.view.fresnel.reflected, none);
+        y[7] = select(b.template any_of<kIndexedKinds>(), b.view.fresnel.reflected, none);
         auto importance = b;
         importance.view.transport = Transport::kImportance;
         y[8] = importance.sample(wo, {x[0], x[1], x[2]}).weight[0];

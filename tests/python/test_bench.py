@@ -41,8 +41,10 @@ def test_scenarios_are_well_formed() -> None:
             "glass",
             "thin",
             "cornell",
+            "image",
             "lamp",
             "lights",
+            "medium",
         )
         assert bool(s.vary) == (s.kind in ("scaling", "adaptive", "roulette"))
         assert bool(s.reference_spp) == (s.kind in ("error", "roulette"))

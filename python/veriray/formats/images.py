@@ -16,7 +16,6 @@ from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image as Pillow
 
 from ..errors import ImageError, SceneError
 from ..files import open_regular
@@ -133,6 +132,8 @@ def _whole(file: IO[bytes], size: int) -> bytes:
 
 
 def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
+    from PIL import Image as Pillow  # not needed by most scenes
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Pillow.DecompressionBombWarning)  # the size is checked

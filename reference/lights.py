@@ -2,7 +2,8 @@
 
 One sample a vertex, of a light chosen in proportion to its power, the sum over channels:
 area lights pi A L, points 4 pi I, spots the integral of I, directional lights pi R^2 E with R the
-radius of a ball about the scene. On triangles and disks the point is uniform in area; on two
+radius of a ball about the scene; light from far away gets half of the chances at most where there
+is other light. On triangles and disks the point is uniform in area; on two
 triangles that make a rectangle near to a surface, in solid angle where that is large; a sphere that
 shines outwards is sampled uniformly in the cone that it fills; from within a sphere that shines
 inwards every direction meets it, so directions are uniform. The environment is not sampled: paths
@@ -61,7 +62,12 @@ class Lights:
         others = [_power(x, tracer.extent) for x in self.delta]
         if self.sky is not None:
             others.append(self.sky.power * tracer.extent**2)
+        far = [x.kind == "directional" for x in self.delta] + [True] * (self.sky is not None)
+        distant = np.append(np.zeros(len(shining), bool), np.array(far, bool))
         power = np.append(area_power[shining], others)
+        near, away = power[~distant].sum(), power[distant].sum()
+        if 0 < near < away:
+            power[distant] *= near / away
         self.primitive = np.append(shining, np.full(len(others), -1))[power > 0].astype(np.int32)
         number = np.append(np.full(len(shining), -1), np.arange(len(others)))
         self.number = number[power > 0].astype(np.int32)

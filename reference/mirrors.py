@@ -18,11 +18,10 @@ def unhidden(w: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
 
 
 def spread(m: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
-    """D (n,), of m above; Beckmann's is 0 where e^-x leaves the normal floats, where the core sends
-    no shadow ray."""
+    """D (n,), of m above."""
     with np.errstate(divide="ignore", over="ignore"):
         tangent2 = (m[0] ** 2 + m[1] ** 2) / m[2] ** 2 / alpha**2
-        gauss = np.where(tangent2 > 126 * np.log(2), 0.0, np.exp(-tangent2))
+        gauss = np.exp(-tangent2)
         slopes = np.where(ggx, 1 / (1 + tangent2) ** 2, gauss) / (np.pi * alpha**2)
         return np.where(slopes > 0, slopes / m[2] ** 4, 0)
 

@@ -145,6 +145,9 @@ class Rough:
         om, im = dot(wo, h), dot(wi, h)
         ok = (om > 0) & (mirror | (glass & (im < 0))) & (wi[2] != 0)
         with np.errstate(all="ignore"):
+            # where e^-x leaves the normal floats of the core, it sends no shadow ray behind
+            steep = (h[0] ** 2 + h[1] ** 2) / (h[2] * alpha) ** 2 > 126 * np.log(2)
+            ok &= mirror | ggx | ~steep
             slopes = spread(h, alpha, ggx) * np.where(
                 mirror, 1 / (4 * om), eta**2 * np.abs(im) / (om + eta * im) ** 2
             )

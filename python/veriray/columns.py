@@ -477,7 +477,7 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
             )
         if name.endswith("8"):
             continue
-        texels = words[first:last].view(np.float16 if name == "half" else np.float32)
+        texels: Array = words[first:last].view("f2" if name == "half" else "f4")
         bad = _first(~((texels >= 0) & (texels <= 1)))
         if bad is not None:
             raise SceneError(
@@ -486,9 +486,9 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
             )
     frames = arrays["sphere_frame"].astype(np.float64)
     products = (frames[:, :, None, :] * frames[:, None, :, :]).sum(axis=3)
-    row = _first(~(np.abs(products - np.eye(3)) <= 1e-3).all(axis=(1, 2)))
-    if row is not None:
-        raise SceneError(f"sphere_frame[{row}] does not hold unit axes across each other")
+    turned = _first(~(np.abs(products - np.eye(3)) <= 1e-3).all(axis=(1, 2)))
+    if turned is not None:
+        raise SceneError(f"sphere_frame[{turned}] does not hold unit axes across each other")
 
 
 def _check_sky(arrays: Mapping[str, Array]) -> None:

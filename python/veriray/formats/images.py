@@ -133,6 +133,7 @@ def _whole(file: IO[bytes], size: int) -> bytes:
 
 def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
     from PIL import Image as Pillow  # not needed by most scenes
+    from PIL import UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
@@ -157,7 +158,7 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
                     raise SceneError(f"{kind} of mode {mode}; expected grey or RGB")
     except (SceneError, MemoryError):
         raise
-    except Pillow.UnidentifiedImageError:
+    except UnidentifiedImageError:
         raise SceneError(
             f"not an image of a known kind: EXR, HDR, PFM, {', '.join(_PILLOW)}"
         ) from None

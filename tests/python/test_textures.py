@@ -98,9 +98,30 @@ CASES: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
 
 @pytest.mark.parametrize("case", range(len(CASES)))
 def test_lookups_are_mitsubas(case: int, device: str) -> None:
+    check_lookups(*CASES[case], device)
+
+
+@pytest.mark.parametrize("more", ["plain", "flipped", "mirrored", "smooth"])
+def test_meshes_without_coordinates_are_mitsubas(more: str, tmp_path: Path, device: str) -> None:
+    lines = ["v -1 -1 0", "v 1 -1 0.2", "v 1 1 0.1", "v -1.2 1 0"]
+    normals = ["vn 0.1 0 1", "vn 0 0.2 1", "vn 0 0 1", "vn -0.1 0 1"]
+    smooth = more == "smooth"
+    faces = ["f 1//1 2//2 3//3", "f 3//3 4//4 1//1"] if smooth else ["f 1 2 3", "f 3 4 1"]
+    path = tmp_path / "a.obj"
+    path.write_text("\n".join([*lines, *(normals if smooth else []), *faces]) + "\n")
+    shape = {"type": "obj", "filename": str(path), "face_normals": not smooth}
+    z = 3.0
+    if more == "flipped":
+        shape["flip_normals"], z = True, -3.0
+    elif more == "mirrored":
+        shape["to_world"] = tf.scale((-1, 1, 1))
+    views = [((x, y, z), (x, y, 0.0)) for x, y in ((0.5, -0.3), (-0.4, 0.6), (0.1, 0.7))]
+    check_lookups(shape, bitmap(COLOURS, raw=True), views, device)
+
+
+def check_lookups(shape: Any, texture: Any, views: Any, device: str) -> None:
     """To 2e-5: both round to float32, and slopes are up to 30 a unit."""
     mitsuba = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
-    shape, texture, views = CASES[case]
     mitsuba.set_variant("scalar_rgb")
     theirs = {"bitmap": mitsuba.Bitmap} | dict.fromkeys(
         ("to_uv", "to_world"), mitsuba.ScalarTransform4f

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TABLES, blank_row
+from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TABLES, TEXTURABLE, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
 from . import integrators, materials, textures, views
@@ -82,6 +82,7 @@ class _Builder:
         self.texels = textures.Texels()
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
+        self.textured: set[int] = set()  # materials that have textures
 
     def search(self) -> None:
         """Puts all faults into the report that can be found."""
@@ -94,7 +95,7 @@ class _Builder:
         for node in known:
             self.attempt(self.children, node, True)
             self.attempt(check, node, self.report, every=True)
-        shapes = Shapes()
+        shapes = Shapes(self.textured)
         for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
@@ -220,7 +221,7 @@ class _Builder:
             self.check_medium(medium)
         for texture in parts["texture"]:
             self.check(texture)
-        shapes = Shapes()
+        shapes = Shapes(self.textured)
         for shape in parts["shape"]:
             self.shape(shape, shapes)
         for text, place in shapes.notes():
@@ -458,6 +459,8 @@ class _Builder:
             bsdf = _LAMP if lamp else _GREY
             row = materials.BLACK if lamp else self.material(bsdf)
         material = self.tables.index("materials", bsdf, row)
+        if any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE):
+            self.textured.add(material)
         emission = boundary = -1
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]

@@ -49,6 +49,16 @@ class Mesh:
 _Arrays = tuple[Array, Array, Array | None, Array | None]
 
 
+def barycentric(mesh: Mesh, corners: Array) -> Mesh:
+    """A mesh without texture coordinates with Mitsuba's: in each triangle (0, 0), (1, 0) and (0, 1)
+    at its corners, in the order of `corners` (T, 3). Triangles share no vertices then."""
+    place = (mesh.triangles[:, :, None] == corners[:, None, :]).argmax(axis=2)
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])[place].reshape(-1, 2)
+    used = mesh.triangles.ravel()
+    normals = None if mesh.normals is None else mesh.normals[used]
+    return Mesh(mesh.vertices[used], np.arange(len(used)).reshape(-1, 3), normals, uv)
+
+
 def read(
     path: Path, kind: str, where: str, index: int = 0, files: dict[Path, bytes] | None = None
 ) -> Mesh:

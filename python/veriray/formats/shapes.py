@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -60,7 +61,8 @@ class Shapes:
 
     TABLES = ("vertices", "triangles", "spheres", "disks")
 
-    def __init__(self) -> None:
+    def __init__(self, textured: Collection[int] = ()) -> None:
+        self.textured = textured  # materials with textures
         self.names: list[str] = []
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
             name: [] for name in _FLAT
@@ -258,7 +260,10 @@ class Shapes:
         uv = loaded.uv
         if uv is not None and values.get("flip_tex_coords"):
             uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
-        return mesh.Mesh(vertices, faces, normals, uv)
+        found = mesh.Mesh(vertices, faces, normals, uv)
+        if uv is None and surface[2][0] in self.textured:
+            return mesh.barycentric(found, loaded.triangles)
+        return found
 
     def _loaded(self, node: Node, values: dict[str, Any]) -> tuple[mesh.Mesh, tuple[str, ...]]:
         """The mesh of a shape, and where it is named and how; no name for one that is made."""

@@ -83,6 +83,7 @@ class _Builder:
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
         self.textured: set[int] = set()  # materials that have textures
+        self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
 
     def search(self) -> None:
         """Puts all faults into the report that can be found."""
@@ -370,6 +371,8 @@ class _Builder:
             else:
                 row = materials.material(node, values)
             row |= self.textures(node)
+            if any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE):
+                self.with_texture.add(id(node))
             self.rows[id(node)] = row
         return row
 
@@ -459,7 +462,7 @@ class _Builder:
             bsdf = _LAMP if lamp else _GREY
             row = materials.BLACK if lamp else self.material(bsdf)
         material = self.tables.index("materials", bsdf, row)
-        if any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE):
+        if id(bsdf) in self.with_texture:
             self.textured.add(material)
         emission = boundary = -1
         if lamp:

@@ -12,10 +12,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from veriray_validate.levels.sampler_materials import NORMAL, Grey, evaluated, sampled, view
+from veriray_validate.levels.sampler_materials import (
+    NORMAL,
+    Grey,
+    evaluated,
+    hemisphere,
+    sampled,
+    view,
+)
 from veriray_validate.levels.sampler_rough import near, pairs
 from veriray_validate.levels.samplers import N, random_numbers, random_points, uniform
-from veriray_validate.oracles import CORNERS, gauss, single
+from veriray_validate.oracles import CORNERS, single
 from veriray_validate.principled import Principled, lobes
 from veriray_validate.trial import Trial, case
 
@@ -231,18 +238,13 @@ def principled_both_ways(t: Trial, side: str) -> None:
     """The mean weight of samples is the integral of f cos over directions, within 2 %."""
     name, front = SIDES[side]
     p = SURFACES[name]
-    z, w = gauss(256, 0, 1)
-    turn = (np.arange(256) + 0.5) / 256 * 2 * np.pi
-    sine = np.sqrt(1 - z * z)
-    net = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)),
-                    np.outer(z, np.ones(256))], axis=-1).reshape(-1, 3)  # fmt: skip
-    weights = np.repeat(w, 256) * 2 * np.pi / 256
     x = (np.arange(64) + 0.5) / 64
     u, v, lobe = (a.ravel() for a in np.meshgrid(x, x, x))
     for angle in (0.0, 30.0, 60.0, 80.0):
         wo, frame = view(angle)
+        net, weights = hemisphere(frame, 256)
         sides = (1, -1) if p.open else (1,)
-        told = sum(float(weights @ evaluated(t, grey(p), front, wo, single(k * net @ frame))[:, 0])
+        told = sum(float(weights @ evaluated(t, grey(p), front, wo, k * net)[:, 0])
                    for k in sides)  # fmt: skip
         found = float(sampled(t, grey(p), front, wo, u, v, lobe)[:, 3].mean())
         t.check(abs(found - told) <= 0.02 * told, f"{found} for {told} at {angle}")

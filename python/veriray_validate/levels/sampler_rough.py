@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from veriray_validate.levels.sampler_materials import NORMAL, Grey, evaluated, sampled, view
+from veriray_validate.levels.sampler_materials import (
+    NORMAL,
+    Grey,
+    evaluated,
+    hemisphere,
+    sampled,
+    view,
+)
 from veriray_validate.levels.samplers import N, random_numbers, random_points, uniform
 from veriray_validate.oracles import CORNERS, fresnel, gauss, single
 from veriray_validate.trial import Trial, case
@@ -291,18 +298,13 @@ def weak_white_furnace(t: Trial, name: str, front: bool) -> None:
     By quadrature over directions; alpha 0.2 and more, up to 80 degrees.
     """
     grey = ROUGH[name]
-    z, w = gauss(256, 0, 1)
-    turn = (np.arange(256) + 0.5) / 256 * 2 * np.pi
-    sine = np.sqrt(1 - z * z)
-    net = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)),
-                    np.outer(z, np.ones(256))], axis=-1).reshape(-1, 3)  # fmt: skip
-    weights = np.repeat(w, 256) * 2 * np.pi / 256
     x = (np.arange(64) + 0.5) / 64
     u, v, lobe = (a.ravel() for a in np.meshgrid(x, x, (np.arange(32) + 0.5) / 32))
     for angle in (0.0, 30.0, 60.0, 80.0):
         wo, frame = view(angle)
+        net, weights = hemisphere(frame, 256)
         sides = (1, -1) if grey.kind == "roughdielectric" else (1,)
-        found = sum(float(weights @ evaluated(t, grey, front, wo, single(k * net @ frame))[:, 1])
+        found = sum(float(weights @ evaluated(t, grey, front, wo, k * net)[:, 1])
                     for k in sides)  # fmt: skip
         s = sampled(t, grey, front, wo, u, v, lobe)
         lost = float(((s[:, :3] @ NORMAL > 0) == (s[:, 5] > 0)).mean())

@@ -68,7 +68,13 @@ inline constexpr FeatureMask kAnyLight = lights(kSampledShapes);
 inline constexpr FeatureMask kOwnPdfLights = lights(kOwnPdfShapes);
 inline constexpr FeatureMask kSkippedLights = lights(kSkippedShapes);
 
-inline constexpr uint32_t kVariantCount = 13;  // of variants.h; CMakeLists.txt reads it
+// Variants of variants.h; CMakeLists.txt reads their number. For development, VERIRAY_ONE_VARIANT
+// compiles the last one alone.
+#ifdef VERIRAY_ONE_VARIANT
+inline constexpr uint32_t kVariantCount = 1;
+#else
+inline constexpr uint32_t kVariantCount = 13;
+#endif
 
 // With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr FeatureMask kLocalOffsets =

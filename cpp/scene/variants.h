@@ -21,6 +21,7 @@ inline constexpr FeatureMask kDiffuseMesh =
 
 // Compiled variants, smallest first; the last holds everything.
 inline constexpr FeatureMask kVariants[] = {
+#ifndef VERIRAY_ONE_VARIANT
     kQuads | lights(kPlainShapes) | kPlainMaterials,
     kDiffuseFlat,
     kDiffuseFlat | kTextures,
@@ -33,6 +34,7 @@ inline constexpr FeatureMask kVariants[] = {
     kLean & ~(kMedia | kChromatic),
     kAllFeatures & ~(kMedia | kChromatic),
     kLean,
+#endif
     kAllFeatures,
 };
 static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);

@@ -1,7 +1,7 @@
 // A surface's material, one per lane: its closure, its parameters and the view along wo.
 #pragma once
 
-#include "bsdfs/closures.h"
+#include "bsdfs/called.h"
 
 namespace veriray {
 
@@ -46,7 +46,7 @@ struct Bsdf {
     VR_HD void each(Visit visit) const {
 #define VR_VISIT(C)                                  \
     if constexpr (has(kWanted & kind_bit(kKind##C))) \
-        visit(C<L>(), kOneKind ? !nobody() : is(kKind##C));
+        visit(UsedClosure<kKind##C, C<L>>(), kOneKind ? !nobody() : is(kKind##C));
         VR_CLOSURES(VR_VISIT)
 #undef VR_VISIT
     }

@@ -31,9 +31,8 @@ inline constexpr uint32_t kPlainKinds = kind_bit(kKindDiffuse);
 // Kinds whose eta may be 0, and kinds whose reflectance is that of a base within a coat.
 inline constexpr uint32_t kMetalKinds = kind_bit(kKindConductor) | kind_bit(kKindRoughConductor);
 inline constexpr uint32_t kCoatedKinds = kind_bit(kKindPlastic) | kind_bit(kKindRoughPlastic);
-// Kinds that scenes with smooth surfaces do without.
-inline constexpr uint32_t kRoughKinds =
-    kind_bit(kKindRoughConductor) | kind_bit(kKindRoughPlastic) | kind_bit(kKindRoughDielectric) |
-    kind_bit(kKindPrincipled) | kind_bit(kKindOpenPrincipled);
+#define VR_KIND_BIT(name) | kind_bit(kKind##name)
+inline constexpr uint32_t kRoughKinds = 0u VR_ROUGH_CLOSURES(VR_KIND_BIT);
+#undef VR_KIND_BIT
 
 }  // namespace veriray

@@ -96,5 +96,6 @@ VR_HD Quad<float> load4(const float* p) {
 #elif defined(__AVX2__) && defined(__FMA__)
 #include "core/lane_avx2.h"
 #else
+#define VR_ONE_LANE 1  // Simd is Scalar
 #include "core/lane_scalar.h"
 #endif

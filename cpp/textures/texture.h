@@ -66,7 +66,7 @@ struct Textures {
     using Point = TexturePoint<F>;
 
     // The colour of a texture where m is set; any valid row elsewhere.
-    static VR_HD S colour(const TextureView& textures, U row, Point at, M m) {
+    static VR_CALLED S colour(const TextureView textures, U row, Point at, M m) {
         const auto column = [&](uint32_t c) {
             return lookup(textures.table + static_cast<uint64_t>(c) * textures.stride, row,
                           textures.count);

@@ -38,7 +38,7 @@ export VERIRAY_CUDA_ARCH
 all: $(VENV)/installed
 
 demo: $(VENV)/installed
-	$(BIN)/veriray render cornell-box --spp $(SPP) -o cornell.exr -o cornell.png
+	$(BIN)/veriray render cornell-box --spp $(SPP) -o cornell.exr -o cornell.png --exposure 1.5
 
 test: $(VENV)/installed
 	$(BIN)/python -m pytest $(PYTEST)

@@ -103,7 +103,7 @@ def test_medium_of_the_reports_coefficients() -> None:
 
 
 def test_names() -> None:
-    assert {p.figure for p in pictures.PICTURES} == {1, 3, 4, 5, 6, 7, 8}
+    assert {p.figure for p in pictures.PICTURES} == {0, 1, 3, 4, 5, 6, 7, 8}
     assert [p.name for p in pictures.select(["fig5"])] == [
         f"subsurface-{k}" for k in (64, 16, 4, 1)
     ]
@@ -133,6 +133,7 @@ def test_mitsuba_loads_the_same_files(name: str, folder: Path) -> None:
     (picture,) = pictures.select([name])
     file = pictures.find(picture.file) if picture.file else folder / f"{name}.xml"
     values = picture.values | {m: str(folder / f"{m}.ply") for m in picture.meshes}
+    values |= {Path(m).stem: str(folder / m) for m in picture.maps}
     assert mitsuba.load_file(str(file), **values).shapes()
 
 

@@ -10,7 +10,7 @@ from .common import add_settings, integer, number, say, show_progress
 
 def add(commands: Any) -> None:
     """Adds `gallery` to the parser."""
-    parser = commands.add_parser("gallery", help="render the figures of the 2016 report")
+    parser = commands.add_parser("gallery", help="render the figures of the 2016 report, and more")
     parser.add_argument("names", metavar="NAME", nargs="*", help="pictures (default: all)")
     parser.add_argument("-o", "--output", metavar="DIR", default="gallery", help="(gallery)")
     parser.add_argument("--mesh", metavar="PATH", help="closed mesh (default: a generated one)")

@@ -17,6 +17,7 @@ from .common import (
     check_output,
     integer,
     load,
+    number,
     say,
     show_progress,
     write_json,
@@ -32,6 +33,7 @@ def add(commands: Any) -> None:
     add_scene(parser)
     add_outputs(parser, "FILE.exr (everything) or FILE.png (display copy)")
     add_settings(parser, *(name for name in SETTINGS if name not in SCENE_SETTINGS))
+    parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
     parser.add_argument("--stats", metavar="FILE.json", help="write the statistics as JSON")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument(
@@ -87,7 +89,7 @@ def _render(arguments: argparse.Namespace) -> int:
     with show_progress(title, arguments.quiet) as progress:
         result = render_with(scene, settings, progress)
     for path in arguments.output:
-        save(result, path)
+        save(result, path, exposure=arguments.exposure)
     if arguments.stats:
         write_json(arguments.stats, {**result.stats, "film_sha256": result.film_sha256})
     if not arguments.quiet:

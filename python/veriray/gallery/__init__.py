@@ -1,4 +1,5 @@
-"""The gallery: every figure of the report "Parallel Path Tracing in CUDA" (H. Dahlberg, 2016).
+"""The gallery: every figure of the report "Parallel Path Tracing in CUDA" (H. Dahlberg, 2016), and
+pictures of what the report had not.
 
 `run` renders the pictures into a folder, each as NAME.exr and NAME.png, and makes a contact sheet
 and a page of them. Figure 2 is an experiment: benchmarks/correlated_seeds.py.
@@ -51,7 +52,7 @@ def run(
 
     Args:
         names: pictures, or "fig5" for all of a figure; () for all.
-        output: folder, created if missing; generated scene and mesh files go there too.
+        output: folder, created if missing; generated scenes, meshes and maps go there too.
         mesh: closed mesh for figure 5 (y up, facing +z); None takes the generated hare.
         spp: samples per pixel; None takes each picture's own.
         seed: of all pictures.
@@ -182,12 +183,12 @@ def _display(picture: Picture, result: Render, folder: Path, say: Callable[[str]
     from . import sheet
 
     if picture.figure != 7:
-        return image.to_srgb8(result.image)
+        return image.to_srgb8(result.image, picture.exposure)
     reference = find(REFERENCE)
     theirs = image.load(reference) if reference else None
     if theirs is None or result.image.shape != theirs.image.shape:
         say(f"compare    not made: it needs 128 x 128 pixels and scenes/{REFERENCE} of a checkout")
-        return image.to_srgb8(result.image)
+        return image.to_srgb8(result.image, picture.exposure)
     from .. import compare
 
     report = compare(result, theirs)
@@ -195,4 +196,4 @@ def _display(picture: Picture, result: Render, folder: Path, say: Callable[[str]
     report.save(folder / f"{picture.name}-report.html")
     say(f"compare    {report.verdict}")
     result.stats["compare"] = report.verdict
-    return sheet.side_by_side(result, theirs)
+    return sheet.side_by_side(result, theirs, picture.exposure)

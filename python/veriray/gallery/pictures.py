@@ -10,15 +10,16 @@ from pathlib import Path
 
 from ..errors import SceneError
 from ..scene import Scene, load_file
-from . import meshes, spheres
+from . import maps, meshes, spheres
 from .own import protect
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture: figure of the report, file in scenes/ ("" for the generated one), values of the
-    file's $names, names of the generated meshes that it reads, batches to keep, and the relative
-    time of a path, for the estimate of the time left."""
+    """One picture: figure of the report (0: not in it), file in scenes/ ("" for the generated one),
+    values of the file's $names, names of the generated meshes and maps that it reads, batches to
+    keep, the relative time of a path, for the estimate of the time left, and the exposure of the
+    display copy in stops."""
 
     name: str
     figure: int
@@ -29,6 +30,13 @@ class Picture:
     spp: int = 1024
     batches: int = 0
     cost: float = 1.0
+    maps: tuple[str, ...] = ()
+    exposure: float = 0.0
+
+    @property
+    def title(self) -> str:
+        """Its name, and its figure if it has one."""
+        return f"{self.name} (figure {self.figure})" if self.figure else self.name
 
 
 def medium(scattering: float, absorption: Sequence[float]) -> dict[str, str]:
@@ -93,13 +101,26 @@ PICTURES = (
     Picture(
         "cornell", 7, "cornell/cornell_box.xml",
         "The measured Cornell box.",
-        {"width": "128", "height": "128"}, spp=4096, batches=64, cost=0.5,
+        {"width": "128", "height": "128"}, spp=4096, batches=64, cost=0.5, exposure=1.5,
     ),
     Picture(
         "room", 8, "gallery/room.xml",
         "A room by day: window, ceiling light and sphere lamps, a glossy floor, a hare of jade, a "
         "glass knot, a round mirror; thin lens, 40 bounces.",
         meshes=("hare", "knot", "tiles_dark", "tiles_light"), cost=11.0,
+    ),
+    Picture(
+        "daylight", 0, "gallery/daylight.xml",
+        "A room by the light of sun and sky through a window: textured boards, plaster, rug, "
+        "painting and furniture, rough glass, brushed brass, clay under a clear coat.",
+        meshes=("hare", "knot"), spp=4096, cost=4.0,
+        maps=("planks.png", "wood.png", "plaster.png", "weave.png", "painting.png", "sky.exr"),
+    ),
+    Picture(
+        "still-life", 0, "gallery/still_life.xml",
+        "Rough gold, copper, aluminium and scratched silver, frosted and clear glass, lacquer and "
+        "enamel on dark wood; a soft box and a sky, through a thin lens.",
+        meshes=("hare", "knot"), spp=2048, cost=3.0, maps=("wood.png", "scratches.png", "sky.exr"),
     ),
 )  # fmt: skip
 
@@ -116,10 +137,10 @@ def select(wanted: Sequence[str]) -> list[Picture]:
     """
     chosen = []
     for name in wanted:
-        match = re.fullmatch(r"fig(?:ure)?[-_ ]?([0-9])", name)
+        match = re.fullmatch(r"fig(?:ure)?[-_ ]?([1-9])", name)
         found = [p for p in PICTURES if p.name == name or (match and p.figure == int(match[1]))]
         if not found:
-            known = ", ".join(f"{p.name} (fig{p.figure})" for p in PICTURES)
+            known = ", ".join(p.name + (f" (fig{p.figure})" if p.figure else "") for p in PICTURES)
             raise ValueError(f"gallery has no picture {name!r}; it has {known}")
         chosen += found
     return [p for p in PICTURES if not wanted or p in chosen]
@@ -140,8 +161,13 @@ def _made(name: str) -> meshes.Mesh:
     return meshes.MAKERS[name]()
 
 
+@cache
+def _map(name: str) -> maps.Array:
+    return maps.MAKERS[name]()
+
+
 def load(name: str, folder: Path, mesh: Path | None = None, force: bool = False) -> Scene:
-    """The scene of a picture. Generated meshes and scene files are written to `folder`.
+    """The scene of a picture. Generated meshes, maps and scene files are written to `folder`.
 
     mesh: a closed mesh, y up and facing +z, for figure 5 in place of the hare.
     force: also replace files of these names that the gallery did not make.
@@ -166,4 +192,9 @@ def load(name: str, folder: Path, mesh: Path | None = None, force: bool = False)
         else:
             meshes.write_ply(file, _made("hare" if wanted == "mesh" else wanted))
         values[wanted] = str(file.resolve())
+    for wanted in picture.maps:
+        file = folder / wanted
+        protect([file], force)
+        maps.write(file, _map(wanted))
+        values[file.stem] = str(file.resolve())
     return load_file(path, values)

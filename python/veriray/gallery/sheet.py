@@ -75,16 +75,17 @@ def outputs(folder: Path, docs: Path, names: Collection[str] = ()) -> list[Path]
     return [docs / "gallery.md", images / "gallery.png", *copies]
 
 
-def side_by_side(ours: Render, theirs: Render, zoom: int = 4) -> Array:
+def side_by_side(ours: Render, theirs: Render, exposure: float, zoom: int = 4) -> Array:
     """Our picture, theirs and their difference in standard errors: (H zoom, 3 W zoom, 3) bytes.
 
     The difference is the mean over the channels of (ours - theirs) / standard error: white is 0,
     red ours brighter, blue ours darker, full colour 4. Pixels are repeated, not interpolated.
+    exposure: of the first two, in stops.
     """
     error = np.sqrt(np.square(ours.stderr, dtype=np.float64) + np.square(theirs.stderr))
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.nan_to_num((ours.image - theirs.image.astype(np.float64)) / error).mean(axis=-1)
-    panels = [to_srgb8(ours.image), to_srgb8(theirs.image), tint(z)]
+    panels = [to_srgb8(ours.image, exposure), to_srgb8(theirs.image, exposure), tint(z)]
     row: Array = np.concatenate(panels, axis=1)
     return row.repeat(zoom, axis=0).repeat(zoom, axis=1)
 
@@ -162,7 +163,7 @@ def contact_sheet(shown: list[tuple[Picture, Image, dict[str, Any]]]) -> Image:
         for picture, image, fact in row:
             width = round(height * _aspect(image))
             sheet.paste(image.resize((width, height), Image.Resampling.LANCZOS), (x, y))
-            title = f"{picture.name} (figure {picture.figure}): {size(fact)}"
+            title = f"{picture.title}: {size(fact)}"
             for k, (line, shade) in enumerate(((title, 235), (speed(fact), 165))):
                 font = _fitting(ImageFont, line, width)
                 draw.text((x, y + height + 4 + 17 * k), line, (shade,) * 3, font=font)
@@ -203,9 +204,9 @@ def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
         "# Gallery",
         "",
         'Every figure of the report "Parallel Path Tracing in CUDA" (H. Dahlberg, KTH, 2016), made',
-        "again by `veriray gallery`. It also made this page and the contact sheet, from the facts",
-        "in the pictures' files. The pictures shown are display copies: sRGB, clipped at 1. The",
-        "films are the same, bit for bit, on every device.",
+        "again by `veriray gallery`, and pictures of what the report had not. It also made this",
+        "page and the contact sheet, from the facts in the pictures' files. The pictures shown are",
+        "display copies: sRGB, clipped at 1. The films are the same, bit for bit, on every device.",
         "",
         "![contact sheet](images/gallery.png)",
         "",
@@ -217,7 +218,7 @@ def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
         depth = fact.get("max_depth")
         error = fact.get("mean_stderr")
         cells = (
-            picture.figure,
+            picture.figure or "",
             f"[{picture.name}](#{picture.name})",
             f"{fact['width']} x {fact['height']}",
             f"{fact['spp']:,}",
@@ -230,9 +231,13 @@ def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
         )
         lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
     for picture, fact in shown:
-        if picture.figure > 2 and "## correlated-seeds" not in lines:
+        if picture.figure != 1 and "## correlated-seeds" not in lines:
             lines += _figure_2(docs)
-        lines += ["", f"## {picture.name}", "", f"Figure {picture.figure}. {picture.text}"]
+        lines += ["", f"## {picture.name}", "", picture.text]
+        if picture.figure:
+            lines[-1] = f"Figure {picture.figure}. {picture.text}"
+        if picture.exposure:
+            lines[-1] += f" Shown {picture.exposure:g} stops brighter than it is."
         if fact.get("compare"):
             lines += ["", "Our render on the left, the independent reference in the middle, their "]
             lines[-1] += "difference in standard errors on the right (blue -4, red +4). "

@@ -103,7 +103,7 @@ class _Builder:
             elif node.category == "medium":
                 self.attempt(self.check_medium, node)
             elif node.category == "sensor":
-                self.attempt(self.sensor, node)
+                self.attempt(self.sensors, node)
             elif node.category == "integrator":
                 self.attempt(integrators.depths, node, self.check, self.report)
             elif node.category == "shape" and "shape" not in PLUGINS[node.plugin].children:
@@ -213,8 +213,8 @@ class _Builder:
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
-        seen_by = [self.sensor(node) for node in parts["sensor"]]
-        chosen = self.chosen(parts["sensor"])
+        seen_by = [view for node in parts["sensor"] for view in self.sensors(node)]
+        chosen = self.chosen(parts["sensor"], max(len(seen_by), 1))
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
             self.material(bsdf)
@@ -258,9 +258,9 @@ class _Builder:
             tuple(self.report.notes),
         )
 
-    def chosen(self, sensors: list[Node]) -> int:
-        """The number of the sensor to render."""
-        count, number = max(len(sensors), 1), self.sensor_index
+    def chosen(self, sensors: list[Node], count: int) -> int:
+        """The number of the sensor to render, of `count`."""
+        number = self.sensor_index
         if number is None:
             if count > 1:
                 text = f"the first of {count} sensors is rendered; sensor = N takes another"
@@ -290,6 +290,13 @@ class _Builder:
             return tuple(values["radiance"])
         self.sky = envmap(skies[0], values)
         return 0.0, 0.0, 0.0
+
+    def sensors(self, node: Node) -> list[_View]:
+        """What a sensor sees; of a batch what each of its sensors does."""
+        parts, _ = self.check(node)
+        if node.plugin != "batch":
+            return [self.sensor(node)]
+        return [self.sensor(one) for one in views.batch(node, parts, self.tree.ids, self.report)]
 
     def sensor(self, node: Node, place: Array | None = None) -> _View:
         """What a sensor sees, and how; place: its to_world, unless the file has it."""
@@ -369,7 +376,7 @@ class _Builder:
             elif node.plugin == "mask":
                 row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
             else:
-                row = materials.material(node, values)
+                row = materials.material(node, values, self.report)
             row |= self.textures(node)
             if any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE):
                 self.with_texture.add(id(node))

@@ -79,7 +79,7 @@ class _Builder:
         self.rows: dict[int, materials.Row] = {}
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
-        self.texels = textures.Texels()
+        self.texels = textures.Texels(self.report)
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
         self.textured: set[int] = set()  # materials that have textures

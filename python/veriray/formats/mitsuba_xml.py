@@ -79,6 +79,8 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
             )
     for text, place in reader.upgraded.listed():
         reader.report.note(text, place)
+    for text, place in reader.upgraded.approximated:
+        reader.report.warn(text, place)
     return reader.tree
 
 

@@ -198,7 +198,7 @@ SENSORS = {
     "negative height": (FILM.format('<integer name="height" value="-5"/>'), '"height" = -5 is outside [1, '),
     "film too large": (FILM.format('<integer name="width" value="65536"/><integer name="height" value="65536"/>'), "film of 65536 x 65536 pixels has more than 2147483647"),
     "crop": (FILM.format('<integer name="crop_width" value="5"/><integer name="crop_offset_x" value="764"/>'), "hdrfilm: the crop window of 5 x 576 pixels at (764, 0) is not within the film of 768 x 576"),
-    "filter": (FILM.format('<rfilter type="lanczos"/>'), 'rfilter "lanczos" of Mitsuba is not supported yet; allowed: box, gaussian, mitchell, tent'),
+    "filter": (FILM.format('<rfilter type="lanczos"/>'), 'rfilter "lanczos" of Mitsuba is not supported yet; allowed: box, catmullrom, gaussian, mitchell, tent'),
     "mitchell's names": (FILM.format('<rfilter type="mitchell"><float name="A" value="0.3"/></rfilter>'), 'unknown parameter "A" = 0.3; allowed: B, C'),
     "mitchell's range": (FILM.format('<rfilter type="mitchell"><float name="B" value="1.5"/></rfilter>'), '"B" = 1.5 is outside [0, 1]'),
     "lens without aperture": (THIN.format('<float name="focus_distance" value="2"/>'), 'thinlens: "aperture_radius" (float) is missing'),

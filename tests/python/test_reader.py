@@ -285,6 +285,15 @@ def test_rotation_about_an_axis_that_is_not_of_unit_length(tmp_path: Path) -> No
     assert not loaded(tmp_path, VIEW, SKY, turned.format('z="1"')).notes
 
 
+def test_catmullrom_is_a_mitchell_filter(tmp_path: Path) -> None:
+    mitchell = param("float", "B", 0) + param("float", "C", 0.5)
+    one, other = (
+        loaded(tmp_path, SKY, SENSOR.format(f"<rfilter type={text}</rfilter>", ""))
+        for text in ('"catmullrom">', f'"mitchell">{mitchell}')
+    )
+    assert one.sha256 == other.sha256 and not one.notes
+
+
 # ---- sensors -----------------------------------------------------------------------------------
 
 

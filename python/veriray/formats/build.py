@@ -306,7 +306,9 @@ class _Builder:
         film_parts, size = self.check(film_node)
         filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
-        parameters = list(self.check(filter_node)[1].values())
+        kind, parameters = filter_node.plugin, list(self.check(filter_node)[1].values())
+        if kind == "catmullrom":
+            kind, parameters = "mitchell", [0.0, 0.5]
         width, height = size["width"], size["height"]
         left, top, wide, high = views.window(film_node, size)
         film = located(
@@ -314,7 +316,7 @@ class _Builder:
             lambda: Film(
                 wide,
                 high,
-                filter_node.plugin,
+                kind,
                 parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
             ),
         )

@@ -344,7 +344,7 @@ def _film(name: str) -> Plugin:
             "compensate": Param("boolean", False, note="sums are exact"),
             "banner": Param("boolean", False, note="no banner is drawn"),
         },
-        {"rfilter": (FILTERS, 0, 1)},
+        {"rfilter": ((*FILTERS, "catmullrom"), 0, 1)},
         doc="linear RGB" if name == "hdrfilm" else "as hdrfilm; of version 0.x",
         lenient="" if name == "hdrfilm" else _WRITTEN,
     )
@@ -415,6 +415,7 @@ PLUGINS: dict[str, Plugin] = {
         {name: Param("float", 1.0 / 3.0, **_SHARE) for name in "BC"},
         doc="Mitchell and Netravali, 1988; 4 pixels wide, with negative lobes",
     ),
+    "catmullrom": Plugin("rfilter", doc="mitchell with B 0 and C 0.5"),
     "independent": Plugin("sampler", _SAMPLER, lenient=_SAMPLED),
     **{
         name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol", lenient=_SAMPLED)

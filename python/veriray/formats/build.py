@@ -37,12 +37,13 @@ _IDLE = ("film", "sampler", "rfilter", "phase")
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
-    all sensors, and notes on what has no effect."""
+    all sensors, notes on what has no effect, and the table and row of each id."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...]
+    ids: dict[str, tuple[str, int]]
 
 
 def build(read: Callable[[Report], Tree], sensor: int | None = None, strict: bool = False) -> Built:
@@ -256,6 +257,7 @@ class _Builder:
             {**places, **self.tables.places()},
             tuple(camera for camera, _, _ in seen_by),
             tuple(self.report.notes),
+            self.tables.ids(),
         )
 
     def chosen(self, sensors: list[Node], count: int) -> int:
@@ -546,6 +548,15 @@ class _Tables:
             table: [key.where for _, key, _ in rows.values()]
             for table, rows in self.rows.items()
             if table != "boundaries"
+        }
+
+    def ids(self) -> dict[str, tuple[str, int]]:
+        """The table and row of each object that has an id."""
+        return {
+            key.id: (table, row)
+            for table, rows in self.rows.items()
+            for row, key, _ in rows.values()
+            if isinstance(key, Node) and key.id
         }
 
     def arrays(self) -> dict[str, Any]:

@@ -156,7 +156,7 @@ def _of_material(scene: Scene, row: int) -> dict[str, tuple[str, ...]]:
 
     kind = MATERIAL_KINDS[scene.material_kind[row]]
     params = PLUGINS[_CLOSED.get(kind, kind)].params
-    result = {
+    result: dict[str, tuple[str, ...]] = {
         name: (param.column,)
         for name, param in params.items()
         if param.column and COLUMNS[param.column].dtype == np.float32

@@ -434,6 +434,9 @@ TAKEN = {
     "blocks": (VIEW + f'<integrator type="path">{param("integer", "block_size", 2)}</integrator>', "how the work is cut"),
     "normals": (VIEW + f'<integrator type="path">{param("boolean", "strict_normals", "true")}</integrator>', "both normals agree"),
     "samples": (VIEW + f'<integrator type="direct">{param("integer", "shading_samples", 4)}</integrator>', "the sampler's sample_count alone counts"),
+    "lamp": (VIEW + f'<emitter type="point">{param("float", "sampling_weight", 0.5)}</emitter>', "it chooses samples"),
+    "dark lamp": (VIEW + f'<shape type="cube"><emitter type="area">{param("float", "sampling_weight", 0)}</emitter></shape>', "it chooses samples"),
+    "silhouette": (VIEW + f'<shape type="cube">{param("float", "silhouette_sampling_weight", 2)}</shape>', "it concerns derivatives"),
     "derivatives": (VIEW + f'<integrator type="prb_projective">{param("integer", "sppi", 4)}</integrator>', "it concerns derivatives"),
 }  # fmt: skip
 

@@ -39,9 +39,8 @@ def material(node: Node, values: dict[str, Any], report: Report) -> Row:
         report.note(f"{node}: polarisation is not rendered", node.where)
     row = {**BLACK, **filled(node, values), "material_kind": MATERIAL_KINDS.index(kind)}
     if kind == "thindielectric" != node.plugin:  # of index 1, so that it reflects nothing
-        through = (
-            (0.5 * x for x in values["transmittance"]) if "transmittance" in values else (1.0,) * 3
-        )
+        share = 1.0 if node.plugin == "retarder" else 0.5
+        through = (share * x for x in values["transmittance"])
         row |= {"eta": (1.0,) * 3, "specular_transmittance": tuple(through)}
     if "int_ior" in values:
         row["eta"] = (values["int_ior"] / values["ext_ior"],) * 3

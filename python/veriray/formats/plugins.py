@@ -12,6 +12,7 @@ from typing import Any
 from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
 from ..columns import (
     DISTRIBUTIONS,
+    LIGHT_KINDS,
     MATERIAL_KINDS,
     MAX_ALPHA,
     MAX_ETA,
@@ -545,7 +546,7 @@ PLUGINS: dict[str, Plugin] = {
     **{
         name: Plugin(
             "bsdf",
-            {"transmittance": _TRANSMITTANCE} if name != "retarder" else {},
+            {"transmittance": _TRANSMITTANCE},
             doc=f"lets {share} of the light straight through, as in Mitsuba without polarisation",
             noted=dict.fromkeys(("theta", "polarizing", "delta", "left_handed"), _UNPOLARISED),
         )
@@ -617,7 +618,12 @@ PLUGINS: dict[str, Plugin] = {
         doc="Henyey and Greenstein",
     ),
     "area": Plugin("emitter", {"radiance": _RADIANCE}, doc="emits on the shape's front side"),
-    "constant": Plugin("emitter", {"radiance": _RADIANCE}, doc="the same in every direction"),
+    "constant": Plugin(
+        "emitter",
+        {"radiance": _RADIANCE},
+        doc="the same in every direction",
+        noted={"to_world": "it is the same in every direction"},
+    ),
     "envmap": Plugin(
         "emitter",
         {
@@ -679,6 +685,13 @@ PLUGINS: dict[str, Plugin] = {
         doc="the sun: parallel light",
     ),
 }
+for _name, _plugin in PLUGINS.items():
+    if _plugin.category == "emitter":  # Mitsuba finds the light of points by samples of it alone
+        _plugin.params["sampling_weight"] = Param(
+            "float", 1.0, 0.0, open=_name in LIGHT_KINDS, note=_SAMPLED
+        )
+    elif _plugin.category == "shape":
+        _plugin.noted["silhouette_sampling_weight"] = _DERIVATIVES
 CATEGORIES = tuple(dict.fromkeys(plugin.category for plugin in PLUGINS.values()))
 
 

@@ -193,6 +193,31 @@ def test_an_included_file_finds_files_beside_the_scene(tmp_path: Path) -> None:
     assert len(scene.triangles) == 1 and not scene.notes
 
 
+def test_the_working_directory_is_searched_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes/a.obj").write_text(TRIANGLE)
+    here = OBJ.format("meshes/a.obj")
+    assert "cannot read" in str(fault(tmp_path / "scenes", VIEW, SKY, here))
+    monkeypatch.chdir(tmp_path)
+    (note,) = loaded(tmp_path / "scenes", VIEW, SKY, here).notes
+    assert note.endswith('scene.xml:4: "meshes/a.obj" is found in the working directory')
+    assert not loaded(Path(), VIEW, SKY, here).notes  # it is the scene's folder, too
+    back = here.replace("/a", "\\a")
+    (note,) = loaded(Path(), VIEW, SKY, back).notes
+    assert note.endswith('"meshes\\a.obj" is read as "meshes/a.obj"')
+    (tmp_path / "scenes/meshes").mkdir()
+    (tmp_path / "scenes/meshes/a.obj").write_text(TRIANGLE.replace("v 1 0 0", "v 5 0 0"))
+    scene = loaded(tmp_path / "scenes", VIEW, SKY, here)
+    assert scene.vertices.max() == 5.0 and not scene.notes
+    assert len(loaded(tmp_path / "scenes", VIEW, SKY, here, back).notes) == 1
+    (tmp_path / "scenes/meshes\\a.obj").write_text(TRIANGLE.replace("v 1 0 0", "v 7 0 0"))
+    scene = loaded(tmp_path / "scenes", VIEW, SKY, back)  # a name of its own
+    assert scene.vertices.max() == 7.0 and not scene.notes
+
+
 @pytest.mark.parametrize("version", ["1.0", "2.0.0", "x"])
 def test_the_declaration_of_an_xml_file_is_not_read(tmp_path: Path, version: str) -> None:
     path = write(tmp_path / "scene.xml", VIEW, SKY, '<shape type="torus"/>')

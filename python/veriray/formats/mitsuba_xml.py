@@ -106,16 +106,23 @@ class _Reader:
         self.old = False  # whether the file being read is of a version below 2
         self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
 
-    def folder(self, name: str, path: Path) -> Path:
-        """Where the file is that `name` in the file `path` means: the first search folder that has
-        it; that of `path` if none does."""
-        for folder in self.folders[path]:
-            try:
-                if (folder / name).exists():
-                    return folder
-            except (OSError, ValueError):  # no possible name
-                break
-        return path.parent
+    def find(self, name: str, path: Path, where: str) -> tuple[Path, str]:
+        """Where the file is that `name` in the file `path` means, and its name there: the first
+        search folder that has it, else, as in Mitsuba, the working directory; if none does, the
+        folder of `path`. Backslashes may stand for slashes."""
+        for text in dict.fromkeys((name, name.replace("\\", "/"))):
+            for folder in (*self.folders[path], Path()):
+                try:
+                    if not (folder / text).exists():
+                        continue
+                except (OSError, ValueError):  # no possible name
+                    return path.parent, name
+                if text != name:
+                    self.report.note(f"{shorten(name)} is read as {shorten(text)}", where)
+                if folder not in self.folders[path]:
+                    self.report.note(f"{shorten(text)} is found in the working directory", where)
+                return folder, text
+        return path.parent, name
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
         name = str(path)
@@ -280,7 +287,7 @@ class _Reader:
         _empty(element, where)
         if depth > 1:
             raise SceneError("<path> must stand directly in <scene>", where)
-        folder = self.folder(name, path) / name
+        folder = Path(*self.find(name, path, where))
         if os.path.isdir(folder):
             self.folders[path].insert(0, folder)
         else:
@@ -321,8 +328,11 @@ class _Reader:
         if not supported:
             self.tree.orphans += [child for child in node.children if isinstance(child, Node)]
         elif "filename" in PLUGINS[plugin].params:
-            name = node.values["filename"].value if "filename" in node.values else ""
-            node.folder = str(self.folder(name if isinstance(name, str) else "", path))
+            given = node.values.get("filename")
+            folder = path.parent
+            if given is not None and isinstance(given.value, str):
+                folder, given.value = self.find(given.value, path, given.where)
+            node.folder = str(folder)
         return node
 
     def include(
@@ -337,7 +347,7 @@ class _Reader:
         a = self.attributes(element, where, "filename", "name")
         name = a["filename"]
         _empty(element, where)
-        target = self.folder(name, path) / name
+        target = Path(*self.find(name, path, where))
         try:
             resolved = target.resolve()
         except (OSError, RuntimeError, ValueError) as error:
@@ -413,9 +423,7 @@ class _Reader:
             if "value" in a:
                 found = spectra.parse(a["value"], label, where)
             else:
-                found = spectra.read_spd(
-                    self.folder(a["filename"], path) / a["filename"], label, where
-                )
+                found = spectra.read_spd(Path(*self.find(a["filename"], path, where)), label, where)
             return a["name"], Value("spectrum", found, where)
         a = self.attributes(element, where, "type", "name id")
         if a["type"] not in spectra.PLUGINS:

@@ -16,6 +16,7 @@ import numpy as np
 from lxml import etree
 
 from reference import shapes, textures
+from reference.materials import diffuse_fresnel
 from reference.principled import SHARES
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
 from reference.skies import Sky, read_texels
@@ -221,8 +222,9 @@ class _Reader(Document):
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
             "mask", "twosided", "roughconductor", "roughplastic", "roughdielectric", "principled",
+            "polarizer", "circular", "retarder", "pplastic",
         )  # fmt: skip
-        if kind in ("mask", "twosided"):
+        if kind in ("mask", "twosided", "polarizer", "circular", "retarder", "pplastic"):
             return getattr(self, kind)(element)
         return Material(**{"kind": kind, **getattr(self, kind)(element)})
 
@@ -232,6 +234,32 @@ class _Reader(Document):
         if inner is None or inner.opacity < 1:
             raise self.error(element, "mask needs one bsdf that is no mask")
         return replace(inner, opacity=values.get("opacity", 0.5))
+
+    def polarizer(self, element: etree._Element) -> Material:
+        """Half of the light goes on, half is lost: a mask of what is black."""
+        values = self.parameters(element, transmittance=self.number(0, 1))
+        return replace(_NO_LIGHT, opacity=1 - 0.5 * values.get("transmittance", 1.0))
+
+    circular = polarizer
+
+    def retarder(self, element: etree._Element) -> Material:
+        return Material(kind="null", **self.parameters(element))
+
+    def pplastic(self, element: etree._Element) -> Material:
+        """Without polarisation: the coat of roughplastic alone, or light that enters the base of
+        plastic and leaves it at once."""
+        colours = {
+            child.get("name"): self.colour(1.0)(child)
+            for child in element
+            if str(child.get("name")).endswith("_reflectance")
+        }
+        if not np.any(colours.get("diffuse_reflectance", 0.5)):
+            return Material(kind="roughplastic", **self.roughplastic(element))
+        if np.any(colours.get("specular_reflectance", 1.0)):
+            raise self.error(element, "pplastic of a coat and a base")
+        values = self.plastic(element)
+        values["reflectance"] = values["reflectance"] * (1 - diffuse_fresnel(values["eta"][0]))
+        return Material(kind="plastic", **values)
 
     def twosided(self, element: etree._Element) -> Material:
         inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from . import parameters
 from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 _DERIVED = ("_array_digest", "_native_forms")
-_OF_FILE = ("_places", "_cameras", "_notes")
+_OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -180,8 +181,14 @@ class Scene(SceneArrays):
         digest.update(f"\n{(*settings, camera.medium)}\n".encode())
         return digest.hexdigest()
 
+    def parameters(self) -> dict[str, float | tuple[float, ...]]:
+        """The numbers of materials, lights, media and textures by name, as
+        "teapot.bsdf.reflectance"; what textures give is left out. See `veriray.parameters`."""
+        return parameters.listed(self)
+
     def with_(
         self,
+        changes: Mapping[str, Any] | None = None,
         *,
         width: int | None = None,
         height: int | None = None,
@@ -194,7 +201,14 @@ class Scene(SceneArrays):
         seed: int | None = None,
         camera: Camera | None = None,
     ) -> Scene:
-        """A copy with other settings; None keeps the value. Raises SceneError as Scene does."""
+        """A copy with other settings; None keeps the value. changes: new values of `parameters`, by
+        their names; a colour may be one number. Raises SceneError as Scene does."""
+        if changes is not None:
+            return self._changed(changes).with_(
+                width=width, height=height, filter=filter, filter_parameter=filter_parameter,
+                max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, spp=spp, seed=seed,
+                camera=camera,
+            )  # fmt: skip
         film = self.film
         if filter is None and filter_parameter is None:
             filter_parameter = film.filter_parameter
@@ -211,6 +225,16 @@ class Scene(SceneArrays):
         copy.__dict__.update(self.__getstate__(), _array_digest=self._digest, film=film, **changed)
         copy._check_settings()
         return copy
+
+    def _changed(self, changes: Mapping[str, Any]) -> Scene:
+        if not isinstance(changes, Mapping):
+            raise SceneError(f"changes = {shown(changes)} is not a dictionary of names")
+        arrays: dict[str, Any] = parameters.changed(self, changes)
+        try:
+            return self._with_arrays(**arrays)
+        except SceneError as error:
+            names = ", ".join(f'"{name}"' for name in changes)
+            raise SceneError(f"{names}: {error}") from None
 
     def scaled(self, factor: float) -> Scene:
         """A copy with all lengths, the camera's too, multiplied by `factor` > 0: the same picture.
@@ -309,7 +333,9 @@ def _made(built: Built) -> Scene:
         scene = Scene(**built.arguments)
     except SceneError as error:
         raise SceneError(str(error), built.places["scene"][0]) from None
-    scene.__dict__.update(_places=built.places, _cameras=built.cameras, _notes=built.notes)
+    scene.__dict__.update(
+        _places=built.places, _cameras=built.cameras, _notes=built.notes, _ids=built.ids
+    )
     return scene
 
 

@@ -596,6 +596,28 @@ def thindielectric() -> str:
 
 
 @scene
+def polarisers() -> str:
+    """Filters one before the other, and plastics that only polarisation sets apart."""
+    panes = [
+        shape(
+            "rectangle", transform(scale(0.7), rotate("y", 15), translate(x, 1.3, z)), bsdf(*what)
+        )
+        for x, z, what in (
+            (-1.2, 0.6, ("polarizer",)),
+            (-0.7, 1.2, ("circular", number("transmittance", 0.8))),
+            (0.9, 1.2, ("retarder",)),
+        )
+    ]
+    base = rgb("diffuse_reflectance", 0.2, 0.5, 0.9) + number("specular_reflectance", 0)
+    coat = number("diffuse_reflectance", 0) + number("alpha", 0.3)
+    return (
+        sensor() + striped() + "".join(panes)
+        + sphere(-0.7, 0.6, -0.2, 0.6, bsdf("pplastic", base, number("int_ior", 1.9)))
+        + sphere(0.8, 0.6, -0.2, 0.6, bsdf("pplastic", coat))
+    )  # fmt: skip
+
+
+@scene
 def plastic() -> str:
     """Plastic: a glossy ball and pane with the default indices and others."""
     pane = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.9, -0.6))

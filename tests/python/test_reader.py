@@ -30,6 +30,10 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 OBJ = '<shape type="obj"><string name="filename" value="{}"/></shape>'
 
 
+def param(kind: str, name: str, value: object) -> str:
+    return f'<{kind} name="{name}" value="{value}"/>'
+
+
 def write(path: Path, *lines: str) -> Path:
     path.write_text('<scene version="3.0.0">\n' + "\n".join(lines) + "\n</scene>\n", "utf-8")
     return path
@@ -106,6 +110,139 @@ def test_names_with_dollars_and_defaults(tmp_path: Path) -> None:
     assert loaded(tmp_path, *lines, parameters={"fov": 50}).camera.fov == 50.0
 
 
+UNSET = "$none"
+
+
+@pytest.mark.parametrize(
+    ("line", "kept", "fragment"),
+    [
+        (SENSOR.format("", f'<sampler type="independent">{param("integer", "sample_count", UNSET)}</sampler>'), {"spp": 4}, '"sample_count" of independent takes its default'),
+        (VIEW.replace('"8"', f'"{UNSET}"'), {"film.width": 768}, '"width" of hdrfilm takes its default'),
+        (SENSOR.format(f'<rfilter type="tent">{param("float", "radius", UNSET)}</rfilter>', ""), {"film.filter_parameter": 1.0}, '"radius" of tent takes its default'),
+        (SENSOR.format(f'<rfilter type="{UNSET}"/>', ""), {"film.filter": "gaussian"}, "the rfilter is gaussian"),
+        (SENSOR.format("", f'<sampler type="a{UNSET}"/>'), {"sampler": "independent"}, "the sampler is independent"),
+        (VIEW.replace("hdrfilm", UNSET), {"film.width": 8}, "the film is hdrfilm"),
+        (VIEW + f'<integrator type="{UNSET}">{param("integer", "max_depth", 3)}</integrator>', {"max_depth": 3}, "the integrator is path"),
+    ],
+)  # fmt: skip
+def test_parameters_without_a_value_that_change_no_light(
+    tmp_path: Path, line: str, kept: dict[str, Any], fragment: str
+) -> None:
+    scene = loaded(tmp_path, SKY, line)
+    ((name, value),) = kept.items()
+    found: Any = scene
+    for part in name.split("."):
+        found = getattr(found, part)
+    assert found == value
+    (note,) = scene.notes
+    assert note.startswith(f'{tmp_path}/scene.xml:3: parameter "$none" has no value; give it by -D')
+    assert note.endswith(fragment)
+    assert str(fault(tmp_path, SKY, line, strict=True)).startswith(note)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f'<integrator type="path">{param("integer", "max_depth", UNSET)}</integrator>',
+        f'<emitter type="point">{param("rgb", "intensity", UNSET)}</emitter>',
+        f'<emitter type="{UNSET}"/>',
+        f'<sensor type="perspective">{param("float", "fov", UNSET)}</sensor>',
+        f'<sensor type="{UNSET}"/>',
+        f'<sensor type="perspective" id="{UNSET}"/>',
+        f'<sampler type="independent" id="{UNSET}"/>',
+        f'<include filename="{UNSET}"/>',
+    ],
+)
+def test_other_parameters_without_a_value_are_faults(tmp_path: Path, line: str) -> None:
+    assert 'parameter "$none" has no value' in str(fault(tmp_path, VIEW, SKY, line))
+
+
+def test_a_parameter_that_is_given_is_never_the_default(tmp_path: Path) -> None:
+    sampler = f'<sampler type="$kind">{param("integer", "sample_count", "$n")}</sampler>'
+    scene = loaded(
+        tmp_path, SKY, SENSOR.format("", sampler), parameters={"n": 9, "kind": "stratified"}
+    )
+    assert (scene.spp, scene.sampler, scene.notes) == (9, "sobol", ())
+
+
+def test_what_is_given_twice(tmp_path: Path) -> None:
+    film = VIEW.replace("</film>", param("integer", "height", 7) + "</film>")
+    scene = loaded(tmp_path, SKY, film)
+    assert (scene.film.width, scene.film.height) == (8, 7)  # the last, as in Mitsuba 2
+    (note,) = scene.notes
+    assert f'"height" is given twice, first at {tmp_path}/scene.xml:3; the last counts' in note
+    grey = param("rgb", "reflectance", "0.1 0.2 0.3")
+    cube = '<shape type="cube"><bsdf type="diffuse">{}{}</bsdf></shape>'
+    (note,) = loaded(tmp_path, VIEW, SKY, cube.format(grey, grey)).notes
+    assert "the last counts" in note
+    for other in (grey.replace("0.3", "0.4"), param("float", "reflectance", 0.1)):
+        assert "given twice" in str(fault(tmp_path, VIEW, SKY, cube.format(grey, other)))
+
+
+def test_an_included_file_finds_files_beside_the_scene(tmp_path: Path) -> None:
+    for folder in ("scene/parts", "common/parts"):
+        (tmp_path / folder).mkdir(parents=True)
+    write(tmp_path / "scene/parts/base.xml", '<include filename="parts/first.xml"/>', VIEW,
+          '<include filename="parts/second.xml"/>', OBJ.format("a.obj"))  # fmt: skip
+    write(tmp_path / "scene/parts/first.xml", '<default name="n" value="1"/>')
+    write(tmp_path / "common/parts/second.xml", SKY)  # in the folder of the scene's <path>
+    (tmp_path / "scene/a.obj").write_text(TRIANGLE)
+    scene = loaded(
+        tmp_path / "scene", '<path value="../common"/>', '<include filename="parts/base.xml"/>'
+    )
+    assert len(scene.triangles) == 1 and not scene.notes
+
+
+def test_the_working_directory_is_searched_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes/a.obj").write_text(TRIANGLE)
+    here = OBJ.format("meshes/a.obj")
+    assert "cannot read" in str(fault(tmp_path / "scenes", VIEW, SKY, here))
+    monkeypatch.chdir(tmp_path)
+    (note,) = loaded(tmp_path / "scenes", VIEW, SKY, here).notes
+    assert note.endswith('scene.xml:4: "meshes/a.obj" is found in the working directory')
+    assert not loaded(Path(), VIEW, SKY, here).notes  # it is the scene's folder, too
+    back = here.replace("/a", "\\a")
+    (note,) = loaded(Path(), VIEW, SKY, back).notes
+    assert note.endswith('"meshes\\a.obj" is read as "meshes/a.obj"')
+    (tmp_path / "scenes/meshes").mkdir()
+    (tmp_path / "scenes/meshes/a.obj").write_text(TRIANGLE.replace("v 1 0 0", "v 5 0 0"))
+    scene = loaded(tmp_path / "scenes", VIEW, SKY, here)
+    assert scene.vertices.max() == 5.0 and not scene.notes
+    assert len(loaded(tmp_path / "scenes", VIEW, SKY, here, back).notes) == 1
+    (tmp_path / "scenes/meshes\\a.obj").write_text(TRIANGLE.replace("v 1 0 0", "v 7 0 0"))
+    scene = loaded(tmp_path / "scenes", VIEW, SKY, back)  # a name of its own
+    assert scene.vertices.max() == 7.0 and not scene.notes
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0.0", "x"])
+def test_the_declaration_of_an_xml_file_is_not_read(tmp_path: Path, version: str) -> None:
+    path = write(tmp_path / "scene.xml", VIEW, SKY, '<shape type="torus"/>')
+    text = path.read_text("utf-8")
+    path.write_text(f'<?xml version="{version}"\n encoding="latin-1"?>\n{text}', "utf-8")
+    with pytest.raises(SceneError, match="scene.xml:6: unknown shape"):
+        vr.load_file(path)
+    path.write_text(path.read_text("utf-8").replace("torus", "cube"), "utf-8")
+    assert len(vr.load_file(path).triangles) == 12
+
+
+def test_the_sign_of_a_metals_index_does_not_count(tmp_path: Path) -> None:
+    metal = '<shape type="cube"><bsdf type="conductor">{}{}</bsdf></shape>'
+    plain, signed = (
+        metal.format(param("rgb", "eta", eta), param("rgb", "k", k))
+        for eta, k in (("0.1 1 2", "3 2 1"), ("-0.1 1 -2", "3 -2 1"))
+    )
+    with pytest.warns(SceneWarning, match=r"scene.xml:3: .*only its square counts; rendered as"):
+        scene = loaded(tmp_path, VIEW, signed, SKY)
+    assert scene.sha256 == loaded(tmp_path, VIEW, plain, SKY).sha256
+    assert len(scene.notes) == 2
+    assert "an error by strict" in str(fault(tmp_path, VIEW, signed, SKY, strict=True))
+    assert "outside" in str(fault(tmp_path, VIEW, plain.replace("0.1", "1e7"), SKY))
+
+
 def test_alias(tmp_path: Path) -> None:
     red = '<bsdf type="diffuse" id="red"><rgb name="reflectance" value="0.5 0 0"/></bsdf>'
     lines = (
@@ -173,6 +310,15 @@ def test_rotation_about_an_axis_that_is_not_of_unit_length(tmp_path: Path) -> No
     assert not loaded(tmp_path, VIEW, SKY, turned.format('z="1"')).notes
 
 
+def test_catmullrom_is_a_mitchell_filter(tmp_path: Path) -> None:
+    mitchell = param("float", "B", 0) + param("float", "C", 0.5)
+    one, other = (
+        loaded(tmp_path, SKY, SENSOR.format(f"<rfilter type={text}</rfilter>", ""))
+        for text in ('"catmullrom">', f'"mitchell">{mitchell}')
+    )
+    assert one.sha256 == other.sha256 and not one.notes
+
+
 # ---- sensors -----------------------------------------------------------------------------------
 
 
@@ -197,6 +343,34 @@ def test_one_of_several_sensors(tmp_path: Path, capsys: Any) -> None:
     assert (report["width"], report["cameras"], report["scene_sha256"]) == (16, 2, second.sha256)
     with pytest.raises(SceneError, match="sensor = -1 is outside"):
         vr.load_file(path, sensor=-1)
+
+
+def test_a_batch_is_its_sensors(tmp_path: Path) -> None:
+    inner = [
+        f'<sensor type="perspective">{param("float", "fov", fov)}{FILM.format("")}'
+        f'<sampler type="independent">{param("integer", "sample_count", 7)}</sampler></sensor>'
+        for fov in (30, 50, 70)
+    ]
+    film = FILM.replace('"8"', '"24"').format('<rfilter type="box"/>')
+    sampler = f'<sampler type="independent">{param("integer", "sample_count", 3)}</sampler>'
+    batch = f'<sensor type="batch">{"".join(inner)}{film}{sampler}</sensor>'
+    scene = loaded(tmp_path, SKY, batch)
+    assert [c.fov for c in scene.cameras] == [30.0, 50.0, 70.0] and scene.spp == 3
+    assert (scene.film.width, scene.film.height, scene.film.filter) == (8, 6, "box")
+    assert "its 3 sensors are sensors of the scene, 8 pixels wide each" in scene.notes[0]
+    assert loaded(tmp_path, SKY, batch, sensor=2).camera.fov == 70.0
+    assert len(loaded(tmp_path, SKY, VIEW, batch, VIEW).cameras) == 5
+    for old, new, message in (
+        ('"24"', '"25"', "the film's width = 25 is not a multiple of its 3 sensors"),
+        (
+            sampler,
+            sampler.replace("sampler", "film").replace("independent", "hdrfilm"),
+            "at most 1",
+        ),
+        ('"24"/>', '"24"/>' + param("integer", "crop_width", 4), "a crop window is not supported"),
+    ):
+        assert message in str(fault(tmp_path, SKY, batch.replace(old, new)))
+    assert "has no sensor" in str(fault(tmp_path, SKY, '<sensor type="batch"/>'))
 
 
 def test_no_sensor_frames_the_scene(tmp_path: Path) -> None:
@@ -269,10 +443,6 @@ def test_crop_window_shows_that_part(tmp_path: Path) -> None:
 # ---- notes -------------------------------------------------------------------------------------
 
 
-def param(kind: str, name: str, value: object) -> str:
-    return f'<{kind} name="{name}" value="{value}"/>'
-
-
 #: What is taken -> what the note says.
 TAKEN = {
     "format": (SENSOR.format(param("string", "file_format", "rgbe"), ""), 'hdrfilm: "file_format" = "rgbe": the picture is written as render asks'),
@@ -289,6 +459,9 @@ TAKEN = {
     "blocks": (VIEW + f'<integrator type="path">{param("integer", "block_size", 2)}</integrator>', "how the work is cut"),
     "normals": (VIEW + f'<integrator type="path">{param("boolean", "strict_normals", "true")}</integrator>', "both normals agree"),
     "samples": (VIEW + f'<integrator type="direct">{param("integer", "shading_samples", 4)}</integrator>', "the sampler's sample_count alone counts"),
+    "lamp": (VIEW + f'<emitter type="point">{param("float", "sampling_weight", 0.5)}</emitter>', "it chooses samples"),
+    "dark lamp": (VIEW + f'<shape type="cube"><emitter type="area">{param("float", "sampling_weight", 0)}</emitter></shape>', "it chooses samples"),
+    "silhouette": (VIEW + f'<shape type="cube">{param("float", "silhouette_sampling_weight", 2)}</shape>', "it concerns derivatives"),
     "derivatives": (VIEW + f'<integrator type="prb_projective">{param("integer", "sppi", 4)}</integrator>', "it concerns derivatives"),
 }  # fmt: skip
 

@@ -1,7 +1,9 @@
+# ruff: noqa: E501 (the tables of what is approximated)
 """Scene files of Mitsuba 0.4 to 1.x: the scene that the same file in today's terms gives."""
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -399,7 +401,173 @@ def test_included_files_are_upgraded(tmp_path: Path) -> None:
         read(tmp_path, "3.0.0", inherits)
 
 
-@pytest.mark.parametrize("name", ["phong", "ward", "coating", "difftrans"])
+def approximated(old: str) -> tuple[str, list[str]]:
+    """A bsdf after the upgrade, on one line, and what is said of it."""
+    root = etree.fromstring(f'<scene version="0.6.0">\n{old}</scene>')
+    notes = upgrade.Notes()
+    upgrade.upgrade(root, "f.xml", notes)
+    assert all(place == "f.xml:2" for _, place in notes.approximated)
+    found = etree.tostring(root[0], with_tail=False).decode()
+    return re.sub(r">\s+<", "><", found), [text for text, _ in notes.approximated]
+
+
+def bsdf(plugin: str, *content: str) -> str:
+    return f'<bsdf type="{plugin}">{"".join(content)}</bsdf>'
+
+
+def rgb(name: str, value: str) -> str:
+    return f'<rgb name="{name}" value="{value}"/>'
+
+
+def number(name: str, value: object) -> str:
+    return f'<float name="{name}" value="{value}"/>'
+
+
+BECKMANN = '<string name="distribution" value="beckmann"/>'
+BITMAP = '<texture type="bitmap" name="{}"/>'
+ROUGH_METAL = bsdf("roughconductor", '<string name="material" value="Cu"/>', number("alpha", 0.2))
+COPPER = '<string name="material" value="Cu"/>'
+#: What Mitsuba 0.x has -> what stands for it, and what is said; sqrt(2 / (4 n + 2)) = 0.1 for 49.5.
+APPROXIMATED = {
+    "roughdiffuse": (
+        bsdf("roughdiffuse", rgb("reflectance", "0.1 0.2 0.3"), number("alpha", 0.2)),
+        bsdf("diffuse", rgb("reflectance", "0.1 0.2 0.3")),
+        "bsdf roughdiffuse is rendered as diffuse",
+    ),
+    "phong": (
+        bsdf("phong", number("exponent", 49.5), rgb("specularReflectance", "0.25 0.125 0"), rgb("diffuseReflectance", "0.75 0 0.375")),
+        bsdf("roughplastic", rgb("specular_reflectance", "1.0 0.5 0.0"), rgb("diffuse_reflectance", "1.0 0.0 0.5"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
+        "bsdf phong is rendered as roughplastic of alpha 0.1",
+    ),
+    "phong of a texture": (
+        bsdf("phong", number("exponent", 49.5), BITMAP.format("diffuseReflectance"), rgb("specularReflectance", "0.25")),
+        bsdf("roughplastic", BITMAP.format("diffuse_reflectance"), rgb("specular_reflectance", "1.0 1.0 1.0"), number("int_ior", 3.0), number("ext_ior", 1), number("alpha", 0.1), BECKMANN),
+        "bsdf phong is rendered as roughplastic of alpha 0.1",
+    ),
+    "ward of a metal": (
+        bsdf("ward", number("alphaU", 0.1), number("alphaV", 0.4), rgb("diffuseReflectance", "0"), rgb("specularReflectance", "0.5"), '<string name="variant" value="balanced"/>'),
+        bsdf("roughconductor", rgb("specular_reflectance", "0.5 0.5 0.5"), number("alpha", 0.2), BECKMANN),
+        "bsdf ward is rendered as roughconductor of alpha 0.2",
+    ),
+    "ward without mirrors": (
+        bsdf("ward", rgb("specularReflectance", "0"), rgb("diffuseReflectance", "0.1 0.2 0.3")),
+        bsdf("diffuse", rgb("reflectance", "0.1 0.2 0.3")),
+        "",
+    ),
+    "slopes": (
+        bsdf("roughdielectric", number("alpha", 0.2), BECKMANN.replace("beckmann", "phong")),
+        bsdf("roughdielectric", number("alpha", 0.2), BECKMANN),
+        "bsdf roughdielectric: slopes of phong are rendered as beckmann",
+    ),
+    "coating of diffuse": (
+        bsdf("coating", number("intIOR", 1.7), bsdf("diffuse", BITMAP.format("reflectance"))),
+        bsdf("plastic", number("int_ior", 1.7), BITMAP.format("diffuse_reflectance")),
+        "bsdf coating is rendered as plastic",
+    ),
+    "coating that absorbs": (
+        bsdf("coating", number("thickness", 0.5), rgb("sigmaA", "0 0 1000"), bsdf("diffuse", rgb("reflectance", "0.1 0.2 0.3"))),
+        bsdf("plastic", rgb("diffuse_reflectance", "0.1 0.2 0.0")),
+        "bsdf coating is rendered as plastic, with its absorption at normal incidence",
+    ),
+    "rough coating": (
+        bsdf("roughcoating", number("alpha", 0.3), BECKMANN.replace("beckmann", "as"), bsdf("diffuse")),
+        bsdf("roughplastic", number("alpha", 0.3), BECKMANN),
+        "bsdf roughcoating is rendered as roughplastic",
+    ),
+    "coating of metal": (
+        bsdf("coating", rgb("sigmaA", "0 0 1000"), ROUGH_METAL),
+        bsdf("roughconductor", COPPER, number("alpha", 0.2), rgb("specular_reflectance", "1.0 1.0 0.0")),
+        "bsdf coating is rendered without its coat, as roughconductor, with its absorption at normal incidence",
+    ),
+    "coating of both sides": (
+        bsdf("coating", bsdf("twosided", ROUGH_METAL)),
+        bsdf("twosided", ROUGH_METAL),
+        "bsdf coating is rendered without its coat, as roughconductor",
+    ),
+    "coating of both sides in both sides": (
+        bsdf("twosided", bsdf("coating", bsdf("twosided", ROUGH_METAL))),
+        bsdf("twosided", ROUGH_METAL),
+        "bsdf coating is rendered without its coat, as roughconductor",
+    ),
+    "coating of what is approximated": (
+        bsdf("coating", rgb("sigmaA", "1"), '<bsdf type="difftrans"/>'),
+        '<bsdf type="difftrans"/>',
+        "bsdf coating is rendered without its coat, as difftrans and without its absorption",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", APPROXIMATED)
+def test_what_is_nearest_stands_for_what_has_no_counterpart(name: str) -> None:
+    old, new, text = APPROXIMATED[name]
+    found, told = approximated(old)
+    assert found == new
+    assert text in told if text else not told
+
+
+@pytest.mark.parametrize("value", ["-1", "0", "1e308", "1e-320", "nan", "1 2", "", "$x", "1:2"])
+@pytest.mark.parametrize(
+    ("plugin", "name"),
+    [
+        ("phong", "exponent"), ("phong", "specular_reflectance"), ("phong", "diffuse_reflectance"),
+        ("ward", "alpha_u"), ("coating", "sigma_a"), ("coating", "thickness"),
+    ],
+)  # fmt: skip
+def test_odd_numbers_of_what_is_approximated(
+    tmp_path: Path, plugin: str, name: str, value: str
+) -> None:
+    held = bsdf("conductor") + rgb("sigma_a", "1e308") if plugin == "coating" else ""
+    material = bsdf(plugin, held if name != "sigma_a" else bsdf("diffuse"), rgb(name, value))
+    try:
+        read(tmp_path, "0.6.0", f'{SENSOR}{LIGHT}<shape type="cube">{material}</shape>')
+    except SceneError as error:
+        assert "scene-0.6.0.xml:1: " in str(error)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_coating_of_a_reference(tmp_path: Path, order: int) -> None:
+    """What it refers to, before or after it, is read as it will be, and keeps its name alone."""
+    base = '<bsdf type="diffuse" id="a"><rgb name="diffuseReflectance" value="0.1 0.2 0.3"/></bsdf>'
+    parts = (base, '<bsdf type="coating" id="b"><ref id="a"/></bsdf>')
+    shapes = "".join(f'<shape type="cube"><ref id="{i}"/></shape>' for i in "ab")
+    scene = read(tmp_path, "0.6.0", SENSOR + LIGHT + "".join(parts[::order]) + shapes)
+    assert [vr.columns.MATERIAL_KINDS[k] for k in scene.material_kind] == ["diffuse", "plastic"]
+    np.testing.assert_array_equal(scene.reflectance, np.float32([[0.1, 0.2, 0.3]] * 2))
+    with pytest.raises(SceneError, match='unknown bsdf "coating"'):
+        read(tmp_path, "0.6.0", SENSOR + '<bsdf type="coating"><ref id="c"/></bsdf>')
+
+
+def test_approximations_are_warnings(tmp_path: Path) -> None:
+    path = tmp_path / "scene.xml"
+    body = f'{SENSOR}{LIGHT}<shape type="cube"><bsdf type="phong"/></shape>'
+    path.write_text(f'<scene version="0.6.0">\n{body}</scene>')
+    with pytest.warns(SceneWarning, match="scene.xml:2: bsdf phong is rendered as roughplastic"):
+        vr.load_file(path)
+    with pytest.raises(SceneError, match="an error by strict"):
+        vr.load_file(path, strict=True)
+
+
+@pytest.mark.parametrize("exponent", [50, 400])
+def test_the_lobe_of_a_phong(tmp_path: Path, exponent: int) -> None:
+    """ks (n + 2) / (2 pi) cos^n at normal incidence, within a twentieth down to 0.6 of its peak."""
+    metal = bsdf("phong", number("exponent", exponent), rgb("diffuseReflectance", "0"), rgb("specularReflectance", "0.5"))  # fmt: skip
+    for tenths in (0, 5, 10):
+        angle = tenths / 10 / np.sqrt(exponent)  # from the mirrored direction
+        x, z = 5 * np.sin(angle), 5 * np.cos(angle)
+        body = (
+            '<sensor type="perspective"><float name="fov" value="0.001"/>'
+            f'<transform name="toWorld"><lookAt origin="{x} 0 {z}" target="0 0 0" up="0 1 0"/>'
+            '</transform><film type="ldrfilm"><integer name="width" value="1"/>'
+            '<integer name="height" value="1"/><rfilter type="box"/></film></sensor>'
+            f'<shape type="rectangle">{metal}</shape><emitter type="directional">'
+            '<vector name="direction" z="-1"/><rgb name="irradiance" value="1"/></emitter>'
+        )
+        image = vr.render(read(tmp_path, "0.6.0", body), spp=4, device="cpu").image
+        lobe = 0.5 * (exponent + 2) / (2 * np.pi) * np.cos(angle) ** exponent
+        assert abs(image[0, 0, 0] / lobe - 1) < 0.05
+
+
+@pytest.mark.parametrize("name", ["difftrans", "hk", "irawan"])
 def test_what_has_no_counterpart_is_refused_by_name(tmp_path: Path, name: str) -> None:
     with pytest.raises(SceneError, match=f'unknown bsdf "{name}"'):
         read(tmp_path, "0.6.0", f'{SENSOR}<shape type="cube"><bsdf type="{name}"/></shape>')

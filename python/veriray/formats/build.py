@@ -37,12 +37,13 @@ _IDLE = ("film", "sampler", "rfilter", "phase")
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
-    all sensors, and notes on what has no effect."""
+    all sensors, notes on what has no effect, and the table and row of each id."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...]
+    ids: dict[str, tuple[str, int]]
 
 
 def build(read: Callable[[Report], Tree], sensor: int | None = None, strict: bool = False) -> Built:
@@ -79,7 +80,7 @@ class _Builder:
         self.rows: dict[int, materials.Row] = {}
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
-        self.texels = textures.Texels()
+        self.texels = textures.Texels(self.report)
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
         self.textured: set[int] = set()  # materials that have textures
@@ -103,7 +104,7 @@ class _Builder:
             elif node.category == "medium":
                 self.attempt(self.check_medium, node)
             elif node.category == "sensor":
-                self.attempt(self.sensor, node)
+                self.attempt(self.sensors, node)
             elif node.category == "integrator":
                 self.attempt(integrators.depths, node, self.check, self.report)
             elif node.category == "shape" and "shape" not in PLUGINS[node.plugin].children:
@@ -213,8 +214,8 @@ class _Builder:
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
-        seen_by = [self.sensor(node) for node in parts["sensor"]]
-        chosen = self.chosen(parts["sensor"])
+        seen_by = [view for node in parts["sensor"] for view in self.sensors(node)]
+        chosen = self.chosen(parts["sensor"], max(len(seen_by), 1))
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
             self.material(bsdf)
@@ -256,11 +257,12 @@ class _Builder:
             {**places, **self.tables.places()},
             tuple(camera for camera, _, _ in seen_by),
             tuple(self.report.notes),
+            self.tables.ids(),
         )
 
-    def chosen(self, sensors: list[Node]) -> int:
-        """The number of the sensor to render."""
-        count, number = max(len(sensors), 1), self.sensor_index
+    def chosen(self, sensors: list[Node], count: int) -> int:
+        """The number of the sensor to render, of `count`."""
+        number = self.sensor_index
         if number is None:
             if count > 1:
                 text = f"the first of {count} sensors is rendered; sensor = N takes another"
@@ -291,6 +293,13 @@ class _Builder:
         self.sky = envmap(skies[0], values)
         return 0.0, 0.0, 0.0
 
+    def sensors(self, node: Node) -> list[_View]:
+        """What a sensor sees; of a batch what each of its sensors does."""
+        parts, _ = self.check(node)
+        if node.plugin != "batch":
+            return [self.sensor(node)]
+        return [self.sensor(one) for one in views.batch(node, parts, self.tree.ids, self.report)]
+
     def sensor(self, node: Node, place: Array | None = None) -> _View:
         """What a sensor sees, and how; place: its to_world, unless the file has it."""
         parts, values = self.check(node)
@@ -299,7 +308,9 @@ class _Builder:
         film_parts, size = self.check(film_node)
         filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
-        parameters = list(self.check(filter_node)[1].values())
+        kind, parameters = filter_node.plugin, list(self.check(filter_node)[1].values())
+        if kind == "catmullrom":
+            kind, parameters = "mitchell", [0.0, 0.5]
         width, height = size["width"], size["height"]
         left, top, wide, high = views.window(film_node, size)
         film = located(
@@ -307,7 +318,7 @@ class _Builder:
             lambda: Film(
                 wide,
                 high,
-                filter_node.plugin,
+                kind,
                 parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
             ),
         )
@@ -369,7 +380,7 @@ class _Builder:
             elif node.plugin == "mask":
                 row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
             else:
-                row = materials.material(node, values)
+                row = materials.material(node, values, self.report)
             row |= self.textures(node)
             if any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE):
                 self.with_texture.add(id(node))
@@ -537,6 +548,15 @@ class _Tables:
             table: [key.where for _, key, _ in rows.values()]
             for table, rows in self.rows.items()
             if table != "boundaries"
+        }
+
+    def ids(self) -> dict[str, tuple[str, int]]:
+        """The table and row of each object that has an id."""
+        return {
+            key.id: (table, row)
+            for table, rows in self.rows.items()
+            for row, key, _ in rows.values()
+            if isinstance(key, Node) and key.id
         }
 
     def arrays(self) -> dict[str, Any]:

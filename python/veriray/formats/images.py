@@ -146,9 +146,9 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
                         f"damaged: {image.width} x {image.height} texels cannot come from {size} "
                         "bytes"
                     )
-                if kind == "PNG" and mode in _COLOUR and _png_depth(file) == 16:
-                    raise SceneError("a colour PNG of 16 bits is not supported; use 8 bits or EXR")
-                if mode in _GREY:
+                if kind == "PNG" and mode in ("RGB", "RGBA") and _png_depth(file) == 16:
+                    texels = _png_16(file, mode)
+                elif mode in _GREY:
                     wide = mode.startswith("I")
                     texels = np.asarray(image if wide else image.convert("L"))[:, :, None]
                 elif mode in _COLOUR:
@@ -166,12 +166,13 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
         raise SceneError(f"not a readable image: {' '.join(str(error).split())}") from None
     if texels.dtype == np.uint8:
         return Image(np.array(texels), not raw)
-    codes = texels.astype(np.int64)
-    if not ((codes >= 0) & (codes < 1 << 16)).all():
+    if not ((texels >= 0) & (texels < 1 << 16)).all():
         raise SceneError("holds numbers outside [0, 65535]")
-    found, index = np.unique(codes, return_inverse=True)
-    values = [_rounded(code, 65535) if raw else _linear(code, 65535) for code in found.tolist()]
-    return Image(np.array(values, np.float32)[index].reshape(codes.shape))
+    table = np.zeros(1 << 16, np.float32)
+    table[texels] = 1
+    for code in np.flatnonzero(table).tolist():
+        table[code] = _rounded(code, 65535) if raw else _linear(code, 65535)
+    return Image(table[texels])
 
 
 def _png_depth(file: IO[bytes]) -> int:
@@ -180,6 +181,20 @@ def _png_depth(file: IO[bytes]) -> int:
     depth = file.read(1)
     file.seek(at)
     return depth[0] if depth else 0
+
+
+def _png_16(file: IO[bytes], mode: str) -> Array:
+    """A colour PNG of 16 bits, which Pillow gives with 8: the high bytes and, read as if in the
+    other order, the low ones."""
+    from PIL import Image as Pillow
+
+    parts = []
+    for order in ("B", "L"):
+        file.seek(0)
+        with Pillow.open(file, formats=("PNG",)) as image:
+            image.tile = [(*tile[:3], f"{mode};16{order}") for tile in image.tile]  # type: ignore
+            parts.append(np.asarray(image)[:, :, :3].astype(np.uint16))
+    return parts[0] << 8 | parts[1]
 
 
 def _exr(path: Path) -> Array:

@@ -4,8 +4,10 @@ Elements: an object by its category (shape, bsdf, ...) with type and optional id
 boolean, string, rgb, srgb, spectrum (see `spectra`), point, vector, transform (translate, scale,
 rotate, lookat, matrix, each applied after those before it); ref; alias; default; include; path, a
 folder in which files are looked for first. "$name" in an attribute is replaced by the parameter of
-that name, unless a backslash precedes it. Versions below 2: see `upgrade`. Limits: UTF-8, no
-DOCTYPE, no entities, 16 MiB a file, includes 8 deep and 256 in all.
+that name, unless a backslash precedes it; one without a value leaves the default, with a note,
+where it changes no light: in a film, a sampler or a filter, and as the type of these and of an
+integrator. Versions below 2: see `upgrade`. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file,
+includes 8 deep and 256 in all.
 """
 
 from __future__ import annotations
@@ -46,6 +48,9 @@ MAX_BYTES = 16 * 2**20
 MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
 _PARAMETER = re.compile(r"\\\$|\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
+_DECLARATION = re.compile(r"\A\s*<\?xml\s[^<>]{0,1000}\?>")
+#: Objects that change no light: what has no value in them, and what they are, takes the default.
+_DEFAULTS = {"film": "hdrfilm", "sampler": "independent", "rfilter": "gaussian"}
 _VALUE_TAGS = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum")
 _OTHER_TAGS = ("point", "vector", "transform", "ref", "alias", "default", "include", "path")
 
@@ -74,7 +79,17 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
             )
     for text, place in reader.upgraded.listed():
         reader.report.note(text, place)
+    for text, place in reader.upgraded.approximated:
+        reader.report.warn(text, place)
     return reader.tree
+
+
+class _NoValue(Exception):  # noqa: N818
+    """A parameter of the file that nobody gave, and where; the text does without the place."""
+
+    def __init__(self, text: str, where: str) -> None:
+        super().__init__(text)
+        self.where = where
 
 
 class _Reader:
@@ -91,16 +106,23 @@ class _Reader:
         self.old = False  # whether the file being read is of a version below 2
         self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
 
-    def folder(self, name: str, path: Path) -> Path:
-        """Where the file is that `name` in the file `path` means: the first search folder that has
-        it; that of `path` if none does."""
-        for folder in self.folders[path]:
-            try:
-                if (folder / name).exists():
-                    return folder
-            except (OSError, ValueError):  # no possible name
-                break
-        return path.parent
+    def find(self, name: str, path: Path, where: str) -> tuple[Path, str]:
+        """Where the file is that `name` in the file `path` means, and its name there: the first
+        search folder that has it, else, as in Mitsuba, the working directory; if none does, the
+        folder of `path`. Backslashes may stand for slashes."""
+        for text in dict.fromkeys((name, name.replace("\\", "/"))):
+            for folder in (*self.folders[path], Path()):
+                try:
+                    if not (folder / text).exists():
+                        continue
+                except (OSError, ValueError):  # no possible name
+                    return path.parent, name
+                if text != name:
+                    self.report.note(f"{shorten(name)} is read as {shorten(text)}", where)
+                if folder not in self.folders[path]:
+                    self.report.note(f"{shorten(text)} is found in the working directory", where)
+                return folder, text
+        return path.parent, name
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
         name = str(path)
@@ -108,6 +130,7 @@ class _Reader:
             text = read_bytes(path, MAX_BYTES, where).decode("utf-8-sig")
         except UnicodeDecodeError as error:
             raise SceneError(f"not UTF-8 text (byte {error.start})", name) from None
+        text = _DECLARATION.sub(lambda m: "\n" * m[0].count("\n"), text)  # as Mitsuba: unread
         _refuse_doctype(text, name)
         parser = etree.XMLParser(
             encoding="utf-8",
@@ -169,7 +192,7 @@ class _Reader:
         if not key:
             raise SceneError('"$" must be followed by the name of a parameter', where)
         if key not in self.values:
-            raise SceneError(
+            raise _NoValue(
                 f'parameter "${key}" has no value; give it by -D {key}=... or <default>'
                 + allowed(key, self.values, "known"),
                 where,
@@ -201,6 +224,9 @@ class _Reader:
                 self.child(child, node, path, chain, depth, where)
             except SceneError as error:
                 self.report.add(error)
+                node.faulty = True
+            except _NoValue as error:
+                self.report.add(SceneError(str(error), error.where))
                 node.faulty = True
 
     def child(
@@ -239,7 +265,14 @@ class _Reader:
         elif tag == "path":
             self.search(child, path, depth, where)
         elif tag in _VALUE_TAGS or tag in _OTHER_TAGS or _is_spectrum(child):
-            name, value = self.value(child, path, where)
+            try:
+                name, value = self.value(child, path, where)
+            except _NoValue as error:
+                if node.category not in _DEFAULTS:
+                    raise
+                told = f'{error}; "{child.get("name")}" of {node} takes its default'
+                self.report.note(told, where)
+                return
             if name or node.category != "scene":  # a spectrum with an id alone is used by ref
                 self.add(node, name, value, where)
         elif (tag in CATEGORIES and tag != "scene") or tag in MITSUBA:
@@ -254,24 +287,36 @@ class _Reader:
         _empty(element, where)
         if depth > 1:
             raise SceneError("<path> must stand directly in <scene>", where)
-        folder = self.folder(name, path) / name
+        folder = Path(*self.find(name, path, where))
         if os.path.isdir(folder):
             self.folders[path].insert(0, folder)
         else:
             self.report.note(f"<path>: {shorten(name)} is no folder; nothing is looked for", where)
 
     def add(self, node: Node, name: str, value: Value, where: str) -> None:
-        if name in node.values:
-            first = node.values[name].where
-            raise SceneError(f'{node}: "{name}" is given twice, first at {first}', where)
+        first = node.values.get(name)
+        if first is not None:
+            text = f'{node}: "{name}" is given twice, first at {first.where}'
+            if node.category not in _DEFAULTS and not _same(first, value):
+                raise SceneError(text, where)
+            self.report.note(f"{text}; the last counts", where)
         node.values[name] = value
 
     def object(
         self, element: etree._Element, path: Path, chain: tuple[Path, ...], depth: int, where: str
     ) -> Node:
         optional = "id name version" if depth == 0 else "id name"
-        a = self.attributes(element, where, "type", optional)
-        tag, plugin = str(element.tag), a["type"]
+        tag = str(element.tag)
+        try:
+            a = self.attributes(element, where, "type", optional)
+        except _NoValue as error:
+            default = _DEFAULTS.get(tag, "path" if tag == "integrator" else "")
+            if not default or "$" not in (element.get("type") or ""):
+                raise
+            element.set("type", default)
+            a = self.attributes(element, where, "type", optional)
+            self.report.note(f"{error}; the {tag} is {default}", where)
+        plugin = a["type"]
         node = Node(plugin, where, tag, a.get("id", ""), name=a.get("name", ""))
         supported = plugin in PLUGINS and PLUGINS[plugin].category == tag
         if not supported:  # what it holds is read, for what else is missing
@@ -283,8 +328,11 @@ class _Reader:
         if not supported:
             self.tree.orphans += [child for child in node.children if isinstance(child, Node)]
         elif "filename" in PLUGINS[plugin].params:
-            name = node.values["filename"].value if "filename" in node.values else ""
-            node.folder = str(self.folder(name if isinstance(name, str) else "", path))
+            given = node.values.get("filename")
+            folder = path.parent
+            if given is not None and isinstance(given.value, str):
+                folder, given.value = self.find(given.value, path, given.where)
+            node.folder = str(folder)
         return node
 
     def include(
@@ -299,7 +347,7 @@ class _Reader:
         a = self.attributes(element, where, "filename", "name")
         name = a["filename"]
         _empty(element, where)
-        target = self.folder(name, path) / name
+        target = Path(*self.find(name, path, where))
         try:
             resolved = target.resolve()
         except (OSError, RuntimeError, ValueError) as error:
@@ -375,9 +423,7 @@ class _Reader:
             if "value" in a:
                 found = spectra.parse(a["value"], label, where)
             else:
-                found = spectra.read_spd(
-                    self.folder(a["filename"], path) / a["filename"], label, where
-                )
+                found = spectra.read_spd(Path(*self.find(a["filename"], path, where)), label, where)
             return a["name"], Value("spectrum", found, where)
         a = self.attributes(element, where, "type", "name id")
         if a["type"] not in spectra.PLUGINS:
@@ -487,6 +533,11 @@ def _refuse_doctype(text: str, name: str) -> None:
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise SceneError(f"not well-formed XML: {reason}", f"{name}:{error.lineno}") from None
+
+
+def _same(first: Value, second: Value) -> bool:
+    """Whether two values are alike, whatever their places."""
+    return first.kind == second.kind and np.array_equal(first.value, second.value)
 
 
 def _text(value: object) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
 from ..columns import (
     DISTRIBUTIONS,
+    LIGHT_KINDS,
     MATERIAL_KINDS,
     MAX_ALPHA,
     MAX_ETA,
@@ -48,7 +49,8 @@ class Param:
     column of the scene that it fills; "" for what `build` and `materials` convert.
 
     note: what to say where another value than the default is given, which changes no light. beyond:
-    a "share" or "light", of which Mitsuba takes values outside the range too (see `values`).
+    a "share", "light" or "sign", of which Mitsuba takes values outside the range too (see
+    `values`).
     """
 
     kind: str
@@ -107,10 +109,14 @@ _PLACED = {
 }
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
 _TEXTURES = ("bitmap", "checkerboard")
+_OPAQUE = (*OPAQUE_KINDS, "pplastic")
 _UNMASKED = (
-    *OPAQUE_KINDS,
+    *_OPAQUE,
     "twosided",
     *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values())),
+    "polarizer",
+    "circular",
+    "retarder",
 )
 _BSDFS = (*_UNMASKED, "mask")
 _SHAPES = (
@@ -166,10 +172,14 @@ _GLASS = {
         column="specular_transmittance",
     ),
 }
+_TRANSMITTANCE = Param(COLOUR, 1.0, **_REFLECTED, doc="factor on transmitted light")
+_UNPOLARISED = "polarisation is not rendered"
 _METAL = {
     "material": Param("string", None, doc='a metal; default "none", a mirror'),
-    "eta": Param(COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index"),
-    "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part"),
+    "eta": Param(
+        COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index", beyond="sign"
+    ),
+    "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part", beyond="sign"),
     "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
     "specular_reflectance": _SPECULAR,
 }
@@ -301,6 +311,7 @@ _SAMPLER: dict[str, Any] = {
     "sample_count": Param("integer", 4, 1, 2**63 - 1, doc="samples per pixel"),
     "seed": Param("integer", 0, 0, 2**64 - 1),
 }
+_SENSORS = ("perspective", "thinlens")
 _ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
     "film": (FILMS, 0, 1),
     "sampler": (("independent", *STRATIFIED), 0, 1),
@@ -334,7 +345,7 @@ def _film(name: str) -> Plugin:
             "compensate": Param("boolean", False, note="sums are exact"),
             "banner": Param("boolean", False, note="no banner is drawn"),
         },
-        {"rfilter": (FILTERS, 0, 1)},
+        {"rfilter": ((*FILTERS, "catmullrom"), 0, 1)},
         doc="linear RGB" if name == "hdrfilm" else "as hdrfilm; of version 0.x",
         lenient="" if name == "hdrfilm" else _WRITTEN,
     )
@@ -345,7 +356,7 @@ PLUGINS: dict[str, Plugin] = {
         "scene",
         children={
             "integrator": (_INTEGRATORS, 0, 1),
-            "sensor": (("perspective", "thinlens"), 0, _MANY),
+            "sensor": ((*_SENSORS, "batch"), 0, _MANY),
             "emitter": (("constant", "envmap", "point", "spot", "directional"), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
@@ -383,6 +394,17 @@ PLUGINS: dict[str, Plugin] = {
         doc="lens with a round aperture",
         noted=_SHUTTER,
     ),
+    "batch": Plugin(
+        "sensor",
+        {},
+        {
+            "film": (FILMS, 0, 1),
+            "sampler": (("independent", *STRATIFIED), 0, 1),
+            "sensor": (_SENSORS, 1, _MANY),
+        },
+        doc="stands for its sensors, each with its share of the film's width",
+        noted=_SHUTTER,
+    ),
     **{name: _film(name) for name in FILMS},
     "box": Plugin("rfilter", doc="one pixel wide"),
     "tent": Plugin("rfilter", {"radius": Param("float", 1.0, 1e-3, 100.0, doc="pixels")}),
@@ -394,6 +416,7 @@ PLUGINS: dict[str, Plugin] = {
         {name: Param("float", 1.0 / 3.0, **_SHARE) for name in "BC"},
         doc="Mitchell and Netravali, 1988; 4 pixels wide, with negative lobes",
     ),
+    "catmullrom": Plugin("rfilter", doc="mitchell with B 0 and C 0.5"),
     "independent": Plugin("sampler", _SAMPLER, lenient=_SAMPLED),
     **{
         name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol", lenient=_SAMPLED)
@@ -510,6 +533,25 @@ PLUGINS: dict[str, Plugin] = {
             _SAMPLED,
         ),
     ),
+    "pplastic": Plugin(
+        "bsdf",
+        {
+            name: replace(param, column="") if name == "diffuse_reflectance" else param
+            for name, param in {**_PLASTIC, **_ROUGH}.items()
+            if name != "nonlinear"
+        },
+        doc="as Mitsuba's without polarisation: plastic without reflections within; exact where "
+        "either reflectance is 0, else roughplastic, with a warning",
+    ),
+    **{
+        name: Plugin(
+            "bsdf",
+            {"transmittance": _TRANSMITTANCE},
+            doc=f"lets {share} of the light straight through, as in Mitsuba without polarisation",
+            noted=dict.fromkeys(("theta", "polarizing", "delta", "left_handed"), _UNPOLARISED),
+        )
+        for name, share in (("polarizer", "half"), ("circular", "half"), ("retarder", "all"))
+    },
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(
         "bsdf",
@@ -517,7 +559,7 @@ PLUGINS: dict[str, Plugin] = {
         {"bsdf": (_UNMASKED, 1, 1)},
         doc="partly transparent",
     ),
-    "twosided": Plugin("bsdf", {}, {"bsdf": (OPAQUE_KINDS, 1, 1)}, doc="both sides reflect"),
+    "twosided": Plugin("bsdf", {}, {"bsdf": (_OPAQUE, 1, 1)}, doc="both sides reflect"),
     "bitmap": Plugin(
         "texture",
         {
@@ -576,7 +618,12 @@ PLUGINS: dict[str, Plugin] = {
         doc="Henyey and Greenstein",
     ),
     "area": Plugin("emitter", {"radiance": _RADIANCE}, doc="emits on the shape's front side"),
-    "constant": Plugin("emitter", {"radiance": _RADIANCE}, doc="the same in every direction"),
+    "constant": Plugin(
+        "emitter",
+        {"radiance": _RADIANCE},
+        doc="the same in every direction",
+        noted={"to_world": "it is the same in every direction"},
+    ),
     "envmap": Plugin(
         "emitter",
         {
@@ -638,6 +685,13 @@ PLUGINS: dict[str, Plugin] = {
         doc="the sun: parallel light",
     ),
 }
+for _name, _plugin in PLUGINS.items():
+    if _plugin.category == "emitter":  # Mitsuba finds the light of points by samples of it alone
+        _plugin.params["sampling_weight"] = Param(
+            "float", 1.0, 0.0, open=_name in LIGHT_KINDS, note=_SAMPLED
+        )
+    elif _plugin.category == "shape":
+        _plugin.noted["silhouette_sampling_weight"] = _DERIVATIVES
 CATEGORIES = tuple(dict.fromkeys(plugin.category for plugin in PLUGINS.values()))
 
 

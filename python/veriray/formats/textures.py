@@ -14,6 +14,7 @@ from ..errors import SceneError
 from . import images, materials
 from .node import Node, Ref, Value, shorten
 from .plugins import PLUGINS, texturable
+from .report import Report
 
 Array = npt.NDArray[Any]
 _SOURCES = ("filename", "data", "bitmap")
@@ -43,7 +44,8 @@ def exchanged(node: Node) -> Node:
 class Texels:
     """The texels of the textures that are used, each image once."""
 
-    def __init__(self) -> None:
+    def __init__(self, report: Report) -> None:
+        self.report = report
         self.words: list[Array] = []
         self.count = 0
         self.known: dict[tuple[str, bool], materials.Row] = {}
@@ -84,8 +86,9 @@ class Texels:
                 image = images.from_array(values[given[0]], where, raw=raw or given[0] == "data")
             else:
                 image = images.read(path, where, raw=raw)
-            _check_range(node, image.texels, where)
-            stored = self._store(image)
+            name = shorten(str(path)) if path else "the image"
+            texels = _shares(node, image.texels, name, where, self.report)
+            stored = self._store(images.Image(texels, image.encoded))
             if path is not None:
                 self.known[str(path), raw] = stored
         return {
@@ -119,12 +122,18 @@ def packed(texels: Array) -> Array:
     return np.frombuffer(data + b"\0" * (-len(data) % 4), "<u4").astype(np.uint32)
 
 
-def _check_range(node: Node, texels: Array, where: str) -> None:
-    if texels.dtype == np.uint8:
-        return
-    bad = ~((texels >= 0) & (texels <= 1))
-    if bad.any():
-        y, x, c = (int(i) for i in np.argwhere(bad)[0])
-        raise SceneError(
-            f"{node}: the texel (x {x}, y {y}) holds {texels[y, x, c]:g}, outside [0, 1]", where
-        )
+def _shares(node: Node, texels: Array, name: str, where: str, report: Report) -> Array:
+    """Texels within [0, 1]; Mitsuba takes others as they are, and light without end from them."""
+    if texels.dtype == np.uint8 or not ((texels < 0) | (texels > 1)).any():
+        return texels
+    largest, least = float(texels.max()), float(texels.min())
+    told = f"{int((texels > 1).sum())} numbers above 1, up to {largest:g}: more than all light"
+    if least < 0:
+        below = f"{int((texels < 0).sum())} below 0, down to {least:g}: negative light"
+        told = f"{told}; {below}" if largest > 1 else below
+    report.warn(
+        f"{node}: {name} holds {told}. The nearest of 0 and 1 is rendered: the picture is "
+        "not Mitsuba's",
+        where,
+    )
+    return texels.clip(0, 1)

@@ -14,7 +14,8 @@ versions had; where today's terms say the same, they are used:
 - `mixturebsdf`: `blendbsdf` in `blendbsdf`; a bump map of a texture `scale`: its own `scale`; the
   texture of a `normalmap`, of any name, is its `normalmap`; `extEta` by name is a number;
 - `vertexcolors`: `mesh_attribute`; bitmaps filtered by `trilinear` or `ewa`: bilinear;
-- parameters that change no light are left out.
+- parameters that change no light are left out;
+- `phong`, `ward`, `coating`, `roughcoating`, `roughdiffuse` by what is nearest: see `approximate`.
 
 What has no counterpart stays as it is, and is refused by name as any unknown object.
 """
@@ -28,6 +29,7 @@ from lxml import etree
 from lxml.etree import _Element
 
 from ..errors import SceneError
+from .approximate import approximate
 from .node import parse_floats, shorten
 from .plugins import IORS
 
@@ -64,10 +66,12 @@ _DROPPED = {
 
 
 class Notes:
-    """What was put in other words: text -> the first place and how often."""
+    """What was put in other words: text -> the first place and how often; and what is rendered by
+    something else: text and place."""
 
     def __init__(self) -> None:
         self.found: dict[str, tuple[str, int]] = {}
+        self.approximated: list[tuple[str, str]] = []
 
     def add(self, text: str, where: str) -> None:
         """Counts one more use of `text`."""
@@ -95,6 +99,9 @@ def upgrade(root: _Element, file: str, notes: Notes) -> None:
                 _object(element, where, notes, media)
             else:
                 _value(element, where, notes)
+    for element in reversed(list(root.iter("bsdf"))):  # what a bsdf holds comes before it
+        told = f"{file}:{element.sourceline}"
+        approximate(element, told, root, lambda *warned: notes.approximated.append(warned))
 
 
 def snake(name: str) -> str:

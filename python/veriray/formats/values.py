@@ -140,7 +140,14 @@ def _taken(
 ) -> tuple[float, ...]:
     """A colour with what Mitsuba takes and veriray cannot: shares of light outside [0, 1] unless
     given as rgb, and negative light. The nearest number that can be rendered stands for these, with
-    a warning."""
+    a warning. Of a metal's index only the square counts, as in Mitsuba."""
+    if param.beyond == "sign":
+        if min(value) < 0:
+            value = tuple(abs(x) for x in value)
+            report.warn(
+                f"{label}: only its square counts; rendered as {shorten(value)}", given.where
+            )
+        return value
     if param.beyond == "share" and given.kind == "rgb" or not param.beyond:
         return value
     taken = tuple(min(max(x, param.low), param.high) for x in value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ import numpy.typing as npt
 from .. import transform
 from ..errors import SceneError
 from ..numeric import tan_half_degrees
-from .node import Node
+from .node import Node, Ref, Value
 from .plugins import PLUGINS
+from .report import Report
 
 FRAMING_FOV = 45.0  # degrees
 
@@ -29,6 +31,43 @@ def window(node: Node, values: dict[str, Any]) -> tuple[int, int, int, int]:
             node.where,
         )
     return left, top, wide, high
+
+
+def batch(
+    node: Node, parts: dict[str, list[Node]], ids: dict[str, Node], report: Report
+) -> list[Node]:
+    """The sensors of a batch, each with the batch's sampler and its part of the batch's film, for
+    which Mitsuba lays their pictures side by side. parts: the batch's objects; ids: the scene's."""
+    inner = parts["sensor"]
+    film = parts["film"][0] if parts["film"] else Node("hdrfilm", node.where, "film")
+    cropped = [value.where for name, value in film.values.items() if name.startswith("crop_")]
+    if cropped:
+        raise SceneError(f"{node}: a crop window is not supported here", cropped[0])
+    given = film.values.get("width")
+    width = PLUGINS[film.plugin].params["width"].default if given is None else given.value
+    if width % len(inner):
+        raise SceneError(
+            f"{node}: the film's width = {width} is not a multiple of its {len(inner)} sensors",
+            film.where,
+        )
+    part = Value("integer", width // len(inner), film.where)
+    own = [replace(film, id="", values={**film.values, "width": part}), *parts["sampler"]]
+    report.note(
+        f"{node}: its {len(inner)} sensors are sensors of the scene, {part.value} pixels wide each",
+        node.where,
+    )
+    return [
+        replace(
+            one, children=[*own, *(item for item in one.children if not _superseded(item, ids))]
+        )
+        for one in inner
+    ]
+
+
+def _superseded(item: Node | Ref, ids: dict[str, Node]) -> bool:
+    """Whether a batch's own stands for this object of one of its sensors."""
+    found = ids[item.id] if isinstance(item, Ref) else item
+    return found.category in ("film", "sampler")
 
 
 def shifted(

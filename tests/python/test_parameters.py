@@ -1,0 +1,147 @@
+# ruff: noqa: E501 (the table of messages)
+"""Numbers of a scene by name: `Scene.parameters` and `Scene.with_`."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import veriray as vr
+from veriray.errors import SceneError
+
+
+def rgb(*values: float) -> dict[str, Any]:
+    return {"type": "rgb", "value": list(values)}
+
+
+BOARD = {"type": "checkerboard", "id": "board"}
+SCENE: dict[str, Any] = {
+    "type": "scene",
+    "view": {"type": "perspective"},
+    "sky": {"type": "constant", "radiance": 0.5},
+    "bulb": {"type": "point", "position": [0, 0, 3]},
+    "sun": {"type": "directional"},
+    "white": {"type": "twosided", "inner": {"type": "roughconductor", "alpha": 0.2}},
+    "teapot": {"type": "sphere", "bsdf": {"type": "principled", "roughness": 0.25}},
+    "pane": {"type": "sphere", "bsdf": {"type": "principled", "spec_trans": 0.5, "eta": 1.5}},
+    "box": {"type": "cube", "ref": {"type": "ref", "id": "white"}},
+    "lid": {"type": "disk", "ref": {"type": "ref", "id": "white"}},
+    "fog": {
+        "type": "sphere", "bsdf": {"type": "null"},
+        "interior": {"type": "homogeneous", "phase": {"type": "hg", "g": 0.25}},
+    },
+    "wall": {
+        "type": "rectangle", "lamp": {"type": "area", "radiance": 2.0},
+        "bsdf": {"type": "mask", "held": {"type": "diffuse", "reflectance": BOARD}},
+    },
+}  # fmt: skip
+#: A name -> where the dictionary has it, its value in SCENE, and another.
+NAMES: dict[str, tuple[tuple[str, ...], Any, Any]] = {
+    "white.alpha": (("white", "inner", "alpha"), 0.2, 0.5),
+    "box.bsdf.alpha": (("white", "inner", "alpha"), 0.2, 0.5),
+    "lid.bsdf.alpha": (("white", "inner", "alpha"), 0.2, 0.5),
+    "white.specular_reflectance": (("white", "inner", "specular_reflectance"), (1, 1, 1), 0.5),
+    "teapot.bsdf.roughness": (("teapot", "bsdf", "roughness"), 0.25, 1.0),
+    "teapot.bsdf.base_color": (("teapot", "bsdf", "base_color"), (0.5, 0.5, 0.5), (1, 0, 0.25)),
+    "teapot.bsdf.eta": (("teapot", "bsdf", "eta"), 1.5, 1.25),
+    "pane.bsdf.spec_trans": (("pane", "bsdf", "spec_trans"), 0.5, 1.0),
+    "fog.interior.sigma_t": (("fog", "interior", "sigma_t"), (1, 1, 1), (1, 2, 3)),
+    "fog.interior.g": (("fog", "interior", "phase", "g"), 0.25, -0.25),
+    "wall.emitter.radiance": (("wall", "lamp", "radiance"), (2, 2, 2), (0, 1, 5)),
+    "wall.bsdf.opacity": (("wall", "bsdf", "opacity"), 0.5, 0.75),
+    "board.color0": (("wall", "bsdf", "held", "reflectance", "color0"), (0.4, 0.4, 0.4), (1, 1, 0)),
+    "bulb.intensity": (("bulb", "intensity"), (1, 1, 1), (3, 4, 5)),
+    "bulb.position": (("bulb", "position"), (0, 0, 3), (1, 2, 3)),
+    "sun.irradiance": (("sun", "irradiance"), (1, 1, 1), (3, 4, 5)),
+    "environment.radiance": (("sky", "radiance"), (0.5, 0.5, 0.5), 2.0),
+}
+
+
+@pytest.fixture(scope="module")
+def scene() -> vr.Scene:
+    return vr.load_dict(SCENE)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_changed_number_is_that_of_the_file(scene: vr.Scene, name: str) -> None:
+    path, old, new = NAMES[name]
+    other: Any = copy.deepcopy(SCENE)
+    holder = other
+    for key in path[:-1]:
+        holder = holder[key]
+    holder[path[-1]] = (
+        list(new) if name.endswith("position") else rgb(*new) if np.ndim(new) else new
+    )
+    changed = scene.with_({name: new}, spp=9)
+    assert changed.sha256 == vr.load_dict(other).sha256 != scene.sha256
+    assert changed.spp == 9 and changed.cameras == scene.cameras
+    assert changed.with_({name: old}).sha256 == scene.sha256
+    listed = scene.parameters()
+    if name.split(".")[0] not in ("box", "lid"):  # white by another name
+        assert np.float32(listed[name]).tolist() == np.float32(old).tolist()
+
+
+def test_the_list_is_whole(scene: vr.Scene) -> None:
+    listed = scene.parameters()
+    assert {name.rpartition(".")[0] for name in listed} == {
+        "white", "teapot.bsdf", "pane.bsdf", "fog.interior", "wall.bsdf", "wall.emitter", "board",
+        "bulb", "sun", "environment",
+    }  # fmt: skip
+    assert "wall.bsdf.reflectance" not in listed  # the checkerboard has it
+    assert "teapot.bsdf.spec_trans" not in listed  # it would be another kind of material
+    for name, value in listed.items():
+        assert scene.with_({name: value}).sha256 == scene.sha256
+    assert scene.with_(listed).sha256 == scene.sha256
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"teapot.bsdf.rougness": 1}, 'there is no parameter "teapot.bsdf.rougness".*did you mean "teapot.bsdf.roughness"'),
+        ({"nothing": 1}, 'there is no parameter "nothing"; there is: '),
+        ({"teapot.bsdf.spec_trans": 1}, "there is no parameter"),
+        ({"wall.bsdf.reflectance": 1}, '"wall.bsdf.reflectance" is given by a texture'),
+        ({"teapot.bsdf.roughness": 2}, r'"teapot.bsdf.roughness": roughness\[\d\] = 2.0 is outside \[0, 1\]'),
+        ({"teapot.bsdf.roughness": float("nan")}, '"teapot.bsdf.roughness": '),
+        ({"teapot.bsdf.roughness": (1, 2, 3)}, r"\(1, 2, 3\), expected a number$"),
+        ({"teapot.bsdf.base_color": (1, 2)}, "expected a number or three"),
+        ({"teapot.bsdf.base_color": "red"}, "expected a number or three"),
+        ({3: 1}, "3 is not the name of a parameter"),
+        ([("white.alpha", 1)], "is not a dictionary of names"),
+    ],
+)  # fmt: skip
+def test_bad_changes(scene: vr.Scene, changes: Any, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        scene.with_(changes)
+
+
+def test_names_of_copies_and_of_files(scene: vr.Scene) -> None:
+    assert pickle.loads(pickle.dumps(scene)).parameters() == scene.parameters()
+    assert scene.with_(spp=3).parameters() == scene.parameters()
+    assert scene.scaled(2.0).parameters()["bulb.position"] == (0.0, 0.0, 6.0)
+    assert scene.with_emission_scaled(2.0).parameters()["bulb.intensity"] == (2.0, 2.0, 2.0)
+    box = vr.load_file("cornell-box")
+    assert {"white.reflectance", "light.emitter.radiance"} <= box.parameters().keys()
+    dark = box.with_({"white.reflectance": 0}, width=8, height=8)
+    bright = box.with_(width=8, height=8)
+    first, second = (vr.render(one, spp=16, device="cpu").image.mean() for one in (dark, bright))
+    assert first < 0.9 * second
+
+
+def test_objects_without_ids() -> None:
+    scene = vr.load_dict({"type": "scene", "c": {"type": "perspective"}, "s": {"type": "sphere"}})
+    assert scene.parameters() == {"s.bsdf.reflectance": (0.5, 0.5, 0.5)}
+    bare = vr.Scene(
+        **{name: getattr(scene, name) for name in ("spheres", "camera", "film")},
+        sphere_material=[0],
+        reflectance=[[0.5, 0.5, 0.5]],
+        light_kind=[0],
+    )
+    assert set(bare.parameters()) == {
+        "scene.bsdf.reflectance", "light_0.intensity", "light_0.position",
+    }  # fmt: skip
+    assert bare.with_({"light_0.intensity": 3}).light_intensity.tolist() == [[3.0, 3.0, 3.0]]

@@ -99,10 +99,11 @@ def coat_slopes(p: Principled, m: Array) -> Array:
 
 
 def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = False,
-          off: float = 0.0) -> tuple[Array, Array]:  # fmt: skip
+          off: float = 0.0, own: bool = False) -> tuple[Array, Array]:  # fmt: skip
     """F cos (n, 3) and the density of samples (n,) for light from wi, seen from wo.
 
-    off: of the mirrors' cosine (less) and reflectance (more), to find what rounding does.
+    off: of the mirrors' cosine (less) and reflectance (more), to find what rounding does. own: F of
+    refraction by wo's cosine, as Mitsuba has it, else by the one in the thinner medium.
     """
     eta = p.eta if front else 1 / p.eta
     up = wi[:, 2] > 0
@@ -111,7 +112,7 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
     co, ci = wo[:, 2], np.abs(wi[:, 2])
     c = np.clip(np.abs(om) - off, 0, 1)
     r = shifted(c, eta, off)
-    if eta < 1:  # next to total reflection the other cosine's last bits would count
+    if eta < 1 and not own:  # next to total reflection the other cosine's last bits would count
         r = np.where(up, r, shifted(np.clip(np.abs(im) - off, 0, 1), 1 / eta, off))
     beyond = np.sqrt(np.maximum(1 - (1 - c * c) / eta**2, 0))
     slant = grazing(c if eta > 1 else beyond)

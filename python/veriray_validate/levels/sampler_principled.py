@@ -105,7 +105,7 @@ def principled_weights(t: Trial, side: str) -> None:
         cosine = s[:, :3] @ frame[2]
         right = (cosine < 0) == (s[:, 5] > 0)
         t.check(s[~right, 3] == 0, "weight on the wrong side")
-        steady = (s[:, 4] > 0) & (np.abs(cosine) > 1e-3)
+        steady = (s[:, 4] > 0) & (np.abs(cosine) > 2.0**-18)
         if name == "black":
             t.check(~steady, "a density where nothing is sampled")
             continue

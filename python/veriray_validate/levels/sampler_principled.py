@@ -92,7 +92,7 @@ def principled_weights(t: Trial, side: str) -> None:
     """eval, sample and density agree with each other and with the formulas.
 
     Five angles: at the sampled directions density and f cos, of samples weight times density,
-    within what rounding does to float64 there (mostly 1e-5 to 1e-4); 0 on the wrong side.
+    within what rounding does to float64 there (half below 3e-5); 0 on the wrong side.
     """
     name, front = SIDES[side]
     p = SURFACES[name]

@@ -232,7 +232,7 @@ def rough_weights(t: Trial, name: str, front: bool) -> None:
     """eval, sample and density of a rough surface agree with each other and with D, G1 and F.
 
     Five angles: density and f cos, of samples weight times density, within what rounding does to
-    float64 at the sampled directions (`rounding`: mostly 1e-5 to 1e-4); a weight of 0 where a
+    float64 at the sampled directions (`rounding`: half of them below 3e-5); a weight of 0 where a
     mirror sends light to the wrong side; of GGX at most the reflectance, of Beckmann eight times
     that (3.535 / 2 slopes of up to 4.08 alpha).
     """

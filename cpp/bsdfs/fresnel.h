@@ -25,6 +25,16 @@ VR_HD FresnelSplit<F> fresnel_dielectric(F cos_i, F eta) {
     return {select(total & !(eta == F(1.f)), F(1.f), r), cos_t};
 }
 
+// The same of a small mirror, from the cosines to it on wo's side and on wi's. Of light that goes
+// through it by the one in the thinner medium: beside total reflection the last bits of the other
+// would count.
+template <class F, class M>
+VR_HD FresnelSplit<F> fresnel_of_mirror(F here, F there, F eta, M through) {
+    const M turn = through & (eta < F(1.f));
+    const F c = min(abs(select(turn, there, here)), F(1.f));
+    return fresnel_dielectric(c, select(turn, F(1.f) / eta, eta));
+}
+
 // Reflectance of a conductor of complex index eta + ik, one channel.
 template <class F>
 VR_HD F fresnel_conductor(F cos_i, F eta, F k) {

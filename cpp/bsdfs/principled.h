@@ -47,7 +47,8 @@ struct PrincipledLobes : Closure<L> {
         const V m = h * (select(h.z < none, F(-1.f), one) / length);
         F om = F(0.5f) * length, im = om;
         if constexpr (kOpen) om = select(up, om, dot(o, m)), im = select(up, im, dot(i, m));
-        const FresnelSplit<F> split = fresnel_dielectric(min(abs(om), one), view.relative);
+        const FresnelSplit<F> split = kOpen ? fresnel_of_mirror(om, im, view.relative, !up)
+                                            : fresnel_dielectric(min(om, one), view.relative);
         const F r = split.reflected;
         const F slant = grazing(select(view.relative > one, abs(om), split.cos_t));
 

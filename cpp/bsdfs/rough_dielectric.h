@@ -37,7 +37,7 @@ struct RoughDielectric : Closure<L> {
         const F om = dot(o, m), im = dot(i, m);
         // Behind, there is one only if it has wo in front and wi behind.
         const M sent = mirror | ((om > F(0.f)) & (im < F(0.f)));
-        const F r = fresnel_dielectric(min(abs(om), F(1.f)), view.relative).reflected;
+        const F r = fresnel_of_mirror(om, im, view.relative, !mirror).reflected;
         // dm / dwi: 1 / (4 wo.m), or the squared index times that
         const F spread = select(mirror, F(0.25f) * r, (F(1.f) - r) * abs(om * im) / h2);
         const F d = facets.density(m) * select(sent, spread, F(0.f));

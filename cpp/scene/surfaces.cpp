@@ -31,7 +31,8 @@ double diffuse_reflectance_inside(double eta) {
 
 // What a rough coat lets in from outside, by cosine, and the share of diffuse light from inside
 // that it sends back, as Mitsuba 3.9 has them: the latter is a mean over the cosines of the table,
-// which counts its ends in full (for alpha 0.1 and the default index 1.5 % below the integral).
+// which counts its ends in full (for alpha 0.1 and the default index 1.5 % below the integral). For
+// a cosine of 0, where Mitsuba takes 1e-6, the limit.
 struct RoughCoat {
     float transmittance[kCoatCells + 1];
     double inside;
@@ -40,7 +41,7 @@ RoughCoat rough_coat(float eta, float alpha, bool ggx) {
     RoughCoat coat;
     double sum = 0;
     for (uint32_t k = 0; k <= kCoatCells; ++k) {
-        const float cosine = std::max(static_cast<float>(k) / kCoatCells, 0x1p-20f);
+        const float cosine = static_cast<float>(k) / kCoatCells;
         coat.transmittance[k] = static_cast<float>(rough_share(true, cosine, eta, alpha, ggx));
         sum += 2.0 * k / kCoatCells * rough_share(false, cosine, 1 / eta, alpha, ggx);
     }

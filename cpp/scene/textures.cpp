@@ -8,10 +8,6 @@
 namespace veriray {
 namespace {
 
-// The largest difference, as a share of the largest coordinate, of two triangles' coordinates at a
-// point for which they count as one map: edges of 2^-8 of the scene, of corners rounded by 2^-25.
-constexpr double kSameMap = 0x1p-16;
-
 bool textured(const SceneInput& in, uint32_t material) {
     bool any = false;
 #define VR_TEXTURABLE(name) any |= in.name##_texture.data[material] >= 0;
@@ -64,17 +60,25 @@ std::array<Double3, 3> HostScene::corner_uv(const SceneInput& in, const Flat& f)
     return out;
 }
 
-// Whether two triangles of one material in one plane map points to a texture alike.
+// Whether two triangles of one material in one plane map points to a texture alike: at b's corners
+// but for rounding to float32, which moves a texture coordinate by 2^-24 of itself and a corner by
+// 2^-25 per coordinate. Those of a's corners count by their shares in the point.
 bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const {
     if (!textured(in, a.material)) return true;
     const auto from = corner_uv(in, a), to = corner_uv(in, b);
+    const Affine share[3] = {through(a, {1, 0, 0}), through(a, {0, 1, 0}), through(a, {0, 0, 1})};
     for (int c = 0; c < 2; ++c) {
-        double most = 0;
-        for (size_t k = 0; k < 3; ++k)
-            most = std::max({most, std::abs(from[k][c]), std::abs(to[k][c])});
         const Affine map = through(a, {from[0][c], from[1][c], from[2][c]});
-        for (size_t k = 0; k < 3; ++k)
-            if (!(std::abs(map(b.v[k]) - to[k][c]) <= kSameMap * most)) return false;
+        const double steep = std::abs(map.g.x) + std::abs(map.g.y) + std::abs(map.g.z);
+        for (size_t k = 0; k < 3; ++k) {
+            double turned = std::abs(to[k][c]), moved = 1;
+            for (size_t j = 0; j < 3; ++j) {
+                const double weight = std::abs(share[j](b.v[k]));
+                turned += weight * std::abs(from[j][c]), moved += weight;
+            }
+            const double slack = 0x1p-24 * turned + 0x1p-25 * steep * moved;
+            if (!(std::abs(map(b.v[k]) - to[k][c]) <= slack)) return false;
+        }
     }
     return true;
 }

@@ -98,16 +98,22 @@ def coat_slopes(p: Principled, m: Array) -> Array:
     return out
 
 
-def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = False
-          ) -> tuple[Array, Array]:  # fmt: skip
-    """F cos (n, 3) and the density of samples (n,) for light from wi, seen from wo."""
+def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = False,
+          off: float = 0.0, own: bool = False) -> tuple[Array, Array]:  # fmt: skip
+    """F cos (n, 3) and the density of samples (n,) for light from wi, seen from wo.
+
+    off: of the mirrors' cosine (less) and reflectance (more), to find what rounding does. own: F of
+    refraction by wo's cosine, as Mitsuba has it, else by the one in the thinner medium.
+    """
     eta = p.eta if front else 1 / p.eta
     up = wi[:, 2] > 0
     m = half(wo, wi, eta)
     om, im = (wo * m).sum(axis=1), (wi * m).sum(axis=1)
     co, ci = wo[:, 2], np.abs(wi[:, 2])
-    c = np.clip(np.abs(om), 0, 1)
-    r = fresnel(c, eta)
+    c = np.clip(np.abs(om) - off, 0, 1)
+    r = shifted(c, eta, off)
+    if eta < 1 and not own:  # next to total reflection the other cosine's last bits would count
+        r = np.where(up, r, shifted(np.clip(np.abs(im) - off, 0, 1), 1 / eta, off))
     beyond = np.sqrt(np.maximum(1 - (1 - c * c) / eta**2, 0))
     slant = grazing(c if eta > 1 else beyond)
     base = np.array(p.base)
@@ -131,7 +137,7 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
     through = p.opened * (1 - r_) * np.sqrt(base) * scale
     value = np.where(up[:, None], shine, through) * (mirrors * unhidden(wi, p.alpha))[:, None]
 
-    chance = chances(p, co, eta, front)
+    chance = chances(p, co, eta, front, off)
     t, s = (p.opened, p.metallic) if front else (1.0, 0.0)
     past = t * (1 - r) if p.open else np.zeros_like(r)
     with np.errstate(invalid="ignore"):
@@ -155,11 +161,16 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
     return value, density
 
 
-def chances(p: Principled, co: Array, eta: float, front: bool) -> Array:
+def shifted(c: Array, eta: float, off: float) -> Array:
+    """Fresnel's reflectance plus off."""
+    return fresnel(c, eta) if eta == 1 else np.clip(fresnel(c, eta) + off, 0, 1)
+
+
+def chances(p: Principled, co: Array, eta: float, front: bool, off: float) -> Array:
     """Of the diffuse lobe, the coat and the mirrors (3, n)."""
     if not front:
         return np.stack([0 * co, 0 * co, 1 + 0 * co])
-    most, r = max(p.base), fresnel(co, eta)
+    most, r = max(p.base), shifted(co, eta, off)
     diffuse = p.matt * most + (0.25 * (1 - p.metallic) * p.sheen if p.matt > 0 else 0)
     coat = 0.25 * p.clearcoat * mix(0.04, 1, grazing(co))
     mirrors = np.maximum(r, 1 / 16) + (1 - r) * (p.metallic * most + p.opened)

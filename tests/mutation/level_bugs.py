@@ -101,6 +101,8 @@ _SCATTERING = (
            " m = F(1.f) - select(eta < F(1.f), cos_t, cos_i);"
            " return fma(F(1.f) - r0, m * m * m * m * m, r0); }()"),
     Mutant("Fresnel +2 %", _FRESNEL, _R, "F(0.51f) * fma(s, s, p * p)"),
+    Mutant("refraction at small mirrors by the cosine in the denser medium", _FRESNEL,
+           "through & (eta < F(1.f))", "through & (eta < F(0.f))"),
     Mutant("total reflection from outside", _FRESNEL, "sin2_t >= F(1.f)",
            "sin2_t * (eta * eta) * (eta * eta) >= F(1.f)"),
     Mutant("Fresnel twice in the mirror", _PLASTIC,

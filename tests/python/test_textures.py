@@ -316,7 +316,10 @@ def test_luminance_of_a_coloured_opacity(device: str) -> None:
 
 
 def test_triangles_with_other_coordinates_are_not_joined(cpu: str) -> None:
-    """Two halves of a square, one of which has its texture turned."""
+    """Two halves of a square, one of which has its texture turned, or moved by more than rounding.
+
+    A map whose corners are rounded to float32 at 1000 is one; with a corner 2^-10 off it is two.
+    """
     arrays = {
         "vertices": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0], [1, 1, 0]],
         "triangles": [[0, 1, 2], [4, 5, 3]],
@@ -325,7 +328,12 @@ def test_triangles_with_other_coordinates_are_not_joined(cpu: str) -> None:
         "texture_kind": [1],
     }
     film = veriray.Film(1, 1)
+    far = np.array(arrays["vertices"])[:, :2] @ [[0.7, -0.3], [0.1, 0.9]] + 1000.1
+    off = np.zeros((6, 2))
+    off[3, 1] = 2.0**-10
     for uv, texture, count in (
+        (far, 0, 1),
+        (far + off, 0, 2),
         ([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0], [1, 1]], 0, 1),
         ([[0, 0], [1, 0], [1, 1], [0, 1], [1, 0], [1, 1]], 0, 2),
         ([[0, 0], [1, 0], [1, 1], [0, 1], [1, 0], [1, 1]], -1, 1),

@@ -13,15 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray_validate.levels.sampler_materials import (
-    NORMAL,
     Grey,
     evaluated,
     hemisphere,
     sampled,
     view,
 )
-from veriray_validate.levels.sampler_rough import near, pairs
-from veriray_validate.levels.samplers import N, random_numbers, random_points, uniform
+from veriray_validate.levels.sampler_rough import Exact, agree, reciprocal
+from veriray_validate.levels.samplers import N, count, random_numbers, uniform
 from veriray_validate.oracles import CORNERS, single
 from veriray_validate.principled import Principled, lobes
 from veriray_validate.trial import Trial, case
@@ -78,41 +77,40 @@ def rounded(p: Principled) -> Principled:
     return Principled((value,) * 3, *others)
 
 
+def formulas(p: Principled, front: bool) -> Exact:
+    """As of rough surfaces."""
+
+    def told(wo: Array, wi: Array, off: float) -> Array:
+        value, density = lobes(rounded(p), wo, wi, front, off=off)
+        return np.stack([value[:, 0], density])
+
+    return told
+
+
 @case(2, each={"side": SIDES})
 def principled_weights(t: Trial, side: str) -> None:
     """eval, sample and density agree with each other and with the formulas.
 
-    Five angles: at the sampled directions density and f cos within 3e-4 + 3e-7 / (alpha cos) of
-    float64 (1 in 500 may be 100 times as far off, near total reflection), weight = f cos /
-    density; 0 on the wrong side.
+    Five angles: at the sampled directions density and f cos, of samples weight times density,
+    within what rounding does to float64 there (half below 3e-5); 0 on the wrong side.
     """
     name, front = SIDES[side]
     p = SURFACES[name]
     for angle in ANGLES:
         wo, frame = view(angle)
-        cosine = float(wo @ frame[2])
-        alpha = min(p.alpha, p.coat_alpha if p.clearcoat else 1)
-        slack = 3e-4 + 3e-7 / (alpha * cosine)
         s = sampled(t, grey(p), front, wo, *random_numbers(t, 4000)[1:])
         t.check(np.isfinite(s), "not finite")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-6, "length")
         t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")
-        local = s[:, :3] @ frame.T
-        right = (local[:, 2] < 0) == (s[:, 5] > 0)
+        cosine = s[:, :3] @ frame[2]
+        right = (cosine < 0) == (s[:, 5] > 0)
         t.check(s[~right, 3] == 0, "weight on the wrong side")
-        steady = (s[:, 4] > 0) & (np.abs(local[:, 2]) > 1e-3)
+        steady = (s[:, 4] > 0) & (np.abs(cosine) > 2.0**-18)
         if name == "black":
             t.check(~steady, "a density where nothing is sampled")
             continue
         t.check(steady.sum() > 100, "nothing sampled")
-        found = evaluated(t, grey(p), front, wo, s[steady, :3])
-        own = np.broadcast_to(wo @ frame.T, (int(steady.sum()), 3))
-        told, density = lobes(rounded(p), own, local[steady], front)
-        near(t, s[steady, 4], found[:, 1], slack, f"density at {angle}")
-        near(t, found[:, 1], density, slack, f"exact density at {angle}")
-        lit = told[:, 0] > 1e-12
-        near(t, (s[:, 3] * s[:, 4])[steady][lit], found[lit, 0], slack, f"weight at {angle}")
-        near(t, found[lit, 0], told[lit, 0], slack, f"exact f at {angle}")
+        agree(t, grey(p), front, angle, s[steady], formulas(p, front))
         if not p.open:
             below = evaluated(t, grey(p), front, wo, -s[steady, :3])
             t.check(below[:, :2] == 0, "from below")
@@ -165,57 +163,42 @@ def chi_square(seen: Array, told: Array) -> float:
 def coat_directions(t: Trial, name: str, angle: float) -> None:
     """The coat's small mirrors follow its distribution, by the inverse of its sampling.
 
-    Those that reflect however they are turned: 0.6 of them and more; 10^5 samples.
+    Those that reflect however they are turned, 0.6 of them and more, whose share is tested by an
+    exact binomial. 10^5 samples: sees 1 % in scale, 4 % in tilt, 0.7 % lost (absolute). None goes
+    below the horizon.
     """
     p, (wo, frame) = SURFACES[name], view(angle)
-    s = sampled(t, grey(p), True, wo, *random_numbers(t, N * t.effort)[1:])
+    n = N * t.effort
+    s = sampled(t, grey(p), True, wo, *random_numbers(t, n)[1:])
     local = s[:, :3] @ frame.T
     kept = s[:, 4] > 0
+    t.check(local[kept, 2] > -(2.0**-22), "light from below")  # the cosine's rounding
     h = local + wo @ frame.T
     tilt = (h[:, 0] ** 2 + h[:, 1] ** 2) / (h**2).sum(axis=1)
     a2 = float(single(p.coat_alpha)) ** 2
     u = 1 - np.log(tilt * (1 - a2) + a2) / np.log(a2)
     turn = np.arctan2(h[:, 1], h[:, 0]) / (2 * np.pi) % 1
-    # all mirrors within this tilt reflect wo upwards, and at 0 degrees no others
+    # all mirrors within this tilt reflect wo upwards
     edge = np.sin(np.radians((90 - angle) / 2)) ** 2
     cut = 1 - np.log(edge * (1 - a2) + a2) / np.log(a2)
     inside = kept & (u < cut)
-    t.check(np.abs(inside.mean() - cut) < 0.01, f"{inside.mean()} of {cut}")
-    t.check(angle > 0 or kept.mean() - cut < 0.001, "light from below")
+    count(t, int(inside.sum()), n, float(cut), "share")
     uniform(t, u[inside] / cut, turn[inside], name)
 
 
-@case(2, each={"side": SIDES})
+@case(2, each={"side": [side for side, (name, _) in SIDES.items() if name != "black"]})
 def principled_reciprocity(t: Trial, side: str) -> None:
-    """f(a, b) = f(b, a) of reflection on either side, 10^5 pairs, relative 2e-4.
-
-    From behind 2e-3: F is steep next to total reflection.
-    """
+    """f(a, b) = f(b, a) of reflection on either side, 10^5 pairs, within what rounding does."""
     name, front = SIDES[side]
-    p, (_, frame) = SURFACES[name], view(0.0)
-    n = 100_000 * t.effort
-    a, b = single(random_points(t, "cosine_hemisphere", 2 * n) @ frame).reshape(2, n, 3)
-    forth, back = (pairs(t, grey(p), front, *x)[:, 0] / (x[1] @ frame[2]) for x in ((a, b), (b, a)))
-    seen = (np.minimum(a @ frame[2], b @ frame[2]) > 0.02) & (forth > 1e-4)
-    t.check(seen.sum() > 100 or name == "black", "nothing seen")
-    off = np.abs(back[seen] / forth[seen] - 1).max() if seen.any() else 0.0
-    t.check(off < (2e-4 if front else 2e-3), f"off by {off:.2g}")
+    p = SURFACES[name]
+    reciprocal(t, grey(p), lambda front: formulas(p, front), front)
 
 
 @case(2, each={"name": OPEN})
 def principled_reciprocity_of_refraction(t: Trial, name: str) -> None:
-    """f(a, b) / n_b^2 = f(b, a) / n_a^2 across the surface, as of rough glass: 5e-3."""
-    p, (_, frame) = SURFACES[name], view(0.0)
-    n = 100_000 * t.effort
-    a, b = single(random_points(t, "cosine_hemisphere", 2 * n) @ frame).reshape(2, n, 3)
-    b = -b
-    forth = pairs(t, grey(p), True, a, b)[:, 0] / -(b @ frame[2])
-    back = pairs(t, grey(p), False, b, a, -NORMAL)[:, 0] / (a @ frame[2])
-    squared = float(single(p.eta)) ** 2
-    seen = (np.minimum(a @ frame[2], -(b @ frame[2])) > 0.05) & (forth > 1e-3)
-    t.check(seen.sum() > 20, "nothing passes")
-    off = np.abs(back[seen] / (forth[seen] * squared) - 1).max()
-    t.check(off < 5e-3, f"off by {off:.2g}")
+    """f(a, b) / n_b^2 = f(b, a) / n_a^2 across the surface, 10^5 pairs, within rounding."""
+    p = SURFACES[name]
+    reciprocal(t, grey(p), lambda front: formulas(p, front), across=True)
 
 
 @case(2, each={"side": FRUGAL})

@@ -107,7 +107,7 @@ def albedo_along_an_axis(t: Trial, axis: str, wrap: str, filter_: str) -> None:
     z, weight = pieces(0, 1, len(PROFILE))
     w = profile(z, PROFILE, wrap, filter_)
     exact = (weight * np.exp(-(1 - z) * (1 / mu + 1))) @ w / (4 * math.pi) / mu
-    fog = medium(1.0, 0.0, albedo=along(axis, PROFILE, wrap, filter_))
+    fog = {**medium(1.0, 0.0), "albedo": along(axis, PROFILE, wrap, filter_)}
     slab = cuboid([-40, -40, 0], [40, 40, 1], NULL, interior=fog)
     sun = {"type": "directional", "direction": np.array([0, 0, -1.0]), "irradiance": rgb(1)}
     seen = scene(view(at(mu) + [0.1, 0.2, 1], [0.1, 0.2, 1], 1e-3), slab, sun, max_depth=2)

@@ -83,7 +83,7 @@ struct Stream {
 inline constexpr uint32_t kFlightSteps = 254, kShadowSteps = 255;
 template <class U>
 VR_HD Stream<U> random_stream(RandomKey key, U pixel, U sample, uint32_t block) {
-    const Block<U> r = hash(Block<U>{pixel + U(key.k0), sample, U(block), U(key.k1)});
+    const Block<U> r = random_block({key.k0, key.k1, Sampler::kIndependent}, pixel, sample, block);
     return {r.x, r.y, U(0u)};
 }
 // The next block of the lanes of m.

@@ -168,7 +168,9 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const F open = F(1.f) - opacity;
         const S share = fma(bsdf.pass_through(), opacity, S::all(open));
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
-        todo = todo & (max_channel(shadow.radiance) > F(0.f));
+        // A ray that roulette has ended in an uneven medium still says what blocks it.
+        const bool uneven = has(kUnevenMedia) && (scene.features & kUnevenMedia);
+        todo = todo & (max_channel(uneven ? share : shadow.radiance) > F(0.f));
         shadow.travelled = select(todo, hit.t, shadow.travelled);
         shadow.passed = select(todo, hit.primitive, shadow.passed);
         if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
@@ -214,6 +216,17 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                                    c.ray.at(passed(c).t), c.ray.d, limit);
     }
 
+    // Replaces the transmittance of lanes in uneven media.
+    static VR_HD void thin_out(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
+                               M inside, S& t) {
+        const M uneven =
+            inside & uneven_medium(scene, shadow.medium) & (max_channel(shadow.radiance) > F(0.f));
+        if (none(uneven)) return;
+        const auto way = passage(scene, shadow, distance, uneven);
+        const F sigma = medium_column(scene, shadow.medium, kMediumSigma);
+        t = select(uneven, Volumes<L>::transmittance(scene, way, sigma, shadow.random, uneven), t);
+    }
+
     static VR_HD void attenuate(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
                                 M active) {
         M inside = active & !(shadow.medium == U(0u));
@@ -221,15 +234,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         inside = inside & !(shadow.medium == U(0u));
         if (none(inside)) return;
         S t = transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance);
-        if constexpr (has(kUnevenMedia)) {
-            const M uneven = inside & uneven_medium(scene, shadow.medium);
-            if (any(uneven)) {
-                const auto way = passage(scene, shadow, distance, uneven);
-                const F sigma = medium_column(scene, shadow.medium, kMediumSigma);
-                t = select(uneven,
-                           Volumes<L>::transmittance(scene, way, sigma, shadow.random, uneven), t);
-            }
-        }
+        if constexpr (has(kUnevenMedia))
+            if (scene.features & kUnevenMedia) thin_out(scene, shadow, distance, inside, t);
         shadow.radiance = select(inside, shadow.radiance * t, shadow.radiance);
     }
 };

@@ -46,7 +46,6 @@ void HostScene::set_grids(const SceneInput& in) {
             put(kGridHigh + k, o[c] + above);
             put(kGridSize + k, in.grid_size.data[3 * g + k]);
         }
-        put(kGridFirst, 0);
         grids[size_t{kGridFirst} * stride + g] = bit_cast<float>(in.grid_first.data[g]);
         grids[size_t{kGridTraits} * stride + g] = bit_cast<float>(traits_of(in, g));
         const double across_box = length(x) + length(y) + length(z);

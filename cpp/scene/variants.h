@@ -33,7 +33,7 @@ inline constexpr FeatureMask kVariants[] = {
     kSpheres | kLeanSky | kMedia | kRefraction | (materials(kRefracting) & kLean),
     kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
     kLean & ~(kMedia | kChromatic),
-    kAllFeatures & ~(kMedia | kChromatic),
+    kAllFeatures & ~(kMedia | kChromatic | kAlbedoGrids | kUnevenMedia),
     kLean,
 #endif
     kAllFeatures,

@@ -1123,7 +1123,7 @@ def colours() -> Array:
     """5 x 4 x 3 cells, different in all directions and channels, by integers."""
     z, y, x = np.mgrid[0:3, 0:4, 0:5]
     red, green = (x * 3 + y + 2 * z) % 7 / 6, (x * x + 2 * y + z) % 5 / 4
-    return np.stack([red, green, (x + y * y + 3 * z) % 9 / 8], axis=-1)
+    return 0.1 + 0.9 * np.stack([red, green, (x + y * y + 3 * z) % 9 / 8], axis=-1)
 
 
 def puff() -> Array:

@@ -152,7 +152,9 @@ def test_bad_media_are_named(medium: dict, message: str):
 
 def test_too_dense_a_grid_is_named():
     seen = scene({"type": "heterogeneous", "scale": 1e6, "sigma_t": grid(CELLS)})
-    with pytest.raises(SceneError, match=r"cube.interior.*sigma_t\[0\] .* is too dense for its grid"):
+    with pytest.raises(
+        SceneError, match=r"cube.interior.*sigma_t\[0\] .* is too dense for its grid"
+    ):
         veriray.render(seen, spp=1, width=4, height=4, device="cpu")
 
 

@@ -19,6 +19,7 @@ from setuptools.command.build_py import build_py
 ROOT = Path(__file__).resolve().parent
 SCENE_SUFFIXES = {
     ".xml", ".obj", ".ply", ".serialized", ".exr", ".png", ".csv", ".json", ".txt", ".md",
+    ".vol",
 }  # fmt: skip
 
 

@@ -67,6 +67,7 @@ def digest(path: Path) -> str:
         path,
         *path.parent.glob("meshes/*"),
         *path.parent.glob("images/*"),
+        *path.parent.glob("volumes/*"),
         *(ROOT / "reference").glob("*.py"),
     ]
     contents = b"".join(f.read_bytes() for f in sorted(files))

@@ -112,7 +112,12 @@ class Integrator:
             return
         v.scattered = np.zeros(len(v.t), bool)
         v.t[at], v.scattered[at], weight = self.media.flight(
-            rng, live.medium[at], v.t[at], live.throughput[:, at]
+            rng,
+            live.medium[at],
+            v.t[at],
+            live.throughput[:, at],
+            live.origin[:, at],
+            live.direction[:, at],
         )
         live.throughput[:, at] *= weight
         v.primitive[v.scattered], v.near[v.scattered] = -1, False

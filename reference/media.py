@@ -1,9 +1,10 @@
-"""Homogeneous media: free flights, transmittance, phase functions.
+"""Media: free flights, transmittance, phase functions.
 
 A flight in a chromatic medium takes one channel's free path, the channel chosen with probability
 proportional to its throughput, and is weighted by the balance heuristic over the three channels
 (one-sample model, Veach and Guibas 1995): unbiased, and the sum of the throughputs never grows. In
-a grey medium that is the usual flight, with weight 1 or albedo.
+a grey medium that is the usual flight, with weight 1 or albedo. Where a grid gives the extinction,
+the optical depth along the ray is integrated and inverted (``grids``).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 
 import numpy as np
 
+from reference.grids import integral
 from reference.scene import Medium
 from reference.vectors import about, dot, unit_sphere
 
@@ -24,7 +26,12 @@ class Media:
         self.albedo = np.array([m.albedo for m in media]).reshape(-1, 3).T.copy()
         self.g = np.array([m.g for m in media])
         self.black = (self.albedo == 0).all(axis=0)
+        self.extinction = [m.extinction_grid for m in media]
+        self.albedo_grids = [m.albedo_grid for m in media]
+        uneven = [grid for grid in self.extinction if grid is not None]
+        self.uneven = bool(uneven)
         self.grey = bool((self.sigma_t == self.sigma_t[:1]).all())
+        self.grey &= all(grid.grey for grid in uneven)
         self.isotropic = bool((self.g == 0).all())
 
     def flight(
@@ -33,8 +40,68 @@ class Media:
         medium: np.ndarray,
         limit: np.ndarray,
         throughput: np.ndarray,
+        origin: np.ndarray,
+        direction: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(distance flown (n,), scattered (n,) bool, weight (3, n)); ``limit`` is the surface's."""
+        distance, scattered, weight = self._flight(rng, medium, limit, throughput)
+        for m, grid in enumerate(self.extinction):
+            if grid is not None and len(at := np.flatnonzero(medium == m)):
+                distance[at], scattered[at], weight[:, at] = self._uneven_flight(
+                    rng, m, limit[at], throughput[:, at], origin[:, at], direction[:, at]
+                )
+        for m, grid in enumerate(self.albedo_grids):
+            if grid is not None and len(at := np.flatnonzero(scattered & (medium == m))):
+                weight[:, at] *= grid.at(origin[:, at] + direction[:, at] * distance[at])
+        return distance, scattered, weight
+
+    def _uneven_flight(
+        self,
+        rng: np.random.Generator,
+        m: int,
+        limit: np.ndarray,
+        throughput: np.ndarray,
+        origin: np.ndarray,
+        direction: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As ``flight`` in medium m, less the albedo's grid."""
+        n, grid, sigma = len(limit), self.extinction[m], self.sigma_t[:, m, None]
+        total = throughput.sum(axis=0)
+        chance = np.where(total > 0, throughput / np.where(total > 0, total, 1), 1 / 3)
+        u, ray = rng.random(n), np.arange(n)
+        channel = (u >= chance[0]).astype(np.int8) + (u >= chance[0] + chance[1])
+        knots, powers = grid.along(origin, direction, limit)
+        lengths = np.diff(knots, axis=0)
+        parts = integral(powers, lengths, 1.0)
+        depths = np.concatenate([np.zeros((3, 1, n)), np.cumsum(parts, axis=1)], axis=1)
+        own = depths[channel, :, ray].T * sigma[channel, 0]
+        wanted = rng.standard_exponential(n)
+        scattered = wanted < own[-1]
+        piece = np.clip((own <= wanted).sum(axis=0) - 1, 0, len(knots) - 2)
+        length, at = lengths[piece, ray], powers[:, :, piece, ray]
+        mine = at[:, channel, ray] * sigma[channel, 0]
+        a, b = np.zeros(n), np.ones(n)
+        for _ in range(60):
+            middle = (a + b) / 2
+            low = own[piece, ray] + integral(mine, length, middle) < wanted
+            a, b = np.where(low, middle, a), np.where(low, b, middle)
+        there = sum(at[p] * b**p for p in range(4)) * sigma
+        depth = depths[:, piece, ray] + integral(at, length, b)
+        depth = np.where(scattered, depth, depths[:, -1]) * sigma
+        weight = np.exp(-depth)
+        weight *= np.where(scattered, there, 1.0)
+        weight /= dot(chance, weight)
+        weight *= np.where(scattered, self.albedo[:, m, None], 1.0)
+        return np.where(scattered, knots[piece, ray] + b * length, limit), scattered, weight
+
+    def _flight(
+        self,
+        rng: np.random.Generator,
+        medium: np.ndarray,
+        limit: np.ndarray,
+        throughput: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As ``flight``, in homogeneous media."""
         n = len(medium)
         sigma = self.sigma_t.take(medium, axis=1)
         if self.grey:
@@ -57,9 +124,17 @@ class Media:
         weight *= np.where(scattered, self.albedo.take(medium, axis=1), 1.0)
         return distance, scattered, weight
 
-    def transmittance(self, medium: np.ndarray, distance: np.ndarray) -> np.ndarray:
-        """exp(-sigma_t distance) (3, n)."""
-        return attenuation(self.sigma_t.take(medium, axis=1), distance)
+    def transmittance(
+        self, medium: np.ndarray, distance: np.ndarray, origin: np.ndarray, direction: np.ndarray
+    ) -> np.ndarray:
+        """exp(-sigma_t distance) (3, n), or what stands for it along uneven ways."""
+        out = attenuation(self.sigma_t.take(medium, axis=1), distance)
+        for m, grid in enumerate(self.extinction):
+            if grid is not None and len(at := np.flatnonzero(medium == m)):
+                knots, powers = grid.along(origin[:, at], direction[:, at], distance[at])
+                depth = integral(powers, np.diff(knots, axis=0), 1.0).sum(axis=1)
+                out[:, at] = np.exp(-depth * self.sigma_t[:, m, None])
+        return out
 
     def phase(self, medium: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """Henyey and Greenstein (n,) per steradian; cosine of the turn, 1 is straight on."""

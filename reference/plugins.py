@@ -8,7 +8,7 @@ homogeneous medium, ``ext_eta`` of a conductor, <rgb> media above 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 from lxml import etree
 
 from reference import shapes, textures
+from reference.grids import Grid, read_vol
 from reference.materials import diffuse_fresnel
 from reference.principled import SHARES
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
@@ -426,11 +427,11 @@ class _Reader(Document):
         """The index of the medium in the scene's list."""
         if element in self.medium_index:
             return self.medium_index[element]
-        self.plugin(element, "homogeneous")
+        uneven = self.plugin(element, "homogeneous", "heterogeneous") == "heterogeneous"
         values = self.parameters(
             element,
-            sigma_t=self.colour(),
-            albedo=self.colour(1.0),
+            sigma_t=self.volume(self.colour()),
+            albedo=self.volume(self.colour(1.0)),
             sigma_s=self.colour(),
             sigma_a=self.colour(),
             scale=self.number(0),
@@ -445,10 +446,55 @@ class _Reader(Document):
         else:
             sigma_t = values.get("sigma_t", np.ones(3))
             albedo = values.get("albedo", np.full(3, 0.75))
+        if uneven and not isinstance(sigma_t, Grid):
+            sigma_t = Grid(sigma_t.reshape(1, 1, 1, 3), np.eye(4))
+        grids = {}
+        if isinstance(sigma_t, Grid):
+            if not uneven:
+                raise self.error(element, "sigma_t by a grid; heterogeneous takes one")
+            grids["extinction_grid"], sigma_t = sigma_t, np.ones(3)
+        if isinstance(albedo, Grid):
+            grids["albedo_grid"], albedo = albedo, np.ones(3)
         sigma_t = sigma_t * values.get("scale", 1.0)
-        self.media.append(Medium(sigma_t, albedo, values.get("phase", 0.0)))
+        self.media.append(Medium(sigma_t, albedo, values.get("phase", 0.0), **grids))
         self.medium_index[element] = len(self.media) - 1
         return len(self.media) - 1
+
+    def volume(self, colour: Callable) -> Callable:
+        """Reader of a grid, a constvolume, or a colour."""
+
+        def read(element: etree._Element) -> np.ndarray | Grid:
+            if element.tag != "volume":
+                return colour(element)
+            if self.plugin(element, "gridvolume", "constvolume") == "constvolume":
+                values = self.parameters(element, value=colour)
+                return values.get("value", np.ones(3))
+            values = self.parameters(
+                element,
+                filename=lambda e: self.text(e, "value"),
+                to_world=self.transform,
+                wrap_mode=self.choice("repeat", "mirror", "clamp"),
+                filter_type=self.choice("trilinear", "nearest"),
+                use_grid_bbox=self.boolean,
+                raw=self.boolean,
+            )
+            try:
+                cells, (low, high) = read_vol(self.folder / values["filename"])
+            except (OSError, KeyError, ValueError) as error:
+                raise self.error(element, f"gridvolume: {error}") from error
+            place = values.get("to_world", np.eye(4))
+            if values.get("use_grid_bbox", False):
+                box = np.diag([*(high - low), 1.0])
+                box[:3, 3] = low
+                place = place @ box
+            return Grid(
+                cells,
+                place,
+                values.get("wrap_mode", "clamp"),
+                values.get("filter_type") == "nearest",
+            )
+
+        return read
 
     def phase(self, element: etree._Element) -> float:
         """Henyey and Greenstein's g."""

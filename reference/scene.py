@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from reference.grids import Grid
 from reference.skies import Sky
 
 if TYPE_CHECKING:
@@ -110,11 +111,14 @@ class Material:
 
 @dataclass(frozen=True)
 class Medium:
-    """Homogeneous: extinction sigma_t (3,) per world unit, albedo (3,), Henyey-Greenstein g."""
+    """Extinction sigma_t (3,) per world unit, albedo (3,), Henyey-Greenstein g; by place factors
+    on both, of the extinction only in the grid's box."""
 
     sigma_t: np.ndarray
     albedo: np.ndarray
     g: float = 0.0
+    extinction_grid: Grid | None = None
+    albedo_grid: Grid | None = None
 
 
 @dataclass(frozen=True)

@@ -34,12 +34,21 @@ class Shadows:
         )
         if medium is None:
             return seen, 1.0
-        return seen, self._attenuation(medium.take(seen), sample.distance.take(seen))
+        return seen, self._attenuation(
+            medium.take(seen),
+            sample.distance.take(seen),
+            point[:, seen],
+            sample.direction[:, seen],
+        )
 
-    def _attenuation(self, medium: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    def _attenuation(
+        self, medium: np.ndarray, distance: np.ndarray, origin: np.ndarray, direction: np.ndarray
+    ) -> np.ndarray:
         out = np.ones((3, len(medium)))
         at = np.flatnonzero(medium >= 0)
-        out[:, at] = self.media.transmittance(medium[at], distance[at])
+        out[:, at] = self.media.transmittance(
+            medium[at], distance[at], origin[:, at], direction[:, at]
+        )
         return out
 
     def _through(
@@ -54,7 +63,9 @@ class Shadows:
             primitive, t, near = self.tracer.closest(point, direction, start)
             met = self.tracer.blocks(point, direction, primitive, t, left, target)
             if medium is not None:
-                through[:, ray] *= self._attenuation(medium, np.where(met, t, left))
+                through[:, ray] *= self._attenuation(
+                    medium, np.where(met, t, left), point, direction
+                )
             arrived[ray[~met]] = True
             at = np.flatnonzero(met)
             m = self.scene.material.take(primitive[at])

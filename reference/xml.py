@@ -16,7 +16,8 @@ from lxml import etree
 from reference.scene import SceneError
 
 _TRANSFORMS = ("translate", "rotate", "scale", "matrix", "lookat")
-_OBJECTS = ("bsdf", "emitter", "film", "medium", "phase", "rfilter", "sampler", "shape", "texture")
+_OBJECTS = ("bsdf", "emitter", "film", "medium", "phase", "rfilter", "sampler", "shape", "texture",
+            "volume")  # fmt: skip
 
 
 class Document:

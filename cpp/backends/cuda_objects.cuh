@@ -19,7 +19,7 @@ struct Scene::Impl {
     int device;
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines;
+        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines, grids, cells;
     Buffer<uint32_t> surface_of, light_cdf, texels, sky_guides;
     TreeBuilder builder;
     DeviceTree tree;
@@ -45,6 +45,8 @@ struct Scene::Impl {
         upload(light_table, host.light_table, view.lights.table);
         upload(light_cdf, host.light_cdf, view.lights.cdf);
         upload(filter_edges, host.filter_edges, view.filter.edges);
+        upload(grids, host.grids, view.grids.table);
+        upload(cells, host.cells, view.grids.cells);
         upload(sky_texels, host.sky_texels, view.lights.map.texels);
         upload(sky_ends, host.sky_ends, view.lights.map.ends);
         upload(sky_sines, host.sky_sines, view.lights.map.sines);

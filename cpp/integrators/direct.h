@@ -2,6 +2,7 @@
 #pragma once
 
 #include "integrators/surface.h"
+#include "integrators/volumes.h"
 
 namespace veriray {
 
@@ -107,6 +108,9 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         shadow.radiance = path.throughput * light.radiance * value.f_cos * weight;
         shadow.skip = light.skip;
         if constexpr (has(kMedia)) shadow.medium = path.medium;
+        if constexpr (has(kUnevenMedia))
+            shadow.random = random_stream(s.key, path.pixel, path.sample,
+                                          dimension_block(segment, kCross, kShadowSteps));
         shadow.travelled = F(0.f), shadow.passed = U(~0u);
         if constexpr (Material::kTransmits)
             if (any(behind)) start_behind(at, behind, shadow);
@@ -164,7 +168,9 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const F open = F(1.f) - opacity;
         const S share = fma(bsdf.pass_through(), opacity, S::all(open));
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
-        todo = todo & (max_channel(shadow.radiance) > F(0.f));
+        // A ray that roulette has ended in an uneven medium still says what blocks it.
+        const bool uneven = has(kUnevenMedia) && (scene.features & kUnevenMedia);
+        todo = todo & (max_channel(uneven ? share : shadow.radiance) > F(0.f));
         shadow.travelled = select(todo, hit.t, shadow.travelled);
         shadow.passed = select(todo, hit.primitive, shadow.passed);
         if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
@@ -198,13 +204,38 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         c.medium = select(endless, beyond, c.medium);
     }
 
+    // Lanes in a medium whose extinction a grid gives.
+    static VR_HD M uneven_medium(const SceneView& scene, U medium) {
+        return medium_column(scene, medium, kMediumSigmaGrid) >= F(0.f);
+    }
+    // Their way through it, `limit` long, from where a ray has passed all.
+    template <class Carrier>
+    static VR_HD auto passage(const SceneView& scene, const Carrier& c, F limit, M uneven) {
+        const F row = medium_column(scene, c.medium, kMediumSigmaGrid);
+        return Volumes<L>::passage(scene, to_uint(select(uneven, row, F(0.f))),
+                                   c.ray.at(passed(c).t), c.ray.d, limit);
+    }
+
+    // Replaces the transmittance of lanes in uneven media.
+    static VR_HD void thin_out(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
+                               M inside, S& t) {
+        const M uneven =
+            inside & uneven_medium(scene, shadow.medium) & (max_channel(shadow.radiance) > F(0.f));
+        if (none(uneven)) return;
+        const auto way = passage(scene, shadow, distance, uneven);
+        const F sigma = medium_column(scene, shadow.medium, kMediumSigma);
+        t = select(uneven, Volumes<L>::transmittance(scene, way, sigma, shadow.random, uneven), t);
+    }
+
     static VR_HD void attenuate(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
                                 M active) {
         M inside = active & !(shadow.medium == U(0u));
         leave_closed(scene, shadow, inside & !(distance < F(kInfinity)));
         inside = inside & !(shadow.medium == U(0u));
         if (none(inside)) return;
-        const S t = transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance);
+        S t = transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance);
+        if constexpr (has(kUnevenMedia))
+            if (scene.features & kUnevenMedia) thin_out(scene, shadow, distance, inside, t);
         shadow.radiance = select(inside, shadow.radiance * t, shadow.radiance);
     }
 };

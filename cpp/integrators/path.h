@@ -48,7 +48,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
     }
     static VR_HD Request no_request(M m) {
         const V nowhere{F(0.f), F(0.f), F(0.f)};
-        return {no_lanes(m), {nowhere, nowhere}, F(0.f), black(), U(0u), U(0u), F(0.f), U(~0u)};
+        return {no_lanes(m), {nowhere, nowhere},   F(0.f), black(), U(0u), U(0u), F(0.f),
+                U(~0u),      {U(0u), U(0u), U(0u)}};
     }
 
     // ---- begin: a camera path through pixel (x, y) of a film `width` wide ----

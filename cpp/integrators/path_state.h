@@ -113,22 +113,25 @@ struct ShadowRequest {
     typename L::U medium;              // kMedia: around the ray where it goes on
     typename L::F travelled;           // kPass: as of a path, and likewise
     typename L::U passed;
+    Stream<typename L::U> random;  // kUnevenMedia: of the steps through them
 };
 
 // Its fields before it has passed anything; `wanted` is none.
-#define VR_SHADOW_FIELDS(FIELD)              \
-    FIELD(f, ray.o.x, 0, kWholePath)         \
-    FIELD(f, ray.o.y, 0, kWholePath)         \
-    FIELD(f, ray.o.z, 0, kWholePath)         \
-    FIELD(f, ray.d.x, 0, kWholePath)         \
-    FIELD(f, ray.d.y, 0, kWholePath)         \
-    FIELD(f, ray.d.z, 0, kWholePath)         \
-    FIELD(f, t_max, 0, kWholePath)           \
-    FIELD(f, radiance[0], 0, kWholePath)     \
-    FIELD(f, radiance[1], 0, kWholePath)     \
-    FIELD(f, radiance[2], 0, kWholePath)     \
-    FIELD(u, skip, kShadowSkips, kWholePath) \
-    FIELD(u, medium, kMedia, kWholePath)
+#define VR_SHADOW_FIELDS(FIELD)                  \
+    FIELD(f, ray.o.x, 0, kWholePath)             \
+    FIELD(f, ray.o.y, 0, kWholePath)             \
+    FIELD(f, ray.o.z, 0, kWholePath)             \
+    FIELD(f, ray.d.x, 0, kWholePath)             \
+    FIELD(f, ray.d.y, 0, kWholePath)             \
+    FIELD(f, ray.d.z, 0, kWholePath)             \
+    FIELD(f, t_max, 0, kWholePath)               \
+    FIELD(f, radiance[0], 0, kWholePath)         \
+    FIELD(f, radiance[1], 0, kWholePath)         \
+    FIELD(f, radiance[2], 0, kWholePath)         \
+    FIELD(u, skip, kShadowSkips, kWholePath)     \
+    FIELD(u, medium, kMedia, kWholePath)         \
+    FIELD(u, random.a, kUnevenMedia, kWholePath) \
+    FIELD(u, random.b, kUnevenMedia, kWholePath)
 
 template <FeatureMask kFeatures, class Request, class FloatField, class UintField>
 VR_HD void each_shadow_field(Request& x, FloatField f, UintField u) {

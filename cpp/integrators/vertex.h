@@ -44,15 +44,47 @@ struct PathVertices : DirectLight<L, kFeatures> {
         const Block<U> r =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
         const F limit = min(hit.t, far) - Reader::passed(path).t;
-        const Flight<F> flight =
+        Flight<F> flight =
             free_flight(medium_spectrum(scene, path.medium, kMediumSigma),
                         medium_spectrum(scene, path.medium, kMediumAlbedo), path.throughput, limit,
                         uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
+        if constexpr (has(kUnevenMedia))
+            if (scene.features & kUnevenMedia)
+                cross_uneven(scene, s, path, limit, segment, inside, flight);
         path.throughput = select(inside, path.throughput * flight.weight, path.throughput);
         flown = flight.t;
         const M collided = inside & (flight.t < limit);
         hit.t = select(collided, Reader::passed(path).t + flight.t, hit.t);
         return collided;
+    }
+
+    // The albedo at collisions in media where a grid gives it.
+    static VR_HD void scatter_by_grid(const SceneView& scene, PathState<L>& path, V at,
+                                      M collided) {
+        const F row = medium_column(scene, path.medium, kMediumAlbedoGrid);
+        const M given = collided & (row >= F(0.f));
+        if (none(given)) return;
+        const U grid = to_uint(select(given, row, F(0.f)));
+        const S albedo = Grids<L>::value(scene.grids, Grids<L>::grid(scene.grids, grid),
+                                         Grids<L>::local(scene.grids, grid, at, 1.f), given);
+        path.throughput = select(given, path.throughput * albedo, path.throughput);
+    }
+
+    // The flights of lanes whose medium's extinction is uneven.
+    static VR_HD void cross_uneven(const SceneView& scene, const PathSettings& s,
+                                   PathState<L>& path, F limit, uint32_t segment, M inside,
+                                   Flight<F>& flight) {
+        const M uneven = inside & Direct::uneven_medium(scene, path.medium);
+        if (none(uneven)) return;
+        const Stream<U> random = random_stream(s.key, path.pixel, path.sample,
+                                               dimension_block(segment, kCross, kFlightSteps));
+        const F t = Volumes<L>::flight(
+            scene, Direct::passage(scene, path, limit, uneven),
+            medium_column(scene, path.medium, kMediumSigma), random, path.throughput,
+            has(kChromatic) && (scene.features & kChromatic) != 0, uneven);
+        flight.t = select(uneven, t, flight.t);
+        const S albedo = medium_spectrum(scene, path.medium, kMediumAlbedo);
+        flight.weight = select(uneven, select(t < limit, albedo, white()), flight.weight);
     }
 
     // ---- hit emitter: adds emission, returns the lanes that met an emitter's front ----
@@ -119,6 +151,9 @@ struct PathVertices : DirectLight<L, kFeatures> {
             place.collided = e.collided = cross(scene, s, path, hit, flown, far, segment, active);
             if (any(e.collided))
                 collision = Near::collision_point(scene, path, flown, end, e.collided);
+            if constexpr (has(kAlbedoGrids))
+                if (scene.features & kAlbedoGrids)
+                    scatter_by_grid(scene, path, collision, e.collided);
             valid = valid & !e.collided;
         }
         e.escaped = active & !(valid | place.collided);

@@ -15,6 +15,8 @@ enum MediumColumn : uint32_t {
     kMediumAlbedo = kMediumSigma + 3,  // 3 columns
     kMediumG = kMediumAlbedo + 3,      // mean cosine of Henyey and Greenstein's phase function
     kMediumBeyond = kMediumG + 1,      // medium for a ray that meets nothing; itself if unbounded
+    kMediumAlbedoGrid,                 // a factor on the albedo; -1: none
+    kMediumSigmaGrid,                  // the share of the extinction that is there; -1: none
     kMediumColumns,
 };
 

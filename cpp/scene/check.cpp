@@ -113,6 +113,15 @@ void check_input(const SceneInput& in) {
                  "begins texels that end at " + std::to_string(last) + "; there are " +
                      std::to_string(in.texels.count) + ", and at most 2^31 - 512 are allowed");
     }
+    for (size_t g = 0; g < in.grids_rows(); ++g) {
+        const uint32_t* size = in.grid_size.data + 3 * g;
+        const uint64_t last = in.grid_first.data[g] + uint64_t{size[0]} * size[1] * size[2] *
+                                                          (in.grid_grey.data[g] ? 1 : 3);
+        if (last > in.cells.count || last > kMostCellNumbers)
+            fail("grid_first", g,
+                 "begins cells that end at " + std::to_string(last) + "; there are " +
+                     std::to_string(in.cells.count) + ", and at most 2^31 - 512 are allowed");
+    }
     const uint64_t sky = uint64_t{in.sky_size.data[0]} * in.sky_size.data[1];
     if (sky != in.sky_texels.count || sky > kMostSkyTexels)
         throw std::invalid_argument("sky_size holds " + std::to_string(in.sky_size.data[0]) +

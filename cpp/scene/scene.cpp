@@ -72,6 +72,7 @@ HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.
     set_surfaces(in);
     set_textures(in);
     set_media(in);
+    set_grids(in);
     set_lights(in);
     set_camera(in);
     set_filter(in);
@@ -428,7 +429,7 @@ size_t HostScene::memory() const {
                 surfaces.size() + media.size() + light_table.size() + filter_edges.size() +
                 surface_of.size() + light_cdf.size() + records.size() + round_boxes.size() +
                 uv.size() + textures.size() + texels.size() + sky_texels.size() + sky_ends.size() +
-                sky_sines.size() + sky_guides.size());
+                sky_sines.size() + sky_guides.size() + grids.size() + cells.size());
 }
 
 }  // namespace veriray

@@ -62,7 +62,7 @@ struct SceneInput {
     }
 };
 
-constexpr uint64_t kMostSkyTexels = uint64_t{1} << 27;
+constexpr uint64_t kMostSkyTexels = uint64_t{1} << 27, kMostCellNumbers = 0x7ffffe00u;
 
 struct Double3 {
     double x, y, z;
@@ -175,7 +175,7 @@ class HostScene {
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines;
+        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines, grids, cells;
     std::vector<uint32_t> surface_of, light_cdf, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
@@ -216,6 +216,7 @@ class HostScene {
     std::array<Double3, 3> corner_uv(const SceneInput& in, const Flat& f) const;
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);
+    void set_grids(const SceneInput& in);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);
     void set_surfaces(const SceneInput& in);

@@ -220,8 +220,17 @@ void HostScene::set_media(const SceneInput& in) {
         }
         put(kMediumG, in.phase_g.data[m - 1]);
         put(kMediumBeyond, beyond[m]);
+        const int32_t albedo_grid = in.albedo_grid.data[m - 1];
+        const int32_t sigma_grid = sigma[0] > 0 ? in.sigma_t_grid.data[m - 1] : -1;
+        put(kMediumAlbedoGrid, albedo_grid);
+        put(kMediumSigmaGrid, sigma_grid);
         if (!used[m]) continue;
         view.features |= kMedia;
+        if (albedo_grid >= 0) view.features |= kAlbedoGrids;
+        if (sigma_grid >= 0) {
+            view.features |= kUnevenMedia;
+            if (!in.grid_grey.data[sigma_grid]) view.features |= kChromatic;
+        }
         if (sigma[0] != sigma[1] || sigma[0] != sigma[2]) view.features |= kChromatic;
     }
     view.media = media.data();

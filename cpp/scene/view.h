@@ -13,6 +13,7 @@
 #include "lights/shape.h"
 #include "media/medium.h"
 #include "scene/features.h"
+#include "textures/grid.h"
 #include "textures/texture.h"
 
 namespace veriray {
@@ -80,6 +81,7 @@ struct SceneView {
     const float* surfaces;       // [column][surface_stride]
     const float* media;          // [column][medium_stride]; medium 0 is the vacuum
     TextureView textures;
+    GridView grids;
     BvhView bvh;
     LightView lights;
     CameraView camera;

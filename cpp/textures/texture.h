@@ -101,7 +101,7 @@ struct Textures {
         return select(board, value, colour);
     }
 
-   private:
+   protected:
     static VR_HD M is(U traits, uint32_t trait) { return (traits & U(trait)) == U(trait); }
     // Equal colours stay as they are.
     static VR_HD S mix(const S& a, const S& b, F share) {

@@ -16,8 +16,8 @@ class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
     """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
-    media, Q lights, X textures, W texels, Y sky; see veriray.Scene. uint8 columns hold 0 or 1.
-    Made by cpp/schema/generate.py from python/veriray/columns.py."""
+    media, Q lights, X textures, W texels, Y sky, G grids, C cells; see veriray.Scene. uint8
+    columns hold 0 or 1. Made by cpp/schema/generate.py from python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
     normals: npt.NDArray[np.float64]  # (V, 3)
@@ -92,6 +92,15 @@ class SceneArrays(TypedDict):
     sky_texels: npt.NDArray[np.float32]  # (Y, 3)
     sky_size: npt.NDArray[np.uint32]  # (2,)
     sky_to_world: npt.NDArray[np.float64]  # (3, 3)
+    grid_size: npt.NDArray[np.uint32]  # (G, 3)
+    grid_first: npt.NDArray[np.uint32]  # (G,)
+    grid_grey: npt.NDArray[np.uint8]  # (G,)
+    grid_wrap: npt.NDArray[np.uint32]  # (G,)
+    grid_filter: npt.NDArray[np.uint32]  # (G,)
+    grid_to_world: npt.NDArray[np.float64]  # (G, 3, 4)
+    cells: npt.NDArray[np.float32]  # (C,)
+    albedo_grid: npt.NDArray[np.int32]  # (K,)
+    sigma_t_grid: npt.NDArray[np.int32]  # (K,)
 
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]

@@ -80,6 +80,7 @@ MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
 MAX_SKY_TEXELS = 1 << 27
+MAX_CELL_NUMBERS = (1 << 31) - 512  # of all grids
 REQUIRED = object()
 
 #: Tables and the letters of their numbers of rows; the table "" has one row.
@@ -96,6 +97,8 @@ TABLES = {
     "textures": "X",
     "texels": "W",
     "sky": "Y",
+    "grids": "G",
+    "cells": "C",
 }
 
 
@@ -309,6 +312,36 @@ _HASHED_IF_SET: dict[str, Column] = {
         "", np.float64, (3, 3), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), -2.0, 2.0,
         doc="rotation or reflection of the image, acting on column vectors",
     ),
+    "grid_size": Column(
+        "grids", np.uint32, (3,), low=1, high=1 << 15,
+        doc="cells along x, y and z; cell k of n has its centre at (k + 1/2) / n",
+    ),
+    "grid_first": Column("grids", np.uint32, (), 0, doc="its first row of cells"),
+    "grid_grey": Column("grids", np.bool_, (), False, doc="one number a cell; else three"),
+    "grid_wrap": Column(
+        "grids", np.uint32, (), 2, indexes="texture wraps", doc="of TEXTURE_WRAPS, along all axes"
+    ),
+    "grid_filter": Column(
+        "grids", np.uint32, (), 0, indexes="texture filters",
+        doc="of TEXTURE_FILTERS, the first in three dimensions",
+    ),
+    "grid_to_world": Column(
+        "grids", np.float64, (3, 4),
+        ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)), -_BIG, _BIG,
+        doc="what takes (x, y, z, 1) of its unit cube to world units",
+    ),
+    "cells": Column(
+        "cells", np.float32, low=0.0, high=1.0,
+        doc="numbers of grids: of a grid x by x, then by y and z, those of a cell side by side",
+    ),
+    "albedo_grid": _index(
+        "media", "grids", -1, doc="a factor on albedo by place; -1: none"
+    ),
+    "sigma_t_grid": _index(
+        "media", "grids", -1,
+        doc="the share of sigma_t, then grey, that is there, and none outside of the box around "
+        "the grid's unit cube; -1: all is everywhere",
+    ),
 }  # fmt: skip
 #: The first column of a table is the one that says how many rows it has.
 COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}
@@ -365,6 +398,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
     _check_lights(arrays)
     _check_textures(arrays)
     _check_sky(arrays)
+    _check_grids(arrays)
     return arrays
 
 
@@ -505,4 +539,28 @@ def _check_sky(arrays: Mapping[str, Array]) -> None:
     if not off <= 1e-3:
         raise SceneError(
             f"sky_to_world = {turn.tolist()} is {off:.3g} from a rotation or reflection"
+        )
+
+
+def _check_grids(arrays: Mapping[str, Array]) -> None:
+    count = len(arrays["cells"])
+    for row, (x, y, z) in enumerate(arrays["grid_size"].tolist()):
+        first = int(arrays["grid_first"][row])
+        last = first + x * y * z * (1 if arrays["grid_grey"][row] else 3)
+        if last > count or last > MAX_CELL_NUMBERS:
+            raise SceneError(
+                f"grid_first[{row}] = {first}: the numbers of {x} x {y} x {z} cells end at {last}; "
+                f"there are {count} cells, and at most {MAX_CELL_NUMBERS} allowed"
+            )
+        linear = arrays["grid_to_world"][row][:, :3]
+        scale = float(np.abs(linear).max())
+        volume = float(np.abs(np.linalg.det(linear / scale))) if scale else 0.0
+        if not volume > 1e-12:
+            raise SceneError(f"grid_to_world[{row}] = {linear.tolist()} makes its cube flat")
+    sigma, grid = arrays["sigma_t"], arrays["sigma_t_grid"]
+    row = _first((grid >= 0) & (sigma != sigma[:, :1]).any(axis=1))
+    if row is not None:
+        raise SceneError(
+            f"sigma_t[{row}] = {sigma[row].tolist()} with sigma_t_grid; expected one number three "
+            "times"
         )

@@ -35,6 +35,8 @@ FEATURES = {
     "pass": "straight through: null, mask, thin dielectric",
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
+    "albedo_grids": "media whose albedo a grid gives",
+    "uneven_media": "media whose extinction a grid gives",
     "textures": "numbers of materials that textures give",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},

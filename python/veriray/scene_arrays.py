@@ -120,6 +120,19 @@ class SceneArrays:
     sky_size (2,) uint32: width and height of the image, 0 for none (in [0, 32768], default 0)
     sky_to_world (3, 3) float64: rotation or reflection of the image, acting on column vectors (in
         [-2, 2], default ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    grid_size (G, 3) uint32: cells along x, y and z; cell k of n has its centre at (k + 1/2) / n (in
+        [1, 32768])
+    grid_first (G,) uint32: its first row of cells (default 0)
+    grid_grey (G,) bool: one number a cell; else three (default False)
+    grid_wrap (G,) uint32: of TEXTURE_WRAPS, along all axes (default 2)
+    grid_filter (G,) uint32: of TEXTURE_FILTERS, the first in three dimensions (default 0)
+    grid_to_world (G, 3, 4) float64: what takes (x, y, z, 1) of its unit cube to world units
+        (default ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)))
+    cells (C,) float32: numbers of grids: of a grid x by x, then by y and z, those of a cell side by
+        side (in [0, 1])
+    albedo_grid (K,) int32: a factor on albedo by place; -1: none (index of grids, default -1)
+    sigma_t_grid (K,) int32: the share of sigma_t, then grey, that is there, and none outside of the
+        box around the grid's unit cube; -1: all is everywhere (index of grids, default -1)
     """
 
     vertices: Array = _NONE
@@ -195,3 +208,12 @@ class SceneArrays:
     sky_texels: Array = _NONE
     sky_size: Array = _NONE
     sky_to_world: Array = _NONE
+    grid_size: Array = _NONE
+    grid_first: Array = _NONE
+    grid_grey: Array = _NONE
+    grid_wrap: Array = _NONE
+    grid_filter: Array = _NONE
+    grid_to_world: Array = _NONE
+    cells: Array = _NONE
+    albedo_grid: Array = _NONE
+    sigma_t_grid: Array = _NONE

@@ -1083,6 +1083,78 @@ def textures() -> str:
     )  # fmt: skip
 
 
+def gridvolume(name: str, file: str, to_world: str, *content: str) -> str:
+    """A grid of a medium."""
+    return (
+        f'<volume type="gridvolume" name="{name}">{text("filename", file)}{"".join(content)}'
+        f"{to_world}</volume>"
+    )
+
+
+@scene
+def albedo_grid() -> str:
+    """Grids that give the albedo of media, turned and repeated in glass, and nearest beside it."""
+    glass = bsdf("dielectric", number("int_ior", 1.3))
+    file = "volumes/colours.vol"
+    turned = transform(scale(0.9, 0.7, 0.8), rotate("y", 30), translate(-1.2, 0.6, 0))
+    box = transform(translate(1, 1, 0.2))
+    return (
+        sensor() + striped()
+        + sphere(-1, 1, 0.2, 0.9, glass,
+                 '<medium type="homogeneous" name="interior">' + number("sigma_t", 4)
+                 + gridvolume("albedo", file, turned, text("wrap_mode", "repeat"))
+                 + '<phase type="hg">' + number("g", 0.5) + "</phase></medium>")
+        + shape("cube", transform(scale(0.7), translate(1, 0.9, 0.2)), NULL,
+                '<medium type="homogeneous" name="interior">'
+                + rgb("sigma_t", 0.8, 0.5, 1) + number("scale", 3)
+                + gridvolume("albedo", file, box, flag("use_grid_bbox"),
+                             text("filter_type", "nearest"))
+                + '<phase type="isotropic"/></medium>')
+    )  # fmt: skip
+
+
+@scene
+def smoke() -> str:
+    """Uneven media: smoke in a null cube around a ball, coloured by a grid, and fog in glass."""
+    glass = bsdf("dielectric", number("int_ior", 1.2))
+    place = transform(scale(1.6), translate(-1.8, 0.2, -0.6))
+    return (
+        sensor() + striped()
+        + shape("cube", transform(scale(0.8), translate(-1, 1, 0.2)), NULL,
+                '<medium type="heterogeneous" name="interior">' + number("scale", 7)
+                + gridvolume("sigma_t", "volumes/smoke.vol", place)
+                + gridvolume("albedo", "volumes/colours.vol", place)
+                + '<phase type="hg">' + number("g", 0.4) + "</phase></medium>")
+        + sphere(-1, 0.7, 0.1, 0.3, diffuse(0.8, 0.3, 0.2))
+        + sphere(1, 1, 0.2, 0.9, glass,
+                 '<medium type="heterogeneous" name="interior">' + number("scale", 5)
+                 + gridvolume("sigma_t", "volumes/smoke.vol",
+                              transform(scale(1.4), rotate("y", 40), translate(0, 0.4, 0.1)))
+                 + rgb("albedo", 0.9, 0.95, 0.8) + '<phase type="isotropic"/></medium>')
+    )  # fmt: skip
+
+
+def vol(cells: Array, low: tuple[float, ...], high: tuple[float, ...]) -> bytes:
+    """A .vol file of cells (Z, Y, X, C), whose box is low to high."""
+    z, y, x, channels = cells.shape
+    head = struct.pack("<3sB5i6f", b"VOL", 3, 1, x, y, z, channels, *low, *high)
+    return head + cells.astype("<f4").tobytes()
+
+
+def colours() -> Array:
+    """5 x 4 x 3 cells, different in all directions and channels, by integers."""
+    z, y, x = np.mgrid[0:3, 0:4, 0:5]
+    red, green = (x * 3 + y + 2 * z) % 7 / 6, (x * x + 2 * y + z) % 5 / 4
+    return 0.1 + 0.9 * np.stack([red, green, (x + y * y + 3 * z) % 9 / 8], axis=-1)
+
+
+def puff() -> Array:
+    """9 x 8 x 7 cells of uneven density, none at the rim, by integers."""
+    z, y, x = np.mgrid[0:7, 0:8, 0:9]
+    inside = x * (8 - x) * y * (7 - y) * z * (6 - z)
+    return (inside * (1 + (x * 5 + y * 3 + z * 7) % 4))[..., None] / 2048.0
+
+
 def png(texels: npt.NDArray[np.uint8]) -> bytes:
     """A PNG file (H, W, 3), not compressed, so that every version of zlib makes the same."""
 
@@ -1151,6 +1223,8 @@ def files() -> dict[str, str | bytes]:
     body, body_faces = displaced(3, egg)
     result: dict[str, str | bytes] = {
         "images/weave.png": png(weave()),
+        "volumes/colours.vol": vol(colours(), (-0.7, -0.8, -0.7), (0.7, 0.5, 0.8)),
+        "volumes/smoke.vol": vol(puff(), (0, 0, 0), (1, 1, 1)),
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),
         "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),

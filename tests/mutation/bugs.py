@@ -58,7 +58,7 @@ _CHECKS = (
     "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
     "plastic",
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
-    "principled_surfaces", "principled_glass",
+    "principled_surfaces", "principled_glass", "albedo_grid", "smoke",
     "point_in_medium", "point_light", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "textures", "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
@@ -131,6 +131,7 @@ _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "
 _SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directional"))
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 _TEXTURE, _TEXTURING = "textures/texture.h", "integrators/texturing.h"
+_GRID, _VOLUMES = "textures/grid.h", "integrators/volumes.h"
 
 _EVAL = "p.reflectance * pdf"
 _PDF = "row(kLightInverse) * (inverse * inverse) * cos_light"
@@ -374,6 +375,21 @@ _MEDIA = (
            "medium_beyond(scene, path, at, pass)", "medium_in_glass"),
     Mutant("medium kept by shadow rays", _DIRECT, "medium_beyond(scene, shadow, at, todo)",
            "shadow.medium", "point_in_medium"),
+    Mutant("albedo of a grid left out", _VERTEX, "path.throughput * albedo, path.throughput",
+           "path.throughput, path.throughput", "albedo_grid"),
+    Mutant("cells not mixed along x", _GRID, "start + x.second", "start + x.first", "albedo_grid"),
+    Mutant("cells not mixed along y", _GRID, "y.second * width",
+           "y.first * width", "albedo_grid"),
+    Mutant("real collisions 5 % too rare", _VOLUMES, "below(r.y, r.z, share)",
+           "below(r.y, r.z, F(.95f) * share)", "smoke"),
+    Mutant("flights go on from the box's edge", _VOLUMES, "p.enter + way", "way", "smoke"),
+    Mutant("every second step of a shadow ray without effect", _VOLUMES,
+           "select(flying, through * rest, through)",
+           "select(flying & ((random.step & U(1u)) == U(0u)), through * rest, through)", "smoke"),
+    Mutant("roulette of shadow rays not divided out", _VOLUMES, "through * F(2.f)", "through",
+           "smoke"),
+    Mutant("half of a grid's box empty", "scene/grids.cpp", "put(kGridHigh + k, o[c] + above)",
+           "put(kGridHigh + k, o[c] + 0.5 * above)", "smoke"),
 )  # fmt: skip
 
 _LIGHTS = (

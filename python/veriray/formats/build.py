@@ -16,7 +16,7 @@ from ..camera import Camera, Film
 from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TABLES, TEXTURABLE, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
-from . import integrators, materials, textures, views
+from . import integrators, materials, textures, views, volumes
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import COLOUR, PLUGINS, STRATIFIED
 from .report import Full, Listed, Report
@@ -81,6 +81,7 @@ class _Builder:
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
+        self.grids = volumes.Grids()
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
         self.textured: set[int] = set()  # materials that have textures
@@ -221,8 +222,8 @@ class _Builder:
             self.material(bsdf)
         for medium in parts["medium"]:
             self.check_medium(medium)
-        for texture in parts["texture"]:
-            self.check(texture)
+        for plain in (*parts["texture"], *parts["volume"]):
+            self.check(plain)
         shapes = Shapes(self.textured)
         for shape in parts["shape"]:
             self.shape(shape, shapes)
@@ -231,6 +232,7 @@ class _Builder:
         textured = bool(self.tables.rows["textures"])
         arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured), **self.sky}
         arrays["texels"] = self.texels.array()
+        arrays["cells"] = self.grids.array()
         seen = arrays["emissions"] is not None or bool(self.sky) or any(environment)
         if not seen and arrays["light_kind"] is None:
             warnings.warn(
@@ -410,14 +412,36 @@ class _Builder:
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
-        row = self.check_medium(node)
+        row, grids = self.check_medium(node)
+        for name, grid in grids.items():
+            index = self.tables.index("grids", grid.node, self.grids.placed(grid))
+            row[f"{name}_grid"] = index
         return self.tables.index("media", node, row)
 
-    def check_medium(self, node: Node) -> materials.Row:
+    def check_medium(self, node: Node) -> tuple[materials.Row, dict[str, volumes.Grid]]:
+        """A medium's row, and the grids of its parameters."""
         parts, values = self.check(node)
         phase = parts["phase"]
         filled = materials.filled(phase[0], self.check(phase[0])[1]) if phase else {}
-        return materials.medium(node, values, filled)
+        return volumes.medium(node, values, filled, self.volumes(node), self.grids)
+
+    def volumes(self, node: Node) -> volumes.Given:
+        """The volumes of a medium by the parameter that they give."""
+        given: volumes.Given = {}
+        for item in node.children:
+            child = self.resolve(item, node) if isinstance(item, Ref) else item
+            if child.category != "volume":
+                continue
+            if item.name not in ("albedo", "sigma_t"):
+                raise SceneError(
+                    f"{node}: a volume of a medium is named {shorten(item.name)}"
+                    + allowed(item.name, ("albedo", "sigma_t")),
+                    item.where,
+                )
+            if item.name in given or item.name in node.values:
+                raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
+            given[item.name] = child, self.check(child)[1]
+        return given
 
     def boundary(self, node: Node) -> tuple[int, int]:
         """The media inside and outside of a shape, -1 for vacuum."""
@@ -525,7 +549,9 @@ _SKIES = ("constant", "envmap")
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.
-_TABLES = {table: blank_row(table) for table in TABLES if table not in (*Shapes.TABLES, "texels")}
+_TABLES = {
+    table: blank_row(table) for table in TABLES if table not in (*Shapes.TABLES, "texels", "cells")
+}
 
 
 class _Tables:

@@ -168,9 +168,9 @@ def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
 
 
 def medium(node: Node, values: dict[str, Any], phase: Row) -> Row:
-    """The row of a homogeneous medium; phase: what its phase function fills."""
+    """The row of a medium; phase: what its phase function fills."""
     total, albedo = (values[name] for name in ("sigma_t", "albedo"))
-    scattering, absorption = (values[name] for name in ("sigma_s", "sigma_a"))
+    scattering, absorption = (values.get(name) for name in ("sigma_s", "sigma_a"))
     if scattering is not None or absorption is not None:
         given = [n for n in ("sigma_t", "albedo", "sigma_s", "sigma_a") if values[n] is not None]
         if given != ["sigma_s", "sigma_a"]:

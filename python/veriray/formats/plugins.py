@@ -110,6 +110,9 @@ _PLACED = {
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
 _TEXTURES = ("bitmap", "checkerboard")
 _OPAQUE = (*OPAQUE_KINDS, "pplastic")
+_MEDIA = ("homogeneous", "heterogeneous")
+_VOLUMES = ("gridvolume", "constvolume")
+VOLUME_FILTERS = ("trilinear", "nearest")
 _UNMASKED = (
     *_OPAQUE,
     "twosided",
@@ -134,7 +137,7 @@ _SHAPES = (
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": (_BSDFS, 0, 1),
     "emitter": (("area",), 0, 1),
-    "medium": (("homogeneous",), 0, 2),
+    "medium": (_MEDIA, 0, 2),
 }
 _CREASE = "degrees between faces from which on an edge is sharp; of Mitsuba 0.x"
 _MESH = {
@@ -315,9 +318,18 @@ _SENSORS = ("perspective", "thinlens")
 _ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
     "film": (FILMS, 0, 1),
     "sampler": (("independent", *STRATIFIED), 0, 1),
-    "medium": (("homogeneous",), 0, 1),
+    "medium": (_MEDIA, 0, 1),
 }
 _COEFFICIENT: dict[str, Any] = {"low": 0.0, "high": MAX_COORDINATE}
+_MEDIUM = {
+    "scale": Param("float", 1.0, **_COEFFICIENT, doc="factor on the coefficients"),
+    "sample_emitters": Param("boolean", True, note="light is sampled in media anyway"),
+    "has_spectral_extinction": Param("boolean", True, note="the coefficients themselves say so"),
+}
+_IN_MEDIA: dict[str, tuple[tuple[str, ...], int, int]] = {
+    "phase": (("isotropic", "hg"), 0, 1),
+    "volume": (_VOLUMES, 0, 2),
+}
 
 _WRITTEN = "the picture is written as render asks"
 _BORDER = "the filter needs no samples outside the film here"
@@ -360,8 +372,9 @@ PLUGINS: dict[str, Plugin] = {
             "emitter": (("constant", "envmap", "point", "spot", "directional"), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
-            "medium": (("homogeneous",), 0, _MANY),
+            "medium": (_MEDIA, 0, _MANY),
             "texture": (_TEXTURES, 0, _MANY),
+            "volume": (_VOLUMES, 0, _MANY),
         },
     ),
     **_PATHS,
@@ -595,17 +608,53 @@ PLUGINS: dict[str, Plugin] = {
         "medium",
         {
             "sigma_t": Param(COLOUR, None, **_COEFFICIENT, doc="extinction; default 1"),
-            "albedo": Param(COLOUR, None, **_SHARE, doc="default 0.75"),
+            "albedo": Param(COLOUR, None, **_SHARE, doc="default 0.75; or a volume of this name"),
             "sigma_s": Param(COLOUR, None, **_COEFFICIENT, doc="scattering; not in Mitsuba"),
             "sigma_a": Param(COLOUR, None, **_COEFFICIENT, doc="absorption; not in Mitsuba"),
-            "scale": Param("float", 1.0, **_COEFFICIENT, doc="factor on the coefficients"),
-            "sample_emitters": Param("boolean", True, note="light is sampled in media anyway"),
-            "has_spectral_extinction": Param(
-                "boolean", True, note="the coefficients themselves say so"
-            ),
+            **_MEDIUM,
         },
-        {"phase": (("isotropic", "hg"), 0, 1)},
+        _IN_MEDIA,
         doc="per unit length of the world; sigma_t and albedo, or sigma_s and sigma_a",
+    ),
+    "heterogeneous": Plugin(
+        "medium",
+        {
+            "sigma_t": Param(
+                COLOUR,
+                None,
+                **_COEFFICIENT,
+                doc="extinction, a volume of this name; a number (default 1) fills the unit cube",
+            ),
+            "albedo": Param(COLOUR, None, **_SHARE, doc="default 0.75; or a volume of this name"),
+            **_MEDIUM,
+            "density_scale": Param("float", None, **_COEFFICIENT, doc="the older name of scale"),
+        },
+        _IN_MEDIA,
+        doc="uneven; nothing is outside of the box around the unit cube of sigma_t's volume",
+    ),
+    "gridvolume": Plugin(
+        "volume",
+        {
+            "filename": Param("string", None, doc=".vol, version 3; or grid or data"),
+            "grid": Param("array", None, doc="(Z, Y, X) or (Z, Y, X, C) in a dictionary"),
+            "data": Param("array", None, doc="likewise"),
+            "filter_type": Param("string", "trilinear", choices=VOLUME_FILTERS),
+            "wrap_mode": Param("string", "clamp", choices=TEXTURE_WRAPS),
+            "to_world": Param("transform", doc="of the unit cube that the cells fill"),
+            "use_grid_bbox": Param("boolean", False, doc="they fill the file's box instead"),
+            "raw": Param("boolean", False, doc="without effect: numbers are as they stand"),
+            "accel": Param("boolean", True, doc="without effect: the filter is exact"),
+            "max_value": Param("float", None, note="the grid's own largest number is taken"),
+        },
+        doc="1 or 3 numbers a cell",
+    ),
+    "constvolume": Plugin(
+        "volume",
+        {
+            "value": Param(COLOUR, 1.0, **_COEFFICIENT),
+            "to_world": Param("transform", doc="of the unit cube outside of which no sigma_t is"),
+        },
+        doc="the same number or colour everywhere",
     ),
     "isotropic": Plugin("phase", doc="default"),
     "hg": Plugin(

@@ -1,0 +1,155 @@
+"""From media and their volumes to rows of a scene's media and grids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import transform as tf
+from ..columns import TEXTURE_WRAPS
+from ..errors import SceneError
+from . import materials, volume_grid
+from .node import Node
+from .plugins import VOLUME_FILTERS
+
+Array = npt.NDArray[Any]
+_SOURCES = ("filename", "grid", "data")
+_UNIT = np.array([[0.0] * 3, [1.0] * 3], np.float32)
+#: Volumes by the parameter that they give, with their checked parameters.
+Given = dict[str, tuple[Node, dict[str, Any]]]
+
+
+@dataclass(eq=False)
+class Grid:
+    """A volume in one use: its node there, its cells (Z, Y, X, 1 or 3) float32 in [0, 1], what
+    they are shares of, and its row but for its place among the scene's cells."""
+
+    node: Node
+    cells: Array
+    largest: float
+    row: materials.Row
+
+
+class Grids:
+    """The grids of a scene's media; each file is read once."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, tuple[Array, Array]] = {}
+        self.made: dict[tuple[int, str], tuple[Node, Grid]] = {}  # holds the node, and so its id
+        self.numbers: list[Array] = []
+        self.count = 0
+
+    def array(self) -> Array | None:
+        """The column `cells`; None without any."""
+        return np.concatenate(self.numbers) if self.numbers else None
+
+    def placed(self, grid: Grid) -> materials.Row:
+        """The row of a grid that a medium has; its cells join the scene's."""
+        if "grid_first" not in grid.row:
+            grid.row["grid_first"] = self.count
+            self.numbers.append(grid.cells.reshape(-1))
+            self.count += grid.cells.size
+        return grid.row
+
+    def grid(self, node: Node, values: dict[str, Any], use: str) -> Grid:
+        """A volume as "albedo" or "sigma_t"; values: its checked parameters."""
+        found = self.made.get((id(node), use))
+        if found is None:
+            grid = self._shares(node, values, use)
+            found = self.made[id(node), use] = node, grid
+        return found[1]
+
+    def _shares(self, node: Node, values: dict[str, Any], use: str) -> Grid:
+        matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
+        row: materials.Row = {}
+        if node.plugin == "constvolume":
+            colour = np.array(values["value"], np.float32)
+            cells = colour[None if len(set(colour.tolist())) > 1 else slice(1)].reshape(1, 1, 1, -1)
+            box = _UNIT
+        else:
+            cells, box = self._read(node, values)
+            row["grid_wrap"] = TEXTURE_WRAPS.index(values["wrap_mode"])
+            row["grid_filter"] = VOLUME_FILTERS.index(values["filter_type"])
+            if values["use_grid_bbox"]:
+                low, high = box.astype(np.float64).tolist()
+                sides = [b - a for a, b in zip(low, high, strict=True)]
+                matrix = tf.compose(matrix, tf.compose(tf.translate(low), tf.scale(sides)))
+        z, y, x, channels = cells.shape
+        if channels not in (1, 3):
+            raise SceneError(f"{node}: {channels} numbers a cell; {use} takes 1 or 3", node.where)
+        largest = float(cells.max()) if use == "sigma_t" else 1.0
+        bad = ~((cells >= 0) & (cells <= largest))
+        if bad.any():
+            k, j, i, c = (int(n) for n in np.argwhere(bad)[0])
+            raise SceneError(
+                f"{node}: the cell (x {i}, y {j}, z {k}) holds {cells[k, j, i, c]:g}; {use} is "
+                + ("at least 0" if use == "sigma_t" else "in [0, 1]"),
+                node.where,
+            )
+        row |= {
+            "grid_size": (x, y, z),
+            "grid_grey": channels == 1,
+            "grid_to_world": matrix[:3].tolist(),
+        }
+        shares = cells if largest in (0.0, 1.0) else (cells / np.float32(largest)).astype("f4")
+        return Grid(replace(node), shares, largest, row)
+
+    def _read(self, node: Node, values: dict[str, Any]) -> tuple[Array, Array]:
+        given = [name for name in _SOURCES if values[name] is not None]
+        if len(given) != 1:
+            raise SceneError(
+                f"{node}: {' and '.join(given) or 'no grid'} given; expected one of "
+                f"{', '.join(_SOURCES)}",
+                node.where,
+            )
+        where = node.values[given[0]].where
+        if given[0] != "filename":
+            return volume_grid.from_array(values[given[0]], where), _UNIT
+        path = str(Path(node.folder) / values["filename"])
+        if path not in self.files:
+            self.files[path] = volume_grid.read_vol(path, where)
+        return self.files[path]
+
+
+def medium(
+    node: Node, values: dict[str, Any], phase: materials.Row, given: Given, grids: Grids
+) -> tuple[materials.Row, dict[str, Grid]]:
+    """The row of a medium, and the grids that stand for its parameters; values: its checked
+    parameters; given: its volumes by parameter, with theirs."""
+    values, given = dict(values), dict(given)
+    for name, (volume, of_volume) in list(given.items()):
+        if volume.plugin == "constvolume" and (name, node.plugin) != ("sigma_t", "heterogeneous"):
+            values[name] = of_volume["value"]
+            if name == "albedo" and max(values[name]) > 1:
+                raise SceneError(
+                    f"{volume}: albedo = {list(values[name])} is outside [0, 1]", volume.where
+                )
+            del given[name]
+    if node.plugin == "homogeneous" and "sigma_t" in given:
+        raise SceneError(
+            f"{node}: its sigma_t is the same everywhere; heterogeneous takes a gridvolume",
+            given["sigma_t"][0].where,
+        )
+    if node.plugin == "heterogeneous":
+        if values["density_scale"] is not None:
+            if "scale" in node.values:
+                raise SceneError(
+                    f"{node}: both scale and density_scale given, expected one of them", node.where
+                )
+            values["scale"] = values["density_scale"]
+        if "sigma_t" not in given:
+            where = node.values["sigma_t"].where if "sigma_t" in node.values else node.where
+            number = {"value": values["sigma_t"] or (1.0,) * 3, "to_world": None}
+            given["sigma_t"] = Node("constvolume", where, "volume"), number
+    used = {name: grids.grid(*volume, name) for name, volume in given.items()}
+    if "albedo" in used:
+        values["albedo"] = (1.0,) * 3
+    if "sigma_t" in used:
+        values["sigma_t"] = (used["sigma_t"].largest,) * 3
+        if not used["sigma_t"].largest * values["scale"]:
+            del used["sigma_t"]
+    return materials.medium(node, values, phase), used

@@ -36,6 +36,8 @@ FEATURES = {
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
     "textures": "numbers of materials that textures give",
+    "blend": "materials that are one of two at each hit",
+    "attributes": "textures of numbers that meshes have",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }

@@ -36,6 +36,7 @@ from reference.vectors import dot
 LAMBERT, COATED, ROUGH, PHASE, MIRROR, REFRACT, PASS, BLACK = range(8)
 _DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(6)
 ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS, PRINCIPLED, OPEN = range(6, len(MATERIAL_KINDS))
+_LUMINANCE = np.array([0.212671, 0.71516, 0.072169])  # of linear sRGB
 _ONE_SIDED = np.array([True, True, False, True, False, False, True, True, False, True, False])
 
 
@@ -226,7 +227,7 @@ class Materials:
                 out[at] = (
                     weight
                     if isinstance(weight, float)
-                    else weight.on(geometry, primitive[at], point[:, at])[0]
+                    else _LUMINANCE @ weight.on(geometry, primitive[at], point[:, at])
                 )
         return out
 

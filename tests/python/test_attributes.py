@@ -77,7 +77,6 @@ def seen(shape: dict[str, Any], bsdf: Any, view: Any, device: str) -> Any:
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "colours": ({}, {}),
     "smooth": ({"normals": True}, {}),
-    "quads": ({"quads": True}, {}),
     "flipped": ({}, {"flip_normals": True}),
     "mirrored": ({"normals": True}, {"to_world": tf.scale((-1, 1, 1))}),
     "flat": ({}, {"face_normals": True}),
@@ -91,7 +90,7 @@ def test_lookups_are_mitsubas(case: str, tmp_path: Path, device: str) -> None:
     mitsuba.set_variant("scalar_rgb")
     form, more = CASES[case]
     path = tmp_path / "a.ply"
-    content = (columns("r g b foo_0", 5), columns("r g b foo_x", 2 if "quads" in form else 4))
+    content = (columns("r g b foo_0", 5), columns("r g b foo_x", 4))
     path.write_bytes(text(*content, **form))
     shape = {"type": "ply", "filename": str(path), **more}
     theirs = mitsuba.load_dict({"type": "scene", "shape": {
@@ -159,6 +158,12 @@ def test_dictionaries_hold_what_files_hold(tmp_path: Path) -> None:
         one, two = (veriray.load_dict(scene(shape, bsdf)) for shape in (of_file, arrays))
         assert (one.attribute_values == two.attribute_values).all()
         assert one.texture_kind == two.texture_kind
+
+
+def test_triangles_of_a_face_have_its_numbers() -> None:
+    face = columns("r g b", 2)
+    found = ply.read(text({}, face, quads=True), attributes=True)[4]
+    assert (found["face_color"] == np.repeat(np.stack([*face.values()], axis=1), 2, axis=0)).all()
 
 
 def picture(bsdf: Any, device: str, scheduler: str, **more: Any) -> str:

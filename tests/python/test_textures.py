@@ -247,7 +247,7 @@ def test_every_texturable_parameter_is_read(device: str) -> None:
             for given in ({name: 0.25, **also}, {name: image, **also}, also)
         )
         np.testing.assert_allclose(plain, textured, rtol=1e-6, err_msg=f"{kind}.{name}")
-        assert abs(default - plain).max() > (1e-5 if name == "alpha" else 2e-4)  # lost in slopes
+        assert abs(default - plain).max() > (1e-5 if name == "alpha" else 1e-4)  # lost in slopes
     names = veriray.formats.plugins.texturable()
     assert len(names) >= 9 and "mask.opacity" in names
 
@@ -509,7 +509,7 @@ def test_refusals(tmp_path: Path) -> None:
     board = {"type": "checkerboard"}
     for bsdf, message in (
         ({"type": "conductor", "eta": board, "k": 1.0}, "checkerboard is supported on diffuse.refl"
-         r"ectance, .*mask.opacity, not on conductor.eta"),
+         r"ectance, .*mask.opacity, .*, not on conductor.eta"),
         ({"type": "diffuse", "colour": board}, "not on diffuse.colour"),
         (diffuse({"type": "checkerboard", "color0": board}), "not on checkerboard.color0"),
         (diffuse({"type": "bitmap"}), "no image given; expected one of filename, data, bitmap"),

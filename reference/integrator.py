@@ -88,7 +88,7 @@ class Integrator:
             v.primitive[cut], v.t[cut] = -1, left[cut]
             self.fly(rng, live, v)
             self.escape(live, v, tally)
-            self.arrive(live, v)
+            self.arrive(rng, live, v)
             self.shine(live, v, tally)
             self.choose(rng, live, v)
             self.end(live, v, tally)
@@ -147,7 +147,7 @@ class Integrator:
         live.keep(stay)
         v.keep(stay)
 
-    def arrive(self, live: Paths, v: Vertices) -> None:
+    def arrive(self, rng: np.random.Generator, live: Paths, v: Vertices) -> None:
         """Move the paths to their vertices; normals and cosines there."""
         live.origin += live.direction * v.t
         if live.travelled is not None:
@@ -159,7 +159,13 @@ class Integrator:
         if self.any_smooth:
             v.normal = self.shading_normals(live.origin, v)
             v.cosine = -dot(v.normal, live.direction)
-        v.material = self.scene.material.take(v.primitive)
+        v.material = self.materials.chosen(
+            rng,
+            self.scene.geometry,
+            v.primitive,
+            live.origin,
+            self.scene.material.take(v.primitive),
+        )
         if self.any_smooth:
             away = self.materials.clear.take(v.material) & (v.cosine * v.facing <= 0)
             v.normal[:, away], v.cosine[away] = v.front[:, away], v.facing[away]
@@ -202,8 +208,7 @@ class Integrator:
         """Events. One-sided ones turn both normals to wo's side of ng."""
         turned = self.materials.two_sided.take(v.material) & (v.facing < 0)
         facing, cosine = (np.where(turned, -x, x) for x in (v.facing, v.cosine))
-        geometry = self.scene.geometry
-        base = self.materials.textured(geometry, v.primitive, live.origin, v.material)
+        base = self.materials.textured(self.scene.geometry, v.primitive, live.origin, v.material)
         if v.scattered is None or not v.scattered.any():
             v.event = self.materials.events(rng, v.material, facing, cosine, live.throughput, base)
         else:

@@ -12,6 +12,7 @@ plastic         MIRROR with probability F(wo), else COATED: rho / (1 - Fi) / eta
                 pi, with rho Fi for Fi if nonlinear; Fi: diffuse reflectance from inside
 thindielectric  MIRROR with probability 2F / (1 + F) (all inter-reflections), else PASS
 null            PASS
+blendbsdf       one of two, the second with probability weight
 mask            PASS with probability 1 - opacity
 roughconductor, roughplastic, roughdielectric: ROUGH (``reference/rough.py``); principled likewise
                 (``reference/principled.py``)
@@ -29,12 +30,13 @@ from __future__ import annotations
 import numpy as np
 
 from reference.scene import MATERIAL_KINDS, Geometry, Material
-from reference.textures import coordinates
+from reference.textures import Texture
 from reference.vectors import dot
 
 LAMBERT, COATED, ROUGH, PHASE, MIRROR, REFRACT, PASS, BLACK = range(8)
 _DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(6)
 ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS, PRINCIPLED, OPEN = range(6, len(MATERIAL_KINDS))
+_LUMINANCE = np.array([0.212671, 0.71516, 0.072169])  # of linear sRGB
 _ONE_SIDED = np.array([True, True, False, True, False, False, True, True, False, True, False])
 
 
@@ -76,6 +78,16 @@ class Materials:
     """The materials of a scene as arrays; ``m`` in calls is an index of one for each path."""
 
     def __init__(self, materials: tuple[Material, ...]) -> None:
+        self.others = np.full(len(materials), -1)
+        self.weights: dict[int, float | Texture] = {}
+        for i, m in enumerate(materials):
+            self.others[i] = (
+                -1
+                if m.other is None
+                else next(k for k, other in enumerate(materials) if other is m.other)
+            )
+            if m.other is not None:
+                self.weights[i] = m.weight
         self.kind = np.array([MATERIAL_KINDS.index(m.kind) for m in materials])
         for name in ("specular_reflectance", "specular_transmittance", "eta", "k"):
             setattr(self, name, np.array([getattr(m, name) for m in materials]).T.copy())
@@ -202,15 +214,58 @@ class Materials:
         base = self.base.take(m, axis=1)
         for number, texture in self.textures.items():
             if len(at := np.flatnonzero((m == number) & (primitive >= 0))):
-                base[:, at] = texture.at(coordinates(geometry, primitive[at], point[:, at]))
+                base[:, at] = texture.on(geometry, primitive[at], point[:, at])
         return base
+
+    def weight(
+        self, geometry: Geometry, primitive: np.ndarray, point: np.ndarray, m: np.ndarray
+    ) -> np.ndarray:
+        """The probabilities (n,) of the other materials of blends at points of primitives."""
+        out = np.zeros(len(m))
+        for number, weight in self.weights.items():
+            if len(at := np.flatnonzero((m == number) & (primitive >= 0))):
+                out[at] = (
+                    weight
+                    if isinstance(weight, float)
+                    else _LUMINANCE @ weight.on(geometry, primitive[at], point[:, at])
+                )
+        return out
+
+    def chosen(
+        self,
+        rng: np.random.Generator,
+        geometry: Geometry,
+        primitive: np.ndarray,
+        point: np.ndarray,
+        m: np.ndarray,
+    ) -> np.ndarray:
+        """The materials (n,) of vertices: of blends one of the two."""
+        if not self.weights:
+            return m
+        other = rng.random(len(m)) < self.weight(geometry, primitive, point, m)
+        return np.where(other, self.others.take(m), m)
 
     def coat(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """1 - F(wi) (n,): the factor of COATED that depends on wi."""
         return 1 - fresnel(np.maximum(cosine, 0), self.index.take(m))
 
-    def passing(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-        """Transmittance (3, n) of PASS events, for shadow rays."""
+    def passing(
+        self,
+        m: np.ndarray,
+        cosine: np.ndarray,
+        geometry: Geometry,
+        primitive: np.ndarray,
+        point: np.ndarray,
+    ) -> np.ndarray:
+        """Transmittance (3, n) of PASS events at points of primitives, for shadow rays."""
+        out = self._passing(m, cosine)
+        if len(at := np.flatnonzero(self.others.take(m) >= 0)):
+            weight = self.weight(geometry, primitive[at], point[:, at], m[at])
+            other = self._passing(self.others.take(m[at]), cosine[at])
+            out[:, at] += weight * (other - out[:, at])
+        return out
+
+    def _passing(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         opacity = self.opacity.take(m)
         out = np.broadcast_to(1 - opacity, (3, len(m))).copy()
         kind = self.kind.take(m)

@@ -222,10 +222,11 @@ class _Reader(Document):
     def bsdf(self, element: etree._Element) -> Material:
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
-            "mask", "twosided", "roughconductor", "roughplastic", "roughdielectric", "principled",
-            "polarizer", "circular", "retarder", "pplastic",
+            "mask", "twosided", "blendbsdf", "roughconductor", "roughplastic", "roughdielectric",
+            "principled", "polarizer", "circular", "retarder", "pplastic",
         )  # fmt: skip
-        if kind in ("mask", "twosided", "polarizer", "circular", "retarder", "pplastic"):
+        own = ("mask", "twosided", "blendbsdf", "polarizer", "circular", "retarder", "pplastic")
+        if kind in own:
             return getattr(self, kind)(element)
         return Material(**{"kind": kind, **getattr(self, kind)(element)})
 
@@ -234,6 +235,8 @@ class _Reader(Document):
         inner = values.get("bsdf")
         if inner is None or inner.opacity < 1:
             raise self.error(element, "mask needs one bsdf that is no mask")
+        if inner.other is not None:
+            raise self.error(element, "mask of a blend is not supported")
         return replace(inner, opacity=values.get("opacity", 0.5))
 
     def polarizer(self, element: etree._Element) -> Material:
@@ -262,10 +265,21 @@ class _Reader(Document):
         values["reflectance"] = values["reflectance"] * (1 - diffuse_fresnel(values["eta"][0]))
         return Material(kind="plastic", **values)
 
+    def blendbsdf(self, element: etree._Element) -> Material:
+        number = self.number(0, 1)
+
+        def read(e: etree._Element) -> float | textures.Texture:
+            return self.texture(e) if e.tag == "texture" else number(e)
+
+        values = self.parameters(element, weight=read, first=self.bsdf, second=self.bsdf)
+        if len(values) != 3 or any(values[m].other is not None for m in ("first", "second")):
+            raise self.error(element, "blendbsdf needs a weight and a first and a second bsdf")
+        return replace(values["first"], other=values["second"], weight=values["weight"])
+
     def twosided(self, element: etree._Element) -> Material:
         inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")
-        if inner is None or inner.opacity < 1:
-            raise self.error(element, "twosided needs exactly one bsdf, without a mask")
+        if inner is None or inner.opacity < 1 or inner.other is not None:
+            raise self.error(element, "twosided needs exactly one bsdf, without mask and blend")
         if inner.kind not in ("diffuse", "conductor", "plastic", "roughconductor", "roughplastic",
                               "principled"):  # fmt: skip
             raise self.error(element, f"twosided {inner.kind}: it transmits light")
@@ -283,7 +297,13 @@ class _Reader(Document):
         return values
 
     def texture(self, element: etree._Element) -> textures.Texture:
-        kind = self.plugin(element, "bitmap", "checkerboard")
+        kind = self.plugin(element, "bitmap", "checkerboard", "mesh_attribute")
+        if kind == "mesh_attribute":
+            values = self.parameters(
+                element, name=lambda e: self.text(e, "value"), scale=self.number(0)
+            )
+            texels = np.full((1, 1, 3), values.get("scale", 1.0))
+            return textures.Texture(kind, texels, np.eye(3)[:2], name=values["name"])
         frame = dict(to_uv=self.transform)
         if kind == "checkerboard":
             values = self.parameters(
@@ -632,8 +652,15 @@ class _Reader(Document):
             boundary = (values.get("interior", -1), values.get("exterior", -1))
         radiance = values.get("emitter")
         material = values.get("bsdf", Material() if radiance is None else _NO_LIGHT)
-        if material.texture is not None and kind in ("obj", "ply", "stl"):
-            raise self.error(element, "textures on meshes are not supported")
+        found = [m.texture for m in (material, material.other) if m is not None]
+        found += [material.weight] if isinstance(material.weight, textures.Texture) else []
+        names = [texture.name for texture in found if texture is not None]
+        if names and kind in ("obj", "ply", "stl"):
+            if kind != "ply" or len(set(names)) > 1 or not names[0]:
+                raise self.error(element, "textures on meshes: one mesh_attribute of a ply")
+        elif any(names):
+            raise self.error(element, "mesh_attribute: on a ply")
+        values["attribute"] = names[0] if names else ""
         return _Shape(self.geometry(element, kind, values), material, radiance, boundary)
 
     def geometry(self, element: etree._Element, kind: str, values: dict) -> Geometry:
@@ -653,7 +680,8 @@ class _Reader(Document):
             data = path.read_bytes()
             self.hash.update(data)
             flat, index = values.get("face_normals", False), values.get("shape_index", 0)
-            return shapes.mesh(kind, data, to_world, flat, flip, index)
+            attribute = values["attribute"]
+            return shapes.mesh(kind, data, to_world, flat, flip, index, attribute)
         except SceneError:
             raise
         except Exception as error:
@@ -683,7 +711,10 @@ def _tables(found: list[_Shape]) -> dict:
     return dict(
         geometry=shapes.joined([s.geometry for s in found]),
         **dict(zip(("material", "emission", "boundary"), columns.copy(), strict=True)),
-        materials=tuple(s.material for s in found),
+        materials=(
+            *(s.material for s in found),
+            *(s.material.other for s in found if s.material.other is not None),
+        ),
         radiances=np.array([s.radiance for s in lit]).reshape(-1, 3),
         boundaries=np.array(boundaries, np.int32).reshape(-1, 2),
     )

@@ -90,7 +90,8 @@ class Material:
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
     opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones.
-    texture: in place of a diffuse reflectance. shares: of principled ones, of which the open let
+    texture: in place of a diffuse reflectance. other: what a blend shows instead with the
+    probability weight. shares: of principled ones, of which the open let
     light through; their base colour is `reflectance`.
     """
 
@@ -104,6 +105,8 @@ class Material:
     two_sided: bool = False
     nonlinear: bool = False
     texture: Texture | None = None
+    other: Material | None = None
+    weight: float | Texture = 0.0
     alpha: float = 0.1
     distribution: str = "beckmann"
     shares: Mapping[str, float] = field(default_factory=dict)
@@ -144,7 +147,7 @@ class Geometry:
     triangles (T, 3, 3); normals (T, 3, 3) unit at the corners, zero for none (a triangle is smooth
     if it has all three); spheres (S, 4) centre and radius; inward (S,) bool; disks (D, 3, 3)
     centre and half axes a, b. For textures: uv (T, 3, 2) at the corners; frames (S, 3, 3) to local
-    space; turned (D,) bool: a is local y and b local x.
+    space; turned (D,) bool: a is local y and b local x; colours (T, 3, 3): at corners.
     """
 
     triangles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
@@ -155,6 +158,11 @@ class Geometry:
     uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2)))
     frames: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     turned: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    colours: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+
+    def __post_init__(self) -> None:
+        if len(self.colours) != len(self.triangles):
+            object.__setattr__(self, "colours", np.zeros((len(self.triangles), 3, 3)))
 
     @property
     def counts(self) -> tuple[int, int, int]:

@@ -72,7 +72,7 @@ class Shadows:
             point = point[:, at] + direction[:, at] * t[at]
             front = self.tracer.front(point, primitive[at])
             ahead = dot(front, direction[:, at])
-            share = self.materials.passing(m, ahead)
+            share = self.materials.passing(m, ahead, self.scene.geometry, primitive[at], point)
             through[:, ray[at]] *= share
             open_ = (share > 0).any(axis=0)
             if not open_.any():

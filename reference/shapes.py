@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import zlib
+from dataclasses import fields
 
 import numpy as np
 import trimesh
@@ -128,15 +129,17 @@ def moved(geometry: Geometry, matrix: np.ndarray) -> Geometry:
 
 def mesh(
     kind: str, data: bytes, to_world: np.ndarray, face_normals: bool = False, flip: bool = False,
-    index: int = 0,
+    index: int = 0, attribute: str = "",
 ) -> Geometry:  # fmt: skip
     """Triangles of a mesh file's ``data``; ``kind`` is obj, ply, stl or serialized (and its mesh
     ``index``).
 
     Vertex normals are the file's; if it has none they are computed, weighted by the angle that a
     face has at the vertex. stl and ``face_normals`` are flat. Front: by the file's winding, also
-    under a mirror, which turns it round.
+    under a mirror, which turns it round. ``attribute``: vertex_color or face_color of a ply, or
+    another one of those that has one number.
     """
+    colours = _colours(data, attribute) if attribute else None
     if kind == "serialized":
         vertices, faces, normals = serialized(data, index)
     else:
@@ -144,8 +147,12 @@ def mesh(
     if not np.isfinite(vertices).all() or (len(faces) and not _in_range(faces, len(vertices))):
         raise ValueError("non-finite vertex or index out of range")
     vertices = _moved(vertices, to_world)
+    if colours is not None:
+        of_vertices = attribute.startswith("vertex_")
+        colours = colours[faces] if of_vertices else np.repeat(colours[:, None], 3, axis=1)
     if _mirrors(to_world):
         faces = faces[:, ::-1]
+        colours = None if colours is None else colours[:, ::-1]
     triangles = vertices[faces]
     if face_normals or kind == "stl":
         normals = None
@@ -156,7 +163,18 @@ def mesh(
     corner = np.zeros_like(triangles) if normals is None else normals[faces]
     if flip:
         triangles, corner = triangles[:, ::-1], -corner[:, ::-1]
-    return Geometry(triangles=triangles, normals=corner, uv=np.zeros((len(triangles), 3, 2)))
+        colours = None if colours is None else colours[:, ::-1]
+    uv, more = np.zeros((len(triangles), 3, 2)), {} if colours is None else {"colours": colours}
+    return Geometry(triangles=triangles, normals=corner, uv=uv, **more)
+
+
+def _colours(data: bytes, attribute: str) -> np.ndarray:
+    """An attribute (V or T, 3) of a ply of triangles."""
+    read = trimesh.exchange.ply.load_ply(io.BytesIO(data), fix_texture=False, skip_materials=True)
+    element, _, name = attribute.partition("_")
+    table = read["metadata"]["_ply_raw"][element]["data"]
+    names = "rgb" if name == "color" else [f"{name}_0"] * 3
+    return np.stack([np.asarray(table[n], float).ravel() for n in names], axis=1)
 
 
 def angle_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -174,7 +192,7 @@ def angle_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarra
 
 def joined(parts: list[Geometry]) -> Geometry:
     """All parts' triangles, then all spheres, then all disks, each in the order of the parts."""
-    names = ("triangles", "normals", "spheres", "inward", "disks", "uv", "frames", "turned")
+    names = [field.name for field in fields(Geometry)]
     parts = [Geometry(), *parts]
     return Geometry(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
 

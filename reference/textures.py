@@ -1,4 +1,4 @@
-"""Textures of diffuse surfaces: bitmaps and checkerboards, in float64.
+"""Textures of diffuse surfaces: bitmaps, checkerboards and colours of meshes, in float64.
 
 Source: Mitsuba 3 documentation, "Textures"; what it leaves open was measured with mitsuba 3.9.1.
 Row 0 of a bitmap is at v = 0; texel k of n fills [k / n, (k + 1) / n), with its colour at the
@@ -28,7 +28,8 @@ from reference.scene import Geometry
 class Texture:
     """texels (H, W, 3), linear; or of a checkerboard its two colours (1, 2, 3).
 
-    kind: "bitmap" or "checkerboard". to_uv (2, 3). wrap: repeat, mirror or clamp.
+    kind: "bitmap", "checkerboard" or "mesh_attribute". to_uv (2, 3). wrap: repeat, mirror or clamp.
+    name: of the attribute, which is a factor of the one texel.
     """
 
     kind: str
@@ -36,6 +37,16 @@ class Texture:
     to_uv: np.ndarray
     wrap: str = "repeat"
     nearest: bool = False
+    name: str = ""
+
+    def on(self, geometry: Geometry, primitive: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Colours (3, n) at points (3, n) of primitives (n,)."""
+        if not self.name:
+            return self.at(coordinates(geometry, primitive, point))
+        corners = geometry.colours[primitive].transpose(1, 2, 0)
+        weights = barycentric(geometry, primitive, point)
+        mixed = sum(w * c for w, c in zip(weights, corners, strict=True))
+        return np.asarray(mixed) * self.texels[0, 0][:, None]
 
     def at(self, uv: np.ndarray) -> np.ndarray:
         """Colours (3, n) at coordinates (2, n)."""
@@ -81,13 +92,7 @@ def coordinates(geometry: Geometry, primitive: np.ndarray, point: np.ndarray) ->
     triangles, spheres, _ = geometry.counts
     out = np.zeros((2, len(primitive)))
     at = np.flatnonzero(primitive < triangles)
-    a, b, c = geometry.triangles[primitive[at]].transpose(1, 2, 0)
-    normal = np.cross(b - a, c - a, axis=0)
-    p = point[:, at]
-    weights = [  # barycentric, by areas seen along the normal
-        (np.cross(s - r, p - r, axis=0) * normal).sum(0) / (normal * normal).sum(0)
-        for r, s in ((b, c), (c, a), (a, b))
-    ]
+    weights = barycentric(geometry, primitive[at], point[:, at])
     corner = geometry.uv[primitive[at]].transpose(1, 2, 0)
     out[:, at] = sum(weight * uv for weight, uv in zip(weights, corner, strict=True))
     at = np.flatnonzero((primitive >= triangles) & (primitive < triangles + spheres))
@@ -106,6 +111,16 @@ def coordinates(geometry: Geometry, primitive: np.ndarray, point: np.ndarray) ->
     x, y = np.where(geometry.turned[number], (y, x), (x, y))
     out[:, at] = np.hypot(x, y), _turns(x, y)
     return out
+
+
+def barycentric(geometry: Geometry, triangle: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+    """Shares (n,) of the corners, by areas seen along the normal."""
+    a, b, c = geometry.triangles[triangle].transpose(1, 2, 0)
+    normal = np.cross(b - a, c - a, axis=0)
+    return [
+        (np.cross(s - r, p - r, axis=0) * normal).sum(0) / (normal * normal).sum(0)
+        for r, s in ((b, c), (c, a), (a, b))
+    ]
 
 
 def _turns(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -151,7 +151,7 @@ void load_kernels(Kernels... kernels) {
 }
 
 // Calls fn.template operator()<One>(queue) with the tracer of each kind of material that the scene
-// has. In a tree hits are as they were sorted; without one, rims may change them.
+// has. In a tree hits are as they were sorted, but for blends; without one, rims may change them.
 template <class Tracer, uint32_t kKind = 0, class Fn>
 void each_kind(const SceneView& scene, Fn fn) {
     if constexpr (kKind < kMaterialCount) {
@@ -168,7 +168,7 @@ void each_kind(const SceneView& scene, Fn fn) {
 template <class Tracer, class Fn>
 void each_scatter(const SceneView& scene, const Wave& w, Fn fn) {
     if constexpr ((Tracer::kMask & kBvh) != 0 && !Tracer::Material::kOneKind)
-        if (w.kinds > 1 && (scene.features & kBvh)) {
+        if (w.kinds > 1 && (scene.features & kBvh) && !(scene.features & kBlend)) {
             bool misses = true;
             each_kind<Tracer>(scene, [&]<class One>(uint32_t queue) {
                 fn(scatter_kernel<One>, queue, std::exchange(misses, false));

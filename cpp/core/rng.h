@@ -48,7 +48,7 @@ enum Dimension : uint32_t {
     kCamera = 0,   // film x, film y, lens u, lens v
     kScatter = 1,  // light u, light v, direction u, direction v
     kDecide = 2,   // light choice, roulette, lobe, free
-    kCross = 3,    // free flight, its channel, opacity, free
+    kCross = 3,    // free flight, its channel, opacity, blend
     kBlocksPerSegment = 3,
 };
 // subpath: of a sample with several, such as one from the camera and one from a light; the blocks

@@ -156,17 +156,19 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const M free = todo & !met;
         todo = met;
         if (none(todo)) return free;
-        const Surface<L> at = surface_at(scene, shadow.ray, hit, todo);
-        Material bsdf = material(scene, at);
-        const V wo = -shadow.ray.d;
-        const F side = select(at.front, F(1.f), F(-1.f));
-        V ns = at.ns * side;
-        F cosine = dot(ns, wo);
-        Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
-        bsdf.set_view(ns, cosine, at.front);
-        const F opacity = Reader::opacity(scene, at);
-        const F open = F(1.f) - opacity;
-        const S share = fma(bsdf.pass_through(), opacity, S::all(open));
+        Surface<L> at = surface_at(scene, shadow.ray, hit, todo);
+        S share = let_through(scene, shadow.ray, at);
+        if constexpr (has(kBlend)) {
+            M blended = no_lanes(todo);
+            const U row = at.row;
+            if (scene.features & kBlend) at.row = other_row(scene, at, todo, blended);
+            if (any(blended)) {
+                const S other = let_through(scene, shadow.ray, at);
+                at.row = row;
+                const F weight = blend_weight(scene, at);
+                share = select(blended, fma(other, weight, share * (F(1.f) - weight)), share);
+            }
+        }
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
         // A ray that roulette has ended in an uneven medium still says what blocks it.
         const bool uneven = has(kUnevenMedia) && (scene.features & kUnevenMedia);
@@ -175,6 +177,42 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         shadow.passed = select(todo, hit.primitive, shadow.passed);
         if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
         return free;
+    }
+
+    // A number of the material that a texture may give.
+    static VR_HD F number(const SceneView& scene, const Surface<L>& at, SurfaceColumn c,
+                          SurfaceColumn texture) {
+        const auto column = [&](uint32_t k) VR_INLINED { return surface_column(scene, at.row, k); };
+        if constexpr (has(kTextures))
+            return Reader::Texturing::number(scene, column, c, texture, at.uv);
+        return column(c);
+    }
+    static VR_HD F opacity(const SceneView& scene, const Surface<L>& at) {
+        return number(scene, at, kSurface_opacity, kSurface_opacity_texture);
+    }
+    // The other row of a blend, for lanes that have one; `blended` tells these.
+    static VR_HD U other_row(const SceneView& scene, const Surface<L>& at, M lanes, M& blended) {
+        const U other = as_uint(surface_column(scene, at.row, kSurfaceOther));
+        blended = lanes & !(other == U(~0u));
+        return select(blended, other, at.row);
+    }
+    // The chance of a blend's other material.
+    static VR_HD F blend_weight(const SceneView& scene, const Surface<L>& at) {
+        return number(scene, at, kSurface_blend_weight, kSurface_blend_weight_texture);
+    }
+
+    // The share of light that goes straight through a surface.
+    static VR_HD S let_through(const SceneView& scene, const Ray<L>& ray, const Surface<L>& at) {
+        Material bsdf = material(scene, at);
+        const V wo = -ray.d;
+        const F side = select(at.front, F(1.f), F(-1.f));
+        V ns = at.ns * side;
+        F cosine = dot(ns, wo);
+        Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
+        bsdf.set_view(ns, cosine, at.front);
+        const F opacity = DirectLight::opacity(scene, at);
+        const F open = F(1.f) - opacity;
+        return fma(bsdf.pass_through(), opacity, S::all(open));
     }
 
     static VR_HD F medium_column(const SceneView& scene, U medium, uint32_t c) {

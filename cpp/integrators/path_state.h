@@ -160,12 +160,12 @@ struct Events {
 // A point of a surface, by lane.
 template <class L>
 struct Surface {
-    Vec3<typename L::F> p;           // on the surface
-    Vec3<typename L::F> ng, ns;      // unit, of the front: geometric and interpolated
-    typename L::F offset;            // to leave the surface by, past the rounding of p
-    typename L::M front;             // the ray met the front
-    typename L::U row;               // of the surface table
-    TexturePoint<typename L::F> uv;  // kTextures
+    Vec3<typename L::F> p;       // on the surface
+    Vec3<typename L::F> ng, ns;  // unit, of the front: geometric and interpolated
+    typename L::F offset;        // to leave the surface by, past the rounding of p
+    typename L::M front;         // the ray met the front
+    typename L::U row;           // of the surface table
+    TexturePoint<L> uv;          // kTextures
 };
 
 }  // namespace veriray

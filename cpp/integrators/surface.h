@@ -41,6 +41,7 @@ struct SurfaceReader {
     static constexpr uint32_t kTreeKinds =
         kTreeTriangles | (has(kSpheres) ? kTreeSpheres : 0u) | (has(kDisks) ? kTreeDisks : 0u);
     using Material = Bsdf<L, kinds_of(kFeatures)>;
+    using Texturing = veriray::Texturing<L, has(kAttributes)>;
 
     static constexpr bool kOneLane = std::is_same_v<F, float>;
 
@@ -331,7 +332,7 @@ struct SurfaceReader {
         at.row = surface_row(scene, prim);
         if constexpr (has(kTextures)) {
             const auto column = [&](uint32_t c) { return primitive_column(scene, prim, c); };
-            Texturing<L>::template place<has(kDisks), has(kSpheres)>(scene, prim, column, at);
+            Texturing::template place<has(kDisks), has(kSpheres)>(scene, prim, column, at);
         }
         return at;
     }
@@ -366,11 +367,6 @@ struct SurfaceReader {
         value = surface_spectrum(scene, row, c);
     }
 
-    static VR_HD F opacity(const SceneView& scene, const Surface<L>& at) {
-        const auto column = [&](uint32_t c) VR_INLINED { return surface_column(scene, at.row, c); };
-        if constexpr (has(kTextures)) return Texturing<L>::opacity(scene, column, at.uv);
-        return column(kSurface_opacity);
-    }
     static VR_HD Material material(const SceneView& scene, const Surface<L>& at) {
         const U row = at.row;
         Material m;
@@ -384,7 +380,7 @@ struct SurfaceReader {
         if constexpr (has(kTextures)) {
             const auto column = [&](uint32_t c)
                                     VR_INLINED { return surface_column(scene, row, c); };
-            Texturing<L>::replace(scene, column, at.uv, m);
+            Texturing::replace(scene, column, at.uv, m);
         }
         if constexpr (Material::has(kCoatTables)) {
             const uint64_t first = static_cast<uint64_t>(kSurfaceColumns) * scene.surface_stride;

@@ -5,14 +5,15 @@
 
 namespace veriray {
 
-template <class L>
+// kWithAttributes: some textures are attributes of meshes.
+template <class L, bool kWithAttributes>
 struct Texturing {
     using F = typename L::F;
     using U = typename L::U;
     using M = typename L::M;
     using V = Vec3<F>;
     using S = Spectrum<F>;
-    using Point = TexturePoint<F>;
+    using Point = TexturePoint<L>;
 
     // Writes the place on a primitive; column(c): of the primitive.
     template <bool kWithDisks, bool kWithSpheres, class Column>
@@ -23,7 +24,8 @@ struct Texturing {
         const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
         const F last = number(3);
         Point& uv = at.uv;
-        uv = {dot(a, at.p) + last, dot(b, at.p) + number(7)};
+        uv.u = dot(a, at.p) + last, uv.v = dot(b, at.p) + number(7);
+        if constexpr (kWithAttributes) uv.p = at.p, uv.primitive = prim;
         if constexpr (kWithDisks) {
             const M round = !(prim < U(scene.first_sphere - scene.disk_count));
             if (any(round)) {
@@ -50,11 +52,25 @@ struct Texturing {
     static VR_HD void replace(const SceneView& scene, Column column, Point uv, Material& m) {
         if (!scene.uv) return;
         [[maybe_unused]] const S coat = m.parameters.reflectance;
-#define VR_TEXTURABLE(name)                                                   \
-    if constexpr (Material::reads(kParameter_##name))                         \
-        read(scene, column(kSurface_##name##_texture), uv, m.parameters.name, \
-             least(kParameter_##name));
+        constexpr uint32_t kRead = read_bits<Material>();
+        const U given = as_uint(column(kSurfaceTextured)) & U(kRead);
+        VR_ROLLED  // one copy of the lookup's code
+            for (uint32_t k = 0; kRead >> k; ++k) {
+            const M textured = (given & U(1u << k)) == U(1u << k);
+            if (none(textured)) continue;
+            const F row = column(kSurfaceFirstTexture + k);
+            const S colour = looked_up(scene, row, uv, textured);
+            switch (k) {
+#define VR_TEXTURABLE(name)                                                     \
+    case kTexturable_##name:                                                    \
+        if constexpr (Material::reads(kParameter_##name))                       \
+            put(m.parameters.name, textured, colour, least(kParameter_##name)); \
+        break;
 #include "schema/materials.def"
+                default:
+                    break;
+            }
+        }
         if constexpr (Material::has(kCoatedKinds)) {
             const M lanes = m.template any_of<kCoatedKinds>() &
                             (column(kSurface_reflectance_texture) >= F(0.f));
@@ -62,10 +78,15 @@ struct Texturing {
             if (any(lanes)) rho = select(lanes, base_in_coat(rho, coat), rho);
         }
     }
+    // The number of a column, for which the surface may have a texture.
     template <class Column>
-    static VR_HD F opacity(const SceneView& scene, Column column, Point uv) {
-        F value = column(kSurface_opacity);
-        if (scene.uv) read(scene, column(kSurface_opacity_texture), uv, value, F(0.f));
+    static VR_HD F number(const SceneView& scene, Column column, SurfaceColumn c,
+                          SurfaceColumn texture, Point uv) {
+        F value = column(c);
+        if (!scene.uv) return value;
+        const F row = column(texture);
+        const M textured = row >= F(0.f);
+        if (any(textured)) put(value, textured, looked_up(scene, row, uv, textured), F(0.f));
         return value;
     }
 
@@ -79,12 +100,21 @@ struct Texturing {
     static VR_HD F least(ParameterBit p) {
         return F(p == kParameter_alpha_u || p == kParameter_alpha_v ? 1e-4f : 0.f);
     }
+    // The bits of the parameters that the materials read.
+    template <class Material>
+    static constexpr uint32_t read_bits() {
+        uint32_t bits = 0;
+#define VR_TEXTURABLE(name) \
+    if (Material::reads(kParameter_##name)) bits |= 1u << kTexturable_##name;
+#include "schema/materials.def"
+        return bits;
+    }
+    static VR_HD S looked_up(const SceneView& scene, F row, Point uv, M textured) {
+        return Textures<L, kWithAttributes>::colour(scene.textures, to_uint(max(row, F(0.f))), uv,
+                                                    textured);
+    }
     template <class Value>
-    static VR_HD void read(const SceneView& scene, F index, Point uv, Value& value, F least) {
-        const M textured = index >= F(0.f);
-        if (none(textured)) return;
-        const U row = to_uint(max(index, F(0.f)));
-        const S colour = Textures<L>::colour(scene.textures, row, uv, textured);
+    static VR_HD void put(Value& value, M textured, const S& colour, F least) {
         if constexpr (std::is_same_v<Value, S>)
             value = select(textured, colour, value);
         else

@@ -177,6 +177,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
     static VR_HD void surface_vertex(const SceneView& scene, const PathSettings& s,
                                      PathState<L>& path, uint32_t segment, M valid, Place& place,
                                      Events<L>& e) {
+        if constexpr (has(kBlend)) choose_material(scene, s, path, segment, valid, place.at);
         const Surface<L>& at = place.at;
         const M lit = hit_emitter(scene, path, place.hit, at, valid);
         place.bsdf = material(scene, at);
@@ -202,7 +203,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.pass = no_lanes(valid);
         M covered = valid;
         if constexpr (has(kPass)) {
-            const F opacity = Reader::opacity(scene, at);
+            const F opacity = Direct::opacity(scene, at);
             const M thin = valid & (opacity < F(1.f));
             if (any(thin)) {
                 const U u =
@@ -274,6 +275,20 @@ struct PathVertices : DirectLight<L, kFeatures> {
     }
 
    private:
+    // Of a blend, the row of the one of its materials that a random number chooses. What the path
+    // then meets is that one alone, so that densities and values belong together.
+    static VR_HD void choose_material(const SceneView& scene, const PathSettings& s,
+                                      const PathState<L>& path, uint32_t segment, M valid,
+                                      Surface<L>& at) {
+        if (!(scene.features & kBlend)) return;
+        M blended;
+        const U other = Direct::other_row(scene, at, valid, blended);
+        if (none(blended)) return;
+        const U u =
+            random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).w;
+        const M second = blended & (uniform(u) < Direct::blend_weight(scene, at));
+        at.row = select(second, other, at.row);
+    }
     // Power heuristic; 1 where no light sample competes.
     static VR_HD F mis_weight(F pdf, F ratio) {
         return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));

@@ -104,11 +104,19 @@ void check_input(const SceneInput& in) {
                      "; allowed: 0 <= beam <= cutoff <= 180 degrees");
     }
     for (size_t t = 0; t < in.textures_rows(); ++t) {
-        if (in.texture_kind.data[t] != kBitmap) continue;
+        const uint32_t kind = in.texture_kind.data[t];
+        if (kind == kVertexAttribute || kind == kFaceAttribute) {
+            const uint64_t rows = kind == kFaceAttribute ? in.triangles_rows() : in.vertices_rows();
+            if (in.texture_first.data[t] + rows > in.attributes_rows())
+                fail("texture_first", t,
+                     "begins " + std::to_string(rows) + " rows of " +
+                         std::to_string(in.attributes_rows()) + " attribute_values");
+        }
+        if (kind != kBitmap) continue;
         const uint64_t bytes = uint64_t{in.texture_width.data[t]} * in.texture_height.data[t] *
                                texel_bytes(in.texture_format.data[t], in.texture_grey.data[t] != 0);
         const uint64_t last = in.texture_first.data[t] + (bytes + 3) / 4;
-        if (bytes >= uint64_t{1} << 32 || last > in.texels.count || last >= 0x7ffffe00u)
+        if (bytes >= uint64_t{1} << 32 || last > in.texels.count || last >= kMostNumbers)
             fail("texture_first", t,
                  "begins texels that end at " + std::to_string(last) + "; there are " +
                      std::to_string(in.texels.count) + ", and at most 2^31 - 512 are allowed");
@@ -117,7 +125,7 @@ void check_input(const SceneInput& in) {
         const uint32_t* size = in.grid_size.data + 3 * g;
         const uint64_t last = in.grid_first.data[g] + uint64_t{size[0]} * size[1] * size[2] *
                                                           (in.grid_grey.data[g] ? 1 : 3);
-        if (last > in.cells.count || last > kMostCellNumbers)
+        if (last > in.cells.count || last > kMostNumbers)
             fail("grid_first", g,
                  "begins cells that end at " + std::to_string(last) + "; there are " +
                      std::to_string(in.cells.count) + ", and at most 2^31 - 512 are allowed");

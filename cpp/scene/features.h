@@ -29,14 +29,16 @@ enum Feature : FeatureMask {
     kTextures = 1u << 14,     // a number of a material that a texture gives
     kAlbedoGrids = 1u << 15,  // a medium whose albedo a grid gives
     kUnevenMedia = 1u << 16,  // a medium whose extinction a grid gives
-    kFirstLight = 1u << 17,   // a bit for each feature of lights, in their order
+    kBlend = 1u << 17,        // a material that is one of two at each hit
+    kAttributes = 1u << 18,   // a texture of numbers that meshes have
+    kFirstLight = 1u << 19,   // a bit for each feature of lights, in their order
     kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
 inline constexpr const char* kFeatureNames[] = {
-    "quads",       "polygons",  "disks",    "spheres",       "bvh",         "smooth",
-    "many_lights", "clip",      "lens",     "signed_filter", "refraction",  "pass",
-    "media",       "chromatic", "textures", "albedo_grids",  "uneven_media"};
+    "quads",    "polygons",     "disks",         "spheres",    "bvh",       "smooth", "many_lights",
+    "clip",     "lens",         "signed_filter", "refraction", "pass",      "media",  "chromatic",
+    "textures", "albedo_grids", "uneven_media",  "blend",      "attributes"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);

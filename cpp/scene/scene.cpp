@@ -204,7 +204,7 @@ bool HostScene::set_flat(const SceneInput& in) {
         put_plane(i, f, plane, local ? kLocal : widened ? kEdgeSlack : 2 * kPlaneSlack);
         std::array<float, 4> rim{};
         // Paths leave both sides of a two-sided face, by as little as kPlaneSlack.
-        const bool both = clear(f) || (local && in.two_sided.data[f.material]);
+        const bool both = clear(f) || (local && in.sees_both_sides(f.material));
         const float behind = both ? 0.f : kPlaneSlack;
         if (f.parallelogram)
             write_quad(f, shared[i], behind, view.quads + kQuadFloats * view.quad_count++, rim);

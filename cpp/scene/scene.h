@@ -52,6 +52,15 @@ struct SceneInput {
     const Rows<int32_t>& boundary(ShapeGroup g) const {
         return pick(g, triangle_boundary, sphere_boundary, disk_boundary);
     }
+    // Whether fits(material) holds of a material or of the other one of its blend.
+    template <class Fits>
+    bool either(uint32_t material, Fits fits) const {
+        const int32_t other = blend_material.data[material];
+        return fits(material) || (other >= 0 && fits(static_cast<uint32_t>(other)));
+    }
+    bool sees_both_sides(uint32_t material) const {
+        return either(material, [&](uint32_t m) { return two_sided.data[m] != 0; });
+    }
     // Of a light that no ray meets: else it is far away.
     bool light_has_place(size_t q) const;
 
@@ -62,7 +71,7 @@ struct SceneInput {
     }
 };
 
-constexpr uint64_t kMostSkyTexels = uint64_t{1} << 27, kMostCellNumbers = 0x7ffffe00u;
+constexpr uint64_t kMostSkyTexels = uint64_t{1} << 27, kMostNumbers = 0x7ffffe00u;
 
 struct Double3 {
     double x, y, z;
@@ -217,6 +226,8 @@ class HostScene {
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);
     void set_grids(const SceneInput& in);
+    void put_attribute(const SceneInput& in, size_t t, size_t primitive, uint32_t* out) const;
+    void set_attributes(const SceneInput& in);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);
     void set_surfaces(const SceneInput& in);

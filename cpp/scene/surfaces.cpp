@@ -85,6 +85,18 @@ void HostScene::set_surfaces(const SceneInput& in) {
         }
         rows.push_back(key);
     }
+    // Of blends, the rows of their other materials come last.
+    std::vector<uint32_t> others(rows.size(), ~0u);
+    for (size_t r = 0, count = rows.size(); r < count; ++r) {
+        SurfaceKey key = rows[r];
+        const int32_t other = in.blend_material.data[std::get<0>(key)];
+        if (other < 0) continue;
+        view.features |= kBlend;
+        std::get<0>(key) = static_cast<uint32_t>(other);
+        others[r] = static_cast<uint32_t>(rows.size());
+        rows.push_back(key);
+    }
+    others.resize(rows.size(), ~0u);
     view.surface_count = static_cast<uint32_t>(rows.size());
     view.surface_stride = padded(rows.size());
     const bool coats = std::any_of(rows.begin(), rows.end(), [&](const SurfaceKey& row) {
@@ -105,10 +117,13 @@ void HostScene::set_surfaces(const SceneInput& in) {
         put(kSurface_##name + k,         \
             static_cast<float>(in.name.data[static_cast<size_t>(width) * m + k]));
 #include "schema/materials.def"
+        uint32_t given = 0;
 #define VR_TEXTURABLE(name)                                                        \
     put(kSurface_##name##_texture, static_cast<float>(in.name##_texture.data[m])); \
-    if (in.name##_texture.data[m] >= 0) view.features |= kTextures;
+    if (in.name##_texture.data[m] >= 0) given |= 1u << kTexturable_##name;
 #include "schema/materials.def"
+        put(kSurfaceTextured, bit_cast<float>(given));
+        if (given) view.features |= kTextures;
         if (kCoatedKinds >> kind & 1u) {
             const double eta = static_cast<double>(in.eta.data[3 * m]);
             double inside;
@@ -142,6 +157,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
         const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;
         put(kSurfaceInside, border ? static_cast<float>(border[0] + 1) : -1.f);
         put(kSurfaceOutside, border ? static_cast<float>(border[1] + 1) : -1.f);
+        put(kSurfaceOther, bit_cast<float>(others[r]));
 
         view.features |= materials(1u << kind) | (closure.refracts ? kRefraction : 0u) |
                          (closure.passes ? kPass : 0u);

@@ -1,5 +1,6 @@
 // Tables of textures and texels, and where primitives read them.
 #include <algorithm>
+#include <map>
 
 #include "scene/scene.h"
 #include "scene/thread_pool.h"
@@ -8,11 +9,21 @@
 namespace veriray {
 namespace {
 
-bool textured(const SceneInput& in, uint32_t material) {
-    bool any = false;
-#define VR_TEXTURABLE(name) any |= in.name##_texture.data[material] >= 0;
+// Whether fits(texture) holds of a texture of a material or of the other one of its blend.
+template <class Fits>
+bool some_texture(const SceneInput& in, uint32_t material, Fits fits) {
+    return in.either(material, [&](uint32_t m) {
+        bool any = false;
+        const auto look = [&](int32_t texture) { any |= texture >= 0 && fits(texture); };
+#define VR_TEXTURABLE(name) look(in.name##_texture.data[m]);
 #include "schema/materials.def"
-    return any;
+        return any;
+    });
+}
+
+bool is_attribute(const SceneInput& in, size_t texture) {
+    const uint32_t kind = in.texture_kind.data[texture];
+    return kind == kVertexAttribute || kind == kFaceAttribute;
 }
 
 // An affine function of the point: g.p + w.
@@ -35,6 +46,8 @@ Affine through(const Flat& f, const double (&value)[3]) {
 
 uint32_t traits_of(const SceneInput& in, size_t t) {
     if (in.texture_kind.data[t] == kCheckerboard) return kTraitBoard;
+    if (in.texture_kind.data[t] == kVertexAttribute) return kTraitVertex;
+    if (in.texture_kind.data[t] == kFaceAttribute) return kTraitFace;
     const uint32_t wrap = in.texture_wrap.data[t], format = in.texture_format.data[t];
     return (wrap == kRepeat   ? kTraitRepeat
             : wrap == kMirror ? kTraitMirror
@@ -64,7 +77,10 @@ std::array<Double3, 3> HostScene::corner_uv(const SceneInput& in, const Flat& f)
 // but for rounding to float32, which moves a texture coordinate by 2^-24 of itself and a corner by
 // 2^-25 per coordinate. Those of a's corners count by their shares in the point.
 bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const {
-    if (!textured(in, a.material)) return true;
+    if (!some_texture(in, a.material, [](int32_t) { return true; })) return true;
+    if (some_texture(in, a.material,
+                     [&](int32_t t) { return is_attribute(in, static_cast<size_t>(t)); }))
+        return false;
     const auto from = corner_uv(in, a), to = corner_uv(in, b);
     const Affine share[3] = {through(a, {1, 0, 0}), through(a, {0, 1, 0}), through(a, {0, 0, 1})};
     for (int c = 0; c < 2; ++c) {
@@ -118,6 +134,58 @@ void HostScene::put_uv(const SceneInput& in, size_t primitive) {
     }
 }
 
+// A primitive's part of an attribute.
+void HostScene::put_attribute(const SceneInput& in, size_t t, size_t primitive,
+                              uint32_t* out) const {
+    const PrimitiveSource& s = sources[primitive];
+    if (s.group != kTriangleGroup) return;
+    const float* rows = in.attribute_values.data + 3 * size_t{in.texture_first.data[t]};
+    const auto put = [&](size_t c, double x) {
+        out[c] = bit_cast<uint32_t>(static_cast<float>(x));
+    };
+    if (in.texture_kind.data[t] == kFaceAttribute) {
+        for (size_t k = 0; k < 3; ++k) put(k, static_cast<double>(rows[3 * size_t{s.row} + k]));
+        return;
+    }
+    const Flat f = triangle(in, s.row);
+    for (size_t k = 0; k < 3; ++k) {
+        double value[3];
+        for (size_t c = 0; c < 3; ++c)
+            value[c] =
+                static_cast<double>(rows[3 * size_t{in.triangles.data[3 * size_t{s.row} + c]} + k]);
+        if (f.swapped) std::swap(value[1], value[2]);
+        const Affine map = through(f, value);
+        for (int c = 0; c < 3; ++c) put(kVertexWords * k + static_cast<size_t>(c), map.g[c]);
+        put(kVertexWords * k + 3, map.w);
+        put(kVertexWords * k + 4, std::min({value[0], value[1], value[2]}));
+        put(kVertexWords * k + 5, std::max({value[0], value[1], value[2]}));
+    }
+}
+
+// Attributes stand behind the texels.
+void HostScene::set_attributes(const SceneInput& in) {
+    std::map<std::pair<bool, uint32_t>, size_t> known;  // where it is, by its kind and first row
+    for (size_t t = 0; t < in.textures_rows(); ++t) {
+        if (!is_attribute(in, t)) continue;
+        view.features |= kAttributes;
+        const bool face = in.texture_kind.data[t] == kFaceAttribute;
+        const size_t step = face ? kFaceWords : kAttributeWords;
+        const auto [at, fresh] = known.try_emplace({face, in.texture_first.data[t]}, texels.size());
+        const size_t first = at->second;
+        if (first + step * sources.size() >= kMostNumbers)
+            throw std::invalid_argument("attributes of " + std::to_string(sources.size()) +
+                                        " primitives take too much memory");
+        textures[size_t{kTextureFirst} * padded(in.textures_rows()) + t] =
+            bit_cast<float>(static_cast<uint32_t>(first - kCodeWords));
+        if (!fresh) continue;
+        texels.resize(first + step * sources.size());
+        in_chunks(kAllThreads, sources.size(), [&](size_t begin, size_t end) {
+            for (size_t i = begin; i < end; ++i) put_attribute(in, t, i, &texels[first + step * i]);
+        });
+    }
+    if (view.features & kAttributes) texels.resize(texels.size() + kAttributeWords);
+}
+
 void HostScene::set_textures(const SceneInput& in) {
     if (!(view.features & kTextures)) return;
     const size_t count = in.textures_rows();
@@ -142,6 +210,7 @@ void HostScene::set_textures(const SceneInput& in) {
         texels[256 + code] = bit_cast<uint32_t>(static_cast<float>(code) / 255.f);
     }
     std::copy_n(in.texels.data, in.texels.count, texels.begin() + kCodeWords);
+    set_attributes(in);
     uv.assign(sources.size() * kUvFloats, 0.f);
     in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
         for (size_t i = first; i < last; ++i) put_uv(in, i);

@@ -87,9 +87,11 @@ bool overlap(const Box& a, const Box& b, double coarse, Box& out) {
     return true;
 }
 
-bool clear_material(const SceneInput& in, uint32_t m) {
-    return closure_traits(in.material_kind.data[m]).lets_through() || in.opacity.data[m] < 1 ||
-           in.opacity_texture.data[m] >= 0;
+bool clear_material(const SceneInput& in, uint32_t material) {
+    return in.either(material, [&](uint32_t m) {
+        return closure_traits(in.material_kind.data[m]).lets_through() || in.opacity.data[m] < 1 ||
+               in.opacity_texture.data[m] >= 0;
+    });
 }
 
 // The least and largest |g.p + c| over a box.
@@ -291,7 +293,7 @@ void HostScene::part_touching(const SceneInput& in) {
         column(i, kPrimOffset) = kTouches;
         // Paths leave both sides of it by less than its plane would lie behind.
         const float behind =
-            flat && !is_clear(i) && !in.two_sided.data[sources[i].material] ? kPlaneSlack : 0;
+            flat && !is_clear(i) && !in.sees_both_sides(sources[i].material) ? kPlaneSlack : 0;
         if (sources[i].group == kTriangleGroup)
             column(i, kPrimPlane) = -static_cast<float>(
                 plane_at_origin(flat ? flats_[i] : triangle(in, sources[i].row)));

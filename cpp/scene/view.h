@@ -45,6 +45,13 @@ inline constexpr uint32_t kSmoothFloats = 12;
 // the first, the side of y.
 inline constexpr uint32_t kUvFloats = 8;
 
+// Parameters that textures can give, in the order of the schema.
+enum TexturableParameter : uint32_t {
+#define VR_TEXTURABLE(name) kTexturable_##name,
+#include "schema/materials.def"
+    kTexturableCount,
+};
+
 // Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
 // Of the material; opacity: a ray meets the material if its random number is below it.
@@ -54,13 +61,17 @@ enum SurfaceColumn : uint32_t {
 // The texture that gives it; -1: none.
 #define VR_TEXTURABLE(name) kSurface_##name##_texture,
 #include "schema/materials.def"
+    kSurfaceTextured,                         // a bit for each of these that is there
     kSurfaceRadiance,                         // emitted by the front: 3 columns
     kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
     kSurfaceKind,                             // MaterialKind
     kSurfaceInside,                           // medium behind; -1: no change of medium
     kSurfaceOutside,                          // medium in front
+    kSurfaceOther,    // row of the other material of a blend; bits, ~0: none
     kSurfaceColumns,  // then, where a material has a rough coat, kCoatCells + 1 of its table
 };
+
+inline constexpr uint32_t kSurfaceFirstTexture = kSurface_reflectance_texture;
 
 struct SceneView {
     FeatureMask features;

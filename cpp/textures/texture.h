@@ -2,6 +2,10 @@
 //
 // A bitmap's first row of texels is at v = 0, and the centre of texel k of n is at (k + 1/2) / n.
 // Between centres colours are interpolated, first along u, in float32.
+//
+// An attribute is of the vertices or faces of meshes: by primitive, three numbers of a face, or for
+// each of three an affine function of the point, its least and its largest value at the corners.
+// Between these it stays where the point is rounded out of its triangle.
 #pragma once
 
 #include "spectrum/spectrum.h"
@@ -9,7 +13,7 @@
 namespace veriray {
 
 // The values of the columns texture_kind, texture_wrap, texture_filter and texture_format.
-enum TextureKind : uint32_t { kBitmap, kCheckerboard };
+enum TextureKind : uint32_t { kBitmap, kCheckerboard, kVertexAttribute, kFaceAttribute };
 enum TextureWrap : uint32_t { kRepeat, kMirror, kClamp };
 enum TextureFilter : uint32_t { kBilinear, kNearest };
 enum TexelFormat : uint32_t { kSrgb8, kLinear8, kHalf, kFloat };
@@ -40,30 +44,36 @@ enum TextureTrait : uint32_t {
     kTraitSrgb = 32,
     kTraitHalf = 64,
     kTraitFloat = 128,  // none of the three: 8 bits, linear
+    kTraitVertex = 256,
+    kTraitFace = 512,
 };
 
 // Words before the texels: the numbers of 8-bit codes, of sRGB and linear.
 inline constexpr uint32_t kCodeWords = 512;
+// Words of an attribute by primitive: g, w, least and largest of a vertex attribute's numbers.
+inline constexpr uint32_t kVertexWords = 6, kAttributeWords = 3 * kVertexWords, kFaceWords = 3;
 
 struct TextureView {
     const float* table;  // [column][stride]
     uint32_t stride, count;
-    const uint32_t* texels;  // kCodeWords, then the texels
+    const uint32_t* texels;  // kCodeWords, then the texels, then attributes
 };
 
-// Coordinates on a surface.
-template <class F>
-struct TexturePoint {
-    F u, v;
-};
-
+// Coordinates on a surface; for attributes its point and primitive.
 template <class L>
+struct TexturePoint {
+    typename L::F u, v;
+    Vec3<typename L::F> p;
+    typename L::U primitive;
+};
+
+template <class L, bool kWithAttributes>
 struct Textures {
     using F = typename L::F;
     using U = typename L::U;
     using M = typename L::M;
     using S = Spectrum<F>;
-    using Point = TexturePoint<F>;
+    using Point = TexturePoint<L>;
 
     // The colour of a texture where m is set; any valid row elsewhere.
     static VR_CALLED S colour(const TextureView textures, U row, Point at, M m) {
@@ -85,7 +95,17 @@ struct Textures {
                 return select(first, column(kTextureColor0 + k), column(kTextureColor1 + k));
             });
         }
-        const M bitmap = m & !board;
+        M bitmap = m & !board;
+        if constexpr (kWithAttributes) {
+            const M face = is(traits, kTraitFace),
+                    attribute = bitmap & (face | is(traits, kTraitVertex));
+            if (any(attribute)) {
+                const U first = as_uint(column(kTextureFirst)) + U(kCodeWords);
+                value =
+                    select(attribute, on_mesh(textures.texels, first, at, face, attribute), value);
+                bitmap = bitmap & !attribute;
+            }
+        }
         if (none(bitmap)) return value;
         const F width = column(kTextureWidth), height = column(kTextureHeight);
         const Texels texels{textures.texels, as_uint(column(kTextureFirst)) + U(kCodeWords), traits,
@@ -98,10 +118,24 @@ struct Textures {
             const S high = mix(texels.at(row1 + x.first), texels.at(row1 + x.second), x.share);
             colour = mix(low, high, y.share);
         }
-        return select(board, value, colour);
+        return select(bitmap, colour, value);
     }
 
    protected:
+    // An attribute; first: its first word. Behind the last one are kAttributeWords more.
+    static VR_HD S on_mesh(const uint32_t* words, U first, Point at, M face, M lanes) {
+        const U step = select(face, U(kFaceWords), U(kAttributeWords));
+        const U row = select(lanes, first + at.primitive * step, U(0u));
+        return S::of([&](uint32_t k) {
+            const auto number = [&](uint32_t c) {
+                return as_float(gather(words, row + U(kVertexWords * k + c)));
+            };
+            const F x =
+                fma(number(2), at.p.z, fma(number(1), at.p.y, fma(number(0), at.p.x, number(3))));
+            const F whole = as_float(gather(words, row + U(k)));
+            return select(face, whole, min(max(x, number(4)), number(5)));
+        });
+    }
     static VR_HD M is(U traits, uint32_t trait) { return (traits & U(trait)) == U(trait); }
     // Equal colours stay as they are.
     static VR_HD S mix(const S& a, const S& b, F share) {

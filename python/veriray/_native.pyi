@@ -16,8 +16,9 @@ class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
     """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
-    media, Q lights, X textures, W texels, Y sky, G grids, C cells; see veriray.Scene. uint8
-    columns hold 0 or 1. Made by cpp/schema/generate.py from python/veriray/columns.py."""
+    media, Q lights, X textures, W texels, A attributes, Y sky, G grids, C cells; see
+    veriray.Scene. uint8 columns hold 0 or 1. Made by cpp/schema/generate.py from
+    python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
     normals: npt.NDArray[np.float64]  # (V, 3)
@@ -69,6 +70,9 @@ class SceneArrays(TypedDict):
     texture_grey: npt.NDArray[np.uint8]  # (X,)
     texture_first: npt.NDArray[np.uint32]  # (X,)
     texels: npt.NDArray[np.uint32]  # (W,)
+    attribute_values: npt.NDArray[np.float32]  # (A, 3)
+    blend_material: npt.NDArray[np.int32]  # (M,)
+    blend_weight: npt.NDArray[np.float32]  # (M,)
     reflectance_texture: npt.NDArray[np.int32]  # (M,)
     specular_reflectance_texture: npt.NDArray[np.int32]  # (M,)
     specular_transmittance_texture: npt.NDArray[np.int32]  # (M,)
@@ -77,6 +81,14 @@ class SceneArrays(TypedDict):
     alpha_v_texture: npt.NDArray[np.int32]  # (M,)
     roughness_texture: npt.NDArray[np.int32]  # (M,)
     metallic_texture: npt.NDArray[np.int32]  # (M,)
+    spec_trans_texture: npt.NDArray[np.int32]  # (M,)
+    spec_tint_texture: npt.NDArray[np.int32]  # (M,)
+    sheen_texture: npt.NDArray[np.int32]  # (M,)
+    sheen_tint_texture: npt.NDArray[np.int32]  # (M,)
+    flatness_texture: npt.NDArray[np.int32]  # (M,)
+    clearcoat_texture: npt.NDArray[np.int32]  # (M,)
+    clearcoat_gloss_texture: npt.NDArray[np.int32]  # (M,)
+    blend_weight_texture: npt.NDArray[np.int32]  # (M,)
     alpha_u: npt.NDArray[np.float32]  # (M,)
     alpha_v: npt.NDArray[np.float32]  # (M,)
     distribution: npt.NDArray[np.uint32]  # (M,)

@@ -67,14 +67,14 @@ OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaq
 SCATTERING_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.scatters)
 LIGHT_KINDS = ("point", "spot", "directional")
 #: Names of the values of `texture_kind`, `texture_wrap`, `texture_filter` and `texture_format`.
-TEXTURE_KINDS = ("bitmap", "checkerboard")
+TEXTURE_KINDS = ("bitmap", "checkerboard", "vertex_attribute", "face_attribute")
 TEXTURE_WRAPS = ("repeat", "mirror", "clamp")
 TEXTURE_FILTERS = ("bilinear", "nearest")
 TEXTURE_FORMATS = ("srgb8", "linear8", "half", "float")
 #: Numbers of a material that a texture can give: one more is a name here.
 TEXTURABLE = (
     "reflectance", "specular_reflectance", "specular_transmittance", "opacity",
-    "alpha_u", "alpha_v", "roughness", "metallic",
+    "alpha_u", "alpha_v", *PRINCIPLED, "blend_weight",
 )  # fmt: skip
 MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
@@ -96,6 +96,7 @@ TABLES = {
     "lights": "Q",
     "textures": "X",
     "texels": "W",
+    "attributes": "A",
     "sky": "Y",
     "grids": "G",
     "cells": "C",
@@ -275,10 +276,25 @@ _HASHED_IF_SET: dict[str, Column] = {
         "textures", np.bool_, (), False, doc="one number a texel; else three, and 8-bit and half "
         "texels have a fourth that is not used",
     ),
-    "texture_first": Column("textures", np.uint32, (), 0, doc="its first row of texels"),
+    "texture_first": Column(
+        "textures", np.uint32, (), 0, doc="its first row of texels; of an attribute that of "
+        "attribute_values, with one for each vertex or triangle",
+    ),
     "texels": Column(
         "texels", np.uint32, doc="texels row by row, packed from the lowest bits; each texture "
         "begins a row",
+    ),
+    "attribute_values": Column(
+        "attributes", np.float32, (3,), low=0.0, high=1.0,
+        doc="numbers of vertices or triangles, zero for meshes without; one alone stands there "
+        "three times",
+    ),
+    "blend_material": _index(
+        "materials", "materials", -1,
+        doc="a hit is of this material by the chance blend_weight, which is no blend; -1: none",
+    ),
+    "blend_weight": Column(
+        "materials", np.float32, (), 0.0, 0.0, 1.0, doc="the chance of blend_material"
     ),
     **{
         f"{name}_texture": _index("materials", "textures", -1, doc=f"gives {name}; -1: none does")
@@ -466,6 +482,13 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
         row = _first((kinds == MATERIAL_KINDS.index(name)) & (eta[:, 0] == 1))
         if row is not None:
             raise SceneError(f"eta[{row}] is 1 on a {name}; equal indices have no small mirrors")
+    others = arrays["blend_material"]
+    row = _first((others >= 0) & (others[others] >= 0))
+    if row is not None:
+        raise SceneError(
+            f"blend_material[{row}] = {others[row]}, which is a blend itself; allowed: one that is "
+            "none"
+        )
     u, v = arrays["alpha_u"], arrays["alpha_v"]
     rough = np.array([name.startswith("rough") for name in MATERIAL_KINDS])[kinds]
     row = _first(rough & (u != v))
@@ -497,6 +520,16 @@ TEXEL_BYTES = ((4, 1), (4, 1), (8, 2), (12, 4))
 
 def _check_textures(arrays: Mapping[str, Array]) -> None:
     words, formats = arrays["texels"], arrays["texture_format"]
+    for kind, table in (("vertex_attribute", "vertices"), ("face_attribute", "triangles")):
+        ends = arrays["texture_first"].astype(np.int64) + len(arrays[table])
+        given = len(arrays["attribute_values"])
+        row = _first((arrays["texture_kind"] == TEXTURE_KINDS.index(kind)) & (ends > given))
+        if row is not None:
+            raise SceneError(
+                f"texture_first[{row}] = {arrays['texture_first'][row]}: a row for each of "
+                f"{len(arrays[table])} {table} ends at {ends[row]}; there are {given} "
+                "attribute_values"
+            )
     for row in np.flatnonzero(arrays["texture_kind"] == TEXTURE_KINDS.index("bitmap")).tolist():
         name = TEXTURE_FORMATS[formats[row]]
         size = TEXEL_BYTES[formats[row]][int(arrays["texture_grey"][row])]

@@ -38,6 +38,8 @@ FEATURES = {
     "albedo_grids": "media whose albedo a grid gives",
     "uneven_media": "media whose extinction a grid gives",
     "textures": "numbers of materials that textures give",
+    "blend": "materials that are one of two at each hit",
+    "attributes": "textures of numbers that meshes have",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }

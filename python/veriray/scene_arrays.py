@@ -82,8 +82,14 @@ class SceneArrays:
     texture_height (X,) uint32: in texels (in [1, 32768], default 1)
     texture_grey (X,) bool: one number a texel; else three, and 8-bit and half texels have a fourth
         that is not used (default False)
-    texture_first (X,) uint32: its first row of texels (default 0)
+    texture_first (X,) uint32: its first row of texels; of an attribute that of attribute_values,
+        with one for each vertex or triangle (default 0)
     texels (W,) uint32: texels row by row, packed from the lowest bits; each texture begins a row
+    attribute_values (A, 3) float32: numbers of vertices or triangles, zero for meshes without; one
+        alone stands there three times (in [0, 1])
+    blend_material (M,) int32: a hit is of this material by the chance blend_weight, which is no
+        blend; -1: none (index of materials, default -1)
+    blend_weight (M,) float32: the chance of blend_material (in [0, 1], default 0.0)
     reflectance_texture (M,) int32: gives reflectance; -1: none does (index of textures, default -1)
     specular_reflectance_texture (M,) int32: gives specular_reflectance; -1: none does (index of
         textures, default -1)
@@ -94,6 +100,16 @@ class SceneArrays:
     alpha_v_texture (M,) int32: gives alpha_v; -1: none does (index of textures, default -1)
     roughness_texture (M,) int32: gives roughness; -1: none does (index of textures, default -1)
     metallic_texture (M,) int32: gives metallic; -1: none does (index of textures, default -1)
+    spec_trans_texture (M,) int32: gives spec_trans; -1: none does (index of textures, default -1)
+    spec_tint_texture (M,) int32: gives spec_tint; -1: none does (index of textures, default -1)
+    sheen_texture (M,) int32: gives sheen; -1: none does (index of textures, default -1)
+    sheen_tint_texture (M,) int32: gives sheen_tint; -1: none does (index of textures, default -1)
+    flatness_texture (M,) int32: gives flatness; -1: none does (index of textures, default -1)
+    clearcoat_texture (M,) int32: gives clearcoat; -1: none does (index of textures, default -1)
+    clearcoat_gloss_texture (M,) int32: gives clearcoat_gloss; -1: none does (index of textures,
+        default -1)
+    blend_weight_texture (M,) int32: gives blend_weight; -1: none does (index of textures, default
+        -1)
     alpha_u (M,) float32: root mean square slope of a rough surface, along its tangent (in [5e-05,
         10], default 0.1)
     alpha_v (M,) float32: likewise, across its tangent (in [5e-05, 10], default 0.1)
@@ -185,6 +201,9 @@ class SceneArrays:
     texture_grey: Array = _NONE
     texture_first: Array = _NONE
     texels: Array = _NONE
+    attribute_values: Array = _NONE
+    blend_material: Array = _NONE
+    blend_weight: Array = _NONE
     reflectance_texture: Array = _NONE
     specular_reflectance_texture: Array = _NONE
     specular_transmittance_texture: Array = _NONE
@@ -193,6 +212,14 @@ class SceneArrays:
     alpha_v_texture: Array = _NONE
     roughness_texture: Array = _NONE
     metallic_texture: Array = _NONE
+    spec_trans_texture: Array = _NONE
+    spec_tint_texture: Array = _NONE
+    sheen_texture: Array = _NONE
+    sheen_tint_texture: Array = _NONE
+    flatness_texture: Array = _NONE
+    clearcoat_texture: Array = _NONE
+    clearcoat_gloss_texture: Array = _NONE
+    blend_weight_texture: Array = _NONE
     alpha_u: Array = _NONE
     alpha_v: Array = _NONE
     distribution: Array = _NONE

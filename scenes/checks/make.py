@@ -1155,6 +1155,77 @@ def puff() -> Array:
     return (inside * (1 + (x * 5 + y * 3 + z * 7) % 4))[..., None] / 2048.0
 
 
+@scene
+def blends() -> str:
+    """Blends: metal and matt by a texture, glass and matt, and holes in one, with their shadows."""
+    image = text("filename", "images/weave.png")
+    optics = rgb("eta", 0.2, 0.9, 1.1), rgb("k", 3.9, 2.4, 2.2)
+    gold = bsdf("roughconductor", number("alpha", 0.3), *optics)
+    matt = diffuse(0.2, 0.5, 0.6)
+    weave = texture("bitmap", image, flag("raw"), name="weight", to_uv=scale(2, 1, 1))
+    clear = bsdf("dielectric", number("int_ior", 1.5))
+    leaf = bsdf("mask", number("opacity", 0.4), diffuse(0.3, 0.7, 0.2))
+    return (
+        sensor() + shape("rectangle", transform(scale(20), rotate("x", -90)),
+                         blend(number("weight", 0.35), diffuse(0.5, 0.5, 0.4), gold))
+        + sphere(-1.3, 1, 0, 1, blend(weave, gold, matt))
+        + sphere(1.1, 0.8, 0.6, 0.8, blend(number("weight", 0.4), clear, matt))
+        + shape("disk", transform(scale(1.2), rotate("x", -60), translate(0.6, 2.9, -0.4)),
+                blend(number("weight", 0.7), bsdf("twosided", matt), leaf))
+        + sky(0.5, 0.6, 0.7) + lamp(4, 3.5, 3)
+    )  # fmt: skip
+
+
+def blend(weight: str, first: str, second: str) -> str:
+    """Two bsdfs in one."""
+    named = (
+        part.replace("<bsdf ", f'<bsdf name="{name}" ', 1)
+        for name, part in (("first", first), ("second", second))
+    )
+    return bsdf("blendbsdf", weight, *named)
+
+
+@scene
+def attributes() -> str:
+    """Colours of vertices and faces of a mesh, with and without a scale, and one number of it."""
+    file = text("filename", "meshes/painted.ply")
+
+    def painted(name: str, of: str, *more: str) -> str:
+        inner = text("name", name) + "".join(more)
+        return f'<texture type="mesh_attribute" name="{of}">{inner}</texture>'
+
+    def place(x: float, z: float, *steps: str) -> str:
+        return transform(*steps, translate(x, 0.8, z))
+
+    faces = painted("face_color", "reflectance", number("scale", 0.8))
+    share = painted("vertex_share", "weight")
+    return (
+        sensor() + floor(0.5, 0.5, 0.4)
+        + shape("ply", file, place(-1.6, 0.3, scale(0.8)),
+                bsdf("diffuse", painted("vertex_color", "reflectance")))
+        + shape("ply", file, flag("face_normals"),
+                place(0, -0.6, scale(0.8), rotate("y", 70)), bsdf("diffuse", faces))
+        + shape("ply", file, place(1.6, 0.5, scale(0.8), rotate("z", 50)),
+                blend(share, diffuse(0.1, 0.2, 0.7), diffuse(0.8, 0.6, 0.1)))
+        + sky(0.5, 0.6, 0.7) + lamp(4, 3.5, 3)
+    )  # fmt: skip
+
+
+def paint(content: str, vertices: Array, faces: Array) -> str:
+    """A PLY file with colours of vertices and faces, and a number of vertices, by integers."""
+    head, body = content.split("end_header\n")
+    k = np.arange(len(vertices))
+    shades = np.stack([20 + k * 7 % 80, 20 + k * 13 % 80, 20 + k * 29 % 80, k * 31 % 101])
+    k = np.arange(len(faces))
+    sides = np.stack([20 + k * 11 % 80, 20 + k * 17 % 80, 20 + k * 23 % 80])
+    colour = "".join(f"property float {name}\n" for name in "rgb")
+    share = "property float share_0\n"
+    head = head.replace("element face", colour + share + "element face") + colour
+    more = [" ".join(f"{x / 100:g}" for x in row) for row in (*shades.T, *sides.T)]
+    rows = zip(body.splitlines(), more, strict=True)
+    return head + "end_header\n" + "".join(f"{line} {new}\n" for line, new in rows)
+
+
 def png(texels: npt.NDArray[np.uint8]) -> bytes:
     """A PNG file (H, W, 3), not compressed, so that every version of zlib makes the same."""
 
@@ -1227,6 +1298,7 @@ def files() -> dict[str, str | bytes]:
         "volumes/smoke.vol": vol(puff(), (0, 0, 0), (1, 1, 1)),
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),
+        "meshes/painted.ply": paint(ply(ball, ball_faces, unit), ball, ball_faces),
         "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),
         "meshes/bumps_egg.serialized": serialized(
             (ball, ball_faces, None), (body, body_faces, normals(egg, unit))

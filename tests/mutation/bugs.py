@@ -60,7 +60,8 @@ _CHECKS = (
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
     "principled_surfaces", "principled_glass", "albedo_grid", "smoke",
     "point_in_medium", "point_light", "smooth_normals", "sphere_light",
-    "spheres_300", "spot_light", "textures", "thindielectric", "thinlens", "twosided",
+    "spheres_300", "spot_light", "textures", "blends", "attributes",
+    "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
 _SECOND_FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="20"/>
 <rotate x="1" angle="-90"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/>
@@ -471,6 +472,23 @@ _TEXTURES = (
            "textures"),
 )  # fmt: skip
 
+_BLENDS = (
+    Mutant("blend's weight inverted", _VERTEX, "uniform(u) < Direct::blend_weight(scene, at)",
+           "uniform(u) >= Direct::blend_weight(scene, at)", "blends"),
+    Mutant("blend's weight inverted for shadows", _DIRECT,
+           "fma(other, weight, share * (F(1.f) - weight))",
+           "fma(share, weight, other * (F(1.f) - weight))", "blends"),
+    Mutant("blend by the number that the mask takes", _VERTEX,
+           "dimension_block(segment, kCross)).w;", "dimension_block(segment, kCross)).z;",
+           "blends"),
+    Mutant("attribute's corners turned", "scene/textures.cpp", "through(f, value)",
+           "through(f, {value[0], value[2], value[1]})", "attributes"),
+    Mutant("attribute of faces by vertices", "scene/textures.cpp",
+           "rows[3 * size_t{s.row} + k]", "rows[3 * size_t{s.row / 2} + k]", "attributes"),
+    Mutant("attribute's greatest value for its least", _TEXTURE, "max(x, number(4))",
+           "max(x, number(5))", "attributes"),
+)  # fmt: skip
+
 _GEOMETRY = (
     Mutant("lens of double size", _CAMERA, "uniform_disk(u, v, x, y);",
            "uniform_disk(u, v, x, y); x = x + x; y = y + y;", "thinlens"),
@@ -505,4 +523,5 @@ _GEOMETRY = (
 )  # fmt: skip
 
 #: The bugs that the verdict against the reference must find, in this order.
-MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_BURLEY, *_MEDIA, *_LIGHTS, *_TEXTURES, *_GEOMETRY)
+MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_BURLEY, *_MEDIA, *_LIGHTS, *_TEXTURES, *_BLENDS,
+           *_GEOMETRY)  # fmt: skip

@@ -374,7 +374,7 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("a narrow view is seen from the camera", "scene/narrow.cpp", "pixel_angle(in) < kNarrow",
            "pixel_angle(in) < 0"),
     Mutant("two-sided faces left as one-sided ones", "scene/scene.cpp",
-           "(local && in.two_sided.data[f.material])", "false"),
+           "(local && in.sees_both_sides(f.material))", "false"),
     Mutant("faces of a fold turned round", "scene/winding.cpp", "edges[m] == 0", "edges[m] == 1"),
     Mutant("what lies on a face has its rims", "scene/flat.cpp",
            "!together(flats[i], k, flats[j], m)", "true"),
@@ -409,9 +409,9 @@ _TEXTURES = (
     Mutant("odd half texels read at even places", _TEXTURE,
            "select(grey & ((byte & U(2u)) == U(2u)), word >> 16, word)", "word"),
     Mutant("grey texels read at every fourth place", _TEXTURE, "select(grey, one, all)", "all"),
-    Mutant("opacity without its texture on paths", _VERTEX, "Reader::opacity(scene, at)",
+    Mutant("opacity without its texture on paths", _VERTEX, "Direct::opacity(scene, at)",
            "surface_column(scene, at.row, kSurface_opacity)"),
-    Mutant("opacity without its texture on shadow rays", _DIRECT, "Reader::opacity(scene, at)",
+    Mutant("opacity without its texture on shadow rays", _DIRECT, "DirectLight::opacity(scene, at)",
            "surface_column(scene, at.row, kSurface_opacity)"),
 )  # fmt: skip
 

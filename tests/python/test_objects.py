@@ -302,6 +302,9 @@ def rich():
         lamp={"type": "point", "position": [0, 1, 0], "intensity": 3.0},
         sun={"type": "directional", "irradiance": 3.0},
         spot={"type": "spot"},
+        paint={"type": "mesh", "vertices": np.eye(3), "faces": [[0, 1, 2]],
+               "vertex_color": np.full((3, 3), 0.5), "bsdf": {"type": "diffuse", "reflectance": {
+                   "type": "mesh_attribute", "name": "vertex_color"}}},
     ))  # fmt: skip
     lens = {"aperture_radius": 0.5, "focus_distance": 4.0, "near_clip": 0.25, "far_clip": 100.0}
     return dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, **lens))
@@ -331,6 +334,7 @@ CHANGES = {
     "texture_format": (0, 1), "texture_width": (0, 1), "texture_height": (0, 1),
     "texture_grey": (0, True), "texture_first": (1, 1), "texels": (0, 7),
     **{f"{name}_texture": (0, 1) for name in TEXTURABLE},
+    "attribute_values": ((0, 1), 0.25), "blend_material": (0, 1), "blend_weight": (0, 0.25),
 }  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import veriray
 from veriray import SceneError
-from veriray.columns import MATERIAL_KINDS
+from veriray.columns import MATERIAL_KINDS, PRINCIPLED
 from veriray_validate.levels.sampler_principled import grey
 from veriray_validate.principled import Principled, lobes
 
@@ -90,8 +90,9 @@ def test_defaults_and_kinds() -> None:
     tint = {"type": "rgb", "value": [1.0, 1.0, 1.0]}
     assert made(spec_tint=tint).spec_tint[0] == 1
     board = {"type": "checkerboard"}
-    textured = made(base_color=board, roughness=board, metallic=board)
-    given = ("reflectance", "roughness", "metallic")
+    textured = made(base_color=board, **dict.fromkeys(PRINCIPLED, board))
+    given = ("reflectance", *PRINCIPLED)
+    assert MATERIAL_KINDS[textured.material_kind[0]] == "principled_open"
     assert all(getattr(textured, f"{name}_texture")[0] >= 0 for name in given)
 
 
@@ -101,7 +102,7 @@ def test_defaults_and_kinds() -> None:
         ({"anisotropic": 0.5}, '"anisotropic" = 0.5 is not supported; allowed: 0.0'),
         ({"eta": 1.5, "specular": 0.5}, "both eta and specular given"),
         ({"roughness": 1.5}, '"roughness" = 1.5 is outside [0, 1]'),
-        ({"flatness": {"type": "checkerboard"}}, "texture checkerboard is supported on"),
+        ({"eta": {"type": "checkerboard"}}, "texture checkerboard is supported on"),
     ],
 )
 def test_refused(given: dict[str, Any], text: str) -> None:

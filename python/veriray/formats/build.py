@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TABLES, TEXTURABLE, blank_row
+from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, TEXTURABLE, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
 from . import integrators, materials, textures, views, volumes
@@ -84,7 +84,8 @@ class _Builder:
         self.grids = volumes.Grids()
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
-        self.textured: set[int] = set()  # materials that have textures
+        #: materials that have textures: what they read from meshes
+        self.textured: dict[int, list[textures.Attribute]] = {}
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
 
     def search(self) -> None:
@@ -230,7 +231,9 @@ class _Builder:
         for text, place in shapes.notes():
             self.report.note(text, place)
         textured = bool(self.tables.rows["textures"])
-        arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured), **self.sky}
+        shown = shapes.arrays(with_uv=textured)
+        shown |= self.attributes(shapes, shown)
+        arrays = {**self.tables.arrays(), **shown, **self.sky}
         arrays["texels"] = self.texels.array()
         arrays["cells"] = self.grids.array()
         seen = arrays["emissions"] is not None or bool(self.sky) or any(environment)
@@ -261,6 +264,22 @@ class _Builder:
             tuple(self.report.notes),
             self.tables.ids(),
         )
+
+    def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
+        """The column of attributes; also writes where those of each texture begin."""
+        first: dict[tuple[str, float], int] = {}
+        blocks: list[Array] = []
+        for _, _, row in self.tables.rows["textures"].values():
+            attribute = row.get("attribute")
+            if attribute is None:
+                continue
+            key = attribute.name, attribute.scale
+            if key not in first:
+                first[key] = sum(map(len, blocks))
+                of = "vertices" if attribute.name.startswith("vertex_") else "triangles"
+                blocks.append(shapes.attribute(*key, len(shown[of])))
+            row["texture_first"] = first[key]
+        return {"attribute_values": np.concatenate(blocks) if blocks else None}
 
     def chosen(self, sensors: list[Node], count: int) -> int:
         """The number of the sensor to render, of `count`."""
@@ -372,19 +391,30 @@ class _Builder:
         parts, values = self.check(node)  # holds the node, and so its id
         row = self.rows.get(id(node))
         if row is None:
+            held = [self.material(part) for part in parts.get("bsdf", ())]
+            given = self.textures(node)
             if node.plugin == "twosided":
-                row = {**self.material(parts["bsdf"][0]), "two_sided": True}
-                if MATERIAL_KINDS[row["material_kind"]] in OPEN_KINDS.values():
+                row = materials.changed(held[0], {"two_sided": True})
+                if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
                         f"{node} cannot hold a {parts['bsdf'][0].plugin} that lets light through",
                         parts["bsdf"][0].where,
                     )
             elif node.plugin == "mask":
-                row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
+                if any(map(_masked, materials.both(held[0]))):
+                    raise SceneError(
+                        f"{node} cannot hold a {parts['bsdf'][0].plugin} of masks",
+                        parts["bsdf"][0].where,
+                    )
+                row = materials.changed(held[0], {**materials.filled(node, values), **given})
+            elif node.plugin == "blendbsdf":
+                row = {**materials.blend(node, values, parts["bsdf"], held), **given}
             else:
-                row = materials.material(node, values, self.report)
-            row |= self.textures(node)
-            if any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE):
+                row = {**materials.material(node, values, self.report), **given}
+            row["attributes"] = [
+                attribute for one in (*held, given) for attribute in one.get("attributes", ())
+            ]
+            if any(map(_textured, materials.both(row))):
                 self.with_texture.add(id(node))
             self.rows[id(node)] = row
         return row
@@ -393,6 +423,7 @@ class _Builder:
         """The columns that name the textures of a bsdf."""
         columns: materials.Row = {}
         rows: materials.Row = {}
+        attributes: list[textures.Attribute] = []
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "texture":
@@ -407,8 +438,14 @@ class _Builder:
                 child = self.exchanged.setdefault(id(child), textures.exchanged(child))
             values = self.check(child)[1]
             rows[item.name] = self.texels.row(child, values)
+            attribute = rows[item.name].get("attribute")
+            if attribute is not None:
+                attributes.append(attribute)
+                if PLUGINS[node.plugin].params[item.name].kind != COLOUR:
+                    attribute.single = item.where
             columns[column] = self.tables.index("textures", child, rows[item.name])
-        return columns | materials.textured_alpha(node, columns, rows)
+        columns |= materials.textured_alpha(node, columns, rows)
+        return {**columns, "attributes": attributes} if attributes else columns
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
@@ -497,8 +534,10 @@ class _Builder:
             bsdf = _LAMP if lamp else _GREY
             row = materials.BLACK if lamp else self.material(bsdf)
         material = self.tables.index("materials", bsdf, row)
+        if "other" in row:
+            row["blend_material"] = self.tables.index("materials", *row["other"])
         if id(bsdf) in self.with_texture:
-            self.textured.add(material)
+            self.textured[material] = row["attributes"]
         emission = boundary = -1
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]
@@ -509,7 +548,8 @@ class _Builder:
             boundary = self.tables.index("boundaries", media, {"boundaries": media})
         if values["to_world"] is None:
             values["to_world"] = IDENTITY
-        return node, values, (material, emission, boundary), must_be_closed(row, media[0] >= 0)
+        solid = (must_be_closed(one, media[0] >= 0) for one in materials.both(row))
+        return node, values, (material, emission, boundary), next(filter(None, solid), "")
 
     def light(self, node: Node) -> None:
         """Adds a point, spot or directional light."""
@@ -550,7 +590,9 @@ _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.
 _TABLES = {
-    table: blank_row(table) for table in TABLES if table not in (*Shapes.TABLES, "texels", "cells")
+    table: blank_row(table)
+    for table in TABLES
+    if table not in (*Shapes.TABLES, "texels", "cells", "attributes")
 }
 
 
@@ -592,6 +634,18 @@ class _Tables:
             for table, blanks in _TABLES.items()
             for column, blank in blanks.items()
         }
+
+
+def _textured(row: materials.Row) -> bool:
+    return any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE)
+
+
+def _masked(row: materials.Row) -> bool:
+    return row["opacity"] < 1 or row.get("opacity_texture", -1) >= 0
+
+
+def _lets_through(row: materials.Row) -> bool:
+    return _masked(row) or MATERIAL_KINDS[row["material_kind"]] not in OPAQUE_KINDS
 
 
 def _shines(radiance: tuple[float, ...]) -> bool:

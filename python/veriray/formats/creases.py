@@ -38,4 +38,5 @@ def split(found: Mesh, angle: float) -> Mesh:
     kept, triangles = np.unique(group, return_inverse=True)
     vertex = found.triangles.reshape(-1)[kept]
     uv = None if found.uv is None else found.uv[vertex]
-    return Mesh(found.vertices[vertex], triangles.reshape(-1, 3), None, uv)
+    corners = triangles.reshape(-1, 3)
+    return Mesh(found.vertices[vertex], corners, None, uv, found.of_vertices(vertex))

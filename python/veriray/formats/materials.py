@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import sqrt
 from typing import Any
 
@@ -94,9 +95,40 @@ def _diffuse_fresnel(eta: float) -> float:
     return critical + (1 - critical) * total / (3 * cells)
 
 
+def changed(row: Row, columns: Row) -> Row:
+    """A bsdf's row with other columns, which a blend's other row gets too."""
+    row = {**row, **columns}
+    if "other" in row:
+        node, other = row["other"]
+        row["other"] = replace(node), {**other, **columns}
+    return row
+
+
+def blend(node: Node, values: dict[str, Any], nodes: list[Node], rows: list[Row]) -> Row:
+    """The row of a blendbsdf, whose "other" is the node and row of its second bsdf."""
+    weight = values["weight"]
+    if weight is None:
+        if not any(item.name == "weight" for item in node.children):
+            raise SceneError(f'{node}: "weight" (number or texture) is missing', node.where)
+        weight = 0.0
+    if any("other" in row for row in rows):
+        raise SceneError(f"{node} cannot hold another blendbsdf, in a mask or twosided", node.where)
+    return {
+        **rows[0],
+        "blend_weight": min(max(weight, 0.0), 1.0),  # as Mitsuba
+        "other": (replace(nodes[1]), rows[1]),
+    }
+
+
+def both(row: Row) -> list[Row]:
+    """The rows of a bsdf: two of a blend."""
+    return [row, row["other"][1]] if "other" in row else [row]
+
+
 def _principled(node: Node, values: dict[str, Any]) -> Row:
     """The index and the kind: one that lets light through is another, of an index other than 1."""
-    eta, specular, open_ = (values[name] for name in ("eta", "specular", "spec_trans"))
+    eta, specular = values["eta"], values["specular"]
+    open_ = values["spec_trans"] or any(item.name == "spec_trans" for item in node.children)
     if eta is not None and specular is not None:
         raise SceneError(
             f"{node}: both eta and specular given, expected one of them",

@@ -13,7 +13,7 @@ import logging
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from ..errors import SceneError
 from ..numeric import MAX_COORDINATE
 from . import ply, serialized
 from .node import Node, quoted, read_bytes, shorten
+from .plugins import mesh_attribute
 from .ply import MeshFileError
 
 Array = npt.NDArray[Any]
@@ -38,12 +39,21 @@ _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 class Mesh:
     """vertices (V, 3) float64, triangles (T, 3) int64; normals (V, 3) float64 of the file, of any
     length, and texture coordinates uv (V, 2) float64 as they stand in the file: zero rows for
-    vertices without, None for a file without any."""
+    vertices without, None for a file without any. attributes: (V or T, 1 or 3) float64 by names
+    that begin with vertex_ or face_."""
 
     vertices: Array
     triangles: Array
     normals: Array | None
     uv: Array | None = None
+    attributes: dict[str, Array] = field(default_factory=dict)
+
+    def of_vertices(self, rows: Array) -> dict[str, Array]:
+        """The attributes where the vertices are these rows of the ones now."""
+        return {
+            name: values[rows] if name.startswith("vertex_") else values
+            for name, values in self.attributes.items()
+        }
 
 
 _Arrays = tuple[Array, Array, Array | None, Array | None]
@@ -56,13 +66,22 @@ def barycentric(mesh: Mesh, corners: Array) -> Mesh:
     uv = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])[place].reshape(-1, 2)
     used = mesh.triangles.ravel()
     normals = None if mesh.normals is None else mesh.normals[used]
-    return Mesh(mesh.vertices[used], np.arange(len(used)).reshape(-1, 3), normals, uv)
+    triangles = np.arange(len(used)).reshape(-1, 3)
+    return Mesh(mesh.vertices[used], triangles, normals, uv, mesh.of_vertices(used))
 
 
 def read(
-    path: Path, kind: str, where: str, index: int = 0, files: dict[Path, bytes] | None = None
+    path: Path,
+    kind: str,
+    where: str,
+    index: int = 0,
+    files: dict[Path, bytes] | None = None,
+    *,
+    attributes: bool = False,
 ) -> Mesh:
     """A mesh file; kind: "obj", "ply", "stl" or "serialized", with the mesh `index` of that file.
+
+    attributes: they are wanted, which PLY alone has.
 
     files: holds the content of the file that was read last, for shapes in a row that share one.
 
@@ -77,11 +96,13 @@ def read(
     data = files[path]
     name = f'"filename" = {shorten(str(path))}'
     try:
-        if kind == "serialized":
+        if kind == "ply":
+            mesh = Mesh(*ply.read(data, attributes=attributes))
+        elif kind == "serialized":
             mesh = Mesh(*serialized.read(data, index))
         else:
             readers: dict[str, Callable[[bytes], _Arrays]]
-            readers = {"obj": _obj, "ply": ply.read, "stl": _stl}
+            readers = {"obj": _obj, "stl": _stl}
             mesh = Mesh(*readers[kind](data))
     except MeshFileError as error:
         raise SceneError(f"{name}{error}", where) from None
@@ -96,6 +117,8 @@ def given(node: Node) -> Mesh:
         value = node.values.get(name)
         if value is None:
             return None
+        if not width:  # one or three numbers
+            width = 1 if value.value.shape[1:] == (1,) else 3
         try:
             return numeric.array(f'{node}: "{name}"', value.value, dtype, (None, width))
         except SceneError as error:
@@ -104,10 +127,18 @@ def given(node: Node) -> Mesh:
     vertices, triangles = array("vertices", np.float64, 3), array("faces", np.int64, 3)
     assert vertices is not None and triangles is not None  # they are required
     mesh = Mesh(vertices, triangles, array("normals", np.float64, 3), array("uv", np.float64, 2))
-    for name, values in (("normals", mesh.normals), ("uv", mesh.uv)):
-        if values is not None and len(values) != len(vertices):
+    for name in node.values:
+        if mesh_attribute(node, name):
+            values = array(name, np.float64, 0)
+            assert values is not None
+            mesh.attributes[name] = values
+    for name, values in {"normals": mesh.normals, "uv": mesh.uv, **mesh.attributes}.items():
+        of, rows = "vertices", len(vertices)
+        if name.startswith("face_"):
+            of, rows = "faces", len(triangles)
+        if values is not None and len(values) != rows:
             raise SceneError(
-                f'{node}: "{name}" has {len(values)} rows for {len(vertices)} vertices',
+                f'{node}: "{name}" has {len(values)} rows for {rows} {of}',
                 node.values[name].where,
             )
     _check(mesh, str(node), node.where)

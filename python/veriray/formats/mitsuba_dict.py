@@ -7,7 +7,8 @@ arrays or objects with a `matrix` attribute, images as arrays (H, W, C), {"type"
 "scene.white.reflectance".
 
 Beyond Mitsuba: {"type": "mesh", "vertices": (V, 3), "faces": (T, 3)} with "uv": (V, 2) and
-"normals": (V, 3) if wanted. A trimesh.Trimesh stands for such a dictionary with its vertices, faces
+"normals": (V, 3) if wanted, and attributes "vertex_...": (V, 1 or 3) and "face_...": (T, 1 or 3).
+A trimesh.Trimesh stands for such a dictionary with its vertices, faces
 and texture coordinates; "mesh": a trimesh.Trimesh stands for these arrays in one.
 """
 
@@ -25,7 +26,7 @@ from ..errors import SceneError
 from . import spectra
 from .known import category, missing
 from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
-from .plugins import PLUGINS
+from .plugins import PLUGINS, mesh_attribute
 from .report import Report
 
 _ARRAYS = {
@@ -73,7 +74,7 @@ def _add(key: Any, content: Mapping[str, Any], node: Node, tree: Tree, depth: in
     if node.plugin == "mesh" and key == "mesh" and isinstance(value, Mapping):
         _fill({k: v for k, v in value.items() if k not in content}, node, tree, depth)
         return
-    if key in _ARRAYS.get(node.plugin, ()):
+    if key in _ARRAYS.get(node.plugin, ()) or mesh_attribute(node, key):
         node.values[key] = Value("array", _array(value, where), where)
         return
     item = _convert(value, where, tree)

@@ -27,6 +27,7 @@ from ..columns import (
 from ..numeric import MAX_COORDINATE
 from ..settings import SETTINGS
 from .metals import NAMES
+from .node import Node
 from .spectra import PLUGINS as SPECTRA
 
 REQUIRED = object()
@@ -108,7 +109,7 @@ _PLACED = {
     "flip_normals": Param("boolean", False, doc="swap front and back"),
 }
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
-_TEXTURES = ("bitmap", "checkerboard")
+_TEXTURES = ("bitmap", "checkerboard", "mesh_attribute")
 _OPAQUE = (*OPAQUE_KINDS, "pplastic")
 _MEDIA = ("homogeneous", "heterogeneous")
 _VOLUMES = ("gridvolume", "constvolume")
@@ -121,7 +122,8 @@ _UNMASKED = (
     "circular",
     "retarder",
 )
-_BSDFS = (*_UNMASKED, "mask")
+_UNBLENDED = (*_UNMASKED, "mask")
+_BSDFS = (*_UNBLENDED, "blendbsdf")
 _SHAPES = (
     "mesh",
     "obj",
@@ -461,7 +463,13 @@ PLUGINS: dict[str, Plugin] = {
         "up to 7.6e-5 of the radius thinner, area 2.6e-5 smaller",
     ),
     "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
-    "ply": Plugin("shape", {**_MESH, **_flip_uv(False)}, _ON_SHAPES, doc="Stanford PLY"),
+    "ply": Plugin(
+        "shape",
+        {**_MESH, **_flip_uv(False)},
+        _ON_SHAPES,
+        doc="Stanford PLY; attributes vertex_color of red, green, blue or r, g, b, vertex_foo of "
+        "foo_0, foo_1, foo_2 (or x, y, z; 1, 2, 3) or foo_0; of faces face_color and face_foo",
+    ),
     "stl": Plugin(
         "shape",
         {name: param for name, param in _MESH.items() if name != "max_smooth_angle"}
@@ -480,7 +488,8 @@ PLUGINS: dict[str, Plugin] = {
             **{name: param for name, param in _MESH.items() if name != "filename"},
         },
         _ON_SHAPES,
-        doc="arrays of a dictionary, not of a file; not in Mitsuba",
+        doc="arrays of a dictionary, not of a file; also attributes vertex_... (V, 1 or 3) and "
+        "face_... (T, 1 or 3); not in Mitsuba",
     ),
     "serialized": Plugin(
         "shape",
@@ -569,10 +578,25 @@ PLUGINS: dict[str, Plugin] = {
     "mask": Plugin(
         "bsdf",
         {"opacity": Param(GREY, 0.5, **_SHARE, doc="share that is there", column="opacity")},
-        {"bsdf": (_UNMASKED, 1, 1)},
+        {"bsdf": ((*_UNMASKED, "blendbsdf"), 1, 1)},
         doc="partly transparent",
     ),
-    "twosided": Plugin("bsdf", {}, {"bsdf": (_OPAQUE, 1, 1)}, doc="both sides reflect"),
+    "blendbsdf": Plugin(
+        "bsdf",
+        {
+            "weight": Param(
+                GREY,
+                None,
+                doc="share of the second bsdf, required; below 0 as 0, above 1 as 1",
+                column="blend_weight",
+            )
+        },
+        {"bsdf": (_UNBLENDED, 2, 2)},
+        doc="the first bsdf in part, the second for the rest, in the order of the file",
+    ),
+    "twosided": Plugin(
+        "bsdf", {}, {"bsdf": ((*_OPAQUE, "blendbsdf"), 1, 1)}, doc="both sides reflect"
+    ),
     "bitmap": Plugin(
         "texture",
         {
@@ -603,6 +627,14 @@ PLUGINS: dict[str, Plugin] = {
             "to_uv": _TO_UV,
         },
         doc="two by two fields a unit of u and v, color0 next to the origin",
+    ),
+    "mesh_attribute": Plugin(
+        "texture",
+        {
+            "name": Param("string", REQUIRED, doc="begins with vertex_ or face_; see ply and mesh"),
+            "scale": Param("float", 1.0, doc="factor on the numbers, in [0, 1] with it"),
+        },
+        doc="numbers of a mesh, interpolated between vertices; one or three of them",
     ),
     "homogeneous": Plugin(
         "medium",
@@ -742,6 +774,12 @@ for _name, _plugin in PLUGINS.items():
     elif _plugin.category == "shape":
         _plugin.noted["silhouette_sampling_weight"] = _DERIVATIVES
 CATEGORIES = tuple(dict.fromkeys(plugin.category for plugin in PLUGINS.values()))
+
+
+def mesh_attribute(node: Node, name: str) -> bool:
+    """Whether a value of this name is an attribute of a mesh of a dictionary."""
+    known = PLUGINS["mesh"].params
+    return node.plugin == "mesh" and name not in known and name.startswith(("vertex_", "face_"))
 
 
 def texturable() -> list[str]:

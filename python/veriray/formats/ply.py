@@ -6,7 +6,7 @@ import contextlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, groupby
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,9 @@ _TYPES = {
 }  # fmt: skip
 _UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))  # as Mitsuba
 _INDICES = ("vertex_indices", "vertex_index")
+_COLOUR = (("r", "g", "b"), ("red", "green", "blue"))
+#: Ends of the names of an attribute's numbers.
+_ENDS = [list(ends) for ends in ("xyz", "rgb", "012", "123", "x", "r", "0", "1")]
 _MAX_WORD = 1000  # characters of a number
 
 
@@ -37,9 +40,11 @@ class _Element:
     properties: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
-def read(data: bytes) -> tuple[Array, Array, Array | None, Array | None]:
+def read(
+    data: bytes, *, attributes: bool = False
+) -> tuple[Array, Array, Array | None, Array | None, dict[str, Array]]:
     """Vertices (V, 3) float64, triangles (T, 3) int64; vertex normals (V, 3) and texture
-    coordinates (V, 2), or None.
+    coordinates (V, 2), or None; if wanted, the other numbers by Mitsuba's names: (V or T, 1 or 3).
 
     Raises MeshFileError for anything but a header with vertex x, y, z and face vertex_indices (or
     vertex_index) and exactly the data that it states.
@@ -63,7 +68,33 @@ def read(data: bytes) -> tuple[Array, Array, Array | None, Array | None]:
     if "face" in found and name is None:
         raise MeshFileError(": the faces have no list vertex_indices")
     uv = next((uv for names in _UV if (uv := _columns(vertex, *names)) is not None), None)
-    return vertices, _fans(face[name] if name else []), normals, uv
+    lists = face[name] if name else []
+    triangles, more = _fans(lists), {}
+    if attributes:
+        more = {f"vertex_{key}": values for key, values in _attributes(vertex).items()}
+        parts = [len(corners) - 2 for corners in lists]
+        for key, values in _attributes(face).items():
+            more[f"face_{key}"] = np.repeat(values, parts, axis=0)
+    return vertices, triangles, normals, uv, more
+
+
+def _attributes(element: dict[str, Any]) -> dict[str, Array]:
+    """Attributes of an element (rows, 1 or 3): r, g and b are "color", and of others those that
+    stand side by side belong together if they differ after the last underscore alone."""
+    found: dict[str, Array] = {}
+    colour = next((c for names in _COLOUR if (c := _columns(element, *names)) is not None), None)
+    if colour is not None:
+        found["color"] = colour
+    names = [name for name in element if "_" in name]
+    for prefix, part in groupby(names, lambda name: name.rpartition("_")[0]):
+        group = list(part)
+        ends = [name.rpartition("_")[2] for name in group]
+        if prefix and ends in _ENDS:
+            key = f"{prefix}_color" if ends[0] == "r" else prefix
+            values = _columns(element, *group)
+            if values is not None:
+                found.setdefault(key, values)
+    return found
 
 
 def _columns(vertex: dict[str, Any], *names: str) -> Array | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,6 +16,7 @@ from ..errors import SceneError, SceneWarning
 from ..numeric import MAX_COORDINATE, determinant, mirrors
 from . import creases, cylinder, mesh
 from .node import Node, shorten
+from .textures import Attribute
 
 Array = npt.NDArray[Any]
 _DIELECTRICS = [
@@ -46,6 +47,7 @@ _FLAT = {
     "rectangle": (_QUAD, _QUAD_FACES, _QUAD_UV),
     "cube": (_CUBE, _CUBE_FACES, _CUBE_UV),
 }
+_WITH_ATTRIBUTES = ("ply", "mesh")
 _CHUNK = 256  # shapes that are placed together
 #: What instances may add to a scene, which holds each as shapes of its own; a triangle takes
 #: BYTES_A_TRIANGLE of a device, its tree included.
@@ -61,8 +63,11 @@ class Shapes:
 
     TABLES = ("vertices", "triangles", "spheres", "disks")
 
-    def __init__(self, textured: Collection[int] = ()) -> None:
-        self.textured = textured  # materials with textures
+    def __init__(self, textured: Mapping[int, list[Attribute]] | None = None) -> None:
+        #: materials with textures: what they read from meshes
+        self.textured = {} if textured is None else textured
+        #: of meshes that such a material is on: first vertex and triangle, node, mesh, attributes
+        self.attributed: list[tuple[int, int, Node, mesh.Mesh, list[Attribute]]] = []
         self.names: list[str] = []
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
             name: [] for name in _FLAT
@@ -129,6 +134,13 @@ class Shapes:
         matrix of both."""
         node, values, row, _ = surface
         plugin = node.plugin
+        wanted = self.textured.get(row[0])
+        if wanted and plugin not in _WITH_ATTRIBUTES:
+            raise SceneError(
+                f"{node}: its material reads {shorten(wanted[0].name)}; allowed: on "
+                f"{' and '.join(_WITH_ATTRIBUTES)}",
+                node.where,
+            )
         flip, matrix = values["flip_normals"], instance[2] if instance else values["to_world"]
         kind = "triangle"
         if plugin == "sphere":
@@ -203,6 +215,18 @@ class Shapes:
                 result[f"{kind}_{name}"] = values
         return result
 
+    def attribute(self, name: str, scale: float, count: int) -> Array:
+        """The rows (count, 3) float32 of an attribute for all vertices or triangles, zero for those
+        of meshes that do not show it; raises SceneError as `Attribute.of`."""
+        rows = np.zeros((count, 3), np.float32)
+        for vertex, triangle, node, found, wanted in self.attributed:
+            first = vertex if name.startswith("vertex_") else triangle
+            for one in wanted:
+                if (one.name, one.scale) == (name, scale):
+                    values = one.of(node, found)
+                    rows[first : first + len(values)] = values
+        return rows
+
     def _room(self, vertices: int, triangles: int) -> tuple[int, int]:
         """Numbers of the first vertex and triangle of a shape that has so many."""
         place = self.vertex_count, self.triangle_count
@@ -222,12 +246,16 @@ class Shapes:
         place = self._room(len(found.vertices), len(found.triangles))
         node, moved, _ = instance or (surface[0], None, None)
         self.meshes.append((*place, node, found, moved))
+        wanted = self.textured.get(surface[2][0])
+        if wanted:
+            self.attributed.append((*place, surface[0], found, wanted))
 
     def _prepared(self, surface: Surface) -> mesh.Mesh:
         """A mesh after its to_world, front where it belongs; normals of unit length or None."""
         node, values, _, solid = surface
         matrix, normals = values["to_world"], None
-        loaded, name = self._loaded(node, values)
+        wanted = bool(self.textured.get(surface[2][0]))
+        loaded, name = self._loaded(node, values, wanted)
         if node.plugin == "cylinder":
             self.cylinders.append(node)
             matrix = cylinder.matrix(node, values, matrix)
@@ -238,7 +266,8 @@ class Shapes:
                 raise SceneError(
                     f"{node}: both face_normals and max_smooth_angle given", node.where
                 )
-            loaded = creases.split(mesh.Mesh(vertices, faces, None, loaded.uv), angle)
+            whole = mesh.Mesh(vertices, faces, None, loaded.uv, loaded.attributes)
+            loaded = creases.split(whole, angle)
             vertices, faces = loaded.vertices, loaded.triangles
         if (flat or loaded.normals is None) and determinant(matrix) < 0:
             faces = faces[:, ::-1]  # a mirror keeps the front in front
@@ -260,13 +289,18 @@ class Shapes:
         uv = loaded.uv
         if uv is not None and values.get("flip_tex_coords"):
             uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
-        found = mesh.Mesh(vertices, faces, normals, uv)
+        found = mesh.Mesh(vertices, faces, normals, uv, loaded.attributes)
         if uv is None and surface[2][0] in self.textured:
             return mesh.barycentric(found, loaded.triangles)
         return found
 
-    def _loaded(self, node: Node, values: dict[str, Any]) -> tuple[mesh.Mesh, tuple[str, ...]]:
-        """The mesh of a shape, and where it is named and how; no name for one that is made."""
+    def _loaded(
+        self, node: Node, values: dict[str, Any], wanted: bool
+    ) -> tuple[mesh.Mesh, tuple[str, ...]]:
+        """The mesh of a shape, and where it is named and how; no name for one that is made.
+
+        wanted: its attributes are.
+        """
         if node.plugin == "cylinder":
             return cylinder.unit(), ()
         if node.plugin == "mesh":
@@ -274,7 +308,7 @@ class Shapes:
         where = node.values["filename"].where
         path = Path(node.folder) / values["filename"]
         index = values.get("shape_index", 0)
-        loaded = mesh.read(path, node.plugin, where, index, self.files)
+        loaded = mesh.read(path, node.plugin, where, index, self.files, attributes=wanted)
         return loaded, (where, f"{shorten(str(path))} ")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..columns import TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
 from ..errors import SceneError
 from . import images, materials
+from .mesh import Mesh
 from .node import Node, Ref, Value, shorten
 from .plugins import PLUGINS, texturable
 from .report import Report
@@ -59,12 +60,15 @@ class Texels:
         """The row of a texture, made once; values: its checked parameters."""
         found = self.rows.get(id(node))  # the caller keeps the node, and so its id
         if found is None:
-            matrix = np.eye(4) if values["to_uv"] is None else values["to_uv"]
-            found = {
-                "texture_kind": TEXTURE_KINDS.index(node.plugin),
-                "texture_to_uv": matrix[:2][:, [0, 1, 3]].tolist(),
-                **materials.filled(node, values),
-            }
+            if node.plugin == "mesh_attribute":
+                found = _attribute(node, values)
+            else:
+                matrix = np.eye(4) if values["to_uv"] is None else values["to_uv"]
+                found = {
+                    "texture_kind": TEXTURE_KINDS.index(node.plugin),
+                    "texture_to_uv": matrix[:2][:, [0, 1, 3]].tolist(),
+                    **materials.filled(node, values),
+                }
             if node.plugin == "bitmap":
                 found |= self._bitmap(node, values)
             self.rows[id(node)] = found
@@ -110,6 +114,60 @@ class Texels:
             "texture_grey": channels == 1,
             "texture_first": first,
         }
+
+
+@dataclass(eq=False)
+class Attribute:
+    """What a texture reads from meshes. single: where one number of it is wanted, "" if nowhere."""
+
+    name: str
+    scale: float
+    single: str = ""
+
+    def of(self, node: Node, found: Mesh) -> Array:
+        """Its rows (V or T, 3) float32 for the mesh of a shape.
+
+        Raises SceneError if the mesh has no such attribute, or it holds other numbers than Mitsuba
+        would read or than a texture may.
+        """
+        values = found.attributes.get(self.name)
+        if values is None:
+            raise SceneError(
+                f"{node}: its material reads {shorten(self.name)}, which the mesh has not; "
+                f"it has: {', '.join(map(shorten, found.attributes)) or 'no attributes'}",
+                node.where,
+            )
+        if self.single and values.shape[1] != 1:
+            raise SceneError(
+                f"{node}: {shorten(self.name)} has {values.shape[1]} numbers, expected one for "
+                f"what stands at {self.single}",
+                node.where,
+            )
+        with np.errstate(all="ignore"):
+            rows: Array = (values * self.scale).astype(np.float32)
+        bad = np.argwhere(~((rows >= 0) & (rows <= 1)))
+        if len(bad):
+            row, column = (int(i) for i in bad[0])
+            raise SceneError(
+                f"{node}: {shorten(self.name)} holds {values[row, column]:g} in row {row}; times "
+                f"scale = {self.scale:g} it must be in [0, 1] (numbers of 0 to 255 take the scale "
+                "0.00392156862745098)",
+                node.where,
+            )
+        return np.broadcast_to(rows, (len(rows), 3))
+
+
+def _attribute(node: Node, values: dict[str, Any]) -> materials.Row:
+    name = values["name"]
+    if not name.startswith(("vertex_", "face_")):
+        raise SceneError(
+            f'{node}: "name" = {shorten(name)}; expected one that begins with vertex_ or face_',
+            node.values["name"].where,
+        )
+    return {
+        "texture_kind": TEXTURE_KINDS.index(f"{name.partition('_')[0]}_attribute"),
+        "attribute": Attribute(name, values["scale"]),
+    }
 
 
 def packed(texels: Array) -> Array:

@@ -12,7 +12,7 @@ from ..errors import SceneError
 from ..numeric import check_matrix
 from . import spectra
 from .node import Node, Value, allowed, shorten
-from .plugins import COLOUR, GREY, IOR, IORS, PLUGINS, REQUIRED, Param, Plugin
+from .plugins import COLOUR, GREY, IOR, IORS, PLUGINS, REQUIRED, Param, Plugin, mesh_attribute
 from .report import Listed, Report
 
 _DEFAULTS: dict[str, dict[str, Any]] = {}  # of the plugins met without a parameter
@@ -35,7 +35,7 @@ def check(node: Node, report: Report | None = None, *, every: bool = False) -> d
         try:
             if name in plugin.params:
                 result[name] = _given(node, name, plugin.params[name], report)
-            else:
+            elif not mesh_attribute(node, name):
                 _without_effect(node, name, plugin, report)
         except SceneError as error:
             if not every:

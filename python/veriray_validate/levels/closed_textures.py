@@ -148,3 +148,52 @@ def plane_with_holes(t: Trial, window: str, light: str) -> None:
     ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, white)
     eye = view([0, 0, 3], [0, 0, 0], 2 * half)
     t.agrees(scene(eye, holes, ground, sun, max_depth=2), share, 2_000_000, sees=0.005)
+
+
+#: Vertices of a mesh that its picture, the square of half side 1 about (0, 0), does not show whole.
+CORNERS = np.array([[-3, -2], [2, -3], [3, 3], [-2, 2], [0.3, -0.2]], np.float64)
+FACES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+
+
+def on_mesh(values: Array, of: str, side: int = 2000) -> Array:
+    """The mean (3,) over the square of numbers of vertices or faces, by midpoints, which miss
+    edges of faces by 1e-4 at most."""
+    ticks = (np.arange(side) + 0.5) * 2 / side - 1
+    x, y = np.meshgrid(ticks, ticks)
+    total = np.zeros(3)
+    for number, corners in enumerate(FACES):
+        (ax, ay), (bx, by), (cx, cy) = CORNERS[corners]
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        b = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
+        c = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
+        inside = (b >= 0) & (c >= 0) & (b + c < 1)
+        if of == "face":
+            total += inside.sum() * values[number]
+            continue
+        for weight, corner in zip((1 - b - c, b, c), corners, strict=True):
+            total += weight[inside].sum() * values[corner]
+    return total / side**2
+
+
+@case(3, each={"of": ("vertex", "face"), "tree": (False, True), "one": (False, True)})
+def plane_with_attributes(t: Trial, of: str, tree: bool, one: bool) -> None:
+    """A plane of triangles with numbers of its vertices or faces in a sky of 1: their mean.
+
+    tree: below other spheres, too many to be tested one by one. one: a number each. Sees 1 %.
+    """
+    values = t.rng.random((len(CORNERS if of == "vertex" else FACES), 1 if one else 3))
+    name = f"{of}_color"
+    mesh = {
+        "type": "mesh",
+        "vertices": np.column_stack([CORNERS, np.zeros(len(CORNERS))]),
+        "faces": FACES,
+        name: values,
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": name}},
+    }
+    half = math.degrees(math.atan(1 / 3))
+    balls = [
+        {"type": "sphere", "center": [0.1 * k, 0.0, -1.0], "radius": 0.05} for k in range(99 * tree)
+    ]
+    shown = scene(view([0, 0, 3], [0, 0, 0], 2 * half), mesh, *balls, sky(1), max_depth=2)
+    exact = on_mesh(np.broadcast_to(values, (len(values), 3)), of)
+    t.agrees(shown, exact, 2_000_000, sees=0.01, margin=2e-4)

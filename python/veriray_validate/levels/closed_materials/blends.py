@@ -1,0 +1,113 @@
+"""Blends of two materials: what they reflect and let through is the weighted sum of both."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from veriray_validate.dicts import (
+    BLACK,
+    MIRROR,
+    NULL,
+    Dict,
+    diffuse,
+    flat,
+    glass,
+    masked,
+    rgb,
+    scene,
+    sky,
+    sphere,
+    view,
+)
+from veriray_validate.fresnel import fresnel, fresnel_conductor
+from veriray_validate.levels.closed_materials.rough import LIT, plate, rough
+from veriray_validate.rough import share
+from veriray_validate.trial import Trial, case
+
+MU, ALPHA, ETA, BELOW, WEIGHT = 0.6, 0.4, 1.5, 3.0, 0.3
+
+
+def blend(first: Dict, second: Dict, weight: object = WEIGHT) -> Dict:
+    """Two materials in one; weight: of the second."""
+    return {"type": "blendbsdf", "weight": weight, "first": first, "second": second}
+
+
+def metal(mu: float) -> float:
+    """What gold-like metal reflects of light at a cosine."""
+    return fresnel_conductor(mu, complex(0.2, 3.0))
+
+
+def materials() -> dict[str, tuple[Dict, float]]:
+    """Materials, and their radiance at the cosine MU in light of 1 above and BELOW underneath."""
+    shown = {"type": "conductor", "eta": 0.2, "k": 3.0}
+    f = float(fresnel(MU, ETA))
+    facets = share(MU, ALPHA, True, lambda c: fresnel(c, ETA))
+    facets += BELOW / ETA**2 * share(MU, ALPHA, True, lambda c: fresnel(c, ETA), ETA)
+    grey = diffuse(0.6)
+    return {
+        "matt": (grey, 0.6),
+        "metal": (shown, metal(MU)),
+        "rough metal": (
+            rough(ALPHA, True, shown), share(MU, ALPHA, True, np.vectorize(metal))
+        ),
+        "glass": (glass(ETA), f + (1 - f) * BELOW / ETA**2),
+        "rough glass": (rough(ALPHA, True, glass(ETA)), facets),
+        "nothing": (NULL, BELOW),
+        "holes": (masked(0.2, grey), 0.2 * 0.6 + 0.8 * BELOW),
+        "few holes": (masked(0.9, MIRROR), 0.9 + 0.1 * BELOW),
+    }  # fmt: skip
+
+
+PAIRS = (
+    ("matt", "rough metal"), ("rough metal", "matt"), ("matt", "metal"), ("glass", "matt"),
+    ("matt", "rough glass"), ("rough metal", "rough glass"), ("nothing", "matt"),
+    ("holes", "few holes"), ("holes", "glass"),
+)  # fmt: skip
+
+
+@case(3, each={"pair": PAIRS, "lit": LIT, "textured": (False, True)},
+      quick=lambda pair, lit, textured: textured == (lit == "sky"))  # fmt: skip
+def plate_of_two(t: Trial, pair: tuple[str, str], lit: str, textured: bool) -> None:
+    """A plate of two materials over a lamp: the weighted sum of what each gives alone. Sees 1 %.
+
+    Each alone by closed forms and quadrature. With lamps, light samples compete.
+    """
+    (first, a), (second, b) = (materials()[name] for name in pair)
+    board: object = {"type": "checkerboard", "color0": WEIGHT, "color1": WEIGHT}
+    bsdf = blend(first, second, board if textured else WEIGHT)
+    t.agrees(plate(bsdf, MU, lit, BELOW), (1 - WEIGHT) * a + WEIGHT * b, 600_000, sees=0.01)
+
+
+@case(3, each={"of": ("nothing", "pane", "holes"), "around": (False, True)})
+def shadow_of_two(t: Trial, of: str, around: bool) -> None:
+    """A blend of black and what lets light through, between the sun and what is seen. Sees 1 %.
+
+    around: the blend is in a mask, which covers 3 / 4 of either.
+    """
+    f = (ETA - 1) ** 2 / (ETA + 1) ** 2
+    other, through = {
+        "nothing": (NULL, 1.0),
+        "pane": (glass(ETA, kind="thindielectric"), 1 - 2 * f / (1 + f)),
+        "holes": (masked(0.25, BLACK), 0.75),
+    }[of]
+    exact, opacity = WEIGHT * through, 0.75
+    bsdf = blend(BLACK, other)
+    if around:
+        if of == "holes":
+            bsdf, exact = blend(BLACK, NULL), WEIGHT
+        bsdf, exact = masked(opacity, bsdf), 1 - opacity + opacity * exact
+    sun = {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(math.pi)}
+    holes = flat("rectangle", [0, 0, 4], [0, 0, 1], 9, bsdf)
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(1.0))
+    t.agrees(scene(view([0, 0, 3], [0, 0, 0]), holes, ground, sun, max_depth=2), exact, 20_000,
+             sees=0.01)  # fmt: skip
+
+
+@case(3)
+def furnace_of_two(t: Trial) -> None:
+    """Matt and mirror in one, which lose nothing, in a sky of 1, many bounces: 1. Sees 0.1 %."""
+    ground = flat("rectangle", [0, 0, -1], [0, 0, 1], 50, blend(diffuse(1.0), MIRROR, 0.5))
+    parts = (ground, sphere([0, 0, 0], 1, blend(MIRROR, diffuse(1.0))), sky(1))
+    t.agrees(scene(view([4, 0, 3], [0, 0, 0], 30, 8), *parts), 1.0, 4_000, sees=0.001)

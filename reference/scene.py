@@ -18,6 +18,7 @@ import numpy as np
 from reference.skies import Sky
 
 if TYPE_CHECKING:
+    from reference.relief import Relief
     from reference.textures import Texture
 
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
@@ -88,9 +89,10 @@ class Material:
 
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
-    opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones.
-    texture: in place of a diffuse reflectance. shares: of principled ones, of which the open let
-    light through; their base colour is `reflectance`.
+    opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones; alpha
+    along and across the growth of u. relief: what turns normals, by relief_texture. texture: in
+    place of a diffuse reflectance. shares: of principled ones, of which the open let light through;
+    their base colour is `reflectance`.
     """
 
     kind: str = "diffuse"
@@ -103,9 +105,11 @@ class Material:
     two_sided: bool = False
     nonlinear: bool = False
     texture: Texture | None = None
-    alpha: float = 0.1
+    alpha: tuple[float, float] = (0.1, 0.1)
     distribution: str = "beckmann"
     shares: Mapping[str, float] = field(default_factory=dict)
+    relief: Relief | None = None
+    relief_texture: Texture | None = None
 
 
 @dataclass(frozen=True)

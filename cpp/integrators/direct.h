@@ -2,6 +2,7 @@
 #pragma once
 
 #include "integrators/surface.h"
+#include "integrators/tangents.h"
 
 namespace veriray {
 
@@ -157,6 +158,8 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const V wo = -shadow.ray.d;
         const F side = select(at.front, F(1.f), F(-1.f));
         V ns = at.ns * side;
+        if constexpr (has(kTangents))
+            Tangents<L>::template relieve<Reader>(scene, hit.primitive, at, wo, todo, bsdf, ns);
         F cosine = dot(ns, wo);
         Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
         bsdf.set_view(ns, cosine, at.front);

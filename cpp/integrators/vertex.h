@@ -160,10 +160,21 @@ struct PathVertices : DirectLight<L, kFeatures> {
             if constexpr (has(kMedia))
                 vertex.beyond = Direct::medium_beyond(scene, path, at, valid);
         }
+        const U prim = place.hit.primitive;
+        if constexpr (has(kTangents))
+            Tangents<L>::template relieve<Reader>(scene, prim, at, wo, valid, place.bsdf,
+                                                  vertex.ns);
         F cos_o = dot(vertex.ns, wo);
         if constexpr (has(kSmooth))
             Reader::face_viewer(place.bsdf, wo, vertex.ng, vertex.ns, cos_o);
         place.bsdf.set_view(vertex.ns, cos_o, at.front);
+        if constexpr (has(kTangents))
+            if (scene.tangents) {
+                ClosureView<L>& view = place.bsdf.view;
+                view.tangents = true;
+                view.tangent =
+                    Tangents<L>::template tangent<Reader>(scene, prim, at, valid, vertex.ns);
+            }
         place.pass = no_lanes(valid);
         M covered = valid;
         if constexpr (has(kPass)) {

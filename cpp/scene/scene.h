@@ -175,7 +175,7 @@ class HostScene {
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines;
+        filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines;
     std::vector<uint32_t> surface_of, light_cdf, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
@@ -216,6 +216,7 @@ class HostScene {
     std::array<Double3, 3> corner_uv(const SceneInput& in, const Flat& f) const;
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);
+    void put_tangents(const SceneInput& in, size_t primitive);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);
     void set_surfaces(const SceneInput& in);
@@ -251,6 +252,7 @@ class HostScene {
 // Raises std::invalid_argument for what SceneInput's arrays must not hold.
 void check_input(const SceneInput& in);
 std::string number(double x);
+bool has_tangents(const SceneInput& in, uint32_t material);
 uint32_t padded(size_t n);
 
 }  // namespace veriray

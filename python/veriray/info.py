@@ -36,6 +36,7 @@ FEATURES = {
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
     "textures": "numbers of materials that textures give",
+    "tangents": "slopes by direction, normal and bump maps",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }

@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TABLES, TEXTURABLE, blank_row
+from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
 from . import integrators, materials, textures, views
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
-from .plugins import COLOUR, PLUGINS, STRATIFIED
+from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
 from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
@@ -227,7 +227,7 @@ class _Builder:
             self.shape(shape, shapes)
         for text, place in shapes.notes():
             self.report.note(text, place)
-        textured = bool(self.tables.rows["textures"])
+        textured = bool(self.tables.rows["textures"] or self.textured)
         arrays = {**self.tables.arrays(), **shapes.arrays(with_uv=textured), **self.sky}
         arrays["texels"] = self.texels.array()
         seen = arrays["emissions"] is not None or bool(self.sky) or any(environment)
@@ -361,17 +361,22 @@ class _Builder:
         if row is None:
             if node.plugin == "twosided":
                 row = {**self.material(parts["bsdf"][0]), "two_sided": True}
-                if MATERIAL_KINDS[row["material_kind"]] in OPEN_KINDS.values():
+                row["relief_mirrored"] = row["relief_texture"] >= 0
+                if MATERIAL_KINDS[row["material_kind"]] not in OPAQUE_KINDS:
                     raise SceneError(
                         f"{node} cannot hold a {parts['bsdf'][0].plugin} that lets light through",
                         parts["bsdf"][0].where,
                     )
             elif node.plugin == "mask":
                 row = {**self.material(parts["bsdf"][0]), **materials.filled(node, values)}
+            elif node.plugin in RELIEFS:
+                row = self.material(parts["bsdf"][0]) | materials.filled(node, values)
+                row |= self.relief(node)
             else:
                 row = materials.material(node, values)
-            row |= self.textures(node)
-            if any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE):
+            if node.plugin not in RELIEFS:
+                row |= self.textures(node)
+            if materials.reads_uv(row):
                 self.with_texture.add(id(node))
             self.rows[id(node)] = row
         return row
@@ -395,7 +400,21 @@ class _Builder:
             values = self.check(child)[1]
             rows[item.name] = self.texels.row(child, values)
             columns[column] = self.tables.index("textures", child, rows[item.name])
-        return columns | materials.textured_alpha(node, columns, rows)
+        return columns | materials.textured_alpha(columns, rows)
+
+    def relief(self, node: Node) -> materials.Row:
+        """The columns of the texture that turns normals."""
+        found = [self.resolve(item, node) if isinstance(item, Ref) else item
+                 for item in node.children]  # fmt: skip
+        found = [child for child in found if child.category == "texture"]
+        if len(found) != 1:
+            raise SceneError(f"{node} has {len(found)} textures, expected 1, a bitmap", node.where)
+        heights = node.plugin == "bumpmap"
+        row = self.texels.row(found[0], self.check(found[0])[1])
+        if row["texture_grey"] and not heights:
+            raise SceneError(f"{node}: a grey image holds no normals", found[0].where)
+        texture = self.tables.index("textures", found[0], row)
+        return {"relief_texture": texture, "relief_heights": heights}
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""

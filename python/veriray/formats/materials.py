@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, OPEN_KINDS, blank_row
+from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, OPEN_KINDS, TEXTURABLE, blank_row
 from ..errors import SceneError
 from . import metals
 from .node import Node
@@ -15,6 +15,7 @@ from .plugins import PLUGINS
 
 Row = dict[str, Any]
 BLACK: Row = blank_row("materials")
+_ALPHAS = ("alpha", "alpha_u", "alpha_v")
 _LEAST_ALPHA = 1e-4  # smaller ones are taken for it, as by Mitsuba
 
 
@@ -41,7 +42,7 @@ def material(node: Node, values: dict[str, Any]) -> Row:
                 node.where,
             )
         row["distribution"] = DISTRIBUTIONS.index(values["distribution"])
-        row["alpha_u"] = row["alpha_v"] = _roughness(node, values)
+        row["alpha_u"], row["alpha_v"] = _roughness(node, values)
     return row
 
 
@@ -66,41 +67,37 @@ def _principled(node: Node, values: dict[str, Any]) -> Row:
     return row
 
 
-def _roughness(node: Node, values: dict[str, Any]) -> float:
-    both, u, v = (values[name] for name in ("alpha", "alpha_u", "alpha_v"))
-    given = [name for name in ("alpha", "alpha_u", "alpha_v") if values[name] is not None]
+def _roughness(node: Node, values: dict[str, Any]) -> tuple[float, float]:
+    textures = {item.name for item in node.children}
+    both, u, v = (values[name] for name in _ALPHAS)
+    given = [name for name in _ALPHAS if values[name] is not None or name in textures]
     if given not in ([], ["alpha"], ["alpha_u", "alpha_v"]):
         raise SceneError(
             f"{node}: {' and '.join(given)} given; expected alpha, or both alpha_u and alpha_v",
             node.where,
         )
-    if u != v:
+    if node.plugin == "roughplastic" and u != v:
         raise SceneError(
-            f"{node}: alpha_u = {u:g} and alpha_v = {v:g}: anisotropic roughness is not "
-            "supported; give alpha",
+            f"{node}: alpha_u = {u:g} and alpha_v = {v:g}, but its coat has one alpha; give alpha",
             node.values["alpha_u"].where,
         )
-    alpha = u if both is None else both
-    return 0.1 if alpha is None else max(alpha, _LEAST_ALPHA)
+    u, v = (both if x is None else x for x in (u, v))
+    return tuple(0.1 if x is None else max(x, _LEAST_ALPHA) for x in (u, v))
 
 
-def textured_alpha(node: Node, columns: Row, rows: Row) -> Row:
+def textured_alpha(columns: Row, rows: Row) -> Row:
     """The column of roughness that follows from the others; columns, rows: of the textures given.
+    One texture, or two alike, stand for both directions."""
+    alike = "alpha" in rows or ("alpha_u" in rows and rows["alpha_u"] == rows.get("alpha_v"))
+    return {"alpha_v_texture": columns["alpha_u_texture"]} if alike else {}
 
-    Raises SceneError unless one texture, or two alike, stand for both directions.
-    """
-    names = {"alpha", "alpha_u", "alpha_v"}
-    given = names & rows.keys()
-    if not given:
-        return {}
-    alike = given == {"alpha"} or (len(given) == 2 and rows.get("alpha_u") == rows.get("alpha_v"))
-    if not alike or names & node.values.keys():
-        raise SceneError(
-            f"{node}: alpha_u and alpha_v differ: anisotropic roughness is not supported; give "
-            "alpha, or one texture for both",
-            node.where,
-        )
-    return {"alpha_v_texture": columns["alpha_u_texture"]}
+
+def reads_uv(row: Row) -> bool:
+    """Whether texture coordinates matter on surfaces of a material: it has textures, or depends on
+    the direction in which u grows."""
+    names = (*TEXTURABLE, "relief")
+    textures = [row.get(f"{name}_texture", -1) for name in names]
+    return max(textures) >= 0 or row["alpha_u"] != row["alpha_v"] or row["anisotropic"] > 0
 
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:

@@ -112,7 +112,9 @@ _UNMASKED = (
     "twosided",
     *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values())),
 )
-_BSDFS = (*_UNMASKED, "mask")
+#: Bsdfs that hold another one and turn its normals.
+RELIEFS = ("bumpmap", "normalmap")
+_BSDFS = (*_UNMASKED, "mask", *RELIEFS)
 _SHAPES = (
     "mesh",
     "obj",
@@ -191,8 +193,8 @@ _ROUGH = {
     "alpha": Param(
         "float", None, 0.0, MAX_ALPHA, doc="root mean square slope; 0.1; below 1e-4 as 1e-4"
     ),
-    "alpha_u": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_v, equal to it, for alpha"),
-    "alpha_v": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_u"),
+    "alpha_u": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_v, for alpha: along u"),
+    "alpha_v": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_u: across u"),
     "sample_visible": Param("boolean", True, doc="changes no expectation and nothing here"),
 }
 #: A rough coat has tables for its one alpha.
@@ -208,10 +210,25 @@ _PRINCIPLED = {
         name: Param(GREY, default, **_SHARE, doc=doc, column=name)
         for name, (default, doc) in PRINCIPLED.items()
     },
-    "anisotropic": Param("float", 0.0, choices=(0.0,), doc="slopes are alike in all directions"),
     "eta": Param("float", None, 1 / MAX_IOR, MAX_IOR, doc="index inside over outside; or specular"),
     "specular": Param("float", None, **_SHARE, doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"),
 }
+
+
+def _relief(doc: str, **params: Param) -> Plugin:
+    flips = "turn normals that look away from the viewer the other way about the surface's"
+    return Plugin(
+        "bsdf",
+        {
+            **params,
+            "flip_invalid_normals": Param("boolean", True, doc=flips, column="relief_flips"),
+            "use_shadowing_function": Param(
+                "boolean", True, doc="less light from grazing directions", column="relief_shades"
+            ),
+        },
+        {"bsdf": ((*_UNMASKED, "mask"), 1, 1)},
+        doc=doc,
+    )
 
 
 def _setting(name: str, doc: str) -> Param:
@@ -514,10 +531,23 @@ PLUGINS: dict[str, Plugin] = {
     "mask": Plugin(
         "bsdf",
         {"opacity": Param(GREY, 0.5, **_SHARE, doc="share that is there", column="opacity")},
-        {"bsdf": (_UNMASKED, 1, 1)},
+        {"bsdf": ((*_UNMASKED, *RELIEFS), 1, 1)},
         doc="partly transparent",
     ),
-    "twosided": Plugin("bsdf", {}, {"bsdf": (OPAQUE_KINDS, 1, 1)}, doc="both sides reflect"),
+    "twosided": Plugin(
+        "bsdf", {}, {"bsdf": ((*OPAQUE_KINDS, *RELIEFS), 1, 1)}, doc="both sides reflect"
+    ),
+    "bumpmap": _relief(
+        "normals turned as if the surface were raised by the heights of a bitmap, its texture of "
+        "any name; bilinear ones alone have slopes",
+        scale=Param(
+            "float", 1.0, -1e6, 1e6, doc="world units for a height of 1", column="relief_scale"
+        ),
+    ),
+    "normalmap": _relief(
+        "normals n by the colours (n + 1) / 2 of a bitmap, its texture normalmap: x along u, z the "
+        "surface's own"
+    ),
     "bitmap": Plugin(
         "texture",
         {

@@ -47,6 +47,9 @@ SURFACES = {
     "diamond": Principled(WHITE, 2.4, spec_trans=1.0, roughness=0.7),
     "bubble": Principled((0.8,) * 3, 0.8, spec_trans=0.9, roughness=0.6),
     "everything": Principled((0.6,) * 3, 1.7, 0.6, 0.3, 0.5, 0.4, 0.6, 0.5, 0.3, 0.8, 0.1),
+    "brushed metal": Principled((0.7,) * 3, roughness=0.6, metallic=1.0, anisotropic=0.7),
+    "brushed glass": Principled(WHITE, spec_trans=1.0, roughness=0.6, anisotropic=1.0),
+    "finely brushed": Principled((0.3,) * 3, roughness=0.2, metallic=0.5, anisotropic=0.9),
 }  # fmt: skip
 OPEN = tuple(name for name, p in SURFACES.items() if p.open)
 #: A surface and the side that it is seen from.
@@ -91,7 +94,7 @@ def principled_weights(t: Trial, side: str) -> None:
     for angle in ANGLES:
         wo, frame = view(angle)
         cosine = float(wo @ frame[2])
-        alpha = min(p.alpha, p.coat_alpha if p.clearcoat else 1)
+        alpha = min(*p.alphas, p.coat_alpha if p.clearcoat else 1)
         slack = 3e-4 + 3e-7 / (alpha * cosine)
         s = sampled(t, grey(p), front, wo, *random_numbers(t, 4000)[1:])
         t.check(np.isfinite(s), "not finite")

@@ -97,7 +97,8 @@ def turned(
     normal: np.ndarray,
     wo: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The turned normals (3, n) on the front's side, and b (n,); front, normal: ng and ns there."""
+    """The turned normals (3, n) on the front's side, and b (n,), -1 where nothing is turned; front,
+    normal: ng and ns there."""
     relief, texture = material.relief, material.relief_texture
     by_u, by_v = derivatives(geometry, primitive, point)
     x = tangents(by_u, normal)
@@ -123,7 +124,8 @@ def turned(
         b = np.minimum((1 / local[2] ** 2 - 1) / 8, 1)
     if relief.mirrored:
         local[:2] *= np.where(back, -1.0, 1.0)
-    return local[0] * x + local[1] * y + local[2] * normal, b * relief.shades
+    b = np.where((local[:2] == 0).all(axis=0) & (local[2] > 0), -1.0, b * relief.shades)
+    return local[0] * x + local[1] * y + local[2] * normal, b
 
 
 def shade(

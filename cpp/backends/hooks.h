@@ -19,7 +19,7 @@ struct FunctionInfo {
     uint32_t inputs, outputs;  // columns
 };
 
-inline constexpr uint32_t kMaxColumns = 27;
+inline constexpr uint32_t kMaxColumns = 29;
 
 enum class Function : uint32_t {
     kSin2Pi,

@@ -79,9 +79,9 @@ struct Tangents {
         const auto column = [&](uint32_t c) { return Reader::surface_column(scene, at.row, c); };
         const M textured = lanes & (column(kSurfaceRelief) >= F(0.f));
         if (none(textured)) return;
-        bsdf.relief.some = true, bsdf.relief.lanes = textured, bsdf.relief.n = n;
+        bsdf.relief.n = n;
         const Partials d = partials<Reader>(scene, select(lanes, prim, U(0u)), at);
-        bsdf.relief.low = turned(scene, column, d, at, wo, textured, n);
+        turn_normal(scene, column, d, at, wo, textured, n, bsdf.relief);
     }
     // The direction that alpha_u counts along, across n.
     template <class Reader>
@@ -91,11 +91,10 @@ struct Tangents {
     }
 
    private:
-    // Turns the normal n, and returns the squared slope of the shadows on it; column(c): of the
-    // surface.
-    template <class Column>
-    static VR_HD F turned(const SceneView& scene, Column column, const Partials& d,
-                          const Surface<L>& at, V wo, M textured, V& n) {
+    // column(c): of the surface.
+    template <class Column, class Relief>
+    static VR_HD void turn_normal(const SceneView& scene, Column column, const Partials& d,
+                                  const Surface<L>& at, V wo, M textured, V& n, Relief& relief) {
         const V ns = at.ns, s = across(d.u, ns), t = cross(ns, s);
         const U traits = to_uint(column(kSurfaceReliefTraits));
         const auto has = [&](uint32_t trait) { return (traits & U(trait)) == U(trait); };
@@ -129,11 +128,12 @@ struct Tangents {
         const F scale = F(1.f) / sqrt(m2);
         m = select(sound, m * scale, V{F(0.f), F(0.f), F(1.f)});
         const F aside = fma(m.y, m.y, m.x * m.x);
-        const M aslant = (aside > F(0.f)) | (m.z < F(0.f));
+        relief.lanes = (aside > F(0.f)) | (m.z < F(0.f));
+        relief.some = any(relief.lanes);
         const F side = select(behind & !mirrored, F(-1.f), F(1.f));
-        n = select(aslant, renormalised(fma(s, m.x * side, fma(t, m.y * side, n * m.z))), n);
+        n = select(relief.lanes, renormalised(fma(s, m.x * side, fma(t, m.y * side, n * m.z))), n);
         const F slope = F(0.125f) * aside / (m.z * m.z);
-        return select(aslant & has(kReliefShades), min(slope, F(1.f)), F(0.f));
+        relief.low = select(relief.lanes & has(kReliefShades), min(slope, F(1.f)), F(0.f));
     }
 
     // The direction of (x, y) from the origin; +x there.

@@ -1102,12 +1102,13 @@ def relief() -> str:
     sheet = transform(scale(0.6, 0.5, 1), rotate("y", -150), translate(-0.6, 2.0, -0.5))
     coin = transform(scale(0.5), rotate("x", -30), translate(0.4, 0.6, 1.2))
     block = transform(scale(0.35), rotate("y", 30), translate(-0.7, 0.36, 1.5))
-    brush = bsdf("roughconductor", *brushed_by(0.3, 0.1, ggx=True))
+    soft = bsdf("roughconductor", *rough(0.2, ggx=True))
+    brush = bsdf("roughconductor", *brushed_by(0.5, 0.1))
     return (
         sensor() + striped()
-        + shape("sphere", ball, bsdf("bumpmap", weft, number("scale", 0.2), brush))
+        + shape("sphere", ball, bsdf("bumpmap", weft, number("scale", 0.2), soft))
         + shape("rectangle", pane,
-                bsdf("twosided", bsdf("normalmap", dents, diffuse(0.8, 0.6, 0.3))))
+                bsdf("twosided", bsdf("normalmap", dents, brush)))
         + shape("rectangle", sheet, bsdf("normalmap", dents, bsdf("twosided", bsdf("plastic"))))
         + shape("disk", coin, bsdf("bumpmap", weft, number("scale", 0.1), *plain,
                                    bsdf("conductor")))

@@ -31,7 +31,7 @@ def scene(shape: dict[str, Any], bsdf: dict[str, Any], **light: Any) -> veriray.
 
 
 def picture(made: veriray.Scene, spp: int = 4) -> Array:
-    return np.asarray(veriray.render(made, spp=spp, seed=7, device="cpu").mean)
+    return np.asarray(veriray.render(made, spp, seed=7, device="cpu").image)
 
 
 def normalmap(bsdf: dict[str, Any], *normal: float, **more: Any) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def test_the_map_of_the_surface_itself_changes_no_bit(shape: str, bsdf: str) -> 
     )
     assert (plain == mapped).all() and plain.any()
     flat = bumpmap(BSDFS[bsdf], np.full((3, 3), 0.25))
-    assert np.abs(picture(scene(SHAPES[shape], flat)) / plain - 1).max() < 0.05
+    assert (picture(scene(SHAPES[shape], flat)) == plain).mean() > 0.9
 
 
 def lit(bsdf: dict[str, Any], direction: list[float], **shape: Any) -> Array:

@@ -159,7 +159,11 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const F side = select(at.front, F(1.f), F(-1.f));
         V ns = at.ns * side;
         if constexpr (has(kTangents))
-            Tangents<L>::template relieve<Reader>(scene, hit.primitive, at, wo, todo, bsdf, ns);
+            if (scene.tangents) {
+                using Along = Tangents<L>;
+                const auto along = Along::template partials<Reader>(scene, hit.primitive, at, todo);
+                Along::template relieve<Reader>(scene, along, at, wo, todo, bsdf, ns);
+            }
         F cosine = dot(ns, wo);
         Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
         bsdf.set_view(ns, cosine, at.front);

@@ -20,7 +20,8 @@ struct Tangents {
         F per_u, per_v;
     };
     template <class Reader>
-    static VR_HD Partials partials(const SceneView& scene, U prim, const Surface<L>& at) {
+    static VR_HD Partials partials(const SceneView& scene, U prim, const Surface<L>& at, M lanes) {
+        prim = select(lanes, prim, U(0u));
         const U row = prim * U(kTangentFloats);
         const auto number = [&](uint32_t c) { return gather(scene.tangents + c, row); };
         const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
@@ -73,21 +74,13 @@ struct Tangents {
 
     // A surface as seen along wo: turns its normal n, on wo's side, and tells its material.
     template <class Reader, class Material>
-    static VR_HD void relieve(const SceneView& scene, U prim, const Surface<L>& at, V wo, M lanes,
-                              Material& bsdf, V& n) {
-        if (!scene.tangents) return;
+    static VR_HD void relieve(const SceneView& scene, const Partials& d, const Surface<L>& at, V wo,
+                              M lanes, Material& bsdf, V& n) {
         const auto column = [&](uint32_t c) { return Reader::surface_column(scene, at.row, c); };
         const M textured = lanes & (column(kSurfaceRelief) >= F(0.f));
         if (none(textured)) return;
         bsdf.relief.n = n;
-        const Partials d = partials<Reader>(scene, select(lanes, prim, U(0u)), at);
         turn_normal(scene, column, d, at, wo, textured, n, bsdf.relief);
-    }
-    // The direction that alpha_u counts along, across n.
-    template <class Reader>
-    static VR_HD V tangent(const SceneView& scene, U prim, const Surface<L>& at, M lanes, V n) {
-        const Partials d = partials<Reader>(scene, select(lanes, prim, U(0u)), at);
-        return across(across(d.u, at.ns), n);
     }
 
    private:

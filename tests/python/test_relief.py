@@ -77,7 +77,8 @@ def test_the_map_of_the_surface_itself_changes_no_bit(shape: str, bsdf: str) -> 
     )
     assert (plain == mapped).all() and plain.any()
     flat = bumpmap(BSDFS[bsdf], np.full((3, 3), 0.25))
-    assert (picture(scene(SHAPES[shape], flat)) == plain).mean() > 0.9
+    even = picture(scene(SHAPES[shape], flat))
+    assert (np.abs(even - plain) <= 1e-3 * plain).mean() > 0.9
 
 
 def lit(bsdf: dict[str, Any], direction: list[float], **shape: Any) -> Array:

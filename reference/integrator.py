@@ -41,6 +41,7 @@ from reference.materials import (
 )
 from reference.media import Media
 from reference.paths import ABSORBED, CUT, EMITTER, ESCAPED, RR, Paths, Tally, Vertices
+from reference.relief import any_tangent, derivatives, shade, tangents, turned
 from reference.rough import Rough
 from reference.scene import Scene
 from reference.shadows import Shadows
@@ -64,7 +65,7 @@ class Integrator:
         normals = scene.geometry.normals
         self.smooth = np.zeros(len(scene.material), bool)
         self.smooth[: len(normals)] = (normals != 0).any(axis=2).all(axis=1)
-        self.any_smooth = bool(self.smooth.any())
+        self.any_smooth = bool(self.smooth.any() or self.materials.reliefs)
         self.corner_normals = np.ascontiguousarray(normals.transpose(1, 2, 0))
         self.any_shine = bool((scene.emission >= 0).any())
 
@@ -166,9 +167,29 @@ class Integrator:
             live.origin,
             self.scene.material.take(v.primitive),
         )
+        if self.materials.directed:
+            at = np.flatnonzero(v.primitive >= 0)
+            by_u, _ = derivatives(self.scene.geometry, v.primitive[at], live.origin[:, at])
+            v.along = np.zeros((3, len(v.t)))
+            v.along[:, at] = tangents(by_u, v.normal[:, at])
+        if self.materials.reliefs:
+            self.turn_normals(live, v)
         if self.any_smooth:
             away = self.materials.clear.take(v.material) & (v.cosine * v.facing <= 0)
             v.normal[:, away], v.cosine[away] = v.front[:, away], v.facing[away]
+
+    def turn_normals(self, live: Paths, v: Vertices) -> None:
+        """By the textures that do so."""
+        v.own, v.normal = v.normal, v.normal.copy()
+        v.low = np.full(len(v.t), -1.0)
+        scattered = v.primitive < 0
+        for number in self.materials.reliefs:
+            at = np.flatnonzero((v.material == number) & ~scattered)
+            v.normal[:, at], v.low[at] = turned(
+                self.scene.materials[number], self.scene.geometry, v.primitive[at],
+                live.origin[:, at], v.front[:, at], v.own[:, at], -live.direction[:, at],
+            )  # fmt: skip
+        v.cosine = -dot(v.normal, live.direction)
 
     def shading_normals(self, point: np.ndarray, v: Vertices) -> np.ndarray:
         """Normals interpolated over triangles (3, n), unit; ng where they vanish or are none."""
@@ -280,6 +301,10 @@ class Integrator:
             )
             share[rough], use[rough] = 1, use[rough] | behind
             use[rough] &= pdf[rough] > 0
+        if v.own is not None:
+            own, new = (x[:, at] * turn for x in (v.own, v.normal))
+            left = shade(own, new, v.low[at], sample.direction, event == PHASE)
+            share, use = share * left, use & (left > 0)
         use &= sample.pdf > 0
         use = np.flatnonzero(use)
         sample.keep(use)
@@ -315,7 +340,11 @@ class Integrator:
         self.turn(rng, live, v, normal)
         ahead = dot(front, live.direction)
         alive = np.ones(len(ahead), bool)
-        if self.materials.rough:
+        if v.own is not None:
+            passes = (v.event == PASS) | (v.event == PHASE)
+            left = shade(v.own * turn, normal, v.low, live.direction, passes)
+            live.throughput *= left
+        if self.materials.rough or v.own is not None:
             lost = ~(live.throughput > 0).any(axis=0)
             tally.cause[live.path[lost]] = ABSORBED
             alive &= ~lost
@@ -326,6 +355,8 @@ class Integrator:
                 below = np.where(rough, ahead * dot(normal, live.direction) <= 0, below)
             below &= (v.event != PASS) & (v.event != PHASE)
             clear = below & self.materials.clear.take(v.material) & (v.event != ROUGH)
+            if v.own is not None:
+                clear &= v.low < 0
             if len(at := np.flatnonzero(clear)):
                 self.turn_flat(live, v, at, front[:, at], old[:, at])
                 ahead[at] = dot(front[:, at], live.direction[:, at])
@@ -379,9 +410,10 @@ class Integrator:
     def rough_frame(self, v: Vertices, at: np.ndarray) -> np.ndarray:
         """Tangents and the normal towards wo at rough events (3 rows, 3, n)."""
         z = v.normal[:, at] * np.where(v.facing[at] < 0, -1.0, 1.0)
-        aside = np.where(np.abs(z[0]) > 0.7, [[0.0], [1.0], [0.0]], [[1.0], [0.0], [0.0]])
-        x = cross(aside, z)
-        x /= np.sqrt(dot(x, x))
+        if v.along is None:
+            x = any_tangent(z)
+        else:
+            x = tangents(v.along[:, at], z)
         return np.stack([x, cross(z, x), z])
 
     def rough_value(

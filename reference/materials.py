@@ -106,6 +106,10 @@ class Materials:
         for colour, kinds in lobes:
             self.black &= ~(np.isin(self.kind, kinds) & (colour > 0).any(axis=0))
         self.textures = {i: m.texture for i, m in enumerate(materials) if m.texture is not None}
+        self.reliefs = [i for i, m in enumerate(materials) if m.relief is not None]
+        self.directed = any(
+            m.alpha[0] != m.alpha[1] or m.shares.get("anisotropic") for m in materials
+        )
         present = set(self.kind.tolist())
         self.has = {kind: kind in present for kind in range(len(MATERIAL_KINDS))}
         self.masked = bool((self.opacity < 1).any())

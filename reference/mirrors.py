@@ -1,4 +1,7 @@
-"""The small mirrors of rough surfaces: their slopes, their shadows, their choice (``rough.py``)."""
+"""The small mirrors of rough surfaces: their slopes, their shadows, their choice (``rough.py``).
+
+alpha (2, n): along x and y.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from reference.vectors import dot
 def unhidden(w: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
     """Smith's G1 (n,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.abs(w[2]) / (alpha * np.hypot(w[0], w[1]))
+        slope = np.abs(w[2]) / np.hypot(alpha[0] * w[0], alpha[1] * w[1])
         smooth = 2 / (1 + np.sqrt(1 + 1 / slope**2))
         a = np.minimum(slope, 1.6)
         rational = (3.535 * a + 2.181 * a * a) / (1 + 2.276 * a + 2.577 * a * a)
@@ -20,9 +23,9 @@ def unhidden(w: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
 def spread(m: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
     """D (n,), of m above."""
     with np.errstate(divide="ignore", over="ignore"):
-        tangent2 = (m[0] ** 2 + m[1] ** 2) / m[2] ** 2 / alpha**2
+        tangent2 = ((m[0] / alpha[0]) ** 2 + (m[1] / alpha[1]) ** 2) / m[2] ** 2
         gauss = np.exp(-tangent2)
-        slopes = np.where(ggx, 1 / (1 + tangent2) ** 2, gauss) / (np.pi * alpha**2)
+        slopes = np.where(ggx, 1 / (1 + tangent2) ** 2, gauss) / (np.pi * alpha[0] * alpha[1])
         return np.where(slopes > 0, slopes / m[2] ** 4, 0)
 
 
@@ -46,15 +49,16 @@ def normals(
 
 def any_normal(alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Of all mirrors of Beckmann's slopes."""
-    radius, turn = alpha * np.sqrt(-np.log1p(-u)), 2 * np.pi * v
-    m = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.ones_like(u)])
+    radius, turn = np.sqrt(-np.log1p(-u)), 2 * np.pi * v
+    x, y = alpha * radius * [np.cos(turn), np.sin(turn)]
+    m = np.stack([x, y, np.ones_like(u)])
     return m / np.sqrt(dot(m, m))
 
 
 def visible(wo: np.ndarray, alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Of the mirrors of GGX that wo sees."""
     # the slopes of alpha 1 as points of a disc, seen along the stretched wo
-    z = np.stack([alpha * wo[0], alpha * wo[1], wo[2]])
+    z = np.stack([alpha[0] * wo[0], alpha[1] * wo[1], wo[2]])
     z /= np.sqrt(dot(z, z))
     x = np.stack([-z[1], z[0], np.zeros_like(u)])
     length = np.hypot(z[0], z[1])
@@ -65,5 +69,5 @@ def visible(wo: np.ndarray, alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> 
     share = (1 + z[2]) / 2
     b = (1 - share) * np.sqrt(np.maximum(1 - a * a, 0)) + share * b
     m = a * x + b * y + np.sqrt(np.maximum(1 - a * a - b * b, 0)) * z
-    m = np.stack([alpha * m[0], alpha * m[1], np.maximum(m[2], 0)])
+    m = np.stack([alpha[0] * m[0], alpha[1] * m[1], np.maximum(m[2], 0)])
     return m / np.sqrt(dot(m, m))

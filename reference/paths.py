@@ -69,7 +69,8 @@ class Vertices(Columns):
     primitive: -1 for none and in media; t: the segment's length; near: close to a triangle's edge;
     scattered: in a medium (None: nowhere); front, normal: ng and ns (3, n), one array if nothing is
     smooth; facing: dot(ng, wo); cosine: dot(ns, wo); lit: on a light's front (None: no lights);
-    material; event.
+    material; event; along: u grows (None: it does not matter). Where textures turn normals (else
+    None): own, ns without them; low, of their shadows, -1 for none.
     """
 
     primitive: np.ndarray
@@ -83,6 +84,9 @@ class Vertices(Columns):
     lit: np.ndarray | None = None
     material: np.ndarray | None = None
     event: np.ndarray | None = None
+    along: np.ndarray | None = None
+    own: np.ndarray | None = None
+    low: np.ndarray | None = None
 
     def keep(self, index: np.ndarray) -> None:
         """As for all columns; ``normal`` stays the same array as ``front`` where it is."""

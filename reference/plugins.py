@@ -19,6 +19,7 @@ from reference import shapes, textures
 from reference.grids import Grid, read_vol
 from reference.materials import diffuse_fresnel
 from reference.principled import SHARES
+from reference.relief import Relief
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
 from reference.skies import Sky, read_texels
 from reference.xml import Document
@@ -224,7 +225,10 @@ class _Reader(Document):
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
             "mask", "twosided", "blendbsdf", "roughconductor", "roughplastic", "roughdielectric",
             "principled", "polarizer", "circular", "retarder", "pplastic",
+            "bumpmap", "normalmap",
         )  # fmt: skip
+        if kind in ("bumpmap", "normalmap"):
+            return self.relief(element, kind)
         own = ("mask", "twosided", "blendbsdf", "polarizer", "circular", "retarder", "pplastic")
         if kind in own:
             return getattr(self, kind)(element)
@@ -283,7 +287,29 @@ class _Reader(Document):
         if inner.kind not in ("diffuse", "conductor", "plastic", "roughconductor", "roughplastic",
                               "principled"):  # fmt: skip
             raise self.error(element, f"twosided {inner.kind}: it transmits light")
+        if inner.relief is not None:
+            inner = replace(inner, relief=replace(inner.relief, mirrored=True))
         return replace(inner, two_sided=True)
+
+    def relief(self, element: etree._Element, kind: str) -> Material:
+        """A bsdf with a texture, of any name, that turns normals."""
+        inner, found = None, None
+        for child in element:
+            if child.tag == "bsdf":
+                inner = self.bsdf(child)
+            elif child.tag == "texture":
+                found = self.texture(child)
+        rest = [child for child in element if child.tag in ("bsdf", "texture")]
+        numbers = {child.get("name"): child.get("value") for child in element
+                   if child not in rest and isinstance(child.tag, str)}  # fmt: skip
+        known = {"flip_invalid_normals", "use_shadowing_function", "scale"}
+        if inner is None or found is None or len(rest) != 2 or not set(numbers) <= known:
+            raise self.error(element, f"{kind}: expected a bsdf, a texture and known parameters")
+        on = (numbers.get(name) != "false" for name in sorted(known)[:1] + sorted(known)[2:])
+        flips, shades = on
+        scale = float(numbers.get("scale", 1))
+        relief = Relief(kind == "bumpmap", flips, shades, False, scale)
+        return replace(inner, relief=relief, relief_texture=found)
 
     def diffuse(self, element: etree._Element) -> dict:
         colour = self.colour(1.0)
@@ -340,14 +366,15 @@ class _Reader(Document):
         return self.parameters(element)
 
     def roughness(self, element: etree._Element, values: dict) -> dict:
-        """Takes alpha_u and alpha_v for alpha; sample_visible changes no expectation."""
+        """Alpha along and across u; sample_visible changes no expectation."""
         values.pop("sample_visible", None)
         both = values.pop("alpha_u", None), values.pop("alpha_v", None)
-        if both != (None, None):
-            if both[0] != both[1] or "alpha" in values:
-                raise self.error(element, "expected alpha, or alpha_u and alpha_v equal to it")
-            values["alpha"] = both[0]
-        return {**values, "alpha": max(values.get("alpha", 0.1), 1e-4)}
+        one = values.pop("alpha", None)
+        if (one is not None or None in both) and both != (None, None):
+            raise self.error(element, "expected alpha, or alpha_u and alpha_v")
+        if None in both:
+            both = (0.1 if one is None else one,) * 2
+        return {**values, "alpha": (max(both[0], 1e-4), max(both[1], 1e-4))}
 
     def rough(self) -> dict:
         """The parameters of rough materials."""
@@ -359,7 +386,10 @@ class _Reader(Document):
         return self.roughness(element, self.conductor(element, **self.rough()))
 
     def roughplastic(self, element: etree._Element) -> dict:
-        return self.roughness(element, self.plastic(element, **self.rough()))
+        values = self.roughness(element, self.plastic(element, **self.rough()))
+        if values["alpha"][0] != values["alpha"][1]:
+            raise self.error(element, "a rough coat has one alpha")
+        return values
 
     def roughdielectric(self, element: etree._Element) -> dict:
         return self.roughness(element, self.dielectric(element, **self.rough()))

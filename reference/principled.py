@@ -20,6 +20,7 @@ from reference.vectors import dot
 SHARES = {
     "roughness": 0.5, "metallic": 0.0, "spec_trans": 0.0, "spec_tint": 0.0, "sheen": 0.0,
     "sheen_tint": 0.0, "flatness": 0.0, "clearcoat": 0.0, "clearcoat_gloss": 0.0,
+    "anisotropic": 0.0,
 }  # fmt: skip
 _LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
 
@@ -36,7 +37,8 @@ class Principled:
             setattr(self, name, material.shares[name])
         self.color = material.reflectance
         self.index = float(material.eta[0])
-        self.alpha = max(self.roughness**2, 0.001)
+        aspect = np.sqrt(1 - 0.9 * self.anisotropic)
+        self.alpha = np.maximum(self.roughness**2 * np.array([[1 / aspect], [aspect]]), 0.001)
         self.gloss = 0.1 * (1 - self.clearcoat_gloss) + 0.001 * self.clearcoat_gloss
         self.glass = (1 - self.metallic) * self.spec_trans
         self.matt = (1 - self.metallic) * (1 - self.spec_trans)
@@ -49,7 +51,7 @@ class Principled:
         """F (3, n) times the cosine of wi, and the density (n,); 0 where nothing goes."""
         eta = self.index if front else 1 / self.index
         n = wo.shape[1]
-        rough, ggx = np.full(n, self.alpha), np.ones(n, bool)
+        rough, ggx = self.alpha.repeat(n, axis=1), np.ones(n, bool)
         up = wi[2] > 0
         h = wo + np.where(up, 1.0, eta) * wi
         length = np.sqrt(dot(h, h))
@@ -78,7 +80,7 @@ class Principled:
     def sample(self, rng: np.random.Generator, front: bool, wo: np.ndarray) -> np.ndarray:
         """Directions (3, n) with that density; 0 where the mirror's other side is met."""
         eta, n = self.index if front else 1 / self.index, wo.shape[1]
-        h = normals(wo, np.full(n, self.alpha), np.ones(n, bool), *rng.random((3, n)))
+        h = normals(wo, self.alpha.repeat(n, axis=1), np.ones(n, bool), *rng.random((3, n)))
         lobe, u, turn = rng.random(n), rng.random(n), 2 * np.pi * rng.random(n)
         even, shiny, _ = self.chances(front, wo)
         select = rng.random(n)
@@ -152,7 +154,7 @@ class Principled:
         if self.matt > 0:
             cloth = 1 - self.sheen_tint + self.sheen_tint * self.hue
             out = out + self.sheen * (1 - self.metallic) * cloth[:, None] * _schlick(im)
-        quarter, ggx = np.full(len(im), 0.25), np.ones(len(im), bool)
+        quarter, ggx = np.full((2, len(im)), 0.25), np.ones(len(im), bool)
         both = unhidden(wo, quarter, ggx) * unhidden(wi, quarter, ggx)
         glint = self.clearcoat / 4 * (0.04 + 0.96 * lean) * self._coat(h) * both
         return (out + glint) * wi[2]

@@ -1,7 +1,7 @@
 """Rough surfaces: small mirrors whose slopes follow GGX or Beckmann, as in Mitsuba 3.9.
 
-Directions are local here (3, n), z along the shading normal, wo above. f is of radiance, with the
-cosine of wi; densities are per solid angle.
+Directions are local here (3, n), z along the shading normal, x along the growth of u, wo above. f
+is of radiance, with the cosine of wi; densities are per solid angle.
 
 =============== ==================================================================================
 mirrors         D of the slopes; what others hide of them by Smith's G1 for either direction
@@ -63,7 +63,7 @@ def _share(through: bool, cosines: np.ndarray, eta: float, alpha: float, ggx: bo
         u, weight = -np.expm1(-r * r), w * 3 * 2 * r * np.exp(-r * r)
     u, v = (a.ravel() for a in np.meshgrid(u, (np.arange(64) + 0.5) / 64, indexing="ij"))
     weight = np.repeat(weight / 64, 64)
-    rough, smooth = np.full(len(u), alpha), np.full(len(u), ggx)
+    rough, smooth = np.full((2, len(u)), alpha), np.full(len(u), ggx)
     out = []
     for cosine in cosines:
         wo = np.empty((3, len(u)))
@@ -90,7 +90,7 @@ class Rough:
 
     def __init__(self, materials: tuple[Material, ...], smooth: Materials) -> None:
         self.smooth = smooth
-        self.alpha = np.array([m.alpha for m in materials])
+        self.alpha = np.array([m.alpha for m in materials]).T.copy()
         self.ggx = np.array([m.distribution == "ggx" for m in materials])
         self.principled = {
             k: Principled(m)
@@ -101,7 +101,7 @@ class Rough:
         for k, m in enumerate(materials):
             if m.kind == "roughplastic":
                 eta, rho = float(m.eta[0]), m.reflectance
-                self.coats[k], inside = coat(eta, m.alpha, m.distribution == "ggx")
+                self.coats[k], inside = coat(eta, m.alpha[0], m.distribution == "ggx")
                 self.base[:, k] = rho / (1 - (rho * inside if m.nonlinear else inside)) / eta**2
 
     def eta(self, m: np.ndarray, facing: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ class Rough:
     def _evaluate(
         self, m: np.ndarray, eta: np.ndarray, wo: np.ndarray, wi: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        kind, alpha, ggx = self.smooth.kind[m], self.alpha[m], self.ggx[m]
+        kind, alpha, ggx = self.smooth.kind[m], self.alpha[:, m], self.ggx[m]
         mirror, glass = wi[2] > 0, kind == ROUGH_GLASS
         h = wo + np.where(mirror, 1.0, eta) * wi
         length = np.sqrt(dot(h, h))
@@ -146,7 +146,7 @@ class Rough:
         ok = (om > 0) & (mirror | (glass & (im < 0))) & (wi[2] != 0)
         with np.errstate(all="ignore"):
             # where e^-x leaves the normal floats of the core, it sends no shadow ray behind
-            steep = (h[0] ** 2 + h[1] ** 2) / (h[2] * alpha) ** 2 > 126 * np.log(2)
+            steep = ((h[:2] / alpha) ** 2).sum(axis=0) / h[2] ** 2 > 126 * np.log(2)
             ok &= mirror | ggx | ~steep
             slopes = spread(h, alpha, ggx) * np.where(
                 mirror, 1 / (4 * om), eta**2 * np.abs(im) / (om + eta * im) ** 2
@@ -176,7 +176,7 @@ class Rough:
     ) -> np.ndarray:
         """Directions (3, n) with that density."""
         kind, n = self.smooth.kind[m], len(m)
-        h = normals(wo, self.alpha[m], self.ggx[m], *rng.random((3, n)))
+        h = normals(wo, self.alpha[:, m], self.ggx[m], *rng.random((3, n)))
         lobe = rng.random(n)
         wi = mirrored(-wo, h)
         through = (kind == ROUGH_GLASS) & (lobe >= fresnel(np.clip(dot(wo, h), 0, 1), eta))

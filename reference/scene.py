@@ -19,6 +19,7 @@ from reference.grids import Grid
 from reference.skies import Sky
 
 if TYPE_CHECKING:
+    from reference.relief import Relief
     from reference.textures import Texture
 
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
@@ -89,10 +90,11 @@ class Material:
 
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
-    opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones.
-    texture: in place of a diffuse reflectance. other: what a blend shows instead with the
-    probability weight. shares: of principled ones, of which the open let
-    light through; their base colour is `reflectance`.
+    opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones; alpha
+    along and across the growth of u. relief: what turns normals, by relief_texture. texture: in
+    place of a diffuse reflectance. other: what a blend shows instead with the probability
+    weight. shares: of principled ones, of which the open let light through;
+    their base colour is `reflectance`.
     """
 
     kind: str = "diffuse"
@@ -107,9 +109,11 @@ class Material:
     texture: Texture | None = None
     other: Material | None = None
     weight: float | Texture = 0.0
-    alpha: float = 0.1
+    alpha: tuple[float, float] = (0.1, 0.1)
     distribution: str = "beckmann"
     shares: Mapping[str, float] = field(default_factory=dict)
+    relief: Relief | None = None
+    relief_texture: Texture | None = None
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,20 @@ class Texture:
                 out += self.texels[row, column].T * (in_row * in_column)
         return out
 
+    def slope(self, uv: np.ndarray) -> np.ndarray:
+        """Growth (2, n) of the grey of an interpolated bitmap with u and v; 0 of the others."""
+        if self.nearest:
+            return np.zeros_like(uv)
+        place = self.to_uv[:, :2] @ uv + self.to_uv[:, 2:]
+        height, width, _ = self.texels.shape
+        columns, rows = self.weights(place[0], width), self.weights(place[1], height)
+        grey = self.texels @ [0.212671, 0.71516, 0.072169]
+        along = [sum(weight * (grey[row, columns[1][0]] - grey[row, columns[0][0]])
+                     for row, weight in rows) * width,
+                 sum(weight * (grey[rows[1][0], column] - grey[rows[0][0], column])
+                     for column, weight in columns) * height]  # fmt: skip
+        return self.to_uv[:, :2].T @ np.array(along)
+
     def weights(self, x: np.ndarray, n: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Texels along an axis of n, and their weights, which add up to 1."""
         if self.nearest:

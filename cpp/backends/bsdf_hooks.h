@@ -16,13 +16,14 @@ VR_HD void put(F* y, const Spectrum<F>& s) {
 }
 
 // A grey material seen from wo: kind, front (1: wo sees it), albedo, specular reflectance and
-// transmittance, eta, k, alpha, distribution, the 9 shares of a principled one as the schema has
-// them, n (on wo's side), wo. table: of a rough coat, which lets in what a smooth one does.
-inline constexpr uint32_t kBsdfInputs = 24;
+// transmittance, eta, k, alpha_u, alpha_v, distribution, the 10 shares of a principled one as the
+// schema has them, n (on wo's side), wo. The tangent lies across n and (0, 1, 0.2). table: of a
+// rough coat, which lets in what a smooth one does.
+inline constexpr uint32_t kBsdfInputs = 26;
 template <class L>
 VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     using F = typename L::F;
-    const Vec3<F> n{x[18], x[19], x[20]}, wo{x[21], x[22], x[23]};
+    const Vec3<F> n{x[20], x[21], x[22]}, wo{x[23], x[24], x[25]};
     Bsdf<L, kAllKinds> b;
     b.kind = to_uint(x[0]);
     using S = Spectrum<F>;
@@ -30,10 +31,12 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     p.reflectance = S::all(x[2]);
     p.specular_reflectance = S::all(x[3]), p.specular_transmittance = S::all(x[4]);
     p.eta = S::all(x[5]), p.k = S::all(x[6]);
-    p.alpha_u = p.alpha_v = x[7], p.distribution = x[8];
-    p.roughness = x[9], p.metallic = x[10], p.spec_trans = x[11], p.spec_tint = x[12];
-    p.sheen = x[13], p.sheen_tint = x[14], p.flatness = x[15];
-    p.clearcoat = x[16], p.clearcoat_gloss = x[17];
+    p.alpha_u = x[7], p.alpha_v = x[8], p.distribution = x[9];
+    p.roughness = x[10], p.metallic = x[11], p.spec_trans = x[12], p.spec_tint = x[13];
+    p.sheen = x[14], p.sheen_tint = x[15], p.flatness = x[16];
+    p.clearcoat = x[17], p.clearcoat_gloss = x[18], p.anisotropic = x[19];
+    const Vec3<F> along = cross(n, Vec3<F>{F(0.f), F(1.f), F(0.2f)});
+    b.view.tangents = true, b.view.tangent = along * (F(1.f) / sqrt(dot(along, along)));
     uint32_t lane[L::kWidth];
     for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
     for (uint32_t k = 0; k <= kCoatCells; ++k) {
@@ -52,7 +55,7 @@ VR_HD void evaluate_bsdf(bool sample, const typename L::F* x, typename L::F* y) 
     const F one(1.f), none(0.f);
     float table[(kCoatCells + 1) * L::kWidth];
     const auto b = bsdf_of<L>(x, table);
-    const Vec3<F> wo{x[21], x[22], x[23]};
+    const Vec3<F> wo{x[23], x[24], x[25]};
     const auto from_front = x[1] > none;
     x += kBsdfInputs;
     if (sample) {

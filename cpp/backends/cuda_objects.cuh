@@ -19,7 +19,7 @@ struct Scene::Impl {
     int device;
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines, grids, cells;
+        filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids, cells;
     Buffer<uint32_t> surface_of, light_cdf, texels, sky_guides;
     TreeBuilder builder;
     DeviceTree tree;
@@ -35,6 +35,7 @@ struct Scene::Impl {
         upload(primitives, host.primitives, view.primitives);
         upload(smooth, host.smooth, view.smooth);
         upload(uv, host.uv, view.uv);
+        upload(tangents, host.tangents, view.tangents);
         upload(textures, host.textures, view.textures.table);
         upload(texels, host.texels, view.textures.texels);
         upload(light_chance, host.light_chance, view.light_chance);

@@ -29,6 +29,24 @@ struct Bsdf {
     U kind;
     MaterialParameters<F> parameters;
     ClosureView<L> view;
+    // Where a texture turns normals: light counts on the same sides of view.n and of the surface's
+    // own normal alone, and grazing light less (A. Conty Estevez, P. Lecocq, C. Stein, "A
+    // Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem", Ray Tracing Gems,
+    // 2019).
+    struct Relief {
+        bool some = false;  // lanes may have one
+        M lanes;
+        V n;    // the surface's own normal, on wo's side
+        F low;  // squared slope of the shadows
+
+        // What is left of light from wi; cosine: between wi and view.n.
+        VR_HD F lit(V wi, F cosine) const {
+            const F c = dot(n, wi), c2 = c * c, s2 = max(F(1.f) - c2, F(0.f));
+            const F left = F(2.f) * abs(c) / (abs(c) + sqrt(fma(low, s2, c2)));
+            const M both = ((c > F(0.f)) & (cosine > F(0.f))) | ((c < F(0.f)) & (cosine < F(0.f)));
+            return select(lanes, select(both, left, F(0.f)), F(1.f));
+        }
+    } relief;
 
     VR_HD M is(uint32_t which) const { return kind == U(which); }
     VR_HD M nobody() const { return kind == U(kMaterialCount); }
@@ -101,6 +119,11 @@ struct Bsdf {
         each<kScattering & kRare>([&](auto closure, M m) {
             if (kOneKind || any(m)) take(closure, m);
         });
+        if (relief.some) {
+            const F lit = relief.lit(wi, cos_i);
+            value.f_cos = select(lit > F(0.f), value.f_cos * lit, S::all(F(0.f)));
+            value.pdf_sa = select(lit > F(0.f), value.pdf_sa, F(0.f));
+        }
         return value;
     }
 
@@ -121,6 +144,15 @@ struct Bsdf {
     }
 
     VR_HD BsdfSample<L> sample(V wo, BsdfNumbers<F> r) const {
+        BsdfSample<L> s = sample_closure(wo, r);
+        if (relief.some) {  // light that goes straight through is left as it is
+            const F lit = select(s.pass, F(1.f), relief.lit(s.wi, dot(view.n, s.wi)));
+            s.weight = select(lit > F(0.f), s.weight * lit, S::all(F(0.f)));
+            s.pdf_sa = select(lit > F(0.f), s.pdf_sa, F(0.f));
+        }
+        return s;
+    }
+    VR_HD BsdfSample<L> sample_closure(V wo, BsdfNumbers<F> r) const {
         const F zero(0.f);
         BsdfSample<L> s{{zero, zero, zero}, S::all(zero), zero, nobody(), nobody()};
         each<~kRare>([&](auto closure, M) {  // the other kinds' lanes are set below
@@ -141,6 +173,7 @@ struct Bsdf {
     VR_HD void sample_flat(BsdfSample<L>& s, V wo, V ng, M from_front, M wrong) const {
         if constexpr (has(kClearKinds & kReflecting)) {
             wrong = wrong & any_of<kClearKinds>();
+            if (relief.some) wrong = wrong & !relief.lanes;
             if (none(wrong)) return;
             Bsdf flat = *this;
             flat.set_view(ng, dot(ng, wo), from_front);

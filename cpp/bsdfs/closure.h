@@ -78,6 +78,8 @@ struct ClosureView {
     FresnelSplit<typename L::F> fresnel;  // for closures with an index
     typename L::F relative;               // for these: index beyond over index on wo's side
     CoatTable<L> coat;                    // for rough coats
+    bool tangents = false;                // slopes may depend on the direction, and then:
+    Vec3<typename L::F> tangent;          // unit, across n; alpha_u counts along it
 };
 
 // Three numbers in [0, 1), for a direction and for the selection of a lobe.

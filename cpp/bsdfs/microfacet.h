@@ -24,11 +24,18 @@ struct Microfacets {
     M ggx;  // else Beckmann
 
     static VR_HD Microfacets of(const MaterialParameters<F>& p, const ClosureView<L>& view) {
+        return of(view, p.alpha_u, p.alpha_v, p.distribution > F(0.f));
+    }
+    static VR_HD Microfacets of(const ClosureView<L>& view, F alpha_u, F alpha_v, M ggx) {
         Microfacets f;
         f.n = view.n;
         orthonormal_frame(f.n, f.a, f.b);
-        f.alpha_u = p.alpha_u, f.alpha_v = p.alpha_v;
-        f.ggx = p.distribution > F(0.f);
+        f.alpha_u = alpha_u, f.alpha_v = alpha_v, f.ggx = ggx;
+        if (view.tangents) {
+            const M turned = !(alpha_u == alpha_v);
+            f.a = select(turned, view.tangent, f.a);
+            f.b = select(turned, cross(f.n, view.tangent), f.b);
+        }
         return f;
     }
     VR_HD V local(V w, F cosine) const { return {dot(a, w), dot(b, w), cosine}; }

@@ -24,7 +24,7 @@ struct PrincipledLobes : Closure<L> {
         parameter_bit(kParameter_spec_trans) | parameter_bit(kParameter_spec_tint) |
         parameter_bit(kParameter_sheen) | parameter_bit(kParameter_sheen_tint) |
         parameter_bit(kParameter_flatness) | parameter_bit(kParameter_clearcoat) |
-        parameter_bit(kParameter_clearcoat_gloss);
+        parameter_bit(kParameter_clearcoat_gloss) | parameter_bit(kParameter_anisotropic);
 
     static VR_HD F index(const Parameters& p, M from_front) {
         return kOpen ? select(from_front, p.eta[0], F(1.f) / p.eta[0]) : p.eta[0];
@@ -144,12 +144,10 @@ struct PrincipledLobes : Closure<L> {
         return kOpen ? (F(1.f) - p.metallic) * p.spec_trans : F(0.f);
     }
     static VR_HD Facets mirrors(const Parameters& p, const View& view) {
-        Facets f;
-        f.n = view.n;
-        orthonormal_frame(f.n, f.a, f.b);
-        f.alpha_u = f.alpha_v = max(p.roughness * p.roughness, F(1e-3f));
-        f.ggx = f.alpha_u > F(0.f);
-        return f;
+        const F slope = p.roughness * p.roughness, least(1e-3f);
+        const F aspect = sqrt(fma(F(-0.9f), p.anisotropic, F(1.f)));
+        return Facets::of(view, max(slope / aspect, least), max(slope * aspect, least),
+                          aspect > F(0.f));
     }
     // The base colour at luminance 1; white for black.
     static VR_HD S tinted(const Parameters& p) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "integrators/surface.h"
+#include "integrators/tangents.h"
 #include "integrators/volumes.h"
 
 namespace veriray {
@@ -157,13 +158,13 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         todo = met;
         if (none(todo)) return free;
         Surface<L> at = surface_at(scene, shadow.ray, hit, todo);
-        S share = let_through(scene, shadow.ray, at);
+        S share = let_through(scene, shadow.ray, hit.primitive, at, todo);
         if constexpr (has(kBlend)) {
             M blended = no_lanes(todo);
             const U row = at.row;
             if (scene.features & kBlend) at.row = other_row(scene, at, todo, blended);
             if (any(blended)) {
-                const S other = let_through(scene, shadow.ray, at);
+                const S other = let_through(scene, shadow.ray, hit.primitive, at, todo);
                 at.row = row;
                 const F weight = blend_weight(scene, at);
                 share = select(blended, fma(other, weight, share * (F(1.f) - weight)), share);
@@ -202,11 +203,18 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     }
 
     // The share of light that goes straight through a surface.
-    static VR_HD S let_through(const SceneView& scene, const Ray<L>& ray, const Surface<L>& at) {
+    static VR_HD S let_through(const SceneView& scene, const Ray<L>& ray, U primitive,
+                               const Surface<L>& at, M lanes) {
         Material bsdf = material(scene, at);
         const V wo = -ray.d;
         const F side = select(at.front, F(1.f), F(-1.f));
         V ns = at.ns * side;
+        if constexpr (has(kTangents))
+            if (scene.tangents) {
+                using Along = Tangents<L>;
+                const auto along = Along::template partials<Reader>(scene, primitive, at, lanes);
+                Along::template relieve<Reader>(scene, along, at, wo, lanes, bsdf, ns);
+            }
         F cosine = dot(ns, wo);
         Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
         bsdf.set_view(ns, cosine, at.front);

@@ -6,7 +6,7 @@
 namespace veriray {
 
 // kWithAttributes: some textures are attributes of meshes.
-template <class L, bool kWithAttributes>
+template <class L, bool kWithAttributes = false>
 struct Texturing {
     using F = typename L::F;
     using U = typename L::U;
@@ -90,6 +90,12 @@ struct Texturing {
         return value;
     }
 
+    // The number of a grey colour is itself.
+    static VR_HD F luminance(const S& s) {
+        const F sum = fma(s[2], F(0.072169f), fma(s[1], F(0.71516f), s[0] * F(0.212671f)));
+        return select((s[0] == s[1]) & (s[1] == s[2]), s[0], sum);
+    }
+
    private:
     // The angle of (x, y) in turns, in [0, 1].
     static VR_HD F share_of_turn(F x, F y) {
@@ -119,11 +125,6 @@ struct Texturing {
             value = select(textured, colour, value);
         else
             value = select(textured, max(luminance(colour), least), value);
-    }
-    // The number of a grey colour is itself.
-    static VR_HD F luminance(const S& s) {
-        const F sum = fma(s[2], F(0.072169f), fma(s[1], F(0.71516f), s[0] * F(0.212671f)));
-        return select((s[0] == s[1]) & (s[1] == s[2]), s[0], sum);
     }
     // The reflectance of a base within a coat; coat: what surfaces.cpp left in its place.
     static VR_HD S base_in_coat(const S& rho, const S& coat) {

@@ -13,6 +13,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;
     using Near = Beside<L, kFeatures>;
+    using Along = Tangents<L>;
     using Rim = Rims<L, kFeatures>;
     using Direct::leave_closed, Direct::medium_column, Direct::medium_spectrum, Direct::no_lanes,
         Direct::white, Direct::black;
@@ -196,10 +197,21 @@ struct PathVertices : DirectLight<L, kFeatures> {
             if constexpr (has(kMedia))
                 vertex.beyond = Direct::medium_beyond(scene, path, at, valid);
         }
+        [[maybe_unused]] typename Along::Partials along;
+        if constexpr (has(kTangents))
+            if (scene.tangents) {
+                along = Along::template partials<Reader>(scene, place.hit.primitive, at, valid);
+                Along::template relieve<Reader>(scene, along, at, wo, valid, place.bsdf, vertex.ns);
+            }
         F cos_o = dot(vertex.ns, wo);
         if constexpr (has(kSmooth))
             Reader::face_viewer(place.bsdf, wo, vertex.ng, vertex.ns, cos_o);
         place.bsdf.set_view(vertex.ns, cos_o, at.front);
+        if constexpr (has(kTangents))
+            if (scene.tangents) {
+                place.bsdf.view.tangents = true;
+                place.bsdf.view.tangent = Along::across(Along::across(along.u, at.ns), vertex.ns);
+            }
         place.pass = no_lanes(valid);
         M covered = valid;
         if constexpr (has(kPass)) {

@@ -184,7 +184,7 @@ class HostScene {
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, textures, sky_texels, sky_ends, sky_sines, grids, cells;
+        filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids, cells;
     std::vector<uint32_t> surface_of, light_cdf, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
@@ -228,6 +228,7 @@ class HostScene {
     void set_grids(const SceneInput& in);
     void put_attribute(const SceneInput& in, size_t t, size_t primitive, uint32_t* out) const;
     void set_attributes(const SceneInput& in);
+    void put_tangents(const SceneInput& in, size_t primitive);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);
     void set_surfaces(const SceneInput& in);
@@ -263,6 +264,7 @@ class HostScene {
 // Raises std::invalid_argument for what SceneInput's arrays must not hold.
 void check_input(const SceneInput& in);
 std::string number(double x);
+bool has_tangents(const SceneInput& in, uint32_t material);
 uint32_t padded(size_t n);
 
 }  // namespace veriray

@@ -150,6 +150,14 @@ void HostScene::set_surfaces(const SceneInput& in) {
                                        (eta * eta)));
             }
         }
+        if (has_tangents(in, m)) view.features |= kTangents;
+        put(kSurface_relief_scale, static_cast<float>(in.relief_scale.data[m] / unit));
+        put(kSurfaceRelief, static_cast<float>(in.relief_texture.data[m]));
+        put(kSurfaceReliefTraits,
+            static_cast<float>((in.relief_heights.data[m] ? kReliefHeights : 0u) |
+                               (in.relief_flips.data[m] ? kReliefFlips : 0u) |
+                               (in.relief_shades.data[m] ? kReliefShades : 0u) |
+                               (in.relief_mirrored.data[m] ? kReliefMirrored : 0u)));
         for (uint32_t k = 0; k < 3 && emission >= 0; ++k)
             put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
         put(kSurfaceTwoSided, in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f);

@@ -60,7 +60,22 @@ uint32_t traits_of(const SceneInput& in, size_t t) {
                                : 0u);
 }
 
+// Two unit vectors across a unit normal, as core/mapping.h has them.
+void axes_across(Double3 n, Double3 (&axes)[2]) {
+    const double sign = n.z < 0 ? -1 : 1, p = -1 / (sign + n.z), q = n.x * n.y * p;
+    axes[0] = {sign * n.x * n.x * p + 1, sign * q, -sign * n.x};
+    axes[1] = {q, n.y * n.y * p + sign, -n.y};
+}
+
 }  // namespace
+
+// Whether the directions in which u and v grow matter on a material's surfaces.
+bool has_tangents(const SceneInput& in, uint32_t material) {
+    return in.relief_texture.data[material] >= 0 ||
+           in.alpha_u.data[material] != in.alpha_v.data[material] ||
+           in.alpha_u_texture.data[material] != in.alpha_v_texture.data[material] ||
+           in.anisotropic.data[material] != 0 || in.anisotropic_texture.data[material] >= 0;
+}
 
 // Texture coordinates at the corners of a triangle: x is u, y is v.
 std::array<Double3, 3> HostScene::corner_uv(const SceneInput& in, const Flat& f) const {
@@ -77,7 +92,9 @@ std::array<Double3, 3> HostScene::corner_uv(const SceneInput& in, const Flat& f)
 // but for rounding to float32, which moves a texture coordinate by 2^-24 of itself and a corner by
 // 2^-25 per coordinate. Those of a's corners count by their shares in the point.
 bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const {
-    if (!some_texture(in, a.material, [](int32_t) { return true; })) return true;
+    if (!has_tangents(in, a.material) &&
+        !some_texture(in, a.material, [](int32_t) { return true; }))
+        return true;
     if (some_texture(in, a.material,
                      [&](int32_t t) { return is_attribute(in, static_cast<size_t>(t)); }))
         return false;
@@ -186,8 +203,42 @@ void HostScene::set_attributes(const SceneInput& in) {
     if (view.features & kAttributes) texels.resize(texels.size() + kAttributeWords);
 }
 
+void HostScene::put_tangents(const SceneInput& in, size_t primitive) {
+    float* out = &tangents[primitive * kTangentFloats];
+    const PrimitiveSource& s = sources[primitive];
+    if (s.group == kSphereGroup) {
+        std::copy_n(&uv[primitive * kUvFloats], kUvFloats, out);
+        out[7] = out[3];
+        out[3] = static_cast<float>(unit / in.spheres.data[4 * size_t{s.row} + 3]);
+        return;
+    }
+    Double3 along[2];
+    bool both = true;  // u and v change, in directions of their own
+    if (s.group == kDiskGroup) {
+        for (size_t k = 0; k < 2; ++k)
+            along[in.disk_turned.data[s.row] ? 1 - k : k] =
+                row3(in.disks, 3 * size_t{s.row} + 1 + k) * (1 / unit);
+    } else {
+        const Flat f = triangle(in, s.row);
+        const auto at = corner_uv(in, f);
+        const Double3 e1 = f.v[1] - f.v[0], e2 = f.v[2] - f.v[0], u = at[1] - at[0],
+                      v = at[2] - at[0];
+        const double turn = u.x * v.y - u.y * v.x;
+        along[0] = e1 * (v.y / turn) - e2 * (u.y / turn);
+        along[1] = e2 * (u.x / turn) - e1 * (v.x / turn);
+        both = turn != 0 && length(along[0]) < INFINITY && length(along[1]) < INFINITY;
+        if (!both) axes_across(normalised(cross(e1, e2)), along);
+    }
+    for (size_t k = 0; k < 2; ++k) {
+        const double per = both ? 1 / length(along[k]) : 1;
+        const Double3 d = along[k] * per;
+        const double row[4] = {d.x, d.y, d.z, per};
+        for (size_t c = 0; c < 4; ++c) out[4 * k + c] = static_cast<float>(row[c]);
+    }
+}
+
 void HostScene::set_textures(const SceneInput& in) {
-    if (!(view.features & kTextures)) return;
+    if (!(view.features & (kTextures | kTangents))) return;
     const size_t count = in.textures_rows();
     const uint32_t stride = padded(count);
     textures.assign(size_t{kTextureColumns} * stride, 0.f);
@@ -216,6 +267,13 @@ void HostScene::set_textures(const SceneInput& in) {
         for (size_t i = first; i < last; ++i) put_uv(in, i);
     });
     view.uv = uv.data();
+    if (view.features & kTangents) {
+        tangents.assign(sources.size() * kTangentFloats, 0.f);
+        in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
+            for (size_t i = first; i < last; ++i) put_tangents(in, i);
+        });
+        view.tangents = tangents.data();
+    }
     view.textures = {textures.data(), stride, static_cast<uint32_t>(count), texels.data()};
 }
 

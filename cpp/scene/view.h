@@ -52,6 +52,19 @@ enum TexturableParameter : uint32_t {
     kTexturableCount,
 };
 
+// Of a primitive with tangents: of faces and discs two unit vectors, with a number behind each. Of
+// faces the directions in which u and v alone grow, and how much per length; of discs likewise x
+// and y between their axes. Of spheres the axes x and z, 1 / radius, and -1 or 1, the side of y.
+inline constexpr uint32_t kTangentFloats = 8;
+
+// How a surface's normals are turned: bits of kSurfaceReliefTraits.
+enum ReliefTrait : uint32_t {
+    kReliefHeights = 1,   // the texture gives heights; else normals
+    kReliefFlips = 2,     // normals that look away from the viewer are turned about the surface's
+    kReliefShades = 4,    // what is turned stands in its own shadow at grazing angles
+    kReliefMirrored = 8,  // seen from behind, it is its mirror image
+};
+
 // Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
 // Of the material; opacity: a ray meets the material if its random number is below it.
@@ -62,6 +75,8 @@ enum SurfaceColumn : uint32_t {
 #define VR_TEXTURABLE(name) kSurface_##name##_texture,
 #include "schema/materials.def"
     kSurfaceTextured,                         // a bit for each of these that is there
+    kSurfaceRelief,                           // the texture that turns normals; -1: none
+    kSurfaceReliefTraits,                     // ReliefTrait
     kSurfaceRadiance,                         // emitted by the front: 3 columns
     kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
     kSurfaceKind,                             // MaterialKind
@@ -85,7 +100,8 @@ struct SceneView {
     uint32_t camera_medium;
     const float* primitives;     // [i * primitive_row + column * primitive_column]
     const float* smooth;         // by primitive: kSmoothFloats
-    const float* uv;             // by primitive: kUvFloats; with kTextures only
+    const float* uv;             // by primitive: kUvFloats; with kTextures or kTangents only
+    const float* tangents;       // by primitive: kTangentFloats; with kTangents only
     const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter
     const float* light_row;      // by primitive: in the light table; with kOwnPdfLights only
     const uint32_t* surface_of;  // by primitive; null: the same index

@@ -67,7 +67,7 @@ struct TexturePoint {
     typename L::U primitive;
 };
 
-template <class L, bool kWithAttributes>
+template <class L, bool kWithAttributes = false>
 struct Textures {
     using F = typename L::F;
     using U = typename L::U;
@@ -77,14 +77,9 @@ struct Textures {
 
     // The colour of a texture where m is set; any valid row elsewhere.
     static VR_CALLED S colour(const TextureView textures, U row, Point at, M m) {
-        const auto column = [&](uint32_t c) {
-            return lookup(textures.table + static_cast<uint64_t>(c) * textures.stride, row,
-                          textures.count);
-        };
-        const auto coordinate = [&](uint32_t c) {
-            return fma(column(c), at.u, fma(column(c + 1), at.v, column(c + 2)));
-        };
-        const F u = coordinate(kTextureToUv), v = coordinate(kTextureToUv + 3);
+        const auto column = [&](uint32_t c) { return column_of(textures, row, c); };
+        const F u = coordinate(textures, row, kTextureToUv, at);
+        const F v = coordinate(textures, row, kTextureToUv + 3, at);
         const U traits = as_uint(column(kTextureTraits));
         const M board = is(traits, kTraitBoard);
         S value = S::all(F(0.f));
@@ -121,6 +116,32 @@ struct Textures {
         return select(bitmap, colour, value);
     }
 
+    // How much a bitmap's colour grows with u and v; 0 if its texels are not interpolated.
+    static VR_HD void slopes(const TextureView& textures, U row, Point at, M m, S& by_u, S& by_v) {
+        const auto column = [&](uint32_t c) { return column_of(textures, row, c); };
+        const U traits = as_uint(column(kTextureTraits));
+        const F width = column(kTextureWidth), height = column(kTextureHeight);
+        const Texels texels{textures.texels, as_uint(column(kTextureFirst)) + U(kCodeWords), traits,
+                            m};
+        const Taps x = taps(coordinate(textures, row, kTextureToUv, at), width, traits),
+                   y = taps(coordinate(textures, row, kTextureToUv + 3, at), height, traits);
+        const U row0 = y.first * to_uint(width), row1 = y.second * to_uint(width);
+        const S a = texels.at(row0 + x.first), b = texels.at(row0 + x.second),
+                c = texels.at(row1 + x.first), d = texels.at(row1 + x.second);
+        const M smooth = !is(traits, kTraitNearest);
+        const F across = select(smooth, x.way * width, F(0.f)),
+                down = select(smooth, y.way * height, F(0.f));
+        const auto rise = [](const S& from, const S& to) {
+            return S::of([&](uint32_t k) { return to[k] - from[k]; });
+        };
+        const S along_x = mix(rise(a, b), rise(c, d), y.share) * across,
+                along_y = mix(rise(a, c), rise(b, d), x.share) * down;
+        const auto turned = [&](uint32_t k) {
+            return fma(along_y, column(kTextureToUv + 3 + k), along_x * column(kTextureToUv + k));
+        };
+        by_u = turned(0), by_v = turned(1);
+    }
+
    protected:
     // An attribute; first: its first word. Behind the last one are kAttributeWords more.
     static VR_HD S on_mesh(const uint32_t* words, U first, Point at, M face, M lanes) {
@@ -136,6 +157,14 @@ struct Textures {
             return select(face, whole, min(max(x, number(4)), number(5)));
         });
     }
+    static VR_HD F column_of(const TextureView& textures, U row, uint32_t c) {
+        return lookup(textures.table + static_cast<uint64_t>(c) * textures.stride, row,
+                      textures.count);
+    }
+    static VR_HD F coordinate(const TextureView& textures, U row, uint32_t c, Point at) {
+        const auto column = [&](uint32_t k) { return column_of(textures, row, c + k); };
+        return fma(column(0), at.u, fma(column(1), at.v, column(2)));
+    }
     static VR_HD M is(U traits, uint32_t trait) { return (traits & U(trait)) == U(trait); }
     // Equal colours stay as they are.
     static VR_HD S mix(const S& a, const S& b, F share) {
@@ -145,7 +174,7 @@ struct Textures {
     // The texels on both sides of a coordinate along an axis of n, and the second one's share.
     struct Taps {
         U first, second;
-        F share;
+        F share, way;  // way: -1 where they run backwards
     };
     static VR_HD Taps taps(F x, F n, U traits) {
         const M repeat = is(traits, kTraitRepeat), mirror = is(traits, kTraitMirror);
@@ -160,7 +189,7 @@ struct Textures {
         const F high = select(above > last, select(repeat, zero, last), above);
         // min also keeps NaN within the texels.
         return {to_uint(min(low, last)), to_uint(min(high, last)),
-                select(nearest, zero, place - below)};
+                select(nearest, zero, place - below), select(mirror & (turn > one), -one, one)};
     }
 
     struct Texels {

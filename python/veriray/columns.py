@@ -60,6 +60,7 @@ PRINCIPLED = {
     "flatness": (0.0, "share of the diffuse part that imitates scattering below the surface"),
     "clearcoat": (0.0, "amount of a clear coat"),
     "clearcoat_gloss": (0.0, "the coat's slope, from 0.1 to 0.001"),
+    "anisotropic": (0.0, "how much less its mirrors slope across the tangent than along it"),
 }
 #: Names of the values of `material_kind` and `light_kind`.
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
@@ -316,6 +317,29 @@ _HASHED_IF_SET: dict[str, Column] = {
         name: Column("materials", np.float32, (), default, 0.0, 1.0, doc=f"of a principled: {doc}")
         for name, (default, doc) in PRINCIPLED.items()
     },
+    "relief_texture": _index(
+        "materials", "textures", -1, doc="turns the surface's normals; -1: none does"
+    ),
+    "relief_heights": Column(
+        "materials", np.bool_, (), False,
+        doc="it gives heights (bilinear ones), whose slopes count; else normals n by colours "
+        "(n + 1) / 2",
+    ),
+    "relief_scale": Column(
+        "materials", np.float32, (), 1.0, -1e6, 1e6, doc="of heights: world units for a height of 1"
+    ),
+    "relief_flips": Column(
+        "materials", np.bool_, (), True,
+        doc="a turned normal that looks away from the viewer is turned the other way",
+    ),
+    "relief_shades": Column(
+        "materials", np.bool_, (), True,
+        doc="what is turned reflects less light from grazing directions",
+    ),
+    "relief_mirrored": Column(
+        "materials", np.bool_, (), False,
+        doc="seen from behind, the turned normals are those of the front mirrored",
+    ),
     "sky_texels": Column(
         "sky", np.float32, (3,), low=0.0,
         doc="radiance from far away by direction: an image in rows from the local pole +y to -y; "
@@ -490,12 +514,11 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
             "none"
         )
     u, v = arrays["alpha_u"], arrays["alpha_v"]
-    rough = np.array([name.startswith("rough") for name in MATERIAL_KINDS])[kinds]
-    row = _first(rough & (u != v))
+    row = _first((kinds == MATERIAL_KINDS.index("roughplastic")) & (u != v))
     if row is not None:
         raise SceneError(
-            f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: anisotropic roughness "
-            "is not supported"
+            f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: the coat of a "
+            "roughplastic has one alpha"
         )
 
 

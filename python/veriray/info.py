@@ -40,6 +40,7 @@ FEATURES = {
     "textures": "numbers of materials that textures give",
     "blend": "materials that are one of two at each hit",
     "attributes": "textures of numbers that meshes have",
+    "tangents": "slopes by direction, normal and bump maps",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }

@@ -108,6 +108,7 @@ class SceneArrays:
     clearcoat_texture (M,) int32: gives clearcoat; -1: none does (index of textures, default -1)
     clearcoat_gloss_texture (M,) int32: gives clearcoat_gloss; -1: none does (index of textures,
         default -1)
+    anisotropic_texture (M,) int32: gives anisotropic; -1: none does (index of textures, default -1)
     blend_weight_texture (M,) int32: gives blend_weight; -1: none does (index of textures, default
         -1)
     alpha_u (M,) float32: root mean square slope of a rough surface, along its tangent (in [5e-05,
@@ -131,6 +132,20 @@ class SceneArrays:
     clearcoat (M,) float32: of a principled: amount of a clear coat (in [0, 1], default 0.0)
     clearcoat_gloss (M,) float32: of a principled: the coat's slope, from 0.1 to 0.001 (in [0, 1],
         default 0.0)
+    anisotropic (M,) float32: of a principled: how much less its mirrors slope across the tangent
+        than along it (in [0, 1], default 0.0)
+    relief_texture (M,) int32: turns the surface's normals; -1: none does (index of textures,
+        default -1)
+    relief_heights (M,) bool: it gives heights (bilinear ones), whose slopes count; else normals n
+        by colours (n + 1) / 2 (default False)
+    relief_scale (M,) float32: of heights: world units for a height of 1 (in [-1e+06, 1e+06],
+        default 1.0)
+    relief_flips (M,) bool: a turned normal that looks away from the viewer is turned the other way
+        (default True)
+    relief_shades (M,) bool: what is turned reflects less light from grazing directions (default
+        True)
+    relief_mirrored (M,) bool: seen from behind, the turned normals are those of the front mirrored
+        (default False)
     sky_texels (Y, 3) float32: radiance from far away by direction: an image in rows from the local
         pole +y to -y; in a row, azimuths from -z by +x (in [0, infinity))
     sky_size (2,) uint32: width and height of the image, 0 for none (in [0, 32768], default 0)
@@ -219,6 +234,7 @@ class SceneArrays:
     flatness_texture: Array = _NONE
     clearcoat_texture: Array = _NONE
     clearcoat_gloss_texture: Array = _NONE
+    anisotropic_texture: Array = _NONE
     blend_weight_texture: Array = _NONE
     alpha_u: Array = _NONE
     alpha_v: Array = _NONE
@@ -232,6 +248,13 @@ class SceneArrays:
     flatness: Array = _NONE
     clearcoat: Array = _NONE
     clearcoat_gloss: Array = _NONE
+    anisotropic: Array = _NONE
+    relief_texture: Array = _NONE
+    relief_heights: Array = _NONE
+    relief_scale: Array = _NONE
+    relief_flips: Array = _NONE
+    relief_shades: Array = _NONE
+    relief_mirrored: Array = _NONE
     sky_texels: Array = _NONE
     sky_size: Array = _NONE
     sky_to_world: Array = _NONE

@@ -33,6 +33,7 @@ class Principled:
     flatness: float = 0.0
     clearcoat: float = 0.0
     clearcoat_gloss: float = 0.0
+    anisotropic: float = 0.0
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -55,9 +56,10 @@ class Principled:
         return (1 - self.metallic) * (1 - self.spec_trans)
 
     @property
-    def alpha(self) -> float:
-        """Slope of the mirrors."""
-        return max(self.roughness**2, 1e-3)
+    def alphas(self) -> tuple[float, float]:
+        """Slopes of the mirrors along and across the tangent."""
+        aspect = np.sqrt(1 - 0.9 * self.anisotropic)
+        return max(self.roughness**2 / aspect, 1e-3), max(self.roughness**2 * aspect, 1e-3)
 
     @property
     def coat_alpha(self) -> float:
@@ -75,10 +77,10 @@ def mix(a: Any, b: Any, t: Any) -> Any:
     return a + (b - a) * t
 
 
-def unhidden(w: Array, alpha: float) -> Array:
+def unhidden(w: Array, along: float, across: float) -> Array:
     """Smith's G1 for GGX."""
-    c2 = w[:, 2] ** 2
-    root: Array = np.sqrt(1 + alpha**2 * (1 - c2) / c2)
+    slope2 = ((along * w[:, 0]) ** 2 + (across * w[:, 1]) ** 2) / w[:, 2] ** 2
+    root: Array = np.sqrt(1 + slope2)
     return 2 / (1 + root)
 
 
@@ -120,9 +122,9 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
     light = float(base @ LUMINANCE)
     tint = base / light if light > 0 else np.ones(3)
 
-    a2 = p.alpha**2
-    slopes = a2 / (np.pi * (m[:, 0] ** 2 + m[:, 1] ** 2 + a2 * m[:, 2] ** 2) ** 2)
-    seen = unhidden(wo, p.alpha) / co
+    u, v = p.alphas
+    slopes = 1 / (np.pi * u * v * ((m[:, 0] / u) ** 2 + (m[:, 1] / v) ** 2 + m[:, 2] ** 2) ** 2)
+    seen = unhidden(wo, u, v) / co
     wide = np.where(up, 0.25, np.abs(om * im) * eta**2 / (om + eta * im) ** 2)
     sent = up | ((om > 0) & (im < 0))
     mirrors = np.where(sent, slopes * seen * wide, 0)
@@ -135,7 +137,7 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
     shine = np.where(r_ > 0, shine, 0)
     scale = 1.0 if importance else 1 / eta**2
     through = p.opened * (1 - r_) * np.sqrt(base) * scale
-    value = np.where(up[:, None], shine, through) * (mirrors * unhidden(wi, p.alpha))[:, None]
+    value = np.where(up[:, None], shine, through) * (mirrors * unhidden(wi, u, v))[:, None]
 
     chance = chances(p, co, eta, front, off)
     t, s = (p.opened, p.metallic) if front else (1.0, 0.0)
@@ -154,7 +156,7 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
         matt = matt + veil * mix(1, tint, p.sheen_tint)
         coat = coat_slopes(p, m)
         glint = 0.25 * p.clearcoat * mix(0.04, 1, slant) * coat
-        matt = matt + (glint * unhidden(wo, 0.25) * unhidden(wi, 0.25))[:, None]
+        matt = matt + (glint * unhidden(wo, 0.25, 0.25) * unhidden(wi, 0.25, 0.25))[:, None]
         value = value + np.where(up, ci, 0)[:, None] * matt
         others = chance[0] * ci / np.pi + chance[1] * coat * m[:, 2] / (4 * im)
         density = density + np.where(up, others, 0)

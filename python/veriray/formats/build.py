@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, TEXTURABLE, blank_row
+from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, view_angle
 from . import integrators, materials, textures, views, volumes
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
-from .plugins import COLOUR, PLUGINS, STRATIFIED
+from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
 from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
@@ -230,7 +230,7 @@ class _Builder:
             self.shape(shape, shapes)
         for text, place in shapes.notes():
             self.report.note(text, place)
-        textured = bool(self.tables.rows["textures"])
+        textured = bool(self.tables.rows["textures"] or self.textured)
         shown = shapes.arrays(with_uv=textured)
         shown |= self.attributes(shapes, shown)
         arrays = {**self.tables.arrays(), **shown, **self.sky}
@@ -392,9 +392,9 @@ class _Builder:
         row = self.rows.get(id(node))
         if row is None:
             held = [self.material(part) for part in parts.get("bsdf", ())]
-            given = self.textures(node)
+            given = {} if node.plugin in RELIEFS else self.textures(node)
             if node.plugin == "twosided":
-                row = materials.changed(held[0], {"two_sided": True})
+                row = materials.two_sided(held[0])
                 if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
                         f"{node} cannot hold a {parts['bsdf'][0].plugin} that lets light through",
@@ -409,12 +409,16 @@ class _Builder:
                 row = materials.changed(held[0], {**materials.filled(node, values), **given})
             elif node.plugin == "blendbsdf":
                 row = {**materials.blend(node, values, parts["bsdf"], held), **given}
+            elif node.plugin in RELIEFS:
+                row = materials.changed(
+                    held[0], {**materials.filled(node, values), **self.relief(node)}
+                )
             else:
                 row = {**materials.material(node, values, self.report), **given}
             row["attributes"] = [
                 attribute for one in (*held, given) for attribute in one.get("attributes", ())
             ]
-            if any(map(_textured, materials.both(row))):
+            if any(map(materials.reads_uv, materials.both(row))):
                 self.with_texture.add(id(node))
             self.rows[id(node)] = row
         return row
@@ -444,8 +448,22 @@ class _Builder:
                 if PLUGINS[node.plugin].params[item.name].kind != COLOUR:
                     attribute.single = item.where
             columns[column] = self.tables.index("textures", child, rows[item.name])
-        columns |= materials.textured_alpha(node, columns, rows)
+        columns |= materials.textured_alpha(columns, rows)
         return {**columns, "attributes": attributes} if attributes else columns
+
+    def relief(self, node: Node) -> materials.Row:
+        """The columns of the texture that turns normals."""
+        found = [self.resolve(item, node) if isinstance(item, Ref) else item
+                 for item in node.children]  # fmt: skip
+        found = [child for child in found if child.category == "texture"]
+        if len(found) != 1:
+            raise SceneError(f"{node} has {len(found)} textures, expected 1, a bitmap", node.where)
+        heights = node.plugin == "bumpmap"
+        row = self.texels.row(found[0], self.check(found[0])[1])
+        if row["texture_grey"] and not heights:
+            raise SceneError(f"{node}: a grey image holds no normals", found[0].where)
+        texture = self.tables.index("textures", found[0], row)
+        return {"relief_texture": texture, "relief_heights": heights}
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
@@ -634,10 +652,6 @@ class _Tables:
             for table, blanks in _TABLES.items()
             for column, blank in blanks.items()
         }
-
-
-def _textured(row: materials.Row) -> bool:
-    return any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE)
 
 
 def _masked(row: materials.Row) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, OPEN_KINDS, blank_row
+from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, OPEN_KINDS, TEXTURABLE, blank_row
 from ..errors import SceneError
 from . import metals
 from .node import Node
@@ -17,6 +17,7 @@ from .report import Report
 
 Row = dict[str, Any]
 BLACK: Row = blank_row("materials")
+_ALPHAS = ("alpha", "alpha_u", "alpha_v")
 _LEAST_ALPHA = 1e-4  # smaller ones are taken for it, as by Mitsuba
 
 
@@ -57,7 +58,7 @@ def material(node: Node, values: dict[str, Any], report: Report) -> Row:
                 node.where,
             )
         row["distribution"] = DISTRIBUTIONS.index(values["distribution"])
-        row["alpha_u"] = row["alpha_v"] = _roughness(node, values)
+        row["alpha_u"], row["alpha_v"] = _roughness(node, values)
     if node.plugin == "pplastic":
         row |= _polarised_plastic(node, values, row["eta"][0], report)
     return row
@@ -93,6 +94,15 @@ def _diffuse_fresnel(eta: float) -> float:
         weight = 1 if i in (0, cells) else 4 if i % 2 else 2
         total += weight * s * (across * across + along * along)
     return critical + (1 - critical) * total / (3 * cells)
+
+
+def two_sided(row: Row) -> Row:
+    """A bsdf's row, and that of a blend's other, for a bsdf that reflects on both sides."""
+    row = {**row, "two_sided": True, "relief_mirrored": row["relief_texture"] >= 0}
+    if "other" in row:
+        node, other = row["other"]
+        row["other"] = replace(node), two_sided(other)
+    return row
 
 
 def changed(row: Row, columns: Row) -> Row:
@@ -147,41 +157,37 @@ def _principled(node: Node, values: dict[str, Any]) -> Row:
     return row
 
 
-def _roughness(node: Node, values: dict[str, Any]) -> float:
-    both, u, v = (values[name] for name in ("alpha", "alpha_u", "alpha_v"))
-    given = [name for name in ("alpha", "alpha_u", "alpha_v") if values[name] is not None]
+def _roughness(node: Node, values: dict[str, Any]) -> tuple[float, float]:
+    textures = {item.name for item in node.children}
+    both, u, v = (values[name] for name in _ALPHAS)
+    given = [name for name in _ALPHAS if values[name] is not None or name in textures]
     if given not in ([], ["alpha"], ["alpha_u", "alpha_v"]):
         raise SceneError(
             f"{node}: {' and '.join(given)} given; expected alpha, or both alpha_u and alpha_v",
             node.where,
         )
-    if u != v:
+    if node.plugin == "roughplastic" and u != v:
         raise SceneError(
-            f"{node}: alpha_u = {u:g} and alpha_v = {v:g}: anisotropic roughness is not "
-            "supported; give alpha",
+            f"{node}: alpha_u = {u:g} and alpha_v = {v:g}, but its coat has one alpha; give alpha",
             node.values["alpha_u"].where,
         )
-    alpha = u if both is None else both
-    return 0.1 if alpha is None else max(alpha, _LEAST_ALPHA)
+    u, v = (both if x is None else x for x in (u, v))
+    return tuple(0.1 if x is None else max(x, _LEAST_ALPHA) for x in (u, v))
 
 
-def textured_alpha(node: Node, columns: Row, rows: Row) -> Row:
+def textured_alpha(columns: Row, rows: Row) -> Row:
     """The column of roughness that follows from the others; columns, rows: of the textures given.
+    One texture, or two alike, stand for both directions."""
+    alike = "alpha" in rows or ("alpha_u" in rows and rows["alpha_u"] == rows.get("alpha_v"))
+    return {"alpha_v_texture": columns["alpha_u_texture"]} if alike else {}
 
-    Raises SceneError unless one texture, or two alike, stand for both directions.
-    """
-    names = {"alpha", "alpha_u", "alpha_v"}
-    given = names & rows.keys()
-    if not given:
-        return {}
-    alike = given == {"alpha"} or (len(given) == 2 and rows.get("alpha_u") == rows.get("alpha_v"))
-    if not alike or names & node.values.keys():
-        raise SceneError(
-            f"{node}: alpha_u and alpha_v differ: anisotropic roughness is not supported; give "
-            "alpha, or one texture for both",
-            node.where,
-        )
-    return {"alpha_v_texture": columns["alpha_u_texture"]}
+
+def reads_uv(row: Row) -> bool:
+    """Whether texture coordinates matter on surfaces of a material: it has textures, or depends on
+    the direction in which u grows."""
+    names = (*TEXTURABLE, "relief")
+    textures = [row.get(f"{name}_texture", -1) for name in names]
+    return max(textures) >= 0 or row["alpha_u"] != row["alpha_v"] or row["anisotropic"] > 0
 
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:

@@ -122,7 +122,9 @@ _UNMASKED = (
     "circular",
     "retarder",
 )
-_UNBLENDED = (*_UNMASKED, "mask")
+#: Bsdfs that hold another one and turn its normals.
+RELIEFS = ("bumpmap", "normalmap")
+_UNBLENDED = (*_UNMASKED, "mask", *RELIEFS)
 _BSDFS = (*_UNBLENDED, "blendbsdf")
 _SHAPES = (
     "mesh",
@@ -206,8 +208,8 @@ _ROUGH = {
     "alpha": Param(
         "float", None, 0.0, MAX_ALPHA, doc="root mean square slope; 0.1; below 1e-4 as 1e-4"
     ),
-    "alpha_u": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_v, equal to it, for alpha"),
-    "alpha_v": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_u"),
+    "alpha_u": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_v, for alpha: along u"),
+    "alpha_v": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_u: across u"),
     "sample_visible": Param("boolean", True, doc="changes no expectation and nothing here"),
 }
 #: A rough coat has tables for its one alpha.
@@ -223,10 +225,25 @@ _PRINCIPLED = {
         name: Param(GREY, default, **_SHARE, doc=doc, column=name)
         for name, (default, doc) in PRINCIPLED.items()
     },
-    "anisotropic": Param("float", 0.0, choices=(0.0,), doc="slopes are alike in all directions"),
     "eta": Param("float", None, 1 / MAX_IOR, MAX_IOR, doc="index inside over outside; or specular"),
     "specular": Param("float", None, **_SHARE, doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"),
 }
+
+
+def _relief(doc: str, **params: Param) -> Plugin:
+    flips = "turn normals that look away from the viewer the other way about the surface's"
+    return Plugin(
+        "bsdf",
+        {
+            **params,
+            "flip_invalid_normals": Param("boolean", True, doc=flips, column="relief_flips"),
+            "use_shadowing_function": Param(
+                "boolean", True, doc="less light from grazing directions", column="relief_shades"
+            ),
+        },
+        {"bsdf": ((*_UNMASKED, "mask"), 1, 1)},
+        doc=doc,
+    )
 
 
 def _setting(name: str, doc: str) -> Param:
@@ -578,7 +595,7 @@ PLUGINS: dict[str, Plugin] = {
     "mask": Plugin(
         "bsdf",
         {"opacity": Param(GREY, 0.5, **_SHARE, doc="share that is there", column="opacity")},
-        {"bsdf": ((*_UNMASKED, "blendbsdf"), 1, 1)},
+        {"bsdf": ((*_UNMASKED, *RELIEFS, "blendbsdf"), 1, 1)},
         doc="partly transparent",
     ),
     "blendbsdf": Plugin(
@@ -595,7 +612,18 @@ PLUGINS: dict[str, Plugin] = {
         doc="the first bsdf in part, the second for the rest, in the order of the file",
     ),
     "twosided": Plugin(
-        "bsdf", {}, {"bsdf": ((*_OPAQUE, "blendbsdf"), 1, 1)}, doc="both sides reflect"
+        "bsdf", {}, {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf"), 1, 1)}, doc="both sides reflect"
+    ),
+    "bumpmap": _relief(
+        "normals turned as if the surface were raised by the heights of a bitmap, its texture of "
+        "any name; bilinear ones alone have slopes",
+        scale=Param(
+            "float", 1.0, -1e6, 1e6, doc="world units for a height of 1", column="relief_scale"
+        ),
+    ),
+    "normalmap": _relief(
+        "normals n by the colours (n + 1) / 2 of a bitmap, its texture normalmap: x along u, z the "
+        "surface's own"
     ),
     "bitmap": Plugin(
         "texture",

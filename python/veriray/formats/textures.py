@@ -14,7 +14,7 @@ from ..errors import SceneError
 from . import images, materials
 from .mesh import Mesh
 from .node import Node, Ref, Value, shorten
-from .plugins import PLUGINS, texturable
+from .plugins import PLUGINS, RELIEFS, texturable
 from .report import Report
 
 Array = npt.NDArray[Any]
@@ -23,6 +23,10 @@ _SOURCES = ("filename", "data", "bitmap")
 
 def check_place(node: Node, child: Node, item: Node | Ref) -> None:
     """Raises SceneError if a texture may not stand where it does: `item` of `node`."""
+    if node.plugin in RELIEFS and (node.plugin == "bumpmap" or item.name == "normalmap"):
+        if child.plugin == "bitmap":
+            return
+        raise SceneError(f"{node} cannot hold a texture {child.plugin}, only a bitmap", item.where)
     param = PLUGINS[node.plugin].params.get(item.name)
     if param is None or not param.texturable:
         name = f"{node.plugin}.{shorten(item.name)[1:-1] or '?'}"

@@ -388,7 +388,7 @@ def _materials(rng: np.random.Generator, n: int) -> Array:
     normal = directions(rng, n)
     wo = normalised(normal + 0.9999 * directions(rng, n))
     return np.concatenate([kind, rng.integers(0, 2, (n, 1)), rng.random((n, 3)), eta,
-                           rng.uniform(0, 20, (n, 1)), 10 ** rng.uniform(-4, 0.5, (n, 1)),
+                           rng.uniform(0, 20, (n, 1)), 10 ** rng.uniform(-4, 0.5, (n, 2)),
                            rng.integers(0, 2, (n, 1)), rng.random((n, len(PRINCIPLED))), normal,
                            wo], axis=1)  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,13 +49,19 @@ class Grey:
     eta: float = 1.5
     k: float = 0.0
     alpha: float = 0.1
+    across: float = 0.0  # the tangent; 0: alpha
     ggx: float = 0.0
     shares: tuple[float, ...] = tuple(default for default, _ in PRINCIPLED.values())
 
     def columns(self, front: bool = True) -> tuple[float, ...]:
         """As the hooks take them."""
-        kind, *rest, shares = astuple(self)
+        kind, *rest, shares = astuple(replace(self, across=self.across or self.alpha))
         return (MATERIAL_KINDS.index(kind), float(front), *rest, *shares)
+
+    @property
+    def slopes(self) -> Array:
+        """Alpha along and across the tangent, and 1."""
+        return np.array([*single(np.array([self.alpha, self.across or self.alpha])), 1.0])
 
     def relative(self, front: bool) -> float:
         """Index beyond over index on the side of wo."""

@@ -42,19 +42,24 @@ ROUGH = {
     "diamond ggx": Grey("roughdielectric", eta=2.4, alpha=0.6, ggx=1.0),
     "plastic ggx": Grey("roughplastic", 0.5, eta=1.5, alpha=0.3, ggx=1.0),
     "plastic beckmann": Grey("roughplastic", 0.7, 0.8, eta=1.9, alpha=0.2),
+    "brushed ggx": Grey("roughconductor", eta=0.0, k=1.0, alpha=0.5, across=0.15, ggx=1.0),
+    "brushed beckmann": Grey("roughconductor", eta=0.0, k=1.0, alpha=0.12, across=0.6),
+    "finely brushed": Grey("roughconductor", eta=0.2, k=3.0, alpha=0.5, across=1e-3, ggx=1.0),
+    "brushed glass ggx": Grey("roughdielectric", eta=1.5, alpha=0.15, across=0.5, ggx=1.0),
+    "brushed glass beckmann": Grey("roughdielectric", eta=1.5, alpha=0.6, across=0.2),
 }  # fmt: skip
 MIRRORS = tuple(name for name, grey in ROUGH.items() if grey.kind != "roughplastic")
 GLASS = tuple(name for name, grey in ROUGH.items() if grey.kind == "roughdielectric")
 ONE_SIDE = tuple(name for name in ROUGH if name not in GLASS)
-COARSE = tuple(name for name, grey in ROUGH.items() if grey.alpha > 0.1)
+COARSE = tuple(name for name, grey in ROUGH.items() if grey.slopes.min() > 0.1)
 ANGLES = (0.0, 30.0, 60.0, 80.0, 89.0)
 
 
 def masking(w: Array, grey: Grey) -> Array:
     """Smith's G1 of local directions (n, 3), of Beckmann by Mitsuba's rational function."""
-    sine = np.hypot(w[:, 0], w[:, 1])
+    u, v, _ = grey.slopes
     with np.errstate(divide="ignore"):
-        a = np.abs(w[:, 2]) / (single(grey.alpha) * sine)
+        a = np.abs(w[:, 2]) / np.hypot(u * w[:, 0], v * w[:, 1])
         if grey.ggx:
             exact: Array = 2 / (1 + np.sqrt(1 + 1 / a**2))
             return exact
@@ -64,10 +69,10 @@ def masking(w: Array, grey: Grey) -> Array:
 
 def slopes(m: Array, grey: Grey) -> Array:
     """D of local normals (n, 3)."""
-    alpha = single(grey.alpha)
-    steep = (m[:, 0] ** 2 + m[:, 1] ** 2) / (m[:, 2] * alpha) ** 2
+    u, v, _ = grey.slopes
+    steep = ((m[:, 0] / u) ** 2 + (m[:, 1] / v) ** 2) / m[:, 2] ** 2
     value: Array = 1 / (1 + steep) ** 2 if grey.ggx else np.exp(-steep)
-    return value / (np.pi * alpha**2 * m[:, 2] ** 4)
+    return value / (np.pi * u * v * m[:, 2] ** 4)
 
 
 def drawn(wo: Array, m: Array, grey: Grey) -> Array:
@@ -203,9 +208,9 @@ def rough_directions(t: Trial, name: str, angle: float) -> None:
         eta = grey.relative(front) if name in GLASS else 1.0
         through = s[:, 5] > 0
         h = own + np.where(through, eta, 1.0)[:, None] * local
-        h *= np.where(h[:, 2:] < 0, -1, 1) / single(grey.alpha) ** np.array([1, 1, 0])
+        h *= np.where(h[:, 2:] < 0, -1, 1) / grey.slopes
         if grey.ggx:
-            w = own[:1] * single(grey.alpha) ** np.array([1, 1, 0])
+            w = own[:1] * grey.slopes
             w = w / np.linalg.norm(w)
             h /= np.linalg.norm(h, axis=1)[:, None]
             cap = 2 * (h @ w.T) * h - w
@@ -213,7 +218,7 @@ def rough_directions(t: Trial, name: str, angle: float) -> None:
         else:
             x, y = (h[:, :2] / h[:, 2:]).T
             u, v = -np.expm1(-(x * x + y * y)), 2 * (np.arctan2(y, x) % np.pi)
-            turn = (own[:, 0] * x + own[:, 1] * y) * single(grey.alpha)
+            turn = own[:, 0] * x * grey.slopes[0] + own[:, 1] * y * grey.slopes[1]
             # which of the two: its mean, where both are seen
             p = np.clip((own[:, 2] + np.abs(turn)) / (2 * own[:, 2]), 0, 1)
             odds = ((turn > 0) - p) / np.sqrt(np.maximum(p * (1 - p), 1e-12))
@@ -371,7 +376,8 @@ def rough_corners(t: Trial, name: str) -> None:
     """Samples for random numbers at the end of their range, alpha from 1e-4 to 10.
 
     u, v, lobe in {0, 2^-24, 1/2, 1 - 2^-24}, angles up to 89.9999 degrees, both sides: unit
-    directions (1e-5), finite weights and densities, none of them negative.
+    directions (1e-5), finite weights and densities, none of them negative. Of
+    those that are brushed alpha changes along the tangent alone.
     """
     u, v, lobe = np.array(list(itertools.product(CORNERS, repeat=3))).T
     for alpha, angle, front in itertools.product(

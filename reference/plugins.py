@@ -244,14 +244,18 @@ class _Reader(Document):
         return replace(inner, opacity=values.get("opacity", 0.5))
 
     def polarizer(self, element: etree._Element) -> Material:
-        """Half of the light goes on, half is lost: a mask of what is black."""
-        values = self.parameters(element, transmittance=self.number(0, 1))
-        return replace(_NO_LIGHT, opacity=1 - 0.5 * values.get("transmittance", 1.0))
+        """Half of the light goes straight on; a thin slab of index 1 reflects nothing."""
+        return self.filter(element, 0.5)
 
     circular = polarizer
 
     def retarder(self, element: etree._Element) -> Material:
-        return Material(kind="null", **self.parameters(element))
+        return self.filter(element, 1.0)
+
+    def filter(self, element: etree._Element, share: float) -> Material:
+        values = self.parameters(element, transmittance=self.colour(1.0))
+        through = share * values.get("transmittance", np.ones(3))
+        return Material(kind="thindielectric", eta=np.ones(3), specular_transmittance=through)
 
     def pplastic(self, element: etree._Element) -> Material:
         """Without polarisation: the coat of roughplastic alone, or light that enters the base of

@@ -604,7 +604,7 @@ def polarisers() -> str:
         )
         for x, z, what in (
             (-1.2, 0.6, ("polarizer",)),
-            (-0.7, 1.2, ("circular", number("transmittance", 0.8))),
+            (-0.7, 1.2, ("circular", rgb("transmittance", 0.8, 0.9, 0.5))),
             (0.9, 1.2, ("retarder",)),
         )
     ]

@@ -537,6 +537,26 @@ def test_a_coating_of_a_reference(tmp_path: Path, order: int) -> None:
         read(tmp_path, "0.6.0", SENSOR + '<bsdf type="coating"><ref id="c"/></bsdf>')
 
 
+def test_coats_without_end_are_refused(tmp_path: Path) -> None:
+    ring = '<bsdf type="coating" id="a"><ref id="b"/></bsdf><bsdf type="coating" id="b"><ref id="a"/></bsdf>'
+    for body in (
+        ring,
+        ring.replace('id="b"', 'id="a"'),
+        "<bsdf type='coating'>" * 25 + "</bsdf>" * 25,
+    ):
+        with pytest.raises(SceneError):
+            read(tmp_path, "0.6.0", SENSOR + body)
+    chain = "".join(
+        f'<bsdf type="coating" id="{i}"><ref id="{i - 1}"/></bsdf>' for i in range(1, 60)
+    )
+    for order in (1, -1):
+        coats = re.findall("<bsdf.*?</bsdf>", '<bsdf type="conductor" id="0"></bsdf>' + chain)
+        try:
+            read(tmp_path, "0.6.0", SENSOR + "".join(coats[::order]))
+        except SceneError as error:
+            assert 'unknown bsdf "coating"' in str(error)
+
+
 def test_approximations_are_warnings(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     body = f'{SENSOR}{LIGHT}<shape type="cube"><bsdf type="phong"/></shape>'

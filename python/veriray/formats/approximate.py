@@ -26,6 +26,7 @@ from lxml.etree import _Element
 from .node import _FLOAT
 
 Warn = Callable[[str, str], None]
+_DEEPEST = 8  # coats on each other; one that holds itself has no end
 _MOST = 0.64  # of a coat's reflectance at normal incidence: an index of 9
 _TINTED = {
     "diffuse": ("reflectance", 0.5),
@@ -36,9 +37,11 @@ _TINTED = {
 }
 
 
-def approximate(element: _Element, where: str, root: _Element, warn: Warn) -> None:
+def approximate(
+    element: _Element, where: str, root: _Element, warn: Warn, depth: int = _DEEPEST
+) -> None:
     """Changes a bsdf to what stands for it, if it is one of these. root: of the file, where what it
-    refers to is. warn: takes a text and its place."""
+    refers to is. warn: takes a text and its place. depth: of coats on it."""
     plugin = str(element.get("type"))
     if plugin == "roughdiffuse":
         _keep(element, "reflectance")
@@ -47,7 +50,8 @@ def approximate(element: _Element, where: str, root: _Element, warn: Warn) -> No
     elif plugin in ("phong", "ward"):
         _glossy(element, plugin, where, warn)
     elif plugin in ("coating", "roughcoating"):
-        _coating(element, plugin, where, root, warn)
+        if depth:  # else it is refused as an unknown bsdf
+            _coating(element, plugin, where, root, warn, depth - 1)
     else:
         given = _named(element, "distribution")
         if given is not None and given.get("value") in ("phong", "as"):
@@ -93,7 +97,9 @@ def _glossy(element: _Element, plugin: str, where: str, warn: Warn) -> None:
     warn(f"bsdf {plugin} is rendered as {element.get('type')} of alpha {alpha:.4g}", where)
 
 
-def _coating(element: _Element, plugin: str, where: str, root: _Element, warn: Warn) -> None:
+def _coating(
+    element: _Element, plugin: str, where: str, root: _Element, warn: Warn, depth: int
+) -> None:
     held = [_resolved(child, root) for child in element if child.tag in ("bsdf", "ref")]
     below = held[0] if len(held) == 1 else None
     if below is None:
@@ -105,7 +111,7 @@ def _coating(element: _Element, plugin: str, where: str, root: _Element, warn: W
         if len(inner) != 1 or inner[0] is None:
             return
         base = inner[0]
-    approximate(base, where, root, warn)
+    approximate(base, where, root, warn, depth)
     new, told = str(base.get("type")), _tint(element, base)
     if new == "diffuse":
         new = "roughplastic" if plugin == "roughcoating" else "plastic"

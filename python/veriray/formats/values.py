@@ -110,14 +110,14 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
         if value.lower() not in IORS:
             raise SceneError(f"{label} is unknown{allowed(value.lower(), IORS)}", given.where)
         value = IORS[value.lower()]
-    if param.kind == GREY and isinstance(value, tuple):
-        if len(set(value)) > 1:
-            raise SceneError(f"{label} must be grey", given.where)
-        value = value[0]
     if given.kind == "spectrum":
         emitter = PLUGINS[node.plugin].category == "emitter"
         shown = f'{node}: "{name}"'
         value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where, report.warn)
+    if param.kind == GREY and isinstance(value, tuple):
+        if len(set(value)) > 1:
+            raise SceneError(f"{label} must be grey", given.where)
+        value = value[0]
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3
         value = _taken(value, param, given, label, report)

@@ -1,7 +1,6 @@
 """Agreement with Mitsuba 3 on the same scene files, by the equal-effort tests of `veriray.compare`.
 
-Scenes: all of scenes/checks but `blends` (README tells why), and Mitsuba's Cornell box, or those
-of --scenes. 64 batches of --spp
+Scenes: all of scenes/checks and Mitsuba's Cornell box, or those of --scenes. 64 batches of --spp
 samples from both, independent seeds, the sign-flip tests S0 to S3 at a family-wise false-alarm rate
 of 1e-3 a scene; where the noise of the two differs too much for them, Welch t tests of the mean and
 of the blocks. --depths makes the Cornell box run at several max_depth. Exit status 1 if one
@@ -29,8 +28,6 @@ from veriray import Render, film_hash
 
 CHECKS = ROOT / "scenes" / "checks"
 BORDER = 2  # pixels
-#: Where Mitsuba's weights of light samples and sampled directions do not add up to 1.
-DIFFERS = ("blends",)
 
 
 def peer_render(mi: Any, scene: Path, cache: Path | None, **settings: Any) -> tuple[Render, bool]:
@@ -140,7 +137,7 @@ def main() -> int:
         print(f"no peer: {error}", file=sys.stderr)
         return 2
     files = {f.stem: f for f in sorted(CHECKS.glob("*.xml"))}
-    names = args.scenes or ["cornell", *(name for name in files if name not in DIFFERS)]
+    names = args.scenes or ["cornell", *files]
     unknown = set(names) - {"cornell", *files}
     if unknown:
         p.error(f"unknown scenes {sorted(unknown)}; allowed: cornell, {', '.join(files)}")

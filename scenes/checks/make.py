@@ -1214,13 +1214,13 @@ def puff() -> Array:
 
 @scene
 def blends() -> str:
-    """Blends: metal and matt by a texture, glass and matt, and holes in one, with their shadows."""
+    """Blends: metal and matt by a texture, rough glass and matt, and holes in one, with their shadows."""
     image = text("filename", "images/weave.png")
     optics = rgb("eta", 0.2, 0.9, 1.1), rgb("k", 3.9, 2.4, 2.2)
     gold = bsdf("roughconductor", number("alpha", 0.3), *optics)
     matt = diffuse(0.2, 0.5, 0.6)
     weave = texture("bitmap", image, flag("raw"), name="weight", to_uv=scale(2, 1, 1))
-    clear = bsdf("dielectric", number("int_ior", 1.5))
+    clear = bsdf("roughdielectric", number("alpha", 0.2), number("int_ior", 1.5))
     leaf = bsdf("mask", number("opacity", 0.4), diffuse(0.3, 0.7, 0.2))
     return (
         sensor() + shape("rectangle", transform(scale(20), rotate("x", -90)),

@@ -69,7 +69,7 @@ class Vertices(Columns):
     primitive: -1 for none and in media; t: the segment's length; near: close to a triangle's edge;
     scattered: in a medium (None: nowhere); front, normal: ng and ns (3, n), one array if nothing is
     smooth; facing: dot(ng, wo); cosine: dot(ns, wo); lit: on a light's front (None: no lights);
-    material; event.
+    hidden: a lamp that is not there for the camera (None: no such lamps); material; event.
     """
 
     primitive: np.ndarray
@@ -81,6 +81,7 @@ class Vertices(Columns):
     facing: np.ndarray | None = None
     cosine: np.ndarray | None = None
     lit: np.ndarray | None = None
+    hidden: np.ndarray | None = None
     material: np.ndarray | None = None
     event: np.ndarray | None = None
 

@@ -27,13 +27,15 @@ enum Feature : FeatureMask {
     kMedia = 1u << 12,
     kChromatic = 1u << 13,   // a medium whose extinction depends on the channel
     kTextures = 1u << 14,    // a number of a material that a texture gives
-    kFirstLight = 1u << 15,  // a bit for each feature of lights, in their order
+    kHidden = 1u << 15,      // light that the camera does not see directly
+    kFirstLight = 1u << 16,  // a bit for each feature of lights, in their order
     kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
-inline constexpr const char* kFeatureNames[] = {
-    "quads", "polygons",      "disks",      "spheres", "bvh",   "smooth",    "many_lights", "clip",
-    "lens",  "signed_filter", "refraction", "pass",    "media", "chromatic", "textures"};
+inline constexpr const char* kFeatureNames[] = {"quads", "polygons",      "disks",       "spheres",
+                                                "bvh",   "smooth",        "many_lights", "clip",
+                                                "lens",  "signed_filter", "refraction",  "pass",
+                                                "media", "chromatic",     "textures",    "hidden"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);

@@ -36,6 +36,7 @@ FEATURES = {
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
     "textures": "numbers of materials that textures give",
+    "hidden": "light that the camera does not see directly",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }

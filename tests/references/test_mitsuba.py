@@ -22,7 +22,8 @@ SIZE, BATCHES, SPP = 32, 64, 16
 CHECKS = ("chromatic_medium", "nested_dielectrics", "thinlens", "sphere_light", "spheres_300",
           "smooth_normals", "plastic", "mask", "touching_media", "spot_light",
           "camera_in_medium", "conductor_metal", "rough_metal", "rough_plastic",
-          "rough_glass", "principled_surfaces", "principled_glass")  # fmt: skip
+          "rough_glass", "principled_surfaces", "principled_glass", "orthographic",
+          "hidden_light")  # fmt: skip
 
 
 def verdict(

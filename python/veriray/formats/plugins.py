@@ -225,7 +225,7 @@ _RUN = {
     **dict.fromkeys(("samples_per_pass", "block_size", "timeout"), _IN_PARTS),
     "strict_normals": "directions count only where both normals agree, always",
 }
-_HIDE = Param("boolean", False, doc="true only where no area light or sky shines")
+_HIDE = Param("boolean", False, doc="the camera sees no sky, and through lamps")
 
 
 def _integrator(max_depth: int | None, doc: str, **noted: str) -> Plugin:
@@ -345,7 +345,7 @@ PLUGINS: dict[str, Plugin] = {
         "scene",
         children={
             "integrator": (_INTEGRATORS, 0, 1),
-            "sensor": (("perspective", "thinlens"), 0, _MANY),
+            "sensor": (("perspective", "thinlens", "orthographic", "radiancemeter"), 0, _MANY),
             "emitter": (("constant", "envmap", "point", "spot", "directional"), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
@@ -381,6 +381,24 @@ PLUGINS: dict[str, Plugin] = {
         },
         _ON_SENSORS,
         doc="lens with a round aperture",
+        noted=_SHUTTER,
+    ),
+    "orthographic": Plugin(
+        "sensor",
+        {name: _PERSPECTIVE[name] for name in ("near_clip", "far_clip", "to_world")},
+        _ON_SENSORS,
+        doc="parallel rays; x in [-1, 1] of to_world, which may scale, is the film's width",
+        noted=_SHUTTER,
+    ),
+    "radiancemeter": Plugin(
+        "sensor",
+        {
+            "origin": Param("point", None, -MAX_COORDINATE, MAX_COORDINATE, doc="with direction"),
+            "direction": Param("vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
+            "to_world": Param("transform", doc="the ray is local +z; counts before origin"),
+        },
+        _ON_SENSORS,
+        doc="one ray; its film has 1 x 1 pixels",
         noted=_SHUTTER,
     ),
     **{name: _film(name) for name in FILMS},

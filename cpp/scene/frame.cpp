@@ -193,9 +193,9 @@ void HostScene::normalise(const SceneInput& in) {
             most = std::max(most, std::abs(eye[k] - centre[k]) + in.aperture_radius);
     if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
     unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
-    if (parallel)
+    if (parallel)  // by more than the rounding of large faces, without that of the start
         before =
-            narrow ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-60 * unit}) : 4 * unit;
+            narrow ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-16 * unit}) : 4 * unit;
     else
         before = far ? 4 * unit : narrow ? 0x1p-10 * depth_seen : 0;
 }

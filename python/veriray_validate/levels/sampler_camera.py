@@ -15,7 +15,7 @@ from veriray.camera import Camera
 from veriray.scene import Scene
 from veriray_validate.levels.samplers import count, replayed, uniform
 from veriray_validate.oracles import INVERSE
-from veriray_validate.scenes import disk, make, quad
+from veriray_validate.scenes import Medium, disk, make, quad
 from veriray_validate.statistics import binomial, max_z
 from veriray_validate.trial import Trial, case
 
@@ -322,6 +322,21 @@ def orthographic_clipping(t: Trial, seed: int) -> None:
             p, a, b = ((world @ [*xy, z, 1])[:3] for xy in ((-9, -9), (-9, 9), (9, -9)))
             screens.append(quad(p, a - p, b - p, 0, z))
         t.agrees(make(screens, view, 0.0, 8, 6), shown, 50, sees=1e-3)
+
+
+@case(2, each={"near": (0.0, 1.3, 40.0), "seed": (1, 77, 4242, 5)})
+def orthographic_in_a_medium(t: Trial, near: float, seed: int) -> None:
+    """A screen in an absorbing medium before an orthographic camera: exp(-extinction x distance).
+
+    The distance is that from the near plane, also where the film is far from all that it shows.
+    Sees 1 %.
+    """
+    fog = Medium(0.4)
+    view, world = parallel(seed, 1.0, 0.0, near_clip=near / 0.7)
+    depth = near + 2.5
+    p, a, b = ((world @ [*xy, depth, 1])[:3] for xy in ((-9, -9), (-9, 9), (9, -9)))
+    screen = quad(p, a - p, b - p, 0, 1.0)
+    t.agrees(make([screen], view, camera_medium=fog), math.exp(-1), 400_000, sees=0.01)
 
 
 @case(2)

@@ -39,6 +39,7 @@ if hasattr(os, "register_at_fork"):
 def native_scene_arguments(scene: Scene) -> dict[str, Any]:
     """The arguments arrays, camera and film of the native `Scene`; see `_native.pyi`."""
     camera, film = scene.camera, scene.film
+    near, far = camera.clip_depths
     arrays = {name: getattr(scene, name) for name in COLUMNS}
     return {
         "arrays": {n: a.view(np.uint8) if a.dtype == np.bool_ else a for n, a in arrays.items()},
@@ -47,8 +48,8 @@ def native_scene_arguments(scene: Scene) -> dict[str, Any]:
             "parallel": camera.projection == "orthographic",
             "tan_half_x": camera.tan_half_x(film.width, film.height),
             "tan_half_y": camera.tan_half_y(film.width, film.height),
-            "near_clip": camera.clip_depths[0],
-            "far_clip": camera.clip_depths[1],
+            "near_clip": near,
+            "far_clip": far,
             "principal_x": float(camera.principal_point_offset[0]),
             "principal_y": float(camera.principal_point_offset[1]),
             "aperture_radius": camera.aperture_radius,

@@ -473,7 +473,7 @@ PYTHON = (
     _python("aperture's diameter for its radius", "native_scene.py",
             '"aperture_radius": camera.aperture_radius',
             '"aperture_radius": 0.5 * camera.aperture_radius'),
-    _python("near plane forgotten", "native_scene.py", '"near_clip": camera.near_clip',
+    _python("near plane forgotten", "native_scene.py", '"near_clip": near',
             '"near_clip": 0.0'),
     _python("picture mirrored by lookat", "transform.py", "side = cross(upward, forward)",
             "side = cross(forward, upward)"),

@@ -269,7 +269,7 @@ def parallel(seed: int, size: float, away: float, **clip: float) -> tuple[Camera
 
 @case(2, each={"place": PARALLEL, "seed": (1, 77, 4242, 5)})
 def orthographic_film(t: Trial, place: str, seed: int) -> None:
-    """A bright parallelogram before a floor of 3 or 3,000 film widths, seen by parallel rays.
+    """A bright parallelogram before a floor of 3 or a million film widths, seen by parallel rays.
 
     Turned, of unequal scales, near, far, small and large. Every pixel holds its covered share,
     those fully inside or outside exactly. 4,000 samples.
@@ -284,7 +284,7 @@ def orthographic_film(t: Trial, place: str, seed: int) -> None:
         return [points[0], points[1] - points[0], points[2] - points[0]]
 
     plate = quad(*corners(x, y, 0.0), 0, 1.0)
-    wide = 3000.0 if place.startswith("small") else 3.0
+    wide = 1e6 if place.startswith("small") else 3.0
     floor = quad(*corners((-wide, wide), (-wide, wide), 1.0), 0, 0)
     cover = []
     for (low, high), n, half in ((x, width, 1.0), (y, height, height / width)):

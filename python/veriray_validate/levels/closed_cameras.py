@@ -12,7 +12,7 @@ from scipy import stats
 import veriray
 from veriray.comparison.statistics import MARGIN
 from veriray_validate.dicts import BLACK, flat, scene, sky, sphere, view
-from veriray_validate.scenes import MIRROR, NULL, Part, box, camera, make
+from veriray_validate.scenes import MIRROR, NULL, Medium, Part, box, camera, make, quad
 from veriray_validate.scenes import sphere as ball
 from veriray_validate.statistics import chi_square, sidak, smallest_bias
 from veriray_validate.trial import Trial, case
@@ -332,6 +332,24 @@ def hidden_light(t: Trial, inside: str, shape: str, seed: int) -> None:
             t.check(sum(r.stats["ledger"]["emitter_end"]) > 0, "lamps end other paths")
     seen = make(parts, camera(eye, [0, 0, 0]), 5.0)
     t.check(t.render(seen, 16).image == 0, "seen, the back of the lamp is black")
+
+
+@case(3, each={"border": (False, True), "seed": (1, 77, 4242, 5)})
+def hidden_light_in_a_medium(t: Trial, border: bool, seed: int) -> None:
+    """A lamp that shines away from the camera onto a mirror that shows its front, in absorbing fog.
+
+    The whole way is attenuated: to the lamp, which is not there, to the mirror and back. It is no
+    border for the camera either (the fog would end at it). Sees 1 %.
+    """
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    x, y, z = q.T * np.sign(np.linalg.det(q))
+    fog = Medium(0.2)
+    more = {"interior": fog} if border else {}
+    lamp = quad(-3 * x - 3 * y, 6 * x, 6 * y, 0, 2.0, **more)
+    mirror = quad(2 * z - 3 * x - 3 * y, 6 * y, 6 * x, 0, material=MIRROR)
+    eye = camera(0.1 * x - 1.5 * z, 0.1 * x)
+    hidden = make([lamp, mirror], eye, 7.0, camera_medium=fog, hide_emitters=True)
+    t.agrees(hidden, 2 * math.exp(-0.2 * 5.5), 800_000, sees=0.01)
 
 
 # ---- filters ----

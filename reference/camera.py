@@ -21,6 +21,12 @@ def camera_rays(
     dx, dy = filter_offsets(rng, film, n), filter_offsets(rng, film, n)
     x = (pixel % film.width + 0.5 + dx) / film.width
     y = (pixel // film.width + 0.5 + dy) / film.height
+    weight = filter_weights(film, dx) * filter_weights(film, dy)
+    if camera.parallel:
+        place = [1 - 2 * x, (1 - 2 * y) * film.height / film.width, np.full(n, camera.near)]
+        origin = camera.to_world[:3, :3] @ np.stack(place) + camera.to_world[:3, 3, None]
+        axis = camera.to_world[:3, 2, None] / np.linalg.norm(camera.to_world[:3, 2])
+        return origin, np.tile(axis, n), np.full(n, camera.far - camera.near), weight
     tan_x, tan_y = camera.tangents(film.width, film.height)
     local = np.stack(
         [
@@ -37,7 +43,6 @@ def camera_rays(
         origin = camera.to_world[:3, :3] @ lens + origin
     direction = camera.to_world[:3, :3] @ local
     length = np.linalg.norm(direction, axis=0)
-    weight = filter_weights(film, dx) * filter_weights(film, dy)
     far = (camera.far - camera.near) * length
     return origin + camera.near * direction, direction / length, far, weight
 

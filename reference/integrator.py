@@ -74,7 +74,7 @@ class Integrator:
         scene, n = self.scene, len(pixel)
         origin, direction, far, weight = camera_rays(scene.camera, scene.film, rng, pixel)
         live = Paths(np.arange(n), origin, direction, np.ones((3, n)), np.full(n, np.inf))
-        if self.materials.passes:
+        if self.materials.passes or scene.hide_emitters:
             live.depth, live.travelled = np.zeros(n, np.int32), np.zeros(n)
         if self.materials.bends:
             live.eta2 = np.ones(n)
@@ -132,6 +132,8 @@ class Integrator:
         if not len(lost):
             return
         tally.cause[live.path[lost]] = ESCAPED
+        if self.scene.hide_emitters:
+            lost = lost[live.depth[lost] > 0]
         if self.lights.environment is not None:
             tally.radiance[:, live.path[lost]] += (
                 live.throughput[:, lost] * self.lights.environment[:, None]
@@ -213,6 +215,9 @@ class Integrator:
             return
         emission = self.scene.emission.take(v.primitive)
         v.lit = (emission >= 0) & (v.facing > 0)
+        if self.scene.hide_emitters:
+            v.hidden = (emission >= 0) & (v.primitive >= 0) & (live.depth == 0)
+            v.lit &= ~v.hidden
         at = np.flatnonzero(v.lit)
         length = (v.t if live.travelled is None else live.travelled)[at]
         source = live.origin[:, at] - live.direction[:, at] * length
@@ -229,7 +234,9 @@ class Integrator:
         """Events. One-sided ones turn both normals to wo's side of ng."""
         turned = self.materials.two_sided.take(v.material) & (v.facing < 0)
         facing, cosine = (np.where(turned, -x, x) for x in (v.facing, v.cosine))
-        base = self.materials.textured(self.scene.geometry, v.primitive, live.origin, v.material)
+        geometry = self.scene.geometry
+        before = None if v.hidden is None else live.throughput[:, v.hidden]
+        base = self.materials.textured(geometry, v.primitive, live.origin, v.material)
         if v.scattered is None or not v.scattered.any():
             v.event = self.materials.events(rng, v.material, facing, cosine, live.throughput, base)
         else:
@@ -247,6 +254,9 @@ class Integrator:
                 None if base is None else base[:, at],
             )
             live.throughput[:, at] = throughput
+        if before is not None:
+            live.throughput[:, v.hidden] = before
+            v.event[v.hidden] = PASS
 
     def end(self, live: Paths, v: Vertices, tally: Tally) -> None:
         """Drop the paths that end at their vertices: black ones, and those at the depth limit."""
@@ -469,6 +479,8 @@ class Integrator:
         through = (v.event == PASS) | (v.event == REFRACT)
         through |= (v.event == ROUGH) & (ahead * v.facing < 0)
         through &= boundary >= 0
+        if v.hidden is not None:
+            through &= ~v.hidden
         at = np.flatnonzero(through)
         side = (ahead[at] >= 0).astype(np.int64)
         live.medium[at] = self.scene.boundaries[boundary[at], side]

@@ -69,8 +69,9 @@ class Vertices(Columns):
     primitive: -1 for none and in media; t: the segment's length; near: close to a triangle's edge;
     scattered: in a medium (None: nowhere); front, normal: ng and ns (3, n), one array if nothing is
     smooth; facing: dot(ng, wo); cosine: dot(ns, wo); lit: on a light's front (None: no lights);
-    material; event; along: u grows (None: it does not matter). Where textures turn normals (else
-    None): own, ns without them; low, of their shadows, -1 for none.
+    hidden: a lamp that is not there for the camera (None: no such lamps); material; event; along: u
+    grows (None: it does not matter). Where textures turn normals (else None): own, ns without them;
+    low, of their shadows, -1 for none.
     """
 
     primitive: np.ndarray
@@ -82,6 +83,7 @@ class Vertices(Columns):
     facing: np.ndarray | None = None
     cosine: np.ndarray | None = None
     lit: np.ndarray | None = None
+    hidden: np.ndarray | None = None
     material: np.ndarray | None = None
     event: np.ndarray | None = None
     along: np.ndarray | None = None

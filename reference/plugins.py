@@ -74,7 +74,7 @@ class _Reader(Document):
         self.sky: Sky | None = None
         self.folder = self.path.parent
         sensor: tuple[Camera, Film, int] | None = None
-        settings = {"max_depth": -1, "rr_depth": 5}
+        settings = {"max_depth": -1, "rr_depth": 5, "hide_emitters": False}
         found: list[_Shape] = []
         for element, folder in self.elements(self.root, self.path.parent):
             self.folder = folder
@@ -84,7 +84,7 @@ class _Reader(Document):
                     element,
                     max_depth=self.integer(-1),
                     rr_depth=self.integer(1),
-                    hide_emitters=self.choice("false"),
+                    hide_emitters=self.boolean,
                 )
                 settings.update({k: v for k, v in values.items() if k in settings})
             elif element.tag == "sensor":
@@ -137,7 +137,27 @@ class _Reader(Document):
     # -- sensors and films ---------------------------------------------------------------------
 
     def sensor(self, element: etree._Element) -> tuple[Camera, Film, int]:
-        kind = self.plugin(element, "perspective", "thinlens")
+        kind = self.plugin(element, "perspective", "thinlens", "orthographic")
+        common = dict(
+            to_world=self.transform,
+            near_clip=self.number(0),
+            far_clip=self.number(0),
+            film=self.hdrfilm,
+            sampler=self.sampler,
+            medium=self.medium,
+        )
+        if kind == "orthographic":
+            values = self.parameters(element, **common)
+            camera = Camera(
+                to_world=values.get("to_world", np.eye(4)),
+                fov=math.nan,
+                fov_axis="x",
+                near=values.get("near_clip", 0.0),
+                far=values.get("far_clip", math.inf),
+                medium=values.get("medium", -1),
+                parallel=True,
+            )
+            return camera, values.get("film", Film()), values.get("sampler", 4)
         lens = dict(
             aperture_radius=self.number(0, open_low=True),
             focus_distance=self.number(0, open_low=True),
@@ -150,14 +170,9 @@ class _Reader(Document):
         values = self.parameters(
             element,
             fov=self.number(1e-6, 180 - 1e-6),
-            to_world=self.transform,
             fov_axis=self.choice("x", "y", "diagonal", "smaller", "larger"),
             focal_length=lambda e: self.text(e, "value"),
-            near_clip=self.number(0),
-            far_clip=self.number(0),
-            film=self.hdrfilm,
-            sampler=self.sampler,
-            medium=self.medium,
+            **common,
             **(lens if kind == "thinlens" else offset),
         )
         if ("fov" in values) == ("focal_length" in values):

@@ -34,8 +34,10 @@ class SceneError(ValueError):
 
 @dataclass(frozen=True)
 class Camera:
-    """Pinhole or, with ``aperture`` > 0 (a radius in world units), thin lens.
+    """Pinhole or, with ``aperture`` > 0 (a radius in world units), thin lens; or ``parallel``.
 
+    parallel: all rays go along local Z, from points of x in [-1, 1] at z = near, for far - near
+    world units; fov has no meaning.
     near, far: clipping distances along the view axis. focus: distance of the plane in focus.
     principal: offset of the picture's centre, in parts of its size. medium: what the camera is in,
     -1 for vacuum.
@@ -50,6 +52,7 @@ class Camera:
     aperture: float = 0.0
     focus: float = 1.0
     medium: int = -1
+    parallel: bool = False
 
     def tangents(self, width: int, height: int) -> tuple[float, float]:
         """Half extents of the picture at unit distance for a film of width x height pixels."""
@@ -180,8 +183,8 @@ class Scene:
 
     Per primitive (P,) int32: material, an index; emission, of the radiances (E, 3), or -1;
     boundary, a row of boundaries (B, 2) int32, which holds the media inside and outside (-1
-    vacuum), or -1. environment (3,) or None, sky its image or None; depths as in Mitsuba's volpath
-    integrator; digest is the SHA-256 of every file read and every parameter given.
+    vacuum), or -1. environment (3,) or None, sky its image or None; depths and hide_emitters as in
+    Mitsuba's volpath integrator; digest is the SHA-256 of every file and parameter given.
     """
 
     geometry: Geometry
@@ -201,6 +204,7 @@ class Scene:
     spp: int
     digest: str
     sky: Sky | None = None
+    hide_emitters: bool = False
 
     @property
     def triangles(self) -> np.ndarray:

@@ -99,7 +99,7 @@ class CudaRunner final : public Runner {
         stats.device = std::string("cuda:") + std::to_string(scene_.device) + " " + prop.name;
         multiprocessors_ = prop.multiProcessorCount;
         // Passes make more segments than max_depth counts.
-        const bool bounded = s.max_depth >= 0 && !(scene_.view.features & kPass);
+        const bool bounded = s.max_depth >= 0 && !(scene_.view.features & kGoOn);
         depths_ = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
         ledger_ = {std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns, "ledger"};
         faults_ = {1, "fault log"};

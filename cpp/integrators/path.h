@@ -153,7 +153,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
         BsdfSample<L> next = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
         if constexpr (has(kMedia))
             if (any(place.collided)) scatter_in_medium(path, place, random, next);
-        advance(scene, path, place.hit, place.at, place.vertex, place.bsdf, next, place.pass);
+        advance(scene, path, place, next);
         end_here(s, path, segment, place, e);
         return e;
     }
@@ -170,12 +170,15 @@ struct PathTracer : PathVertices<L, kFeatures> {
     }
 
     // The next ray, and all that the path carries along.
-    static VR_HD void advance(const SceneView& scene, PathState<L>& path, const Hit<L>& hit,
-                              const Surface<L>& at, const Vertex& vertex, const Material& bsdf,
-                              const BsdfSample<L>& next, M pass) {
+    static VR_HD void advance(const SceneView& scene, PathState<L>& path, const Place& place,
+                              const BsdfSample<L>& next) {
+        const Hit<L>& hit = place.hit;
+        const Surface<L>& at = place.at;
+        const Vertex& vertex = place.vertex;
+        const M pass = place.pass;
         path.throughput = path.throughput * next.weight;
         if constexpr (has(kRefraction | kPass)) {
-            const M through = next.transmitted | pass;
+            const M through = next.transmitted | Vertices::crossing(place);
             if constexpr (has(kMedia)) path.medium = medium_beyond(scene, path, at, through);
         }
         V from = vertex.p;
@@ -184,7 +187,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
         path.ray.o = select(pass, path.ray.o, from);
         if constexpr (has(kRefraction))
             path.scale = select(next.transmitted,
-                                path.scale * (bsdf.view.relative * bsdf.view.relative), path.scale);
+                                path.scale * (place.bsdf.view.relative * place.bsdf.view.relative),
+                                path.scale);
         path.ray.d = next.wi;
         path.pdf_sa = select(pass, path.pdf_sa, next.pdf_sa);
         if constexpr (has(kPass)) {

@@ -100,6 +100,9 @@ constexpr uint32_t path_bytes(FeatureMask features) {
     return 4 * (path_columns(features).floats + path_columns(features).uints);
 }
 
+// Features with which paths go on straight through surfaces.
+inline constexpr FeatureMask kGoOn = kPass | kHidden;
+
 // Features with which a shadow ray leaves a primitive out.
 inline constexpr FeatureMask kShadowSkips = kSkippedLights | kPass | kBvh;
 

@@ -242,7 +242,7 @@ struct SurfaceReader {
     static VR_HD Hit<L> next_hit(const SceneView& scene, const Carrier& c, F t_max, M active) {
         Hit<L> last = passed(c), hit = closest(scene, c.ray, last, t_max, active);
         if constexpr (has(kPass)) {
-            if (!(scene.features & kPass)) return hit;
+            if (!(scene.features & kGoOn)) return hit;
             for (M again = same_sheet(scene, c.ray, last, hit, active); any(again);
                  again = same_sheet(scene, c.ray, last, hit, again)) {
                 last.primitive = select(again, hit.primitive, last.primitive);

@@ -26,6 +26,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
 
     // ---- miss: the sky ----
     static VR_HD void miss(const SceneView& scene, PathState<L>& path, M escaped) {
+        if constexpr (has(kHidden)) escaped = escaped & !unseeing(scene, path);
         if constexpr (has(kSky)) {
             const auto weight = [&](LightPdf<F> pdf) {
                 return mis_weight(path.pdf_sa, pdf.over / (pdf.under * path.pdf_sa));
@@ -130,6 +131,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         Material bsdf;
         M collided, scatters;  // of these, in a medium; all
         M pass;                // goes on straight through the surface
+        M hidden;              // kHidden: of these, lamps, which are not there for the camera
     };
 
     // ---- arrive: what ends the segment. Returns the lanes at a surface; those of place.collided
@@ -180,7 +182,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
                                      Events<L>& e) {
         if constexpr (has(kBlend)) choose_material(scene, s, path, segment, valid, place.at);
         const Surface<L>& at = place.at;
-        const M lit = hit_emitter(scene, path, place.hit, at, valid);
+        M covered = valid;
+        if constexpr (has(kHidden)) {
+            place.hidden = hidden_lamp(scene, path, place.hit, valid);
+            covered = valid & !place.hidden;
+        }
+        const M lit = hit_emitter(scene, path, place.hit, at, covered);
         place.bsdf = material(scene, at);
         const V wo = -path.ray.d, collision = place.vertex.p;
         const F side = select(at.front, F(1.f), F(-1.f));
@@ -213,15 +220,15 @@ struct PathVertices : DirectLight<L, kFeatures> {
                 place.bsdf.view.tangent = Along::across(Along::across(along.u, at.ns), vertex.ns);
             }
         place.pass = no_lanes(valid);
-        M covered = valid;
+        if constexpr (has(kHidden)) place.pass = place.hidden;
         if constexpr (has(kPass)) {
             const F opacity = Direct::opacity(scene, at);
-            const M thin = valid & (opacity < F(1.f));
+            const M thin = covered & (opacity < F(1.f));
             if (any(thin)) {
                 const U u =
                     random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross))
                         .z;
-                place.pass = thin & !(uniform(u) < opacity);
+                place.pass = place.pass | (thin & !(uniform(u) < opacity));
                 covered = valid & !place.pass;
             }
         }
@@ -286,6 +293,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
         next.transmitted = next.transmitted & !collided;
     }
 
+    // Those of the lanes that pass through a surface for which its media change.
+    static VR_HD M crossing(const Place& place) {
+        if constexpr (has(kHidden)) return place.pass & !place.hidden;
+        return place.pass;
+    }
+
    private:
     // Of a blend, the row of the one of its materials that a random number chooses. What the path
     // then meets is that one alone, so that densities and values belong together.
@@ -300,6 +313,19 @@ struct PathVertices : DirectLight<L, kFeatures> {
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).w;
         const M second = blended & (uniform(u) < Direct::blend_weight(scene, at));
         at.row = select(second, other, at.row);
+    }
+    // Rays of the camera, on the way to their first scattering, which do not see light.
+    static VR_HD M unseeing(const SceneView& scene, const PathState<L>& path) {
+        static_assert(!has(kHidden) || has(kPass));
+        const M camera = path.vertices == U(0u);
+        return scene.features & kHidden ? camera : no_lanes(camera);
+    }
+    static VR_HD M hidden_lamp(const SceneView& scene, const PathState<L>& path, const Hit<L>& hit,
+                               M valid) {
+        const M unseen = valid & unseeing(scene, path);
+        if (none(unseen)) return unseen;
+        const U met = select(unseen, hit.primitive, U(0u));
+        return unseen & !(lookup(scene.light_chance, met, scene.primitive_count) == F(0.f));
     }
     // Power heuristic; 1 where no light sample competes.
     static VR_HD F mis_weight(F pdf, F ratio) {

@@ -10,29 +10,34 @@ void HostScene::set_camera(const SceneInput& in) {
     const Double3 left{m[0], m[4], m[8]}, up{m[1], m[5], m[9]}, forward{m[2], m[6], m[10]};
     // Film position (u, v) in [0, 1]^2 looks along
     // left tx (1 - 2 (u + px)) + up ty (1 - 2 (v + py)) + forward.
-    const Double3 corner = left * (in.tan_half_x * (1 - 2 * in.principal_x)) +
-                           up * (in.tan_half_y * (1 - 2 * in.principal_y)) + forward;
+    const Double3 aside = left * (in.tan_half_x * (1 - 2 * in.principal_x)) +
+                          up * (in.tan_half_y * (1 - 2 * in.principal_y));
+    const Double3 corner = aside + forward;
     const Double3 right = left * (-2 * in.tan_half_x / in.width);
     const Double3 down = up * (-2 * in.tan_half_y / in.height);
     CameraView& c = view.camera;
+    // A parallel camera has one direction for all points of the film, and its rays start as those
+    // of a camera far away: so it needs no code of its own.
+    const double spread = in.parallel ? 0 : 1;
     for (int k = 0; k < 3; ++k) {
-        c.corner[k] = static_cast<float>(corner[k]);
-        c.right[k] = static_cast<float>(right[k]);
-        c.down[k] = static_cast<float>(down[k]);
+        c.corner[k] = static_cast<float>(in.parallel ? forward[k] : corner[k]);
+        c.right[k] = static_cast<float>(right[k] * spread);
+        c.down[k] = static_cast<float>(down[k] * spread);
         c.forward[k] = static_cast<float>(forward[k]);
         c.eye[k] = before > 0 ? 0.f : static_cast<float>((eye[k] - centre[k]) / unit);
         c.lens_x[k] = static_cast<float>(left[k] * (in.aperture_radius / unit));
         c.lens_y[k] = static_cast<float>(up[k] * (in.aperture_radius / unit));
     }
     c.focus = static_cast<float>(in.focus_distance / unit);
-    c.before = static_cast<float>(before / unit);
+    const double middle = dot(centre - eye, forward);
     if (before > 0) {
-        const double depth = dot(centre - eye, forward) / unit;
-        const Double3 first = (eye - centre) * (1 / unit) + corner * depth;
+        const double depth = middle / unit, size = in.parallel ? 1 / unit : depth;
+        const Double3 first = (eye - centre) * (1 / unit) +
+                              (in.parallel ? forward * depth + aside * size : corner * depth);
         for (int k = 0; k < 3; ++k) {
             c.plane[0][k] = static_cast<float>(first[k]);
-            c.plane[1][k] = static_cast<float>(right[k] * depth);
-            c.plane[2][k] = static_cast<float>(down[k] * depth);
+            c.plane[1][k] = static_cast<float>(right[k] * size);
+            c.plane[2][k] = static_cast<float>(down[k] * size);
         }
     }
     if (in.aperture_radius > 0) view.features |= kLens;
@@ -51,12 +56,18 @@ void HostScene::set_camera(const SceneInput& in) {
     for (size_t i = 0; i < in.disks.count; ++i)
         span(row3(in.disks, 3 * i),
              ellipse_reach(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2), forward));
-    const bool cuts_near = in.near_clip > 0 && before == 0 &&
-                           (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
+    double start = in.parallel ? middle - before : 0;  // of rays, if they do not start at the eye
+    const bool behind = in.parallel ? start < in.near_clip : in.near_clip > 0 && before == 0;
+    bool cuts_near = behind && (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
+    if (in.parallel && cuts_near && middle > in.near_clip) {
+        before = middle - (start = in.near_clip);
+        cuts_near = false;
+    }
+    c.before = static_cast<float>(before / unit);
     const bool cuts_far = std::isfinite(in.far_clip) &&
                           (in.camera_medium >= 0 || !(farthest < in.far_clip * (1 - 1e-6)));
-    c.near_clip = cuts_near ? static_cast<float>(in.near_clip / unit) : 0.f;
-    c.far_clip = cuts_far ? static_cast<float>(in.far_clip / unit) : INFINITY;
+    c.near_clip = cuts_near ? static_cast<float>((in.near_clip - start) / unit) : 0.f;
+    c.far_clip = cuts_far ? static_cast<float>((in.far_clip - start) / unit) : INFINITY;
     if (cuts_near || cuts_far) view.features |= kClip;
 }
 

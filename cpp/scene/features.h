@@ -32,15 +32,16 @@ enum Feature : FeatureMask {
     kBlend = 1u << 17,        // a material that is one of two at each hit
     kAttributes = 1u << 18,   // a texture of numbers that meshes have
     kTangents = 1u << 19,     // slopes that depend on the direction, normal and bump maps
-    kFirstLight = 1u << 20,   // a bit for each feature of lights, in their order
+    kHidden = 1u << 20,       // light that the camera does not see directly
+    kFirstLight = 1u << 21,   // a bit for each feature of lights, in their order
     kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
 inline constexpr const char* kFeatureNames[] = {
-    "quads",        "polygons",     "disks", "spheres",    "bvh",
-    "smooth",       "many_lights",  "clip",  "lens",       "signed_filter",
-    "refraction",   "pass",         "media", "chromatic",  "textures",
-    "albedo_grids", "uneven_media", "blend", "attributes", "tangents"};
+    "quads",       "polygons",  "disks",    "spheres",       "bvh",          "smooth",
+    "many_lights", "clip",      "lens",     "signed_filter", "refraction",   "pass",
+    "media",       "chromatic", "textures", "albedo_grids",  "uneven_media", "blend",
+    "attributes",  "tangents",  "hidden"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);

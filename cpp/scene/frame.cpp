@@ -141,6 +141,7 @@ Double3 finest(const SceneInput& in, Double3 given) {
 // The origin is the camera, near which rounding is then small, or a place where it must be small.
 // If the scene is small compared with its distance, and only the pinhole ties it to the camera, the
 // origin is its middle. If the view is too narrow for these, it is the first thing in the view.
+// Nothing ties a parallel view to the place of its camera: rays start before all that they meet.
 void HostScene::normalise(const SceneInput& in) {
     for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
         has_normals_ = length(row3(in.normals, i)) > 0;
@@ -165,9 +166,13 @@ void HostScene::normalise(const SceneInput& in) {
         centre = {middle[0], middle[1], middle[2]};
         far = true;
     }
-    const bool fine = far && kRounded * size < pixel_angle(in) * gap;
+    const bool parallel = in.parallel;
+    if (parallel && low[0] <= high[0]) centre = {middle[0], middle[1], middle[2]};
+    const bool fine = (far || parallel) && kRounded * size < pixel_step(in) * (parallel ? 1 : gap);
     const double depth_seen = fine ? 0 : narrow_depth(in);
-    const bool narrow = depth_seen > 0 && std::isfinite(depth_seen) && depth[1] < in.far_clip;
+    const bool narrow =
+        std::isfinite(depth_seen) &&
+        (parallel ? !fine && in.camera_medium < 0 : depth_seen > 0 && depth[1] < in.far_clip);
     if (narrow) {
         far = false;
         const double* m = in.to_world;
@@ -183,12 +188,16 @@ void HostScene::normalise(const SceneInput& in) {
     each_extent(in, [&](Double3 p, Double3 r) {
         for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r[k]);
     });
-    if (!far && !narrow)
+    if (!far && !narrow && (!parallel || in.camera_medium >= 0))
         for (int k = 0; k < 3; ++k)
             most = std::max(most, std::abs(eye[k] - centre[k]) + in.aperture_radius);
     if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
     unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
-    before = far ? 4 * unit : narrow ? 0x1p-10 * depth_seen : 0;
+    if (parallel)  // by more than the rounding of large faces, without that of the start
+        before =
+            narrow ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-16 * unit}) : 4 * unit;
+    else
+        before = far ? 4 * unit : narrow ? 0x1p-10 * depth_seen : 0;
 }
 
 }  // namespace veriray

@@ -185,6 +185,12 @@ void HostScene::set_lights(const SceneInput& in) {
     while (l.top_step * 2 <= l.count) l.top_step *= 2;
     l.table = light_table.data();
     l.cdf = light_cdf.data();
+    if (in.hides_light) {  // -1: a lamp too, which emits nothing
+        for (size_t p = 0; p < sources.size(); ++p)
+            if (in.emission(sources[p].group).data[sources[p].row] >= 0 && light_chance[p] == 0)
+                light_chance[p] = -1;
+        view.features |= kHidden;
+    }
     view.light_chance = light_chance.data();
     if (view.features & kOwnPdfLights) {
         light_row.assign(padded(sources.size()), 0.f);

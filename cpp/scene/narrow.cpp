@@ -1,4 +1,5 @@
-// Views so narrow that float32 directions from the camera do not resolve their pixels.
+// Views so narrow that float32 directions from the camera do not resolve their pixels, and parallel
+// views of a small part of the scene.
 #include <algorithm>
 #include <vector>
 
@@ -12,13 +13,20 @@ constexpr double kNarrow = 0x1p-17;
 // The reach of filters beyond the film, in pixels.
 constexpr double kReach = 8;
 
-// The least z of the part of a polygon with n.p >= 0 for all planes n; infinity if there is none.
-double least_depth(std::vector<Double3> polygon, const std::vector<Double3>& planes) {
-    for (const Double3 n : planes) {
+// The side n.p + w >= 0 of a plane.
+struct Side {
+    Double3 n;
+    double w;
+    double height(Double3 p) const { return dot(n, p) + w; }
+};
+
+// The least z of the part of a polygon on the side of all planes; infinity if there is none.
+double least_depth(std::vector<Double3> polygon, const std::vector<Side>& planes) {
+    for (const Side& side : planes) {
         std::vector<Double3> kept;
         for (size_t k = 0; k < polygon.size(); ++k) {
             const Double3 a = polygon[k], b = polygon[(k + 1) % polygon.size()];
-            const double ha = dot(n, a), hb = dot(n, b);
+            const double ha = side.height(a), hb = side.height(b);
             if (ha >= 0) kept.push_back(a);
             if ((ha < 0) != (hb < 0)) kept.push_back(a + (b - a) * (ha / (ha - hb)));
         }
@@ -31,24 +39,34 @@ double least_depth(std::vector<Double3> polygon, const std::vector<Double3>& pla
 
 }  // namespace
 
-double pixel_angle(const SceneInput& in) {
+double pixel_step(const SceneInput& in) {
     return 2 * std::min(in.tan_half_x / in.width, in.tan_half_y / in.height);
 }
 
 // The depth before which a narrow view shows nothing; infinity if it is empty, 0 for other views.
 double HostScene::narrow_depth(const SceneInput& in) const {
-    if (!(pixel_angle(in) < kNarrow) || in.camera_medium >= 0 || in.aperture_radius > 0) return 0;
+    if (!in.parallel && !(pixel_step(in) < kNarrow)) return 0;
+    if (in.camera_medium >= 0 || in.aperture_radius > 0) return 0;
     const double* m = in.to_world;
-    const auto seen = [&](Double3 p) {  // left, up, forward
+    const double widens = in.parallel ? 0 : 1;  // the view, with the depth
+    const auto seen = [&](Double3 p) {          // left, up, forward
         const Double3 q = p - eye;
         return Double3{m[0] * q.x + m[4] * q.y + m[8] * q.z, m[1] * q.x + m[5] * q.y + m[9] * q.z,
                        m[2] * q.x + m[6] * q.y + m[10] * q.z};
     };
-    std::vector<Double3> planes{{0, 0, 1}};
+    std::vector<Side> planes{{{0, 0, 1}, in.parallel ? -in.near_clip : 0}};
+    double least_width = 0;  // of a parallel view, for the rounding of what is clipped
+    for (size_t i = 0; i < in.vertices.count && in.parallel; ++i) {
+        const Double3 p = seen(row3(in.vertices, i));
+        least_width = std::max({least_width, std::abs(p.x), std::abs(p.y)});
+    }
+    least_width *= 0x1p-40;
     const auto between = [&](Double3 axis, double tan, double principal, double pixels) {
-        const double margin = 2 * tan * kReach / pixels;
-        planes.push_back(axis + Double3{0, 0, tan * (1 + 2 * principal) + margin});
-        planes.push_back(axis * -1 + Double3{0, 0, tan * (1 - 2 * principal) + margin});
+        const double margin = std::max(2 * tan * kReach / pixels, least_width);
+        const double low = tan * (1 + 2 * principal) + margin,
+                     high = tan * (1 - 2 * principal) + margin;
+        planes.push_back({axis + Double3{0, 0, low * widens}, low * (1 - widens)});
+        planes.push_back({axis * -1 + Double3{0, 0, high * widens}, high * (1 - widens)});
     };
     between({1, 0, 0}, in.tan_half_x, in.principal_x, in.width);
     between({0, 1, 0}, in.tan_half_y, in.principal_y, in.height);
@@ -67,14 +85,15 @@ double HostScene::narrow_depth(const SceneInput& in) const {
         const double* s = in.spheres.data + 4 * i;
         const Double3 c = seen({s[0], s[1], s[2]});
         if (std::any_of(planes.begin(), planes.end(),
-                        [&](Double3 n) { return dot(n, c) < -s[3] * length(n); }))
+                        [&](const Side& side) { return side.height(c) < -s[3] * length(side.n); }))
             continue;
         // The depth at which the axis meets it, less a bound for the view's width there; or else
         // that of the whole sphere.
         const double middle = dot(c, axis), d2 = dot(c, c) - middle * middle;
         const double half = std::sqrt(std::max(s[3] * s[3] - d2, 0.0));
-        const double wide = 2 * widest * middle * std::sqrt(std::max(d2, 0.0)) / half;
-        least = std::min(least, half > 16 * widest * middle && middle > half
+        const double reach = in.parallel ? widest : widest * middle;
+        const double wide = 2 * reach * std::sqrt(std::max(d2, 0.0)) / half;
+        least = std::min(least, half > 16 * reach && middle - half > -planes[0].w
                                     ? (middle - half - wide) * axis.z
                                     : c.z - s[3]);
     }
@@ -85,6 +104,7 @@ double HostScene::narrow_depth(const SceneInput& in) const {
             least, least_depth({seen(c + a + b), seen(c + a - b), seen(c - a - b), seen(c - a + b)},
                                planes));
     }
+    if (in.parallel) return std::max(least, in.near_clip);
     return least > in.near_clip ? least : 0;
 }
 

@@ -35,8 +35,10 @@ struct SceneInput {
     size_t scene_rows() const { return 1; }
 
     double to_world[16];
+    bool parallel;  // the tangents are then half the film's extents in world units
     double tan_half_x, tan_half_y, near_clip, far_clip, principal_x, principal_y;
     double aperture_radius, focus_distance;
+    bool hides_light;  // lamps and sky are not there for camera rays
     int32_t camera_medium;
     uint32_t width, height;
     std::string filter;
@@ -135,8 +137,8 @@ bool rims_stick_out(const std::vector<Flat>& flats, const std::vector<std::array
 void write_plane(const Flat& f, float* out);
 // w of n.p + w before n is rounded: near the origin, neighbours then agree at their edge.
 double plane_at_origin(const Flat& f);
-// Radians between neighbouring pixels.
-double pixel_angle(const SceneInput& in);
+// Radians between neighbouring pixels; of a parallel camera, their distance.
+double pixel_step(const SceneInput& in);
 // behind: how far the record's plane lies behind the face. rim: the face's own edges.
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                 std::array<float, 4>& rim);

@@ -9,7 +9,7 @@ namespace veriray {
 inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
 // Features that the variants of scenes without any of them are compiled without, so that these
 // scenes do not pay for them.
-inline constexpr FeatureMask kRich = kTextures | kAlbedoGrids | kUnevenMedia | kBlend |
+inline constexpr FeatureMask kRich = kTextures | kHidden | kAlbedoGrids | kUnevenMedia | kBlend |
                                      kAttributes | kTangents | materials(kRoughKinds) |
                                      lights(kRichShapes);
 inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;

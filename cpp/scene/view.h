@@ -102,7 +102,8 @@ struct SceneView {
     const float* smooth;         // by primitive: kSmoothFloats
     const float* uv;             // by primitive: kUvFloats; with kTextures or kTangents only
     const float* tangents;       // by primitive: kTangentFloats; with kTangents only
-    const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter
+    const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter;
+                                 // -1: of 0, with kHidden
     const float* light_row;      // by primitive: in the light table; with kOwnPdfLights only
     const uint32_t* surface_of;  // by primitive; null: the same index
     const float* surfaces;       // [column][surface_stride]

@@ -33,7 +33,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         // Those that have arrived shade.
         bool arrived = !place.walking();
         if constexpr (Tracer::has(kPass))
-            if (arrived && aim != Aim::kNone && through) {
+            if (arrived && aim != Aim::kNone && (scene.features & kGoOn)) {
                 const bool light = aim == Aim::kLight;
                 uint32_t& passed = light ? shadow.passed : path.passed;
                 const Hit<Scalar> last{light ? shadow.travelled : path.travelled, passed};

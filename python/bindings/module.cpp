@@ -44,6 +44,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
         std::copy_n(a.data(), a.size(), out);
     };
     numbers(camera, "to_world", in.to_world, {4, 4});
+    in.parallel = camera["parallel"].cast<bool>();
     in.tan_half_x = camera["tan_half_x"].cast<double>();
     in.tan_half_y = camera["tan_half_y"].cast<double>();
     in.near_clip = camera["near_clip"].cast<double>();
@@ -52,6 +53,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     in.principal_y = camera["principal_y"].cast<double>();
     in.aperture_radius = camera["aperture_radius"].cast<double>();
     in.focus_distance = camera["focus_distance"].cast<double>();
+    in.hides_light = camera["hides_light"].cast<bool>();
     in.camera_medium = camera["medium"].cast<int32_t>();
     in.width = film["width"].cast<uint32_t>();
     in.height = film["height"].cast<uint32_t>();

@@ -124,6 +124,7 @@ class SceneArrays(TypedDict):
 
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]
+    parallel: bool  # then the tangents are half extents in world units
     tan_half_x: float
     tan_half_y: float
     near_clip: float
@@ -132,6 +133,7 @@ class CameraArguments(TypedDict):
     principal_y: float
     aperture_radius: float
     focus_distance: float
+    hides_light: bool  # lamps and sky are not there for camera rays
     medium: int
 
 class FilmArguments(TypedDict):

@@ -36,9 +36,11 @@ FILTER_DEFAULTS: dict[str, float | tuple[float, float]] = {
     "gaussian": 0.5,
     "mitchell": (1.0 / 3.0, 1.0 / 3.0),
 }
+PROJECTIONS = ("perspective", "orthographic")
 FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
 MAX_PIXELS = 2**31 - 1
 _UP = (0.0, 1.0, 0.0)
+_NO_FOV = 90.0  # of a camera to which it means nothing
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Film:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole or thin-lens camera with the conventions of Mitsuba's `perspective` and `thinlens`.
+    """A camera with the conventions of Mitsuba's `perspective`, `thinlens` and `orthographic`.
 
     to_world: (4, 4) float64, no scale; looks along local +Z, with local +X on the picture's left.
     fov: degrees in (0, 180), measured along fov_axis ("x", "y", "diagonal", "smaller", "larger").
@@ -97,6 +99,10 @@ class Camera:
     aperture_radius: of the lens, 0 for a pinhole. focus_distance: along local Z to the plane in
     focus; used if the aperture is above 0. medium: index of the medium around the camera in the
     scene's media, -1 for vacuum.
+    projection: "perspective", or "orthographic": the rays are parallel to local Z and start at the
+    film, local x in [-1, 1] and y as its height asks, at z = near_clip; they end far_clip -
+    near_clip world units further. to_world may then scale but not shear; fov and principal point
+    have no effect, and there is no aperture. `Camera.orthographic` makes one.
     Raises SceneError for values outside these ranges and for a singular or scaling to_world.
     """
 
@@ -109,10 +115,15 @@ class Camera:
     aperture_radius: float = 0.0
     focus_distance: float = 1.0
     medium: int = -1
+    projection: str = "perspective"
 
     def __post_init__(self) -> None:
         matrix = check_matrix("camera to_world", self.to_world)
-        check_rigid("camera to_world", "a camera", matrix)
+        choice("projection", self.projection, PROJECTIONS)
+        if self.projection == "perspective":
+            check_rigid("camera to_world", "a camera", matrix)
+        else:
+            _check_parallel(matrix, self.aperture_radius)
         choice("fov_axis", self.fov_axis, FOV_AXES)
         near = number("near_clip", self.near_clip, 0.0, MAX_COORDINATE)
         far = number("far_clip", self.far_clip, 0.0, math.inf)
@@ -136,9 +147,32 @@ class Camera:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    @property
+    def placed(self) -> Array:
+        """to_world (4, 4) without its scale."""
+        if self.projection == "perspective":
+            return self.to_world
+        matrix = np.array(self.to_world)
+        matrix[:3, :3] /= _scales(matrix)
+        matrix.setflags(write=False)
+        return matrix
+
+    @property
+    def clip_depths(self) -> tuple[float, float]:
+        """Distances of the near and the far plane along the view, in world units."""
+        if self.projection == "perspective":
+            return self.near_clip, self.far_clip
+        near = self.near_clip * _scales(self.to_world)[2]
+        return near, near + (self.far_clip - self.near_clip)
+
     def tan_half_x(self, width: int, height: int) -> float:
-        """Tangent of half the horizontal field of view for a film of width x height pixels."""
+        """Tangent of half the horizontal field of view for a film of width x height pixels.
+
+        Of an orthographic camera half of the film's width in world units.
+        """
         width, height = whole("width", width, 1, MAX_PIXELS), whole("height", height, 1, MAX_PIXELS)
+        if self.projection == "orthographic":
+            return _scales(self.to_world)[0]
         tangent = tan_half_degrees(self.fov)
         axis = self.fov_axis
         if axis in ("smaller", "larger"):
@@ -150,7 +184,10 @@ class Camera:
         return tangent
 
     def tan_half_y(self, width: int, height: int) -> float:
-        """Tangent of half the vertical field of view for a film of width x height pixels."""
+        """Likewise, vertically."""
+        if self.projection == "orthographic":
+            whole("width", width, 1, MAX_PIXELS), whole("height", height, 1, MAX_PIXELS)
+            return _scales(self.to_world)[1] * (int(height) / int(width))
         return self.tan_half_x(width, height) * (int(height) / int(width))
 
     # ---- other cameras ----
@@ -170,6 +207,14 @@ class Camera:
         """
         eye, aim = _vector("origin", origin), _vector("target", target)
         return cls(transform.look_at(eye, aim, _vector("up", up)), fov, **lens)
+
+    @classmethod
+    def orthographic(cls, to_world: Any, **clip: Any) -> Camera:
+        """A camera with parallel rays: see `projection`.
+
+        clip: near_clip, far_clip and medium of Camera. Raises SceneError as Camera does.
+        """
+        return cls(to_world, _NO_FOV, projection="orthographic", **clip)
 
     @classmethod
     def from_opengl(cls, matrix: Any, fov: float, **lens: Any) -> Camera:
@@ -235,6 +280,8 @@ class Camera:
         """This camera with the same lens, turned to `target`, and moved to `origin` if given."""
         eye = self.to_world[:3, 3].tolist() if origin is None else _vector("origin", origin)
         matrix = transform.look_at(eye, _vector("target", target), _vector("up", up))
+        if self.projection == "orthographic":
+            matrix = transform.compose(matrix, transform.scale(_scales(self.to_world)))
         return dataclasses.replace(self, to_world=matrix)
 
     def orbit(
@@ -268,8 +315,29 @@ class Camera:
     def dolly(self, distance: float) -> Camera:
         """This camera, moved forward by `distance` along its view; backward if negative."""
         distance = number("distance", distance, -MAX_COORDINATE, MAX_COORDINATE)
+        if self.projection == "orthographic":
+            distance /= _scales(self.to_world)[2]
         step = transform.translate([0.0, 0.0, distance])
         return dataclasses.replace(self, to_world=transform.compose(self.to_world, step))
+
+
+def _scales(matrix: Array) -> list[float]:
+    """Lengths of the axes that a matrix (4, 4) gives."""
+    return [math.sqrt(x * x + y * y + z * z) for x, y, z in matrix[:3, :3].T.tolist()]
+
+
+def _check_parallel(matrix: Array, aperture: float) -> None:
+    """Raises SceneError for what an orthographic camera cannot have."""
+    scales = [number("scale of camera to_world", x, 1e-30, math.inf) for x in _scales(matrix)]
+    axes = matrix[:3, :3] / scales
+    off = float(np.abs(axes.T @ axes - np.eye(3)).max())
+    if not off <= 1e-3:
+        raise SceneError(
+            f"camera to_world shears: the cosine between two of its axes is {off:.3g}; an "
+            "orthographic camera may only be scaled, rotated, mirrored and moved"
+        )
+    if aperture:
+        raise SceneError(f"aperture_radius = {aperture} of an orthographic camera; expected 0")
 
 
 def _vector(name: str, value: Sequence[float]) -> list[float]:

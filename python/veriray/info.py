@@ -41,6 +41,7 @@ FEATURES = {
     "blend": "materials that are one of two at each hit",
     "attributes": "textures of numbers that meshes have",
     "tangents": "slopes by direction, normal and bump maps",
+    "hidden": "light that the camera does not see directly",
     "rectangle_lights": "rectangles that emit, near to something: sampled by solid angle",
     **{name: f"materials of kind {name}" for name in MATERIAL_KINDS},
 }

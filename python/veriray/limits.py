@@ -44,6 +44,8 @@ def warnings(scene: Scene, origin: Sequence[float]) -> list[str]:
 def narrow_view(scene: Scene) -> list[str]:
     """Pixels narrower than the steps of directions."""
     film, camera = scene.film, scene.camera
+    if camera.projection == "orthographic":
+        return []
     angle = 2 * camera.tan_half_x(film.width, film.height) / film.width
     least = PIXEL if camera.aperture_radius > 0 or camera.medium >= 0 else PINHOLE_PIXEL
     if angle >= least:

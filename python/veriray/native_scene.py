@@ -39,19 +39,22 @@ if hasattr(os, "register_at_fork"):
 def native_scene_arguments(scene: Scene) -> dict[str, Any]:
     """The arguments arrays, camera and film of the native `Scene`; see `_native.pyi`."""
     camera, film = scene.camera, scene.film
+    near, far = camera.clip_depths
     arrays = {name: getattr(scene, name) for name in COLUMNS}
     return {
         "arrays": {n: a.view(np.uint8) if a.dtype == np.bool_ else a for n, a in arrays.items()},
         "camera": {
-            "to_world": camera.to_world,
+            "to_world": camera.placed,
+            "parallel": camera.projection == "orthographic",
             "tan_half_x": camera.tan_half_x(film.width, film.height),
             "tan_half_y": camera.tan_half_y(film.width, film.height),
-            "near_clip": camera.near_clip,
-            "far_clip": camera.far_clip,
+            "near_clip": near,
+            "far_clip": far,
             "principal_x": float(camera.principal_point_offset[0]),
             "principal_y": float(camera.principal_point_offset[1]),
             "aperture_radius": camera.aperture_radius,
             "focus_distance": camera.focus_distance,
+            "hides_light": scene.hide_emitters,
             "medium": camera.medium,
         },
         "film": {

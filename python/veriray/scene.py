@@ -48,8 +48,9 @@ class Scene(SceneArrays):
     messages only.
 
     max_depth counts as Mitsuba's does (1 emission only, 2 direct light, -1 unlimited); rr_depth is
-    the first depth with Russian roulette; sampler (of SAMPLERS), spp and seed are
-    the file's sampler settings.
+    the first depth with Russian roulette; with hide_emitters, rays of the camera go through lamps
+    and see no sky, also behind what they have passed (masks, null, thin glass); sampler (of
+    SAMPLERS), spp and seed are the file's sampler settings.
 
     Raises SceneError naming array, index, value and expected range. Zero-area triangles are kept.
     """
@@ -58,6 +59,7 @@ class Scene(SceneArrays):
     film: Film
     max_depth: int = -1
     rr_depth: int = 5
+    hide_emitters: bool = False
     sampler: str = "independent"
     spp: int = 4
     seed: int = 0
@@ -91,6 +93,7 @@ class Scene(SceneArrays):
         for name in ("sampler", "max_depth", "rr_depth", "seed"):
             value = SETTINGS[name].checked(name, getattr(self, name), SceneError)
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "hide_emitters", switch("hide_emitters", self.hide_emitters))
         object.__setattr__(self, "spp", whole("spp", self.spp, 1, 2**63 - 1))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -176,9 +179,13 @@ class Scene(SceneArrays):
             camera.focus_distance if camera.aperture_radius else 0.0,
             *film.filter_parameters,
         ]
+        if camera.projection != "perspective":
+            digest.update(f"{camera.projection} ".encode())
         digest.update(" ".join(float(x).hex() for x in numbers).encode())
         settings = (film.width, film.height, film.filter, self.max_depth, self.rr_depth)
         digest.update(f"\n{(*settings, camera.medium)}\n".encode())
+        if self.hide_emitters:
+            digest.update(b"hide_emitters\n")
         return digest.hexdigest()
 
     def parameters(self) -> dict[str, float | tuple[float, ...]]:
@@ -196,6 +203,7 @@ class Scene(SceneArrays):
         filter_parameter: float | tuple[float, float] | None = None,
         max_depth: int | None = None,
         rr_depth: int | None = None,
+        hide_emitters: bool | None = None,
         sampler: str | None = None,
         spp: int | None = None,
         seed: int | None = None,
@@ -220,6 +228,7 @@ class Scene(SceneArrays):
         )
         settings: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "spp": spp}
         settings |= {"sampler": sampler, "seed": seed, "camera": camera}
+        settings |= {"hide_emitters": hide_emitters}
         changed = {name: value for name, value in settings.items() if value is not None}
         copy = object.__new__(Scene)  # the arrays are read-only and checked
         copy.__dict__.update(self.__getstate__(), _array_digest=self._digest, film=film, **changed)
@@ -275,6 +284,8 @@ def _scaled(camera: Camera, factor: float) -> Camera:
     """A camera with all lengths multiplied by `factor`."""
     to_world = np.array(camera.to_world)
     to_world[:3, 3] *= factor
+    if camera.projection == "orthographic":
+        to_world[:3, :2] *= factor
     lens = ("near_clip", "far_clip", "aperture_radius", "focus_distance")
     lengths: dict[str, Any] = {name: getattr(camera, name) * factor for name in lens}
     return dataclasses.replace(camera, to_world=to_world, **lengths)

@@ -110,10 +110,12 @@ def sensor(
     rfilter: str = '<rfilter type="box"/>',
     kind: str = "perspective",
     extra: str = "",
+    placed: str = "",
 ) -> str:
-    """A camera with film and sampler."""
+    """A camera with film and sampler; placed: its parameters instead of the others'."""
+    placed = placed or f"{number('fov', fov)}{extra}{look_at(origin, target)}"
     return (
-        f'<sensor type="{kind}">{number("fov", fov)}{extra}{look_at(origin, target)}'
+        f'<sensor type="{kind}">{placed}'
         '<film type="hdrfilm"><integer name="width" value="$width"/>'
         f'<integer name="height" value="$height"/>{rfilter}</film>'
         '<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler></sensor>'
@@ -932,6 +934,34 @@ def thinlens() -> str:
     return "".join(parts)
 
 
+@scene
+def orthographic() -> str:
+    """Parallel rays: a turned film of unequal scales, whose near and far planes cut the scene."""
+    place = '<lookat origin="2, 3, 5" target="0, 0.7, 0" up="0.3, 1, 0"/>'
+    film = transform(scale(2.2, 1.7, 0.5), place)
+    clip = number("near_clip", 8.6) + number("far_clip", 11.8)
+    return (
+        sensor(kind="orthographic", placed=clip + film) + striped()
+        + sphere(0.6, 0.8, 0.9, 0.8, diffuse(0.3, 0.5, 0.8))
+        + sphere(-0.9, 0.6, -0.3, 0.6, bsdf("conductor"))
+    )  # fmt: skip
+
+
+@scene
+def hidden_light() -> str:
+    """Lamps and a sky that the camera does not see: behind a lamp, a pane, glass and a mirror."""
+    return (
+        sensor() + striped()
+        + shape("rectangle", transform(scale(0.7), rotate("y", 20), translate(-0.9, 1.1, 1)),
+                diffuse(0.5), area(2, 1.6, 1.2))
+        + sphere(0.9, 1.6, 0.3, 0.4, diffuse(0.2), area(1, 2, 3))
+        + shape("rectangle", transform(scale(0.6), rotate("y", -15), translate(0.9, 0.7, 1.4)),
+                bsdf("thindielectric"))
+        + sphere(0.3, 0.5, -0.4, 0.5, bsdf("dielectric"))
+        + sphere(1.7, 0.6, -0.6, 0.6, bsdf("conductor"))
+    )  # fmt: skip
+
+
 def edges(rfilter: str) -> str:
     """A tilted edge and a ball of low contrast: no mean is negative under a signed filter."""
     return (
@@ -1325,13 +1355,13 @@ def sun() -> Array:
     return texels
 
 
-def xml(about: str, body: str) -> str:
-    """A scene file."""
+def xml(about: str, body: str, hides: str = "") -> str:
+    """A scene file; hides: a parameter of its integrator."""
     defaults = {"spp": 64, "width": 64, "height": 64, "max_depth": 64, "rr_depth": 5}
     head = "".join(f'<default name="{k}" value="{v}"/>' for k, v in defaults.items())
     integrator = (
         '<integrator type="volpath"><integer name="max_depth" value="$max_depth"/>'
-        '<integer name="rr_depth" value="$rr_depth"/></integrator>'
+        f'<integer name="rr_depth" value="$rr_depth"/>{hides}</integrator>'
     )
     root = ET.fromstring(f'<scene version="3.0.0">{head}{integrator}{body}</scene>')
     ET.indent(root, "    ")
@@ -1369,7 +1399,11 @@ def files() -> dict[str, str | bytes]:
             (ball, ball_faces, None), (body, body_faces, normals(egg, unit))
         ),
     }
-    result |= {f"{name}.xml": xml(str(make.__doc__), make()) for name, make in SCENES.items()}
+    hides = {"hidden_light": flag("hide_emitters")}
+    result |= {
+        f"{name}.xml": xml(str(make.__doc__), make(), hides.get(name, ""))
+        for name, make in SCENES.items()
+    }
     rows = [f"| `{name}` | {str(make.__doc__)[:-1]} |\n" for name, make in SCENES.items()]
     result["README.md"] = README + "".join(rows)
     return result

@@ -151,3 +151,23 @@ def test_film_of_the_mitchell_filter():
             Film(4, 4, "mitchell", bad)
     with pytest.raises(SceneError, match="filter_parameter"):
         Film(4, 4, "tent", (1.0, 1.0))
+
+
+def test_orthographic():
+    """Parallel rays; moved and turned with their scales."""
+    camera = Camera.orthographic(np.diag([2.0, 3.0, 0.5, 1.0]), near_clip=2.0, far_clip=5.0)
+    assert camera.tan_half_x(40, 30) == 2 and camera.tan_half_y(40, 30) == 3 * 30 / 40
+    assert camera.clip_depths == (1.0, 4.0)
+    assert camera.placed.tolist() == np.eye(4).tolist()
+    moved = camera.dolly(2.0)
+    assert moved.to_world[:3, 3].tolist() == [0, 0, 2] and moved.clip_depths == (1.0, 4.0)
+    turned = camera.looking_at((9, 0, 0))
+    assert turned.placed[:3, 2] == pytest.approx([1, 0, 0])
+    assert [turned.tan_half_x(1, 1), turned.tan_half_y(1, 1)] == pytest.approx([2, 3])
+    assert camera.orbit(30, 20).clip_depths == pytest.approx((1.0, 4.0))
+    with pytest.raises(SceneError, match="shears"):
+        Camera.orthographic(np.eye(4) + np.eye(4, k=1) * [0, 1, 0, 0])
+    with pytest.raises(SceneError, match=r"aperture_radius = 0.1 of an orthographic"):
+        Camera.orthographic(np.eye(4), aperture_radius=0.1)
+    with pytest.raises(SceneError, match="projection"):
+        Camera(np.eye(4), 40, projection="fisheye")

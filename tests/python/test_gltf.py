@@ -215,9 +215,14 @@ def test_the_camera(tmp_path):
     # turned by 90 degrees about y it looks along -x, its right is -z
     expected = np.array([[0, 0, -1, 1], [0, 1, 0, 2], [1, 0, 0, 3], [0, 0, 0, 1]])
     assert np.abs(scene.camera.to_world - expected).max() < 1e-15
-    model.content["cameras"][0]["type"] = "orthographic"
-    text = load(tmp_path, model)[1]
-    assert "an orthographic camera is left out" in text and "the file has no camera" in text
+    parallel = {"xmag": 3.0, "ymag": 1.5, "znear": 0.0, "zfar": 9.0}
+    model.content["cameras"] = [{"type": "orthographic", "orthographic": parallel}]
+    scene, text = load(tmp_path, model)
+    assert "no camera" not in text and scene.camera.projection == "orthographic"
+    assert (scene.film.width, scene.film.height) == (1152, 576)
+    ends = scene.camera.tan_half_x(1152, 576), scene.camera.tan_half_y(1152, 576)
+    assert ends == pytest.approx((3.0, 1.5))
+    assert np.abs(scene.camera.placed - expected).max() < 1e-15
 
 
 def test_a_scene_without_camera_is_framed(tmp_path):

@@ -193,6 +193,9 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "look_at": lambda g: _row(
         vr.Camera.look_at, "origin target up fov", origin=(0, 0, 0), target=Vector
     ),
+    "orthographic": lambda g: _row(
+        vr.Camera.orthographic, "to_world near_clip far_clip medium", to_world=np.eye(4)
+    ),
     "from_opengl": lambda g: _row(vr.Camera.from_opengl, "matrix fov", matrix=np.eye(4), fov=40),
     "from_opencv": lambda g: _row(
         vr.Camera.from_opencv,

@@ -575,22 +575,92 @@ def test_integrators_around_others(tmp_path: Path, name: str) -> None:
 
 
 def test_hidden_emitters(tmp_path: Path) -> None:
-    """Taken where a camera could see nothing that shines, so that it changes nothing."""
+    """The innermost integrator's counts, and changes nothing where nothing could be seen."""
     line = f'<integrator type="{{}}">{param("boolean", "hide_emitters", "true")}{{}}</integrator>'
     inner = line.format("path", "")
     for integrator in (inner, line.format("direct", ""), line.format("moment", inner),
                        f'<integrator type="moment">{inner}</integrator>'):  # fmt: skip
+        shown = integrator.replace("true", "false")
         for light in (SKY, LAMP):
-            text = str(fault(tmp_path, VIEW, integrator, light, POINT))
-            assert '"hide_emitters" = True is not supported where' in text
-            assert text.startswith(f"{tmp_path}/scene.xml:3: ")
-        scene = loaded(tmp_path, VIEW, integrator, '<shape type="cube"/>', POINT)
-        assert (
-            scene.sha256
-            == loaded(
-                tmp_path, VIEW, integrator.replace("true", "false"), '<shape type="cube"/>', POINT
-            ).sha256
-        )
+            scene = loaded(tmp_path, VIEW, integrator, light, POINT)
+            assert scene.hide_emitters
+            assert scene.sha256 != loaded(tmp_path, VIEW, shown, light, POINT).sha256
+            assert (
+                scene.with_(hide_emitters=False).sha256
+                == loaded(tmp_path, VIEW, shown, light, POINT).sha256
+            )
+        cube = '<shape type="cube"/>'
+        scene = loaded(tmp_path, VIEW, integrator, cube, POINT)
+        assert scene.sha256 == loaded(tmp_path, VIEW, shown, cube, POINT).sha256
+    scene = loaded(tmp_path, VIEW, line.format("moment", '<integrator type="path"/>'), LAMP)
+    assert not scene.hide_emitters
+    assert any('"hide_emitters" counts in path' in note for note in scene.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "bsdf", "text"),
+    [
+        ("path", "diffuse", ""),
+        ("path", "null", "hides its lamps and sky too"),
+        ("prb", "thindielectric", "hides its lamps and sky too"),
+        ("volpath", "null", ""),
+        ("prbvolpath", "thindielectric", ""),
+        ("ptracer", "diffuse", "sees what is behind hidden lamps"),
+        ("direct_projective", "null", "sees what is behind hidden lamps"),
+    ],
+)
+def test_what_mitsuba_hides_otherwise_is_said(
+    tmp_path: Path, name: str, bsdf: str, text: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    hides = param("boolean", "hide_emitters", "true")
+    pane = f'<shape type="cube"><bsdf type="{bsdf}"/></shape>'
+    loaded(tmp_path, VIEW, f'<integrator type="{name}">{hides}</integrator>', LAMP, pane)
+    said = [str(w.message) for w in recwarn if "hid" in str(w.message)]
+    assert text in " ".join(said) and bool(said) == bool(text)
+
+
+def test_orthographic(tmp_path: Path) -> None:
+    """The film is [-1, 1] of local x; a crop window is that part of it; to_world may not shear."""
+    place = '<transform name="to_world"><scale x="3" y="2" z="0.5"/><translate x="1"/></transform>'
+    film = '<film type="hdrfilm">' + param("integer", "width", 20) + param("integer", "height", 10)
+    crop = "".join(param("integer", f"crop_{name}", value) for name, value in
+                   (("width", 5), ("height", 4), ("offset_x", 3), ("offset_y", 2)))  # fmt: skip
+    clip = param("float", "near_clip", 0.5) + param("float", "far_clip", 7)
+    lines = '<sensor type="orthographic">{}{}{}</film></sensor>'
+    camera = loaded(tmp_path, lines.format(place, clip, film), SKY).camera
+    assert camera.projection == "orthographic" and camera.clip_depths == (0.25, 6.75)
+    assert (camera.tan_half_x(20, 10), camera.tan_half_y(20, 10)) == (3, 1)
+    part = loaded(tmp_path, lines.format(place, clip, film + crop), SKY).camera
+    # Of Mitsuba's rays through the corners (0, 0) and (1, 1) of the film; before to_world.
+    corners = [[0.7, 0.3], [0.2, -0.1]]
+    for sign, corner in zip((1, -1), corners, strict=True):
+        local = np.array([sign, sign * 4 / 5, 0, 1.0])
+        x, y = corner
+        assert part.to_world @ local == pytest.approx([3 * x + 1, 2 * y, 0, 1])
+    assert part.clip_depths == camera.clip_depths
+    sheared = (
+        '<transform name="to_world"><matrix value="1 0 1 0 0 1 0 0 0 0 1 0 0 0 0 1"/></transform>'
+    )
+    assert "shears" in str(fault(tmp_path, lines.format(sheared, clip, film), SKY))
+
+
+def test_radiancemeter(tmp_path: Path) -> None:
+    """One ray: an orthographic film of no size."""
+    film = '<film type="hdrfilm">' + "".join(param("integer", n, 1) for n in ("width", "height"))
+    line = '<sensor type="radiancemeter">{}' + film + "</film></sensor>"
+    origin, ahead = ('<{} name="{}" x="1" y="2" z="3"/>'.format(*names)
+                     for names in (("point", "origin"), ("vector", "direction")))  # fmt: skip
+    place = '<transform name="to_world"><scale value="2"/><translate x="4"/></transform>'
+    for given, start, along in ((origin + ahead, (1, 2, 3), np.array([1, 2, 3]) / 14**0.5),
+                                (place + origin, (4, 0, 0), (0, 0, 1)),
+                                ("", (0, 0, 0), (0, 0, 1))):  # fmt: skip
+        camera = loaded(tmp_path, line.format(given), SKY).camera
+        assert camera.to_world[:3, 3].tolist() == list(start)
+        assert camera.placed[:3, 2] == pytest.approx(along) and camera.tan_half_x(1, 1) < 1e-19
+    text = str(fault(tmp_path, line.format(origin), SKY))
+    assert "expected both origin and direction" in text
+    wide = line.replace('value="1"', 'value="2"')
+    assert "its film has 2 x 2 pixels, expected 1 x 1" in str(fault(tmp_path, wide.format(""), SKY))
 
 
 def test_direct_light_without_one_kind_of_samples(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ CHECKS = ("chromatic_medium", "nested_dielectrics", "thinlens", "sphere_light", 
           "smooth_normals", "plastic", "mask", "touching_media", "spot_light",
           "camera_in_medium", "conductor_metal", "rough_metal", "rough_plastic",
           "rough_glass", "principled_surfaces", "principled_glass", "polarisers", "albedo_grid",
-          "smoke", "attributes", "blends")  # fmt: skip
+          "smoke", "attributes", "blends", "orthographic",
+          "hidden_light")  # fmt: skip
 
 
 def verdict(

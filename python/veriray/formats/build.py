@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable
@@ -243,6 +244,7 @@ class _Builder:
                 SceneWarning,
                 stacklevel=4,
             )
+        depths["hide_emitters"] = depths["hide_emitters"] and seen
         integrators.check_scene(integrator, self.check, self.report, seen, arrays)
         if not seen_by:
             seen_by = [self.sensor(Node("perspective", root.where), views.framing(arrays, root))]
@@ -343,6 +345,21 @@ class _Builder:
                 parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
             ),
         )
+        if node.plugin in ("orthographic", "radiancemeter"):
+            to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
+            if node.plugin == "radiancemeter":
+                to_world = views.one_ray(node, values, (width, height))
+            part = views.part((width, height), (left, top), (wide, high))
+            camera = located(
+                node,
+                lambda: Camera.orthographic(
+                    transform.compose(to_world, part),
+                    near_clip=values.get("near_clip", 0.0),
+                    far_clip=values.get("far_clip", math.inf),
+                    medium=self.medium(parts["medium"][0]) if parts["medium"] else -1,
+                ),
+            )
+            return camera, film, self.sampling(sampler)
         fov, axis = values["fov"], values["fov_axis"]
         focal = values["focal_length"]
         if fov is not None and focal is not None:
@@ -381,10 +398,13 @@ class _Builder:
                 self.medium(parts["medium"][0]) if parts["medium"] else -1,
             ),
         )
-        _, given = self.check(sampler)
-        kind = "sobol" if sampler.plugin in STRATIFIED else sampler.plugin
-        sampling = {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
-        return camera, film, sampling
+        return camera, film, self.sampling(sampler)
+
+    def sampling(self, node: Node) -> dict[str, Any]:
+        """The settings that a sampler gives."""
+        _, given = self.check(node)
+        kind = "sobol" if node.plugin in STRATIFIED else node.plugin
+        return {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
 
     def material(self, node: Node) -> materials.Row:
         """The row of a bsdf, made once."""

@@ -3,7 +3,7 @@
 A material is diffuse in its base colour on both sides, with its alpha and its emission; what else
 it has, textures among it, is named in a warning. Light keeps its numbers: candela, lux and nits are
 taken for what they are in watts. A spot of KHR_lights_punctual falls off linearly between its
-angles. The first perspective camera is taken; without one the scene is framed from its front.
+angles. The first camera is taken; without one the scene is framed from its front.
 Without a light there is a white sky. Skins, morph targets and animations stay at rest.
 """
 
@@ -247,18 +247,22 @@ class _Reader:
         return [Node(kind, about.where, "emitter", about.text("name"), values=values)]
 
     def sensor(self) -> Node:
-        """The first perspective camera, else one that frames the scene."""
+        """The first camera, else one that frames the scene."""
         for camera, matrix in self.cameras:
-            if camera.text("type") != "perspective":
-                self.report.warn("an orthographic camera is left out", camera.where)
-                continue
             if len(self.cameras) > 1:
                 self.report.warn("the first of several cameras is taken", camera.where)
+            place = transform.compose(_rigid(matrix, camera), _TO_SENSOR)
+            if camera.text("type") == "orthographic":
+                view = camera.of("orthographic")
+                x, y = (view.number(name, 0.0, 1e-12, 1e12) for name in ("xmag", "ymag"))
+                width = max(1, round(HEIGHT * min(max(x / y, 1e-2), 1e2)))
+                place = transform.compose(place, transform.scale([x, y * width / HEIGHT, 1.0]))
+                return _sensor(camera.where, "orthographic", place, width)
             view = camera.of("perspective")
             fov = math.degrees(view.number("yfov", 0.0, 0.0, math.pi))
             aspect = view.number("aspectRatio", WIDTH / HEIGHT, 1e-2, 1e2)
-            place = transform.compose(_rigid(matrix, camera), _TO_SENSOR)
-            return _sensor(camera.where, place, fov, "y", max(1, round(HEIGHT * aspect)))
+            width = max(1, round(HEIGHT * aspect))
+            return _sensor(camera.where, "perspective", place, width, fov, "y")
         self.report.warn("the file has no camera; one was placed that frames it", self.where)
         corners = np.concatenate(self.corners) if self.corners else np.zeros((1, 3))
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -269,21 +273,24 @@ class _Reader:
         place = transform.look_at(
             (middle + away * ahead).tolist(), middle.tolist(), [0.0, 1.0, 0.0], self.where
         )
-        return _sensor(self.where, place, FOV, "smaller", WIDTH)
+        return _sensor(self.where, "perspective", place, WIDTH, FOV, "smaller")
 
 
 _STRENGTH = ("KHR_materials_emissive_strength",)
 
 
-def _sensor(where: str, place: Array, fov: float, axis: str, width: int) -> Node:
+def _sensor(
+    where: str, kind: str, place: Array, width: int, fov: float = 0.0, axis: str = ""
+) -> Node:
     def values(kind: str, **given: Any) -> dict[str, Value]:
         return {name: Value(kind, value, where) for name, value in given.items()}
 
     film = Node("hdrfilm", where, "film", values=values("integer", width=width, height=HEIGHT))
     sampler = Node("independent", where, "sampler", values=values("integer", sample_count=SPP))
-    view = {**values("float", fov=fov), **values("string", fov_axis=axis),
-            **values("transform", to_world=place)}  # fmt: skip
-    return Node("perspective", where, "sensor", values=view, children=[film, sampler])
+    view = values("transform", to_world=place)
+    if kind == "perspective":
+        view |= {**values("float", fov=fov), **values("string", fov_axis=axis)}
+    return Node(kind, where, "sensor", values=view, children=[film, sampler])
 
 
 def _indices(node: Json, key: str, of: list[Any]) -> list[int]:

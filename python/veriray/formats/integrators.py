@@ -15,6 +15,10 @@ Check = Callable[[Node], tuple[dict[str, list[Node]], dict[str, Any]]]
 #: Kinds of material of which no light sample finds the light.
 _SINGULAR = {"conductor", "dielectric", "plastic", "thindielectric", "null", "mask"}
 _PASSES = {"thindielectric", "null", "mask"}
+#: Integrators of Mitsuba that go through lamps that they hide, and of these those that hide them
+#: behind masks, null and thin glass too, as all do here.
+_GOES_THROUGH = {"path", "direct", "prb", "prb_basic"}
+_GOES_ON = {"volpath", "volpathmis", "prbvolpath"}
 #: What integrators render otherwise than Mitsuba's, where there are materials of these kinds.
 _OTHER_IN_MITSUBA = {
     "ptracer": (_SINGULAR, "what mirrors and glass show is rendered; Mitsuba's leaves it out"),
@@ -25,8 +29,8 @@ _OTHER_IN_MITSUBA = {
 def depths(
     node: Node, check: Check, report: Report, around: tuple[Node, ...] = ()
 ) -> dict[str, int]:
-    """max_depth and rr_depth; check: gives a node's objects and parameters; around: those that hold
-    the node."""
+    """max_depth, rr_depth and hide_emitters; check: gives a node's objects and parameters; around:
+    those that hold the node."""
     if any(node is other for other in around):
         raise SceneError(f"{node} holds itself", node.where)
     parts, values = check(node)
@@ -35,6 +39,11 @@ def depths(
         for other in inner[1:]:
             report.note(f"{node}: only its first integrator is rendered", other.where)
         report.note(f"{node} renders {inner[0]}: {PLUGINS[node.plugin].doc}", node.where)
+        if values["hide_emitters"]:
+            report.note(
+                f'{node}: "hide_emitters" counts in {inner[0]} alone',
+                node.values["hide_emitters"].where,
+            )
         return depths(inner[0], check, report, (*around, node))
     if node.plugin == "direct":
         shorthand = "shading_samples" in node.values
@@ -46,7 +55,8 @@ def depths(
         if not values["emitter_samples"] + values["bsdf_samples"]:
             raise SceneError(f"{node}: emitter_samples and bsdf_samples are 0", node.where)
     default = {"max_depth": 2, "rr_depth": PLUGINS["path"].params["rr_depth"].default}
-    return {name: values.get(name, default[name]) for name in default}
+    depth = {name: values.get(name, default[name]) for name in default}
+    return depth | {"hide_emitters": values["hide_emitters"]}
 
 
 def check_scene(
@@ -55,14 +65,9 @@ def check_scene(
     """Raises SceneError for what an integrator asks for and a scene with these arrays does not
     allow; seen: something shines that a camera can see."""
     parts, values = check(node)
-    if seen and values["hide_emitters"]:
-        raise SceneError(
-            f'{node}: "hide_emitters" = True is not supported where an area light or a sky '
-            "shines; allowed: false",
-            node.values["hide_emitters"].where,
-        )
     for inner in parts.get("integrator", [])[:1]:
         check_scene(inner, check, report, seen, arrays)
+        return
     kinds = {MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()}
     kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
     for name, wrong, what in (
@@ -74,6 +79,20 @@ def check_scene(
                 f'{node}: "{name}" = 0 leaves out the light of {what}, which the scene has; '
                 "that is not supported",
                 node.values[name].where,
+            )
+    if seen and values["hide_emitters"] and node.plugin not in _GOES_ON:
+        where = node.values["hide_emitters"].where
+        if node.plugin not in _GOES_THROUGH and arrays["emissions"] is not None:
+            report.warn(
+                f"{node}: the camera sees what is behind hidden lamps; in Mitsuba they are dark or "
+                "shine",
+                where,
+            )
+        elif node.plugin in _GOES_THROUGH and kinds & _PASSES:
+            report.warn(
+                f"{node}: what is seen through masks, null and thin glass hides its lamps and sky "
+                "too, not in Mitsuba",
+                where,
             )
     other, text = _OTHER_IN_MITSUBA.get(node.plugin, (set(), ""))
     if kinds & other:

@@ -257,7 +257,7 @@ _RUN = {
     **dict.fromkeys(("samples_per_pass", "block_size", "timeout"), _IN_PARTS),
     "strict_normals": "directions count only where both normals agree, always",
 }
-_HIDE = Param("boolean", False, doc="true only where no area light or sky shines")
+_HIDE = Param("boolean", False, doc="the camera sees no sky, and through lamps")
 
 
 def _integrator(max_depth: int | None, doc: str, **noted: str) -> Plugin:
@@ -333,7 +333,7 @@ _SAMPLER: dict[str, Any] = {
     "sample_count": Param("integer", 4, 1, 2**63 - 1, doc="samples per pixel"),
     "seed": Param("integer", 0, 0, 2**64 - 1),
 }
-_SENSORS = ("perspective", "thinlens")
+_SENSORS = ("perspective", "thinlens", "orthographic", "radiancemeter")
 _ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
     "film": (FILMS, 0, 1),
     "sampler": (("independent", *STRATIFIED), 0, 1),
@@ -435,6 +435,24 @@ PLUGINS: dict[str, Plugin] = {
             "sensor": (_SENSORS, 1, _MANY),
         },
         doc="stands for its sensors, each with its share of the film's width",
+        noted=_SHUTTER,
+    ),
+    "orthographic": Plugin(
+        "sensor",
+        {name: _PERSPECTIVE[name] for name in ("near_clip", "far_clip", "to_world")},
+        _ON_SENSORS,
+        doc="parallel rays; x in [-1, 1] of to_world, which may scale, is the film's width",
+        noted=_SHUTTER,
+    ),
+    "radiancemeter": Plugin(
+        "sensor",
+        {
+            "origin": Param("point", None, -MAX_COORDINATE, MAX_COORDINATE, doc="with direction"),
+            "direction": Param("vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
+            "to_world": Param("transform", doc="the ray is local +z; counts before origin"),
+        },
+        _ON_SENSORS,
+        doc="one ray; its film has 1 x 1 pixels",
         noted=_SHUTTER,
     ),
     **{name: _film(name) for name in FILMS},

@@ -16,7 +16,10 @@ from .node import Node, Ref, Value
 from .plugins import PLUGINS
 from .report import Report
 
+Array = npt.NDArray[np.float64]
+
 FRAMING_FOV = 45.0  # degrees
+_POINT = 1e-20  # of a film: too small to matter
 
 
 def window(node: Node, values: dict[str, Any]) -> tuple[int, int, int, int]:
@@ -81,7 +84,34 @@ def shifted(
     ]
 
 
-def framing(arrays: dict[str, Any], root: Node) -> npt.NDArray[np.float64]:
+def one_ray(node: Node, values: dict[str, Any], film: tuple[int, int]) -> Array:
+    """to_world of a film so small that an orthographic camera is a radiancemeter."""
+    if film != (1, 1):
+        raise SceneError(
+            f"{node}: its film has {film[0]} x {film[1]} pixels, expected 1 x 1", node.where
+        )
+    matrix, origin, ahead = (values[name] for name in ("to_world", "origin", "direction"))
+    if matrix is not None:
+        origin, ahead = matrix[:3, 3].tolist(), matrix[:3, 2].tolist()
+    elif (origin is None) != (ahead is None):
+        raise SceneError(f"{node}: expected both origin and direction, or to_world", node.where)
+    start, ahead = origin or [0.0, 0.0, 0.0], ahead or [0.0, 0.0, 1.0]
+    ahead = transform.unit(ahead, f"{node}: direction has length 0", node.where)
+    zero = [0.0, 0.0, 0.0]
+    turn = transform.look_at(zero, ahead, transform.any_up(zero, ahead), node.where)
+    turn = transform.compose(turn, transform.scale([_POINT, _POINT, 1.0]))
+    return transform.compose(transform.translate(start), turn)
+
+
+def part(film: Sequence[int], begin: Sequence[int], size: Sequence[int]) -> Array:
+    """What takes the film of an orthographic sensor to a part of it; begin: left and top."""
+    (width, height), (left, top), (wide, high) = film, begin, size
+    x, y = (width - 2 * left - wide) / width, (height - 2 * top - high) / width
+    scale = transform.scale([wide / width, wide / width, 1.0])
+    return transform.compose(transform.translate([x, y, 0.0]), scale)
+
+
+def framing(arrays: dict[str, Any], root: Node) -> Array:
     """A place from which a view of FRAMING_FOV along +z holds all of a scene with these arrays."""
     disks, spheres = arrays["disks"], arrays["spheres"]
     reach = np.sqrt((disks[:, 1:] * disks[:, 1:]).sum(axis=1))

@@ -12,7 +12,8 @@ from scipy import stats
 import veriray
 from veriray.comparison.statistics import MARGIN
 from veriray_validate.dicts import BLACK, flat, scene, sky, sphere, view
-from veriray_validate.scenes import Part, camera, make
+from veriray_validate.scenes import MIRROR, NULL, Medium, Part, box, camera, make, quad
+from veriray_validate.scenes import sphere as ball
 from veriray_validate.statistics import chi_square, sidak, smallest_bias
 from veriray_validate.trial import Trial, case
 
@@ -290,6 +291,65 @@ def dolly_magnifies(t: Trial) -> None:
         half = (10 - step) * math.tan(math.radians(15))
         moved = still.with_(camera=still.camera.dolly(step))
         t.agrees(moved, math.pi / (2 * half) ** 2, 800_000, sees=0.03)
+
+
+# ---- light that the camera does not see ----
+
+INSIDE = {"nothing": 0.0, "grey": 0.9, "mirror": 3.0, "grey behind null": 0.9}
+
+
+@case(3, each={"inside": INSIDE, "shape": ("ball", "box"), "seed": (1, 77, 4242, 5)})
+def hidden_light(t: Trial, inside: str, shape: str, seed: int) -> None:
+    """A convex lamp of radiance 3, which shines inwards, around a grey or mirror ball, under a sky
+    of 5, all hidden from the camera outside.
+
+    A ball of reflectance 0.3 in it has the radiance 0.9, a mirror 3, without noise; past it the
+    picture is black. Paths that escape are counted. Also behind a null surface. Sees 1 %.
+    """
+    rng = np.random.default_rng(seed)
+    eye = rng.normal(size=3)
+    eye *= 6 / np.linalg.norm(eye)
+    lamp = (ball([0, 0, 0], 2.0, 0.0, 3.0, True) if shape == "ball"
+            else box([-2, -1.9, -2.1], [2, 2.2, 2], True, 0.0, 3.0))  # fmt: skip
+    parts = [lamp]
+    if inside != "nothing":
+        more = {"material": MIRROR} if inside == "mirror" else {}
+        parts.append(ball([0, 0, 0], 1.0, 0.3, **more))
+    if "null" in inside:
+        parts.append(ball([0, 0, 0], 4.0, material=NULL))
+    for target, value in (
+        ([0, 0, 0], INSIDE[inside]),
+        (eye + np.cross(eye, rng.normal(size=3)), 0),
+    ):
+        hidden = make(parts, camera(eye, target), 5.0, hide_emitters=True)
+        r = t.agrees(hidden, value, 20_000, sees=0.01)
+        if value != 0.9:
+            t.check(r.image == value)
+            t.check(not r.stderr.any(), "noise")
+        if value == 0:
+            t.check(sum(r.stats["ledger"]["escaped"]) == r.spp, "escaped")
+        elif inside != "mirror":
+            t.check(sum(r.stats["ledger"]["emitter_end"]) > 0, "lamps end other paths")
+    seen = make(parts, camera(eye, [0, 0, 0]), 5.0)
+    t.check(t.render(seen, 16).image == 0, "seen, the back of the lamp is black")
+
+
+@case(3, each={"border": (False, True), "seed": (1, 77, 4242, 5)})
+def hidden_light_in_a_medium(t: Trial, border: bool, seed: int) -> None:
+    """A lamp that shines away from the camera onto a mirror that shows its front, in absorbing fog.
+
+    The whole way is attenuated: to the lamp, which is not there, to the mirror and back. It is no
+    border for the camera either (the fog would end at it). Sees 1 %.
+    """
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    x, y, z = q.T * np.sign(np.linalg.det(q))
+    fog = Medium(0.2)
+    more = {"interior": fog} if border else {}
+    lamp = quad(-3 * x - 3 * y, 6 * x, 6 * y, 0, 2.0, **more)
+    mirror = quad(2 * z - 3 * x - 3 * y, 6 * y, 6 * x, 0, material=MIRROR)
+    eye = camera(0.1 * x - 1.5 * z, 0.1 * x)
+    hidden = make([lamp, mirror], eye, 7.0, camera_medium=fog, hide_emitters=True)
+    t.agrees(hidden, 2 * math.exp(-0.2 * 5.5), 800_000, sees=0.01)
 
 
 # ---- filters ----

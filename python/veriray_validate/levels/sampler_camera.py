@@ -15,7 +15,7 @@ from veriray.camera import Camera
 from veriray.scene import Scene
 from veriray_validate.levels.samplers import count, replayed, uniform
 from veriray_validate.oracles import INVERSE
-from veriray_validate.scenes import disk, make, quad
+from veriray_validate.scenes import Medium, disk, make, quad
 from veriray_validate.statistics import binomial, max_z
 from veriray_validate.trial import Trial, case
 
@@ -246,6 +246,97 @@ def field_of_view_and_offset(t: Trial, axis: str) -> None:
     hits = np.rint(image.astype(np.float64) * n)
     for h, e in zip(hits[cut], exact[cut], strict=True):
         t.p(binomial(int(h), n, float(e)), axis)
+
+
+#: Sizes of the film and distances of it, in sizes of what it shows.
+PARALLEL = {"near": (1.0, 0.5), "far": (1.0, 3e9), "small": (1e-6, 2.0), "large": (1e7, 3.0),
+            "small and far": (1e-5, 1e7)}  # fmt: skip
+
+
+def parallel(seed: int, size: float, away: float, **clip: float) -> tuple[Camera, Array]:
+    """A turned orthographic camera of unequal scales, and what takes (x, y, depth / size), of which
+    x and y span [-1, 1] over the film's width, to the world."""
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    q[:, 0] *= np.sign(np.linalg.det(q))
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = q * [size, 1.5 * size, size], rng.normal(size=3)
+    to_world = np.array(place)
+    to_world[:3, 3] -= q[:, 2] * size * away
+    to_world[:3, 2] *= 0.7
+    return Camera.orthographic(to_world, **clip), place
+
+
+@case(2, each={"place": PARALLEL, "seed": (1, 77, 4242, 5)})
+def orthographic_film(t: Trial, place: str, seed: int) -> None:
+    """A bright parallelogram before a floor of 3 or a million film widths, seen by parallel rays.
+
+    Turned, of unequal scales, near, far, small and large. Every pixel holds its covered share,
+    those fully inside or outside exactly. 4,000 samples.
+    """
+    width, height = 40, 24
+    size, away = PARALLEL[place]
+    view, world = parallel(seed, size, away)
+    x, y = (-0.4302, 0.7311), (-0.2102, 0.3203)
+
+    def corners(x: tuple[float, float], y: tuple[float, float], z: float) -> list[Array]:
+        points = [(world @ [a, b, z, 1])[:3] for a, b in ((x[0], y[0]), (x[0], y[1]), (x[1], y[0]))]
+        return [points[0], points[1] - points[0], points[2] - points[0]]
+
+    plate = quad(*corners(x, y, 0.0), 0, 1.0)
+    wide = 1e6 if place.startswith("small") else 3.0
+    floor = quad(*corners((-wide, wide), (-wide, wide), 1.0), 0, 0)
+    cover = []
+    for (low, high), n, half in ((x, width, 1.0), (y, height, height / width)):
+        ends = [n * (1 - value / half) / 2 for value in (high, low)]
+        left = np.arange(n)
+        cover.append(np.clip(np.minimum(left + 1, ends[1]) - np.maximum(left, ends[0]), 0, 1))
+    exact = np.outer(cover[1], cover[0])
+    n = 4000 * t.effort
+    image = t.render(make([plate, floor], view, 0.0, width, height), 4000).image[..., 0]
+    t.check(image[exact == 0] == 0, "outside")
+    t.check(image[exact == 1] == 1, "inside")
+    cut = (exact > 1e-9) & (exact < 1 - 1e-9)
+    hits = np.rint(image.astype(np.float64) * n)
+    for h, e in zip(hits[cut], exact[cut], strict=True):
+        t.p(binomial(int(h), n, float(e)), place)
+
+
+@case(2, each={"seed": (1, 77, 4242, 5)})
+def orthographic_clipping(t: Trial, seed: int) -> None:
+    """Screens at depths 1, 2, 3 before an orthographic camera whose local z is 0.7 long.
+
+    The near plane lies at 0.7 near_clip, the far plane far_clip - near_clip behind it. The first
+    screen between them in every pixel, black where there is none: exact. Planes 1e-5 off a screen
+    are told apart.
+    """
+    e = 1e-5
+    planes = ((0.0, math.inf, 1), (0.5, 0.9, 1), (1.5, math.inf, 2), (2.5, 9.0, 3), (2.5, 0.4, 0),
+              (3.5, 9.0, 0), (0.1, 0.8, 0), (1 - e, math.inf, 1), (1 + e, math.inf, 2),
+              (1 + e, 1 - 2 * e, 0), (1 + e, 1.0, 2))  # fmt: skip
+    for near, length, shown in planes:
+        clip = {"near_clip": near / 0.7, "far_clip": near / 0.7 + length}
+        view, world = parallel(seed, 1.0, 0.0, **clip)
+        screens = []
+        for z in (1.0, 2.0, 3.0):
+            p, a, b = ((world @ [*xy, z, 1])[:3] for xy in ((-9, -9), (-9, 9), (9, -9)))
+            screens.append(quad(p, a - p, b - p, 0, z))
+        t.agrees(make(screens, view, 0.0, 8, 6), shown, 50, sees=1e-3)
+
+
+@case(2, each={"near": (0.0, 1.3, 40.0), "seed": (1, 77, 4242, 5)})
+def orthographic_in_a_medium(t: Trial, near: float, seed: int) -> None:
+    """A screen in an absorbing medium before an orthographic camera: exp(-extinction x distance).
+
+    The distance is that from the near plane, also where the film is far from all that it shows.
+    Sees 1 %.
+    """
+    fog = Medium(0.4)
+    view, world = parallel(seed, 1.0, 0.0, near_clip=near / 0.7)
+    depth = near + 2.5
+    p, a, b = ((world @ [*xy, depth, 1])[:3] for xy in ((-9, -9), (-9, 9), (9, -9)))
+    screen = quad(p, a - p, b - p, 0, 1.0)
+    t.agrees(make([screen], view, camera_medium=fog), math.exp(-1), 400_000, sees=0.01)
 
 
 @case(2)

@@ -221,10 +221,12 @@ def materials(t: Trial, scene: Scene, block: int) -> Parts:
     view, size = scene.camera, references.SIZE
     at = 1 - (2 * np.arange(size) + 1) / size
     x, y = np.meshgrid(at * view.tan_half_x(size, size), at * view.tan_half_y(size, size))
-    local = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
-    directions = local @ view.to_world[:3, :3].T
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    origins = np.broadcast_to(view.to_world[:3, 3], directions.shape)
+    parallel = view.projection == "orthographic"
+    ahead = np.full_like(x, view.clip_depths[0] if parallel else 1.0)
+    local = np.stack([x, y, ahead], axis=-1).reshape(-1, 3) @ view.placed[:3, :3].T
+    directions = np.tile(view.placed[:3, 2], (len(local), 1)) if parallel else local
+    directions = directions / np.linalg.norm(directions, axis=1)[:, None]
+    origins = np.ascontiguousarray(view.to_world[:3, 3] + (local if parallel else 0 * local))
     _, primitive = t.native.intersect(
         t.native_scene(scene), np.ascontiguousarray(origins), directions
     )

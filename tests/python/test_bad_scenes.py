@@ -43,7 +43,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 # a file name is among the fragments. Line 1 is <scene>, line 2 the sky; a sensor is on line 4.
 LINES = {
     "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: bsplinecurve, cube, cylinder, disk, instance, linearcurve, merge, mesh, obj, ply, rectangle, sdfgrid, serialized, shapegroup, sphere, stl", 'did you mean "rectangle"?'),
-    "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: cube"),
+    "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: bsplinecurve, cube"),
     "unknown element": ("<shap/>", "unknown element <shap>", 'did you mean "shape"?'),
     "object without type": ("<shape/>", '<shape> lacks the attribute "type"'),
     "unknown attribute": ('<shape type="cube" name="x" colour="red"/>', "unknown attribute", '"colour" = "red"', "allowed: id, name, type"),

@@ -28,7 +28,11 @@ from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS
 from .report import Report
 
-_ARRAYS = {"mesh": ("vertices", "faces", "uv", "normals"), "bitmap": ("bitmap", "data")}
+_ARRAYS = {
+    "mesh": ("vertices", "faces", "uv", "normals"),
+    "bitmap": ("bitmap", "data"),
+    "sdfgrid": ("grid",),
+}
 
 
 def read(scene: Mapping[str, Any], report: Report | None = None) -> Tree:

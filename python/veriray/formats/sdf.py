@@ -22,7 +22,7 @@ from .mesh import Mesh, dot, unit
 from .node import Node
 
 Array = npt.NDArray[Any]
-NEAR = 5e-3
+NEAR = 1e-2
 POINTS, TRIANGLES = 1 << 24, 2_000_000
 
 

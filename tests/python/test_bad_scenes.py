@@ -276,7 +276,7 @@ def test_bad_file(tmp_path, name):
 def test_missing_files_and_names(tmp_path):
     assert "No such file or directory" in message(tmp_path / "none.xml")
     assert 'did you mean "cornell-box"?' in message("cornel-box")
-    assert "neither a scene file (.xml, .gltf, .glb)" in message(tmp_path / "scene.usd")
+    assert "neither a scene file (.xml, .gltf, .glb, .obj)" in message(tmp_path / "scene.usd")
     assert "Is a directory" in message(_folder(tmp_path / "folder.xml"))
     assert "cannot read" in message("nul\0.xml")
     os.mkfifo(tmp_path / "pipe.xml")

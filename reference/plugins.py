@@ -529,7 +529,7 @@ class _Reader(Document):
     def shape(self, element: etree._Element) -> _Shape:
         kind = self.plugin(
             element, "rectangle", "cube", "disk", "sphere", "cylinder", "obj", "ply", "stl",
-            "serialized",
+            "serialized", "linearcurve", "bsplinecurve",
         )  # fmt: skip
         special: dict = {}
         if kind == "cylinder":
@@ -541,6 +541,8 @@ class _Reader(Document):
                 face_normals=self.boolean,
                 flip_tex_coords=self.ignore,
             )
+        elif kind in ("linearcurve", "bsplinecurve"):
+            special = dict(filename=lambda e: self.folder / self.text(e, "value"))
         elif kind == "sphere":
             special = dict(center=self.point, radius=self.number(0, open_low=True))
         values = self.parameters(
@@ -558,7 +560,7 @@ class _Reader(Document):
             boundary = (values.get("interior", -1), values.get("exterior", -1))
         radiance = values.get("emitter")
         material = values.get("bsdf", Material() if radiance is None else _NO_LIGHT)
-        if material.texture is not None and kind in ("obj", "ply", "stl"):
+        if material.texture is not None and kind in _UNTEXTURED:
             raise self.error(element, "textures on meshes are not supported")
         return _Shape(self.geometry(element, kind, values), material, radiance, boundary)
 
@@ -578,12 +580,18 @@ class _Reader(Document):
                 raise self.error(element, "needs a filename")
             data = path.read_bytes()
             self.hash.update(data)
+            if kind in ("linearcurve", "bsplinecurve"):
+                make = shapes.linear_curve if kind == "linearcurve" else shapes.spline_curve
+                return make(data, to_world, flip)
             flat, index = values.get("face_normals", False), values.get("shape_index", 0)
             return shapes.mesh(kind, data, to_world, flat, flip, index)
         except SceneError:
             raise
         except Exception as error:
             raise self.error(element, f"{values.get('filename', kind)}: {error}") from error
+
+
+_UNTEXTURED = ("obj", "ply", "stl", "linearcurve", "bsplinecurve")
 
 
 def _tables(found: list[_Shape]) -> dict:

@@ -8,10 +8,12 @@ was measured with mitsuba 3.9.1.
 from __future__ import annotations
 
 import io
+import re
 import zlib
 
 import numpy as np
 import trimesh
+from scipy.interpolate import BSpline
 
 from reference.scene import Geometry
 
@@ -109,6 +111,79 @@ def cylinder(
     if flip:
         triangles, normals = triangles[:, ::-1], -normals[:, ::-1]
     return moved(Geometry(triangles=triangles, normals=normals), to_world)
+
+
+def linear_curve(data: bytes, to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """Spheres at the control points, and cones of 512 sides that touch two in a row."""
+    parts, angle = [Geometry()], np.linspace(0, 2 * np.pi, 513)
+    for rows in _curves(data, to_world, 2):
+        parts.append(Geometry(spheres=rows, inward=np.full(len(rows), flip),
+                              frames=np.tile(np.eye(3), (len(rows), 1, 1))))  # fmt: skip
+        for a, b in zip(rows[:-1], rows[1:], strict=True):
+            basis = np.linalg.svd((b - a)[None, :3])[2]  # rows: along the axis, and two across it
+            along = (b - a)[:3] / np.linalg.norm((b - a)[:3])
+            across = np.cos(angle)[:, None] * basis[1] + np.sin(angle)[:, None] * basis[2]
+            if np.dot(np.cross(basis[1], basis[2]), along) < 0:
+                across = across[::-1]
+            sine = (a[3] - b[3]) / np.linalg.norm((b - a)[:3])
+            if abs(sine) >= 1:
+                continue  # a sphere in the other
+            normals = sine * along + np.sqrt(1 - sine**2) * across
+            rings = np.stack([a[:3] + a[3] * normals, b[:3] + b[3] * normals])
+            parts.append(_tube(rings, np.stack([normals, normals]), flip))
+    return joined(parts)
+
+
+def spline_curve(data: bytes, to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """Uniform cubic B-splines by scipy, 48 circles of 128 sides a segment; normals of the mesh."""
+    parts, angle = [Geometry()], np.linspace(0, 2 * np.pi, 129)
+    for rows in _curves(data, to_world, 4):
+        spline = BSpline(np.arange(len(rows) + 4), rows, 3)
+        # not at the very ends, where a point may be repeated and there is no direction
+        line = np.linspace(3 + 1e-6, len(rows) - 1e-6, 48 * (len(rows) - 3) + 1)
+        place, step = spline(line), _unit(spline(line, 1)[:, :3])
+        across = np.cross(step, [[0.3, -0.5, 0.8]])
+        frame = np.empty_like(across)
+        e = across[0]
+        for k, t in enumerate(step):  # turned as little as may be from one to the next
+            e = _unit((e - (e @ t) * t)[None])[0]
+            frame[k] = e
+        other = np.cross(step, frame)
+        round_ = np.cos(angle)[:, None, None] * frame + np.sin(angle)[:, None, None] * other
+        rings = (place[:, :3] + place[:, 3:] * round_).transpose(1, 0, 2)
+        du = np.gradient(np.concatenate([rings[:, -2:-1], rings, rings[:, 1:2]], 1), axis=1)[
+            :, 1:-1
+        ]
+        normals = _unit(np.cross(du, np.gradient(rings, axis=0)))
+        tips = ~normals.any(axis=2)
+        normals[tips] = round_.transpose(1, 0, 2)[tips]
+        parts.append(_tube(rings, normals, flip))
+    return joined(parts)
+
+
+def _curves(data: bytes, to_world: np.ndarray, fewest: int) -> list[np.ndarray]:
+    """Control points (P, 4) of each curve, moved but for their radii."""
+    found = []
+    for block in re.split(r"\n[ \t\r]*\n", data.decode()):
+        rows = np.array([line.split() for line in block.splitlines() if line.strip()], float)
+        if len(rows):
+            if rows.shape[1] != 4 or len(rows) < fewest:
+                raise ValueError("a curve needs more points, of 4 numbers")
+            rows[:, :3] = _moved(rows[:, :3], to_world)
+            found.append(rows)
+    return found
+
+
+def _tube(rings: np.ndarray, normals: np.ndarray, flip: bool) -> Geometry:
+    """Triangles between rings (R, N, 3) whose first points are their last ones too."""
+    corners = []
+    for table in (rings, normals):
+        a, b, c, d = table[:-1, :-1], table[:-1, 1:], table[1:, 1:], table[1:, :-1]
+        corners.append(np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3))
+    triangles, ends = corners
+    if flip:
+        triangles, ends = triangles[:, ::-1], -ends[:, ::-1]
+    return Geometry(triangles=triangles, normals=ends, uv=np.zeros((len(ends), 3, 2)))
 
 
 def moved(geometry: Geometry, matrix: np.ndarray) -> Geometry:

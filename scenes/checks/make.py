@@ -345,6 +345,51 @@ def cylinders() -> str:
     )  # fmt: skip
 
 
+@scene
+def curves() -> str:
+    """Linear and B-spline curves: bent, tapered, of metal and plastic, stretched but for radii."""
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.2, 0.25, 0.3) + lamp(3, 3, 3)
+        + shape("linearcurve", text("filename", "meshes/zigzag.txt"), diffuse(0.7, 0.5, 0.3))
+        + shape("linearcurve", text("filename", "meshes/zigzag.txt"),
+                transform(scale(-1, 1.5, 0.7), translate(0, -0.4, 1)),
+                bsdf("roughconductor", number("alpha", 0.3)))
+        + shape("bsplinecurve", text("filename", "meshes/hooks.txt"),
+                bsdf("twosided", diffuse(0.3, 0.4, 0.8)))
+        + shape("bsplinecurve", text("filename", "meshes/hooks.txt"),
+                transform(rotate("y", 200), translate(0.2, 0.2, -0.6)), bsdf("plastic"))
+    )  # fmt: skip
+
+
+#: Two linear curves, and two B-spline curves that end in points.
+ZIGZAG = """-2 0.5 -0.5 0.3
+-1.2 1.6 -0.5 0.15
+-0.9 0.6 0 0.15
+-0.2 1.2 -0.8 0.25
+
+1 0.3 0.6 0.2
+2 0.4 0.2 0.1
+"""
+HOOKS = """0.2 0.1 0.5 0
+0.2 0.1 0.5 0
+0.2 0.1 0.5 0
+0.5 1.2 0.5 0.35
+1.3 1.4 0.1 0.2
+1.2 0.5 -0.4 0.3
+1.9 0.9 -0.5 0
+1.9 0.9 -0.5 0
+1.9 0.9 -0.5 0
+
+-1.8 0.2 0.9 0
+-1.8 0.2 0.9 0
+-1.8 0.2 0.9 0
+-0.9 0.5 1.3 0.2
+-0.1 0.2 1.1 0
+-0.1 0.2 1.1 0
+-0.1 0.2 1.1 0
+"""
+
+
 def instance(group: str, *steps: str) -> str:
     """A group once more."""
     return shape("instance", ref(group), transform(*steps))
@@ -1129,6 +1174,8 @@ def files() -> dict[str, str | bytes]:
     body, body_faces = displaced(3, egg)
     result: dict[str, str | bytes] = {
         "images/weave.png": png(weave()),
+        "meshes/zigzag.txt": ZIGZAG,
+        "meshes/hooks.txt": HOOKS,
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),
         "meshes/egg.ply": ply(body, body_faces, normals(egg, unit)),

@@ -498,6 +498,10 @@ PYTHON = (
     _python("cylinder's front within", "formats/cylinder.py",
             "np.column_stack([sides, np.zeros(len(sides))]),",
             "np.column_stack([-sides, np.zeros(len(sides))]),"),
+    _python("curves thinner by 3 %", "formats/curves.py",
+            "reach = rings.radius * rings.across", "reach = 0.97 * rings.radius * rings.across"),
+    _python("normals of cones across the axis", "formats/curves.py",
+            "leans, across, leans, across, np.zeros", "leans, across, zero, across, np.zeros"),
     # materials, media, lights
     _python("indices inside and outside swapped", "formats/materials.py",
             'values["int_ior"] / values["ext_ior"]', 'values["ext_ior"] / values["int_ior"]'),

@@ -5,7 +5,19 @@ from pathlib import Path
 
 from tests.fuzz.contract import Target
 
-FORMATS = ("xml", "dictionary", "obj", "ply", "stl", "serialized", "gltf", "exr", "image")
+FORMATS = (
+    "xml",
+    "dictionary",
+    "obj",
+    "ply",
+    "stl",
+    "serialized",
+    "gltf",
+    "exr",
+    "image",
+    "curve",
+    "mtl",
+)
 CORPUS = Path(__file__).parent / "corpus"
 
 

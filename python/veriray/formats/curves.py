@@ -7,9 +7,10 @@ and open at its ends. Both are Mitsuba's, whose curves cannot be hit from within
 The circles become polygons of N sides with their corners on them, thinner by up to
 1 - cos(pi / N) of the radius: 1.2e-3 with 64 sides, 4.8e-3 with 32, 1.9e-2 with 16, 7.6e-2 with 8.
 The rings of a spline stand so close that a chord of its middle line is no further from it than that
-share of its largest radius; rings of a sphere about 360 / N degrees apart. N is the first of SIDES
-that takes no more than FEW triangles. u goes once around, v along the curves of a file, one after
-the other; u is not cut at 1: a texture must repeat to have no seam there.
+share of its largest radius, or 1e-5 of its control points' second differences if that is more;
+rings of a sphere about 360 / N degrees apart. N is the first of SIDES that takes no more than FEW
+triangles. u goes once around, v along the curves of a file, one after the other; u is not cut at 1:
+a texture must repeat to have no seam there.
 """
 
 from __future__ import annotations
@@ -240,7 +241,7 @@ def _pieces(points: Array, first: Array, sides: int) -> Array:
         bends = np.sqrt(np.maximum(*squares))
         share = 1.0 - sin_cos_degrees(180.0 / sides)[1]
         largest = np.maximum(np.maximum(a[:, 3], b[:, 3]), np.maximum(c[:, 3], d[:, 3]))
-        pieces = np.ceil(np.sqrt(bends / (8.0 * share * largest)))
+        pieces = np.ceil(np.sqrt(bends / (8.0 * np.maximum(share * largest, 1e-5 * bends))))
     return np.where(largest > 0, np.maximum(pieces, 1.0), 1.0)
 
 

@@ -529,7 +529,7 @@ class _Reader(Document):
     def shape(self, element: etree._Element) -> _Shape:
         kind = self.plugin(
             element, "rectangle", "cube", "disk", "sphere", "cylinder", "obj", "ply", "stl",
-            "serialized", "linearcurve", "bsplinecurve",
+            "serialized", "linearcurve", "bsplinecurve", "sdfgrid",
         )  # fmt: skip
         special: dict = {}
         if kind == "cylinder":
@@ -543,6 +543,11 @@ class _Reader(Document):
             )
         elif kind in ("linearcurve", "bsplinecurve"):
             special = dict(filename=lambda e: self.folder / self.text(e, "value"))
+        elif kind == "sdfgrid":
+            special = dict(
+                filename=lambda e: self.folder / self.text(e, "value"),
+                normals=lambda e: self.text(e, "value"),
+            )
         elif kind == "sphere":
             special = dict(center=self.point, radius=self.number(0, open_low=True))
         values = self.parameters(
@@ -583,6 +588,9 @@ class _Reader(Document):
             if kind in ("linearcurve", "bsplinecurve"):
                 make = shapes.linear_curve if kind == "linearcurve" else shapes.spline_curve
                 return make(data, to_world, flip)
+            if kind == "sdfgrid":
+                smooth = values.get("normals", "smooth") == "smooth"
+                return shapes.sdf_grid(data, to_world, smooth, flip)
             flat, index = values.get("face_normals", False), values.get("shape_index", 0)
             return shapes.mesh(kind, data, to_world, flat, flip, index)
         except SceneError:
@@ -591,7 +599,7 @@ class _Reader(Document):
             raise self.error(element, f"{values.get('filename', kind)}: {error}") from error
 
 
-_UNTEXTURED = ("obj", "ply", "stl", "linearcurve", "bsplinecurve")
+_UNTEXTURED = ("obj", "ply", "stl", "linearcurve", "bsplinecurve", "sdfgrid")
 
 
 def _tables(found: list[_Shape]) -> dict:

@@ -396,6 +396,35 @@ def instance(group: str, *steps: str) -> str:
 
 
 @scene
+def sdf_grid() -> str:
+    """Grids of signed distances: a dented ring, its cells seen in flat shading and smooth."""
+    rough, matt = bsdf("roughconductor", number("alpha", 0.3)), diffuse(0.7, 0.5, 0.3)
+    groups = "".join(
+        f'<shape type="shapegroup" id="{kind}">'
+        + shape("sdfgrid", text("filename", "meshes/ring.vol"), text("normals", kind), content)
+        + "</shape>"
+        for kind, content in (("smooth", rough), ("analytic", matt))
+    )
+    middle = translate(-0.5, -0.5, -0.5)
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.2, 0.25, 0.3) + lamp(3, 3, 3)
+        + groups
+        + instance("smooth", middle, scale(2.4), rotate("x", 60), translate(-1, 0.9, 0))
+        + instance("analytic", middle, scale(2, 2, 2.6), rotate("y", 30), translate(1.1, 0.9, 0.2))
+    )  # fmt: skip
+
+
+def ring() -> bytes:
+    """A grid of 12 x 12 x 12 distances to a dented ring."""
+    z, y, x = np.meshgrid(*[np.linspace(0, 1, 12)] * 3, indexing="ij")
+    around = np.sqrt((x - 0.5) ** 2 + (y - 0.5) ** 2)
+    distance = np.sqrt((around - 0.28) ** 2 + (z - 0.5) ** 2) - 0.15
+    distance += 0.25 * (x - 0.5) * (y - 0.5) - 0.4 * (x - 0.5) * (z - 0.5)
+    head = struct.pack("<3sB5i6f", b"VOL", 3, 1, 12, 12, 12, 1, 0, 0, 0, 1, 1, 1)
+    return head + distance.astype("<f4").tobytes()
+
+
+@scene
 def instances() -> str:
     """Groups of serialized meshes, a cube, a sphere and merged shapes, moved and mirrored."""
     meshes = text("filename", "meshes/bumps_egg.serialized")
@@ -1175,6 +1204,7 @@ def files() -> dict[str, str | bytes]:
     result: dict[str, str | bytes] = {
         "images/weave.png": png(weave()),
         "meshes/zigzag.txt": ZIGZAG,
+        "meshes/ring.vol": ring(),
         "meshes/hooks.txt": HOOKS,
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),

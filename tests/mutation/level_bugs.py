@@ -502,6 +502,11 @@ PYTHON = (
             "reach = rings.radius * rings.across", "reach = 0.97 * rings.radius * rings.across"),
     _python("normals of cones across the axis", "formats/curves.py",
             "leans, across, leans, across, np.zeros", "leans, across, zero, across, np.zeros"),
+    _python("grids by z, y, x", "formats/sdf.py",
+            "np.array(cells[..., 0], np.float64).T", "np.array(cells[..., 0], np.float64)"),
+    _python("smooth normals of a grid by its nearest cell", "formats/sdf.py",
+            "np.where(corner == 0, 1.0, points - corner + 0.5)",
+            "np.where(corner == 0, 1.0, (points > corner) * 1.0)"),
     # materials, media, lights
     _python("indices inside and outside swapped", "formats/materials.py",
             'values["int_ior"] / values["ext_ior"]', 'values["ext_ior"] / values["int_ior"]'),

@@ -672,7 +672,7 @@ class _Reader(Document):
     def shape(self, element: etree._Element) -> _Shape:
         kind = self.plugin(
             element, "rectangle", "cube", "disk", "sphere", "cylinder", "obj", "ply", "stl",
-            "serialized",
+            "serialized", "linearcurve", "bsplinecurve", "sdfgrid",
         )  # fmt: skip
         special: dict = {}
         if kind == "cylinder":
@@ -683,6 +683,13 @@ class _Reader(Document):
                 filename=lambda e: self.folder / self.text(e, "value"),
                 face_normals=self.boolean,
                 flip_tex_coords=self.ignore,
+            )
+        elif kind in ("linearcurve", "bsplinecurve"):
+            special = dict(filename=lambda e: self.folder / self.text(e, "value"))
+        elif kind == "sdfgrid":
+            special = dict(
+                filename=lambda e: self.folder / self.text(e, "value"),
+                normals=lambda e: self.text(e, "value"),
             )
         elif kind == "sphere":
             special = dict(center=self.point, radius=self.number(0, open_low=True))
@@ -704,7 +711,7 @@ class _Reader(Document):
         found = [m.texture for m in (material, material.other) if m is not None]
         found += [material.weight] if isinstance(material.weight, textures.Texture) else []
         names = [texture.name for texture in found if texture is not None]
-        if names and kind in ("obj", "ply", "stl"):
+        if names and kind in _UNTEXTURED:
             if kind != "ply" or len(set(names)) > 1 or not names[0]:
                 raise self.error(element, "textures on meshes: one mesh_attribute of a ply")
         elif any(names):
@@ -728,6 +735,12 @@ class _Reader(Document):
                 raise self.error(element, "needs a filename")
             data = path.read_bytes()
             self.hash.update(data)
+            if kind in ("linearcurve", "bsplinecurve"):
+                make = shapes.linear_curve if kind == "linearcurve" else shapes.spline_curve
+                return make(data, to_world, flip)
+            if kind == "sdfgrid":
+                smooth = values.get("normals", "smooth") == "smooth"
+                return shapes.sdf_grid(data, to_world, smooth, flip)
             flat, index = values.get("face_normals", False), values.get("shape_index", 0)
             attribute = values["attribute"]
             return shapes.mesh(kind, data, to_world, flat, flip, index, attribute)
@@ -735,6 +748,9 @@ class _Reader(Document):
             raise
         except Exception as error:
             raise self.error(element, f"{values.get('filename', kind)}: {error}") from error
+
+
+_UNTEXTURED = ("obj", "ply", "stl", "linearcurve", "bsplinecurve", "sdfgrid")
 
 
 def _tables(found: list[_Shape]) -> dict:

@@ -8,11 +8,15 @@ was measured with mitsuba 3.9.1.
 from __future__ import annotations
 
 import io
+import re
+import struct
 import zlib
-from dataclasses import fields
+from dataclasses import fields, replace
+from itertools import permutations
 
 import numpy as np
 import trimesh
+from scipy.interpolate import BSpline, RegularGridInterpolator
 
 from reference.scene import Geometry
 
@@ -110,6 +114,166 @@ def cylinder(
     if flip:
         triangles, normals = triangles[:, ::-1], -normals[:, ::-1]
     return moved(Geometry(triangles=triangles, normals=normals), to_world)
+
+
+def linear_curve(data: bytes, to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """Spheres at the control points, and cones of 512 sides that touch two in a row."""
+    parts, angle = [Geometry()], np.linspace(0, 2 * np.pi, 513)
+    for rows in _curves(data, to_world, 2):
+        parts.append(Geometry(spheres=rows, inward=np.full(len(rows), flip),
+                              frames=np.tile(np.eye(3), (len(rows), 1, 1))))  # fmt: skip
+        for a, b in zip(rows[:-1], rows[1:], strict=True):
+            basis = np.linalg.svd((b - a)[None, :3])[2]  # rows: along the axis, and two across it
+            along = (b - a)[:3] / np.linalg.norm((b - a)[:3])
+            across = np.cos(angle)[:, None] * basis[1] + np.sin(angle)[:, None] * basis[2]
+            if np.dot(np.cross(basis[1], basis[2]), along) < 0:
+                across = across[::-1]
+            sine = (a[3] - b[3]) / np.linalg.norm((b - a)[:3])
+            if abs(sine) >= 1:
+                continue  # a sphere in the other
+            normals = sine * along + np.sqrt(1 - sine**2) * across
+            rings = np.stack([a[:3] + a[3] * normals, b[:3] + b[3] * normals])
+            parts.append(_tube(rings, np.stack([normals, normals]), flip))
+    return joined(parts)
+
+
+def spline_curve(data: bytes, to_world: np.ndarray, flip: bool = False) -> Geometry:
+    """Uniform cubic B-splines by scipy, 48 circles of 128 sides a segment; normals of the mesh."""
+    parts, angle = [Geometry()], np.linspace(0, 2 * np.pi, 129)
+    for rows in _curves(data, to_world, 4):
+        spline = BSpline(np.arange(len(rows) + 4), rows, 3)
+        # not at the very ends, where a point may be repeated and there is no direction
+        line = np.linspace(3 + 1e-6, len(rows) - 1e-6, 48 * (len(rows) - 3) + 1)
+        place, step = spline(line), _unit(spline(line, 1)[:, :3])
+        across = np.cross(step, [[0.3, -0.5, 0.8]])
+        frame = np.empty_like(across)
+        e = across[0]
+        for k, t in enumerate(step):  # turned as little as may be from one to the next
+            e = _unit((e - (e @ t) * t)[None])[0]
+            frame[k] = e
+        other = np.cross(step, frame)
+        round_ = np.cos(angle)[:, None, None] * frame + np.sin(angle)[:, None, None] * other
+        rings = (place[:, :3] + place[:, 3:] * round_).transpose(1, 0, 2)
+        du = np.gradient(np.concatenate([rings[:, -2:-1], rings, rings[:, 1:2]], 1), axis=1)[
+            :, 1:-1
+        ]
+        normals = _unit(np.cross(du, np.gradient(rings, axis=0)))
+        tips = ~normals.any(axis=2)
+        normals[tips] = round_.transpose(1, 0, 2)[tips]
+        parts.append(_tube(rings, normals, flip))
+    return joined(parts)
+
+
+def _curves(data: bytes, to_world: np.ndarray, fewest: int) -> list[np.ndarray]:
+    """Control points (P, 4) of each curve, moved but for their radii."""
+    found = []
+    for block in re.split(r"\n[ \t\r]*\n", data.decode()):
+        rows = np.array([line.split() for line in block.splitlines() if line.strip()], float)
+        if len(rows):
+            if rows.shape[1] != 4 or len(rows) < fewest:
+                raise ValueError("a curve needs more points, of 4 numbers")
+            rows[:, :3] = _moved(rows[:, :3], to_world)
+            found.append(rows)
+    return found
+
+
+def _tube(rings: np.ndarray, normals: np.ndarray, flip: bool) -> Geometry:
+    """Triangles between rings (R, N, 3) whose first points are their last ones too."""
+    corners = []
+    for table in (rings, normals):
+        a, b, c, d = table[:-1, :-1], table[:-1, 1:], table[1:, 1:], table[1:, :-1]
+        corners.append(np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3))
+    triangles, ends = corners
+    if flip:
+        triangles, ends = triangles[:, ::-1], -ends[:, ::-1]
+    return Geometry(triangles=triangles, normals=ends, uv=np.zeros((len(ends), 3, 2)))
+
+
+def sdf_grid(data: bytes, to_world: np.ndarray, smooth: bool, flip: bool = False) -> Geometry:
+    """Where a .vol grid is 0: tetrahedra of a grid 6 times finer, cut; 2,000,000 of them at most.
+
+    The normals are those of the cells, or mixed from the 8 cells around the nearest corner
+    (Hansson-Soederlund et al. 2022).
+    """
+    version, kind, *size, channels = struct.unpack_from("<B5i", data, 3)
+    if (data[:3], version, kind, channels) != (b"VOL", 3, 1, 1):
+        raise ValueError("not a .vol file of one float32 a cell")
+    grid = np.frombuffer(data, "<f4", int(np.prod(size)), 48).reshape(size[::-1]).T.astype(float)
+    last = np.array(grid.shape) - 1
+    at = RegularGridInterpolator([np.arange(n + 1.0) for n in last], grid)
+    steps = [np.linspace(0, n, 6 * n + 1) for n in last]
+    fine = at(np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1))
+    cells = np.stack(np.meshgrid(*[np.arange(len(s) - 1) for s in steps], indexing="ij"), -1)
+    cells = cells.reshape(-1, 3)
+    cube = np.array([[k & 1, k >> 1 & 1, k >> 2 & 1] for k in range(8)])
+    signs = np.stack([fine[tuple((cells + c).T)] > 0 for c in cube])
+    cells = cells[signs.any(axis=0) & ~signs.all(axis=0)]
+    found = [np.zeros((0, 3, 3))]
+    for path in permutations(range(3)):  # from one end of a cube's diagonal to the other
+        tet = np.cumsum([[0, 0, 0], *np.eye(3, dtype=int)[list(path)]], axis=0)
+        points = cells[:, None] + tet
+        found += _cut(points / 6.0, fine[tuple(points.reshape(-1, 3).T)].reshape(-1, 4))
+    triangles = np.concatenate(found)
+    a, b, c = triangles.transpose(1, 0, 2)
+    triangles = triangles[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0]
+    middle = triangles.mean(axis=1)
+    cell = np.minimum(np.floor(middle).astype(int), last - 1)
+    slope = _cell_slope(at, middle, cell, cell)
+    a, b, c = triangles.transpose(1, 0, 2)
+    behind = (np.cross(b - a, c - a) * slope / last**2).sum(axis=1) < 0
+    triangles[behind] = triangles[behind][:, ::-1]
+    corners = triangles.reshape(-1, 3)
+    if smooth:
+        near, normals = np.round(corners).astype(int), np.zeros_like(corners)
+        for side in cube - 1:
+            share = np.where(near == 0, 1.0, corners - near + 0.5)
+            share = np.where(side == 0, share, 1 - share).prod(axis=1)
+            normals += share[:, None] * _unit(_cell_slope(at, corners, near + side, None))
+    else:
+        normals = _cell_slope(at, corners, np.repeat(cell, 3, axis=0), cell)
+    normals = _unit(normals).reshape(-1, 3, 3)
+    zero = np.zeros((len(triangles), 3, 2))
+    local = Geometry(triangles=triangles / last, normals=normals, uv=zero)
+    placed = moved(local, to_world)
+    if flip:
+        placed = replace(
+            placed, triangles=placed.triangles[:, ::-1], normals=-placed.normals[:, ::-1]
+        )
+    return replace(placed, uv=zero)
+
+
+def _cell_slope(
+    at: RegularGridInterpolator, points: np.ndarray, cell: np.ndarray, kept: np.ndarray | None
+) -> np.ndarray:
+    """Slopes of the function in cells, along the axes of a unit cube; kept: at points on the edge
+    of a cell, which are moved into it."""
+    last = np.array([len(axis) - 1 for axis in at.grid])
+    out = np.empty(points.shape)
+    inside = points if kept is None else np.clip(points, cell + 1e-9, cell + 1 - 1e-9)
+    for axis in range(3):
+        ends = np.stack([inside, inside])
+        ends[0, :, axis], ends[1, :, axis] = cell[:, axis], cell[:, axis] + 1
+        low, high = at(np.clip(ends, 0, last))
+        out[:, axis] = (high - low) * last[axis]
+    return out
+
+
+def _cut(points: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+    """Triangles of tetrahedra (N, 4, 3) where values (N, 4) that are linear in them are 0."""
+    order = np.argsort(values, axis=1)
+    points = np.take_along_axis(points, order[:, :, None], axis=1)
+    values = np.take_along_axis(values, order, axis=1)
+
+    def edge(i: int, j: int, rows: np.ndarray) -> np.ndarray:
+        share = values[rows, i] / (values[rows, i] - values[rows, j])
+        return points[rows, i] + share[:, None] * (points[rows, j] - points[rows, i])
+
+    out, below = [], (values <= 0).sum(axis=1)
+    for count, faces in ((1, [(1, 2, 3)]), (3, [(3, 13, 23)]), (2, [(2, 3, 13), (2, 13, 12)])):
+        rows = below == count
+        for face in faces:
+            out.append(np.stack([edge(*divmod(pair, 10), rows) for pair in face], axis=1))
+    return out
 
 
 def moved(geometry: Geometry, matrix: np.ndarray) -> Geometry:

@@ -347,9 +347,83 @@ def cylinders() -> str:
     )  # fmt: skip
 
 
+@scene
+def curves() -> str:
+    """Linear and B-spline curves: bent, tapered, of metal and plastic, stretched but for radii."""
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.2, 0.25, 0.3) + lamp(3, 3, 3)
+        + shape("linearcurve", text("filename", "meshes/zigzag.txt"), diffuse(0.7, 0.5, 0.3))
+        + shape("linearcurve", text("filename", "meshes/zigzag.txt"),
+                transform(scale(-1, 1.5, 0.7), translate(0, -0.4, 1)),
+                bsdf("roughconductor", number("alpha", 0.3)))
+        + shape("bsplinecurve", text("filename", "meshes/hooks.txt"),
+                bsdf("twosided", diffuse(0.3, 0.4, 0.8)))
+        + shape("bsplinecurve", text("filename", "meshes/hooks.txt"),
+                transform(rotate("y", 200), translate(0.2, 0.2, -0.6)), bsdf("plastic"))
+    )  # fmt: skip
+
+
+#: Two linear curves, and two B-spline curves that end in points.
+ZIGZAG = """-2 0.5 -0.5 0.3
+-1.2 1.6 -0.5 0.15
+-0.9 0.6 0 0.15
+-0.2 1.2 -0.8 0.25
+
+1 0.3 0.6 0.2
+2 0.4 0.2 0.1
+"""
+HOOKS = """0.2 0.1 0.5 0
+0.2 0.1 0.5 0
+0.2 0.1 0.5 0
+0.5 1.2 0.5 0.35
+1.3 1.4 0.1 0.2
+1.2 0.5 -0.4 0.3
+1.9 0.9 -0.5 0
+1.9 0.9 -0.5 0
+1.9 0.9 -0.5 0
+
+-1.8 0.2 0.9 0
+-1.8 0.2 0.9 0
+-1.8 0.2 0.9 0
+-0.9 0.5 1.3 0.2
+-0.1 0.2 1.1 0
+-0.1 0.2 1.1 0
+-0.1 0.2 1.1 0
+"""
+
+
 def instance(group: str, *steps: str) -> str:
     """A group once more."""
     return shape("instance", ref(group), transform(*steps))
+
+
+@scene
+def sdf_grid() -> str:
+    """Grids of signed distances: a dented ring, its cells seen in flat shading and smooth."""
+    rough, matt = bsdf("roughconductor", number("alpha", 0.3)), diffuse(0.7, 0.5, 0.3)
+    groups = "".join(
+        f'<shape type="shapegroup" id="{kind}">'
+        + shape("sdfgrid", text("filename", "meshes/ring.vol"), text("normals", kind), content)
+        + "</shape>"
+        for kind, content in (("smooth", rough), ("analytic", matt))
+    )
+    middle = translate(-0.5, -0.5, -0.5)
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.2, 0.25, 0.3) + lamp(3, 3, 3)
+        + groups
+        + instance("smooth", middle, scale(2.4), rotate("x", 60), translate(-1, 0.9, 0))
+        + instance("analytic", middle, scale(2, 2, 2.6), rotate("y", 30), translate(1.1, 0.9, 0.2))
+    )  # fmt: skip
+
+
+def ring() -> bytes:
+    """A grid of 12 x 12 x 12 distances to a dented ring."""
+    z, y, x = np.meshgrid(*[np.linspace(0, 1, 12)] * 3, indexing="ij")
+    around = np.sqrt((x - 0.5) ** 2 + (y - 0.5) ** 2)
+    distance = np.sqrt((around - 0.28) ** 2 + (z - 0.5) ** 2) - 0.15
+    distance += 0.25 * (x - 0.5) * (y - 0.5) - 0.4 * (x - 0.5) * (z - 0.5)
+    head = struct.pack("<3sB5i6f", b"VOL", 3, 1, 12, 12, 12, 1, 0, 0, 0, 1, 1, 1)
+    return head + distance.astype("<f4").tobytes()
 
 
 @scene
@@ -1169,8 +1243,7 @@ def relief() -> str:
                                         bsdf("roughplastic", *rough(0.2))))
     )  # fmt: skip
 
-
-def gridvolume(name: str, file: str, to_world: str, *content: str) -> str:
+    """Blends: metal and matt by a texture, rough glass and matt, holes in one, with their shadows."""
     """A grid of a medium."""
     return (
         f'<volume type="gridvolume" name="{name}">{text("filename", file)}{"".join(content)}'
@@ -1390,6 +1463,9 @@ def files() -> dict[str, str | bytes]:
         "images/weave.png": png(weave()),
         "volumes/colours.vol": vol(colours(), (-0.7, -0.8, -0.7), (0.7, 0.5, 0.8)),
         "volumes/smoke.vol": vol(puff(), (0, 0, 0), (1, 1, 1)),
+        "meshes/zigzag.txt": ZIGZAG,
+        "meshes/ring.vol": ring(),
+        "meshes/hooks.txt": HOOKS,
         "meshes/bumps.ply": ply(ball, ball_faces, normals(lambda d: bumps(d, 0.13), unit)),
         "meshes/bumps.obj": obj(ball, ball_faces),
         "images/dents.png": png(dents()),

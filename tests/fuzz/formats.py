@@ -5,7 +5,20 @@ from pathlib import Path
 
 from tests.fuzz.contract import Target
 
-FORMATS = ("xml", "dictionary", "obj", "ply", "stl", "serialized", "gltf", "exr", "image", "vol")
+FORMATS = (
+    "xml",
+    "dictionary",
+    "obj",
+    "ply",
+    "stl",
+    "serialized",
+    "gltf",
+    "exr",
+    "image",
+    "curve",
+    "mtl",
+    "vol",
+)
 CORPUS = Path(__file__).parent / "corpus"
 
 

@@ -23,6 +23,14 @@ _KEYS = (
     "color", "intensity", "outerConeAngle", "innerConeAngle", "pbrMetallicRoughness", "SCALAR",
     "baseColorFactor", "emissiveFactor", "alphaMode", "MASK", "BLEND", "alphaCutoff", "VEC2",
     "VEC3", "directional", "point", "KHR_materials_emissive_strength", "emissiveStrength",
+    "textures",
+    "images", "samplers", "source", "sampler", "baseColorTexture", "metallicRoughnessTexture",
+    "index", "texCoord", "TEXCOORD_1", "wrapS", "magFilter", "metallicFactor", "roughnessFactor",
+    "KHR_texture_transform", "offset", "rotation", "KHR_materials_ior", "ior",
+    "KHR_materials_clearcoat", "clearcoatFactor", "KHR_materials_sheen", "sheenColorFactor",
+    "KHR_materials_transmission", "transmissionFactor", "KHR_materials_volume", "thicknessFactor",
+    "KHR_materials_specular", "specularFactor", "KHR_materials_unlit",
+    "KHR_materials_pbrSpecularGlossiness", "diffuseFactor", "diffuseTexture", "glossinessFactor",
 )  # fmt: skip
 
 
@@ -45,7 +53,8 @@ def mutate(data: bytes, rng: random.Random) -> bytes | None:
 
 
 TARGET = Target(
-    ".gltf", _load, problem, (SceneError,), ("formats/gltf.py", "formats/gltf_json.py"),
+    ".gltf", _load, problem, (SceneError,),
+    ("formats/gltf.py", "formats/gltf_json.py", "formats/gltf_materials.py"),
     (*(json.dumps(key) for key in _KEYS), *NUMBERS, "glTF\x02", "JSON", "data:x;base64,AAAA"),
     mutate,
 )  # fmt: skip

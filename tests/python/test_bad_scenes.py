@@ -42,8 +42,8 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 # Line 3 of scene.xml -> fragments of the message. Every message begins with "scene.xml:3: " unless
 # a file name is among the fragments. Line 1 is <scene>, line 2 the sky; a sensor is on line 4.
 LINES = {
-    "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: cube, cylinder, disk, instance, merge, mesh, obj, ply, rectangle, serialized, shapegroup, sphere, stl", 'did you mean "rectangle"?'),
-    "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: cube"),
+    "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: bsplinecurve, cube, cylinder, disk, instance, linearcurve, merge, mesh, obj, ply, rectangle, sdfgrid, serialized, shapegroup, sphere, stl", 'did you mean "rectangle"?'),
+    "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: bsplinecurve, cube"),
     "unknown element": ("<shap/>", "unknown element <shap>", 'did you mean "shape"?'),
     "object without type": ("<shape/>", '<shape> lacks the attribute "type"'),
     "unknown attribute": ('<shape type="cube" name="x" colour="red"/>', "unknown attribute", '"colour" = "red"', "allowed: id, name, type"),
@@ -284,7 +284,7 @@ def test_bad_file(tmp_path, name):
 def test_missing_files_and_names(tmp_path):
     assert "No such file or directory" in message(tmp_path / "none.xml")
     assert 'did you mean "cornell-box"?' in message("cornel-box")
-    assert "neither a scene file (.xml, .gltf, .glb)" in message(tmp_path / "scene.usd")
+    assert "neither a scene file (.xml, .gltf, .glb, .obj)" in message(tmp_path / "scene.usd")
     assert "Is a directory" in message(_folder(tmp_path / "folder.xml"))
     assert "cannot read" in message("nul\0.xml")
     os.mkfifo(tmp_path / "pipe.xml")

@@ -2,6 +2,7 @@
 
 import base64
 import copy
+import io
 import json
 import math
 import struct
@@ -10,10 +11,12 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 import veriray
 from veriray.columns import LIGHT_KINDS, MATERIAL_KINDS
 from veriray.errors import SceneError, SceneWarning
+from veriray.formats import images
 
 VERTICES = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]
 TYPES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -281,14 +284,216 @@ def test_materials(tmp_path):
     scene, text = load(tmp_path, model)
     rows = scene.triangle_material
     assert scene.two_sided[rows].all()
-    assert {MATERIAL_KINDS[k] for k in scene.material_kind[rows]} == {"diffuse"}
+    kinds = [MATERIAL_KINDS[k] for k in scene.material_kind[rows]]
+    assert kinds == ["principled"] * 6 + ["diffuse"]
     colour = [0.25, 0.5, 0.75]
     assert scene.reflectance[rows].tolist() == [colour] * 4 + [[1, 1, 1]] * 3
+    assert scene.metallic[rows[:6]].tolist() == [0] * 4 + [1, 1]
+    assert (scene.roughness[rows[:6]] == 1).all()
+    assert np.abs(scene.eta[rows[:6]] - 1.5).max() < 1e-6
     assert scene.opacity[rows].tolist() == [1, 0.125, 1, 0, 1, 1, 1]
     assert scene.triangle_emission.tolist() == [-1] * 4 + [0, -1, -1]
     assert scene.emissions.tolist() == [[4, 2, 0]]
     assert 'materials[5]: "normalTexture" of a material is not applied' in text
-    assert "metallicFactor is not applied" in text and "sky" not in text
+    assert '"emissiveTexture" of a material is not applied' in text and "sky" not in text
+
+
+def test_extensions_of_materials(tmp_path):
+    """As numbers of `principled`, or panes; what is left out is said."""
+    given = [
+        {"ior": {"ior": 1.4}},
+        {"specular": {"specularFactor": 0.5, "specularColorFactor": [1, 0.5, 1]}},
+        {"clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.1}},
+        {"sheen": {"sheenColorFactor": [0.25, 0.5, 0]}},
+        {"transmission": {"transmissionFactor": 0.75}, "volume": {"thicknessFactor": 1}},
+        {"transmission": {"transmissionFactor": 0.75}, "ior": {"ior": 1.25}},
+        {"unlit": {}},
+        {"pbrSpecularGlossiness": {"diffuseFactor": [0.5, 0.25, 1, 1], "glossinessFactor": 0.75}},
+        {"ior": {"ior": 2.0}},
+        {"transmission": {"transmissionFactor": 0.25}},
+    ]
+    rough = {"baseColorFactor": [0.5, 0.25, 1, 1], "metallicFactor": 0, "roughnessFactor": 0.5}
+    materials = [
+        {"pbrMetallicRoughness": rough,
+         "extensions": {f"KHR_materials_{name}": value for name, value in row.items()}}
+        for row in given
+    ]  # fmt: skip
+    model = Model(materials=materials)
+    place = model.array(VERTICES)
+    for k in range(len(given)):
+        model.mesh(place, model.array([0, 1, 2], "u1"), material=k)
+    scene, text = load(tmp_path, model)
+    rows = scene.triangle_material
+    kinds = [MATERIAL_KINDS[k] for k in scene.material_kind[rows]]
+    assert kinds[4:7] == ["principled_open", "thindielectric", "diffuse"]
+    assert {*kinds[:4], *kinds[7:]} == {"principled"}
+    assert scene.two_sided[rows].tolist() == [True] * 4 + [False] * 2 + [True] * 4
+    eta = scene.eta[rows][:, 0]
+    half = (1 + math.sqrt(0.02)) / (1 - math.sqrt(0.02))  # reflects half of 4 %
+    most = (1 + math.sqrt(0.08)) / (1 - math.sqrt(0.08))
+    assert eta == pytest.approx([1.4, half, 1.5, 1.5, 1.5, 1.25, 1, 1.5, most, 1.5], abs=1e-5)
+    assert scene.clearcoat[rows[2]] == 0.5
+    assert scene.clearcoat_gloss[rows[2]] == pytest.approx((0.1 - 0.01) / 0.099)
+    assert scene.sheen[rows[3]] == 0.5 and scene.spec_trans[rows[4]] == 0.75
+    assert scene.specular_transmittance[rows[5]].tolist() == [0.5, 0.25, 1]
+    assert (scene.reflectance[np.delete(rows, 5)] == [0.5, 0.25, 1]).all()
+    assert scene.roughness[rows[7]] == 0.25 and scene.roughness[rows[0]] == 0.5
+    for said in ("specularColorFactor", "unlit", "specular and glossiness", "above 1.79",
+                 "a smooth pane", "below a half"):  # fmt: skip
+        assert said in text
+
+
+def png(texels, mode="RGBA"):
+    stream = io.BytesIO()
+    Image.fromarray(np.array(texels, np.uint8), mode).save(stream, "PNG")
+    return stream.getvalue()
+
+
+TEXELS = np.random.default_rng(3).integers(0, 256, (4, 6, 4))
+
+
+def textured(rough, data=None, texture=None, uv=None, **more):
+    """A quad with a texture 0."""
+    model = quad()
+    numbers = model.array(uv or [[0, 0], [1, 0], [1, 1], [0, 1]])
+    part = model.content["meshes"][0]["primitives"][0]
+    part["attributes"][more.pop("coordinates", "TEXCOORD_0")] = numbers
+    part["material"] = 0
+    model.data += bytes(-len(model.data) % 4)
+    data = png(TEXELS) if data is None else data
+    view = {"buffer": 0, "byteOffset": len(model.data), "byteLength": len(data)}
+    model.content["bufferViews"].append(view)
+    model.data += data
+    sampler = more.pop("sampler", {})
+    model.content |= {
+        "images": [{"bufferView": len(model.content["bufferViews"]) - 1, "mimeType": "image/png"}],
+        "textures": [{"source": 0, "sampler": 0} if texture is None else texture],
+        "samplers": [sampler],
+        "materials": [{"pbrMetallicRoughness": rough, **more}],
+    }
+    return model
+
+
+def test_textures_of_colour_roughness_and_metal(tmp_path):
+    both = {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}}
+    model = textured(both, sampler={"wrapS": 33071, "wrapT": 33071, "magFilter": 9728})
+    scene, text = load(tmp_path, model)
+    assert "not applied" not in text
+    names = ("reflectance", "metallic", "roughness")
+    rows = [int(getattr(scene, f"{name}_texture")[scene.triangle_material[0]]) for name in names]
+    assert sorted(rows) == [0, 1, 2]
+    assert [scene.texture_format[row] for row in rows] == [0, 1, 1]  # sRGB, 8 bits
+    assert [bool(scene.texture_grey[row]) for row in rows] == [False, True, True]
+    assert set(scene.texture_wrap) == {2} and set(scene.texture_filter) == {1}
+    assert (scene.texture_width == 6).all() and (scene.texture_height == 4).all()
+    words = [scene.texels[int(scene.texture_first[row]) :].view(np.uint8) for row in rows]
+    assert (words[0][: 4 * 24].reshape(4, 6, 4)[..., :3] == TEXELS[..., :3]).all()
+    assert (words[1][:24].reshape(4, 6) == TEXELS[..., 2]).all()  # blue
+    assert (words[2][:24].reshape(4, 6) == TEXELS[..., 1]).all()  # green
+    # row 0 of the image is at v = 0, and v of a file is v
+    assert scene.uv.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    glb, _ = load(tmp_path, model.glb(), "a.glb")
+    assert glb.sha256 == scene.sha256
+    uri = base64.b64encode(png(TEXELS)).decode()
+    model.content["images"] = [{"uri": f"data:image/png;base64,{uri}"}]
+    assert load(tmp_path, model)[0].sha256 == scene.sha256
+    (tmp_path / "an image.png").write_bytes(png(TEXELS))
+    model.content["images"] = [{"uri": "an%20image.png"}]
+    assert load(tmp_path, model)[0].sha256 == scene.sha256
+
+
+def test_factors_of_textures(tmp_path):
+    factors = {"baseColorFactor": [1, 0.5, 0.25, 1], "metallicFactor": 0.5}
+    model = textured({
+        **factors, "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}
+    })  # fmt: skip
+    scene, _ = load(tmp_path, model)
+    row = int(scene.reflectance_texture[scene.triangle_material[0]])
+    first = int(scene.texture_first[row])
+    found = scene.texels[first : first + 72].view(np.float32).reshape(4, 6, 3)
+    expected = images.SRGB_TO_LINEAR[TEXELS[..., :3]] * np.array([1, 0.5, 0.25], np.float32)
+    assert (found == expected).all()
+    row = int(scene.metallic_texture[scene.triangle_material[0]])
+    first = int(scene.texture_first[row])
+    found = scene.texels[first : first + 24].view(np.float32).reshape(4, 6)
+    assert (found == images.BYTE_TO_SHARE[TEXELS[..., 2]] * np.float32(0.5)).all()
+
+
+def test_a_texture_that_is_one_colour_is_a_number(tmp_path):
+    data = png(np.tile([[[188, 0, 255, 255]]], (3, 3, 1)))
+    info = {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}}
+    scene, _ = load(tmp_path, textured(info, data))
+    row = scene.triangle_material[0]
+    assert scene.reflectance[row].tolist() == [images.SRGB_TO_LINEAR[188], 0, 1]
+    assert scene.metallic[row] == 1 and scene.roughness[row] == 0
+    assert not len(scene.texture_kind)
+
+
+def test_alpha_of_textures(tmp_path):
+    rough = {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 1, 1, 0.5]}
+    for mode, cut in (("BLEND", None), ("MASK", 0.25), ("OPAQUE", None)):
+        more = {"alphaMode": mode} | ({"alphaCutoff": cut} if cut else {})
+        scene, _ = load(tmp_path, textured(rough, **more))
+        row = int(scene.opacity_texture[scene.triangle_material[0]])
+        if mode == "OPAQUE":
+            assert row == -1
+            continue
+        first = int(scene.texture_first[row])
+        if mode == "BLEND":
+            found = scene.texels[first : first + 24].view(np.float32)
+            assert (found == images.BYTE_TO_SHARE[TEXELS[..., 3]].ravel() * np.float32(0.5)).all()
+        else:
+            found = scene.texels[first:].view(np.uint8)[:24]
+            assert (found == np.where(TEXELS[..., 3].ravel() * 0.5 / 255 >= 0.25, 255, 0)).all()
+
+
+def test_texture_coordinates_are_moved(tmp_path):
+    """Scaled, turned counter-clockwise as seen on the image, and moved; of another set."""
+    moved = {"offset": [0.25, 0.5], "rotation": math.pi / 2, "scale": [2, 3], "texCoord": 1}
+    info = {"index": 0, "extensions": {"KHR_texture_transform": moved}}
+    model = textured({"baseColorTexture": info}, coordinates="TEXCOORD_1")
+    scene, text = load(tmp_path, model)
+    assert "TEXCOORD" not in text and scene.uv.any()
+    assert scene.texture_to_uv[0] == pytest.approx(np.array([[0, 3, 0.25], [-2, 0, 0.5]]), abs=1e-6)
+    info["texCoord"] = 1
+    del moved["texCoord"]
+    assert load(tmp_path, model)[0].sha256 == scene.sha256
+    info["texCoord"] = 0
+    scene, text = load(tmp_path, model)
+    assert "a textured primitive without TEXCOORD_0 shows one texel" in text
+    assert not scene.uv.any()
+    info["texCoord"] = 1
+    model.content["materials"][0]["pbrMetallicRoughness"]["metallicRoughnessTexture"] = {"index": 0}
+    assert "texture coordinates 0 are not used, 1 are" in load(tmp_path, model)[1]
+
+
+def test_what_textures_lack_is_said(tmp_path):
+    rough = {"baseColorTexture": {"index": 0}}
+    assert "in no format that is read" in load(tmp_path, textured(rough, texture={}))[1]
+    text = load(tmp_path, textured(rough, sampler={"wrapS": 33648}))[1]
+    assert "wrapT is shown as wrapS, mirror" in text
+    model = textured(rough, occlusionTexture={"index": 0})
+    scene, text = load(tmp_path, model)
+    assert "occlusion" not in text and any("shadows are traced" in note for note in scene.notes)
+
+
+BAD_TEXTURES = {
+    "index": (textured({"baseColorTexture": {}}), 'baseColorTexture: "index" is missing'),
+    "number": (textured({"baseColorTexture": {"index": 1}}), r'"index" = 1 is not .* \[0, 0\]'),
+    "wrap": (textured({"baseColorTexture": {"index": 0}}, sampler={"wrapT": 1}),
+             r'samplers\[0\]: "wrapT" = 1 is unknown'),
+    "image": (textured({"baseColorTexture": {"index": 0}}, b"hello"),
+              r"images\[0\]: the image is no readable PNG or JPEG"),
+    "cut off": (textured({"baseColorTexture": {"index": 0}}, png(TEXELS)[:-40]), "no readable"),
+    "alpha": (textured({}, alphaMode="HALF"), '"alphaMode" = "HALF", expected OPAQUE'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_TEXTURES)
+def test_bad_textures(tmp_path, name):
+    model, message = BAD_TEXTURES[name]
+    with pytest.raises(SceneError, match=message):
+        load(tmp_path, model)
 
 
 def test_what_is_left_out_is_said(tmp_path):

@@ -311,10 +311,10 @@ def test_every_byte_of_a_serialized_file_may_be_wrong(tmp_path):
 def test_angles_are_exact():
     rng = np.random.default_rng(2)
     a, b = (mesh.unit(rng.normal(size=(2000, 3))) for _ in range(2))
-    angles = mesh._angles(a, b)
+    angles = mesh.angles(a, b)
     cross = np.linalg.norm(np.cross(a, b), axis=1)
     assert np.abs(angles - np.arctan2(cross, (a * b).sum(axis=1))).max() < 1e-12
-    ends = mesh._angles(a[:2], np.stack([a[0], -a[1]]))
+    ends = mesh.angles(a[:2], np.stack([a[0], -a[1]]))
     assert ends[0] == 0 and ends[1] == pytest.approx(math.pi, abs=1e-11)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from ..errors import SceneError
 from ..files import replacing
 from ..shipped import SHIPPED, find_shipped
-from . import build, gltf, mitsuba_xml, write
+from . import build, gltf, mitsuba_xml, obj_scene, write
 from .node import Tree, allowed, shorten
 from .report import Report
 
@@ -21,6 +21,7 @@ READERS: dict[str, Callable[[Path, Mapping[str, object], Report], Tree]] = {
     ".xml": mitsuba_xml.read,
     ".gltf": gltf.read,
     ".glb": gltf.read,
+    ".obj": obj_scene.read,
 }
 
 

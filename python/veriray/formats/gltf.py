@@ -1,10 +1,10 @@
 """glTF 2.0 scenes (.gltf, .glb): meshes where their nodes put them, a camera, lights and colours.
 
-A material is diffuse in its base colour on both sides, with its alpha and its emission; what else
-it has, textures among it, is named in a warning. Light keeps its numbers: candela, lux and nits are
-taken for what they are in watts. A spot of KHR_lights_punctual falls off linearly between its
-angles. The first camera is taken; without one the scene is framed from its front.
-Without a light there is a white sky. Skins, morph targets and animations stay at rest.
+Materials are those of `gltf_materials`; they shine on their fronts. Light keeps its numbers:
+candela, lux and nits are taken for what they are in watts. A spot of KHR_lights_punctual falls off
+linearly between its angles. The first perspective camera is taken; without one the scene is framed
+from its front. Without a light there is a white sky. Skins, morph targets and animations stay at
+rest.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from ..errors import SceneError
 from ..numeric import MAX_COORDINATE, check_matrix, sin_cos_degrees
 from .gltf_json import File, Json
 from .gltf_json import read as read_json
+from .gltf_materials import Materials
 from .node import Node, Tree, Value, shorten
 from .report import Report
 
@@ -47,6 +48,7 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
 class _Reader:
     def __init__(self, file: File, where: str, report: Report) -> None:
         self.file, self.where, self.report = file, where, report
+        self.looks = Materials(file, report)
         self.materials: dict[int | None, tuple[Node, Node | None]] = {}
         self.groups: dict[int, Node] = {}
         self.cameras: list[tuple[Json, Array]] = []
@@ -174,13 +176,21 @@ class _Reader:
             return None
         values = {"vertices": Value("array", vertices, part.where),
                   "faces": Value("array", faces, part.where)}  # fmt: skip
-        for key, name in (("uv", "TEXCOORD_0"), ("normals", "NORMAL")):
+        material = part.index("material", self.file.tables["materials"])
+        bsdf, lamp = self.material(material)
+        textured = None
+        if material is not None:
+            textured = self.looks.sets.get(self.file.tables["materials"][material].where)
+        for key, name in (("uv", f"TEXCOORD_{textured or 0}"), ("normals", "NORMAL")):
             found = attributes.index(name, accessors)
             if found is not None:
                 values[key] = Value("array", self.file.array(found), part.where)
         if "normals" not in values:
             values["face_normals"] = Value("boolean", True, part.where)
-        bsdf, lamp = self.material(part.index("material", self.file.tables["materials"]))
+        if textured is not None and "uv" not in values:
+            text = f"a textured primitive without TEXCOORD_{textured} shows one texel"
+            self.report.warn(text, part.where)
+            values["uv"] = Value("array", np.zeros((len(vertices), 2)), part.where)
         children: list[Any] = [bsdf] if lamp is None else [bsdf, lamp]
         return Node("mesh", part.where, "shape", mesh.text("name"), "", values, children)
 
@@ -189,30 +199,8 @@ class _Reader:
         if number not in self.materials:
             materials = self.file.tables["materials"]
             about = Json({}, self.where) if number is None else materials[number]
-            self.materials[number] = self.bsdf(about), self.emitter(about)
+            self.materials[number] = self.looks.bsdf(about), self.emitter(about)
         return self.materials[number]
-
-    def bsdf(self, about: Json) -> Node:
-        """What a material reflects: the place to make more of it than its base colour."""
-        rough = about.of("pbrMetallicRoughness")
-        *colour, alpha = rough.numbers("baseColorFactor", (1.0,) * 4, 0.0, 1.0).tolist()
-        if rough.number("metallicFactor", 1.0, 0.0, 1.0) > 0 and about.content:
-            self.report.warn("metallicFactor is not applied", about.where)
-        names = [name for name in about.content if name.endswith("Texture")]
-        names += [name for name in rough.content if name.endswith("Texture")]
-        names += [n for n in about.of("extensions").content if n not in _STRENGTH]
-        for name in sorted(names):
-            self.report.warn(f"{shorten(name)} of a material is not applied", about.where)
-        reflectance = {"reflectance": Value("rgb", tuple(colour), about.where)}
-        result = Node("diffuse", about.where, "bsdf", values=reflectance)
-        result = Node("twosided", about.where, "bsdf", children=[result])
-        mode = about.text("alphaMode", "OPAQUE")
-        if mode == "MASK":
-            alpha = float(alpha >= about.number("alphaCutoff", 0.5, 0.0))
-        if mode != "OPAQUE" and alpha < 1:
-            opacity = {"opacity": Value("float", alpha, about.where)}
-            result = Node("mask", about.where, "bsdf", "", "", opacity, [result])
-        return result
 
     def emitter(self, about: Json) -> Node | None:
         """What a material emits, on its front."""

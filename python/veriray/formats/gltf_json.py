@@ -170,7 +170,7 @@ class File:
         self.tables = {
             name: root.all(name)
             for name in ("buffers", "bufferViews", "accessors", "meshes", "nodes", "materials",
-                         "cameras", "scenes", "textures")
+                         "cameras", "scenes", "textures", "images", "samplers")
         }  # fmt: skip
         self.buffers: dict[int, bytes] = {}
         self.arrays: dict[int, Array] = {}
@@ -218,12 +218,9 @@ class File:
 
     def _table(self, accessor: Json, kind: np.dtype[Any], count: int, width: int) -> Array:
         """Rows (count, width) of a buffer view, which may have other things between them."""
-        view = self.tables["bufferViews"][
-            accessor.needed("bufferView", len(self.tables["bufferViews"]) - 1)
-        ]
-        data = self._buffer(view.needed("buffer", len(self.tables["buffers"]) - 1))
-        begin = view.whole("byteOffset", 0, len(data)) or 0
-        length = view.needed("byteLength", len(data) - begin)
+        number = accessor.needed("bufferView", len(self.tables["bufferViews"]) - 1)
+        view = self.tables["bufferViews"][number]
+        data, begin, length = self._range(view)
         size = width * kind.itemsize
         stride = view.whole("byteStride", 0, 252) or size
         shift = accessor.whole("byteOffset", 0, length) or 0
@@ -235,6 +232,17 @@ class File:
         if not count:
             return np.zeros((0, width), kind)
         return np.ndarray((count, width), kind, data, begin + shift, (stride, kind.itemsize))
+
+    def view(self, number: int) -> bytes:
+        """What a buffer view holds."""
+        data, begin, length = self._range(self.tables["bufferViews"][number])
+        return data[begin : begin + length]
+
+    def _range(self, view: Json) -> tuple[bytes, int, int]:
+        """The buffer of a view, where it begins in that, and its length."""
+        data = self._buffer(view.needed("buffer", len(self.tables["buffers"]) - 1))
+        begin = view.whole("byteOffset", 0, len(data)) or 0
+        return data, begin, view.needed("byteLength", len(data) - begin)
 
     def _buffer(self, number: int) -> bytes:
         if number not in self.buffers:
@@ -249,7 +257,13 @@ class File:
             if number or not self.chunk:
                 raise buffer.fail('"uri" is missing')
             return self.chunk
-        uri = buffer.text("uri")
+        return self.content(buffer)
+
+    def content(self, owner: Json) -> bytes:
+        """What the "uri" of a buffer or an image holds or names."""
+        if "uri" not in owner.content:
+            raise owner.fail('"uri" is missing')
+        uri = owner.text("uri")
         if uri.startswith("data:"):
             head, comma, body = uri.partition(",")
             try:
@@ -257,7 +271,7 @@ class File:
                     raise ValueError
                 return base64.b64decode(body, validate=True)
             except (ValueError, binascii.Error):
-                raise buffer.fail('"uri" holds no data in base64') from None
+                raise owner.fail('"uri" holds no data in base64') from None
         if ":" in uri:
-            raise buffer.fail(f'"uri" = {shorten(uri)} is no file beside this one')
-        return read_bytes(self.folder / unquote(uri), MAX_BYTES, buffer.where)
+            raise owner.fail(f'"uri" = {shorten(uri)} is no file beside this one')
+        return read_bytes(self.folder / unquote(uri), MAX_BYTES, owner.where)

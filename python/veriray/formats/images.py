@@ -7,6 +7,7 @@ channel is left out, as in Mitsuba.
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import warnings
@@ -106,6 +107,26 @@ def from_array(values: object, where: str, *, raw: bool = False) -> Image:
         raise SceneError(f"an image of {texels.dtype}; expected float16, float32 or uint8", where)
     texels = np.array(texels[:, :, :3])
     return _checked(Image(texels, texels.dtype == np.uint8 and not raw), "the image", where)
+
+
+def rgba(data: bytes, name: str, where: str) -> Array:
+    """The texels (H, W, 4) uint8 of a PNG or JPEG file's content, row 0 on top. Raises SceneError
+    as `read`."""
+    from PIL import Image as Pillow  # not needed by most scenes
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the size is checked
+            with Pillow.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
+                _check_size(*image.size)
+                if image.width * image.height > _MOST_PER_BYTE * len(data):
+                    raise SceneError("damaged: too few bytes for its texels")
+                return np.array(image.convert("RGBA"))
+    except MemoryError:
+        raise
+    except Exception as error:  # the library's errors have no common base class
+        text = " ".join(str(error).split())[:200]
+        raise SceneError(f"{name} is no readable PNG or JPEG: {text}", where) from None
 
 
 def _checked(image: Image, name: str, where: str) -> Image:

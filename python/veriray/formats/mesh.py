@@ -340,12 +340,14 @@ def _stl(data: bytes) -> _Arrays:
 # ---- normals; elementwise and in a fixed order, so that they have the same bits everywhere ----
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of rows (N, 3)."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
-def _dot(a: Array, b: Array) -> Array:
+def dot(a: Array, b: Array) -> Array:
+    """Dot products (N,) of rows, of their first three columns."""
     result: Array = (a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]) + a[:, 2] * b[:, 2]
     return result
 
@@ -354,7 +356,7 @@ def unit(vectors: Array) -> Array:
     """Rows (N, 3) divided by their lengths; rows of zeros stay."""
     largest = np.abs(vectors).max(axis=1, initial=0.0)
     scaled = vectors / np.where(largest > 0, largest, 1.0)[:, None]
-    lengths = np.sqrt(_dot(scaled, scaled))
+    lengths = np.sqrt(dot(scaled, scaled))
     result: Array = scaled / np.where(lengths > 0, lengths, 1.0)[:, None]
     return result
 
@@ -362,13 +364,13 @@ def unit(vectors: Array) -> Array:
 def face_normals(vertices: Array, triangles: Array) -> Array:
     """Unit normals (T, 3) on the front sides; zero for triangles without area."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    return unit(_cross(b - a, c - a))
+    return unit(cross(b - a, c - a))
 
 
-def _angles(a: Array, b: Array) -> Array:
+def angles(a: Array, b: Array) -> Array:
     """Angles between unit vectors: 2 atan(|a - b| / |a + b|), to about 1e-12."""
     d, s = a - b, a + b
-    x = np.sqrt(_dot(d, d)) / np.maximum(np.sqrt(_dot(s, s)), 1e-300)
+    x = np.sqrt(dot(d, d)) / np.maximum(np.sqrt(dot(s, s)), 1e-300)
     x = np.minimum(x, 1e12)
     for _ in range(4):  # halve the angle
         x = x / (1.0 + np.sqrt(1.0 + x * x))
@@ -388,10 +390,10 @@ def vertex_normals(vertices: Array, triangles: Array) -> Array:
     facing = face_normals(vertices, triangles)
     corners = [vertices[triangles[:, k]] for k in range(3)]
     edges = [unit(corners[(k + 1) % 3] - corners[k]) for k in range(3)]  # from k to k + 1
-    angles = np.concatenate([_angles(edges[k], -edges[k - 1]) for k in range(3)])
+    weights = np.concatenate([angles(edges[k], -edges[k - 1]) for k in range(3)])
     index = triangles.T.reshape(-1)
     sums = [
-        np.bincount(index, np.tile(facing[:, axis], 3) * angles, minlength=len(vertices))
+        np.bincount(index, np.tile(facing[:, axis], 3) * weights, minlength=len(vertices))
         for axis in range(3)
     ]
     return unit(np.stack(sums, axis=1))
@@ -402,7 +404,7 @@ def is_flat(vertices: Array, triangles: Array, normals: Array) -> bool:
     facing = face_normals(vertices, triangles)
     solid = facing.any(axis=1)
     facing, corners = facing[solid], triangles[solid]
-    return all((_dot(normals[corners[:, k]], facing) > 1 - 1e-7).all() for k in range(3))
+    return all((dot(normals[corners[:, k]], facing) > 1 - 1e-7).all() for k in range(3))
 
 
 def fronts_by_normals(vertices: Array, triangles: Array, normals: Array) -> Array:
@@ -412,7 +414,7 @@ def fronts_by_normals(vertices: Array, triangles: Array, normals: Array) -> Arra
     not break a closed surface. Else each whose three normals point to the back.
     """
     facing = face_normals(vertices, triangles)
-    cosines = np.stack([_dot(normals[triangles[:, k]], facing) for k in range(3)])
+    cosines = np.stack([dot(normals[triangles[:, k]], facing) for k in range(3)])
     behind: Array = np.all(cosines < 0, axis=0)
     if not behind.any():
         return triangles

@@ -33,6 +33,7 @@ _ARRAYS = {
     "mesh": ("vertices", "faces", "uv", "normals"),
     "bitmap": ("bitmap", "data"),
     "gridvolume": ("grid", "data"),
+    "sdfgrid": ("grid",),
 }
 
 

@@ -137,6 +137,9 @@ _SHAPES = (
     "cube",
     "sphere",
     "cylinder",
+    "linearcurve",
+    "bsplinecurve",
+    "sdfgrid",
 )
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": (_BSDFS, 0, 1),
@@ -151,6 +154,14 @@ _MESH = {
     ),
     "max_smooth_angle": Param("float", None, 0.0, 180.0, doc=_CREASE),
     **_PLACED,
+}
+_CURVES = {
+    "filename": Param(
+        "string",
+        REQUIRED,
+        doc="text: x y z radius of a point a line, an empty line between curves; to_world leaves "
+        "radii as they are",
+    )
 }
 
 
@@ -496,6 +507,30 @@ PLUGINS: dict[str, Plugin] = {
         _ON_SHAPES,
         doc="from p0 to p1, without caps, front outside; a prism of 256 sides with smooth normals: "
         "up to 7.6e-5 of the radius thinner, area 2.6e-5 smaller",
+    ),
+    "linearcurve": Plugin(
+        "shape",
+        {**_CURVES, **_PLACED},
+        _ON_SHAPES,
+        doc="tubes with round joints and ends; prisms of 64 sides, of fewer in large files",
+    ),
+    "bsplinecurve": Plugin(
+        "shape",
+        {**_CURVES, **_PLACED},
+        _ON_SHAPES,
+        doc="tubes around uniform cubic B-splines, open at the ends; as linearcurve",
+    ),
+    "sdfgrid": Plugin(
+        "shape",
+        {
+            "filename": Param("string", None, doc=".vol file with one number a cell; or grid"),
+            "grid": Param("array", None, doc="in a dictionary: (Z, Y, X, 1) numbers"),
+            "normals": Param("string", "smooth", choices=("smooth", "analytic")),
+            **_PLACED,
+        },
+        _ON_SHAPES,
+        doc="where the trilinear function of a grid over [0, 1]^3 is 0, front where it is above; "
+        "a mesh, finer than the grid",
     ),
     "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
     "ply": Plugin(

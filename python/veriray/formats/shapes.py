@@ -14,7 +14,7 @@ from .. import transform
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
 from ..numeric import MAX_COORDINATE, determinant, mirrors
-from . import creases, cylinder, mesh
+from . import creases, curves, cylinder, mesh, sdf
 from .node import Node, shorten
 from .textures import Attribute
 
@@ -89,6 +89,8 @@ class Shapes:
         self.vertex_count = self.triangle_count = 0
         self.instances: list[Node] = []
         self.cylinders: list[Node] = []
+        #: how shapes are rendered that become meshes, a line each, and their places
+        self.made: list[tuple[str, str]] = []
         self.instanced_shapes = self.instanced_triangles = 0
 
     def instance(self, node: Node, to_world: Array | None, group: list[Surface]) -> None:
@@ -127,7 +129,7 @@ class Shapes:
                 f"{len(self.cylinders)} cylinders are rendered as prisms of {cylinder.SIDES} sides"
             )
             found.append((text, self.cylinders[0].where))
-        return found
+        return found + self.made
 
     def add(self, surface: Surface, instance: tuple[Node, Array, Array] | None = None) -> None:
         """Adds the primitives of a shape; instance: what moves it further, its matrix, and the
@@ -256,9 +258,13 @@ class Shapes:
         matrix, normals = values["to_world"], None
         wanted = bool(self.textured.get(surface[2][0]))
         loaded, name = self._loaded(node, values, wanted)
+        if not len(loaded.triangles):
+            return loaded
         if node.plugin == "cylinder":
             self.cylinders.append(node)
             matrix = cylinder.matrix(node, values, matrix)
+        elif node.plugin in curves.KINDS:
+            matrix = IDENTITY  # applied already, to points but not to radii
         vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
         flat, angle = values.get("face_normals", False), values.get("max_smooth_angle")
         if angle is not None:
@@ -305,8 +311,19 @@ class Shapes:
             return cylinder.unit(), ()
         if node.plugin == "mesh":
             return mesh.given(node), (node.where, "")
+        if node.plugin == "sdfgrid":
+            loaded, text = sdf.surface(node, values)
+            self.made.append((f"{node}: {text}", node.where))
+            return loaded, (node.where, "")
         where = node.values["filename"].where
         path = Path(node.folder) / values["filename"]
+        if node.plugin in curves.KINDS:
+            loaded, sides, count = curves.read(path, node.plugin, values["to_world"], where)
+            many = len(loaded.triangles)
+            text = f"{count} curve{'s' * (count != 1)} rendered as prisms of {sides} sides: "
+            text += f"{many} triangles, about {-(-many * BYTES_A_TRIANGLE // 10**6)} MB"
+            self.made.append((f"{node}: {text}", node.where))
+            return loaded, (where, f"{shorten(str(path))} ")
         index = values.get("shape_index", 0)
         loaded = mesh.read(path, node.plugin, where, index, self.files, attributes=wanted)
         return loaded, (where, f"{shorten(str(path))} ")

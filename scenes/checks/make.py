@@ -1243,7 +1243,8 @@ def relief() -> str:
                                         bsdf("roughplastic", *rough(0.2))))
     )  # fmt: skip
 
-    """Blends: metal and matt by a texture, rough glass and matt, holes in one, with their shadows."""
+
+def gridvolume(name: str, file: str, to_world: str, *content: str) -> str:
     """A grid of a medium."""
     return (
         f'<volume type="gridvolume" name="{name}">{text("filename", file)}{"".join(content)}'
@@ -1317,7 +1318,7 @@ def puff() -> Array:
 
 @scene
 def blends() -> str:
-    """Blends: metal and matt by a texture, rough glass and matt, and holes in one, with their shadows."""
+    """Blends: metal and matt by a texture, rough glass and matt, holes in one, with their shadows."""
     image = text("filename", "images/weave.png")
     optics = rgb("eta", 0.2, 0.9, 1.1), rgb("k", 3.9, 2.4, 2.2)
     gold = bsdf("roughconductor", number("alpha", 0.3), *optics)

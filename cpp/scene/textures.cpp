@@ -9,6 +9,10 @@
 namespace veriray {
 namespace {
 
+// What rounding to float32 moves: a texture coordinate by this share of itself, a corner of a
+// triangle by half of it per coordinate.
+constexpr double kRounded = 0x1p-24;
+
 // Whether fits(texture) holds of a texture of a material or of the other one of its blend.
 template <class Fits>
 bool some_texture(const SceneInput& in, uint32_t material, Fits fits) {
@@ -88,9 +92,7 @@ std::array<Double3, 3> HostScene::corner_uv(const SceneInput& in, const Flat& f)
     return out;
 }
 
-// Whether two triangles of one material in one plane map points to a texture alike: at b's corners
-// but for rounding to float32, which moves a texture coordinate by 2^-24 of itself and a corner by
-// 2^-25 per coordinate. Those of a's corners count by their shares in the point.
+// Whether two triangles of one material in one plane map points to a texture alike.
 bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const {
     if (!has_tangents(in, a.material) &&
         !some_texture(in, a.material, [](int32_t) { return true; }))
@@ -99,6 +101,7 @@ bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat
                      [&](int32_t t) { return is_attribute(in, static_cast<size_t>(t)); }))
         return false;
     const auto from = corner_uv(in, a), to = corner_uv(in, b);
+    // At b's corners but for rounding, where a's corners count by their shares in the point.
     const Affine share[3] = {through(a, {1, 0, 0}), through(a, {0, 1, 0}), through(a, {0, 0, 1})};
     for (int c = 0; c < 2; ++c) {
         const Affine map = through(a, {from[0][c], from[1][c], from[2][c]});
@@ -109,7 +112,7 @@ bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat
                 const double weight = std::abs(share[j](b.v[k]));
                 turned += weight * std::abs(from[j][c]), moved += weight;
             }
-            const double slack = 0x1p-24 * turned + 0x1p-25 * steep * moved;
+            const double slack = kRounded * (turned + 0.5 * steep * moved);
             if (!(std::abs(map(b.v[k]) - to[k][c]) <= slack)) return false;
         }
     }

@@ -47,7 +47,7 @@ SURFACES = {
     "bubble": Principled((0.8,) * 3, 0.8, spec_trans=0.9, roughness=0.6),
     "everything": Principled((0.6,) * 3, 1.7, 0.6, 0.3, 0.5, 0.4, 0.6, 0.5, 0.3, 0.8, 0.1),
     "brushed metal": Principled((0.7,) * 3, roughness=0.6, metallic=1.0, anisotropic=0.7),
-    "brushed glass": Principled(WHITE, spec_trans=1.0, roughness=0.6, anisotropic=1.0),
+    "brushed glass": Principled(WHITE, spec_trans=1.0, roughness=0.8, anisotropic=0.6),
     "finely brushed": Principled((0.3,) * 3, roughness=0.2, metallic=0.5, anisotropic=0.9),
 }  # fmt: skip
 OPEN = tuple(name for name, p in SURFACES.items() if p.open)

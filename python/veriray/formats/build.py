@@ -83,6 +83,7 @@ class _Builder:
         self.texels = textures.Texels()
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
+        self.hides = False  # emitters, those too that emit nothing
         self.textured: set[int] = set()  # materials that have textures
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
 
@@ -214,6 +215,7 @@ class _Builder:
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
+        self.hides = bool(depths["hide_emitters"])
         seen_by = [self.sensor(node) for node in parts["sensor"]]
         chosen = self.chosen(parts["sensor"])
         environment = self.lights(parts["emitter"])
@@ -487,7 +489,7 @@ class _Builder:
         emission = boundary = -1
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]
-            if _shines(radiance):
+            if _shines(radiance) or self.hides:
                 emission = self.tables.index("emissions", lamp, {"emissions": radiance})
         media = self.boundary(node)
         if media != (-1, -1):

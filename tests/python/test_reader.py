@@ -597,6 +597,25 @@ def test_hidden_emitters(tmp_path: Path) -> None:
     assert any('"hide_emitters" counts in path' in note for note in scene.notes)
 
 
+def test_a_hidden_lamp_that_emits_nothing_is_hidden_too(tmp_path: Path) -> None:
+    """As in Mitsuba, where an emitter is one whatever it emits."""
+    hides = f'<integrator type="path">{param("boolean", "hide_emitters", "{}")}</integrator>'
+    black = '<emitter type="area"><rgb name="radiance" value="0"/></emitter>'
+    near = '<transform name="to_world"><scale value="9"/><translate z="2"/></transform>'
+    lamp = f'<shape type="rectangle">{near}<bsdf type="diffuse"/>{black}</shape>'
+    ball = (
+        '<shape type="sphere"><point name="center" z="9"/><float name="radius" value="2"/></shape>'
+    )
+    pictures = [
+        vr.render(
+            loaded(tmp_path, VIEW, hides.format(value), SKY, lamp, ball), spp=256, device="cpu"
+        )
+        for value in ("true", "false")
+    ]
+    # The sky lights the ball past the lamp, whose back is black.
+    assert 0 < pictures[0].image[3, 4, 0] < 0.5 and pictures[1].image[3, 4, 0] == 0
+
+
 @pytest.mark.parametrize(
     ("name", "bsdf", "text"),
     [

@@ -85,6 +85,7 @@ class _Builder:
         self.grids = volumes.Grids()
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
+        self.hides = False  # emitters, those too that emit nothing
         #: materials that have textures: what they read from meshes
         self.textured: dict[int, list[textures.Attribute]] = {}
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
@@ -217,6 +218,7 @@ class _Builder:
         parts, _ = self.check(root)
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
+        self.hides = bool(depths["hide_emitters"])
         seen_by = [view for node in parts["sensor"] for view in self.sensors(node)]
         chosen = self.chosen(parts["sensor"], max(len(seen_by), 1))
         environment = self.lights(parts["emitter"])
@@ -579,7 +581,7 @@ class _Builder:
         emission = boundary = -1
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]
-            if _shines(radiance):
+            if _shines(radiance) or self.hides:
                 emission = self.tables.index("emissions", lamp, {"emissions": radiance})
         media = self.boundary(node)
         if media != (-1, -1):

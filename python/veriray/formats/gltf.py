@@ -249,18 +249,22 @@ class _Reader:
             return _sensor(camera.where, place, fov, "y", max(1, round(HEIGHT * aspect)))
         self.report.warn("the file has no camera; one was placed that frames it", self.where)
         corners = np.concatenate(self.corners) if self.corners else np.zeros((1, 3))
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        middle, ends = low + 0.5 * (high - low), 0.5 * (high - low)
-        radius = math.sqrt(float((ends * ends).sum())) or 1.0
-        away = radius / sin_cos_degrees(0.5 * FOV)[0]
-        ahead = np.array(transform.unit([0.5, 0.375, 1.0], ""))
-        place = transform.look_at(
-            (middle + away * ahead).tolist(), middle.tolist(), [0.0, 1.0, 0.0], self.where
-        )
-        return _sensor(self.where, place, FOV, "smaller", WIDTH)
+        return framing(corners.min(axis=0), corners.max(axis=0), self.where)
 
 
 _STRENGTH = ("KHR_materials_emissive_strength",)
+
+
+def framing(low: Array, high: Array, where: str) -> Node:
+    """A camera that sees all of a box, from its front, which is at +z, from the right and above."""
+    middle, ends = low + 0.5 * (high - low), 0.5 * (high - low)
+    radius = math.sqrt(float((ends * ends).sum())) or 1.0
+    away = radius / sin_cos_degrees(0.5 * FOV)[0]
+    ahead = np.array(transform.unit([0.5, 0.375, 1.0], ""))
+    place = transform.look_at(
+        (middle + away * ahead).tolist(), middle.tolist(), [0.0, 1.0, 0.0], where
+    )
+    return _sensor(where, place, FOV, "smaller", WIDTH)
 
 
 def _sensor(where: str, place: Array, fov: float, axis: str, width: int) -> Node:

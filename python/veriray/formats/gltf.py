@@ -24,8 +24,9 @@ from ..errors import SceneError
 from ..numeric import MAX_COORDINATE, check_matrix, sin_cos_degrees
 from .gltf_json import File, Json
 from .gltf_json import read as read_json
-from .gltf_materials import Materials
+from .gltf_materials import Materials, named
 from .node import Node, Tree, Value, shorten
+from .plugins import PLUGINS
 from .report import Report
 
 Array = npt.NDArray[Any]
@@ -206,11 +207,15 @@ class _Reader:
         """What a material emits, on its front."""
         strength = about.of("extensions").of(_STRENGTH[0]).number("emissiveStrength", 1.0, 0.0)
         factor = about.numbers("emissiveFactor", (0.0,) * 3, 0.0) * strength
-        if not factor.any() or "emissiveTexture" in about.content:  # what shines is in the texture
+        texturable = PLUGINS["area"].params["radiance"].texturable
+        if not factor.any() or "emissiveTexture" in about.content and not texturable:
             return None
         self.shines = True
-        radiance = {"radiance": Value("rgb", tuple(factor.tolist()), about.where)}
-        return Node("area", about.where, "emitter", values=radiance)
+        radiance = self.looks.radiance(about, tuple(factor.tolist()))
+        if isinstance(radiance, Node):
+            return Node("area", about.where, "emitter", children=[named(radiance, "radiance")])
+        values = {"radiance": Value("rgb", radiance, about.where)}
+        return Node("area", about.where, "emitter", values=values)
 
     def light(self, about: Json, matrix: Array) -> list[Node]:
         """A punctual light; none for a dark one."""

@@ -81,7 +81,9 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
 def _faces(data: bytes, path: Path) -> tuple[dict[str, _Material], list[str], Array]:
     """The materials, the names of those used, and which of these each triangle has; "" for none."""
     materials: dict[str, _Material] = {}
-    names, current, of, counts = [""], 0, [], []
+    names, current = [""], 0
+    of: list[int] = []
+    counts: list[int] = []
     text = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     for number, line in enumerate(text.splitlines(), 1):
         words = line.split(b"#", 1)[0].split() if line.lstrip()[:1] in (b"f", b"m", b"u") else [b""]

@@ -17,6 +17,7 @@ import veriray
 from veriray.columns import LIGHT_KINDS, MATERIAL_KINDS
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats import images
+from veriray.formats.plugins import PLUGINS
 
 VERTICES = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]
 TYPES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -275,7 +276,7 @@ def test_materials(tmp_path):
         {"pbrMetallicRoughness": rough, "alphaMode": "MASK", "alphaCutoff": 0.1},
         {"pbrMetallicRoughness": rough, "alphaMode": "MASK"},
         {"emissiveFactor": [1, 0.5, 0], "extensions": strength},
-        {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}, "normalTexture": {}},
+        {"emissiveFactor": [0, 0, 0]},
     ]
     model = Model(materials=materials)
     place = model.array(VERTICES)
@@ -294,8 +295,7 @@ def test_materials(tmp_path):
     assert scene.opacity[rows].tolist() == [1, 0.125, 1, 0, 1, 1, 1]
     assert scene.triangle_emission.tolist() == [-1] * 4 + [0, -1, -1]
     assert scene.emissions.tolist() == [[4, 2, 0]]
-    assert 'materials[5]: "normalTexture" of a material is not applied' in text
-    assert '"emissiveTexture" of a material is not applied' in text and "sky" not in text
+    assert "not applied" not in text and "sky" not in text
 
 
 def test_extensions_of_materials(tmp_path):
@@ -465,6 +465,44 @@ def test_texture_coordinates_are_moved(tmp_path):
     info["texCoord"] = 1
     model.content["materials"][0]["pbrMetallicRoughness"]["metallicRoughnessTexture"] = {"index": 0}
     assert "texture coordinates 0 are not used, 1 are" in load(tmp_path, model)[1]
+
+
+@pytest.mark.skipif("normalmap" not in PLUGINS, reason="no normal maps")
+def test_normals_of_textures(tmp_path):
+    """The texels as they are, or their x and y scaled."""
+    for scale in (1, 0.5):
+        scene, text = load(tmp_path, textured({}, normalTexture={"index": 0, "scale": scale}))
+        assert "not applied" not in text
+        at = int(scene.relief_texture[scene.triangle_material[0]])
+        assert at == 0 and scene.texture_format[at] == (1 if scale == 1 else 3)
+        if scale == 1:
+            found = scene.texels.view(np.uint8).reshape(4, 6, 4)[..., :3]
+            assert (found == TEXELS[..., :3]).all()
+        else:
+            given = (TEXELS[..., :3] / 127.5 - 1) * [0.5, 0.5, 1]
+            assert (
+                np.abs(2 * scene.texels.view(np.float32).reshape(4, 6, 3) - 1 - given).max() < 1e-6
+            )
+
+
+@pytest.mark.skipif(not PLUGINS["area"].params["radiance"].texturable, reason="no textured lamps")
+def test_emission_of_textures(tmp_path):
+    info = {"emissiveTexture": {"index": 0}, "emissiveFactor": [1, 0.5, 0.25]}
+    strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}
+    scene, text = load(tmp_path, textured({}, **info, extensions=strength))
+    assert "not applied" not in text and "sky" not in text
+    at = int(scene.emission_texture[scene.triangle_emission[0]])
+    first = int(scene.texture_first[at])
+    found = scene.texels[first : first + 72].view(np.float32).reshape(4, 6, 3)
+    expected = images.SRGB_TO_LINEAR[TEXELS[..., :3]] * np.array([4, 2, 1], np.float32)
+    assert (found == expected).all()
+
+
+def test_textures_that_are_left_out_are_said(tmp_path):
+    info = {"normalTexture": {"index": 0}, "emissiveTexture": {"index": 0}}
+    text = load(tmp_path, textured({}, **info, emissiveFactor=[1, 1, 1]))[1]
+    assert ("normalTexture" in text) == ("normalmap" not in PLUGINS)
+    assert ("emissiveTexture" in text) != PLUGINS["area"].params["radiance"].texturable
 
 
 def test_what_textures_lack_is_said(tmp_path):

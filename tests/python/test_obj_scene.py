@@ -56,7 +56,7 @@ def test_faces_by_material(tmp_path):
     corners = scene.vertices[scene.triangles]
     assert corners[1].tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
     assert corners[3].tolist() == [[1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    assert any("placed that frames it" in note for note in scene.notes)
+    assert any("placed that frames the file" in note for note in scene.notes)
 
 
 def one(folder, lines, obj=None):

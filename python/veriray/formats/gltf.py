@@ -24,8 +24,9 @@ from ..errors import SceneError
 from ..numeric import MAX_COORDINATE, check_matrix, sin_cos_degrees
 from .gltf_json import File, Json
 from .gltf_json import read as read_json
-from .gltf_materials import Materials
+from .gltf_materials import Materials, named
 from .node import Node, Tree, Value, shorten
+from .plugins import PLUGINS
 from .report import Report
 
 Array = npt.NDArray[Any]
@@ -206,11 +207,15 @@ class _Reader:
         """What a material emits, on its front."""
         strength = about.of("extensions").of(_STRENGTH[0]).number("emissiveStrength", 1.0, 0.0)
         factor = about.numbers("emissiveFactor", (0.0,) * 3, 0.0) * strength
-        if not factor.any() or "emissiveTexture" in about.content:  # what shines is in the texture
+        texturable = PLUGINS["area"].params["radiance"].texturable
+        if not factor.any() or "emissiveTexture" in about.content and not texturable:
             return None
         self.shines = True
-        radiance = {"radiance": Value("rgb", tuple(factor.tolist()), about.where)}
-        return Node("area", about.where, "emitter", values=radiance)
+        radiance = self.looks.radiance(about, tuple(factor.tolist()))
+        if isinstance(radiance, Node):
+            return Node("area", about.where, "emitter", children=[named(radiance, "radiance")])
+        values = {"radiance": Value("rgb", radiance, about.where)}
+        return Node("area", about.where, "emitter", values=values)
 
     def light(self, about: Json, matrix: Array) -> list[Node]:
         """A punctual light; none for a dark one."""
@@ -253,18 +258,22 @@ class _Reader:
             return _sensor(camera.where, "perspective", place, width, fov, "y")
         self.report.warn("the file has no camera; one was placed that frames it", self.where)
         corners = np.concatenate(self.corners) if self.corners else np.zeros((1, 3))
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        middle, ends = low + 0.5 * (high - low), 0.5 * (high - low)
-        radius = math.sqrt(float((ends * ends).sum())) or 1.0
-        away = radius / sin_cos_degrees(0.5 * FOV)[0]
-        ahead = np.array(transform.unit([0.5, 0.375, 1.0], ""))
-        place = transform.look_at(
-            (middle + away * ahead).tolist(), middle.tolist(), [0.0, 1.0, 0.0], self.where
-        )
-        return _sensor(self.where, "perspective", place, WIDTH, FOV, "smaller")
+        return framing(corners.min(axis=0), corners.max(axis=0), self.where)
 
 
 _STRENGTH = ("KHR_materials_emissive_strength",)
+
+
+def framing(low: Array, high: Array, where: str) -> Node:
+    """A camera that sees all of a box, from its front, which is at +z, from the right and above."""
+    middle, ends = low + 0.5 * (high - low), 0.5 * (high - low)
+    radius = math.sqrt(float((ends * ends).sum())) or 1.0
+    away = radius / sin_cos_degrees(0.5 * FOV)[0]
+    ahead = np.array(transform.unit([0.5, 0.375, 1.0], ""))
+    place = transform.look_at(
+        (middle + away * ahead).tolist(), middle.tolist(), [0.0, 1.0, 0.0], where
+    )
+    return _sensor(where, "perspective", place, WIDTH, FOV, "smaller")
 
 
 def _sensor(

@@ -22,6 +22,7 @@ from ..numeric import sin_cos_degrees
 from . import images
 from .gltf_json import File, Json
 from .node import Node, Value, shorten
+from .plugins import PLUGINS
 from .report import Report
 
 Array = npt.NDArray[Any]
@@ -108,8 +109,25 @@ class Materials:
             values["clearcoat_gloss"] = min(max((0.1 - slope) / 0.099, 0.0), 1.0)
         if sheen is not None:
             values["sheen"] = max(sheen.numbers("sheenColorFactor", (0.0,) * 3, 0.0, 1.0).tolist())
-        result = _node("principled", about, **values)
+        result = self.relief(about, _node("principled", about, **values))
         return result if "spec_trans" in values else _twosided(result)
+
+    def relief(self, about: Json, bsdf: Node) -> Node:
+        """A bsdf with the normals of a texture: y along the normal's cross product with u, which is
+        right but for mirrored texture coordinates."""
+        if "normalTexture" not in about.content or "normalmap" not in PLUGINS:
+            return bsdf
+        scale = about.of("normalTexture").number("scale", 1.0, -1e3, 1e3)
+        normals = self.taken(about, "normalTexture", "normal", (scale,))
+        if not isinstance(normals, Node):
+            return bsdf
+        result = _node("normalmap", about, normalmap=normals)
+        result.children.append(bsdf)
+        return result
+
+    def radiance(self, about: Json, factor: tuple[float, ...]) -> Any:
+        """What a material emits: a colour or a texture."""
+        return self.taken(about, "emissiveTexture", "rgb", factor)
 
     def extension(self, about: Json, name: str) -> Json | None:
         """An extension of a material; its textures are named as not applied."""
@@ -145,7 +163,12 @@ class Materials:
         names = [name for name in about.content if name.endswith("Texture")]
         names += [name for name in rough.content if name.endswith("Texture")]
         names += about.of("extensions").content
-        for name in sorted({*names} - {_BASE, _ROUGH, "occlusionTexture", *_KNOWN}):
+        used = {_BASE, _ROUGH, "occlusionTexture", *_KNOWN}
+        if "normalmap" in PLUGINS:
+            used.add("normalTexture")
+        if PLUGINS["area"].params["radiance"].texturable:
+            used.add("emissiveTexture")
+        for name in sorted({*names} - used):
             self.report.warn(f"{shorten(name)} of a material is not applied", about.where)
 
     def taken(
@@ -158,7 +181,7 @@ class Materials:
     ) -> Any:
         """The texture in `key` times a factor, or the factor: a node, a number or a colour.
 
-        channels: "rgb", "g", "b" or "a". cut: from where on a number counts as 1, else as 0.
+        channels: "rgb", "normal", "g", "b" or "a". cut: from where on a number counts as 1, else 0.
         """
         plain = factor if channels == "rgb" else factor[0]
         if key in rough.content:
@@ -227,10 +250,24 @@ def _scaled(pixels: Array, channels: str, factor: tuple[float, ...], cut: float 
         if factor == (1.0, 1.0, 1.0):
             return pixels[..., :3]
         return images.SRGB_TO_LINEAR[pixels[..., :3]] * np.array(factor, np.float32)
+    if channels == "normal":
+        return _normals(pixels, factor[0])
     plane = pixels[..., "rgba".index(channels), None]
     if cut is not None:
         return np.where(images.BYTE_TO_SHARE[plane] * factor[0] >= cut, 255, 0).astype(np.uint8)
     return plane if factor == (1.0,) else images.BYTE_TO_SHARE[plane] * np.float32(factor[0])
+
+
+def _normals(pixels: Array, scale: float) -> Array:
+    """The texels of a normal map: uint8 if the scale of x and y is 1."""
+    texels = pixels[..., :3]
+    if scale == 1.0:
+        return texels
+    x, y, z = np.moveaxis(texels / 127.5 - 1.0, 2, 0)
+    normals = np.stack([scale * x, scale * y, z], axis=2)
+    largest = np.abs(normals).max(axis=2, keepdims=True)  # as long as within [-1, 1]
+    normals = normals / np.maximum(largest, 1.0)
+    return (0.5 * (normals + 1.0)).astype(np.float32)
 
 
 def _transform(info: Json) -> tuple[Array | None, int]:
@@ -257,13 +294,13 @@ def _node(plugin: str, about: Json, **values: Any) -> Node:
     kinds = {bool: "boolean", float: "float", str: "string", tuple: "rgb", np.ndarray: "array"}
     for name, value in values.items():
         if isinstance(value, Node):
-            result.children.append(_named(value, name))
+            result.children.append(named(value, name))
         else:
             result.values[name] = Value(kinds[type(value)], value, about.where)
     return result
 
 
-def _named(texture: Node, name: str) -> Node:
+def named(texture: Node, name: str) -> Node:
     """A texture, for a parameter; the same object for each use in the same parameter."""
     if not texture.name:
         texture.name = name

@@ -6,7 +6,7 @@ sqrt(2 / (Ns + 2)) of a Phong lobe; metal with the colour Ks if Kd is black or i
 glass of index Ni if illum is 4, 6, 7 or 9; `principled` if Pr or Pm give roughness and metal. All
 but glass reflect on both sides. d, Tr and map_d are opacity, Ke is emitted by the front. map_Kd is
 taken times Kd, unless that is black. A scene without light gets a white sky; a face without a
-material is grey.
+material is grey. A camera is placed that frames it from its front, at +z with y up.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..errors import SceneError
-from . import images, mesh
+from . import gltf, images, mesh
 from .node import Node, Tree, Value, allowed, parse_float, quoted, read_bytes, shorten
 from .report import Report
 
@@ -59,6 +59,9 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
     found = mesh.read(path, "obj", where, files={path: data})
     materials, names, of = _faces(data, path)
     tree = Tree(Node("scene", where, "scene"), report=report)
+    low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
+    tree.scene.children.append(gltf.framing(low, high, where))
+    report.note("a camera was placed that frames the file", where)
     made: dict[str, list[Node]] = {}
     for number, name in enumerate(names):
         faces = found.triangles[of == number]
@@ -78,7 +81,9 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
 def _faces(data: bytes, path: Path) -> tuple[dict[str, _Material], list[str], Array]:
     """The materials, the names of those used, and which of these each triangle has; "" for none."""
     materials: dict[str, _Material] = {}
-    names, current, of, counts = [""], 0, [], []
+    names, current = [""], 0
+    of: list[int] = []
+    counts: list[int] = []
     text = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     for number, line in enumerate(text.splitlines(), 1):
         words = line.split(b"#", 1)[0].split() if line.lstrip()[:1] in (b"f", b"m", b"u") else [b""]

@@ -53,7 +53,7 @@ _NO_LIGHT = Material(reflectance=np.zeros(3))  # of a lamp without a bsdf
 class _Shape:
     geometry: Geometry
     material: Material
-    radiance: np.ndarray | None
+    radiance: tuple[np.ndarray, textures.Texture | None] | None
     boundary: tuple[int, int] | None
 
 
@@ -432,7 +432,9 @@ class _Reader(Document):
     # -- lights and shapes ---------------------------------------------------------------------
 
     def emitter(self, element: etree._Element) -> None:
-        kind = self.plugin(element, "constant", "envmap", "point", "directional", "spot")
+        kind = self.plugin(
+            element, "constant", "envmap", "point", "directional", "spot", "projector"
+        )
         light = self.colour(grey=False)
         if kind == "constant":
             self.only_environment(element)
@@ -451,6 +453,13 @@ class _Reader(Document):
                 intensity=light,
                 cutoff_angle=self.number(0, 180, open_low=True),
                 beam_width=self.number(0, 180),
+                texture=self.texture,
+            ),
+            "projector": dict(
+                irradiance=self.colour_or_texture,
+                scale=self.number(0),
+                fov=self.number(0, 180, open_low=True),
+                fov_axis=self.choice("x", "y", "diagonal", "smaller", "larger"),
             ),
         }[kind]
         values = self.parameters(element, **readers, **frame)
@@ -464,15 +473,46 @@ class _Reader(Document):
         beam = values.get("beam_width", cutoff * 0.75)
         if beam > cutoff:
             raise self.error(element, f"beam_width {beam} above the cutoff_angle {cutoff}")
+        image = dict(texture=values.get("texture"), tangents=(math.tan(math.radians(cutoff)),) * 2)
+        if kind == "projector":
+            values["irradiance"], image = self.projected(element, values)
         self.lights.append(
             Light(
                 kind,
+                frame=to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0),
+                **image,
                 intensity=values.get("intensity", values.get("irradiance", np.ones(3))),
                 position=values.get("position", to_world[:3, 3]),
                 direction=direction / np.linalg.norm(direction),
                 cutoff=math.radians(cutoff),
                 beam=math.radians(beam),
             )
+        )
+
+    def colour_or_texture(
+        self, element: etree._Element
+    ) -> tuple[np.ndarray, textures.Texture | None]:
+        """A colour, or white and the texture that it is multiplied by."""
+        if element.tag == "texture":
+            return np.ones(3), self.texture(element)
+        return self.colour(grey=False)(element), None
+
+    def projected(self, element: etree._Element, values: dict) -> tuple[np.ndarray, dict]:
+        """Irradiance of a projector at distance 1, and the fields of its image.
+
+        Its sides are as those of the texels, 1 without any; local +x is on its left, +y on top.
+        """
+        if "fov" not in values or "irradiance" not in values:
+            raise self.error(element, "needs fov and irradiance")
+        colour, texture = values["irradiance"]
+        height, width = (1, 1)
+        if texture is not None and texture.kind == "bitmap":
+            height, width, _ = texture.texels.shape
+        view = Camera(np.eye(4), values["fov"], values.get("fov_axis", "x"))
+        x, y = view.tangents(width, height)
+        return (
+            math.pi * values.get("scale", 1.0) * colour,
+            dict(texture=texture, tangents=(-x, -y)),
         )
 
     def only_environment(self, element: etree._Element) -> None:
@@ -504,10 +544,10 @@ class _Reader(Document):
             raise self.error(element, "to_world scales or shears")
         return Sky(texels * values.get("scale", 1.0), turn)
 
-    def area(self, element: etree._Element) -> np.ndarray:
+    def area(self, element: etree._Element) -> tuple[np.ndarray, textures.Texture | None]:
         self.plugin(element, "area")
-        values = self.parameters(element, radiance=self.colour(grey=False))
-        return values.get("radiance", np.ones(3))
+        values = self.parameters(element, radiance=self.colour_or_texture)
+        return values.get("radiance", (np.ones(3), None))
 
     def shapes(self, element: etree._Element) -> list[_Shape]:
         """What a shape shows: a group by its instances alone."""
@@ -558,7 +598,8 @@ class _Reader(Document):
             boundary = (values.get("interior", -1), values.get("exterior", -1))
         radiance = values.get("emitter")
         material = values.get("bsdf", Material() if radiance is None else _NO_LIGHT)
-        if material.texture is not None and kind in ("obj", "ply", "stl"):
+        shines = radiance is not None and radiance[1] is not None
+        if (shines or material.texture is not None) and kind in ("obj", "ply", "stl"):
             raise self.error(element, "textures on meshes are not supported")
         return _Shape(self.geometry(element, kind, values), material, radiance, boundary)
 
@@ -610,6 +651,7 @@ def _tables(found: list[_Shape]) -> dict:
         geometry=shapes.joined([s.geometry for s in found]),
         **dict(zip(("material", "emission", "boundary"), columns.copy(), strict=True)),
         materials=tuple(s.material for s in found),
-        radiances=np.array([s.radiance for s in lit]).reshape(-1, 3),
+        radiances=np.array([s.radiance[0] for s in lit]).reshape(-1, 3),
+        shine=tuple(s.radiance[1] for s in lit),
         boundaries=np.array(boundaries, np.int32).reshape(-1, 2),
     )

@@ -1,4 +1,4 @@
-"""Textures of diffuse surfaces: bitmaps and checkerboards, in float64.
+"""Textures of diffuse surfaces and of lights: bitmaps and checkerboards, in float64.
 
 Source: Mitsuba 3 documentation, "Textures"; what it leaves open was measured with mitsuba 3.9.1.
 Row 0 of a bitmap is at v = 0; texel k of n fills [k / n, (k + 1) / n), with its colour at the
@@ -49,6 +49,10 @@ class Texture:
             for column, in_column in self.weights(u, width):
                 out += self.texels[row, column].T * (in_row * in_column)
         return out
+
+    def mean(self) -> float:
+        """Of all texels and channels."""
+        return float(self.texels.mean())
 
     def weights(self, x: np.ndarray, n: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Texels along an axis of n, and their weights, which add up to 1."""

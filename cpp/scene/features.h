@@ -25,15 +25,17 @@ enum Feature : FeatureMask {
     kRefraction = 1u << 10,   // a material that changes the direction of what goes through
     kPass = 1u << 11,         // a mask, or a material that lets light straight through
     kMedia = 1u << 12,
-    kChromatic = 1u << 13,   // a medium whose extinction depends on the channel
-    kTextures = 1u << 14,    // a number of a material that a texture gives
-    kFirstLight = 1u << 15,  // a bit for each feature of lights, in their order
+    kChromatic = 1u << 13,      // a medium whose extinction depends on the channel
+    kTextures = 1u << 14,       // textures on surfaces
+    kLightTextures = 1u << 15,  // textures of lights
+    kFirstLight = 1u << 16,     // a bit for each feature of lights, in their order
     kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
 inline constexpr const char* kFeatureNames[] = {
-    "quads", "polygons",      "disks",      "spheres", "bvh",   "smooth",    "many_lights", "clip",
-    "lens",  "signed_filter", "refraction", "pass",    "media", "chromatic", "textures"};
+    "quads",       "polygons",  "disks",    "spheres",       "bvh",        "smooth",
+    "many_lights", "clip",      "lens",     "signed_filter", "refraction", "pass",
+    "media",       "chromatic", "textures", "light_textures"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);

@@ -12,8 +12,8 @@ namespace {
 // point for which they count as one map: edges of 2^-8 of the scene, of corners rounded by 2^-25.
 constexpr double kSameMap = 0x1p-16;
 
-bool textured(const SceneInput& in, uint32_t material) {
-    bool any = false;
+bool textured(const SceneInput& in, uint32_t material, int32_t emission) {
+    bool any = emission >= 0 && in.emission_texture.data[emission] >= 0;
 #define VR_TEXTURABLE(name) any |= in.name##_texture.data[material] >= 0;
 #include "schema/materials.def"
     return any;
@@ -66,7 +66,7 @@ std::array<Double3, 3> HostScene::corner_uv(const SceneInput& in, const Flat& f)
 
 // Whether two triangles of one material in one plane map points to a texture alike.
 bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const {
-    if (!textured(in, a.material)) return true;
+    if (!textured(in, a.material, a.emission)) return true;
     const auto from = corner_uv(in, a), to = corner_uv(in, b);
     for (int c = 0; c < 2; ++c) {
         double most = 0;
@@ -115,7 +115,9 @@ void HostScene::put_uv(const SceneInput& in, size_t primitive) {
 }
 
 void HostScene::set_textures(const SceneInput& in) {
-    if (!(view.features & kTextures)) return;
+    for (size_t q = 0; q < in.light_texture.count; ++q)
+        if (in.light_texture.data[q] >= 0) view.features |= kLightTextures;
+    if (!(view.features & (kTextures | kLightTextures))) return;
     const size_t count = in.textures_rows();
     const uint32_t stride = padded(count);
     textures.assign(size_t{kTextureColumns} * stride, 0.f);
@@ -138,12 +140,13 @@ void HostScene::set_textures(const SceneInput& in) {
         texels[256 + code] = bit_cast<uint32_t>(static_cast<float>(code) / 255.f);
     }
     std::copy_n(in.texels.data, in.texels.count, texels.begin() + kCodeWords);
+    view.textures = {textures.data(), stride, static_cast<uint32_t>(count), texels.data()};
+    if (!(view.features & kTextures)) return;  // on no surface
     uv.assign(sources.size() * kUvFloats, 0.f);
     in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
         for (size_t i = first; i < last; ++i) put_uv(in, i);
     });
     view.uv = uv.data();
-    view.textures = {textures.data(), stride, static_cast<uint32_t>(count), texels.data()};
 }
 
 }  // namespace veriray

@@ -53,11 +53,12 @@ enum SurfaceColumn : uint32_t {
 // The texture that gives it; -1: none.
 #define VR_TEXTURABLE(name) kSurface_##name##_texture,
 #include "schema/materials.def"
-    kSurfaceRadiance,                         // emitted by the front: 3 columns
-    kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
-    kSurfaceKind,                             // MaterialKind
-    kSurfaceInside,                           // medium behind; -1: no change of medium
-    kSurfaceOutside,                          // medium in front
+    kSurfaceRadiance,                                // emitted by the front: 3 columns
+    kSurfaceRadianceTexture = kSurfaceRadiance + 3,  // that this is multiplied by; -1: none
+    kSurfaceTwoSided,                                // 1 or 0
+    kSurfaceKind,                                    // MaterialKind
+    kSurfaceInside,                                  // medium behind; -1: no change of medium
+    kSurfaceOutside,                                 // medium in front
     kSurfaceColumns,  // then, where a material has a rough coat, kCoatCells + 1 of its table
 };
 

@@ -61,8 +61,11 @@ class Shapes:
 
     TABLES = ("vertices", "triangles", "spheres", "disks")
 
-    def __init__(self, textured: Collection[int] = ()) -> None:
+    def __init__(
+        self, textured: Collection[int] = (), textured_lamps: Collection[int] = ()
+    ) -> None:
         self.textured = textured  # materials with textures
+        self.textured_lamps = textured_lamps  # emissions
         self.names: list[str] = []
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
             name: [] for name in _FLAT
@@ -261,7 +264,8 @@ class Shapes:
         if uv is not None and values.get("flip_tex_coords"):
             uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
         found = mesh.Mesh(vertices, faces, normals, uv)
-        if uv is None and surface[2][0] in self.textured:
+        material, emission, _ = surface[2]
+        if uv is None and (material in self.textured or emission in self.textured_lamps):
             return mesh.barycentric(found, loaded.triangles)
         return found
 

@@ -47,14 +47,16 @@ class Texels:
         self.words: list[Array] = []
         self.count = 0
         self.known: dict[tuple[str, bool], materials.Row] = {}
+        self.too_bright: dict[int, tuple[str, str]] = {}  # by first word: a texel above 1, place
         self.rows: dict[int, materials.Row] = {}
 
     def array(self) -> Array | None:
         """The column `texels`; None without any."""
         return np.concatenate(self.words) if self.words else None
 
-    def row(self, node: Node, values: dict[str, Any]) -> materials.Row:
-        """The row of a texture, made once; values: its checked parameters."""
+    def row(self, node: Node, values: dict[str, Any], *, light: bool = False) -> materials.Row:
+        """The row of a texture, made once; values: its checked parameters. light: of a light, whose
+        texels may exceed 1."""
         found = self.rows.get(id(node))  # the caller keeps the node, and so its id
         if found is None:
             matrix = np.eye(4) if values["to_uv"] is None else values["to_uv"]
@@ -66,6 +68,9 @@ class Texels:
             if node.plugin == "bitmap":
                 found |= self._bitmap(node, values)
             self.rows[id(node)] = found
+        if not light and found.get("texture_first") in self.too_bright:
+            text, where = self.too_bright[found["texture_first"]]
+            raise SceneError(f"{node}: {text}, outside [0, 1]", where)
         return found
 
     def _bitmap(self, node: Node, values: dict[str, Any]) -> materials.Row:
@@ -84,8 +89,9 @@ class Texels:
                 image = images.from_array(values[given[0]], where, raw=raw or given[0] == "data")
             else:
                 image = images.read(path, where, raw=raw)
-            _check_range(node, image.texels, where)
             stored = self._store(image)
+            if (text := _beyond(node, image.texels, where)) is not None:
+                self.too_bright[stored["texture_first"]] = text, where
             if path is not None:
                 self.known[str(path), raw] = stored
         return {
@@ -119,12 +125,15 @@ def packed(texels: Array) -> Array:
     return np.frombuffer(data + b"\0" * (-len(data) % 4), "<u4").astype(np.uint32)
 
 
-def _check_range(node: Node, texels: Array, where: str) -> None:
+def _beyond(node: Node, texels: Array, where: str) -> str | None:
+    """The first number above 1; raises SceneError for one below 0."""
     if texels.dtype == np.uint8:
-        return
-    bad = ~((texels >= 0) & (texels <= 1))
-    if bad.any():
+        return None
+
+    def first(bad: Array) -> str:
         y, x, c = (int(i) for i in np.argwhere(bad)[0])
-        raise SceneError(
-            f"{node}: the texel (x {x}, y {y}) holds {texels[y, x, c]:g}, outside [0, 1]", where
-        )
+        return f"the texel (x {x}, y {y}) holds {texels[y, x, c]:g}"
+
+    if float(texels.min()) < 0:
+        raise SceneError(f"{node}: {first(texels < 0)}, below 0", where)
+    return first(texels > 1) if float(texels.max()) > 1 else None

@@ -60,8 +60,9 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         Sampler::image(row, light.wi, at.u, at.v);
         const M lamp = lanes & Sampler::template any_of<kLampShapes>(row, no_lanes(lanes));
         if (any(lamp)) {
-            const TexturePoint<F> own = Reader::texture_point(
-                scene, select(lamp, light.on, U(0u)), light.place, [&] { return light.place; });
+            const auto outward = [&] { return light.place; };
+            const TexturePoint<F> own = Texturing<L>::template place<kFeatures>(
+                scene, select(lamp, light.on, U(0u)), light.place, outward);
             at.u = select(lamp, own.u, at.u);
             at.v = select(lamp, own.v, at.v);
         }

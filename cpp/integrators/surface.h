@@ -331,16 +331,9 @@ struct SurfaceReader {
         at.row = surface_row(scene, prim);
         if constexpr (has(kTextures)) {
             const auto outward = [&] { return at.ng * primitive_column(scene, prim, kPrimSide); };
-            at.uv = texture_point(scene, prim, at.p, outward);
+            at.uv = Texturing<L>::template place<kFeatures>(scene, prim, at.p, outward);
         }
         return at;
-    }
-
-    // Where the textures of a primitive are read; outward(): of a sphere, its outward normal.
-    template <class Outward>
-    static VR_HD TexturePoint<F> texture_point(const SceneView& scene, U prim, V p,
-                                               Outward outward) {
-        return Texturing<L>::template place<has(kDisks), has(kSpheres)>(scene, prim, p, outward);
     }
 
     // The interpolated normal; the geometric one where it vanishes or the surface is not smooth.

@@ -15,7 +15,7 @@ struct Texturing {
     using Point = TexturePoint<F>;
 
     // The place on a primitive of a point, or of the outward normal of a sphere.
-    template <bool kWithDisks, bool kWithSpheres, class Outward>
+    template <FeatureMask kFeatures, class Outward>
     static VR_HD Point place(const SceneView& scene, U prim, V p, Outward outward_normal) {
         Point uv{F(0.f), F(0.f)};
         if (!scene.uv) return uv;
@@ -24,7 +24,7 @@ struct Texturing {
         const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
         const F last = number(3);
         uv = {dot(a, p) + last, dot(b, p) + number(7)};
-        if constexpr (kWithDisks) {
+        if constexpr ((kFeatures & kDisks) != 0) {
             const M round = !(prim < U(scene.first_sphere - scene.disk_count));
             if (any(round)) {
                 const F radius = sqrt(fma(uv.u, uv.u, uv.v * uv.v));
@@ -32,7 +32,7 @@ struct Texturing {
                 uv.u = select(round, radius, uv.u);
             }
         }
-        if constexpr (kWithSpheres) {
+        if constexpr ((kFeatures & kSpheres) != 0) {
             const M round = !(prim < U(scene.first_sphere));
             if (any(round)) {
                 const V outward = outward_normal();

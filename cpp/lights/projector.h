@@ -10,7 +10,7 @@ template <class L>
 struct ProjectorLight : PointLight<L> {
     VR_LIGHT_SHAPE(PointLight<L>);
     static constexpr const char *kName = "projector", *kFeature = "projectors";
-    static constexpr bool kAimed = true, kCone = true, kImage = true;
+    static constexpr bool kAimed = true, kCone = true, kImage = true, kFramed = true;
 
     template <class Row>
     static VR_HD void image(const Row& row, V wi, F& u, F& v) {

@@ -6,6 +6,7 @@
 
 #include "core/mapping.h"
 #include "lights/sky_map.h"
+#include "lights/source.h"
 #include "spectrum/spectrum.h"
 
 namespace veriray {
@@ -42,21 +43,6 @@ struct LightView {
     SkyMap map;                // its texels, if it has any
 };
 
-// A light on the host.
-struct LightSource {
-    uint32_t shape;
-    double area;                    // of lamps
-    double cutoff, beam;            // degrees
-    float radiance[3];              // intensity over squared length, or irradiance across the beam
-    double strength;                // sum of the channels, of a texture the mean
-    int32_t texture;                // -1: none
-    Vec3<double> image_u, image_v;  // of lights at a point: where in an image a direction is
-    Vec3<double> p, e1, e2, n;
-    float offset;
-    uint32_t primitive = ~0u, other = ~0u;  // that rays meet; the second triangle of a pair
-    float record[8], side;                  // of a sphere (sphere.h)
-};
-
 // A row of the light table by lane; read(c) gives a column. map: of the sky.
 template <class L, class Read>
 struct LightRow {
@@ -87,10 +73,8 @@ struct LightSample {
     Vec3<F> wi;            // unit
     typename L::M delta;   // no ray can meet the light
     typename L::U skip;    // primitive that does not block: the light, which the ray meets once
-    // Of lamps, where textures are read: the primitive, and the point on it, or of a sphere its
-    // outward normal there.
-    typename L::U on{};
-    Vec3<F> place{};
+    typename L::U on{};    // of lamps, for textures: the primitive
+    Vec3<F> place{};       // the point on it, or of a sphere its outward normal there
 };
 
 // A density per solid angle, choice included, as a fraction: who divides by another one divides
@@ -165,8 +149,8 @@ struct LightShape {
     static constexpr bool kSkips = false;    // a shadow ray leaves its primitive out without a tree
     static constexpr bool kAimed = false;    // has a direction
     static constexpr bool kCone = false;     // at a point: with falloff(row, wi) within its angles
-    static constexpr bool kImage = false;    // at a point: with image(row, wi, u, v), where in an
-                                             // image the way from a receiver is
+    static constexpr bool kImage = false;    // at a point: an image is read at image(row, wi, u, v)
+    static constexpr bool kFramed = false;   // at a point: lights its image alone
 
     // Uniform in all directions, and as a function of nothing but the numbers.
     static VR_HD V any_direction(F s, F t) { return uniform_cone(s, t, F(2.f)); }

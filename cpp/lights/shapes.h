@@ -44,13 +44,14 @@ inline constexpr uint32_t kAllShapes = (1u << kLightShapes) - 1u;
 struct LightTraits {
     const char *name, *feature;
     LightSite site;
-    bool sampled, flat, spreads, by_angle, own_pdf, skips, aimed, cone, image;
+    bool sampled, flat, spreads, by_angle, own_pdf, skips, aimed, cone, image, framed;
 };
 inline constexpr LightTraits kLights[] = {
 #define VR_TRAITS_OF(T)                                                                \
     {T<Scalar>::kName,  T<Scalar>::kFeature, T<Scalar>::kSite,    T<Scalar>::kSampled, \
      T<Scalar>::kFlat,  T<Scalar>::kSpreads, T<Scalar>::kByAngle, T<Scalar>::kOwnPdf,  \
-     T<Scalar>::kSkips, T<Scalar>::kAimed,   T<Scalar>::kCone,    T<Scalar>::kImage},
+     T<Scalar>::kSkips, T<Scalar>::kAimed,   T<Scalar>::kCone,    T<Scalar>::kImage,   \
+     T<Scalar>::kFramed},
     VR_LIGHTS(VR_TRAITS_OF)
 #undef VR_TRAITS_OF
 };

@@ -104,10 +104,10 @@ void check_input(const SceneInput& in) {
                      "; allowed: 0 <= beam <= cutoff <= 180 degrees");
     }
     for (size_t i = 0; i < in.light_kind.count; ++i)
-        if (shape_of_kind(in.light_kind.data[i]) == kProjectorLight)
+        if (kLights[shape_of_kind(in.light_kind.data[i])].framed)
             for (size_t k = 0; k < 2; ++k)
                 if (!(length(row3(in.light_image, 2 * i + k)) > 0))
-                    fail("light_image", i, "holds a row of zeros for a projector");
+                    fail("light_image", i, "holds a row of zeros");
     for (size_t t = 0; t < in.textures_rows(); ++t) {
         if (in.texture_kind.data[t] != kBitmap) continue;
         const uint64_t bytes = uint64_t{in.texture_width.data[t]} * in.texture_height.data[t] *

@@ -77,7 +77,7 @@ std::vector<LightTexture::Span> LightTexture::spans(double low, double high, uin
     const uint32_t from = static_cast<uint32_t>(a), to = static_cast<uint32_t>(b);
     if (wrap_ == kMirror) {
         if (to >= n) return {all};
-        if (std::fmod(turn, 2) != 0) return {{n - 1 - to, n - 1 - from}};
+        if (turn != 2 * std::floor(turn / 2)) return {{n - 1 - to, n - 1 - from}};
     }
     if (to < n) return {{from, to}};
     return {{from, n - 1}, {0, to - n}};

@@ -142,7 +142,7 @@ double HostScene::most_intense(const SceneInput& in, size_t q) const {
     const float* rgb = in.light_intensity.data + 3 * q;
     double most = static_cast<double>(std::max({rgb[0], rgb[1], rgb[2]}) *
                                       most_of_texture(in, in.light_texture.data[q]));
-    if (shape_of_kind(in.light_kind.data[q]) == kProjectorLight) {
+    if (kLights[shape_of_kind(in.light_kind.data[q])].framed) {
         double square = 1;  // of the distance of the image's corners
         for (size_t k = 0; k < 2; ++k) {
             const Double3 a = row3(in.light_image, 2 * q + k);

@@ -502,7 +502,7 @@ def test_refusals(tmp_path: Path) -> None:
     board = {"type": "checkerboard"}
     for bsdf, message in (
         ({"type": "conductor", "eta": board, "k": 1.0}, "checkerboard is supported on diffuse.refl"
-         r"ectance, .*mask.opacity, not on conductor.eta"),
+         r"ectance, .*mask.opacity, .*, not on conductor.eta"),
         ({"type": "diffuse", "colour": board}, "not on diffuse.colour"),
         (diffuse({"type": "checkerboard", "color0": board}), "not on checkerboard.color0"),
         (diffuse({"type": "bitmap"}), "no image given; expected one of filename, data, bitmap"),

@@ -224,7 +224,7 @@ class Integrator:
         pdf = self.lights.pdf_hit(source, v.primitive[at], length, v.facing[at])
         tally.radiance[:, live.path[at]] += (
             live.throughput[:, at]
-            * self.lights.radiance.take(emission[at], axis=1)
+            * self.lights.emitted(v.primitive[at], live.origin[:, at])
             / (1 + (pdf / live.pdf[at]) ** 2)
         )
 

@@ -6,7 +6,8 @@ radius of a ball about the scene; light from far away gets half of the chances a
 is other light. On triangles and disks the point is uniform in area; on two
 triangles that make a rectangle near to a surface, in solid angle where that is large; a sphere that
 shines outwards is sampled uniformly in the cone that it fills; from within a sphere that shines
-inwards every direction meets it, so directions are uniform. The environment is not sampled: paths
+inwards every direction meets it, so directions are uniform. The power of what has a texture is
+that of its mean, over all texels. The environment is not sampled: paths
 that escape bring its light. An image of a sky is sampled (skies.py). Densities are per solid angle
 at the vertex and include the choice of the light.
 """
@@ -20,6 +21,7 @@ import numpy as np
 
 from reference.rectangles import Rectangles
 from reference.scene import Light, Scene
+from reference.textures import coordinates
 from reference.tracer import Tracer
 from reference.vectors import about, dot
 
@@ -54,7 +56,9 @@ class Lights:
         self.tracer, self.quadrics = tracer, tracer.quadrics
         self.radiance = np.concatenate([scene.radiances, np.zeros((1, 3))]).T.copy()
         self.emission = scene.emission  # -1 picks the zero at the end
-        area_power = math.pi * tracer.areas * self.radiance.sum(axis=0)[self.emission]
+        self.scene, self.shine = scene, (*scene.shine, None)
+        mean = np.array([1.0 if x is None else x.mean() for x in self.shine])
+        area_power = math.pi * tracer.areas * (self.radiance.sum(axis=0) * mean)[self.emission]
         shining = np.flatnonzero(area_power > 0)
         self.check_overlaps(shining)
         self.delta = tuple(scene.lights)
@@ -96,6 +100,16 @@ class Lights:
                     f"emitting triangle {light} and triangle {other} share a part of "
                     "one plane, so which of them is seen there is undefined"
                 )
+
+    def emitted(self, primitive: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Radiance (3, n) of the fronts of primitives at points (3, n)."""
+        emission = self.emission.take(primitive)
+        out = self.radiance.take(emission, axis=1)
+        for number, texture in enumerate(self.shine):
+            if texture is not None and len(at := np.flatnonzero(emission == number)):
+                uv = coordinates(self.scene.geometry, primitive[at], point[:, at])
+                out[:, at] *= texture.at(uv)
+        return out
 
     # -- densities of what a path meets --------------------------------------------------------
 
@@ -199,6 +213,9 @@ class Lights:
         if spheres:
             at = np.flatnonzero((primitive >= count) & (primitive < count + spheres))
             self._sphere(sample, at, u[at], v[at], point[:, at])
+        at = np.flatnonzero((sample.target >= 0) & (sample.pdf > 0))
+        where = point[:, at] + sample.direction[:, at] * sample.distance[at]
+        sample.radiance[:, at] = self.emitted(sample.target[at], where)
         return sample
 
     def _sphere(
@@ -234,6 +251,7 @@ class Lights:
             sample.delta[at] = False
             return
         light, n = self.delta[number], len(at)
+        radiance = light.intensity[:, None]
         scale = np.full(n, 1 / self.delta_chance[(self.number == number).argmax()])
         if light.kind == "directional":
             direction = np.broadcast_to(-light.direction[:, None], (3, n))
@@ -244,10 +262,15 @@ class Lights:
             distance = np.sqrt(square)
             direction = direction / np.where(distance > 0, distance, 1)
             scale /= np.where(square > 0, square, np.inf)
+            ahead = -(light.direction @ direction)
             if light.kind == "spot":
-                scale *= falloff(light, -(light.direction @ direction))
+                scale *= falloff(light, ahead)
+            elif light.kind == "projector":
+                with np.errstate(divide="ignore"):
+                    scale *= np.where(ahead > 0, 1 / ahead**3, 0)
+            radiance = radiance * picture(light, -direction, ahead)
         sample.direction[:, at], sample.distance[at] = direction, distance
-        sample.radiance[:, at] = light.intensity[:, None] * scale
+        sample.radiance[:, at] = radiance * scale
         sample.pdf[at], sample.target[at], sample.delta[at] = scale > 0, -1, True
 
 
@@ -259,9 +282,32 @@ def falloff(light: Light, cosine: np.ndarray) -> np.ndarray:
     return np.clip((light.cutoff - angle) / (light.cutoff - light.beam), 0, 1)
 
 
+def picture(light: Light, direction: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """The factor (3 or 1, n) of a light's texture, and whether a projector lights there at all.
+
+    direction (3, n): the way of the light; ahead: its cosine to the light's axis.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = light.frame[:, :2].T @ direction / ahead / np.array(light.tangents)[:, None]
+    seen = (ahead > 0) & np.isfinite(x) & np.isfinite(y)
+    if light.kind == "projector":
+        seen &= (np.abs(x) <= 1) & (np.abs(y) <= 1)
+        out = seen[None].astype(float)
+    else:
+        out = np.ones((1, len(ahead)))
+    if light.texture is None:
+        return out
+    uv = np.where(seen, (1 + np.array([x, y])) / 2, 0)
+    return out * light.texture.at(uv)
+
+
 def _power(light: Light, extent: float) -> float:
     """Watts, summed over the channels."""
     total = float(light.intensity.sum())
+    if light.texture is not None:
+        total *= light.texture.mean()
+    if light.kind == "projector":
+        return 4 * light.tangents[0] * light.tangents[1] * total
     if light.kind == "point":
         return 4 * math.pi * total
     if light.kind == "directional":

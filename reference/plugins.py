@@ -56,7 +56,7 @@ _NO_LIGHT = Material(reflectance=np.zeros(3))  # of a lamp without a bsdf
 class _Shape:
     geometry: Geometry
     material: Material
-    radiance: np.ndarray | None
+    radiance: tuple[np.ndarray, textures.Texture | None] | None
     boundary: tuple[int, int] | None
 
 
@@ -575,7 +575,9 @@ class _Reader(Document):
     # -- lights and shapes ---------------------------------------------------------------------
 
     def emitter(self, element: etree._Element) -> None:
-        kind = self.plugin(element, "constant", "envmap", "point", "directional", "spot")
+        kind = self.plugin(
+            element, "constant", "envmap", "point", "directional", "spot", "projector"
+        )
         light = self.colour(grey=False)
         if kind == "constant":
             self.only_environment(element)
@@ -594,6 +596,13 @@ class _Reader(Document):
                 intensity=light,
                 cutoff_angle=self.number(0, 180, open_low=True),
                 beam_width=self.number(0, 180),
+                texture=self.texture,
+            ),
+            "projector": dict(
+                irradiance=self.colour_or_texture,
+                scale=self.number(0),
+                fov=self.number(0, 180, open_low=True),
+                fov_axis=self.choice("x", "y", "diagonal", "smaller", "larger"),
             ),
         }[kind]
         values = self.parameters(element, **readers, **frame)
@@ -607,15 +616,46 @@ class _Reader(Document):
         beam = values.get("beam_width", cutoff * 0.75)
         if beam > cutoff:
             raise self.error(element, f"beam_width {beam} above the cutoff_angle {cutoff}")
+        image = dict(texture=values.get("texture"), tangents=(math.tan(math.radians(cutoff)),) * 2)
+        if kind == "projector":
+            values["irradiance"], image = self.projected(element, values)
         self.lights.append(
             Light(
                 kind,
+                frame=to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0),
+                **image,
                 intensity=values.get("intensity", values.get("irradiance", np.ones(3))),
                 position=values.get("position", to_world[:3, 3]),
                 direction=direction / np.linalg.norm(direction),
                 cutoff=math.radians(cutoff),
                 beam=math.radians(beam),
             )
+        )
+
+    def colour_or_texture(
+        self, element: etree._Element
+    ) -> tuple[np.ndarray, textures.Texture | None]:
+        """A colour, or white and the texture that it is multiplied by."""
+        if element.tag == "texture":
+            return np.ones(3), self.texture(element)
+        return self.colour(grey=False)(element), None
+
+    def projected(self, element: etree._Element, values: dict) -> tuple[np.ndarray, dict]:
+        """Irradiance of a projector at distance 1, and the fields of its image.
+
+        Its sides are as those of the texels, 1 without any; local +x is on its left, +y on top.
+        """
+        if "fov" not in values or "irradiance" not in values:
+            raise self.error(element, "needs fov and irradiance")
+        colour, texture = values["irradiance"]
+        height, width = (1, 1)
+        if texture is not None and texture.kind == "bitmap":
+            height, width, _ = texture.texels.shape
+        view = Camera(np.eye(4), values["fov"], values.get("fov_axis", "x"))
+        x, y = view.tangents(width, height)
+        return (
+            math.pi * values.get("scale", 1.0) * colour,
+            dict(texture=texture, tangents=(-x, -y)),
         )
 
     def only_environment(self, element: etree._Element) -> None:
@@ -647,10 +687,10 @@ class _Reader(Document):
             raise self.error(element, "to_world scales or shears")
         return Sky(texels * values.get("scale", 1.0), turn)
 
-    def area(self, element: etree._Element) -> np.ndarray:
+    def area(self, element: etree._Element) -> tuple[np.ndarray, textures.Texture | None]:
         self.plugin(element, "area")
-        values = self.parameters(element, radiance=self.colour(grey=False))
-        return values.get("radiance", np.ones(3))
+        values = self.parameters(element, radiance=self.colour_or_texture)
+        return values.get("radiance", (np.ones(3), None))
 
     def shapes(self, element: etree._Element) -> list[_Shape]:
         """What a shape shows: a group by its instances alone."""
@@ -717,6 +757,8 @@ class _Reader(Document):
         elif any(names):
             raise self.error(element, "mesh_attribute: on a ply")
         values["attribute"] = names[0] if names else ""
+        if radiance is not None and radiance[1] is not None and kind in _UNTEXTURED:
+            raise self.error(element, "textures of lamps on meshes are not supported")
         return _Shape(self.geometry(element, kind, values), material, radiance, boundary)
 
     def geometry(self, element: etree._Element, kind: str, values: dict) -> Geometry:
@@ -780,6 +822,7 @@ def _tables(found: list[_Shape]) -> dict:
             *(s.material for s in found),
             *(s.material.other for s in found if s.material.other is not None),
         ),
-        radiances=np.array([s.radiance for s in lit]).reshape(-1, 3),
+        radiances=np.array([s.radiance[0] for s in lit]).reshape(-1, 3),
+        shine=tuple(s.radiance[1] for s in lit),
         boundaries=np.array(boundaries, np.int32).reshape(-1, 2),
     )

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
                   "roughconductor", "roughplastic", "roughdielectric", "principled",
                   "principled_open")  # fmt: skip
-LIGHT_KINDS = ("point", "spot", "directional")
+LIGHT_KINDS = ("point", "spot", "directional", "projector")
 
 
 class SceneError(ValueError):
@@ -136,7 +136,9 @@ class Light:
     """A light without area, one of LIGHT_KINDS.
 
     direction: unit, the way that the light goes. intensity: W/sr (directional: irradiance on a
-    surface that faces it). cutoff, beam: angles of a spot in radians.
+    surface that faces it; projector: that on a plane across its axis at distance 1). cutoff, beam:
+    angles of a spot in radians. texture: a factor, read at (1 + x / (z width), 1 + y / (z height))
+    / 2 for local x, y, z, whose axes are the columns of frame; tangents: the width and height.
     """
 
     kind: str
@@ -145,6 +147,9 @@ class Light:
     direction: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     cutoff: float = math.pi
     beam: float = math.pi
+    texture: Texture | None = None
+    frame: np.ndarray = field(default_factory=lambda: np.eye(3))
+    tangents: tuple[float, float] = (1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -181,7 +186,8 @@ class Geometry:
 class Scene:
     """A scene in world units.
 
-    Per primitive (P,) int32: material, an index; emission, of the radiances (E, 3), or -1;
+    Per primitive (P,) int32: material, an index; emission, of the radiances (E, 3), or -1, and of
+    the textures that they are multiplied by, None for none;
     boundary, a row of boundaries (B, 2) int32, which holds the media inside and outside (-1
     vacuum), or -1. environment (3,) or None, sky its image or None; depths and hide_emitters as in
     Mitsuba's volpath integrator; digest is the SHA-256 of every file and parameter given.
@@ -205,6 +211,7 @@ class Scene:
     digest: str
     sky: Sky | None = None
     hide_emitters: bool = False
+    shine: tuple[Texture | None, ...] = ()
 
     @property
     def triangles(self) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""Textures of diffuse surfaces: bitmaps, checkerboards and colours of meshes, in float64.
+"""Textures of diffuse surfaces and of lights: bitmaps, checkerboards and colours of meshes, in
+float64.
 
 Source: Mitsuba 3 documentation, "Textures"; what it leaves open was measured with mitsuba 3.9.1.
 Row 0 of a bitmap is at v = 0; texel k of n fills [k / n, (k + 1) / n), with its colour at the
@@ -74,6 +75,10 @@ class Texture:
                  sum(weight * (grey[rows[1][0], column] - grey[rows[0][0], column])
                      for column, weight in columns) * height]  # fmt: skip
         return self.to_uv[:, :2].T @ np.array(along)
+
+    def mean(self) -> float:
+        """Of all texels and channels."""
+        return float(self.texels.mean())
 
     def weights(self, x: np.ndarray, n: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Texels along an axis of n, and their weights, which add up to 1."""

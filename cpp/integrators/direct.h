@@ -46,7 +46,30 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                 8;
             row = choose_light(lights, u24);
         }
-        return Sampler::sample_li(row_of(scene, row), p, u, v, nobody);
+        LightSample<L> light = Sampler::sample_li(row_of(scene, row), p, u, v, nobody);
+        if constexpr (has(kLightTextures))
+            if (scene.features & kLightTextures) apply_texture(scene, row_of(scene, row), light);
+        return light;
+    }
+
+    // Multiplies the radiance of a light by its texture.
+    template <class Row>
+    static VR_HD void apply_texture(const SceneView& scene, const Row& row, LightSample<L>& light) {
+        const F index = row(kLightTexture);
+        const M lanes = (index >= F(0.f)) & (max_channel(light.radiance) > F(0.f));
+        if (none(lanes)) return;
+        TexturePoint<L> at;
+        at.u = at.v = F(0.f);
+        Sampler::image(row, light.wi, at.u, at.v);
+        const M lamp = lanes & Sampler::template any_of<kLampShapes>(row, no_lanes(lanes));
+        if (any(lamp)) {
+            const auto outward = [&] { return light.place; };
+            const TexturePoint<L> own = Texturing<L>::template place<kFeatures>(
+                scene, select(lamp, light.on, U(0u)), light.place, outward);
+            at.u = select(lamp, own.u, at.u);
+            at.v = select(lamp, own.v, at.v);
+        }
+        Texturing<L>::multiply(scene, index, at, lanes, light.radiance);
     }
 
     static VR_HD auto row_of(const SceneView& scene, U row) {

@@ -331,8 +331,8 @@ struct SurfaceReader {
         at.front = dot(at.ng, ray.d) < F(0.f);
         at.row = surface_row(scene, prim);
         if constexpr (has(kTextures | kTangents)) {
-            const auto column = [&](uint32_t c) { return primitive_column(scene, prim, c); };
-            Texturing::template place<has(kDisks), has(kSpheres)>(scene, prim, column, at);
+            const auto outward = [&] { return at.ng * primitive_column(scene, prim, kPrimSide); };
+            at.uv = Texturing::template place<kFeatures>(scene, prim, at.p, outward);
         }
         return at;
     }

@@ -15,18 +15,19 @@ struct Texturing {
     using S = Spectrum<F>;
     using Point = TexturePoint<L>;
 
-    // Writes the place on a primitive; column(c): of the primitive.
-    template <bool kWithDisks, bool kWithSpheres, class Column>
-    static VR_HD void place(const SceneView& scene, U prim, Column column, Surface<L>& at) {
-        if (!scene.uv) return;
+    // The place on a primitive of a point, or of the outward normal of a sphere.
+    template <FeatureMask kFeatures, class Outward>
+    static VR_HD Point place(const SceneView& scene, U prim, V p, Outward outward_normal) {
+        Point uv;
+        uv.u = uv.v = F(0.f);
+        if (!scene.uv) return uv;
         const U row = prim * U(kUvFloats);
         const auto number = [&](uint32_t c) { return gather(scene.uv + c, row); };
         const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
         const F last = number(3);
-        Point& uv = at.uv;
-        uv.u = dot(a, at.p) + last, uv.v = dot(b, at.p) + number(7);
-        if constexpr (kWithAttributes) uv.p = at.p, uv.primitive = prim;
-        if constexpr (kWithDisks) {
+        uv.u = dot(a, p) + last, uv.v = dot(b, p) + number(7);
+        if constexpr (kWithAttributes) uv.p = p, uv.primitive = prim;
+        if constexpr ((kFeatures & kDisks) != 0) {
             const M round = !(prim < U(scene.first_sphere - scene.disk_count));
             if (any(round)) {
                 const F radius = sqrt(fma(uv.u, uv.u, uv.v * uv.v));
@@ -34,16 +35,25 @@ struct Texturing {
                 uv.u = select(round, radius, uv.u);
             }
         }
-        if constexpr (kWithSpheres) {
+        if constexpr ((kFeatures & kSpheres) != 0) {
             const M round = !(prim < U(scene.first_sphere));
             if (any(round)) {
-                const V outward = at.ng * column(kPrimSide);
+                const V outward = outward_normal();
                 const F x = dot(a, outward), y = dot(cross(b, a), outward) * last;
                 const F across = sqrt(fma(x, x, y * y));
                 uv.u = select(round, share_of_turn(x, y), uv.u);
                 uv.v = select(round, angle(dot(b, outward), across) * F(kInvPi), uv.v);
             }
         }
+        return uv;
+    }
+
+    // Multiplies lanes of a colour by the texture of that index; -1: none.
+    static VR_HD void multiply(const SceneView& scene, F index, Point uv, M lanes, S& value) {
+        lanes = lanes & (index >= F(0.f));
+        if (none(lanes)) return;
+        const U row = to_uint(max(index, F(0.f)));
+        value = select(lanes, value * Textures<L>::colour(scene.textures, row, uv, lanes), value);
     }
 
     // Replaces the numbers of a material for which its surface has a texture; column(c): of the

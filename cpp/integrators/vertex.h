@@ -103,7 +103,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
                 const LightPdf<F> pdf =
                     Direct::light_pdf(scene, prim, {path.ray.o, hit.t, cos_light, chance}, lit);
                 const F ratio = pdf.over / (pdf.under * path.pdf_sa);
-                const S emitted = surface_spectrum(scene, at.row, kSurfaceRadiance);
+                S emitted = surface_spectrum(scene, at.row, kSurfaceRadiance);
+                if constexpr (has(kLightTextures))
+                    if (scene.features & kLightTextures) {
+                        const F index = surface_column(scene, at.row, kSurfaceRadianceTexture);
+                        Texturing<L>::multiply(scene, index, at.uv, lit, emitted);
+                    }
                 add_radiance(path, lit, emitted * mis_weight(path.pdf_sa, ratio));
             }
         }

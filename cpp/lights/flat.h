@@ -60,7 +60,7 @@ VR_HD LightSample<L> sample_flat(const Row& row, Vec3<typename L::F> p, const Fl
     using V = Vec3<F>;
     LightSample<L> s;
     s.delta = nobody;
-    s.skip = at.skip;
+    s.skip = s.on = at.skip;
     typename L::M stays = at.by_angle;
     F offset = row(kLightOffset);
     if constexpr (kTouching) {
@@ -69,6 +69,7 @@ VR_HD LightSample<L> sample_flat(const Row& row, Vec3<typename L::F> p, const Fl
     }
     const V n = row.vector(kLightN);
     V q = fma(row.vector(kLightE1), at.u, fma(row.vector(kLightE2), at.v, row.vector(kLightP)));
+    s.place = q;
     q = fma(n, select(stays, F(0.f), offset), q);
     const V to = q - p;
     const F distance = sqrt(dot(to, to)), inverse = F(1.f) / distance;

@@ -84,6 +84,18 @@ struct Lights {
         return s;
     }
 
+    // Where the way wi from a receiver meets a light's image, of lights that may have one.
+    template <class Row>
+    static VR_HD void image(const Row& row, V wi, F& u, F& v) {
+        each<kImageShapes>(row, [&](auto shape, M m) VR_INLINED {
+            if (none(m)) return;
+            F a, b;
+            shape.image(row, wi, a, b);
+            u = select(m, a, u);
+            v = select(m, b, v);
+        });
+    }
+
     static VR_HD void merge(LightSample<L>& s, M m, const LightSample<L>& other) {
         s.radiance = select(m, other.radiance, s.radiance);
         s.inverse_pdf = select(m, other.inverse_pdf, s.inverse_pdf);
@@ -91,6 +103,8 @@ struct Lights {
         s.wi = select(m, other.wi, s.wi);
         s.delta = s.delta | (m & other.delta);
         s.skip = select(m, other.skip, s.skip);
+        s.on = select(m, other.on, s.on);
+        s.place = select(m, other.place, s.place);
     }
 
     // The density of light samples where a ray meets a lamp.

@@ -30,6 +30,15 @@ struct PointLight : LightShape<L> {
                 F(Base::kAnyPdf)};
     }
     static VR_HD double power(const LightSource& s) { return 4 * kPiDouble * s.strength; }
+    // Where the way from a receiver meets an image in front of a light: the columns from column_u
+    // and column_v on give u - 1/2 and v - 1/2 on the plane at distance 1.
+    template <class Row>
+    static VR_HD void on_image(const Row& row, uint32_t column_u, uint32_t column_v, V wi, F& u,
+                               F& v) {
+        const F ahead = F(1.f) / dot(row.vector(kLightN), wi);
+        u = fma(dot(row.vector(column_u), wi), ahead, F(0.5f));
+        v = fma(dot(row.vector(column_v), wi), ahead, F(0.5f));
+    }
     template <class At>
     static void write(const LightSource& s, At at) {
         Base::write3(at, kLightP, s.p);

@@ -6,6 +6,7 @@
 
 #include "core/mapping.h"
 #include "lights/sky_map.h"
+#include "lights/source.h"
 #include "spectrum/spectrum.h"
 
 namespace veriray {
@@ -26,6 +27,7 @@ enum LightColumn : uint32_t {
     kLightInverse,   // 1 / the chance of being chosen; times the area for flat lights
     kLightRadiance,  // radiance, intensity, or irradiance across the beam: 3 columns
     kLightPrimitive = kLightRadiance + 3,  // bits
+    kLightTexture,                         // that the radiance is multiplied by; -1: none
     kLightMore,                            // what a shape alone has
     kLightMoreColumns = 5,                 // of these
     kLightColumns = kLightMore + kLightMoreColumns,
@@ -39,19 +41,6 @@ struct LightView {
     uint32_t top_step;         // largest power of two <= count
     float sky[kLightColumns];  // its row, which is one for all lanes; black where there is none
     SkyMap map;                // its texels, if it has any
-};
-
-// A light on the host.
-struct LightSource {
-    uint32_t shape;
-    double area;          // of lamps
-    double cutoff, beam;  // degrees
-    float radiance[3];    // intensity over squared length, or irradiance across the beam
-    double strength;      // sum of the channels
-    Vec3<double> p, e1, e2, n;
-    float offset;
-    uint32_t primitive = ~0u, other = ~0u;  // that rays meet; the second triangle of a pair
-    float record[8], side;                  // of a sphere (sphere.h)
 };
 
 // A row of the light table by lane; read(c) gives a column. map: of the sky.
@@ -84,6 +73,8 @@ struct LightSample {
     Vec3<F> wi;            // unit
     typename L::M delta;   // no ray can meet the light
     typename L::U skip;    // primitive that does not block: the light, which the ray meets once
+    typename L::U on{};    // of lamps, for textures: the primitive
+    Vec3<F> place{};       // the point on it, or of a sphere its outward normal there
 };
 
 // A density per solid angle, choice included, as a fraction: who divides by another one divides
@@ -158,6 +149,8 @@ struct LightShape {
     static constexpr bool kSkips = false;    // a shadow ray leaves its primitive out without a tree
     static constexpr bool kAimed = false;    // has a direction
     static constexpr bool kCone = false;     // at a point: with falloff(row, wi) within its angles
+    static constexpr bool kImage = false;    // at a point: an image is read at image(row, wi, u, v)
+    static constexpr bool kFramed = false;   // at a point: lights its image alone
 
     // Uniform in all directions, and as a function of nothing but the numbers.
     static VR_HD V any_direction(F s, F t) { return uniform_cone(s, t, F(2.f)); }

@@ -10,6 +10,7 @@
 #include "lights/image_sky.h"
 #include "lights/parallelogram.h"
 #include "lights/point.h"
+#include "lights/projector.h"
 #include "lights/rectangle.h"
 #include "lights/sphere.h"
 #include "lights/spot.h"
@@ -25,7 +26,8 @@
     X(DirectionalLight)   \
     X(RectangleLight)     \
     X(ConstantSky)        \
-    X(ImageSky)
+    X(ImageSky)           \
+    X(ProjectorLight)
 
 namespace veriray {
 
@@ -42,13 +44,14 @@ inline constexpr uint32_t kAllShapes = (1u << kLightShapes) - 1u;
 struct LightTraits {
     const char *name, *feature;
     LightSite site;
-    bool sampled, flat, spreads, by_angle, own_pdf, skips, aimed, cone;
+    bool sampled, flat, spreads, by_angle, own_pdf, skips, aimed, cone, image, framed;
 };
 inline constexpr LightTraits kLights[] = {
 #define VR_TRAITS_OF(T)                                                                \
     {T<Scalar>::kName,  T<Scalar>::kFeature, T<Scalar>::kSite,    T<Scalar>::kSampled, \
      T<Scalar>::kFlat,  T<Scalar>::kSpreads, T<Scalar>::kByAngle, T<Scalar>::kOwnPdf,  \
-     T<Scalar>::kSkips, T<Scalar>::kAimed,   T<Scalar>::kCone},
+     T<Scalar>::kSkips, T<Scalar>::kAimed,   T<Scalar>::kCone,    T<Scalar>::kImage,   \
+     T<Scalar>::kFramed},
     VR_LIGHTS(VR_TRAITS_OF)
 #undef VR_TRAITS_OF
 };
@@ -72,13 +75,14 @@ inline constexpr uint32_t kByAngleShapes = shapes_with([](auto& s) { return s.by
 inline constexpr uint32_t kOwnPdfShapes = shapes_with([](auto& s) { return s.own_pdf; });
 inline constexpr uint32_t kSkippedShapes = shapes_with([](auto& s) { return s.skips; });
 inline constexpr uint32_t kConeShapes = shapes_with([](auto& s) { return s.cone; });
+inline constexpr uint32_t kImageShapes = shapes_with([](auto& s) { return s.image; });
 // Scenes of these alone have code of their own: the lamps of most scenes, those of meshes, those
 // that are near to something.
 inline constexpr uint32_t kPlainShapes = shape_bit(kParallelogramLight);
 inline constexpr uint32_t kMeshShapes = kPlainShapes | shape_bit(kTriangleLight);
 inline constexpr uint32_t kNearShapes = shape_bit(kRectangleLight);
 // Scenes without these do not pay for their code.
-inline constexpr uint32_t kRichShapes = shape_bit(kImageSky);
+inline constexpr uint32_t kRichShapes = shape_bit(kImageSky) | shape_bit(kProjectorLight);
 
 // Features of scenes: the place of a shape's in the order of the list; how many there are.
 constexpr uint32_t light_feature(uint32_t shape) {

@@ -10,11 +10,12 @@ namespace veriray {
 
 template <class F>
 struct SphereLightSample {
-    Vec3<F> wi;     // unit
-    F inverse_pdf;  // the solid angle of the directions
-    F distance;     // to the first point of the sphere
-    F far;          // to the last
-    F cos_light;    // of -wi to the outward normal there: negative where the inside is seen
+    Vec3<F> wi;      // unit
+    F inverse_pdf;   // the solid angle of the directions
+    F distance;      // to the first point of the sphere
+    F far;           // to the last
+    F cos_light;     // of -wi to the outward normal there: negative where the inside is seen
+    Vec3<F> across;  // what lies at right angles to wi of the normal at either point
 };
 
 // The sphere as seen from p. p is outside where |p - centre|^2 - r^2 > 0 as `excess` rounds it:
@@ -59,6 +60,9 @@ VR_HD SphereLightSample<F> sample_sphere_light(const Record* record, Vec3<F> p, 
     s.distance = select(outside | (middle < F(0.f)), near, far);
     s.far = max(near, far);
     s.cos_light = select(outside, half, -half) / F(record[6]);
+    const F sine2 = fma(local.x, local.x, local.y * local.y);
+    s.across =
+        fma(a, local.x * local.z, fma(b, local.y * local.z, axis * -sine2)) * (d / record[6]);
     return s;
 }
 
@@ -94,7 +98,9 @@ struct SphereLight : LightShape<L> {
                 select(across, at.far * F(kShadowShorten), at.distance),
                 at.wi,
                 nobody,
-                select(across, U(~0u), as_uint(row(kLightPrimitive)))};
+                select(across, U(~0u), as_uint(row(kLightPrimitive))),
+                as_uint(row(kLightPrimitive)),
+                fma(at.wi, select(across, at.cos_light, -at.cos_light), at.across)};
     }
     template <class Row>
     static VR_HD Pdf pdf_li(const Row& row, const Hit& at) {

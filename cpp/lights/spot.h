@@ -9,6 +9,8 @@ namespace veriray {
 
 inline constexpr uint32_t kSpotCutoff = kLightE1;          // radians
 inline constexpr uint32_t kSpotInverse = kSpotCutoff + 1;  // 1 / (cutoff - beam)
+// Of an image, in front of the light on the plane at distance 1: 3 columns each.
+inline constexpr uint32_t kSpotImageU = kLightE2, kSpotImageV = kLightMore;
 
 // Sine and cosine of an angle in degrees in [0, 180], by halving and Taylor series: the same on
 // every machine.
@@ -33,7 +35,7 @@ template <class L>
 struct SpotLight : PointLight<L> {
     VR_LIGHT_SHAPE(PointLight<L>);
     static constexpr const char *kName = "spot", *kFeature = "delta_lights";
-    static constexpr bool kAimed = true, kCone = true;
+    static constexpr bool kAimed = true, kCone = true, kImage = true;
 
     // By sine and cosine: a cosine alone does not tell small angles apart.
     template <class Row>
@@ -42,6 +44,10 @@ struct SpotLight : PointLight<L> {
         const F off = angle(-dot(wi, axis), sqrt(dot(across, across)));
         const F edge = (row(kSpotCutoff) - off) * row(kSpotInverse);
         return max(min(edge, F(1.f)), F(0.f));
+    }
+    template <class Row>
+    static VR_HD void image(const Row& row, V wi, F& u, F& v) {
+        Base::on_image(row, kSpotImageU, kSpotImageV, wi, u, v);
     }
     // Uniform in the cone.
     template <class Row>
@@ -74,6 +80,8 @@ struct SpotLight : PointLight<L> {
         at(kSpotCutoff) = static_cast<float>(s.cutoff * (kPiDouble / 180));
         const double width = (s.cutoff - s.beam) * (kPiDouble / 180);
         at(kSpotInverse) = static_cast<float>(width > 1e-9 ? 1 / width : 1e9);
+        Base::write3(at, kSpotImageU, s.image_u);
+        Base::write3(at, kSpotImageV, s.image_v);
     }
 };
 

@@ -103,6 +103,11 @@ void check_input(const SceneInput& in) {
                  "holds cutoff " + number(cutoff) + " and beam " + number(beam) +
                      "; allowed: 0 <= beam <= cutoff <= 180 degrees");
     }
+    for (size_t i = 0; i < in.light_kind.count; ++i)
+        if (kLights[shape_of_kind(in.light_kind.data[i])].framed)
+            for (size_t k = 0; k < 2; ++k)
+                if (!(length(row3(in.light_image, 2 * i + k)) > 0))
+                    fail("light_image", i, "holds a row of zeros");
     for (size_t t = 0; t < in.textures_rows(); ++t) {
         const uint32_t kind = in.texture_kind.data[t];
         if (kind == kVertexAttribute || kind == kFaceAttribute) {

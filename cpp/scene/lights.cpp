@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "scene/box_pairs.h"
+#include "scene/light_texture.h"
 
 namespace veriray {
 namespace {
@@ -95,10 +96,8 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
     for (const uint32_t q : lights) {
         if (!in.light_has_place(q)) continue;
         const Double3 p = (row3(in.light_position, q) - centre) * (1 / unit);
-        const float* rgb = in.light_intensity.data + 3 * q;
         const double most = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
-        lamps.push_back(
-            {p, std::max({rgb[0], rgb[1], rgb[2]}), std::max(most * 0x1p-22, 0x1p-40), path});
+        lamps.push_back({p, most_intense(in, q), std::max(most * 0x1p-22, 0x1p-40), path});
         add(lamps.back());
     }
     // The distance from a lamp within which primitives matter; rounding is added.
@@ -126,6 +125,51 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
         add(lamp);
     }
     return brightest;
+}
+
+// The largest number that the radiance of a light with that texture is multiplied by.
+float HostScene::most_of_texture(const SceneInput& in, int32_t texture) const {
+    return texture < 0 ? 1.f : light_texture(in, texture).largest();
+}
+const LightTexture& HostScene::light_texture(const SceneInput& in, int32_t texture) const {
+    std::shared_ptr<LightTexture>& known = light_textures_[texture];
+    if (!known) known = std::make_shared<LightTexture>(in, static_cast<size_t>(texture));
+    return *known;
+}
+
+// The largest intensity of a light without extent in any channel and direction.
+double HostScene::most_intense(const SceneInput& in, size_t q) const {
+    const float* rgb = in.light_intensity.data + 3 * q;
+    double most = static_cast<double>(std::max({rgb[0], rgb[1], rgb[2]}) *
+                                      most_of_texture(in, in.light_texture.data[q]));
+    if (kLights[shape_of_kind(in.light_kind.data[q])].framed) {
+        double square = 1;  // of the distance of the image's corners
+        for (size_t k = 0; k < 2; ++k) {
+            const Double3 a = row3(in.light_image, 2 * q + k);
+            square += 0.25 / dot(a, a);
+        }
+        most *= square * std::sqrt(square);
+    }
+    return most;
+}
+
+// The mean of a lamp's texture over it.
+double HostScene::mean_of_texture(const SceneInput& in, const AreaLight& light, int32_t t) const {
+    const PrimitiveSource& source = sources[light.primitive];
+    if (source.group != kTriangleGroup) return light_texture(in, t).mean();
+    const Flat shape = shape_of(in, light);
+    std::vector<Double3> corners;
+    for (const uint32_t primitive : {light.primitive, light.other})
+        for (uint32_t k = 0; k < shape.corners; ++k) {
+            const float* map = &uv[size_t{primitive} * kUvFloats];
+            double at[2];
+            for (int c = 0; c < 2; ++c) {
+                const auto g = [&](int i) { return static_cast<double>(map[4 * c + i]); };
+                at[c] = dot({g(0), g(1), g(2)}, shape.v[k]) + g(3);
+            }
+            corners.push_back({at[0], at[1], 0});
+        }
+    return light_texture(in, t).mean(corners);
 }
 
 // Selection probabilities are in proportion to emitted power, in units of 2^-24, at least one each.
@@ -157,6 +201,7 @@ void HostScene::set_lights(const SceneInput& in) {
         far.push_back(site != kOnSurface && site != kAtPoint);
         (far[k] ? far_power : near_power) += power[k];
     }
+    if (!(near_power + far_power > 0)) power.assign(l.count, 1), near_power = l.count;
     // Light from far away is counted over the whole scene, of which lamps may light a small part:
     // beside these it gets half of the chances at most.
     if (near_power > 0 && far_power > near_power)
@@ -209,14 +254,14 @@ void HostScene::set_lights(const SceneInput& in) {
     brightest = std::max(brightest, largest(in.sky_texels.data, 3 * in.sky_texels.count));
     for (const AreaLight& a : lit)
         for (int k = 0; k < 3; ++k)
-            brightest =
-                std::max(brightest, in.emissions.data[3 * sources[a.primitive].emission + k]);
-    for (const uint32_t q : delta)
-        for (int k = 0; k < 3; ++k) {
-            const double intensity = in.light_intensity.data[3 * q + k];
-            const double far = in.light_has_place(q) ? unit / 64 : 1;
-            brightest = std::max(brightest, static_cast<float>(intensity / (far * far)));
-        }
+            brightest = std::max(
+                brightest,
+                in.emissions.data[3 * sources[a.primitive].emission + k] *
+                    most_of_texture(in, in.emission_texture.data[sources[a.primitive].emission]));
+    for (const uint32_t q : delta) {
+        const double far = in.light_has_place(q) ? unit / 64 : 1;
+        brightest = std::max(brightest, static_cast<float>(most_intense(in, q) / (far * far)));
+    }
     brightest = brightest_receiver(in, delta, brightest);
     int exponent = 0;
     if (brightest > 0) std::frexp(brightest, &exponent);
@@ -233,6 +278,7 @@ void HostScene::put_light(const LightSource& s, double chance, float* row, size_
     at(kLightShape) = static_cast<float>(s.shape);
     at(kLightInverse) = static_cast<float>(per / chance);
     at(kLightPrimitive) = bit_cast<float>(s.primitive);
+    at(kLightTexture) = static_cast<float>(s.texture);
     for (uint32_t k = 0; k < 3; ++k) at(kLightRadiance + k) = s.radiance[k];
     with_shape(s.shape, [&](auto shape) { shape.write(s, at); });
     view.features |= lights(shape_bit(s.shape));
@@ -245,6 +291,7 @@ void HostScene::put_light(const LightSource& s, double chance, float* row, size_
 LightSource HostScene::light_source(const SceneInput& in, const AreaLight& light) const {
     const PrimitiveSource& source = sources[light.primitive];
     LightSource s{};
+    s.texture = in.emission_texture.data[source.emission];
     s.shape = source.group == kSphereGroup                    ? kSphereLight
               : source.group == kDiskGroup                    ? kDiskLight
               : light.rectangle                               ? kRectangleLight
@@ -253,6 +300,7 @@ LightSource HostScene::light_source(const SceneInput& in, const AreaLight& light
     s.area = light.area;
     std::copy_n(in.emissions.data + 3 * source.emission, 3, s.radiance);
     s.strength = sum3(s.radiance);
+    if (s.texture >= 0) s.strength *= mean_of_texture(in, light, s.texture);
     s.primitive = light.primitive, s.other = light.other;
     return s;
 }
@@ -293,21 +341,27 @@ void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSo
 // A light that no ray meets.
 LightSource HostScene::light_source(const SceneInput& in, uint32_t q) const {
     LightSource s{};
+    s.texture = in.light_texture.data[q];
     s.shape = shape_of_kind(in.light_kind.data[q]);
     const double scale = in.light_has_place(q) ? 1 / (unit * unit) : 1;
     const float* intensity = in.light_intensity.data + 3 * q;
     for (int k = 0; k < 3; ++k) s.radiance[k] = static_cast<float>(intensity[k] * scale);
     s.strength = sum3(intensity) * scale;
+    if (s.texture >= 0) s.strength *= light_texture(in, s.texture).mean();
     const Double3 p = (row3(in.light_position, q) - centre) * (1 / unit);
     const Double3 d =
         kLights[s.shape].aimed ? normalised(row3(in.light_direction, q)) : Double3{0, 0, 1};
     s.p = {p.x, p.y, p.z}, s.n = {d.x, d.y, d.z};
+    const Double3 a = row3(in.light_image, 2 * q), b = row3(in.light_image, 2 * q + 1);
+    s.image_u = {a.x, a.y, a.z}, s.image_v = {b.x, b.y, b.z};
+    s.area = 1 / (length(a) * length(b));  // of a projector
     s.cutoff = in.light_angles.data[2 * q], s.beam = in.light_angles.data[2 * q + 1];
     return s;
 }
 
 LightSource HostScene::sky_source(const SceneInput& in) {
     LightSource s{};
+    s.texture = -1;
     if (in.sky_texels.count) {
         s.shape = kImageSky;
         s.strength = set_sky_map(in);

@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <map>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -169,6 +171,8 @@ struct AreaLight {
     double area;
 };
 
+class LightTexture;
+
 class HostScene {
    public:
     explicit HostScene(const SceneInput& in);
@@ -250,6 +254,10 @@ class HostScene {
     LightSource light_source(const SceneInput& in, uint32_t q) const;
     LightSource sky_source(const SceneInput& in);
     double set_sky_map(const SceneInput& in);
+    const LightTexture& light_texture(const SceneInput& in, int32_t texture) const;
+    float most_of_texture(const SceneInput& in, int32_t texture) const;
+    double most_intense(const SceneInput& in, size_t q) const;
+    double mean_of_texture(const SceneInput& in, const AreaLight& light, int32_t texture) const;
     void place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const;
     void put_light(const LightSource& s, double chance, float* row, size_t stride);
     void set_first_occluder();
@@ -258,8 +266,9 @@ class HostScene {
     template <class Density>
     void tabulate_filter(Density density, double reach, double scale);
 
-    std::vector<Flat> flats_;      // of a scene without a tree
-    bool has_normals_ = false;     // some that are not zero
+    std::vector<Flat> flats_;   // of a scene without a tree
+    bool has_normals_ = false;  // some that are not zero
+    mutable std::map<int32_t, std::shared_ptr<LightTexture>> light_textures_;  // while it is built
     std::vector<uint8_t> turned_;  // triangles turned so that their normals point out of the front
 };
 

@@ -160,6 +160,9 @@ void HostScene::set_surfaces(const SceneInput& in) {
                                (in.relief_mirrored.data[m] ? kReliefMirrored : 0u)));
         for (uint32_t k = 0; k < 3 && emission >= 0; ++k)
             put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
+        const int32_t image = emission >= 0 ? in.emission_texture.data[emission] : -1;
+        put(kSurfaceRadianceTexture, static_cast<float>(image));
+        if (image >= 0) view.features |= kTextures | kLightTextures;
         put(kSurfaceTwoSided, in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f);
         put(kSurfaceKind, static_cast<float>(kind));
         const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;

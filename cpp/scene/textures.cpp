@@ -13,9 +13,13 @@ namespace {
 // triangle by half of it per coordinate.
 constexpr double kRounded = 0x1p-24;
 
-// Whether fits(texture) holds of a texture of a material or of the other one of its blend.
+// Whether fits(texture) holds of a texture of a face: of its material, the other one of its blend,
+// or its emission.
 template <class Fits>
-bool some_texture(const SceneInput& in, uint32_t material, Fits fits) {
+bool some_texture(const SceneInput& in, uint32_t material, int32_t emission, Fits fits) {
+    if (emission >= 0 && in.emission_texture.data[emission] >= 0 &&
+        fits(in.emission_texture.data[emission]))
+        return true;
     return in.either(material, [&](uint32_t m) {
         bool any = false;
         const auto look = [&](int32_t texture) { any |= texture >= 0 && fits(texture); };
@@ -95,9 +99,9 @@ std::array<Double3, 3> HostScene::corner_uv(const SceneInput& in, const Flat& f)
 // Whether two triangles of one material in one plane map points to a texture alike.
 bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const {
     if (!has_tangents(in, a.material) &&
-        !some_texture(in, a.material, [](int32_t) { return true; }))
+        !some_texture(in, a.material, a.emission, [](int32_t) { return true; }))
         return true;
-    if (some_texture(in, a.material,
+    if (some_texture(in, a.material, a.emission,
                      [&](int32_t t) { return is_attribute(in, static_cast<size_t>(t)); }))
         return false;
     const auto from = corner_uv(in, a), to = corner_uv(in, b);
@@ -241,7 +245,9 @@ void HostScene::put_tangents(const SceneInput& in, size_t primitive) {
 }
 
 void HostScene::set_textures(const SceneInput& in) {
-    if (!(view.features & (kTextures | kTangents))) return;
+    for (size_t q = 0; q < in.light_texture.count; ++q)
+        if (in.light_texture.data[q] >= 0) view.features |= kLightTextures;
+    if (!(view.features & (kTextures | kTangents | kLightTextures))) return;
     const size_t count = in.textures_rows();
     const uint32_t stride = padded(count);
     textures.assign(size_t{kTextureColumns} * stride, 0.f);
@@ -265,6 +271,8 @@ void HostScene::set_textures(const SceneInput& in) {
     }
     std::copy_n(in.texels.data, in.texels.count, texels.begin() + kCodeWords);
     set_attributes(in);
+    view.textures = {textures.data(), stride, static_cast<uint32_t>(count), texels.data()};
+    if (!(view.features & (kTextures | kTangents))) return;  // on no surface
     uv.assign(sources.size() * kUvFloats, 0.f);
     in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
         for (size_t i = first; i < last; ++i) put_uv(in, i);
@@ -277,7 +285,6 @@ void HostScene::set_textures(const SceneInput& in) {
         });
         view.tangents = tangents.data();
     }
-    view.textures = {textures.data(), stride, static_cast<uint32_t>(count), texels.data()};
 }
 
 }  // namespace veriray

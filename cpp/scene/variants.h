@@ -9,9 +9,9 @@ namespace veriray {
 inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
 // Features that the variants of scenes without any of them are compiled without, so that these
 // scenes do not pay for them.
-inline constexpr FeatureMask kRich = kTextures | kHidden | kAlbedoGrids | kUnevenMedia | kBlend |
-                                     kAttributes | kTangents | materials(kRoughKinds) |
-                                     lights(kRichShapes);
+inline constexpr FeatureMask kRich = kTextures | kLightTextures | kHidden | kAlbedoGrids |
+                                     kUnevenMedia | kBlend | kAttributes | kTangents |
+                                     materials(kRoughKinds) | lights(kRichShapes);
 inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
 inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
 inline constexpr FeatureMask kMeshLights = lights(kMeshShapes), kNearLights = lights(kNearShapes),

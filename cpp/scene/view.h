@@ -74,14 +74,15 @@ enum SurfaceColumn : uint32_t {
 // The texture that gives it; -1: none.
 #define VR_TEXTURABLE(name) kSurface_##name##_texture,
 #include "schema/materials.def"
-    kSurfaceTextured,                         // a bit for each of these that is there
-    kSurfaceRelief,                           // the texture that turns normals; -1: none
-    kSurfaceReliefTraits,                     // ReliefTrait
-    kSurfaceRadiance,                         // emitted by the front: 3 columns
-    kSurfaceTwoSided = kSurfaceRadiance + 3,  // 1 or 0
-    kSurfaceKind,                             // MaterialKind
-    kSurfaceInside,                           // medium behind; -1: no change of medium
-    kSurfaceOutside,                          // medium in front
+    kSurfaceTextured,                                // a bit for each of these that is there
+    kSurfaceRelief,                                  // the texture that turns normals; -1: none
+    kSurfaceReliefTraits,                            // ReliefTrait
+    kSurfaceRadiance,                                // emitted by the front: 3 columns
+    kSurfaceRadianceTexture = kSurfaceRadiance + 3,  // that this is multiplied by; -1: none
+    kSurfaceTwoSided,                                // 1 or 0
+    kSurfaceKind,                                    // MaterialKind
+    kSurfaceInside,                                  // medium behind; -1: no change of medium
+    kSurfaceOutside,                                 // medium in front
     kSurfaceOther,    // row of the other material of a blend; bits, ~0: none
     kSurfaceColumns,  // then, where a material has a rough coat, kCoatCells + 1 of its table
 };

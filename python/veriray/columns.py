@@ -66,7 +66,7 @@ PRINCIPLED = {
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
 SCATTERING_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.scatters)
-LIGHT_KINDS = ("point", "spot", "directional")
+LIGHT_KINDS = ("point", "spot", "directional", "projector")
 #: Names of the values of `texture_kind`, `texture_wrap`, `texture_filter` and `texture_format`.
 TEXTURE_KINDS = ("bitmap", "checkerboard", "vertex_attribute", "face_attribute")
 TEXTURE_WRAPS = ("repeat", "mirror", "clamp")
@@ -226,7 +226,8 @@ _ALWAYS_HASHED: dict[str, Column] = {
         doc="of unit length: the way the light goes",
     ),
     "light_intensity": Column(
-        "lights", np.float32, (3,), 1.0, 0.0, doc="of a directional light the irradiance across it"
+        "lights", np.float32, (3,), 1.0, 0.0,
+        doc="of a directional light the irradiance across it, of a projector that at distance 1",
     ),
     "light_angles": Column(
         "lights", np.float64, (2,), (20.0, 15.0), 0.0, 180.0,
@@ -301,6 +302,17 @@ _HASHED_IF_SET: dict[str, Column] = {
         f"{name}_texture": _index("materials", "textures", -1, doc=f"gives {name}; -1: none does")
         for name in TEXTURABLE
     },
+    "emission_texture": _index(
+        "emissions", "textures", -1, doc="what its radiance is multiplied by; -1: nothing"
+    ),
+    "light_texture": _index(
+        "lights", "textures", -1, doc="what the intensity of a spot or projector is multiplied by"
+    ),
+    "light_image": Column(
+        "lights", np.float64, (2, 3), 0.0, -_BIG, _BIG,
+        doc="rows a and b: along d, which is 1 along the light's direction, an image is read at "
+        "u = 1/2 + a.d and v = 1/2 + b.d; a projector lights where both are in [0, 1]",
+    ),
     "alpha_u": Column(
         "materials", np.float32, (), 0.1, MIN_ALPHA, MAX_ALPHA,
         doc="root mean square slope of a rough surface, along its tangent",
@@ -528,6 +540,13 @@ def _check_lights(arrays: Mapping[str, Array]) -> None:
     row = _first((kinds != LIGHT_KINDS.index("point")) & ~(np.abs(lengths - 1) <= 1e-3))
     if row is not None:
         raise SceneError(f"light_direction[{row}] has length {lengths[row]:g}, expected 1")
+    projector = kinds == LIGHT_KINDS.index("projector")
+    row = _first(projector & ~(_lengths(arrays["light_image"]) > 0).all(axis=1))
+    if row is not None:
+        raise SceneError(
+            f"light_image[{row}] = {arrays['light_image'][row].tolist()} of a projector; expected "
+            "two rows that are not 0"
+        )
     cutoff, beam = arrays["light_angles"].T
     row = _first((kinds == LIGHT_KINDS.index("spot")) & ~((cutoff > 0) & (beam <= cutoff)))
     if row is not None:
@@ -535,6 +554,15 @@ def _check_lights(arrays: Mapping[str, Array]) -> None:
             f"light_angles[{row}] = {[float(cutoff[row]), float(beam[row])]}; expected a cutoff in "
             "(0, 180] and a beam width in [0, cutoff]"
         )
+
+
+def _of_materials(arrays: Mapping[str, Array]) -> Array:
+    """Which textures give numbers of materials, and so are shares."""
+    used = np.zeros(len(arrays["texture_kind"]), np.bool_)
+    for name in TEXTURABLE:
+        rows = arrays[f"{name}_texture"]
+        used[rows[rows >= 0]] = True
+    return used
 
 
 #: Bytes of a texel by format, of colours and of grey.
@@ -553,6 +581,7 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
                 f"{len(arrays[table])} {table} ends at {ends[row]}; there are {given} "
                 "attribute_values"
             )
+    share = _of_materials(arrays)
     for row in np.flatnonzero(arrays["texture_kind"] == TEXTURE_KINDS.index("bitmap")).tolist():
         name = TEXTURE_FORMATS[formats[row]]
         size = TEXEL_BYTES[formats[row]][int(arrays["texture_grey"][row])]
@@ -568,11 +597,12 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
         if name.endswith("8"):
             continue
         texels: Array = words[first:last].view("f2" if name == "half" else "f4")
-        bad = _first(~((texels >= 0) & (texels <= 1)))
+        high = np.float32(1 if share[row] else np.finfo(np.float32).max)
+        bad = _first(~((texels >= 0) & (texels <= high)))
         if bad is not None:
             raise SceneError(
                 f"texels[{first + bad * texels.itemsize // 4}] of texture {row} holds "
-                f"{texels[bad]:g}, outside [0, 1]"
+                f"{texels[bad]:g}, outside [0, {high:g}]"
             )
     frames = arrays["sphere_frame"].astype(np.float64)
     products = (frames[:, :, None, :] * frames[:, None, :, :]).sum(axis=3)

@@ -59,8 +59,8 @@ class SceneArrays:
     light_kind (Q,) uint32: of LIGHT_KINDS
     light_position (Q, 3) float64: world units (default 0.0)
     light_direction (Q, 3) float64: of unit length: the way the light goes (default (0.0, 0.0, 1.0))
-    light_intensity (Q, 3) float32: of a directional light the irradiance across it (in [0,
-        infinity), default 1.0)
+    light_intensity (Q, 3) float32: of a directional light the irradiance across it, of a projector
+        that at distance 1 (in [0, infinity), default 1.0)
     light_angles (Q, 2) float64: a spot's cutoff and beam width, degrees from its axis (in [0, 180],
         default (20.0, 15.0))
     uv (V, 2) float32: texture coordinates u and v (in [-1e+30, 1e+30], default 0.0)
@@ -111,6 +111,13 @@ class SceneArrays:
     anisotropic_texture (M,) int32: gives anisotropic; -1: none does (index of textures, default -1)
     blend_weight_texture (M,) int32: gives blend_weight; -1: none does (index of textures, default
         -1)
+    emission_texture (E,) int32: what its radiance is multiplied by; -1: nothing (index of textures,
+        default -1)
+    light_texture (Q,) int32: what the intensity of a spot or projector is multiplied by (index of
+        textures, default -1)
+    light_image (Q, 2, 3) float64: rows a and b: along d, which is 1 along the light's direction, an
+        image is read at u = 1/2 + a.d and v = 1/2 + b.d; a projector lights where both are in [0,
+        1] (default 0.0)
     alpha_u (M,) float32: root mean square slope of a rough surface, along its tangent (in [5e-05,
         10], default 0.1)
     alpha_v (M,) float32: likewise, across its tangent (in [5e-05, 10], default 0.1)
@@ -236,6 +243,9 @@ class SceneArrays:
     clearcoat_gloss_texture: Array = _NONE
     anisotropic_texture: Array = _NONE
     blend_weight_texture: Array = _NONE
+    emission_texture: Array = _NONE
+    light_texture: Array = _NONE
+    light_image: Array = _NONE
     alpha_u: Array = _NONE
     alpha_v: Array = _NONE
     distribution: Array = _NONE

@@ -1187,6 +1187,48 @@ def textures() -> str:
     )  # fmt: skip
 
 
+@scene
+def textured_lamps() -> str:
+    """Lamps with bitmaps and checkerboards: rectangles, a disk, a ball."""
+    image = text("filename", "images/weave.png")
+
+    def shining(kind: str, *content: str, to_uv: str = "") -> str:
+        return diffuse(0.2) + emitter("area", texture(kind, *content, name="radiance", to_uv=to_uv))
+
+    board = rgb("color0", 1, 0.3, 0.2), rgb("color1", 0, 0.2, 0.8)
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(0, 0.5, 0.6, 0.5, diffuse(0.7, 0.5, 0.3))
+        + shape("rectangle", transform(scale(1.2, 0.8, 1), rotate("y", 60), translate(-2, 1.2, 0)),
+                shining("checkerboard", *board, to_uv=scale(2, 3, 1) + rotate("z", 20)))
+        + shape("disk", transform(scale(0.7), rotate("x", 100), translate(0.3, 2.2, -0.4)),
+                shining("checkerboard", *board, to_uv=scale(2, 4, 1)))
+        + shape("sphere", transform(scale(0.4), rotate("x", -70), translate(1.7, 1, 0.8)),
+                shining("bitmap", image, text("filter_type", "nearest")))
+        + shape("rectangle", transform(scale(0.4), rotate("y", 30), translate(-0.9, 0.45, 1.5)),
+                shining("bitmap", image, to_uv=scale(1.5, 0.5, 1)))
+    )  # fmt: skip
+
+
+@scene
+def projected_images() -> str:
+    """A projector with a bitmap, one of a colour, and spot lights with a bitmap and a board."""
+    image = text("filename", "images/weave.png")
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sphere(0, 0.7, 0, 0.7, diffuse(0.7, 0.5, 0.3))
+        + sky(0.05, 0.06, 0.07)
+        + emitter("projector", look_at((-3, 3, 2), (-0.5, 0, 0)), number("fov", 40),
+                  number("scale", 8), texture("bitmap", image, name="irradiance"))
+        + emitter("projector", look_at((1, 4, -2), (1.2, 0, -0.4)), number("fov", 20),
+                  text("fov_axis", "y"), rgb("irradiance", 1, 3, 4))
+        + emitter("spot", look_at((2.5, 4, 1), (0.9, 0, 0.6)), rgb("intensity", 60, 40, 30),
+                  texture("bitmap", image, text("wrap_mode", "clamp"), name="texture"))
+        + emitter("spot", look_at((-1, 3, 3), (-1, 0, 1.4)), rgb("intensity", 20, 20, 30),
+                  number("cutoff_angle", 25), number("beam_width", 24),
+                  texture("checkerboard", rgb("color0", 1), rgb("color1", 0.1), name="texture",
+                          to_uv=scale(2)))
+    )  # fmt: skip
+
+
 def brushed_by(along: float, across: float, *more: str, ggx: bool = False) -> tuple[str, ...]:
     """Parameters of a surface that is rougher in one direction than across."""
     named = [text("distribution", "ggx")] if ggx else []

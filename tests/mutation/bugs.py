@@ -60,8 +60,8 @@ _CHECKS = (
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
     "principled_surfaces", "principled_glass", "albedo_grid", "smoke",
     "brushed", "relief",
-    "point_in_medium", "point_light", "smooth_normals", "sphere_light",
-    "spheres_300", "spot_light", "textures", "blends", "attributes",
+    "point_in_medium", "point_light", "projected_images", "smooth_normals", "sphere_light",
+    "spheres_300", "spot_light", "textured_lamps", "textures", "blends", "attributes",
     "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
 _SECOND_FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="20"/>
@@ -131,6 +131,7 @@ _FACETS, _CLOSURE = "bsdfs/microfacet.h", "bsdfs/closure.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
 _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
 _SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directional"))
+_PROJECTOR = "lights/projector.h"
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 _TEXTURE, _TEXTURING = "textures/texture.h", "integrators/texturing.h"
 _GRID, _VOLUMES = "textures/grid.h", "integrators/volumes.h"
@@ -493,6 +494,24 @@ _TEXTURES = (
     Mutant("triangle's texture coordinates turned", "scene/textures.cpp",
            "cross(e2, m) * (value[1] - value[0])", "cross(e2, m) * (value[2] - value[0])",
            "textures"),
+    Mutant("texture of a lamp left out of light samples", _DIRECT,
+           "const M lamp = lanes & Sampler::template any_of<kLampShapes>(row, no_lanes(lanes));",
+           "const M lamp = no_lanes(lanes);"
+           " if (any(Sampler::template any_of<kLampShapes>(row, no_lanes(lanes)))) return;",
+           "textured_lamps"),
+    Mutant("texture of a lamp left out where it is met", _VERTEX,
+           "multiply(scene, index, at.uv, lit, emitted)",
+           "multiply(scene, index, at.uv, no_lanes(lit), emitted)", "textured_lamps"),
+    Mutant("texture of a ball that shines turned round where it is sampled", _ROUND_LIGHT,
+           "select(across, at.cos_light, -at.cos_light)",
+           "select(across, -at.cos_light, at.cos_light)", "textured_lamps"),
+    Mutant("image of a light off by a tenth of its height", _POINT,
+           "v = fma(dot(row.vector(column_v), wi), ahead, F(0.5f));",
+           "v = fma(dot(row.vector(column_v), wi), ahead, F(0.6f));", "projected_images"),
+    Mutant("projector by the square of the cosine", _PROJECTOR,
+           "one / (cosine * cosine * cosine)", "one / (cosine * cosine)", "projected_images"),
+    Mutant("projector's picture repeated beyond its edge", _PROJECTOR, "(u <= one)",
+           "(u <= one + one)", "projected_images"),
 )  # fmt: skip
 
 _BLENDS = (

@@ -166,6 +166,8 @@ _LIGHTS = (
            "select(excess > F(0.f), cone * F(1.02f), F(2.f))"),
     Mutant("edge of a spot 1 % too far", _SPOT, "s.cutoff * (kPiDouble / 180)",
            "1.01 * s.cutoff * (kPiDouble / 180)"),
+    Mutant("point on a lamp that is sampled off its texture by 1 %", _LAMP, "s.place = q;",
+           "s.place = fma(row.vector(kLightE1), F(0.01f), q);"),
     Mutant("sky met by camera rays alone", _VERTEX, _SKY,
            f"{_SKY} * select(path.pdf_sa == F(0.f), F(1.f), F(0.f))"),
     Mutant("half of the lights' chance kept for a sky", _LIGHT_TABLE, "(end - before) * 0x1p-24",

@@ -6,7 +6,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from .. import transform
 from ..camera import Camera, Film
 from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
-from ..numeric import check_rigid, view_angle
+from ..numeric import check_rigid, tan_half_degrees, view_angle
 from . import integrators, materials, textures, views, volumes
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
@@ -83,11 +83,13 @@ class _Builder:
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
         self.grids = volumes.Grids()
+        self.unbounded_nodes: dict[int, Node] = {}  # textures of lights and heights
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
         self.hides = False  # emitters, those too that emit nothing
         #: materials that have textures: what they read from meshes
         self.textured: dict[int, list[textures.Attribute]] = {}
+        self.textured_lamps: set[int] = set()  # emissions
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
 
     def search(self) -> None:
@@ -101,7 +103,7 @@ class _Builder:
         for node in known:
             self.attempt(self.children, node, True)
             self.attempt(check, node, self.report, every=True)
-        shapes = Shapes(self.textured)
+        shapes = Shapes(self.textured, self.textured_lamps)
         for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
@@ -228,7 +230,7 @@ class _Builder:
             self.check_medium(medium)
         for plain in (*parts["texture"], *parts["volume"]):
             self.check(plain)
-        shapes = Shapes(self.textured)
+        shapes = Shapes(self.textured, self.textured_lamps)
         for shape in parts["shape"]:
             self.shape(shape, shapes)
         for text, place in shapes.notes():
@@ -362,23 +364,9 @@ class _Builder:
                 ),
             )
             return camera, film, self.sampling(sampler)
-        fov, axis = values["fov"], values["fov_axis"]
-        focal = values["focal_length"]
-        if fov is not None and focal is not None:
-            text = "both fov and focal_length given, expected one of them"
-            raise SceneError(f"{node}: {text}", node.where)
+        fov, axis = self.field_of_view(node, values)
         if place is not None:
-            fov = views.FRAMING_FOV
-        if fov is None:
-            where = node.values["focal_length"].where if focal else node.where
-            focal = focal or "50mm"
-            number = re.sub(r"\s*mm\s*$", "", focal)
-            length = parse_float(number, f'{node}: "focal_length"', where)
-            if not 1e-3 <= length <= 1e6:
-                raise SceneError(
-                    f'{node}: "focal_length" = {shorten(focal)} is outside [0.001, 1e+06] mm', where
-                )
-            fov, axis = view_angle(_DIAGONAL_35_MM, length), "diagonal"
+            fov, axis = views.FRAMING_FOV, values["fov_axis"]
         offset = [values.get(f"principal_point_offset_{end}", 0.0) for end in "xy"]
         to_world = np.eye(4) if place is None else place
         to_world = to_world if values["to_world"] is None else values["to_world"]
@@ -407,6 +395,24 @@ class _Builder:
         _, given = self.check(node)
         kind = "sobol" if node.plugin in STRATIFIED else node.plugin
         return {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
+
+    def field_of_view(self, node: Node, values: dict[str, Any]) -> tuple[float, str]:
+        """The angle of a sensor or projector in degrees, and along what."""
+        fov, focal = values["fov"], values["focal_length"]
+        if fov is not None and focal is not None:
+            text = "both fov and focal_length given, expected one of them"
+            raise SceneError(f"{node}: {text}", node.where)
+        if fov is not None:
+            return fov, values["fov_axis"]
+        where = node.values["focal_length"].where if focal else node.where
+        focal = focal or "50mm"
+        number = re.sub(r"\s*mm\s*$", "", focal)
+        length = parse_float(number, f'{node}: "focal_length"', where)
+        if not 1e-3 <= length <= 1e6:
+            raise SceneError(
+                f'{node}: "focal_length" = {shorten(focal)} is outside [0.001, 1e+06] mm', where
+            )
+        return view_angle(_DIAGONAL_35_MM, length), "diagonal"
 
     def material(self, node: Node) -> materials.Row:
         """The row of a bsdf, made once."""
@@ -481,10 +487,11 @@ class _Builder:
         if len(found) != 1:
             raise SceneError(f"{node} has {len(found)} textures, expected 1, a bitmap", node.where)
         heights = node.plugin == "bumpmap"
-        row = self.texels.row(found[0], self.check(found[0])[1])
+        child = self.unbounded(found[0]) if heights else found[0]
+        row = self.texels.row(child, self.check(child)[1], shares=not heights)
         if row["texture_grey"] and not heights:
-            raise SceneError(f"{node}: a grey image holds no normals", found[0].where)
-        texture = self.tables.index("textures", found[0], row)
+            raise SceneError(f"{node}: a grey image holds no normals", child.where)
+        texture = self.tables.index("textures", child, row)
         return {"relief_texture": texture, "relief_heights": heights}
 
     def medium(self, node: Node) -> int:
@@ -582,7 +589,11 @@ class _Builder:
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]
             if _shines(radiance) or self.hides:
-                emission = self.tables.index("emissions", lamp, {"emissions": radiance})
+                image, _ = self.light_texture(lamp, "radiance")
+                shines = {"emissions": radiance, "emission_texture": image}
+                emission = self.tables.index("emissions", lamp, shines)
+                if image >= 0:
+                    self.textured_lamps.add(emission)
         media = self.boundary(node)
         if media != (-1, -1):
             boundary = self.tables.index("boundaries", media, {"boundaries": media})
@@ -592,9 +603,12 @@ class _Builder:
         return node, values, (material, emission, boundary), next(filter(None, solid), "")
 
     def light(self, node: Node) -> None:
-        """Adds a point, spot or directional light."""
+        """Adds a light that is not on a shape."""
         _, values = self.check(node)
         row = {"light_kind": LIGHT_KINDS.index(node.plugin), **materials.filled(node, values)}
+        if node.plugin == "projector":
+            colour = values["irradiance"] or (1.0, 1.0, 1.0)
+            row["light_intensity"] = tuple(math.pi * values["scale"] * x for x in colour)
         if not _shines(row["light_intensity"]):
             return
         matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
@@ -611,8 +625,9 @@ class _Builder:
             )
         elif given is not None:
             row["light_position"] = given
+        if node.plugin in ("spot", "projector"):
+            located(node, lambda: check_rigid(f"{node} to_world", f"a {node.plugin}", matrix))
         if node.plugin == "spot":
-            located(node, lambda: check_rigid(f"{node} to_world", "a spot", matrix))
             cutoff, beam = values["cutoff_angle"], values["beam_width"]
             beam = 0.75 * cutoff if beam is None else beam
             if not 0 < cutoff or beam > cutoff:
@@ -622,7 +637,58 @@ class _Builder:
                     node.where,
                 )
             row["light_angles"] = cutoff, beam
+            row |= self.spot_image(node, values, matrix)
+        elif node.plugin == "projector":
+            row |= self.projector_image(node, values, matrix)
         self.tables.index("lights", node, row)
+
+    def unbounded(self, child: Node) -> Node:
+        """A texture's node where its numbers may exceed 1."""
+        return self.unbounded_nodes.setdefault(id(child), replace(child))
+
+    def light_texture(self, node: Node, name: str) -> tuple[int, tuple[int, int]]:
+        """Index of the texture that a parameter of a light is, -1 for none, and its size."""
+        items = [item for item in node.children if item.name == name]
+        if not items:
+            return -1, (1, 1)
+        if name in node.values or len(items) > 1:
+            raise SceneError(f'{node}: "{name}" is given twice', items[-1].where)
+        child = self.unbounded(self.child(items[0], node))
+        row = self.texels.row(child, self.check(child)[1], shares=False)
+        if "attribute" in row:
+            raise SceneError(f"{node}: a {child.plugin} is not supported on lights", child.where)
+        size = row.get("texture_width", 1), row.get("texture_height", 1)
+        return self.tables.index("textures", child, row), size
+
+    def spot_image(self, node: Node, values: dict[str, Any], matrix: Array) -> dict[str, Any]:
+        """The columns of a spot's texture, which covers the square about its cone."""
+        if values["texture"] is not None:
+            raise SceneError(
+                f'{node}: "texture" is a colour, expected a texture; a colour belongs to intensity',
+                node.values["texture"].where,
+            )
+        image, _ = self.light_texture(node, "texture")
+        if image < 0:
+            return {}
+        cutoff = values["cutoff_angle"]
+        if cutoff >= 90:
+            raise SceneError(
+                f"{node}: cutoff_angle = {cutoff:g} with a texture; expected less than 90",
+                node.where,
+            )
+        half = tan_half_degrees(2 * cutoff)
+        return {"light_texture": image, "light_image": _on_plane(matrix, 0.5 / half, 0.5 / half)}
+
+    def projector_image(self, node: Node, values: dict[str, Any], matrix: Array) -> dict[str, Any]:
+        """The columns of a projector but for its place and direction."""
+        image, size = self.light_texture(node, "irradiance")
+        if image < 0 and values["irradiance"] is None:
+            raise SceneError(f'{node}: "irradiance" ({COLOUR} or texture) is missing', node.where)
+        fov, axis = self.field_of_view(node, values)
+        view = located(node, lambda: Camera(matrix, fov, axis))
+        halves = view.tan_half_x(*size), view.tan_half_y(*size)
+        axes = _on_plane(matrix, -0.5 / halves[0], -0.5 / halves[1])
+        return {"light_texture": image, "light_image": axes}
 
 
 _SKIES = ("constant", "envmap")
@@ -682,6 +748,12 @@ def _masked(row: materials.Row) -> bool:
 
 def _lets_through(row: materials.Row) -> bool:
     return _masked(row) or MATERIAL_KINDS[row["material_kind"]] not in OPAQUE_KINDS
+
+
+def _on_plane(matrix: Array, x: float, y: float) -> list[list[float]]:
+    """The first two axes of a rigid matrix, of lengths x and y."""
+    axes = (transform.unit(matrix[:3, k].tolist(), "") for k in (0, 1))
+    return [[x * a for a in next(axes)], [y * b for b in next(axes)]]
 
 
 def _shines(radiance: tuple[float, ...]) -> bool:

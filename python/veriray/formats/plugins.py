@@ -49,6 +49,7 @@ class Param:
     """One parameter: kind, default, range (without its ends if `open`), choices, meaning, and the
     column of the scene that it fills; "" for what `build` and `materials` convert.
 
+    light_texture: it is light, of which a texture may be a factor.
     note: what to say where another value than the default is given, which changes no light. beyond:
     a "share", "light" or "sign", of which Mitsuba takes values outside the range too (see
     `values`).
@@ -64,6 +65,7 @@ class Param:
     column: str = ""
     note: str = ""
     beyond: str = ""
+    light_texture: bool = False
 
     @property
     def accepted(self) -> tuple[str, ...]:
@@ -73,7 +75,7 @@ class Param:
     @property
     def texturable(self) -> bool:
         """Whether a texture may stand in its place."""
-        return self.column in TEXTURABLE
+        return self.column in TEXTURABLE or self.light_texture
 
 
 @dataclass(frozen=True)
@@ -399,7 +401,7 @@ PLUGINS: dict[str, Plugin] = {
         children={
             "integrator": (_INTEGRATORS, 0, 1),
             "sensor": ((*_SENSORS, "batch"), 0, _MANY),
-            "emitter": (("constant", "envmap", "point", "spot", "directional"), 0, _MANY),
+            "emitter": (("constant", "envmap", *LIGHT_KINDS), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
             "medium": (_MEDIA, 0, _MANY),
@@ -779,7 +781,11 @@ PLUGINS: dict[str, Plugin] = {
         },
         doc="Henyey and Greenstein",
     ),
-    "area": Plugin("emitter", {"radiance": _RADIANCE}, doc="emits on the shape's front side"),
+    "area": Plugin(
+        "emitter",
+        {"radiance": replace(_RADIANCE, light_texture=True)},
+        doc="emits on the shape's front side",
+    ),
     "constant": Plugin(
         "emitter",
         {"radiance": _RADIANCE},
@@ -826,9 +832,34 @@ PLUGINS: dict[str, Plugin] = {
             ),
             "cutoff_angle": Param("float", 20.0, 0.0, 180.0, doc="degrees from the axis to dark"),
             "beam_width": Param("float", None, 0.0, 180.0, doc="to the end of full light; 3/4"),
+            "texture": Param(
+                COLOUR,
+                None,
+                0.0,
+                light_texture=True,
+                doc="an image, factor on the intensity: it covers the tangents of directions up to "
+                "cutoff_angle, below 90",
+            ),
         },
-        unsupported={"texture": "textures are not supported"},
         doc="falls off linearly with the angle from beam_width to cutoff_angle",
+    ),
+    "projector": Plugin(
+        "emitter",
+        {
+            "to_world": Param("transform", doc="no scale; it shines along local +z"),
+            "irradiance": Param(
+                COLOUR,
+                None,
+                0.0,
+                beyond="light",
+                light_texture=True,
+                doc="on a plane across the axis at distance 1, over pi; its top is at local +y",
+            ),
+            "scale": Param("float", 1.0, 0.0, doc="factor on the irradiance"),
+            **{name: _PERSPECTIVE[name] for name in ("fov", "fov_axis", "focal_length")},
+        },
+        doc="the image that a perspective sensor would see, from a point; a texture states its "
+        "ratio of sides, 1 without texels",
     ),
     "directional": Plugin(
         "emitter",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -63,9 +63,14 @@ class Shapes:
 
     TABLES = ("vertices", "triangles", "spheres", "disks")
 
-    def __init__(self, textured: Mapping[int, list[Attribute]] | None = None) -> None:
+    def __init__(
+        self,
+        textured: Mapping[int, list[Attribute]] | None = None,
+        textured_lamps: Collection[int] = (),
+    ) -> None:
         #: materials with textures: what they read from meshes
         self.textured = {} if textured is None else textured
+        self.textured_lamps = textured_lamps  # emissions
         #: of meshes that such a material is on: first vertex and triangle, node, mesh, attributes
         self.attributed: list[tuple[int, int, Node, mesh.Mesh, list[Attribute]]] = []
         self.names: list[str] = []
@@ -296,7 +301,8 @@ class Shapes:
         if uv is not None and values.get("flip_tex_coords"):
             uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
         found = mesh.Mesh(vertices, faces, normals, uv, loaded.attributes)
-        if uv is None and surface[2][0] in self.textured:
+        material, emission, _ = surface[2]
+        if uv is None and (material in self.textured or emission in self.textured_lamps):
             return mesh.barycentric(found, loaded.triangles)
         return found
 

@@ -53,15 +53,16 @@ class Texels:
         self.report = report
         self.words: list[Array] = []
         self.count = 0
-        self.known: dict[tuple[str, bool], materials.Row] = {}
+        self.known: dict[tuple[str, bool, bool], materials.Row] = {}
         self.rows: dict[int, materials.Row] = {}
 
     def array(self) -> Array | None:
         """The column `texels`; None without any."""
         return np.concatenate(self.words) if self.words else None
 
-    def row(self, node: Node, values: dict[str, Any]) -> materials.Row:
-        """The row of a texture, made once; values: its checked parameters."""
+    def row(self, node: Node, values: dict[str, Any], *, shares: bool = True) -> materials.Row:
+        """The row of a texture, made once; values: its checked parameters. shares: its texels may
+        not exceed 1; those of lights and heights may, which have nodes of their own."""
         found = self.rows.get(id(node))  # the caller keeps the node, and so its id
         if found is None:
             if node.plugin == "mesh_attribute":
@@ -74,11 +75,11 @@ class Texels:
                     **materials.filled(node, values),
                 }
             if node.plugin == "bitmap":
-                found |= self._bitmap(node, values)
+                found |= self._bitmap(node, values, shares)
             self.rows[id(node)] = found
         return found
 
-    def _bitmap(self, node: Node, values: dict[str, Any]) -> materials.Row:
+    def _bitmap(self, node: Node, values: dict[str, Any], shares: bool) -> materials.Row:
         given = [name for name in _SOURCES if values[name] is not None]
         if len(given) != 1:
             raise SceneError(
@@ -88,17 +89,19 @@ class Texels:
             )
         where, raw = node.values[given[0]].where, values["raw"]
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
-        stored = self.known.get((str(path), raw)) if path is not None else None
+        stored = self.known.get((str(path), raw, shares)) if path is not None else None
         if stored is None:
             if path is None:
                 image = images.from_array(values[given[0]], where, raw=raw or given[0] == "data")
             else:
                 image = images.read(path, where, raw=raw)
             name = shorten(str(path)) if path else "the image"
-            texels = _shares(node, image.texels, name, where, self.report)
+            texels = (_shares if shares else _positive)(
+                node, image.texels, name, where, self.report
+            )
             stored = self._store(images.Image(texels, image.encoded))
             if path is not None:
-                self.known[str(path), raw] = stored
+                self.known[str(path), raw, shares] = stored
         return {
             **stored,
             "texture_wrap": TEXTURE_WRAPS.index(values["wrap_mode"]),
@@ -199,3 +202,10 @@ def _shares(node: Node, texels: Array, name: str, where: str, report: Report) ->
         where,
     )
     return texels.clip(0, 1)
+
+
+def _positive(node: Node, texels: Array, name: str, where: str, report: Report) -> Array:
+    """Texels that may exceed 1."""
+    if float(texels.min()) < 0:
+        raise SceneError(f"{node}: {name} holds {float(texels.min()):g}, below 0", where)
+    return texels

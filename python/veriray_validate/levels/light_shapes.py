@@ -180,6 +180,17 @@ def spot() -> Shape:
     return Shape(columns, flux, way=way)
 
 
+def projector() -> Shape:
+    """A projector at P along AXIS."""
+    a, b = across(AXIS) * [[0.8], [-1.7]]
+
+    def way(p: Array, d: Array) -> Square:
+        return 0.5 + (d @ a) / (d @ AXIS), 0.5 + (d @ b) / (d @ AXIS)
+
+    area = float(1 / (np.linalg.norm(a) * np.linalg.norm(b)))
+    return Shape(single(np.concatenate([P, a, b, AXIS])), area, area, way=way)
+
+
 def of_image(p: Array, d: Array) -> Square:
     """Directions from the sky of hooks.h to the unit square.
 
@@ -209,6 +220,7 @@ SHAPES = {
                           way=lambda p, d: everywhere(d), power=3),
     "image_sky": Shape(np.array([*np.eye(3).ravel(), 0, 0, 0]), 12 * math.pi**2, place=on_disk,
                        way=of_image, power=3),
+    "projector": projector(),
 }  # fmt: skip
 NUMBER = {name: k for k, name in enumerate(SHAPES)}
 LAMPS = [name for name, shape in SHAPES.items() if shape.meets]

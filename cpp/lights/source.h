@@ -1,0 +1,22 @@
+// What a light is on the host, which gives it to its shape.
+#pragma once
+
+#include "core/vec.h"
+
+namespace veriray {
+
+struct LightSource {
+    uint32_t shape;
+    double area;                    // of lamps
+    double cutoff, beam;            // degrees
+    float radiance[3];              // intensity over squared length, or irradiance across the beam
+    double strength;                // sum of the channels, of a texture the mean
+    int32_t texture;                // -1: none
+    Vec3<double> image_u, image_v;  // of lights at a point: where in an image a direction is
+    Vec3<double> p, e1, e2, n;
+    float offset;
+    uint32_t primitive = ~0u, other = ~0u;  // that rays meet; the second triangle of a pair
+    float record[8], side;                  // of a sphere (sphere.h)
+};
+
+}  // namespace veriray

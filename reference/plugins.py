@@ -16,7 +16,6 @@ import numpy as np
 from lxml import etree
 
 from reference import shapes, textures
-from reference.materials import diffuse_fresnel
 from reference.principled import SHARES
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
 from reference.skies import Sky, read_texels
@@ -222,9 +221,9 @@ class _Reader(Document):
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
             "mask", "twosided", "roughconductor", "roughplastic", "roughdielectric", "principled",
-            "polarizer", "circular", "retarder", "pplastic",
+            "polarizer", "circular", "retarder",
         )  # fmt: skip
-        if kind in ("mask", "twosided", "polarizer", "circular", "retarder", "pplastic"):
+        if kind in ("mask", "twosided", "polarizer", "circular", "retarder"):
             return getattr(self, kind)(element)
         return Material(**{"kind": kind, **getattr(self, kind)(element)})
 
@@ -248,22 +247,6 @@ class _Reader(Document):
         values = self.parameters(element, transmittance=self.colour(1.0))
         through = share * values.get("transmittance", np.ones(3))
         return Material(kind="thindielectric", eta=np.ones(3), specular_transmittance=through)
-
-    def pplastic(self, element: etree._Element) -> Material:
-        """Without polarisation: the coat of roughplastic alone, or light that enters the base of
-        plastic and leaves it at once."""
-        colours = {
-            child.get("name"): self.colour(1.0)(child)
-            for child in element
-            if str(child.get("name")).endswith("_reflectance")
-        }
-        if not np.any(colours.get("diffuse_reflectance", 0.5)):
-            return Material(kind="roughplastic", **self.roughplastic(element))
-        if np.any(colours.get("specular_reflectance", 1.0)):
-            raise self.error(element, "pplastic of a coat and a base")
-        values = self.plastic(element)
-        values["reflectance"] = values["reflectance"] * (1 - diffuse_fresnel(values["eta"][0]))
-        return Material(kind="plastic", **values)
 
     def twosided(self, element: etree._Element) -> Material:
         inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")

@@ -17,7 +17,6 @@ from lxml import etree
 
 from reference import shapes, textures
 from reference.grids import Grid, read_vol
-from reference.materials import diffuse_fresnel
 from reference.principled import SHARES
 from reference.relief import Relief
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
@@ -239,12 +238,12 @@ class _Reader(Document):
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
             "mask", "twosided", "blendbsdf", "roughconductor", "roughplastic", "roughdielectric",
-            "principled", "polarizer", "circular", "retarder", "pplastic",
+            "principled", "polarizer", "circular", "retarder",
             "bumpmap", "normalmap",
         )  # fmt: skip
         if kind in ("bumpmap", "normalmap"):
             return self.relief(element, kind)
-        own = ("mask", "twosided", "blendbsdf", "polarizer", "circular", "retarder", "pplastic")
+        own = ("mask", "twosided", "blendbsdf", "polarizer", "circular", "retarder")
         if kind in own:
             return getattr(self, kind)(element)
         return Material(**{"kind": kind, **getattr(self, kind)(element)})
@@ -271,22 +270,6 @@ class _Reader(Document):
         values = self.parameters(element, transmittance=self.colour(1.0))
         through = share * values.get("transmittance", np.ones(3))
         return Material(kind="thindielectric", eta=np.ones(3), specular_transmittance=through)
-
-    def pplastic(self, element: etree._Element) -> Material:
-        """Without polarisation: the coat of roughplastic alone, or light that enters the base of
-        plastic and leaves it at once."""
-        colours = {
-            child.get("name"): self.colour(1.0)(child)
-            for child in element
-            if str(child.get("name")).endswith("_reflectance")
-        }
-        if not np.any(colours.get("diffuse_reflectance", 0.5)):
-            return Material(kind="roughplastic", **self.roughplastic(element))
-        if np.any(colours.get("specular_reflectance", 1.0)):
-            raise self.error(element, "pplastic of a coat and a base")
-        values = self.plastic(element)
-        values["reflectance"] = values["reflectance"] * (1 - diffuse_fresnel(values["eta"][0]))
-        return Material(kind="plastic", **values)
 
     def blendbsdf(self, element: etree._Element) -> Material:
         number = self.number(0, 1)

@@ -673,7 +673,7 @@ def thindielectric() -> str:
 
 @scene
 def polarisers() -> str:
-    """Filters one before the other, and plastics that only polarisation sets apart."""
+    """Filters one before the other, before a ball, a cube and the walls."""
     panes = [
         shape(
             "rectangle", transform(scale(0.7), rotate("y", 15), translate(x, 1.3, z)), bsdf(*what)
@@ -684,12 +684,11 @@ def polarisers() -> str:
             (0.9, 1.2, ("retarder",)),
         )
     ]
-    base = rgb("diffuse_reflectance", 0.2, 0.5, 0.9) + number("specular_reflectance", 0)
-    coat = number("diffuse_reflectance", 0) + number("alpha", 0.3)
+    cube = transform(scale(0.5), rotate("y", 30), translate(0.8, 0.5, -0.2))
     return (
         sensor() + striped() + "".join(panes)
-        + sphere(-0.7, 0.6, -0.2, 0.6, bsdf("pplastic", base, number("int_ior", 1.9)))
-        + sphere(0.8, 0.6, -0.2, 0.6, bsdf("pplastic", coat))
+        + sphere(-0.7, 0.6, -0.2, 0.6, bsdf("plastic", rgb("diffuse_reflectance", 0.8, 0.3, 0.1)))
+        + shape("cube", cube, bsdf("diffuse", rgb("reflectance", 0.2, 0.5, 0.9)))
     )  # fmt: skip
 
 

@@ -405,8 +405,10 @@ def png_16(texels: np.ndarray[Any, Any]) -> bytes:
         for i, byte in enumerate(row):
             left, corner = (r[i - step] if i >= step else 0 for r in (row, last))
             guess = left + last[i] - corner
-            paeth = min((left, last[i], corner), key=lambda x: abs(guess - x))
-            coded.append(byte - (0, left, last[i], (left + last[i]) // 2, paeth)[y % 5] & 255)
+            corner_guess = min((left, last[i], corner), key=lambda x: abs(guess - x))
+            coded.append(
+                byte - (0, left, last[i], (left + last[i]) // 2, corner_guess)[y % 5] & 255
+            )
         data, last = data + bytes([y % 5, *coded]), row
     head = struct.pack(">IIBBBBB", width, height, 16, {3: 2, 4: 6}[channels], 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + b"".join(

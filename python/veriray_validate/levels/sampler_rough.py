@@ -224,7 +224,7 @@ def rough_directions(t: Trial, name: str, angle: float) -> None:
             odds = ((turn > 0) - p) / np.sqrt(np.maximum(p * (1 - p), 1e-12))
             both = p < 0.999
             # what 16 units of 2^-24 in the half vector make of its slope
-            slack = 2.0**-20 * (1 + np.hypot(x, y) * single(grey.alpha)) / h[:, 2]
+            slack = 2.0**-20 * (1 + np.hypot(x * grey.slopes[0], y * grey.slopes[1])) / h[:, 2]
             t.check(turn > -own[:, 2] - slack, "a slope that wo does not see")
             if both.sum() > 1000:
                 z = odds[both].sum() / math.sqrt(both.sum())

@@ -93,7 +93,10 @@ def pieces(low: float, high: float, n: int) -> tuple[Array, Array]:
 
 
 EACH = {"axis": "xyz", "wrap": WRAPS, "filter_": FILTERS}
-QUICK = ("x", "clamp", "trilinear"), ("y", "mirror", "nearest"), ("z", "repeat", "trilinear")
+QUICK = (
+    ("x", "clamp", "trilinear"), ("y", "mirror", "trilinear"), ("z", "repeat", "trilinear"),
+    ("y", "repeat", "nearest"),
+)  # fmt: skip
 
 
 @case(3, each=EACH, quick=lambda **how: tuple(how.values()) in QUICK)
@@ -128,7 +131,7 @@ def white_furnace_of_uneven_media(t: Trial, material: str) -> None:
     bodies = [sphere([0, 0, 0], 1, outside, interior=fog), sphere([2.1, 0, 0], 1, outside,
                                                                   interior=other)]  # fmt: skip
     furnace = scene(view([2, 2, 6], [1, 0, 0], 30, 4), *bodies, sky(1))
-    t.agrees(furnace, 1.0, 40_000, sees=3e-3)
+    t.agrees(furnace, 1.0, 60_000, sees=3e-3)
 
 
 def heterogeneous(sigma_t: Any, albedo: Any, g: float = 0.0, **more: Any) -> Dict:

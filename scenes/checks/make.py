@@ -1063,7 +1063,7 @@ def textures() -> str:
 
 @scene
 def blends() -> str:
-    """Blends: metal and matt by a texture, rough glass and matt, and holes in one, with their shadows."""
+    """Blends: metal and matt by a texture, rough glass and matt, one with holes; their shadows."""
     image = text("filename", "images/weave.png")
     optics = rgb("eta", 0.2, 0.9, 1.1), rgb("k", 3.9, 2.4, 2.2)
     gold = bsdf("roughconductor", number("alpha", 0.3), *optics)

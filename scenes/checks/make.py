@@ -1359,7 +1359,7 @@ def puff() -> Array:
 
 @scene
 def blends() -> str:
-    """Blends: metal and matt by a texture, rough glass and matt, holes in one, and shadows."""
+    """Blends: metal and matt by a texture, rough glass and matt, one with holes; their shadows."""
     image = text("filename", "images/weave.png")
     optics = rgb("eta", 0.2, 0.9, 1.1), rgb("k", 3.9, 2.4, 2.2)
     gold = bsdf("roughconductor", number("alpha", 0.3), *optics)

@@ -129,7 +129,7 @@ def test_merged_shapes_are_shapes(tmp_path):
 def test_a_mesh_of_a_group_is_read_once(tmp_path, monkeypatch):
     group, read = members(tmp_path), []
     original = shapes.mesh.read
-    monkeypatch.setattr(shapes.mesh, "read", lambda *a: read.append(a) or original(*a))
+    monkeypatch.setattr(shapes.mesh, "read", lambda *a, **k: read.append(a) or original(*a, **k))
     with pytest.warns(SceneWarning, match="is open"):
         (tmp_path / "t.obj").write_text(OBJ.replace("f 1 3 2\n", ""))
         group["e"]["bsdf"] = {"type": "dielectric"}

@@ -71,10 +71,11 @@ struct SceneView {
     uint32_t surface_count, surface_stride;
     uint32_t medium_stride;
     uint32_t camera_medium;
-    const float* primitives;     // [i * primitive_row + column * primitive_column]
-    const float* smooth;         // by primitive: kSmoothFloats
-    const float* uv;             // by primitive: kUvFloats; with kTextures only
-    const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter
+    const float* primitives;    // [i * primitive_row + column * primitive_column]
+    const float* smooth;        // by primitive: kSmoothFloats
+    const float* uv;            // by primitive: kUvFloats; with kTextures only
+    const float* light_chance;  // by primitive: of being chosen, / area if flat; 0: no emitter; -1:
+                                // of 0, with kHidden
     const float* light_row;      // by primitive: in the light table; with kOwnPdfLights only
     const uint32_t* surface_of;  // by primitive; null: the same index
     const float* surfaces;       // [column][surface_stride]

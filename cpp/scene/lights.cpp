@@ -230,7 +230,7 @@ void HostScene::set_lights(const SceneInput& in) {
     while (l.top_step * 2 <= l.count) l.top_step *= 2;
     l.table = light_table.data();
     l.cdf = light_cdf.data();
-    if (in.hides_light) {  // -1: a lamp too, which emits nothing
+    if (in.hides_light) {  // light_chance -1: a lamp too, which emits nothing
         for (size_t p = 0; p < sources.size(); ++p)
             if (in.emission(sources[p].group).data[sources[p].row] >= 0 && light_chance[p] == 0)
                 light_chance[p] = -1;

@@ -135,5 +135,5 @@ def _beyond(node: Node, texels: Array, where: str) -> str | None:
         return f"the texel (x {x}, y {y}) holds {texels[y, x, c]:g}"
 
     if float(texels.min()) < 0:
-        raise SceneError(f"{node}: {first(texels < 0)}, below 0", where)
+        raise SceneError(f"{node}: {first(texels < 0)}, outside [0, inf)", where)
     return first(texels > 1) if float(texels.max()) > 1 else None

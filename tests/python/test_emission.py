@@ -76,7 +76,7 @@ def test_the_arrays_of_a_projector() -> None:
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        (lamp({**BITMAP, "bitmap": -TEXELS}), "below 0"),
+        (lamp({**BITMAP, "bitmap": -TEXELS}), "outside"),
         (projector(irradiance=None), "missing"),
         (projector(focal_length="50mm"), "both fov and focal_length"),
         (projector(to_world=np.diag([2.0, 2, 2, 1])), "to_world"),

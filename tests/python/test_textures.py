@@ -593,8 +593,8 @@ def test_refusals(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(SceneError, match=message):
             loaded({"type": "sphere", "bsdf": bsdf})
-    with pytest.raises(SceneError, match="not on area.radiance"):
-        loaded({"type": "sphere", "emitter": {"type": "area", "radiance": board}})
+    with pytest.raises(SceneError, match="not on area.intensity"):
+        loaded({"type": "sphere", "emitter": {"type": "area", "intensity": board}})
     with pytest.raises(SceneError, match='"reflectance" is given twice'):
         path = tmp_path / "x.xml"
         path.write_text("""<scene version="3.0.0">

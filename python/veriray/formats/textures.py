@@ -207,5 +207,5 @@ def _shares(node: Node, texels: Array, name: str, where: str, report: Report) ->
 def _positive(node: Node, texels: Array, name: str, where: str, report: Report) -> Array:
     """Texels that may exceed 1."""
     if float(texels.min()) < 0:
-        raise SceneError(f"{node}: {name} holds {float(texels.min()):g}, below 0", where)
+        raise SceneError(f"{node}: {name} holds {float(texels.min()):g}, outside [0, inf)", where)
     return texels

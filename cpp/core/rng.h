@@ -76,19 +76,19 @@ VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
 
 // An unbounded run of blocks, for what takes a number of steps that is not known beforehand.
 template <class U>
-struct Stream {
+struct RandomStream {
     U a, b, step;
 };
 // Subpaths for streams of a segment: of its flight, and of its light sample's shadow ray.
 inline constexpr uint32_t kFlightSteps = 254, kShadowSteps = 255;
 template <class U>
-VR_HD Stream<U> random_stream(RandomKey key, U pixel, U sample, uint32_t block) {
+VR_HD RandomStream<U> random_stream(RandomKey key, U pixel, U sample, uint32_t block) {
     const Block<U> r = random_block({key.k0, key.k1, Sampler::kIndependent}, pixel, sample, block);
     return {r.x, r.y, U(0u)};
 }
 // The next block of the lanes of m.
 template <class U, class M>
-VR_HD Block<U> next_block(Stream<U>& s, M m) {
+VR_HD Block<U> next_block(RandomStream<U>& s, M m) {
     const Block<U> r = hash(Block<U>{s.a, s.b, s.step, U(0x73746570u)});
     s.step = select(m, s.step + U(1u), s.step);
     return r;

@@ -116,7 +116,7 @@ struct ShadowRequest {
     typename L::U medium;              // kMedia: around the ray where it goes on
     typename L::F travelled;           // kPass: as of a path, and likewise
     typename L::U passed;
-    Stream<typename L::U> random;  // kUnevenMedia: of the steps through them
+    RandomStream<typename L::U> random;  // kUnevenMedia: of the steps through them
 };
 
 // Its fields before it has passed anything; `wanted` is none.

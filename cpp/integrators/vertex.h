@@ -78,8 +78,8 @@ struct PathVertices : DirectLight<L, kFeatures> {
                                    Flight<F>& flight) {
         const M uneven = inside & Direct::uneven_medium(scene, path.medium);
         if (none(uneven)) return;
-        const Stream<U> random = random_stream(s.key, path.pixel, path.sample,
-                                               dimension_block(segment, kCross, kFlightSteps));
+        const RandomStream<U> random = random_stream(
+            s.key, path.pixel, path.sample, dimension_block(segment, kCross, kFlightSteps));
         const F t = Volumes<L>::flight(
             scene, Direct::passage(scene, path, limit, uneven),
             medium_column(scene, path.medium, kMediumSigma), random, path.throughput,

@@ -1,5 +1,5 @@
-// On the host, rough closures are called, not inlined, and compiled once for each instruction set
-// (called.cpp) instead of once in each compiled variant.
+// Rough closures are called, not inlined. On the host they are compiled once for each instruction
+// set (called.cpp) instead of once in each compiled variant.
 #pragma once
 
 #include "bsdfs/closures.h"
@@ -8,7 +8,18 @@ namespace veriray {
 
 #if VR_CUDA
 template <class C>
-using CalledClosure = C;
+struct CalledClosure : C {
+    using V = typename C::V;
+
+    static VR_LONG typename C::Value eval(typename C::Parameters p, typename C::View view, V wo,
+                                          V wi, typename C::F cos_i) {
+        return C::eval(p, view, wo, wi, cos_i);
+    }
+    static VR_LONG typename C::Sample sample(typename C::Parameters p, typename C::View view, V wo,
+                                             typename C::Numbers r, typename C::M nobody) {
+        return C::sample(p, view, wo, r, nobody);
+    }
+};
 #else
 template <class C>
 struct CalledClosure : C {

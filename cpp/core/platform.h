@@ -44,6 +44,13 @@
 #define VR_CALLED __attribute__((noinline))
 #endif
 
+// A long function that several callers share, compiled once.
+#if VR_CUDA
+#define VR_LONG __host__ __device__ __noinline__
+#else
+#define VR_LONG __attribute__((noinline))
+#endif
+
 // Before a loop that the device compiler must not unroll.
 #if VR_CUDA
 #define VR_ROLLED _Pragma("unroll 1")

@@ -293,7 +293,9 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         if (none(uneven)) return;
         const auto way = passage(scene, shadow, distance, uneven);
         const F sigma = medium_column(scene, shadow.medium, kMediumSigma);
-        t = select(uneven, Volumes<L>::transmittance(scene, way, sigma, shadow.random, uneven), t);
+        RandomStream<U> random = shadow.random;
+        t = select(uneven, Volumes<L>::transmittance(scene, way, sigma, random, uneven), t);
+        shadow.random = random;
     }
 
     static VR_HD void attenuate(const SceneView& scene, ShadowRequest<L>& shadow, F distance,

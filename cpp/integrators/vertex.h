@@ -80,10 +80,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
         if (none(uneven)) return;
         const RandomStream<U> random = random_stream(
             s.key, path.pixel, path.sample, dimension_block(segment, kCross, kFlightSteps));
-        const F t = Volumes<L>::flight(
-            scene, Direct::passage(scene, path, limit, uneven),
-            medium_column(scene, path.medium, kMediumSigma), random, path.throughput,
-            has(kChromatic) && (scene.features & kChromatic) != 0, uneven);
+        S throughput = path.throughput;  // a copy, so that the path stays in registers
+        const F t =
+            Volumes<L>::flight(scene, Direct::passage(scene, path, limit, uneven),
+                               medium_column(scene, path.medium, kMediumSigma), random, throughput,
+                               has(kChromatic) && (scene.features & kChromatic) != 0, uneven);
+        path.throughput = throughput;
         flight.t = select(uneven, t, flight.t);
         const S albedo = medium_spectrum(scene, path.medium, kMediumAlbedo);
         flight.weight = select(uneven, select(t < limit, albedo, white()), flight.weight);

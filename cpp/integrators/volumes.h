@@ -44,8 +44,8 @@ struct Volumes {
     // The distance to the next collision, infinite if the ray leaves before; weighs the throughput
     // by channel. Which collisions are real is chosen for the throughput at hand, so that its sum
     // stays (P. Kutz et al., "Spectral and Decomposition Tracking", 2017).
-    static VR_HD F flight(const SceneView& scene, const Passage& p, F sigma, RandomStream<U> random,
-                          S& throughput, bool chromatic, M active) {
+    static VR_LONG F flight(const SceneView& scene, Passage p, F sigma, RandomStream<U> random,
+                            S& throughput, bool chromatic, M active) {
         const F free_path = F(1.f) / sigma;
         F way(0.f), t(kInfinity);
         M flying = active & (p.length > F(0.f));
@@ -73,8 +73,8 @@ struct Volumes {
     }
 
     // An estimate of the transmittance. Below a quarter, roulette ends half of the rays.
-    static VR_HD S transmittance(const SceneView& scene, const Passage& p, F sigma,
-                                 RandomStream<U>& random, M active) {
+    static VR_LONG S transmittance(const SceneView& scene, Passage p, F sigma,
+                                   RandomStream<U>& random, M active) {
         const F free_path = F(1.f) / sigma;
         F way(0.f);
         S through = S::all(F(1.f));

@@ -76,7 +76,7 @@ struct Textures {
     using Point = TexturePoint<L>;
 
     // The colour of a texture where m is set; any valid row elsewhere.
-    static VR_CALLED S colour(const TextureView textures, U row, Point at, M m) {
+    static VR_LONG S colour(const TextureView textures, U row, Point at, M m) {
         const auto column = [&](uint32_t c) { return column_of(textures, row, c); };
         const F u = coordinate(textures, row, kTextureToUv, at);
         const F v = coordinate(textures, row, kTextureToUv + 3, at);
@@ -117,7 +117,7 @@ struct Textures {
     }
 
     // How much a bitmap's colour grows with u and v; 0 if its texels are not interpolated.
-    static VR_HD void slopes(const TextureView& textures, U row, Point at, M m, S& by_u, S& by_v) {
+    static VR_LONG void slopes(const TextureView textures, U row, Point at, M m, S& by_u, S& by_v) {
         const auto column = [&](uint32_t c) { return column_of(textures, row, c); };
         const U traits = as_uint(column(kTextureTraits));
         const F width = column(kTextureWidth), height = column(kTextureHeight);

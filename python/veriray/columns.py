@@ -644,9 +644,9 @@ def _check_grids(arrays: Mapping[str, Array]) -> None:
         if not volume > 1e-12:
             raise SceneError(f"grid_to_world[{row}] = {linear.tolist()} makes its cube flat")
     sigma, grid = arrays["sigma_t"], arrays["sigma_t_grid"]
-    row = _first((grid >= 0) & (sigma != sigma[:, :1]).any(axis=1))
-    if row is not None:
+    uneven = _first((grid >= 0) & (sigma != sigma[:, :1]).any(axis=1))
+    if uneven is not None:
         raise SceneError(
-            f"sigma_t[{row}] = {sigma[row].tolist()} with sigma_t_grid; expected one number three "
+            f"sigma_t[{uneven}] = {sigma[uneven].tolist()} with sigma_t_grid; expected one number three "
             "times"
         )

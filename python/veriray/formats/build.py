@@ -743,7 +743,7 @@ class _Tables:
 
 
 def _masked(row: materials.Row) -> bool:
-    return row["opacity"] < 1 or row.get("opacity_texture", -1) >= 0
+    return bool(row["opacity"] < 1 or row.get("opacity_texture", -1) >= 0)
 
 
 def _lets_through(row: materials.Row) -> bool:

@@ -35,8 +35,7 @@ def split(found: Mesh, angle: float) -> Mesh:
         joined = (first == left) | (cosines >= cosine) | flat[left]
         group[left[joined]] = first[joined]
         left = left[~joined]
-    kept, triangles = np.unique(group, return_inverse=True)
+    kept, numbers = np.unique(group, return_inverse=True)
     vertex = found.triangles.reshape(-1)[kept]
     uv = None if found.uv is None else found.uv[vertex]
-    corners = triangles.reshape(-1, 3)
-    return Mesh(found.vertices[vertex], corners, None, uv, found.of_vertices(vertex))
+    return Mesh(found.vertices[vertex], numbers.reshape(-1, 3), None, uv, found.of_vertices(vertex))

@@ -135,7 +135,8 @@ def _segments(starts: Array, count: int, width: int) -> tuple[Array, Array]:
 def _filled(axis: Array, fresh: Array) -> Array:
     """Axes, those of length 0 exchanged for the one before in their curve, else the one behind,
     else z."""
-    good, number = axis.any(axis=1), np.arange(len(axis))
+    good: Array = np.any(axis != 0, axis=1)
+    number = np.arange(len(axis))
     curve = np.cumsum(fresh)
     before = np.maximum.accumulate(np.where(good, number, 0))
     behind = np.minimum.accumulate(np.where(good, number, len(axis) - 1)[::-1])[::-1]
@@ -174,7 +175,8 @@ def _cones(points: Array, first: Array, fresh: Array) -> _Cones:
     rows = np.flatnonzero(turns & ~fresh)
     before, behind = axis[rows - 1], axis[rows]
     middle = unit(before + behind)
-    middle = np.where(middle.any(axis=1)[:, None], middle, _frame(before)[0])
+    split: Array = np.any(middle != 0, axis=1)
+    middle = np.where(split[:, None], middle, _frame(before)[0])
     half, leaning = middle - before, _tilt(lean[rows]) - _tilt(lean[rows - 1])
     chord = 2.0 * np.sqrt(dot(half, half)) + np.sqrt(dot(leaning, leaning))
     return _Cones(axis, lean, rows, middle, chord)
@@ -292,7 +294,8 @@ def _tubes(rings: _Rings, fresh: Array, sides: int) -> Mesh:
         corners[:, k] = foot + reach[:, None] * e
         out = rings.out - rings.radius * dot(e, rings.bend)
         normal = unit(rings.up[:, None] * rings.axis + out[:, None] * e)
-        normals[:, k] = np.where(normal.any(axis=1)[:, None], normal, e)
+        known: Array = np.any(normal != 0, axis=1)
+        normals[:, k] = np.where(known[:, None], normal, e)
     uv = np.empty((len(u), columns, 2))
     uv[..., 0], uv[..., 1] = u[:, None] + np.arange(columns) / sides, rings.v[:, None]
     vertices = corners.reshape(-1, 3)

@@ -267,7 +267,8 @@ def _normals(pixels: Array, scale: float) -> Array:
     normals = np.stack([scale * x, scale * y, z], axis=2)
     largest = np.abs(normals).max(axis=2, keepdims=True)  # as long as within [-1, 1]
     normals = normals / np.maximum(largest, 1.0)
-    return (0.5 * (normals + 1.0)).astype(np.float32)
+    colours: Array = (0.5 * (normals + 1.0)).astype(np.float32)
+    return colours
 
 
 def _transform(info: Json) -> tuple[Array | None, int]:

@@ -172,7 +172,8 @@ def _roughness(node: Node, values: dict[str, Any]) -> tuple[float, float]:
             node.values["alpha_u"].where,
         )
     u, v = (both if x is None else x for x in (u, v))
-    return tuple(0.1 if x is None else max(x, _LEAST_ALPHA) for x in (u, v))
+    u, v = (0.1 if x is None else max(x, _LEAST_ALPHA) for x in (u, v))
+    return u, v
 
 
 def textured_alpha(columns: Row, rows: Row) -> Row:
@@ -187,7 +188,7 @@ def reads_uv(row: Row) -> bool:
     the direction in which u grows."""
     names = (*TEXTURABLE, "relief")
     textures = [row.get(f"{name}_texture", -1) for name in names]
-    return max(textures) >= 0 or row["alpha_u"] != row["alpha_v"] or row["anisotropic"] > 0
+    return bool(max(textures) >= 0 or row["alpha_u"] != row["alpha_v"] or row["anisotropic"] > 0)
 
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
@@ -208,7 +209,8 @@ def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
 def medium(node: Node, values: dict[str, Any], phase: Row) -> Row:
     """The row of a medium; phase: what its phase function fills."""
     total, albedo = (values[name] for name in ("sigma_t", "albedo"))
-    scattering, absorption = (values.get(name) for name in ("sigma_s", "sigma_a"))
+    scattering: Any = values.get("sigma_s")
+    absorption: Any = values.get("sigma_a")
     if scattering is not None or absorption is not None:
         given = [n for n in ("sigma_t", "albedo", "sigma_s", "sigma_a") if values[n] is not None]
         if given != ["sigma_s", "sigma_a"]:

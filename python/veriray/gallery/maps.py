@@ -74,7 +74,8 @@ def _grid() -> tuple[Array, Array]:
 
 def _colours(share: Array, low: tuple[float, ...], high: tuple[float, ...]) -> Array:
     mixed = np.array(low) + share[..., None] * (np.array(high) - np.array(low))
-    return np.rint(np.clip(mixed, 0, 1) * 255).astype(np.uint8)
+    colours: Array = np.rint(np.clip(mixed, 0, 1) * 255).astype(np.uint8)
+    return colours
 
 
 def planks() -> Array:

@@ -271,7 +271,8 @@ class Lights:
             radiance = radiance * picture(light, -direction, ahead)
         sample.direction[:, at], sample.distance[at] = direction, distance
         sample.radiance[:, at] = radiance * scale
-        sample.pdf[at], sample.target[at], sample.delta[at] = scale > 0, -1, True
+        lit = (sample.radiance[:, at] > 0).any(axis=0)
+        sample.pdf[at], sample.target[at], sample.delta[at] = lit, -1, True
 
 
 def falloff(light: Light, cosine: np.ndarray) -> np.ndarray:

@@ -647,6 +647,6 @@ def _check_grids(arrays: Mapping[str, Array]) -> None:
     uneven = _first((grid >= 0) & (sigma != sigma[:, :1]).any(axis=1))
     if uneven is not None:
         raise SceneError(
-            f"sigma_t[{uneven}] = {sigma[uneven].tolist()} with sigma_t_grid; expected one number three "
-            "times"
+            f"sigma_t[{uneven}] = {sigma[uneven].tolist()} with sigma_t_grid; expected one number "
+            "three times"
         )

@@ -14,6 +14,7 @@ def fresnel(cosine: Any, eta: float) -> Array:
     """Unpolarised reflectance of a dielectric; eta: index behind over index in front."""
     c = np.abs(np.asarray(cosine, np.float64))
     inside = 1 - (1 - c * c) / eta**2
+    c = np.where(inside > 0, c, 1.0)
     t = np.sqrt(np.maximum(inside, 0))
     r = ((c - eta * t) / (c + eta * t)) ** 2 + ((eta * c - t) / (eta * c + t)) ** 2
     return np.where(inside > 0, r / 2, 1.0)

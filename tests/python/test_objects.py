@@ -292,9 +292,12 @@ def test_thin_lens_mitchell_and_volpath(tmp_path):
 def rich():
     """A scene with one of everything."""
     scene = load_dict(scene_dict(
-        fog={"type": "homogeneous", "sigma_t": 2.0},
+        fog={"type": "homogeneous", "sigma_t": 2.0, "albedo": {
+            "type": "gridvolume", "data": np.full((2, 2, 2, 3), 0.5, np.float32)}},
+        haze={"type": "homogeneous", "albedo": {
+            "type": "gridvolume", "data": np.full((2, 2, 1), 0.5, np.float32)}},
         ball={"type": "sphere", "bsdf": {"type": "dielectric"}, "light": {"type": "area"},
-              "interior": {"type": "ref", "id": "fog"}},
+              "interior": {"type": "ref", "id": "fog"}, "exterior": {"type": "ref", "id": "haze"}},
         plate={"type": "disk", "bsdf": {"type": "plastic", "diffuse_reflectance": {
             "type": "bitmap", "bitmap": np.arange(12, dtype=np.uint8).reshape(2, 2, 3)}}},
         box={"type": "cube", "bsdf": {"type": "conductor", "eta": 0.5, "k": 2.0,
@@ -336,6 +339,10 @@ CHANGES = {
     **{f"{name}_texture": (0, 1) for name in (*TEXTURABLE, "relief")},
     "relief_heights": (0, True), "relief_scale": (0, 0.5), "relief_flips": (0, False),
     "relief_shades": (0, False), "relief_mirrored": (0, True),
+    "emission_texture": (0, 0), "light_texture": (2, 0), "light_image": ((2, 0, 0), 0.5),
+    "grid_size": (0, (2, 1, 2)), "grid_first": (1, 0), "grid_grey": (0, True), "grid_wrap": (0, 0),
+    "grid_filter": (0, 1), "grid_to_world": ((0, 0, 3), 0.5), "cells": (0, 0.25),
+    "albedo_grid": (0, -1), "sigma_t_grid": (0, 0),
     "attribute_values": ((0, 1), 0.25), "blend_material": (0, 1), "blend_weight": (0, 0.25),
 }  # fmt: skip
 

@@ -55,8 +55,9 @@ def test_parameters_fill_columns() -> None:
                 assert COLUMNS[param.column].table == tables[plugin.category]
                 filled.add(param.column)
     assert {name for name, column in COLUMNS.items() if column.table == "materials"} <= filled
+    unpolarised = {"polarizer", "circular", "retarder", "pplastic"}
     own = set(MATERIAL_KINDS) - set(columns.OPEN_KINDS.values())
-    assert own | {"twosided", "mask", "blendbsdf", "bumpmap", "normalmap"} == set(
+    assert own | {"twosided", "mask", "blendbsdf", "bumpmap", "normalmap", *unpolarised} == set(
         of_category("bsdf")
     )
 

@@ -259,10 +259,10 @@ class Scene(SceneArrays):
             sigma_t = self.sigma_t.astype(np.float64) / factor
         places: dict[str, Any] = {
             name: getattr(self, name) * factor
-            for name in (
-                "vertices", "spheres", "disks", "light_position", "grid_to_world", "relief_scale",
-            )
-        }  # fmt: skip
+            for name in ("vertices", "spheres", "disks", "light_position", "grid_to_world")
+        }
+        turned = self.relief_texture >= 0
+        places["relief_scale"] = np.where(turned, self.relief_scale * factor, self.relief_scale)
         copy = self._with_arrays(
             camera=_scaled(self.camera, factor),
             sigma_t=sigma_t,

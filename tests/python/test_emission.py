@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import veriray
-from veriray import SceneError
+from veriray import SceneError, SceneWarning
 from veriray.columns import LIGHT_KINDS
 
 TEXELS = np.random.default_rng(6).uniform(0, 3, (4, 6, 3)).astype(np.float32)
@@ -95,8 +95,13 @@ def test_what_is_refused(part: dict[str, Any], message: str) -> None:
 
 def test_texels_above_1_are_for_lights_alone() -> None:
     matt = {"type": "diffuse", "reflectance": BITMAP}
-    with pytest.raises(SceneError, match="outside \\[0, 1\\]"):
-        scene(wall={"type": "rectangle", "bsdf": matt})
+    with pytest.warns(SceneWarning, match="numbers above 1"):
+        both = scene(wall={"type": "rectangle", "bsdf": matt}, lamp=lamp())
+    texels = both.texels.view(np.float32)
+    used = both.reflectance_texture.max(), both.emission_texture.max()
+    first = [int(both.texture_first[row]) for row in used]
+    most = [texels[k : k + texels.size // 2].max() for k in first]
+    assert most[0] == 1 < most[1]
     arrays = scene(lamp=lamp())
     with pytest.raises(SceneError, match="outside \\[0, 1\\]"):
         dataclasses.replace(arrays, reflectance_texture=[0])

@@ -22,7 +22,6 @@ from ..numeric import sin_cos_degrees
 from . import images
 from .gltf_json import File, Json
 from .node import Node, Value, shorten
-from .plugins import PLUGINS
 from .report import Report
 
 Array = npt.NDArray[Any]
@@ -115,7 +114,7 @@ class Materials:
     def relief(self, about: Json, bsdf: Node) -> Node:
         """A bsdf with the normals of a texture: y along the normal's cross product with u, which is
         right but for mirrored texture coordinates."""
-        if "normalTexture" not in about.content or "normalmap" not in PLUGINS:
+        if "normalTexture" not in about.content:
             return bsdf
         scale = about.of("normalTexture").number("scale", 1.0, -1e3, 1e3)
         normals = self.taken(about, "normalTexture", "normal", (scale,))
@@ -163,11 +162,7 @@ class Materials:
         names = [name for name in about.content if name.endswith("Texture")]
         names += [name for name in rough.content if name.endswith("Texture")]
         names += about.of("extensions").content
-        used = {_BASE, _ROUGH, "occlusionTexture", *_KNOWN}
-        if "normalmap" in PLUGINS:
-            used.add("normalTexture")
-        if PLUGINS["area"].params["radiance"].texturable:
-            used.add("emissiveTexture")
+        used = {_BASE, _ROUGH, "occlusionTexture", "normalTexture", "emissiveTexture", *_KNOWN}
         for name in sorted({*names} - used):
             self.report.warn(f"{shorten(name)} of a material is not applied", about.where)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import veriray
+from tests.python.test_textures import diffuse, scene, seen
 from veriray import transform as tf
 from veriray.errors import SceneError
 from veriray.formats import ply
@@ -49,29 +50,8 @@ def attribute(name: str, **more: Any) -> dict[str, Any]:
     return {"type": "mesh_attribute", "name": name, **more}
 
 
-def diffuse(reflectance: Any) -> dict[str, Any]:
-    return {"type": "diffuse", "reflectance": reflectance}
-
-
 def blend(first: Any, second: Any, weight: Any) -> dict[str, Any]:
     return {"type": "blendbsdf", "weight": weight, "first": first, "second": second}
-
-
-def scene(shape: dict[str, Any], bsdf: Any, view: Any = VIEWS[0], **more: Any) -> dict[str, Any]:
-    return {
-        "type": "scene",
-        "camera": {"type": "perspective", "fov": 1e-4, "to_world": camera(*view).to_world,
-                   "film": {"type": "hdrfilm", "width": 1, "height": 1}},
-        "sky": {"type": "constant"},
-        "shape": {**shape, "bsdf": bsdf},
-        **more,
-    }  # fmt: skip
-
-
-def seen(shape: dict[str, Any], bsdf: Any, view: Any, device: str) -> Any:
-    """Radiance (3,) along a view under the sky."""
-    made = veriray.load_dict(scene(shape, bsdf, view))
-    return veriray.render(made, 4, device=device, max_depth=3).image[0, 0]
 
 
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {

@@ -46,11 +46,12 @@ SQUARE = {"type": "rectangle"}
 AROUND = [(tuple(5 * d / np.linalg.norm(d)), tuple(0.2 * d[::-1])) for d in RNG.normal(size=(5, 3))]
 
 
-def seen(
-    shape: dict[str, Any], bsdf: dict[str, Any], view: Any, device: str, spp: int = 4, **more: Any
-) -> Any:
-    """Radiance (3,) along `view`, from one point to another, under a sky of radiance 1."""
-    scene = {
+ABOVE = (0.5, -0.3, 3.0), (0.5, -0.3, 0.0)
+
+
+def scene(shape: dict[str, Any], bsdf: Any, view: Any = ABOVE, **more: Any) -> dict[str, Any]:
+    """One narrow pixel along `view`, from one point to another, under a sky of radiance 1."""
+    return {
         "type": "scene",
         "camera": {"type": "perspective", "fov": 1e-4, "to_world": camera(*view).to_world,
                    "film": {"type": "hdrfilm", "width": 1, "height": 1}},
@@ -58,7 +59,14 @@ def seen(
         "shape": {**shape, "bsdf": bsdf},
         **more,
     }  # fmt: skip
-    return veriray.render(veriray.load_dict(scene), spp, device=device, max_depth=3).image[0, 0]
+
+
+def seen(
+    shape: dict[str, Any], bsdf: dict[str, Any], view: Any, device: str, spp: int = 4, **more: Any
+) -> Any:
+    """Radiance (3,) of that pixel."""
+    made = veriray.load_dict(scene(shape, bsdf, view, **more))
+    return veriray.render(made, spp, device=device, max_depth=3).image[0, 0]
 
 
 def diffuse(texture: Any) -> dict[str, Any]:

@@ -9,15 +9,6 @@ namespace {
 // Mean free paths of the largest extinction across a grid's box; each is a step of a ray.
 constexpr double kMostSteps = 65536;
 
-uint32_t traits_of(const SceneInput& in, size_t g) {
-    const uint32_t wrap = in.grid_wrap.data[g];
-    return (wrap == kRepeat   ? kTraitRepeat
-            : wrap == kMirror ? kTraitMirror
-                              : 0u) |
-           (in.grid_filter.data[g] == kNearest ? kTraitNearest : 0u) |
-           (in.grid_grey.data[g] ? kTraitGrey : 0u);
-}
-
 }  // namespace
 
 void HostScene::set_grids(const SceneInput& in) {
@@ -47,7 +38,8 @@ void HostScene::set_grids(const SceneInput& in) {
             put(kGridSize + k, in.grid_size.data[3 * g + k]);
         }
         grids[size_t{kGridFirst} * stride + g] = bit_cast<float>(in.grid_first.data[g]);
-        grids[size_t{kGridTraits} * stride + g] = bit_cast<float>(traits_of(in, g));
+        grids[size_t{kGridTraits} * stride + g] = bit_cast<float>(
+            lookup_traits(in.grid_wrap.data[g], in.grid_filter.data[g], in.grid_grey.data[g] != 0));
         const double across_box = length(x) + length(y) + length(z);
         for (size_t k = 0; k < in.sigma_t_grid.count; ++k)
             if (in.sigma_t_grid.data[k] == static_cast<int32_t>(g)) {

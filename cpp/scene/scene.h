@@ -276,6 +276,7 @@ class HostScene {
 void check_input(const SceneInput& in);
 std::string number(double x);
 bool has_tangents(const SceneInput& in, uint32_t material);
+uint32_t lookup_traits(uint32_t wrap, uint32_t filter, bool grey);
 uint32_t padded(size_t n);
 
 }  // namespace veriray

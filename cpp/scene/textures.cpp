@@ -56,12 +56,9 @@ uint32_t traits_of(const SceneInput& in, size_t t) {
     if (in.texture_kind.data[t] == kCheckerboard) return kTraitBoard;
     if (in.texture_kind.data[t] == kVertexAttribute) return kTraitVertex;
     if (in.texture_kind.data[t] == kFaceAttribute) return kTraitFace;
-    const uint32_t wrap = in.texture_wrap.data[t], format = in.texture_format.data[t];
-    return (wrap == kRepeat   ? kTraitRepeat
-            : wrap == kMirror ? kTraitMirror
-                              : 0u) |
-           (in.texture_filter.data[t] == kNearest ? kTraitNearest : 0u) |
-           (in.texture_grey.data[t] ? kTraitGrey : 0u) |
+    const uint32_t format = in.texture_format.data[t];
+    return lookup_traits(in.texture_wrap.data[t], in.texture_filter.data[t],
+                         in.texture_grey.data[t] != 0) |
            (format == kSrgb8   ? kTraitSrgb
             : format == kHalf  ? kTraitHalf
             : format == kFloat ? kTraitFloat
@@ -76,6 +73,14 @@ void axes_across(Double3 n, Double3 (&axes)[2]) {
 }
 
 }  // namespace
+
+// Of textures and of grids.
+uint32_t lookup_traits(uint32_t wrap, uint32_t filter, bool grey) {
+    return (wrap == kRepeat   ? kTraitRepeat
+            : wrap == kMirror ? kTraitMirror
+                              : 0u) |
+           (filter == kNearest ? kTraitNearest : 0u) | (grey ? kTraitGrey : 0u);
+}
 
 // Whether the directions in which u and v grow matter on a material's surfaces.
 bool has_tangents(const SceneInput& in, uint32_t material) {

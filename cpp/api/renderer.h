@@ -152,6 +152,11 @@ class Scene {
     std::unique_ptr<Impl> impl;
 };
 
+// Adds the machine code of a scheduler's kernels for exactly these features (backends/run_time/),
+// which scenes that need these are rendered by from then on. CUDA back end only; DeviceError where
+// it does not load.
+void add_kernels(int device, FeatureMask features, const std::string& code);
+
 RenderStats render(const Scene& scene, Film& film, const RenderSettings& settings,
                    const Poll& poll);
 

@@ -3,56 +3,21 @@
 
 #include "backends/cuda_objects.cuh"
 #include "backends/film_memory.h"
-#include "backends/items.cuh"
+#include "backends/fused_kernel.cuh"
+#include "backends/kernels.cuh"
 #include "backends/launches.cuh"
 #include "backends/render.h"
-#include "schedulers/fused.h"
-#include "schedulers/walking.h"
 
 namespace veriray {
 namespace {
 
-constexpr uint32_t kFusedBlock = 128;
 constexpr uint64_t kLedgerRowsFetched = 4096;
 
 template <class Tracer>
 __global__ void __launch_bounds__(kFusedBlock)
     fused_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                  const FusedItems items, Control* control, uint64_t* ledger) {
-    __shared__ PixelSum sums[kFusedBlock];
-    __shared__ BlockLedger counts;
-    counts.clear();
-    __shared__ Stock stocks[kFusedBlock / 32];
-    __shared__ EndedSample ended_samples[kFusedBlock];
-    const uint32_t warp = threadIdx.x / 32;
-    PixelSum& sum = sums[threadIdx.x];
-    sum = PixelSum{};
-    Stock& stock = stocks[warp];
-    if (threadIdx.x % 32 == 0) stock = {};
-    fill_block_quads<Tracer::kMask>(scene);
-    __syncthreads();
-    const auto take = [&](bool asks) { return take_items(stock, control, items.count, asks); };
-    const auto add = [&](bool ended, const Spectrum<float>& sample) {
-        add_together(sums + warp * 32, ended_samples + warp * 32, ended, sample);
-    };
-    const auto record = [&](uint32_t depth, uint32_t column) {
-        counts.record(ledger, depth, column);
-    };
-    const auto run_flat = [&](auto take_one, auto add_one) {
-        run_fused<typename Tracer::template With<Tracer::kMask & ~kBvh>>(scene, job, items, sum,
-                                                                         take_one, add_one, record);
-    };
-    if ((Tracer::kMask & kBvh) && (scene.features & kBvh))
-        run_walking<Tracer>(scene, job, items, sum, take, add, record);
-    else if constexpr (kInStep<Tracer>)
-        run_flat(take, add);
-    else
-        run_flat([&](bool asks) { return asks ? take_item(control, items.count) : items.count; },
-                 [&](bool ended, const Spectrum<float>& sample) {
-                     if (ended) add_sample(sum, sample);
-                 });
-    __syncthreads();
-    counts.add_to(ledger);
+    trace_fused<Tracer>(scene, job, items, control, ledger);
 }
 
 }  // namespace
@@ -68,16 +33,29 @@ bool render_fused(const Launches& l, const Job& job) {
     Buffer<Control> control(1, "control");
     // In the stream's order: a non-blocking stream does not wait for the default one.
     check(cudaMemsetAsync(control.get(), 0, sizeof(Control), l.work.s), "control");
-    with_variant(kIntegrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
-        using Tracer = typename Variant::template Tracer<Scalar>;
-        const int per_sm = note_kernel(l.stats, fused_kernel<Tracer>, kFusedBlock);
+    const auto launch = [&](const void* kernel) {
+        const int per_sm = note_kernel(l.stats, kernel, kFusedBlock);
         const uint64_t resident = static_cast<uint64_t>(per_sm) * l.multiprocessors;
         uint64_t blocks = std::min<uint64_t>(resident, blocks_for(items.count, kFusedBlock));
         if (l.s.batch) blocks = std::clamp<uint64_t>(l.s.batch / kFusedBlock, 1, blocks);
-        fused_kernel<Tracer><<<static_cast<unsigned>(blocks), kFusedBlock, 0, l.work.s>>>(
-            l.scene, job, items, control.get(), l.ledger.get());
-        check_launch("fused");
-    });
+        Control* shared = control.get();
+        uint64_t* ledger = l.ledger.get();
+        void* arguments[] = {const_cast<SceneView*>(&l.scene), const_cast<Job*>(&job), &items,
+                             &shared, &ledger};
+        check(cudaLaunchKernel(kernel, static_cast<unsigned>(blocks), kFusedBlock, arguments, 0,
+                               l.work.s),
+              "fused");
+    };
+    const FeatureMask features = l.scene.features;
+    if (const void* made = l.s.all_features ? nullptr : fused_kernel_for(l.device, features)) {
+        l.stats.features = features;
+        launch(made);
+    } else {
+        with_variant(kIntegrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
+            using Tracer = typename Variant::template Tracer<Scalar>;
+            launch(reinterpret_cast<const void*>(fused_kernel<Tracer>));
+        });
+    }
     ++l.stats.launches;
     Watch watch(l, &control.get()->cancel);
     watch.wait([&] { return cudaStreamQuery(l.work.s); },
@@ -108,8 +86,8 @@ class CudaRunner final : public Runner {
         check(cudaDeviceSynchronize(), "prepare");
     }
     bool run(const Job& job, const Poll& poll) override {
-        const Launches launches{scene_.view, s_,    stats_,  multiprocessors_,
-                                work_,       side_, ledger_, poll};
+        const Launches launches{scene_.device, scene_.view, s_,      stats_, multiprocessors_,
+                                work_,         side_,       ledger_, poll};
         faults_.zero();
         check(cudaDeviceSynchronize(), "prepare");
         Job there = job;

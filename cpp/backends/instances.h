@@ -13,7 +13,8 @@ namespace veriray {
 // Of kIntegrators: the one that renders, so far all scenes.
 inline constexpr uint32_t kIntegrator = 0;
 
-uint32_t choose_variant(const SceneView& scene, const RenderSettings& s);
+uint32_t choose_variant(const SceneView& scene, const RenderSettings& s,
+                        uint32_t of = kEveryVariant);
 
 inline const SchedulerInfo* find_scheduler(const std::string& name) {
     for (const SchedulerInfo& i : kSchedulers)

@@ -7,6 +7,7 @@
 #include <exception>
 #include <thread>
 
+#include "backends/block_ledger.cuh"
 #include "backends/device.cuh"
 #include "backends/instances.h"
 #include "integrators/integrators.h"
@@ -29,6 +30,7 @@ struct Stream {
 // What a scheduler is given beside the job. Work goes to stream `work`; words are read and written
 // through `side` meanwhile.
 struct Launches {
+    int device;
     const SceneView& scene;
     const RenderSettings& s;
     RenderStats& stats;
@@ -45,8 +47,7 @@ bool render_thrust(const Launches& l, const Job& job);
 bool render_wavefront(const Launches& l, const Job& job);
 
 // Notes what the kernel that traces takes; returns its resident blocks on a multiprocessor.
-template <class... Arguments>
-int note_kernel(RenderStats& stats, void (*kernel)(Arguments...), uint32_t block) {
+inline int note_kernel(RenderStats& stats, const void* kernel, uint32_t block) {
     cudaFuncAttributes use{};
     int per_sm = 0;
     check(cudaFuncGetAttributes(&use, kernel), "kernel");
@@ -56,6 +57,11 @@ int note_kernel(RenderStats& stats, void (*kernel)(Arguments...), uint32_t block
     stats.kernel = {static_cast<uint32_t>(use.numRegs), static_cast<uint32_t>(use.localSizeBytes),
                     static_cast<uint32_t>(per_sm) * block};
     return per_sm;
+}
+
+template <class... Arguments>
+int note_kernel(RenderStats& stats, void (*kernel)(Arguments...), uint32_t block) {
+    return note_kernel(stats, reinterpret_cast<const void*>(kernel), block);
 }
 
 // A device word as it is now.
@@ -114,29 +120,6 @@ class Watch {
         check(cudaMemcpyAsync(cancel_, &yes, sizeof yes, cudaMemcpyHostToDevice, l_.side.s),
               "cancel");
         check(cudaStreamSynchronize(l_.side.s), "cancel");
-    }
-};
-
-inline constexpr uint32_t kLedgerRowsShared = 32;
-
-// A block's counts of the ledger, in shared memory; deeper events go to device memory at once.
-struct BlockLedger {
-    uint32_t counts[kLedgerRowsShared * kLedgerColumns];
-
-    __device__ void clear() {
-        for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += blockDim.x)
-            counts[i] = 0;
-    }
-    __device__ void record(uint64_t* ledger, uint32_t depth, uint32_t column) {
-        if (depth < kLedgerRowsShared)
-            atomicAdd(&counts[depth * kLedgerColumns + column], 1u);
-        else
-            atomic_add(ledger + static_cast<uint64_t>(depth) * kLedgerColumns + column, 1);
-    }
-    // After a barrier.
-    __device__ void add_to(uint64_t* ledger) const {
-        for (uint32_t i = threadIdx.x; i < kLedgerRowsShared * kLedgerColumns; i += blockDim.x)
-            if (counts[i]) atomic_add(ledger + i, counts[i]);
     }
 };
 

@@ -73,8 +73,8 @@ void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_
 
 }  // namespace
 
-uint32_t choose_variant(const SceneView& scene, const RenderSettings& s) {
-    return s.all_features ? kVariantCount - 1 : variant_for(scene.features);
+uint32_t choose_variant(const SceneView& scene, const RenderSettings& s, uint32_t of) {
+    return s.all_features ? kVariantCount - 1 : variant_for(scene.features, of);
 }
 
 FeatureMask variant_mask(const SceneView& scene) { return kVariants[variant_for(scene.features)]; }

@@ -88,8 +88,10 @@ bool render_thrust(const Launches& l, const Job& job) {
     const Compaction compaction = find_scheduler(l.s.scheduler)->compaction;
     const size_t slots = pool_slots(l.s.batch, job);
     bool complete = false;
-    with_variant(kIntegrator, choose_variant(l.scene, l.s), [&]<class Variant>() {
+    const uint32_t variant = choose_variant(l.scene, l.s, kFewVariants);
+    with_variant<kFewVariants>(kIntegrator, variant, [&]<class Variant>() {
         using Tracer = typename Variant::template Tracer<Scalar>;
+        l.stats.features = Tracer::kMask;
         const ColumnCount columns = Tracer::columns(Tracer::kMask);
         Buffer<float> floats(columns.floats * slots, "path pool");
         Buffer<uint32_t> uints(columns.uints * slots, "path pool");

@@ -25,7 +25,7 @@ struct Scalar {
 // ---- scalar lane ----
 VR_HD float fma(float a, float b, float c) { return ieee_fma(a, b, c); }
 VR_HD float sqrt(float a) { return ieee_sqrt(a); }
-VR_HD float abs(float a) { return __builtin_fabsf(a); }
+VR_HD float abs(float a) { return magnitude(a); }
 // min and max return b when the comparison is false, NaN included, as x86 does.
 VR_HD float min(float a, float b) { return a < b ? a : b; }
 VR_HD float max(float a, float b) { return a > b ? a : b; }
@@ -48,8 +48,8 @@ VR_HD uint32_t to_uint(float a) { return static_cast<uint32_t>(static_cast<int32
 VR_HD uint32_t as_uint(float a) { return bit_cast<uint32_t>(a); }
 VR_HD float as_float(uint32_t a) { return bit_cast<float>(a); }
 VR_HD double to_double(float a) { return static_cast<double>(a); }
-VR_HD float floor(float a) { return __builtin_floorf(a); }
-VR_HD double floor(double a) { return __builtin_floor(a); }
+VR_HD float floor(float a) { return ieee_floor(a); }
+VR_HD double floor(double a) { return ieee_floor(a); }
 VR_HD float gather(const float* p, uint32_t i) { return p[i]; }
 VR_HD uint32_t gather(const uint32_t* p, uint32_t i) { return p[i]; }
 VR_HD float load(const float* p, float) { return *p; }

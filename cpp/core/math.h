@@ -11,7 +11,7 @@ namespace veriray {
 
 inline constexpr float kPi = 3.14159265358979323846f;
 inline constexpr float kInvPi = 0.318309886183790671538f;
-inline constexpr float kInfinity = __builtin_huge_valf();
+inline constexpr float kInfinity = __builtin_bit_cast(float, 0x7f800000u);
 // ln 2 as the sum of two numbers; products of the first with up to 7 bits are exact.
 inline constexpr float kLn2High = 0x1.62e4p-1f, kLn2Low = 0x1.7f7d1cp-20f;
 inline constexpr float kRootHalf = 0x1.6a09e6p-1f;

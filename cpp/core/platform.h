@@ -44,8 +44,11 @@
 #define VR_CALLED __attribute__((noinline))
 #endif
 
-// A long function that several callers share, compiled once.
-#if VR_CUDA
+// A long function that several callers share, compiled once; inlined in kernels made at run time,
+// which are made for one scene.
+#if defined(__CUDACC_RTC__)
+#define VR_LONG VR_HD
+#elif VR_CUDA
 #define VR_LONG __host__ __device__ __noinline__
 #else
 #define VR_LONG __attribute__((noinline))
@@ -150,6 +153,27 @@ VR_HD float plain_quotient(float a, float b) {
     return __fmaf_rn(r, __fmaf_rn(-b, q, a), q);
 #else
     return a / b;
+#endif
+}
+VR_HD float magnitude(float a) {
+#if VR_DEVICE_CODE
+    return fabsf(a);
+#else
+    return __builtin_fabsf(a);
+#endif
+}
+VR_HD float ieee_floor(float a) {
+#if VR_DEVICE_CODE
+    return floorf(a);
+#else
+    return __builtin_floorf(a);
+#endif
+}
+VR_HD double ieee_floor(double a) {
+#if VR_DEVICE_CODE
+    return ::floor(a);
+#else
+    return __builtin_floor(a);
 #endif
 }
 VR_HD float ieee_sqrt(float a) {

@@ -17,7 +17,7 @@ enum Feature : FeatureMask {
     kDisks = 1u << 2,
     kSpheres = 1u << 3,
     kBvh = 1u << 4,         // primitives in a tree
-    kSmooth = 1u << 5,      // interpolated normals
+    kSmooth = 1u << 5,      // shading normals: interpolated, or turned by textures
     kManyLights = 1u << 6,  // more than one light to choose from
     kClip = 1u << 7,        // near or far clipping that can cut something
     kLens = 1u << 8,
@@ -85,8 +85,10 @@ inline constexpr uint32_t kVariantCount = 1;
 inline constexpr uint32_t kVariantCount = 13;
 #endif
 
+inline constexpr uint32_t kEveryVariant = (1u << kVariantCount) - 1u;  // a bit for each
+
 // With these features, rays may leave a plane by a bound that depends on their point.
 inline constexpr FeatureMask kLocalOffsets =
-    kBvh | kDisks | kDeltaLights | kRefraction | kPass | kMedia;
+    kBvh | kDisks | kSpheres | kDeltaLights | kRefraction | kPass | kMedia;
 
 }  // namespace veriray

@@ -151,6 +151,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
             }
         }
         if (has_tangents(in, m)) view.features |= kTangents;
+        if (in.relief_texture.data[m] >= 0) view.features |= kSmooth;
         put(kSurface_relief_scale, static_cast<float>(in.relief_scale.data[m] / unit));
         put(kSurfaceRelief, static_cast<float>(in.relief_texture.data[m]));
         put(kSurfaceReliefTraits,

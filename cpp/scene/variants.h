@@ -41,9 +41,19 @@ inline constexpr FeatureMask kVariants[] = {
 };
 static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);
 
-constexpr uint32_t variant_for(FeatureMask features) {
+// A bit for each that is compiled of schedulers that are not the default one on CUDA: the smallest,
+// that of scenes without rich features, and the one for everything.
+#ifndef VERIRAY_ONE_VARIANT
+inline constexpr uint32_t kFewVariants = 1u | 1u << 11 | 1u << 12;
+static_assert(kVariants[11] == kLean && kVariants[12] == kAllFeatures);
+#else
+inline constexpr uint32_t kFewVariants = 1u;
+#endif
+
+// The smallest of those that covers the features.
+constexpr uint32_t variant_for(FeatureMask features, uint32_t of = kEveryVariant) {
     for (uint32_t i = 0; i < kVariantCount; ++i)
-        if ((features & ~kVariants[i]) == 0) return i;
+        if ((of >> i & 1u) && (features & ~kVariants[i]) == 0) return i;
     return kVariantCount - 1;
 }
 

@@ -2,8 +2,17 @@
 #include "bindings.h"
 
 PYBIND11_MODULE(_cuda, m) {
+    using namespace py::literals;
     bind_renderer(m);
     bind_testing(m);
+    m.def(
+        "add_kernels",
+        [](int device, uint64_t features, const py::bytes& code) {
+            const std::string text = code;
+            py::gil_scoped_release release;
+            add_kernels(device, features, text);
+        },
+        "device"_a, "features"_a, "code"_a);
     m.def("device_tree",
           [](const Scene& scene) { return tree_arrays(device_tree(scene), kDeviceWidth); });
     m.def("intersect_width", [](const Scene& scene, uint32_t width, const Array<double>& origins,

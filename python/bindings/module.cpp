@@ -288,6 +288,8 @@ void bind_renderer(py::module_& m) {
              "progress"_a = py::none(), "builder"_a = "sah")
         .def_property_readonly("features",
                                [](const Scene& s) { return feature_names(s.host().view.features); })
+        .def_property_readonly("feature_mask",
+                               [](const Scene& s) { return s.host().view.features; })
         .def_property_readonly("frame",
                                [](const Scene& s) {
                                    const auto& h = s.host();

@@ -1,7 +1,7 @@
 """The surface that every native module has: `_cpu`, `_cpu_v3`, `_cpu_v4` and `_cuda`.
 
 Lengths are world units. A GPU module has no `trace_path`; it alone has
-`device_tree` and `intersect_width`. The modules live in one process side by
+`add_kernels`, `device_tree` and `intersect_width`. The modules live in one process side by
 side, so their pybind11 types are module-local.
 """
 
@@ -181,6 +181,8 @@ class Scene:
     @property
     def features(self) -> list[str]: ...  # what the scene needs
     @property
+    def feature_mask(self) -> int: ...  # the same as bits
+    @property
     def frame(self) -> tuple[tuple[float, float, float], float]: ...  # origin and unit of lengths
     @property
     def variant(self) -> list[str]: ...  # what the code chosen for it was compiled with
@@ -304,6 +306,7 @@ def count_leaks(
 def host_ploc(
     scene: Scene, width: int, threads: int = 0
 ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
+def add_kernels(device: int, features: int, code: bytes) -> None: ...  # see veriray.kernels
 def device_tree(scene: Scene) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
 def intersect_width(
     scene: Scene,

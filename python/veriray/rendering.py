@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
+from . import kernels
 from .columns import MATERIAL_KINDS, SCATTERING_KINDS
 from .errors import RefusedSamplesWarning
 from .native_scene import native_scene, scene_facts
@@ -144,6 +145,9 @@ def render_with(
         facts = scene_facts(native)
         scheduler, scheduler_reason = choose_scheduler(settings, chosen.backend, facts)
         settings = dataclasses.replace(settings, scheduler=scheduler, device=chosen.name)
+        if chosen.backend == "cuda" and not settings.all_features:
+            paths = used.film.width * used.film.height * used.spp
+            kernels.offer(chosen, native, scheduler, paths)
         run = (chosen, native, used, settings.native(), sampling)
         if settings.target_error is None:
             done = uniform(*run, settings.batches)

@@ -1,0 +1,188 @@
+"""Kernels made at run time for exactly what a scene needs, on CUDA.
+
+The compiled variants are few, so a scene's holds code that it does not need, and pays for it in
+registers and instructions. Where NVRTC can be found (the CUDA toolkit or the package
+`nvidia-cuda-nvrtc`), a scene that is rendered for long gets a kernel of its own: a child process
+compiles it meanwhile (1 to 4 seconds), later renders of scenes with the same features use it, and
+it is kept in a folder for the next process. Pictures do not depend on it, to the bit.
+
+Environment: VERIRAY_KERNELS is "auto", "off", or "wait" (each render waits for its kernel);
+VERIRAY_CACHE is the folder (default: `veriray` in XDG_CACHE_HOME or ~/.cache); VERIRAY_NVRTC is the
+library's file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib.util
+import logging
+import os
+import subprocess
+import sys
+import threading
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .device import Device
+from .errors import DeviceError
+
+if TYPE_CHECKING:
+    from ._native import Scene as NativeScene
+
+#: Paths with the same features from which on a kernel of their own pays for being compiled.
+PATHS_THAT_PAY = 1 << 22
+MODES = ("auto", "off", "wait")
+METHODS = ("fused", "wavefront")
+_WAIT = 300.0  # seconds for one compilation
+
+#: Device, features, method of the scheduler.
+Key = tuple[int, int, str]
+
+_log = logging.getLogger("veriray")
+_lock = threading.Lock()
+_paths: Counter[Key] = Counter()
+_settled: set[Key] = set()  # added, or not to be had
+_child: tuple[subprocess.Popen[bytes], Key] | None = None
+
+
+def _forget_parent() -> None:
+    """A child process must wait neither for a thread of its parent nor for its parent's child."""
+    global _lock, _child
+    _lock, _child = threading.Lock(), None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_parent)
+
+
+def mode() -> str:
+    """VERIRAY_KERNELS; DeviceError where it is none of MODES."""
+    given = os.environ.get("VERIRAY_KERNELS") or "auto"
+    if given not in MODES:
+        raise DeviceError(f"VERIRAY_KERNELS = {given!r}; allowed: {', '.join(MODES)}")
+    return given
+
+
+@functools.lru_cache(maxsize=1)
+def compiler() -> Path | None:
+    """The file of libnvrtc, or None."""
+    if given := os.environ.get("VERIRAY_NVRTC"):
+        return Path(given)
+    roots: list[Path] = []
+    with contextlib.suppress(ImportError, ValueError):
+        spec = importlib.util.find_spec("nvidia")
+        roots += [Path(p) for p in (spec.submodule_search_locations or ())] if spec else []
+    found = [f for root in roots for f in sorted(root.glob("*/lib/libnvrtc.so.*"))]
+    for home in (os.environ.get("CUDA_HOME"), os.environ.get("CUDA_PATH"), "/usr/local/cuda"):
+        if home:
+            found += sorted(Path(home, "lib64").glob("libnvrtc.so.*"))
+    return next((f for f in found if "alt" not in f.name), None)
+
+
+@functools.lru_cache(maxsize=1)
+def sources() -> Path | None:
+    """The folder of the C++ headers: in the package, or in the checkout that it runs from."""
+    here = Path(__file__).resolve().parent
+    candidates = here / "device_code", here.parents[1] / "cpp"
+    return next((f for f in candidates if (f / "backends/run_time/kernel.cuh").exists()), None)
+
+
+def folder() -> Path:
+    """Where kernels are kept between processes."""
+    if given := os.environ.get("VERIRAY_CACHE"):
+        return Path(given, "kernels")
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base, "veriray", "kernels")
+
+
+@functools.lru_cache(maxsize=1)
+def _origin() -> str:
+    """Digest of what the code follows from, but for architecture and features."""
+    library, root = compiler(), sources()
+    assert library is not None and root is not None
+    real = library.resolve()
+    digest = hashlib.sha256(f"{real.name} {real.stat().st_size}".encode())
+    files = [Path(__file__).with_name("kernel_compiler.py"), *sorted(root.rglob("*"))]
+    for file in files:
+        if file.is_file():
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def available() -> str:
+    """Why no kernels are made at run time; empty if they are."""
+    if mode() == "off":
+        return "VERIRAY_KERNELS is off"
+    if compiler() is None:
+        return "no libnvrtc (pip install nvidia-cuda-nvrtc)"
+    if sources() is None:
+        return "the package has no device code"
+    return "" if sys.executable else "the Python interpreter is unknown"
+
+
+def offer(device: Device, native: NativeScene, method: str, paths: int) -> None:
+    """Sees to kernels for a scene of which `paths` are about to be rendered on a CUDA device.
+
+    method: of the scheduler, one of METHODS; others have compiled kernels alone.
+
+    Never fails for want of one: the compiled variant renders then.
+    """
+    features = int(native.feature_mask)
+    key = device.index, features, method
+    if key in _settled or method not in METHODS:
+        return
+    how = mode()
+    with _lock:
+        _paths[key] += paths
+        if key in _settled or (how != "wait" and _paths[key] < PATHS_THAT_PAY):
+            return
+        try:
+            if available():
+                _settled.add(key)
+            else:
+                _advance(device, key, how == "wait")
+        except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+            _give_up(key, str(error))
+
+
+def _advance(device: Device, key: Key, wait: bool) -> None:
+    """Adds the kernel if it exists, else starts its compilation or looks how far it is."""
+    global _child
+    architecture = "sm_" + str(device.details["compute_capability"]).replace(".", "")
+    file = folder() / f"{key[2]}-{architecture}-{key[1]:x}-{_origin()}.cubin"
+    if not file.exists():
+        if _child is None:
+            _child = _start(file, architecture, key), key
+        if wait:
+            _child[0].wait(_WAIT)
+    if _child is not None and _child[0].poll() is not None:
+        process, owner = _child
+        _child = None
+        if process.returncode:
+            errors = process.stderr.read() if process.stderr else b""
+            _give_up(owner, errors.decode(errors="replace")[-2000:])
+        if process.stderr:
+            process.stderr.close()
+    if file.exists():
+        device.native.add_kernels(*key[:2], file.read_bytes())
+        _settled.add(key)
+    elif wait and key not in _settled:
+        _advance(device, key, wait)  # the child was another scene's
+
+
+def _start(file: Path, architecture: str, key: Key) -> subprocess.Popen[bytes]:
+    file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    program = Path(__file__).with_name("kernel_compiler.py")
+    arguments = [compiler(), sources(), architecture, *key[1:], file]
+    return subprocess.Popen(
+        [sys.executable, "-I", str(program), *map(str, arguments)],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def _give_up(key: Key, why: str) -> None:
+    _settled.add(key)
+    _log.info("no kernel for features %x: %s", key[1], why)

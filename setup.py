@@ -1,4 +1,4 @@
-"""Builds the native modules with CMake and ships the scenes inside the package `veriray`.
+"""Builds the native modules with CMake; ships scenes and C++ headers inside the package `veriray`.
 
 Environment: VERIRAY_CUDA (auto, 0, 1), VERIRAY_CUDA_ARCH and VERIRAY_CCCL_DIR (see CMakeLists.txt),
 and VERIRAY_JOBS, the number of compilers that run at a time (default: all processors).
@@ -29,6 +29,13 @@ def scene_files() -> list[Path]:
     files = (path.relative_to(root) for path in sorted(root.rglob("*")))
     kept = (f for f in files if "refs" not in f.parts)
     return [f for f in kept if f.suffix in SCENE_SUFFIXES]
+
+
+def device_code() -> list[Path]:
+    """What kernels made at run time are compiled from, relative to cpp/."""
+    root = ROOT / "cpp"
+    files = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
+    return [f for f in files if f.suffix in {".h", ".def", ".cuh"} or f.parent.name == "run_time"]
 
 
 def find_tools() -> dict[str, str | None]:
@@ -83,19 +90,21 @@ def build_modules(build: Path) -> list[Path]:
 
 
 class BuildPy(build_py):
-    """Copies scenes/ to veriray/scenes/ in the built package."""
+    """Copies scenes/ to veriray/scenes/ in the built package, and headers to device_code/."""
 
     def run(self) -> None:
-        """Start from empty folders, run the normal step, then add the scenes."""
+        """Start from empty folders, run the normal step, then add scenes and headers."""
         if self.editable_mode:
             return super().run()
         for name in ("veriray", "veriray_bench", "veriray_validate"):
             shutil.rmtree(Path(self.build_lib, name), ignore_errors=True)
         super().run()
-        for file in scene_files():
-            target = Path(self.build_lib, "veriray", "scenes", file)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(ROOT / "scenes" / file, target)
+        lists = (("scenes", "scenes", scene_files()), ("cpp", "device_code", device_code()))
+        for source, folder, files in lists:
+            for file in files:
+                target = Path(self.build_lib, "veriray", folder, file)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(ROOT / source / file, target)
 
 
 class CMakeBuild(build_ext):

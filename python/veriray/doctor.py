@@ -8,7 +8,7 @@ import sys
 import time
 from typing import Any
 
-from . import __version__
+from . import __version__, kernels
 from . import device as device_module
 from .device import CPU_MODULES, Device
 from .errors import DeviceError
@@ -26,7 +26,8 @@ def examine(self_test: bool = True) -> dict[str, Any]:
 
     Keys: version, python, platform, processor, environment, modules (name -> build_info or the
     reason why it cannot be used), devices, unusable (name -> reason), auto (what "auto" would take
-    and why), self_test (expected, runs, passed).
+    and why), kernels_at_run_time (what makes them on CUDA, or why there are none), self_test
+    (expected, runs, passed).
     """
     usable, unusable = device_module.survey()
     report: dict[str, Any] = {
@@ -40,7 +41,12 @@ def examine(self_test: bool = True) -> dict[str, Any]:
         else os.cpu_count(),
         "environment": {
             name: os.environ[name]
-            for name in ("VERIRAY_ISA", "CUDA_VISIBLE_DEVICES")
+            for name in (
+                "VERIRAY_ISA",
+                "VERIRAY_KERNELS",
+                "VERIRAY_NVRTC",
+                "CUDA_VISIBLE_DEVICES",
+            )  # fmt: skip
             if name in os.environ
         },
         "modules": _modules(),
@@ -52,6 +58,7 @@ def examine(self_test: bool = True) -> dict[str, Any]:
         report["auto"] = {"device": chosen.name, "reason": reason}
     except (DeviceError, ValueError) as error:
         report["auto"] = {"device": None, "reason": str(error)}
+    report["kernels_at_run_time"] = kernels.available() or f"made by {kernels.compiler()}"
     report["self_test"] = run_self_test(usable) if self_test else None
     return report
 
@@ -131,6 +138,8 @@ def as_text(report: dict[str, Any]) -> str:
     for name, reason in report["unusable"].items():
         lines.append(f"  {name:<13} not usable: {reason}")
     lines.append(f"  auto takes {report['auto']['device']}: {report['auto']['reason']}")
+    if any(device["name"].startswith("cuda") for device in report["devices"]):
+        lines.append(f"  kernels at run time: {report['kernels_at_run_time']}")
     test = report["self_test"]
     if test is not None:
         lines += ["", _self_test_title()]

@@ -3,8 +3,9 @@
 python kernel_compiler.py LIBRARY SOURCES ARCHITECTURE FEATURES METHOD OUTPUT
 
 LIBRARY: path of libnvrtc. SOURCES: folder of the C++ headers. ARCHITECTURE: for example sm_90.
-FEATURES: the mask of the scene. METHOD: fused or wavefront. OUTPUT: the file of the machine code; it appears whole or not at
-all. Ends with status 1 and the compiler's log where that fails. Imports no package.
+FEATURES: the mask of the scene. METHOD: fused or wavefront. OUTPUT: the file of the machine code;
+it appears whole or not at all. Ends with status 1 and the compiler's log where that fails. Imports
+no package.
 """
 
 from __future__ import annotations

@@ -30,6 +30,10 @@ MAX_NONFINITE = 64
 BUILD_SHARE = 0.1
 #: Paths of one launch from which `wavefront` pays for scenes that it suits (`choose_scheduler`).
 WAVE_PATHS = 1 << 24
+#: Features whose code makes one kernel for everything slow.
+SLOW_IN_ONE_KERNEL = {"uneven_media", "principled", "principled_open"} | {
+    name for name in MATERIAL_KINDS if name.startswith("rough")
+}
 
 if TYPE_CHECKING:
     from ._native import Report
@@ -222,20 +226,23 @@ def choose_scheduler(
 ) -> tuple[str, str]:
     """The scheduler that runs and why. settings: settled; facts: those of `scene_facts`.
 
-    Rule of "auto": `fused`, but `wavefront` on CUDA for scenes with a tree, code for several kinds
-    of material, and one that is not made of delta lobes, from WAVE_PATHS paths per launch on. On an
-    H200 it takes 0.34 to 0.83 of the time of `fused`, whose one kernel holds everything, at 2^26
-    paths; with few paths it may take twice the time, for a mesh of glass alone 1.3 times, and for
-    diffuse meshes 1.7 times (docs/speed.md).
+    Rule of "auto": `fused`, but `wavefront` on CUDA from WAVE_PATHS paths per launch on, for scenes
+    with a tree and a material that is not made of delta lobes, if they have rough surfaces, uneven
+    media or more than two kinds of material; without kernels made at run time (`kernels`), if
+    several kinds are in the compiled variant, whose one kernel is then slow (docs/speed.md).
     """
     if settings.scheduler != "auto":
         return settings.scheduler, "asked for"
     width, height, spp = (getattr(settings, name) for name in ("width", "height", "spp"))
     paths = 0 if settings.target_error else width * height * spp // max(1, settings.batches)
-    several = len({*MATERIAL_KINDS} & {*facts["variant"]}) > 1
-    suits = facts["tree"] and several and {*SCATTERING_KINDS} & {*facts["features"]}
+    features = {*facts["features"]}
+    if backend == "cuda" and not kernels.available():
+        slow = features & SLOW_IN_ONE_KERNEL or len({*MATERIAL_KINDS} & features) > 2
+    else:
+        slow = len({*MATERIAL_KINDS} & {*facts["variant"]}) > 1
+    suits = facts["tree"] and slow and {*SCATTERING_KINDS} & features
     if backend == "cuda" and suits and paths >= WAVE_PATHS:
-        return "wavefront", "auto takes it for many paths among several materials in a tree"
+        return "wavefront", "auto takes it for many paths among such materials in a tree"
     return "fused", "auto"
 
 

@@ -129,7 +129,9 @@ def test_switches(fresh: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     offer(fresh)
     assert not fresh.native.added and "off" in kernels.available()
     monkeypatch.setenv("VERIRAY_KERNELS", "sometimes")
-    with pytest.raises(DeviceError, match=r"VERIRAY_KERNELS = 'sometimes'; allowed: auto, off, wait"):
+    with pytest.raises(
+        DeviceError, match=r"VERIRAY_KERNELS = 'sometimes'; allowed: auto, off, wait"
+    ):
         kernels.mode()
     offer(fresh, method="thrust")
     assert not fresh.native.added

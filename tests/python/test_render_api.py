@@ -21,7 +21,7 @@ import pytest
 
 import veriray as vr
 from veriray import device as device_module
-from veriray import native_scene
+from veriray import kernels, native_scene
 from veriray.rendering import METHODS, SCHEDULERS, choose_scheduler, prepare
 from veriray.settings import RenderSettings
 from veriray_validate.levels.stress_extremes import too_bright
@@ -470,8 +470,9 @@ def test_native_error_types_become_ours() -> None:
         raise KeyError("other")
 
 
-def test_auto_takes_wavefront_where_it_pays() -> None:
+def test_auto_takes_wavefront_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
     """The rule of `choose_scheduler`, on what scenes say of themselves."""
+    monkeypatch.setattr(kernels, "available", lambda: "no compiler")
     many = RenderSettings(width=1024, height=1024, spp=16)
     kinds = ["bvh", "diffuse", "plastic"]
     tree = {"tree": {"width": 4}, "features": ["bvh", "diffuse"], "variant": kinds}
@@ -491,3 +492,10 @@ def test_auto_takes_wavefront_where_it_pays() -> None:
     assert {chosen(few), chosen(by_batch), chosen(until)} == {"fused"}
     asked = dataclasses.replace(few, scheduler="thrust")
     assert choose_scheduler(asked, "cuda", tree) == ("thrust", "asked for")
+    monkeypatch.setattr(kernels, "available", lambda: "")  # kernels are made at run time
+    made = {
+        name: chosen(facts={**tree, "features": ["bvh", "diffuse", name]})
+        for name in ("plastic", "roughconductor", "uneven_media")
+    }
+    assert made == dict(zip(made, ("fused", "wavefront", "wavefront"), strict=True))
+    assert chosen(facts={**tree, "features": ["bvh", *kinds, "conductor"]}) == "wavefront"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 import warnings
@@ -17,7 +16,7 @@ from .columns import MATERIAL_KINDS, SCATTERING_KINDS
 from .errors import RefusedSamplesWarning
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
-from .picture import LEDGER_COLUMNS, Render, film_hash
+from .picture import LEDGER_COLUMNS, Render
 from .sampling import PILOT, Progress, adaptive, uniform
 from .scene import Scene
 from .settings import COMPACTIONS as COMPACTIONS
@@ -137,24 +136,23 @@ def render_with(
     used, settings = settle(scene, settings)
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
-    chosen, device_reason = device_module.select(settings.device)
+    chosen, device_reason = device_module.select(settings.device, fresh=False)
     with device_module.native_errors():
         building, sampling = _shares(progress)
         native = native_scene(scene, used, chosen, building, settings.builder, used.spp)
         facts = scene_facts(native)
         scheduler, scheduler_reason = choose_scheduler(settings, chosen.backend, facts)
-        settings = dataclasses.replace(settings, scheduler=scheduler, device=chosen.name)
+        settings = settings.with_checked({"scheduler": scheduler, "device": chosen.name})
         run = (chosen, native, used, settings.native(), sampling)
         if settings.target_error is None:
             done = uniform(*run, settings.batches)
         else:
             done = adaptive(*run, settings.target_error)
-        image, stderr = done.image, done.stderr
-        memory = int(native.memory) + int(done.film.memory)
+        memory = int(native.memory) + int(done.memory)
     if progress is not None:
         progress(1.0)
     stats = _statistics(done.results, done.paths)
-    finite = bool(np.isfinite(stderr).all())
+    error = float(done.picture.mean_stderr)
     stats |= {
         "device_name": chosen.description,
         "device_reason": device_reason,
@@ -167,21 +165,19 @@ def render_with(
         "memory": memory,
         "scene_sha256": used.sha256,
         "version": _version(),
-        "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
+        "mean_stderr": error if math.isfinite(error) else None,
         **done.facts,
     }
     if stats["nonfinite_samples"]:
         warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=3)
-    return Render(
-        image=image,
-        stderr=stderr,
+    return Render._of(
+        done.picture,
         batch_means=done.batch_means,
-        film_sha256=film_hash(image, stderr, used.spp, done.counts),
         stats=stats,
         width=used.film.width,
         height=used.film.height,
         spp=used.spp,
-        seed=used.seed,
+        seed=settings.seed,
         samples=done.counts,
     )
 
@@ -197,11 +193,16 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             "veriray.load_dict(dict)"
         )
     given = settings.of_scene()
-    used = scene.with_(**given, seed=settings.seed)
+    # The last scene that was made of it: its hash is known, and the next render may ask for it.
+    last: tuple[dict[str, Any], Scene] | None = scene.__dict__.get("_settled")
+    if last is None or last[0] != given:
+        last = given, scene.with_(**given)
+        scene.__dict__["_settled"] = last
+    used = last[1]
     values = {
         name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given
     }
-    settings = dataclasses.replace(settings, **values)
+    settings = settings.with_checked(values)
     spp, batches = used.spp, settings.batches
     if batches == 1 or (batches and spp % batches):
         raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
@@ -254,20 +255,20 @@ def _shares(progress: Progress) -> tuple[Progress, Progress]:
 
 def _statistics(results: list[Report], paths: int) -> dict[str, Any]:
     """Sums the pieces' reports."""
-    ledger = _padded_sum([np.asarray(r["ledger"], np.uint64) for r in results])
-    blocks = _padded_sum([np.asarray(r["blocks"], np.uint64) for r in results])
-    by_depth = _padded_sum([np.asarray(r["depth_seconds"], np.float64) for r in results])
-    closing = _padded_sum([np.asarray(r["compaction_seconds"], np.float64) for r in results])
-    columns = {
-        name: [int(n) for n in ledger[:, c]] if ledger.ndim == 2 else []
-        for c, name in enumerate(LEDGER_COLUMNS)
-    }
+    ledger, blocks, by_depth, closing = (
+        _padded_sum([r[name] for r in results])
+        for name in ("ledger", "blocks", "depth_seconds", "compaction_seconds")
+    )
+    if ledger.ndim == 2:
+        columns = dict(zip(LEDGER_COLUMNS, ledger.T.tolist(), strict=True))
+    else:
+        columns = {name: [] for name in LEDGER_COLUMNS}
     seconds = float(sum(r["seconds"] for r in results))
     nonfinite = [list(entry) for r in results for entry in r["nonfinite"]]
     return {
         "live_rays": columns["live"],
         "ledger": columns,
-        "blocks": [int(n) for n in blocks],
+        "blocks": blocks.tolist(),
         "depth_seconds": by_depth.tolist(),
         "compaction_seconds": closing.tolist(),
         "rays": sum(columns["live"] + columns["shadow_visible"] + columns["shadow_occluded"]),
@@ -307,6 +308,8 @@ def _refused_text(stats: dict[str, Any]) -> str:
 
 def _padded_sum(arrays: list[Array]) -> Array:
     """Sum along axis 0 of arrays whose lengths differ; short ones are padded with zeros."""
+    if len(arrays) == 1:
+        return arrays[0]
     longest = max(arrays, key=len)
     total = np.zeros_like(longest)
     for array in arrays:

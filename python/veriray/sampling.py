@@ -12,20 +12,22 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from .device import Device, polled
+from .picture import move_to_host
 from .scene import Scene
 
 if TYPE_CHECKING:
-    from ._native import Film, Report
+    from ._native import Film, Picture, Report
     from ._native import Scene as NativeScene
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
+T = TypeVar("T")
 
 #: Samples per pixel that decide, and the side in pixels of the tiles that they decide about.
 PILOT, TILE = 16, 16
@@ -40,14 +42,14 @@ FLOOR = 0.1
 class Sampled:
     """Result of a sampling.
 
-    image, stderr: (H, W, 3) float32. counts: (H, W) uint32 samples by pixel, or None if all have
-    the same number. results: reports of the native renders. facts: for `Render.stats`.
+    picture: mean and standard error. counts: (H, W) uint32 samples by pixel, or None if all have
+    the same number. results: reports of the native renders. memory: bytes of the film. facts: for
+    `Render.stats`.
     """
 
-    image: Array
-    stderr: Array
+    picture: Picture
     results: list[Report]
-    film: Film
+    memory: int
     paths: int
     batch_means: Array | None = None
     counts: Array | None = None
@@ -65,8 +67,23 @@ class _Runs:
         self.done, self.ahead = 0.0, 1.0  # paths
 
     def film(self) -> Film:
-        film: Film = self.device.native.Film(*self.size, device=self.device.index)
+        film: Film = self.with_room(
+            lambda: self.device.native.Film(*self.size, device=self.device.index)
+        )
         return film
+
+    def picture(self, film: Film, counts: Array | None = None) -> Picture:
+        threads = self.settings["threads"]
+        return self.with_room(lambda: film.picture(counts, threads))
+
+    def with_room(self, call: Callable[[], T]) -> T:
+        """The call's result; where the device lacks memory, once pictures have made room."""
+        try:
+            return call()
+        except self.device.native.OutOfMemoryError:
+            if not move_to_host():
+                raise
+            return call()
 
     def render(self, film: Film, begin: int, end: int, pixels: Array | None = None) -> None:
         paths = (end - begin) * (self.size[0] * self.size[1] if pixels is None else len(pixels))
@@ -101,8 +118,8 @@ def uniform(device: Device, held: NativeScene, scene: Scene, settings: dict[str,
             means[k] = piece.sums() / size
             total.add(piece)
             piece.clear()
-    image, stderr = total.resolve()
-    return Sampled(image, stderr, runs.results, total, width * height * spp, means)
+    paths = width * height * spp
+    return Sampled(runs.picture(total), runs.results, total.memory, paths, means)
 
 
 def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str, Any],
@@ -124,8 +141,8 @@ def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str
         pixels = np.flatnonzero(counts >= size).astype(np.uint32)
         runs.render(film, first + before, first + size, pixels)
         before = size
-    image, stderr = film.resolve(counts.astype(np.uint64))
-    reached = np.sqrt(tile_errors(image, stderr))
+    picture = runs.picture(film, counts.astype(np.uint64))
+    reached = np.sqrt(tile_errors(picture.image(), picture.stderr()))
     facts = {
         "target_error": target,
         "pilot_spp": PILOT,
@@ -137,7 +154,7 @@ def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str
         "tile_error": [float(x) for x in np.quantile(reached, (0.5, 0.9, 1.0))],
     }
     return Sampled(
-        image, stderr, runs.results, film, int(runs.done), None, counts.astype(np.uint32), facts
+        picture, runs.results, film.memory, int(runs.done), None, counts.astype(np.uint32), facts
     )
 
 

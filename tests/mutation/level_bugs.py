@@ -462,8 +462,8 @@ PYTHON = (
     _python("samples that decide are in the picture", "sampling.py",
             "first = 1 << (spp - 1).bit_length()", "first = 0"),
     _python("largest number of samples for all pixels", "sampling.py",
-            "film.resolve(counts.astype(np.uint64))",
-            "film.resolve(np.full_like(counts, counts.max(), np.uint64))"),
+            "runs.picture(film, counts.astype(np.uint64))",
+            "runs.picture(film, np.full_like(counts, counts.max(), np.uint64))"),
     # camera and film
     _python("degrees of the whole field of view", "numeric.py", "sin_cos_degrees(0.5 * angle)",
             "sin_cos_degrees(angle)"),

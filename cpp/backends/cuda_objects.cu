@@ -77,7 +77,7 @@ class DevicePicture final : public PictureMemory {
         check(cudaMemcpy(&sum, there, sizeof sum, cudaMemcpyDeviceToHost), "resolve film");
     }
     ~DevicePicture() override {
-        if (!shared_) return;
+        if (!shared_ || in_child()) return;
         int before = 0;
         cudaGetDevice(&before);
         cudaSetDevice(device_);
@@ -110,6 +110,7 @@ class DeviceFilm final : public FilmMemory {
         words_.zero();
     }
     ~DeviceFilm() override {
+        if (in_child()) return;
         int before = 0;
         cudaGetDevice(&before);
         cudaSetDevice(device_);

@@ -47,6 +47,7 @@ class Buffer {
     Buffer() = default;
     Buffer(size_t n, const char* what) : n_(n) {
         if (n == 0) return;
+        in_child();
         size_t bytes = n * sizeof(T);
         if (kPooled) {
             bytes = DevicePool::rounded(bytes);
@@ -79,7 +80,7 @@ class Buffer {
         return *this;
     }
     ~Buffer() {
-        if (!p_) return;
+        if (!p_ || in_child()) return;
         if (kPooled && std::uncaught_exceptions() == 0)
             DevicePool::of(device_).give(p_, bytes_);
         else

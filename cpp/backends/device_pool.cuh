@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cuda_runtime.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstring>
@@ -16,6 +17,13 @@
 #include "scene/thread_pool.h"
 
 namespace veriray {
+
+// Whether this is a child of the process that first asked: CUDA does not work there, and a lock may
+// be held by a thread that is not there. What is destroyed in a child is left alone.
+inline bool in_child() {
+    static const pid_t first = getpid();
+    return getpid() != first;
+}
 
 // Idle memory and streams of one device. Whoever gives something back has waited until the device
 // is done with it.

@@ -28,6 +28,7 @@ struct Stream {
         if (!s) check(cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking), "stream");
     }
     ~Stream() {
+        if (in_child()) return;
         if (std::uncaught_exceptions() == 0)
             DevicePool::of(device).give(s);
         else

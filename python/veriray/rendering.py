@@ -194,10 +194,12 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
         )
     given = settings.of_scene()
     # The last scene that was made of it: its hash is known, and the next render may ask for it.
-    last: tuple[dict[str, Any], Scene] | None = scene.__dict__.get("_settled")
+    plain = all(value is None or type(value) in (int, str) for value in given.values())
+    last: tuple[dict[str, Any], Scene] | None = scene.__dict__.get("_settled") if plain else None
     if last is None or last[0] != given:
         last = given, scene.with_(**given)
-        scene.__dict__["_settled"] = last
+        if plain:
+            scene.__dict__["_settled"] = last
     used = last[1]
     values = {
         name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given

@@ -150,6 +150,8 @@ def test_repeated_renders_forget_no_setting(cornell: vr.Scene) -> None:
         assert again.film_sha256 == fresh.film_sha256, change
         assert again.stats["scene_sha256"] == fresh.stats["scene_sha256"], change
         assert (again.seed, again.spp) == (change.get("seed", 0), change.get("spp", 4))
+    with pytest.raises(vr.SceneError, match="width = 32.0 is not an integer"):
+        render(cornell, width=32.0)
     assert "_settled" not in pickle.loads(pickle.dumps(cornell)).__dict__
 
 

@@ -17,7 +17,7 @@ from .errors import RefusedSamplesWarning
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import LEDGER_COLUMNS, Render
-from .sampling import PILOT, Progress, adaptive, uniform
+from .sampling import PILOT, Progress, adaptive, uniform, with_room
 from .scene import Scene
 from .settings import COMPACTIONS as COMPACTIONS
 from .settings import MAX_SPP, RenderSettings
@@ -92,7 +92,8 @@ def render(
             `veriray.native_scene`).
 
     Returns:
-        Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per depth),
+        Render, whose picture stays in the device's memory until it is asked for. Its stats:
+        live_rays (rays per depth), ledger (column -> list, one entry per depth),
         blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
         paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
         scheduler_reason, features (what the scene needs), variant (what the code that ran was
@@ -139,7 +140,10 @@ def render_with(
     chosen, device_reason = device_module.select(settings.device, fresh=False)
     with device_module.native_errors():
         building, sampling = _shares(progress)
-        native = native_scene(scene, used, chosen, building, settings.builder, used.spp)
+        native = with_room(
+            chosen,
+            lambda: native_scene(scene, used, chosen, building, settings.builder, used.spp),
+        )
         facts = scene_facts(native)
         scheduler, scheduler_reason = choose_scheduler(settings, chosen.backend, facts)
         settings = settings.with_checked({"scheduler": scheduler, "device": chosen.name})

@@ -8,6 +8,7 @@ of them is in the picture: that number and the samples of the picture are indepe
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable
@@ -56,6 +57,19 @@ class Sampled:
     facts: dict[str, Any] = field(default_factory=dict)
 
 
+def with_room(device: Device, call: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
+    """The call's result. Where the device lacks memory, pictures make room and it is called again,
+    after `undo`."""
+    try:
+        return call()
+    except device.native.OutOfMemoryError:
+        if not move_to_host():
+            raise
+        if undo:
+            undo()
+        return call()
+
+
 class _Runs:
     """Native renders one after another, with a common progress."""
 
@@ -67,23 +81,13 @@ class _Runs:
         self.done, self.ahead = 0.0, 1.0  # paths
 
     def film(self) -> Film:
-        film: Film = self.with_room(
-            lambda: self.device.native.Film(*self.size, device=self.device.index)
-        )
+        native, index = self.device.native, self.device.index
+        film: Film = with_room(self.device, lambda: native.Film(*self.size, device=index))
         return film
 
     def picture(self, film: Film, counts: Array | None = None) -> Picture:
         threads = self.settings["threads"]
-        return self.with_room(lambda: film.picture(counts, threads))
-
-    def with_room(self, call: Callable[[], T]) -> T:
-        """The call's result; where the device lacks memory, once pictures have made room."""
-        try:
-            return call()
-        except self.device.native.OutOfMemoryError:
-            if not move_to_host():
-                raise
-            return call()
+        return with_room(self.device, lambda: film.picture(counts, threads))
 
     def render(self, film: Film, begin: int, end: int, pixels: Array | None = None) -> None:
         paths = (end - begin) * (self.size[0] * self.size[1] if pixels is None else len(pixels))
@@ -113,7 +117,8 @@ def uniform(device: Device, held: NativeScene, scene: Scene, settings: dict[str,
     piece = runs.film() if batches else total
     means = np.empty((batches, height, width, 3)) if batches else None
     for k in range(batches or 1):
-        runs.render(piece, k * size, (k + 1) * size)
+        first = k * size
+        with_room(device, functools.partial(runs.render, piece, first, first + size), piece.clear)
         if means is not None:
             means[k] = piece.sums() / size
             total.add(piece)

@@ -555,7 +555,7 @@ PYTHON = (
     _python("film index shift in batches", "sampling.py", "means[k] = piece.sums() / size",
             "means[k] = np.roll(piece.sums(), 1, axis=1) / size"),
     _python("batches share their samples", "sampling.py",
-            "runs.render(piece, k * size, (k + 1) * size)", "runs.render(piece, 0, size)"),
+            "first = k * size", "first = 0"),
     _python("last batch lost", "sampling.py", "            total.add(piece)\n",
             "            if k + 1 < batches:\n                total.add(piece)\n"),
     _python("ledger of the last batch alone", "rendering.py", "total[: len(array)] += array",

@@ -73,6 +73,8 @@ py::capsule lend(std::unique_ptr<Lent<M>> lent) {
 }  // namespace
 
 py::array picture_view(const std::shared_ptr<Picture>& picture) {
+    if (device_of(*picture).kind != kHost)
+        throw py::value_error("the picture is in memory of a GPU");
     auto keep = std::make_unique<std::shared_ptr<Picture>>(picture);
     const py::capsule owner(keep.get(),
                             [](void* p) { delete static_cast<std::shared_ptr<Picture>*>(p); });

@@ -64,6 +64,7 @@ struct ResolveChannels {
         resolve(film.words + i / 3 * kFilmWords, static_cast<uint32_t>(i % 3), film.scale,
                 counts ? counts[i / 3] : n, mean[i], error[i]);
         const uint32_t bits = bit_cast<uint32_t>(error[i] * film.scale);
+        if (bits == 0) return;
         const uint32_t exponent = bits >> 23;
         if (exponent < 0xffu && bit_cast<uint32_t>(error[i]) >> 23 < 0xffu)
             add(sum.sum, to_fixed((bits & 0x7fffffu) | 0x800000u,

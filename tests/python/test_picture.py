@@ -103,6 +103,27 @@ def test_what_is_lent_outlives_the_render(cornell: vr.Scene, cpu: str) -> None:
     assert all(not np.array_equal(np.asarray(other), wanted) for other in others)
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux")
+def test_what_is_lent_is_given_back(cornell: vr.Scene, cpu: str) -> None:
+    """600 pictures of 96 KiB, each lent in every way, are 56 MiB."""
+
+    def resident() -> int:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE")
+
+    def lend(times: int) -> None:
+        for k in range(times):
+            picture = render(cornell, cpu, spp=1, width=64, height=64, max_depth=1, seed=k)
+            kept = [np.asarray(picture), np.from_dlpack(picture), picture.image]
+            unused = picture.__dlpack__(), picture.__dlpack__(max_version=(1, 0))
+            del picture, kept, unused
+
+    lend(100)
+    before = resident()
+    lend(600)
+    assert resident() - before < 16 << 20
+
+
 def test_dlpack_versions_and_devices(cornell: vr.Scene, cpu: str) -> None:
     picture = render(cornell, cpu)
     assert picture.__dlpack_device__() == (1, 0)

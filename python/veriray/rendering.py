@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import warnings
+import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,11 @@ MAX_NONFINITE = 64
 BUILD_SHARE = 0.1
 #: Paths of one launch from which `wavefront` pays for scenes that it suits (`choose_scheduler`).
 WAVE_PATHS = 1 << 24
+
+#: The last scene that `settle` made of each, with the settings: the next render may ask again.
+_settled: weakref.WeakKeyDictionary[Scene, tuple[dict[str, Any], Scene]] = (
+    weakref.WeakKeyDictionary()
+)
 
 if TYPE_CHECKING:
     from ._native import Report
@@ -197,13 +203,12 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             "veriray.load_dict(dict)"
         )
     given = settings.of_scene()
-    # The last scene that was made of it: its hash is known, and the next render may ask for it.
     plain = all(value is None or type(value) in (int, str) for value in given.values())
-    last: tuple[dict[str, Any], Scene] | None = scene.__dict__.get("_settled") if plain else None
+    last = _settled.get(scene) if plain else None
     if last is None or last[0] != given:
         last = given, scene.with_(**given)
         if plain:
-            scene.__dict__["_settled"] = last
+            _settled[scene] = last
     used = last[1]
     values = {
         name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-_DERIVED = ("_array_digest", "_native_forms", "_settled", "_hash")
+_DERIVED = ("_array_digest", "_native_forms")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 
 
@@ -97,10 +97,7 @@ class Scene(SceneArrays):
         object.__setattr__(self, "spp", whole("spp", self.spp, 1, 2**63 - 1))
 
     def __getstate__(self) -> dict[str, Any]:
-        state = self.__dict__.copy()
-        for name in _DERIVED:
-            state.pop(name, None)
-        return state
+        return {name: value for name, value in self.__dict__.items() if name not in _DERIVED}
 
     # Kept on the object, not in a table by id(), which another object may have later; without
     # cached_property, whose lock a child process may find taken.
@@ -169,10 +166,6 @@ class Scene(SceneArrays):
 
         Does not depend on the machine, the process or the file that the scene came from.
         """
-        kept: str | None = self.__dict__.get("_hash")
-        return self.__dict__.setdefault("_hash", self._hashed()) if kept is None else kept
-
-    def _hashed(self) -> str:
         digest = self._digest.copy()
         camera, film = self.camera, self.film
         numbers = [

@@ -342,6 +342,18 @@ void bind_renderer(py::module_& m) {
         .def_property_readonly("memory",
                                [](const Scene& s) { return s.host().memory() + s.tree().memory; });
 
+    py::class_<Picture, std::shared_ptr<Picture>>(m, "Picture", py::module_local())
+        .def_property_readonly("width", &Picture::width)
+        .def_property_readonly("height", &Picture::height)
+        .def_property_readonly("memory", &Picture::memory)
+        .def_property_readonly("mean_stderr", &Picture::mean_error)
+        .def("image", [](const Picture& p) { return copied(p, &Picture::read_mean); })
+        .def("stderr", [](const Picture& p) { return copied(p, &Picture::read_error); })
+        .def("view", &picture_view)
+        .def("pointer", [](Picture& p) { return reinterpret_cast<uintptr_t>(p.share()); })
+        .def("dlpack_device", &dlpack_device)
+        .def("dlpack", &dlpack, "versioned"_a);
+
     py::class_<Film>(m, "Film", py::module_local())
         .def(py::init(&make_film), "width"_a, "height"_a, "device"_a = 0, "planes"_a = py::list())
         .def_property_readonly("width", &Film::width)
@@ -373,18 +385,6 @@ void bind_renderer(py::module_& m) {
                  return out;
              })
         .def("words", [](const Film& f) { return words_of(f, 0); });
-
-    py::class_<Picture, std::shared_ptr<Picture>>(m, "Picture", py::module_local())
-        .def_property_readonly("width", &Picture::width)
-        .def_property_readonly("height", &Picture::height)
-        .def_property_readonly("memory", &Picture::memory)
-        .def_property_readonly("mean_stderr", &Picture::mean_error)
-        .def("image", [](const Picture& p) { return copied(p, &Picture::read_mean); })
-        .def("stderr", [](const Picture& p) { return copied(p, &Picture::read_error); })
-        .def("view", &picture_view)
-        .def("pointer", [](Picture& p) { return reinterpret_cast<uintptr_t>(p.share()); })
-        .def("dlpack_device", &dlpack_device)
-        .def("dlpack", &dlpack, "versioned"_a);
 
     m.def(
         "render",

@@ -46,7 +46,7 @@ class Veriray:
         self.scene, self.settings = scene, settings
 
     def run(self, spp: int, seed: int) -> tuple[dict[str, Any], Array]:
-        """The whole call includes standard errors and the image in NumPy."""
+        """The whole call until the picture is in NumPy."""
         with Meter() as m:
             self.last = render(self.scene, spp=spp, seed=seed, **self.settings)
             image = self.last.image

@@ -61,22 +61,42 @@ class _OnHost:
 _on_gpu: dict[int, weakref.ref[Render]] = {}
 
 
+def _all_on_gpu() -> list[tuple[Render, Picture]]:
+    """The renders whose picture is in memory of a GPU, and these pictures."""
+    renders = [reference() for reference in list(_on_gpu.values())]
+    pairs = [(r, r.__dict__.get("_held")) for r in renders if r is not None]
+    return [(r, held) for r, held in pairs if held is not None and not isinstance(held, _OnHost)]
+
+
 def move_to_host() -> bool:
     """Copies all pictures that are in memory of a GPU to the host's, and gives that memory back but
     for what was lent by `__cuda_array_interface__` or DLPack. False: there were none."""
-    moved = False
-    for reference in list(_on_gpu.values()):
-        render = reference()
-        _on_gpu.pop(id(render), None)
-        held = None if render is None else render.__dict__.get("_held")
-        if render is not None and held is not None and not isinstance(held, _OnHost):
-            render.__dict__["_held"] = _OnHost(held)
-            moved = True
-    return moved
+    found = _all_on_gpu()
+    for render, held in found:
+        render.__dict__["_held"] = _OnHost(held)
+    return bool(found)
+
+
+def _before_fork() -> None:
+    """CUDA does not work in a child process: it gets copies in the host's memory."""
+    for render, held in _all_on_gpu():
+        render.__dict__["_for_child"] = _OnHost(held)
+
+
+def _after_fork(*, child: bool) -> None:
+    for render, _ in _all_on_gpu():
+        copied = render.__dict__.pop("_for_child", None)
+        if child and copied is not None:
+            render.__dict__["_held"] = copied
+            render.__dict__.pop("_lent", None)
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=move_to_host)  # CUDA does not work in a child
+    os.register_at_fork(
+        before=_before_fork,
+        after_in_parent=functools.partial(_after_fork, child=False),
+        after_in_child=functools.partial(_after_fork, child=True),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +292,7 @@ _MADE: dict[str, Callable[[Render, Any], Any]] = {
     "stderr": lambda _, held: held.stderr(),
     "film_sha256": _hash_of,
 }
-_OWN = ("_held", "_lent")
+_OWN = ("_held", "_lent", "_for_child")
 
 
 def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = None) -> str:

@@ -8,6 +8,7 @@ import dataclasses
 import gc
 import os
 import pickle
+import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -175,6 +176,67 @@ def test_repeated_renders_forget_no_setting(cornell: vr.Scene) -> None:
         render(cornell, width=32.0)
 
 
+class OnGpu:
+    """A stand-in for a native picture that is in memory of a GPU."""
+
+    def __init__(self, values: Any) -> None:
+        self.values, self.owner = values, os.getpid()
+
+    def image(self) -> Any:
+        assert os.getpid() == self.owner
+        return self.values.copy()
+
+    def stderr(self) -> Any:
+        return self.image() / 8
+
+    def dlpack_device(self) -> tuple[int, int]:
+        return 2, 0
+
+    def pointer(self) -> int:
+        return self.values.ctypes.data
+
+
+def on_gpu(seed: int) -> tuple[vr.Render, OnGpu]:
+    held = OnGpu(np.random.default_rng(seed).random((4, 5, 3), np.float32))
+    more: dict[str, Any] = {"stats": {}, "batch_means": None, "samples": None, "seed": 0}
+    return vr.Render._of(held, width=5, height=4, spp=2, **more), held  # type: ignore[arg-type]
+
+
+def test_pictures_of_a_gpu_move_to_the_host() -> None:
+    (picture, held), (lent, kept) = on_gpu(1), on_gpu(2)
+    pointer = lent.__cuda_array_interface__["data"][0]
+    values, gone = held.values, weakref.ref(held)
+    del held
+    assert move_to_host()
+    assert gone() is None, "its memory is not given back"
+    assert picture.__dlpack_device__() == (1, 0)
+    assert not hasattr(picture, "__cuda_array_interface__")
+    assert lent.__dlpack_device__() == (2, 0)
+    assert lent.__cuda_array_interface__["data"][0] == pointer
+    picture.image[:] = 0
+    assert picture.film_sha256 == vr.film_hash(values, values / 8, 2)
+    assert np.array_equal(lent.image, kept.values)
+    assert not move_to_host()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_child_has_copies_of_a_gpus_pictures() -> None:
+    picture, held = on_gpu(1)
+    assert picture.__cuda_array_interface__["version"] == 3
+    child = os.fork()
+    if child == 0:
+        good = False
+        try:
+            good = picture.film_sha256 == vr.film_hash(held.values, held.values / 8, 2)
+            good &= np.array_equal(picture.image, held.values)
+            good &= picture.__dlpack_device__() == (1, 0)
+        finally:
+            os._exit(7 if good else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+    assert picture.__dlpack_device__() == (2, 0) and picture.__dict__["_held"] is held
+    assert "_for_child" not in picture.__dict__
+
+
 # On a GPU
 
 
@@ -284,4 +346,4 @@ def test_a_child_has_the_pictures_of_its_parent(cornell: vr.Scene) -> None:
     if child == 0:
         os._exit(7 if picture.film_sha256 == wanted and picture.image.any() else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
-    assert picture.film_sha256 == wanted
+    assert picture.film_sha256 == wanted and picture.__dlpack_device__() == (2, 0)

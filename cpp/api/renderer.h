@@ -120,10 +120,34 @@ class Film {
     const std::vector<PlaneInfo>& planes() const;
     float scale(size_t plane) const;
     void words(size_t plane, uint64_t* out) const;
-    // Of radiance: width * height * 3 each, row 0 on top. counts: samples by pixel; null: samples()
-    // of each.
-    void resolve(float* mean, float* standard_error, const uint64_t* counts) const;
     void sums(double* out) const;
+
+    struct Impl;
+    std::unique_ptr<Impl> impl;
+};
+
+// Mean radiance and its standard error, width * height * 3 numbers each, row 0 on top, in memory of
+// the film's device. Does not need the film any more.
+class Picture {
+   public:
+    // counts: samples by pixel; null: samples() of each. threads: as of RenderSettings.
+    Picture(const Film& film, const uint64_t* counts, uint32_t threads);
+    ~Picture();
+    Picture(const Picture&) = delete;
+    Picture& operator=(const Picture&) = delete;
+
+    uint32_t width() const;
+    uint32_t height() const;
+    int device() const;
+    size_t memory() const;
+    // The mean of the standard errors, each rounded to 2^-72 of the largest radiance; the same on
+    // every device. NaN if one of them is not finite.
+    double mean_error() const;
+    void read_mean(float* out) const;
+    void read_error(float* out) const;
+    // The means where the device has them, for others to read: their memory then waits for all
+    // work on the device before it is used again.
+    float* share();
 
     struct Impl;
     std::unique_ptr<Impl> impl;

@@ -30,7 +30,7 @@ bool render_fused(const Launches& l, const Job& job) {
     if (l.s.batch) items.samples_per_item = std::clamp(l.s.batch / 65536u, 1u, 64u);
     const uint64_t runs = (job.samples + items.samples_per_item - 1) / items.samples_per_item;
     items.count = runs * job.pixels();
-    Buffer<Control> control(1, "control");
+    Scratch<Control> control(1, "control");
     // In the stream's order: a non-blocking stream does not wait for the default one.
     check(cudaMemsetAsync(control.get(), 0, sizeof(Control), l.work.s), "control");
     const auto launch = [&](const void* kernel) {
@@ -72,10 +72,10 @@ class CudaRunner final : public Runner {
    public:
     CudaRunner(const Scene& scene, const RenderSettings& s, RenderStats& stats)
         : scene_(*scene.impl), s_(s), stats_(stats) {
-        cudaDeviceProp prop{};
-        check(cudaGetDeviceProperties(&prop, scene_.device), "device");
-        stats.device = std::string("cuda:") + std::to_string(scene_.device) + " " + prop.name;
-        multiprocessors_ = prop.multiProcessorCount;
+        stats.device = "cuda:" + std::to_string(scene_.device);
+        check(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount,
+                                     scene_.device),
+              "device");
         // Passes make more segments than max_depth counts.
         const bool bounded = s.max_depth >= 0 && !(scene_.view.features & kGoOn);
         depths_ = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
@@ -83,13 +83,12 @@ class CudaRunner final : public Runner {
         faults_ = {1, "fault log"};
         listed_ = {s.pixels, "pixel list"};
         ledger_.zero();
-        check(cudaDeviceSynchronize(), "prepare");
+        wait_for_default("prepare");
     }
     bool run(const Job& job, const Poll& poll) override {
         const Launches launches{scene_.device, scene_.view, s_,      stats_, multiprocessors_,
                                 work_,         side_,       ledger_, poll};
-        faults_.zero();
-        check(cudaDeviceSynchronize(), "prepare");
+        check(cudaMemsetAsync(faults_.get(), 0, sizeof(FaultLog), work_.s), "prepare");
         Job there = job;
         there.faults = faults_.get(), there.listed = listed_.get();
         const bool complete = by_method(find_scheduler(s_.scheduler)->method, render_fused,
@@ -99,7 +98,8 @@ class CudaRunner final : public Runner {
     }
     // Rows beyond the last path's end stay on the device.
     std::vector<uint64_t> ledger(uint64_t first) override {
-        const uint64_t n = std::min(kLedgerRowsFetched, depths_ - first);
+        const uint64_t n =
+            std::min(first ? kLedgerRowsFetched : kLedgerRowsShared, depths_ - first);
         return ledger_.download(first * kLedgerColumns, n * kLedgerColumns);
     }
 
@@ -110,9 +110,9 @@ class CudaRunner final : public Runner {
     int multiprocessors_;
     uint64_t depths_;
     Stream work_, side_;
-    Buffer<uint64_t> ledger_;
-    Buffer<FaultLog> faults_;
-    Buffer<uint32_t> listed_;
+    Scratch<uint64_t> ledger_;
+    Scratch<FaultLog> faults_;
+    Scratch<uint32_t> listed_;
 };
 
 }  // namespace

@@ -79,7 +79,7 @@ std::vector<DeviceInfo> devices() {
         check(cudaSetDevice(i), "device");
         size_t free = 0, total = 0;
         check(cudaMemGetInfo(&free, &total), "device memory");
-        d.memory_free = free;
+        d.memory_free = free + DevicePool::of(i).idle();
         d.memory_total = total;
         out.push_back(d);
     }

@@ -37,12 +37,85 @@ DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const Build
 
 namespace {
 
+constexpr uint32_t kResolveBlock = 256;
+constexpr unsigned kResolveBlocks = 2048;  // each adds its sum once
+
+__global__ void __launch_bounds__(kResolveBlock)
+    resolve_kernel(const __grid_constant__ ResolveChannels resolve_one, uint64_t n, ErrorSum* out) {
+    ErrorSum sum{};
+    const uint64_t step = static_cast<uint64_t>(gridDim.x) * kResolveBlock;
+    for (uint64_t i = blockIdx.x * kResolveBlock + threadIdx.x; i < n; i += step)
+        resolve_one(i, sum);
+    for (uint32_t k = 16; k; k /= 2) {
+        const Fixed128 other{__shfl_down_sync(~0u, sum.sum.lo, k),
+                             __shfl_down_sync(~0u, sum.sum.hi, k)};
+        add(sum.sum, other);
+        sum.not_finite += __shfl_down_sync(~0u, sum.not_finite, k);
+    }
+    if (threadIdx.x % 32) return;
+    const uint64_t before = atomic_add(&out->sum.lo, sum.sum.lo);
+    atomic_add(&out->sum.hi, sum.sum.hi + (before + sum.sum.lo < before ? 1u : 0u));
+    atomic_add(&out->not_finite, sum.not_finite);
+}
+
+class DevicePicture final : public PictureMemory {
+   public:
+    DevicePicture(const FilmView& film, uint64_t n, const uint64_t* counts, int device,
+                  ErrorSum& sum)
+        : device_(device) {
+        const uint64_t pixels = static_cast<uint64_t>(film.width) * film.height;
+        numbers_ = {6 * pixels + sizeof(ErrorSum) / sizeof(float), "picture"};
+        const Scratch<uint64_t> by_pixel(counts, counts ? pixels : 0, "picture");
+        // of 24 bytes a pixel, so it is aligned
+        auto* there = reinterpret_cast<ErrorSum*>(numbers_.get() + 6 * pixels);
+        check(cudaMemsetAsync(there, 0, sizeof sum), "resolve film");
+        resolve_kernel<<<std::min(blocks_for(3 * pixels, kResolveBlock), kResolveBlocks),
+                         kResolveBlock>>>(
+            ResolveChannels{film, n, by_pixel.get(), numbers_.get(), numbers_.get() + 3 * pixels},
+            3 * pixels, there);
+        check_launch("resolve film");
+        check(cudaMemcpy(&sum, there, sizeof sum, cudaMemcpyDeviceToHost), "resolve film");
+    }
+    ~DevicePicture() override {
+        if (!shared_ || in_child()) return;
+        int before = 0;
+        cudaGetDevice(&before);
+        cudaSetDevice(device_);
+        cudaDeviceSynchronize();
+        cudaSetDevice(before);
+    }
+    float* numbers() override { return numbers_.get(); }
+    void read(size_t first, size_t n, float* out) const override {
+        constexpr size_t kLarge = 2 << 20;  // bytes
+        use_device(device_);
+        if (n * sizeof(float) < kLarge ||
+            !Staging::copy(device_, reinterpret_cast<char*>(out),
+                           reinterpret_cast<const char*>(numbers_.get() + first),
+                           n * sizeof(float)))
+            numbers_.download(first, n, out);
+    }
+    void share() override { shared_ = true; }
+
+   private:
+    int device_;
+    std::atomic<bool> shared_{false};
+    Scratch<float> numbers_;
+};
+
 class DeviceFilm final : public FilmMemory {
    public:
     DeviceFilm(size_t words, int device) : device_(device) {
         use_device(device);
         words_ = {words, "film"};
         words_.zero();
+    }
+    ~DeviceFilm() override {
+        if (in_child()) return;
+        int before = 0;
+        cudaGetDevice(&before);
+        cudaSetDevice(device_);
+        cudaStreamSynchronize(nullptr);  // which may still clear it
+        cudaSetDevice(before);
     }
     uint64_t* words() override { return words_.get(); }
     void clear() override {
@@ -61,24 +134,17 @@ class DeviceFilm final : public FilmMemory {
         use_device(device_);
         add_words(first, {from, n, "film"});
     }
-    void resolve(const FilmView& film, uint64_t n, const uint64_t* counts, float* mean,
-                 float* error) const override {
+    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint64_t n, const uint64_t* counts,
+                                           uint32_t, ErrorSum& sum) const override {
         use_device(device_);
-        const uint64_t pixels = static_cast<uint64_t>(film.width) * film.height;
-        const Buffer<float> out(6 * pixels, "resolved film");
-        const Buffer<uint64_t> by_pixel(counts, counts ? pixels : 0, "resolved film");
-        each_of(3 * pixels,
-                ResolveChannels{film, n, by_pixel.get(), out.get(), out.get() + 3 * pixels},
-                "resolve film");
-        out.download(0, 3 * pixels, mean);
-        out.download(3 * pixels, 3 * pixels, error);
+        return std::make_unique<DevicePicture>(film, n, counts, device_, sum);
     }
 
    private:
     int device_;
-    Buffer<uint64_t> words_;
+    Scratch<uint64_t> words_;
 
-    void add_words(size_t first, const Buffer<uint64_t>& from) {
+    void add_words(size_t first, const Scratch<uint64_t>& from) {
         each_of(from.size() / 2, AddNumbers{words_.get() + first, from.get()}, "add films");
     }
 };

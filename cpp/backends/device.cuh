@@ -3,16 +3,26 @@
 
 #include <cuda_runtime.h>
 
+#include <atomic>
+#include <exception>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "api/renderer.h"
+#include "backends/device_pool.cuh"
 
 namespace veriray {
 
+inline int current_device() {
+    int device = 0;
+    cudaGetDevice(&device);
+    return device;
+}
+
 [[noreturn]] inline void out_of_memory(const std::string& what_needs) {
     cudaGetLastError();
+    DevicePool::of(current_device()).trim();
     size_t free = 0, total = 0;
     cudaMemGetInfo(&free, &total);
     throw OutOfMemoryError(what_needs + " of device memory, " + std::to_string(free) + " are free");
@@ -29,14 +39,29 @@ inline void check(cudaError_t status, const char* what) {
 
 inline void check_launch(const char* what) { check(cudaGetLastError(), what); }
 
-// Device memory of one owner.
-template <class T>
+// Device memory of one owner. kPooled: from the pool and back to it, so its owner has waited for
+// the work that uses it; the driver waits itself where an exception ends that work.
+template <class T, bool kPooled = false>
 class Buffer {
    public:
     Buffer() = default;
     Buffer(size_t n, const char* what) : n_(n) {
         if (n == 0) return;
-        const cudaError_t status = cudaMalloc(reinterpret_cast<void**>(&p_), n * sizeof(T));
+        in_child();
+        size_t bytes = n * sizeof(T);
+        if (kPooled) {
+            bytes = DevicePool::rounded(bytes);
+            device_ = current_device();
+            p_ = static_cast<T*>(DevicePool::of(device_).take(bytes));
+        }
+        bytes_ = bytes;
+        if (p_) return;
+        cudaError_t status = allocate();
+        if (status == cudaErrorMemoryAllocation && DevicePool::of(current_device()).idle()) {
+            cudaGetLastError();
+            DevicePool::of(current_device()).trim();
+            status = allocate();
+        }
         if (status == cudaErrorMemoryAllocation)
             out_of_memory(std::string(what) + ": needs " + std::to_string(n * sizeof(T)) +
                           " bytes");
@@ -46,13 +71,21 @@ class Buffer {
         if (n) check(cudaMemcpy(p_, from, n * sizeof(T), cudaMemcpyHostToDevice), what);
     }
     Buffer(const std::vector<T>& v, const char* what) : Buffer(v.data(), v.size(), what) {}
-    Buffer(Buffer&& o) noexcept : p_(o.p_), n_(o.n_) { o.p_ = nullptr, o.n_ = 0; }
+    Buffer(Buffer&& o) noexcept { *this = std::move(o); }
     Buffer& operator=(Buffer&& o) noexcept {
         std::swap(p_, o.p_);
         std::swap(n_, o.n_);
+        std::swap(bytes_, o.bytes_);
+        std::swap(device_, o.device_);
         return *this;
     }
-    ~Buffer() { cudaFree(p_); }
+    ~Buffer() {
+        if (!p_ || in_child()) return;
+        if (kPooled && std::uncaught_exceptions() == 0)
+            DevicePool::of(device_).give(p_, bytes_);
+        else
+            cudaFree(p_);
+    }
     T* get() const { return p_; }
     size_t size() const { return n_; }
     void zero() {
@@ -70,12 +103,21 @@ class Buffer {
 
    private:
     T* p_ = nullptr;
-    size_t n_ = 0;
+    size_t n_ = 0, bytes_ = 0;
+    int device_ = 0;
+
+    cudaError_t allocate() { return cudaMalloc(reinterpret_cast<void**>(&p_), bytes_); }
 };
+template <class T>
+using Scratch = Buffer<T, true>;
 
 inline void use_device(int device) {
-    const std::string why = why_unusable();
-    if (!why.empty()) throw DeviceError(why);
+    static std::atomic<bool> usable{false};  // and stays so
+    if (!usable) {
+        const std::string why = why_unusable();
+        if (!why.empty()) throw DeviceError(why);
+        usable = true;
+    }
     check(cudaSetDevice(device), ("device " + std::to_string(device)).c_str());
 }
 
@@ -89,12 +131,16 @@ __global__ void each_of_kernel(const __grid_constant__ Body body, uint64_t n) {
     if (i < n) body(i);
 }
 
+// All work of the default stream, on which memory is cleared and filled; other streams do not wait
+// for it.
+inline void wait_for_default(const char* what) { check(cudaStreamSynchronize(nullptr), what); }
+
 // body(i) for i in [0, n), which is done when it returns.
 template <class Body>
 void each_of(uint64_t n, const Body& body, const char* what) {
     if (n) each_of_kernel<<<blocks_for(n, 256), 256>>>(body, n);
     check_launch(what);
-    check(cudaDeviceSynchronize(), what);
+    wait_for_default(what);
 }
 
 }  // namespace veriray

@@ -1,6 +1,7 @@
 // Films, on either machine.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "backends/film_memory.h"
 
@@ -139,12 +140,6 @@ void Film::add(uint64_t samples, const std::vector<PlaneState>& state) {
     impl->samples = all;
 }
 
-void Film::resolve(float* mean, float* standard_error, const uint64_t* counts) const {
-    FilmView view = impl->view();
-    if (view.scale == 0) view.scale = 1.f;
-    impl->memory->resolve(view, impl->samples, counts, mean, standard_error);
-}
-
 void Film::sums(double* out) const {
     constexpr size_t kPart = 1 << 16;  // pixels read at a time
     const float unit = scale(0) != 0 ? scale(0) : 1.f;
@@ -160,6 +155,31 @@ void Film::sums(double* out) const {
 
 void Film::words(size_t plane, uint64_t* out) const {
     impl->memory->read(impl->first[plane], impl->first[plane + 1] - impl->first[plane], out);
+}
+
+Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads)
+    : impl(std::make_unique<Impl>()) {
+    FilmView view = film.impl->view();
+    if (view.scale == 0) view.scale = 1.f;
+    impl->width = film.width(), impl->height = film.height(), impl->device = film.impl->device;
+    ErrorSum sum{};
+    impl->memory = film.impl->memory->resolve(view, film.samples(), counts, threads, sum);
+    impl->mean_error = sum.not_finite
+                           ? std::numeric_limits<double>::quiet_NaN()
+                           : to_double(sum.sum, kSumScale) / static_cast<double>(impl->size()) /
+                                 static_cast<double>(view.scale);
+}
+Picture::~Picture() = default;
+uint32_t Picture::width() const { return impl->width; }
+uint32_t Picture::height() const { return impl->height; }
+int Picture::device() const { return impl->device; }
+size_t Picture::memory() const { return 2 * impl->size() * sizeof(float); }
+double Picture::mean_error() const { return impl->mean_error; }
+void Picture::read_mean(float* out) const { impl->memory->read(0, impl->size(), out); }
+void Picture::read_error(float* out) const { impl->memory->read(impl->size(), impl->size(), out); }
+float* Picture::share() {
+    impl->memory->share();
+    return impl->memory->numbers();
 }
 
 }  // namespace veriray

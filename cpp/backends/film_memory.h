@@ -9,6 +9,22 @@
 
 namespace veriray {
 
+// Sum of all standard errors, in 2^-kSumScale of the film's scale; how many are not finite.
+struct ErrorSum {
+    Fixed128 sum;
+    uint64_t not_finite;
+};
+
+// The numbers of a picture: means, then standard errors.
+class PictureMemory {
+   public:
+    virtual ~PictureMemory() = default;
+    virtual float* numbers() = 0;  // where the device has them
+    virtual void read(size_t first, size_t n, float* out) const = 0;
+    // From now on others may read them on the device; see Picture::share.
+    virtual void share() {}
+};
+
 // The words of a film.
 class FilmMemory {
    public:
@@ -20,9 +36,10 @@ class FilmMemory {
     // `first` on.
     virtual void add(const FilmMemory& other) = 0;
     virtual void add(size_t first, size_t n, const uint64_t* from) = 0;
-    // See Film::resolve; n: samples() of the film.
-    virtual void resolve(const FilmView& film, uint64_t n, const uint64_t* counts, float* mean,
-                         float* error) const = 0;
+    // See Picture; n: samples() of the film.
+    virtual std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint64_t n,
+                                                   const uint64_t* counts, uint32_t threads,
+                                                   ErrorSum& sum) const = 0;
 };
 // Zeros. Throws OutOfMemoryError, and DeviceError for a device that there is not.
 std::unique_ptr<FilmMemory> film_memory(size_t words, int device);
@@ -43,9 +60,17 @@ struct ResolveChannels {
     uint64_t n;
     const uint64_t* counts;
     float *mean, *error;
-    VR_HD void operator()(uint64_t i) const {
+    VR_HD void operator()(uint64_t i, ErrorSum& sum) const {
         resolve(film.words + i / 3 * kFilmWords, static_cast<uint32_t>(i % 3), film.scale,
                 counts ? counts[i / 3] : n, mean[i], error[i]);
+        const uint32_t bits = bit_cast<uint32_t>(error[i] * film.scale);
+        if (bits == 0) return;
+        const uint32_t exponent = bits >> 23;
+        if (exponent < 0xffu && bit_cast<uint32_t>(error[i]) >> 23 < 0xffu)
+            add(sum.sum, to_fixed((bits & 0x7fffffu) | 0x800000u,
+                                  static_cast<int>(exponent) - 150 + kSumScale));
+        else
+            ++sum.not_finite;
     }
 };
 
@@ -69,6 +94,15 @@ struct Film::Impl {
     }
     // `samples` once there are n more; throws where there is no such number.
     uint64_t with_more(uint64_t n) const;
+};
+
+struct Picture::Impl {
+    uint32_t width, height;
+    int device;
+    double mean_error;
+    std::unique_ptr<PictureMemory> memory;
+
+    size_t size() const { return 3ull * width * height; }
 };
 
 }  // namespace veriray

@@ -5,6 +5,8 @@
 
 #include <chrono>
 #include <exception>
+#include <map>
+#include <mutex>
 #include <thread>
 
 #include "backends/block_ledger.cuh"
@@ -19,10 +21,20 @@ inline double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
+// A stream of the current device, which does not wait for the default one.
 struct Stream {
-    cudaStream_t s = nullptr;
-    Stream() { check(cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking), "stream"); }
-    ~Stream() { cudaStreamDestroy(s); }
+    cudaStream_t s;
+    int device = current_device();
+    Stream() : s(DevicePool::of(current_device()).take_stream()) {
+        if (!s) check(cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking), "stream");
+    }
+    ~Stream() {
+        if (in_child()) return;
+        if (std::uncaught_exceptions() == 0)
+            DevicePool::of(device).give(s);
+        else
+            cudaStreamDestroy(s);
+    }
     Stream(const Stream&) = delete;
     Stream& operator=(const Stream&) = delete;
 };
@@ -37,7 +49,7 @@ struct Launches {
     int multiprocessors;
     Stream& work;
     Stream& side;
-    Buffer<uint64_t>& ledger;
+    Scratch<uint64_t>& ledger;
     const Poll& poll;
 };
 
@@ -48,15 +60,25 @@ bool render_wavefront(const Launches& l, const Job& job);
 
 // Notes what the kernel that traces takes; returns its resident blocks on a multiprocessor.
 inline int note_kernel(RenderStats& stats, const void* kernel, uint32_t block) {
-    cudaFuncAttributes use{};
-    int per_sm = 0;
-    check(cudaFuncGetAttributes(&use, kernel), "kernel");
-    check(
-        cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, kernel, static_cast<int>(block), 0),
-        "occupancy");
-    stats.kernel = {static_cast<uint32_t>(use.numRegs), static_cast<uint32_t>(use.localSizeBytes),
-                    static_cast<uint32_t>(per_sm) * block};
-    return per_sm;
+    static std::mutex mutex;
+    static std::map<std::pair<const void*, int>, KernelUse> known;
+    const std::pair key(kernel, current_device());
+    const std::lock_guard lock(mutex);
+    if (const auto found = known.find(key); found != known.end()) {
+        stats.kernel = found->second;
+    } else {
+        cudaFuncAttributes use{};
+        int per_sm = 0;
+        check(cudaFuncGetAttributes(&use, kernel), "kernel");
+        check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, kernel,
+                                                            static_cast<int>(block), 0),
+              "occupancy");
+        stats.kernel = {static_cast<uint32_t>(use.numRegs),
+                        static_cast<uint32_t>(use.localSizeBytes),
+                        static_cast<uint32_t>(per_sm) * block};
+        known[key] = stats.kernel;
+    }
+    return static_cast<int>(stats.kernel.resident_threads / block);
 }
 
 template <class... Arguments>

@@ -93,10 +93,10 @@ bool render_thrust(const Launches& l, const Job& job) {
         using Tracer = typename Variant::template Tracer<Scalar>;
         l.stats.features = Tracer::kMask;
         const ColumnCount columns = Tracer::columns(Tracer::kMask);
-        Buffer<float> floats(columns.floats * slots, "path pool");
-        Buffer<uint32_t> uints(columns.uints * slots, "path pool");
-        Buffer<int32_t> index(index_columns(compaction) * slots, "path pool");
-        Buffer<uint32_t> appended(1, "path pool");
+        Scratch<float> floats(columns.floats * slots, "path pool");
+        Scratch<uint32_t> uints(columns.uints * slots, "path pool");
+        Scratch<int32_t> index(index_columns(compaction) * slots, "path pool");
+        Scratch<uint32_t> appended(1, "path pool");
         const PathPool pool = make_pool(compaction, static_cast<uint32_t>(slots), floats.get(),
                                         uints.get(), index.get(), appended.get());
         note_kernel(l.stats, thrust_bounce_kernel<Tracer>, kThrustBlock);

@@ -159,10 +159,10 @@ bool render_wavefront(const Launches& l, const Job& job) {
     });
     l.stats.features = kernels.features;
     const ColumnCount all = wave_columns(path, request, kinds);
-    Buffer<float> floats(static_cast<size_t>(all.floats) * capacity, "wave");
-    Buffer<uint32_t> uints(static_cast<size_t>(all.uints) * capacity, "wave");
-    Buffer<TileQueues> queues(tile_count(capacity), "wave");
-    Buffer<WaveControl> control(1, "wave");
+    Scratch<float> floats(static_cast<size_t>(all.floats) * capacity, "wave");
+    Scratch<uint32_t> uints(static_cast<size_t>(all.uints) * capacity, "wave");
+    Scratch<TileQueues> queues(tile_count(capacity), "wave");
+    Scratch<WaveControl> control(1, "wave");
     const Wave w = make_wave(path, request, kinds, capacity, floats.get(), uints.get(),
                              queues.get(), control.get());
     check(cudaMemsetAsync(w.state, 0xff, capacity * sizeof(uint32_t), l.work.s), "wave");

@@ -87,10 +87,11 @@ VR_HD void resolve(const uint64_t* words, uint32_t channel, float scale, uint64_
     const uint64_t* w = words + 4 * channel;
     const double count = static_cast<double>(n), unit = 1.0 / static_cast<double>(scale);
     const double m = n ? to_double({w[0], w[1]}, kSumScale) / count : 0.0;
-    const double square = n ? to_double({w[2], w[3]}, kSquareScale) / count : 0.0;
-    const double variance = square - m * m;
     mean = static_cast<float>(m * unit);
-    const double root = variance > 0 && n > 1 ? ieee_sqrt(variance / (count - 1.0)) : 0.0;
+    standard_error = 0;
+    if (n < 2) return;
+    const double variance = to_double({w[2], w[3]}, kSquareScale) / count - m * m;
+    const double root = variance > 0 ? ieee_sqrt(variance / (count - 1.0)) : 0.0;
     standard_error = static_cast<float>(root * unit);
 }
 

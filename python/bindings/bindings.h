@@ -14,6 +14,12 @@ void bind_renderer(py::module_& m);
 void bind_testing(py::module_& m);
 
 Sampler find_sampler(const std::string& name);
+// The means without a copy, read-only; of a CPU's picture.
+py::array picture_view(const std::shared_ptr<Picture>& picture);
+// What DLPack asks of the means: kind and number of the device, and a capsule, by version 1.0 of
+// the protocol or by that before.
+py::tuple dlpack_device(const Picture& picture);
+py::capsule dlpack(const std::shared_ptr<Picture>& picture, bool versioned);
 // Nodes (n, 7 * width) and primitives by slot, both uint32.
 py::tuple tree_arrays(const TreeWords& tree, uint32_t width);
 

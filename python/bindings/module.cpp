@@ -226,6 +226,26 @@ void add_state(Film& film, const py::dict& state) {
     film.add(samples, planes);
 }
 
+std::shared_ptr<Picture> make_picture(const Film& film,
+                                      const std::optional<Array<uint64_t>>& counts,
+                                      uint32_t threads) {
+    if (counts) need_shape(*counts, "counts", {film.height(), film.width()});
+    const uint64_t* n = counts ? counts->data() : nullptr;
+    py::gil_scoped_release release;
+    return std::make_shared<Picture>(film, n, threads);
+}
+
+std::vector<py::ssize_t> picture_shape(const Picture& p) { return {p.height(), p.width(), 3}; }
+
+// A new array with what `read` gives.
+py::array_t<float> copied(const Picture& p, void (Picture::*read)(float*) const) {
+    py::array_t<float> out(picture_shape(p));
+    float* numbers = out.mutable_data();
+    py::gil_scoped_release release;
+    (p.*read)(numbers);
+    return out;
+}
+
 }  // namespace
 
 Sampler find_sampler(const std::string& name) {
@@ -324,6 +344,18 @@ void bind_renderer(py::module_& m) {
         .def_property_readonly("memory",
                                [](const Scene& s) { return s.host().memory() + s.tree().memory; });
 
+    py::class_<Picture, std::shared_ptr<Picture>>(m, "Picture", py::module_local())
+        .def_property_readonly("width", &Picture::width)
+        .def_property_readonly("height", &Picture::height)
+        .def_property_readonly("memory", &Picture::memory)
+        .def_property_readonly("mean_stderr", &Picture::mean_error)
+        .def("image", [](const Picture& p) { return copied(p, &Picture::read_mean); })
+        .def("stderr", [](const Picture& p) { return copied(p, &Picture::read_error); })
+        .def("view", &picture_view)
+        .def("pointer", [](Picture& p) { return reinterpret_cast<uintptr_t>(p.share()); })
+        .def("dlpack_device", &dlpack_device)
+        .def("dlpack", &dlpack, "versioned"_a);
+
     py::class_<Film>(m, "Film", py::module_local())
         .def(py::init(&make_film), "width"_a, "height"_a, "device"_a = 0, "planes"_a = py::list())
         .def_property_readonly("width", &Film::width)
@@ -338,18 +370,12 @@ void bind_renderer(py::module_& m) {
         .def(
             "resolve",
             [](const Film& f, const std::optional<Array<uint64_t>>& counts) {
-                const std::vector<py::ssize_t> shape{f.height(), f.width(), 3};
-                py::array_t<float> mean(shape), error(shape);
-                float *a = mean.mutable_data(), *b = error.mutable_data();
-                if (counts) need_shape(*counts, "counts", {f.height(), f.width()});
-                const uint64_t* n = counts ? counts->data() : nullptr;
-                {
-                    py::gil_scoped_release release;
-                    f.resolve(a, b, n);
-                }
-                return py::make_tuple(mean, error);
+                const auto p = make_picture(f, counts, 0);
+                return py::make_tuple(copied(*p, &Picture::read_mean),
+                                      copied(*p, &Picture::read_error));
             },
             "counts"_a = py::none())
+        .def("picture", &make_picture, "counts"_a = py::none(), "threads"_a = 0)
         .def("sums",
              [](const Film& f) {
                  py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});

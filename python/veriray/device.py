@@ -186,7 +186,15 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forked)
 
 
-def _describe(native: Any, backend: str) -> list[Device]:
+#: What `_describe` found of a native module; the module is kept, so that its id stays its own.
+_described: dict[int, tuple[Any, list[Device]]] = {}
+
+
+def _describe(native: Any, backend: str, fresh: bool = True) -> list[Device]:
+    """The module's devices; fresh: as they are now, with the memory that is free."""
+    known = _described.get(id(native))
+    if known is not None and not fresh:
+        return known[1]
     info = native.build_info()
     result = []
     with native_errors():
@@ -211,6 +219,8 @@ def _describe(native: Any, backend: str) -> list[Device]:
                 native=native,
             )
         )
+    if result:
+        _described[id(native)] = native, result
     return result
 
 
@@ -237,9 +247,10 @@ def devices() -> list[Device]:
     return survey()[0]
 
 
-def select(device: str = "auto") -> tuple[Device, str]:
+def select(device: str = "auto", *, fresh: bool = True) -> tuple[Device, str]:
     """The device of that name (see the top of this module) and one line with the reason.
 
+    fresh: ask the device for its free memory, which takes a good part of a small picture's time.
     Raises ValueError for an unknown name, DeviceError with the exact cause for a device that cannot
     be used here.
     """
@@ -250,9 +261,9 @@ def select(device: str = "auto") -> tuple[Device, str]:
     backend, _, detail = device.partition(":")
     if device == "auto":
         try:
-            chosen = _cuda_device(0)
+            chosen = _cuda_device(0, fresh)
         except DeviceError as error:
-            chosen, why = _cpu_device("")
+            chosen, why = _cpu_device("", fresh)
             reason = f"{error}; {why}"
             level = logging.WARNING  # shown even where nobody set up logging
         else:
@@ -261,9 +272,9 @@ def select(device: str = "auto") -> tuple[Device, str]:
         _announce(level, f"{chosen.name} ({chosen.description}): {reason}")
         return chosen, reason
     if backend == "cuda" and (not detail or detail.isdecimal()) and not device.endswith(":"):
-        return _cuda_device(int(detail or 0)), "asked for"
+        return _cuda_device(int(detail or 0), fresh), "asked for"
     if backend == "cpu" and detail in ("", *CPU_MODULES) and not device.endswith(":"):
-        chosen, why = _cpu_device(detail)
+        chosen, why = _cpu_device(detail, fresh)
         return chosen, f"asked for; {why}" if why else "asked for"
     raise ValueError(
         f"device = {device!r} is unknown; allowed: auto, cuda, cuda:N, cpu, "
@@ -277,9 +288,9 @@ def _announce(level: int, message: str) -> None:
     _log.log(level, message)
 
 
-def _cuda_device(index: int) -> Device:
+def _cuda_device(index: int, fresh: bool) -> Device:
     try:
-        found = _describe(load_native("_cuda"), "cuda")
+        found = _describe(load_native("_cuda"), "cuda", fresh)
     except DeviceError as error:
         raise DeviceError(f"CUDA cannot be used: {error}") from error
     for device in found:
@@ -289,7 +300,7 @@ def _cuda_device(index: int) -> Device:
     raise DeviceError(f"cuda:{index} does not exist; CUDA devices here: {names}")
 
 
-def _cpu_device(isa: str) -> tuple[Device, str]:
+def _cpu_device(isa: str, fresh: bool) -> tuple[Device, str]:
     """The CPU with that instruction set; "" takes VERIRAY_ISA, else the widest that runs."""
     why = ""
     if not isa and os.environ.get("VERIRAY_ISA"):
@@ -299,13 +310,13 @@ def _cpu_device(isa: str) -> tuple[Device, str]:
         why = f"VERIRAY_ISA={isa}"
     if isa:
         try:
-            return _describe(load_native(CPU_MODULES[isa]), "cpu")[0], why
+            return _describe(load_native(CPU_MODULES[isa]), "cpu", fresh)[0], why
         except DeviceError as error:
             raise DeviceError(f"cpu:{isa}: {error}") from error
     reasons = []
     for name, module in CPU_MODULES.items():
         try:
-            device = _describe(load_native(module), "cpu")[0]
+            device = _describe(load_native(module), "cpu", fresh)[0]
         except DeviceError as error:
             reasons.append(f"{name}: {error}")
             continue

@@ -7,15 +7,21 @@ import hashlib
 import io
 import os
 import struct
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .device import native_errors
 from .errors import ImageError
 from .numeric import path_text, shown, whole
+
+if TYPE_CHECKING:
+    from ._native import Picture
 
 #: Columns of the ray ledger, in the native modules' order.
 LEDGER_COLUMNS = (
@@ -26,10 +32,82 @@ LEDGER_COLUMNS = (
 Array = npt.NDArray[Any]
 _whole = functools.partial(whole, error=ValueError)
 
+#: Kinds of devices in DLPack's numbers.
+_HOST = 1
+
+
+class _OnHost:
+    """A copy of what a native `Picture` of a GPU held."""
+
+    def __init__(self, picture: Picture) -> None:
+        self._image, self._stderr = picture.image(), picture.stderr()
+        for values in (self._image, self._stderr):
+            values.setflags(write=False)
+
+    def image(self) -> Array:
+        return self._image.copy()
+
+    def stderr(self) -> Array:
+        return self._stderr.copy()
+
+    def view(self) -> Array:
+        return self._image
+
+    def dlpack_device(self) -> tuple[int, int]:
+        return _HOST, 0
+
+
+#: The renders that may have their picture in memory of a GPU, by id.
+_on_gpu: dict[int, weakref.ref[Render]] = {}
+
+
+def _all_on_gpu() -> list[tuple[Render, Picture]]:
+    """The renders whose picture is in memory of a GPU, and these pictures."""
+    renders = [reference() for reference in list(_on_gpu.values())]
+    pairs = [(r, r.__dict__.get("_held")) for r in renders if r is not None]
+    return [(r, held) for r, held in pairs if held is not None and not isinstance(held, _OnHost)]
+
+
+def move_to_host() -> bool:
+    """Copies all pictures that are in memory of a GPU to the host's, and gives that memory back but
+    for what was lent by `__cuda_array_interface__` or DLPack. False: there were none."""
+    found = _all_on_gpu()
+    for render, held in found:
+        render.__dict__["_held"] = _OnHost(held)
+    return bool(found)
+
+
+def _before_fork() -> None:
+    """CUDA does not work in a child process: it gets copies in the host's memory."""
+    for render, held in _all_on_gpu():
+        render.__dict__["_for_child"] = _OnHost(held)
+
+
+def _after_fork(*, child: bool) -> None:
+    for render, _ in _all_on_gpu():
+        copied = render.__dict__.pop("_for_child", None)
+        if child and copied is not None:
+            render.__dict__["_held"] = copied
+            render.__dict__.pop("_lent", None)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_before_fork,
+        after_in_parent=functools.partial(_after_fork, child=False),
+        after_in_child=functools.partial(_after_fork, child=True),
+    )
+
 
 @dataclass(frozen=True, eq=False)
 class Render:
     """A finished picture with its error bars.
+
+    What `veriray.render` returns stays in the memory of its device: `image`, `stderr` and
+    `film_sha256` are made when they are first asked for, and belong to the caller. The picture
+    itself is lent without a copy: `numpy.asarray(render)` on a CPU (read-only), and
+    `torch.from_dlpack(render)`, `cupy.asarray(render)` and the like on either, as long as they
+    need it. Who writes to it changes what is made later.
 
     image: (H, W, 3) float32, mean linear radiance; row 0 is the top of the picture.
     stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
@@ -71,6 +149,92 @@ class Render:
                 raise ValueError(f"{name} = {getattr(self, name)}, but image is {shape}")
         _whole("spp", self.spp, 0, 2**64 - 1)
         _whole("seed", self.seed, 0, 2**64 - 1)
+
+    @classmethod
+    def _of(cls, held: Picture, **fields: Any) -> Render:
+        """The render whose picture a native module holds; fields: the others."""
+        made = object.__new__(cls)
+        made.__dict__.update(fields, _held=held)
+        if held.dlpack_device()[0] != _HOST:
+            key = id(made)
+            _on_gpu[key] = weakref.ref(made, lambda _: _on_gpu.pop(key, None))
+        return made
+
+    if not TYPE_CHECKING:  # the fields say what there is
+
+        def __getattr__(self, name: str) -> Any:
+            """A field that is made when it is first asked for."""
+            held = self.__dict__.get("_held")
+            if held is None or name not in _MADE:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            with native_errors():
+                made = _MADE[name](self, held)
+            return self.__dict__.setdefault(name, made)
+
+    def __getstate__(self) -> dict[str, Any]:
+        for name in _MADE:
+            getattr(self, name)
+        return {name: value for name, value in self.__dict__.items() if name not in _OWN}
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """The image; on a CPU without a copy, and then read-only."""
+        held = self.__dict__.get("_held")
+        if "image" in self.__dict__ or held is None or held.dlpack_device()[0] != _HOST:
+            values = self.image
+        else:
+            values = held.view()
+        if dtype is not None and values.dtype != dtype:
+            if copy is False:
+                raise ValueError(f"an image of {values.dtype} is none of {dtype} without a copy")
+            return values.astype(dtype)
+        return values.copy() if copy else values
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        """Kind and number of the device that holds the picture, as DLPack numbers them."""
+        held = self.__dict__.get("_lent", self.__dict__.get("_held"))
+        return (_HOST, 0) if held is None else held.dlpack_device()
+
+    def __dlpack__(
+        self,
+        *,
+        stream: object = None,
+        max_version: tuple[int, int] | None = None,
+        dl_device: tuple[int, int] | None = None,
+        copy: bool | None = None,
+    ) -> Any:
+        """A capsule of the image, (H, W, 3) float32, for `from_dlpack` of other packages.
+
+        Without a copy, unless `copy` asks for one or `dl_device` for the host. The picture is
+        complete, so no stream has to wait. Raises BufferError for another GPU, and for a copy on
+        one.
+        """
+        here = self.__dlpack_device__()
+        wanted = here if dl_device is None else (int(dl_device[0]), int(dl_device[1]))
+        if wanted != here and (wanted[0] != _HOST or copy is False):
+            raise BufferError(f"the picture is on device {here} of DLPack, not on {wanted}")
+        held = self.__dict__.get("_lent", self.__dict__.get("_held"))
+        if wanted == here and not copy and held is not None and not isinstance(held, _OnHost):
+            return held.dlpack(versioned=max_version is not None and max_version[0] >= 1)
+        if wanted[0] != _HOST:
+            raise BufferError("a picture on a GPU is lent without a copy")
+        values = np.array(self) if copy or not self.image.flags.writeable else self.image
+        return values.__dlpack__()
+
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]:
+        """The image on the GPU, for CuPy, Numba and PyTorch; an AttributeError on a CPU."""
+        held = self.__dict__.get("_lent", self.__dict__.get("_held"))
+        if held is None or held.dlpack_device()[0] == _HOST:
+            raise AttributeError("the picture is not on a GPU")
+        self.__dict__["_lent"] = held  # stays, wherever the picture goes
+        return {
+            "shape": (self.height, self.width, 3),
+            "typestr": "<f4",
+            "data": (held.pointer(), False),
+            "strides": None,
+            "stream": None,
+            "version": 3,
+        }
 
     def save(
         self,
@@ -116,6 +280,21 @@ class Render:
         return file.getvalue()
 
 
+def _hash_of(render: Render, held: Picture | _OnHost) -> str:
+    """`film_hash` of the picture itself, whatever became of `Render.image`."""
+    image = held.view() if held.dlpack_device()[0] == _HOST else held.image()
+    return _digest(image, held.stderr(), render.spp, render.samples)
+
+
+#: What `Render` makes when it is asked for, and what it keeps for that.
+_MADE: dict[str, Callable[[Render, Any], Any]] = {
+    "image": lambda _, held: held.image(),
+    "stderr": lambda _, held: held.stderr(),
+    "film_sha256": _hash_of,
+}
+_OWN = ("_held", "_lent", "_for_child")
+
+
 def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = None) -> str:
     """SHA-256 (hex) of a film.
 
@@ -125,8 +304,12 @@ def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = Non
     little-endian uint32.
     """
     _check_film(image, stderr, samples)
+    return _digest(image, stderr, _whole("spp", spp, 0, 2**64 - 1), samples)
+
+
+def _digest(image: Array, stderr: Array, spp: int, samples: Array | None) -> str:
+    """`film_hash` of what is checked."""
     height, width = image.shape[:2]
-    spp = _whole("spp", spp, 0, 2**64 - 1)
     digest = hashlib.sha256(b"veriray film 1" + struct.pack("<3Q", width, height, spp))
     for values in (image, stderr):
         plain = np.ascontiguousarray(values, dtype="<f4")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 import warnings
+import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,8 @@ from .columns import MATERIAL_KINDS, SCATTERING_KINDS
 from .errors import RefusedSamplesWarning
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
-from .picture import LEDGER_COLUMNS, Render, film_hash
-from .sampling import PILOT, Progress, adaptive, uniform
+from .picture import LEDGER_COLUMNS, Render
+from .sampling import PILOT, Progress, adaptive, uniform, with_room
 from .scene import Scene
 from .settings import COMPACTIONS as COMPACTIONS
 from .settings import MAX_SPP, RenderSettings
@@ -34,6 +34,11 @@ WAVE_PATHS = 1 << 24
 SLOW_IN_ONE_KERNEL = {"uneven_media", "principled", "principled_open"} | {
     name for name in MATERIAL_KINDS if name.startswith("rough")
 }
+
+#: The last scene that `settle` made of each, with the settings: the next render may ask again.
+_settled: weakref.WeakKeyDictionary[Scene, tuple[dict[str, Any], Scene]] = (
+    weakref.WeakKeyDictionary()
+)
 
 if TYPE_CHECKING:
     from ._native import Report
@@ -98,7 +103,8 @@ def render(
             `veriray.native_scene`).
 
     Returns:
-        Render. Its stats: live_rays (rays per depth), ledger (column -> list, one entry per depth),
+        Render, whose picture stays in the device's memory until it is asked for. Its stats:
+        live_rays (rays per depth), ledger (column -> list, one entry per depth),
         blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
         paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
         scheduler_reason, features (what the scene needs), variant (what the code that ran was
@@ -142,13 +148,16 @@ def render_with(
     used, settings = settle(scene, settings)
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
-    chosen, device_reason = device_module.select(settings.device)
+    chosen, device_reason = device_module.select(settings.device, fresh=False)
     with device_module.native_errors():
         building, sampling = _shares(progress)
-        native = native_scene(scene, used, chosen, building, settings.builder, used.spp)
+        native = with_room(
+            chosen,
+            lambda: native_scene(scene, used, chosen, building, settings.builder, used.spp),
+        )
         facts = scene_facts(native)
         scheduler, scheduler_reason = choose_scheduler(settings, chosen.backend, facts)
-        settings = dataclasses.replace(settings, scheduler=scheduler, device=chosen.name)
+        settings = settings.with_checked({"scheduler": scheduler, "device": chosen.name})
         if chosen.backend == "cuda" and not settings.all_features:
             paths = used.film.width * used.film.height * used.spp
             kernels.offer(chosen, native, scheduler, paths)
@@ -157,12 +166,11 @@ def render_with(
             done = uniform(*run, settings.batches)
         else:
             done = adaptive(*run, settings.target_error)
-        image, stderr = done.image, done.stderr
-        memory = int(native.memory) + int(done.film.memory)
+        memory = int(native.memory) + int(done.memory)
     if progress is not None:
         progress(1.0)
     stats = _statistics(done.results, done.paths)
-    finite = bool(np.isfinite(stderr).all())
+    error = float(done.picture.mean_stderr)
     stats |= {
         "device_name": chosen.description,
         "device_reason": device_reason,
@@ -175,21 +183,19 @@ def render_with(
         "memory": memory,
         "scene_sha256": used.sha256,
         "version": _version(),
-        "mean_stderr": float(np.mean(stderr, dtype=np.float64)) if finite else None,
+        "mean_stderr": error if math.isfinite(error) else None,
         **done.facts,
     }
     if stats["nonfinite_samples"]:
         warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=3)
-    return Render(
-        image=image,
-        stderr=stderr,
+    return Render._of(
+        done.picture,
         batch_means=done.batch_means,
-        film_sha256=film_hash(image, stderr, used.spp, done.counts),
         stats=stats,
         width=used.film.width,
         height=used.film.height,
         spp=used.spp,
-        seed=used.seed,
+        seed=settings.seed,
         samples=done.counts,
     )
 
@@ -205,11 +211,17 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             "veriray.load_dict(dict)"
         )
     given = settings.of_scene()
-    used = scene.with_(**given, seed=settings.seed)
+    plain = all(value is None or type(value) in (int, str) for value in given.values())
+    last = _settled.get(scene) if plain else None
+    if last is None or last[0] != given:
+        last = given, scene.with_(**given)
+        if plain:
+            _settled[scene] = last
+    used = last[1]
     values = {
         name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given
     }
-    settings = dataclasses.replace(settings, **values)
+    settings = settings.with_checked(values)
     spp, batches = used.spp, settings.batches
     if batches == 1 or (batches and spp % batches):
         raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
@@ -265,20 +277,20 @@ def _shares(progress: Progress) -> tuple[Progress, Progress]:
 
 def _statistics(results: list[Report], paths: int) -> dict[str, Any]:
     """Sums the pieces' reports."""
-    ledger = _padded_sum([np.asarray(r["ledger"], np.uint64) for r in results])
-    blocks = _padded_sum([np.asarray(r["blocks"], np.uint64) for r in results])
-    by_depth = _padded_sum([np.asarray(r["depth_seconds"], np.float64) for r in results])
-    closing = _padded_sum([np.asarray(r["compaction_seconds"], np.float64) for r in results])
-    columns = {
-        name: [int(n) for n in ledger[:, c]] if ledger.ndim == 2 else []
-        for c, name in enumerate(LEDGER_COLUMNS)
-    }
+    ledger, blocks, by_depth, closing = (
+        _padded_sum([r[name] for r in results])
+        for name in ("ledger", "blocks", "depth_seconds", "compaction_seconds")
+    )
+    if ledger.ndim == 2:
+        columns = dict(zip(LEDGER_COLUMNS, ledger.T.tolist(), strict=True))
+    else:
+        columns = {name: [] for name in LEDGER_COLUMNS}
     seconds = float(sum(r["seconds"] for r in results))
     nonfinite = [list(entry) for r in results for entry in r["nonfinite"]]
     return {
         "live_rays": columns["live"],
         "ledger": columns,
-        "blocks": [int(n) for n in blocks],
+        "blocks": blocks.tolist(),
         "depth_seconds": by_depth.tolist(),
         "compaction_seconds": closing.tolist(),
         "rays": sum(columns["live"] + columns["shadow_visible"] + columns["shadow_occluded"]),
@@ -318,6 +330,8 @@ def _refused_text(stats: dict[str, Any]) -> str:
 
 def _padded_sum(arrays: list[Array]) -> Array:
     """Sum along axis 0 of arrays whose lengths differ; short ones are padded with zeros."""
+    if len(arrays) == 1:
+        return arrays[0]
     longest = max(arrays, key=len)
     total = np.zeros_like(longest)
     for array in arrays:

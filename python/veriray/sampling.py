@@ -8,24 +8,27 @@ of them is in the picture: that number and the samples of the picture are indepe
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from .device import Device, polled
+from .picture import move_to_host
 from .scene import Scene
 
 if TYPE_CHECKING:
-    from ._native import Film, Report
+    from ._native import Film, Picture, Report
     from ._native import Scene as NativeScene
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
+T = TypeVar("T")
 
 #: Samples per pixel that decide, and the side in pixels of the tiles that they decide about.
 PILOT, TILE = 16, 16
@@ -40,18 +43,31 @@ FLOOR = 0.1
 class Sampled:
     """Result of a sampling.
 
-    image, stderr: (H, W, 3) float32. counts: (H, W) uint32 samples by pixel, or None if all have
-    the same number. results: reports of the native renders. facts: for `Render.stats`.
+    picture: mean and standard error. counts: (H, W) uint32 samples by pixel, or None if all have
+    the same number. results: reports of the native renders. memory: bytes of the film. facts: for
+    `Render.stats`.
     """
 
-    image: Array
-    stderr: Array
+    picture: Picture
     results: list[Report]
-    film: Film
+    memory: int
     paths: int
     batch_means: Array | None = None
     counts: Array | None = None
     facts: dict[str, Any] = field(default_factory=dict)
+
+
+def with_room(device: Device, call: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
+    """The call's result. Where the device lacks memory, pictures make room and it is called again,
+    after `undo`."""
+    try:
+        return call()
+    except device.native.OutOfMemoryError:
+        if not move_to_host():
+            raise
+        if undo:
+            undo()
+        return call()
 
 
 class _Runs:
@@ -65,8 +81,13 @@ class _Runs:
         self.done, self.ahead = 0.0, 1.0  # paths
 
     def film(self) -> Film:
-        film: Film = self.device.native.Film(*self.size, device=self.device.index)
+        native, index = self.device.native, self.device.index
+        film: Film = with_room(self.device, lambda: native.Film(*self.size, device=index))
         return film
+
+    def picture(self, film: Film, counts: Array | None = None) -> Picture:
+        threads = self.settings["threads"]
+        return with_room(self.device, lambda: film.picture(counts, threads))
 
     def render(self, film: Film, begin: int, end: int, pixels: Array | None = None) -> None:
         paths = (end - begin) * (self.size[0] * self.size[1] if pixels is None else len(pixels))
@@ -96,13 +117,14 @@ def uniform(device: Device, held: NativeScene, scene: Scene, settings: dict[str,
     piece = runs.film() if batches else total
     means = np.empty((batches, height, width, 3)) if batches else None
     for k in range(batches or 1):
-        runs.render(piece, k * size, (k + 1) * size)
+        first = k * size
+        with_room(device, functools.partial(runs.render, piece, first, first + size), piece.clear)
         if means is not None:
             means[k] = piece.sums() / size
             total.add(piece)
             piece.clear()
-    image, stderr = total.resolve()
-    return Sampled(image, stderr, runs.results, total, width * height * spp, means)
+    paths = width * height * spp
+    return Sampled(runs.picture(total), runs.results, total.memory, paths, means)
 
 
 def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str, Any],
@@ -124,8 +146,8 @@ def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str
         pixels = np.flatnonzero(counts >= size).astype(np.uint32)
         runs.render(film, first + before, first + size, pixels)
         before = size
-    image, stderr = film.resolve(counts.astype(np.uint64))
-    reached = np.sqrt(tile_errors(image, stderr))
+    picture = runs.picture(film, counts.astype(np.uint64))
+    reached = np.sqrt(tile_errors(picture.image(), picture.stderr()))
     facts = {
         "target_error": target,
         "pilot_spp": PILOT,
@@ -137,7 +159,7 @@ def adaptive(device: Device, held: NativeScene, scene: Scene, settings: dict[str
         "tile_error": [float(x) for x in np.quantile(reached, (0.5, 0.9, 1.0))],
     }
     return Sampled(
-        image, stderr, runs.results, film, int(runs.done), None, counts.astype(np.uint32), facts
+        picture, runs.results, film.memory, int(runs.done), None, counts.astype(np.uint32), facts
     )
 
 

@@ -151,9 +151,15 @@ class RenderSettings:
     def __post_init__(self) -> None:
         for name, setting in SETTINGS.items():
             value = getattr(self, name)
-            if value is not None or setting.default is not None:
+            if value is not setting.default:
                 error = ValueError if setting.scene is None else SceneError
                 object.__setattr__(self, name, setting.checked(name, value, error))
+
+    def with_checked(self, values: dict[str, Any]) -> RenderSettings:
+        """A copy with other values, which are known to be allowed."""
+        copy = object.__new__(RenderSettings)
+        copy.__dict__.update(self.__dict__, **values)
+        return copy
 
     def of_scene(self) -> dict[str, Any]:
         """Those that None takes from the scene, as `Scene.with_` takes them."""

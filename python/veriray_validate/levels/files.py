@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import veriray
 from veriray.image import load_with_regions
-from veriray.rendering import Render, film_hash
+from veriray.picture import Render, film_hash
 from veriray_validate.trial import Trial, case
 
 Array = npt.NDArray[Any]

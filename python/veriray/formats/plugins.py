@@ -20,6 +20,7 @@ from ..columns import (
     OPAQUE_KINDS,
     OPEN_KINDS,
     PRINCIPLED,
+    PRINCIPLED_THIN,
     TEXTURABLE,
     TEXTURE_FILTERS,
     TEXTURE_WRAPS,
@@ -240,6 +241,18 @@ _PRINCIPLED = {
     },
     "eta": Param("float", None, 1 / MAX_IOR, MAX_IOR, doc="index inside over outside; or specular"),
     "specular": Param("float", None, **_SHARE, doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"),
+}
+_THIN = {
+    **{
+        name: param
+        for name, param in _PRINCIPLED.items()
+        if name not in ("metallic", "clearcoat", "clearcoat_gloss", "specular")
+    },
+    **{
+        name: Param(GREY, default, 0.0, 2.0, doc=doc, column=name)
+        for name, (default, doc) in PRINCIPLED_THIN.items()
+    },
+    "eta": Param("float", 1.5, 1 / MAX_IOR, MAX_IOR, doc="index of the sheet over that around it"),
 }
 
 
@@ -623,6 +636,21 @@ PLUGINS: dict[str, Plugin] = {
                 "diffuse_reflectance_sampling_rate",
                 "main_specular_sampling_rate",
                 "clearcoat_sampling_rate",
+            ),
+            _SAMPLED,
+        ),
+    ),
+    "principledthin": Plugin(
+        "bsdf",
+        _THIN,
+        doc="a thin sheet after Burley: diffuse light, sheen and mirrors on both sides, and light "
+        "that goes through",
+        noted=dict.fromkeys(
+            (
+                "diffuse_reflectance_sampling_rate",
+                "diffuse_transmittance_sampling_rate",
+                "specular_reflectance_sampling_rate",
+                "specular_transmittance_sampling_rate",
             ),
             _SAMPLED,
         ),

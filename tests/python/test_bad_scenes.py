@@ -175,7 +175,7 @@ LINES = {
     "unknown phase function": (MEDIUM.format('<phase type="rayleigh"/>'), 'phase "rayleigh" of Mitsuba is not supported yet; allowed: hg, isotropic'),
     "two phase functions": (MEDIUM.format('<phase type="hg"/><phase type="hg"/>'), "has 2 objects of category phase"),
     "asymmetry 1": (MEDIUM.format('<phase type="hg"><float name="g" value="1"/></phase>'), 'hg: "g" = 1.0 is outside (-1, 1)'),
-    "sphere as an emitter": ('<emitter type="sphere"/>', 'unknown emitter "sphere"; allowed: area, constant, directional, envmap, point, projector, spot'),
+    "sphere as an emitter": ('<emitter type="sphere"/>', 'unknown emitter "sphere"; allowed: area, constant, directional, envmap, point, projector, spot, sunsky'),
     "lamp on a lamp": (RECTANGLE.format('<emitter type="point"/>'), 'rectangle cannot hold a emitter "point"; allowed: area'),
     "two places": ('<emitter type="point"><point name="position" x="1"/><transform name="to_world"><translate x="1"/></transform></emitter>', "point: both position and to_world given"),
     "radiance of a point": ('<emitter type="point"><rgb name="radiance" value="1"/></emitter>', 'point: unknown parameter "radiance"', "allowed: intensity, position, sampling_weight, to_world"),

@@ -121,7 +121,7 @@ LINES = {
     "sphere out of sight": (SPHERE.format('<float name="radius" value="1e60"/><transform name="to_world"><scale value="1e60"/></transform>'), "centre or radius exceeds 1e+100"),
     "disk with radius": ('<shape type="disk"><float name="radius" value="1"/></shape>', 'disk: unknown parameter "radius"'),
     "bsdf of Mitsuba": (BSDF.format("hair", ""), 'bsdf "hair" of Mitsuba is not supported yet; allowed: blendbsdf, bumpmap, circular, '),
-    "emitter of Mitsuba": ('<emitter type="sunsky"/>', 'emitter "sunsky" of Mitsuba is not supported yet'),
+    "emitter of Mitsuba": ('<emitter type="directionalarea"/>', 'emitter "directionalarea" of Mitsuba is not supported yet'),
     "alias of nothing": ('<alias id="a" as="b"/>', 'there is no id "a" before this; known: none'),
     "alias that is taken": ('<bsdf type="diffuse" id="a"/><bsdf type="diffuse" id="b"/><alias id="a" as="b"/>', 'id "b" is already used at '),
     "path in an object": (RECTANGLE.format('<path value="."/>'), "<path> must stand directly in <scene>"),

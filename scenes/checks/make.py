@@ -718,6 +718,17 @@ def plastic_nonlinear() -> str:
     )  # fmt: skip
 
 
+@scene
+def plastic_matt() -> str:
+    """Plastic whose coat reflects nothing: paths end at it where they would be reflected."""
+    base = rgb("diffuse_reflectance", 0.6, 0.7, 0.9) + rgb("specular_reflectance", 0, 0, 0)
+    return (
+        sensor() + striped()
+        + sphere(-0.8, 0.8, 0.3, 0.8, bsdf("plastic", base))
+        + sphere(0.9, 0.8, 0.3, 0.8, bsdf("plastic", base, number("int_ior", 2.2)))
+    )  # fmt: skip
+
+
 def rough(alpha: float, *more: str, ggx: bool = False) -> tuple[str, ...]:
     """Parameters of a rough surface; Beckmann, the default, is not named."""
     return (number("alpha", alpha), *([text("distribution", "ggx")] if ggx else []), *more)

@@ -354,10 +354,9 @@ class Integrator:
             passes = (v.event == PASS) | (v.event == PHASE)
             left = shade(v.own * turn, normal, v.low, live.direction, passes)
             live.throughput *= left
-        if self.materials.rough or v.own is not None:
-            lost = ~(live.throughput > 0).any(axis=0)
-            tally.cause[live.path[lost]] = ABSORBED
-            alive &= ~lost
+        lost = ~(live.throughput > 0).any(axis=0)
+        tally.cause[live.path[lost]] = ABSORBED
+        alive &= ~lost
         if self.any_smooth:
             below = np.where(v.event == REFRACT, ahead >= 0, ahead <= 0)
             if self.materials.rough:

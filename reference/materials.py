@@ -15,7 +15,7 @@ null            PASS
 blendbsdf       one of two, the second with probability weight
 mask            PASS with probability 1 - opacity
 roughconductor, roughplastic, roughdielectric: ROUGH (``reference/rough.py``); principled likewise
-                (``reference/principled.py``)
+                (``reference/principled.py``, ``reference/principled_thin.py``)
 =============== ==================================================================================
 
 Normals: ng is geometric, ns the shading normal. Cosines are of ns. A value is 0 unless wo and wi
@@ -35,9 +35,10 @@ from reference.vectors import dot
 
 LAMBERT, COATED, ROUGH, PHASE, MIRROR, REFRACT, PASS, BLACK = range(8)
 _DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(6)
-ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS, PRINCIPLED, OPEN = range(6, len(MATERIAL_KINDS))
+ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS, PRINCIPLED, OPEN, SHEET = range(6, len(MATERIAL_KINDS))
 _LUMINANCE = np.array([0.212671, 0.71516, 0.072169])  # of linear sRGB
-_ONE_SIDED = np.array([True, True, False, True, False, False, True, True, False, True, False])
+_TWO_SIDED = (_DIELECTRIC, _THIN, _NULL, ROUGH_GLASS, OPEN, SHEET)
+_ONE_SIDED = ~np.isin(np.arange(len(MATERIAL_KINDS)), _TWO_SIDED)
 
 
 def fresnel(cosine: np.ndarray, eta: np.ndarray | float) -> np.ndarray:
@@ -95,7 +96,7 @@ class Materials:
         self.opacity = np.array([m.opacity for m in materials])
         self.two_sided = np.array([m.two_sided for m in materials])
         self.one_sided = _ONE_SIDED[self.kind]
-        self.clear = np.isin(self.kind, (_DIELECTRIC, _THIN, _NULL, ROUGH_GLASS, OPEN))
+        self.clear = np.isin(self.kind, _TWO_SIDED)
         self.base = np.array([_base(m) for m in materials]).T.copy()
         lobes = [
             (self.base, (_DIFFUSE, _PLASTIC)),
@@ -152,6 +153,7 @@ class Materials:
                 (ROUGH_GLASS, self._rough),
                 (PRINCIPLED, self._rough),
                 (OPEN, self._rough),
+                (SHEET, self._rough),
             ):
                 if self.has[number] and len(
                     at := np.flatnonzero((kind == number) & (event == LAMBERT))

@@ -18,6 +18,7 @@ from lxml import etree
 from reference import shapes, textures
 from reference.grids import Grid, read_vol
 from reference.principled import SHARES
+from reference.principled_thin import SHARES as SHEET_SHARES
 from reference.relief import Relief
 from reference.scene import Camera, Film, Geometry, Light, Material, Medium, Scene, SceneError
 from reference.skies import Sky, read_texels
@@ -238,7 +239,7 @@ class _Reader(Document):
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
             "mask", "twosided", "blendbsdf", "roughconductor", "roughplastic", "roughdielectric",
-            "principled", "polarizer", "circular", "retarder",
+            "principled", "principledthin", "polarizer", "circular", "retarder",
             "bumpmap", "normalmap",
         )  # fmt: skip
         if kind in ("bumpmap", "normalmap"):
@@ -416,6 +417,17 @@ class _Reader(Document):
             "reflectance": values.get("base_color", np.full(3, 0.5)),
             "eta": np.full(3, eta),
             "shares": shares,
+        }
+
+    def principledthin(self, element: etree._Element) -> dict:
+        numbers = {k: self.number(0, 2 if k == "diff_trans" else 1) for k in SHEET_SHARES}
+        values = self.parameters(
+            element, base_color=self.colour(1.0), eta=self.number(1e-3, 1e3), **numbers
+        )
+        return {
+            "reflectance": values.get("base_color", np.full(3, 0.5)),
+            "eta": np.full(3, values.get("eta", 1.5)),
+            "shares": {**SHEET_SHARES, **{k: v for k, v in values.items() if k in SHEET_SHARES}},
         }
 
     def conductor(self, element: etree._Element, **more: object) -> dict:

@@ -28,6 +28,7 @@ from reference.materials import (
     ROUGH_GLASS,
     ROUGH_METAL,
     ROUGH_PLASTIC,
+    SHEET,
     Materials,
     fresnel,
     fresnel_conductor,
@@ -36,6 +37,7 @@ from reference.materials import (
 )
 from reference.mirrors import any_normal, chance, normals, spread, unhidden, visible
 from reference.principled import Principled
+from reference.principled_thin import Sheet
 from reference.scene import Material
 from reference.vectors import dot
 
@@ -97,6 +99,7 @@ class Rough:
             for k, m in enumerate(materials)
             if m.kind in ("principled", "principled_open")
         }
+        self.sheets = {k: Sheet(m) for k, m in enumerate(materials) if m.kind == "principledthin"}
         self.base, self.coats = np.zeros((3, len(materials))), np.zeros((len(materials), STEPS))
         for k, m in enumerate(materials):
             if m.kind == "roughplastic":
@@ -105,9 +108,9 @@ class Rough:
                 self.base[:, k] = rho / (1 - (rho * inside if m.nonlinear else inside)) / eta**2
 
     def eta(self, m: np.ndarray, facing: np.ndarray) -> np.ndarray:
-        """N beyond / n on wo's side (n,); plastic's sides are alike."""
+        """N beyond / n on wo's side (n,); plastic's sides are alike, beyond a sheet it is equal."""
         kind = self.smooth.kind[m]
-        index = np.where(kind == ROUGH_METAL, 1.0, self.smooth.index[m])
+        index = np.where(np.isin(kind, (ROUGH_METAL, SHEET)), 1.0, self.smooth.index[m])
         return np.where(np.isin(kind, (ROUGH_GLASS, OPEN)) & (facing < 0), 1 / index, index)
 
     def entering(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
@@ -124,7 +127,15 @@ class Rough:
         value, density = self._evaluate(m, eta, wo, wi)
         for one, at, front in self._principled(m, eta):
             value[:, at], density[at] = one.evaluate(front, wo[:, at], wi[:, at])
+        for sheet, at in self._sheets(m):
+            value[:, at], density[at] = sheet.evaluate(wo[:, at], wi[:, at])
         return value, density
+
+    def _sheets(self, m: np.ndarray) -> Iterator[tuple]:
+        """Each thin one with where it is seen."""
+        for number, sheet in self.sheets.items():
+            if len(at := np.flatnonzero(m == number)):
+                yield sheet, at
 
     def _principled(self, m: np.ndarray, eta: np.ndarray) -> Iterator[tuple]:
         """Each principled material with where it is seen, and from which side."""
@@ -189,4 +200,6 @@ class Rough:
         wi = np.where(lost, 0.0, np.where(matt, even, wi))
         for one, at, front in self._principled(m, eta):
             wi[:, at] = one.sample(rng, front, wo[:, at])
+        for sheet, at in self._sheets(m):
+            wi[:, at] = sheet.sample(rng, wo[:, at])
         return wi

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
                   "roughconductor", "roughplastic", "roughdielectric", "principled",
-                  "principled_open")  # fmt: skip
+                  "principled_open", "principledthin")  # fmt: skip
 LIGHT_KINDS = ("point", "spot", "directional", "projector")
 
 

@@ -17,13 +17,13 @@ VR_HD void put(F* y, const Spectrum<F>& s) {
 
 // A grey material seen from wo: kind, front (1: wo sees it), albedo, specular reflectance and
 // transmittance, eta, k, alpha_u, alpha_v, distribution, the 10 shares of a principled one as the
-// schema has them, n (on wo's side), wo. The tangent lies across n and (0, 1, 0.2). table: of a
-// rough coat, which lets in what a smooth one does.
-inline constexpr uint32_t kBsdfInputs = 26;
+// schema has them and diff_trans, n (on wo's side), wo. The tangent lies across n and (0, 1, 0.2).
+// table: of a rough coat, which lets in what a smooth one does.
+inline constexpr uint32_t kBsdfInputs = 27;
 template <class L>
 VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     using F = typename L::F;
-    const Vec3<F> n{x[20], x[21], x[22]}, wo{x[23], x[24], x[25]};
+    const Vec3<F> n{x[21], x[22], x[23]}, wo{x[24], x[25], x[26]};
     Bsdf<L, kAllKinds> b;
     b.kind = to_uint(x[0]);
     using S = Spectrum<F>;
@@ -35,6 +35,7 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     p.roughness = x[10], p.metallic = x[11], p.spec_trans = x[12], p.spec_tint = x[13];
     p.sheen = x[14], p.sheen_tint = x[15], p.flatness = x[16];
     p.clearcoat = x[17], p.clearcoat_gloss = x[18], p.anisotropic = x[19];
+    p.diff_trans = x[20];
     const Vec3<F> along = cross(n, Vec3<F>{F(0.f), F(1.f), F(0.2f)});
     b.view.tangents = true, b.view.tangent = along * (F(1.f) / sqrt(dot(along, along)));
     uint32_t lane[L::kWidth];
@@ -55,7 +56,7 @@ VR_HD void evaluate_bsdf(bool sample, const typename L::F* x, typename L::F* y) 
     const F one(1.f), none(0.f);
     float table[(kCoatCells + 1) * L::kWidth];
     const auto b = bsdf_of<L>(x, table);
-    const Vec3<F> wo{x[23], x[24], x[25]};
+    const Vec3<F> wo{x[24], x[25], x[26]};
     const auto from_front = x[1] > none;
     x += kBsdfInputs;
     if (sample) {

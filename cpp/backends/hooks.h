@@ -19,7 +19,7 @@ struct FunctionInfo {
     uint32_t inputs, outputs;  // columns
 };
 
-inline constexpr uint32_t kMaxColumns = 29;
+inline constexpr uint32_t kMaxColumns = kBsdfInputs + 3;
 
 enum class Function : uint32_t {
     kSin2Pi,
@@ -86,8 +86,8 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"sphere_light", 13, 7},
     {"fresnel_dielectric", 2, 2},
     {"fresnel_conductor", 3, 1},
-    {"bsdf_sample", 29, 9},
-    {"bsdf_eval", 29, 5},
+    {"bsdf_sample", kBsdfInputs + 3, 9},
+    {"bsdf_eval", kBsdfInputs + 3, 5},
     {"light", 20, 7},
     {"light_pdf", 20, 1},
     {"light_emission", 19, 10},

@@ -5,16 +5,18 @@
 #pragma once
 
 #include "bsdfs/clear_coat.h"
-#include "bsdfs/microfacet.h"
+#include "bsdfs/principled_parts.h"
 
 namespace veriray {
 
 // kOpen: it lets light through, and is seen from behind. eta, inside over outside, is then not 1,
 // so that it tells the sides.
 template <class L, bool kOpen>
-struct PrincipledLobes : Closure<L> {
+struct PrincipledLobes : PrincipledParts<L> {
     VR_CLOSURE(L);
-    using Facets = Microfacets<L>;
+    using typename PrincipledParts<L>::Facets;
+    using PrincipledParts<L>::grazing, PrincipledParts<L>::tinted, PrincipledParts<L>::mirrors;
+    using PrincipledParts<L>::matt;
     using Coat = ClearCoat<F>;
     static constexpr bool kScatters = true, kIndexed = true;
     static constexpr bool kTransmits = kOpen, kRefracts = kOpen;
@@ -39,7 +41,7 @@ struct PrincipledLobes : Closure<L> {
 
     static VR_HD Value eval(const Parameters& p, const View& view, V wo, V wi, F cos_i) {
         const F one(1.f), none(0.f);
-        const Facets facets = mirrors(p, view);
+        const Facets facets = mirrors(p, view, p.roughness);
         const V o = facets.local(wo, view.cos_o), i = facets.local(wi, cos_i);
         const M up = kOpen ? cos_i > none : facets.ggx, front = in_front(p, view);
         const V h = fma(i, select(up, one, view.relative), o);
@@ -77,13 +79,7 @@ struct PrincipledLobes : Closure<L> {
         if constexpr (kOpen) through = refracts(p, front, r);
         F pdf = chosen.mirrors * d * wide * (kOpen ? select(up, one - through, through) : one);
 
-        const F o5 = grazing(view.cos_o), i5 = grazing(cos_i);
-        const F retro = F(2.f) * p.roughness * im * im, flat = F(0.5f) * retro;
-        const F rough = fma(fma(F(-0.5f), o5, one), fma(F(-0.5f), i5, one),
-                            retro * fma(o5 * i5, retro - one, o5 + i5));
-        const F under = mix(one, flat, o5) * mix(one, flat, i5);
-        const F soft = F(1.25f) * fma(under, one / (view.cos_o + cos_i) - F(0.5f), F(0.5f));
-        const F diffuse = base * F(kInvPi) * cos_i * mix(rough, soft, p.flatness);
+        const F diffuse = base * F(kInvPi) * cos_i * matt(p, view.cos_o, cos_i, im);
         const F sheen = select(base > none, p.sheen * shut * grazing(im) * cos_i, none);
         const F coat = Coat::density(p.clearcoat_gloss, m);
         const F glint = F(0.25f) * p.clearcoat * mix(F(0.04f), one, slant) * coat *
@@ -101,7 +97,7 @@ struct PrincipledLobes : Closure<L> {
 
     static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, M nobody) {
         const F one(1.f), none(0.f);
-        const Facets facets = mirrors(p, view);
+        const Facets facets = mirrors(p, view, p.roughness);
         const Shares<F> chosen = shares(p, view);
         const F before = chosen.diffuse + chosen.coat;
         const M diffuse = r.lobe < chosen.diffuse, glossy = !(r.lobe < before);
@@ -126,11 +122,6 @@ struct PrincipledLobes : Closure<L> {
     }
 
    private:
-    // Schlick's (1 - c)^5.
-    static VR_HD F grazing(F c) {
-        const F x = max(F(1.f) - c, F(0.f)), x2 = x * x;
-        return x2 * x2 * x;
-    }
     static VR_HD F squared(const View& view) { return view.relative * view.relative; }
     // Refraction scales radiance as it compresses the solid angle.
     static VR_HD F compression(const View& view) {
@@ -142,18 +133,6 @@ struct PrincipledLobes : Closure<L> {
     }
     static VR_HD F opened(const Parameters& p) {
         return kOpen ? (F(1.f) - p.metallic) * p.spec_trans : F(0.f);
-    }
-    static VR_HD Facets mirrors(const Parameters& p, const View& view) {
-        const F slope = p.roughness * p.roughness, least(1e-3f);
-        const F aspect = sqrt(fma(F(-0.9f), p.anisotropic, F(1.f)));
-        return Facets::of(view, max(slope / aspect, least), max(slope * aspect, least),
-                          aspect > F(0.f));
-    }
-    // The base colour at luminance 1; white for black.
-    static VR_HD S tinted(const Parameters& p) {
-        const S& c = p.reflectance;
-        const F y = fma(F(0.212671f), c[0], fma(F(0.71516f), c[1], F(0.072169f) * c[2]));
-        return select(y > F(0.f), c * (F(1.f) / y), S::all(F(1.f)));
     }
 
     // The chances of the lobes: about what they reflect and let through, and positive where that

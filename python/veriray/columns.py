@@ -43,6 +43,7 @@ _MATERIAL_KINDS = {
     "roughdielectric": MaterialKind(refracts=True, scatters=True),
     "principled": MaterialKind(opaque=True, refracts=True, scatters=True),
     "principled_open": MaterialKind(refracts=True, scatters=True),
+    "principledthin": MaterialKind(refracts=True, scatters=True),
 }
 #: Kinds that a parameter of a plugin makes of its own kind.
 OPEN_KINDS = {"principled": "principled_open"}
@@ -62,6 +63,8 @@ PRINCIPLED = {
     "clearcoat_gloss": (0.0, "the coat's slope, from 0.1 to 0.001"),
     "anisotropic": (0.0, "how much less its mirrors slope across the tangent than along it"),
 }
+#: Of a thin one alone, up to 2: default and meaning.
+PRINCIPLED_THIN = {"diff_trans": (0.0, "twice the share of the diffuse light that goes through")}
 #: Names of the values of `material_kind` and `light_kind`.
 MATERIAL_KINDS = tuple(_MATERIAL_KINDS)
 OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaque)
@@ -75,7 +78,7 @@ TEXTURE_FORMATS = ("srgb8", "linear8", "half", "float")
 #: Numbers of a material that a texture can give: one more is a name here.
 TEXTURABLE = (
     "reflectance", "specular_reflectance", "specular_transmittance", "opacity",
-    "alpha_u", "alpha_v", *PRINCIPLED, "blend_weight",
+    "alpha_u", "alpha_v", *PRINCIPLED, *PRINCIPLED_THIN, "blend_weight",
 )  # fmt: skip
 MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
@@ -328,6 +331,10 @@ _HASHED_IF_SET: dict[str, Column] = {
     **{
         name: Column("materials", np.float32, (), default, 0.0, 1.0, doc=f"of a principled: {doc}")
         for name, (default, doc) in PRINCIPLED.items()
+    },
+    **{
+        name: Column("materials", np.float32, (), default, 0.0, 2.0, doc=f"of a thin one: {doc}")
+        for name, (default, doc) in PRINCIPLED_THIN.items()
     },
     "relief_texture": _index(
         "materials", "textures", -1, doc="turns the surface's normals; -1: none does"

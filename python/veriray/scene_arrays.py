@@ -109,6 +109,7 @@ class SceneArrays:
     clearcoat_gloss_texture (M,) int32: gives clearcoat_gloss; -1: none does (index of textures,
         default -1)
     anisotropic_texture (M,) int32: gives anisotropic; -1: none does (index of textures, default -1)
+    diff_trans_texture (M,) int32: gives diff_trans; -1: none does (index of textures, default -1)
     blend_weight_texture (M,) int32: gives blend_weight; -1: none does (index of textures, default
         -1)
     emission_texture (E,) int32: what its radiance is multiplied by; -1: nothing (index of textures,
@@ -141,6 +142,8 @@ class SceneArrays:
         default 0.0)
     anisotropic (M,) float32: of a principled: how much less its mirrors slope across the tangent
         than along it (in [0, 1], default 0.0)
+    diff_trans (M,) float32: of a thin one: twice the share of the diffuse light that goes through
+        (in [0, 2], default 0.0)
     relief_texture (M,) int32: turns the surface's normals; -1: none does (index of textures,
         default -1)
     relief_heights (M,) bool: it gives heights (bilinear ones), whose slopes count; else normals n
@@ -242,6 +245,7 @@ class SceneArrays:
     clearcoat_texture: Array = _NONE
     clearcoat_gloss_texture: Array = _NONE
     anisotropic_texture: Array = _NONE
+    diff_trans_texture: Array = _NONE
     blend_weight_texture: Array = _NONE
     emission_texture: Array = _NONE
     light_texture: Array = _NONE
@@ -259,6 +263,7 @@ class SceneArrays:
     clearcoat: Array = _NONE
     clearcoat_gloss: Array = _NONE
     anisotropic: Array = _NONE
+    diff_trans: Array = _NONE
     relief_texture: Array = _NONE
     relief_heights: Array = _NONE
     relief_scale: Array = _NONE

@@ -20,7 +20,7 @@ LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
 
 @dataclass(frozen=True)
 class Principled:
-    """A material; eta: inside over outside. `shares` are in the order of columns.PRINCIPLED."""
+    """A material; eta: inside over outside."""
 
     base: tuple[float, float, float] = (0.5, 0.5, 0.5)
     eta: float = 1.5
@@ -37,8 +37,8 @@ class Principled:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """The columns of columns.PRINCIPLED."""
-        return tuple(list(vars(self).values())[2:])
+        """The columns of columns.PRINCIPLED and PRINCIPLED_THIN."""
+        return (*list(vars(self).values())[2:], 0.0)
 
     @property
     def open(self) -> bool:

@@ -718,6 +718,17 @@ def plastic_nonlinear() -> str:
     )  # fmt: skip
 
 
+@scene
+def plastic_matt() -> str:
+    """Plastic whose coat reflects nothing: paths end at it where they would be reflected."""
+    base = rgb("diffuse_reflectance", 0.6, 0.7, 0.9) + rgb("specular_reflectance", 0, 0, 0)
+    return (
+        sensor() + striped()
+        + sphere(-0.8, 0.8, 0.3, 0.8, bsdf("plastic", base))
+        + sphere(0.9, 0.8, 0.3, 0.8, bsdf("plastic", base, number("int_ior", 2.2)))
+    )  # fmt: skip
+
+
 def rough(alpha: float, *more: str, ggx: bool = False) -> tuple[str, ...]:
     """Parameters of a rough surface; Beckmann, the default, is not named."""
     return (number("alpha", alpha), *([text("distribution", "ggx")] if ggx else []), *more)
@@ -814,6 +825,32 @@ def principled_glass() -> str:
         + sphere(-0.9, 0.8, 0.2, 0.7, frosted)
         + sphere(0.5, 0.5, 1, 0.45, half)
         + shape("cube", block, mixed)
+    )  # fmt: skip
+
+
+@scene
+def thin_sheets() -> str:
+    """Thin principled sheets: a leaf, a lampshade, a frosted pane and a tinted one, a ball."""
+
+    def sheet(base: tuple[float, ...], **shares: float) -> str:
+        given = (number(name, value) for name, value in shares.items())
+        return bsdf("principledthin", rgb("base_color", *base), *given)
+
+    leaf = sheet((0.4, 0.7, 0.2), diff_trans=1.2, roughness=0.6, sheen=0.5, sheen_tint=0.8)
+    shade = sheet((0.9, 0.8, 0.6), diff_trans=1.6, flatness=0.5)
+    frosted = sheet((0.9, 0.95, 1.0), spec_trans=1, roughness=0.8)
+    tinted = sheet((0.9, 0.5, 0.3), spec_trans=0.7, spec_tint=0.6, roughness=0.6, eta=1.8,
+                   diff_trans=0.8, anisotropic=0.6)  # fmt: skip
+    near = transform(scale(0.6, 0.8, 1), rotate("y", 25), translate(-1.3, 0.9, 1.2))
+    far = transform(scale(0.9), rotate("y", -35), rotate("x", -10), translate(1.3, 0.95, -0.6))
+    leaning = transform(scale(0.7, 0.5, 1), rotate("x", -60), translate(-0.2, 1.6, 0.2))
+    return (
+        sensor() + striped()
+        + shape("rectangle", near, frosted)
+        + shape("rectangle", far, tinted)
+        + shape("disk", leaning, leaf)
+        + sphere(0.5, 0.45, 1.2, 0.45, shade)
+        + sphere(-0.7, 0.5, -0.6, 0.45, diffuse(0.2, 0.3, 0.7))
     )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ _CHECKS = (
     "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
     "plastic",
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
-    "principled_surfaces", "principled_glass", "albedo_grid", "smoke",
+    "principled_surfaces", "principled_glass", "thin_sheets", "albedo_grid", "smoke",
     "brushed", "relief",
     "point_in_medium", "point_light", "projected_images", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "textured_lamps", "textures", "blends", "attributes",
@@ -127,6 +127,7 @@ _ROUGH_METAL, _ROUGH_PLASTIC, _ROUGH_GLASS = (
     f"bsdfs/rough_{n}.h" for n in ("conductor", "plastic", "dielectric")
 )
 _PRINCIPLED, _COAT = "bsdfs/principled.h", "bsdfs/clear_coat.h"
+_BURLEYS, _SHEET = "bsdfs/principled_parts.h", "bsdfs/principled_thin.h"
 _FACETS, _CLOSURE = "bsdfs/microfacet.h", "bsdfs/closure.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
 _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
@@ -329,7 +330,7 @@ _BRUSHED = (
                   "select(turned, view.tangent, f.b)"),)),
     Mutant("brushed whichever way the normal asks", _FACETS, "select(turned, view.tangent, f.a)",
            "f.a", "brushed", also=(("select(turned, cross(f.n, view.tangent), f.b)", "f.b"),)),
-    Mutant("anisotropy of principled surfaces left out", _PRINCIPLED,
+    Mutant("anisotropy of principled surfaces left out", _BURLEYS,
            "sqrt(fma(F(-0.9f), p.anisotropic, F(1.f)))", "F(1.f)", "brushed"),
     Mutant("normal map's y the other way", _TANGENTS, "cross(ns, s)", "cross(s, ns)", "relief"),
     Mutant("heights twice as steep along u", _TANGENTS, "tilted(d.u, d.per_u, slope_u)",
@@ -344,11 +345,11 @@ _BRUSHED = (
 )  # fmt: skip
 
 _BURLEY = (
-    Mutant("retro-reflection left out", _PRINCIPLED, "retro * fma(o5 * i5, retro - one, o5 + i5)",
+    Mutant("retro-reflection left out", _BURLEYS, "retro * fma(o5 * i5, retro - one, o5 + i5)",
            "none", "principled_surfaces"),
     Mutant("sheen without the base's hue", _PRINCIPLED, "mix(one, tint[k], p.sheen_tint)", "one",
            "principled_surfaces"),
-    Mutant("flatness left out", _PRINCIPLED, "mix(rough, soft, p.flatness)", "rough",
+    Mutant("flatness left out", _BURLEYS, "mix(rough, soft, p.flatness)", "rough",
            "principled_surfaces"),
     Mutant("metal without Schlick's rise", _PRINCIPLED, "mix(c, one, slant)", "c",
            "principled_surfaces"),
@@ -367,6 +368,14 @@ _BURLEY = (
            "select(up, one - through, through)", "one", "principled_glass"),
     Mutant("principled glass diffuse from behind", _PRINCIPLED, "up & front", "up",
            "principled_glass"),
+    Mutant("sheet sends on light as wide as it mirrors it", _SHEET, "p.roughness * wide",
+           "p.roughness", "thin_sheets"),
+    Mutant("sheet's mirrors send light to their own near side", _SHEET,
+           "select(dot(i, h) < none, lit * (one - r), none)", "lit * (one - r)", "thin_sheets"),
+    Mutant("sheet's diffuse light behind not halved", _SHEET, "F(0.5f) * p.diff_trans",
+           "p.diff_trans", "thin_sheets"),
+    Mutant("sheet's mirrors weighed by the other side's chance", _SHEET,
+           "select(up, chosen.mirror, chosen.through)", "chosen.mirror", "thin_sheets"),
 )  # fmt: skip
 
 _MEDIA = (

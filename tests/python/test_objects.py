@@ -328,7 +328,7 @@ CHANGES = {
     "light_position": ((0, 0), 7), "light_direction": (0, (1, 0, 0)),
     "light_intensity": ((0, 0), 7), "light_angles": ((2, 1), 7),
     "alpha_u": (0, 0.5), "alpha_v": (0, 0.5), "distribution": (0, 1),
-    **{name: (0, 0.25) for name in PRINCIPLED},
+    **{name: (0, 0.25) for name in (*PRINCIPLED, "diff_trans")},
     "sky_texels": ((1, 2), 7), "sky_size": (slice(None), (1, 2)),
     "sky_to_world": (slice(None), -np.eye(3)),
     "uv": ((0, 1), 7), "sphere_frame": (0, np.eye(3)[[1, 0, 2]]), "disk_turned": (0, True),

@@ -22,8 +22,8 @@ SIZE, BATCHES, SPP = 32, 64, 16
 CHECKS = ("chromatic_medium", "nested_dielectrics", "thinlens", "sphere_light", "spheres_300",
           "smooth_normals", "plastic", "mask", "touching_media", "spot_light",
           "camera_in_medium", "conductor_metal", "rough_metal", "rough_plastic",
-          "rough_glass", "principled_surfaces", "principled_glass", "polarisers", "albedo_grid",
-          "smoke", "attributes", "blends", "orthographic",
+          "rough_glass", "principled_surfaces", "principled_glass", "thin_sheets", "polarisers",
+          "albedo_grid", "smoke", "attributes", "blends", "orthographic",
           "hidden_light")  # fmt: skip
 
 

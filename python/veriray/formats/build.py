@@ -23,6 +23,7 @@ from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
 from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
+from .sunsky import sunsky
 from .values import check, located
 
 Array = npt.NDArray[Any]
@@ -317,7 +318,8 @@ class _Builder:
         _, values = self.check(skies[0])
         if skies[0].plugin == "constant":
             return tuple(values["radiance"])
-        self.sky = envmap(skies[0], values)
+        image = skies[0].plugin == "envmap"
+        self.sky = envmap(skies[0], values) if image else sunsky(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
 
     def sensors(self, node: Node) -> list[_View]:
@@ -691,7 +693,7 @@ class _Builder:
         return {"light_texture": image, "light_image": axes}
 
 
-_SKIES = ("constant", "envmap")
+_SKIES = ("constant", "envmap", "sunsky")
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.

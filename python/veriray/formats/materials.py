@@ -48,6 +48,8 @@ def material(node: Node, values: dict[str, Any], report: Report) -> Row:
         row["eta"] = (values["int_ior"] / values["ext_ior"],) * 3
     if node.plugin == "principled":
         row |= _principled(node, values)
+    elif node.plugin == "principledthin":
+        row["eta"] = (values["eta"],) * 3
     if "material" in values:
         row["eta"], row["k"] = _conductor(node, values)
     if "distribution" in values:

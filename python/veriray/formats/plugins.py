@@ -20,6 +20,7 @@ from ..columns import (
     OPAQUE_KINDS,
     OPEN_KINDS,
     PRINCIPLED,
+    PRINCIPLED_THIN,
     TEXTURABLE,
     TEXTURE_FILTERS,
     TEXTURE_WRAPS,
@@ -241,6 +242,18 @@ _PRINCIPLED = {
     "eta": Param("float", None, 1 / MAX_IOR, MAX_IOR, doc="index inside over outside; or specular"),
     "specular": Param("float", None, **_SHARE, doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"),
 }
+_THIN = {
+    **{
+        name: param
+        for name, param in _PRINCIPLED.items()
+        if name not in ("metallic", "clearcoat", "clearcoat_gloss", "specular")
+    },
+    **{
+        name: Param(GREY, default, 0.0, 2.0, doc=doc, column=name)
+        for name, (default, doc) in PRINCIPLED_THIN.items()
+    },
+    "eta": Param("float", 1.5, 1 / MAX_IOR, MAX_IOR, doc="index of the sheet over that around it"),
+}
 
 
 def _relief(doc: str, **params: Param) -> Plugin:
@@ -401,7 +414,7 @@ PLUGINS: dict[str, Plugin] = {
         children={
             "integrator": (_INTEGRATORS, 0, 1),
             "sensor": ((*_SENSORS, "batch"), 0, _MANY),
-            "emitter": (("constant", "envmap", *LIGHT_KINDS), 0, _MANY),
+            "emitter": (("constant", "envmap", "sunsky", *LIGHT_KINDS), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
             "medium": (_MEDIA, 0, _MANY),
@@ -627,6 +640,21 @@ PLUGINS: dict[str, Plugin] = {
             _SAMPLED,
         ),
     ),
+    "principledthin": Plugin(
+        "bsdf",
+        _THIN,
+        doc="a thin sheet after Burley: diffuse light, sheen and mirrors on both sides, and light "
+        "that goes through",
+        noted=dict.fromkeys(
+            (
+                "diffuse_reflectance_sampling_rate",
+                "diffuse_transmittance_sampling_rate",
+                "specular_reflectance_sampling_rate",
+                "specular_transmittance_sampling_rate",
+            ),
+            _SAMPLED,
+        ),
+    ),
     "pplastic": Plugin(
         "bsdf",
         {
@@ -802,6 +830,34 @@ PLUGINS: dict[str, Plugin] = {
             "mis_compensation": Param("boolean", False, doc="changes noise alone; ignored"),
         },
         doc="radiance by direction: latitudes and longitudes; the middle column is at local +z",
+    ),
+    "sunsky": Plugin(
+        "emitter",
+        {
+            "turbidity": Param("float", 3.0, 1.0, 10.0, doc="haze: 2 is clear, 6 warm and moist"),
+            "albedo": Param(COLOUR, 0.3, **_SHARE, doc="of the ground, which the sky reflects"),
+            "sun_direction": Param(
+                "vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="in the world; or a time"
+            ),
+            "latitude": Param("float", None, -90.0, 90.0, doc="degrees northwards; 35.6894"),
+            "longitude": Param("float", None, -180.0, 180.0, doc="degrees eastwards; 139.6917"),
+            "timezone": Param("float", None, -14.0, 14.0, doc="hours before universal time; 9"),
+            "year": Param("integer", None, 1, 9999, doc="2010"),
+            "month": Param("integer", None, 1, 12, doc="7"),
+            "day": Param("integer", None, 1, 31, doc="10"),
+            "hour": Param("float", None, 0.0, 24.0, doc="15"),
+            "minute": Param("float", None, 0.0, 60.0, doc="0"),
+            "second": Param("float", None, 0.0, 60.0, doc="0"),
+            "sun_scale": Param("float", 1.0, 0.0, doc="factor on the sun's radiance"),
+            "sky_scale": Param("float", 1.0, 0.0, doc="factor on the sky's radiance"),
+            "sun_aperture": Param(
+                "float", 0.5358, 0.0, 90.0, open=True, doc="degrees across; its light stays"
+            ),
+            "complex_sun": Param("boolean", False, note="the sun's disc is even"),
+            "to_world": Param("transform", doc="no scale; up is local +z, south +x, west +y"),
+        },
+        doc="a clear sky with the sun after Hosek and Wilkie, black below the horizon; an image of "
+        "texels 0.18 degrees wide",
     ),
     "point": Plugin(
         "emitter",

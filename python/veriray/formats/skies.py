@@ -41,13 +41,19 @@ def envmap(node: Node, values: dict[str, Any]) -> dict[str, Any]:
         return {}
     height, width, _ = texels.shape
     texels = np.broadcast_to(texels, (height, width, 3)).reshape(-1, 3)
+    turn = rotation(node, values)
+    return {"sky_texels": texels, "sky_size": np.array([width, height]), "sky_to_world": turn}
+
+
+def rotation(node: Node, values: dict[str, Any]) -> Any:
+    """The rotation or reflection (3, 3) of a sky's to_world."""
     matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
     turn = matrix[:3, :3]
     off = float(np.abs(turn.T @ turn - np.eye(3)).max())
     if not off <= 1e-3:
         raise SceneError(
-            f"{node}: to_world scales or shears (by {off:.3g}); an envmap may only be rotated, "
-            "mirrored and moved",
+            f"{node}: to_world scales or shears (by {off:.3g}); its image may only be "
+            "rotated, mirrored and moved",
             node.values["to_world"].where,
         )
-    return {"sky_texels": texels, "sky_size": np.array([width, height]), "sky_to_world": turn}
+    return turn

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from ..errors import SceneError
 from ..scene import Scene, load_file
-from . import maps, meshes, spheres
+from . import maps, meshes, model, spheres
 from .own import protect
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture: figure of the report (0: not in it), file in scenes/ ("" for the generated one),
+    """One picture: figure of the report (0: not in it), file in scenes/ ("" for generated ones),
     values of the file's $names, names of the generated meshes and maps that it reads, batches to
     keep, the relative time of a path, for the estimate of the time left, and the exposure of the
     display copy in stops."""
@@ -122,6 +122,12 @@ PICTURES = (
         "enamel on dark wood; a soft box and a sky, through a thin lens.",
         meshes=("hare", "knot"), spp=2048, cost=3.0, maps=("wood.png", "scratches.png", "sky.exr"),
     ),
+    Picture(
+        "terrace", 0, "",
+        "A glTF model under the sun and sky of Hosek and Wilkie: bronze, lacquer, glass and stone "
+        "on textured boards.",
+        spp=2048, cost=3.0, exposure=1.0,
+    ),
 )  # fmt: skip
 
 
@@ -176,6 +182,10 @@ def load(name: str, folder: Path, mesh: Path | None = None, force: bool = False)
     """
     (picture,) = [p for p in PICTURES if p.name == name] or select([name])[:1]
     folder.mkdir(parents=True, exist_ok=True)
+    if name == "terrace":
+        protect([folder / f"{name}.glb"], force)
+        model.write(folder / f"{name}.glb")
+        return model.load(folder / f"{name}.glb")
     if not picture.file:
         protect([folder / f"{name}.xml"], force)
         spheres.write(folder / f"{name}.xml")

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy import stats
 
 import veriray
+from veriray import transform
 from veriray.comparison.statistics import MARGIN
 from veriray_validate.dicts import BLACK, flat, scene, sky, sphere, view
 from veriray_validate.scenes import MIRROR, NULL, Medium, Part, box, camera, make, quad
@@ -291,6 +292,44 @@ def dolly_magnifies(t: Trial) -> None:
         half = (10 - step) * math.tan(math.radians(15))
         moved = still.with_(camera=still.camera.dolly(step))
         t.agrees(moved, math.pi / (2 * half) ** 2, 800_000, sees=0.03)
+
+
+# ---- narrow views ----
+
+
+@case(3, each={"width": (1e-1, 1e-3, 1e-5, 1e-7), "parallel": (True, False), "away": (0.0, 40.0)})
+def narrow_view_starts_at_its_camera(t: Trial, width: float, parallel: bool, away: float) -> None:
+    """A black plate close to the camera hides the bright wall if it is in front, and only then.
+
+    Views from wide ones to some of 10^-7 of the wall, whose rays start close to what they see;
+    plates from a hundredth of the wall to rounding away. Exact: 1 or 0 in every pixel.
+    """
+    move = transform.translate((away, -away / 2, away / 4))
+    turned = transform.rotate((1.0, 0.0, 0.0), 180.0)
+
+    def plate(z: float, half: float) -> Array:
+        place = transform.compose(transform.translate((0.0, 0.0, z)), transform.scale((half,) * 3))
+        return transform.compose(move, transform.compose(place, turned))
+
+    lens = transform.scale((width, width, 1.0)) if parallel else np.eye(4)
+    eye = {"type": "orthographic"} if parallel else {
+        "type": "perspective", "fov": 2 * math.degrees(math.atan(width))}  # fmt: skip
+    film = {"type": "hdrfilm", "width": 4, "height": 4, "filter": {"type": "box"}}
+    black = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
+    for distance in (1e-2, 1e-4, 1e-6):
+        if away and distance < 1e-5:  # the plate's own place is rounded there
+            continue
+        for side in (1, -1):
+            seen = veriray.load_dict({
+                "type": "scene", "integrator": {"type": "path", "max_depth": 1},
+                "eye": {**eye, "to_world": transform.compose(move, lens), "film": film},
+                "wall": {"type": "rectangle", "to_world": plate(1.0, 0.5), "bsdf": black,
+                         "emitter": {"type": "area", "radiance": 1.0}},
+                "plate": {"type": "rectangle", "bsdf": black,
+                          "to_world": plate(side * distance, max(4 * width, 1e-6))},
+            })  # fmt: skip
+            told = 0 if side > 0 else 1
+            t.check(t.render(seen, 16).image == told, f"{side * distance:g} in front")
 
 
 # ---- light that the camera does not see ----

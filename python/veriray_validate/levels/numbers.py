@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray import device as device_module
-from veriray.columns import MATERIAL_KINDS, PRINCIPLED
+from veriray.columns import MATERIAL_KINDS, PRINCIPLED, PRINCIPLED_THIN
 from veriray.numeric import sin_cos_degrees
 from veriray_validate.oracles import (
     CORNERS,
@@ -385,12 +385,12 @@ def _materials(rng: np.random.Generator, n: int) -> Array:
     eta = np.where(
         (kind == 1) | (kind == 6), 10 ** rng.uniform(-2, 1, (n, 1)), rng.uniform(0.4, 2.5, (n, 1))
     )
+    shares = rng.random((n, len(PRINCIPLED | PRINCIPLED_THIN)))
     normal = directions(rng, n)
     wo = normalised(normal + 0.9999 * directions(rng, n))
     return np.concatenate([kind, rng.integers(0, 2, (n, 1)), rng.random((n, 3)), eta,
                            rng.uniform(0, 20, (n, 1)), 10 ** rng.uniform(-4, 0.5, (n, 2)),
-                           rng.integers(0, 2, (n, 1)), rng.random((n, len(PRINCIPLED))), normal,
-                           wo], axis=1)  # fmt: skip
+                           rng.integers(0, 2, (n, 1)), shares, normal, wo], axis=1)  # fmt: skip
 
 
 def _lights(rng: np.random.Generator, n: int) -> Array:

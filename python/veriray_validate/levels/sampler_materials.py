@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from veriray.columns import MATERIAL_KINDS, PRINCIPLED
+from veriray.columns import MATERIAL_KINDS, PRINCIPLED, PRINCIPLED_THIN
 from veriray_validate.levels.samplers import (
     N,
     count,
@@ -51,7 +51,9 @@ class Grey:
     alpha: float = 0.1
     across: float = 0.0  # the tangent; 0: alpha
     ggx: float = 0.0
-    shares: tuple[float, ...] = tuple(default for default, _ in PRINCIPLED.values())
+    shares: tuple[float, ...] = tuple(
+        default for default, _ in (PRINCIPLED | PRINCIPLED_THIN).values()
+    )
 
     def columns(self, front: bool = True) -> tuple[float, ...]:
         """As the hooks take them."""

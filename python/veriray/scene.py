@@ -21,9 +21,21 @@ import numpy.typing as npt
 
 from . import parameters
 from .camera import Camera, Film
-from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
+from .columns import COLUMNS, LIGHT_KINDS, OF_SHAPES, checked, hashed
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, in_range, number, path_text, shown, switch, texts, whole
+from .numeric import (
+    MAX_COORDINATE,
+    array,
+    distinct,
+    in_range,
+    number,
+    path_text,
+    repeated,
+    shown,
+    switch,
+    texts,
+    whole,
+)  # fmt: skip
 from .scene_arrays import _NONE, SceneArrays
 from .settings import MAX_PATH_DEPTH as MAX_PATH_DEPTH
 from .settings import SAMPLERS as SAMPLERS
@@ -35,7 +47,10 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-_DERIVED = ("_array_digest", "_native_forms")
+#: The hash after the columns of shapes and after all, once it is known: lists that copies share
+#: which have the same arrays.
+_DIGESTS = ("_shape_digest", "_array_digest")
+_DERIVED = (*_DIGESTS, "_native_forms")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 
 
@@ -75,7 +90,7 @@ class Scene(SceneArrays):
         for kind in ("triangle", "sphere", "disk"):
             name, count = f"{kind}_shape", len(arrays[f"{kind}s"])
             given = getattr(self, name)
-            given = np.zeros(count, np.uint32) if given is None else given
+            given = repeated(0, (count,), np.uint32) if given is None else given
             arrays[name] = array(name, given, np.uint32, (count,))
             note = f" (there are {len(names)} shapes)"
             in_range(name, arrays[name], 0, len(names) - 1, note)
@@ -108,21 +123,33 @@ class Scene(SceneArrays):
         forms: dict[tuple[object, ...], Any] = self.__dict__.setdefault("_native_forms", {})
         return forms
 
+    def _digests(self, *names: str) -> dict[str, list[hashlib._Hash]]:
+        return {name: self.__dict__.setdefault(name, []) for name in names}
+
     @property
     def _digest(self) -> hashlib._Hash:
         """The hash so far, after the arrays."""
-        kept: hashlib._Hash | None = self.__dict__.get("_array_digest")
-        if kept is not None:
-            return kept
-        digest = hashlib.sha256(b"veriray scene 2\n")
-        for name in COLUMNS:
+        of_shapes, of_all = self._digests(*_DIGESTS).values()
+        if not of_shapes:
+            digest = hashlib.sha256(b"veriray scene 2\n")
+            self._hash(digest, OF_SHAPES)
+            of_shapes.append(digest)
+        if not of_all:
+            digest = of_shapes[0].copy()
+            self._hash(digest, tuple(COLUMNS)[len(OF_SHAPES) :])
+            of_all.append(digest)
+        return of_all[0]
+
+    def _hash(self, digest: hashlib._Hash, names: tuple[str, ...]) -> None:
+        for name in names:
             values: Array = getattr(self, name)
             if not hashed(name, values):
                 continue
             digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
-            digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
-        kept = self.__dict__.setdefault("_array_digest", digest)
-        return kept
+            step = len(values) if distinct(values) is values else 1 << 16
+            for first in range(0, len(values), max(step, 1)):
+                part = values[first : first + step]
+                digest.update(np.ascontiguousarray(part, part.dtype.newbyteorder("<")).data)
 
     def place(self, message: str) -> str:
         """The place in the scene file of what "column[row] ..." is about; "" if unknown.
@@ -142,9 +169,20 @@ class Scene(SceneArrays):
         return places.get("scene", [""])[0]
 
     def _with_arrays(self, **changes: Any) -> Scene:
-        """A copy with other values in the same rows."""
-        copy = dataclasses.replace(self, **changes)
-        copy.__dict__.update((k, v) for k, v in self.__dict__.items() if k in _OF_FILE)
+        """A copy with other values in the same rows; checks no more than what changes."""
+        given = {name: changes.get(name, getattr(self, name)) for name in COLUMNS}
+        arrays = checked(given, {name for name in COLUMNS if name in changes})
+        new = {name: arrays.get(name, value) for name, value in changes.items()}
+        return self._copied(**new)
+
+    def _copied(self, **changes: Any) -> Scene:
+        """A copy with other attributes; the arrays among them are checked already."""
+        shared: list[str] = []
+        if not any(name in changes for name in OF_SHAPES):
+            shared = list(_DIGESTS if COLUMNS.keys().isdisjoint(changes) else _DIGESTS[:1])
+        copy = object.__new__(Scene)
+        copy.__dict__.update(self.__getstate__(), **self._digests(*shared), **changes)
+        copy._check_settings()
         return copy
 
     @property
@@ -230,10 +268,7 @@ class Scene(SceneArrays):
         settings |= {"sampler": sampler, "seed": seed, "camera": camera}
         settings |= {"hide_emitters": hide_emitters}
         changed = {name: value for name, value in settings.items() if value is not None}
-        copy = object.__new__(Scene)  # the arrays are read-only and checked
-        copy.__dict__.update(self.__getstate__(), _array_digest=self._digest, film=film, **changed)
-        copy._check_settings()
-        return copy
+        return self._copied(film=film, **changed)
 
     def _changed(self, changes: Mapping[str, Any]) -> Scene:
         if not isinstance(changes, Mapping):

@@ -11,8 +11,9 @@ import trimesh
 
 import veriray
 from veriray import transform
+from veriray.columns import COLUMNS
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh, mitsuba_dict
+from veriray.formats import mesh, mitsuba_dict, ply, ply_pieces
 from veriray.formats.node import Node, Value
 from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
@@ -774,3 +775,93 @@ def test_texture_coordinates_are_finite(tmp_path):
 def test_errors_name_the_file(tmp_path):
     with pytest.raises(SceneError, match=r"s.filename: .*mesh.stl\" is not STL"):
         shape(tmp_path, "mesh.stl", "solid")
+
+
+def _ply(dtype, order, kind, properties=(), faces=None):
+    """A PLY file of 3,000 vertices and its parts; faces: (F, 3 or 4)."""
+    rng = np.random.default_rng(7)
+    count = 3000
+    names = ["x", "y", "z", *properties]
+    table = np.zeros(count, [(name, dtype) for name in names])
+    for name in names:
+        table[name] = rng.normal(size=count)
+    table["x"][:5] = -0.0
+    faces = rng.integers(0, count, (9000, 3)) if faces is None else faces
+    lists = np.zeros(len(faces), [("n", "u1"), ("flag", order + "i2"), ("i", kind, faces.shape[1])])
+    lists["n"], lists["i"] = faces.shape[1], faces
+    words = {"i4": "int", "u4": "uint", "u2": "ushort"}
+    form = "little" if order == "<" else "big"
+    head = [f"ply\nformat binary_{form}_endian 1.0\nelement vertex {count}"]
+    head += [f"property {'float' if dtype[1:] == 'f4' else 'double'} {name}" for name in names]
+    head += [f"element face {len(faces)}", "property short flag"]
+    head += [f"property list uchar {words[kind[1:]]} vertex_index", "end_header\n"]
+    lists = lists[["flag", "n", "i"]].astype(
+        [("flag", order + "i2"), ("n", "u1"), ("i", kind, faces.shape[1])]
+    )
+    return "\n".join(head).encode() + table.tobytes() + lists.tobytes()
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("dtype, kind", [("f4", "i4"), ("f8", "u4"), ("f4", "u2")])
+@pytest.mark.parametrize("sides", [3, 4])
+@pytest.mark.parametrize("properties", [(), ("nx", "ny", "nz"), ("s", "t", "nz", "u", "v")])
+def test_ply_piece_by_piece_is_ply_as_a_whole(tmp_path, monkeypatch, order, dtype, kind, sides,
+                                              properties):  # fmt: skip
+    """Large files are read in pieces by several threads: the same arrays."""
+    faces = np.random.default_rng(5).integers(0, 3000, (9000, sides))
+    data = _ply(order + dtype, order, order + kind, properties, faces)
+    (tmp_path / "m.ply").write_bytes(data)
+    monkeypatch.setattr(ply_pieces, "LEAST", 1)
+    monkeypatch.setattr(ply_pieces, "PIECE", 4099)
+    whole = ply.read(data)
+    tables = ply_pieces.read(tmp_path / "m.ply", len(data))
+    assert tables is not None
+    for table, values in zip(tables, whole[:4], strict=True):
+        assert (table is None) == (values is None)
+        if table is not None:
+            assert np.array_equal(table.values, values) and table.values.dtype.kind in "fu"
+            assert table.extremes == (values.min(), values.max())
+            assert not np.signbit(table.values[table.values == 0]).any()
+    assert ply_pieces.read(tmp_path / "m.ply", len(data) - 1) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data[:-1],
+        lambda data: data + b"\0",
+        lambda data: data[:-12] + b"\xff\xff\xff\x7f" + data[-8:],  # an index
+        lambda data: data[:-13] + b"\x04" + data[-12:],  # a list's length
+        lambda data: data.replace(b"element face 9000", b"element face 9001"),
+        lambda data: data.replace(b"property float z", b"property float w"),
+        lambda data: data.replace(b"end_header\n", b"end_header\n" + b"\0\0\xc0\x7f", 1)[:-4],
+    ],
+)
+def test_damaged_ply_pieces_are_left_to_the_other_reader(tmp_path, monkeypatch, change):
+    """Its messages are the only ones."""
+    data = change(_ply("<f4", "<", "<i4"))
+    (tmp_path / "m.ply").write_bytes(data)
+    messages = []
+    for least in (1, 2**30):
+        monkeypatch.setattr(ply_pieces, "LEAST", least)
+        with pytest.raises(SceneError) as caught:
+            mesh.read(tmp_path / "m.ply", "ply", "here")
+        messages.append(str(caught.value))
+    assert messages[0] == messages[1]
+
+
+def test_a_mesh_read_in_pieces_makes_the_same_scene(tmp_path, monkeypatch):
+    (tmp_path / "m.ply").write_bytes(_ply("<f4", "<", "<i4", ("nx", "ny", "nz")))
+    turned = [[0, -1, 0, 3], [1, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]
+    shapes = {"type": "ply", "filename": str(tmp_path / "m.ply")}
+    for more in ({}, {"face_normals": True}, {"to_world": np.array(turned)}, {"other": "cube"}):
+        found: dict[str, object] = {"type": "scene", "m": {**shapes, **more}}
+        if "other" in more:
+            found = {"type": "scene", "m": shapes, "c": {"type": "cube"}, "n": shapes}
+        hashes = set()
+        for least in (1, 2**30):
+            monkeypatch.setattr(ply_pieces, "LEAST", least)
+            scene = load_dict(found)
+            hashes.add(scene.sha256)
+            assert all(not getattr(scene, name).flags.writeable for name in COLUMNS)
+        assert len(hashes) == 1

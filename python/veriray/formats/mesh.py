@@ -21,9 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import numeric
+from ..chunks import in_chunks
 from ..errors import SceneError
 from ..numeric import MAX_COORDINATE
-from . import ply, serialized
+from . import ply, ply_pieces, serialized
 from .node import Node, quoted, read_bytes, shorten
 from .plugins import mesh_attribute
 from .ply import MeshFileError
@@ -31,22 +32,25 @@ from .ply import MeshFileError
 Array = npt.NDArray[Any]
 MAX_BYTES = 512 * 2**20
 MAX_UV = 1e30  # float32 on the device
+_GRAIN = 1 << 13  # triangles of a piece
 _NUMBER = re.compile(rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 
 
 @dataclass
 class Mesh:
-    """vertices (V, 3) float64, triangles (T, 3) int64; normals (V, 3) float64 of the file, of any
-    length, and texture coordinates uv (V, 2) float64 as they stand in the file: zero rows for
-    vertices without, None for a file without any. attributes: (V or T, 1 or 3) float64 by names
-    that begin with vertex_ or face_."""
+    """vertices (V, 3) float64, triangles (T, 3) int64 or uint32; normals (V, 3) float64 of the
+    file, of any length, and texture coordinates uv (V, 2) float64 as they stand in the file: zero
+    rows for vertices without, None for a file without any. attributes: (V or T, 1 or 3) float64 by
+    names that begin with vertex_ or face_. extremes: the least and the greatest number of fields
+    that are known to be finite and without -0, by their names."""
 
     vertices: Array
     triangles: Array
     normals: Array | None
     uv: Array | None = None
     attributes: dict[str, Array] = field(default_factory=dict)
+    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def of_vertices(self, rows: Array) -> dict[str, Array]:
         """The attributes where the vertices are these rows of the ones now."""
@@ -56,6 +60,7 @@ class Mesh:
         }
 
 
+_FIELDS = ("vertices", "triangles", "normals", "uv")
 _Arrays = tuple[Array, Array, Array | None, Array | None]
 
 
@@ -90,11 +95,22 @@ def read(
     of range or numbers that are not finite.
     """
     files = {} if files is None else files
+    name = f'"filename" = {shorten(str(path))}'
+    if kind == "ply" and not attributes:
+        tables = ply_pieces.read(path, MAX_BYTES)
+        if tables is not None:
+            vertices, triangles = (table.values for table in tables[:2])
+            normals, uv = (None if table is None else table.values for table in tables[2:])
+            mesh = Mesh(vertices, triangles, normals, uv)
+            for key, table in zip(_FIELDS, tables, strict=True):
+                if table is not None:
+                    mesh.extremes[key] = table.extremes
+            _check(mesh, name, where)
+            return mesh
     if path not in files:
         files.clear()
         files[path] = read_bytes(path, MAX_BYTES, where)
     data = files[path]
-    name = f'"filename" = {shorten(str(path))}'
     try:
         if kind == "ply":
             mesh = Mesh(*ply.read(data, attributes=attributes))
@@ -150,26 +166,38 @@ def _check(mesh: Mesh, name: str, where: str) -> None:
     if not len(mesh.triangles):
         raise SceneError(f"{name} holds no triangles", where)
     for what, values, limit in (
-        ("coordinate", mesh.vertices, MAX_COORDINATE),
-        ("normal's component", mesh.normals, MAX_COORDINATE),
-        ("texture coordinate", mesh.uv, MAX_UV),
+        ("vertices", mesh.vertices, MAX_COORDINATE),
+        ("normals", mesh.normals, MAX_COORDINATE),
+        ("uv", mesh.uv, MAX_UV),
     ):
-        bad = np.zeros((0, 2)) if values is None else np.argwhere(~(np.abs(values) <= limit))
-        if values is not None and len(bad):  # NaN too
-            row, column = (int(i) for i in bad[0])
-            raise SceneError(
-                f"{name}: vertex {row} has the {what} {values[row, column]}; it must be finite and "
-                f"within {limit:g}",
-                where,
-            )
-    bad = np.argwhere((mesh.triangles < 0) | (mesh.triangles >= len(mesh.vertices)))
-    if len(bad):
+        if values is None or _within(mesh, what, values, -limit, limit):
+            continue
+        bad = np.argwhere(~(np.abs(values) <= limit))  # NaN too
+        row, column = (int(i) for i in bad[0])
+        raise SceneError(
+            f"{name}: vertex {row} has the {_WORDS[what]} {values[row, column]}; it must be finite "
+            f"and within {limit:g}",
+            where,
+        )
+    if not _within(mesh, "triangles", mesh.triangles, 0, len(mesh.vertices) - 1):
+        bad = np.argwhere((mesh.triangles < 0) | (mesh.triangles >= len(mesh.vertices)))
         row, column = (int(i) for i in bad[0])
         raise SceneError(
             f"{name}: triangle {row} uses vertex {mesh.triangles[row, column]}, outside "
             f"[0, {len(mesh.vertices) - 1}]",
             where,
         )
+
+
+_WORDS = {"vertices": "coordinate", "normals": "normal's component", "uv": "texture coordinate"}
+
+
+def _within(mesh: Mesh, what: str, values: Array, least: float, most: float) -> bool:
+    """Whether all numbers of a field are finite and within [least, most]."""
+    if not values.size:
+        return True
+    low, high = mesh.extremes.get(what) or (values.min(), values.max())  # NaN if there is one
+    return bool(least <= low and high <= most)
 
 
 def _obj(data: bytes) -> _Arrays:
@@ -363,7 +391,20 @@ def unit(vectors: Array) -> Array:
 
 def face_normals(vertices: Array, triangles: Array) -> Array:
     """Unit normals (T, 3) on the front sides; zero for triangles without area."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    result = np.empty((len(triangles), 3))
+
+    def part(first: int, last: int) -> None:
+        result[first:last] = _facing(*_corners(vertices, triangles[first:last]))
+
+    in_chunks(part, len(triangles), _GRAIN)
+    return result
+
+
+def _corners(vertices: Array, triangles: Array) -> list[Array]:
+    return [vertices[triangles[:, k]] for k in range(3)]
+
+
+def _facing(a: Array, b: Array, c: Array) -> Array:
     return unit(cross(b - a, c - a))
 
 
@@ -387,16 +428,38 @@ def vertex_normals(vertices: Array, triangles: Array) -> Array:
     After G. Thuermer and C. A. Wuethrich, Computing vertex normals from polygonal facets, 1998.
     Zero for vertices without a triangle that has an area.
     """
-    facing = face_normals(vertices, triangles)
-    corners = [vertices[triangles[:, k]] for k in range(3)]
-    edges = [unit(corners[(k + 1) % 3] - corners[k]) for k in range(3)]  # from k to k + 1
-    weights = np.concatenate([angles(edges[k], -edges[k - 1]) for k in range(3)])
+    count = len(triangles)
+    parts = np.empty((3, 3, count))  # by axis and corner
+
+    def part(first: int, last: int) -> None:
+        corners = _corners(vertices, triangles[first:last])
+        facing = _facing(*corners).T
+        edges = [unit(corners[(k + 1) % 3] - corners[k]) for k in range(3)]  # from k to k + 1
+        for k in range(3):
+            parts[:, k, first:last] = facing * angles(edges[k], -edges[k - 1])
+
+    in_chunks(part, count, _GRAIN)
     index = triangles.T.reshape(-1)
-    sums = [
-        np.bincount(index, np.tile(facing[:, axis], 3) * weights, minlength=len(vertices))
-        for axis in range(3)
-    ]
+    sums = [np.bincount(index, values.reshape(-1), minlength=len(vertices)) for values in parts]
     return unit(np.stack(sums, axis=1))
+
+
+def shading(vertices: Array, triangles: Array, normals: Array) -> tuple[Array, bool]:
+    """The triangles as `fronts_by_normals` turns them, and whether the normals are then flat."""
+
+    def look(first: int, last: int) -> tuple[bool, bool]:
+        part = triangles[first:last]
+        facing = _facing(*_corners(vertices, part))
+        cosines = [dot(normals[part[:, k]], facing) for k in range(3)]
+        behind = (cosines[0] < 0) & (cosines[1] < 0) & (cosines[2] < 0)
+        solid = facing.any(axis=1)
+        return bool(behind.any()), all((of[solid] > 1 - 1e-7).all() for of in cosines)
+
+    behind, flat = zip(*in_chunks(look, len(triangles), _GRAIN), strict=True)
+    if not any(behind):
+        return triangles, all(flat)
+    triangles = fronts_by_normals(vertices, triangles, normals)
+    return triangles, is_flat(vertices, triangles, normals)
 
 
 def is_flat(vertices: Array, triangles: Array, normals: Array) -> bool:

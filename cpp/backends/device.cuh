@@ -45,7 +45,8 @@ class Buffer {
     Buffer(const T* from, size_t n, const char* what) : Buffer(n, what) {
         if (n) check(cudaMemcpy(p_, from, n * sizeof(T), cudaMemcpyHostToDevice), what);
     }
-    Buffer(const std::vector<T>& v, const char* what) : Buffer(v.data(), v.size(), what) {}
+    template <class Memory>
+    Buffer(const std::vector<T, Memory>& v, const char* what) : Buffer(v.data(), v.size(), what) {}
     Buffer(Buffer&& o) noexcept : p_(o.p_), n_(o.n_) { o.p_ = nullptr, o.n_ = 0; }
     Buffer& operator=(Buffer&& o) noexcept {
         std::swap(p_, o.p_);

@@ -12,13 +12,14 @@ namespace {
 struct Reader {
     const py::dict& arrays;
     std::vector<py::object> keep;
+    Alike alike;
 
     // shape: of a row; table: `scene` has one row, which the array is.
     template <class T>
     void operator()(const std::string& table, const char* name, Rows<T>& rows,
                     std::vector<py::ssize_t> shape) {
         if (!arrays.contains(name)) throw py::value_error(std::string("no array ") + name);
-        const auto a = arrays[name].cast<Array<T>>();
+        const Array<T> a = dense<T>(arrays[name], alike);
         const bool one = table == "scene";
         if (!one) shape.insert(shape.begin(), -1);
         need_shape(a, name, shape);
@@ -31,7 +32,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
                                   const py::dict& film, int device, const py::object& progress,
                                   const std::string& builder) {
     SceneInput in{};
-    Reader read{arrays, {}};
+    Reader read{arrays, {}, {}};
 #define VR_COLUMN(table, name, type, low, high, open, ...) \
     read(#table, #name, in.name, {__VA_ARGS__});
 #define VR_INDEX(table, name, type, least, of, ...) read(#table, #name, in.name, {__VA_ARGS__});

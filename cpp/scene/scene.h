@@ -190,9 +190,9 @@ class HostScene {
     Large<PrimitiveSource> sources;  // by primitive
     Large<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
-    Large<float> primitives, smooth;
+    Large<float> primitives, smooth, sky_texels, sky_ends;
     std::vector<float> light_chance, light_row, surfaces, media, light_table, filter_edges, uv,
-        tangents, textures, sky_texels, sky_ends, sky_sines, grids, cells;
+        tangents, textures, sky_sines, grids, cells;
     Large<uint32_t> surface_of;
     std::vector<uint32_t> light_cdf, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.

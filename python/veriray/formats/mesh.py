@@ -2,7 +2,8 @@
 
 OBJ and PLY are read here: trimesh (5.2) takes OBJ's index 0 for vertex 1, counts negative indices
 from the end of the file and reverses groups, shortens damaged PLY faces and lets indices run out of
-range, all without a word. STL is read by trimesh; the triangles are counted against the file.
+range, all without a word. STL as text is read by trimesh; the triangles are counted against the
+file.
 Limits: 512 MiB a file, regular files only; PLY polygons with 3 or 4 corners. Polygons become fans.
 """
 
@@ -335,11 +336,29 @@ def _corner(token: bytes, tables: dict[bytes, list[Any]], number: int) -> tuple[
     return result[0], result[1], result[2]
 
 
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+
+
 def _stl(data: bytes) -> _Arrays:
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    binary = len(data) == 84 + 50 * count
+    if binary and count:
+        facets = np.frombuffer(data, _FACET, count, 84)["corners"]
+        corners = np.empty((count, 3, 3))
+
+        def widen(first: int, last: int) -> None:
+            corners[first:last] = facets[first:last]
+
+        in_chunks(widen, count, _GRAIN)
+        every = np.arange(3 * count, dtype=np.uint32 if 3 * count < 2**32 else np.int64)
+        return corners.reshape(-1, 3), every.reshape(-1, 3), None, None
+    return _stl_text(data, count, binary)
+
+
+def _stl_text(data: bytes, count: int, binary: bool) -> _Arrays:
     import trimesh  # slow to import, and rarely needed
 
-    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    if len(data) != 84 + 50 * count:  # not binary
+    if not binary:
         if not data.lstrip().startswith(b"solid") or b"endsolid" not in data:
             raise MeshFileError(
                 " is not STL: neither binary of the stated size nor solid ... endsolid"

@@ -6,11 +6,13 @@ its local +Z with local +X on the left of the picture, pixel (0, 0) is top left.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import os
 import re
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,11 +49,21 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: The hash after the columns of shapes and after all, once it is known: lists that copies share
-#: which have the same arrays.
+#: The hash after the columns of shapes and after all: shared by copies with the same arrays.
 _DIGESTS = ("_shape_digest", "_array_digest")
 _DERIVED = (*_DIGESTS, "_native_forms")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
+
+
+#: Bytes of arrays that take a good part of a frame's time to hash.
+_LARGE = 1 << 24
+
+
+class _Digest:
+    """A hash once it is known, and the thread that makes it."""
+
+    value: hashlib._Hash | None = None
+    maker: threading.Thread | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,22 +135,38 @@ class Scene(SceneArrays):
         forms: dict[tuple[object, ...], Any] = self.__dict__.setdefault("_native_forms", {})
         return forms
 
-    def _digests(self, *names: str) -> dict[str, list[hashlib._Hash]]:
-        return {name: self.__dict__.setdefault(name, []) for name in names}
+    def _digests(self, *names: str) -> dict[str, _Digest]:
+        return {name: self.__dict__.setdefault(name, _Digest()) for name in names}
 
     @property
     def _digest(self) -> hashlib._Hash:
         """The hash so far, after the arrays."""
         of_shapes, of_all = self._digests(*_DIGESTS).values()
-        if not of_shapes:
-            digest = hashlib.sha256(b"veriray scene 2\n")
-            self._hash(digest, OF_SHAPES)
-            of_shapes.append(digest)
-        if not of_all:
-            digest = of_shapes[0].copy()
+        if of_all.value is None and of_all.maker not in (None, threading.current_thread()):
+            of_all.maker.join()  # at once in a child process, which has no such thread
+        if of_all.value is None:
+            if of_shapes.value is None:
+                digest = hashlib.sha256(b"veriray scene 2\n")
+                self._hash(digest, OF_SHAPES)
+                of_shapes.value = digest
+            digest = of_shapes.value.copy()
             self._hash(digest, tuple(COLUMNS)[len(OF_SHAPES) :])
-            of_all.append(digest)
-        return of_all[0]
+            of_all.value = digest
+        return of_all.value
+
+    def hash_ahead(self) -> None:
+        """Lets a thread hash large arrays, which `sha256` then waits for."""
+        cell = self._digests("_array_digest")["_array_digest"]
+        large = sum(getattr(self, name).nbytes for name in COLUMNS) >= _LARGE
+        if cell.value is None and cell.maker is None and large:
+            thread = threading.Thread(target=self._hash_in_thread, daemon=True)
+            with contextlib.suppress(RuntimeError):  # no thread can be had
+                thread.start()
+                cell.maker = thread
+
+    def _hash_in_thread(self) -> None:
+        with contextlib.suppress(Exception):  # `sha256` then raises it itself
+            _ = self._digest
 
     def _hash(self, digest: hashlib._Hash, names: tuple[str, ...]) -> None:
         for name in names:

@@ -166,3 +166,28 @@ def test_a_change_shares_what_it_does_not_change() -> None:
         scene._with_arrays(reflectance=np.full(scene.reflectance.shape, 2.0))
     moved = scene.scaled(2.0)
     assert moved.sha256 != scene.sha256 and moved.scaled(0.5).sha256 == scene.sha256
+
+
+def test_a_thread_hashes_large_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same hash; one that fails in the thread is made again; copies wait for the same thread."""
+    known = vr.load_dict(SCENE).sha256
+    scene = vr.load_dict(SCENE)
+    scene.hash_ahead()
+    assert scene._digests("_array_digest")["_array_digest"].maker is None  # small
+    monkeypatch.setattr("veriray.scene._LARGE", 0)
+    scene.hash_ahead()
+    copied = scene.with_(spp=9)
+    assert copied._digests("_array_digest") == scene._digests("_array_digest")
+    assert copied.sha256 == known == pickle.loads(pickle.dumps(scene)).sha256
+    other = vr.load_dict(SCENE)
+    faults = [MemoryError()]
+    of = vr.Scene._hash
+
+    def failing(*arguments: Any) -> None:
+        if faults:
+            raise faults.pop()
+        of(*arguments)
+
+    monkeypatch.setattr(vr.Scene, "_hash", failing)
+    other.hash_ahead()
+    assert other.sha256 == known and not faults

@@ -21,6 +21,7 @@ from . import ply
 Array = npt.NDArray[Any]
 #: Bytes of a file from which on it pays, and of a piece.
 LEAST, PIECE = 1 << 18, 1 << 19
+MAX_BYTES = 8 * 2**30
 
 
 class _UnusualError(Exception):

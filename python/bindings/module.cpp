@@ -361,6 +361,38 @@ void bind_renderer(py::module_& m) {
              })
         .def("words", [](const Film& f) { return words_of(f, 0); });
 
+    using Rows3 = Array<double>;
+    const auto mesh_view = [](const Rows3& vertices, const Array<uint32_t>& triangles) {
+        need_shape(vertices, "vertices", {-1, 3});
+        need_shape(triangles, "triangles", {-1, 3});
+        return MeshView{vertices.data(), triangles.data(), static_cast<size_t>(vertices.shape(0)),
+                        static_cast<size_t>(triangles.shape(0))};
+    };
+    m.def(
+        "vertex_normals",
+        [=](const Rows3& vertices, const Array<uint32_t>& triangles) {
+            const MeshView mesh = mesh_view(vertices, triangles);
+            py::array_t<double> out(std::vector<py::ssize_t>{vertices.shape(0), 3});
+            double* normals = out.mutable_data();
+            {
+                py::gil_scoped_release release;
+                vertex_normals(mesh, normals);
+            }
+            return out;
+        },
+        "vertices"_a, "triangles"_a);
+    m.def(
+        "shading_of",
+        [=](const Rows3& vertices, const Array<uint32_t>& triangles, const Rows3& normals) {
+            const MeshView mesh = mesh_view(vertices, triangles);
+            need_shape(normals, "normals", {vertices.shape(0), 3});
+            const double* given = normals.data();
+            py::gil_scoped_release release;
+            const Shading found = shading_of(mesh, given);
+            return std::pair(found.behind, found.flat);
+        },
+        "vertices"_a, "triangles"_a, "normals"_a);
+
     m.def(
         "render",
         [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,

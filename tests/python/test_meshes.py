@@ -865,3 +865,31 @@ def test_a_mesh_read_in_pieces_makes_the_same_scene(tmp_path, monkeypatch):
             hashes.add(scene.sha256)
             assert all(not getattr(scene, name).flags.writeable for name in COLUMNS)
         assert len(hashes) == 1
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-90, 1e90])
+def test_native_normals_have_the_bits_of_numpys(monkeypatch, scale):
+    """A folded, closed mesh with faces without area, single vertices and doubled ones."""
+    rng = np.random.default_rng(11)
+    count = 3000
+    vertices = rng.normal(size=(count, 3)) * scale
+    vertices[100:200] = vertices[:100]
+    triangles = rng.integers(0, count - 50, (9000, 3)).astype(np.uint32)
+    triangles[:50, 1] = triangles[:50, 0]
+    found, looks = [], []
+    for native in (1, 10**9):
+        monkeypatch.setattr(mesh, "NATIVE", native)
+        assert (mesh._native(triangles) is None) == (native > 1)
+        normals = mesh.vertex_normals(vertices, triangles)
+        found.append(normals)
+        for part in (triangles, triangles[:1], triangles[5000:5003], triangles[:40]):
+            for given in (normals, -normals, mesh.face_normals(vertices, triangles)[:count]):
+                turned, flat = mesh.shading(vertices, part, given)
+                looks.append((native, turned.tobytes(), flat))
+    assert found[0].tobytes() == found[1].tobytes() and not found[0][-50:].any()
+    half = len(looks) // 2
+    assert [x[1:] for x in looks[:half]] == [x[1:] for x in looks[half:]]
+    assert {x[2] for x in looks} == {False, True}
+    with pytest.raises(ValueError, match="corner"):
+        monkeypatch.setattr(mesh, "NATIVE", 1)
+        mesh.vertex_normals(vertices, triangles + np.uint32(count))

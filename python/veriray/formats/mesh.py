@@ -3,8 +3,8 @@
 OBJ and PLY are read here: trimesh (5.2) takes OBJ's index 0 for vertex 1, counts negative indices
 from the end of the file and reverses groups, shortens damaged PLY faces and lets indices run out of
 range, all without a word. STL as text is read by trimesh; the triangles are counted against the
-file.
-Limits: 512 MiB a file, regular files only; PLY polygons with 3 or 4 corners. Polygons become fans.
+file. Limits: 512 MiB a file, 8 GiB of large PLY files (`ply_pieces`); regular files only; PLY
+polygons with 3 or 4 corners. Polygons become fans.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ import numpy.typing as npt
 
 from .. import numeric
 from ..chunks import in_chunks
-from ..errors import SceneError
+from ..device import select
+from ..errors import DeviceError, SceneError
 from ..numeric import MAX_COORDINATE
 from . import ply, ply_pieces, serialized
 from .node import Node, quoted, read_bytes, shorten
@@ -34,6 +35,8 @@ Array = npt.NDArray[Any]
 MAX_BYTES = 512 * 2**20
 MAX_UV = 1e30  # float32 on the device
 _GRAIN = 1 << 13  # triangles of a piece
+#: Triangles from which on normals are computed by the native module.
+NATIVE = 1 << 12
 _NUMBER = re.compile(rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 
@@ -98,7 +101,7 @@ def read(
     files = {} if files is None else files
     name = f'"filename" = {shorten(str(path))}'
     if kind == "ply" and not attributes:
-        tables = ply_pieces.read(path, MAX_BYTES)
+        tables = ply_pieces.read(path, ply_pieces.MAX_BYTES)
         if tables is not None:
             vertices, triangles = (table.values for table in tables[:2])
             normals, uv = (None if table is None else table.values for table in tables[2:])
@@ -441,12 +444,27 @@ def angles(a: Array, b: Array) -> Array:
     return result
 
 
+def _native(triangles: Array) -> Any:
+    """The module that does the same for many triangles, with the same bits; None for few, and where
+    there is none."""
+    if len(triangles) < NATIVE:
+        return None
+    try:
+        return select("cpu")[0].native
+    except (DeviceError, ValueError):  # of VERIRAY_ISA
+        return None
+
+
 def vertex_normals(vertices: Array, triangles: Array) -> Array:
     """Normals (V, 3): the faces' around a vertex, weighted by their angles there, as in Mitsuba.
 
     After G. Thuermer and C. A. Wuethrich, Computing vertex normals from polygonal facets, 1998.
     Zero for vertices without a triangle that has an area.
     """
+    native = _native(triangles)
+    if native is not None:
+        result: Array = native.vertex_normals(vertices, np.asarray(triangles, np.uint32))
+        return result
     count = len(triangles)
     parts = np.empty((3, 3, count))  # by axis and corner
 
@@ -465,6 +483,11 @@ def vertex_normals(vertices: Array, triangles: Array) -> Array:
 
 def shading(vertices: Array, triangles: Array, normals: Array) -> tuple[Array, bool]:
     """The triangles as `fronts_by_normals` turns them, and whether the normals are then flat."""
+    native = _native(triangles)
+    if native is not None:
+        behind, flat = native.shading_of(vertices, np.asarray(triangles, np.uint32), normals)
+        if not behind:
+            return triangles, flat
 
     def look(first: int, last: int) -> tuple[bool, bool]:
         part = triangles[first:last]
@@ -474,9 +497,10 @@ def shading(vertices: Array, triangles: Array, normals: Array) -> tuple[Array, b
         solid = facing.any(axis=1)
         return bool(behind.any()), all((of[solid] > 1 - 1e-7).all() for of in cosines)
 
-    behind, flat = zip(*in_chunks(look, len(triangles), _GRAIN), strict=True)
-    if not any(behind):
-        return triangles, all(flat)
+    if native is None:
+        found = in_chunks(look, len(triangles), _GRAIN)
+        if not any(behind for behind, _ in found):
+            return triangles, all(flat for _, flat in found)
     triangles = fronts_by_normals(vertices, triangles, normals)
     return triangles, is_flat(vertices, triangles, normals)
 

@@ -1,5 +1,6 @@
 """Mesh files: reading, shading normals, closedness; positions and normals against Mitsuba."""
 
+import dataclasses
 import math
 import struct
 import warnings
@@ -893,3 +894,26 @@ def test_native_normals_have_the_bits_of_numpys(monkeypatch, scale):
     with pytest.raises(ValueError, match="corner"):
         monkeypatch.setattr(mesh, "NATIVE", 1)
         mesh.vertex_normals(vertices, triangles + np.uint32(count))
+
+
+def test_columns_of_one_number_are_columns_of_many(tmp_path):
+    """Columns that keep one number for all rows: the same hash, native tables and picture."""
+    (tmp_path / "m.ply").write_bytes(_ply("<f4", "<", "<i4"))
+    shape = {"type": "ply", "filename": str(tmp_path / "m.ply"), "face_normals": True}
+    found = {"type": "scene", "sky": {"type": "constant"}, "a": shape}
+    found["a"] = {**shape, "bsdf": {"type": "dielectric"}}
+    for more in ({}, {"b": {**shape, "lamp": {"type": "area"}}}):
+        scene = load_dict({**found, **more}).with_(width=8, height=8, max_depth=3)
+        alike = [name for name in COLUMNS if not any(getattr(scene, name).strides)]
+        assert "triangle_boundary" in alike
+        dense = {field.name: getattr(scene, field.name) for field in dataclasses.fields(scene)}
+        dense |= {name: np.array(dense[name]) for name in alike}
+        whole = veriray.Scene(**dense)
+        assert whole.sha256 == scene.sha256
+        both = [veriray.render(s, spp=2, device="cpu").film_sha256 for s in (scene, whole)]
+        assert both[0] == both[1]
+        for name in alike:
+            again = veriray.Scene(**{**dense, name: getattr(scene, name)})
+            assert again.sha256 == scene.sha256 and not getattr(again, name).flags.writeable
+    with pytest.raises(SceneError, match=r"triangle_emission\[0\] = 7 is outside"):
+        veriray.Scene(**{**dense, "triangle_emission": np.broadcast_to(7, 18000)})

@@ -12,6 +12,7 @@
 
 #include "film/plane.h"
 #include "integrators/path_state.h"
+#include "scene/normals.h"
 #include "scene/scene.h"
 
 namespace veriray {

@@ -23,7 +23,7 @@ namespace veriray {
 struct Scene::Impl {
     HostScene host;
     std::vector<WideNode<kCpuWidth>> nodes;
-    std::vector<RecordBlock> blocks;
+    Large<RecordBlock> blocks;
     std::vector<Simd::Uniform> quads, shorts;
     std::vector<QuadRun> runs;
     TreeInfo info;
@@ -43,7 +43,7 @@ struct Scene::Impl {
         host.view.run_count = static_cast<uint32_t>(runs.size());
         if (!(host.view.features & kBvh)) return;
         auto tree = build_tree<kCpuWidth>(host.tree_input(), builder, kSimdWalk, kAllThreads, poll);
-        blocks = pack_blocks(tree.nodes, tree.order, host.records);
+        blocks = pack_blocks(tree.nodes, tree.order, host.records.data());
         info = tree_info(
             builder, tree,
             tree.nodes.size() * sizeof(WideNode<kCpuWidth>) + blocks.size() * sizeof(RecordBlock));

@@ -70,7 +70,8 @@ class Buffer {
     Buffer(const T* from, size_t n, const char* what) : Buffer(n, what) {
         if (n) check(cudaMemcpy(p_, from, n * sizeof(T), cudaMemcpyHostToDevice), what);
     }
-    Buffer(const std::vector<T>& v, const char* what) : Buffer(v.data(), v.size(), what) {}
+    template <class Memory>
+    Buffer(const std::vector<T, Memory>& v, const char* what) : Buffer(v.data(), v.size(), what) {}
     Buffer(Buffer&& o) noexcept { *this = std::move(o); }
     Buffer& operator=(Buffer&& o) noexcept {
         std::swap(p_, o.p_);

@@ -1,8 +1,10 @@
 // Rejects values that a scene's arrays must not hold. Python checks more, with better messages;
 // this keeps the native module safe on its own.
 #include <algorithm>
+#include <atomic>
 
 #include "scene/scene.h"
+#include "scene/thread_pool.h"
 
 namespace veriray {
 
@@ -24,25 +26,29 @@ constexpr size_t product(std::initializer_list<size_t> numbers) {
     return all;
 }
 
+// Whether fits(i) holds for all of [0, n); without branches and by threads, for tables of many
+// millions.
+template <class Fits>
+bool all_fit(size_t n, Fits fits) {
+    std::atomic<bool> all{true};
+    in_chunks(n < 1 << 18 ? 1 : kAllThreads, n, [&](size_t first, size_t last) {
+        bool good = true;
+        for (size_t i = first; i < last; ++i) good = good & fits(i);
+        if (!good) all = false;
+    });
+    return all;
+}
+
 template <class T>
 void within(const char* name, const Rows<T>& rows, size_t width, double low, double high,
             bool open) {
-    constexpr size_t kPart = 1024;  // without branches, for tables of many millions
     const auto fits = [&](size_t i) {
         const double x = static_cast<double>(rows.data[i]);
         return (open ? (x > low) & (x < high) : (x >= low) & (x <= high)) &
                (std::abs(x) < INFINITY);
     };
+    if (all_fit(rows.count * width, fits)) return;
     for (size_t i = 0; i < rows.count * width; ++i) {
-        if (i % kPart == 0) {
-            bool good = true;
-            const size_t end = std::min(rows.count * width, i + kPart);
-            for (size_t k = i; k < end; ++k) good = good & fits(k);
-            if (good) {
-                i = end - 1;
-                continue;
-            }
-        }
         const double x = static_cast<double>(rows.data[i]);
         if (!(open ? x > low && x < high : x >= low && x <= high) || !std::isfinite(x))
             fail(name, i / width,
@@ -53,6 +59,11 @@ void within(const char* name, const Rows<T>& rows, size_t width, double low, dou
 
 template <class T>
 void indexes(const char* name, const Rows<T>& rows, size_t width, int64_t least, size_t size) {
+    if (all_fit(rows.count * width, [&](size_t i) {
+            const int64_t x = static_cast<int64_t>(rows.data[i]);
+            return (x >= least) & (x < static_cast<int64_t>(size));
+        }))
+        return;
     for (size_t i = 0; i < rows.count * width; ++i) {
         const int64_t x = static_cast<int64_t>(rows.data[i]);
         if (x < least || x >= static_cast<int64_t>(size))

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "scene/scene.h"
+#include "scene/thread_pool.h"
 
 namespace veriray {
 namespace {
@@ -55,8 +56,8 @@ Flat HostScene::shape_of(const SceneInput& in, const AreaLight& light) const {
 
 std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
     std::vector<uint32_t> lit;
-    for (uint32_t i = 0; i < sources.size(); ++i)
-        if (sources[i].emission >= 0) lit.push_back(i);
+    if (in.emissions.count > 0)
+        lit = where(sources.size(), [&](size_t i) { return sources[i].emission >= 0; });
     const bool many = lit.size() * sources.size() > kMostPairs;
     std::vector<AreaLight> lights;
     for (size_t k = 0; k < lit.size(); ++k) {

@@ -26,7 +26,7 @@ void split(double x, float& high, float& low) {
     low = static_cast<float>(x - static_cast<double>(high));
 }
 
-float& at(std::vector<float>& table, const SceneView& v, size_t primitive, uint32_t column) {
+float& at(Large<float>& table, const SceneView& v, size_t primitive, uint32_t column) {
     return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
 }
 
@@ -229,15 +229,8 @@ bool HostScene::set_flat(const SceneInput& in) {
 
 // The triangles that have an area, in order.
 std::vector<uint32_t> HostScene::with_area(const SceneInput& in) const {
-    std::vector<uint8_t> has(in.triangles.count);
-    in_chunks(kAllThreads, has.size(), [&](size_t first, size_t last) {
-        for (size_t i = first; i < last; ++i) has[i] = length(triangle(in, i).area_vector()) > 0;
-    });
-    std::vector<uint32_t> kept;
-    kept.reserve(has.size());
-    for (size_t i = 0; i < has.size(); ++i)
-        if (has[i]) kept.push_back(static_cast<uint32_t>(i));
-    return kept;
+    return where(in.triangles.count,
+                 [&](size_t i) { return length(triangle(in, i).area_vector()) > 0; });
 }
 
 void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t row) {
@@ -262,13 +255,21 @@ void HostScene::set_tree(const SceneInput& in) {
     if (count >= 1u << 27) throw std::invalid_argument("more than 2^27 - 1 primitives");
     allocate_primitives(count, in.spheres.count ? 12u : 8u);
     view.first_sphere = static_cast<uint32_t>(kept.size() + in.disks.count);
-    if (has_normals_) smooth.assign(static_cast<size_t>(view.first_sphere) * kSmoothFloats, 0.f);
+    if (has_normals_) smooth.resize(static_cast<size_t>(view.first_sphere) * kSmoothFloats);
     if (count == 0) return;
 
-    records.assign(count * kRecordFloats, 0.f);
+    records.resize(count * kRecordFloats);
+    const auto put_kind = [&](size_t primitive, uint32_t kind) {
+        float* r = &records[primitive * kRecordFloats];
+        r[kRecordId] = bit_cast<float>(static_cast<uint32_t>(primitive));
+        r[kRecordKind] = bit_cast<float>(kind);
+    };
     round_boxes.resize(6 * (count - kept.size()));
     in_chunks(kAllThreads, kept.size(), [&](size_t first, size_t last) {
-        for (size_t i = first; i < last; ++i) put_triangle(in, i, kept[i]);
+        for (size_t i = first; i < last; ++i) {
+            put_triangle(in, i, kept[i]);
+            put_kind(i, kTriangleRecord);
+        }
     });
     const auto put_box = [&](size_t primitive, const Box& box) {
         float* b = &round_boxes[6 * (primitive - kept.size())];
@@ -278,21 +279,15 @@ void HostScene::set_tree(const SceneInput& in) {
     for (uint32_t i = 0; i < in.disks.count; ++i) {
         const size_t at = kept.size() + i;
         put_disk(in, at, i, &records[at * kRecordFloats]);
+        put_kind(at, kDiskRecord);
         put_box(at, round_box(in, kDiskGroup, i));
         if (!smooth.empty()) put_smooth(in, at, Flat{});
     }
     for (uint32_t i = 0; i < in.spheres.count; ++i) {
         const size_t at = view.first_sphere + i;
         put_sphere(in, at, i, &records[at * kRecordFloats]);
+        put_kind(at, kSphereRecord);
         put_box(at, round_box(in, kSphereGroup, i));
-    }
-    for (size_t p = 0; p < count; ++p) {
-        const uint32_t kind = p < kept.size()         ? kTriangleRecord
-                              : p < view.first_sphere ? kDiskRecord
-                                                      : kSphereRecord;
-        float* r = &records[p * kRecordFloats];
-        r[kRecordId] = bit_cast<float>(static_cast<uint32_t>(p));
-        r[kRecordKind] = bit_cast<float>(kind);
     }
     part_touching(in);
     view.disk_count = static_cast<uint32_t>(in.disks.count);
@@ -337,7 +332,7 @@ void HostScene::allocate_primitives(size_t count, uint32_t row) {
     view.primitive_row = row;
     view.primitive_column = row == 1 ? padded(count) : 1;
     const size_t columns = row == 1 ? static_cast<size_t>(kPrimColumns) : row;
-    primitives.assign(columns * padded(count), 0.f);
+    primitives.resize(columns * padded(count));
     sources.resize(count);
     input_index.resize(count);
 }

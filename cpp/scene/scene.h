@@ -12,6 +12,7 @@
 
 #include "scene/bvh_build.h"
 #include "scene/features.h"
+#include "scene/large.h"
 #include "scene/view.h"
 
 namespace veriray {
@@ -186,14 +187,17 @@ class HostScene {
     double before = 0;     // camera rays start this far before the origin; 0: at the camera
     uint32_t dropped = 0;  // triangles without area
     uint32_t width, height;
-    std::vector<PrimitiveSource> sources;  // by primitive
-    std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
+    Large<PrimitiveSource> sources;  // by primitive
+    Large<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
-    std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids, cells;
-    std::vector<uint32_t> surface_of, light_cdf, texels, sky_guides;
+    Large<float> primitives, smooth, sky_texels, sky_ends;
+    std::vector<float> light_chance, light_row, surfaces, media, light_table, filter_edges, uv,
+        tangents, textures, sky_sines, grids, cells;
+    Large<uint32_t> surface_of;
+    std::vector<uint32_t> light_cdf, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
-    std::vector<float> records, round_boxes;
+    Large<float> records;
+    std::vector<float> round_boxes;
 
     TreeInput tree_input() const {
         const uint32_t others = static_cast<uint32_t>(round_boxes.size() / 6);

@@ -5,6 +5,7 @@
 
 #include "bsdfs/rough_coat.h"
 #include "scene/edge_hash.h"
+#include "scene/thread_pool.h"
 
 namespace veriray {
 namespace {
@@ -71,19 +72,32 @@ void HostScene::set_surfaces(const SceneInput& in) {
     const bool tree = (view.features & kBvh) != 0;
     std::vector<SurfaceKey> rows;
     std::map<SurfaceKey, uint32_t> known;
-    if (tree) surface_of.resize(sources.size());
-    for (size_t i = 0; i < sources.size(); ++i) {
-        const SurfaceKey key{sources[i].material, sources[i].emission, sources[i].boundary};
-        if (tree) {
-            if (i && surface_of[i - 1] < rows.size() && rows[surface_of[i - 1]] == key) {
-                surface_of[i] = surface_of[i - 1];
-                continue;
-            }
+    const auto key_of = [&](size_t i) {
+        return SurfaceKey{sources[i].material, sources[i].emission, sources[i].boundary};
+    };
+    if (tree) {
+        // Runs of primitives of one surface.
+        const std::vector<uint32_t> starts = where(sources.size(), [&](size_t i) {
+            return i == 0 || !sources[i].same_surface(sources[i - 1]);
+        });
+        std::vector<uint32_t> row(starts.size());
+        for (size_t k = 0; k < starts.size(); ++k) {
+            const SurfaceKey key = key_of(starts[k]);
             const auto [at, fresh] = known.try_emplace(key, static_cast<uint32_t>(rows.size()));
-            surface_of[i] = at->second;
-            if (!fresh) continue;
+            row[k] = at->second;
+            if (fresh) rows.push_back(key);
         }
-        rows.push_back(key);
+        surface_of.resize(sources.size());
+        in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
+            size_t k = static_cast<size_t>(std::upper_bound(starts.begin(), starts.end(), first) -
+                                           starts.begin());
+            for (size_t i = first; i < last; ++i) {
+                k += k < starts.size() && starts[k] == i;
+                surface_of[i] = row[k - 1];
+            }
+        });
+    } else {
+        for (size_t i = 0; i < sources.size(); ++i) rows.push_back(key_of(i));
     }
     // Of blends, the rows of their other materials come last.
     std::vector<uint32_t> others(rows.size(), ~0u);
@@ -197,7 +211,7 @@ std::vector<uint32_t> HostScene::media_beyond(const SceneInput& in) const {
             m.disks |= disk;
         }
     };
-    for (size_t i = 0; i < in.triangles.count; ++i) {
+    for (size_t i = 0; i < in.triangles.count && in.boundaries.count > 0; ++i) {
         if (in.boundary(kTriangleGroup).data[i] < 0) continue;
         const Flat f = triangle(in, i);
         const uint64_t h[3] = {hashed(f.v[0]), hashed(f.v[1]), hashed(f.v[2])};
@@ -228,10 +242,11 @@ void HostScene::set_media(const SceneInput& in) {
     media.assign(static_cast<size_t>(kMediumColumns) * view.medium_stride, 0.f);
     std::vector<bool> used(count, false);
     used[static_cast<size_t>(in.camera_medium + 1)] = true;
-    for (const PrimitiveSource& p : sources)
-        if (p.boundary >= 0)
-            for (int k = 0; k < 2; ++k)
-                used[static_cast<size_t>(in.boundaries.data[2 * p.boundary + k] + 1)] = true;
+    if (in.boundaries.count > 0)
+        for (const PrimitiveSource& p : sources)
+            if (p.boundary >= 0)
+                for (int k = 0; k < 2; ++k)
+                    used[static_cast<size_t>(in.boundaries.data[2 * p.boundary + k] + 1)] = true;
     const std::vector<uint32_t> beyond = media_beyond(in);
     for (size_t m = 1; m < count; ++m) {
         const float* sigma = in.sigma_t.data + 3 * (m - 1);

@@ -128,4 +128,29 @@ void in_chunks(uint32_t threads, size_t n, Work work) {
              (n + kGrain - 1) / kGrain, {}, chunk);
 }
 
+// The numbers i of [0, n), in order, of which fits(i) holds; calls it once for each.
+template <class Fits>
+std::vector<uint32_t> where(size_t n, Fits fits) {
+    constexpr size_t kPart = 1 << 16;
+    std::vector<std::vector<uint32_t>> parts((n + kPart - 1) / kPart);
+    const auto look = [&](uint32_t, uint64_t part) {
+        const size_t first = part * kPart, last = std::min(n, first + kPart);
+        std::vector<uint32_t> found;
+        found.reserve(last - first);
+        for (size_t i = first; i < last; ++i)
+            if (fits(i)) found.push_back(static_cast<uint32_t>(i));
+        parts[part].assign(found.begin(), found.end());
+    };
+    if (parts.size() < 2)
+        for (size_t k = 0; k < parts.size(); ++k) look(0, k);
+    else
+        parallel(std::max(1u, std::thread::hardware_concurrency()), parts.size(), {}, look);
+    size_t count = 0;
+    for (const auto& part : parts) count += part.size();
+    std::vector<uint32_t> all;
+    all.reserve(count);
+    for (const auto& part : parts) all.insert(all.end(), part.begin(), part.end());
+    return all;
+}
+
 }  // namespace veriray

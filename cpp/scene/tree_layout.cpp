@@ -5,10 +5,6 @@
 
 #include "scene/thread_pool.h"
 
-#if defined(__linux__)
-#include <sys/mman.h>
-#endif
-
 namespace veriray {
 namespace {
 
@@ -32,19 +28,8 @@ void each_leaf(WideNode<kCpuWidth>& node, Fn fn) {
 
 }  // namespace
 
-void use_large_pages([[maybe_unused]] const void* memory, [[maybe_unused]] size_t bytes) {
-#if defined(__linux__)
-    constexpr size_t kPage = 1u << 21;
-    const size_t from = reinterpret_cast<size_t>(memory);
-    const size_t first = (from + kPage - 1) / kPage * kPage, last = (from + bytes) / kPage;
-    if (first < last * kPage)
-        madvise(reinterpret_cast<void*>(first), last * kPage - first, MADV_HUGEPAGE);
-#endif
-}
-
-std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
-                                     const std::vector<uint32_t>& order,
-                                     const std::vector<float>& records) {
+Large<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
+                               const std::vector<uint32_t>& order, const float* records) {
     size_t need = 0;
     std::vector<size_t> begin(nodes.size());  // of a node's leaves
     for (size_t i = 0; i < nodes.size(); ++i) {
@@ -59,8 +44,7 @@ std::vector<RecordBlock> pack_blocks(std::vector<WideNode<kCpuWidth>>& nodes,
     own.assign(nodes.begin(), nodes.end());
     nodes.swap(own);
     need += kCpuLeaf * sizeof(float) / sizeof(RecordBlock) + 1;  // vectors read past the last row
-    auto blocks = room_for<RecordBlock>(need);
-    blocks.resize(need);
+    Large<RecordBlock> blocks(need);
     const auto pack = [&](WideNode<kCpuWidth>& node, size_t at) {
         each_leaf(node, [&](uint32_t& child, uint32_t count) {
             const size_t first = (child & ~kLeafFlag) >> 4;

@@ -97,7 +97,9 @@ PAGE = """\
 
 `veriray.Scene` takes and holds these NumPy arrays. A row that is not given holds the default;
 `None` stands for an empty table or for a column of defaults. Numbers are finite. An array that is
-wrong raises `SceneError`, which names array, index, value and what is allowed.
+wrong raises `SceneError`, which names array, index, value and what is allowed. Arrays are read-only
+and C-contiguous; but one of 4,096 rows and more whose numbers are all alike may take the memory of
+one number, with strides of 0.
 
 Numbers of rows: {letters}.
 

@@ -5,6 +5,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <cstdlib>
+#include <map>
+#include <typeinfo>
+
 #include "api/testing.h"
 
 namespace py = pybind11;
@@ -25,6 +30,34 @@ py::tuple tree_arrays(const TreeWords& tree, uint32_t width);
 
 template <class T>
 using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+// Arrays whose numbers are all alike, by their size, type and number.
+using Alike = std::map<std::string, py::object>;
+
+// The array itself, or of a long one whose numbers share their memory (strides of 0) a copy, which
+// takes no memory until it is written if the number is 0; equal ones are one.
+template <class T>
+Array<T> dense(const py::object& given, Alike& alike) {
+    if (!py::isinstance<py::array_t<T>>(given)) return given.cast<Array<T>>();
+    const auto a = py::reinterpret_borrow<py::array_t<T>>(given);
+    bool same = a.ndim() > 0 && a.size() >= 1 << 12;
+    for (py::ssize_t k = 0; k < a.ndim(); ++k) same = same && a.strides(k) == 0;
+    if (!same) return given.cast<Array<T>>();
+    const T value = *a.data();
+    std::string key(reinterpret_cast<const char*>(&value), sizeof value);
+    key += typeid(T).name();
+    for (py::ssize_t k = 0; k < a.ndim(); ++k) key += " " + std::to_string(a.shape(k));
+    py::object& made = alike[key];
+    if (!made) {
+        const size_t n = static_cast<size_t>(a.size());
+        T* const memory = static_cast<T*>(std::calloc(n, sizeof(T)));
+        if (!memory) throw std::bad_alloc();
+        const py::capsule owner(memory, [](void* p) { std::free(p); });
+        if (value != T{}) std::fill_n(memory, n, value);
+        made = Array<T>(std::vector<py::ssize_t>(a.shape(), a.shape() + a.ndim()), memory, owner);
+    }
+    return py::reinterpret_borrow<Array<T>>(made);
+}
 
 template <class T>
 void need_shape(const Array<T>& a, const std::string& name, const std::vector<py::ssize_t>& shape) {

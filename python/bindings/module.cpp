@@ -12,13 +12,14 @@ namespace {
 struct Reader {
     const py::dict& arrays;
     std::vector<py::object> keep;
+    Alike alike;
 
     // shape: of a row; table: `scene` has one row, which the array is.
     template <class T>
     void operator()(const std::string& table, const char* name, Rows<T>& rows,
                     std::vector<py::ssize_t> shape) {
         if (!arrays.contains(name)) throw py::value_error(std::string("no array ") + name);
-        const auto a = arrays[name].cast<Array<T>>();
+        const Array<T> a = dense<T>(arrays[name], alike);
         const bool one = table == "scene";
         if (!one) shape.insert(shape.begin(), -1);
         need_shape(a, name, shape);
@@ -31,7 +32,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
                                   const py::dict& film, int device, const py::object& progress,
                                   const std::string& builder) {
     SceneInput in{};
-    Reader read{arrays, {}};
+    Reader read{arrays, {}, {}};
 #define VR_COLUMN(table, name, type, low, high, open, ...) \
     read(#table, #name, in.name, {__VA_ARGS__});
 #define VR_INDEX(table, name, type, least, of, ...) read(#table, #name, in.name, {__VA_ARGS__});
@@ -387,6 +388,38 @@ void bind_renderer(py::module_& m) {
                  return out;
              })
         .def("words", [](const Film& f) { return words_of(f, 0); });
+
+    using Rows3 = Array<double>;
+    const auto mesh_view = [](const Rows3& vertices, const Array<uint32_t>& triangles) {
+        need_shape(vertices, "vertices", {-1, 3});
+        need_shape(triangles, "triangles", {-1, 3});
+        return MeshView{vertices.data(), triangles.data(), static_cast<size_t>(vertices.shape(0)),
+                        static_cast<size_t>(triangles.shape(0))};
+    };
+    m.def(
+        "vertex_normals",
+        [=](const Rows3& vertices, const Array<uint32_t>& triangles) {
+            const MeshView mesh = mesh_view(vertices, triangles);
+            py::array_t<double> out(std::vector<py::ssize_t>{vertices.shape(0), 3});
+            double* normals = out.mutable_data();
+            {
+                py::gil_scoped_release release;
+                vertex_normals(mesh, normals);
+            }
+            return out;
+        },
+        "vertices"_a, "triangles"_a);
+    m.def(
+        "shading_of",
+        [=](const Rows3& vertices, const Array<uint32_t>& triangles, const Rows3& normals) {
+            const MeshView mesh = mesh_view(vertices, triangles);
+            need_shape(normals, "normals", {vertices.shape(0), 3});
+            const double* given = normals.data();
+            py::gil_scoped_release release;
+            const Shading found = shading_of(mesh, given);
+            return std::pair(found.behind, found.flat);
+        },
+        "vertices"_a, "triangles"_a, "normals"_a);
 
     m.def(
         "render",

@@ -273,6 +273,15 @@ def build_info() -> dict[str, Any]: ...
 def status() -> tuple[bool, str]: ...
 def variants() -> list[list[str]]: ...  # features of those compiled, smallest first
 def path_bytes(features: list[str]) -> int: ...  # of a path in flight, in code that has these
+def vertex_normals(
+    vertices: npt.NDArray[np.float64],  # (V, 3), within [-1e100, 1e100]
+    triangles: npt.NDArray[np.uint32],  # (T, 3)
+) -> npt.NDArray[np.float64]: ...  # (V, 3), as veriray.formats.mesh
+def shading_of(
+    vertices: npt.NDArray[np.float64],  # (V, 3)
+    triangles: npt.NDArray[np.uint32],  # (T, 3)
+    normals: npt.NDArray[np.float64],  # (V, 3)
+) -> tuple[bool, bool]: ...  # some triangle's normals point to its back; all are the triangles'
 def devices() -> list[dict[str, Any]]: ...
 def render(
     scene: Scene,

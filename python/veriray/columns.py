@@ -8,15 +8,16 @@ docs/scene-arrays.md. To add a column, add it to `_HASHED_IF_SET` and run `make 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .chunks import in_chunks
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, in_range
+from .numeric import MAX_COORDINATE, Fresh, array, distinct, in_range, repeated
 
 Array = npt.NDArray[Any]
 
@@ -416,49 +417,78 @@ KINDS = {
 }
 
 
+#: What the check of textures reads.
+_OF_TEXTURES = frozenset(
+    name
+    for name, column in COLUMNS.items()
+    if column.table in ("textures", "texels", "attributes") or column.indexes == "textures"
+) | {"sphere_frame"}
+#: The first columns, those of shapes.
+OF_SHAPES = tuple(COLUMNS)[: tuple(COLUMNS).index("disk_boundary") + 1]
+
+
 def hashed(name: str, values: Array) -> bool:
     """Whether a column with these values is part of the scene's hash."""
     if name in _ALWAYS_HASHED:
         return True
     default = COLUMNS[name].default
-    return bool(values.size) and (default is REQUIRED or bool((values != default).any()))
+    given = distinct(values)
+    return bool(values.size) and (default is REQUIRED or bool((given != default).any()))
 
 
-def checked(given: Mapping[str, Any]) -> dict[str, Array]:
+def checked(given: Mapping[str, Any], changed: Container[str] | None = None) -> dict[str, Array]:
     """All arrays of COLUMNS from those given; None stands for a default or an empty table.
 
-    Raises SceneError naming array, index, value and what is allowed.
+    changed: the columns that may differ from a scene's, which the others are taken from; tables
+    keep their numbers of rows. Raises SceneError naming array, index, value and what is allowed.
     """
     arrays: dict[str, Array] = {}
     rows: dict[str, int] = {}
+    unknown: list[str] = []  # columns to be checked for their range
     for name, column in COLUMNS.items():
         value = given[name]
         first = column.table not in rows
         length = None if first else rows[column.table]
         shape = (length, *column.width) if column.table else column.width
-        if value is None:
+        if changed is not None and name not in changed:
+            arrays[name] = value
+        elif value is None:
             if length and column.default is REQUIRED:
                 raise SceneError(f"{name} is missing; there are {length} {column.table}")
-            arrays[name] = np.full([n or 0 for n in shape], _fill(column), column.dtype)
-            arrays[name].setflags(write=False)
+            arrays[name] = repeated(_fill(column), tuple(n or 0 for n in shape), column.dtype)
         else:
             arrays[name] = array(name, value, column.dtype, shape)
+            unknown.append(name)
         if first:
             rows[column.table] = len(arrays[name])
-    for name, column in COLUMNS.items():
+    for name in unknown:
+        column, value = COLUMNS[name], given[name]
+        if isinstance(value, Fresh) and _fits(column, value, rows):
+            continue
         if column.indexes:
             size = KINDS.get(column.indexes) or rows.get(column.indexes, 0)
             low = 0 if column.dtype is np.uint32 else -1
             in_range(name, arrays[name], low, size - 1, f" (there are {size} {column.indexes})")
         elif column.dtype is not np.bool_:
             in_range(name, arrays[name], column.low, column.high, open_=column.open)
-    _check_shapes(arrays)
+    if any(name in unknown for name in ("normals", "spheres", "disks")):
+        _check_shapes(arrays)
     _check_materials(arrays)
     _check_lights(arrays)
-    _check_textures(arrays)
+    if not _OF_TEXTURES.isdisjoint(unknown):
+        _check_textures(arrays)
     _check_sky(arrays)
     _check_grids(arrays)
     return arrays
+
+
+def _fits(column: Column, fresh: Fresh, rows: Mapping[str, int]) -> bool:
+    """Whether the extremes of an array are within its column's range."""
+    low, high = column.low, column.high
+    if column.indexes:
+        low = 0 if column.dtype is np.uint32 else -1
+        high = (KINDS.get(column.indexes) or rows.get(column.indexes, 0)) - 1
+    return not column.open and low <= fresh.extremes[0] and fresh.extremes[1] <= high
 
 
 def blank_row(table: str) -> dict[str, Any]:
@@ -485,10 +515,15 @@ def _first(bad: Array) -> int | None:
 
 
 def _check_shapes(arrays: Mapping[str, Array]) -> None:
-    lengths = _lengths(arrays["normals"] if arrays["normals"].any() else np.zeros((0, 3)))
-    row = _first((lengths != 0) & ~(np.abs(lengths - 1) <= 1e-3))
-    if row is not None:
-        raise SceneError(f"normals[{row}] has length {lengths[row]:g}, expected 1, or 0 for none")
+    normals = distinct(arrays["normals"])
+
+    def wrong(first: int, last: int) -> str:
+        lengths = _lengths(normals[first:last])
+        row = _first((lengths != 0) & ~(np.abs(lengths - 1) <= 1e-3))
+        return "" if row is None else f"normals[{first + row}] has length {lengths[row]:g}"
+
+    for text in filter(None, in_chunks(wrong, len(normals), 1 << 13)):
+        raise SceneError(f"{text}, expected 1, or 0 for none")
     radii = arrays["spheres"][:, 3]
     row = _first(radii <= 0)
     if row is not None:

@@ -102,6 +102,7 @@ def native_scene(
         if found is None:
             while len(kept) >= _KEPT_PER_SCENE:
                 kept.pop(next(iter(kept)))
+            scene.hash_ahead()
             arguments = native_scene_arguments(scene)
             arguments |= {"device": device.index, "progress": polled(progress)}
             try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import lru_cache
 from typing import Any
@@ -12,11 +13,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .chunks import in_chunks
 from .errors import SceneError
 
 Array = npt.NDArray[Any]
 
 MAX_COORDINATE = 1e100  # squares and triple products stay finite in float64
+#: Rows from which on arrays whose numbers are all alike are kept as one number.
+REPEATED = 1 << 12
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 
 
@@ -70,8 +74,55 @@ def _first(bad: Array) -> tuple[tuple[int, ...], str]:
     return index, "".join(f"[{i}]" for i in index)
 
 
+@dataclass(frozen=True)
+class Fresh:
+    """An array of finite numbers that nobody else holds, and its least and greatest number.
+
+    It has no -0, and is kept, not copied.
+    """
+
+    values: Array
+    extremes: tuple[float, float]
+
+
+def fresh(values: Array) -> Fresh | None:
+    """An array that nobody else holds, once its -0 are 0; None if it cannot be changed, or holds a
+    number that is not finite."""
+    if not values.flags.writeable or not values.flags.c_contiguous:
+        return None
+
+    def settle(first: int, last: int) -> tuple[Any, Any]:
+        part = values[first:last]
+        if values.dtype.kind == "f":
+            part += values.dtype.type(0)
+        return part.min(), part.max()  # NaN if there is one
+
+    lows, highs = zip(*in_chunks(settle, len(values)), strict=True)
+    low, high = float(np.min(lows)), float(np.max(highs))
+    return Fresh(values, (low, high)) if -math.inf < low <= high < math.inf else None
+
+
+def repeated(value: Any, shape: tuple[int, ...], dtype: Any) -> Array:
+    """A read-only array of `value` everywhere; one of REPEATED rows and more takes the memory of
+    one number, and is not contiguous."""
+    result: Array = np.broadcast_to(np.asarray(value, dtype), shape)
+    if not shape or shape[0] < REPEATED:
+        result = result.copy()
+        result.setflags(write=False)
+    return result
+
+
+def distinct(values: Array) -> Array:
+    """The first row alone of an array that `repeated` made, else the array."""
+    return values[:1] if values.ndim and not any(values.strides) else values
+
+
 def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> Array:
-    """A read-only C-contiguous copy of `value`; None in `shape` stands for any length."""
+    """A read-only C-contiguous copy of `value`, or what `repeated` makes of one whose numbers share
+    their memory; None in `shape` stands for any length."""
+    own = isinstance(value, Fresh)
+    if isinstance(value, Fresh):
+        value = value.values
     try:
         given = np.asarray(value)
         if given.dtype.kind not in "iufb" and given.size:
@@ -87,6 +138,12 @@ def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> A
         raise SceneError(f"{name} has shape {given.shape}, expected ({expected})")
     kind = np.dtype(dtype).kind
     result: Array
+    if own and given.dtype == np.dtype(dtype) and given.flags.c_contiguous:
+        given.setflags(write=False)
+        return given
+    if len(shape) and given.size and len(given) > 1 and not any(given.strides):
+        one = array(name, given[:1], dtype, (None, *shape[1:]))
+        return repeated(one.flat[0], given.shape, dtype)
     if kind == "f":
         if given.size:
             finite(name, given)
@@ -114,6 +171,7 @@ def in_range(
     """Raises SceneError with the first entry outside [low, high], or (low, high) when `open_`."""
     if not values.size:
         return
+    values = distinct(values)
     with np.errstate(invalid="ignore"):
         least, most = values.min(), values.max()
         if least > low and most < high if open_ else least >= low and most <= high:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from .columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TEXTURE_KINDS
 from .errors import SceneError
-from .numeric import shown
+from .numeric import distinct, shown
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -89,20 +89,29 @@ def _meant(scene: Scene, holder: str) -> Iterator[tuple[str, int]]:
     if shape in scene.shape_names:
         index = scene.shape_names.index(shape)
         for kind in _KINDS:
-            first = np.flatnonzero(getattr(scene, f"{kind}_shape") == index)[:1]
-            for name, table, rows in _parts(scene, kind):
-                if name == part and len(first) and rows[first[0]] >= 0:
-                    yield table, int(rows[first[0]])
+            first = _first_of(scene, kind, index)
+            for name, table, rows in _parts(scene, kind, slice(first, first + 1)):
+                if name == part and len(rows) and rows[0] >= 0:
+                    yield table, int(rows[0])
     for row in range(len(scene.light_kind)):
         if holder == f"light_{row}":
             yield "lights", row
 
 
-def _parts(scene: Scene, kind: str) -> Iterator[tuple[str, str, Array]]:
+def _first_of(scene: Scene, kind: str, index: int) -> int:
+    """The first triangle, sphere or disk of a shape; how many there are if it has none."""
+    shapes = getattr(scene, f"{kind}_shape")
+    if distinct(shapes) is not shapes:
+        return 0 if shapes[0] == index else len(shapes)
+    found = shapes == index
+    return int(found.argmax()) if found.any() else len(shapes)
+
+
+def _parts(scene: Scene, kind: str, of: slice = slice(None)) -> Iterator[tuple[str, str, Array]]:
     """What triangles, spheres or disks have: its name, its table, and its row for each or -1."""
-    yield "bsdf", "materials", getattr(scene, f"{kind}_material")
-    yield "emitter", "emissions", getattr(scene, f"{kind}_emission")
-    boundary = getattr(scene, f"{kind}_boundary")
+    yield "bsdf", "materials", getattr(scene, f"{kind}_material")[of]
+    yield "emitter", "emissions", getattr(scene, f"{kind}_emission")[of]
+    boundary = getattr(scene, f"{kind}_boundary")[of]
     media = np.concatenate([scene.boundaries, [[-1, -1]]])[boundary]  # -1: the last
     yield "interior", "media", media[:, 0]
     yield "exterior", "media", media[:, 1]

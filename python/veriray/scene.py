@@ -6,11 +6,13 @@ its local +Z with local +X on the left of the picture, pixel (0, 0) is top left.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import os
 import re
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +23,21 @@ import numpy.typing as npt
 
 from . import parameters
 from .camera import Camera, Film
-from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
+from .columns import COLUMNS, LIGHT_KINDS, OF_SHAPES, checked, hashed
 from .errors import SceneError
-from .numeric import MAX_COORDINATE, array, in_range, number, path_text, shown, switch, texts, whole
+from .numeric import (
+    MAX_COORDINATE,
+    array,
+    distinct,
+    in_range,
+    number,
+    path_text,
+    repeated,
+    shown,
+    switch,
+    texts,
+    whole,
+)  # fmt: skip
 from .scene_arrays import _NONE, SceneArrays
 from .settings import MAX_PATH_DEPTH as MAX_PATH_DEPTH
 from .settings import SAMPLERS as SAMPLERS
@@ -35,8 +49,21 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-_DERIVED = ("_array_digest", "_native_forms")
+#: The hash after the columns of shapes and after all: shared by copies with the same arrays.
+_DIGESTS = ("_shape_digest", "_array_digest")
+_DERIVED = (*_DIGESTS, "_native_forms")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
+
+
+#: Bytes of arrays that take a good part of a frame's time to hash.
+_LARGE = 1 << 24
+
+
+class _Digest:
+    """A hash once it is known, and the thread that makes it."""
+
+    value: hashlib._Hash | None = None
+    maker: threading.Thread | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,7 +102,7 @@ class Scene(SceneArrays):
         for kind in ("triangle", "sphere", "disk"):
             name, count = f"{kind}_shape", len(arrays[f"{kind}s"])
             given = getattr(self, name)
-            given = np.zeros(count, np.uint32) if given is None else given
+            given = repeated(0, (count,), np.uint32) if given is None else given
             arrays[name] = array(name, given, np.uint32, (count,))
             note = f" (there are {len(names)} shapes)"
             in_range(name, arrays[name], 0, len(names) - 1, note)
@@ -108,21 +135,49 @@ class Scene(SceneArrays):
         forms: dict[tuple[object, ...], Any] = self.__dict__.setdefault("_native_forms", {})
         return forms
 
+    def _digests(self, *names: str) -> dict[str, _Digest]:
+        return {name: self.__dict__.setdefault(name, _Digest()) for name in names}
+
     @property
     def _digest(self) -> hashlib._Hash:
         """The hash so far, after the arrays."""
-        kept: hashlib._Hash | None = self.__dict__.get("_array_digest")
-        if kept is not None:
-            return kept
-        digest = hashlib.sha256(b"veriray scene 2\n")
-        for name in COLUMNS:
+        of_shapes, of_all = self._digests(*_DIGESTS).values()
+        if of_all.value is None and of_all.maker not in (None, threading.current_thread()):
+            of_all.maker.join()  # at once in a child process, which has no such thread
+        if of_all.value is None:
+            if of_shapes.value is None:
+                digest = hashlib.sha256(b"veriray scene 2\n")
+                self._hash(digest, OF_SHAPES)
+                of_shapes.value = digest
+            digest = of_shapes.value.copy()
+            self._hash(digest, tuple(COLUMNS)[len(OF_SHAPES) :])
+            of_all.value = digest
+        return of_all.value
+
+    def hash_ahead(self) -> None:
+        """Lets a thread hash large arrays, which `sha256` then waits for."""
+        cell = self._digests("_array_digest")["_array_digest"]
+        large = sum(getattr(self, name).nbytes for name in COLUMNS) >= _LARGE
+        if cell.value is None and cell.maker is None and large:
+            thread = threading.Thread(target=self._hash_in_thread, daemon=True)
+            with contextlib.suppress(RuntimeError):  # no thread can be had
+                thread.start()
+                cell.maker = thread
+
+    def _hash_in_thread(self) -> None:
+        with contextlib.suppress(Exception):  # `sha256` then raises it itself
+            _ = self._digest
+
+    def _hash(self, digest: hashlib._Hash, names: tuple[str, ...]) -> None:
+        for name in names:
             values: Array = getattr(self, name)
             if not hashed(name, values):
                 continue
             digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
-            digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
-        kept = self.__dict__.setdefault("_array_digest", digest)
-        return kept
+            step = len(values) if distinct(values) is values else 1 << 16
+            for first in range(0, len(values), max(step, 1)):
+                part = values[first : first + step]
+                digest.update(np.ascontiguousarray(part, part.dtype.newbyteorder("<")).data)
 
     def place(self, message: str) -> str:
         """The place in the scene file of what "column[row] ..." is about; "" if unknown.
@@ -142,9 +197,20 @@ class Scene(SceneArrays):
         return places.get("scene", [""])[0]
 
     def _with_arrays(self, **changes: Any) -> Scene:
-        """A copy with other values in the same rows."""
-        copy = dataclasses.replace(self, **changes)
-        copy.__dict__.update((k, v) for k, v in self.__dict__.items() if k in _OF_FILE)
+        """A copy with other values in the same rows; checks no more than what changes."""
+        given = {name: changes.get(name, getattr(self, name)) for name in COLUMNS}
+        arrays = checked(given, {name for name in COLUMNS if name in changes})
+        new = {name: arrays.get(name, value) for name, value in changes.items()}
+        return self._copied(**new)
+
+    def _copied(self, **changes: Any) -> Scene:
+        """A copy with other attributes; the arrays among them are checked already."""
+        shared: list[str] = []
+        if not any(name in changes for name in OF_SHAPES):
+            shared = list(_DIGESTS if COLUMNS.keys().isdisjoint(changes) else _DIGESTS[:1])
+        copy = object.__new__(Scene)
+        copy.__dict__.update(self.__getstate__(), **self._digests(*shared), **changes)
+        copy._check_settings()
         return copy
 
     @property
@@ -230,10 +296,7 @@ class Scene(SceneArrays):
         settings |= {"sampler": sampler, "seed": seed, "camera": camera}
         settings |= {"hide_emitters": hide_emitters}
         changed = {name: value for name, value in settings.items() if value is not None}
-        copy = object.__new__(Scene)  # the arrays are read-only and checked
-        copy.__dict__.update(self.__getstate__(), _array_digest=self._digest, film=film, **changed)
-        copy._check_settings()
-        return copy
+        return self._copied(film=film, **changed)
 
     def _changed(self, changes: Mapping[str, Any]) -> Scene:
         if not isinstance(changes, Mapping):

@@ -1,5 +1,6 @@
 """Mesh files: reading, shading normals, closedness; positions and normals against Mitsuba."""
 
+import dataclasses
 import math
 import struct
 import warnings
@@ -11,8 +12,9 @@ import trimesh
 
 import veriray
 from veriray import transform
+from veriray.columns import COLUMNS
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh, mitsuba_dict
+from veriray.formats import mesh, mitsuba_dict, ply, ply_pieces
 from veriray.formats.node import Node, Value
 from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
@@ -774,3 +776,144 @@ def test_texture_coordinates_are_finite(tmp_path):
 def test_errors_name_the_file(tmp_path):
     with pytest.raises(SceneError, match=r"s.filename: .*mesh.stl\" is not STL"):
         shape(tmp_path, "mesh.stl", "solid")
+
+
+def _ply(dtype, order, kind, properties=(), faces=None):
+    """A PLY file of 3,000 vertices and its parts; faces: (F, 3 or 4)."""
+    rng = np.random.default_rng(7)
+    count = 3000
+    names = ["x", "y", "z", *properties]
+    table = np.zeros(count, [(name, dtype) for name in names])
+    for name in names:
+        table[name] = rng.normal(size=count)
+    table["x"][:5] = -0.0
+    faces = rng.integers(0, count, (9000, 3)) if faces is None else faces
+    lists = np.zeros(len(faces), [("n", "u1"), ("flag", order + "i2"), ("i", kind, faces.shape[1])])
+    lists["n"], lists["i"] = faces.shape[1], faces
+    words = {"i4": "int", "u4": "uint", "u2": "ushort"}
+    form = "little" if order == "<" else "big"
+    head = [f"ply\nformat binary_{form}_endian 1.0\nelement vertex {count}"]
+    head += [f"property {'float' if dtype[1:] == 'f4' else 'double'} {name}" for name in names]
+    head += [f"element face {len(faces)}", "property short flag"]
+    head += [f"property list uchar {words[kind[1:]]} vertex_index", "end_header\n"]
+    lists = lists[["flag", "n", "i"]].astype(
+        [("flag", order + "i2"), ("n", "u1"), ("i", kind, faces.shape[1])]
+    )
+    return "\n".join(head).encode() + table.tobytes() + lists.tobytes()
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("dtype, kind", [("f4", "i4"), ("f8", "u4"), ("f4", "u2")])
+@pytest.mark.parametrize("sides", [3, 4])
+@pytest.mark.parametrize("properties", [(), ("nx", "ny", "nz"), ("s", "t", "nz", "u", "v")])
+def test_ply_piece_by_piece_is_ply_as_a_whole(tmp_path, monkeypatch, order, dtype, kind, sides,
+                                              properties):  # fmt: skip
+    """Large files are read in pieces by several threads: the same arrays."""
+    faces = np.random.default_rng(5).integers(0, 3000, (9000, sides))
+    data = _ply(order + dtype, order, order + kind, properties, faces)
+    (tmp_path / "m.ply").write_bytes(data)
+    monkeypatch.setattr(ply_pieces, "LEAST", 1)
+    monkeypatch.setattr(ply_pieces, "PIECE", 4099)
+    whole = ply.read(data)
+    tables = ply_pieces.read(tmp_path / "m.ply", len(data))
+    assert tables is not None
+    for table, values in zip(tables, whole[:4], strict=True):
+        assert (table is None) == (values is None)
+        if table is not None:
+            assert np.array_equal(table.values, values) and table.values.dtype.kind in "fu"
+            assert table.extremes == (values.min(), values.max())
+            assert not np.signbit(table.values[table.values == 0]).any()
+    assert ply_pieces.read(tmp_path / "m.ply", len(data) - 1) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data[:-1],
+        lambda data: data + b"\0",
+        lambda data: data[:-12] + b"\xff\xff\xff\x7f" + data[-8:],  # an index
+        lambda data: data[:-13] + b"\x04" + data[-12:],  # a list's length
+        lambda data: data.replace(b"element face 9000", b"element face 9001"),
+        lambda data: data.replace(b"property float z", b"property float w"),
+        lambda data: data.replace(b"end_header\n", b"end_header\n" + b"\0\0\xc0\x7f", 1)[:-4],
+    ],
+)
+def test_damaged_ply_pieces_are_left_to_the_other_reader(tmp_path, monkeypatch, change):
+    """Its messages are the only ones."""
+    data = change(_ply("<f4", "<", "<i4"))
+    (tmp_path / "m.ply").write_bytes(data)
+    messages = []
+    for least in (1, 2**30):
+        monkeypatch.setattr(ply_pieces, "LEAST", least)
+        with pytest.raises(SceneError) as caught:
+            mesh.read(tmp_path / "m.ply", "ply", "here")
+        messages.append(str(caught.value))
+    assert messages[0] == messages[1]
+
+
+def test_a_mesh_read_in_pieces_makes_the_same_scene(tmp_path, monkeypatch):
+    (tmp_path / "m.ply").write_bytes(_ply("<f4", "<", "<i4", ("nx", "ny", "nz")))
+    turned = [[0, -1, 0, 3], [1, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]
+    shapes = {"type": "ply", "filename": str(tmp_path / "m.ply")}
+    for more in ({}, {"face_normals": True}, {"to_world": np.array(turned)}, {"other": "cube"}):
+        found: dict[str, object] = {"type": "scene", "m": {**shapes, **more}}
+        if "other" in more:
+            found = {"type": "scene", "m": shapes, "c": {"type": "cube"}, "n": shapes}
+        hashes = set()
+        for least in (1, 2**30):
+            monkeypatch.setattr(ply_pieces, "LEAST", least)
+            scene = load_dict(found)
+            hashes.add(scene.sha256)
+            assert all(not getattr(scene, name).flags.writeable for name in COLUMNS)
+        assert len(hashes) == 1
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-90, 1e90])
+def test_native_normals_have_the_bits_of_numpys(monkeypatch, scale):
+    """A folded, closed mesh with faces without area, single vertices and doubled ones."""
+    rng = np.random.default_rng(11)
+    count = 3000
+    vertices = rng.normal(size=(count, 3)) * scale
+    vertices[100:200] = vertices[:100]
+    triangles = rng.integers(0, count - 50, (9000, 3)).astype(np.uint32)
+    triangles[:50, 1] = triangles[:50, 0]
+    found, looks = [], []
+    for native in (1, 10**9):
+        monkeypatch.setattr(mesh, "NATIVE", native)
+        assert (mesh._native(triangles) is None) == (native > 1)
+        normals = mesh.vertex_normals(vertices, triangles)
+        found.append(normals)
+        for part in (triangles, triangles[:1], triangles[5000:5003], triangles[:40]):
+            for given in (normals, -normals, mesh.face_normals(vertices, triangles)[:count]):
+                turned, flat = mesh.shading(vertices, part, given)
+                looks.append((native, turned.tobytes(), flat))
+    assert found[0].tobytes() == found[1].tobytes() and not found[0][-50:].any()
+    half = len(looks) // 2
+    assert [x[1:] for x in looks[:half]] == [x[1:] for x in looks[half:]]
+    assert {x[2] for x in looks} == {False, True}
+    with pytest.raises(ValueError, match="corner"):
+        monkeypatch.setattr(mesh, "NATIVE", 1)
+        mesh.vertex_normals(vertices, triangles + np.uint32(count))
+
+
+def test_columns_of_one_number_are_columns_of_many(tmp_path):
+    """Columns that keep one number for all rows: the same hash, native tables and picture."""
+    (tmp_path / "m.ply").write_bytes(_ply("<f4", "<", "<i4"))
+    shape = {"type": "ply", "filename": str(tmp_path / "m.ply"), "face_normals": True}
+    found = {"type": "scene", "sky": {"type": "constant"}, "a": shape}
+    found["a"] = {**shape, "bsdf": {"type": "dielectric"}}
+    for more in ({}, {"b": {**shape, "lamp": {"type": "area"}}}):
+        scene = load_dict({**found, **more}).with_(width=8, height=8, max_depth=3)
+        alike = [name for name in COLUMNS if not any(getattr(scene, name).strides)]
+        assert "triangle_boundary" in alike
+        dense = {field.name: getattr(scene, field.name) for field in dataclasses.fields(scene)}
+        dense |= {name: np.array(dense[name]) for name in alike}
+        whole = veriray.Scene(**dense)
+        assert whole.sha256 == scene.sha256
+        both = [veriray.render(s, spp=2, device="cpu").film_sha256 for s in (scene, whole)]
+        assert both[0] == both[1]
+        for name in alike:
+            again = veriray.Scene(**{**dense, name: getattr(scene, name)})
+            assert again.sha256 == scene.sha256 and not getattr(again, name).flags.writeable
+    with pytest.raises(SceneError, match=r"triangle_emission\[0\] = 7 is outside"):
+        veriray.Scene(**{**dense, "triangle_emission": np.broadcast_to(7, 18000)})

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 from typing import Any
 
@@ -145,3 +146,48 @@ def test_objects_without_ids() -> None:
         "scene.bsdf.reflectance", "light_0.intensity", "light_0.position",
     }  # fmt: skip
     assert bare.with_({"light_0.intensity": 3}).light_intensity.tolist() == [[3.0, 3.0, 3.0]]
+
+
+def test_a_change_shares_what_it_does_not_change() -> None:
+    """Arrays of a copy are those of the scene, its hash that of the same scene made anew."""
+    scene = vr.load_dict(SCENE)
+    for first in (False, True):  # the scene's own hash is known, or not
+        if first:
+            assert scene.sha256 == vr.load_dict(SCENE).sha256
+        for name, (_, _, value) in NAMES.items():
+            changed = scene.with_({name: value})
+            assert changed.vertices is scene.vertices and changed.triangles is scene.triangles
+            fresh = vr.Scene(**{
+                field.name: getattr(changed, field.name) for field in dataclasses.fields(vr.Scene)
+            })  # fmt: skip
+            again = changed.with_(spp=7)
+            assert changed.sha256 == fresh.sha256 == again.sha256 != scene.sha256
+    with pytest.raises(SceneError, match=r"reflectance\[0\]"):
+        scene._with_arrays(reflectance=np.full(scene.reflectance.shape, 2.0))
+    moved = scene.scaled(2.0)
+    assert moved.sha256 != scene.sha256 and moved.scaled(0.5).sha256 == scene.sha256
+
+
+def test_a_thread_hashes_large_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same hash; one that fails in the thread is made again; copies wait for the same thread."""
+    known = vr.load_dict(SCENE).sha256
+    scene = vr.load_dict(SCENE)
+    scene.hash_ahead()
+    assert scene._digests("_array_digest")["_array_digest"].maker is None  # small
+    monkeypatch.setattr("veriray.scene._LARGE", 0)
+    scene.hash_ahead()
+    copied = scene.with_(spp=9)
+    assert copied._digests("_array_digest") == scene._digests("_array_digest")
+    assert copied.sha256 == known == pickle.loads(pickle.dumps(scene)).sha256
+    other = vr.load_dict(SCENE)
+    faults = [MemoryError()]
+    of = vr.Scene._hash
+
+    def failing(*arguments: Any) -> None:
+        if faults:
+            raise faults.pop()
+        of(*arguments)
+
+    monkeypatch.setattr(vr.Scene, "_hash", failing)
+    other.hash_ahead()
+    assert other.sha256 == known and not faults

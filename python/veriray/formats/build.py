@@ -257,6 +257,7 @@ class _Builder:
         camera, film, sampling = seen_by[chosen]
         arguments = {
             **arrays,
+            **shapes.fresh(arrays),
             "environment": np.array(environment),
             "camera": camera,
             "film": film,

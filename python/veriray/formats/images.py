@@ -18,6 +18,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..chunks import in_chunks
 from ..errors import ImageError, SceneError
 from ..files import open_regular
 from ..image import read_exr
@@ -83,9 +84,9 @@ def read(path: Path, where: str, *, raw: bool = False) -> Image:
     return _checked(image, name, where)
 
 
-def from_array(values: object, where: str, *, raw: bool = False) -> Image:
+def from_array(values: object, where: str, *, raw: bool = False, kept: bool = True) -> Image:
     """The image of an array (H, W) or (H, W, C), C 1, 3 or 4: uint8 is sRGB unless raw, floats are
-    linear. Raises SceneError."""
+    linear. kept: else it may share the array's memory, which is not ours. Raises SceneError."""
     texels = np.asarray(values)
     texels = texels[:, :, None] if texels.ndim == 2 else texels
     if texels.ndim != 3 or texels.shape[2] not in (1, 3, 4) or texels.dtype.kind not in "uf":
@@ -105,7 +106,7 @@ def from_array(values: object, where: str, *, raw: bool = False) -> Image:
             texels = texels.astype(np.float32)
     if texels.dtype not in (np.uint8, np.float16, np.float32):
         raise SceneError(f"an image of {texels.dtype}; expected float16, float32 or uint8", where)
-    texels = np.array(texels[:, :, :3])
+    texels = np.array(texels[:, :, :3]) if kept else texels[:, :, :3]
     return _checked(Image(texels, texels.dtype == np.uint8 and not raw), "the image", where)
 
 
@@ -130,12 +131,19 @@ def rgba(data: bytes, name: str, where: str) -> Array:
 
 
 def _checked(image: Image, name: str, where: str) -> Image:
-    if image.texels.dtype != np.uint8 and not np.isfinite(image.texels).all():
+    if image.texels.dtype != np.uint8 and not _finite(image.texels):
         y, x, c = (int(i) for i in np.argwhere(~np.isfinite(image.texels))[0])
         value = image.texels[y, x, c]
         raise SceneError(f"{name}: texel (x {x}, y {y}) is {value}; it must be finite", where)
     image.texels.setflags(write=False)
     return image
+
+
+def _finite(texels: Array) -> bool:
+    def part(first: int, last: int) -> bool:
+        return bool(np.isfinite(texels[first:last]).all())
+
+    return all(in_chunks(part, len(texels), max(1, 2**16 // texels.shape[1])))
 
 
 def _check_size(width: int, height: int) -> None:

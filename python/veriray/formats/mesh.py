@@ -2,8 +2,9 @@
 
 OBJ and PLY are read here: trimesh (5.2) takes OBJ's index 0 for vertex 1, counts negative indices
 from the end of the file and reverses groups, shortens damaged PLY faces and lets indices run out of
-range, all without a word. STL is read by trimesh; the triangles are counted against the file.
-Limits: 512 MiB a file, regular files only; PLY polygons with 3 or 4 corners. Polygons become fans.
+range, all without a word. STL as text is read by trimesh; the triangles are counted against the
+file. Limits: 512 MiB a file, 8 GiB of large PLY files (`ply_pieces`); regular files only; PLY
+polygons with 3 or 4 corners. Polygons become fans.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import numeric
-from ..errors import SceneError
+from ..chunks import in_chunks
+from ..device import select
+from ..errors import DeviceError, SceneError
 from ..numeric import MAX_COORDINATE
-from . import ply, serialized
+from . import ply, ply_pieces, serialized
 from .node import Node, quoted, read_bytes, shorten
 from .plugins import mesh_attribute
 from .ply import MeshFileError
@@ -31,22 +34,27 @@ from .ply import MeshFileError
 Array = npt.NDArray[Any]
 MAX_BYTES = 512 * 2**20
 MAX_UV = 1e30  # float32 on the device
+_GRAIN = 1 << 13  # triangles of a piece
+#: Triangles from which on normals are computed by the native module.
+NATIVE = 1 << 12
 _NUMBER = re.compile(rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INDEX = re.compile(rb"[+-]?[0-9]{1,18}")
 
 
 @dataclass
 class Mesh:
-    """vertices (V, 3) float64, triangles (T, 3) int64; normals (V, 3) float64 of the file, of any
-    length, and texture coordinates uv (V, 2) float64 as they stand in the file: zero rows for
-    vertices without, None for a file without any. attributes: (V or T, 1 or 3) float64 by names
-    that begin with vertex_ or face_."""
+    """vertices (V, 3) float64, triangles (T, 3) int64 or uint32; normals (V, 3) float64 of the
+    file, of any length, and texture coordinates uv (V, 2) float64 as they stand in the file: zero
+    rows for vertices without, None for a file without any. attributes: (V or T, 1 or 3) float64 by
+    names that begin with vertex_ or face_. extremes: the least and the greatest number of fields
+    that are known to be finite and without -0, by their names."""
 
     vertices: Array
     triangles: Array
     normals: Array | None
     uv: Array | None = None
     attributes: dict[str, Array] = field(default_factory=dict)
+    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def of_vertices(self, rows: Array) -> dict[str, Array]:
         """The attributes where the vertices are these rows of the ones now."""
@@ -56,6 +64,7 @@ class Mesh:
         }
 
 
+_FIELDS = ("vertices", "triangles", "normals", "uv")
 _Arrays = tuple[Array, Array, Array | None, Array | None]
 
 
@@ -90,11 +99,22 @@ def read(
     of range or numbers that are not finite.
     """
     files = {} if files is None else files
+    name = f'"filename" = {shorten(str(path))}'
+    if kind == "ply" and not attributes:
+        tables = ply_pieces.read(path, ply_pieces.MAX_BYTES)
+        if tables is not None:
+            vertices, triangles = (table.values for table in tables[:2])
+            normals, uv = (None if table is None else table.values for table in tables[2:])
+            mesh = Mesh(vertices, triangles, normals, uv)
+            for key, table in zip(_FIELDS, tables, strict=True):
+                if table is not None:
+                    mesh.extremes[key] = table.extremes
+            _check(mesh, name, where)
+            return mesh
     if path not in files:
         files.clear()
         files[path] = read_bytes(path, MAX_BYTES, where)
     data = files[path]
-    name = f'"filename" = {shorten(str(path))}'
     try:
         if kind == "ply":
             mesh = Mesh(*ply.read(data, attributes=attributes))
@@ -150,26 +170,38 @@ def _check(mesh: Mesh, name: str, where: str) -> None:
     if not len(mesh.triangles):
         raise SceneError(f"{name} holds no triangles", where)
     for what, values, limit in (
-        ("coordinate", mesh.vertices, MAX_COORDINATE),
-        ("normal's component", mesh.normals, MAX_COORDINATE),
-        ("texture coordinate", mesh.uv, MAX_UV),
+        ("vertices", mesh.vertices, MAX_COORDINATE),
+        ("normals", mesh.normals, MAX_COORDINATE),
+        ("uv", mesh.uv, MAX_UV),
     ):
-        bad = np.zeros((0, 2)) if values is None else np.argwhere(~(np.abs(values) <= limit))
-        if values is not None and len(bad):  # NaN too
-            row, column = (int(i) for i in bad[0])
-            raise SceneError(
-                f"{name}: vertex {row} has the {what} {values[row, column]}; it must be finite and "
-                f"within {limit:g}",
-                where,
-            )
-    bad = np.argwhere((mesh.triangles < 0) | (mesh.triangles >= len(mesh.vertices)))
-    if len(bad):
+        if values is None or _within(mesh, what, values, -limit, limit):
+            continue
+        bad = np.argwhere(~(np.abs(values) <= limit))  # NaN too
+        row, column = (int(i) for i in bad[0])
+        raise SceneError(
+            f"{name}: vertex {row} has the {_WORDS[what]} {values[row, column]}; it must be finite "
+            f"and within {limit:g}",
+            where,
+        )
+    if not _within(mesh, "triangles", mesh.triangles, 0, len(mesh.vertices) - 1):
+        bad = np.argwhere((mesh.triangles < 0) | (mesh.triangles >= len(mesh.vertices)))
         row, column = (int(i) for i in bad[0])
         raise SceneError(
             f"{name}: triangle {row} uses vertex {mesh.triangles[row, column]}, outside "
             f"[0, {len(mesh.vertices) - 1}]",
             where,
         )
+
+
+_WORDS = {"vertices": "coordinate", "normals": "normal's component", "uv": "texture coordinate"}
+
+
+def _within(mesh: Mesh, what: str, values: Array, least: float, most: float) -> bool:
+    """Whether all numbers of a field are finite and within [least, most]."""
+    if not values.size:
+        return True
+    low, high = mesh.extremes.get(what) or (values.min(), values.max())  # NaN if there is one
+    return bool(least <= low and high <= most)
 
 
 def _obj(data: bytes) -> _Arrays:
@@ -307,11 +339,29 @@ def _corner(token: bytes, tables: dict[bytes, list[Any]], number: int) -> tuple[
     return result[0], result[1], result[2]
 
 
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+
+
 def _stl(data: bytes) -> _Arrays:
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    binary = len(data) == 84 + 50 * count
+    if binary and count:
+        facets = np.frombuffer(data, _FACET, count, 84)["corners"]
+        corners = np.empty((count, 3, 3))
+
+        def widen(first: int, last: int) -> None:
+            corners[first:last] = facets[first:last]
+
+        in_chunks(widen, count, _GRAIN)
+        every = np.arange(3 * count, dtype=np.uint32 if 3 * count < 2**32 else np.int64)
+        return corners.reshape(-1, 3), every.reshape(-1, 3), None, None
+    return _stl_text(data, count, binary)
+
+
+def _stl_text(data: bytes, count: int, binary: bool) -> _Arrays:
     import trimesh  # slow to import, and rarely needed
 
-    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    if len(data) != 84 + 50 * count:  # not binary
+    if not binary:
         if not data.lstrip().startswith(b"solid") or b"endsolid" not in data:
             raise MeshFileError(
                 " is not STL: neither binary of the stated size nor solid ... endsolid"
@@ -363,7 +413,20 @@ def unit(vectors: Array) -> Array:
 
 def face_normals(vertices: Array, triangles: Array) -> Array:
     """Unit normals (T, 3) on the front sides; zero for triangles without area."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    result = np.empty((len(triangles), 3))
+
+    def part(first: int, last: int) -> None:
+        result[first:last] = _facing(*_corners(vertices, triangles[first:last]))
+
+    in_chunks(part, len(triangles), _GRAIN)
+    return result
+
+
+def _corners(vertices: Array, triangles: Array) -> list[Array]:
+    return [vertices[triangles[:, k]] for k in range(3)]
+
+
+def _facing(a: Array, b: Array, c: Array) -> Array:
     return unit(cross(b - a, c - a))
 
 
@@ -381,22 +444,65 @@ def angles(a: Array, b: Array) -> Array:
     return result
 
 
+def _native(triangles: Array) -> Any:
+    """The module that does the same for many triangles, with the same bits; None for few, and where
+    there is none."""
+    if len(triangles) < NATIVE:
+        return None
+    try:
+        return select("cpu")[0].native
+    except (DeviceError, ValueError):  # of VERIRAY_ISA
+        return None
+
+
 def vertex_normals(vertices: Array, triangles: Array) -> Array:
     """Normals (V, 3): the faces' around a vertex, weighted by their angles there, as in Mitsuba.
 
     After G. Thuermer and C. A. Wuethrich, Computing vertex normals from polygonal facets, 1998.
     Zero for vertices without a triangle that has an area.
     """
-    facing = face_normals(vertices, triangles)
-    corners = [vertices[triangles[:, k]] for k in range(3)]
-    edges = [unit(corners[(k + 1) % 3] - corners[k]) for k in range(3)]  # from k to k + 1
-    weights = np.concatenate([angles(edges[k], -edges[k - 1]) for k in range(3)])
+    native = _native(triangles)
+    if native is not None:
+        result: Array = native.vertex_normals(vertices, np.asarray(triangles, np.uint32))
+        return result
+    count = len(triangles)
+    parts = np.empty((3, 3, count))  # by axis and corner
+
+    def part(first: int, last: int) -> None:
+        corners = _corners(vertices, triangles[first:last])
+        facing = _facing(*corners).T
+        edges = [unit(corners[(k + 1) % 3] - corners[k]) for k in range(3)]  # from k to k + 1
+        for k in range(3):
+            parts[:, k, first:last] = facing * angles(edges[k], -edges[k - 1])
+
+    in_chunks(part, count, _GRAIN)
     index = triangles.T.reshape(-1)
-    sums = [
-        np.bincount(index, np.tile(facing[:, axis], 3) * weights, minlength=len(vertices))
-        for axis in range(3)
-    ]
+    sums = [np.bincount(index, values.reshape(-1), minlength=len(vertices)) for values in parts]
     return unit(np.stack(sums, axis=1))
+
+
+def shading(vertices: Array, triangles: Array, normals: Array) -> tuple[Array, bool]:
+    """The triangles as `fronts_by_normals` turns them, and whether the normals are then flat."""
+    native = _native(triangles)
+    if native is not None:
+        behind, flat = native.shading_of(vertices, np.asarray(triangles, np.uint32), normals)
+        if not behind:
+            return triangles, flat
+
+    def look(first: int, last: int) -> tuple[bool, bool]:
+        part = triangles[first:last]
+        facing = _facing(*_corners(vertices, part))
+        cosines = [dot(normals[part[:, k]], facing) for k in range(3)]
+        behind = (cosines[0] < 0) & (cosines[1] < 0) & (cosines[2] < 0)
+        solid = facing.any(axis=1)
+        return bool(behind.any()), all((of[solid] > 1 - 1e-7).all() for of in cosines)
+
+    if native is None:
+        found = in_chunks(look, len(triangles), _GRAIN)
+        if not any(behind for behind, _ in found):
+            return triangles, all(flat for _, flat in found)
+    triangles = fronts_by_normals(vertices, triangles, normals)
+    return triangles, is_flat(vertices, triangles, normals)
 
 
 def is_flat(vertices: Array, triangles: Array, normals: Array) -> bool:

@@ -20,8 +20,8 @@ _TYPES = {
     "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
-_UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))  # as Mitsuba
-_INDICES = ("vertex_indices", "vertex_index")
+UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))  # as Mitsuba
+INDICES = ("vertex_indices", "vertex_index")
 _COLOUR = (("r", "g", "b"), ("red", "green", "blue"))
 #: Ends of the names of an attribute's numbers.
 _ENDS = [list(ends) for ends in ("xyz", "rgb", "012", "123", "x", "r", "0", "1")]
@@ -33,7 +33,9 @@ class MeshFileError(Exception):
 
 
 @dataclass
-class _Element:
+class Element:
+    """An element of the header."""
+
     name: str
     rows: int
     #: name -> (type of a list's length, or "" for a number; type)
@@ -49,7 +51,7 @@ def read(
     Raises MeshFileError for anything but a header with vertex x, y, z and face vertex_indices (or
     vertex_index) and exactly the data that it states.
     """
-    elements, order, body = _header(data)
+    elements, order, body = header(data)
     rows = sum(element.rows for element in elements)
     if order == "":
         head = data[: len(data) - len(body)]
@@ -64,10 +66,10 @@ def read(
     vertices, normals = _columns(vertex, "x", "y", "z"), _columns(vertex, "nx", "ny", "nz")
     if vertices is None:
         raise MeshFileError(": the vertices have no x, y and z")
-    name = next((name for name in _INDICES if name in face), None)
+    name = next((name for name in INDICES if name in face), None)
     if "face" in found and name is None:
         raise MeshFileError(": the faces have no list vertex_indices")
-    uv = next((uv for names in _UV if (uv := _columns(vertex, *names)) is not None), None)
+    uv = next((uv for names in UV if (uv := _columns(vertex, *names)) is not None), None)
     lists = face[name] if name else []
     triangles, more = _fans(lists), {}
     if attributes:
@@ -105,7 +107,7 @@ def _columns(vertex: dict[str, Any], *names: str) -> Array | None:
     return np.stack(columns, axis=1).astype(np.float64)
 
 
-def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
+def header(data: bytes) -> tuple[list[Element], str, bytes]:
     """The elements, the byte order ("" for text, "<", ">") and what follows the header."""
     end = re.search(rb"^end_header[ \t]*\r?\n|^end_header\Z", data[: 2**16], re.MULTILINE)
     lines = data[: end.start()].decode("latin-1").splitlines() if end else []
@@ -115,7 +117,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
     if not form:
         raise MeshFileError(": header line 2 states no known format; expected ascii 1.0, "
                             "binary_little_endian 1.0 or binary_big_endian 1.0")  # fmt: skip
-    elements: list[_Element] = []
+    elements: list[Element] = []
     for number, line in enumerate(lines[2:], 3):
         tokens = line.split()
         match tokens:
@@ -125,7 +127,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
                 pass
             case ["element", name, count] if re.fullmatch("[0-9]{1,10}", count):
                 if all(name != element.name for element in elements):
-                    elements.append(_Element(name, int(count)))
+                    elements.append(Element(name, int(count)))
                     continue
             case ["property", kind, name] if elements and kind in _TYPES:
                 elements[-1].properties[name] = "", _TYPES[kind]
@@ -142,7 +144,7 @@ class _Binary:
     def __init__(self, body: bytes, order: str) -> None:
         self.body, self.order, self.at = body, order, 0
 
-    def element(self, element: _Element) -> dict[str, Any]:
+    def element(self, element: Element) -> dict[str, Any]:
         """Columns of an element: arrays; lists as an array (rows, length) or a list of arrays."""
         lengths = self.lengths(element) if element.rows else {}
         fields: list[Any] = []
@@ -165,7 +167,7 @@ class _Binary:
             raise MeshFileError(f" is damaged: it ends within {element.rows} x {element.name}")
         return self.ragged(element)
 
-    def lengths(self, element: _Element) -> dict[str, int]:
+    def lengths(self, element: Element) -> dict[str, int]:
         """Lengths of the lists in the element's first row."""
         start, result = self.at, {}
         for name, (length, kind) in element.properties.items():
@@ -177,7 +179,7 @@ class _Binary:
         self.at = start
         return result
 
-    def ragged(self, element: _Element) -> dict[str, Any]:
+    def ragged(self, element: Element) -> dict[str, Any]:
         columns: dict[str, list[Any]] = {name: [] for name in element.properties}
         for _ in range(element.rows):
             for name, (length, kind) in element.properties.items():
@@ -213,7 +215,7 @@ class _Text:
         self.lines = body.split(b"\n") if body else []
         self.first, self.at = first, 0
 
-    def element(self, element: _Element) -> dict[str, Any]:
+    def element(self, element: Element) -> dict[str, Any]:
         """As _Binary's."""
         lines, first = self.lines[self.at : self.at + element.rows], self.first + self.at
         self.at += element.rows
@@ -230,7 +232,7 @@ class _Text:
             for name, (length, _) in element.properties.items()
         }
 
-    def columns(self, element: _Element, table: Array) -> dict[str, Any] | None:
+    def columns(self, element: Element, table: Array) -> dict[str, Any] | None:
         """The columns if all lists of a name have one length."""
         result, at = {}, 0
         for name, (length, _) in element.properties.items():
@@ -247,7 +249,7 @@ class _Text:
             at += count
         return result if at == table.shape[1] else None
 
-    def row(self, element: _Element, line: bytes, number: int) -> dict[str, Any]:
+    def row(self, element: Element, line: bytes, number: int) -> dict[str, Any]:
         columns = self.columns(element, _numbers([line], number, element.name)[None])
         if columns is None:
             raise MeshFileError(f" is damaged: line {number} is no element {element.name}")

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import transform
+from ..chunks import in_chunks
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
-from ..numeric import MAX_COORDINATE, determinant, mirrors
+from ..numeric import MAX_COORDINATE, Fresh, determinant, fresh, mirrors, repeated
 from . import creases, curves, cylinder, mesh, sdf
 from .node import Node, shorten
 from .textures import Attribute
@@ -56,6 +57,7 @@ BYTES_A_TRIANGLE = 240
 #: A shape's node, its checked parameters, its indices of material, emission and boundary, and why
 #: it must be closed, "" if it need not.
 Surface = tuple[Node, dict[str, Any], tuple[int, int, int], str]
+_Arrays = tuple[Array, Array, Array | None, Array | None]
 
 
 class Shapes:
@@ -97,6 +99,7 @@ class Shapes:
         #: how shapes are rendered that become meshes, a line each, and their places
         self.made: list[tuple[str, str]] = []
         self.instanced_shapes = self.instanced_triangles = 0
+        self.extremes: dict[str, tuple[float, float]] = {}  # of arrays, as Mesh has them
 
     def instance(self, node: Node, to_world: Array | None, group: list[Surface]) -> None:
         """Adds the shapes of a group once more, moved by to_world. Raises SceneError if that makes
@@ -173,16 +176,55 @@ class Shapes:
         self.places.append(instance[0].where if instance else node.where)
 
     def arrays(self, *, with_uv: bool = False) -> dict[str, Any]:
-        """The arguments of Scene; with_uv: also the texture coordinates uv (V, 2) float64, zero
+        """The arguments of Scene; with_uv: also the texture coordinates uv (V, 2) float32, zero
         for the vertices of meshes without, and what spheres and discs have for them."""
         spheres, inward = _spheres(self.spheres)
+        vertices, triangles, normals, uv = self._alone() or self._joined()
+        result: dict[str, Any] = {
+            "vertices": vertices,
+            "normals": normals,
+            "triangles": triangles,
+            "spheres": spheres,
+            "sphere_inward": inward,
+            "disks": np.array(self.disks, np.float64).reshape(-1, 3, 3),
+            "shape_names": tuple(self.names),
+        }
+        if with_uv:
+            result["uv"] = uv
+            result["sphere_frame"] = _frames(self.spheres)
+            result["disk_turned"] = np.array(self.turned, np.bool_)
+        for kind, table_rows in self.rows.items():
+            table = np.array(table_rows, np.int32).reshape(-1, 4).T
+            for values, name in zip(
+                table, ("material", "emission", "boundary", "shape"), strict=True
+            ):
+                if kind == "triangle":
+                    values = _for_each(values, self.counts)
+                result[f"{kind}_{name}"] = values
+        return result
+
+    def _alone(self) -> _Arrays | None:
+        """The arrays of `_joined` where one mesh is all, which are then the mesh's own."""
+        if len(self.meshes) != 1 or len(self.counts) != 1:
+            return None
+        *_, found, matrix = self.meshes[0]
+        if matrix is not None or self.vertex_count >= 2**32:
+            return None
+        self.extremes = found.extremes
+        return found.vertices, found.triangles, found.normals, found.uv
+
+    def _joined(self) -> _Arrays:
+        """Vertices, triangles, normals and texture coordinates of all meshes and flat shapes; the
+        latter two None if no mesh has any."""
         vertices = np.empty((self.vertex_count, 3))
         index = np.uint32 if self.vertex_count < 2**32 else np.int64
         triangles = np.empty((self.triangle_count, 3), index)
-        normals = None
-        if any(found.normals is not None for _, _, _, found, _ in self.meshes):
+        meshes = [found for *_, found, _ in self.meshes]
+        normals = uv = None
+        if any(found.normals is not None for found in meshes):
             normals = np.zeros_like(vertices)
-        uv = np.zeros((self.vertex_count, 2)) if with_uv else None
+        if any(self.flat.values()) or any(found.uv is not None for found in meshes):
+            uv = np.zeros((self.vertex_count, 2), np.float32)
         for name, given in self.flat.items():
             local, local_faces, local_uv = _FLAT[name]
             for begin in range(0, len(given), _CHUNK):
@@ -195,32 +237,25 @@ class Shapes:
             rows = slice(first, first + len(found.vertices))
             moved = found if matrix is None else _moved(node, matrix, found)
             vertices[rows] = moved.vertices
-            triangles[face : face + len(moved.triangles)] = moved.triangles + first
+            faces = triangles[face : face + len(moved.triangles)]
+            np.add(moved.triangles, first, out=faces, casting="unsafe")
             if normals is not None and moved.normals is not None:
                 normals[rows] = moved.normals
             if uv is not None and moved.uv is not None:
                 uv[rows] = moved.uv
-        result: dict[str, Any] = {
-            "vertices": vertices,
-            "normals": normals,
-            "triangles": triangles,
-            "spheres": spheres,
-            "sphere_inward": inward,
-            "disks": np.array(self.disks, np.float64).reshape(-1, 3, 3),
-            "shape_names": tuple(self.names),
-        }
-        if uv is not None:
-            result["uv"] = uv
-            result["sphere_frame"] = _frames(self.spheres)
-            result["disk_turned"] = np.array(self.turned, np.bool_)
-        for kind, table_rows in self.rows.items():
-            table = np.array(table_rows, np.int32).reshape(-1, 4).T
-            for values, name in zip(
-                table, ("material", "emission", "boundary", "shape"), strict=True
-            ):
-                values = np.repeat(values, self.counts) if kind == "triangle" else values
-                result[f"{kind}_{name}"] = values
-        return result
+        return vertices, triangles, normals, uv
+
+    def fresh(self, arrays: dict[str, Any]) -> dict[str, Fresh]:
+        """Of these, made by `arrays`, the large ones that need no further check."""
+        found = {}
+        for name in ("vertices", "triangles", "normals", "uv"):
+            values = arrays.get(name)
+            if values is not None and len(values):
+                known = self.extremes.get(name)
+                one = Fresh(values, known) if known else fresh(values)
+                if one is not None:
+                    found[name] = one
+        return found
 
     def attribute(self, name: str, scale: float, count: int) -> Array:
         """The rows (count, 3) float32 of an attribute for all vertices or triangles, zero for those
@@ -270,7 +305,8 @@ class Shapes:
             matrix = cylinder.matrix(node, values, matrix)
         elif node.plugin in curves.KINDS:
             matrix = IDENTITY  # applied already, to points but not to radii
-        vertices, faces = _placed(node, matrix, loaded.vertices), loaded.triangles
+        vertices, reach = _placed(node, matrix, loaded)
+        faces = loaded.triangles
         flat, angle = values.get("face_normals", False), values.get("max_smooth_angle")
         if angle is not None:
             if flat:
@@ -285,8 +321,8 @@ class Shapes:
         if not flat:
             normals = _normals(matrix, vertices, faces, loaded)
         if normals is not None:
-            faces = mesh.fronts_by_normals(vertices, faces, normals)
-            if mesh.is_flat(vertices, faces, normals):
+            faces, plain = mesh.shading(vertices, faces, normals)
+            if plain:
                 normals = None
         if solid and name and not mesh.is_closed(vertices, faces):
             warnings.warn(
@@ -300,7 +336,10 @@ class Shapes:
         uv = loaded.uv
         if uv is not None and values.get("flip_tex_coords"):
             uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
-        found = mesh.Mesh(vertices, faces, normals, uv, loaded.attributes)
+        known = {"vertices": reach}
+        if "triangles" in loaded.extremes:
+            known["triangles"] = loaded.extremes["triangles"]
+        found = mesh.Mesh(vertices, faces, normals, uv, loaded.attributes, known)
         material, emission, _ = surface[2]
         if uv is None and (material in self.textured or emission in self.textured_lamps):
             return mesh.barycentric(found, loaded.triangles)
@@ -333,6 +372,13 @@ class Shapes:
         index = values.get("shape_index", 0)
         loaded = mesh.read(path, node.plugin, where, index, self.files, attributes=wanted)
         return loaded, (where, f"{shorten(str(path))} ")
+
+
+def _for_each(values: Array, counts: list[int]) -> Array:
+    """A shape's value for each of its triangles."""
+    if len(values) and (values == values[0]).all():
+        return repeated(values[0], (sum(counts),), values.dtype)
+    return np.repeat(values, counts)
 
 
 def _place(
@@ -400,12 +446,24 @@ def _frames(given: list[tuple[Node, Array, tuple[float, ...], bool]]) -> Array:
     return frames
 
 
-def _placed(node: Node, matrix: Array, vertices: Array) -> Array:
-    with np.errstate(all="ignore"):
-        placed = transform.apply(matrix, vertices)
-    if not (np.abs(placed) <= MAX_COORDINATE).all():
+def _placed(node: Node, matrix: Array, found: mesh.Mesh) -> tuple[Array, tuple[float, float]]:
+    """A mesh's vertices after a matrix, without -0, and their extremes."""
+    vertices = found.vertices
+    if "vertices" in found.extremes and (matrix is IDENTITY or (matrix == IDENTITY).all()):
+        return vertices, found.extremes["vertices"]
+    placed = np.empty_like(vertices)
+
+    def move(first: int, last: int) -> tuple[float, float]:
+        out = placed[first:last]
+        with np.errstate(all="ignore"):
+            np.add(transform.apply(matrix, vertices[first:last]), 0.0, out=out)
+        return float(out.min()), float(out.max())
+
+    extremes = np.array(in_chunks(move, len(vertices), 1 << 13)).reshape(-1, 2)
+    if not (np.abs(extremes) <= MAX_COORDINATE).all():  # NaN too
         _too_far(node)
-    return placed
+    low, high = (extremes[:, 0].min(), extremes[:, 1].max()) if len(extremes) else (0.0, 0.0)
+    return placed, (float(low), float(high))
 
 
 def _moved(node: Node, matrix: Array, found: mesh.Mesh) -> mesh.Mesh:
@@ -414,7 +472,9 @@ def _moved(node: Node, matrix: Array, found: mesh.Mesh) -> mesh.Mesh:
     normals = found.normals
     if normals is not None:
         normals = mesh.unit(transform.apply(transform.for_normals(matrix), normals))
-    return mesh.Mesh(_placed(node, matrix, found.vertices), faces, normals, found.uv)
+    vertices, reach = _placed(node, matrix, found)
+    extremes = {**found.extremes, "vertices": reach}
+    return mesh.Mesh(vertices, faces, normals, found.uv, {}, extremes)
 
 
 def _too_far(node: Node) -> NoReturn:

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ..chunks import in_chunks
 from ..errors import SceneError
+from ..numeric import Fresh
 from . import images
 from .node import Node
 
@@ -24,25 +26,41 @@ def envmap(node: Node, values: dict[str, Any]) -> dict[str, Any]:
     given = "bitmap" if values["filename"] is None else "filename"
     where = node.values[given].where
     if given == "bitmap":
-        image = images.from_array(values["bitmap"], where)
+        image = images.from_array(values["bitmap"], where, kept=False)
     else:
         image = images.read(Path(node.folder) / values["filename"], where)
-    texels = image.linear()
-    if float(texels.min()) < 0:
-        y, x, c = (int(i) for i in np.unravel_index(int(np.argmin(texels)), texels.shape))
-        raise SceneError(
-            f"{node}: texel (x {x}, y {y}) is {texels[y, x, c]:g}; radiance is not negative", where
+    height, width, _ = image.texels.shape
+    texels = np.empty((height, width, 3), np.float32)
+    scale = np.float32(values["scale"])
+
+    def fill(first: int, last: int) -> tuple[float, float, float]:
+        part, out = (
+            images.Image(image.texels[first:last], image.encoded).linear(),
+            texels[first:last],
         )
-    with np.errstate(over="ignore"):
-        texels = texels * np.float32(values["scale"])
-    if not np.isfinite(texels).all():
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.multiply(part, scale, out=out)
+            out += np.float32(0)  # no -0
+        return float(part.min()), float(out.min()), float(out.max())
+
+    given, lows, highs = np.array(in_chunks(fill, height, max(1, 2**14 // width))).T
+    if given.min() < 0:
+        plain = image.linear()
+        y, x, c = (int(i) for i in np.unravel_index(int(np.argmin(plain)), plain.shape))
+        raise SceneError(
+            f"{node}: texel (x {x}, y {y}) is {plain[y, x, c]:g}; radiance is not negative", where
+        )
+    extremes = float(lows.min()), float(highs.max())
+    if not np.isfinite(extremes).all():
         raise SceneError(f"{node}: scale = {values['scale']:g} exceeds the float32 range", where)
-    if not texels.any():
+    if extremes == (0.0, 0.0):
         return {}
-    height, width, _ = texels.shape
-    texels = np.broadcast_to(texels, (height, width, 3)).reshape(-1, 3)
-    turn = rotation(node, values)
-    return {"sky_texels": texels, "sky_size": np.array([width, height]), "sky_to_world": turn}
+    sky = Fresh(texels.reshape(-1, 3), extremes)
+    return {
+        "sky_texels": sky,
+        "sky_size": np.array([width, height]),
+        "sky_to_world": rotation(node, values),
+    }
 
 
 def rotation(node: Node, values: dict[str, Any]) -> Any:

@@ -190,8 +190,9 @@ class HostScene {
     std::vector<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     std::vector<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids, cells;
-    std::vector<uint32_t> surface_of, light_cdf, texels, sky_guides;
+        light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
+        cells;
+    std::vector<uint32_t> surface_of, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     std::vector<float> records, round_boxes;
 
@@ -259,7 +260,7 @@ class HostScene {
     double most_intense(const SceneInput& in, size_t q) const;
     double mean_of_texture(const SceneInput& in, const AreaLight& light, int32_t texture) const;
     void place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const;
-    void put_light(const LightSource& s, double chance, float* row, size_t stride);
+    void put_light(const LightSource& s, float* row, size_t stride);
     void set_first_occluder();
     void set_camera(const SceneInput& in);
     void set_filter(const SceneInput& in);

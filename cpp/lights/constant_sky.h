@@ -32,7 +32,7 @@ struct ConstantSky : LightShape<L> {
         return 4 * kPiDouble * kPiDouble * s.strength;
     }
     static LightBound bound(const LightSource& s) {
-        return {{0, 0, 0}, kFromAllAround, {0, 0, 0}, -1, 0, kPiDouble * s.strength};
+        return {{0, 0, 1}, kFromAllAround, {0, 0, 0}, -1, 0, kPiDouble * s.strength};
     }
     template <class At>
     static void write(const LightSource&, At) {}

@@ -149,7 +149,7 @@ struct ImageSky : LightShape<L> {
         return 4 * kPiDouble * kPiDouble * s.strength;
     }
     static LightBound bound(const LightSource& s) {
-        return {{0, 0, 0}, kFromAllAround, {0, 0, 0}, -1, 0, kPiDouble * s.strength};
+        return {{0, 0, 1}, kFromAllAround, {0, 0, 0}, -1, 0, kPiDouble * s.strength};
     }
     // The images of the local axes.
     template <class At>

@@ -262,6 +262,7 @@ class Builder {
         }
         if (get(first, kBranchRadius) < 0) {
             at(b, kBranchRadius) = kFromAllAround;
+            put3(b, kBranchP, {0, 0, 1});
             finish(b, {0, 0, 0}, -1, 0, strength);
             return;
         }

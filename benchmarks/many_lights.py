@@ -1,4 +1,4 @@
-"""Scenes of several lights: wall time, variance and efficiency, ours and, with --mitsuba, Mitsuba's.
+"""Scenes of several lights: wall time, variance and efficiency; with --mitsuba also Mitsuba's.
 
 Scenes are made by rule and given to both renderers as one XML file. wall: seconds of the public
 call until the picture is in NumPy, median of --rounds. variance: of a sample, relative to the
@@ -63,14 +63,15 @@ def three_lights(folder: Path) -> tuple[str, str]:
     """A point, a spot and a sun over a wide floor."""
     spot = ('<emitter type="spot"><transform name="to_world"><lookat origin="2, 2, 3" '
             'target="2.5, 2, 0" up="0, 1, 0"/></transform>'
-            f'{tag("rgb", "intensity", (20,) * 3)}{tag("float", "cutoff_angle", 25)}</emitter>')  # fmt: skip
+            f'{tag("rgb", "intensity", (20,) * 3)}{tag("float", "cutoff_angle", 25)}'
+            "</emitter>")  # fmt: skip
     sun = ('<emitter type="directional"><vector name="direction" x="0.3" y="0.2" z="-1"/>'
            f'{tag("rgb", "irradiance", (1,) * 3)}</emitter>')  # fmt: skip
     return plane(50) + point((-2, -1, 2), 8) + spot + sun, "0, -12, 6"
 
 
 def lamps(n: int, side: float, seed: int, radius: float) -> str:
-    """n sphere lamps of various powers over a square."""
+    """N sphere lamps of various powers over a square."""
     rng = np.random.default_rng(seed)
     k = int(np.ceil(np.sqrt(n)))
     parts = []
@@ -169,6 +170,24 @@ def measure(renders: list[Render], used: Array, spp: int, rounds: int) -> list[d
     return out
 
 
+def _ours(path: Path, device: str) -> Any:
+    scene = veriray.load_file(path)
+
+    def render(spp: int, seed: int, **more: Any) -> Array:
+        return veriray.render(scene, spp=spp, seed=seed, device=device, **more).image
+
+    return render
+
+
+def _theirs(mi: Any, path: Path) -> Render:
+    scene = mi.load_file(str(path))
+
+    def render(spp: int, seed: int) -> Array:
+        return np.array(mi.render(scene, spp=spp, seed=seed))[..., :3]
+
+    return render
+
+
 def main() -> None:
     """Prints lines by scene and writes JSON."""
     p = parser(__doc__, "many_lights.json")
@@ -188,22 +207,20 @@ def main() -> None:
     for name in args.scenes:
         with tempfile.TemporaryDirectory() as folder:
             path = scene_file(name, Path(folder))
-            ours = veriray.load_file(path)
-            seen = veriray.render(ours, spp=256, max_depth=1, device=args.device).image
-            renders: list[Render] = [
-                lambda spp, seed: veriray.render(ours, spp=spp, seed=seed, device=args.device).image
-            ]
+            seen = _ours(path, args.device)(256, 0, max_depth=1)
+            renders: list[Render] = [_ours(path, args.device)]
             if mi:
-                theirs = mi.load_file(str(path))
-                renders.append(lambda spp, seed: np.array(mi.render(theirs, spp=spp, seed=seed)))
+                renders.append(_theirs(mi, path))
             rows = measure(renders, ~seen.any(axis=-1), args.spp, args.rounds)
         result["scenes"][name] = rows
         for who, row in zip(("veriray", "mitsuba"), rows, strict=False):
             print(f"{name:14} {who:8} wall {row['wall']:8.3f} s  variance {row['variance']:9.4g}  "
-                  f"efficiency {row['efficiency']:9.4g}  mean {row['mean']:.6g}", flush=True)  # fmt: skip
+                  f"efficiency {row['efficiency']:9.4g}  mean {row['mean']:.6g}",
+                  flush=True)  # fmt: skip
         if mi:
             print(f"{name:14} ratio    variance {rows[0]['variance'] / rows[1]['variance']:.3f}  "
-                  f"efficiency {rows[0]['efficiency'] / rows[1]['efficiency']:.3f}", flush=True)  # fmt: skip
+                  f"efficiency {rows[0]['efficiency'] / rows[1]['efficiency']:.3f}",
+                  flush=True)  # fmt: skip
     write(result, args.output)
 
 

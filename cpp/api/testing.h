@@ -23,6 +23,22 @@ void add_integers(Film& film, const std::string& plane, const std::vector<uint32
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
                float* t, int32_t* primitive);
 
+// The choice among more than one light at points with normals (world units) that face `sides` (see
+// Facing), by the numbers u24: the row of the light and its chance, and the chance of `row`.
+struct LightQuery {
+    std::vector<float> places;  // rows of six, normalised
+    std::vector<uint32_t> sides, u24, row;
+};
+struct LightAnswer {
+    std::vector<uint32_t> chosen;
+    std::vector<float> chance, of_row;
+};
+LightAnswer choose_lights(const Scene& scene, const double* points, const double* normals,
+                          LightQuery query);
+// The records of the scene's tree of lights (lights/tree_view.h), empty for one light; its root's
+// branches.
+std::pair<std::vector<float>, uint32_t> light_tree(const Scene& scene);
+
 // Rays [first, first + n) of a fixed sequence from interior points (world units) at the corners and
 // edges of the scene's triangles; how many hit nothing: {aimed at corners, aimed at edges}.
 std::pair<uint64_t, uint64_t> count_leaks(const Scene& scene, const double* origins,

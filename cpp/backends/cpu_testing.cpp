@@ -80,6 +80,45 @@ void add_integers(Film& film, const std::string& plane, const std::vector<uint32
     parallel(kHookThreads, pixel.size(), {}, [&](uint32_t, uint64_t i) { add_row(i); });
 }
 
+std::pair<std::vector<float>, uint32_t> light_tree(const Scene& scene) {
+    return {scene.host().light_tree, scene.host().view.lights.tree.root};
+}
+
+// Through the vector and the scalar lanes, which must agree.
+LightAnswer choose_lights(const Scene& scene, const double* points, const double* normals,
+                          LightQuery query) {
+    const HostScene& host = scene.host();
+    query = light_query(host, points, normals, std::move(query));
+    const size_t n = query.row.size();
+    LightAnswer a{std::vector<uint32_t>(n), std::vector<float>(n), std::vector<float>(n)};
+    for (size_t i = 0; i < n; i += Simd::kWidth) {
+        const uint32_t live = static_cast<uint32_t>(std::min<size_t>(Simd::kWidth, n - i));
+        float numbers[8][Simd::kWidth] = {};
+        uint32_t words[4][Simd::kWidth] = {};
+        for (uint32_t k = 0; k < live; ++k) {
+            for (int c = 0; c < 6; ++c) numbers[c][k] = query.places[6 * (i + k) + c];
+            words[0][k] = query.sides[i + k], words[1][k] = query.u24[i + k];
+            words[2][k] = query.row[i + k];
+        }
+        Simd::F place[6], chance, of_row;
+        Simd::U word[4];
+        for (int c = 0; c < 6; ++c) place[c] = load(numbers[c], Simd::F());
+        for (int c = 0; c < 3; ++c) word[c] = load(words[c], Simd::U());
+        answer_light<Simd>(host.view.lights, place, word[0], word[1], word[2], word[3], chance,
+                           of_row, first_lanes(live, Simd::M()));
+        store(words[3], word[3]), store(numbers[6], chance), store(numbers[7], of_row);
+        for (uint32_t k = 0; k < live; ++k) {
+            answer_light<Scalar>(host.view.lights, &query.places[6 * (i + k)], query.sides[i + k],
+                                 query.u24[i + k], query.row[i + k], a.chosen[i + k],
+                                 a.chance[i + k], a.of_row[i + k], true);
+            if (a.chosen[i + k] != words[3][k] || a.chance[i + k] != numbers[6][k] ||
+                a.of_row[i + k] != numbers[7][k])
+                throw std::logic_error("choose_lights: scalar and vector lanes differ");
+        }
+    }
+    return a;
+}
+
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
                float* t, int32_t* triangle) {
     const HostScene& host = scene.host();

@@ -19,8 +19,9 @@ struct Scene::Impl {
     int device;
     HostScene host;
     Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids, cells;
-    Buffer<uint32_t> surface_of, light_cdf, texels, sky_guides;
+        light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
+        cells;
+    Buffer<uint32_t> surface_of, texels, sky_guides;
     TreeBuilder builder;
     DeviceTree tree;
     SceneView view;
@@ -44,7 +45,7 @@ struct Scene::Impl {
         upload(media, host.media, view.media);
         upload(surface_of, host.surface_of, view.surface_of);
         upload(light_table, host.light_table, view.lights.table);
-        upload(light_cdf, host.light_cdf, view.lights.cdf);
+        upload(light_tree, host.light_tree, view.lights.tree.branches);
         upload(filter_edges, host.filter_edges, view.filter.edges);
         upload(grids, host.grids, view.grids.table);
         upload(cells, host.cells, view.grids.cells);

@@ -134,6 +134,43 @@ void intersect(const Scene& scene, const double* origins, const double* directio
 }
 
 namespace {
+struct LightQueryView {
+    const float* places;
+    const uint32_t *sides, *u24, *row;
+    uint32_t* chosen;
+    float *chance, *of_row;
+};
+__global__ void light_kernel(const __grid_constant__ SceneView scene, LightQueryView q,
+                             uint64_t n) {
+    const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= n) return;
+    answer_light<Scalar>(scene.lights, q.places + 6 * i, q.sides[i], q.u24[i], q.row[i],
+                         q.chosen[i], q.chance[i], q.of_row[i], true);
+}
+}  // namespace
+
+std::pair<std::vector<float>, uint32_t> light_tree(const Scene& scene) {
+    return {scene.host().light_tree, scene.host().view.lights.tree.root};
+}
+
+LightAnswer choose_lights(const Scene& scene, const double* points, const double* normals,
+                          LightQuery query) {
+    use_device(scene.impl->device);
+    query = light_query(scene.host(), points, normals, std::move(query));
+    const size_t n = query.row.size();
+    Buffer<float> places(query.places, "places"), chance(n, "chances"), of_row(n, "chances");
+    Buffer<uint32_t> sides(query.sides, "sides"), u24(query.u24, "numbers"), row(query.row, "rows"),
+        chosen(n, "rows");
+    if (n)
+        light_kernel<<<blocks_for(n, 128), 128>>>(scene.impl->view,
+                                                  {places.get(), sides.get(), u24.get(), row.get(),
+                                                   chosen.get(), chance.get(), of_row.get()},
+                                                  n);
+    check_launch("choose_lights");
+    return {chosen.download(), chance.download(), of_row.download()};
+}
+
+namespace {
 __global__ void leak_kernel(const __grid_constant__ SceneView scene, const LeakTargets targets,
                             uint64_t first, uint64_t n, uint64_t* missed) {
     fill_block_quads<kAllFeatures>(scene);

@@ -6,6 +6,7 @@
 #include "api/testing.h"
 #include "backends/film_memory.h"
 #include "backends/instances.h"
+#include "lights/tree.h"
 
 namespace veriray {
 
@@ -41,6 +42,34 @@ inline void normalise_ray(const HostScene& scene, const double* o, const double*
         out[k] = static_cast<float>(origin[k]);
         out[3 + k] = static_cast<float>(unit[k]);
     }
+}
+
+// The query with its places.
+inline LightQuery light_query(const HostScene& scene, const double* points, const double* normals,
+                              LightQuery query) {
+    const uint32_t count = scene.view.lights.count;
+    if (count < 2) throw std::invalid_argument("a choice needs more than one light");
+    for (const uint32_t row : query.row)
+        if (row >= count)
+            throw std::invalid_argument("the scene has no light " + std::to_string(row));
+    query.places.resize(6 * query.row.size());
+    for (size_t i = 0; i < query.row.size(); ++i)
+        normalise_ray(scene, points + 3 * i, normals + 3 * i, &query.places[6 * i]);
+    return query;
+}
+
+// One of them; the numbers of a deep tree follow from u24.
+template <class L>
+VR_HD void answer_light(const LightView& lights, const typename L::F place[6], typename L::U sides,
+                        typename L::U u24, typename L::U row, typename L::U& chosen,
+                        typename L::F& chance, typename L::F& of_row, typename L::M lanes) {
+    using U = typename L::U;
+    const Vec3<typename L::F> p{place[0], place[1], place[2]}, n{place[3], place[4], place[5]};
+    const LightReceiver<L> at{p, facing(n, sides)};
+    const auto choice = LightTree<L>::choose(lights.tree, at, u24, {u24, sides, U(0u)}, lanes);
+    chosen = choice.row, chance = choice.chance;
+    const U leaf = as_uint(gather(lights.table + kLightLeaf * lights.stride, row));
+    of_row = LightTree<L>::chance(lights.tree, at, leaf, lanes);
 }
 
 // The plane to which rows of x are added.

@@ -79,8 +79,9 @@ template <class U>
 struct RandomStream {
     U a, b, step;
 };
-// Subpaths for streams of a segment: of its flight, and of its light sample's shadow ray.
-inline constexpr uint32_t kFlightSteps = 254, kShadowSteps = 255;
+// Subpaths for streams of a segment: of its flight, of its light sample's shadow ray, and of the
+// light's choice.
+inline constexpr uint32_t kFlightSteps = 254, kShadowSteps = 255, kLightSteps = 253;
 template <class U>
 VR_HD RandomStream<U> random_stream(RandomKey key, U pixel, U sample, uint32_t block) {
     const Block<U> r = random_block({key.k0, key.k1, Sampler::kIndependent}, pixel, sample, block);

@@ -4,6 +4,7 @@
 #include "integrators/surface.h"
 #include "integrators/tangents.h"
 #include "integrators/volumes.h"
+#include "lights/tree.h"
 
 namespace veriray {
 
@@ -26,7 +27,16 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         F g;        // asymmetry of the phase function
         V behind;   // with kTransmits: where shadow rays to the other side of a surface start,
         U beyond;   // and the medium there
+        U facing;   // with kManyLights
     };
+    // What of a vertex the choice of a light depends on, but for its place.
+    static VR_HD U facing_of(const Vertex& at, const Material& material) {
+        const V any{F(0.f), F(0.f), F(1.f)};
+        M both = no_lanes(at.surface);
+        if constexpr (Material::kTransmits) both = material.transmits();
+        const U sides = select(both, U(kBothSides), U(kOneSide));
+        return select(at.surface, facing(select(at.surface, at.ns, any), sides), U(kAllSides));
+    }
 
     static VR_HD M no_lanes(M m) { return m & !m; }
     static VR_HD S black() { return S::all(F(0.f)); }
@@ -34,19 +44,27 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
 
     // ---- light sample: one light as seen from p ----
     static VR_HD LightSample<L> sample_light(const SceneView& scene, const PathSettings& s,
-                                             const PathState<L>& path, V p, uint32_t segment,
-                                             Block<U> scatter, M active) {
+                                             const PathState<L>& path, const Vertex& at,
+                                             uint32_t segment, Block<U> scatter, M active) {
         const LightView& lights = scene.lights;
         const F u = uniform(scatter.x), v = uniform(scatter.y);
         const M nobody = no_lanes(active);
         U row(0u);
+        F chance(1.f);
         if (has(kManyLights) && lights.count > 1) {
             const U u24 =
                 random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).x >>
                 8;
-            row = choose_light(lights, u24);
+            RandomStream<U> random{U(0u), U(0u), U(0u)};
+            if (lights.count > kMostBranches)
+                random = random_stream(s.key, path.pixel, path.sample,
+                                       dimension_block(segment, kDecide, kLightSteps));
+            const auto choice =
+                LightTree<L>::choose(lights.tree, {at.p, at.facing}, u24, random, active);
+            row = choice.row, chance = choice.chance;
         }
-        LightSample<L> light = Sampler::sample_li(row_of(scene, row), p, u, v, nobody);
+        LightSample<L> light = Sampler::sample_li(row_of(scene, row), at.p, u, v, nobody);
+        if (has(kManyLights) && lights.count > 1) light.inverse_pdf = light.inverse_pdf / chance;
         if constexpr (has(kLightTextures))
             if (scene.features & kLightTextures) apply_texture(scene, row_of(scene, row), light);
         return light;
@@ -86,15 +104,29 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                             scene.lights.map);
     }
 
+    // The chance with which a light was chosen at a path's last scattering.
+    static VR_HD F chance(const SceneView& scene, const PathState<L>& path, U leaf, M lanes) {
+        if (!has(kManyLights) || scene.lights.count <= 1) return F(1.f);
+        return LightTree<L>::chance(scene.lights.tree, {path.ray.o, path.facing},
+                                    select(lanes, leaf, U(0u)), lanes);
+    }
+
     // The density of light samples where a path's ray meets a lamp.
-    static VR_HD LightPdf<F> light_pdf(const SceneView& scene, U primitive, const LightHit<L>& at,
-                                       M lanes) {
-        if constexpr (has(kOwnPdfLights))
-            if (scene.features & kOwnPdfLights) {
-                const F row = lookup(scene.light_row, primitive, scene.primitive_count);
-                return Sampler::pdf_li(row_of(scene, to_uint(row)), at, lanes);
+    static VR_HD LightPdf<F> light_pdf(const SceneView& scene, const PathState<L>& path,
+                                       U primitive, const LightHit<L>& at, M lanes) {
+        LightPdf<F> pdf = at.by_area();
+        if constexpr (has(kOwnPdfLights | kManyLights))
+            if (scene.light_row) {
+                const U row = to_uint(lookup(scene.light_row, primitive, scene.primitive_count));
+                if constexpr (has(kOwnPdfLights))
+                    if (scene.features & kOwnPdfLights)
+                        pdf = Sampler::pdf_li(row_of(scene, row), at, lanes);
+                const M competes = lanes & (path.pdf_sa > F(0.f));
+                if (has(kManyLights) && scene.lights.count > 1 && any(competes))
+                    pdf.over = pdf.over * chance(scene, path,
+                                                 as_uint(row_of(scene, row)(kLightLeaf)), competes);
             }
-        return at.by_area();
+        return pdf;
     }
 
     // ---- request: what the light sample would add, as a shadow ray ----
@@ -102,7 +134,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                               const PathState<L>& path, const Vertex& at, const Material& material,
                               uint32_t segment, Block<U> scatter, M active,
                               ShadowRequest<L>& shadow) {
-        const LightSample<L> light = sample_light(scene, s, path, at.p, segment, scatter, active);
+        const LightSample<L> light = sample_light(scene, s, path, at, segment, scatter, active);
         const F cos_i = dot(at.ns, light.wi);
         BsdfValue<F> value = material.eval(-path.ray.d, light.wi, cos_i);
         M lit = active & (cos_i > F(0.f));

@@ -80,6 +80,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
         path.passed = U(~0u);
         path.vertices = U(0u);
         path.medium = U(scene.camera_medium);
+        path.facing = U(0u);
         return path;
     }
 
@@ -141,6 +142,9 @@ struct PathTracer : PathVertices<L, kFeatures> {
         }
         if (none(place.scatters | place.pass)) return e;
 
+        if constexpr (has(kManyLights))
+            if (scene.lights.count > 1)
+                place.vertex.facing = Direct::facing_of(place.vertex, place.bsdf);
         // Light samples, then the direction to go on.
         const Block<U> random =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter));
@@ -191,6 +195,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
                                 path.scale);
         path.ray.d = next.wi;
         path.pdf_sa = select(pass, path.pdf_sa, next.pdf_sa);
+        if constexpr (has(kManyLights)) path.facing = select(pass, path.facing, vertex.facing);
         if constexpr (has(kPass)) {
             path.travelled = select(pass, hit.t, F(0.f));
             path.passed = select(pass, hit.primitive, U(~0u));

@@ -30,6 +30,7 @@ struct PathState {
     U passed;     // kPass: and, of what lies there, the primitives up to this one
     U vertices;   // kPass: scatterings so far
     U medium;     // kMedia: around the ray at `travelled`
+    U facing;     // kManyLights: of the last scattering, for the choice of lights
 };
 
 // Which stages take a field of a path that lies in memory.
@@ -64,7 +65,8 @@ enum FieldUse : uint32_t {
     FIELD(f, travelled, kPass, kAhead)     \
     FIELD(u, passed, kPass, kAhead)        \
     FIELD(u, vertices, kPass, kCarried)    \
-    FIELD(u, medium, kMedia, kCarried)
+    FIELD(u, medium, kMedia, kCarried)     \
+    FIELD(u, facing, kManyLights, kCarried)
 
 constexpr bool needs_field(FeatureMask features, FeatureMask need) {
     return need == 0 || (features & need) != 0;

@@ -29,6 +29,8 @@ struct PathVertices : DirectLight<L, kFeatures> {
         if constexpr (has(kHidden)) escaped = escaped & !unseeing(scene, path);
         if constexpr (has(kSky)) {
             const auto weight = [&](LightPdf<F> pdf) {
+                const U leaf = as_uint(Direct::sky_row(scene)(kLightLeaf));
+                pdf.over = pdf.over * Direct::chance(scene, path, leaf, escaped);
                 return mis_weight(path.pdf_sa, pdf.over / (pdf.under * path.pdf_sa));
             };
             add_radiance(path, escaped, Sampler::sky(Direct::sky_row(scene), path.ray.d, weight));
@@ -102,8 +104,8 @@ struct PathVertices : DirectLight<L, kFeatures> {
             if (any(lit)) {
                 const F cos_light = -dot(at.ng, path.ray.d);
                 // From the last vertex, where the direction was drawn.
-                const LightPdf<F> pdf =
-                    Direct::light_pdf(scene, prim, {path.ray.o, hit.t, cos_light, chance}, lit);
+                const LightPdf<F> pdf = Direct::light_pdf(
+                    scene, path, prim, {path.ray.o, hit.t, cos_light, chance}, lit);
                 const F ratio = pdf.over / (pdf.under * path.pdf_sa);
                 S emitted = surface_spectrum(scene, at.row, kSurfaceRadiance);
                 if constexpr (has(kLightTextures))
@@ -204,6 +206,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
                         valid,
                         F(0.f),
                         {},
+                        U(0u),
                         U(0u)};
         Vertex& vertex = place.vertex;
         if constexpr (Material::kTransmits) {

@@ -31,6 +31,9 @@ struct ConstantSky : LightShape<L> {
     static VR_HD double power(const LightSource& s) {
         return 4 * kPiDouble * kPiDouble * s.strength;
     }
+    static LightBound bound(const LightSource& s) {
+        return {{0, 0, 1}, kFromAllAround, {0, 0, 0}, -1, 0, kPiDouble * s.strength};
+    }
     template <class At>
     static void write(const LightSource&, At) {}
 };

@@ -30,6 +30,9 @@ struct DirectionalLight : LightShape<L> {
     }
     // Across a disc of radius 1: a third of what covers the scene.
     static VR_HD double power(const LightSource& s) { return kPiDouble * s.strength; }
+    static LightBound bound(const LightSource& s) {
+        return {-s.n, kFromFar, {0, 0, 0}, -1, 0, s.strength};
+    }
     template <class At>
     static void write(const LightSource& s, At at) {
         Base::write3(at, kLightN, s.n);

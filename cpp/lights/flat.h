@@ -20,6 +20,11 @@ template <class L, class Shape>
 struct FlatLight : LightShape<L> {
     VR_LIGHT_SHAPE(LightShape<L>);
     static constexpr bool kFlat = true;
+    // The middle is p + kMiddle (e1 + e2); the corners hold the lamp between them.
+    static constexpr double kMiddle = 0.5;
+    static Vec3<double> corner(const LightSource& s, int k) {
+        return s.p + s.e1 * (k & 1 ? 1. : 0.) + s.e2 * (k & 2 ? 1. : 0.);
+    }
 
     // The point, off the lamp.
     template <class Row>
@@ -37,6 +42,16 @@ struct FlatLight : LightShape<L> {
         return e;
     }
     static VR_HD double power(const LightSource& s) { return kPiDouble * s.area * s.strength; }
+    static LightBound bound(const LightSource& s) {
+        const Vec3<double> at = s.p + (s.e1 + s.e2) * Shape::kMiddle;
+        double square = 0;  // of the distance of the corners
+        for (int k = 0; k < 4; ++k) {
+            const Vec3<double> a = Shape::corner(s, k) - at;
+            const double own = a.x * a.x + a.y * a.y + a.z * a.z;
+            square = square < own ? own : square;
+        }
+        return {at, ieee_sqrt(square), s.n, 1, 0, s.area * s.strength};
+    }
     template <class At>
     static void write(const LightSource& s, At at) {
         Base::write3(at, kLightP, s.p);

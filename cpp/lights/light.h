@@ -1,24 +1,10 @@
-// The lights of a scene by lane: the choice of one, and its shape's functions for the shapes that
-// can occur.
+// The lights of a scene by lane: a light's shape's functions for the shapes that can occur. tree.h
+// chooses one.
 #pragma once
 
-#include "core/rng.h"
 #include "lights/shapes.h"
 
 namespace veriray {
-
-// The light whose interval holds u24 in [0, 2^24): its probability is exactly its share of 2^24.
-template <class U>
-VR_HD U choose_light(const LightView& lights, U u24) {
-    U first(0u);
-    for (uint32_t step = lights.top_step; step; step >>= 1) {
-        const U next = first + U(step);
-        const auto valid = next < U(lights.count + 1u);
-        const U end = gather(lights.cdf, select(valid, next, U(1u)) + U(~0u));
-        first = select(valid & !(u24 < end), next, first);
-    }
-    return first;
-}
 
 // kShapes: those that can occur. kTouching: some lamps may touch what lets light through.
 template <class L, uint32_t kShapes, bool kTouching>

@@ -39,6 +39,7 @@ struct PointLight : LightShape<L> {
         u = fma(dot(row.vector(column_u), wi), ahead, F(0.5f));
         v = fma(dot(row.vector(column_v), wi), ahead, F(0.5f));
     }
+    static LightBound bound(const LightSource& s) { return {s.p, 0, {0, 0, 0}, -1, 0, s.strength}; }
     template <class At>
     static void write(const LightSource& s, At at) {
         Base::write3(at, kLightP, s.p);

@@ -40,6 +40,12 @@ struct ProjectorLight : PointLight<L> {
     }
     // area: of the image at distance 1.
     static VR_HD double power(const LightSource& s) { return s.area * s.strength; }
+    // The cone through the image's corners.
+    static LightBound bound(const LightSource& s) {
+        const auto square = [](Vec3<double> a) { return a.x * a.x + a.y * a.y + a.z * a.z; };
+        const double corner = 0.25 / square(s.image_u) + 0.25 / square(s.image_v);
+        return {s.p, 0, s.n, 1 / ieee_sqrt(1 + corner), 1, s.strength};
+    }
     template <class At>
     static void write(const LightSource& s, At at) {
         Base::write(s, at);

@@ -7,6 +7,7 @@
 #include "core/mapping.h"
 #include "lights/sky_map.h"
 #include "lights/source.h"
+#include "lights/tree_view.h"
 #include "spectrum/spectrum.h"
 
 namespace veriray {
@@ -24,10 +25,11 @@ enum LightColumn : uint32_t {
     kLightN = kLightE2 + 3,      // unit: normal of the emitting side, or the way the light goes
     kLightOffset = kLightN + 3,  // shift along the normal past the rounding of a point (flat.h)
     kLightShape,
-    kLightInverse,   // 1 / the chance of being chosen; times the area for flat lights
+    kLightInverse,   // once it is chosen: of flat lights the area, else 1
     kLightRadiance,  // radiance, intensity, or irradiance across the beam: 3 columns
     kLightPrimitive = kLightRadiance + 3,  // bits
     kLightTexture,                         // that the radiance is multiplied by; -1: none
+    kLightLeaf,                            // bits: its branch of the tree
     kLightMore,                            // what a shape alone has
     kLightMoreColumns = 5,                 // of these
     kLightColumns = kLightMore + kLightMoreColumns,
@@ -36,9 +38,8 @@ enum LightColumn : uint32_t {
 // The lights of a scene.
 struct LightView {
     const float* table;        // [column][stride]
-    const uint32_t* cdf;       // upper ends of the choice intervals in units of 2^-24; last is 2^24
     uint32_t stride, count;    // count: of the lights that are sampled, the first rows
-    uint32_t top_step;         // largest power of two <= count
+    LightTreeView tree;        // of more than one light
     float sky[kLightColumns];  // its row, which is one for all lanes; black where there is none
     SkyMap map;                // its texels, if it has any
 };
@@ -68,7 +69,7 @@ template <class L>
 struct LightSample {
     using F = typename L::F;
     Spectrum<F> radiance;  // towards the receiver; 0 from the back
-    F inverse_pdf;         // per solid angle, choice included; of a delta light the choice alone
+    F inverse_pdf;         // per solid angle; of a delta light 1; the choice comes later
     F distance;            // a shadow ray's length; infinity for directional lights
     Vec3<F> wi;            // unit
     typename L::M delta;   // no ray can meet the light
@@ -77,7 +78,7 @@ struct LightSample {
     Vec3<F> place{};       // the point on it, or of a sphere its outward normal there
 };
 
-// A density per solid angle, choice included, as a fraction: who divides by another one divides
+// A density per solid angle, without the choice, as a fraction: who divides by another one divides
 // once.
 template <class F>
 struct LightPdf {
@@ -91,7 +92,7 @@ struct LightHit {
     Vec3<F> from;  // the receiver
     F t;           // distance from there
     F cos_light;   // of the way back to the lamp's normal
-    F chance;      // of being chosen; over the area for flat lights
+    F chance;      // 1; over the area for flat lights
 
     VR_HD LightPdf<F> by_area() const { return {chance * (t * t), cos_light}; }
 };
@@ -108,7 +109,7 @@ struct LightEmission {
     Vec3<F> p, d;
     Spectrum<F> radiance;
     F cosine;            // of d to the lamp's normal; 1 where there is none
-    F pdf_area, pdf_sa;  // choice included in the first; 1 of what has one place or one direction
+    F pdf_area, pdf_sa;  // 1 of what has one place or one direction
 };
 
 // Where rays find a light.
@@ -124,7 +125,8 @@ enum LightSite : uint32_t {
 //   pdf_li(row, hit): the density of these samples where a ray meets a lamp; of a sky
 //     pdf_li(row, d)
 //   emit(row, numbers): light that leaves it
-//   power(source): the flux that it emits, all channels, as it counts for the choice among lights
+//   power(source): the flux that it emits, all channels, by which the tree of lights is built
+//   bound(source): what it can give to a receiver
 //   write(source, at): its columns of a row but for those that all rows have; at(c): a float&
 // and of a sky radiance(row, d): that a ray along d meets.
 template <class L>

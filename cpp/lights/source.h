@@ -19,4 +19,14 @@ struct LightSource {
     float record[8], side;                  // of a sphere (sphere.h)
 };
 
+// What a light can give, for the light tree; see lights/tree_view.h, whose numbers these are.
+// Lengths are normalised; the strength is the sum of all channels.
+struct LightBound {
+    Vec3<double> p;
+    double radius;
+    Vec3<double> axis;
+    double wide, edge;  // cosines
+    double strength;
+};
+
 }  // namespace veriray

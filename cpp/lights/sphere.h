@@ -130,6 +130,14 @@ struct SphereLight : LightShape<L> {
     }
     static VR_HD double power(const LightSource& s) { return kPiDouble * s.area * s.strength; }
     static_assert(kSphereFloats == sizeof(LightSource::record) / sizeof(float));
+    // As bright as its cross section.
+    static LightBound bound(const LightSource& s) {
+        const auto sum = [&](int k) {
+            return static_cast<double>(s.record[k]) + static_cast<double>(s.record[3 + k]);
+        };
+        const double radius = static_cast<double>(s.record[6]);
+        return {{sum(0), sum(1), sum(2)}, radius, {0, 0, 0}, -1, 0, 0.25 * s.area * s.strength};
+    }
     template <class At>
     static void write(const LightSource& s, At at) {
         for (uint32_t k = 0; k < kSphereFloats; ++k) at(kLightP + k) = s.record[k];

@@ -74,6 +74,13 @@ struct SpotLight : PointLight<L> {
         }
         return 2 * kPiDouble * (1 - mean) * light.strength;
     }
+    // As if its intensity fell with the cosine of the angle, to 0 at the same one.
+    static LightBound bound(const LightSource& light) {
+        double sine, beam, edge;
+        sin_cos_degrees(light.beam, sine, beam);
+        sin_cos_degrees(light.cutoff - light.beam, sine, edge);
+        return {light.p, 0, light.n, beam, edge, light.strength};
+    }
     template <class At>
     static void write(const LightSource& s, At at) {
         Base::write(s, at);

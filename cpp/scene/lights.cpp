@@ -3,6 +3,7 @@
 
 #include "scene/box_pairs.h"
 #include "scene/light_texture.h"
+#include "scene/light_tree.h"
 
 namespace veriray {
 namespace {
@@ -172,7 +173,6 @@ double HostScene::mean_of_texture(const SceneInput& in, const AreaLight& light, 
     return light_texture(in, t).mean(corners);
 }
 
-// Selection probabilities are in proportion to emitted power, in units of 2^-24, at least one each.
 void HostScene::set_lights(const SceneInput& in) {
     const std::vector<AreaLight> lit = area_lights(in);
     std::vector<uint32_t> delta;
@@ -192,44 +192,26 @@ void HostScene::set_lights(const SceneInput& in) {
     };
 
     std::vector<double> power;
-    std::vector<bool> far;
-    double near_power = 0, far_power = 0;
+    std::vector<LightBound> bounds;
     for (uint32_t k = 0; k < l.count; ++k) {
-        const LightSource s = source(k);
-        with_shape(s.shape, [&](auto shape) { power.push_back(shape.power(s)); });
-        const LightSite site = kLights[s.shape].site;
-        far.push_back(site != kOnSurface && site != kAtPoint);
-        (far[k] ? far_power : near_power) += power[k];
-    }
-    if (!(near_power + far_power > 0)) power.assign(l.count, 1), near_power = l.count;
-    // Light from far away is counted over the whole scene, of which lamps may light a small part:
-    // beside these it gets half of the chances at most.
-    if (near_power > 0 && far_power > near_power)
-        for (uint32_t k = 0; k < l.count; ++k)
-            if (far[k]) power[k] *= near_power / far_power;
-    double total = 0, sum = 0;
-    for (const double p : power) total += p;
-    const uint32_t spare = (1u << 24) - l.count;
-    light_cdf.assign(std::max<size_t>(1, l.count), 1u << 24);
-    uint32_t before = 0;
-    double sky_chance = 0;
-    for (uint32_t k = 0; k < l.count; ++k) {
-        sum += power[k];
-        const uint32_t end =
-            k + 1 == l.count ? 1u << 24 : k + 1 + static_cast<uint32_t>(sum / total * spare);
-        light_cdf[k] = end;
-        const double chance = (end - before) * 0x1p-24;
-        before = end;
-        if (sky_sampled && k + 1 == l.count) sky_chance = chance;
         LightSource s = source(k);
         if (k < lit.size()) place_lamp(in, lit[k], s);
-        put_light(s, chance, light_table.data() + k, l.stride);
+        put_light(s, light_table.data() + k, l.stride);
+        with_shape(s.shape, [&](auto shape) {
+            power.push_back(shape.power(s));
+            bounds.push_back(shape.bound(s));
+        });
     }
-    if (sky.strength > 0) put_light(sky, sky_chance, l.sky, 1);
-    l.top_step = 1;
-    while (l.top_step * 2 <= l.count) l.top_step *= 2;
+    if (sky.strength > 0) put_light(sky, l.sky, 1);
+    if (l.count > 1) {
+        LightTreeTable tree = build_light_tree(bounds, power);
+        for (uint32_t k = 0; k < l.count; ++k)
+            light_table[size_t{kLightLeaf} * l.stride + k] = bit_cast<float>(tree.leaf[k]);
+        if (sky_sampled) l.sky[kLightLeaf] = bit_cast<float>(tree.leaf[l.count - 1]);
+        light_tree = std::move(tree.branches);
+        l.tree = {light_tree.data(), tree.root};
+    }
     l.table = light_table.data();
-    l.cdf = light_cdf.data();
     if (in.hides_light) {  // light_chance -1: a lamp too, which emits nothing
         for (size_t p = 0; p < sources.size(); ++p)
             if (in.emission(sources[p].group).data[sources[p].row] >= 0 && light_chance[p] == 0)
@@ -237,7 +219,7 @@ void HostScene::set_lights(const SceneInput& in) {
         view.features |= kHidden;
     }
     view.light_chance = light_chance.data();
-    if (view.features & kOwnPdfLights) {
+    if ((view.features & kOwnPdfLights) || l.count > 1) {
         light_row.assign(padded(sources.size()), 0.f);
         for (size_t k = 0; k < lit.size(); ++k)
             light_row[lit[k].primitive] = light_row[lit[k].other] = static_cast<float>(k);
@@ -272,19 +254,18 @@ void HostScene::set_lights(const SceneInput& in) {
 }
 
 // A row of the light table, column c at row[c * stride], and what primitives know of it.
-void HostScene::put_light(const LightSource& s, double chance, float* row, size_t stride) {
+void HostScene::put_light(const LightSource& s, float* row, size_t stride) {
     const auto at = [&](uint32_t c) -> float& { return row[c * stride]; };
     const double per = kLights[s.shape].flat ? s.area : 1;
     at(kLightShape) = static_cast<float>(s.shape);
-    at(kLightInverse) = static_cast<float>(per / chance);
+    at(kLightInverse) = static_cast<float>(per);
     at(kLightPrimitive) = bit_cast<float>(s.primitive);
     at(kLightTexture) = static_cast<float>(s.texture);
     for (uint32_t k = 0; k < 3; ++k) at(kLightRadiance + k) = s.radiance[k];
     with_shape(s.shape, [&](auto shape) { shape.write(s, at); });
     view.features |= lights(shape_bit(s.shape));
     if (kLights[s.shape].site != kOnSurface) return;
-    for (const uint32_t p : {s.primitive, s.other})
-        light_chance[p] = static_cast<float>(chance / per);
+    for (const uint32_t p : {s.primitive, s.other}) light_chance[p] = static_cast<float>(1 / per);
 }
 
 // What a lamp emits; place_lamp() gives the rest.

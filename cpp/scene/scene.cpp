@@ -422,7 +422,7 @@ size_t HostScene::memory() const {
     return sizeof(SceneView) +
            4 * (primitives.size() + smooth.size() + light_chance.size() + light_row.size() +
                 surfaces.size() + media.size() + light_table.size() + filter_edges.size() +
-                surface_of.size() + light_cdf.size() + records.size() + round_boxes.size() +
+                surface_of.size() + light_tree.size() + records.size() + round_boxes.size() +
                 uv.size() + tangents.size() + textures.size() + texels.size() + sky_texels.size() +
                 sky_ends.size() + sky_sines.size() + sky_guides.size() + grids.size() +
                 cells.size());

@@ -191,10 +191,10 @@ class HostScene {
     Large<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     Large<float> primitives, smooth, sky_texels, sky_ends;
-    std::vector<float> light_chance, light_row, surfaces, media, light_table, filter_edges, uv,
-        tangents, textures, sky_sines, grids, cells;
+    std::vector<float> light_chance, light_row, surfaces, media, light_table, light_tree,
+        filter_edges, uv, tangents, textures, sky_sines, grids, cells;
     Large<uint32_t> surface_of;
-    std::vector<uint32_t> light_cdf, texels, sky_guides;
+    std::vector<uint32_t> texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     Large<float> records;
     std::vector<float> round_boxes;
@@ -263,7 +263,7 @@ class HostScene {
     double most_intense(const SceneInput& in, size_t q) const;
     double mean_of_texture(const SceneInput& in, const AreaLight& light, int32_t texture) const;
     void place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const;
-    void put_light(const LightSource& s, double chance, float* row, size_t stride);
+    void put_light(const LightSource& s, float* row, size_t stride);
     void set_first_occluder();
     void set_camera(const SceneInput& in);
     void set_filter(const SceneInput& in);

@@ -103,9 +103,9 @@ struct SceneView {
     const float* smooth;         // by primitive: kSmoothFloats
     const float* uv;             // by primitive: kUvFloats; with kTextures or kTangents only
     const float* tangents;       // by primitive: kTangentFloats; with kTangents only
-    const float* light_chance;   // by primitive: of being chosen, / area if flat; 0: no emitter;
-                                 // -1: of 0, with kHidden
-    const float* light_row;      // by primitive: in the light table; with kOwnPdfLights only
+    const float* light_chance;   // by primitive: 1, / area if flat; 0: no emitter; -1: of 0, with
+                                 // kHidden
+    const float* light_row;      // by primitive: in the light table; null where nothing needs it
     const uint32_t* surface_of;  // by primitive; null: the same index
     const float* surfaces;       // [column][surface_stride]
     const float* media;          // [column][medium_stride]; medium 0 is the vacuum

@@ -57,6 +57,31 @@ void bind_testing(py::module_& m) {
                         t.mutable_data(), primitive.mutable_data());
               return py::make_tuple(t, primitive);
           });
+    m.def(
+        "choose_lights",
+        [](const Scene& scene, const Array<double>& points, const Array<double>& normals,
+           const Array<uint32_t>& sides, const Array<uint32_t>& u24, const Array<uint32_t>& row) {
+            need_shape(points, "points", {-1, 3});
+            const py::ssize_t n = points.shape(0);
+            need_shape(normals, "normals", {n, 3});
+            if (sides.size() != n || u24.size() != n || row.size() != n)
+                throw py::value_error("sides, u24 and row must have a number for each point");
+            const LightAnswer a =
+                choose_lights(scene, points.data(), normals.data(),
+                              {{}, to_vector(sides), to_vector(u24), to_vector(row)});
+            return py::make_tuple(to_array(a.chosen, {n}), to_array(a.chance, {n}),
+                                  to_array(a.of_row, {n}));
+        },
+        "scene"_a, "points"_a, "normals"_a, "sides"_a, "u24"_a, "row"_a);
+    m.def(
+        "light_tree",
+        [](const Scene& scene) {
+            const auto [branches, root] = light_tree(scene);
+            const py::ssize_t row = kBranchFloats;
+            return py::make_tuple(
+                to_array(branches, {static_cast<py::ssize_t>(branches.size()) / row, row}), root);
+        },
+        "scene"_a);
     m.def("count_leaks", [](const Scene& scene, const Array<double>& origins, uint64_t first,
                             uint64_t n) {
         need_shape(origins, "origins", {-1, 3});

@@ -332,6 +332,15 @@ def add_integers(
 def intersect(
     scene: Scene, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]: ...
+def choose_lights(
+    scene: Scene,
+    points: npt.NDArray[np.float64],
+    normals: npt.NDArray[np.float64],
+    sides: npt.NDArray[np.uint32],  # 0: all, 1: the normal's, 2: both
+    u24: npt.NDArray[np.uint32],
+    row: npt.NDArray[np.uint32],
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32], npt.NDArray[np.float32]]: ...
+def light_tree(scene: Scene) -> tuple[npt.NDArray[np.float32], int]: ...  # (B, 16); root's branches
 def count_leaks(
     scene: Scene, origins: npt.NDArray[np.float64], first: int, n: int
 ) -> tuple[int, int]: ...

@@ -18,7 +18,6 @@ from .sections import (
     Table,
     adaptive_section,
     compaction_section,
-    lights_section,
     num,
     of_kind,
     ratio_by,
@@ -69,7 +68,7 @@ def sections(results: Sequence[Result]) -> list[Section]:
         for part in (
             _targets(results), _void(results), _speed(results), _error(results),
             _scaling(results), _depth(results), compaction_section(results),
-            variants_section(results), roulette_section(results), lights_section(results),
+            variants_section(results), roulette_section(results),
             adaptive_section(results), _rest(results), _facts(results),
         )
         if part.tables or part.plots
@@ -364,7 +363,7 @@ def line(scenario: Scenario, row: Result, backend: str) -> str:
     if "points" in row:
         rates = [p["rows"]["veriray"]["mpaths_per_second"] for p in row["points"]]
         parts.append(f"veriray {num(min(rates))} to {num(max(rates))} Mpaths/s")
-    if row["kind"] in ("variants", "roulette", "lights"):
+    if row["kind"] in ("variants", "roulette"):
         parts += [f"{key} {v if isinstance(v, str) else num(v)}" for key, v in
                   row.get("figures", {}).items()]  # fmt: skip
     for target in scenario.targets:

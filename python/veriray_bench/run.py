@@ -31,7 +31,6 @@ KINDS: dict[str, Callable[..., dict[str, Any]]] = {
     "adaptive": studies.adaptive,
     "variants": studies.variants,
     "roulette": studies.roulette,
-    "lights": studies.lights,
     "cold": process.cold,
     "memory": process.memory,
 }

@@ -213,8 +213,6 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("roulette-medium", "where roulette starts, glass sphere with a medium", _MEDIUM,
              "roulette", _both(256), _SPP, max_depth=128, rounds=9, vary=_STARTS,
              reference_spp=8192, peers=False),
-    Scenario("lights", "choice by power against uniform choice, 1,024 lamps", "lights", "lights",
-             _both(64, 256), _both((1024,)), max_depth=2, rounds=3, peers=False),
     Scenario(
         "build", "the tree over 1,310,720 triangles", _MESH, "build", _SIZE, _FEW, peers=False,
         targets=(
@@ -307,21 +305,6 @@ _TWO_SPHERES = f"""<shape type="sphere">
     </shape>
 </scene>
 """
-_FLOOR = f"""<shape type="rectangle">
-        <transform name="to_world">
-            <scale value="8"/>
-            <translate z="-4"/>
-        </transform>
-        {_WHITE}
-    </shape>"""
-_LAMP = """<shape type="rectangle">
-        <transform name="to_world">
-            <scale value="0.01"/>
-            <rotate x="1" angle="180"/>
-            <translate x="{:.4f}" y="{:.4f}" z="{:.4f}"/>
-        </transform>
-        <emitter type="area"><rgb name="radiance" value="{:d}"/></emitter>
-    </shape>"""
 _NEAR_LAMP = """<shape type="rectangle">
         <transform name="to_world">
             <scale x="0.6" y="0.4"/>
@@ -337,8 +320,6 @@ _BOARD = r"""<texture type="checkerboard" name="reflectance">
             <transform name="to_uv"><scale value="4"/></transform>
         </texture>"""
 _SAMPLER = 'sampler type="independent"'
-#: Scene "lights": classes of lamps, lamps in each, and the ratio of power from class to class.
-LAMP_CLASSES, LAMPS, LAMP_RATIO = 8, 128, 4
 
 
 def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
@@ -351,9 +332,9 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     spheres", Mitsuba's box with two of
     them for its boxes, "cornell thin" with one of thin glass, "cornell rough" with rough ones,
     "image sky" with an image around it; "cornell textured", the box with checkerboards for its
-    colours, "cornell textured spheres" with the two spheres as well; "lights", small lamps over a
-    floor, and "lights C", those of class C alone. Parameters of the file: width, height, max_depth
-    and rr_depth. sampler: Mitsuba's name; the only word in which the files of a scene differ.
+    colours, "cornell textured spheres" with the two spheres as well. Parameters of the
+    file: width, height, max_depth and rr_depth. sampler: Mitsuba's name; the only word in which
+    the files of a scene differ.
     """
     if name in SHIPPED:
         path = find_shipped(name)
@@ -388,9 +369,6 @@ def _made(name: str, folder: Path) -> str:
         text = find_shipped(_BOX).read_text("utf-8")
         spheres = _TWO_SPHERES.replace("</scene>", _IMAGE_SKY + "</scene>")
         return text[: text.index('<shape type="cube"')] + spheres
-    if name.startswith("lights"):
-        chosen = name.removeprefix("lights").strip()
-        return _SCENE.format(sky="", shape=_lamps(chosen), integrator="path")
     if name.startswith("glass") and "icosphere" not in name:
         inside = _MEDIUM_INSIDE if "medium" in name else ""
         shape = f'<shape type="sphere">\n        {_GLASS}{inside}\n    </shape>'
@@ -406,14 +384,6 @@ def _made(name: str, folder: Path) -> str:
     shape = _PLY.format(name=stem, bsdf=bsdf)
     sky = _NEAR_LAMP if name.startswith("lamp") else _SKY
     return _SCENE.format(sky=sky, shape=shape, integrator="path")
-
-
-def _lamps(chosen: str) -> str:
-    """The floor and the lamps of class `chosen`, of all for "". Places differ in all classes."""
-    place = np.random.default_rng(7).uniform((-8, -8, -3), (8, 8, -1), (LAMP_CLASSES, LAMPS, 3))
-    classes = range(LAMP_CLASSES) if chosen == "" else (int(chosen),)
-    lamps = [_LAMP.format(*at, LAMP_RATIO**c) for c in classes for at in place[c]]
-    return "\n    ".join([_FLOOR, *lamps])
 
 
 def _write_sky(path: Path) -> None:

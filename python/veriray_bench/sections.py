@@ -188,24 +188,3 @@ def roulette_section(results: Sequence[Result]) -> Section:
         out.plots.append(("Efficiency by start depth, with standard errors",
                           plots.efficiency(curves)))  # fmt: skip
     return out
-
-
-def lights_section(results: Sequence[Result]) -> Section:
-    """Scenarios of kind "lights"."""
-    rows = []
-    text = ""
-    for device, name, result in of_kind(results, "lights"):
-        by_power = result["rows"]["by power"]["variance"]
-        for who, row in result["rows"].items():
-            rows.append([device, name, who, num(row["variance"]), f"{100 * row['spread']:.1f} %",
-                         with_unit(row["variance"] / by_power, "x")])  # fmt: skip
-        text = (
-            f"Variance of one sample of direct light from {result['lamps']:,} lamps whose powers "
-            f"are {', '.join(f'{p:,.0f}' for p in result['powers'])}, equally many of each. "
-            "Uniform selection is not a setting of the renderer: its variance follows from "
-            "pictures of each power's lamps alone. So does that of selection by power, which is "
-            "checked against the measured one. Best: the best probabilities that are the same at "
-            "every point."
-        )
-    columns = ("device", "scenario", "selection", " variance", " spread", " of that by power")
-    return Section("Selection among many lights", text, [Table(columns, rows)] if rows else [])

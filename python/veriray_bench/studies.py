@@ -1,6 +1,4 @@
-"""Kinds of scenarios about veriray alone: compaction, adaptive sampling, variants, roulette, and
-the choice among lights.
-"""
+"""Kinds of scenarios about veriray alone: compaction, adaptive sampling, variants, roulette."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ from .compaction import STRATEGIES, study
 from .kinds import REFERENCE_SEED, Bench, Result, Settings, loaded
 from .measure import Array, errors, mean, mean_error, means_agree, median, spread
 from .race import Lane, Veriray, compare, differ, race, summary
-from .scenarios import LAMP_CLASSES, LAMP_RATIO, NO_ROULETTE, Scenario, scene_file
+from .scenarios import NO_ROULETTE, Scenario, scene_file
 
 LIMIT = 2**16  # samples of a pixel at most, of either way
 _TRY = 256  # samples of the render that says how many uniform ones need
@@ -177,55 +175,3 @@ def _start(reference: Render, who: Veriray, lane: Lane, base: Lane, margin: floa
         error = gain * float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
         row["efficiency"][key] = [gain, error]
     return row
-
-
-# ---- choice among lights ----
-
-
-def lights(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
-    """Variance of one sample where lamps are chosen by power, against uniform choice.
-
-    The renderer has no uniform choice. But within a class all lamps have the same power and so the
-    same chance: a picture of one class alone gives its second moment m, and any chances P of the
-    classes the variance sum m / P - mean^2, at max_depth 2 and with lamps too small to be hit by
-    chance. That of P by power must be the measured variance of all lamps, to 5 % and four standard
-    errors (by chance void once in 16,000), or the result is void. "best" has P in proportion to
-    sqrt(m): no choice that is the same everywhere does better.
-    """
-    rounds, spp = settings["rounds"], settings["spp"][0]
-    step = bench.steps(rounds * (LAMP_CLASSES + 1))
-    names = ["lights", *(f"lights {c}" for c in range(LAMP_CLASSES))]
-    field = [bench.ours(load_file(scene_file(n, bench.folder)), settings) for n in names]
-    power = LAMP_RATIO ** np.arange(LAMP_CLASSES, dtype=np.float64)
-    found: dict[str, list[float]] = {}
-    noise = []  # of the measured variance, relative
-    for seed in range(rounds):
-        moments, means, measured = [], [], 0.0
-        for k, who in enumerate(field):
-            _, image = who.run(spp, len(field) * seed + k)
-            step()
-            square = who.last.stderr.astype(np.float64) ** 2
-            if k == 0:
-                measured = spp * float(square.mean())
-                noise.append(float(square.std() / square.mean()) / settings["width"])
-                continue
-            means.append(image.astype(np.float64))
-            moments.append(float(np.mean((spp - 1) * square + means[-1] ** 2)))
-        m = np.array(moments)
-        total = float(np.mean(np.sum(means, axis=0) ** 2))
-        found.setdefault("by power, measured", []).append(measured)
-        for name, weight in (("by power", power), ("uniform", np.ones(len(m))),
-                             ("best", np.sqrt(m))):  # fmt: skip
-            found.setdefault(name, []).append(float((m * weight.sum() / weight).sum()) - total)
-    rows = {name: {"variance": float(np.mean(v)), "spread": spread(v)} for name, v in found.items()}
-    by_power = rows["by power"]["variance"]
-    out: Result = {"rows": rows, "lamps": len(field[0].scene.triangles) // 2 - 1,
-                   "powers": power.tolist(), "figures": {}}  # fmt: skip
-    off = by_power / rows["by power, measured"]["variance"] - 1
-    if abs(off) > 0.05 + 4 * math.sqrt(2 / rounds) * np.mean(noise):
-        return {**out, "void": f"the classes predict the measured variance {100 * off:+.1f} % off"}
-    out["figures"] = {
-        "uniform_over_power": rows["uniform"]["variance"] / by_power,
-        "best_over_power": rows["best"]["variance"] / by_power,
-    }
-    return out

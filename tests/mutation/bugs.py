@@ -132,7 +132,7 @@ _FACETS, _CLOSURE = "bsdfs/microfacet.h", "bsdfs/closure.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
 _LAMP, _ROUND_LIGHT, _RECTANGLE = (f"lights/{n}.h" for n in ("flat", "sphere", "rectangle"))
 _SPOT, _POINT, _PARALLEL = (f"lights/{n}.h" for n in ("spot", "point", "directional"))
-_PROJECTOR = "lights/projector.h"
+_PROJECTOR, _TREE = "lights/projector.h", "lights/tree.h"
 _CAMERA, _MAPPING = "camera/perspective.h", "core/mapping.h"
 _TEXTURE, _TEXTURING = "textures/texture.h", "integrators/texturing.h"
 _GRID, _VOLUMES = "textures/grid.h", "integrators/volumes.h"
@@ -147,7 +147,7 @@ _CUT = "segment + 1 >= s.max_depth ? scatters : no_lanes(scatters)"
 _HIT = "emitted * mis_weight(path.pdf_sa, ratio)"
 _NEE = "light.inverse_pdf / fma(ratio, ratio, F(1.f))"
 _SKY = "Sampler::sky(Direct::sky_row(scene), path.ray.d, weight)"
-_MET = "Direct::light_pdf(scene, prim, {path.ray.o, hit.t, cos_light, chance}, lit)"
+_MET = "Direct::light_pdf(scene, path, prim, {path.ray.o, hit.t, cos_light, chance}, lit)"
 _FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
 _LIT = "hit_emitter(scene, path, place.hit, at, covered)"
 _T_MAX = "shadow.t_max = light.distance;"
@@ -439,9 +439,9 @@ _LIGHTS = (
            " const F along = F(1.f) - r * c, s2 = r * r * (F(1.f) - c * c);"
            " const F z = along / sqrt(along * along + s2);"
            " return uniform_cone((F(1.f) - z) / open, v, open); }()", "sphere_light"),
-    Mutant("sphere light's chance left out when hit", _ROUND_LIGHT,
-           "at.chance * sphere_light_pdf(record, at.from)", "sphere_light_pdf(record, at.from)",
-           "spheres_300"),
+    Mutant("chance of a lamp left out when hit", _DIRECT,
+           "pdf.over * chance(scene, path, as_uint(row_of(scene, row)(kLightLeaf)), competes)",
+           "pdf.over", "spheres_300"),
     Mutant("rectangle by area, weighted by solid angle", _RECTANGLE, "view.sample(u, v, a, b);",
            "a = u; b = v;", "near_lamps"),
     Mutant("rectangle's density by area when hit", _RECTANGLE,
@@ -463,15 +463,15 @@ _LIGHTS = (
            " (F(2.f) * row(kSpotCutoff) - F(1.f) / row(kSpotInverse))", "spot_light"),
     Mutant("point light by 1/r", _POINT, "row.radiance() * (F(1.f) / d2)",
            "row.radiance() * (F(1.f) / distance)", "point_light"),
-    Mutant("point light without its chance", _POINT, "return {radiance, row(kLightInverse),"
-           " distance * F(kShadowShorten), wi, lanes, U(~0u)};",
-           "return {radiance, F(1.f), distance * F(kShadowShorten), wi, lanes, U(~0u)};",
+    Mutant("light without its chance", _DIRECT, "light.inverse_pdf / chance", "light.inverse_pdf",
            "spot_light"),
-    Mutant("directional light without its chance", _PARALLEL,
-           "return {row.radiance(), row(kLightInverse), F(kInfinity), -row.vector(kLightN),"
-           " lanes, U(~0u)};",
-           "return {row.radiance(), F(1.f), F(kInfinity), -row.vector(kLightN), lanes, U(~0u)};",
-           "directional_light"),
+    Mutant("one light chosen, the chance of another", _TREE,
+           "branch = select(here, first + U(k), branch);",
+           "branch = select(here, first + U(s.n - 1u - k), branch);", "spot_light"),
+    Mutant("lights behind a pane have no chance", _TREE, "select(at.both, abs(up), up)", "up",
+           "rough_glass"),
+    Mutant("lights without a chance where the normal looks away from the middle", _TREE,
+           "cosine_less(select(at.both, abs(up), up), cosine, sine)", "up", "spheres_300"),
     Mutant("sky weighted as if it were sampled too", _VERTEX, _SKY,
            f"{_SKY} * mis_weight(path.pdf_sa, F(0.25f * kInvPi))", "null_medium"),
     Mutant("disk light with the area of its box", "scene/scene.cpp",

@@ -152,8 +152,8 @@ _LIGHTS = (
            "fma(row.vector(kLightE1), at.u, fma(row.vector(kLightE2), at.v, row.vector(kLightP)))",
            "fma(row.vector(kLightE1), at.u * F(.98f),"
            " fma(row.vector(kLightE2), at.v, row.vector(kLightP)))"),
-    Mutant("chance of a light left out of its density", _LIGHT_TABLE, "(end - before) * 0x1p-24",
-           "1.0"),
+    Mutant("chance of a light left out of its density", _DIRECT, "light.inverse_pdf / chance",
+           "light.inverse_pdf"),
     Mutant("density by area, not by solid angle", _LAMP, _PDF, "row(kLightInverse)"),
     Mutant("triangle lamp sampled without the root", _MAPPING, "b1 = r * (F(1.f) - v); b2 = r * v;",
            "b1 = u * (F(1.f) - v); b2 = u * v;"),
@@ -170,8 +170,14 @@ _LIGHTS = (
            "s.place = fma(row.vector(kLightE1), F(0.01f), q);"),
     Mutant("sky met by camera rays alone", _VERTEX, _SKY,
            f"{_SKY} * select(path.pdf_sa == F(0.f), F(1.f), F(0.f))"),
-    Mutant("half of the lights' chance kept for a sky", _LIGHT_TABLE, "(end - before) * 0x1p-24",
-           "(end - before) * (sum3(in.environment.data) > 0 ? 0x1p-25 : 0x1p-24)"),
+    Mutant("a light's share without its unit of 2^-24", "lights/tree.h",
+           "to_uint(min(sum * scale, spare)) + rank", "to_uint(min(sum * scale, spare))"),
+    Mutant("cones of lights a tenth of a radian too narrow", "scene/light_tree.cpp",
+           "at(b, kBranchWide) = static_cast<float>(wide);",
+           "at(b, kBranchWide) = static_cast<float>(wide < 1 ? 0.005 + 0.995 * wide : 1);"),
+    Mutant("balls of lights a tenth too small", "scene/light_tree.cpp",
+           "at(b, kBranchRadius) = static_cast<float>(radius * (1 + 0x1p-20));",
+           "at(b, kBranchRadius) = static_cast<float>(radius * 0.9);"),
     Mutant("image of a sky torn at its seam", _IMAGE,
            "select(column + U(1u) < U(map.width), column + U(1u), U(0u))",
            "select(column + U(1u) < U(map.width), column + U(1u), column)"),
@@ -187,8 +193,8 @@ _LIGHTS = (
            "select(pole, F(0.f), c.chance)"),
     Mutant("chance of an image's cell from its upper end alone", _TABLE_OF_SKY,
            "end(k) - start(k)", "end(k)"),
-    Mutant("image of a sky sampled, but met without its chance", _LIGHT_TABLE,
-           "put_light(sky, sky_chance, l.sky, 1)", "put_light(sky, 1, l.sky, 1)"),
+    Mutant("image of a sky sampled, but met without its chance", _VERTEX,
+           "pdf.over * Direct::chance(scene, path, leaf, escaped)", "pdf.over"),
 )  # fmt: skip
 
 _MEDIA = (

@@ -16,7 +16,7 @@ import veriray
 from veriray.cli import main
 from veriray.info import FEATURES
 from veriray.shipped import SHIPPED
-from veriray_bench import SCENARIOS, BenchError, peers, report, run, studies, targets
+from veriray_bench import SCENARIOS, BenchError, peers, report, run, targets
 from veriray_bench.measure import at_error, errors, mean, mean_error, slope
 from veriray_bench.race import Veriray, compare, race
 from veriray_bench.run import KINDS, choose, read
@@ -43,7 +43,6 @@ def test_scenarios_are_well_formed() -> None:
             "cornell",
             "image",
             "lamp",
-            "lights",
             "medium",
         )
         assert bool(s.vary) == (s.kind in ("scaling", "adaptive", "roulette"))
@@ -69,7 +68,7 @@ def test_every_target_is_there() -> None:
 
 def test_the_files_of_a_scene_differ_in_the_sampler_alone(folder: Path) -> None:
     for name in ("cornell-box-mitsuba", "cornell spheres", "glass medium", "glass sphere",
-                 "icosphere 1", "glass icosphere 1", "lights", "lights 7"):  # fmt: skip
+                 "icosphere 1", "glass icosphere 1"):  # fmt: skip
         plain = scene_file(name, folder)
         other = scene_file(name, folder, "multijitter")
         assert veriray.load_file(plain, {"width": 8, "height": 8}).film.width == 8
@@ -299,18 +298,6 @@ def test_a_start_with_another_mean_is_void(monkeypatch: pytest.MonkeyPatch) -> N
     assert row["figures"]["winner"] != "rr_depth 8"
 
 
-def test_lights_follow_from_their_classes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted: powers that the lamps do not have."""
-    row = quick("lights")
-    assert row["lamps"] == 1024 and row["powers"] == [4.0**k for k in range(8)]
-    assert "void" not in row and row["figures"]["uniform_over_power"] > 4
-    assert row["figures"]["best_over_power"] <= 1
-    monkeypatch.setattr(studies, "LAMP_RATIO", 2)
-    row = quick("lights")
-    assert row["void"].startswith("the classes predict the measured variance +")
-    assert row["figures"] == {}
-
-
 # ---- the runner ----
 
 
@@ -410,12 +397,6 @@ def canned(ratio: float = 7.0) -> dict[str, Any]:
                 "rows": {"rr_depth 2": early, "rr_depth 5": start, "rr_depth 8": {"void": "means"}},
                 "figures": {"winner": "rr_depth 2", "efficiency": 1.25, "error": 0.0625},
             },
-            "lights": {
-                **common, "kind": "lights", "title": "l", "lamps": 1024, "powers": [1.0, 4.0],
-                "rows": {"by power": {"variance": 2.0, "spread": 0.01},
-                         "uniform": {"variance": 11.0, "spread": 0.02}},
-                "figures": {"uniform_over_power": 5.5},
-            },
         },
     }  # fmt: skip
 
@@ -464,7 +445,7 @@ def test_report_has_the_rows(folder: Path, suffix: str) -> None:
         "1 of 6 targets met", "the means differ", "cornell, 512x512, 64 spp", "7 x", "2.5 s",
         "-3.0e-05, 1.1", "c0ffee", "llvm_ad_rgb", "at least 6 x",
         "-1.000", "640", "everything", "of every path 60", "rr_depth 2 (best)",
-        "1.250 \u00b1 0.062", "0.875 \u00b1 0.031", "1,024 lamps whose powers are 1, 4", "5.5 x",
+        "1.250 \u00b1 0.062", "0.875 \u00b1 0.031",
     ):  # fmt: skip
         assert expected in text, expected
     pictures = list((folder / "r_plots").glob("*.png")) if suffix == ".md" else []

@@ -126,7 +126,8 @@ def lamp_beside_faint_light_from_far_away(t: Trial, far: str, half: float) -> No
     even = {"type": "envmap", "bitmap": np.full((2, 4, 3), 0.1, np.float32)}
     exact = 0.5 / math.pi * (20 + 0.1 * (1 if far == "sun" else math.pi))
     light = sun if far == "sun" else even
-    t.agrees(scene(EYE, ground, lamp, light, max_depth=2), exact, 400_000, sees=0.01)
+    # Samples of both lights weigh almost alike; 2e-5: the shadow rays' offset from the ground.
+    t.agrees(scene(EYE, ground, lamp, light, max_depth=2), exact, 400_000, sees=0.01, margin=2e-5)
 
 
 @case(3, each={"inside": (True, False)})
@@ -326,7 +327,7 @@ def penumbra_of_a_disk(t: Trial) -> None:
 
 @case(3)
 def forty_point_lights(t: Trial) -> None:
-    """Forty point lights, selected one at a time in proportion to some power.
+    """Forty point lights, of which one is chosen at a time.
 
     The sum of all of them.
     """

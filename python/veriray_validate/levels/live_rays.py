@@ -125,8 +125,9 @@ def closed_furnace(t: Trial, albedo: float, rr_depth: int, scheduler: str) -> No
     t.p(min(1.0, 2 * float(min(law.cdf(later), law.sf(later - 1)))), "all later survivors")
     for end in set(ENDS) - {"rr_killed", "escaped", "absorbed"}:
         t.check(not column(r, end).any(), f"paths end as {end}")
-    # Light choice: 5 of 6 walls are not one's own, whatever the vertex.
-    t.p(binomial(int(column(r, "shadow_visible").sum()), int(live.sum()), 5 / 6), "shadow rays")
+    # One's own wall is no brighter from a point of it than the others together.
+    lit = int(column(r, "shadow_visible").sum())
+    t.check(live.sum() / 2 < lit <= live.sum(), "shadow rays")
     t.figure("live", live[:100])
     first = smallest_rate(float(live[rr_depth - 1]), rho**rr_depth) / rr_depth
     all_later = 4.57 * (1 - rho) / math.sqrt(start * rho)

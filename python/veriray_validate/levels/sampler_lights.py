@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray.scene import Scene
+from veriray_validate.levels.light_choice import chances
 from veriray_validate.levels.light_shapes import NUMBER
 from veriray_validate.levels.numbers import jacobian, places
 from veriray_validate.levels.samplers import (
@@ -347,13 +348,17 @@ def hidden_parts_of_lights(t: Trial, name: str) -> None:
     count(t, hidden, wanted, share, name)
 
 
+def at_origin(t: Trial, parts: list[Part]) -> Array:
+    """The chances of the lights at the origin on the floor, by row of the light table."""
+    return chances(t, make([FLOOR, *parts], VIEW), np.zeros(3), np.array([0, 0, 1.0]))
+
+
 @case(2)
 def choice_of_light(t: Trial) -> None:
     """Two lamps, of which a black plate hides the first: its share of shadow rays is occluded.
 
-    Selection is in proportion to area times radiance, here 2 x 1 x 3 to 1 x 1 x 2: 3/4, with and
-    without a sky, which takes no light samples. Exact binomial, 4 x 10^5 rays: sees 0.3 %
-    (absolute).
+    Its chance is that of `light_choice`, with and without a sky, which takes no light samples.
+    Exact binomial, 4 x 10^5 rays: sees 0.3 % (absolute).
     """
     lamps = [quad([-3, -0.5, 2], [0, 1, 0], [2, 0, 0], 0, 3.0),
              quad([1, -0.5, 2], [0, 1, 0], [1, 0, 0], 0, [1.0, 2.0, 3.0])]  # fmt: skip
@@ -362,7 +367,7 @@ def choice_of_light(t: Trial) -> None:
     for sky in (0.0, 0.5):
         hidden, wanted = shadowed(t, [*lamps, plate], 4 * N, sky)
         t.check(wanted == n, "wanted")
-        count(t, hidden, n, 2 * 9 / (2 * 9 + 1 * 6), f"sky {sky}")
+        count(t, hidden, n, at_origin(t, [*lamps, plate])[0], f"sky {sky}")
 
 
 #: Three lamps as seen from the origin: corner and edges. Each emits in a channel of its own, with
@@ -399,8 +404,8 @@ def light_and_place_are_independent(t: Trial, tree: bool) -> None:
 
     A pixel is a sample. Its channel identifies the lamp, and plates in front of half of the cells
     give the bits of the cell, in nine renders with one seed; roulette ends all paths at the floor.
-    Chi-square of (lamp, u, v) over 3 x 16 x 16, 3 x 4 x 4 and 3 x 2 x 2 cells: areas times
-    radiances, on each lamp by solid angle. 2.5 x 10^5 samples: sees 1.3 % between halves. In a
+    Chi-square of (lamp, u, v) over 3 x 16 x 16, 3 x 4 x 4 and 3 x 2 x 2 cells: the chances of
+    `light_choice`, on each lamp by solid angle. 2.5 x 10^5 samples: sees 1.3 % between halves. In a
     tree, lamps are pairs of triangles.
     """
     side, seed = 500, t.fresh()
@@ -423,13 +428,11 @@ def light_and_place_are_independent(t: Trial, tree: bool) -> None:
     lamp, t.samples = free.argmax(axis=-1).ravel(), free[..., 0].size
     place = [sum((~arrives(stripes(bit, across)).any(axis=-1)).ravel().astype(np.int64) << bit
                  for bit in range(4)) for across in (False, True)]  # fmt: skip
-    power = np.array(
-        [np.linalg.norm(np.cross(a, b)) * (3 - k) for k, (_, a, b) in enumerate(JOINT)]
-    )
+    chance = chances(t, make([*floor, *lamps], view), np.zeros(3), np.array([0, 0, 1.0]))
     counts = np.zeros((3, CELLS, CELLS))
     np.add.at(counts, (lamp, *place), 1)
     share = np.array([cells_seen(*lamp) for lamp in JOINT])
-    share *= (power / power.sum() / share.sum(axis=(1, 2)))[:, None, None]
+    share *= (chance / share.sum(axis=(1, 2)))[:, None, None]
     for size in (16, 4, 2):
         cut = CELLS // size
         observed, expected = (x.reshape(3, size, cut, size, cut).sum(axis=(2, 4))
@@ -442,9 +445,9 @@ def light_and_place_are_independent(t: Trial, tree: bool) -> None:
 
 @case(2)
 def choice_among_many_lights(t: Trial) -> None:
-    """Each of 100 lamps of radiance 1 to 100 in turn emits upwards.
+    """Of 100 lamps of radiance 1 to 100 one in turn emits upwards: it takes no light samples.
 
-    Shadow rays requested: the share of the others. Binomial for nine lamps; sees 0.3 % of all rays.
+    All other samples request a shadow ray, exactly.
     """
 
     def lamp(k: int, up: bool) -> Part:
@@ -454,7 +457,7 @@ def choice_among_many_lights(t: Trial) -> None:
     n = 50_000 * t.effort
     for turned in (0, 1, 2, 31, 50, 62, 63, 98, 99):
         _, wanted = shadowed(t, [lamp(k, k == turned) for k in range(100)], 50_000)
-        count(t, n - wanted, n, (turned + 1) / 5050, f"lamp {turned}")
+        t.check(wanted == n, f"lamp {turned}")
 
 
 # ---- lights that are hit ----
@@ -500,12 +503,17 @@ def density_when_hit(t: Trial, name: str) -> None:
 
     Whole paths, replayed on the CPU: emission found after a diffuse bounce carries the weight
     p^2 / (p^2 + q^2), p = cos / pi, q = chance distance^2 / (area cos), of a sphere and a near
-    rectangle chance over its solid angle, of the sky 0; within 1e-4 for all paths that meet the
-    light.
+    rectangle chance over its solid angle, with the chances of `light_choice`, of the sky 0; within
+    1e-4 for all paths that meet the light.
     """
     lamps, sky = LIT[name]
     scene: Scene = make([FLOOR, *lamps], VIEW, sky, max_depth=2)
-    power = [_area(part) * float(part.emission.sum()) for part in lamps]
+    lit = [part for part in lamps if part.emission.any()]
+    rows = sorted(range(len(lit)), key=lambda k: len(lit[k].spheres))
+    chance_of = dict.fromkeys(range(len(lit)), 1.0)
+    if len(lit) > 1:
+        at = chances(t, scene, np.zeros(3), np.array([0, 0, 1.0]))
+        chance_of = {k: float(at[row]) for row, k in enumerate(rows)}
     emission = np.concatenate([scene.triangle_emission, scene.sphere_emission, scene.disk_emission])
     seen = 0
     for path in replayed(t, scene, 4_000, 2):
@@ -519,7 +527,7 @@ def density_when_hit(t: Trial, name: str) -> None:
         else:
             k = int(emission[last["primitive"]])
             radiance = float(lamps[k].emission[0])
-            chance = power[k] / sum(power)
+            chance = chance_of[k]
             if len(lamps[k].spheres):
                 c, r = lamps[k].spheres[0, :3], lamps[k].spheres[0, 3]
                 solid = 2 * math.pi * (1 - math.sqrt(1 - r**2 / (c @ c)))

@@ -23,7 +23,7 @@ from veriray_validate.scenes import (
     point_light,
     sphere,
 )
-from veriray_validate.statistics import binomial, chi_square, max_z, smallest_bias
+from veriray_validate.statistics import chi_square, max_z, smallest_bias
 from veriray_validate.trial import Trial, case
 
 Array = npt.NDArray[np.float64]
@@ -54,8 +54,7 @@ def furnace_with_roulette(t: Trial, albedo: float, rr_depth: int) -> None:
     """Radiance and length of paths in a furnace with roulette.
 
     E / (1 - rho), and live[d] / N = 1 below rr_depth, then rho^d: multinomial chi-square over the
-    depths of death, sees 0.5 % in the survival probability. Light choice: 5 of 6 walls are not
-    one's own, whatever the vertex: exact binomial of all shadow rays.
+    depths of death, sees 0.5 % in the survival probability.
     """
     scene = furnace(albedo, 1.0, rr_depth=rr_depth)
     rho = single(albedo)
@@ -68,8 +67,6 @@ def furnace_with_roulette(t: Trial, albedo: float, rr_depth: int) -> None:
     alive = np.where(d < rr_depth, 1.0, rho**d)
     expected = np.append((alive[:-1] - alive[1:]), alive[-1]) * r.spp
     t.p(chi_square(np.append(dead, 0), expected), "depths of death")
-    lit, vertices = int(ledger["shadow_visible"].sum()), int(ledger["live"].sum())
-    t.p(binomial(lit, vertices, 5 / 6), "light choice")
 
 
 @case(3, each={"depth": (1, 2, 3, 4, 5, 6)})

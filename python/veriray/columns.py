@@ -417,10 +417,11 @@ def hashed(name: str, values: Array) -> bool:
     return bool(values.size) and (default is REQUIRED or bool((values != default).any()))
 
 
-def checked(given: Mapping[str, Any]) -> dict[str, Array]:
+def checked(given: Mapping[str, Any], known: Mapping[str, Any] = {}) -> dict[str, Array]:
     """All arrays of COLUMNS from those given; None stands for a default or an empty table.
 
-    Raises SceneError naming array, index, value and what is allowed.
+    known: arrays that have been checked, with the same numbers of rows. Raises SceneError naming
+    array, index, value and what is allowed.
     """
     arrays: dict[str, Array] = {}
     rows: dict[str, int] = {}
@@ -429,7 +430,9 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
         first = column.table not in rows
         length = None if first else rows[column.table]
         shape = (length, *column.width) if column.table else column.width
-        if value is None:
+        if value is not None and value is known.get(name):
+            arrays[name] = known[name]
+        elif value is None:
             if length and column.default is REQUIRED:
                 raise SceneError(f"{name} is missing; there are {length} {column.table}")
             arrays[name] = np.full([n or 0 for n in shape], _fill(column), column.dtype)
@@ -439,6 +442,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, Array]:
         if first:
             rows[column.table] = len(arrays[name])
     for name, column in COLUMNS.items():
+        if arrays[name] is known.get(name):
+            continue
         if column.indexes:
             size = KINDS.get(column.indexes) or rows.get(column.indexes, 0)
             low = 0 if column.dtype is np.uint32 else -1

@@ -32,10 +32,11 @@ from .shipped import SHIPPED, find_shipped
 
 if TYPE_CHECKING:
     from .formats.build import Built
+    from .native_scene import NativeForm
 
 Array = npt.NDArray[Any]
 
-_DERIVED = ("_array_digest", "_native_forms")
+_DERIVED = ("_hashes", "_native_forms")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 
 
@@ -103,26 +104,33 @@ class Scene(SceneArrays):
     # cached_property, whose lock a child process may find taken.
 
     @property
-    def native_forms(self) -> dict[tuple[object, ...], Any]:
-        """What `veriray.native_scene` keeps of this very object."""
-        forms: dict[tuple[object, ...], Any] = self.__dict__.setdefault("_native_forms", {})
+    def native_forms(self) -> list[NativeForm]:
+        """What `veriray.native_scene` keeps of this object and of copies by `with_`."""
+        forms: list[NativeForm] = self.__dict__.setdefault("_native_forms", [])
         return forms
 
     @property
-    def _digest(self) -> hashlib._Hash:
-        """The hash so far, after the arrays."""
-        kept: hashlib._Hash | None = self.__dict__.get("_array_digest")
-        if kept is not None:
-            return kept
-        digest = hashlib.sha256(b"veriray scene 2\n")
-        for name in COLUMNS:
-            values: Array = getattr(self, name)
-            if not hashed(name, values):
-                continue
-            digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
-            digest.update(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data)
-        kept = self.__dict__.setdefault("_array_digest", digest)
+    def _hashed_columns(self) -> list[hashlib._Hash]:
+        """The hash after each column, in order."""
+        kept = self._hashes_kept
+        if len(kept) < len(COLUMNS):
+            made = list(kept)
+            digest = made[-1].copy() if made else hashlib.sha256(b"veriray scene 2\n")
+            for name in list(COLUMNS)[len(made) :]:
+                values: Array = getattr(self, name)
+                if hashed(name, values):
+                    digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
+                    plain = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+                    digest.update(plain.data)
+                made.append(digest.copy())
+            kept[:] = made
         return kept
+
+    @property
+    def _hashes_kept(self) -> list[hashlib._Hash]:
+        """Those after the first columns that are known; copies with the same columns share them."""
+        hashes: list[hashlib._Hash] = self.__dict__.setdefault("_hashes", [])
+        return hashes
 
     def place(self, message: str) -> str:
         """The place in the scene file of what "column[row] ..." is about; "" if unknown.
@@ -141,10 +149,20 @@ class Scene(SceneArrays):
                 return places[table][row]
         return places.get("scene", [""])[0]
 
-    def _with_arrays(self, **changes: Any) -> Scene:
-        """A copy with other values in the same rows."""
-        copy = dataclasses.replace(self, **changes)
-        copy.__dict__.update((k, v) for k, v in self.__dict__.items() if k in _OF_FILE)
+    def _with_arrays(self, camera: Camera | None = None, **changes: Any) -> Scene:
+        """A copy with other values in the same rows, and perhaps another camera."""
+        known = {name: getattr(self, name) for name in COLUMNS}
+        arrays = checked({**known, **changes}, known)
+        same = min(map(list(COLUMNS).index, changes), default=len(COLUMNS))
+        hashes = self._hashed_columns[:same]  # copies need not hash large arrays again
+        return self._copy(**arrays, camera=camera or self.camera, _hashes=hashes)
+
+    def _copy(self, **changes: Any) -> Scene:
+        """A copy with other fields, whose arrays are read-only and checked; it shares the rest."""
+        copy = object.__new__(Scene)
+        shared = {"_native_forms": self.native_forms, "_hashes": self._hashes_kept}
+        copy.__dict__.update({**self.__getstate__(), **shared, **changes})
+        copy._check_settings()
         return copy
 
     @property
@@ -166,7 +184,7 @@ class Scene(SceneArrays):
 
         Does not depend on the machine, the process or the file that the scene came from.
         """
-        digest = self._digest.copy()
+        digest = self._hashed_columns[-1].copy()
         camera, film = self.camera, self.film
         numbers = [
             *camera.to_world.ravel().tolist(),
@@ -210,12 +228,15 @@ class Scene(SceneArrays):
         camera: Camera | None = None,
     ) -> Scene:
         """A copy with other settings; None keeps the value. changes: new values of `parameters`, by
-        their names; a colour may be one number. Raises SceneError as Scene does."""
+        their names; a colour may be one number. Raises SceneError as Scene does.
+
+        The copy shares what has not changed, on devices too: rendering it after the original makes
+        nothing anew of a large scene's geometry (docs/speed.md, "Camera moves")."""
         if changes is not None:
             return self._changed(changes).with_(
                 width=width, height=height, filter=filter, filter_parameter=filter_parameter,
                 max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, spp=spp, seed=seed,
-                camera=camera,
+                camera=camera, hide_emitters=hide_emitters,
             )  # fmt: skip
         film = self.film
         if filter is None and filter_parameter is None:
@@ -230,10 +251,7 @@ class Scene(SceneArrays):
         settings |= {"sampler": sampler, "seed": seed, "camera": camera}
         settings |= {"hide_emitters": hide_emitters}
         changed = {name: value for name, value in settings.items() if value is not None}
-        copy = object.__new__(Scene)  # the arrays are read-only and checked
-        copy.__dict__.update(self.__getstate__(), _array_digest=self._digest, film=film, **changed)
-        copy._check_settings()
-        return copy
+        return self._copy(**changed, film=film)
 
     def _changed(self, changes: Mapping[str, Any]) -> Scene:
         if not isinstance(changes, Mapping):

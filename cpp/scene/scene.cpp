@@ -68,6 +68,7 @@ HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.
     check_input(in, nullptr);
     for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
         has_normals_ = length(row3(in.normals, i)) > 0;
+    if (in.primitives() > kMostSmall) bounds_ = std::make_shared<SceneBounds>(in);
     static_cast<Frame&>(*this) = frame_of(in);
     orient(in);
     if (!set_flat(in)) set_tree(in);

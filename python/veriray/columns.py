@@ -417,6 +417,10 @@ def hashed(name: str, values: Array) -> bool:
     return bool(values.size) and (default is REQUIRED or bool((values != default).any()))
 
 
+#: Tables that textures do not depend on, but by columns named after textures.
+_PLAIN = ("materials", "emissions", "media", "lights", "")
+
+
 def checked(given: Mapping[str, Any], known: Mapping[str, Any] = {}) -> dict[str, Array]:
     """All arrays of COLUMNS from those given; None stands for a default or an empty table.
 
@@ -450,11 +454,15 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] = {}) -> dict[str
             in_range(name, arrays[name], low, size - 1, f" (there are {size} {column.indexes})")
         elif column.dtype is not np.bool_:
             in_range(name, arrays[name], column.low, column.high, open_=column.open)
-    _check_shapes(arrays)
+    fresh = {name for name, values in arrays.items() if values is not known.get(name)}
+    if fresh & {"normals", "spheres", "disks"}:
+        _check_shapes(arrays)
     _check_materials(arrays)
     _check_lights(arrays)
-    _check_textures(arrays)
-    _check_sky(arrays)
+    if not all(COLUMNS[name].table in _PLAIN and "_texture" not in name for name in fresh):
+        _check_textures(arrays)
+    if fresh & {"sky_size", "sky_texels", "sky_to_world", "environment"}:
+        _check_sky(arrays)
     _check_grids(arrays)
     return arrays
 

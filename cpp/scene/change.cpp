@@ -85,8 +85,11 @@ bool HostScene::change(const SceneInput& was, const SceneInput& in) {
     if (changed & kOnSurfaces && !again(kSurfaceStage)) return false;
     if (changed & kOnMedia && !again(kMediumStage)) return false;
     if (changed & kOnLights) {
+        const Table<float> chance = light_chance;
         view.lights = {};
         if (!again(kLightStage)) return false;
+        if (light_chance.rows() == chance.rows())  // as if one lamp shines more: by primitive
+            light_chance = chance, view.light_chance = light_chance.data();
     }
     view.features = before_[kStages];
     view.camera = {};

@@ -55,8 +55,11 @@ Flat HostScene::shape_of(const SceneInput& in, const AreaLight& light) const {
 
 std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
     std::vector<uint32_t> lit;
-    for (uint32_t i = 0; i < sources.size(); ++i)
-        if (sources[i].emission >= 0) lit.push_back(i);
+    std::vector<uint8_t> shines;  // by surface, of which there are few in a tree
+    for (const SurfaceKey& key : surface_keys_.rows()) shines.push_back(std::get<1>(key) >= 0);
+    const bool any = std::find(shines.begin(), shines.end(), 1) != shines.end();
+    for (uint32_t i = 0; any && i < sources.size(); ++i)
+        if (shines[surface_of.empty() ? i : surface_of[i]]) lit.push_back(i);
     const bool many = lit.size() * sources.size() > kMostPairs;
     std::vector<AreaLight> lights;
     for (size_t k = 0; k < lit.size(); ++k) {

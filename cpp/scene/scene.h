@@ -209,7 +209,7 @@ class HostScene : public Frame {
 
     SceneView view;                 // pointers into the tables below; bvh is the back end's
     float slab_slack = kSlabSlack;  // of a scene with a tree
-    uint32_t dropped = 0;  // triangles without area
+    uint32_t dropped = 0;           // triangles without area
     uint32_t width, height;
     Table<PrimitiveSource> sources;  // by primitive
     Table<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
@@ -294,13 +294,13 @@ class HostScene : public Frame {
     template <class Density>
     void tabulate_filter(Density density, double reach, double scale);
 
-    std::vector<Flat> flats_;   // of a scene without a tree
-    bool has_normals_ = false;  // some that are not zero
+    std::vector<Flat> flats_;               // of a scene without a tree
+    bool has_normals_ = false;              // some that are not zero
     FeatureMask before_[kStages + 1] = {};  // the features before each stage, and after the last
-    std::shared_ptr<const SceneBounds> bounds_;  // of a large scene
+    std::shared_ptr<const SceneBounds> bounds_;                                // of a large scene
     mutable std::map<int32_t, std::shared_ptr<LightTexture>> light_textures_;  // while it is built
-    Table<SurfaceKey> surface_keys_;  // by surface
-    Table<uint8_t> turned_;     // triangles turned so that their normals point out of the front
+    Table<SurfaceKey> surface_keys_;                                           // by surface
+    Table<uint8_t> turned_;  // triangles turned so that their normals point out of the front
 };
 
 // Raises std::invalid_argument for what SceneInput's arrays must not hold. known: an input that has

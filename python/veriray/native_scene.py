@@ -191,8 +191,8 @@ def _make(
                 return changed
         kept[:] = _recent(kept, _KEPT_PER_SCENE - 1)
         made: NativeScene = device.native.Scene(
-            _native_arrays(arrays), **view, device=device.index, progress=polled(progress),
-            builder=place[-1],
+            arrays=_native_arrays(arrays), **view, device=device.index,
+            progress=polled(progress), builder=place[-1],
         )  # fmt: skip
         return made
     except ValueError as error:

@@ -163,18 +163,31 @@ struct TreeInfo {
 
 class Scene {
    public:
-    // builder: of kTreeBuilders; the films do not depend on it. poll: progress of the tree's build;
-    // false stops it (std::runtime_error).
-    Scene(const SceneInput& in, int device, const std::string& builder, const BuildPoll& poll);
+    // owner: keeps the input's arrays. builder: of kTreeBuilders; the films do not depend on it.
+    // poll: progress of the tree's build; false stops it (std::runtime_error).
+    Scene(const SceneInput& in, std::shared_ptr<const void> owner, int device,
+          const std::string& builder, const BuildPoll& poll);
     ~Scene();
     Scene(const Scene&) = delete;
     Scene& operator=(const Scene&) = delete;
 
+    // The scene of `in`, with the bits of one made anew. It shares with this one the tables, the
+    // tree and the device memory that both have in common. Null where the primitives differ
+    // (HostScene::change).
+    std::unique_ptr<Scene> changed(const SceneInput& in, std::shared_ptr<const void> owner) const;
+
     const HostScene& host() const;
     TreeInfo tree() const;
+    // The same for scenes that share their primitives and tree.
+    const void* family() const;
 
     struct Impl;
     std::unique_ptr<Impl> impl;
+    const SceneInput input;
+    const std::shared_ptr<const void> owner;
+
+   private:
+    Scene(std::unique_ptr<Impl> made, const SceneInput& in, std::shared_ptr<const void> owner);
 };
 
 // Adds the machine code of a scheduler's kernels for exactly these features (backends/run_time/),

@@ -20,15 +20,17 @@
 
 namespace veriray {
 
-struct Scene::Impl {
-    HostScene host;
+namespace {
+
+// What this back end makes of a scene's primitives.
+struct CpuTables {
     std::vector<WideNode<kCpuWidth>> nodes;
     Large<RecordBlock> blocks;
     std::vector<Simd::Uniform> quads, shorts;
     std::vector<QuadRun> runs;
     TreeInfo info;
 
-    Impl(const SceneInput& in, TreeBuilder builder, const BuildPoll& poll) : host(in) {
+    CpuTables(const HostScene& host, TreeBuilder builder, const BuildPoll& poll) {
         quads.assign(host.view.quads, host.view.quads + host.view.quad_count * kQuadFloats);
         for (uint32_t i = 0; i < host.view.quad_count; ++i) {
             float record[kShortFloats] = {};
@@ -37,10 +39,6 @@ struct Scene::Impl {
             if (runs.empty() || runs.back().way != way) runs.push_back({way, i});
             ++runs.back().end;
         }
-        host.view.uniform_quads = quads.data();
-        host.view.uniform_shorts = shorts.data();
-        host.view.runs = runs.data();
-        host.view.run_count = static_cast<uint32_t>(runs.size());
         if (!(host.view.features & kBvh)) return;
         auto tree = build_tree<kCpuWidth>(host.tree_input(), builder, kSimdWalk, kAllThreads, poll);
         blocks = pack_blocks(tree.nodes, tree.order, host.records.data());
@@ -48,7 +46,24 @@ struct Scene::Impl {
             builder, tree,
             tree.nodes.size() * sizeof(WideNode<kCpuWidth>) + blocks.size() * sizeof(RecordBlock));
         nodes = std::move(tree.nodes);
-        host.view.bvh = {nodes.data(), blocks.data(), host.slab_slack};
+    }
+};
+
+}  // namespace
+
+struct Scene::Impl {
+    HostScene host;
+    std::shared_ptr<const CpuTables> tables;
+
+    Impl(const SceneInput& in, TreeBuilder builder, const BuildPoll& poll)
+        : host(in), tables(std::make_shared<CpuTables>(host, builder, poll)) {
+        SceneView& view = host.view;
+        view.uniform_quads = tables->quads.data();
+        view.uniform_shorts = tables->shorts.data();
+        view.runs = tables->runs.data();
+        view.run_count = static_cast<uint32_t>(tables->runs.size());
+        if (view.features & kBvh)
+            view.bvh = {tables->nodes.data(), tables->blocks.data(), host.slab_slack};
     }
 };
 
@@ -149,11 +164,23 @@ std::unique_ptr<FilmMemory> film_memory(size_t words, int) {
     }
 }
 
-Scene::Scene(const SceneInput& in, int, const std::string& builder, const BuildPoll& poll)
-    : impl(std::make_unique<Impl>(in, find_builder(builder), poll)) {}
+Scene::Scene(const SceneInput& in, std::shared_ptr<const void> keeps, int,
+             const std::string& builder, const BuildPoll& poll)
+    : impl(std::make_unique<Impl>(in, find_builder(builder), poll)),
+      input(in),
+      owner(std::move(keeps)) {}
+Scene::Scene(std::unique_ptr<Impl> made, const SceneInput& in, std::shared_ptr<const void> keeps)
+    : impl(std::move(made)), input(in), owner(std::move(keeps)) {}
 Scene::~Scene() = default;
+std::unique_ptr<Scene> Scene::changed(const SceneInput& in,
+                                      std::shared_ptr<const void> keeps) const {
+    auto made = std::make_unique<Impl>(*impl);
+    if (!made->host.change(input, in)) return nullptr;
+    return std::unique_ptr<Scene>(new Scene(std::move(made), in, std::move(keeps)));
+}
+const void* Scene::family() const { return impl->tables.get(); }
 const HostScene& Scene::host() const { return impl->host; }
-TreeInfo Scene::tree() const { return impl->info; }
+TreeInfo Scene::tree() const { return impl->tables->info; }
 
 namespace {
 

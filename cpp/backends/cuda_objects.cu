@@ -9,7 +9,8 @@ namespace veriray {
 
 DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const BuildPoll& poll) {
     DeviceTree out;
-    const Buffer<float> records(host.records, "tree"), boxes(host.round_boxes, "tree");
+    const Buffer<float> records(host.records.rows(), "tree"),
+        boxes(host.round_boxes.rows(), "tree");
     Buffer<uint32_t> order;
     TreeInput in = host.tree_input();
     if (builder == TreeBuilder::kPloc) {
@@ -155,10 +156,23 @@ std::unique_ptr<FilmMemory> film_memory(size_t words, int device) {
     return std::make_unique<DeviceFilm>(words, device);
 }
 
-Scene::Scene(const SceneInput& in, int device, const std::string& builder, const BuildPoll& poll)
-    : impl(std::make_unique<Impl>(in, device, find_builder(builder), poll)) {}
+Scene::Scene(const SceneInput& in, std::shared_ptr<const void> keeps, int device,
+             const std::string& builder, const BuildPoll& poll)
+    : impl(std::make_unique<Impl>(in, device, find_builder(builder), poll)),
+      input(in),
+      owner(std::move(keeps)) {}
+Scene::Scene(std::unique_ptr<Impl> made, const SceneInput& in, std::shared_ptr<const void> keeps)
+    : impl(std::move(made)), input(in), owner(std::move(keeps)) {}
 Scene::~Scene() = default;
+std::unique_ptr<Scene> Scene::changed(const SceneInput& in,
+                                      std::shared_ptr<const void> keeps) const {
+    HostScene host = impl->host;
+    if (!host.change(input, in)) return nullptr;
+    auto made = std::make_unique<Impl>(*impl, std::move(host));
+    return std::unique_ptr<Scene>(new Scene(std::move(made), in, std::move(keeps)));
+}
+const void* Scene::family() const { return impl->tree.get(); }
 const HostScene& Scene::host() const { return impl->host; }
-TreeInfo Scene::tree() const { return impl->tree.info; }
+TreeInfo Scene::tree() const { return impl->tree->info; }
 
 }  // namespace veriray

@@ -1,6 +1,8 @@
 // Films and scenes on the device.
 #pragma once
 
+#include <memory>
+
 #include "backends/device.cuh"
 #include "scene/tree_layout.h"
 
@@ -15,47 +17,79 @@ struct DeviceTree {
 // From the host's records, by either builder; launches in cuda_objects.cu.
 DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const BuildPoll& poll);
 
+// A table on the device, shared by all scenes that have it.
+template <class T>
+class DeviceTable {
+   public:
+    // The one of `host`, which is that of `was` if both hosts' tables are one; null: none. pointer:
+    // to the host's rows if they are used.
+    void put(const Table<T>& host, const Table<T>* was, const T*& pointer) {
+        if (!was || !host.shares(*was)) rows_ = std::make_shared<Buffer<T>>(host.rows(), "scene");
+        if (pointer) pointer = rows_->get();
+    }
+
+   private:
+    std::shared_ptr<const Buffer<T>> rows_;
+};
+
 struct Scene::Impl {
     int device;
     HostScene host;
-    Buffer<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
+    DeviceTable<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
         light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
         cells;
-    Buffer<uint32_t> surface_of, texels, sky_guides;
+    DeviceTable<uint32_t> surface_of, texels, sky_guides;
     TreeBuilder builder;
-    DeviceTree tree;
+    std::shared_ptr<const DeviceTree> tree = std::make_shared<DeviceTree>();
     SceneView view;
 
     Impl(const SceneInput& in, int dev, TreeBuilder tree_builder, const BuildPoll& poll)
-        : device(dev), host(in), builder(tree_builder), view(host.view) {
+        : device(dev), host(in), builder(tree_builder) {
         use_device(dev);
-        const auto upload = [](auto& buffer, const auto& v, auto& pointer) {
-            buffer = std::remove_reference_t<decltype(buffer)>(v, "scene");
-            if (pointer) pointer = buffer.get();
-        };
-        upload(primitives, host.primitives, view.primitives);
-        upload(smooth, host.smooth, view.smooth);
-        upload(uv, host.uv, view.uv);
-        upload(tangents, host.tangents, view.tangents);
-        upload(textures, host.textures, view.textures.table);
-        upload(texels, host.texels, view.textures.texels);
-        upload(light_chance, host.light_chance, view.light_chance);
-        upload(light_row, host.light_row, view.light_row);
-        upload(surfaces, host.surfaces, view.surfaces);
-        upload(media, host.media, view.media);
-        upload(surface_of, host.surface_of, view.surface_of);
-        upload(light_table, host.light_table, view.lights.table);
-        upload(light_tree, host.light_tree, view.lights.tree.branches);
-        upload(filter_edges, host.filter_edges, view.filter.edges);
-        upload(grids, host.grids, view.grids.table);
-        upload(cells, host.cells, view.grids.cells);
-        upload(sky_texels, host.sky_texels, view.lights.map.texels);
-        upload(sky_ends, host.sky_ends, view.lights.map.ends);
-        upload(sky_sines, host.sky_sines, view.lights.map.sines);
-        upload(sky_guides, host.sky_guides, view.lights.map.guides);
+        put_tables(nullptr);
         if (!(host.view.features & kBvh)) return;
-        tree = build_tree_of(host, builder, poll);
-        view.bvh = {tree.nodes.get(), tree.records.get(), host.slab_slack};
+        tree = std::make_shared<DeviceTree>(build_tree_of(host, builder, poll));
+        put_tree();
+    }
+    // The same primitives with other tables.
+    Impl(const Impl& base, HostScene made) : Impl(base) {
+        use_device(device);
+        host = std::move(made);
+        put_tables(&base.host);
+        put_tree();
+    }
+
+   private:
+    Impl(const Impl&) = default;
+
+    void put_tables(const HostScene* was) {
+        view = host.view;
+#define VR_PUT(name, pointer) name.put(host.name, was ? &was->name : nullptr, view.pointer)
+        VR_PUT(primitives, primitives);
+        VR_PUT(smooth, smooth);
+        VR_PUT(uv, uv);
+        VR_PUT(tangents, tangents);
+        VR_PUT(textures, textures.table);
+        VR_PUT(texels, textures.texels);
+        VR_PUT(light_chance, light_chance);
+        VR_PUT(light_row, light_row);
+        VR_PUT(surfaces, surfaces);
+        VR_PUT(media, media);
+        VR_PUT(surface_of, surface_of);
+        VR_PUT(light_table, lights.table);
+        VR_PUT(light_tree, lights.tree.branches);
+        VR_PUT(filter_edges, filter.edges);
+        VR_PUT(grids, grids.table);
+        VR_PUT(cells, grids.cells);
+        VR_PUT(sky_texels, lights.map.texels);
+        VR_PUT(sky_ends, lights.map.ends);
+        VR_PUT(sky_sines, lights.map.sines);
+        VR_PUT(sky_guides, lights.map.guides);
+#undef VR_PUT
+    }
+    void put_tree() {
+        if (view.features & kBvh)
+            view.bvh = {tree->nodes.get(), tree->records.get(), host.slab_slack};
     }
 };
 

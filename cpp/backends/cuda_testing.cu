@@ -14,8 +14,8 @@ TreeWords host_ploc(const Scene& scene, uint32_t width, uint32_t threads) {
 }
 TreeWords device_tree(const Scene& scene) {
     use_device(scene.impl->device);
-    WideTree<kDeviceWidth> tree{scene.impl->tree.nodes.download(), {}};
-    const std::vector<float> r = scene.impl->tree.records.download();
+    WideTree<kDeviceWidth> tree{scene.impl->tree->nodes.download(), {}};
+    const std::vector<float> r = scene.impl->tree->records.download();
     for (size_t at = 0; at < r.size(); at += kRecordFloats)
         tree.order.push_back(bit_cast<uint32_t>(r[at + kRecordId]));
     return tree_words(tree);
@@ -205,7 +205,7 @@ double time_width(const Scene::Impl& scene, const Buffer<float>& rays, uint64_t 
     check(cudaDeviceSynchronize(), "prepare");
     const Clock::time_point start = Clock::now();
     width_kernel<N><<<blocks_for(n, 128), 128>>>(
-        {nodes.get(), scene.tree.records.get(), scene.host.slab_slack}, rays.get(), n, t.get(),
+        {nodes.get(), scene.tree->records.get(), scene.host.slab_slack}, rays.get(), n, t.get(),
         primitive.get());
     check_launch("intersect");
     check(cudaDeviceSynchronize(), "intersect");

@@ -1,7 +1,7 @@
 // Camera and pixel filter.
 #include <algorithm>
 
-#include "scene/scene.h"
+#include "scene/bounds.h"
 
 namespace veriray {
 
@@ -42,30 +42,38 @@ void HostScene::set_camera(const SceneInput& in) {
     }
     if (in.aperture_radius > 0) view.features |= kLens;
     // Clipping costs nothing if it cuts nothing: no shape, and no medium around the camera.
-    double nearest = INFINITY, farthest = -INFINITY;
+    double nearest = INFINITY, farthest = -INFINITY;  // in small scenes
     const auto span = [&](Double3 p, double reach) {
         const double z = dot(p - eye, forward);
         nearest = std::min(nearest, z - reach);
         farthest = std::max(farthest, z + reach);
     };
-    for (size_t i = 0; i < in.vertices.count; ++i) span(row3(in.vertices, i), 0);
-    for (size_t i = 0; i < in.spheres.count; ++i) {
-        const double* s = in.spheres.data + 4 * i;
-        span({s[0], s[1], s[2]}, s[3]);
+    if (!bounds_) {
+        for (size_t i = 0; i < in.vertices.count; ++i) span(row3(in.vertices, i), 0);
+        for (size_t i = 0; i < in.spheres.count; ++i) {
+            const double* s = in.spheres.data + 4 * i;
+            span({s[0], s[1], s[2]}, s[3]);
+        }
+        for (size_t i = 0; i < in.disks.count; ++i)
+            span(row3(in.disks, 3 * i),
+                 ellipse_reach(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2), forward));
     }
-    for (size_t i = 0; i < in.disks.count; ++i)
-        span(row3(in.disks, 3 * i),
-             ellipse_reach(row3(in.disks, 3 * i + 1), row3(in.disks, 3 * i + 2), forward));
+    const auto all_beyond = [&](double depth) {
+        return bounds_ ? !bounds_->reaches(in, eye, forward, depth) : nearest > depth;
+    };
+    const auto all_before = [&](double depth) {
+        return bounds_ ? !bounds_->reaches(in, eye, forward * -1, -depth) : farthest < depth;
+    };
     double start = in.parallel ? middle - before : 0;  // of rays, if they do not start at the eye
     const bool behind = in.parallel ? start < in.near_clip : in.near_clip > 0 && before == 0;
-    bool cuts_near = behind && (in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6)));
+    bool cuts_near = behind && (in.camera_medium >= 0 || !all_beyond(in.near_clip * (1 + 1e-6)));
     if (in.parallel && cuts_near && middle > in.near_clip) {
         before = middle - (start = in.near_clip);
         cuts_near = false;
     }
     c.before = static_cast<float>(before / unit);
     const bool cuts_far = std::isfinite(in.far_clip) &&
-                          (in.camera_medium >= 0 || !(farthest < in.far_clip * (1 - 1e-6)));
+                          (in.camera_medium >= 0 || !all_before(in.far_clip * (1 - 1e-6)));
     c.near_clip = cuts_near ? static_cast<float>((in.near_clip - start) / unit) : 0.f;
     c.far_clip = cuts_far ? static_cast<float>((in.far_clip - start) / unit) : INFINITY;
     if (cuts_near || cuts_far) view.features |= kClip;

@@ -79,28 +79,31 @@ void counts(const char* name, const Rows<T>& rows, size_t want) {
                                     " rows, expected " + std::to_string(want));
 }
 
-// The checks of every column from the schema.
-void check_columns(const SceneInput& in) {
+// The checks of every column from the schema, but for those that `known` has passed them with.
+void check_columns(const SceneInput& in, const SceneInput* known) {
 #define VR_COLUMN(table, name, type, low, high, open, ...) \
     counts(#name, in.name, in.table##_rows());             \
-    within(#name, in.name, product({__VA_ARGS__}), low, high, open);
-#define VR_INDEX(table, name, type, least, of, ...) \
+    if (!known || !same_rows(in.name, known->name))        \
+        within(#name, in.name, product({__VA_ARGS__}), low, high, open);
+#define VR_INDEX(table, name, type, least, of, ...)                                         \
+    counts(#name, in.name, in.table##_rows());                                              \
+    if (!known || !same_rows(in.name, known->name) || in.of##_rows() != known->of##_rows()) \
+        indexes(#name, in.name, product({__VA_ARGS__}), least, in.of##_rows());
+#define VR_KIND(table, name, type, kinds, ...)      \
     counts(#name, in.name, in.table##_rows());      \
-    indexes(#name, in.name, product({__VA_ARGS__}), least, in.of##_rows());
-#define VR_KIND(table, name, type, kinds, ...) \
-    counts(#name, in.name, in.table##_rows()); \
-    indexes(#name, in.name, product({__VA_ARGS__}), 0, kinds);
+    if (!known || !same_rows(in.name, known->name)) \
+        indexes(#name, in.name, product({__VA_ARGS__}), 0, kinds);
 #include "schema/columns.def"
 }
 
 }  // namespace
 
-void check_input(const SceneInput& in) {
+void check_input(const SceneInput& in, const SceneInput* known) {
     constexpr double kLargest = 1e300;
     if (in.width == 0 || in.height == 0)
         throw std::invalid_argument("the film has no pixels: " + std::to_string(in.width) + " x " +
                                     std::to_string(in.height));
-    check_columns(in);
+    check_columns(in, known);
     for (size_t i = 0; i < in.spheres.count; ++i)
         if (!(in.spheres.data[4 * i + 3] > 0)) fail("spheres", i, "has no radius above 0");
     for (size_t m = 0; m < in.materials_rows(); ++m)

@@ -1,7 +1,7 @@
 // Origin and unit of the scene's normalised lengths.
 #include <algorithm>
 
-#include "scene/scene.h"
+#include "scene/bounds.h"
 
 namespace veriray {
 namespace {
@@ -11,10 +11,8 @@ constexpr double kFar = 8;
 // 2^8 times the rounding of positions near the middle, in sizes of the scene; it must not exceed a
 // pixel there.
 constexpr double kRounded = 0x1p-16;
-// Distance of details, in their sizes, from which on another origin is sought; and the largest
-// number of primitives in scenes where it is.
+// Distance of details, in their sizes, from which on another origin is sought.
 constexpr double kCoarse = 0x1p7;
-constexpr size_t kMostDetails = 1024;
 // Distances of flat shapes, in their sizes: within the first they are always near enough; beyond
 // the second they are lost, as their corners are off by half of their sizes.
 constexpr double kCoarseShape = 0x1p12, kLostShape = 0x1p22;
@@ -43,7 +41,7 @@ struct Detail {
 // changes by 2^-23. Media count by the mean free path, 2^-22.
 std::vector<Detail> details(const SceneInput& in, std::vector<Detail>& shapes) {
     std::vector<Detail> list;
-    if (in.triangles.count + in.spheres.count + in.disks.count > kMostDetails) return list;
+    if (in.primitives() > kMostSmall) return list;
     struct Lamp {
         Double3 at, n;  // n: normal of a flat lamp, which lights what is in front; else 0
         double size, nearest = INFINITY;
@@ -136,21 +134,45 @@ Double3 finest(const SceneInput& in, Double3 given) {
     return coarsest(list, mean) * 2 < here && coarsest(shapes, mean) <= shape ? mean : given;
 }
 
+// The origin for a camera within a large scene: the middle of the cell around the camera. The cell
+// is the whole scene, or one of a grid about the scene's middle, so large that 2^8 times the
+// rounding of what is nearest to the camera does not exceed a pixel. near: its distance.
+Double3 cell(Double3 eye, Double3 middle, double size, double pixel, double near) {
+    constexpr int kFiner = 3;           // powers of two between grids
+    constexpr double kLeast = 0x1p-40;  // of a cell, in sizes of the scene
+    const double edge = pixel * near / kRounded;
+    if (size <= edge) return middle;
+    const int whole = std::ilogb(size) + 1;
+    if (!(edge > kLeast * size)) return eye;
+    const int finer = (whole - std::ilogb(edge) + kFiner - 1) / kFiner;
+    const double side = std::ldexp(1.0, whole - kFiner * finer);
+    const auto snapped = [&](double x, double m) {
+        return m + side * std::floor((x - m) / side + 0.5);
+    };
+    return {snapped(eye.x, middle.x), snapped(eye.y, middle.y), snapped(eye.z, middle.z)};
+}
+
 }  // namespace
 
-// The origin is the camera, near which rounding is then small, or a place where it must be small.
-// If the scene is small compared with its distance, and only the pinhole ties it to the camera, the
-// origin is its middle. If the view is too narrow for these, it is the first thing in the view.
-// Nothing ties a parallel view to the place of its camera: rays start before all that they meet.
-void HostScene::normalise(const SceneInput& in) {
-    for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
-        has_normals_ = length(row3(in.normals, i)) > 0;
+// The origin is the camera, near which rounding is then small, or a place where it must be small;
+// in a large scene the middle of a cell around the camera, so that the form of the scene is one for
+// many cameras. If the scene is small compared with its distance, and only the pinhole ties it to
+// the camera, the origin is its middle. If the view is too narrow for these, it is the first thing
+// in the view. Nothing ties a parallel view to the place of its camera: rays start before all that
+// they meet.
+Frame HostScene::frame_of(const SceneInput& in) const {
+    Frame f{};
+    Double3 &eye = f.eye, &centre = f.centre;
     eye = centre = {in.to_world[3], in.to_world[7], in.to_world[11]};
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    each_extent(in, [&](Double3 p, Double3 r) {
+    if (bounds_)
         for (int k = 0; k < 3; ++k)
-            low[k] = std::min(low[k], p[k] - r[k]), high[k] = std::max(high[k], p[k] + r[k]);
-    });
+            low[k] = bounds_->all().low[k], high[k] = bounds_->all().high[k];
+    else
+        each_extent(in, [&](Double3 p, Double3 r) {
+            for (int k = 0; k < 3; ++k)
+                low[k] = std::min(low[k], p[k] - r[k]), high[k] = std::max(high[k], p[k] + r[k]);
+        });
     bool far = false;
     double size = 0, gap = 0, middle[3], depth[2] = {0, 0};
     for (int k = 0; k < 3; ++k) {
@@ -169,10 +191,11 @@ void HostScene::normalise(const SceneInput& in) {
     const bool parallel = in.parallel;
     if (parallel && low[0] <= high[0]) centre = {middle[0], middle[1], middle[2]};
     const bool fine = (far || parallel) && kRounded * size < pixel_step(in) * (parallel ? 1 : gap);
-    const double depth_seen = fine ? 0 : narrow_depth(in);
+    const double depth_seen = fine ? 0 : narrow_depth(in, eye);
     const bool narrow =
         std::isfinite(depth_seen) &&
         (parallel ? !fine && in.camera_medium < 0 : depth_seen > 0 && depth[1] < in.far_clip);
+    const bool large = bounds_ != nullptr;
     if (narrow) {
         far = false;
         const double* m = in.to_world;
@@ -181,23 +204,37 @@ void HostScene::normalise(const SceneInput& in) {
         const Double3 axis{m[0] * x + m[1] * y + m[2], m[4] * x + m[5] * y + m[6],
                            m[8] * x + m[9] * y + m[10]};
         centre = eye + axis * depth_seen;
-    } else {
+    } else if (!large) {
         centre = finest(in, centre);
+    } else if (!far && !parallel && size > 0 && std::isfinite(size)) {
+        // The scene's box is nearer than all in it: often that suffices.
+        double near = gap - in.aperture_radius;
+        if (!(kRounded * size <= pixel_step(in) * near))
+            near = bounds_->nearest(in, eye) - in.aperture_radius;
+        centre = cell(eye, {middle[0], middle[1], middle[2]}, size, pixel_step(in), near);
     }
     double most = 0;
-    each_extent(in, [&](Double3 p, Double3 r) {
-        for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r[k]);
-    });
-    if (!far && !narrow && (!parallel || in.camera_medium >= 0))
+    if (large)
+        for (int k = 0; k < 3; ++k)
+            most = std::max({most, high[k] - centre[k], centre[k] - low[k]});
+    else
+        each_extent(in, [&](Double3 p, Double3 r) {
+            for (int k = 0; k < 3; ++k) most = std::max(most, std::abs(p[k] - centre[k]) + r[k]);
+        });
+    if (!far && !narrow && (!parallel || in.camera_medium >= 0)) {
+        // In a large scene by the distance, which is the same all around it.
+        if (large) most = std::max(most, length(eye - centre) + in.aperture_radius);
         for (int k = 0; k < 3; ++k)
             most = std::max(most, std::abs(eye[k] - centre[k]) + in.aperture_radius);
+    }
     if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
-    unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
+    const double unit = f.unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
     if (parallel)  // by more than the rounding of large faces, without that of the start
-        before =
+        f.before =
             narrow ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-16 * unit}) : 4 * unit;
     else
-        before = far ? 4 * unit : narrow ? 0x1p-10 * depth_seen : 0;
+        f.before = far ? 4 * unit : narrow ? 0x1p-10 * depth_seen : 0;
+    return f;
 }
 
 }  // namespace veriray

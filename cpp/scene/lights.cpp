@@ -208,7 +208,7 @@ void HostScene::set_lights(const SceneInput& in) {
         for (uint32_t k = 0; k < l.count; ++k)
             light_table[size_t{kLightLeaf} * l.stride + k] = bit_cast<float>(tree.leaf[k]);
         if (sky_sampled) l.sky[kLightLeaf] = bit_cast<float>(tree.leaf[l.count - 1]);
-        light_tree = std::move(tree.branches);
+        light_tree.assign(tree.branches.begin(), tree.branches.end());
         l.tree = {light_tree.data(), tree.root};
     }
     l.table = light_table.data();

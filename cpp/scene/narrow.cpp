@@ -43,8 +43,7 @@ double pixel_step(const SceneInput& in) {
     return 2 * std::min(in.tan_half_x / in.width, in.tan_half_y / in.height);
 }
 
-// The depth before which a narrow view shows nothing; infinity if it is empty, 0 for other views.
-double HostScene::narrow_depth(const SceneInput& in) const {
+double narrow_depth(const SceneInput& in, Double3 eye) {
     if (!in.parallel && !(pixel_step(in) < kNarrow)) return 0;
     if (in.camera_medium >= 0 || in.aperture_radius > 0) return 0;
     const double* m = in.to_world;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "scene/bounds.h"
 #include "scene/thread_pool.h"
 
 namespace veriray {
@@ -26,7 +27,7 @@ void split(double x, float& high, float& low) {
     low = static_cast<float>(x - static_cast<double>(high));
 }
 
-float& at(Large<float>& table, const SceneView& v, size_t primitive, uint32_t column) {
+float& at(Table<float>& table, const SceneView& v, size_t primitive, uint32_t column) {
     return table[primitive * v.primitive_row + static_cast<size_t>(column) * v.primitive_column];
 }
 
@@ -64,18 +65,29 @@ uint32_t padded(size_t n) {
 }
 
 HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.height) {
-    check_input(in);
-    normalise(in);
+    check_input(in, nullptr);
+    for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
+        has_normals_ = length(row3(in.normals, i)) > 0;
+    if (in.primitives() > kMostSmall) bounds_ = std::make_shared<SceneBounds>(in);
+    static_cast<Frame&>(*this) = frame_of(in);
     orient(in);
     if (!set_flat(in)) set_tree(in);
     view.primitives = primitives.data();
-    set_surfaces(in);
-    set_textures(in);
-    set_media(in);
-    set_grids(in);
-    set_lights(in);
+    list_surfaces(in);
+    for (uint32_t stage = 0; stage < kStages; ++stage) {
+        before_[stage] = view.features;
+        run(static_cast<Stage>(stage), in);
+    }
+    before_[kStages] = view.features;
     set_camera(in);
     set_filter(in);
+}
+
+void HostScene::run(Stage stage, const SceneInput& in) {
+    if (stage == kSurfaceStage) set_surfaces(in);
+    if (stage == kTextureStage) set_textures(in);
+    if (stage == kMediumStage) set_media(in), set_grids(in);
+    if (stage == kLightStage) set_lights(in);
 }
 
 Double3 HostScene::point(const SceneInput& in, size_t vertex) const {

@@ -8,11 +8,12 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "scene/bvh_build.h"
 #include "scene/features.h"
-#include "scene/large.h"
+#include "scene/table.h"
 #include "scene/view.h"
 
 namespace veriray {
@@ -23,6 +24,11 @@ struct Rows {
     const T* data = nullptr;
     size_t count = 0;
 };
+
+template <class T>
+bool same_rows(const Rows<T>& a, const Rows<T>& b) {
+    return a.data == b.data && a.count == b.count;
+}
 
 // Groups of primitives.
 enum ShapeGroup : uint32_t { kTriangleGroup, kSphereGroup, kDiskGroup };
@@ -68,6 +74,7 @@ struct SceneInput {
     }
     // Of a light that no ray meets: else it is far away.
     bool light_has_place(size_t q) const;
+    size_t primitives() const { return triangles.count + spheres.count + disks.count; }
 
    private:
     template <class T>
@@ -75,6 +82,9 @@ struct SceneInput {
         return g == kTriangleGroup ? triangles : g == kSphereGroup ? spheres : disks;
     }
 };
+
+// The largest number of primitives in a small scene, whose form is made anew for each camera.
+constexpr size_t kMostSmall = 1024;
 
 constexpr uint64_t kMostSkyTexels = uint64_t{1} << 27, kMostNumbers = 0x7ffffe00u;
 
@@ -142,6 +152,8 @@ void write_plane(const Flat& f, float* out);
 double plane_at_origin(const Flat& f);
 // Radians between neighbouring pixels; of a parallel camera, their distance.
 double pixel_step(const SceneInput& in);
+// The depth before which a narrow view shows nothing; infinity if it is empty, 0 for other views.
+double narrow_depth(const SceneInput& in, Double3 eye);
 // behind: how far the record's plane lies behind the face. rim: the face's own edges.
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                 std::array<float, 4>& rim);
@@ -164,6 +176,9 @@ struct PrimitiveSource {
     }
 };
 
+// Material, emission and boundary.
+using SurfaceKey = std::tuple<uint32_t, int32_t, int32_t>;
+
 // An area light: one primitive, or two triangles that are the halves of a rectangle. rectangle: to
 // be sampled by solid angle.
 struct AreaLight {
@@ -173,31 +188,38 @@ struct AreaLight {
 };
 
 class LightTexture;
+class SceneBounds;
 
-class HostScene {
+// Where lengths are measured from, and their unit (frame.cpp).
+struct Frame {
+    Double3 centre, eye;  // world: the origin; the camera
+    double unit;          // world length of 1 normalised; a power of two
+    double before;        // camera rays start this far before the origin; 0: at the camera
+};
+
+// Copies share their tables.
+class HostScene : public Frame {
    public:
     explicit HostScene(const SceneInput& in);
-    HostScene(const HostScene&) = delete;
-    HostScene& operator=(const HostScene&) = delete;
+
+    // Makes of the form of `was` that of `in`, with the bits of one made anew, and keeps all tables
+    // that are the same (change.cpp). False if it must be made anew: then this object is of no use
+    // any more.
+    bool change(const SceneInput& was, const SceneInput& in);
 
     SceneView view;                 // pointers into the tables below; bvh is the back end's
-    double unit;                    // world length of 1 normalised; a power of two
-    Double3 centre, eye;            // world: the origin; the camera
     float slab_slack = kSlabSlack;  // of a scene with a tree
-    double before = 0;     // camera rays start this far before the origin; 0: at the camera
-    uint32_t dropped = 0;  // triangles without area
+    uint32_t dropped = 0;           // triangles without area
     uint32_t width, height;
-    Large<PrimitiveSource> sources;  // by primitive
-    Large<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
+    Table<PrimitiveSource> sources;  // by primitive
+    Table<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
-    Large<float> primitives, smooth, sky_texels, sky_ends;
-    std::vector<float> light_chance, light_row, surfaces, media, light_table, light_tree,
-        filter_edges, uv, tangents, textures, sky_sines, grids, cells;
-    Large<uint32_t> surface_of;
-    std::vector<uint32_t> texels, sky_guides;
+    Table<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
+        light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
+        cells;
+    Table<uint32_t> surface_of, texels, sky_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
-    Large<float> records;
-    std::vector<float> round_boxes;
+    Table<float> records, round_boxes;
 
     TreeInput tree_input() const {
         const uint32_t others = static_cast<uint32_t>(round_boxes.size() / 6);
@@ -208,8 +230,10 @@ class HostScene {
     const std::vector<Flat>& flats() const { return flats_; }
 
    private:
-    void normalise(const SceneInput& in);
-    double narrow_depth(const SceneInput& in) const;
+    // Stages of making the tables, in order.
+    enum Stage : uint32_t { kSurfaceStage, kTextureStage, kMediumStage, kLightStage, kStages };
+    void run(Stage stage, const SceneInput& in);
+    Frame frame_of(const SceneInput& in) const;
     Double3 point(const SceneInput& in, size_t vertex) const;
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
     void orient(const SceneInput& in);
@@ -241,6 +265,7 @@ class HostScene {
     void put_tangents(const SceneInput& in, size_t primitive);
     void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
                     double area);
+    void list_surfaces(const SceneInput& in);
     void set_surfaces(const SceneInput& in);
     void set_media(const SceneInput& in);
     std::vector<uint32_t> media_beyond(const SceneInput& in) const;
@@ -270,14 +295,20 @@ class HostScene {
     template <class Density>
     void tabulate_filter(Density density, double reach, double scale);
 
-    std::vector<Flat> flats_;   // of a scene without a tree
-    bool has_normals_ = false;  // some that are not zero
+    std::vector<Flat> flats_;               // of a scene without a tree
+    bool has_normals_ = false;              // some that are not zero
+    FeatureMask before_[kStages + 1] = {};  // the features before each stage, and after the last
+    std::shared_ptr<const SceneBounds> bounds_;                                // of a large scene
     mutable std::map<int32_t, std::shared_ptr<LightTexture>> light_textures_;  // while it is built
-    std::vector<uint8_t> turned_;  // triangles turned so that their normals point out of the front
+    Table<SurfaceKey> surface_keys_;                                           // by surface
+    Table<uint8_t> turned_;  // triangles turned so that their normals point out of the front
 };
 
-// Raises std::invalid_argument for what SceneInput's arrays must not hold.
-void check_input(const SceneInput& in);
+// Raises std::invalid_argument for what SceneInput's arrays must not hold. known: an input that has
+// passed; null: none.
+void check_input(const SceneInput& in, const SceneInput* known);
+// Whether a material lets light through, or its blend does.
+bool clear_material(const SceneInput& in, uint32_t material);
 std::string number(double x);
 bool has_tangents(const SceneInput& in, uint32_t material);
 uint32_t lookup_traits(uint32_t wrap, uint32_t filter, bool grey);

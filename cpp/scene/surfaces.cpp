@@ -50,8 +50,6 @@ RoughCoat rough_coat(float eta, float alpha, bool ggx) {
     return coat;
 }
 
-using SurfaceKey = std::tuple<uint32_t, int32_t, int32_t>;
-
 // The boundary of a medium. edges: sum of hashes over the edges of triangles, oriented around the
 // medium's outer side; 0 if the surface is closed, and by chance with a probability of 2^-64.
 // volume: enclosed; negative if the medium is outside. other: the one medium beyond, 0 if there are
@@ -67,8 +65,8 @@ struct Enclosure {
 
 }  // namespace
 
-void HostScene::set_surfaces(const SceneInput& in) {
-    // One row per primitive in small scenes, else one per (material, emission, boundary).
+// One row per primitive without a tree, else one per (material, emission, boundary).
+void HostScene::list_surfaces(const SceneInput& in) {
     const bool tree = (view.features & kBvh) != 0;
     std::vector<SurfaceKey> rows;
     std::map<SurfaceKey, uint32_t> known;
@@ -100,17 +98,25 @@ void HostScene::set_surfaces(const SceneInput& in) {
         for (size_t i = 0; i < sources.size(); ++i) rows.push_back(key_of(i));
     }
     // Of blends, the rows of their other materials come last.
-    std::vector<uint32_t> others(rows.size(), ~0u);
     for (size_t r = 0, count = rows.size(); r < count; ++r) {
         SurfaceKey key = rows[r];
         const int32_t other = in.blend_material.data[std::get<0>(key)];
         if (other < 0) continue;
-        view.features |= kBlend;
         std::get<0>(key) = static_cast<uint32_t>(other);
-        others[r] = static_cast<uint32_t>(rows.size());
         rows.push_back(key);
     }
-    others.resize(rows.size(), ~0u);
+    surface_keys_.assign(rows.begin(), rows.end());
+}
+
+void HostScene::set_surfaces(const SceneInput& in) {
+    const Table<SurfaceKey>& rows = surface_keys_;
+    std::vector<uint32_t> others(rows.size(), ~0u);
+    size_t blends = 0;
+    for (const SurfaceKey& key : rows.rows())
+        blends += in.blend_material.data[std::get<0>(key)] >= 0;
+    for (size_t r = 0, other = rows.size() - blends; other < rows.size(); ++r)
+        if (in.blend_material.data[std::get<0>(rows[r])] >= 0)
+            others[r] = static_cast<uint32_t>(other++), view.features |= kBlend;
     view.surface_count = static_cast<uint32_t>(rows.size());
     view.surface_stride = padded(rows.size());
     const bool coats = std::any_of(rows.begin(), rows.end(), [&](const SurfaceKey& row) {
@@ -189,7 +195,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
                          (closure.passes ? kPass : 0u);
         if (in.opacity.data[m] < 1 || in.opacity_texture.data[m] >= 0) view.features |= kPass;
     }
-    view.surface_of = tree ? surface_of.data() : nullptr;
+    view.surface_of = view.features & kBvh ? surface_of.data() : nullptr;
     view.surfaces = surfaces.data();
 }
 

@@ -87,13 +87,6 @@ bool overlap(const Box& a, const Box& b, double coarse, Box& out) {
     return true;
 }
 
-bool clear_material(const SceneInput& in, uint32_t material) {
-    return in.either(material, [&](uint32_t m) {
-        return closure_traits(in.material_kind.data[m]).lets_through() || in.opacity.data[m] < 1 ||
-               in.opacity_texture.data[m] >= 0;
-    });
-}
-
 // The least and largest |g.p + c| over a box.
 std::pair<double, double> heights(const Box& b, Double3 g, double c) {
     double low = c, high = c;
@@ -120,6 +113,13 @@ Plane exact_plane(const SceneInput& in, Double3 centre, double unit, const Primi
 }
 
 }  // namespace
+
+bool clear_material(const SceneInput& in, uint32_t material) {
+    return in.either(material, [&](uint32_t m) {
+        return closure_traits(in.material_kind.data[m]).lets_through() || in.opacity.data[m] < 1 ||
+               in.opacity_texture.data[m] >= 0;
+    });
+}
 
 double terms(const Box& b, Double3 n) {
     double sum = 0;

@@ -1,7 +1,7 @@
 // The scene as the stages see it: plain pointers and numbers, passed by value.
-// Lengths are normalised. The origin is the camera, or the middle of a scene far away from it, or
-// the place where a scene is finest. After a division by a power of two, the largest coordinate
-// lies in [1/2, 1).
+// Lengths are normalised. The origin is the camera or a place near it, or the middle of a scene far
+// away from it, or the place where a scene is finest. After a division by a power of two, the
+// largest coordinate lies in [1/2, 1), or in a large scene the camera's distance.
 #pragma once
 
 #include "camera/perspective.h"

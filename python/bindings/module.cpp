@@ -2,42 +2,49 @@
 #include <pybind11/functional.h>
 
 #include <algorithm>
+#include <map>
 #include <system_error>
 
 #include "bindings.h"
 
 namespace {
 
-// Rows of arrays[name]; the converted array is kept alive in `keep`.
+// The arrays that a scene's input points to, by name.
+using Arrays = std::map<std::string, py::object>;
+
+// Rows of given[name], which are kept alive, or else those that the input has.
 struct Reader {
-    const py::dict& arrays;
-    std::vector<py::object> keep;
+    const py::dict& given;
+    Arrays& kept;
     Alike alike;
 
     // shape: of a row; table: `scene` has one row, which the array is.
     template <class T>
     void operator()(const std::string& table, const char* name, Rows<T>& rows,
                     std::vector<py::ssize_t> shape) {
-        if (!arrays.contains(name)) throw py::value_error(std::string("no array ") + name);
-        const Array<T> a = dense<T>(arrays[name], alike);
+        if (!given.contains(name)) {
+            if (kept.count(name)) return;
+            throw py::value_error(std::string("no array ") + name);
+        }
+        const Array<T> a = dense<T>(given[name], alike);
         const bool one = table == "scene";
         if (!one) shape.insert(shape.begin(), -1);
         need_shape(a, name, shape);
-        keep.push_back(a);
+        kept[name] = a;
         rows = {a.data(), one ? 1 : static_cast<size_t>(a.shape(0))};
     }
 };
 
-std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera,
-                                  const py::dict& film, int device, const py::object& progress,
-                                  const std::string& builder) {
-    SceneInput in{};
-    Reader read{arrays, {}, {}};
+void read_arrays(const py::dict& arrays, SceneInput& in, Arrays& kept) {
+    Reader read{arrays, kept, {}};
 #define VR_COLUMN(table, name, type, low, high, open, ...) \
     read(#table, #name, in.name, {__VA_ARGS__});
 #define VR_INDEX(table, name, type, least, of, ...) read(#table, #name, in.name, {__VA_ARGS__});
 #define VR_KIND(table, name, type, kinds, ...) read(#table, #name, in.name, {__VA_ARGS__});
 #include "schema/columns.def"
+}
+
+void read_camera(const py::dict& camera, const py::dict& film, SceneInput& in) {
     const auto numbers = [&]<class T>(const py::dict& from, const char* name, T* out,
                                       const std::vector<py::ssize_t>& shape) {
         const auto a = from[name].cast<Array<T>>();
@@ -60,15 +67,13 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     in.height = film["height"].cast<uint32_t>();
     in.filter = film["filter"].cast<std::string>();
     numbers(film, "filter_parameters", in.filter_parameters, {2});
-    const BuildPoll poll = [&](double share) {
-        py::gil_scoped_acquire acquire;
-        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        if (!progress.is_none()) progress(share);
-        return true;
-    };
-    py::gil_scoped_release release;
+}
+
+// OutOfMemoryError for a lack of the host's memory.
+template <class Make>
+auto with_memory(const SceneInput& in, Make make) {
     try {
-        return std::make_unique<Scene>(in, device, builder, poll);
+        return make();
     } catch (const std::bad_alloc& error) {
         const std::string why = error.what();  // of threads that cannot be had, in words
         throw OutOfMemoryError("scene: " +
@@ -77,6 +82,39 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
                                     : "the host has too little memory for " +
                                           std::to_string(in.triangles.count) + " triangles"));
     }
+}
+
+std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera,
+                                  const py::dict& film, int device, const py::object& progress,
+                                  const std::string& builder) {
+    SceneInput in{};
+    const auto kept = std::make_shared<Arrays>();
+    read_arrays(arrays, in, *kept);
+    read_camera(camera, film, in);
+    const BuildPoll poll = [&](double share) {
+        py::gil_scoped_acquire acquire;
+        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        if (!progress.is_none()) progress(share);
+        return true;
+    };
+    py::gil_scoped_release release;
+    return with_memory(in,
+                       [&] { return std::make_unique<Scene>(in, kept, device, builder, poll); });
+}
+
+// arrays: those that differ. None where primitives differ.
+std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
+                                     const py::dict& camera, const py::dict& film) {
+    SceneInput in = base.input;
+    std::shared_ptr<const void> owner = base.owner;
+    if (!arrays.empty()) {
+        const auto kept = std::make_shared<Arrays>(*static_cast<const Arrays*>(owner.get()));
+        read_arrays(arrays, in, *kept);
+        owner = kept;
+    }
+    read_camera(camera, film, in);
+    py::gil_scoped_release release;
+    return with_memory(in, [&] { return base.changed(in, owner); });
 }
 
 std::vector<std::string> feature_names(FeatureMask mask) {
@@ -307,6 +345,9 @@ void bind_renderer(py::module_& m) {
     py::class_<Scene>(m, "Scene", py::module_local())
         .def(py::init(&make_scene), "arrays"_a, "camera"_a, "film"_a, "device"_a = 0,
              "progress"_a = py::none(), "builder"_a = "sah")
+        .def("changed", &changed_scene, "arrays"_a, "camera"_a, "film"_a)
+        .def_property_readonly(
+            "family", [](const Scene& s) { return reinterpret_cast<uintptr_t>(s.family()); })
         .def_property_readonly("features",
                                [](const Scene& s) { return feature_names(s.host().view.features); })
         .def_property_readonly("feature_mask",

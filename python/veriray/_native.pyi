@@ -5,7 +5,7 @@ Lengths are world units. A GPU module has no `trace_path`; it alone has
 side, so their pybind11 types are module-local.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
 
 import numpy as np
@@ -180,6 +180,13 @@ class Scene:
         progress: Callable[[float], object] | None = None,
         builder: str = "sah",
     ) -> None: ...
+    # With other arrays (those that differ), another camera or film: shares what does not change;
+    # None where the primitives change. The scene keeps its arrays, so they must stay as they are.
+    def changed(
+        self, arrays: Mapping[str, Any], camera: CameraArguments, film: FilmArguments
+    ) -> Scene | None: ...
+    @property
+    def family(self) -> int: ...  # the same for scenes that share primitives and tree
     @property
     def features(self) -> list[str]: ...  # what the scene needs
     @property

@@ -423,8 +423,6 @@ _OF_TEXTURES = frozenset(
     for name, column in COLUMNS.items()
     if column.table in ("textures", "texels", "attributes") or column.indexes == "textures"
 ) | {"sphere_frame"}
-#: The first columns, those of shapes.
-OF_SHAPES = tuple(COLUMNS)[: tuple(COLUMNS).index("disk_boundary") + 1]
 
 
 def hashed(name: str, values: Array) -> bool:
@@ -436,11 +434,11 @@ def hashed(name: str, values: Array) -> bool:
     return bool(values.size) and (default is REQUIRED or bool((given != default).any()))
 
 
-def checked(given: Mapping[str, Any], changed: Container[str] | None = None) -> dict[str, Array]:
+def checked(given: Mapping[str, Any], known: Mapping[str, Any] = {}) -> dict[str, Array]:
     """All arrays of COLUMNS from those given; None stands for a default or an empty table.
 
-    changed: the columns that may differ from a scene's, which the others are taken from; tables
-    keep their numbers of rows. Raises SceneError naming array, index, value and what is allowed.
+    known: arrays that have been checked, with the same numbers of rows. Raises SceneError naming
+    array, index, value and what is allowed.
     """
     arrays: dict[str, Array] = {}
     rows: dict[str, int] = {}
@@ -450,7 +448,7 @@ def checked(given: Mapping[str, Any], changed: Container[str] | None = None) -> 
         first = column.table not in rows
         length = None if first else rows[column.table]
         shape = (length, *column.width) if column.table else column.width
-        if changed is not None and name not in changed:
+        if value is not None and value is known.get(name):
             arrays[name] = value
         elif value is None:
             if length and column.default is REQUIRED:
@@ -477,7 +475,8 @@ def checked(given: Mapping[str, Any], changed: Container[str] | None = None) -> 
     _check_lights(arrays)
     if not _OF_TEXTURES.isdisjoint(unknown):
         _check_textures(arrays)
-    _check_sky(arrays)
+    if any(name in unknown for name in ("sky_size", "sky_texels", "sky_to_world", "environment")):
+        _check_sky(arrays)
     _check_grids(arrays)
     return arrays
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 #: 16 cores: scenario `build` of `veriray bench`).
 CATCH_UP = 2000
 
-_KEPT_PER_SCENE = 2
+#: Native forms that are kept of a scene and its copies, and families of them.
+_KEPT_FORMS, _KEPT_PER_SCENE = 8, 2
 _building = threading.RLock()
 
 
@@ -38,11 +40,21 @@ if hasattr(os, "register_at_fork"):
 
 def native_scene_arguments(scene: Scene) -> dict[str, Any]:
     """The arguments arrays, camera and film of the native `Scene`; see `_native.pyi`."""
+    return {"arrays": _native_arrays(_arrays(scene)), **_view_arguments(scene)}
+
+
+def _arrays(scene: Scene) -> dict[str, Any]:
+    return {name: getattr(scene, name) for name in COLUMNS}
+
+
+def _native_arrays(arrays: dict[str, Any]) -> dict[str, Any]:
+    return {n: a.view(np.uint8) if a.dtype == np.bool_ else a for n, a in arrays.items()}
+
+
+def _view_arguments(scene: Scene) -> dict[str, Any]:
     camera, film = scene.camera, scene.film
     near, far = camera.clip_depths
-    arrays = {name: getattr(scene, name) for name in COLUMNS}
     return {
-        "arrays": {n: a.view(np.uint8) if a.dtype == np.bool_ else a for n, a in arrays.items()},
         "camera": {
             "to_world": camera.placed,
             "parallel": camera.projection == "orthographic",
@@ -78,6 +90,24 @@ def choose_builder(backend: str, triangles: int, paths: int) -> str:
     return "ploc" if early else "sah"
 
 
+class NativeForm(NamedTuple):
+    """A native scene and what it was made of. Forms of one family share primitives and tree."""
+
+    place: tuple[str, int, str]  # module, device, builder
+    arrays: dict[str, Any]
+    view: dict[str, Any]  # camera and film, as the native scene takes them
+    native: NativeScene
+
+    def shows(self, view: dict[str, Any]) -> bool:
+        """Whether its camera and film are these."""
+        own, other = self.view["camera"], view["camera"]
+        return (
+            self.view["film"] == view["film"]
+            and all(own[name] == other[name] for name in own if name != "to_world")
+            and bool((own["to_world"] == other["to_world"]).all())
+        )
+
+
 def native_scene(
     owner: Scene,
     scene: Scene,
@@ -86,39 +116,85 @@ def native_scene(
     builder: str = "auto",
     spp: int = 1,
 ) -> NativeScene:
-    """The native form of `scene`, kept by its owner, the user's object.
+    """The native form of `scene`, kept by its owner, the user's object, and by copies of that.
 
-    progress, builder: as in `veriray.render`; spp: of the render that it is for.
+    What a kept form has in common with the scene is not made again. progress, builder: as in
+    `veriray.render`; spp: of the render that it is for.
     """
-    width, height = scene.film.width, scene.film.height
-    key = (device.native.__name__, device.index, width, height)
+    where = device.native.__name__, device.index
+    arrays, view = _arrays(scene), _view_arguments(scene)
     with _building:
-        kept: dict[tuple[object, ...], NativeScene] = owner.native_forms
-        auto = builder == "auto"
-        if auto:
-            work = len(scene.triangles), width * height * spp
-            builder = "sah" if (*key, "sah") in kept else choose_builder(device.backend, *work)
-        found = kept.get((*key, builder))
-        if found is None:
-            while len(kept) >= _KEPT_PER_SCENE:
-                kept.pop(next(iter(kept)))
-            scene.hash_ahead()
-            arguments = native_scene_arguments(scene)
-            arguments |= {"device": device.index, "progress": polled(progress)}
+        kept: list[NativeForm] = owner.native_forms
+        found = _found(kept, where, arrays, view)
+        tried = [builder]
+        if builder == "auto":
+            work = len(scene.triangles), scene.film.width * scene.film.height * spp
+            tried = [choose_builder(device.backend, *work), "sah"]
+            tried = ["sah"] if "sah" in found or tried[0] == "sah" else tried
+        form = found.get(tried[0])
+        if form is not None and form.shows(view):
+            kept[:] = [*(other for other in kept if other is not form), form]
+            return form.native
+        del found, form  # which hold memory
+        tried[:0] = tried[:1] * bool(kept)  # once more without them if the memory does not suffice
+        for number, name in enumerate(tried):
             try:
-                found = _make(scene, device, {**arguments, "builder": builder})
+                place = *where, name
+                native = _make(scene, device, progress, (place, arrays, view), kept)
+                break
             except device.native.OutOfMemoryError:
-                if not auto or builder == "sah":
+                if number + 1 == len(tried):
                     raise
-                builder = "sah"
-                found = _make(scene, device, {**arguments, "builder": builder})
-            kept.update({(*key, builder): found})
-        return found
+            kept.clear()
+        kept[:] = _recent([*kept, NativeForm(place, arrays, view, native)])
+        return native
 
 
-def _make(scene: Scene, device: Device, arguments: dict[str, Any]) -> NativeScene:
+def _found(
+    kept: list[NativeForm], where: tuple[str, int], arrays: dict[str, Any], view: dict[str, Any]
+) -> dict[str, NativeForm]:
+    """The forms of these very arrays by builder; those of this camera and film, where there are."""
+    found: dict[str, NativeForm] = {}
+    for form in kept:
+        name = form.place[-1]
+        if form.place[:-1] == where and all(
+            map(operator.is_, form.arrays.values(), arrays.values())
+        ):
+            if name not in found or form.shows(view):
+                found[name] = form
+    return found
+
+
+def _recent(forms: list[NativeForm], families: int = _KEPT_PER_SCENE) -> list[NativeForm]:
+    """The last forms, and of them those of the last families."""
+    forms = forms[-_KEPT_FORMS:]
+    known = list(dict.fromkeys(form.native.family for form in reversed(forms)))[:families]
+    return [form for form in forms if form.native.family in known]
+
+
+def _make(
+    scene: Scene,
+    device: Device,
+    progress: Callable[[float], object] | None,
+    wanted: tuple[tuple[str, int, str], dict[str, Any], dict[str, Any]],
+    kept: list[NativeForm],
+) -> NativeScene:
+    """A native scene with what it has in common with a kept one, or else made anew."""
+    place, arrays, view = wanted
     try:
-        made: NativeScene = device.native.Scene(**arguments)
+        beside = {form.native.family: form for form in kept if form.place == place}
+        for form in reversed(beside.values()):
+            pairs = zip(arrays.items(), form.arrays.values(), strict=True)
+            other = _native_arrays({name: a for (name, a), old in pairs if a is not old})
+            changed = form.native.changed(other, **view)
+            if changed is not None:
+                return changed
+        kept[:] = _recent(kept, _KEPT_PER_SCENE - 1)
+        scene.hash_ahead()
+        made: NativeScene = device.native.Scene(
+            arrays=_native_arrays(arrays), **view, device=device.index,
+            progress=polled(progress), builder=place[-1],
+        )  # fmt: skip
         return made
     except ValueError as error:
         if error.__traceback__ is not None and error.__traceback__.tb_next is not None:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from . import parameters
 from .camera import Camera, Film
-from .columns import COLUMNS, LIGHT_KINDS, OF_SHAPES, checked, hashed
+from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
 from .numeric import (
     MAX_COORDINATE,
@@ -46,12 +46,11 @@ from .shipped import SHIPPED, find_shipped
 
 if TYPE_CHECKING:
     from .formats.build import Built
+    from .native_scene import NativeForm
 
 Array = npt.NDArray[Any]
 
-#: The hash after the columns of shapes and after all: shared by copies with the same arrays.
-_DIGESTS = ("_shape_digest", "_array_digest")
-_DERIVED = (*_DIGESTS, "_native_forms")
+_DERIVED = ("_hashes", "_native_forms")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 
 
@@ -59,11 +58,30 @@ _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 _LARGE = 1 << 24
 
 
-class _Digest:
-    """A hash once it is known, and the thread that makes it."""
+class _Hashes:
+    """The hash of a scene's arrays after each of the first columns, as far as known.
 
-    value: hashlib._Hash | None = None
-    maker: threading.Thread | None = None
+    maker: the thread that makes it. first: of a scene with the same first `same` columns.
+    """
+
+    def __init__(self, first: _Hashes | None = None, same: int = 0) -> None:
+        self.made: list[hashlib._Hash] = []
+        self.maker: threading.Thread | None = None
+        if first is not None and first.first is not None and not first.made:
+            first, same = first.first, min(same, first.same)
+        self.first, self.same = first, same
+
+    def known(self) -> list[hashlib._Hash]:
+        """Those that are known."""
+        first = self.first
+        return self.made or (first.known()[: self.same] if first else [])
+
+    def keep(self, made: list[hashlib._Hash]) -> None:
+        """Takes all of them, and tells `first` what it may not know; no longer needs it."""
+        first = self.first
+        if first is not None and len(first.known()) < self.same:
+            first.made = made[: self.same]
+        self.made, self.first = made, None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -130,35 +148,32 @@ class Scene(SceneArrays):
     # cached_property, whose lock a child process may find taken.
 
     @property
-    def native_forms(self) -> dict[tuple[object, ...], Any]:
-        """What `veriray.native_scene` keeps of this very object."""
-        forms: dict[tuple[object, ...], Any] = self.__dict__.setdefault("_native_forms", {})
+    def native_forms(self) -> list[NativeForm]:
+        """What `veriray.native_scene` keeps of this object and of copies by `with_`."""
+        forms: list[NativeForm] = self.__dict__.setdefault("_native_forms", [])
         return forms
 
-    def _digests(self, *names: str) -> dict[str, _Digest]:
-        return {name: self.__dict__.setdefault(name, _Digest()) for name in names}
-
     @property
-    def _digest(self) -> hashlib._Hash:
-        """The hash so far, after the arrays."""
-        of_shapes, of_all = self._digests(*_DIGESTS).values()
-        if of_all.value is None and of_all.maker not in (None, threading.current_thread()):
-            of_all.maker.join()  # at once in a child process, which has no such thread
-        if of_all.value is None:
-            if of_shapes.value is None:
-                digest = hashlib.sha256(b"veriray scene 2\n")
-                self._hash(digest, OF_SHAPES)
-                of_shapes.value = digest
-            digest = of_shapes.value.copy()
-            self._hash(digest, tuple(COLUMNS)[len(OF_SHAPES) :])
-            of_all.value = digest
-        return of_all.value
+    def _hashed_columns(self) -> list[hashlib._Hash]:
+        """The hash after each column, in order."""
+        own = self._hashes_kept
+        for cell in (own, own.first):
+            if cell and cell.maker not in (None, threading.current_thread()):
+                cell.maker.join()  # at once in a child process, which has no such thread
+        made = list(own.known())
+        digest = made[-1].copy() if made else hashlib.sha256(b"veriray scene 2\n")
+        for name in tuple(COLUMNS)[len(made) :]:
+            self._hash(digest, name)
+            made.append(digest.copy())
+        own.keep(made)
+        return made
 
     def hash_ahead(self) -> None:
         """Lets a thread hash large arrays, which `sha256` then waits for."""
-        cell = self._digests("_array_digest")["_array_digest"]
-        large = sum(getattr(self, name).nbytes for name in COLUMNS) >= _LARGE
-        if cell.value is None and cell.maker is None and large:
+        cell = self._hashes_kept
+        if cell.maker is not None or len(cell.known()) == len(COLUMNS):
+            return
+        if sum(getattr(self, name).nbytes for name in COLUMNS) >= _LARGE:
             thread = threading.Thread(target=self._hash_in_thread, daemon=True)
             with contextlib.suppress(RuntimeError):  # no thread can be had
                 thread.start()
@@ -166,18 +181,24 @@ class Scene(SceneArrays):
 
     def _hash_in_thread(self) -> None:
         with contextlib.suppress(Exception):  # `sha256` then raises it itself
-            _ = self._digest
+            _ = self._hashed_columns
 
-    def _hash(self, digest: hashlib._Hash, names: tuple[str, ...]) -> None:
-        for name in names:
-            values: Array = getattr(self, name)
-            if not hashed(name, values):
-                continue
-            digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
-            step = len(values) if distinct(values) is values else 1 << 16
-            for first in range(0, len(values), max(step, 1)):
-                part = values[first : first + step]
-                digest.update(np.ascontiguousarray(part, part.dtype.newbyteorder("<")).data)
+    def _hash(self, digest: hashlib._Hash, name: str) -> None:
+        """Takes a column up, unless it is at its default."""
+        values: Array = getattr(self, name)
+        if not hashed(name, values):
+            return
+        digest.update(f"{name} {values.dtype.str[1:]} {values.shape}\n".encode())
+        step = len(values) if distinct(values) is values else 1 << 16
+        for first in range(0, len(values), max(step, 1)):
+            part = values[first : first + step]
+            digest.update(np.ascontiguousarray(part, part.dtype.newbyteorder("<")).data)
+
+    @property
+    def _hashes_kept(self) -> _Hashes:
+        """What is known of its hash; copies with the same arrays share it."""
+        hashes: _Hashes = self.__dict__.setdefault("_hashes", _Hashes())
+        return hashes
 
     def place(self, message: str) -> str:
         """The place in the scene file of what "column[row] ..." is about; "" if unknown.
@@ -196,20 +217,22 @@ class Scene(SceneArrays):
                 return places[table][row]
         return places.get("scene", [""])[0]
 
-    def _with_arrays(self, **changes: Any) -> Scene:
-        """A copy with other values in the same rows; checks no more than what changes."""
-        given = {name: changes.get(name, getattr(self, name)) for name in COLUMNS}
-        arrays = checked(given, {name for name in COLUMNS if name in changes})
+    def _with_arrays(self, camera: Camera | None = None, **changes: Any) -> Scene:
+        """A copy with other values in the same rows, and perhaps another camera."""
+        known = {name: getattr(self, name) for name in COLUMNS}
+        arrays = checked({**known, **{n: a for n, a in changes.items() if n in COLUMNS}}, known)
         new = {name: arrays.get(name, value) for name, value in changes.items()}
-        return self._copied(**new)
+        same = min(
+            (place for place, name in enumerate(COLUMNS) if name in changes), default=len(COLUMNS)
+        )
+        hashes = _Hashes(self._hashes_kept, same)
+        return self._copy(**new, camera=camera or self.camera, _hashes=hashes)
 
-    def _copied(self, **changes: Any) -> Scene:
-        """A copy with other attributes; the arrays among them are checked already."""
-        shared: list[str] = []
-        if not any(name in changes for name in OF_SHAPES):
-            shared = list(_DIGESTS if COLUMNS.keys().isdisjoint(changes) else _DIGESTS[:1])
+    def _copy(self, **changes: Any) -> Scene:
+        """A copy with other fields, whose arrays are read-only and checked; it shares the rest."""
         copy = object.__new__(Scene)
-        copy.__dict__.update(self.__getstate__(), **self._digests(*shared), **changes)
+        shared = {"_native_forms": self.native_forms, "_hashes": self._hashes_kept}
+        copy.__dict__.update({**self.__getstate__(), **shared, **changes})
         copy._check_settings()
         return copy
 
@@ -232,7 +255,7 @@ class Scene(SceneArrays):
 
         Does not depend on the machine, the process or the file that the scene came from.
         """
-        digest = self._digest.copy()
+        digest = self._hashed_columns[-1].copy()
         camera, film = self.camera, self.film
         numbers = [
             *camera.to_world.ravel().tolist(),
@@ -276,12 +299,15 @@ class Scene(SceneArrays):
         camera: Camera | None = None,
     ) -> Scene:
         """A copy with other settings; None keeps the value. changes: new values of `parameters`, by
-        their names; a colour may be one number. Raises SceneError as Scene does."""
+        their names; a colour may be one number. Raises SceneError as Scene does.
+
+        The copy shares what has not changed, on devices too: rendering it after the original makes
+        nothing anew of a large scene's geometry (docs/speed.md, "Camera moves")."""
         if changes is not None:
             return self._changed(changes).with_(
                 width=width, height=height, filter=filter, filter_parameter=filter_parameter,
                 max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, spp=spp, seed=seed,
-                camera=camera,
+                camera=camera, hide_emitters=hide_emitters,
             )  # fmt: skip
         film = self.film
         if filter is None and filter_parameter is None:
@@ -296,7 +322,7 @@ class Scene(SceneArrays):
         settings |= {"sampler": sampler, "seed": seed, "camera": camera}
         settings |= {"hide_emitters": hide_emitters}
         changed = {name: value for name, value in settings.items() if value is not None}
-        return self._copied(film=film, **changed)
+        return self._copy(**changed, film=film)
 
     def _changed(self, changes: Mapping[str, Any]) -> Scene:
         if not isinstance(changes, Mapping):

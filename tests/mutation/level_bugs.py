@@ -364,8 +364,12 @@ _COUNTS = (
 
 _REPAIRED = (  # bugs that veriray had
     Mutant("near plane ignored in a medium", _CAMERA_TABLE,
-           "in.camera_medium >= 0 || !(nearest > in.near_clip * (1 + 1e-6))",
-           "!(nearest > in.near_clip * (1 + 1e-6))"),
+           "in.camera_medium >= 0 || !all_beyond(in.near_clip * (1 + 1e-6))",
+           "!all_beyond(in.near_clip * (1 + 1e-6))"),
+    Mutant("a moved camera keeps the unit", "scene/change.cpp", "frame.unit != unit || ",
+           "frame.unit == 0 || "),
+    Mutant("a large scene's middle is always the origin", "scene/frame.cpp",
+           "if (size <= edge) return middle;", "if (size > 0) return middle;"),
     Mutant("Mitchell's sign changes between the table's edges", _CAMERA_TABLE,
            "static_cast<float>(a + (x - cell) * (b - a))",
            "static_cast<float>((-reach + 2. * reach * change / kSteps) * scale)"),

@@ -59,8 +59,8 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "view of a lens": ({"fov": 1e-4, "lens": 0.1}, {"fov": 2e-3, "lens": 0.1}, "1.1e-07 rad wide"),
     "medium": (
         {"fog": ball(1e6), **MANY},
-        {"fog": ball(1e4), **MANY},
-        "sigma_t[0] (scene.fog.interior) reaches 6.2e+06 free paths",
+        {"fog": ball(2e3), **MANY},
+        "sigma_t[0] (scene.fog.interior) reaches 2.6e+07 free paths",
     ),
     "depth": ({"fog": ball(1e4, 1.0)}, {"fog": ball(4e3, 1.0)}, "optical depth of 2e+04"),
     "grey depth": ({"fog": ball(1e4, 0.99999)}, {"fog": ball(1e4, 0.99)}, "optical depth"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import random
 import re
@@ -90,11 +91,11 @@ def test_no_stale_scene_after_an_interrupt_at_any_line(
         finally:
             sys.settrace(before)
 
-    old = [first.with_(seed=k) for k in range(8)]
+    old = [copy.copy(first) for _ in range(8)]  # which have no native forms yet
     for scene in old:
         interrupted(scene)
     del old, scene
-    later = [second.with_(seed=k) for k in range(32)]  # some at the addresses of the old
+    later = [copy.copy(second) for _ in range(32)]  # some at the addresses of the old
     assert {film(scene) for scene in later} == {right}
 
 
@@ -114,7 +115,7 @@ def interrupt_often(films: list[tuple[vr.Scene, str]], seconds: float, seed: int
                 while True:
                     renders += 1
                     given, right = films[renders % len(films)]
-                    scene = given.with_(seed=renders)
+                    scene = copy.copy(given).with_(seed=renders)
                     assert film(scene) == right
                     scene = None
             except KeyboardInterrupt:

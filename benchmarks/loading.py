@@ -210,8 +210,8 @@ def main() -> None:
                         )
                         if run.returncode:
                             sys.exit(f"{name}: {run.stderr.strip().splitlines()[-1:]}")
-                        lines = [line for line in run.stdout.splitlines() if line[:1] == "{"]
-                        found[name].append(json.loads(lines[-1]))  # Mitsuba logs to stdout too
+                        at = run.stdout.rindex('{"load"')  # Mitsuba logs to stdout too
+                        found[name].append(json.JSONDecoder().raw_decode(run.stdout, at)[0])
                 for name, runs in found.items():
                     load, first, peak = (
                         statistics.median(run[key] for run in runs)

@@ -200,16 +200,18 @@ def main() -> None:
                 count, taken = len(faces), path.stat().st_size
                 del vertices, faces
                 smooth = ["--smooth"] * given.smooth
-                found: dict[str, list[dict[str, float]]] = {name: [] for name in renderers}
+                taking = renderers[:1] if form == "stl" else renderers  # Mitsuba has no STL
+                found: dict[str, list[dict[str, float]]] = {name: [] for name in taking}
                 for _ in range(given.repeats):
-                    for name in renderers:
+                    for name in taking:
                         command = [sys.executable, __file__, "--worker", name, path, small]
                         run = subprocess.run(
                             list(map(str, [*command, *smooth])), capture_output=True, text=True
                         )
                         if run.returncode:
                             sys.exit(f"{name}: {run.stderr.strip().splitlines()[-1:]}")
-                        found[name].append(json.loads(run.stdout.splitlines()[-1]))
+                        at = run.stdout.rindex('{"load"')  # Mitsuba logs to stdout too
+                        found[name].append(json.JSONDecoder().raw_decode(run.stdout, at)[0])
                 for name, runs in found.items():
                     load, first, peak = (
                         statistics.median(run[key] for run in runs)

@@ -46,10 +46,11 @@ class Veriray:
         self.scene, self.settings = scene, settings
 
     def run(self, spp: int, seed: int) -> tuple[dict[str, Any], Array]:
-        """The whole call includes standard errors, copy and hash."""
+        """The whole call until the picture is in NumPy."""
         with Meter() as m:
             self.last = render(self.scene, spp=spp, seed=seed, **self.settings)
-        return {"seconds": self.last.stats["seconds"], **m.row()}, self.last.image
+            image = self.last.image
+        return {"seconds": self.last.stats["seconds"], **m.row()}, image
 
     def facts(self) -> dict[str, Any]:
         """What the last run was, for the record."""

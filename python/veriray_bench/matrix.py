@@ -2,7 +2,7 @@
 
 For each scene the renderers take turns, with a seed of their own for each picture. Wall: median
 seconds of the public call until the picture is in NumPy. Device: until the film is complete in the
-device's memory. Variance: of a picture's pixels, relative, mean over pixels and channels of
+device's memory. CPU: own processor seconds of the call. Variance: of a picture's pixels, relative, mean over pixels and channels of
 
     V = sum_k (I_k - I)^2 / (K - 1) / (r^2 + 0.01 R^2),
 
@@ -37,8 +37,8 @@ ALARMS = 1e-3
 #: Seconds that the rounds of a scene may take; beyond it, all take fewer samples per pixel.
 BUDGET = {"cpu": 8.0, "cuda": 2.0}
 _LEAST_SPP = 4
-TIMES = {"wall": "wall", "device": "seconds"}
-FIGURES = ("wall", "device", "variance", "efficiency")
+TIMES = {"wall": "wall", "device": "seconds", "cpu": "cpu"}
+FIGURES = ("wall", "device", "cpu", "variance", "efficiency")
 
 
 @dataclass(frozen=True)
@@ -232,8 +232,8 @@ def judge(taken: Taken, limit: float, margin: float) -> dict[str, Result]:
 
 
 def ratios(ours: Result, peer: Result) -> dict[str, float]:
-    """The peer's wall, device time and variance over ours, and our efficiency over its."""
-    found = {key: peer[key] / ours[key] for key in ("wall", "device")}
+    """The peer's times and variance over ours, and our efficiency over its."""
+    found = {key: peer[key] / max(ours[key], 1e-9) for key in TIMES}
     # pictures without noise say nothing of variance
     found["variance"] = peer["variance"] / ours["variance"] if ours["variance"] > 0 else 1.0
     return {**found, "efficiency": found["wall"] * found["variance"]}

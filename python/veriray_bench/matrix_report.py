@@ -9,7 +9,7 @@ from .matrix import FIGURES, by_class, headline
 from .sections import Section, Table, num, with_unit
 
 Result = dict[str, Any]
-_NAMES = {"wall": "wall", "device": "device time", "variance": "variance",
+_NAMES = {"wall": "wall", "device": "device time", "cpu": "CPU time", "variance": "variance",
           "efficiency": "efficiency"}  # fmt: skip
 _TEXT = (
     "Small scenes made by rule, three of each class. Wall: the whole public call until the picture "

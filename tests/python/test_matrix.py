@@ -154,7 +154,7 @@ def test_efficiency_is_wall_times_variance() -> None:
     errors).
     """
     found = judged(lane(3.0, 2, 0.2))["ratios"]
-    assert found["wall"] == found["device"] == 3.0
+    assert found["wall"] == found["device"] == found["cpu"] == 3.0
     assert found["variance"] == pytest.approx(4, rel=0.2)
     assert found["efficiency"] == found["wall"] * found["variance"]
 
@@ -241,9 +241,15 @@ def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 def canned(efficiency: float = 20.0) -> dict[str, Any]:
     """A whole result: all scenes alike, but for a weak class and a void scene."""
-    own = {"wall": 0.01, "device": 0.005, "variance": 0.1, "efficiency": 1000.0,
+    own = {"wall": 0.01, "device": 0.005, "cpu": 0.02, "variance": 0.1, "efficiency": 1000.0,
            "foreign": 0.0, "first": {"wall": 0.1}}  # fmt: skip
-    found = {"wall": efficiency / 2, "device": 8.0, "variance": 2.0, "efficiency": efficiency}
+    found = {
+        "wall": efficiency / 2,
+        "device": 8.0,
+        "cpu": 7.0,
+        "variance": 2.0,
+        "efficiency": efficiency,
+    }
     scenes: dict[str, Any] = {}
     for cell in cells():
         mitsuba = {**own, "ratios": found}

@@ -37,7 +37,7 @@ def rooms(source: Path, work: Path) -> dict[str, Path]:
 
 
 def strangers(source: Path, work: Path) -> dict[str, Path]:
-    """Repository/path -> file of each scene of version 2 or 3, with stand-ins for missing assets."""
+    """Repository/path -> file of each scene of version 2 or 3, with stand-ins for its assets."""
     _unpack(source / "scenes.tar.xz", work)
     found = {}
     for entry in json.loads((source / "scenes.json").read_text("utf-8")):

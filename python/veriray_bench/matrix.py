@@ -2,7 +2,8 @@
 
 For each scene the renderers take turns, with a seed of their own for each picture. Wall: median
 seconds of the public call until the picture is in NumPy. Device: until the film is complete in the
-device's memory. CPU: own processor seconds of the call. Variance: of a picture's pixels, relative, mean over pixels and channels of
+device's memory. CPU: own processor seconds of the call. Variance: of a picture's pixels, relative,
+mean over pixels and channels of
 
     V = sum_k (I_k - I)^2 / (K - 1) / (r^2 + 0.01 R^2),
 

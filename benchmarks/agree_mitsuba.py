@@ -8,10 +8,10 @@ differs. With --cache DIR Mitsuba's batch means are kept there and used again wh
 settings and version of Mitsuba stay the same.
 
 --wild DIR takes other people's scenes instead (see `wild.py`): whole rooms, and the first file of
-each repository that both renderers read and that is not dark, at its own depths. Rare bright samples
-make the tests fail more often than they state, so a scene that fails there is judged by a second
-run with six times the samples and other seeds. A difference that a decision explains is named in
-DECISIONS. --table FILE writes a result's rows as Markdown.
+each repository that both renderers read and that is not dark, at its own depths. Rare bright
+samples make the tests fail more often than they state, so a scene that fails there is judged by a
+second run with six times the samples and other seeds. A difference that a decision explains is
+named in DECISIONS. --table FILE writes a result's rows as Markdown.
 
 Under filters wider than a pixel Mitsuba's border pixels see samples of the film alone, ours those
 around it too: two pixels at the border are left out there.

@@ -161,8 +161,11 @@ def take_turns(
             done = None if lane.failed else call(name, seed)
             if done and seed == 0:
                 lane.first = {"spp": spp, "wall": done[0]["wall"]}
-            elif done:
+            if done:
                 slowest = max(slowest, done[0]["wall"])
+        while seed == 0 and slowest > 2 * budget and spp > _LEAST_SPP:
+            spp, slowest = spp // 2, slowest / 2
+        slowest = 0.0 if seed == 0 else slowest
         step()
     while slowest * rounds > budget and spp > _LEAST_SPP:
         spp, slowest = spp // 2, slowest / 2

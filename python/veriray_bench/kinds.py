@@ -86,16 +86,17 @@ class Bench:
 
     def render(self, scene: Scene, settings: Settings, **more: Any) -> Render:
         """One render of ours with the film and the depths of the settings."""
-        return render(scene, device=self.device.name, **_film(settings), **more)
+        return render(scene, device=self.device.name, **film_settings(settings), **more)
 
     def ours(self, scene: Scene, settings: Settings, sampler: str = "independent",
              **more: Any) -> Veriray:  # fmt: skip
         """A contestant of ours."""
         more["sampler"] = sampler
-        return Veriray(scene, device=self.device.name, **_film(settings), **more)
+        return Veriray(scene, device=self.device.name, **film_settings(settings), **more)
 
 
-def _film(settings: Settings) -> Settings:
+def film_settings(settings: Settings) -> Settings:
+    """What of the settings film and depths are."""
     return {key: settings[key] for key in ("width", "height", "max_depth", "rr_depth")}
 
 
@@ -112,7 +113,7 @@ def _peers(
             path = scene_file(settings["scene"], bench.folder, named)
             label = f"{name} {sampler}" if all_samplers else name
             try:
-                found[label] = PeerRun(bench.crew.get(name), label, path, _film(settings))
+                found[label] = PeerRun(bench.crew.get(name), label, path, film_settings(settings))
             except BenchError as error:
                 failed[label] = str(error)
     return found, failed

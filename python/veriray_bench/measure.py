@@ -172,11 +172,13 @@ def mean_error(stderr: Array) -> Array:
     return np.sqrt((stderr.astype(np.float64) ** 2).sum(axis=(0, 1))) / (stderr.size / 3)
 
 
-def means_agree(ours: Any, peer: Any, noise: Array, margin: float = 1e-5) -> dict[str, Any]:
+def means_agree(
+    ours: Any, peer: Any, noise: Array, margin: float = 1e-5, limit: float = 4.0
+) -> dict[str, Any]:
     """Do the means of two renderers agree, per channel?
 
     ours, peer: (3,), means of their pictures; noise: (3,), standard error of the difference.
-    Agreement is |z| < 4 per channel, a relative margin taken off: false once in 5,000.
+    Agreement is |z| < limit per channel, a relative margin taken off: false once in 5,000 at 4.
     """
     a, b = np.asarray(ours, np.float64), np.asarray(peer, np.float64)
     far = np.maximum(np.abs(a - b) - margin * np.abs(b), 0)
@@ -188,8 +190,9 @@ def means_agree(ours: Any, peer: Any, noise: Array, margin: float = 1e-5) -> dic
             "relative_difference": (a / b - 1).tolist(),
             "relative_standard_error": (noise / b).tolist(),
             "margin": margin,
+            "limit": limit,
             "z": z.tolist(),
-            "agree": bool((np.abs(z) < 4).all()),
+            "agree": bool((np.abs(z) < limit).all()),
         }
 
 

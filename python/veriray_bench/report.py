@@ -11,6 +11,7 @@ from veriray.errors import visible
 from veriray.files import replacing
 
 from . import plots
+from .matrix_report import matrix_line, matrix_sections
 from .run import read
 from .scenarios import Scenario
 from .sections import (
@@ -18,6 +19,7 @@ from .sections import (
     Table,
     adaptive_section,
     compaction_section,
+    cost_section,
     num,
     of_kind,
     ratio_by,
@@ -32,12 +34,15 @@ _TEMPLATE = Path(__file__).with_name("report.html.j2")
 
 
 def find(paths: Sequence[str | os.PathLike[str]]) -> list[Result]:
-    """The results in files and folders (bench_*.json); ValueError or OSError naming the path."""
+    """The results in files and folders (bench_*.json, matrix_*.json); ValueError or OSError naming
+    the path.
+    """
     files: list[Path] = []
     for path in map(Path, paths):
-        inside = sorted(path.glob("bench_*.json")) if path.is_dir() else [path]
+        names = ("bench_*.json", "matrix_*.json")
+        inside = [f for n in names for f in sorted(path.glob(n))] if path.is_dir() else [path]
         if not inside:
-            raise ValueError(f"{path}: no bench_*.json inside")
+            raise ValueError(f"{path}: no bench_*.json and no matrix_*.json inside")
         files += inside
     return [read(path) for path in files]
 
@@ -66,9 +71,10 @@ def sections(results: Sequence[Result]) -> list[Section]:
     return [
         part
         for part in (
-            _targets(results), _void(results), _speed(results), _error(results),
+            *matrix_sections(results), _targets(results), _void(results), _speed(results),
+            _error(results),
             _scaling(results), _depth(results), compaction_section(results),
-            variants_section(results), roulette_section(results),
+            variants_section(results), roulette_section(results), cost_section(results),
             adaptive_section(results), _rest(results), _facts(results),
         )
         if part.tables or part.plots
@@ -94,7 +100,7 @@ def _targets(results: Sequence[Result]) -> Section:
         "Targets",
         "Ratios compare renderers in one run, alternating, on the same scene file. Reached is the "
         "share of the target: it is met at 100 %.",
-        [Table(columns, rows)],
+        [Table(columns, rows)] if rows else [],
     )
 
 
@@ -333,7 +339,8 @@ def to_markdown(results: Sequence[Result], folder: Path) -> str:
     count = 0
     for section in sections(results):
         lines += ["", f"## {section.title}", "", *([section.text, ""] if section.text else [])]
-        for table in section.tables:
+        for k, table in enumerate(section.tables):
+            lines += [""] * (k > 0)
             lines.append("| " + " | ".join(c.strip() for c in table.columns) + " |")
             marks = ("--:" if c.startswith(" ") else "---" for c in table.columns)
             lines.append("| " + " | ".join(marks) + " |")
@@ -352,6 +359,8 @@ def to_markdown(results: Sequence[Result], folder: Path) -> str:
 
 def line(scenario: Scenario, row: Result, backend: str) -> str:
     """A scenario's result in one line, for the terminal."""
+    if row["kind"] == "matrix":
+        return matrix_line(scenario.name, row)
     parts = []
     for who, entry in row.get("rows", {}).items():
         if "mpaths_per_second" in entry:
@@ -363,7 +372,7 @@ def line(scenario: Scenario, row: Result, backend: str) -> str:
     if "points" in row:
         rates = [p["rows"]["veriray"]["mpaths_per_second"] for p in row["points"]]
         parts.append(f"veriray {num(min(rates))} to {num(max(rates))} Mpaths/s")
-    if row["kind"] in ("variants", "roulette"):
+    if row["kind"] in ("variants", "roulette", "cost"):
         parts += [f"{key} {v if isinstance(v, str) else num(v)}" for key, v in
                   row.get("figures", {}).items()]  # fmt: skip
     for target in scenario.targets:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import tempfile
 import time
@@ -17,6 +18,7 @@ from veriray.errors import DeviceError
 from veriray.files import open_regular, replacing
 
 from . import kinds, process, studies
+from . import matrix as matrix_kind
 from .measure import RELMSE, BenchError, cpu_count, header, now
 from .peers import Crew
 from .scenarios import SCENARIOS, Scenario
@@ -33,7 +35,11 @@ KINDS: dict[str, Callable[..., dict[str, Any]]] = {
     "roulette": studies.roulette,
     "cold": process.cold,
     "memory": process.memory,
+    "cost": studies.cost,
+    "matrix": matrix_kind.matrix,
 }
+#: Results of `run`: of scenarios, and of scenes of the matrix.
+BENCHMARKS = ("bench", "matrix")
 #: What must not change between the sessions of one file.
 _SAME = ("commit", "modified", "versions", "machine", "device", "build", "settings", "peers")
 
@@ -69,32 +75,40 @@ def run(
     quick: bool = False,
     again: bool = False,
     wait: float = 0.0,
+    limit: float = math.inf,
+    scenes: Sequence[matrix_kind.Cell] | None = None,
     show: Show = _silent,
     done: Callable[[Scenario, dict[str, Any], bool], object] = lambda scenario, row, kept: None,
 ) -> Path:
     """Measure scenarios on a device; returns the file, FOLDER/bench_BACKEND.json.
 
-    The file is rewritten whole after each scenario. What it already holds is not measured again
-    unless `again`; a scenario that ended in an error is. quick: a smoke test whose figures mean
-    little. wait: seconds to wait for an idle machine before each run. show(title) gives a progress
-    callback; done(scenario, result, kept) is called after each one.
+    With `scenes` these are measured instead of the table's scenarios; the file is
+    FOLDER/matrix_BACKEND.json. The file is rewritten whole after each scenario. What it already
+    holds is not measured again unless `again`; a scenario that ended in an error is. quick: a smoke
+    test whose figures mean little. wait: seconds to wait for an idle machine before each run.
+    limit: seconds after which none is begun. show(title) gives a progress callback;
+    done(scenario, result, kept) is called after each one.
 
     Raises ValueError for unknown names, BenchError where the file is of another run, DeviceError,
     OSError naming the file.
     """
     chosen, _ = select(device)
-    scenarios = choose(only, chosen.backend)
-    path = Path(folder) / f"bench_{chosen.backend}.json"
+    begin = time.perf_counter()
+    table = choose(only, chosen.backend) if scenes is None else scenes
+    name = BENCHMARKS[scenes is not None]
+    path = Path(folder) / f"{name}_{chosen.backend}.json"
     with tempfile.TemporaryDirectory() as scratch, Crew(peers, chosen.backend) as crew:
-        result = _header(chosen, crew, quick)
+        result = _header(name, chosen, crew, quick)
         result["scenarios"] = _earlier(path, result)
         path.parent.mkdir(parents=True, exist_ok=True)
-        for k, scenario in enumerate(scenarios, 1):
+        for k, scenario in enumerate(table, 1):
             old = result["scenarios"].get(scenario.name)
             if old and "error" not in old and not again:
                 done(scenario, old, True)
                 continue
-            title = f"{scenario.name} ({k} of {len(scenarios)}): {scenario.title}"
+            if time.perf_counter() - begin > limit:
+                break
+            title = f"{scenario.name} ({k} of {len(table)}): {scenario.title}"
             with show(title) as progress:
                 bench = kinds.Bench(chosen, crew, Path(scratch), wait, progress or (lambda f: None))
                 row = _measure(bench, scenario, quick)
@@ -105,8 +119,8 @@ def run(
     return path
 
 
-def _header(chosen: Any, crew: Crew, quick: bool) -> dict[str, Any]:
-    result = header("bench", "mitsuba", "drjit", root=Path.cwd())
+def _header(name: str, chosen: Any, crew: Crew, quick: bool) -> dict[str, Any]:
+    result = header(name, "mitsuba", "drjit", root=Path.cwd())
     result["device"] = {"name": chosen.name, "description": chosen.description, **chosen.details}
     result["build"] = chosen.native.build_info()
     result["settings"] = {
@@ -115,7 +129,13 @@ def _header(chosen: Any, crew: Crew, quick: bool) -> dict[str, Any]:
         "limit": f"{kinds.LIMITS[chosen.backend]:.3g} paths/s {kinds.LIMIT_OF[chosen.backend]} at "
                  "max_depth 8 without roulette, by rays per path at other depths",
     }  # fmt: skip
-    result["peers"] = {name: dict(about) for name, about in crew.about.items()}
+    if name == "matrix":
+        result["settings"] |= {
+            "sampler": "independent",
+            "alarms": matrix_kind.ALARMS,
+            "variance": "sum_k (I_k - I)^2 / (K - 1) / (r^2 + 0.01 R^2)",
+        }
+    result["peers"] = {peer: dict(about) for peer, about in crew.about.items()}
     return result
 
 
@@ -146,8 +166,8 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
             result = json.load(file)
     except ValueError as error:
         raise ValueError(f"{os.fspath(path)}: not JSON: {error}") from None
-    if not isinstance(result, dict) or result.get("benchmark") != "bench":
-        raise ValueError(f"{os.fspath(path)}: not a result of `veriray bench all`")
+    if not isinstance(result, dict) or result.get("benchmark") not in BENCHMARKS:
+        raise ValueError(f"{os.fspath(path)}: not a result of `veriray bench all` or `matrix`")
     return result
 
 
@@ -157,7 +177,7 @@ def _measure(bench: kinds.Bench, scenario: Scenario, quick: bool) -> dict[str, A
     begin = time.perf_counter()
     try:
         row |= KINDS[scenario.kind](bench, scenario, settings)
-    except (BenchError, DeviceError, MemoryError) as error:
+    except (BenchError, DeviceError, MemoryError, ValueError, OSError) as error:
         row["error"] = f"{type(error).__name__}: {error}"
         with contextlib.suppress(BenchError):
             bench.crew.forget()

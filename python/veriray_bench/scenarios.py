@@ -204,6 +204,16 @@ SCENARIOS: tuple[Scenario, ...] = (
              "cornell textured", "variants", _SIZE, _SPP, peers=False),
     Scenario("variants-textured-spheres", "the same with a mirror and a glass sphere",
              "cornell textured spheres", "variants", _SIZE, _SPP, peers=False),
+    Scenario(
+        "surfaces-cornell", "textured and rough against matt, Mitsuba's Cornell box", _BOX, "cost",
+        _SIZE, _SPP,
+        targets=(
+            Target("textured_over_matt", "time with every wall textured over untextured",
+                   {"cpu": (1.15, 1.05), "cuda": (1.15, 1.05)}, below=True),
+            Target("rough_over_matt", "time per ray, all rough over matt",
+                   {"cpu": (1.25, 1.1), "cuda": (1.25, 1.1)}, below=True),
+        ),
+    ),
     Scenario("roulette-cornell", "where roulette starts, Mitsuba's Cornell box", _BOX, "roulette",
              _both(256, 512), _SPP, max_depth=64, rounds=9, vary=_STARTS, reference_spp=8192,
              peers=False),
@@ -319,6 +329,10 @@ _BOARD = r"""<texture type="checkerboard" name="reflectance">
             <rgb name="color1" value="0.5, 0.5, 0.5"/>
             <transform name="to_uv"><scale value="4"/></transform>
         </texture>"""
+_ALL_ROUGH = r"""<string name="material" value="none"/>
+    <string name="distribution" value="ggx"/>
+    <float name="alpha" value="0.3"/>
+    <rgb name="specular_reflectance" value="\1"/>"""
 _SAMPLER = 'sampler type="independent"'
 
 
@@ -331,6 +345,7 @@ def scene_file(name: str, folder: Path, sampler: str = "independent") -> Path:
     medium" (with one inside) under a constant sky, "glass medium lit" under a rectangle; "cornell
     spheres", Mitsuba's box with two of
     them for its boxes, "cornell thin" with one of thin glass, "cornell rough" with rough ones,
+    "cornell all rough", the box with rough metal for its matt surfaces,
     "image sky" with an image around it; "cornell textured", the box with checkerboards for its
     colours, "cornell textured spheres" with the two spheres as well. Parameters of the
     file: width, height, max_depth and rr_depth. sampler: Mitsuba's name; the only word in which
@@ -360,6 +375,10 @@ def _made(name: str, folder: Path) -> str:
             text = re.sub(r'<rgb name="reflectance" value="([^"]*)"/>', _BOARD, text)
         if name == "cornell textured":
             return text
+        if name == "cornell all rough":
+            rough = _ALL_ROUGH.replace("\n", "\n    ")
+            text = text.replace('<bsdf type="diffuse"', '<bsdf type="roughconductor"')
+            return re.sub(r'<rgb name="reflectance" value="([^"]*)"/>', rough, text)
         spheres = _TWO_SPHERES.replace(_GLASS, _THIN if name == "cornell thin" else _GLASS)
         if name == "cornell rough":
             spheres = spheres.replace('bsdf type="', 'bsdf type="rough')
@@ -392,13 +411,14 @@ def _write_sky(path: Path) -> None:
     path.write_bytes(b"PF\n32 16\n-1.0\n" + texels.astype("<f4").tobytes())
 
 
-def write_ply(path: Path, vertices: Array, triangles: Array) -> None:
-    """A binary PLY file with float32 vertices."""
+def write_ply(path: Path, vertices: Array, triangles: Array, uv: Array | None = None) -> None:
+    """A binary PLY file with float32 vertices; uv: (V, 2), their texture coordinates."""
     rows = np.empty(len(triangles), dtype=[("n", "u1"), ("v", "<i4", 3)])
     rows["n"], rows["v"] = 3, triangles
+    columns = vertices if uv is None else np.hstack([vertices, uv])
+    properties = "".join(f"property float {name}\n" for name in "xyzuv"[: columns.shape[1]])
     header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n{properties}"
         f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
-    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+    path.write_bytes(header.encode() + columns.astype("<f4").tobytes() + rows.tobytes())

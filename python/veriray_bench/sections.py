@@ -145,6 +145,28 @@ def variants_section(results: Sequence[Result]) -> Section:
     return out
 
 
+def cost_section(results: Sequence[Result]) -> Section:
+    """Scenarios of kind "cost"."""
+    rows = []
+    for device, name, result in of_kind(results, "cost"):
+        by = ratio_by(results, device)
+        for who, row in result["rows"].items():
+            if "void" in row:
+                rows.append([device, name, who, "absent" if row.get("absent") else "void",
+                             *["-"] * 3])  # fmt: skip
+                continue
+            ratio = row.get("times_faster", {}).get(by, {}).get("median")
+            rows.append([device, name, who, num(1e3 * row[by]), num(row["mpaths_per_second"]),
+                         num(row.get("rays_per_path")), with_unit(ratio, "x")])  # fmt: skip
+    columns = ("device", "scenario", "renderer and surfaces", " ms", " Mpaths/s", " rays per path",
+               " veriray is faster")  # fmt: skip
+    return Section(
+        "What surfaces cost",
+        "The same box with matt, textured (every wall) and rough surfaces, in alternating rounds.",
+        [Table(columns, rows)] if rows else [],
+    )
+
+
 def _short(names: Sequence[str], everything: Sequence[str]) -> str:
     """Features in words; those that are missing where they are fewer."""
     missing = [name for name in everything if name not in names]

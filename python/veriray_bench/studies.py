@@ -1,4 +1,6 @@
-"""Kinds of scenarios about veriray alone: compaction, adaptive sampling, variants, roulette."""
+"""Kinds of scenarios about veriray: compaction, adaptive sampling, variants, roulette, and, beside
+peers, what surfaces cost.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,63 @@ from veriray.sampling import PILOT, tile_errors
 from veriray.scene import load_file
 
 from .compaction import STRATEGIES, study
-from .kinds import REFERENCE_SEED, Bench, Result, Settings, loaded
-from .measure import Array, errors, mean, mean_error, means_agree, median, spread
-from .race import Lane, Veriray, compare, differ, race, summary
+from .kinds import REFERENCE_SEED, Bench, Result, Settings, film_settings, loaded
+from .measure import Array, BenchError, errors, mean, mean_error, means_agree, median, spread
+from .race import Contestant, Lane, PeerRun, Veriray, absent, compare, differ, race, summary
 from .scenarios import NO_ROULETTE, Scenario, scene_file
 
 LIMIT = 2**16  # samples of a pixel at most, of either way
 _TRY = 256  # samples of the render that says how many uniform ones need
+
+#: Mitsuba's Cornell box with other surfaces.
+SURFACES = {"matt": "cornell-box-mitsuba", "textured": "cornell textured",
+            "rough": "cornell all rough"}  # fmt: skip
+
+
+def cost(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
+    """The box with matt, textured and rough surfaces, of ours and of peers, in one race.
+
+    A rough surface absorbs other shares than a matt one, so paths differ in length: figures are of
+    the time per path (`textured_over_matt`) and per ray (`rough_over_matt`, `textured_per_ray`).
+    """
+    step = bench.steps(settings["rounds"] + 1)
+    ours: dict[str, Contestant] = {}
+    theirs: dict[str, tuple[str, str]] = {}
+    lost: dict[str, Result] = {}
+    for surface, scene in SURFACES.items():
+        path = scene_file(scene, bench.folder)
+        ours[f"veriray {surface}"] = bench.ours(load_file(path), settings)
+        for name in bench.crew.names() if scenario.peers else ():
+            label = f"{name} {surface}"
+            try:
+                ours[label] = PeerRun(bench.crew.get(name), label, path, film_settings(settings))
+                theirs[label] = surface, name
+            except BenchError as error:
+                lost[label] = absent(str(error))
+    lanes = race(ours, settings["spp"][0], settings["rounds"], wait=bench.wait, step=step)
+    rows: dict[str, Result] = {}
+    figures: dict[str, float] = {}
+    for surface in SURFACES:
+        own = f"veriray {surface}"
+        names = [own, *(label for label, (where, _) in theirs.items() if where == surface)]
+        rows |= compare({n: ours[n] for n in names}, {n: lanes[n] for n in names}, scenario.margin,
+                        bench.by)  # fmt: skip
+        for label in names[1:]:
+            if "times_faster" in rows[label]:
+                figures[f"times_faster_{label.replace(' ', '_')}"] = rows[label]["times_faster"][
+                    bench.by]["median"]  # fmt: skip
+    matt = rows["veriray matt"]
+    for surface in ("textured", "rough"):
+        row = rows[f"veriray {surface}"]
+        each = [b[bench.by] / a[bench.by] for a, b in zip(matt["rounds"], row["rounds"],
+                                                          strict=True)]  # fmt: skip
+        ratio = float(np.median(each))
+        figures[f"{surface}_time_over_matt"] = ratio
+        figures[f"{surface}_per_ray"] = ratio * matt["rays_per_path"] / row["rays_per_path"]
+    figures["textured_over_matt"] = figures["textured_time_over_matt"]
+    figures["rough_over_matt"] = figures["rough_per_ray"]
+    bench.crew.forget()
+    return {"rows": rows | lost, "figures": figures}
 
 
 def compaction(bench: Bench, scenario: Scenario, settings: Settings) -> Result:

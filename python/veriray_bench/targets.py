@@ -5,10 +5,39 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from .scenarios import SCENARIOS, Target
+from .matrix import cells, headline
+from .scenarios import SCENARIOS, Scenario, Target
 
 Result = dict[str, Any]
 DISTURBED = 0.1  # cores used by others above which a time is doubted
+
+
+def _goal(figure: str, what: str, **goals: tuple[float, float]) -> Target:
+    return Target(figure, f"{what} against Mitsuba's", goals, unit="x")
+
+
+#: What the matrix as a whole should reach.
+MATRIX = Scenario(
+    "matrix", "scenes made by rule", "", "matrix", {}, {},
+    targets=(
+        _goal("efficiency_mean", "efficiency, geometric mean", cpu=(10, 10), cuda=(15, 25)),
+        _goal("efficiency_least", "efficiency, least", cpu=(1.3, 1.3), cuda=(2, 4)),
+        _goal("wall_mean", "wall, geometric mean", cuda=(8, 8)),
+        _goal("wall_least", "wall, least", cuda=(1.5, 1.5)),
+    ),
+)  # fmt: skip
+
+
+def _whole_matrix(result: Result) -> Result | None:
+    """The matrix as one row with figures; None where a scene was not measured."""
+    rows = result["scenarios"]
+    if any(cell.name not in rows for cell in cells()):
+        return None
+    head = headline(result, "mitsuba")
+    figures = {f"{key}_{of}": head[key][of] for key in ("wall", "efficiency") if key in head
+               for of in ("mean", "least")}  # fmt: skip
+    own = {name: row["rows"]["veriray"] for name, row in rows.items() if "rows" in row}
+    return {"figures": figures, "rows": own}
 
 
 def judge(target: Target, backend: str, row: Result | None, quick: bool = False) -> dict[str, Any]:
@@ -45,6 +74,14 @@ def targets(results: Sequence[Result]) -> list[dict[str, Any]]:
     found = []
     for result in results:
         backend = result["build"]["backend"]
+        if result.get("benchmark") == "matrix":
+            row = _whole_matrix(result)
+            for target in MATRIX.targets:
+                if backend in target.goals:
+                    judged = judge(target, backend, row, result["settings"]["quick"])
+                    found.append({"device": result["device"]["name"], "scenario": MATRIX,
+                                  "target": target, **judged})  # fmt: skip
+            continue
         for scenario in SCENARIOS:
             for target in scenario.targets:
                 if backend in target.goals and backend in scenario.backends:

@@ -60,10 +60,12 @@ def test_scenarios_are_well_formed() -> None:
 
 
 def test_every_target_is_there() -> None:
-    """Its rows: box (rate, limit), box to relMSE 1e-3, mesh, medium, overhead, tree, start."""
+    """Its rows: box (rate, limit), box to relMSE 1e-3, mesh, medium, overhead, tree, start,
+    surfaces.
+    """
     having = {s.name for s in SCENARIOS if s.targets}
     assert having == {"cornell", "cornell-error", "mesh-1.3M", "medium", "scaling-spp", "build",
-                      "cold-start"}  # fmt: skip
+                      "cold-start", "surfaces-cornell"}  # fmt: skip
 
 
 def test_the_files_of_a_scene_differ_in_the_sampler_alone(folder: Path) -> None:
@@ -442,7 +444,7 @@ def test_report_has_the_rows(folder: Path, suffix: str) -> None:
     report.save(report.find(["out"]), path)
     text = path.read_text("utf-8")
     for expected in (
-        "1 of 6 targets met", "the means differ", "cornell, 512x512, 64 spp", "7 x", "2.5 s",
+        "1 of 8 targets met", "the means differ", "cornell, 512x512, 64 spp", "7 x", "2.5 s",
         "-3.0e-05, 1.1", "c0ffee", "llvm_ad_rgb", "at least 6 x",
         "-1.000", "640", "everything", "of every path 60", "rr_depth 2 (best)",
         "1.250 \u00b1 0.062", "0.875 \u00b1 0.031",

@@ -1,8 +1,9 @@
-"""`veriray bench`: all, report, compaction, live-rays."""
+"""`veriray bench`: all, matrix, report, compaction, live-rays."""
 
 from __future__ import annotations
 
 import argparse
+import math
 from typing import Any
 
 from .common import (
@@ -31,6 +32,7 @@ def add(commands: Any) -> None:
     bench = commands.add_parser("bench", help="measurements")
     kinds = bench.add_subparsers(metavar="KIND", required=True, parser_class=Parser)
     _add_all(kinds)
+    _add_matrix(kinds)
     _add_report(kinds)
     _add_compaction(kinds)
     _add_live_rays(kinds)
@@ -43,17 +45,23 @@ def _add_all(kinds: Any) -> None:
     parser = kinds.add_parser(
         "all", help="speed, error, scaling, start, memory; beside other renderers"
     )
-    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
     parser.add_argument(
         "--only", metavar="NAME", nargs="+", action="extend", default=[], help="these scenarios"
     )
+    _add_runs(parser)
+    parser.add_argument("--quick", action="store_true", help="a smoke test of about two minutes")
+    parser.set_defaults(handler=_bench_all)
+
+
+def _add_runs(parser: argparse.ArgumentParser) -> None:
+    """Adds what `all` and `matrix` share."""
+    parser.add_argument("--device", default="auto", help=f"{DEVICES} (default: auto)")
     parser.add_argument(
         "--peers",
         metavar="LIST",
         default="mitsuba",
         help="renderers to race, with commas between, or none: mitsuba (default), cycles",
     )
-    parser.add_argument("--quick", action="store_true", help="a smoke test of about two minutes")
     parser.add_argument("--again", action="store_true", help="measure again what DIR holds")
     parser.add_argument(
         "--wait", type=number, default=0.0, metavar="S", help="wait up to S s for an idle machine"
@@ -61,14 +69,19 @@ def _add_all(kinds: Any) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", default=RESULTS, help=f"results (default: {RESULTS})"
     )
-    parser.set_defaults(handler=_bench_all)
 
 
 def _bench_all(arguments: argparse.Namespace) -> int:
+    return _run(arguments, only=arguments.only)
+
+
+def _run(arguments: argparse.Namespace, **what: Any) -> int:
+    """Runs what `all` and `matrix` name; 1 if something is void or failed."""
     if not 0 <= arguments.wait <= 86400:
         raise CommandError(f"wait = {arguments.wait:g} is outside [0, 86400]")
 
     from .. import device as device_module
+    from ..depths import aligned
 
     with beside("veriray_bench"):
         from veriray_bench import report, run
@@ -85,7 +98,7 @@ def _bench_all(arguments: argparse.Namespace) -> int:
     path = run(
         arguments.output,
         arguments.device,
-        only=arguments.only,
+        **what,
         peers=parse(arguments.peers),
         quick=arguments.quick,
         again=arguments.again,
@@ -93,8 +106,42 @@ def _bench_all(arguments: argparse.Namespace) -> int:
         show=lambda title: show_progress(title, False),
         done=done,
     )
+    for section in report.matrix_sections([report.read(path)]):
+        say(f"\n{section.title}\n")
+        for table in section.tables:
+            say(aligned([[c.strip() for c in table.columns], *table.rows]) + "\n")
     say(f"written    {path}")
     return 1 if bad else 0
+
+
+# ---- matrix ----
+
+
+def _add_matrix(kinds: Any) -> None:
+    parser = kinds.add_parser(
+        "matrix", help="classes of small scenes made by rule: wall, variance, efficiency"
+    )
+    parser.add_argument(
+        "--classes", metavar="NAME", nargs="+", action="extend", default=[], help="of scenes"
+    )
+    parser.add_argument("--seeds", type=integer, default=3, help="scenes a class (default: 3)")
+    _add_runs(parser)
+    parser.add_argument("--quick", action="store_true", help="tiny pictures; no figures to quote")
+    parser.add_argument(
+        "--limit", type=number, metavar="S", default=math.inf, help="begin no scene after S s"
+    )
+    parser.set_defaults(handler=_bench_matrix)
+
+
+def _bench_matrix(arguments: argparse.Namespace) -> int:
+    if not arguments.limit > 0:
+        raise CommandError(f"limit = {arguments.limit:g} is not positive")
+
+    with beside("veriray_bench"):
+        from veriray_bench import matrix
+
+    scenes = matrix.choose(arguments.classes, arguments.seeds)
+    return _run(arguments, scenes=scenes, limit=arguments.limit)
 
 
 # ---- report ----

@@ -81,7 +81,8 @@ void add_integers(Film& film, const std::string& plane, const std::vector<uint32
 }
 
 std::pair<std::vector<float>, uint32_t> light_tree(const Scene& scene) {
-    return {scene.host().light_tree, scene.host().view.lights.tree.root};
+    const Table<float>& branches = scene.host().light_tree;
+    return {{branches.begin(), branches.end()}, scene.host().view.lights.tree.root};
 }
 
 // Through the vector and the scalar lanes, which must agree.

@@ -150,7 +150,8 @@ __global__ void light_kernel(const __grid_constant__ SceneView scene, LightQuery
 }  // namespace
 
 std::pair<std::vector<float>, uint32_t> light_tree(const Scene& scene) {
-    return {scene.host().light_tree, scene.host().view.lights.tree.root};
+    const Table<float>& branches = scene.host().light_tree;
+    return {{branches.begin(), branches.end()}, scene.host().view.lights.tree.root};
 }
 
 LightAnswer choose_lights(const Scene& scene, const double* points, const double* normals,

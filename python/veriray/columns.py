@@ -8,7 +8,7 @@ docs/scene-arrays.md. To add a column, add it to `_HASHED_IF_SET` and run `make 
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -449,7 +449,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] = {}) -> dict[str
         length = None if first else rows[column.table]
         shape = (length, *column.width) if column.table else column.width
         if value is not None and value is known.get(name):
-            arrays[name] = value
+            arrays[name] = known[name]
         elif value is None:
             if length and column.default is REQUIRED:
                 raise SceneError(f"{name} is missing; there are {length} {column.table}")

@@ -69,7 +69,8 @@ class _Hashes:
         self.maker: threading.Thread | None = None
         if first is not None and first.first is not None and not first.made:
             first, same = first.first, min(same, first.same)
-        self.first, self.same = first, same
+        self.first: _Hashes | None = first
+        self.same: int = same
 
     def known(self) -> list[hashlib._Hash]:
         """Those that are known."""

@@ -100,7 +100,11 @@ class Builder {
             for (uint32_t k = near_; k < count; ++k) root.push_back({k, k + 1, 0});
         else
             root.push_back({near_, count, 0});
-        if (near_) split({0, near_, 0}, kMostBranches - static_cast<uint32_t>(root.size()), root);
+        const uint32_t room = kMostBranches - static_cast<uint32_t>(root.size());
+        if (near_ <= room)  // in their order, which rounding does not change
+            for (uint32_t k = 0; k < near_; ++k) root.push_back({k, k + 1, 0});
+        else
+            split({0, near_, 0}, room, root);
         table_.root = static_cast<uint32_t>(root.size());
         put(root, ~0u);
         for (size_t b = 0; b < ranges_.size(); ++b) {

@@ -173,8 +173,15 @@ double HostScene::mean_of_texture(const SceneInput& in, const AreaLight& light, 
     return light_texture(in, t).mean(corners);
 }
 
+// The chance per area of lamps that are not sampled: next to nothing, so that a ray that finds one
+// counts in full.
+constexpr float kFoundByRays = 0x1p-100f;
+
 void HostScene::set_lights(const SceneInput& in) {
-    const std::vector<AreaLight> lit = area_lights(in);
+    std::vector<AreaLight> lit = area_lights(in);
+    // A light sample would reach these through what covers them; where they are seen all the same,
+    // rays find them.
+    const std::vector<AreaLight> found = take_covered(in, lit);
     std::vector<uint32_t> delta;
     for (uint32_t q = 0; q < in.light_kind.count; ++q)
         if (sum3(in.light_intensity.data + 3 * q) > 0) delta.push_back(q);
@@ -201,6 +208,10 @@ void HostScene::set_lights(const SceneInput& in) {
             power.push_back(shape.power(s));
             bounds.push_back(shape.bound(s));
         });
+    }
+    for (const AreaLight& a : found) {
+        view.features |= lights(shape_bit(light_source(in, a).shape));
+        light_chance[a.primitive] = light_chance[a.other] = kFoundByRays;
     }
     if (sky.strength > 0) put_light(sky, l.sky, 1);
     if (l.count > 1) {
@@ -234,6 +245,7 @@ void HostScene::set_lights(const SceneInput& in) {
     float brightest =
         std::max({in.environment.data[0], in.environment.data[1], in.environment.data[2]});
     brightest = std::max(brightest, largest(in.sky_texels.data, 3 * in.sky_texels.count));
+    lit.insert(lit.end(), found.begin(), found.end());
     for (const AreaLight& a : lit)
         for (int k = 0; k < 3; ++k)
             brightest = std::max(

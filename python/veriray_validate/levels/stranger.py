@@ -254,11 +254,6 @@ def planted(t: Trial, scene: Scene, own: Run, run: Run) -> tuple[float, str]:
     return sidak(p, len(judgement)), where
 
 
-def several_lights(t: Trial, scene: Scene) -> bool:
-    """Whether one of several lights is chosen at a vertex."""
-    return len(t.native.light_tree(t.native_scene(scene))[0]) > 0
-
-
 # ---- cases ----
 
 
@@ -284,7 +279,9 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
     scene = check_scene(name, references.SIZE)
     run = theirs(t, name, scene)
     own, parts = ours(t, scene, run), materials(t, scene, run.block)
-    left_out = ("L4",) * (name in TUBES) + ("S4", "S6") * several_lights(t, scene)
+    left_out = ("L4",) * (name in TUBES) + ("S4", "S6") * (
+        "many_lights" in t.native_scene(scene).features
+    )
     for p, what in comparison(own, run, parts, t.rng):
         if not what.startswith(left_out):
             t.p(p, what)

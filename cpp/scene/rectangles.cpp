@@ -59,9 +59,8 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
     std::vector<uint8_t> shines;  // by surface, of which there are few in a tree
     for (const SurfaceKey& key : surface_keys_.rows()) shines.push_back(std::get<1>(key) >= 0);
     if (std::find(shines.begin(), shines.end(), 1) != shines.end())
-        lit = where(sources.size(), [&](size_t i) {
-            return shines[surface_of.empty() ? i : surface_of[i]] != 0;
-        });
+        lit = where(sources.size(),
+                    [&](size_t i) { return shines[surface_of.empty() ? i : surface_of[i]] != 0; });
     const bool many = lit.size() * sources.size() > kMostPairs;
     std::vector<AreaLight> lights;
     for (size_t k = 0; k < lit.size(); ++k) {

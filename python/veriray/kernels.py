@@ -33,10 +33,12 @@ if TYPE_CHECKING:
     from ._native import Scene as NativeScene
 
 #: Paths with the same features from which on a kernel of their own pays for being compiled.
-PATHS_THAT_PAY = 1 << 22
+PATHS_THAT_PAY = 1 << 18
 MODES = ("auto", "off", "wait")
 METHODS = ("fused", "wavefront")
 _WAIT = 300.0  # seconds for one compilation
+#: Compilations at a time.
+MOST_CHILDREN = max(1, min(4, (os.cpu_count() or 1) // 2))
 
 #: Device, features, method of the scheduler.
 Key = tuple[int, int, str]
@@ -45,13 +47,14 @@ _log = logging.getLogger("veriray")
 _lock = threading.Lock()
 _paths: Counter[Key] = Counter()
 _settled: set[Key] = set()  # added, or not to be had
-_child: tuple[subprocess.Popen[bytes], Key] | None = None
+_children: dict[Key, subprocess.Popen[bytes]] = {}
 
 
 def _forget_parent() -> None:
-    """A child process must wait neither for a thread of its parent nor for its parent's child."""
-    global _lock, _child
-    _lock, _child = threading.Lock(), None
+    """A child process must wait for no thread and no child process of its parent."""
+    global _lock
+    _lock = threading.Lock()
+    _children.clear()
 
 
 if hasattr(os, "register_at_fork"):
@@ -149,28 +152,31 @@ def offer(device: Device, native: NativeScene, method: str, paths: int) -> None:
 
 
 def _advance(device: Device, key: Key, wait: bool) -> None:
-    """Adds the kernel if it exists, else starts its compilation or looks how far it is."""
-    global _child
+    """Adds the kernels if they exist, else starts their compilation, or looks how far it is."""
     architecture = "sm_" + str(device.details["compute_capability"]).replace(".", "")
     file = folder() / f"{key[2]}-{architecture}-{key[1]:x}-{_origin()}.cubin"
-    if not file.exists():
-        if _child is None:
-            _child = _start(file, architecture, key), key
+    for other in [k for k, child in _children.items() if child.poll() is not None]:
+        _finish(other)
+    if key not in _settled and not file.exists():
+        if key not in _children and (wait or len(_children) < MOST_CHILDREN):
+            _children[key] = _start(file, architecture, key)
         if wait:
-            _child[0].wait(_WAIT)
-    if _child is not None and _child[0].poll() is not None:
-        process, owner = _child
-        _child = None
-        if process.returncode:
-            errors = process.stderr.read() if process.stderr else b""
-            _give_up(owner, errors.decode(errors="replace")[-2000:])
-        if process.stderr:
-            process.stderr.close()
-    if file.exists():
+            _children[key].wait(_WAIT)
+            _finish(key)
+    if key not in _settled and file.exists():
         device.native.add_kernels(*key[:2], file.read_bytes())
         _settled.add(key)
-    elif wait and key not in _settled:
-        _advance(device, key, wait)  # the child was another scene's
+
+
+def _finish(key: Key) -> None:
+    """Takes note of a compilation that has ended."""
+    child = _children.pop(key)
+    errors = b""
+    if child.stderr:
+        with child.stderr as stream:
+            errors = stream.read() if child.returncode else b""
+    if child.returncode:
+        _give_up(key, errors.decode(errors="replace")[-2000:])
 
 
 def _start(file: Path, architecture: str, key: Key) -> subprocess.Popen[bytes]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 import os
 import threading
+import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -97,6 +98,7 @@ class NativeForm(NamedTuple):
     arrays: dict[str, Any]
     view: dict[str, Any]  # camera and film, as the native scene takes them
     native: NativeScene
+    scene: weakref.ref[Scene]  # the last one that it served; scenes do not change
 
     def shows(self, view: dict[str, Any]) -> bool:
         """Whether its camera and film are these."""
@@ -122,20 +124,27 @@ def native_scene(
     `veriray.render`; spp: of the render that it is for.
     """
     where = device.native.__name__, device.index
-    arrays, view = _arrays(scene), _view_arguments(scene)
+    paths = scene.film.width * scene.film.height * spp
     with _building:
         kept: list[NativeForm] = owner.native_forms
+        auto = builder == "auto"
+        if auto:
+            builder = choose_builder(device.backend, len(scene.triangles), paths)
+        for name in ("sah", builder) if auto else (builder,):
+            for form in kept:
+                if form.scene() is scene and form.place == (*where, name):
+                    return form.native
+        arrays, view = _arrays(scene), _view_arguments(scene)
         found = _found(kept, where, arrays, view)
         tried = [builder]
-        if builder == "auto":
-            work = len(scene.triangles), scene.film.width * scene.film.height * spp
-            tried = [choose_builder(device.backend, *work), "sah"]
-            tried = ["sah"] if "sah" in found or tried[0] == "sah" else tried
-        form = found.get(tried[0])
-        if form is not None and form.shows(view):
-            kept[:] = [*(other for other in kept if other is not form), form]
-            return form.native
-        del found, form  # which hold memory
+        if auto:
+            tried = ["sah"] if "sah" in found or builder == "sah" else [builder, "sah"]
+        known = found.get(tried[0])
+        if known is not None and known.shows(view):
+            served = known._replace(scene=weakref.ref(scene))
+            kept[:] = [*(other for other in kept if other is not known), served]
+            return known.native
+        del found, known  # which hold memory
         tried[:0] = tried[:1] * bool(kept)  # once more without them if the memory does not suffice
         for number, name in enumerate(tried):
             try:
@@ -146,7 +155,7 @@ def native_scene(
                 if number + 1 == len(tried):
                     raise
             kept.clear()
-        kept[:] = _recent([*kept, NativeForm(place, arrays, view, native)])
+        kept[:] = _recent([*kept, NativeForm(place, arrays, view, native, weakref.ref(scene))])
         return native
 
 

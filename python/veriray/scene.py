@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-_DERIVED = ("_hashes", "_native_forms")
+_DERIVED = ("_hashes", "_sha256", "_native_forms")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 
 
@@ -256,6 +256,12 @@ class Scene(SceneArrays):
 
         Does not depend on the machine, the process or the file that the scene came from.
         """
+        known: str | None = self.__dict__.get("_sha256")
+        if known is None:
+            known = self.__dict__["_sha256"] = self._made_sha256()
+        return known
+
+    def _made_sha256(self) -> str:
         digest = self._hashed_columns[-1].copy()
         camera, film = self.camera, self.film
         numbers = [

@@ -40,13 +40,13 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNam
     """Nothing known of any kernel, an empty folder, and a device that takes what it is given."""
     monkeypatch.setenv("VERIRAY_CACHE", str(tmp_path))
     monkeypatch.setenv("VERIRAY_KERNELS", "wait")
-    for name in ("_settled", "_paths"):
+    for name in ("_settled", "_paths", "_children"):
         getattr(kernels, name).clear()
     native = Native()
     yield SimpleNamespace(
         index=0, details={"compute_capability": "9.0"}, native=native, folder=tmp_path / "kernels"
     )
-    for name in ("_settled", "_paths"):
+    for name in ("_settled", "_paths", "_children"):
         getattr(kernels, name).clear()
 
 
@@ -80,6 +80,29 @@ def test_few_paths_do_not_pay(fresh: Any, monkeypatch: pytest.MonkeyPatch) -> No
     offer(fresh, paths=1)
     assert len(started) == 1
     assert not fresh.native.added  # the child has not written it
+
+
+def test_few_compilations_at_a_time(fresh: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    children: list[subprocess.Popen[bytes]] = []
+
+    def start(*_: object) -> subprocess.Popen[bytes]:
+        children.append(subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE))
+        return children[-1]
+
+    monkeypatch.setenv("VERIRAY_KERNELS", "auto")
+    monkeypatch.setattr(kernels, "available", lambda: "")
+    monkeypatch.setattr(kernels, "_origin", lambda: "0")
+    monkeypatch.setattr(kernels, "_start", start)
+    try:
+        for features in range(1, kernels.MOST_CHILDREN + 5):
+            offer(fresh, features, paths=kernels.PATHS_THAT_PAY)
+        assert len(children) == kernels.MOST_CHILDREN
+    finally:
+        for child in children:
+            child.communicate(b"\n")
+    offer(fresh, 99, paths=kernels.PATHS_THAT_PAY)  # the others have ended
+    assert len(children) == kernels.MOST_CHILDREN + 1
+    children[-1].communicate(b"\n")
 
 
 def _ended(status: int) -> subprocess.Popen[bytes]:

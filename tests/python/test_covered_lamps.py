@@ -8,7 +8,6 @@ import pytest
 import veriray as vr
 from veriray_validate.scenes import Part, camera, make, quad
 
-
 PLACES = [*((gap, False) for gap in (0.0, 2.0**-24, 1e-7, 1e-6, 1e-5)), (1e-6, True), (1e-5, True)]
 
 
@@ -16,8 +15,9 @@ PLACES = [*((gap, False) for gap in (0.0, 2.0**-24, 1e-7, 1e-6, 1e-5)), (1e-6, T
 def test_no_light_comes_through_a_cover(device: str, gap: float, turned: bool) -> None:
     """A white cover on a lamp of radiance 50, below a white ceiling and a sky of 1, looks like 1.
 
-    Of two turned planes closer than rays resolve either may be seen, so those are left out. Light through the cover would make it up to 50 times as bright; the test sees 0.5 %, with one
-    false alarm in 1.7 million for each case.
+    Of two turned planes closer than rays resolve either may be seen, so those are left out. Light
+    through the cover would make it up to 50 times as bright; the test sees 0.5 %, with one false
+    alarm in 1.7 million for each case.
     """
     tilt = np.eye(3)
     if turned:

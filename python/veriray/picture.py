@@ -156,8 +156,10 @@ class Render:
         made = object.__new__(cls)
         made.__dict__.update(fields, _held=held)
         if held.dlpack_device()[0] != _HOST:
-            key = id(made)
-            _on_gpu[key] = weakref.ref(made, lambda _: _on_gpu.pop(key, None))
+            for key, reference in list(_on_gpu.items()):
+                if reference() is None:  # no callback does it: that would lose an interrupt
+                    _on_gpu.pop(key, None)
+            _on_gpu[id(made)] = weakref.ref(made)
         return made
 
     if not TYPE_CHECKING:  # the fields say what there is

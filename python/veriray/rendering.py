@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 import warnings
-import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -34,11 +33,6 @@ WAVE_PATHS = 1 << 24
 SLOW_IN_ONE_KERNEL = {"uneven_media", "principled", "principled_open"} | {
     name for name in MATERIAL_KINDS if name.startswith("rough")
 }
-
-#: The last scene that `settle` made of each, with the settings: the next render may ask again.
-_settled: weakref.WeakKeyDictionary[Scene, tuple[dict[str, Any], Scene]] = (
-    weakref.WeakKeyDictionary()
-)
 
 if TYPE_CHECKING:
     from ._native import Report
@@ -212,11 +206,12 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
         )
     given = settings.of_scene()
     plain = all(value is None or type(value) in (int, str) for value in given.values())
-    last = _settled.get(scene) if plain else None
+    # Kept on the scene: a table with weak keys would lose interrupts in its callbacks.
+    last = scene.__dict__.get("_settled") if plain else None
     if last is None or last[0] != given:
         last = given, scene.with_(**given)
         if plain:
-            _settled[scene] = last
+            scene.__dict__["_settled"] = last
     used = last[1]
     values = {
         name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-_DERIVED = ("_hashes", "_sha256", "_native_forms")
+_DERIVED = ("_hashes", "_sha256", "_native_forms", "_settled")
 _OF_FILE = ("_places", "_cameras", "_notes", "_ids")
 
 

@@ -481,7 +481,7 @@ def test_commands(capsys: Any) -> None:
         (["report", "missing"], "missing: No such file"),
         (["report", "file"], "file: not JSON"),
         (["report", "other.json"], "other.json: not a result of"),
-        (["report", "."], "no bench_*.json inside"),
+        (["report", "."], "no bench_*.json and no matrix_*.json inside"),
         (["report", "x", "-o", "r.pdf"], "r.pdf: unknown suffix; expected .html or .md"),
     ],
 )

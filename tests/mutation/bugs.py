@@ -54,7 +54,7 @@ _QUICK = ("--width", "48", "--height", "48", "--spp", "1024")
 _CHECK = ("--width", "32", "--height", "32", "--spp", "1024")
 _CHECKS = (
     "chromatic_medium", "conductor_metal", "conductor_mirror", "dielectric_sphere",
-    "directional_light", "disk_ellipse", "disk_light", "flip_normals", "glass_cube", "glass_mesh",
+    "disk_ellipse", "disk_light", "flip_normals", "glass_cube", "glass_mesh",
     "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
     "plastic",
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
@@ -468,8 +468,8 @@ _LIGHTS = (
     Mutant("one light chosen, the chance of another", _TREE,
            "branch = select(here, first + U(k), branch);",
            "branch = select(here, first + U(s.n - 1u - k), branch);", "spot_light"),
-    Mutant("lights behind a pane have no chance", _TREE, "select(at.both, abs(up), up)", "up",
-           "rough_glass"),
+    Mutant("lights behind a pane have no chance", _DIRECT,
+           "select(both, U(kBothSides), U(kOneSide))", "U(kOneSide)", "rough_glass"),
     Mutant("lights without a chance where the normal looks away from the middle", _TREE,
            "cosine_less(select(at.both, abs(up), up), cosine, sine)", "up", "spheres_300"),
     Mutant("sky weighted as if it were sampled too", _VERTEX, _SKY,

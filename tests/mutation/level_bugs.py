@@ -450,6 +450,9 @@ MORE = (
     *_COUNTS,
     *_TEXTURES,
     *_REPAIRED,
+    Mutant(
+        "vertex normals not weighted by angle", "scene/normals.cpp", "facing.x * weight", "facing.x"
+    ),
 )
 
 
@@ -499,8 +502,6 @@ PYTHON = (
     _python("normals transformed as points", "transform.py",
             "m: Array = matrix[:3, :3] / np.abs(matrix[:3, :3]).max()",
             "return matrix\n    m: Array = matrix[:3, :3]"),
-    _python("vertex normals not weighted by angle", "formats/mesh.py",
-            "np.tile(facing[:, axis], 3) * weights", "np.tile(facing[:, axis], 3)"),
     _python("mirrored shapes inside out", "formats/shapes.py",
             "np.array(flipped, np.bool_) != mirrors(matrix)", "np.array(flipped, np.bool_)"),
     _python("disc's front behind", "formats/shapes.py",

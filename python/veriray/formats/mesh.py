@@ -344,7 +344,7 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<
 
 def _stl(data: bytes) -> _Arrays:
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    binary = len(data) == 84 + 50 * count
+    binary = count >= 0 and len(data) == 84 + 50 * count
     if binary and count:
         facets = np.frombuffer(data, _FACET, count, 84)["corners"]
         corners = np.empty((count, 3, 3))

@@ -119,8 +119,11 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
             if (scene.light_row) {
                 const U row = to_uint(lookup(scene.light_row, primitive, scene.primitive_count));
                 if constexpr (has(kOwnPdfLights))
-                    if (scene.features & kOwnPdfLights)
+                    if (scene.features & kOwnPdfLights) {
                         pdf = Sampler::pdf_li(row_of(scene, row), at, lanes);
+                        // The row of a lamp that is not sampled is another one's.
+                        pdf.over = select(at.chance > F(kNotSampled), pdf.over, F(0.f));
+                    }
                 const M competes = lanes & (path.pdf_sa > F(0.f));
                 if (has(kManyLights) && scene.lights.count > 1 && any(competes))
                     pdf.over = pdf.over * chance(scene, path,

@@ -85,6 +85,9 @@ struct LightPdf {
     F over, under;
 };
 
+// The chance of lamps that are not sampled. Above 0, which is of no lamp.
+inline constexpr float kNotSampled = 0x1p-100f;
+
 // A lamp that a ray has met.
 template <class L>
 struct LightHit {

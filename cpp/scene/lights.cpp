@@ -173,10 +173,6 @@ double HostScene::mean_of_texture(const SceneInput& in, const AreaLight& light, 
     return light_texture(in, t).mean(corners);
 }
 
-// The chance per area of lamps that are not sampled: next to nothing, so that a ray that finds one
-// counts in full.
-constexpr float kFoundByRays = 0x1p-100f;
-
 void HostScene::set_lights(const SceneInput& in) {
     std::vector<AreaLight> lit = area_lights(in);
     // A light sample would reach these through what covers them; where they are seen all the same,
@@ -211,7 +207,7 @@ void HostScene::set_lights(const SceneInput& in) {
     }
     for (const AreaLight& a : found) {
         view.features |= lights(shape_bit(light_source(in, a).shape));
-        light_chance[a.primitive] = light_chance[a.other] = kFoundByRays;
+        light_chance[a.primitive] = light_chance[a.other] = kNotSampled;
     }
     if (sky.strength > 0) put_light(sky, l.sky, 1);
     if (l.count > 1) {

@@ -1,5 +1,5 @@
 // Flat lamps that something opaque covers so closely that shadow rays would end before it.
-#include "scene/scene.h"
+#include "scene/box_pairs.h"
 
 namespace veriray {
 namespace {
@@ -8,8 +8,8 @@ namespace {
 constexpr double kNear = 0x1p-19;
 // Of planes as close as this the first primitive is met.
 constexpr double kOnePlane = 0x1p-22;
-constexpr size_t kMostPairs = 1 << 20;
-// Share of a lamp's area below which an overlap is rounding.
+// The share of a lamp that may be covered and is sampled all the same: neighbours whose edges
+// differ by rounding overlap. So much of its light may come through the cover.
 constexpr double kSliver = 1e-6;
 
 // The share of a polygon that another one of its plane covers; n: the plane's normal. Both convex.
@@ -35,38 +35,51 @@ double covered_share(const Flat& a, const Flat& b, Double3 n) {
 
 }  // namespace
 
-bool HostScene::covered(const SceneInput& in, const AreaLight& light) const {
-    if (sources[light.primitive].group != kTriangleGroup) return false;
-    const Flat lamp = shape_of(in, light);
-    const Double3 n = normalised(lamp.area_vector());
-    for (uint32_t i = 0; i < sources.size(); ++i) {
-        if (sources[i].group != kTriangleGroup || i == light.primitive || i == light.other ||
-            lets_through(in, kTriangleGroup, sources[i].row))
-            continue;
-        const Flat other = light_shape(in, i);
-        const Double3 m = normalised(other.area_vector());
+std::vector<uint8_t> HostScene::covered(const SceneInput& in,
+                                        const std::vector<AreaLight>& lights) const {
+    std::vector<uint8_t> hidden(lights.size());
+    std::vector<uint32_t> flat;
+    for (uint32_t k = 0; k < lights.size(); ++k)
+        if (sources[lights[k].primitive].group == kTriangleGroup) flat.push_back(k);
+    const Double3 near{kNear, kNear, kNear};
+    const auto around_lamp = [&](size_t k) {
+        const Box box = box_of(shape_of(in, lights[flat[k]]));
+        return Box{box.low - near, box.high + near};
+    };
+    const auto look = [&](size_t k, size_t i) {
+        const AreaLight& light = lights[flat[k]];
+        const std::atomic_ref<uint8_t> found(hidden[flat[k]]);
+        if (found || sources[i].group != kTriangleGroup || i == light.primitive ||
+            i == light.other || lets_through(in, kTriangleGroup, sources[i].row))
+            return true;
+        const Flat lamp = shape_of(in, light), other = light_shape(in, static_cast<uint32_t>(i));
+        const Double3 n = normalised(lamp.area_vector()), m = normalised(other.area_vector());
         double high = 0, sum = 0;  // of the lamp over the other's plane
-        for (uint32_t k = 0; k < lamp.corners; ++k) {
-            const double height = dot(m, lamp.v[k] - other.v[0]);
+        for (uint32_t c = 0; c < lamp.corners; ++c) {
+            const double height = dot(m, lamp.v[c] - other.v[0]);
             high = std::max(high, std::abs(height)), sum += height;
         }
-        if (!(high <= kNear)) continue;
         const double before = -sum / lamp.corners * (dot(m, n) < 0 ? -1 : 1);
-        if (before > kOnePlane || (before >= -kOnePlane && i < light.primitive))
-            if (covered_share(lamp, other, n) > kSliver) return true;
-    }
-    return false;
+        if (high <= kNear &&
+            (before > kOnePlane || (before >= -kOnePlane && i < light.primitive)) &&
+            covered_share(lamp, other, n) > kSliver)
+            found = 1;
+        return true;
+    };
+    box_pairs(
+        flat.size(), around_lamp, sources.size(), [&](size_t i) { return box_around(in, i); },
+        look);
+    return hidden;
 }
 
 // Those that are not covered stay in the list.
 std::vector<AreaLight> HostScene::take_covered(const SceneInput& in,
-                                               std::vector<AreaLight>& lights) const {
-    if (lights.size() * sources.size() > kMostPairs) return {};
-    const auto hidden = std::stable_partition(lights.begin(), lights.end(),
-                                              [&](const AreaLight& a) { return !covered(in, a); });
-    std::vector<AreaLight> out(hidden, lights.end());
-    lights.erase(hidden, lights.end());
-    return out;
+                                               std::vector<AreaLight>& lights) {
+    if (covered_.size() != lights.size()) covered_ = covered(in, lights);
+    std::vector<AreaLight> seen, hidden;
+    for (size_t k = 0; k < lights.size(); ++k) (covered_[k] ? hidden : seen).push_back(lights[k]);
+    lights.swap(seen);
+    return hidden;
 }
 
 }  // namespace veriray

@@ -275,8 +275,8 @@ class HostScene : public Frame {
     }
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
-    bool covered(const SceneInput& in, const AreaLight& light) const;
-    std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights) const;
+    std::vector<uint8_t> covered(const SceneInput& in, const std::vector<AreaLight>& lights) const;
+    std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights);
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;
     double receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const;
     float brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
@@ -298,6 +298,7 @@ class HostScene : public Frame {
     void tabulate_filter(Density density, double reach, double scale);
 
     std::vector<Flat> flats_;               // of a scene without a tree
+    std::vector<uint8_t> covered_;          // by lamp, once it is known: whether it is not sampled
     bool has_normals_ = false;              // some that are not zero
     FeatureMask before_[kStages + 1] = {};  // the features before each stage, and after the last
     std::shared_ptr<const SceneBounds> bounds_;                                // of a large scene

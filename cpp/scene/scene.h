@@ -275,6 +275,7 @@ class HostScene : public Frame {
     }
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
+    std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
     std::vector<uint8_t> covered(const SceneInput& in, const std::vector<AreaLight>& lights) const;
     std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights);
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;

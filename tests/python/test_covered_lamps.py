@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import veriray as vr
+from veriray.transform import compose, look_at, scale, translate
 from veriray_validate.scenes import MIRROR, Part, camera, make, quad
 
 PLACES = [*((gap, False) for gap in (0.0, 2.0**-24, 1e-7, 1e-6, 1e-5)), (1e-6, True), (1e-5, True)]
@@ -37,6 +38,35 @@ def test_no_light_comes_through_a_cover(device: str, gap: float, turned: bool) -
     mean = float(r.image.mean(dtype=np.float64))
     error = float(np.sqrt((r.stderr.astype(np.float64) ** 2).sum())) / r.image.size
     assert error < 1e-3 and abs(mean - 1) < 5 * error + 1e-5, (mean, error)
+
+
+@pytest.mark.parametrize("kinds", [("disk", "rectangle"), ("rectangle", "disk"), ("disk", "disk")])
+@pytest.mark.parametrize("gap", [2.0**-20, 2.0**-19, 2.0**-18, 2.0**-17])
+def test_no_light_comes_through_a_round_cover(
+    device: str, kinds: tuple[str, str], gap: float
+) -> None:
+    """As above; a lamp of radiance 1e5 that is seen would make it thousands of times as bright."""
+
+    def body(kind: str, z: float, size: float, grey: float, **more: object) -> dict[str, object]:
+        place = compose(translate([0, 0, z]), scale([size, size, np.sign(0.5 - z)]))
+        bsdf = {"type": "diffuse", "reflectance": grey}
+        return {"type": kind, "to_world": place, "bsdf": bsdf, **more}
+
+    lamp, cover = kinds
+    view = look_at([2.5, 0.3, 0.4], [0, 0, 0.1], [0, 0, 1])
+    film = {"type": "hdrfilm", "width": 8, "height": 8}
+    scene = vr.load_dict(
+        {
+            "type": "scene",
+            "sensor": {"type": "perspective", "fov": 20, "to_world": view, "film": film},
+            "cover": body(cover, 0, 1, 1.0),
+            "lamp": body(lamp, -gap, 0.5, 0.0, emitter={"type": "area", "radiance": 1e5}),
+            "ceiling": body("rectangle", 0.7, 1, 1.0),
+            "sky": {"type": "constant", "radiance": 1.0},
+        }
+    )
+    image = vr.render(scene, 512, device=device).image
+    assert abs(image.mean(dtype=np.float64) - 1) < 1e-5
 
 
 def test_a_lamp_before_its_ceiling_in_number_is_sampled() -> None:

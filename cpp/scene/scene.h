@@ -275,7 +275,6 @@ class HostScene : public Frame {
     }
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
-    bool covered(const SceneInput& in, const AreaLight& light) const;
     std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights) const;
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;
     double receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const;

@@ -4,8 +4,9 @@
 namespace veriray {
 namespace {
 
-// A shadow ray ends before its lamp by the lamp's offset and 2^-21 of its length, which is below 4.
-constexpr double kNear = 0x1p-19;
+// A shadow ray ends before its lamp by the lamp's offset, 2^-20 at most, and by 2^-21 of its
+// length, which is below 4.
+constexpr double kNear = 0x1p-18;
 // Within this two planes are one, of which the first primitive is met. Of others as close as
 // rounding either may be met: rays tell which.
 constexpr double kOnePlane = 0x1p-40, kRounding = 0x1p-22;
@@ -88,7 +89,8 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
         }
         const double size = static_cast<double>(lamp.size());
         const double before = -sum / size * (dot(m, n) < 0 ? -1 : 1);
-        const bool first = std::abs(before) <= kOnePlane && light.primitive < cover;
+        const bool first = std::abs(before) <= kOnePlane && light.primitive < cover &&
+                           sources[cover].group == kTriangleGroup;
         if (high <= kNear && before >= -kRounding && !first &&
             covered_share(lamp, other, n) > kSliver)
             found = 1;

@@ -689,7 +689,8 @@ class _Builder:
             raise SceneError(f'{node}: "irradiance" ({COLOUR} or texture) is missing', node.where)
         fov, axis = self.field_of_view(node, values)
         view = located(node, lambda: Camera(matrix, fov, axis))
-        halves = view.tan_half_x(*size), view.tan_half_y(*size)
+        # Mitsuba's images have two rows and two columns at least.
+        halves = [of(*(max(n, 2) for n in size)) for of in (view.tan_half_x, view.tan_half_y)]
         axes = _on_plane(matrix, -0.5 / halves[0], -0.5 / halves[1])
         return {"light_texture": image, "light_image": axes}
 

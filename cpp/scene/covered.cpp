@@ -8,8 +8,8 @@
 namespace veriray {
 namespace {
 
-// A shadow ray ends before its lamp by the lamp's offset, 2^-20 at most, and by 2^-21 of its length,
-// which is below 4.
+// A shadow ray ends before its lamp by the lamp's offset, 2^-20 at most, and by 2^-21 of its
+// length, which is below 4.
 constexpr double kNear = 0x1p-18;
 // Of planes as close as this the first primitive is met, but for disks, of which either may be.
 constexpr double kOnePlane = 0x1p-22;

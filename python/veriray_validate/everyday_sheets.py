@@ -28,22 +28,23 @@ def sheets(rng: np.random.Generator) -> Question:
     """
     lamps = []
     for k in range(int(rng.integers(2, 4))):
-        kind, shape = (str(x) for x in rng.choice(["quad", "disk"], 2, p=[0.7, 0.3]))
-        half = round(float(rng.uniform(0.3, 1.2)), 3)
-        lamps.append((kind, shape, *rng.uniform(-0.4, 0.4, 2).round(3).tolist(), 0.8 + 0.5 * k,
-                      half, bool(rng.random() < 0.75), round(float(half * rng.uniform(0.2, 1.2)), 3),
-                      bool(rng.random() < 0.7), round(float(10 ** rng.uniform(-1, 1)), 3)))  # fmt: skip
+        kind, over = (str(x) for x in rng.choice(["quad", "disk"], 2, p=[0.7, 0.3]))
+        x, y = rng.uniform(-0.4, 0.4, 2).round(3).tolist()
+        half, share = rng.uniform([0.3, 0.2], 1.2).round(3).tolist()
+        down, covered = (rng.random(2) < 0.7).tolist()
+        radiance = round(float(10 ** rng.uniform(-1, 1)), 3)
+        lamps.append((kind, over if covered else "", x, y, 0.8 + 0.5 * k, half, half * share, down,
+                      radiance))  # fmt: skip
     gap = float(rng.choice(GAPS))
     order = rng.permutation(2 * len(lamps) + 1)
     look = float(rng.uniform(0, 2 * np.pi))
 
     def scene(gap: float, tree: bool) -> Scene:
         parts: list[Part | None] = [quad([-2, -2, 0], [4, 0, 0], [0, 4, 0], 0.5)]
-        for kind, shape, x, y, z, half, down, size, covered, radiance in lamps:
+        for kind, over, x, y, z, half, size, down, radiance in lamps:
             parts.append(sheet(kind, x, y, z, half, down, 0.0, radiance))
-            side = -1 if down else 1
-            cover = sheet(shape, x, y, z + side * gap, size, down, 0.5) if covered else None
-            parts.append(cover)
+            above = z - gap if down else z + gap
+            parts.append(sheet(over, x, y, above, size, down, 0.5) if over else None)
         shown = [parts[k] for k in order if parts[k] is not None]
         if tree:
             shown.append(quad([0, 0, -1], [1e-5, 0, 0], [0, 1e-5, 0], 0.0))

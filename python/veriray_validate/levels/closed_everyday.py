@@ -81,10 +81,10 @@ def outlines(t: Trial, scenes: int) -> None:
 
 @case(3, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
 def lamps_under_covers(t: Trial, scenes: int) -> None:
-    """Sheets of light over each other, most with a cover 2e-6 to 1e-4 away: as with 1e-4, in a tree.
+    """Sheets of light over each other, most with a cover: the gap to it does not show, nor a tree.
 
-    A covered lamp is not sampled, and blocks the light of the others. Sees 5 % in each scene,
-    margin 1e-3.
+    Gaps of 2e-6 to 1e-4. A covered lamp is not sampled, and blocks the light of the others. Sees
+    5 % in each scene, margin 1e-3.
     """
     for _ in range(scenes):
         ask(t, sheets(t.rng))

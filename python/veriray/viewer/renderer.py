@@ -253,8 +253,17 @@ class Renderer:
         return max(1, min(goal - work.spp, int(seconds * self._rate / pixels)))
 
     def _pass(self, work: Accumulation, n: int, shot: _Shot) -> None:
+        """Draws samples. The first ones of a picture that takes no time are drawn to the end, or a
+        view that moves without a pause would never be seen."""
         start = time.perf_counter()
-        work.add(n, lambda _: self._check(shot))
+        quick = not work.spp and work.paths_of(n) <= 2.5 * MOVING_SECONDS * self._rate
+        patience = start + 3 * MOVING_SECONDS * quick
+
+        def poll(_: float) -> None:
+            if self._stopping or time.perf_counter() > patience:
+                self._check(shot)
+
+        work.add(n, poll)
         rate = work.paths_of(n) / max(time.perf_counter() - start, 1e-6)
         self._rate = rate if self._rate == 0.0 else 0.5 * (self._rate + rate)
 
@@ -276,7 +285,7 @@ class Renderer:
                 self.file, self._asked = file, time.perf_counter()
                 if self.view.camera is None:
                     self.view = dataclasses.replace(self.view, distance=None)
-                self.loads += 1
+                self.loads, self._change = self.loads + 1, self._change + 1
             self.message = ""
         except (ValueError, OSError) as error:
             self._tell(str(error))

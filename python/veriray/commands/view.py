@@ -9,7 +9,6 @@ import os
 import signal
 from typing import Any
 
-from ..settings import SETTINGS
 from .common import (
     SCENE_SETTINGS,
     CommandError,
@@ -38,9 +37,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--port", type=integer, default=PORT, metavar="N", help=f"0 for any free one ({PORT})"
     )
-    parser.add_argument(
-        "--token", action="store_true", help="ask for a token on this machine too"
-    )
+    parser.add_argument("--token", action="store_true", help="ask for a token on this machine too")
     parser.set_defaults(handler=_view)
 
 
@@ -65,9 +62,7 @@ def _view(arguments: argparse.Namespace) -> int:
     RenderSettings(**{name: getattr(arguments, name) for name in names})
     chosen, reason = device_module.select(arguments.device)
     own = {name: getattr(arguments, name) for name in (*_SETTINGS, "width", "height")}
-    source = Source(
-        arguments.scene, definitions(arguments), arguments.sensor, arguments.strict
-    )
+    source = Source(arguments.scene, definitions(arguments), arguments.sensor, arguments.strict)
     renderer = Renderer(source, chosen.name, arguments.threads, View(**own))
     report_notes(renderer.file.notes)
     say(f"device     {chosen.name}, {chosen.description} ({reason})")

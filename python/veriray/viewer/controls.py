@@ -162,7 +162,7 @@ def applied(view: View, action: Action, file: Scene, depth: float | None = None)
     """The view after an action. file: the scene as the file has it; depth: along the view, of what
     an action "focus" hit, None for nothing. Raises ValueError, and leaves the view as it is."""
     if action.what == "reset":
-        return View(exposure=view.exposure, curve=view.curve, channel=view.channel)
+        return dataclasses.replace(view, camera=None, distance=None, up="auto")
     if action.what == "set" and action.name in FIELDS:
         after = dataclasses.replace(view, **{action.name: action.value})
         film = after.scene(file).film
@@ -172,6 +172,9 @@ def applied(view: View, action: Action, file: Scene, depth: float | None = None)
         return after
     camera = file.camera if view.camera is None else view.camera
     if action.what == "set":
+        opened = action.name == "aperture_radius" and not camera.aperture_radius
+        if opened and view.distance and camera.projection == "perspective":  # no focus so far
+            camera = dataclasses.replace(camera, focus_distance=view.distance)
         camera = dataclasses.replace(camera, **{action.name: action.value})
         return dataclasses.replace(view, camera=camera)
     if action.what == "focus":
@@ -193,9 +196,9 @@ def _moved(view: View, camera: Camera, action: Action, file: Scene) -> View:
         factor = math.exp(max(-5.0, min(5.0, numbers[0])))
         camera, distance = moves.zoomed(camera, factor, distance)
     elif what == "orbit":
-        camera = moves.orbited(camera, *numbers, up, distance)
+        camera = moves.orbited(camera, numbers[0], numbers[1], up, distance)
     elif what == "look":
-        camera = moves.turned(camera, *numbers, up)
+        camera = moves.turned(camera, numbers[0], numbers[1], up)
     elif what == "pan":
         height = moves.visible_height(camera, film, distance)
         camera = moves.shifted(camera, numbers[0] * height, numbers[1] * height, 0.0)

@@ -34,13 +34,16 @@ class Channel:
     title: str
     values: Callable[[Render], Array]
     ends: Callable[[Render], tuple[float, float]] | None = None
-    text: str = "{:g}"
+    text: str = "{:,.6g}"
 
 
 def relative_error(render: Render) -> Array:
     """(H, W): the root of the mean over channels of stderr^2 / (radiance^2 + (`FLOOR` times the
-    picture's mean)^2), as `veriray.sampling.tile_errors` weighs errors; 0 where both are 0."""
+    picture's mean)^2), as `veriray.sampling.tile_errors` weighs errors; 0 where both are 0, and NaN
+    with one sample."""
     image, stderr = render.image, render.stderr
+    if render.spp < 2:
+        return np.full(image.shape[:2], np.nan, np.float32)
     dark = np.float32(FLOOR * float(np.abs(image).mean(dtype=np.float64)))
     with np.errstate(all="ignore"):
         share = (stderr / np.hypot(image, dark)) ** 2
@@ -55,7 +58,7 @@ def _samples(render: Render) -> Array:
 
 CHANNELS: dict[str, Channel] = {
     "radiance": Channel("Radiance", lambda render: render.image),
-    "error": Channel("Relative error", relative_error, lambda _: (1e-3, 1.0), "{:g}"),
+    "error": Channel("Relative error", relative_error, lambda _: (1e-3, 1.0), "{:.1%}"),
     "samples": Channel("Samples", _samples, lambda render: (0.0, float(_samples(render).max()))),
 }
 
@@ -124,7 +127,9 @@ def false_colours(values: Array, low: float, high: float) -> Bytes:
         if low > 0:
             x, low, high = np.log(x), np.log(low), np.log(high)
         share = (x - np.float32(low)) / np.float32(max(high - low, 1e-30))
-        colours = _palette()[(np.clip(np.nan_to_num(share, nan=0.0), 0, 1) * 255).astype(np.uint8)]
+        colours: Bytes = _palette()[
+            (np.clip(np.nan_to_num(share, nan=0.0), 0, 1) * 255).astype(np.uint8)
+        ]
     colours[np.isnan(share)] = _UNKNOWN
     return colours
 
@@ -143,12 +148,10 @@ def as_bytes(
     """A channel of a render, and what its colours mean."""
     found = CHANNELS[channel]
     if found.ends is None:
-        return (exact_bytes if exact else tone_mapped)(
-            found.values(render), exposure, curve
-        ), None
+        return (exact_bytes if exact else tone_mapped)(found.values(render), exposure, curve), None
     low, high = found.ends(render)
     middle = (low * high) ** 0.5 if low > 0 else (low + high) / 2
-    marks = tuple(found.text.format(float(f"{x:.2g}")) for x in (low, middle, high))
+    marks = [found.text.format(float(f"{x:.2g}")) for x in (low, middle, high)]
     legend = Legend(found.title, (marks[0], marks[1], marks[2]))
     return false_colours(found.values(render), low, high), legend
 

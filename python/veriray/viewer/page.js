@@ -89,8 +89,8 @@ function duration(s) {
 
 function report() {
   const goal = state ? state.spp : facts.spp, preview = facts.coarse > 1;
-  find("spp").textContent = facts.spp.toLocaleString("en");
-  find("goal").textContent = `of ${goal.toLocaleString("en")}`;
+  find("spp").textContent = preview ? "preview" : facts.spp.toLocaleString("en");
+  find("goal").textContent = preview ? "" : `of ${goal.toLocaleString("en")}`;
   find("bar").style.width = `${preview ? 0 : Math.min(100, (100 * facts.spp) / goal)}%`;
   find("bar").className = facts.done ? "done" : "";
   find("error").textContent = facts.error === null ? "–" : `${digits(100 * facts.error)} %`;
@@ -190,6 +190,8 @@ function update(values) {
   }
   const perspective = state.projection === "perspective";
   document.querySelectorAll(".lens").forEach((row) => row.classList.toggle("off", !perspective));
+  find("focus").classList.toggle("off", !perspective || !state.aperture_radius);
+  speed.oninput();
   if (first || state.message !== update.message) banner(state.message, 0, /^building/.test(state.message) ? "info" : "");
   update.message = state.message;
   if (facts) { layout(); report(); }
@@ -220,8 +222,7 @@ find("sha").onclick = () => navigator.clipboard?.writeText(facts.sha256)
   .then(() => banner("the hash is copied", 1500, "info"));
 for (const link of document.querySelectorAll("[data-save]")) link.href = `save/${link.dataset.save}${location.search}`;
 const speed = find("speed");
-speed.oninput = () => { speed.nextElementSibling.textContent = `${digits(10 ** Number(speed.value), 2)} /s`; };
-speed.oninput();
+speed.oninput = () => { speed.nextElementSibling.textContent = `${digits(reach() * 10 ** Number(speed.value), 2)} / s`; };
 
 // ---- moves: gathered, and sent once a frame of the screen ----
 

@@ -58,7 +58,7 @@ class Frame:
 
     def error(self) -> float | None:
         """Mean standard error over mean radiance; None with one sample, and for a black picture."""
-        error = self.render.stats["mean_stderr"]
+        error = self.render.stats["mean_stderr"] if self.render.spp > 1 else None
         mean = float(np.abs(np.asarray(self.render)).mean(dtype=np.float64))
         return float(error) / mean if error is not None and mean > 0 else None
 

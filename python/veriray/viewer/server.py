@@ -35,6 +35,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from ..errors import printable
+from ..settings import SETTINGS
 from . import controls, display
 from .renderer import Frame, Renderer
 
@@ -211,8 +212,8 @@ class Server:
             "position": [float(x) for x in camera.to_world[:3, 3]],
             "channels": {name: c.title for name, c in display.CHANNELS.items()},
             "curves": list(display.CURVES), "ups": list(controls.UPS),
-            "samplers": list(controls.SETTINGS["sampler"].choices),
-            "schedulers": list(controls.SETTINGS["scheduler"].choices),
+            "samplers": list(SETTINGS["sampler"].choices),
+            "schedulers": list(SETTINGS["scheduler"].choices),
         }  # fmt: skip
         return values
 
@@ -357,9 +358,7 @@ def _text(status: http.HTTPStatus, text: str) -> Response:
     return _answer(status, "text/plain", f"veriray view: {printable(text)}\n".encode())
 
 
-def _answer(
-    status: http.HTTPStatus, kind: str, body: bytes, *more: tuple[str, str]
-) -> Response:
+def _answer(status: http.HTTPStatus, kind: str, body: bytes, *more: tuple[str, str]) -> Response:
     headers = Headers(
         [
             ("Content-Type", f"{kind}; charset=utf-8" if kind.startswith("text/") else kind),

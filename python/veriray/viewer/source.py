@@ -38,9 +38,7 @@ class Source:
     def load(self) -> Scene:
         """The scene as the file has it now. Raises SceneError, OSError."""
         self._stamps = {path: _stamp(path) for path in (*self._stamps, self.path)}
-        scene = load_file(
-            self.name, self._parameters, sensor=self._sensor, strict=self._strict
-        )
+        scene = load_file(self.name, self._parameters, sensor=self._sensor, strict=self._strict)
         self._stamps = {path: _stamp(path) for path in self._files()}
         return scene
 
@@ -77,9 +75,11 @@ class Source:
         root.insert(place, _sensor(scene, medium))
         _set_depths(root.find("integrator"), scene)
         etree.indent(root, "    ")
-        return '<?xml version="1.0" encoding="utf-8"?>\n' + etree.tostring(
-            root, encoding="unicode"
-        ) + "\n"
+        return (
+            '<?xml version="1.0" encoding="utf-8"?>\n'
+            + etree.tostring(root, encoding="unicode")
+            + "\n"
+        )
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
@@ -185,5 +185,3 @@ def _set_depths(integrator: Any, scene: Scene) -> None:
                 inner.remove(child)
     _put(inner, "integer", "max_depth", scene.max_depth)
     _put(inner, "integer", "rr_depth", scene.rr_depth)
-
-

@@ -30,6 +30,8 @@ from .source import Source
 
 #: Time of a picture while the view moves, and how long after a move it counts as moving.
 MOVING_SECONDS, SETTLE_SECONDS = 0.1, 0.25
+#: How long a picture may take that was expected at once, before a newer view ends it.
+PATIENCE_SECONDS = 1.0
 #: Time of a pass at rest: at first, and at most.
 PASS_SECONDS, LONGEST_PASS_SECONDS = 0.1, 1.0
 #: By what the sides of the picture are divided while the view moves.
@@ -255,17 +257,24 @@ class Renderer:
     def _pass(self, work: Accumulation, n: int, shot: _Shot) -> None:
         """Draws samples. The first ones of a picture that takes no time are drawn to the end, or a
         view that moves without a pause would never be seen."""
+        paths, done = work.paths_of(n), 0.0
         start = time.perf_counter()
-        quick = not work.spp and work.paths_of(n) <= 2.5 * MOVING_SECONDS * self._rate
-        patience = start + 3 * MOVING_SECONDS * quick
+        quick = not work.spp and paths <= 2.5 * MOVING_SECONDS * self._rate
+        patience = start + PATIENCE_SECONDS * quick
 
-        def poll(_: float) -> None:
+        def poll(share: float) -> None:
+            nonlocal done
+            done = share
             if self._stopping or time.perf_counter() > patience:
                 self._check(shot)
 
-        work.add(n, poll)
-        rate = work.paths_of(n) / max(time.perf_counter() - start, 1e-6)
-        self._rate = rate if self._rate == 0.0 else 0.5 * (self._rate + rate)
+        try:
+            work.add(n, poll)
+            done = 1.0
+        finally:
+            if done:
+                rate = done * paths / max(time.perf_counter() - start, 1e-6)
+                self._rate = rate if self._rate == 0.0 else 0.5 * (self._rate + rate)
 
     def _show(self, work: Accumulation, shot: _Shot, coarse: int) -> None:
         render = work._render()

@@ -160,9 +160,7 @@ def measured(scene: vr.Scene, device: str, rounds: int, seconds: float) -> dict[
                 changes, sent = changes + 1, sent + 1
                 time.sleep(max(0.0, start + sent / 60 - time.perf_counter()))
             moving = browser.pictures[before:]
-            back = browser.first(
-                lambda facts: facts["change"] == changes and facts["coarse"] == 1
-            )
+            back = browser.first(lambda facts: facts["change"] == changes and facts["coarse"] == 1)
     finally:
         renderer.stop()
     ages = [facts["age"] for _, facts, _ in moving]

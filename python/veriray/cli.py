@@ -1,5 +1,4 @@
-"""The command `veriray`: render, compare, validate, info, convert, gallery, view, bench,
-doctor.
+"""The command `veriray`: render, compare, validate, info, convert, gallery, view, bench, doctor.
 
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
 the pictures agree; validate: passed), 1 compare: they differ, validate: a case failed, doctor: the

@@ -34,7 +34,7 @@ class Channel:
     title: str
     values: Callable[[Render], Array]
     ends: Callable[[Render], tuple[float, float]] | None = None
-    text: str = "{:,.6g}"
+    text: Callable[[float], str] = "{:,.6g}".format
 
 
 def relative_error(render: Render) -> Array:
@@ -51,6 +51,10 @@ def relative_error(render: Render) -> Array:
     return result
 
 
+def _percent(share: float) -> str:
+    return f"{100 * share:g} %"
+
+
 def _samples(render: Render) -> Array:
     given = render.samples
     return np.full((render.height, render.width), render.spp) if given is None else given
@@ -58,7 +62,7 @@ def _samples(render: Render) -> Array:
 
 CHANNELS: dict[str, Channel] = {
     "radiance": Channel("Radiance", lambda render: render.image),
-    "error": Channel("Relative error", relative_error, lambda _: (1e-3, 1.0), "{:.1%}"),
+    "error": Channel("Relative error", relative_error, lambda _: (1e-3, 1.0), _percent),
     "samples": Channel("Samples", _samples, lambda render: (0.0, float(_samples(render).max()))),
 }
 
@@ -151,7 +155,7 @@ def as_bytes(
         return (exact_bytes if exact else tone_mapped)(found.values(render), exposure, curve), None
     low, high = found.ends(render)
     middle = (low * high) ** 0.5 if low > 0 else (low + high) / 2
-    marks = [found.text.format(float(f"{x:.2g}")) for x in (low, middle, high)]
+    marks = [found.text(float(f"{x:.2g}")) for x in (low, middle, high)]
     legend = Legend(found.title, (marks[0], marks[1], marks[2]))
     return false_colours(found.values(render), low, high), legend
 

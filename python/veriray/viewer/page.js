@@ -100,9 +100,10 @@ function report() {
   find("device").textContent = `${facts.device} · ${facts.device_name} · ${facts.scheduler}`;
   find("badge").hidden = !preview;
   find("badge").textContent = `1/${facts.coarse} resolution`;
-  find("sha").hidden = !facts.sha256;
-  find("sha").textContent = `SHA-256 ${facts.sha256}`;
+  find("sha").disabled = !facts.sha256;
+  find("sha").textContent = facts.sha256 ? `SHA-256 ${facts.sha256}` : `SHA-256 after ${goal.toLocaleString("en")} samples`;
   find("legend").hidden = !facts.legend;
+  find("light").classList.toggle("off", Boolean(facts.legend));
   if (facts.legend) {
     find("legend").querySelector("figcaption").textContent = facts.legend.title;
     find("legend").querySelectorAll(".marks span").forEach((mark, i) => { mark.textContent = facts.legend.marks[i]; });

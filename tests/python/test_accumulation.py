@@ -179,22 +179,22 @@ def test_interrupts_at_any_moment_leave_a_whole_picture() -> None:
         while time.monotonic() < end:
             try:
                 signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-5, 4e-3))
-                while True:
-                    if work.spp >= 39:
-                        work = accumulated([])
+                while work.spp < 39:
                     work.add(1)
                     counts[1] += 1
-            except KeyboardInterrupt:
+                signal.setitimer(signal.ITIMER_REAL, 0)
+            except KeyboardInterrupt:  # once: the timer does not repeat
                 counts[0] += 1
-            signal.setitimer(signal.ITIMER_REAL, 0)
             if work.spp:
                 r = work.render()
                 assert r.film_sha256 == right[work.spp].film_sha256
                 assert r.stats["ledger"] == right[work.spp].stats["ledger"]
+            if work.spp == 39:
+                work = accumulated([])
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
-    assert counts[0] > 50 and counts[1] > 50
+    assert min(counts) > 50
 
 
 @pytest.mark.parametrize(

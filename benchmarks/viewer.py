@@ -4,9 +4,9 @@ For each scene, through the socket of `veriray view`:
 - first picture: from a drag that begins at rest until the first picture that shows it has arrived;
 - while moving: 60 drags a second for some seconds; pictures a second, and their resolution;
 - back: from the last drag to the first picture in full resolution.
-The scenes: the Cornell box, bumpy balls of 81,920 and (--large) 1,310,720 triangles under a sky, the
-textured room of `veriray gallery`. Targets on an H200: 100 ms, and 20 pictures a second; on two CPU
-cores 5 a second. What the browser takes to show a picture is not in it.
+The scenes: the Cornell box, bumpy balls of 81,920 and (--large) 1,310,720 triangles under a sky,
+the textured room of `veriray gallery`. Targets on an H200: 100 ms, and 20 pictures a second; on two
+CPU cores 5 a second. What the browser takes to show a picture is not in it.
 
     python benchmarks/viewer.py --device cuda:0 --large -o benchmarks/results/viewer_cuda.json
 """
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import statistics
 import struct
 import tempfile
@@ -48,6 +49,7 @@ class Given(Source):
         self.scene = scene
 
     def load(self) -> vr.Scene:
+        """The scene."""
         return self.scene
 
 
@@ -174,6 +176,7 @@ def measured(scene: vr.Scene, device: str, rounds: int, seconds: float) -> dict[
         "moving_age_ms_median": 1e3 * statistics.median(ages),
         "moving_bytes_median": statistics.median(size for _, _, size in moving),
         "back_ms": 1e3 * (back - end),
+        "load_average": os.getloadavg()[0],
         "rounds": rounds,
         "seconds": seconds,
     }

@@ -24,8 +24,8 @@ from .display import CHANNELS, CURVES
 
 #: Bytes of a message at most.
 LONGEST = 4096
-#: The largest film that users may ask for: 8K by 8K.
-MOST_PIXELS = 1 << 26
+#: Pixels of the largest picture that users may ask for: 4096 x 4096.
+MOST_PIXELS = 1 << 24
 UPS = ("auto", *moves.AXES)
 _STEP = 1e3  # of one message, in radians, pictures or steps
 
@@ -166,7 +166,8 @@ def applied(view: View, action: Action, file: Scene, depth: float | None = None)
     if action.what == "set" and action.name in FIELDS:
         after = dataclasses.replace(view, **{action.name: action.value})
         film = after.scene(file).film
-        if film.width * film.height > MOST_PIXELS:
+        sized = action.name in ("width", "height") and action.value is not None
+        if sized and film.width * film.height > MOST_PIXELS:
             size = f"{film.width} x {film.height}"
             raise ControlError(f"a picture of {size} has more than {MOST_PIXELS} pixels")
         return after

@@ -221,7 +221,19 @@ find("fit").onclick = () => {
 };
 find("sha").onclick = () => navigator.clipboard?.writeText(facts.sha256)
   .then(() => banner("the hash is copied", 1500, "info"));
-for (const link of document.querySelectorAll("[data-save]")) link.href = `save/${link.dataset.save}${location.search}`;
+for (const link of document.querySelectorAll("[data-save]")) {
+  link.href = `save/${link.dataset.save}${location.search}`;
+  link.onclick = async (event) => {
+    event.preventDefault();
+    const answer = await fetch(link.href).catch(() => null);
+    if (!answer || !answer.ok) return banner(answer ? await answer.text() : "no connection", 8000);
+    const file = document.createElement("a");
+    file.href = URL.createObjectURL(await answer.blob());
+    file.download = decodeURIComponent(answer.headers.get("Content-Disposition").split("''")[1]);
+    file.click();
+    setTimeout(() => URL.revokeObjectURL(file.href), 60000);
+  };
+}
 const speed = find("speed");
 speed.oninput = () => { speed.nextElementSibling.textContent = `${digits(reach() * 10 ** Number(speed.value), 2)} / s`; };
 

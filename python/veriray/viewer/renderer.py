@@ -283,6 +283,9 @@ class Renderer:
         self.message = self.message if refused else ""
         number = self.frame.number + 1 if self.frame is not None else 1
         done = coarse == 1 and work.spp >= self._goal()
+        _ = render.image  # copied before the next pass keeps the device busy
+        if done or self.view.channel != "radiance":
+            _ = render.stderr
         self.frame = Frame(number, render, shot.scene, coarse, done, shot.change, shot.asked)
         self.changed()
 

@@ -129,13 +129,14 @@ class Browser:
         self.socket.send(json.dumps({"do": "orbit", "x": x, "y": 0.0}))
         return at
 
-    def first(self, good: Callable[[dict[str, Any]], bool]) -> float:
-        """When the first picture came whose facts are good."""
+    def first(self, change: int, coarse: int = 99, spp: int = 1) -> float:
+        """When the first picture came that shows so many changes, at most so coarse, with so many
+        samples."""
         place = 0
         while True:
             while place < len(self.pictures):
                 at, facts, _ = self.pictures[place]
-                if good(facts):
+                if facts["change"] >= change and facts["coarse"] <= coarse and facts["spp"] >= spp:
                     return at
                 place += 1
             time.sleep(0.0005)
@@ -149,13 +150,12 @@ def measured(scene: vr.Scene, device: str, rounds: int, seconds: float) -> dict[
     try:
         with serving(renderer) as port:
             browser = Browser(port)
-            browser.first(lambda facts: facts["coarse"] == 1 and facts["spp"] >= 2)
+            browser.first(0, 1, 2)
             firsts, changes = [], 0
             for k in range(rounds):
                 time.sleep(0.7)
                 start, changes = browser.orbit(0.01 * (-1) ** k), changes + 1
-                last = changes
-                firsts.append(browser.first(lambda facts: facts["change"] >= last) - start)
+                firsts.append(browser.first(changes) - start)
             before, start, sent = len(browser.pictures), time.perf_counter(), 0
             while time.perf_counter() < start + seconds:
                 end = browser.orbit(0.004 if sent % 120 < 60 else -0.004)

@@ -307,15 +307,32 @@ def test_resolution_drops_while_it_moves(monkeypatch: pytest.MonkeyPatch) -> Non
         assert frame.coarse == 1 and frame.render.film_sha256 == expected.film_sha256
 
 
-def test_pictures_come_while_moves_never_end() -> None:
-    """A stream of moves, faster than pictures, starves none of them."""
-    with rendering("cornell-box", width=256, height=192, spp=4096) as renderer:
+def test_slow_pictures_come_back_in_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A picture that takes long has an eighth of the pixels on a side, a fourth, a half, all."""
+    monkeypatch.setattr(renderer_module.Renderer, "_slow", lambda *_: True)
+    monkeypatch.setattr(renderer_module.Renderer, "_factor", lambda *_: 8)
+    renderer = renderer_module.Renderer(Source("cornell-box"), "cpu", view=View(**SMALL))
+    seen: list[Any] = []
+    renderer.changed = lambda: seen.append(renderer.frame)
+    renderer.start()
+    try:
+        assert done(renderer).render.spp == SMALL["spp"]
+    finally:
+        renderer.stop()
+    factors = [frame.coarse for frame in seen if frame is not None]
+    assert list(dict.fromkeys(factors)) == [8, 4, 2, 1]
+
+
+def test_pictures_come_while_moves_never_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stream of moves starves no picture that takes longer than the device's polls."""
+    monkeypatch.setattr(renderer_module, "MOVING_SECONDS", 0.3)
+    with rendering("cornell-box", width=2048, height=1536, spp=4096) as renderer:
         wait(lambda: renderer.frame)
         first, start = renderer.frame.number, time.monotonic()
-        while time.monotonic() < start + 2.0:
+        while time.monotonic() < start + 4.0:
             renderer.submit(do("orbit", x=0.001, y=0.0))
             time.sleep(0.004)
-        assert renderer.frame.number - first >= 3
+        assert renderer.frame.number - first >= 4
 
 
 @pytest.mark.parametrize(("x", "y", "depth"), [(0.5, 0.25, 1359.2), (0.2, 0.9, None)])

@@ -177,6 +177,9 @@ class Renderer:
         factor = self._factor(scene) if self._moving or self._slow(scene) else 1
         if factor > 1:
             self._preview(shot, factor)
+        while factor > 2 and self._slow(scene):  # comes back in steps, which take a third more
+            factor = max(f for f in COARSE if f <= factor // 2)
+            self._preview(shot, factor)
         full = self._accumulation(scene, view)
         while True:
             self._check(shot)

@@ -113,11 +113,12 @@ class Browser:
             f"ws://127.0.0.1:{port}/ws", max_size=None, max_queue=None, compression=None
         )
         self.pictures: list[tuple[float, dict[str, Any], int]] = []
+        self.closing = False
         threading.Thread(target=self._take, daemon=True).start()
 
     def _take(self) -> None:
         for message in self.socket:
-            if isinstance(message, bytes):
+            if isinstance(message, bytes) and not self.closing:
                 at = time.perf_counter()
                 (length,) = struct.unpack("<I", message[:4])
                 self.pictures.append((at, json.loads(message[4 : 4 + length]), len(message)))
@@ -162,7 +163,9 @@ def measured(scene: vr.Scene, device: str, rounds: int, seconds: float) -> dict[
                 changes, sent = changes + 1, sent + 1
                 time.sleep(max(0.0, start + sent / 60 - time.perf_counter()))
             moving = browser.pictures[before:]
-            back = browser.first(lambda facts: facts["change"] == changes and facts["coarse"] == 1)
+            back = browser.first(changes, 1)
+            browser.closing = True
+            browser.socket.close()
     finally:
         renderer.stop()
     ages = [facts["age"] for _, facts, _ in moving]

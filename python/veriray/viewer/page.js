@@ -125,10 +125,9 @@ function plot(live) {
   });
   const step = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((s) => depth / s <= 6) || 5000;
   for (let d = 0; d <= depth; d += step) rows.push(`<text x="${x(d)}" y="92" text-anchor="middle">${d}</text>`);
-  const shown = live.map((share, d) => [share, d]).filter(([share]) => share > 10 ** least);
-  const points = shown.map(([share, d]) => `${x(d).toFixed(1)},${y(share).toFixed(1)}`);
+  const points = live.map((share, d) => `${x(d).toFixed(1)},${y(share).toFixed(1)}`);
   if (points.length) {
-    const end = x(shown[shown.length - 1][1]).toFixed(1);
+    const end = x(live.length - 1).toFixed(1);
     rows.push(`<polygon class="area" points="${left},${bottom} ${points.join(" ")} ${end},${bottom}"/>`);
     rows.push(`<polyline class="line" points="${points.join(" ")}"/>`);
   }

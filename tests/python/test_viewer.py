@@ -7,6 +7,7 @@ import io
 import json
 import math
 import shutil
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from veriray.saving import to_srgb8
 from veriray.viewer import display, moves
 from veriray.viewer import renderer as renderer_module
 from veriray.viewer.controls import (
+    Action,
     ControlError,
     View,
     applied,
@@ -383,6 +385,36 @@ def test_what_cannot_be_rendered_is_said(monkeypatch: pytest.MonkeyPatch) -> Non
         wait(lambda: "the film does not fit" in renderer.message)
         renderer.submit(set_("seed", 2))
         assert done(renderer).render.seed == 2 and renderer.message == ""
+
+
+def test_channels_of_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are made on the render thread while they are shown, once for each view and size."""
+    made: list[tuple[int, int]] = []
+
+    def columns(scene: vr.Scene, device: str) -> Any:
+        assert threading.current_thread().name == "veriray-view" and device == "cpu"
+        made.append((scene.film.width, scene.film.height))
+        if scene.max_depth == 2:
+            raise vr.SceneError("there are none")
+        return np.broadcast_to(np.arange(40.0), (30, 40))
+
+    channel = display.Channel("Columns", None, lambda x: (0.0, float(x.max())), of_scene=columns)
+    monkeypatch.setitem(display.CHANNELS, "columns", channel)
+    with rendering("cornell-box", **SMALL) as renderer:
+        number = done(renderer).number
+        renderer.submit(Action("set", "channel", "columns"))
+        wait(lambda: "columns" in renderer.frame.made)
+        frame = renderer.frame
+        assert made == [(40, 30)] and frame.number == number + 1 and frame.render.spp == 24
+        pixels, legend = display.as_bytes(frame.render, *renderer.view.shown(), made=frame.made)
+        assert legend == display.Legend("Columns", ("0", "20", "39"))
+        assert (pixels[:, 0] == pixels[0, 0]).all() and (pixels[0, 0] != pixels[0, 39]).any()
+        renderer.submit(set_("spp", 30))
+        wait(lambda: renderer.frame.done and renderer.frame.render.spp == 30)
+        assert len(made) == 1
+        renderer.submit(set_("max_depth", 2))
+        wait(lambda: renderer.message == "Columns: there are none")
+        assert np.isnan(done(renderer).made["columns"]).all()
 
 
 # ---- the scene file ----

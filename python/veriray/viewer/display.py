@@ -1,14 +1,15 @@
 """How pictures become bytes for the eye: channels, exposure, tone curves and false colours.
 
-To add a channel, add its line to `CHANNELS`; page and checks follow.
+To add a channel, add its line to `CHANNELS`; page, checks and render thread follow.
 """
 
 from __future__ import annotations
 
 import functools
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy.typing as npt
 from ..picture import Render
 from ..sampling import FLOOR
 from ..saving import to_srgb8
+from ..scene import Scene
 
 Array = npt.NDArray[Any]
 Bytes = npt.NDArray[np.uint8]
@@ -24,17 +26,19 @@ Bytes = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Channel:
-    """Something to see of a render.
+    """Something to see of a picture.
 
-    values: (H, W, 3) light, or (H, W) numbers if `ends` gives the two that the first and the last
-    false colour stand for; on a logarithmic scale if the first is above 0. text: of a number in the
-    legend.
+    values: of the render, or of_scene: of the scene and the device's name, which the render thread
+    makes while the channel is shown; (H, W, 3) light, or (H, W) numbers if `ends` gives the two
+    that the first and the last false colour stand for; on a logarithmic scale if the first is above
+    0. text: of a number in the legend.
     """
 
     title: str
-    values: Callable[[Render], Array]
-    ends: Callable[[Render], tuple[float, float]] | None = None
+    values: Callable[[Render], Array] | None = None
+    ends: Callable[[Array], tuple[float, float]] | None = None
     text: Callable[[float], str] = "{:,.6g}".format
+    of_scene: Callable[[Scene, str], Array] | None = None
 
 
 def relative_error(render: Render) -> Array:
@@ -63,7 +67,7 @@ def _samples(render: Render) -> Array:
 CHANNELS: dict[str, Channel] = {
     "radiance": Channel("Radiance", lambda render: render.image),
     "error": Channel("Relative error", relative_error, lambda _: (1e-3, 1.0), _percent),
-    "samples": Channel("Samples", _samples, lambda render: (0.0, float(_samples(render).max()))),
+    "samples": Channel("Samples", _samples, lambda n: (0.0, float(n.max()))),
 }
 
 
@@ -147,17 +151,18 @@ class Legend:
 
 
 def as_bytes(
-    render: Render, channel: str, exposure: float, curve: str, exact: bool = False
-) -> tuple[Bytes, Legend | None]:
-    """A channel of a render, and what its colours mean."""
+    render: Render, channel: str, exposure: float, curve: str, exact: bool = False,
+    made: Mapping[str, Array] = MappingProxyType({}),
+) -> tuple[Bytes, Legend | None]:  # fmt: skip
+    """A channel of a render, and what its colours mean. made: values of channels of the scene."""
     found = CHANNELS[channel]
+    values = made[channel] if found.values is None else found.values(render)
     if found.ends is None:
-        return (exact_bytes if exact else tone_mapped)(found.values(render), exposure, curve), None
-    low, high = found.ends(render)
+        return (exact_bytes if exact else tone_mapped)(values, exposure, curve), None
+    low, high = found.ends(values)
     middle = (low * high) ** 0.5 if low > 0 else (low + high) / 2
     marks = [found.text(float(f"{x:.2g}")) for x in (low, middle, high)]
-    legend = Legend(found.title, (marks[0], marks[1], marks[2]))
-    return false_colours(found.values(render), low, high), legend
+    return false_colours(values, low, high), Legend(found.title, (marks[0], marks[1], marks[2]))
 
 
 def encoded(pixels: Bytes, quality: int | None) -> tuple[str, bytes]:

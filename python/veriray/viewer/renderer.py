@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import device as device_module
 from ..accumulation import Accumulation
@@ -26,7 +27,10 @@ from ..picture import Render
 from ..scene import Scene
 from . import moves
 from .controls import Action, View, applied, reach
+from .display import CHANNELS
 from .source import Source
+
+Array = npt.NDArray[Any]
 
 #: Time of a picture while the view moves, and how long after a move it counts as moving.
 MOVING_SECONDS, SETTLE_SECONDS = 0.1, 0.25
@@ -47,14 +51,15 @@ class _Outdated(Exception):  # noqa: N818
 @dataclass(frozen=True)
 class Frame:
     """A picture to show. number: of the frame, from 1. coarse: by what its sides are divided.
-    done: it has all samples. change: how many changes of the view it shows; asked: when the last
-    of them arrived (time.perf_counter)."""
+    done: it has all samples. made: values of the channel of the scene that is shown. change: how
+    many changes of the view it shows; asked: when the last of them arrived (time.perf_counter)."""
 
     number: int
     render: Render
     scene: Scene
     coarse: int
     done: bool
+    made: dict[str, Array]
     change: int
     asked: float
 
@@ -192,7 +197,7 @@ class Renderer:
             if full.spp < goal:
                 self._pass(full, self._size(full, goal, scene), shot)
                 self._show(full, shot, 1)
-            elif self.frame is None or not self.frame.done:
+            elif self.frame is None or not self.frame.done or not self._has_channel(self.frame):
                 self._show(full, shot, 1)
             else:
                 self._wake.wait()
@@ -284,13 +289,35 @@ class Renderer:
         refused = render.stats["nonfinite_samples"]
         self.message = f"{refused:,} samples count as black: the film cannot hold them"
         self.message = self.message if refused else ""
-        number = self.frame.number + 1 if self.frame is not None else 1
         done = coarse == 1 and work.spp >= self._goal()
         _ = render.image  # copied before the next pass keeps the device busy
         if done or self.view.channel != "radiance":
             _ = render.stderr
-        self.frame = Frame(number, render, shot.scene, coarse, done, shot.change, shot.asked)
+        made = self._made(render, shot, coarse)
+        number = self.frame.number + 1 if self.frame is not None else 1
+        self.frame = Frame(number, render, shot.scene, coarse, done, made, shot.change, shot.asked)
         self.changed()
+
+    def _has_channel(self, frame: Frame) -> bool:
+        channel = self.view.channel
+        return CHANNELS[channel].of_scene is None or channel in frame.made
+
+    def _made(self, render: Render, shot: _Shot, coarse: int) -> dict[str, Array]:
+        """Values of the channel that is shown, if it is one of the scene."""
+        channel, last = self.view.channel, self.frame
+        found = CHANNELS[channel]
+        if found.of_scene is None:
+            return {}
+        if last is not None and (last.change, last.coarse) == (shot.change, coarse):
+            if channel in last.made:
+                return last.made
+        size = render.height, render.width
+        try:
+            scene = shot.scene.with_(width=size[1], height=size[0])
+            return {channel: found.of_scene(scene, self.device)}
+        except ValueError as error:  # of a scene without it
+            self.message = printable(f"{found.title}: {error}")
+            return {channel: np.full(size if found.ends else (*size, 3), np.nan, np.float32)}
 
     def _read_again(self) -> None:
         try:

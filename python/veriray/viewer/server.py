@@ -163,6 +163,8 @@ class Server:
             frame, shown = self.renderer.frame, self.renderer.view.shown()
             if frame is None or self._made == (frame.number, shown):
                 continue
+            if display.CHANNELS[shown[0]].of_scene and shown[0] not in frame.made:
+                continue  # the renderer makes it
             self._made = frame.number, shown
             try:
                 self._picture = await self._loop.run_in_executor(
@@ -221,7 +223,9 @@ class Server:
         """The message of a picture."""
         channel, exposure, curve = shown
         final = frame.done and frame.render.width * frame.render.height <= LOSSLESS_PIXELS
-        pixels, legend = display.as_bytes(frame.render, channel, exposure, curve, exact=final)
+        pixels, legend = display.as_bytes(
+            frame.render, channel, exposure, curve, exact=final, made=frame.made
+        )
         kind, data = display.encoded(pixels, None if final else 80 if frame.coarse > 1 else 92)
         facts = self._facts(frame) | {
             "type": kind, "legend": legend and {"title": legend.title, "marks": legend.marks}
@@ -342,7 +346,11 @@ class Server:
 
     def _png(self, frame: Frame) -> tuple[str, bytes]:
         shown = self.renderer.view.shown()
-        return display.encoded(display.as_bytes(frame.render, *shown, exact=True)[0], None)
+        found = display.CHANNELS[shown[0]]
+        if found.of_scene and shown[0] not in frame.made:
+            raise ValueError(f"{found.title} is not there yet: wait a moment")
+        pixels, _ = display.as_bytes(frame.render, *shown, exact=True, made=frame.made)
+        return display.encoded(pixels, None)
 
     def _xml(self, _: Frame) -> tuple[str, bytes]:
         renderer = self.renderer

@@ -324,13 +324,16 @@ def started(*arguments: str) -> tuple[subprocess.Popen[str], str, list[str]]:
 def test_signals_end_it_cleanly(number: signal.Signals) -> None:
     process, address, _ = started("--port", "0", "--width", "3000", "--height", "3000")
     port = int(address.rsplit(":", 1)[1].strip("/"))
-    with Browser(port) as browser:
-        browser.picture()  # it is in the middle of a pass now
-        start = time.monotonic()
-        process.send_signal(number)
-        out, err = process.communicate(timeout=30)
-        assert process.returncode == 0 and "stopped" in out and err == ""
-        assert time.monotonic() - start < 15
+    try:
+        with Browser(port) as browser:
+            browser.picture()  # it is in the middle of a pass now
+            start = time.monotonic()
+            process.send_signal(number)
+            out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 0 and "stopped" in out and err == ""
+    assert time.monotonic() - start < 15
 
 
 def test_other_hosts_ask_for_a_token() -> None:

@@ -20,7 +20,7 @@ SOURCES := $(shell find cpp python scenes -type f -not -name '*.pyc' -not -name 
 LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5 mypy==2.4.1 lxml-stubs==0.5.1 \
   codespell[toml]==2.4.3
 # Whose own types mypy reads; any release, so that an installed one stays.
-LINT_TYPES := numpy pillow rich
+LINT_TYPES := numpy pillow rich websockets
 SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name "*.cu" -o -name "*.cuh")

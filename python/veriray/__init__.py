@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 TYPE_CHECKING = False  # as type checkers read it; without an import of typing
 
 if TYPE_CHECKING:
+    from .accumulation import Accumulation
     from .camera import Camera, Film
     from .comparison import Report, compare
     from .device import Device, devices
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from .settings import SAMPLERS
 else:
     _HOMES = {
+        "accumulation": ("Accumulation",),
         "camera": ("Camera", "Film"),
         "comparison": ("Report", "compare"),
         "device": ("Device", "devices"),
@@ -63,6 +65,7 @@ else:
 
 __all__ = [
     "SAMPLERS",
+    "Accumulation",
     "Camera",
     "Device",
     "DeviceError",

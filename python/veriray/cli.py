@@ -1,4 +1,4 @@
-"""The command `veriray`: render, compare, validate, info, convert, gallery, bench, doctor.
+"""The command `veriray`: render, compare, validate, info, convert, gallery, view, bench, doctor.
 
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
 the pictures agree; validate: passed), 1 compare: they differ, validate: a case failed, doctor: the
@@ -17,10 +17,10 @@ import warnings
 from collections.abc import Callable, Sequence
 
 from . import __version__
-from .commands import bench, compare, convert, doctor, gallery, info, render, validate
+from .commands import bench, compare, convert, doctor, gallery, info, render, validate, view
 from .commands.common import CommandError, Parser, say, show_warning
 
-COMMANDS = (render, compare, validate, info, convert, gallery, bench, doctor)
+COMMANDS = (render, compare, validate, info, convert, gallery, view, bench, doctor)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

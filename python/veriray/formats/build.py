@@ -275,7 +275,7 @@ class _Builder:
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
         """The column of attributes; also writes where those of each texture begin."""
-        first: dict[tuple[str, float], int] = {}
+        first: dict[tuple[str, float | None], int] = {}
         blocks: list[Array] = []
         for _, _, row in self.tables.rows["textures"].values():
             attribute = row.get("attribute")
@@ -287,6 +287,8 @@ class _Builder:
                 of = "vertices" if attribute.name.startswith("vertex_") else "triangles"
                 blocks.append(shapes.attribute(*key, len(shown[of])))
             row["texture_first"] = first[key]
+        for text, place in shapes.absent:
+            self.report.warn(text, place)
         return {"attribute_values": np.concatenate(blocks) if blocks else None}
 
     def chosen(self, sensors: list[Node], count: int) -> int:
@@ -339,8 +341,13 @@ class _Builder:
         filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
         kind, parameters = filter_node.plugin, list(self.check(filter_node)[1].values())
-        if kind == "catmullrom":
+        if kind == "lanczos":
+            text = f"{filter_node} is rendered as catmullrom, the nearest filter that there is"
+            self.report.warn(text, filter_node.where)
+        if kind in ("catmullrom", "lanczos"):
             kind, parameters = "mitchell", [0.0, 0.5]
+        if film_node.plugin == "specfilm":
+            self.report.warn(f"{film_node}: RGB is rendered, not its bands", film_node.where)
         width, height = size["width"], size["height"]
         left, top, wide, high = views.window(film_node, size)
         film = located(

@@ -48,7 +48,6 @@ _FLAT = {
     "rectangle": (_QUAD, _QUAD_FACES, _QUAD_UV),
     "cube": (_CUBE, _CUBE_FACES, _CUBE_UV),
 }
-_WITH_ATTRIBUTES = ("ply", "mesh")
 _CHUNK = 256  # shapes that are placed together
 #: What instances may add to a scene, which holds each as shapes of its own; a triangle takes
 #: BYTES_A_TRIANGLE of a device, its tree included.
@@ -75,6 +74,8 @@ class Shapes:
         self.textured_lamps = textured_lamps  # emissions
         #: of meshes that such a material is on: first vertex and triangle, node, mesh, attributes
         self.attributed: list[tuple[int, int, Node, mesh.Mesh, list[Attribute]]] = []
+        #: attributes that are read and not there, which count as 0: text and place
+        self.absent: list[tuple[str, str]] = []
         self.names: list[str] = []
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
             name: [] for name in _FLAT
@@ -145,12 +146,13 @@ class Shapes:
         node, values, row, _ = surface
         plugin = node.plugin
         wanted = self.textured.get(row[0])
-        if wanted and plugin not in _WITH_ATTRIBUTES:
+        if wanted and plugin in ("sphere", "disk"):
             raise SceneError(
-                f"{node}: its material reads {shorten(wanted[0].name)}; allowed: on "
-                f"{' and '.join(_WITH_ATTRIBUTES)}",
+                f"{node}: its material reads {shorten(wanted[0].name)}; allowed: on meshes",
                 node.where,
             )
+        if wanted and plugin in _FLAT:
+            self.absent += [(one.missing(node), node.where) for one in wanted]
         flip, matrix = values["flip_normals"], instance[2] if instance else values["to_world"]
         kind = "triangle"
         if plugin == "sphere":
@@ -257,16 +259,20 @@ class Shapes:
                     found[name] = one
         return found
 
-    def attribute(self, name: str, scale: float, count: int) -> Array:
+    def attribute(self, name: str, scale: float | None, count: int) -> Array:
         """The rows (count, 3) float32 of an attribute for all vertices or triangles, zero for those
-        of meshes that do not show it; raises SceneError as `Attribute.of`."""
+        of meshes that do not show it or have it not; raises SceneError as `Attribute.of`."""
         rows = np.zeros((count, 3), np.float32)
         for vertex, triangle, node, found, wanted in self.attributed:
             first = vertex if name.startswith("vertex_") else triangle
             for one in wanted:
-                if (one.name, one.scale) == (name, scale):
-                    values = one.of(node, found)
-                    rows[first : first + len(values)] = values
+                if (one.name, one.scale) != (name, scale):
+                    continue
+                if name not in found.attributes:
+                    self.absent.append((one.missing(node, found), node.where))
+                    continue
+                values = one.of(node, found)
+                rows[first : first + len(values)] = values
         return rows
 
     def _room(self, vertices: int, triangles: int) -> tuple[int, int]:

@@ -84,7 +84,7 @@ LINES = {
     "two skies": (SKY, "a second emitter constant; at most 1 allowed"),
     "sky inside a shape": (RECTANGLE.format(SKY), 'rectangle cannot hold a emitter "constant"', "allowed: area"),
     "twosided without bsdf": ('<bsdf type="twosided"/>', "twosided has no bsdf; allowed: diffuse, conductor, plastic, roughconductor, roughplastic, principled"),
-    "twosided twice": (f'<bsdf type="twosided">{DIFFUSE.format("")}{DIFFUSE.format("")}</bsdf>', "has 2 objects of category bsdf"),
+    "twosided thrice": (f'<bsdf type="twosided">{3 * DIFFUSE.format("")}</bsdf>', "has 3 objects of category bsdf"),
     "unknown reference": (RECTANGLE.format('<ref id="wite"/>') + '<bsdf type="diffuse" id="white"/>', 'no object with the id "wite"', 'did you mean "white"?'),
     "reference of another kind": ('<shape type="cube" id="c"/>' + RECTANGLE.format('<ref id="c"/>'), 'rectangle cannot hold a shape "cube"'),
     "id twice": ('<bsdf type="diffuse" id="w"/><shape type="cube" id="w"/>', 'id "w" is already used at ', "scene.xml:3"),

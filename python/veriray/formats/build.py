@@ -194,7 +194,10 @@ class _Builder:
         if not child.plugin:
             raise Listed("")
         rules = PLUGINS[node.plugin].children
-        if child.category == "texture" and node.category != "scene":
+        if child.category == "texture" and item.name in PLUGINS[node.plugin].noted:
+            text = f'{node}: "{item.name}": {PLUGINS[node.plugin].noted[item.name]}'
+            self.report.note(text, item.where)
+        elif child.category == "texture" and node.category != "scene":
             textures.check_place(node, child, item)
         elif node.category == "scene" and (child.category in _IDLE or child.plugin == "area"):
             self.report.note(f"{child}: in no object, it has no effect", item.where)
@@ -432,6 +435,9 @@ class _Builder:
             held = [self.material(part) for part in parts.get("bsdf", ())]
             given = {} if node.plugin in RELIEFS else self.textures(node)
             if node.plugin == "twosided":
+                if held[1:] and held[1] is not held[0]:
+                    text = f"{node}: its back is rendered as its front: where it is seen, the "
+                    self.report.warn(f"{text}picture is not Mitsuba's", parts["bsdf"][1].where)
                 row = materials.two_sided(held[0])
                 if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
@@ -469,6 +475,8 @@ class _Builder:
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "texture":
+                continue
+            if item.name in PLUGINS[node.plugin].noted:
                 continue
             column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
             if item.name in node.values or column in columns:

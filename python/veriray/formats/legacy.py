@@ -9,8 +9,7 @@ With a warning that names the line, as the light differs:
 
 - textures: `scale` of a bitmap clips above 1; `gridtexture` and `wireframe` by the colour between
   their lines; `wrapMode` `zero` and `one` as `clamp`, two modes as that of u, a gamma as sRGB;
-- bsdfs: `irawan` as `diffuse`, `hk` as `principledthin` of its albedo; the second of two in
-  `twosided` as the first;
+- bsdfs: `irawan` as `diffuse`, `hk` as `principledthin` of its albedo;
 - a subsurface `dipole` as a diffuse surface of the same reflectance: (a / 2) (1 + e^(-4 A s / 3))
   e^(-s), s = sqrt(3 (1 - a)), a the albedo, A = (1 + F) / (1 - F), F = -1.440 / eta^2 +
   0.710 / eta + 0.668 + 0.0636 eta (Jensen, Marschner, Levoy and Hanrahan 2001);
@@ -184,17 +183,6 @@ def _sunsky(element: _Element, where: str, notes: Notes) -> None:
     notes.add(f"emitter {plugin} is sunsky, whose up is y", where)
 
 
-def _two_sides(element: _Element, where: str, notes: Notes) -> None:
-    held = [c for c in element if c.tag == "bsdf" or (c.tag == "ref" and not c.get("name"))]
-    if len(held) != 2:
-        return
-    element.remove(held[1])
-    alike = held[0].tag == held[1].tag == "ref" and held[0].get("id") == held[1].get("id")
-    if not alike:
-        text = "bsdf twosided: the back is rendered as the front"
-        notes.approximated.append((text, where))
-
-
 def _grid(element: _Element, where: str, notes: Notes) -> None:
     """A texture of lines as the colour between them."""
     plugin, parent = str(element.get("type")), element.getparent()
@@ -288,7 +276,6 @@ _OBJECTS: dict[tuple[str, str], Callable[[_Element, str, Notes], None]] = {
     ("bsdf", "difftrans"): legacy_media.transmitter,
     ("bsdf", "hk"): legacy_media.hanrahan,
     ("bsdf", "irawan"): _warned("diffuse", ", not as woven"),
-    ("bsdf", "twosided"): _two_sides,
     ("subsurface", "dipole"): legacy_media.subsurface,
     ("texture", "gridtexture"): _grid,
     ("texture", "wireframe"): _grid,

@@ -105,7 +105,10 @@ IORS = {
 }  # fmt: skip
 
 _MANY = 10**9
-_SHUTTER = dict.fromkeys(("shutter_open", "shutter_close"), "nothing in the scene moves")
+_SHUTTER = {
+    **dict.fromkeys(("shutter_open", "shutter_close"), "nothing in the scene moves"),
+    "srf": "the picture is RGB, not the answer of a sensor to a spectrum",
+}
 _TO_WORLD = Param("transform", doc="local to world space; default the identity")
 _PLACED = {
     "to_world": _TO_WORLD,
@@ -709,7 +712,10 @@ PLUGINS: dict[str, Plugin] = {
         doc="the first bsdf in part, the second for the rest, in the order of the file",
     ),
     "twosided": Plugin(
-        "bsdf", {}, {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf"), 1, 1)}, doc="both sides reflect"
+        "bsdf",
+        {},
+        {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf"), 1, 2)},
+        doc="both sides reflect; of two, the first on both, with a warning",
     ),
     "bumpmap": _relief(
         "normals turned as if the surface were raised by the heights of a bitmap, its texture of "

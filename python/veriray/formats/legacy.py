@@ -80,7 +80,8 @@ def unread(root: _Element, file: str, notes: Notes) -> None:
         for child in list(element):
             name = "to_world" if child.tag == "transform" else ""
             name = str(child.get("name", name))
-            if child.tag not in _VALUES or child.get("type") is not None or not name:
+            plain = child.tag in _VALUES and child.get("type") is None
+            if not name or not (plain or (child.tag == "texture" and element.tag == "emitter")):
                 continue
             kept = name in plugin.params or name in plugin.noted
             if not kept and (element.tag, name) != ("medium", "material"):  # which is refused

@@ -216,7 +216,7 @@ def test_compare_prints_its_own_lines_alone(
 
 
 def test_tiles_of_an_exr_cannot_take_all_memory() -> None:
-    """429 bytes: tiles of 256,000,032 rows in a picture of 3 x 2, for which the library took 9 GB."""
+    """429 bytes, of tiles of 256,000,032 rows, for which the library took 9 GB."""
     with pytest.raises(image.ImageError, match="tiles of 32 x 256000032 for 3 x 2 pixels"):
         image.load(corpus("exr") / "tall-tiles")
 

@@ -290,7 +290,7 @@ class _Builder:
                 of = "vertices" if attribute.name.startswith("vertex_") else "triangles"
                 blocks.append(shapes.attribute(*key, len(shown[of])))
             row["texture_first"] = first[key]
-        for text, place in shapes.absent:
+        for text, place in shapes.warned:
             self.report.warn(text, place)
         return {"attribute_values": np.concatenate(blocks) if blocks else None}
 
@@ -324,6 +324,7 @@ class _Builder:
         _, values = self.check(skies[0])
         if skies[0].plugin == "constant":
             return tuple(values["radiance"])
+        self.unscaled(skies[0], values)
         image = skies[0].plugin == "envmap"
         self.sky = envmap(skies[0], values) if image else sunsky(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
@@ -454,6 +455,9 @@ class _Builder:
             elif node.plugin == "blendbsdf":
                 row = {**materials.blend(node, values, parts["bsdf"], held), **given}
             elif node.plugin in RELIEFS:
+                if any(one.get("relief_texture", -1) >= 0 for one in materials.both(held[0])):
+                    text = f"{node} cannot hold another map; one map to a material"
+                    raise SceneError(text, parts["bsdf"][0].where)
                 row = materials.changed(
                     held[0], {**materials.filled(node, values), **self.relief(node)}
                 )
@@ -629,6 +633,8 @@ class _Builder:
             row["light_intensity"] = tuple(math.pi * values["scale"] * x for x in colour)
         if not _shines(row["light_intensity"]):
             return
+        if node.plugin in ("spot", "projector"):
+            self.unscaled(node, values)
         matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
         other = {"point": "position", "directional": "direction"}.get(node.plugin, "")
         given = values.get(other)
@@ -648,17 +654,30 @@ class _Builder:
         if node.plugin == "spot":
             cutoff, beam = values["cutoff_angle"], values["beam_width"]
             beam = 0.75 * cutoff if beam is None else beam
-            if not 0 < cutoff or beam > cutoff:
-                raise SceneError(
-                    f"{node}: cutoff_angle = {cutoff:g} and beam_width = {beam:g}; expected "
-                    "0 < cutoff_angle and beam_width <= cutoff_angle",
-                    node.where,
-                )
+            if not 0 < cutoff:
+                text = f"{node}: cutoff_angle = {cutoff:g}, expected more than 0"
+                raise SceneError(text, node.where)
+            if beam > cutoff:
+                text = f"{node}: beam_width = {beam:g} is rendered as cutoff_angle = {cutoff:g}"
+                self.report.warn(text, node.values["beam_width"].where)
+                beam = cutoff
             row["light_angles"] = cutoff, beam
             row |= self.spot_image(node, values, matrix)
         elif node.plugin == "projector":
             row |= self.projector_image(node, values, matrix)
         self.tables.index("lights", node, row)
+
+    def unscaled(self, node: Node, values: dict[str, Any]) -> None:
+        """Takes an even scale out of the to_world of a light that has directions alone."""
+        matrix = values["to_world"]
+        if matrix is None:
+            return
+        lengths = np.sqrt((matrix[:3, :3] * matrix[:3, :3]).sum(axis=0)).tolist()
+        scale = lengths[0]
+        if abs(scale - 1) > 5e-4 and max(lengths) - min(lengths) <= 1e-3 * scale:
+            values["to_world"] = transform.compose(matrix, transform.scale([1 / scale] * 3))
+            text = f"{node}: to_world scales by {scale:g}, which a light of directions leaves out; "
+            self.report.warn(f"{text}Mitsuba's is distorted", node.values["to_world"].where)
 
     def unbounded(self, child: Node) -> Node:
         """A texture's node where its numbers may exceed 1."""

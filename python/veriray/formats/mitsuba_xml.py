@@ -406,6 +406,8 @@ class _Reader:
         a = self.attributes(element, where, "name value")
         name, text = a["name"], a["value"]
         label = f'"{name}"'
+        if kind == "float" and name == "far_clip" and text.strip().lower() in ("inf", "infinity"):
+            return name, Value(kind, np.inf, where)
         if kind == "float":
             return name, Value(kind, parse_float(text, label, where), where)
         if kind == "integer":

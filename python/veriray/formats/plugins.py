@@ -52,8 +52,8 @@ class Param:
 
     light_texture: it is light, of which a texture may be a factor.
     note: what to say where another value than the default is given, which changes no light. beyond:
-    a "share", "light" or "sign", of which Mitsuba takes values outside the range too (see
-    `values`).
+    a "share", "light", "near" or "sign", of which Mitsuba takes values outside the range too
+    (see `values`).
     """
 
     kind: str
@@ -160,6 +160,7 @@ _MESH = {
         "boolean", False, doc="flat shading; else the file's vertex normals, or computed ones"
     ),
     "max_smooth_angle": Param("float", None, 0.0, 180.0, doc=_CREASE),
+    "disable_vertex_normals": Param("boolean", False, doc="the older name of face_normals"),
     **_PLACED,
 }
 _CURVES = {
@@ -240,11 +241,13 @@ _PRINCIPLED = {
         COLOUR, 0.5, **_REFLECTED, doc="of the diffuse part and the metal", column="reflectance"
     ),
     **{
-        name: Param(GREY, default, **_SHARE, doc=doc, column=name)
+        name: Param(GREY, default, **_SHARE, beyond="near", doc=doc, column=name)
         for name, (default, doc) in PRINCIPLED.items()
     },
     "eta": Param("float", None, 1 / MAX_IOR, MAX_IOR, doc="index inside over outside; or specular"),
-    "specular": Param("float", None, **_SHARE, doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"),
+    "specular": Param(
+        "float", None, **_SHARE, beyond="near", doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"
+    ),
 }
 _THIN = {
     **{
@@ -271,7 +274,7 @@ def _relief(doc: str, **params: Param) -> Plugin:
                 "boolean", True, doc="less light from grazing directions", column="relief_shades"
             ),
         },
-        {"bsdf": ((*_UNMASKED, "mask"), 1, 1)},
+        {"bsdf": ((*_UNMASKED, "mask", "blendbsdf"), 1, 1)},
         doc=doc,
     )
 
@@ -820,6 +823,7 @@ PLUGINS: dict[str, Plugin] = {
         "volume",
         {
             "value": Param(COLOUR, 1.0, **_COEFFICIENT),
+            "color": Param(COLOUR, None, **_COEFFICIENT, doc="the older name of value"),
             "to_world": Param("transform", doc="of the unit cube outside of which no sigma_t is"),
         },
         doc="the same number or colour everywhere",

@@ -52,6 +52,7 @@ from .saving import to_srgb8 as to_srgb8
 from .settings import MAX_BATCHES
 
 _MAGIC = b"\x76\x2f\x31\x01"
+_MAX_TILE = 1 << 26  # bytes of a tile, of a picture that is smaller
 _MAX_SIDE = 1 << 16
 _MAX_DEPTHS = 1 << 20
 _MAX_BYTES = 1 << 31
@@ -147,11 +148,16 @@ def read_exr(
         try:
             file.seek(0)
             with library_silenced():
-                header = OpenEXR.File(file, header_only=True).header()
+                every = OpenEXR.File(file, header_only=True).parts
+                headers = [part.header for part in every]
+            if not headers:
+                raise ImageError(f"{where}: damaged: it has no part")
+            header = headers[0]
             for key, value in header.items():
                 if key.startswith("veriray.") and not isinstance(value, str):
                     raise ImageError(f"{where}: header attribute {key!r} is not a string")
-            _check_header(header, size, max_bytes, where)
+            for one in headers:  # the library decodes all of them
+                _check_header(one, size, max_bytes, where)
             file.seek(0)
             with library_silenced() as printed:  # a damaged part is only printed about
                 parts = OpenEXR.File(file, separate_channels=True).channels()
@@ -184,6 +190,14 @@ def _check_header(header: dict[str, Any], size: int, max_bytes: int, where: str)
         raise ImageError(f"{where}: {need} bytes of pixels; the limit is {max_bytes} (max_bytes)")
     if need > _DEFLATE_LIMIT * size:
         raise ImageError(f"{where}: damaged: {need} bytes of pixels cannot come from {size} bytes")
+    tiles = header.get("tiles")
+    if tiles is not None:  # the library takes memory for whole ones
+        room = 4 * len(channels) * tiles.xSize * tiles.ySize
+        if room > max(need, _MAX_TILE):
+            raise ImageError(
+                f"{where}: damaged: tiles of {tiles.xSize} x {tiles.ySize} for {width} x {height} "
+                "pixels"
+            )
 
 
 def _group(

@@ -194,7 +194,10 @@ class _Builder:
         if not child.plugin:
             raise Listed("")
         rules = PLUGINS[node.plugin].children
-        if child.category == "texture" and node.category != "scene":
+        if child.category == "texture" and item.name in PLUGINS[node.plugin].noted:
+            text = f'{node}: "{item.name}": {PLUGINS[node.plugin].noted[item.name]}'
+            self.report.note(text, item.where)
+        elif child.category == "texture" and node.category != "scene":
             textures.check_place(node, child, item)
         elif node.category == "scene" and (child.category in _IDLE or child.plugin == "area"):
             self.report.note(f"{child}: in no object, it has no effect", item.where)
@@ -275,7 +278,7 @@ class _Builder:
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
         """The column of attributes; also writes where those of each texture begin."""
-        first: dict[tuple[str, float], int] = {}
+        first: dict[tuple[str, float | None], int] = {}
         blocks: list[Array] = []
         for _, _, row in self.tables.rows["textures"].values():
             attribute = row.get("attribute")
@@ -287,6 +290,8 @@ class _Builder:
                 of = "vertices" if attribute.name.startswith("vertex_") else "triangles"
                 blocks.append(shapes.attribute(*key, len(shown[of])))
             row["texture_first"] = first[key]
+        for text, place in shapes.warned:
+            self.report.warn(text, place)
         return {"attribute_values": np.concatenate(blocks) if blocks else None}
 
     def chosen(self, sensors: list[Node], count: int) -> int:
@@ -319,6 +324,7 @@ class _Builder:
         _, values = self.check(skies[0])
         if skies[0].plugin == "constant":
             return tuple(values["radiance"])
+        self.unscaled(skies[0], values)
         image = skies[0].plugin == "envmap"
         self.sky = envmap(skies[0], values) if image else sunsky(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
@@ -339,8 +345,13 @@ class _Builder:
         filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
         kind, parameters = filter_node.plugin, list(self.check(filter_node)[1].values())
-        if kind == "catmullrom":
+        if kind == "lanczos":
+            text = f"{filter_node} is rendered as catmullrom, the nearest filter that there is"
+            self.report.warn(text, filter_node.where)
+        if kind in ("catmullrom", "lanczos"):
             kind, parameters = "mitchell", [0.0, 0.5]
+        if film_node.plugin == "specfilm":
+            self.report.warn(f"{film_node}: RGB is rendered, not its bands", film_node.where)
         width, height = size["width"], size["height"]
         left, top, wide, high = views.window(film_node, size)
         film = located(
@@ -425,6 +436,9 @@ class _Builder:
             held = [self.material(part) for part in parts.get("bsdf", ())]
             given = {} if node.plugin in RELIEFS else self.textures(node)
             if node.plugin == "twosided":
+                if held[1:] and held[1] is not held[0]:
+                    text = f"{node}: its back is rendered as its front: where it is seen, the "
+                    self.report.warn(f"{text}picture is not Mitsuba's", parts["bsdf"][1].where)
                 row = materials.two_sided(held[0])
                 if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
@@ -441,6 +455,9 @@ class _Builder:
             elif node.plugin == "blendbsdf":
                 row = {**materials.blend(node, values, parts["bsdf"], held), **given}
             elif node.plugin in RELIEFS:
+                if any(one.get("relief_texture", -1) >= 0 for one in materials.both(held[0])):
+                    text = f"{node} cannot hold another map; one map to a material"
+                    raise SceneError(text, parts["bsdf"][0].where)
                 row = materials.changed(
                     held[0], {**materials.filled(node, values), **self.relief(node)}
                 )
@@ -462,6 +479,8 @@ class _Builder:
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "texture":
+                continue
+            if item.name in PLUGINS[node.plugin].noted:
                 continue
             column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
             if item.name in node.values or column in columns:
@@ -614,6 +633,8 @@ class _Builder:
             row["light_intensity"] = tuple(math.pi * values["scale"] * x for x in colour)
         if not _shines(row["light_intensity"]):
             return
+        if node.plugin in ("spot", "projector"):
+            self.unscaled(node, values)
         matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
         other = {"point": "position", "directional": "direction"}.get(node.plugin, "")
         given = values.get(other)
@@ -633,17 +654,30 @@ class _Builder:
         if node.plugin == "spot":
             cutoff, beam = values["cutoff_angle"], values["beam_width"]
             beam = 0.75 * cutoff if beam is None else beam
-            if not 0 < cutoff or beam > cutoff:
-                raise SceneError(
-                    f"{node}: cutoff_angle = {cutoff:g} and beam_width = {beam:g}; expected "
-                    "0 < cutoff_angle and beam_width <= cutoff_angle",
-                    node.where,
-                )
+            if not 0 < cutoff:
+                text = f"{node}: cutoff_angle = {cutoff:g}, expected more than 0"
+                raise SceneError(text, node.where)
+            if beam > cutoff:
+                text = f"{node}: beam_width = {beam:g} is rendered as cutoff_angle = {cutoff:g}"
+                self.report.warn(text, node.values["beam_width"].where)
+                beam = cutoff
             row["light_angles"] = cutoff, beam
             row |= self.spot_image(node, values, matrix)
         elif node.plugin == "projector":
             row |= self.projector_image(node, values, matrix)
         self.tables.index("lights", node, row)
+
+    def unscaled(self, node: Node, values: dict[str, Any]) -> None:
+        """Takes an even scale out of the to_world of a light that has directions alone."""
+        matrix = values["to_world"]
+        if matrix is None:
+            return
+        lengths = np.sqrt((matrix[:3, :3] * matrix[:3, :3]).sum(axis=0)).tolist()
+        scale = lengths[0]
+        if abs(scale - 1) > 5e-4 and max(lengths) - min(lengths) <= 1e-3 * scale:
+            values["to_world"] = transform.compose(matrix, transform.scale([1 / scale] * 3))
+            text = f"{node}: to_world scales by {scale:g}, which a light of directions leaves out; "
+            self.report.warn(f"{text}Mitsuba's is distorted", node.values["to_world"].where)
 
     def unbounded(self, child: Node) -> Node:
         """A texture's node where its numbers may exceed 1."""

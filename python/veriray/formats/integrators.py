@@ -45,6 +45,14 @@ def depths(
                 node.values["hide_emitters"].where,
             )
         return depths(inner[0], check, report, (*around, node))
+    if "integrator" in parts:
+        report.warn(
+            f"{node}: what it shows is not rendered; the scene's light is, as by path", node.where
+        )
+        plain = Node("path", node.where, "integrator")
+        if "hide_emitters" in node.values:
+            plain.values["hide_emitters"] = node.values["hide_emitters"]
+        return depths(plain, check, report, (*around, node))
     if node.plugin == "direct":
         shorthand = "shading_samples" in node.values
         if shorthand and {"emitter_samples", "bsdf_samples"} & set(node.values):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         SceneError,
         SceneWarning,
     )
+    from .features import FeatureImages, feature_images
     from .picture import Render, film_hash
     from .rendering import render, trace_path
     from .scene import Scene, cornell_box, load_dict, load_file
@@ -44,6 +45,7 @@ else:
             "SceneError",
             "SceneWarning",
         ),
+        "features": ("FeatureImages", "feature_images"),
         "picture": ("Render", "film_hash"),
         "rendering": ("render", "trace_path"),
         "scene": ("Scene", "cornell_box", "load_dict", "load_file"),
@@ -66,6 +68,7 @@ __all__ = [
     "Camera",
     "Device",
     "DeviceError",
+    "FeatureImages",
     "Film",
     "ImageError",
     "OutOfMemoryError",
@@ -79,6 +82,7 @@ __all__ = [
     "compare",
     "cornell_box",
     "devices",
+    "feature_images",
     "film_hash",
     "load_dict",
     "load_file",

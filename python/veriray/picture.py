@@ -9,7 +9,7 @@ import os
 import struct
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from .device import native_errors
 from .errors import ImageError
+from .features import FeatureImages
 from .numeric import path_text, shown, whole
 
 if TYPE_CHECKING:
@@ -113,6 +114,7 @@ class Render:
     stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
     batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None.
     samples: (H, W) uint32, the samples of each pixel, or None where all have spp.
+    features: feature images by name, if they were asked for (`veriray.features`).
     film_sha256: see `film_hash`; equal hashes mean equal bytes.
     stats: what was done (plain Python numbers, strings and lists; `render` lists the keys).
     Raises ValueError naming the field that is not so.
@@ -128,6 +130,7 @@ class Render:
     spp: int
     seed: int
     samples: Array | None = None
+    features: FeatureImages = field(default_factory=FeatureImages)
 
     def __post_init__(self) -> None:
         _check_film(self.image, self.stderr, self.samples)
@@ -267,7 +270,8 @@ class Render:
         elif suffix == ".exr":
             own = {"film_sha256": self.film_sha256, "spp": self.spp, "seed": self.seed}
             fields = self.image, self.stderr, self.batch_means, self.samples
-            save_exr(path, *fields, {**self.stats, **own}, regions, region_names)
+            stats = {**self.stats, **own}
+            save_exr(path, *fields, stats, regions, region_names, self.features)
         else:
             raise ImageError(f"{os.fspath(path)}: suffix {suffix!r}; expected .exr or .png")
 

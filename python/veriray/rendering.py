@@ -15,6 +15,7 @@ from . import device as device_module
 from . import kernels
 from .columns import MATERIAL_KINDS, SCATTERING_KINDS
 from .errors import RefusedSamplesWarning
+from .features import FeatureImages, beside
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import LEDGER_COLUMNS, Render
@@ -59,6 +60,8 @@ def render(
     all_features: bool = False,
     target_error: float | None = None,
     builder: str = "auto",
+    features: str | tuple[str, ...] = (),
+    feature_spp: int | None = None,
 ) -> Render:
     """Render a scene.
 
@@ -95,6 +98,12 @@ def render(
             pixel at most (at least 16). Not together with batches.
         builder: of the tree, where the scene needs one: "auto", "sah" or "ploc" (see
             `veriray.native_scene`).
+        features: feature images of the first surface that the camera sees (`veriray.features`), in
+            a tuple or with commas between them: "depth", "depth_axis", "position", "normal",
+            "geo_normal", "albedo", "uv", "alpha", the numbers "object", "material", "primitive", and
+            the parts "direct" and "indirect" of the picture ("motion": `veriray.feature_images`).
+        feature_spp: samples per pixel of feature images, the picture's first ones; None takes 16,
+            or spp if that is less. Parts of the picture have all of its samples.
 
     Returns:
         Render, whose picture stays in the device's memory until it is asked for. Its stats:
@@ -130,7 +139,7 @@ def render(
         spp=spp, seed=seed, device=device, scheduler=scheduler, max_depth=max_depth,
         rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
         batches=batches, batch_size=batch_size, all_features=all_features,
-        target_error=target_error, builder=builder,
+        target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
     )  # fmt: skip
     return render_with(scene, settings, progress)
 
@@ -161,8 +170,6 @@ def render_with(
         else:
             done = adaptive(*run, settings.target_error)
         memory = int(native.memory) + int(done.memory)
-    if progress is not None:
-        progress(1.0)
     stats = _statistics(done.results, done.paths)
     error = float(done.picture.mean_stderr)
     stats |= {
@@ -182,7 +189,7 @@ def render_with(
     }
     if stats["nonfinite_samples"]:
         warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=3)
-    return Render._of(
+    made = Render._of(
         done.picture,
         batch_means=done.batch_means,
         stats=stats,
@@ -191,7 +198,17 @@ def render_with(
         spp=used.spp,
         seed=settings.seed,
         samples=done.counts,
+        features=FeatureImages(),
     )
+    if settings.features:
+        with device_module.native_errors():
+            made.__dict__["features"] = beside(
+                made, chosen, scene, used, (*settings.features,), settings.feature_spp,
+                settings.native(),
+            )  # fmt: skip
+    if progress is not None:
+        progress(1.0)
+    return made
 
 
 def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSettings]:
@@ -225,6 +242,10 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             raise ValueError(f"spp = {spp}; with target_error {PILOT} to {2**31}")
         if batches:
             raise ValueError(f"batches = {batches}; with target_error 0")
+        if {"direct", "indirect"} & {*settings.features}:
+            raise ValueError(f"features = {settings.features}; with target_error no parts")
+    if "motion" in settings.features:
+        raise ValueError('features: "motion" needs a second camera: veriray.feature_images')
     return used, settings
 
 

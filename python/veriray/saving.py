@@ -16,6 +16,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from .errors import ImageError
+from .features import FeatureImages
 from .files import replacing
 from .numeric import number, path_text, texts
 from .settings import HEADER, MAX_BATCHES, SETTINGS
@@ -75,6 +76,7 @@ def save_exr(
     stats: dict[str, Any],
     regions: NDArray[np.integer[Any]] | None = None,
     region_names: list[str] | None = None,
+    features: FeatureImages | None = None,
 ) -> None:
     """Write an EXR file of a render's fields; stats: with film_sha256, spp and seed.
 
@@ -128,6 +130,32 @@ def save_exr(
         header["veriray.regions"] = _dumps(
             texts("region_names", [] if region_names is None else region_names, ImageError)
         )
+    if features:
+        more = features.channels()
+        for name, values in more.items():
+            if values.shape != image.shape[:2]:
+                raise ImageError(f"{name}: shape {values.shape}; expected {image.shape[:2]}")
+        channels |= more
+        header["veriray.feature_spp"] = str(features.spp)
+    _write(path, header, channels)
+
+
+def save_channels(
+    path: str | os.PathLike[str], channels: dict[str, NDArray[Any]], attributes: dict[str, str]
+) -> None:
+    """Write channels, (H, W) float32 or uint32 each, as an EXR file without a picture.
+
+    Raises ImageError for another suffix than .exr, OSError for what cannot be written.
+    """
+    if not path_text("path", path, ImageError).lower().endswith(".exr"):
+        raise ImageError(f"{os.fspath(path)}: expected the suffix .exr")
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    _write(path, {**kind, **attributes}, channels)
+
+
+def _write(
+    path: str | os.PathLike[str], header: dict[str, Any], channels: dict[str, NDArray[Any]]
+) -> None:
     with replacing(path) as file:
         try:
             with library_silenced():

@@ -61,6 +61,9 @@ def _render(arguments: argparse.Namespace) -> int:
     if arguments.stats:
         check_output(arguments.stats, (".json",))
 
+    if arguments.features and not any(path.lower().endswith(".exr") for path in arguments.output):
+        raise CommandError("--features needs an output FILE.exr: a PNG has the picture alone")
+
     from .. import device as device_module
     from ..image import save
     from ..info import primitives_text, tree_text
@@ -115,6 +118,8 @@ def _print_result(result: Any, outputs: list[str]) -> None:
         )
     error = stats["mean_stderr"]
     say(f"mean standard error  {'needs 2 spp' if error is None else f'{error:.6g}'}")
+    if result.features:
+        say(f"features   {', '.join(result.features)} ({result.features.spp} spp)")
     say(f"SHA-256    {result.film_sha256}")
     say(f"written    {', '.join(outputs)}")
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
         SceneError,
         SceneWarning,
     )
-    from .features import FeatureImages, feature_images
+    from .feature_rendering import feature_images
+    from .features import FeatureImages
     from .picture import Render, film_hash
     from .rendering import render, trace_path
     from .scene import Scene, cornell_box, load_dict, load_file
@@ -45,7 +46,8 @@ else:
             "SceneError",
             "SceneWarning",
         ),
-        "features": ("FeatureImages", "feature_images"),
+        "feature_rendering": ("feature_images",),
+        "features": ("FeatureImages",),
         "picture": ("Render", "film_hash"),
         "rendering": ("render", "trace_path"),
         "scene": ("Scene", "cornell_box", "load_dict", "load_file"),

@@ -15,7 +15,8 @@ from . import device as device_module
 from . import kernels
 from .columns import MATERIAL_KINDS, SCATTERING_KINDS
 from .errors import RefusedSamplesWarning
-from .features import FeatureImages, beside
+from .features import FeatureImages
+from .first_surface import beside, check
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import LEDGER_COLUMNS, Render
@@ -244,6 +245,7 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             raise ValueError(f"batches = {batches}; with target_error 0")
         if {"direct", "indirect"} & {*settings.features}:
             raise ValueError(f"features = {settings.features}; with target_error no parts")
+    check(used, (*settings.features,))
     if "motion" in settings.features:
         raise ValueError('features: "motion" needs a second camera: veriray.feature_images')
     return used, settings

@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from .errors import ImageError
-from .features import FeatureImages
 from .files import replacing
 from .numeric import number, path_text, texts
 from .settings import HEADER, MAX_BATCHES, SETTINGS
@@ -76,9 +75,12 @@ def save_exr(
     stats: dict[str, Any],
     regions: NDArray[np.integer[Any]] | None = None,
     region_names: list[str] | None = None,
-    features: FeatureImages | None = None,
+    more: Mapping[str, NDArray[Any]] | None = None,
+    attributes: Mapping[str, str] | None = None,
 ) -> None:
     """Write an EXR file of a render's fields; stats: with film_sha256, spp and seed.
+
+    more, attributes: further channels, (H, W) float32 or uint32, and attributes of the header.
 
     regions, region_names, errors: as of `veriray.Render.save`.
     """
@@ -130,14 +132,11 @@ def save_exr(
         header["veriray.regions"] = _dumps(
             texts("region_names", [] if region_names is None else region_names, ImageError)
         )
-    if features:
-        more = features.channels()
-        for name, values in more.items():
-            if values.shape != image.shape[:2]:
-                raise ImageError(f"{name}: shape {values.shape}; expected {image.shape[:2]}")
-        channels |= more
-        header["veriray.feature_spp"] = str(features.spp)
-    _write(path, header, channels)
+    for name, values in (more or {}).items():
+        if values.shape != image.shape[:2]:
+            raise ImageError(f"{name}: shape {values.shape}; expected {image.shape[:2]}")
+        channels[name] = values
+    _write(path, {**header, **(attributes or {})}, channels)
 
 
 def save_channels(

@@ -5,7 +5,7 @@
 #include "backends/cuda_objects.cuh"
 #include "backends/features.h"
 #include "backends/launches.cuh"
-#include "integrators/integrators.h"
+#include "integrators/features.h"
 
 namespace veriray {
 namespace {

@@ -3,7 +3,7 @@
 
 #include "backends/features.h"
 #include "film/lane_sums.h"
-#include "integrators/integrators.h"
+#include "integrators/features.h"
 #include "scene/thread_pool.h"
 
 namespace veriray {

@@ -179,4 +179,9 @@ struct FirstSurface : PathTracer<L, kFeatures> {
     }
 };
 
+// What back ends take feature images by, compiled once for all features of scenes. It has no
+// bounces, and samples of more numbers than schedulers carry, so it is no Integrator.
+template <class L>
+using FeatureImages = FirstSurface<L, kAllFeatures>;
+
 }  // namespace veriray

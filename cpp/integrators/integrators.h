@@ -1,7 +1,6 @@
 // The integrators, and what is compiled of each.
 #pragma once
 
-#include "integrators/features.h"
 #include "integrators/path.h"
 #include "scene/variants.h"
 
@@ -36,11 +35,6 @@ struct IntegratorAt;
     };
 VR_INTEGRATORS(VR_AT)
 #undef VR_AT
-
-// What feature images are taken by, compiled once, for all features: it has no bounces, and samples
-// of more numbers than schedulers carry, so it is no Integrator.
-template <class L>
-using FeatureImages = FirstSurface<L, kAllFeatures>;
 
 // Calls fn.template operator()<Variant>() with that integrator's variant.
 template <uint32_t kIndex, class Fn>

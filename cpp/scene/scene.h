@@ -226,8 +226,8 @@ class HostScene : public Frame {
         return {records.data(), round_boxes.data(), view.primitive_count - others,
                 view.primitive_count};
     }
-    // The rows of `uv`, also of a scene without textures. There the two triangles of a face that was
-    // merged have the map of the first.
+    // The rows of `uv`, also of a scene without textures. There the two triangles of a face that
+    // was merged have the map of the first.
     std::vector<float> texture_maps(const SceneInput& in) const;
     size_t memory() const;
     const std::vector<Flat>& flats() const { return flats_; }

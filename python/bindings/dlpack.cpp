@@ -81,10 +81,10 @@ py::array picture_view(const std::shared_ptr<Picture>& picture) {
     const py::capsule owner(keep.get(),
                             [](void* p) { delete static_cast<std::shared_ptr<Picture>*>(p); });
     keep.release();
-    py::array_t<float> out({static_cast<py::ssize_t>(picture->height()),
-                            static_cast<py::ssize_t>(picture->width()),
-                            static_cast<py::ssize_t>(picture->channels())},
-                           picture->share(), owner);
+    py::array_t<float> out(
+        {static_cast<py::ssize_t>(picture->height()), static_cast<py::ssize_t>(picture->width()),
+         static_cast<py::ssize_t>(picture->channels())},
+        picture->share(), owner);
     out.attr("setflags")(false);
     return out;
 }

@@ -6,8 +6,8 @@ ray goes on through null surfaces, through uncovered parts of masks, through lam
 does not see (`hide_emitters`) and through media. A mirror or glass is itself, not what it shows.
 
 Means over the samples of a pixel that meet a surface, each with its standard error; `alpha` is the
-share of those samples. Where none does, depths are infinite and all others 0. A filter with negative
-lobes counts without its sign, so that a mean lies between the numbers that it is of.
+share of those samples. Where none does, depths are infinite and all others 0. A filter with
+negative lobes counts without its sign: a mean lies between the numbers that it is of.
 
 - `depth` (H, W): distance along the ray from the camera or the point of its lens, in world units.
 - `depth_axis` (H, W): the same along the camera's axis.
@@ -24,7 +24,7 @@ lobes counts without its sign, so that a mean lies between the numbers that it i
   the camera `motion_to`, of the same film; 0 for points behind one of them.
 - `alpha` (H, W): share of the samples that meet a surface; always there beside another mean.
 
-Numbers (H, W) uint32 of what the ray through the pixel's centre and the lens's meets, 0 for nothing;
+Numbers (H, W) uint32 of what the ray through the centres of pixel and lens meets, 0 for nothing;
 never filtered:
 
 - `object`: 1 + the shape in `Scene.shape_names`.
@@ -33,8 +33,8 @@ never filtered:
 
 Parts of the picture (H, W, 3), which cost another picture of two segments a path:
 
-- `direct`: paths of two segments at most: what lamps send to the camera, and what is lit by them.
-- `indirect`: the rest, picture less `direct`. Its standard error is the sum of both, an upper limit.
+- `direct`: paths of two segments at most: what lamps send to the camera, and what they light.
+- `indirect`: picture less `direct`. Its standard error is the sum of both, an upper limit.
 
 In EXR files a layer has the image's name, `depth.Z` and `normal.X` for example (`LAYERS`), and its
 standard error is the layer `stderr.NAME`.

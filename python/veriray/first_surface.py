@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -65,9 +66,8 @@ def look(device: Device, owner: Scene, scene: Scene, names: tuple[str, ...], spp
     images: dict[str, Array] = {}
     errors: dict[str, Array] = {}
     for name in means:
-        picture = with_room(
-            device, lambda at=places[name]: film.picture(hits, native["threads"], at)
-        )
+        resolve = functools.partial(film.picture, hits, native["threads"], places[name])
+        picture = with_room(device, resolve)
         mean, error = picture.image(), picture.stderr()
         if name in (*_DEPTHS, "position"):
             mean, error = mean.astype(np.float64) * unit, error * np.float32(unit)
@@ -183,7 +183,8 @@ def _inside(points: Array, triangle: Array) -> Array:
     if not square > 0:
         return np.full(len(points), -np.inf)
     edges = ((a, b), (b, c), (c, a))
-    return np.min([np.cross(q - p, points - p) @ normal / square for p, q in edges], axis=0)
+    least: Array = np.min([np.cross(q - p, points - p) @ normal / square for p, q in edges], axis=0)
+    return least
 
 
 def _view(camera: Camera, width: int, height: int) -> tuple[Array, float, float, float, float]:

@@ -271,8 +271,8 @@ class Render:
             own = {"film_sha256": self.film_sha256, "spp": self.spp, "seed": self.seed}
             fields = self.image, self.stderr, self.batch_means, self.samples
             stats = {**self.stats, **own}
-            more = self.features
-            save_exr(path, *fields, stats, regions, region_names, more.channels(), more.attributes())
+            more = self.features.channels(), self.features.attributes()
+            save_exr(path, *fields, stats, regions, region_names, *more)
         else:
             raise ImageError(f"{os.fspath(path)}: suffix {suffix!r}; expected .exr or .png")
 

@@ -101,8 +101,9 @@ def render(
             `veriray.native_scene`).
         features: feature images of the first surface that the camera sees (`veriray.features`), in
             a tuple or with commas between them: "depth", "depth_axis", "position", "normal",
-            "geo_normal", "albedo", "uv", "alpha", the numbers "object", "material", "primitive", and
-            the parts "direct" and "indirect" of the picture ("motion": `veriray.feature_images`).
+            "geo_normal", "albedo", "uv", "alpha", the numbers "object", "material", "primitive",
+            and the parts "direct" and "indirect" of the picture ("motion":
+            `veriray.feature_images`).
         feature_spp: samples per pixel of feature images, the picture's first ones; None takes 16,
             or spp if that is less. Parts of the picture have all of its samples.
 

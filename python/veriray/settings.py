@@ -49,10 +49,10 @@ class Setting:
     """What there is to know of a setting.
 
     doc: for the command line. low, high: of an integer, inclusive, or of a float, exclusive.
-    choices: of a text. several: of a tuple of texts, or one with commas between them. scene: what a scene has if it states nothing, for settings that None takes
-    from the scene; none: what None stands for otherwise. native: its name in the native modules, ""
-    if they do not take it. path: paths depend on it. kept: HEADER, STATS, or "" where no file has
-    it.
+    choices: of a text. several: of a tuple of texts, or one with commas between them. scene: what a
+    scene has if it states nothing, for settings that None takes from the scene; none: what None
+    stands for otherwise. native: its name in the native modules, "" if they do not take it. path:
+    paths depend on it. kept: HEADER, STATS, or "" where no file has it.
     """
 
     default: Any

@@ -164,7 +164,8 @@ def test_motion(device: str) -> None:
     p = got["position"].astype(float)
     focal = 24 / 2 / math.tan(math.radians(30))
     for k, sign in ((0, -1), (1, -1)):
-        moved = sign * focal * ((p[..., k] - step[k, 3]) / (p[..., 2] - 0.5) - p[..., k] / p[..., 2])
+        there, here = (p[..., k] - step[k, 3]) / (p[..., 2] - 0.5), p[..., k] / p[..., 2]
+        moved = sign * focal * (there - here)
         assert np.abs(got["motion"][..., k] - moved).max() < 1e-4
     same = vr.feature_images(scene, ("motion",), spp=4, device=device, motion_to=scene.camera)
     assert not same["motion"].any()
@@ -235,7 +236,9 @@ def test_what_rays_go_through(device: str) -> None:
 # ---- the picture beside them ----
 
 
-@pytest.mark.parametrize("name", ["cornell-box", "checks/thinlens", "checks/mask", "checks/mitchell"])
+@pytest.mark.parametrize(
+    "name", ["cornell-box", "checks/thinlens", "checks/mask", "checks/mitchell"]
+)
 def test_the_picture_stays_as_it_is(name: str, device: str) -> None:
     scene = load(name)
     size = {"width": 16, "height": 12, "spp": 4, "device": device}
@@ -271,8 +274,8 @@ def test_direct_and_indirect(device: str) -> None:
 
 # ---- the same bits everywhere ----
 
-SCENES = ["cornell-box", "checks/thinlens", "checks/spheres_300", "checks/mask", "checks/relief", "checks/blends",
-          "checks/orthographic", "checks/attributes"]  # fmt: skip
+SCENES = ["cornell-box", "checks/thinlens", "checks/spheres_300", "checks/mask", "checks/relief",
+          "checks/blends", "checks/orthographic", "checks/attributes"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -388,6 +391,28 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     png = str(tmp_path / "a.png")
     assert cli.main(["render", "cornell-box", *size, "-o", png, "--features", "depth"]) != 0
     assert "--features needs an output FILE.exr" in capsys.readouterr().err
+
+
+def test_aov_in_a_scene_file(tmp_path: Path) -> None:
+    """Its planes that are feature images are written; the others are noted."""
+    text = (Path(vr.__file__).parent / "scenes" / "open.xml").read_text("utf-8")
+    begin, end = text.index("<integrator"), text.index("</integrator>") + len("</integrator>")
+    kinds = "d:depth, n:sh_normal,u:uv,dp_du,i:shape_index"
+    around = f'<integrator type="aov"><string name="aovs" value="{kinds}"/>{text[begin:end]}'
+    path = tmp_path / "scene.xml"
+    path.write_text(text[:begin] + around + "</integrator>" + text[end:], "utf-8")
+    scene = vr.load_file(path)
+    assert scene.features == ("depth", "normal", "object")
+    assert any("no image of dp_du is written" in note for note in scene.notes)
+    assert any("nothing is textured, so uv is not written" in note for note in scene.notes)
+    assert scene.sha256 == vr.load_file("open").sha256
+    size = ["--width", "8", "--height", "6", "--spp", "2", "--device", "cpu", "--quiet"]
+    out, png = str(tmp_path / "a.exr"), str(tmp_path / "a.png")
+    assert cli.main(["render", str(path), *size, "-o", out]) == 0
+    assert {*image.load(out).features} == {"depth", "normal", "alpha", "object"}
+    assert cli.main(["render", str(path), *size, "-o", png]) == 0
+    assert cli.main(["render", str(path), *size, "-o", out, "--features", "albedo"]) == 0
+    assert {*image.load(out).features} == {"albedo", "alpha"}
 
 
 # ---- refused ----

@@ -61,7 +61,8 @@ def _render(arguments: argparse.Namespace) -> int:
     if arguments.stats:
         check_output(arguments.stats, (".json",))
 
-    if arguments.features and not any(path.lower().endswith(".exr") for path in arguments.output):
+    has_exr = any(path.lower().endswith(".exr") for path in arguments.output)
+    if arguments.features and not has_exr:
         raise CommandError("--features needs an output FILE.exr: a PNG has the picture alone")
 
     from .. import device as device_module
@@ -70,6 +71,8 @@ def _render(arguments: argparse.Namespace) -> int:
     from ..rendering import choose_scheduler, prepare, render_with, settle
 
     scene = load(arguments)
+    if has_exr and not arguments.features:
+        arguments.features = scene.features
     settings = RenderSettings(**{name: getattr(arguments, name) for name in SETTINGS})
     used, settled = settle(scene, settings)
     chosen, reason = device_module.select(arguments.device)

@@ -332,13 +332,13 @@ _AROUND = ("moment", "aov", "stokes")
 _INTEGRATORS = (*_PATHS, *_AROUND)
 
 
-def _around(doc: str, **noted: str) -> Plugin:
+def _around(doc: str, **params: Param) -> Plugin:
     return Plugin(
         "integrator",
-        {"hide_emitters": _HIDE},
+        {"hide_emitters": _HIDE, **params},
         {"integrator": (_INTEGRATORS, 1, _MANY)},
         doc=f"renders its first integrator; {doc}",
-        noted={**_RUN, **noted},
+        noted=_RUN,
     )
 
 
@@ -424,7 +424,10 @@ PLUGINS: dict[str, Plugin] = {
     ),
     **_PATHS,
     "moment": _around("moments are not written: stderr has the variance"),
-    "aov": _around("its planes are not written", aovs="other planes than radiance are not written"),
+    "aov": _around(
+        "its planes are feature images",
+        aovs=Param("string", "", doc="NAME:KIND, ...; see veriray.features"),
+    ),
     "stokes": _around("polarisation is not"),
     "perspective": Plugin(
         "sensor",

@@ -12,8 +12,6 @@ namespace {
 
 constexpr uint32_t kFeatureBlock = 128, kWarps = kFeatureBlock / 32;
 
-using Looker = FeatureImages<Scalar>;
-
 // What a warp has looked at: channels, then hits, by lane.
 struct Looks {
     float values[kMostFeatureChannels + 1][33];
@@ -51,6 +49,7 @@ __device__ void sum_channel(const FeatureJob& job, const Looks& looks, uint32_t 
 }
 
 // Items [begin, end): samples of pixels in their order.
+template <class Looker>
 __global__ void __launch_bounds__(kFeatureBlock)
     look_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ FeatureJob job,
                 uint64_t begin, uint64_t end) {
@@ -82,6 +81,7 @@ __global__ void __launch_bounds__(kFeatureBlock)
 }
 static_assert(kMostFeatureChannels < 32);
 
+template <class Looker>
 __global__ void __launch_bounds__(kFeatureBlock)
     centre_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ FeatureJob job) {
     fill_block_quads<Looker::kMask>(scene);
@@ -96,7 +96,7 @@ __global__ void __launch_bounds__(kFeatureBlock)
 }  // namespace
 
 bool run_features(const Scene& scene, const FeatureJob& asked, const std::vector<float>& maps,
-                  const RenderSettings&, RenderStats& stats, const Poll& poll) {
+                  const RenderSettings& s, RenderStats& stats, const Poll& poll) {
     constexpr uint64_t kPart = 1 << 26;  // items of a launch
     use_device(scene.impl->device);
     stats.device = "cuda:" + std::to_string(scene.impl->device);
@@ -111,14 +111,20 @@ bool run_features(const Scene& scene, const FeatureJob& asked, const std::vector
     bool complete = true;
     for (uint64_t at = 0; at < items && complete; at += kPart) {
         const uint64_t end = std::min(items, at + kPart);
-        look_kernel<<<blocks_for(end - at, kFeatureBlock), kFeatureBlock>>>(view, job, at, end);
+        with_feature_variant(needed(view), s.all_features, [&]<uint32_t kVariant>() {
+            look_kernel<FeatureImages<Scalar, kVariant>>
+                <<<blocks_for(end - at, kFeatureBlock), kFeatureBlock>>>(view, job, at, end);
+        });
         check_launch("features");
         check(cudaStreamSynchronize(nullptr), "features");
         ++stats.launches;
         complete = !poll || poll(static_cast<double>(end) / static_cast<double>(items));
     }
     if (complete && job.centres) {
-        centre_kernel<<<blocks_for(job.pixels, kFeatureBlock), kFeatureBlock>>>(view, job);
+        with_feature_variant(needed(view), s.all_features, [&]<uint32_t kVariant>() {
+            centre_kernel<FeatureImages<Scalar, kVariant>>
+                <<<blocks_for(job.pixels, kFeatureBlock), kFeatureBlock>>>(view, job);
+        });
         check_launch("features");
         ++stats.launches;
     }

@@ -36,6 +36,12 @@ VR_HD void log_refused(const FeatureJob& job, FeatureKind kind, uint32_t pixel, 
     log_fault(job.faults, pixel, sample, {{x[0], x[last < 1 ? last : 1], x[last < 2 ? last : 2]}});
 }
 
+// The features that a scene's feature images need: texture coordinates may be asked for without any
+// textures.
+inline FeatureMask needed(const SceneView& view) {
+    return view.features | (view.uv ? FeatureMask{kTextures} : 0u);
+}
+
 // Runs a job whose fault log lies in the host's memory. maps: HostScene::texture_maps, for a scene
 // whose view has none; else empty. Returns false if poll stopped it.
 bool run_features(const Scene& scene, const FeatureJob& job, const std::vector<float>& maps,

@@ -9,7 +9,6 @@
 namespace veriray {
 namespace {
 
-using Looker = FeatureImages<Simd>;
 using F = Simd::F;
 using U = Simd::U;
 using M = Simd::M;
@@ -49,6 +48,7 @@ void log_lanes(const FeatureJob& job, FeatureKind kind, uint32_t pixel, uint32_t
 }
 
 // Samples [first, last) of pixels side by side, at most kLaneSamples.
+template <class Looker>
 void look_at(const SceneView& scene, const FeatureJob& job, uint32_t pixel, const Lanes& lanes,
              uint32_t first, uint32_t last) {
     LaneSums<Simd> sums[kMostFeatureChannels];
@@ -86,12 +86,29 @@ void look_at(const SceneView& scene, const FeatureJob& job, uint32_t pixel, cons
     }
 }
 
+constexpr uint32_t kRun = 256;  // pixels of a unit of work
+static_assert(kRun % Simd::kWidth == 0);
+
+template <class Looker>
+void look_at_run(const SceneView& scene, const FeatureJob& job, uint32_t begin, uint32_t end) {
+    for (uint32_t pixel = begin; pixel < end; pixel += Simd::kWidth) {
+        const Lanes lanes(job, pixel, end);
+        for (uint32_t at = 0; at < job.samples; at += kLaneSamples)
+            look_at<Looker>(scene, job, pixel, lanes, at,
+                            std::min(job.samples - at, kLaneSamples) + at);
+        if (!job.centres) continue;
+        uint32_t id[Simd::kWidth];
+        store(id, Looker::primitive_at_centre(scene, job.settings, lanes.x, lanes.y, job.width,
+                                              lanes.active));
+        for (uint32_t k = 0; k < lanes.live; ++k)
+            add_plain(job.primitive.number(pixel + k, 0), {id[k], 0});
+    }
+}
+
 }  // namespace
 
 bool run_features(const Scene& scene, const FeatureJob& job, const std::vector<float>& maps,
                   const RenderSettings& s, RenderStats& stats, const Poll& poll) {
-    constexpr uint32_t kRun = 256;  // pixels of a unit of work
-    static_assert(kRun % Simd::kWidth == 0);
     SceneView view = scene.host().view;
     if (!maps.empty()) view.uv = maps.data();
     stats.threads = s.threads ? s.threads : std::max(1u, std::thread::hardware_concurrency());
@@ -99,21 +116,12 @@ bool run_features(const Scene& scene, const FeatureJob& job, const std::vector<f
     ++stats.launches;
     return parallel(stats.threads, (uint64_t{job.pixels} + kRun - 1) / kRun, poll,
                     [&](uint32_t, uint64_t unit) {
-                        const auto begin = static_cast<uint32_t>(unit * kRun),
-                                   end = std::min(job.pixels - begin, kRun) + begin;
-                        for (uint32_t pixel = begin; pixel < end; pixel += Simd::kWidth) {
-                            const Lanes lanes(job, pixel, end);
-                            for (uint32_t at = 0; at < job.samples; at += kLaneSamples)
-                                look_at(view, job, pixel, lanes, at,
-                                        std::min(job.samples - at, kLaneSamples) + at);
-                            if (!job.centres) continue;
-                            uint32_t id[Simd::kWidth];
-                            store(id,
-                                  Looker::primitive_at_centre(view, job.settings, lanes.x, lanes.y,
-                                                              job.width, lanes.active));
-                            for (uint32_t k = 0; k < lanes.live; ++k)
-                                add_plain(job.primitive.number(pixel + k, 0), {id[k], 0});
-                        }
+                        const auto begin = static_cast<uint32_t>(unit * kRun);
+                        with_feature_variant(
+                            needed(view), s.all_features, [&]<uint32_t kVariant>() {
+                                look_at_run<FeatureImages<Simd, kVariant>>(
+                                    view, job, begin, std::min(job.pixels - begin, kRun) + begin);
+                            });
                     });
 }
 

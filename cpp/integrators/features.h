@@ -7,6 +7,7 @@
 
 #include "film/features.h"
 #include "integrators/path.h"
+#include "scene/variants.h"
 
 namespace veriray {
 
@@ -20,7 +21,8 @@ struct FirstSurface : PathTracer<L, kFeatures> {
     using Tracer::no_lanes;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
-    using typename Tracer::State, typename Vertices::Place;
+    using Along = Tangents<L>;
+    using typename Tracer::State, typename Reader::Material;
 
     struct Found {
         M met;
@@ -28,6 +30,18 @@ struct FirstSurface : PathTracer<L, kFeatures> {
         V p, ng, ns;
         S albedo;
         F u, v;
+
+        VR_HD void take(const Found& other) {
+            const M lanes = other.met;
+            met = met | lanes;
+            primitive = select(lanes, other.primitive, primitive);
+            p = select(lanes, other.p, p);
+            ng = select(lanes, other.ng, ng);
+            ns = select(lanes, other.ns, ns);
+            albedo = select(lanes, other.albedo, albedo);
+            u = select(lanes, other.u, u);
+            v = select(lanes, other.v, v);
+        }
     };
 
     // ---- begin: as a camera path, or through the pixel's centre and the lens's ----
@@ -48,22 +62,32 @@ struct FirstSurface : PathTracer<L, kFeatures> {
         return path;
     }
 
-    // ---- find: the first surface ahead that the ray does not pass ----
-    static VR_HD Found find(const SceneView& scene, const PathSettings& s, State& path, M active) {
-        const F zero(0.f);
-        const V nowhere{zero, zero, zero};
-        Found found{no_lanes(active), U(0u), nowhere, nowhere, nowhere, S::all(zero), zero, zero};
+    // ---- find: the first surface ahead that the ray does not pass; colours: its albedo too ----
+    static VR_HD Found find(const SceneView& scene, const PathSettings& s, State& path, M active,
+                            bool colours) {
+        Found found{};
+        found.met = no_lanes(active);
         for (uint32_t segment = 0; segment < kHardMaxDepth; ++segment) {
-            Place place;
-            const M valid = meet(scene, path, segment, active, place);
+            Hit<L> hit;
+            Surface<L> at;
+            const M valid = meet(scene, path, segment, active, hit, at);
             if (none(valid)) break;
-            Events<L> ends;
-            Vertices::surface_vertex(scene, s, path, segment, valid, place, ends);
-            const M passed = valid & (place.pass | place.bsdf.only_passes());
-            take(place, ends, path.ray, valid & !passed, segment == 0, found);
+            Material bsdf;
+            if constexpr (has(kBlend))
+                Vertices::choose_material(scene, s, path, segment, valid, at);
+            if (colours)
+                bsdf = Reader::material(scene, at);
+            else if constexpr (!Material::kOneKind)
+                bsdf.kind = to_uint(Reader::surface_column(scene, at.row, kSurfaceKind));
+            const M passed = passes(scene, s, path, segment, hit, at, bsdf, valid);
+            const Found now = seen(scene, path.ray, hit, at, valid & !passed, colours, bsdf);
+            if (segment)
+                found.take(now);
+            else
+                found = now;
             if (none(passed)) break;
-            path.travelled = select(passed, place.hit.t, path.travelled);
-            path.passed = select(passed, place.hit.primitive, path.passed);
+            path.travelled = select(passed, hit.t, path.travelled);
+            path.passed = select(passed, hit.primitive, path.passed);
             active = passed;
         }
         return found;
@@ -74,8 +98,8 @@ struct FirstSurface : PathTracer<L, kFeatures> {
     template <class Put>
     static VR_HD M look(const SceneView& scene, const PathSettings& s, const FeatureView& view,
                         State& path, M active, Put put) {
-        const Found f = find(scene, s, path, active);
         const auto wanted = [&](FeatureKind k) { return (view.wanted >> k & 1u) != 0; };
+        const Found f = find(scene, s, path, active, wanted(kAlbedoFeature));
         const auto put_vector = [&](FeatureKind k, const V& v) {
             const F numbers[3] = {v.x, v.y, v.z};
             if (wanted(k)) put(k, numbers, f.met);
@@ -119,7 +143,7 @@ struct FirstSurface : PathTracer<L, kFeatures> {
     static VR_HD U primitive_at_centre(const SceneView& scene, const PathSettings& s, U x, U y,
                                        uint32_t width, M active) {
         State path = begin(scene, s, x, y, width, U(0u), true);
-        const Found found = find(scene, s, path, active);
+        const Found found = find(scene, s, path, active, false);
         return select(found.met, found.primitive + U(1u), U(0u));
     }
 
@@ -130,8 +154,7 @@ struct FirstSurface : PathTracer<L, kFeatures> {
 
     // The surface ahead; returns the lanes that have one.
     static VR_HD M meet(const SceneView& scene, const State& path, uint32_t segment, M active,
-                        Place& place) {
-        Hit<L>& hit = place.hit;
+                        Hit<L>& hit, Surface<L>& at) {
         hit = Reader::next_hit(scene, path, F(kInfinity), active);
         if constexpr (has(kMedia)) hit = Rim::past_rims(scene, path.ray, hit, active);
         const F far = Vertices::far_end(scene, path, segment);
@@ -140,48 +163,86 @@ struct FirstSurface : PathTracer<L, kFeatures> {
             valid = valid & (hit.t <= far);
             hit.t = select(valid, hit.t, F(kInfinity));
         }
-        place.collided = no_lanes(active);
-        place.vertex.p = path.ray.o;
-        place.at = Reader::surface_at(scene, path.ray, hit, valid);
+        at = Reader::surface_at(scene, path.ray, hit, valid);
         if constexpr (!has(kMedia))
-            valid = valid & !Rim::leave_rims(scene, path.ray, far, hit, place.at, valid);
+            valid = valid & !Rim::leave_rims(scene, path.ray, far, hit, at, valid);
         return valid;
     }
 
-    // Keeps what is at the surfaces of some lanes; all: nothing has been kept yet.
-    static VR_HD void take(const Place& place, const Events<L>& ends, const Ray<L>& ray, M lanes,
-                           bool all, Found& found) {
-        const Surface<L>& at = place.at;
-        const F side = select(at.front, F(1.f), F(-1.f));
-        Found now{lanes,
-                  place.hit.primitive,
-                  at.p,
-                  at.ng,
-                  place.vertex.ns * side,
-                  place.bsdf.albedo(),
-                  F(0.f),
-                  F(0.f)};
-        if constexpr (has(kTextures | kTangents)) now.u = at.uv.u, now.v = at.uv.v;
-        const M dark = ends.emitter_end | ends.absorbed;
-        now.albedo = select(dark, S::all(F(0.f)), now.albedo);
-        if (all) {
-            found = now;
-            return;
+    // Those of the lanes that go on behind the surface, as in `surface_vertex`; through null ones
+    // for certain.
+    static VR_HD M passes(const SceneView& scene, const PathSettings& s, const State& path,
+                          uint32_t segment, const Hit<L>& hit, const Surface<L>& at,
+                          const Material& bsdf, M valid) {
+        M passed = no_lanes(valid);
+        if constexpr (has(kHidden)) passed = Vertices::hidden_lamp(scene, path, hit, valid);
+        if constexpr (has(kPass)) {
+            if (!(scene.features & kPass)) return passed;
+            passed = passed | (valid & bsdf.only_passes());
+            const F opacity = Vertices::opacity(scene, at);
+            const M thin = valid & !passed & (opacity < F(1.f));
+            if (none(thin)) return passed;
+            const U u =
+                random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).z;
+            passed = passed | (thin & !(uniform(u) < opacity));
         }
-        found.met = found.met | lanes;
-        found.primitive = select(lanes, now.primitive, found.primitive);
-        found.p = select(lanes, now.p, found.p);
-        found.ng = select(lanes, now.ng, found.ng);
-        found.ns = select(lanes, now.ns, found.ns);
-        found.albedo = select(lanes, now.albedo, found.albedo);
-        found.u = select(lanes, now.u, found.u);
-        found.v = select(lanes, now.v, found.v);
+        return passed;
+    }
+
+    // What is known of the surface there, as seen along the ray.
+    static VR_HD Found seen(const SceneView& scene, const Ray<L>& ray, const Hit<L>& hit,
+                            const Surface<L>& at, M lanes, bool colours, Material& bsdf) {
+        const V wo = -ray.d;
+        const F side = select(at.front, F(1.f), F(-1.f));
+        V ns = at.ns * side;
+        [[maybe_unused]] typename Along::Partials along;
+        if constexpr (has(kTangents))
+            if (scene.tangents) {
+                along = Along::template partials<Reader>(scene, hit.primitive, at, lanes);
+                Along::template relieve<Reader>(scene, along, at, wo, lanes, bsdf, ns);
+            }
+        F cos_o = dot(ns, wo);
+        if constexpr (has(kSmooth)) Reader::face_viewer(bsdf, wo, at.ng * side, ns, cos_o);
+        Found now{lanes, hit.primitive, at.p, at.ng, ns * side, S::all(F(0.f)), F(0.f), F(0.f)};
+        if constexpr (has(kTextures | kTangents)) now.u = at.uv.u, now.v = at.uv.v;
+        if (!colours) return now;
+        bsdf.set_view(ns, cos_o, at.front);
+        if constexpr (has(kTangents))
+            if (scene.tangents) {
+                bsdf.view.tangents = true;
+                bsdf.view.tangent = Along::across(Along::across(along.u, at.ns), ns);
+            }
+        const M dark = Vertices::is_dark(scene, at, bsdf, cos_o);
+        now.albedo = select(dark, now.albedo, bsdf.albedo());
+        return now;
     }
 };
 
-// What back ends take feature images by, compiled once for all features of scenes. It has no
-// bounces, and samples of more numbers than schedulers carry, so it is no Integrator.
-template <class L>
-using FeatureImages = FirstSurface<L, kAllFeatures>;
+// Features of scenes that matter here: not those of lights, of media and of what lies behind.
+inline constexpr FeatureMask kSeenFirst = kQuads | kPolygons | kDisks | kSpheres | kBvh | kSmooth |
+                                          kClip | kLens | kPass | kTextures | kBlend | kAttributes |
+                                          kTangents | kHidden | materials(kAllKinds);
+// The compiled sets of features, smallest first; the last holds everything.
+inline constexpr FeatureMask kFeatureVariants[] = {
+    kQuads | kPolygons | kClip | kPlainMaterials,
+    kDiffuseFlat | kDiffuseMesh | kDisks | kSpheres | kLens,
+    kAllFeatures,
+};
+inline constexpr uint32_t kFeatureVariantCount =
+    sizeof(kFeatureVariants) / sizeof(kFeatureVariants[0]);
+
+// What back ends take feature images by. It has no bounces, and samples of more numbers than
+// schedulers carry, so it is no Integrator.
+template <class L, uint32_t kVariant>
+using FeatureImages = FirstSurface<L, kFeatureVariants[kVariant]>;
+
+// Calls fn.template operator()<variant>() with the smallest that covers a scene's features.
+template <uint32_t kVariant = 0, class Fn>
+auto with_feature_variant(FeatureMask features, bool all, Fn&& fn) {
+    if constexpr (kVariant + 1 < kFeatureVariantCount)
+        if (all || (features & kSeenFirst & ~kFeatureVariants[kVariant]))
+            return with_feature_variant<kVariant + 1>(features, all, fn);
+    return fn.template operator()<kVariant>();
+}
 
 }  // namespace veriray

@@ -320,6 +320,7 @@ def render_features(
     sample_end: int,
     sampler: str,
     threads: int,
+    all_features: bool = False,
     motion: npt.NDArray[np.float64],  # (2, 3, 4): veriray.features.pixel_rows of two cameras
     poll: Callable[[float], object] | None,
 ) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def look(device: Device, owner: Scene, scene: Scene, names: tuple[str, ...], spp
     report = device.native.render_features(
         held, film, sample_begin=0, sample_end=spp if means or "alpha" in names else 1,
         seed=native["seed"], sampler=native["sampler"], threads=native["threads"],
-        motion=motion, poll=polled(progress),
+        all_features=native["all_features"], motion=motion, poll=polled(progress),
     )  # fmt: skip
     places = {name: 1 + k for k, name in enumerate(kinds)}
     hits = np.ascontiguousarray(film.words(places["hits"])[..., 0, 0])

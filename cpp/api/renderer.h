@@ -200,9 +200,11 @@ void add_kernels(int device, FeatureMask features, const std::string& code);
 RenderStats render(const Scene& scene, Film& film, const RenderSettings& settings,
                    const Poll& poll);
 
-// What feature images need beside seed, samples, sampler and threads of the settings. motion: rows
-// that take a point of the world to x, y and w of its pixel in the first and in the second camera.
+// What feature images need beside seed, samples, sampler and threads of the settings. first_row: of
+// the scene's, at which the film begins. motion: rows that take a point of the world to x, y and w
+// of its pixel in the first and in the second camera.
 struct FeatureSettings : RenderSettings {
+    uint32_t first_row = 0;
     double motion[2][3][4] = {};
 };
 // Adds samples of the film's planes that are feature images (kFeatureInfos), the numbers of those

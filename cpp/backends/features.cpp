@@ -62,11 +62,14 @@ RenderStats render_features(const Scene& scene, Film& film, const FeatureSetting
     if (s.sample_end < s.sample_begin)
         fail("sample_end = " + std::to_string(s.sample_end) +
              " lies before sample_begin = " + std::to_string(s.sample_begin));
-    if (film.width() != host.width || film.height() != host.height)
+    if (film.width() != host.width || film.height() > host.height ||
+        s.first_row > host.height - film.height())
         fail("the film has " + std::to_string(film.width()) + " x " +
-             std::to_string(film.height()) + " pixels, the scene's camera " +
-             std::to_string(host.width) + " x " + std::to_string(host.height));
+             std::to_string(film.height()) + " pixels from row " + std::to_string(s.first_row) +
+             " on, the scene's camera " + std::to_string(host.width) + " x " +
+             std::to_string(host.height));
     FeatureJob job = job_of(film);
+    job.first_row = s.first_row;
     const double* m = scene.input.to_world;
     const double axis[4] = {m[2], m[6], m[10],
                             -(m[2] * host.eye.x + m[6] * host.eye.y + m[10] * host.eye.z)};

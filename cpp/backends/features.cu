@@ -64,8 +64,8 @@ __global__ void __launch_bounds__(kFeatureBlock)
         const uint32_t pixel = static_cast<uint32_t>(item / job.samples);
         const uint32_t sample =
             job.sample_begin + static_cast<uint32_t>(item - uint64_t{pixel} * job.samples);
-        auto path = Looker::begin(scene, job.settings, pixel % job.width, pixel / job.width,
-                                  job.width, sample, false);
+        auto path = Looker::begin(scene, job.settings, pixel % job.width,
+                                  job.first_row + pixel / job.width, job.width, sample, false);
         const auto put = [&](FeatureKind kind, const float* x, bool met) {
             const PlaneView& plane = job.planes[kind];
             const bool good = met && feature_accepted(plane, x);
@@ -88,8 +88,8 @@ __global__ void __launch_bounds__(kFeatureBlock)
     __syncthreads();
     const uint32_t pixel = blockIdx.x * kFeatureBlock + threadIdx.x;
     if (pixel >= job.pixels) return;
-    const uint32_t id = Looker::primitive_at_centre(scene, job.settings, pixel % job.width,
-                                                    pixel / job.width, job.width, true);
+    const uint32_t id = Looker::primitive_at_centre(
+        scene, job.settings, pixel % job.width, job.first_row + pixel / job.width, job.width, true);
     add_to_number(job.primitive.number(pixel, 0), {id, 0});
 }
 

@@ -8,7 +8,8 @@
 
 namespace veriray {
 
-// Samples [sample_begin, sample_begin + samples) of every pixel.
+// Samples [sample_begin, sample_begin + samples) of every pixel of the film, which has some of the
+// scene's rows. Pixels count from its first one.
 struct FeatureJob {
     PathSettings settings;
     FeatureView view;
@@ -17,7 +18,7 @@ struct FeatureJob {
     uint32_t channels;                // of all
     PlaneView hits, primitive;        // without words: not wanted
     FaultLog* faults;
-    uint32_t width, pixels;
+    uint32_t width, pixels, first_row;
     uint32_t sample_begin, samples;
     bool centres;  // sample 0 is among them
 };
@@ -33,7 +34,8 @@ VR_HD auto feature_accepted(const PlaneView& plane, const F* x) {
 VR_HD void log_refused(const FeatureJob& job, FeatureKind kind, uint32_t pixel, uint32_t sample,
                        const float* x) {
     const uint32_t last = job.planes[kind].channels - 1;
-    log_fault(job.faults, pixel, sample, {{x[0], x[last < 1 ? last : 1], x[last < 2 ? last : 2]}});
+    log_fault(job.faults, job.first_row * job.width + pixel, sample,
+              {{x[0], x[last < 1 ? last : 1], x[last < 2 ? last : 2]}});
 }
 
 // The features that a scene's feature images need: texture coordinates may be asked for without any

@@ -525,7 +525,7 @@ void bind_renderer(py::module_& m) {
         "render_features",
         [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,
            uint64_t sample_end, const std::string& sampler, uint32_t threads, bool all_features,
-           const Array<double>& motion, const py::object& poll) {
+           uint32_t first_row, const Array<double>& motion, const py::object& poll) {
             need_shape(motion, "motion", {2, 3, 4});
             FeatureSettings s;
             s.seed = seed;
@@ -534,10 +534,11 @@ void bind_renderer(py::module_& m) {
             s.sampler = find_sampler(sampler);
             s.threads = threads;
             s.all_features = all_features;
+            s.first_row = first_row;
             std::copy_n(motion.data(), motion.size(), &s.motion[0][0][0]);
             return features_dict(scene, film, s, poll);
         },
         "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
-        "sampler"_a = "independent", "threads"_a = 0, "all_features"_a = false, "motion"_a,
-        "poll"_a = py::none());
+        "sampler"_a = "independent", "threads"_a = 0, "all_features"_a = false, "first_row"_a = 0,
+        "motion"_a, "poll"_a = py::none());
 }

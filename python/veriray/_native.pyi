@@ -321,6 +321,7 @@ def render_features(
     sampler: str,
     threads: int,
     all_features: bool = False,
+    first_row: int = 0,  # of the scene's, at which the film begins
     motion: npt.NDArray[np.float64],  # (2, 3, 4): veriray.features.pixel_rows of two cameras
     poll: Callable[[float], object] | None,
 ) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -49,46 +50,76 @@ def look(device: Device, owner: Scene, scene: Scene, names: tuple[str, ...], spp
     ]  # fmt: skip
     width, height = scene.film.width, scene.film.height
     held = with_room(device, lambda: native_scene(owner, scene, device, None, "auto", spp))
-    film = with_room(
-        device, lambda: device.native.Film(width, height, device=device.index, planes=planes)
-    )
     motion = np.zeros((2, 3, 4))
     if motion_to is not None:
         motion[:] = [pixel_rows(camera, width, height) for camera in (scene.camera, motion_to)]
-    report = device.native.render_features(
-        held, film, sample_begin=0, sample_end=spp if means or "alpha" in names else 1,
-        seed=native["seed"], sampler=native["sampler"], threads=native["threads"],
-        all_features=native["all_features"], motion=motion, poll=polled(progress),
-    )  # fmt: skip
-    places = {name: 1 + k for k, name in enumerate(kinds)}
-    hits = np.ascontiguousarray(film.words(places["hits"])[..., 0, 0])
+    rows = band(device, width, native["threads"])
+    samples = spp if means or "alpha" in names else 1
+    hits = np.empty((height, width), np.uint64)
+    found = np.empty((height, width), np.int64)
+    images = {name: np.empty((height, width, len(LAYERS[name])), np.float32) for name in means}
+    errors = {name: np.empty_like(values) for name, values in images.items()}
+    refused: list[tuple[int, Any]] = []
+    film = None
+    for first in range(0, height, rows):
+        count = min(rows, height - first)
+        if film is None or film.height != count:
+            make = functools.partial(
+                device.native.Film, width, count, device=device.index, planes=planes
+            )
+            film = with_room(device, make)
+        else:
+            film.clear()
+
+        def poll(share: float, done: int = first, of: int = count) -> None:
+            if progress is not None:
+                progress((done + share * of) / height)
+
+        report = device.native.render_features(
+            held, film, sample_begin=0, sample_end=samples, seed=native["seed"],
+            sampler=native["sampler"], threads=native["threads"],
+            all_features=native["all_features"], first_row=first, motion=motion,
+            poll=polled(poll),
+        )  # fmt: skip
+        if report["nonfinite_samples"]:
+            refused.append((report["nonfinite_samples"], report["nonfinite"][0]))
+        here = slice(first, first + count)
+        counts = np.ascontiguousarray(film.words(1 + len(means))[..., 0, 0])
+        hits[here] = counts
+        for k, name in enumerate(means):
+            resolve = functools.partial(film.picture, counts, native["threads"], 1 + k)
+            picture = with_room(device, resolve)
+            images[name][here], errors[name][here] = picture.image(), picture.stderr()
+        if "primitive" in kinds:
+            found[here] = film.words(2 + len(means))[..., 0, 0].astype(np.int64) - 1
     origin, unit = held.frame
-    images: dict[str, Array] = {}
-    errors: dict[str, Array] = {}
     for name in means:
-        resolve = functools.partial(film.picture, hits, native["threads"], places[name])
-        picture = with_room(device, resolve)
-        mean, error = picture.image(), picture.stderr()
         if name in (*_DEPTHS, "position"):
-            mean, error = mean.astype(np.float64) * unit, error * np.float32(unit)
+            images[name] *= np.float32(unit)
+            errors[name] *= np.float32(unit)
         if name == "position":
-            mean = np.where(hits[..., None] > 0, mean + np.asarray(origin), 0)
-        elif name in _DEPTHS:
-            mean = np.where(hits[..., None] > 0, mean, np.inf)
-        flat = mean.shape[2] == 1
-        images[name] = np.asarray(mean[..., 0] if flat else mean, np.float32)
-        errors[name] = np.asarray(error[..., 0] if flat else error, np.float32)
+            images[name] = (images[name] + np.asarray(origin)).astype(np.float32)
+        if name in (*_DEPTHS, "position"):
+            images[name][hits == 0] = 0 if name == "position" else np.inf
+        if len(LAYERS[name]) == 1:
+            images[name], errors[name] = images[name][..., 0], errors[name][..., 0]
     if means or "alpha" in names:
         alpha = hits / spp
         images["alpha"] = alpha.astype(np.float32)
         errors["alpha"] = np.sqrt(alpha * (1 - alpha) / max(1, spp - 1)).astype(np.float32)
     if "primitive" in kinds:
-        found = film.words(places["primitive"])[..., 0, 0].astype(np.int64) - 1
         images |= numbers(scene, held.input_index, found, names)
-    if report["nonfinite_samples"]:
-        _warn(report)
+    if refused:
+        _warn(sum(n for n, _ in refused), refused[0][1])
     order = {name: images[name] for name in LAYERS if name in images}
     return FeatureImages(order, errors, spp)
+
+
+def band(device: Device, width: int, threads: int) -> int:
+    """Rows that a film has at a time: so few that it stays in the caches of a CPU."""
+    workers = threads or os.cpu_count() or 1
+    pixels = 1 << 21 if device.backend == "cuda" else min(1 << 21, workers << 13)
+    return max(1, pixels // width)
 
 
 def check(scene: Scene, names: tuple[str, ...]) -> None:
@@ -217,11 +248,11 @@ def pixel_rows(camera: Camera, width: int, height: int) -> Array:
     return np.array([x, y, w])
 
 
-def _warn(report: Mapping[str, Any]) -> None:
-    x, y, sample = report["nonfinite"][0][:3]
+def _warn(count: int, first: Any) -> None:
+    x, y, sample = first[:3]
     warnings.warn(
-        f"{report['nonfinite_samples']:,} samples of feature images count as 0: a film cannot hold "
-        f"them; the first is sample {sample} of pixel ({x}, {y})",
+        f"{count:,} samples of feature images count as 0: a film cannot hold them; the first is "
+        f"sample {sample} of pixel ({x}, {y})",
         RefusedSamplesWarning,
         stacklevel=4,
     )

@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 
 import veriray as vr
-from veriray import cli, image
+from veriray import cli, first_surface, image
 from veriray.device import survey
 from veriray.features import LAYERS, NUMBERS, OF_SURFACES
 from veriray.settings import FEATURES
@@ -279,8 +279,8 @@ SCENES = ["cornell-box", "checks/thinlens", "checks/spheres_300", "checks/mask",
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_all_devices_agree(name: str) -> None:
-    """And so do thread counts; every plane and error, bit for bit."""
+def test_all_devices_agree(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And so do thread counts, and bands of rows; every plane and error, bit for bit."""
     scene = load(name)
     names = SINGLE if scene.uv.any() else PLAIN
     size = {"width": 37, "height": 11, "spp": 5}
@@ -291,6 +291,25 @@ def test_all_devices_agree(name: str) -> None:
             data = {key: value.tobytes() for key, value in got.channels().items()}
             first = first or data
             assert data == first, device
+        monkeypatch.setattr(first_surface, "band", lambda *_: 3)
+        got = vr.feature_images(scene, names, **size, device=device)
+        assert {key: value.tobytes() for key, value in got.channels().items()} == first
+        monkeypatch.undo()
+
+
+def test_the_code_for_some_features_gives_the_bits_of_that_for_all(device: str) -> None:
+    """Of every check scene, as `test_variants` asks of pictures."""
+    folder = Path(vr.__file__).parent / "scenes" / "checks"
+    scenes = sorted(path.stem for path in folder.glob("*.xml"))
+    assert len(scenes) > 50
+    for name in scenes:
+        scene = load(f"checks/{name}")
+        names = SINGLE if scene.uv.any() else PLAIN
+        size = {"width": 16, "height": 12, "device": device}
+        some = vr.feature_images(scene, names, spp=3, **size).channels()
+        every = vr.render(scene, 1, **size, features=names, feature_spp=3, all_features=True)
+        for key, values in every.features.channels().items():
+            assert values.tobytes() == some[key].tobytes(), (name, key)
 
 
 @pytest.mark.parametrize("name", ["cornell-box", "checks/mask"])

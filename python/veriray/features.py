@@ -64,7 +64,7 @@ PARTS = ("direct", "indirect")
 #: What is made of nothing but the first surface.
 OF_SURFACES = tuple(name for name in LAYERS if name not in PARTS)
 #: Samples of a pixel, if nothing else is asked for, but not more than the picture has.
-SPP = 16
+SPP = 8
 
 
 class FeatureImages(Mapping[str, Array]):

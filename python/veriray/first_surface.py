@@ -118,7 +118,7 @@ def look(device: Device, owner: Scene, scene: Scene, names: tuple[str, ...], spp
 def band(device: Device, width: int, threads: int) -> int:
     """Rows that a film has at a time: so few that it stays in the caches of a CPU."""
     workers = threads or os.cpu_count() or 1
-    pixels = 1 << 21 if device.backend == "cuda" else min(1 << 21, workers << 13)
+    pixels = 1 << 21 if device.backend == "cuda" else min(1 << 21, max(4, workers) << 13)
     return max(1, pixels // width)
 
 
@@ -185,25 +185,28 @@ def _halves(scene: Scene, input_index: Array, primitive: Array) -> Array:
     if not len(merged) or len(input_index) > 1024:
         return primitive  # a tree holds each triangle by itself
     corners = scene.vertices[scene.triangles]
-    out = primitive.copy()
-    for first in np.unique(primitive[(primitive >= 0) & (primitive < triangles)]):
-        rows, columns = np.nonzero(primitive == first)
-        origins, ways = centre_rays(scene, rows, columns)
+    out = primitive.copy().ravel()
+    for first in np.flatnonzero(np.bincount(out + 1, minlength=triangles + 1)[1 : triangles + 1]):
         a, b, c = corners[first]
         normal = np.cross(b - a, c - a)
+        flat = np.abs((corners[merged] - a) @ normal).max(axis=1)
+        others = merged[flat <= 1e-5 * np.linalg.norm(normal) * np.abs(corners[first] - a).max()]
+        if not len(others):
+            continue
+        here = np.flatnonzero(primitive.ravel() == first)
+        origins, ways = centre_rays(scene, here // scene.film.width, here % scene.film.width)
         across = ways @ normal
         t = ((a - origins) @ normal) / np.where(across == 0, 1, across)
         points = origins + t[:, None] * ways
-        best, inside = np.full(len(rows), first), _inside(points, corners[first])
+        inside = _inside(points, corners[first])
         beyond = inside < 0
-        flat = np.abs((corners[merged] - a) @ normal).max(axis=1)
-        size = np.linalg.norm(normal) * np.abs(corners[first] - a).max()
-        for other in merged[flat <= 1e-5 * size]:
+        here, points, inside = here[beyond], points[beyond], inside[beyond]
+        for other in others:
             depth = _inside(points, corners[other])
-            better = beyond & (depth > inside)
-            best, inside = np.where(better, other, best), np.where(better, depth, inside)
-        out[rows, columns] = best
-    return out
+            better = depth > inside
+            out[here[better]] = other
+            inside = np.where(better, depth, inside)
+    return out.reshape(primitive.shape)
 
 
 def _inside(points: Array, triangle: Array) -> Array:
@@ -213,8 +216,10 @@ def _inside(points: Array, triangle: Array) -> Array:
     square = float(normal @ normal)
     if not square > 0:
         return np.full(len(points), -np.inf)
-    edges = ((a, b), (b, c), (c, a))
-    least: Array = np.min([np.cross(q - p, points - p) @ normal / square for p, q in edges], axis=0)
+    heights = [
+        (points - p) @ (np.cross(normal, q - p) / square) for p, q in ((a, b), (b, c), (c, a))
+    ]
+    least: Array = np.minimum(np.minimum(heights[0], heights[1]), heights[2])
     return least
 
 

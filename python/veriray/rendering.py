@@ -104,7 +104,7 @@ def render(
             "geo_normal", "albedo", "uv", "alpha", the numbers "object", "material", "primitive",
             and the parts "direct" and "indirect" of the picture ("motion":
             `veriray.feature_images`).
-        feature_spp: samples per pixel of feature images, the picture's first ones; None takes 16,
+        feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
             or spp if that is less. Parts of the picture have all of its samples.
 
     Returns:

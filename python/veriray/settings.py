@@ -162,7 +162,7 @@ class RenderSettings:
         (), "feature images beside the picture, with commas between them", several=FEATURES
     )
     feature_spp: int | None = _setting(
-        None, "their samples per pixel", 1, MAX_SPP, none="16, or as many as the picture has"
+        None, "their samples per pixel", 1, MAX_SPP, none="8, or as many as the picture has"
     )
 
     def __post_init__(self) -> None:

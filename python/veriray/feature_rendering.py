@@ -49,6 +49,10 @@ def feature_images(
         raise ValueError(
             f"names: {', '.join(wrong)} are parts of a picture: render(scene, features=...)"
         )
+    if motion_to is not None and not isinstance(motion_to, Camera):
+        raise ValueError(f"motion_to = {shown(motion_to)} is no Camera")
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {shown(progress)} is not callable")
     if not wanted:
         raise ValueError(f"names = {shown(names)} is empty; allowed: {', '.join(OF_SURFACES)}")
     if "motion" in wanted and motion_to is None:

@@ -48,7 +48,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .numeric import shown
+from .numeric import shown, whole
 from .settings import FEATURES
 
 Array = npt.NDArray[Any]
@@ -77,11 +77,15 @@ class FeatureImages(Mapping[str, Array]):
     def __init__(
         self, images: Mapping[str, Array] = {}, stderr: Mapping[str, Array] = {}, spp: int = 0
     ) -> None:  # fmt: skip
-        for name, values in images.items():
-            known = name in LAYERS and isinstance(values, np.ndarray)
-            if not known or _channels(values) != len(LAYERS[name]):
-                raise ValueError(f"feature image {shown(name)}: not of `veriray.features`")
-        self.images, self.stderr, self.spp = dict(images), dict(stderr), spp
+        for what, given in (("images", images), ("stderr", stderr)):
+            if not isinstance(given, Mapping):
+                raise ValueError(f"{what} = {shown(given)} is no mapping of names to arrays")
+            for name, values in given.items():
+                known = isinstance(name, str) and name in LAYERS and isinstance(values, np.ndarray)
+                if not known or values.ndim < 2 or _channels(values) != len(LAYERS[name]):
+                    raise ValueError(f"{what}: {shown(name)} is none of `veriray.features`")
+        self.images, self.stderr = dict(images), dict(stderr)
+        self.spp = whole("spp", spp, 0, 2**64 - 1, error=ValueError)
 
     def __getitem__(self, name: str) -> Array:
         try:
@@ -109,7 +113,7 @@ class FeatureImages(Mapping[str, Array]):
         return out
 
     @classmethod
-    def of_channels(cls, channels: Mapping[str, Array], spp: int) -> FeatureImages:
+    def _of_channels(cls, channels: Mapping[str, Array], spp: int) -> FeatureImages:
         """The inverse of `channels`, from all channels of a file."""
         found: dict[str, dict[str, Array]] = {"": {}, "stderr.": {}}
         for prefix, images in found.items():

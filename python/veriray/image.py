@@ -213,7 +213,7 @@ def _features(
     text = header.get("veriray.feature_spp")
     if text is None:
         return FeatureImages()
-    return FeatureImages.of_channels(channels, _integer(text, "veriray.feature_spp", where))
+    return FeatureImages._of_channels(channels, _integer(text, "veriray.feature_spp", where))
 
 
 def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:

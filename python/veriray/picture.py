@@ -152,6 +152,8 @@ class Render:
                 raise ValueError(f"{name} = {getattr(self, name)}, but image is {shape}")
         _whole("spp", self.spp, 0, 2**64 - 1)
         _whole("seed", self.seed, 0, 2**64 - 1)
+        if not isinstance(self.features, FeatureImages):
+            raise ValueError(f"features = {shown(self.features)} is no FeatureImages")
 
     @classmethod
     def _of(cls, held: Picture, **fields: Any) -> Render:

@@ -467,5 +467,5 @@ def test_what_a_render_refuses() -> None:
         vr.render(scene, 1, width=4, height=4, features="uv", device="cpu")
     with pytest.raises(KeyError, match="no feature image 'depth'; there are: alpha"):
         vr.FeatureImages({"alpha": np.ones((1, 1), np.float32)})["depth"]
-    with pytest.raises(ValueError, match="feature image 'uv': not of"):
+    with pytest.raises(ValueError, match="images: 'uv' is none of"):
         vr.FeatureImages({"uv": np.ones((1, 1, 3), np.float32)})

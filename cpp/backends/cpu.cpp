@@ -97,9 +97,10 @@ class HostFilm final : public FilmMemory {
         const AddNumbers add_one{words_.data() + first, from};
         for (size_t i = 0; i < n / 2; ++i) add_one(i);
     }
-    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint64_t n, const uint64_t* counts,
-                                           uint32_t threads, ErrorSum& sum) const override {
-        const uint64_t size = 3ull * film.width * film.height;
+    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels, uint64_t n,
+                                           const uint64_t* counts, uint32_t threads,
+                                           ErrorSum& sum) const override {
+        const uint64_t size = uint64_t{channels} * film.width * film.height;
         std::unique_ptr<HostPicture> out;
         try {
             out = std::make_unique<HostPicture>(2 * size);
@@ -107,7 +108,8 @@ class HostFilm final : public FilmMemory {
             throw OutOfMemoryError("picture: needs " + std::to_string(2 * size * sizeof(float)) +
                                    " bytes");
         }
-        const ResolveChannels resolve_one{film, n, counts, out->numbers(), out->numbers() + size};
+        const ResolveChannels resolve_one{film,   channels,       n,
+                                          counts, out->numbers(), out->numbers() + size};
         std::mutex mutex;
         constexpr uint64_t kFew = 1 << 17;  // sooner done than threads start
         in_chunks(size < kFew ? 1 : threads, size, [&](size_t first, size_t last) {

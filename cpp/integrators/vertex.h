@@ -309,7 +309,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
         return place.pass;
     }
 
-   private:
     // Of a blend, the row of the one of its materials that a random number chooses. What the path
     // then meets is that one alone, so that densities and values belong together.
     static VR_HD void choose_material(const SceneView& scene, const PathSettings& s,
@@ -337,13 +336,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
         const U met = select(unseen, hit.primitive, U(0u));
         return unseen & !(lookup(scene.light_chance, met, scene.primitive_count) == F(0.f));
     }
-    // Power heuristic; 1 where no light sample competes.
-    static VR_HD F mis_weight(F pdf, F ratio) {
-        return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));
-    }
-    static VR_HD void add_radiance(PathState<L>& path, M m, const S& radiance) {
-        path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
-    }
     // Reflects nothing: black, the back of a one-sided material, or seen from below the shading
     // normal's horizon.
     static VR_HD M is_dark(const SceneView& scene, const Surface<L>& at, const Material& bsdf,
@@ -352,6 +344,15 @@ struct PathVertices : DirectLight<L, kFeatures> {
         if constexpr (has(kSmooth)) dark = dark | !(cos_o > F(0.f));
         if constexpr (has(kPass)) dark = dark & !bsdf.only_passes();
         return dark | bsdf.black();
+    }
+
+   private:
+    // Power heuristic; 1 where no light sample competes.
+    static VR_HD F mis_weight(F pdf, F ratio) {
+        return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));
+    }
+    static VR_HD void add_radiance(PathState<L>& path, M m, const S& radiance) {
+        path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
     }
 };
 

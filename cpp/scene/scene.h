@@ -226,6 +226,9 @@ class HostScene : public Frame {
         return {records.data(), round_boxes.data(), view.primitive_count - others,
                 view.primitive_count};
     }
+    // The rows of `uv`, also of a scene without textures. There the two triangles of a face that
+    // was merged have the map of the first.
+    std::vector<float> texture_maps(const SceneInput& in) const;
     size_t memory() const;
     const std::vector<Flat>& flats() const { return flats_; }
 
@@ -255,7 +258,7 @@ class HostScene : public Frame {
     Box round_box(const SceneInput& in, ShapeGroup group, uint32_t row) const;
     Box box_around(const SceneInput& in, size_t primitive) const;
     void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);
-    void put_uv(const SceneInput& in, size_t primitive);
+    void put_uv(const SceneInput& in, size_t primitive, float* out) const;
     std::array<Double3, 3> corner_uv(const SceneInput& in, const Flat& f) const;
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
         SceneError,
         SceneWarning,
     )
+    from .feature_rendering import feature_images
+    from .features import FeatureImages
     from .picture import Render, film_hash
     from .rendering import render, trace_path
     from .scene import Scene, cornell_box, load_dict, load_file
@@ -46,6 +48,8 @@ else:
             "SceneError",
             "SceneWarning",
         ),
+        "feature_rendering": ("feature_images",),
+        "features": ("FeatureImages",),
         "picture": ("Render", "film_hash"),
         "rendering": ("render", "trace_path"),
         "scene": ("Scene", "cornell_box", "load_dict", "load_file"),
@@ -69,6 +73,7 @@ __all__ = [
     "Camera",
     "Device",
     "DeviceError",
+    "FeatureImages",
     "Film",
     "ImageError",
     "OutOfMemoryError",
@@ -82,6 +87,7 @@ __all__ = [
     "compare",
     "cornell_box",
     "devices",
+    "feature_images",
     "film_hash",
     "load_dict",
     "load_file",

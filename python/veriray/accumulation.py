@@ -18,18 +18,18 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
 from . import kernels
-from .device import Device, polled
+from .device import polled
 from .errors import RefusedSamplesWarning
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
-from .picture import Render, move_to_host
+from .picture import Render, with_room
 from .plan import choose_scheduler, settle
 from .reports import added, refused_text, statistics
 from .sampling import PILOT, facts_of, first_sample, per_pixel, samples_of_tiles
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -108,6 +107,11 @@ class Accumulation:
         self._kept = Kept()
         self._means: Array | None = None
         self._spare: Film | None = None
+
+    @property
+    def settings(self) -> RenderSettings:
+        """The settings that it runs with."""
+        return self._settings
 
     @property
     def spp(self) -> int:
@@ -286,19 +290,6 @@ class Accumulation:
         if self._means is None or (count := self._kept.spp // self._batch) < 2:
             return None
         return self._means if count == len(self._means) else self._means[:count].copy()
-
-
-def with_room(device: Device, call: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
-    """The call's result. Where the device lacks memory, pictures make room and it is called again,
-    after `undo`."""
-    try:
-        return call()
-    except device.native.OutOfMemoryError:
-        if not move_to_host():
-            raise
-        if undo:
-            undo()
-        return call()
 
 
 def _version() -> str:

@@ -28,6 +28,8 @@ Header attributes, all of them strings, each optional (a missing one reads as em
 - `veriray.ledger`: JSON object, column name -> list of integers, one per depth; the columns are
   live, escaped, emitter_end, absorbed, rr_killed, depth_cut, invalid, shadow_visible,
   shadow_occluded; lists of one length, trailing all-zero depths left out
+- `veriray.feature_spp`: decimal integer, samples of the feature images' means; then channels
+  `LAYER.X` and `stderr.LAYER.X` (`veriray.features.LAYERS`): FLOAT, but UINT for numbers
 - `veriray.regions`: JSON list of names; entry k names the value k + 1 of channel `region`
 - `veriray.stats`: JSON object, whatever else `Render.stats` holds
 """
@@ -43,6 +45,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from .errors import ImageError as ImageError
+from .features import NUMBERS, FeatureImages
 from .files import open_regular
 from .numeric import path_text, whole
 from .picture import LEDGER_COLUMNS, Render
@@ -56,8 +59,10 @@ _MAX_TILE = 1 << 26  # bytes of a tile, of a picture that is smaller
 _MAX_SIDE = 1 << 16
 _MAX_DEPTHS = 1 << 20
 _MAX_BYTES = 1 << 31
+_MOST_CHANNELS = 3 * MAX_BATCHES + 128
 _DEFLATE_LIMIT = 1100  # deflate cannot shrink data to less than 1/1032
 _WHOLE = ("region", "samples")  # channels of integers
+_NUMBERS = tuple(f"{name}.I" for name in NUMBERS)
 
 
 def save(render: Render, path: str | os.PathLike[str], **options: Any) -> None:
@@ -96,7 +101,8 @@ def load_with_regions(
         found = ", ".join(sorted(channels)[:9])
         raise ImageError(f"{where}: no channels R, G, B; found {found}")
     for name, values in channels.items():
-        channels[name] = values.astype(np.uint32 if name in _WHOLE else np.float32)
+        whole_ones = name in _WHOLE or name in _NUMBERS
+        channels[name] = values.astype(np.uint32 if whole_ones else np.float32)
     image = _group(channels, "", where)
     assert image is not None
     stderr = _group(channels, "stderr.", where)
@@ -124,6 +130,7 @@ def load_with_regions(
         spp=stats["spp"],
         seed=stats["seed"],
         samples=channels.get("samples"),
+        features=_features(header, channels, where),
     )
     return render, channels.get("region"), names
 
@@ -183,8 +190,8 @@ def _check_header(header: dict[str, Any], size: int, max_bytes: int, where: str)
     if not (1 <= width <= _MAX_SIDE and 1 <= height <= _MAX_SIDE):
         raise ImageError(f"{where}: {width} x {height} pixels; expected 1 to {_MAX_SIDE} a side")
     channels = header["channels"]
-    if len(channels) > 3 * MAX_BATCHES + 64:
-        raise ImageError(f"{where}: {len(channels)} channels; at most {3 * MAX_BATCHES + 64}")
+    if len(channels) > _MOST_CHANNELS:
+        raise ImageError(f"{where}: {len(channels)} channels; at most {_MOST_CHANNELS}")
     need = 4 * width * height * len(channels)
     if need > max_bytes:
         raise ImageError(f"{where}: {need} bytes of pixels; the limit is {max_bytes} (max_bytes)")
@@ -211,6 +218,16 @@ def _group(
         raise ImageError(f"{where}: channels {prefix}R, {prefix}G, {prefix}B are not all there")
     picture: NDArray[np.float32] = np.stack([channels[prefix + c] for c in "RGB"], axis=-1)
     return picture
+
+
+def _features(
+    header: dict[str, Any], channels: dict[str, NDArray[Any]], where: str
+) -> FeatureImages:
+    """The feature images of a file that says that it has them."""
+    text = header.get("veriray.feature_spp")
+    if text is None:
+        return FeatureImages()
+    return FeatureImages._of_channels(channels, _integer(text, "veriray.feature_spp", where))
 
 
 def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:

@@ -9,15 +9,16 @@ import os
 import struct
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from .device import native_errors
+from .device import Device, native_errors
 from .errors import ImageError
+from .features import FeatureImages
 from .numeric import path_text, shown, whole
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ LEDGER_COLUMNS = (
 )  # fmt: skip
 
 Array = npt.NDArray[Any]
+T = TypeVar("T")
 _whole = functools.partial(whole, error=ValueError)
 
 #: Kinds of devices in DLPack's numbers.
@@ -77,6 +79,19 @@ def move_to_host() -> bool:
     return bool(found)
 
 
+def with_room(device: Device, call: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
+    """The call's result. Where the device lacks memory, pictures make room and it is called again,
+    after `undo`."""
+    try:
+        return call()
+    except device.native.OutOfMemoryError:
+        if not move_to_host():
+            raise
+        if undo:
+            undo()
+        return call()
+
+
 def _before_fork() -> None:
     """CUDA does not work in a child process: it gets copies in the host's memory."""
     for render, held in _all_on_gpu():
@@ -113,6 +128,7 @@ class Render:
     stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
     batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None.
     samples: (H, W) uint32, the samples of each pixel, or None where all have spp.
+    features: feature images by name, if they were asked for (`veriray.features`).
     film_sha256: see `film_hash`; equal hashes mean equal bytes.
     stats: what was done (plain Python numbers, strings and lists; `render` lists the keys).
     Raises ValueError naming the field that is not so.
@@ -128,6 +144,7 @@ class Render:
     spp: int
     seed: int
     samples: Array | None = None
+    features: FeatureImages = field(default_factory=FeatureImages)
 
     def __post_init__(self) -> None:
         _check_film(self.image, self.stderr, self.samples)
@@ -149,6 +166,8 @@ class Render:
                 raise ValueError(f"{name} = {getattr(self, name)}, but image is {shape}")
         _whole("spp", self.spp, 0, 2**64 - 1)
         _whole("seed", self.seed, 0, 2**64 - 1)
+        if not isinstance(self.features, FeatureImages):
+            raise ValueError(f"features = {shown(self.features)} is no FeatureImages")
 
     @classmethod
     def _of(cls, held: Picture, **fields: Any) -> Render:
@@ -267,7 +286,9 @@ class Render:
         elif suffix == ".exr":
             own = {"film_sha256": self.film_sha256, "spp": self.spp, "seed": self.seed}
             fields = self.image, self.stderr, self.batch_means, self.samples
-            save_exr(path, *fields, {**self.stats, **own}, regions, region_names)
+            stats = {**self.stats, **own}
+            more = self.features.channels(), self.features.attributes()
+            save_exr(path, *fields, stats, regions, region_names, *more)
         else:
             raise ImageError(f"{os.fspath(path)}: suffix {suffix!r}; expected .exr or .png")
 

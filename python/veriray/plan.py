@@ -6,6 +6,7 @@ from typing import Any
 
 from . import kernels
 from .columns import MATERIAL_KINDS, SCATTERING_KINDS
+from .first_surface import check
 from .sampling import PILOT
 from .scene import Scene
 from .settings import RenderSettings
@@ -49,6 +50,11 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             raise ValueError(f"spp = {spp}; with target_error {PILOT} to {2**31}")
         if batches:
             raise ValueError(f"batches = {batches}; with target_error 0")
+        if {"direct", "indirect"} & {*settings.features}:
+            raise ValueError(f"features = {settings.features}; with target_error no parts")
+    check(used, (*settings.features,))
+    if "motion" in settings.features:
+        raise ValueError('features: "motion" needs a second camera: veriray.feature_images')
     return used, settings
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from . import device as device_module
 from .accumulation import Accumulation, Progress
+from .feature_rendering import beside
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import LEDGER_COLUMNS as LEDGER_COLUMNS
@@ -43,6 +44,8 @@ def render(
     all_features: bool = False,
     target_error: float | None = None,
     builder: str = "auto",
+    features: str | tuple[str, ...] = (),
+    feature_spp: int | None = None,
 ) -> Render:
     """Render a scene.
 
@@ -79,6 +82,13 @@ def render(
             pixel at most (at least 16). Not together with batches.
         builder: of the tree, where the scene needs one: "auto", "sah" or "ploc" (see
             `veriray.native_scene`).
+        features: feature images of the first surface that the camera sees (`veriray.features`), in
+            a tuple or with commas between them: "depth", "depth_axis", "position", "normal",
+            "geo_normal", "albedo", "uv", "alpha", the numbers "object", "material", "primitive",
+            and the parts "direct" and "indirect" of the picture ("motion":
+            `veriray.feature_images`).
+        feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
+            or spp if that is less. Parts of the picture have all of its samples.
 
     Returns:
         Render, whose picture stays in the device's memory until it is asked for. Its stats:
@@ -114,7 +124,7 @@ def render(
         spp=spp, seed=seed, device=device, scheduler=scheduler, max_depth=max_depth,
         rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
         batches=batches, batch_size=batch_size, all_features=all_features,
-        target_error=target_error, builder=builder,
+        target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
     )  # fmt: skip
     return render_with(scene, settings, progress)
 
@@ -129,9 +139,12 @@ def render_with(
     work = Accumulation._of(scene, settings, building)
     while n := work.left:
         work.add(n, _of_all(work, n, sampling))
+    made = work._render(4)
+    if work.settings.features:
+        made.__dict__["features"] = beside(made, scene, work.settings)
     if progress is not None:
         progress(1.0)
-    return work._render(4)
+    return made
 
 
 def _of_all(work: Accumulation, n: int, progress: Progress) -> Progress:

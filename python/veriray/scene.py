@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 _DERIVED = ("_hashes", "_sha256", "_native_forms", "_settled")
-_OF_FILE = ("_places", "_cameras", "_notes", "_ids")
+_OF_FILE = ("_places", "_cameras", "_notes", "_ids", "_features")
 
 
 #: Bytes of arrays that take a good part of a frame's time to hash.
@@ -251,6 +251,12 @@ class Scene(SceneArrays):
         return notes
 
     @property
+    def features(self) -> tuple[str, ...]:
+        """Feature images that the file asks for (`aov`), which `veriray render` then writes."""
+        features: tuple[str, ...] = self.__dict__.get("_features", ())
+        return features
+
+    @property
     def sha256(self) -> str:
         """Hash (hex) of all that changes the expected picture: not names, sampler, spp or seed.
 
@@ -443,8 +449,9 @@ def _made(built: Built) -> Scene:
     except SceneError as error:
         raise SceneError(str(error), built.places["scene"][0]) from None
     scene.__dict__.update(
-        _places=built.places, _cameras=built.cameras, _notes=built.notes, _ids=built.ids
-    )
+        _places=built.places, _cameras=built.cameras, _notes=built.notes, _ids=built.ids,
+        _features=built.features,
+    )  # fmt: skip
     return scene
 
 

@@ -107,6 +107,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = tmp_path_factory.mktemp("hostile") / "a.exr"
     picture.save(path)
     return {"scene": scene, "picture": picture, "path": path, "film": scene.film,
+            "features": vr.feature_images(scene, "depth", device="cpu", threads=1),
             "camera": scene.camera, "report": vr.compare(picture, picture),
             "device": vr.devices()[0]}  # fmt: skip
 
@@ -138,7 +139,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "render": lambda g: _row(
         vr.render,
         "scene spp seed device scheduler max_depth rr_depth sampler width height threads "
-        "batches batch_size progress target_error builder all_features",
+        "batches batch_size progress target_error builder all_features features feature_spp",
         scene=g["scene"],
         device="cpu",
         threads=1,
@@ -149,7 +150,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "settle": lambda g: _row(
         lambda scene, **given: settle(scene, RenderSettings(**given)),
         "scene spp seed max_depth rr_depth sampler scheduler threads batches batch_size "
-        "all_features target_error builder",
+        "all_features target_error builder features feature_spp",
         scene=g["scene"],
     ),
     "trace_path": lambda g: _row(
@@ -160,6 +161,15 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         y=0,
         sample=0,
     ),
+    "feature_images": lambda g: _row(
+        vr.feature_images,
+        "scene names spp seed device sampler width height threads motion_to progress",
+        scene=g["scene"],
+        device="cpu",
+        threads=1,
+    ),
+    "FeatureImages": lambda g: _row(vr.FeatureImages, "images stderr spp"),
+    "FeatureImages.save": lambda g: _row(g["features"].save, "path"),
     "film_hash": lambda g: _row(
         vr.film_hash,
         "image stderr spp samples",

@@ -39,13 +39,15 @@ _IDLE = ("film", "sampler", "rfilter", "phase")
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
-    all sensors, notes on what has no effect, and the table and row of each id."""
+    all sensors, notes on what has no effect, the table and row of each id, and the feature images
+    that the file asks for."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...]
     ids: dict[str, tuple[str, int]]
+    features: tuple[str, ...] = ()
 
 
 def build(read: Callable[[Report], Tree], sensor: int | None = None, strict: bool = False) -> Built:
@@ -254,6 +256,11 @@ class _Builder:
             )
         depths["hide_emitters"] = depths["hide_emitters"] and seen
         integrators.check_scene(integrator, self.check, self.report, seen, arrays)
+        features = self.report.features
+        if "uv" in features and not textured:
+            features = tuple(name for name in features if name != "uv")
+            self.report.note(f"{integrator}: nothing is textured, so uv is not written",
+                             integrator.where)  # fmt: skip
         if not seen_by:
             seen_by = [self.sensor(Node("perspective", root.where), views.framing(arrays, root))]
             self.report.note("the scene has no sensor; one was placed that frames it", root.where)
@@ -274,6 +281,7 @@ class _Builder:
             tuple(camera for camera, _, _ in seen_by),
             tuple(self.report.notes),
             self.tables.ids(),
+            features,
         )
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:

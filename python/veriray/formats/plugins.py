@@ -5,6 +5,7 @@ To add an object, add it here and in `build`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
@@ -339,10 +340,12 @@ _AROUND = ("moment", "aov", "stokes", "depth")
 _INTEGRATORS = (*_PATHS, *_AROUND)
 
 
-def _around(doc: str, fewest: int = 1, **noted: str) -> Plugin:
+def _around(
+    doc: str, fewest: int = 1, params: Mapping[str, Param] | None = None, **noted: str
+) -> Plugin:
     return Plugin(
         "integrator",
-        {"hide_emitters": _HIDE},
+        {"hide_emitters": _HIDE, **(params or {})},
         {"integrator": (_INTEGRATORS, fewest, _MANY)},
         doc=f"renders its first integrator; {doc}",
         noted={**_RUN, **noted},
@@ -435,9 +438,9 @@ PLUGINS: dict[str, Plugin] = {
     **_PATHS,
     "moment": _around("moments are not written: stderr has the variance"),
     "aov": _around(
-        "its planes are not written; path if it has none",
+        "its planes are feature images; path if it has none",
         0,
-        aovs="other planes than radiance are not written",
+        {"aovs": Param("string", "", doc="NAME:KIND, ...; see veriray.features")},
     ),
     "depth": _around("depths are not; path if it has none", 0),
     "stokes": _around("polarisation is not"),

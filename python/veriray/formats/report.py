@@ -21,13 +21,15 @@ class Listed(SceneError):  # noqa: N818
 class Report:
     """Faults and notes of one scene, each once, in the order in which they were found.
 
-    strict: notes are faults. notes: lines of text, each with its place.
+    strict: notes are faults. notes: lines of text, each with its place. features: feature images
+    that the scene asks for.
     """
 
     def __init__(self, strict: bool = False) -> None:
         self.strict = strict
         self.faults: dict[str, SceneError] = {}
         self.notes: dict[str, None] = {}
+        self.features: tuple[str, ...] = ()
         self.count = 0
 
     def add(self, error: SceneError) -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         SceneError,
         SceneWarning,
     )
+    from .linting import lint
     from .picture import Render, film_hash
     from .rendering import render, trace_path
     from .scene import Scene, cornell_box, load_dict, load_file
@@ -44,6 +45,7 @@ else:
             "SceneError",
             "SceneWarning",
         ),
+        "linting": ("lint",),
         "picture": ("Render", "film_hash"),
         "rendering": ("render", "trace_path"),
         "scene": ("Scene", "cornell_box", "load_dict", "load_file"),
@@ -80,6 +82,7 @@ __all__ = [
     "cornell_box",
     "devices",
     "film_hash",
+    "lint",
     "load_dict",
     "load_file",
     "render",

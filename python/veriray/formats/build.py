@@ -39,13 +39,15 @@ _IDLE = ("film", "sampler", "rfilter", "phase")
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
-    all sensors, notes on what has no effect, and the table and row of each id."""
+    all sensors, notes on what has no effect, the table and row of each id, and place and text of
+    what is rendered with other numbers."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...]
     ids: dict[str, tuple[str, int]]
+    warned: tuple[tuple[str, str], ...]
 
 
 def build(read: Callable[[Report], Tree], sensor: int | None = None, strict: bool = False) -> Built:
@@ -271,6 +273,7 @@ class _Builder:
             tuple(camera for camera, _, _ in seen_by),
             tuple(self.report.notes),
             self.tables.ids(),
+            tuple(self.report.warned),
         )
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:

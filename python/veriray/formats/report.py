@@ -21,13 +21,15 @@ class Listed(SceneError):  # noqa: N818
 class Report:
     """Faults and notes of one scene, each once, in the order in which they were found.
 
-    strict: notes are faults. notes: lines of text, each with its place.
+    strict: notes are faults. notes: lines of text, each with its place. warned: place and text of
+    those that are warnings too.
     """
 
     def __init__(self, strict: bool = False) -> None:
         self.strict = strict
         self.faults: dict[str, SceneError] = {}
         self.notes: dict[str, None] = {}
+        self.warned: list[tuple[str, str]] = []
         self.count = 0
 
     def add(self, error: SceneError) -> None:
@@ -51,6 +53,7 @@ class Report:
         before = len(self.notes)
         self.note(text, where)
         if len(self.notes) > before:
+            self.warned.append((where, text))
             warnings.warn(f"{where}: {text}", SceneWarning, stacklevel=8)
 
     def fail(self) -> NoReturn:

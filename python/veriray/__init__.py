@@ -18,6 +18,7 @@ TYPE_CHECKING = False  # as type checkers read it; without an import of typing
 if TYPE_CHECKING:
     from .camera import Camera, Film
     from .comparison import Report, compare
+    from .datasets import dataset
     from .device import Device, devices
     from .errors import (
         DeviceError,
@@ -36,6 +37,7 @@ else:
     _HOMES = {
         "camera": ("Camera", "Film"),
         "comparison": ("Report", "compare"),
+        "datasets": ("dataset",),
         "device": ("Device", "devices"),
         "errors": (
             "DeviceError",
@@ -80,6 +82,7 @@ __all__ = [
     "__version__",
     "compare",
     "cornell_box",
+    "dataset",
     "devices",
     "film_hash",
     "lint",

@@ -33,7 +33,7 @@ from .commands import (
 )
 from .commands.common import CommandError, Parser, say, show_warning
 
-COMMANDS = (render, compare, validate, info, lint, convert, gallery, bench, doctor)
+COMMANDS = (render, dataset, compare, validate, info, lint, convert, gallery, bench, doctor)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -138,7 +138,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "render": lambda g: _row(
         vr.render,
         "scene spp seed device scheduler max_depth rr_depth sampler width height threads "
-        "batches batch_size progress target_error builder all_features",
+        "batches batch_size progress target_error builder all_features cameras",
         scene=g["scene"],
         device="cpu",
         threads=1,
@@ -160,6 +160,16 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         y=0,
         sample=0,
     ),
+    "lint": lambda g: _row(vr.lint, "scene", scene=g["scene"]),
+    "dataset": lambda g: _row(
+        vr.dataset,
+        "scene folder cameras png exposure again progress spp seed",
+        scene=g["scene"],
+        folder=g["path"].with_name("views"),
+        device="cpu",
+        again=True,
+    ),
+    "Render.load": lambda g: _row(vr.Render.load, "path check", path=g["path"]),
     "film_hash": lambda g: _row(
         vr.film_hash,
         "image stderr spp samples",
@@ -171,7 +181,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "load_dict": lambda g: _row(vr.load_dict, "scene"),
     "compare": lambda g: _row(
         vr.compare,
-        "a b alpha seed regions region_names same_estimator target",
+        "a b alpha seed regions region_names same_estimator target channels spp",
         a=g["picture"],
         b=g["picture"],
     ),

@@ -1,5 +1,5 @@
-"""The command `veriray`: render, dataset, compare, validate, info, lint, convert, gallery,
-bench, doctor.
+"""The command `veriray`: render, dataset, compare, validate, info, lint, convert, denoise,
+gallery, bench, doctor.
 
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
 the pictures agree; validate: passed), 1 compare: they differ, validate: a case failed, lint: there
@@ -24,6 +24,7 @@ from .commands import (
     compare,
     convert,
     dataset,
+    denoise,
     doctor,
     gallery,
     info,
@@ -33,7 +34,9 @@ from .commands import (
 )
 from .commands.common import CommandError, Parser, say, show_warning
 
-COMMANDS = (render, dataset, compare, validate, info, lint, convert, gallery, bench, doctor)
+COMMANDS = (
+    render, dataset, compare, validate, info, lint, convert, denoise, gallery, bench, doctor,
+)  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -22,6 +22,8 @@ Header attributes, all of them strings, each optional (a missing one reads as em
 - `veriray.format` "1"; `veriray.renderer` program that made it: "veriray", "reference", ...
 - `veriray.version`, `veriray.device`, `veriray.scheduler`, `veriray.sampler`: free text
 - `veriray.scene_sha256`, `veriray.film_sha256`: 64 hexadecimal digits
+- `veriray.denoiser`: program that guessed the picture behind the noise; only in such files, which
+  have no `film_sha256`, and which `veriray.compare` refuses
 - `veriray.seed`, `veriray.spp`, `veriray.max_depth`, `veriray.rr_depth`: decimal integers
 - `veriray.batches`: B as a decimal integer, "0" for none; `veriray.seconds`: decimal number
 - `veriray.features`: JSON list of strings

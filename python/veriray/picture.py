@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from . import showing
+from . import denoising, showing
 from .device import native_errors
 from .errors import ImageError
 from .numeric import path_text, shown, whole
@@ -188,6 +188,18 @@ class Render:
                     f"says {found.film_sha256[:12]}...: it was changed since (check=False takes it)"
                 )
         return found
+
+    def denoised(self, albedo: Array | None = None, normal: Array | None = None) -> Render:
+        """This picture without noise, as Open Image Denoise guesses it: for eyes, not for proofs.
+
+        albedo: (H, W, 3) in [0, 1]; normal: (H, W, 3) in [-1, 1], with albedo only; both of what
+        the pixels show. The result has no standard error, batches or hash, its stats name the
+        denoiser, and `veriray.compare` refuses it. Needs pyoidn (`pip install veriray[denoise]`);
+        raises `veriray.denoising.DenoiserError` without it, and ValueError for other arrays.
+        """
+        if self.stats.get("denoiser"):
+            raise ValueError(f"the picture is denoised already, by {self.stats['denoiser']}")
+        return type(self)(**denoising.fields(self, albedo, normal))
 
     def __getstate__(self) -> dict[str, Any]:
         for name in _MADE:

@@ -13,7 +13,7 @@ from .camera import Camera
 from .errors import ImageError
 from .files import check_writable, replacing
 from .formats.cameras import View, load, transforms
-from .numeric import path_text, shown
+from .numeric import number, path_text, shown, switch
 from .picture import Render
 from .rendering import render_with, settle
 from .settings import SETTINGS, RenderSettings
@@ -59,6 +59,10 @@ def dataset(
         SceneError, ValueError: bad cameras or settings. ImageError: a file in the way that is
         damaged or of other settings. OSError: a file that cannot be written.
     """
+    png, again = (switch(name, x, error=ValueError) for name, x in (("png", png), ("again", again)))
+    exposure = number("exposure", exposure, -1000, 1000, error=ValueError)
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {shown(progress)} is not callable")
     own = RenderSettings(**settings)
     used, _ = settle(scene, own)
     views = _views(used, cameras)

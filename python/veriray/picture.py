@@ -19,7 +19,7 @@ import numpy.typing as npt
 from . import denoising, showing
 from .device import native_errors
 from .errors import ImageError
-from .numeric import path_text, shown, whole
+from .numeric import path_text, shown, switch, whole
 from .settings import LEDGER_COLUMNS as LEDGER_COLUMNS
 
 if TYPE_CHECKING:
@@ -179,6 +179,7 @@ class Render:
         """
         from .loading import MAX_BYTES, read
 
+        check = switch("check", check, error=ValueError)
         found = cls(**read(path, MAX_BYTES)[0])
         if check and found.film_sha256:
             own = film_hash(found.image, found.stderr, found.spp, found.samples)

@@ -272,8 +272,8 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         for kind in (vr.DeviceError, vr.OutOfMemoryError, vr.RefusedSamplesWarning)
     },
 }
-#: What `compare` alone calls.
-OWN = {"add_power", "add_means", "decide"}
+#: What `compare` alone calls; and what needs a package (see test_denoising).
+OWN = {"add_power", "add_means", "decide", "denoised"}
 
 
 def test_the_table_is_complete() -> None:

@@ -16,7 +16,7 @@ from veriray.comparison.report import Maps, Report
 from veriray.comparison.sides import CompareError, Source, advice, alike, opened
 from veriray.comparison.statistics import Test
 from veriray.errors import printable
-from veriray.numeric import number, texts, whole
+from veriray.numeric import number, shown, texts, whole
 from veriray.picture import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def _pair(name: str, value: Any, kind: type) -> tuple[Any, Any]:
     """A value for both sides, or one for each."""
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2 or any(x is not None and not isinstance(x, kind) for x in pair):
-        raise CompareError(f"{name} = {value!r}; expected {kind.__name__}, or a pair for A and B")
+        raise CompareError(f"{name} = {shown(value)}; expected {kind.__name__}, or a pair for A and B")
     return pair[0], pair[1]
 
 

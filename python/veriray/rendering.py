@@ -164,6 +164,8 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         batches=batches, batch_size=batch_size, all_features=all_features,
         target_error=target_error, builder=builder,
     )  # fmt: skip
+    if cameras is None and progress is not True:
+        return render_with(scene, settings, None if progress is False else progress)
     used, _ = settle(scene, settings)
     views = [scene] if cameras is None else _views(used, cameras)
     if progress is True and views:

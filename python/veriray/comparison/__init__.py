@@ -125,7 +125,9 @@ def _pair(name: str, value: Any, kind: type) -> tuple[Any, Any]:
     """A value for both sides, or one for each."""
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2 or any(x is not None and not isinstance(x, kind) for x in pair):
-        raise CompareError(f"{name} = {shown(value)}; expected {kind.__name__}, or a pair for A and B")
+        raise CompareError(
+            f"{name} = {shown(value)}; expected {kind.__name__}, or a pair for A and B"
+        )
     return pair[0], pair[1]
 
 

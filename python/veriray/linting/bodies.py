@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from .look import SIDE, Array, Finding, Look
+from .look import SIDE, Array, Finding, Look, row_keys
 
 #: Most triangles of one shape whose edges are looked at.
 MOST_FACES = 1 << 22
@@ -43,12 +43,12 @@ class _Edges:
         if turned is not None:
             corners = np.concatenate([corners, np.asarray(scene.triangles)[turned][:, ::-1]])
         used, local = np.unique(corners, return_inverse=True)
-        places = np.ascontiguousarray(np.asarray(scene.vertices)[used] + 0.0)  # no -0
+        places = np.asarray(scene.vertices)[used] + 0.0  # no -0
         if turned is not None:  # of several shapes, whose corners may differ by rounding
             low, high = places.min(axis=0, initial=0.0), places.max(axis=0, initial=0.0)
             step = WELD * max(float((high - low).max()), 1e-300)
             places = np.round((places - low) / step + 0.381966)
-        _, welded = np.unique(places.view(f"V{3 * 8}").ravel(), return_inverse=True)
+        _, welded = np.unique(row_keys(places), return_inverse=True)
         faces = welded.reshape(-1)[local.reshape(-1, 3)]
         edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
         self.face = np.tile(np.arange(len(corners)), 3)
@@ -254,8 +254,7 @@ def duplicates(look: Look) -> list[Finding]:
     for first, values in tables:
         if len(values) < 2:
             continue
-        rows = np.ascontiguousarray(values + 0.0)
-        words = rows.view(f"V{rows.shape[1] * 8}").ravel()
+        words = row_keys(values + 0.0)
         _, index, inverse = np.unique(words, return_index=True, return_inverse=True)
         again = np.flatnonzero(index[inverse] != np.arange(len(values)))
         for row in again.tolist():

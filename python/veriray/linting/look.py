@@ -193,3 +193,16 @@ class Look:
         from .. import limits
 
         return limits.primitive_boxes(self.scene, ("triangle", "sphere", "disk")[kind], np.zeros(3))
+
+
+def row_keys(rows: Array) -> Array:
+    """A number (n,) uint64 for each row (n, k) of float64: the same for equal rows, and for others
+    with a probability of 2^-64."""
+    words = np.ascontiguousarray(rows, np.float64).view(np.uint64)
+    keys = np.zeros(len(words), np.uint64)
+    for column in words.T:
+        keys ^= column
+        for shift, factor in ((32, 0xD6E8FEB86659FD93), (29, 0x9FB21C651E98DF25), (32, 1)):
+            keys ^= keys >> np.uint64(shift)
+            keys *= np.uint64(factor)
+    return keys

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .accumulation import Accumulation
     from .camera import Camera, Film
     from .comparison import Report, compare
+    from .datasets import dataset
     from .device import Device, devices
     from .errors import (
         DeviceError,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     )
     from .feature_rendering import feature_images
     from .features import FeatureImages
+    from .linting import lint
     from .picture import Render, film_hash
     from .rendering import render, trace_path
     from .scene import Scene, cornell_box, load_dict, load_file
@@ -39,6 +41,7 @@ else:
         "accumulation": ("Accumulation",),
         "camera": ("Camera", "Film"),
         "comparison": ("Report", "compare"),
+        "datasets": ("dataset",),
         "device": ("Device", "devices"),
         "errors": (
             "DeviceError",
@@ -50,6 +53,7 @@ else:
         ),
         "feature_rendering": ("feature_images",),
         "features": ("FeatureImages",),
+        "linting": ("lint",),
         "picture": ("Render", "film_hash"),
         "rendering": ("render", "trace_path"),
         "scene": ("Scene", "cornell_box", "load_dict", "load_file"),
@@ -86,9 +90,11 @@ __all__ = [
     "__version__",
     "compare",
     "cornell_box",
+    "dataset",
     "devices",
     "feature_images",
     "film_hash",
+    "lint",
     "load_dict",
     "load_file",
     "render",

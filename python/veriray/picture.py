@@ -16,19 +16,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from . import denoising, showing
 from .device import Device, native_errors
 from .errors import ImageError
 from .features import FeatureImages
-from .numeric import path_text, shown, whole
+from .numeric import path_text, shown, switch, whole
+from .settings import LEDGER_COLUMNS as LEDGER_COLUMNS
 
 if TYPE_CHECKING:
     from ._native import Picture
-
-#: Columns of the ray ledger, in the native modules' order.
-LEDGER_COLUMNS = (
-    "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
-    "shadow_visible", "shadow_occluded",
-)  # fmt: skip
 
 Array = npt.NDArray[Any]
 T = TypeVar("T")
@@ -192,6 +188,39 @@ class Render:
                 made = _MADE[name](self, held)
             return self.__dict__.setdefault(name, made)
 
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, check: bool = True) -> Render:
+        """The render that `save` wrote to an EXR file: picture, errors, batches, statistics.
+
+        check: the file's film_sha256 must be that of its pixels. Raises ImageError for a file that
+        is damaged, changed since or beyond the limits of `veriray.image.load`, and OSError for one
+        that cannot be read. Batch means are float32 in files.
+        """
+        from .loading import MAX_BYTES, read
+
+        check = switch("check", check, error=ValueError)
+        found = cls(**read(path, MAX_BYTES)[0])
+        if check and found.film_sha256:
+            own = film_hash(found.image, found.stderr, found.spp, found.samples)
+            if own != found.film_sha256:
+                raise ImageError(
+                    f"{os.fspath(path)}: film hash of the pixels {own[:12]}..., but its header "
+                    f"says {found.film_sha256[:12]}...: it was changed since (check=False takes it)"
+                )
+        return found
+
+    def denoised(self, albedo: Array | None = None, normal: Array | None = None) -> Render:
+        """This picture without noise, as Open Image Denoise guesses it: for eyes, not for proofs.
+
+        albedo: (H, W, 3) in [0, 1]; normal: (H, W, 3) in [-1, 1], with albedo only; both of what
+        the pixels show. The result has no standard error, batches or hash, its stats name the
+        denoiser, and `veriray.compare` refuses it. Needs pyoidn (`pip install veriray[denoise]`);
+        raises `veriray.denoising.DenoiserError` without it, and ValueError for other arrays.
+        """
+        if self.stats.get("denoiser"):
+            raise ValueError(f"the picture is denoised already, by {self.stats['denoiser']}")
+        return type(self)(**denoising.fields(self, albedo, normal))
+
     def __getstate__(self) -> dict[str, Any]:
         for name in _MADE:
             getattr(self, name)
@@ -291,6 +320,13 @@ class Render:
             save_exr(path, *fields, stats, regions, region_names, *more)
         else:
             raise ImageError(f"{os.fspath(path)}: suffix {suffix!r}; expected .exr or .png")
+
+    def __repr__(self) -> str:
+        return showing.render_text(self)
+
+    def _repr_html_(self) -> str:
+        """The picture with a slider for the exposure, for notebooks."""
+        return showing.render_html(self)
 
     def _repr_png_(self) -> bytes:
         """The display copy, for notebooks."""

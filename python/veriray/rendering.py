@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, overload
 
+from . import bars
 from . import device as device_module
 from .accumulation import Accumulation, Progress
+from .camera import Camera
 from .feature_rendering import beside
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
@@ -26,6 +28,7 @@ BUILD_SHARE = 0.1
 _whole = functools.partial(whole, error=ValueError)
 
 
+@overload
 def render(
     scene: Scene,
     spp: int | None = None,
@@ -40,14 +43,41 @@ def render(
     threads: int | None = None,
     batches: int = 0,
     batch_size: int = 0,
-    progress: Callable[[float], object] | None = None,
+    progress: Callable[[float], object] | bool | None = None,
     all_features: bool = False,
     target_error: float | None = None,
     builder: str = "auto",
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
-) -> Render:
-    """Render a scene.
+    cameras: None = None,
+) -> Render: ...
+@overload
+def render(
+    scene: Scene, *given: Any, cameras: Sequence[Camera], **settings: Any
+) -> list[Render]: ...
+def render(  # type: ignore[misc]  # the list of settings is that of the first
+    scene: Scene,
+    spp: int | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    scheduler: str = "auto",
+    max_depth: int | None = None,
+    rr_depth: int | None = None,
+    sampler: str | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    threads: int | None = None,
+    batches: int = 0,
+    batch_size: int = 0,
+    progress: Callable[[float], object] | bool | None = None,
+    all_features: bool = False,
+    target_error: float | None = None,
+    builder: str = "auto",
+    features: str | tuple[str, ...] = (),
+    feature_spp: int | None = None,
+    cameras: Sequence[Camera] | None = None,
+) -> Render | list[Render]:
+    """Render a scene, or several views of it.
 
     The film depends on scene, spp, seed, max_depth, rr_depth, sampler, width, height and
     target_error alone: device, scheduler, builder, threads, batches and batch_size change the time
@@ -75,7 +105,9 @@ def render(
         batch_size: paths in flight; 0 lets the back end choose. Sets memory, not the picture.
         progress: called on this thread about every 50 ms with the fraction done in [0, 1]; where a
             tree is built over a large mesh, that is the first tenth. An exception that it raises
-            stops the render and propagates.
+            stops the render and propagates. True draws a bar (`veriray.bars`) on standard error or
+            in the notebook: samples per pixel and a second, time left, memory, and at last the
+            error.
         all_features: use the variant compiled for everything even if the scene needs less.
         target_error: None, or the relative standard error in (0, 1) at which tiles of 16 x 16
             pixels stop: adaptive sampling without bias (see `veriray.sampling`), of spp samples a
@@ -89,9 +121,12 @@ def render(
             `veriray.feature_images`).
         feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
             or spp if that is less. Parts of the picture have all of its samples.
+        cameras: None, or the cameras of several views, in place of the scene's: a list of renders,
+            each as of `scene.with_(camera=camera)`. Geometry and tree are made once.
 
     Returns:
-        Render, whose picture stays in the device's memory until it is asked for. Its stats:
+        Render, or with cameras a list of them, whose picture stays in the device's memory until it
+        is asked for. Its stats:
         live_rays (rays per depth), ledger (column -> list, one entry per depth),
         blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
         paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
@@ -126,7 +161,41 @@ def render(
         batches=batches, batch_size=batch_size, all_features=all_features,
         target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
     )  # fmt: skip
-    return render_with(scene, settings, progress)
+    if cameras is None and progress is not True:
+        return render_with(scene, settings, None if progress is False else progress)
+    used, _ = settle(scene, settings)
+    views = [scene] if cameras is None else _views(used, cameras)
+    if progress is True and views:
+        with bars.bar(used.film.width, used.film.height, used.spp * len(views)) as bar:
+            done = [render_with(*view) for view in _turns(views, settings, bar)]
+            bar.done(done[-1].stats["mean_stderr"])
+    else:
+        callback = None if isinstance(progress, bool) else progress
+        done = [render_with(*view) for view in _turns(views, settings, callback)]
+    return done[0] if cameras is None else done
+
+
+def _views(scene: Scene, cameras: Sequence[Camera]) -> list[Scene]:
+    """The scene with each of the cameras; they share its geometry."""
+    if isinstance(cameras, (Camera, str)) or not isinstance(cameras, Sequence):
+        raise TypeError(f"cameras is {type(cameras).__name__}, expected a list of Camera")
+    for k, camera in enumerate(cameras):
+        if not isinstance(camera, Camera):
+            raise TypeError(f"cameras[{k}] is {type(camera).__name__}, expected Camera")
+    return [scene.with_(camera=camera) for camera in cameras]
+
+
+def _turns(
+    views: list[Scene], settings: RenderSettings, progress: Progress
+) -> Iterator[tuple[Scene, RenderSettings, Progress]]:
+    """The arguments of `render_with` for each view, with a share of a common progress."""
+    for k, view in enumerate(views):
+
+        def part(fraction: float, k: int = k) -> None:
+            assert progress is not None
+            progress((k + fraction) / len(views))
+
+        yield view, settings, part if callable(progress) and len(views) > 1 else progress
 
 
 def render_with(

@@ -116,6 +116,8 @@ def save_exr(
     }
     for key in TEXT_KEYS[:-1]:
         header[f"veriray.{key}"] = str(stats.get(key) or "")
+    if stats.get("denoiser"):
+        header["veriray.denoiser"] = str(stats["denoiser"])
     for key in INT_KEYS:
         if stats.get(key) is not None:
             header[f"veriray.{key}"] = str(int(stats[key]))

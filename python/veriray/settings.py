@@ -40,6 +40,11 @@ DEVICES = "auto, cuda, cuda:N, cpu, cpu:avx512, cpu:avx2, cpu:portable"
 MAX_PATH_DEPTH = 262143
 MAX_SPP = 2**40
 MAX_BATCHES = 1000
+#: Columns of the ray ledger, in the native modules' order.
+LEDGER_COLUMNS = (
+    "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
+    "shadow_visible", "shadow_occluded",
+)  # fmt: skip
 #: How files keep a setting: an EXR header as an attribute of its own, or within `veriray.stats`.
 HEADER, STATS = "header", "stats"
 

@@ -139,7 +139,8 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "render": lambda g: _row(
         vr.render,
         "scene spp seed device scheduler max_depth rr_depth sampler width height threads "
-        "batches batch_size progress target_error builder all_features features feature_spp",
+        "batches batch_size progress target_error builder all_features features feature_spp "
+        "cameras",
         scene=g["scene"],
         device="cpu",
         threads=1,
@@ -170,6 +171,16 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     ),
     "FeatureImages": lambda g: _row(vr.FeatureImages, "images stderr spp"),
     "FeatureImages.save": lambda g: _row(g["features"].save, "path"),
+    "lint": lambda g: _row(vr.lint, "scene", scene=g["scene"]),
+    "dataset": lambda g: _row(
+        vr.dataset,
+        "scene folder cameras png exposure again progress spp seed",
+        scene=g["scene"],
+        folder=g["path"].with_name("views"),
+        device="cpu",
+        again=True,
+    ),
+    "Render.load": lambda g: _row(vr.Render.load, "path check", path=g["path"]),
     "film_hash": lambda g: _row(
         vr.film_hash,
         "image stderr spp samples",
@@ -181,7 +192,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "load_dict": lambda g: _row(vr.load_dict, "scene"),
     "compare": lambda g: _row(
         vr.compare,
-        "a b alpha seed regions region_names same_estimator target",
+        "a b alpha seed regions region_names same_estimator target channels spp",
         a=g["picture"],
         b=g["picture"],
     ),
@@ -272,8 +283,8 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         for kind in (vr.DeviceError, vr.OutOfMemoryError, vr.RefusedSamplesWarning)
     },
 }
-#: What `compare` alone calls.
-OWN = {"add_power", "add_means", "decide"}
+#: What `compare` alone calls; and what needs a package (see test_denoising).
+OWN = {"add_power", "add_means", "decide", "denoised"}
 
 
 def test_the_table_is_complete() -> None:

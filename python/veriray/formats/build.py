@@ -39,15 +39,16 @@ _IDLE = ("film", "sampler", "rfilter", "phase")
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
-    all sensors, notes on what has no effect, the table and row of each id, and the feature images
-    that the file asks for."""
+    all sensors, notes on what has no effect, the table and row of each id, the feature images that
+    the file asks for, and place and text of what is rendered with other numbers."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...]
     ids: dict[str, tuple[str, int]]
-    features: tuple[str, ...] = ()
+    features: tuple[str, ...]
+    warned: tuple[tuple[str, str], ...]
 
 
 def build(read: Callable[[Report], Tree], sensor: int | None = None, strict: bool = False) -> Built:
@@ -282,6 +283,7 @@ class _Builder:
             tuple(self.report.notes),
             self.tables.ids(),
             features,
+            tuple(self.report.warned),
         )
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:

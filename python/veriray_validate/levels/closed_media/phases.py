@@ -69,7 +69,7 @@ def _fog(phase: Dict) -> Dict:
 
 
 @case(3, each={"kind": KINDS, "azimuth": (0.0, 1.0, 3.0)}, quick=lambda kind, azimuth: azimuth == 1)
-def single_scattering(t: Trial, kind: str, azimuth: float) -> None:
+def single_scattering_of_any_phase(t: Trial, kind: str, azimuth: float) -> None:
     """Light of a sun that a slab of tau = 0.5 scatters once, from above.
 
     w p / 4 pi mu0 / (mu + mu0) (1 - exp(-tau (1 / mu + 1 / mu0))). Light samples. Sees 1 %.
@@ -89,7 +89,7 @@ def single_scattering(t: Trial, kind: str, azimuth: float) -> None:
 
 @case(3, each={"kind": KINDS, "tau": (0.5, 2.0), "mu": (1.0, 0.4)},
       quick=lambda kind, tau, mu: (tau, mu) == (2.0, 0.4))  # fmt: skip
-def slab(t: Trial, kind: str, tau: float, mu: float) -> None:
+def slab_of_any_phase(t: Trial, kind: str, tau: float, mu: float) -> None:
     """Reflectance and transmittance of a slab under a sky of 1, by drawn directions alone.
 
     Adding-doubling with 24 and 40 nodes; albedo .5, .9 and .99 as three channels. Sees 2 %.

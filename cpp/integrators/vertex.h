@@ -204,10 +204,10 @@ struct PathVertices : DirectLight<L, kFeatures> {
                         at.ng * side,
                         at.ns * side,
                         valid,
-                        F(0.f),
                         {},
                         U(0u),
-                        U(0u)};
+                        U(0u),
+                        {}};
         Vertex& vertex = place.vertex;
         if constexpr (Material::kTransmits) {
             vertex.behind = fma(at.ng, -at.offset * side, at.p);
@@ -248,7 +248,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.scatters = (covered & !dark) | place.collided;
         if constexpr (has(kMedia)) {
             vertex.p = select(place.collided, collision, vertex.p);
-            vertex.g = medium_column(scene, path.medium, kMediumG);
+            vertex.phase = Direct::phase_function(scene, path.medium);
         }
     }
 
@@ -290,16 +290,25 @@ struct PathVertices : DirectLight<L, kFeatures> {
     }
 
     // ---- medium vertex: the next direction of lanes that have collided ----
-    static VR_HD void scatter_in_medium(const PathState<L>& path, const Place& place,
-                                        Block<U> random, BsdfSample<L>& next) {
+    static VR_HD void scatter_in_medium(const SceneView& scene, const PathSettings& s,
+                                        const PathState<L>& path, uint32_t segment,
+                                        const Place& place, Block<U> random, BsdfSample<L>& next) {
         const M collided = place.collided;
-        next.wi = select(
-            collided,
-            henyey_greenstein(path.ray.d, place.vertex.g, uniform(random.z), uniform(random.w)),
-            next.wi);
-        const F phase = henyey_greenstein_pdf(path.ray.d, next.wi, place.vertex.g);
-        next.weight = select(collided, white(), next.weight);
-        next.pdf_sa = select(collided, phase, next.pdf_sa);
+        const auto& phase = place.vertex.phase;
+        const bool lobes = has(kPhases) && scene.phases.most;
+        F choice(0.f);
+        if (lobes)
+            choice = uniform(
+                random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).w);
+        const V wi = phase.sample(scene.phases, path.ray.d, choice, uniform(random.z),
+                                  uniform(random.w), collided);
+        next.wi = select(collided, wi, next.wi);
+        const auto drawn = phase.eval(scene.phases, path.ray.d, next.wi, collided);
+        S weight = white();
+        if (lobes)  // at a table's zeros, which rounding alone reaches, none
+            weight = S::all(select(drawn.pdf_sa > F(0.f), drawn.value / drawn.pdf_sa, F(0.f)));
+        next.weight = select(collided, weight, next.weight);
+        next.pdf_sa = select(collided, drawn.pdf_sa, next.pdf_sa);
         next.transmitted = next.transmitted & !collided;
     }
 

@@ -216,8 +216,8 @@ class HostScene : public Frame {
 
     Table<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
         light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
-        cells;
-    Table<uint32_t> surface_of, texels, sky_guides;
+        cells, lobes, phase_values, phase_drawn, phase_ends;
+    Table<uint32_t> surface_of, texels, sky_guides, phase_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     Table<float> records, round_boxes;
 
@@ -263,6 +263,7 @@ class HostScene : public Frame {
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);
     void set_grids(const SceneInput& in);
+    void set_phases(const SceneInput& in);
     void put_attribute(const SceneInput& in, size_t t, size_t primitive, uint32_t* out) const;
     void set_attributes(const SceneInput& in);
     void put_tangents(const SceneInput& in, size_t primitive);

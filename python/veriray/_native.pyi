@@ -16,9 +16,9 @@ class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
     """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
-    media, Q lights, X textures, W texels, A attributes, Y sky, G grids, C cells; see
-    veriray.Scene. uint8 columns hold 0 or 1. Made by cpp/schema/generate.py from
-    python/veriray/columns.py."""
+    media, Q lights, X textures, W texels, A attributes, Y sky, G grids, C cells, L lobes, P
+    phase_values; see veriray.Scene. uint8 columns hold 0 or 1. Made by cpp/schema/generate.py
+    from python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
     normals: npt.NDArray[np.float64]  # (V, 3)
@@ -124,6 +124,14 @@ class SceneArrays(TypedDict):
     grid_filter: npt.NDArray[np.uint32]  # (G,)
     grid_to_world: npt.NDArray[np.float64]  # (G, 3, 4)
     cells: npt.NDArray[np.float32]  # (C,)
+    lobe_kind: npt.NDArray[np.uint32]  # (L,)
+    lobe_share: npt.NDArray[np.float32]  # (L,)
+    lobe_g: npt.NDArray[np.float32]  # (L,)
+    lobe_values: npt.NDArray[np.uint32]  # (L,)
+    lobe_size: npt.NDArray[np.uint32]  # (L,)
+    phase_values: npt.NDArray[np.float32]  # (P,)
+    phase_lobe: npt.NDArray[np.int32]  # (K,)
+    phase_lobes: npt.NDArray[np.uint32]  # (K,)
     albedo_grid: npt.NDArray[np.int32]  # (K,)
     sigma_t_grid: npt.NDArray[np.int32]  # (K,)
 

@@ -25,6 +25,7 @@ from tests.mutation.bugs import (
     _NEE,
     _PATH,
     _PDF,
+    _PHASES,
     _PLASTIC,
     _Q,
     _ROUND_LIGHT,
@@ -43,7 +44,7 @@ _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
 _TO_LIGHT = "-path.ray.d, light.wi"
-_IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "lights/sky_map.h"
+_IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "core/intervals.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
@@ -204,8 +205,8 @@ _MEDIA = (
     Mutant("extinction +2 %", _TABLES, _SIGMA, "put(kMediumSigma + k, scaled * 1.02);"),
     Mutant("medium attenuates twice", _MEDIUM, _FLIGHT,
            "select(t < limit, albedo, transmittance(sigma, limit))"),
-    Mutant("phase function over half the sphere", _MAPPING, _PHASE_PDF, "F(0.5f * kInvPi)"),
-    Mutant("phase function never backward", _MAPPING, "select(g < F(0.f), -cosine, cosine)",
+    Mutant("phase function over half the sphere", _PHASES, _PHASE_PDF, "F(0.5f * kInvPi)"),
+    Mutant("phase function never backward", _PHASES, "select(g < F(0.f), -cosine, cosine)",
            "cosine"),
     Mutant("medium ends before its boundary", _VERTEX,
            "min(hit.t, far) - Reader::passed(path).t",

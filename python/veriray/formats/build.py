@@ -17,7 +17,7 @@ from ..camera import Camera, Film
 from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
-from . import integrators, materials, textures, views, volumes
+from . import integrators, materials, phases, textures, views, volumes
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
 from .report import Full, Listed, Report
@@ -87,6 +87,7 @@ class _Builder:
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
         self.grids = volumes.Grids()
+        self.phase_values: list[float] = []
         self.unbounded_nodes: dict[int, Node] = {}  # textures of lights and heights
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
@@ -248,6 +249,7 @@ class _Builder:
         arrays = {**self.tables.arrays(), **shown, **self.sky}
         arrays["texels"] = self.texels.array()
         arrays["cells"] = self.grids.array()
+        arrays["phase_values"] = self.phase_values or None
         seen = arrays["emissions"] is not None or bool(self.sky) or any(environment)
         if not seen and arrays["light_kind"] is None:
             warnings.warn(
@@ -528,18 +530,35 @@ class _Builder:
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
-        row, grids = self.check_medium(node)
+        row, grids, lobes = self.check_medium(node)
+        new = len(self.tables.rows["media"])
+        index = self.tables.index("media", node, row)
+        if index < new:
+            return index
         for name, grid in grids.items():
-            index = self.tables.index("grids", grid.node, self.grids.placed(grid))
-            row[f"{name}_grid"] = index
-        return self.tables.index("media", node, row)
+            row[f"{name}_grid"] = self.tables.index("grids", grid.node, self.grids.placed(grid))
+        for lobe, of_lobe, values in lobes:
+            of_lobe["lobe_values"] = len(self.phase_values)
+            self.phase_values += values
+            place = self.tables.index("lobes", lobe, of_lobe)
+            row.setdefault("phase_lobe", place)
+            row["phase_lobes"] = len(lobes)
+        return index
 
-    def check_medium(self, node: Node) -> tuple[materials.Row, dict[str, volumes.Grid]]:
-        """A medium's row, and the grids of its parameters."""
+    def check_medium(
+        self, node: Node
+    ) -> tuple[materials.Row, dict[str, volumes.Grid], list[phases.Lobe]]:
+        """A medium's row, the grids of its parameters, and the lobes of its phase function if that
+        is not Henyey and Greenstein's."""
         parts, values = self.check(node)
-        phase = parts["phase"]
-        filled = materials.filled(phase[0], self.check(phase[0])[1]) if phase else {}
-        return volumes.medium(node, values, filled, self.volumes(node), self.grids)
+        filled: materials.Row = {}
+        lobes: list[phases.Lobe] = []
+        for phase in parts["phase"]:
+            if phase.plugin in ("isotropic", "hg"):
+                filled = materials.filled(phase, self.check(phase)[1])
+            else:
+                lobes = phases.lobes(phase, self.check)
+        return *volumes.medium(node, values, filled, self.volumes(node), self.grids), lobes
 
     def volumes(self, node: Node) -> volumes.Given:
         """The volumes of a medium by the parameter that they give."""
@@ -746,7 +765,7 @@ _LAMP = Node("diffuse", "", "bsdf")
 _TABLES = {
     table: blank_row(table)
     for table in TABLES
-    if table not in (*Shapes.TABLES, "texels", "cells", "attributes")
+    if table not in (*Shapes.TABLES, "texels", "cells", "attributes", "phase_values")
 }
 
 

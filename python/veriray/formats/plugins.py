@@ -121,6 +121,7 @@ _OPAQUE = (*OPAQUE_KINDS, "pplastic")
 _MEDIA = ("homogeneous", "heterogeneous")
 _VOLUMES = ("gridvolume", "constvolume")
 CHANNELS = ("r", "g", "b", "a", "x", "y", "z")
+_PHASES = ("isotropic", "hg", "rayleigh", "tabphase", "blendphase")
 VOLUME_FILTERS = ("trilinear", "nearest")
 _UNMASKED = (
     *_OPAQUE,
@@ -382,7 +383,7 @@ _MEDIUM = {
     "has_spectral_extinction": Param("boolean", True, note="the coefficients themselves say so"),
 }
 _IN_MEDIA: dict[str, tuple[tuple[str, ...], int, int]] = {
-    "phase": (("isotropic", "hg"), 0, 1),
+    "phase": (_PHASES, 0, 1),
     "volume": (_VOLUMES, 0, 2),
 }
 
@@ -840,6 +841,24 @@ PLUGINS: dict[str, Plugin] = {
             )
         },
         doc="Henyey and Greenstein",
+    ),
+    "rayleigh": Plugin("phase", doc="Rayleigh, without polarisation"),
+    "tabphase": Plugin(
+        "phase",
+        {
+            "values": Param(
+                "string",
+                REQUIRED,
+                doc="numbers at cosines of the turn from -1 (backward) to 1, linear between them",
+            )
+        },
+        doc="by a table, in proportion to its values",
+    ),
+    "blendphase": Plugin(
+        "phase",
+        {"weight": Param("float", None, 0.0, 1.0, doc="share of the second one, required")},
+        {"phase": (_PHASES, 2, 2)},
+        doc="the first one in part, the second for the rest; they may be blends",
     ),
     "area": Plugin(
         "emitter",

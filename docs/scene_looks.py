@@ -214,7 +214,16 @@ def scene_of(base: str, change: Any) -> Dict:
 
 LOOKS: dict[tuple[str, str], Look] = {}
 #: (object, parameter) -> why it has no picture; "" or "*" stand for any.
-PLAIN: dict[tuple[str, str], str] = {}
+PLAIN: dict[tuple[str, str], str] = {
+    ("bitmap", "channel"): "one channel of the image, of files of Mitsuba 0.x",
+    ("bitmap", "scale"): "a factor on the texels, of files of Mitsuba 0.x",
+    ("constvolume", "color"): "its number, under the name of Mitsuba 2",
+    ("lanczos", "lobes"): "rendered as `catmullrom`",
+    ("mesh", "disable_vertex_normals"): "`face_normals`, under the name of Mitsuba 2",
+    ("mesh_attribute", "bytes"): "how a file of Mitsuba 0.x keeps colours",
+    ("specfilm", "*"): "as of `hdrfilm`",
+    ("sunsky", "y_is_east"): "the directions of files of Mitsuba 0.x",
+}
 
 _COLOURS = [("grey 0.2", 0.2), ("0.8", 0.8), ("rgb 0.8, 0.3, 0.1", rgb(0.8, 0.3, 0.1))]
 _SLOPES = [("0.05", 0.05), ("0.2", 0.2), ("0.5", 0.5)]
@@ -227,7 +236,8 @@ _MATERIAL: dict[str, list[tuple[str, Any]]] = {
                      "specular_transmittance", "transmittance"), _COLOURS),
     **dict.fromkeys(("alpha", "roughness"), _SLOPES),
     **dict.fromkeys(("metallic", "spec_trans", "spec_tint", "sheen", "sheen_tint", "flatness",
-                     "clearcoat", "clearcoat_gloss", "anisotropic", "specular", "opacity"), _SHARES),
+                     "clearcoat", "clearcoat_gloss", "anisotropic", "specular", "opacity"),
+                    _SHARES),
     "int_ior": _INDICES,
     "ext_ior": [("air", "air"), ("water", "water"), ("1.45", 1.45)],
     "material": [("none", "none"), ("Au", "Au"), ("Cu", "Cu")],
@@ -377,8 +387,7 @@ def _textures() -> None:
         attribute = {"type": "mesh_attribute", "name": "vertex_color", "scale": scale}
         paper = {"type": "twosided", "inner": {"type": "diffuse", "reflectance": attribute}}
         return {"mesh": {"type": "mesh", "vertices": corners, "faces": [[0, 1, 2], [0, 2, 3]],
-                         "vertex_color": np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float),
-                         "bsdf": paper}}  # fmt: skip
+                         "vertex_color": np.vstack([np.eye(3), np.ones(3)]), "bsdf": paper}}  # fmt: skip
 
     LOOKS["mesh_attribute", "scale"] = Look("texture", [("0.3", mesh(0.3)), ("1", mesh(1.0))])
     PLAIN["bitmap", "filename"] = PLAIN["bitmap", "data"] = PLAIN["bitmap", "bitmap"] = "the image"
@@ -702,20 +711,26 @@ def _media() -> None:
     PLAIN["heterogeneous", "density_scale"] = "the older name of `scale`"
     for key in ("filename", "grid", "data", "use_grid_bbox", "raw", "accel", "max_value"):
         PLAIN["gridvolume", key] = "the numbers, or without effect"
-    LOOKS["hg", "g"] = Look(
+
+    def cloud(phase: Dict) -> Dict:
+        return {"type": "homogeneous", "sigma_t": 3.0, "albedo": 0.95, "phase": phase}
+
+    def peaked(g: float) -> Dict:
+        return {"type": "hg", "g": g}
+
+    def mixed(weight: float) -> Dict:
+        return {"type": "blendphase", "weight": weight, "back": peaked(-0.8), "on": peaked(0.8)}
+
+    LOOKS["hg", "g"] = Look("medium", [(t, cloud(peaked(float(t)))) for t in ("-0.8", "0", "0.8")])
+    LOOKS["rayleigh", ""] = Look(
+        "medium", [(name, cloud({"type": name})) for name in ("isotropic", "rayleigh")]
+    )
+    LOOKS["blendphase", "weight"] = Look(
+        "medium", [(t, cloud(mixed(float(t)))) for t in ("0", "0.5", "1")]
+    )
+    LOOKS["tabphase", "values"] = Look(
         "medium",
-        [
-            (
-                t,
-                {
-                    "type": "homogeneous",
-                    "sigma_t": 3.0,
-                    "albedo": 0.95,
-                    "phase": {"type": "hg", "g": g},
-                },
-            )
-            for t, g in (("-0.8", -0.8), ("0", 0.0), ("0.8", 0.8))
-        ],
+        [(v, cloud({"type": "tabphase", "values": v})) for v in ("8, 1, 1", "1, 8, 1", "1, 1, 8")],
     )
 
 

@@ -127,18 +127,20 @@ class Film {
     std::unique_ptr<Impl> impl;
 };
 
-// Mean radiance and its standard error, width * height * 3 numbers each, row 0 on top, in memory of
-// the film's device. Does not need the film any more.
+// Means of a plane and their standard errors, width * height * channels() numbers each, row 0 on
+// top, in memory of the film's device. Does not need the film any more.
 class Picture {
    public:
-    // counts: samples by pixel; null: samples() of each. threads: as of RenderSettings.
-    Picture(const Film& film, const uint64_t* counts, uint32_t threads);
+    // counts: samples by pixel; null: samples() of each. threads: as of RenderSettings. plane: one
+    // with squares; 0 is radiance.
+    Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane = 0);
     ~Picture();
     Picture(const Picture&) = delete;
     Picture& operator=(const Picture&) = delete;
 
     uint32_t width() const;
     uint32_t height() const;
+    uint32_t channels() const;
     int device() const;
     size_t memory() const;
     // The mean of the standard errors, each rounded to 2^-72 of the largest radiance; the same on
@@ -197,6 +199,19 @@ void add_kernels(int device, FeatureMask features, const std::string& code);
 
 RenderStats render(const Scene& scene, Film& film, const RenderSettings& settings,
                    const Poll& poll);
+
+// What feature images need beside seed, samples, sampler and threads of the settings. first_row: of
+// the scene's, at which the film begins. motion: rows that take a point of the world to x, y and w
+// of its pixel in the first and in the second camera.
+struct FeatureSettings : RenderSettings {
+    uint32_t first_row = 0;
+    double motion[2][3][4] = {};
+};
+// Adds samples of the film's planes that are feature images (kFeatureInfos), the numbers of those
+// samples that met something (kHitsPlane), and, with sample 0, what the pixels' centres show
+// (kPrimitivePlane). The film's planes beside these, and its samples(), stay as they are.
+RenderStats render_features(const Scene& scene, Film& film, const FeatureSettings& settings,
+                            const Poll& poll);
 
 // One path, vertex by vertex. CPU backends only.
 struct PathVertex {

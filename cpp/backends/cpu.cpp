@@ -1,6 +1,5 @@
 // The CPU back end: memory, threads and errors; no radiance is computed here. Compiled once for
 // each instruction set.
-#include <sys/mman.h>
 #include <thrust/version.h>
 #include <unistd.h>
 
@@ -69,67 +68,39 @@ struct Scene::Impl {
 
 namespace {
 
-// n zeros. The system clears large memory page by page where it is first used, so the threads of
-// a render share that work.
-template <class T>
-class Zeros {
-   public:
-    explicit Zeros(size_t n) : at_(static_cast<T*>(std::calloc(n, sizeof(T)))), size_(n) {
-        if (!at_) throw std::bad_alloc();
-        if (n * sizeof(T) >= 2 * kHugePage) advise(at_.get(), n * sizeof(T));
-    }
-    T* get() const { return at_.get(); }
-    size_t size() const { return size_; }
-
-   private:
-    static constexpr size_t kHugePage = 1 << 21;
-    struct Free {
-        void operator()(T* p) const { std::free(p); }
-    };
-    std::unique_ptr<T, Free> at_;
-    size_t size_;
-
-    // Pages of 2 MiB where the system has them: it clears memory faster by these.
-    static void advise(T* p, size_t bytes) {
-#if defined(MADV_HUGEPAGE)
-        const uintptr_t page = static_cast<uintptr_t>(sysconf(_SC_PAGESIZE));
-        const uintptr_t first = (reinterpret_cast<uintptr_t>(p) + page - 1) / page * page;
-        const uintptr_t last = (reinterpret_cast<uintptr_t>(p) + bytes) / page * page;
-        madvise(reinterpret_cast<void*>(first), last - first, MADV_HUGEPAGE);
-#endif
-    }
-};
-
+// The system clears large memory page by page where it is first used, so the threads of a render
+// share that work.
 class HostPicture final : public PictureMemory {
    public:
     explicit HostPicture(size_t n) : numbers_(n) {}
-    float* numbers() override { return numbers_.get(); }
+    float* numbers() override { return numbers_.data(); }
     void read(size_t first, size_t n, float* out) const override {
-        std::copy_n(numbers_.get() + first, n, out);
+        std::copy_n(numbers_.data() + first, n, out);
     }
 
    private:
-    Zeros<float> numbers_;
+    Large<float> numbers_;
 };
 
 class HostFilm final : public FilmMemory {
    public:
     explicit HostFilm(size_t words) : words_(words) {}
-    uint64_t* words() override { return words_.get(); }
-    void clear() override { std::fill_n(words_.get(), words_.size(), 0); }
+    uint64_t* words() override { return words_.data(); }
+    void clear() override { std::fill_n(words_.data(), words_.size(), 0); }
     void read(size_t first, size_t n, uint64_t* out) const override {
-        std::copy_n(words_.get() + first, n, out);
+        std::copy_n(words_.data() + first, n, out);
     }
     void add(const FilmMemory& other) override {
-        add(0, words_.size(), static_cast<const HostFilm&>(other).words_.get());
+        add(0, words_.size(), static_cast<const HostFilm&>(other).words_.data());
     }
     void add(size_t first, size_t n, const uint64_t* from) override {
-        const AddNumbers add_one{words_.get() + first, from};
+        const AddNumbers add_one{words_.data() + first, from};
         for (size_t i = 0; i < n / 2; ++i) add_one(i);
     }
-    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint64_t n, const uint64_t* counts,
-                                           uint32_t threads, ErrorSum& sum) const override {
-        const uint64_t size = 3ull * film.width * film.height;
+    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels, uint64_t n,
+                                           const uint64_t* counts, uint32_t threads,
+                                           ErrorSum& sum) const override {
+        const uint64_t size = uint64_t{channels} * film.width * film.height;
         std::unique_ptr<HostPicture> out;
         try {
             out = std::make_unique<HostPicture>(2 * size);
@@ -137,7 +108,8 @@ class HostFilm final : public FilmMemory {
             throw OutOfMemoryError("picture: needs " + std::to_string(2 * size * sizeof(float)) +
                                    " bytes");
         }
-        const ResolveChannels resolve_one{film, n, counts, out->numbers(), out->numbers() + size};
+        const ResolveChannels resolve_one{film,   channels,       n,
+                                          counts, out->numbers(), out->numbers() + size};
         std::mutex mutex;
         constexpr uint64_t kFew = 1 << 17;  // sooner done than threads start
         in_chunks(size < kFew ? 1 : threads, size, [&](size_t first, size_t last) {
@@ -151,7 +123,7 @@ class HostFilm final : public FilmMemory {
     }
 
    private:
-    Zeros<uint64_t> words_;
+    Large<uint64_t> words_;
 };
 
 }  // namespace

@@ -61,19 +61,20 @@ __global__ void __launch_bounds__(kResolveBlock)
 
 class DevicePicture final : public PictureMemory {
    public:
-    DevicePicture(const FilmView& film, uint64_t n, const uint64_t* counts, int device,
-                  ErrorSum& sum)
+    DevicePicture(const FilmView& film, uint32_t channels, uint64_t n, const uint64_t* counts,
+                  int device, ErrorSum& sum)
         : device_(device) {
-        const uint64_t pixels = static_cast<uint64_t>(film.width) * film.height;
-        numbers_ = {6 * pixels + sizeof(ErrorSum) / sizeof(float), "picture"};
+        const uint64_t pixels = static_cast<uint64_t>(film.width) * film.height,
+                       size = pixels * channels;
+        numbers_ = {2 * size + sizeof(ErrorSum) / sizeof(float), "picture"};
         const Scratch<uint64_t> by_pixel(counts, counts ? pixels : 0, "picture");
-        // of 24 bytes a pixel, so it is aligned
-        auto* there = reinterpret_cast<ErrorSum*>(numbers_.get() + 6 * pixels);
+        // of 8 bytes a channel, so it is aligned
+        auto* there = reinterpret_cast<ErrorSum*>(numbers_.get() + 2 * size);
         check(cudaMemsetAsync(there, 0, sizeof sum), "resolve film");
-        resolve_kernel<<<std::min(blocks_for(3 * pixels, kResolveBlock), kResolveBlocks),
-                         kResolveBlock>>>(
-            ResolveChannels{film, n, by_pixel.get(), numbers_.get(), numbers_.get() + 3 * pixels},
-            3 * pixels, there);
+        resolve_kernel<<<std::min(blocks_for(size, kResolveBlock), kResolveBlocks),
+                         kResolveBlock>>>(ResolveChannels{film, channels, n, by_pixel.get(),
+                                                          numbers_.get(), numbers_.get() + size},
+                                          size, there);
         check_launch("resolve film");
         check(cudaMemcpy(&sum, there, sizeof sum, cudaMemcpyDeviceToHost), "resolve film");
     }
@@ -135,10 +136,11 @@ class DeviceFilm final : public FilmMemory {
         use_device(device_);
         add_words(first, {from, n, "film"});
     }
-    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint64_t n, const uint64_t* counts,
-                                           uint32_t, ErrorSum& sum) const override {
+    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels, uint64_t n,
+                                           const uint64_t* counts, uint32_t,
+                                           ErrorSum& sum) const override {
         use_device(device_);
-        return std::make_unique<DevicePicture>(film, n, counts, device_, sum);
+        return std::make_unique<DevicePicture>(film, channels, n, counts, device_, sum);
     }
 
    private:

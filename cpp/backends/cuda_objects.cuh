@@ -37,8 +37,8 @@ struct Scene::Impl {
     HostScene host;
     DeviceTable<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
         light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
-        cells;
-    DeviceTable<uint32_t> surface_of, texels, sky_guides;
+        cells, lobes, phase_values, phase_drawn, phase_ends;
+    DeviceTable<uint32_t> surface_of, texels, sky_guides, phase_guides;
     TreeBuilder builder;
     std::shared_ptr<const DeviceTree> tree = std::make_shared<DeviceTree>();
     SceneView view;
@@ -81,6 +81,11 @@ struct Scene::Impl {
         VR_PUT(filter_edges, filter.edges);
         VR_PUT(grids, grids.table);
         VR_PUT(cells, grids.cells);
+        VR_PUT(lobes, phases.lobes);
+        VR_PUT(phase_values, phases.values);
+        VR_PUT(phase_drawn, phases.drawn);
+        VR_PUT(phase_ends, phases.ends);
+        VR_PUT(phase_guides, phases.guides);
         VR_PUT(sky_texels, lights.map.texels);
         VR_PUT(sky_ends, lights.map.ends);
         VR_PUT(sky_sines, lights.map.sines);

@@ -157,13 +157,22 @@ void Film::words(size_t plane, uint64_t* out) const {
     impl->memory->read(impl->first[plane], impl->first[plane + 1] - impl->first[plane], out);
 }
 
-Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads)
+Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane)
     : impl(std::make_unique<Impl>()) {
+    if (plane >= film.planes().size())
+        fail("plane " + std::to_string(plane) + " of a film of " +
+             std::to_string(film.planes().size()));
+    const PlaneInfo& info = film.planes()[plane];
+    if (info.kind != PlaneKind::kSumsAndSquares)
+        fail("plane " + in_words(info) + " has no squares, so no picture");
     FilmView view = film.impl->view();
-    if (view.scale == 0) view.scale = 1.f;
+    view.words += film.impl->first[plane];
+    view.scale = film.scale(plane) != 0 ? film.scale(plane) : 1.f;
     impl->width = film.width(), impl->height = film.height(), impl->device = film.impl->device;
+    impl->channels = info.channels;
     ErrorSum sum{};
-    impl->memory = film.impl->memory->resolve(view, film.samples(), counts, threads, sum);
+    impl->memory =
+        film.impl->memory->resolve(view, info.channels, film.samples(), counts, threads, sum);
     impl->mean_error = sum.not_finite
                            ? std::numeric_limits<double>::quiet_NaN()
                            : to_double(sum.sum, kSumScale) / static_cast<double>(impl->size()) /
@@ -172,6 +181,7 @@ Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads)
 Picture::~Picture() = default;
 uint32_t Picture::width() const { return impl->width; }
 uint32_t Picture::height() const { return impl->height; }
+uint32_t Picture::channels() const { return impl->channels; }
 int Picture::device() const { return impl->device; }
 size_t Picture::memory() const { return 2 * impl->size() * sizeof(float); }
 double Picture::mean_error() const { return impl->mean_error; }

@@ -36,15 +36,16 @@ class FilmMemory {
     // `first` on.
     virtual void add(const FilmMemory& other) = 0;
     virtual void add(size_t first, size_t n, const uint64_t* from) = 0;
-    // See Picture; n: samples() of the film.
-    virtual std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint64_t n,
-                                                   const uint64_t* counts, uint32_t threads,
-                                                   ErrorSum& sum) const = 0;
+    // See Picture; n: samples() of the film. Its radiance, or another plane with squares of some
+    // channels, which has the film's layout.
+    virtual std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels,
+                                                   uint64_t n, const uint64_t* counts,
+                                                   uint32_t threads, ErrorSum& sum) const = 0;
 };
 // Zeros. Throws OutOfMemoryError, and DeviceError for a device that there is not.
 std::unique_ptr<FilmMemory> film_memory(size_t words, int device);
 
-// What is done to the i-th number of a film, or to the i-th channel of its radiance.
+// What is done to the i-th number of a film, or to the i-th channel of a plane with squares.
 struct AddNumbers {
     uint64_t* a;
     const uint64_t* b;
@@ -57,12 +58,13 @@ struct AddNumbers {
 };
 struct ResolveChannels {
     FilmView film;
+    uint32_t channels;
     uint64_t n;
     const uint64_t* counts;
     float *mean, *error;
     VR_HD void operator()(uint64_t i, ErrorSum& sum) const {
-        resolve(film.words + i / 3 * kFilmWords, static_cast<uint32_t>(i % 3), film.scale,
-                counts ? counts[i / 3] : n, mean[i], error[i]);
+        resolve(film.words + 4 * i, 0, film.scale, counts ? counts[i / channels] : n, mean[i],
+                error[i]);
         const uint32_t bits = bit_cast<uint32_t>(error[i] * film.scale);
         if (bits == 0) return;
         const uint32_t exponent = bits >> 23;
@@ -97,12 +99,12 @@ struct Film::Impl {
 };
 
 struct Picture::Impl {
-    uint32_t width, height;
+    uint32_t width, height, channels;
     int device;
     double mean_error;
     std::unique_ptr<PictureMemory> memory;
 
-    size_t size() const { return 3ull * width * height; }
+    size_t size() const { return size_t{channels} * width * height; }
 };
 
 }  // namespace veriray

@@ -41,6 +41,7 @@ enum class Function : uint32_t {
     kOrthonormalFrame,   // n -> a, b
     kHenyeyGreenstein,   // d, g, u, v -> direction, pdf
     kHenyeyGreensteinP,  // d, w, g -> pdf
+    kRayleigh,           // d, u, v -> direction, pdf
     kSphere,             // record, o, d, t_max -> t (infinite: missed), p, n, offset
     kConeOfSphere,       // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
     kFresnelDielectric,  // cos_i, eta -> reflected, cos_t
@@ -82,6 +83,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"orthonormal_frame", 3, 6},
     {"henyey_greenstein", 6, 4},
     {"henyey_greenstein_pdf", 7, 1},
+    {"rayleigh", 5, 4},
     {"sphere", 15, 8},
     {"sphere_light", 13, 7},
     {"fresnel_dielectric", 2, 2},
@@ -171,13 +173,19 @@ VR_HD void evaluate_mapping(Function which, const F* x, F* y) {
             break;
         }
         case Function::kHenyeyGreenstein: {
-            const Vec3<F> d{x[0], x[1], x[2]}, wi = henyey_greenstein(d, x[3], x[4], x[5]);
+            const Vec3<F> d{x[0], x[1], x[2]}, wi = turned(d, henyey_greenstein(x[3], x[4]), x[5]);
             put(y, wi);
             y[3] = henyey_greenstein_pdf(d, wi, x[3]);
             break;
         }
-        default:
+        case Function::kHenyeyGreensteinP:
             y[0] = henyey_greenstein_pdf({x[0], x[1], x[2]}, {x[3], x[4], x[5]}, x[6]);
+            break;
+        default: {
+            const Vec3<F> d{x[0], x[1], x[2]}, wi = turned(d, rayleigh(x[3]), x[4]);
+            put(y, wi);
+            y[3] = rayleigh_pdf(dot(d, wi));
+        }
     }
 }
 
@@ -288,7 +296,7 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
     const Function f = static_cast<Function>(which);
     if (f <= Function::kExpMinus) {
         y[0] = evaluate_elementary(f, x[0]);
-    } else if (f <= Function::kHenyeyGreensteinP) {
+    } else if (f <= Function::kRayleigh) {
         evaluate_mapping(f, x, y);
     } else if (f == Function::kSphere) {
         evaluate_sphere<L>(x, y);

@@ -56,6 +56,8 @@ uint64_t complete_ledger(std::vector<uint64_t>& ledger, uint64_t paths) {
     return live;
 }
 
+}  // namespace
+
 void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_t sample_high) {
     stats.fault_count += log.count;
     for (uint64_t i = 0; i < std::min<uint64_t>(log.count, kMaxFaults); ++i) {
@@ -70,8 +72,6 @@ void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_
         return std::pair(a.sample, std::pair(a.y, a.x)) < std::pair(b.sample, std::pair(b.y, b.x));
     });
 }
-
-}  // namespace
 
 uint32_t choose_variant(const SceneView& scene, const RenderSettings& s, uint32_t of) {
     return s.all_features ? kVariantCount - 1 : variant_for(scene.features, of);

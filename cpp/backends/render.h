@@ -18,6 +18,8 @@ class Runner {
     // Rows of the ledger, all jobs' sums, from `first` on, some at a time; none after the last.
     virtual std::vector<uint64_t> ledger(uint64_t first) = 0;
 };
+void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_t sample_high);
+
 // Checks what its machine asks of the settings; notes that machine in the statistics.
 std::unique_ptr<Runner> make_runner(const Scene& scene, const Film& film, const RenderSettings& s,
                                     RenderStats& stats);

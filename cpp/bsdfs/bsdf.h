@@ -25,7 +25,6 @@ struct Bsdf {
             if (has(1u << k) && (kClosures[k].reads & parameter_bit(p))) return true;
         return false;
     }
-
     U kind;
     MaterialParameters<F> parameters;
     ClosureView<L> view;
@@ -138,8 +137,9 @@ struct Bsdf {
     // Share of the light from wo that goes on; see the closures.
     VR_HD S albedo() const {
         S share = S::all(F(0.f));
-        each(
-            [&](auto closure, M m) { share = select(m, closure.albedo(parameters, view), share); });
+        each([&](auto closure, M m) {
+            if (kOneKind || any(m)) share = select(m, closure.albedo(parameters, view), share);
+        });
         return share;
     }
 

@@ -64,41 +64,6 @@ VR_HD void orthonormal_frame(Vec3<F> n, Vec3<F>& a, Vec3<F>& b) {
     b = {q, fma(n.y * n.y, p, sign), -n.y};
 }
 
-// Phase function of L. Henyey, J. Greenstein, Astrophysical Journal 93, 1941, with mean cosine g in
-// (-1, 1) between the old and the new direction of travel. Everything is a product or a sum of
-// positive terms of |g|, so no precision is lost for g near 0 or +-1; negative g is mirrored.
-//
-// The new direction. With w = 1 - |g| + 2 |g| u, u = 0 backward:
-// 1 - cos = 2 (1 - |g|)^2 (1 - u) (1 + |g| u) / w^2
-// 1 + cos = 2 (1 + |g|)^2 u (1 - |g| + |g| u) / w^2.
-// The result is normalised, so its length does not drift over many scatterings.
-template <class F>
-VR_HD Vec3<F> henyey_greenstein(Vec3<F> d, F g, F u, F v) {
-    const F a = abs(g), one(1.f);
-    const F less = one - a, w = fma(F(2.f) * a, u, less);
-    const F scale = F(2.f) * less / (w * w);
-    const F forward = (one - u) * fma(a, u, one), backward = u * fma(a, u, less);
-    const F cosine = one - scale * less * forward;
-    const F sine = scale * (one + a) * sqrt(forward * backward);
-    F s, c;
-    sincos_2pi(v, s, c);
-    Vec3<F> x, y;
-    orthonormal_frame(d, x, y);
-    const F along = select(g < F(0.f), -cosine, cosine);
-    const Vec3<F> wi = fma(x, sine * c, fma(y, sine * s, d * along));
-    return wi * (one / sqrt(dot(wi, wi)));
-}
-
-// Its density per solid angle at w. Computed from 1 - cos = |d - w|^2 / 2 (negative g: 1 + cos),
-// because a rounded cosine does not resolve small angles.
-template <class F>
-VR_HD F henyey_greenstein_pdf(Vec3<F> d, Vec3<F> w, F g) {
-    const Vec3<F> apart = w - select(g < F(0.f), -d, d);
-    const F a = abs(g), less = F(1.f) - a;
-    const F base = fma(a, dot(apart, apart), less * less);
-    return F(0.25f * kInvPi) * less * (F(1.f) + a) / (base * sqrt(base));
-}
-
 // Exponential with mean 1 from 32 random bits: -log((bits + 1/2) 2^-32), 1.2e-10 to 22.9.
 template <class U>
 VR_HD auto exponential(U bits) {

@@ -34,11 +34,16 @@ class LaneSums {
         const D x = to_double(sample), high = nearest_multiple<kHigh>(x);
         part_[0] = part_[0] + high;
         part_[1] = part_[1] + in_units<kSumScale>(x - high);
-        const D square = x * x, top = nearest_multiple<kTop>(square), rest = square - top;
-        const D middle = nearest_multiple<kMiddle>(rest);
-        part_[2] = part_[2] + top;
-        part_[3] = part_[3] + middle;
-        part_[4] = part_[4] + in_units<kSquareScale>(rest - middle);
+        add_square(x);
+    }
+    // The same for samples of either sign.
+    void add_signed(typename L::F sample) {
+        using F = typename L::F;
+        const D x = to_double(abs(sample)), high = nearest_multiple<kHigh>(x);
+        const D sign = to_double(select(sample < F(0.f), F(-1.f), F(1.f)));
+        part_[0] = part_[0] + high * sign;
+        part_[1] = part_[1] + in_units<kSumScale>(x - high) * sign;
+        add_square(x);
     }
 
     // Adds the sums of the first `count` lanes to a channel of their pixels.
@@ -57,6 +62,15 @@ class LaneSums {
 
    private:
     using D = typename L::D;
+
+    void add_square(D x) {
+        const D square = x * x, top = nearest_multiple<kTop>(square), rest = square - top;
+        const D middle = nearest_multiple<kMiddle>(rest);
+        part_[2] = part_[2] + top;
+        part_[3] = part_[3] + middle;
+        part_[4] = part_[4] + in_units<kSquareScale>(rest - middle);
+    }
+
     // A sample is below 2^20, and its first part leaves at most 2^-28. A square is below 2^40, and
     // its parts leave at most 2^-8 and 2^-56.
     static constexpr int kHigh = 27, kTop = 7, kMiddle = 55;

@@ -18,16 +18,17 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     using typename Reader::Material;
 
     using Sampler = Lights<L, shapes_of(kFeatures), has(kRefraction | kPass | kMedia)>;
+    using PhaseFunction = Phase<L, has(kPhases)>;
 
     // A vertex: where and how light is scattered.
     struct Vertex {
         V p;        // shadow rays start here
         V ng, ns;   // on wo's side; surfaces only
         M surface;  // else a collision in a medium
-        F g;        // asymmetry of the phase function
         V behind;   // with kTransmits: where shadow rays to the other side of a surface start,
         U beyond;   // and the medium there
         U facing;   // with kManyLights
+        PhaseFunction phase;  // with kMedia
     };
     // What of a vertex the choice of a light depends on, but for its place.
     static VR_HD U facing_of(const Vertex& at, const Material& material) {
@@ -150,9 +151,10 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
             lit = lit | behind;
         }
         if constexpr (has(kMedia)) {
-            const F phase = henyey_greenstein_pdf(path.ray.d, light.wi, at.g);
-            value.f_cos = select(at.surface, value.f_cos, S::all(phase));
-            value.pdf_sa = select(at.surface, value.pdf_sa, phase);
+            const auto phase =
+                at.phase.eval(scene.phases, path.ray.d, light.wi, active & !at.surface);
+            value.f_cos = select(at.surface, value.f_cos, S::all(phase.value));
+            value.pdf_sa = select(at.surface, value.pdf_sa, phase.pdf_sa);
             lit = (lit & at.surface) | (active & !at.surface);
         }
         // Power heuristic.
@@ -286,6 +288,14 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
     }
     static VR_HD S medium_spectrum(const SceneView& scene, U medium, uint32_t c) {
         return S::of([&](uint32_t k) { return medium_column(scene, medium, c + k); });
+    }
+
+    static VR_HD PhaseFunction phase_function(const SceneView& scene, U medium) {
+        const U none(0u);
+        const F g = medium_column(scene, medium, kMediumG);
+        if (!has(kPhases) || !scene.phases.most) return {g, none, none, none};
+        return {g, medium, to_uint(medium_column(scene, medium, kMediumLobe)),
+                to_uint(medium_column(scene, medium, kMediumLobes))};
     }
 
     // The medium on the other side, for lanes that go `through`. Carrier: path or shadow request.

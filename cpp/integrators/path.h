@@ -156,7 +156,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
         }
         BsdfSample<L> next = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
         if constexpr (has(kMedia))
-            if (any(place.collided)) scatter_in_medium(path, place, random, next);
+            if (any(place.collided))
+                scatter_in_medium(scene, s, path, segment, place, random, next);
         advance(scene, path, place, next);
         end_here(s, path, segment, place, e);
         return e;

@@ -204,10 +204,10 @@ struct PathVertices : DirectLight<L, kFeatures> {
                         at.ng * side,
                         at.ns * side,
                         valid,
-                        F(0.f),
                         {},
                         U(0u),
-                        U(0u)};
+                        U(0u),
+                        {}};
         Vertex& vertex = place.vertex;
         if constexpr (Material::kTransmits) {
             vertex.behind = fma(at.ng, -at.offset * side, at.p);
@@ -248,7 +248,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.scatters = (covered & !dark) | place.collided;
         if constexpr (has(kMedia)) {
             vertex.p = select(place.collided, collision, vertex.p);
-            vertex.g = medium_column(scene, path.medium, kMediumG);
+            vertex.phase = Direct::phase_function(scene, path.medium);
         }
     }
 
@@ -290,16 +290,25 @@ struct PathVertices : DirectLight<L, kFeatures> {
     }
 
     // ---- medium vertex: the next direction of lanes that have collided ----
-    static VR_HD void scatter_in_medium(const PathState<L>& path, const Place& place,
-                                        Block<U> random, BsdfSample<L>& next) {
+    static VR_HD void scatter_in_medium(const SceneView& scene, const PathSettings& s,
+                                        const PathState<L>& path, uint32_t segment,
+                                        const Place& place, Block<U> random, BsdfSample<L>& next) {
         const M collided = place.collided;
-        next.wi = select(
-            collided,
-            henyey_greenstein(path.ray.d, place.vertex.g, uniform(random.z), uniform(random.w)),
-            next.wi);
-        const F phase = henyey_greenstein_pdf(path.ray.d, next.wi, place.vertex.g);
-        next.weight = select(collided, white(), next.weight);
-        next.pdf_sa = select(collided, phase, next.pdf_sa);
+        const auto& phase = place.vertex.phase;
+        const bool lobes = has(kPhases) && scene.phases.most;
+        F choice(0.f);
+        if (lobes)
+            choice = uniform(
+                random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).w);
+        const V wi = phase.sample(scene.phases, path.ray.d, choice, uniform(random.z),
+                                  uniform(random.w), collided);
+        next.wi = select(collided, wi, next.wi);
+        const auto drawn = phase.eval(scene.phases, path.ray.d, next.wi, collided);
+        S weight = white();
+        if (lobes)  // at a table's zeros, which rounding alone reaches, none
+            weight = S::all(select(drawn.pdf_sa > F(0.f), drawn.value / drawn.pdf_sa, F(0.f)));
+        next.weight = select(collided, weight, next.weight);
+        next.pdf_sa = select(collided, drawn.pdf_sa, next.pdf_sa);
         next.transmitted = next.transmitted & !collided;
     }
 
@@ -309,7 +318,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
         return place.pass;
     }
 
-   private:
     // Of a blend, the row of the one of its materials that a random number chooses. What the path
     // then meets is that one alone, so that densities and values belong together.
     static VR_HD void choose_material(const SceneView& scene, const PathSettings& s,
@@ -337,13 +345,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
         const U met = select(unseen, hit.primitive, U(0u));
         return unseen & !(lookup(scene.light_chance, met, scene.primitive_count) == F(0.f));
     }
-    // Power heuristic; 1 where no light sample competes.
-    static VR_HD F mis_weight(F pdf, F ratio) {
-        return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));
-    }
-    static VR_HD void add_radiance(PathState<L>& path, M m, const S& radiance) {
-        path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
-    }
     // Reflects nothing: black, the back of a one-sided material, or seen from below the shading
     // normal's horizon.
     static VR_HD M is_dark(const SceneView& scene, const Surface<L>& at, const Material& bsdf,
@@ -352,6 +353,15 @@ struct PathVertices : DirectLight<L, kFeatures> {
         if constexpr (has(kSmooth)) dark = dark | !(cos_o > F(0.f));
         if constexpr (has(kPass)) dark = dark & !bsdf.only_passes();
         return dark | bsdf.black();
+    }
+
+   private:
+    // Power heuristic; 1 where no light sample competes.
+    static VR_HD F mis_weight(F pdf, F ratio) {
+        return select(pdf == F(0.f), F(1.f), F(1.f) / fma(ratio, ratio, F(1.f)));
+    }
+    static VR_HD void add_radiance(PathState<L>& path, M m, const S& radiance) {
+        path.radiance = select(m, fma(path.throughput, radiance, path.radiance), path.radiance);
     }
 };
 

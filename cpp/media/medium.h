@@ -5,6 +5,7 @@
 
 #include "core/mapping.h"
 #include "core/math.h"
+#include "media/phase.h"
 #include "spectrum/spectrum.h"
 
 namespace veriray {
@@ -14,7 +15,9 @@ enum MediumColumn : uint32_t {
     kMediumSigma,                      // extinction: 3 columns
     kMediumAlbedo = kMediumSigma + 3,  // 3 columns
     kMediumG = kMediumAlbedo + 3,      // mean cosine of Henyey and Greenstein's phase function
-    kMediumBeyond = kMediumG + 1,      // medium for a ray that meets nothing; itself if unbounded
+    kMediumLobe,                       // with kPhases: the first lobe of the phase function
+    kMediumLobes,                      // and how many it has
+    kMediumBeyond,                     // medium for a ray that meets nothing; itself if unbounded
     kMediumAlbedoGrid,                 // a factor on the albedo; -1: none
     kMediumSigmaGrid,                  // the share of the extinction that is there; -1: none
     kMediumColumns,

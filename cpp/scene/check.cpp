@@ -149,6 +149,28 @@ void check_input(const SceneInput& in, const SceneInput* known) {
                  "begins cells that end at " + std::to_string(last) + "; there are " +
                      std::to_string(in.cells.count) + ", and at most 2^31 - 512 are allowed");
     }
+    for (size_t k = 0; k < in.lobes_rows(); ++k) {
+        if (in.lobe_kind.data[k] != kTabulated) continue;
+        const uint64_t first = in.lobe_values.data[k], last = first + in.lobe_size.data[k];
+        if (last > in.phase_values.count)
+            fail("lobe_values", k,
+                 "begins values that end at " + std::to_string(last) + " of " +
+                     std::to_string(in.phase_values.count) + " phase_values");
+        if (std::none_of(in.phase_values.data + first, in.phase_values.data + last,
+                         [](float x) { return x > 0; }))
+            fail("lobe_values", k, "begins values that are all 0");
+    }
+    for (size_t m = 0; m < in.sigma_t.count; ++m) {
+        const int64_t first = in.phase_lobe.data[m], last = first + in.phase_lobes.data[m];
+        if (first < 0) continue;
+        if (last > static_cast<int64_t>(in.lobes_rows()))
+            fail("phase_lobe", m,
+                 "begins lobes that end at " + std::to_string(last) + " of " +
+                     std::to_string(in.lobes_rows()));
+        if (std::none_of(in.lobe_share.data + first, in.lobe_share.data + last,
+                         [](float x) { return x > 0; }))
+            fail("phase_lobe", m, "begins lobes that have no share");
+    }
     const uint64_t sky = uint64_t{in.sky_size.data[0]} * in.sky_size.data[1];
     if (sky != in.sky_texels.count || sky > kMostSkyTexels)
         throw std::invalid_argument("sky_size holds " + std::to_string(in.sky_size.data[0]) +

@@ -1,23 +1,35 @@
 // Flat lamps that something opaque covers so closely that shadow rays would end before it.
-#include "scene/scene.h"
+#include "scene/box_pairs.h"
 
 namespace veriray {
 namespace {
 
-// A shadow ray ends before its lamp by the lamp's offset and 2^-21 of its length, which is below 4.
-constexpr double kNear = 0x1p-19;
-// Of planes as close as this the first primitive is met.
-constexpr double kOnePlane = 0x1p-22;
-constexpr size_t kMostPairs = 1 << 20;
-// Share of a lamp's area below which an overlap is rounding.
+// A shadow ray ends before its lamp by the lamp's offset, 2^-20 at most, and by 2^-21 of its
+// length, which is below 4.
+constexpr double kNear = 0x1p-18;
+// Within this two planes are one, of which the first primitive is met. Of others as close as
+// rounding either may be met: rays tell which.
+constexpr double kOnePlane = 0x1p-40, kRounding = 0x1p-22;
+// The share of a lamp that may be covered and is sampled all the same: neighbours whose edges
+// differ by rounding overlap. So much of its light may come through the cover.
 constexpr double kSliver = 1e-6;
+// Of a polygon around a disk, over the disk's: corners are at most 1/16 rad apart.
+constexpr double kAround = 1 + 0x1p-10;
 
-// The share of a polygon that another one of its plane covers; n: the plane's normal. Both convex.
-double covered_share(const Flat& a, const Flat& b, Double3 n) {
-    std::vector<Double3> rest(a.v.begin(), a.v.begin() + a.corners), kept;
-    const double turn = dot(b.area_vector(), n) < 0 ? -1 : 1;
-    for (uint32_t k = 0; k < b.corners && !rest.empty(); ++k) {
-        const Double3 p = b.v[k], inward = cross(n, b.v[(k + 1) % b.corners] - p) * turn;
+using Polygon = std::vector<Double3>;  // convex
+
+Double3 area_vector(const Polygon& p) {
+    Double3 sum{};
+    for (size_t i = 1; i + 1 < p.size(); ++i) sum = sum + cross(p[i] - p[0], p[i + 1] - p[0]) * 0.5;
+    return sum;
+}
+
+// The share of a polygon that another one of its plane covers; n: the plane's normal.
+double covered_share(const Polygon& a, const Polygon& b, Double3 n) {
+    Polygon rest = a, kept;
+    const double turn = dot(area_vector(b), n) < 0 ? -1 : 1;
+    for (size_t k = 0; k < b.size() && !rest.empty(); ++k) {
+        const Double3 p = b[k], inward = cross(n, b[(k + 1) % b.size()] - p) * turn;
         kept.clear();
         for (size_t i = 0; i < rest.size(); ++i) {
             const Double3 from = rest[i], to = rest[(i + 1) % rest.size()];
@@ -27,46 +39,79 @@ double covered_share(const Flat& a, const Flat& b, Double3 n) {
         }
         rest.swap(kept);
     }
-    double area = 0;
-    for (size_t i = 1; i + 1 < rest.size(); ++i)
-        area += 0.5 * dot(n, cross(rest[i] - rest[0], rest[i + 1] - rest[0]));
-    return std::abs(area) / length(a.area_vector());
+    return std::abs(dot(n, area_vector(rest))) / length(area_vector(a));
 }
 
 }  // namespace
 
-bool HostScene::covered(const SceneInput& in, const AreaLight& light) const {
-    if (sources[light.primitive].group != kTriangleGroup) return false;
-    const Flat lamp = shape_of(in, light);
-    const Double3 n = normalised(lamp.area_vector());
-    for (uint32_t i = 0; i < sources.size(); ++i) {
-        if (sources[i].group != kTriangleGroup || i == light.primitive || i == light.other ||
-            lets_through(in, kTriangleGroup, sources[i].row))
-            continue;
-        const Flat other = light_shape(in, i);
-        const Double3 m = normalised(other.area_vector());
+// The corners of a flat primitive, or of two that make a lamp; of a disk those of a polygon around
+// it. Empty for a sphere.
+std::vector<Double3> HostScene::outline(const SceneInput& in, const AreaLight& flat) const {
+    const PrimitiveSource& source = sources[flat.primitive];
+    if (source.group == kSphereGroup) return {};
+    Polygon corners;
+    if (source.group == kTriangleGroup) {
+        const Flat f = shape_of(in, flat);
+        corners.assign(f.v.begin(), f.v.begin() + f.corners);
+        return corners;
+    }
+    const auto row = [&](size_t k) { return row3(in.disks, 3 * source.row + k) * (1 / unit); };
+    const Double3 middle = row(0) - centre * (1 / unit), a = row(1), b = row(2);
+    constexpr int kHalf = 64;  // corners of a half, by the tangent of half the angle
+    for (int k = 0; k < 2 * kHalf; ++k) {
+        const double t = 2. * (k % kHalf) / kHalf - 1, far = k < kHalf ? kAround : -kAround;
+        corners.push_back(middle + (a * (1 - t * t) + b * (2 * t)) * (far / (1 + t * t)));
+    }
+    return corners;
+}
+
+std::vector<uint8_t> HostScene::covered(const SceneInput& in,
+                                        const std::vector<AreaLight>& lights) const {
+    std::vector<uint8_t> hidden(lights.size());
+    const Double3 near{kNear, kNear, kNear};
+    const auto around_lamp = [&](size_t k) {
+        const Box box =
+            around(box_around(in, lights[k].primitive), box_around(in, lights[k].other));
+        return Box{box.low - near, box.high + near};
+    };
+    const auto look = [&](size_t k, size_t i) {
+        const AreaLight& light = lights[k];
+        const std::atomic_ref<uint8_t> found(hidden[k]);
+        const uint32_t cover = static_cast<uint32_t>(i);
+        if (found || cover == light.primitive || cover == light.other ||
+            lets_through(in, sources[i].group, sources[i].row))
+            return true;
+        const Polygon lamp = outline(in, light), other = outline(in, {cover, cover, false, 0});
+        if (lamp.empty() || other.empty()) return true;
+        const Double3 n = normalised(area_vector(lamp)), m = normalised(area_vector(other));
         double high = 0, sum = 0;  // of the lamp over the other's plane
-        for (uint32_t k = 0; k < lamp.corners; ++k) {
-            const double height = dot(m, lamp.v[k] - other.v[0]);
+        for (const Double3 p : lamp) {
+            const double height = dot(m, p - other[0]);
             high = std::max(high, std::abs(height)), sum += height;
         }
-        if (!(high <= kNear)) continue;
-        const double before = -sum / lamp.corners * (dot(m, n) < 0 ? -1 : 1);
-        if (before > kOnePlane || (before >= -kOnePlane && i < light.primitive))
-            if (covered_share(lamp, other, n) > kSliver) return true;
-    }
-    return false;
+        const double size = static_cast<double>(lamp.size());
+        const double before = -sum / size * (dot(m, n) < 0 ? -1 : 1);
+        const bool first = std::abs(before) <= kOnePlane && light.primitive < cover &&
+                           sources[cover].group == kTriangleGroup;
+        if (high <= kNear && before >= -kRounding && !first &&
+            covered_share(lamp, other, n) > kSliver)
+            found = 1;
+        return true;
+    };
+    box_pairs(
+        lights.size(), around_lamp, sources.size(), [&](size_t i) { return box_around(in, i); },
+        look);
+    return hidden;
 }
 
 // Those that are not covered stay in the list.
 std::vector<AreaLight> HostScene::take_covered(const SceneInput& in,
-                                               std::vector<AreaLight>& lights) const {
-    if (lights.size() * sources.size() > kMostPairs) return {};
-    const auto hidden = std::stable_partition(lights.begin(), lights.end(),
-                                              [&](const AreaLight& a) { return !covered(in, a); });
-    std::vector<AreaLight> out(hidden, lights.end());
-    lights.erase(hidden, lights.end());
-    return out;
+                                               std::vector<AreaLight>& lights) {
+    if (covered_.size() != lights.size()) covered_ = covered(in, lights);
+    std::vector<AreaLight> seen, hidden;
+    for (size_t k = 0; k < lights.size(); ++k) (covered_[k] ? hidden : seen).push_back(lights[k]);
+    lights.swap(seen);
+    return hidden;
 }
 
 }  // namespace veriray

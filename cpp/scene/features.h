@@ -34,15 +34,16 @@ enum Feature : FeatureMask {
     kTangents = 1u << 19,       // slopes that depend on the direction, normal and bump maps
     kHidden = 1u << 20,         // light that the camera does not see directly
     kLightTextures = 1u << 21,  // textures of lights
-    kFirstLight = 1u << 22,     // a bit for each feature of lights, in their order
+    kPhases = 1u << 22,         // a phase function that is not Henyey and Greenstein's alone
+    kFirstLight = 1u << 23,     // a bit for each feature of lights, in their order
     kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
 inline constexpr const char* kFeatureNames[] = {
-    "quads",       "polygons",  "disks",    "spheres",       "bvh",          "smooth",
-    "many_lights", "clip",      "lens",     "signed_filter", "refraction",   "pass",
-    "media",       "chromatic", "textures", "albedo_grids",  "uneven_media", "blend",
-    "attributes",  "tangents",  "hidden",   "light_textures"};
+    "quads",       "polygons",  "disks",    "spheres",        "bvh",          "smooth",
+    "many_lights", "clip",      "lens",     "signed_filter",  "refraction",   "pass",
+    "media",       "chromatic", "textures", "albedo_grids",   "uneven_media", "blend",
+    "attributes",  "tangents",  "hidden",   "light_textures", "phases"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);

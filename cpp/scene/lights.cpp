@@ -47,7 +47,7 @@ void HostScene::set_first_occluder() {
     uint32_t& first = view.first_occluder;
     for (; first < view.quad_count; ++first) {
         const Flat& f = flats_[first];
-        if (f.emission >= 0 && view.lights.count == 1) continue;
+        if (light_chance[first] > kNotSampled && view.lights.count == 1) continue;
         for (size_t i = 0; i < sources.size(); ++i)
             if (sources[i].emission >= 0 ? i >= flats_.size() || !in_front(f, flats_[i], 0x1p-16)
                                          : i < flats_.size() && !in_front(f, flats_[i], -0x1p-8))

@@ -86,7 +86,7 @@ HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.
 void HostScene::run(Stage stage, const SceneInput& in) {
     if (stage == kSurfaceStage) set_surfaces(in);
     if (stage == kTextureStage) set_textures(in);
-    if (stage == kMediumStage) set_media(in), set_grids(in);
+    if (stage == kMediumStage) set_media(in), set_grids(in), set_phases(in);
     if (stage == kLightStage) set_lights(in);
 }
 
@@ -437,7 +437,8 @@ size_t HostScene::memory() const {
                 surface_of.size() + light_tree.size() + records.size() + round_boxes.size() +
                 uv.size() + tangents.size() + textures.size() + texels.size() + sky_texels.size() +
                 sky_ends.size() + sky_sines.size() + sky_guides.size() + grids.size() +
-                cells.size());
+                cells.size() + lobes.size() + phase_values.size() + phase_drawn.size() +
+                phase_ends.size() + phase_guides.size());
 }
 
 }  // namespace veriray

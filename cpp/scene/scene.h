@@ -216,8 +216,8 @@ class HostScene : public Frame {
 
     Table<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
         light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
-        cells;
-    Table<uint32_t> surface_of, texels, sky_guides;
+        cells, lobes, phase_values, phase_drawn, phase_ends;
+    Table<uint32_t> surface_of, texels, sky_guides, phase_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     Table<float> records, round_boxes;
 
@@ -226,6 +226,9 @@ class HostScene : public Frame {
         return {records.data(), round_boxes.data(), view.primitive_count - others,
                 view.primitive_count};
     }
+    // The rows of `uv`, also of a scene without textures. There the two triangles of a face that
+    // was merged have the map of the first.
+    std::vector<float> texture_maps(const SceneInput& in) const;
     size_t memory() const;
     const std::vector<Flat>& flats() const { return flats_; }
 
@@ -255,11 +258,12 @@ class HostScene : public Frame {
     Box round_box(const SceneInput& in, ShapeGroup group, uint32_t row) const;
     Box box_around(const SceneInput& in, size_t primitive) const;
     void put_smooth(const SceneInput& in, size_t primitive, const Flat& f);
-    void put_uv(const SceneInput& in, size_t primitive);
+    void put_uv(const SceneInput& in, size_t primitive, float* out) const;
     std::array<Double3, 3> corner_uv(const SceneInput& in, const Flat& f) const;
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);
     void set_grids(const SceneInput& in);
+    void set_phases(const SceneInput& in);
     void put_attribute(const SceneInput& in, size_t t, size_t primitive, uint32_t* out) const;
     void set_attributes(const SceneInput& in);
     void put_tangents(const SceneInput& in, size_t primitive);
@@ -275,8 +279,9 @@ class HostScene : public Frame {
     }
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
-    bool covered(const SceneInput& in, const AreaLight& light) const;
-    std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights) const;
+    std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
+    std::vector<uint8_t> covered(const SceneInput& in, const std::vector<AreaLight>& lights) const;
+    std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights);
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;
     double receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const;
     float brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
@@ -298,6 +303,7 @@ class HostScene : public Frame {
     void tabulate_filter(Density density, double reach, double scale);
 
     std::vector<Flat> flats_;               // of a scene without a tree
+    std::vector<uint8_t> covered_;          // by lamp, once it is known: whether it is not sampled
     bool has_normals_ = false;              // some that are not zero
     FeatureMask before_[kStages + 1] = {};  // the features before each stage, and after the last
     std::shared_ptr<const SceneBounds> bounds_;                                // of a large scene

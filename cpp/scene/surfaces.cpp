@@ -275,6 +275,7 @@ void HostScene::set_media(const SceneInput& in) {
         put(kMediumSigmaGrid, sigma_grid);
         if (!used[m]) continue;
         view.features |= kMedia;
+        if (in.phase_lobe.data[m - 1] >= 0) view.features |= kPhases;
         if (albedo_grid >= 0) view.features |= kAlbedoGrids;
         if (sigma_grid >= 0) {
             view.features |= kUnevenMedia;

@@ -128,8 +128,7 @@ bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat
     return true;
 }
 
-void HostScene::put_uv(const SceneInput& in, size_t primitive) {
-    float* out = &uv[primitive * kUvFloats];
+void HostScene::put_uv(const SceneInput& in, size_t primitive, float* out) const {
     const PrimitiveSource& s = sources[primitive];
     if (s.group == kSphereGroup) {
         const float* frame = in.sphere_frame.data + 9 * size_t{s.row};
@@ -249,6 +248,15 @@ void HostScene::put_tangents(const SceneInput& in, size_t primitive) {
     }
 }
 
+std::vector<float> HostScene::texture_maps(const SceneInput& in) const {
+    if (view.uv) return {uv.begin(), uv.end()};
+    std::vector<float> out(sources.size() * kUvFloats);
+    in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) put_uv(in, i, &out[i * kUvFloats]);
+    });
+    return out;
+}
+
 void HostScene::set_textures(const SceneInput& in) {
     for (size_t q = 0; q < in.light_texture.count; ++q)
         if (in.light_texture.data[q] >= 0) view.features |= kLightTextures;
@@ -280,7 +288,7 @@ void HostScene::set_textures(const SceneInput& in) {
     if (!(view.features & (kTextures | kTangents))) return;  // on no surface
     uv.assign(sources.size() * kUvFloats, 0.f);
     in_chunks(kAllThreads, sources.size(), [&](size_t first, size_t last) {
-        for (size_t i = first; i < last; ++i) put_uv(in, i);
+        for (size_t i = first; i < last; ++i) put_uv(in, i, &uv[i * kUvFloats]);
     });
     view.uv = uv.data();
     if (view.features & kTangents) {

@@ -10,7 +10,7 @@ inline constexpr FeatureMask kPlainMaterials = materials(kPlainKinds);
 // Features that the variants of scenes without any of them are compiled without, so that these
 // scenes do not pay for them.
 inline constexpr FeatureMask kRich = kTextures | kLightTextures | kHidden | kAlbedoGrids |
-                                     kUnevenMedia | kBlend | kAttributes | kTangents |
+                                     kUnevenMedia | kPhases | kBlend | kAttributes | kTangents |
                                      materials(kRoughKinds) | lights(kRichShapes);
 inline constexpr FeatureMask kLean = kAllFeatures & ~kRich;
 inline constexpr FeatureMask kSolid = kLean & ~(kPass | materials(kPassing));
@@ -34,7 +34,7 @@ inline constexpr FeatureMask kVariants[] = {
     kSpheres | kLeanSky | kMedia | kRefraction | (materials(kRefracting) & kLean),
     kLean & ~(kBvh | kSmooth | kMedia | kChromatic),
     kLean & ~(kMedia | kChromatic),
-    kAllFeatures & ~(kMedia | kChromatic | kAlbedoGrids | kUnevenMedia),
+    kAllFeatures & ~(kMedia | kChromatic | kAlbedoGrids | kUnevenMedia | kPhases),
     kLean,
 #endif
     kAllFeatures,

@@ -110,6 +110,7 @@ struct SceneView {
     const float* surfaces;       // [column][surface_stride]
     const float* media;          // [column][medium_stride]; medium 0 is the vacuum
     TextureView textures;
+    PhaseView phases;  // with kPhases only
     GridView grids;
     BvhView bvh;
     LightView lights;

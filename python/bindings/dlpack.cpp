@@ -51,7 +51,9 @@ struct Lent {
     int64_t shape[3], strides[3];
 
     explicit Lent(const std::shared_ptr<Picture>& p)
-        : picture(p), shape{p->height(), p->width(), 3}, strides{3 * shape[1], 3, 1} {
+        : picture(p),
+          shape{p->height(), p->width(), p->channels()},
+          strides{shape[2] * shape[1], shape[2], 1} {
         managed.tensor = {p->share(), device_of(*p), 3, kFloat, 32, 1, shape, strides, 0};
         managed.context = this;
         managed.deleter = [](M* m) { delete static_cast<Lent*>(m->context); };
@@ -79,9 +81,10 @@ py::array picture_view(const std::shared_ptr<Picture>& picture) {
     const py::capsule owner(keep.get(),
                             [](void* p) { delete static_cast<std::shared_ptr<Picture>*>(p); });
     keep.release();
-    py::array_t<float> out({static_cast<py::ssize_t>(picture->height()),
-                            static_cast<py::ssize_t>(picture->width()), py::ssize_t{3}},
-                           picture->share(), owner);
+    py::array_t<float> out(
+        {static_cast<py::ssize_t>(picture->height()), static_cast<py::ssize_t>(picture->width()),
+         static_cast<py::ssize_t>(picture->channels())},
+        picture->share(), owner);
     out.attr("setflags")(false);
     return out;
 }

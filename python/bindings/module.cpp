@@ -142,26 +142,45 @@ py::dict kernel_dict(const KernelUse& use) {
                     "resident_threads"_a = use.resident_threads);
 }
 
-py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
-                     const py::object& poll) {
-    // Ctrl-C and the callback are looked at on the calling thread; what they raise stops the
-    // render.
-    const Poll on_poll = [&](double share) {
+// Ctrl-C and the callback are looked at on the calling thread; what they raise stops the render.
+Poll poll_of(const py::object& poll) {
+    return [&poll](double share) {
         py::gil_scoped_acquire acquire;
         if (PyErr_CheckSignals() != 0) throw py::error_already_set();
         if (!poll.is_none()) poll(share);
         return true;
     };
-    RenderStats stats;
-    {
-        py::gil_scoped_release release;
-        stats = render(scene, film, s, on_poll);
-    }
-    const py::ssize_t depths = static_cast<py::ssize_t>(stats.ledger.size() / kLedgerColumns);
+}
+
+py::list faults_of(const RenderStats& stats) {
     py::list faults;
     for (const Fault& f : stats.faults)
         faults.append(
             py::make_tuple(f.x, f.y, f.sample, f.radiance[0], f.radiance[1], f.radiance[2]));
+    return faults;
+}
+
+py::dict features_dict(const Scene& scene, Film& film, const FeatureSettings& s,
+                       const py::object& poll) {
+    RenderStats stats;
+    {
+        py::gil_scoped_release release;
+        stats = render_features(scene, film, s, poll_of(poll));
+    }
+    using namespace py::literals;
+    return py::dict("seconds"_a = stats.seconds, "nonfinite_samples"_a = stats.fault_count,
+                    "nonfinite"_a = faults_of(stats), "device"_a = stats.device);
+}
+
+py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
+                     const py::object& poll) {
+    RenderStats stats;
+    {
+        py::gil_scoped_release release;
+        stats = render(scene, film, s, poll_of(poll));
+    }
+    const py::ssize_t depths = static_cast<py::ssize_t>(stats.ledger.size() / kLedgerColumns);
+    const py::list faults = faults_of(stats);
     using namespace py::literals;
     return py::dict(
         "ledger"_a = to_array(stats.ledger, {depths, kLedgerColumns}),
@@ -267,14 +286,16 @@ void add_state(Film& film, const py::dict& state) {
 
 std::shared_ptr<Picture> make_picture(const Film& film,
                                       const std::optional<Array<uint64_t>>& counts,
-                                      uint32_t threads) {
+                                      uint32_t threads, size_t plane) {
     if (counts) need_shape(*counts, "counts", {film.height(), film.width()});
     const uint64_t* n = counts ? counts->data() : nullptr;
     py::gil_scoped_release release;
-    return std::make_shared<Picture>(film, n, threads);
+    return std::make_shared<Picture>(film, n, threads, plane);
 }
 
-std::vector<py::ssize_t> picture_shape(const Picture& p) { return {p.height(), p.width(), 3}; }
+std::vector<py::ssize_t> picture_shape(const Picture& p) {
+    return {p.height(), p.width(), p.channels()};
+}
 
 // A new array with what `read` gives.
 py::array_t<float> copied(const Picture& p, void (Picture::*read)(float*) const) {
@@ -362,6 +383,13 @@ void bind_renderer(py::module_& m) {
             "variant", [](const Scene& s) { return feature_names(variant_mask(s.host().view)); })
         .def_property_readonly(
             "path_bytes", [](const Scene& s) { return path_bytes(variant_mask(s.host().view)); })
+        .def_property_readonly("input_index",
+                               [](const Scene& s) {
+                                   const auto& of = s.host().input_index;
+                                   py::array_t<uint32_t> out(static_cast<py::ssize_t>(of.size()));
+                                   std::copy(of.begin(), of.end(), out.mutable_data());
+                                   return out;
+                               })
         .def_property_readonly(
             "primitives",
             [](const Scene& s) {
@@ -412,12 +440,12 @@ void bind_renderer(py::module_& m) {
         .def(
             "resolve",
             [](const Film& f, const std::optional<Array<uint64_t>>& counts) {
-                const auto p = make_picture(f, counts, 0);
+                const auto p = make_picture(f, counts, 0, 0);
                 return py::make_tuple(copied(*p, &Picture::read_mean),
                                       copied(*p, &Picture::read_error));
             },
             "counts"_a = py::none())
-        .def("picture", &make_picture, "counts"_a = py::none(), "threads"_a = 0)
+        .def("picture", &make_picture, "counts"_a = py::none(), "threads"_a = 0, "plane"_a = 0)
         .def("sums",
              [](const Film& f) {
                  py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});
@@ -428,7 +456,13 @@ void bind_renderer(py::module_& m) {
                  }
                  return out;
              })
-        .def("words", [](const Film& f) { return words_of(f, 0); });
+        .def(
+            "words",
+            [](const Film& f, size_t plane) {
+                if (plane >= f.planes().size()) throw py::value_error("no such plane");
+                return words_of(f, plane);
+            },
+            "plane"_a = 0);
 
     using Rows3 = Array<double>;
     const auto mesh_view = [](const Rows3& vertices, const Array<uint32_t>& triangles) {
@@ -487,4 +521,24 @@ void bind_renderer(py::module_& m) {
         "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent", "scheduler"_a = "fused",
         "threads"_a = 0, "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none(),
         "pixels"_a = py::none());
+    m.def(
+        "render_features",
+        [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,
+           uint64_t sample_end, const std::string& sampler, uint32_t threads, bool all_features,
+           uint32_t first_row, const Array<double>& motion, const py::object& poll) {
+            need_shape(motion, "motion", {2, 3, 4});
+            FeatureSettings s;
+            s.seed = seed;
+            s.sample_begin = sample_begin;
+            s.sample_end = sample_end;
+            s.sampler = find_sampler(sampler);
+            s.threads = threads;
+            s.all_features = all_features;
+            s.first_row = first_row;
+            std::copy_n(motion.data(), motion.size(), &s.motion[0][0][0]);
+            return features_dict(scene, film, s, poll);
+        },
+        "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
+        "sampler"_a = "independent", "threads"_a = 0, "all_features"_a = false, "first_row"_a = 0,
+        "motion"_a, "poll"_a = py::none());
 }

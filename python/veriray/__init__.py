@@ -16,8 +16,10 @@ __version__ = "0.1.0"
 TYPE_CHECKING = False  # as type checkers read it; without an import of typing
 
 if TYPE_CHECKING:
+    from .accumulation import Accumulation
     from .camera import Camera, Film
     from .comparison import Report, compare
+    from .datasets import dataset
     from .device import Device, devices
     from .errors import (
         DeviceError,
@@ -27,14 +29,19 @@ if TYPE_CHECKING:
         SceneError,
         SceneWarning,
     )
+    from .feature_rendering import feature_images
+    from .features import FeatureImages
+    from .linting import lint
     from .picture import Render, film_hash
     from .rendering import render, trace_path
     from .scene import Scene, cornell_box, load_dict, load_file
     from .settings import SAMPLERS
 else:
     _HOMES = {
+        "accumulation": ("Accumulation",),
         "camera": ("Camera", "Film"),
         "comparison": ("Report", "compare"),
+        "datasets": ("dataset",),
         "device": ("Device", "devices"),
         "errors": (
             "DeviceError",
@@ -44,6 +51,9 @@ else:
             "SceneError",
             "SceneWarning",
         ),
+        "feature_rendering": ("feature_images",),
+        "features": ("FeatureImages",),
+        "linting": ("lint",),
         "picture": ("Render", "film_hash"),
         "rendering": ("render", "trace_path"),
         "scene": ("Scene", "cornell_box", "load_dict", "load_file"),
@@ -63,9 +73,11 @@ else:
 
 __all__ = [
     "SAMPLERS",
+    "Accumulation",
     "Camera",
     "Device",
     "DeviceError",
+    "FeatureImages",
     "Film",
     "ImageError",
     "OutOfMemoryError",
@@ -78,8 +90,11 @@ __all__ = [
     "__version__",
     "compare",
     "cornell_box",
+    "dataset",
     "devices",
+    "feature_images",
     "film_hash",
+    "lint",
     "load_dict",
     "load_file",
     "render",

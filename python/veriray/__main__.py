@@ -87,7 +87,7 @@ def may_use_cuda(words: list[str]) -> bool:
         name, equals, value = word.partition("=")
         if len(name) > 2 and "--device".startswith(name):
             device = value if equals else following
-    asked = words[:1] == ["render"] and not {"-h", "--help", "--pixel"} & {*words}
+    asked = words[:1] in (["render"], ["view"]) and not {"-h", "--help", "--pixel"} & {*words}
     return asked and device.partition(":")[0] in ("auto", "cuda")
 
 

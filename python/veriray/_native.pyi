@@ -16,9 +16,9 @@ class OutOfMemoryError(MemoryError): ...
 
 class SceneArrays(TypedDict):
     """V vertices, T triangles, S spheres, D disks, M materials, E emissions, B boundaries, K
-    media, Q lights, X textures, W texels, A attributes, Y sky, G grids, C cells; see
-    veriray.Scene. uint8 columns hold 0 or 1. Made by cpp/schema/generate.py from
-    python/veriray/columns.py."""
+    media, Q lights, X textures, W texels, A attributes, Y sky, G grids, C cells, L lobes, P
+    phase_values; see veriray.Scene. uint8 columns hold 0 or 1. Made by cpp/schema/generate.py
+    from python/veriray/columns.py."""
 
     vertices: npt.NDArray[np.float64]  # (V, 3)
     normals: npt.NDArray[np.float64]  # (V, 3)
@@ -124,6 +124,14 @@ class SceneArrays(TypedDict):
     grid_filter: npt.NDArray[np.uint32]  # (G,)
     grid_to_world: npt.NDArray[np.float64]  # (G, 3, 4)
     cells: npt.NDArray[np.float32]  # (C,)
+    lobe_kind: npt.NDArray[np.uint32]  # (L,)
+    lobe_share: npt.NDArray[np.float32]  # (L,)
+    lobe_g: npt.NDArray[np.float32]  # (L,)
+    lobe_values: npt.NDArray[np.uint32]  # (L,)
+    lobe_size: npt.NDArray[np.uint32]  # (L,)
+    phase_values: npt.NDArray[np.float32]  # (P,)
+    phase_lobe: npt.NDArray[np.int32]  # (K,)
+    phase_lobes: npt.NDArray[np.uint32]  # (K,)
     albedo_grid: npt.NDArray[np.int32]  # (K,)
     sigma_t_grid: npt.NDArray[np.int32]  # (K,)
 
@@ -198,6 +206,8 @@ class Scene:
     @property
     def path_bytes(self) -> int: ...  # stored for a path in flight
     @property
+    def input_index(self) -> npt.NDArray[np.uint32]: ...  # by primitive: triangle, T + sphere, ...
+    @property
     def primitives(self) -> dict[str, int]: ...
     @property
     def tree(self) -> dict[str, Any]: ...  # see veriray.render; or empty
@@ -242,12 +252,12 @@ class Film:
     @property
     def height(self) -> int: ...
     def picture(
-        self, counts: npt.NDArray[np.uint64] | None = None, threads: int = 0
-    ) -> Picture: ...  # counts: samples by pixel, else `samples` of each
+        self, counts: npt.NDArray[np.uint64] | None = None, threads: int = 0, plane: int = 0
+    ) -> Picture: ...  # counts: samples by pixel, else `samples` of each; plane: one with squares
     def resolve(
         self, counts: npt.NDArray[np.uint64] | None = None
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]: ...
-    def words(self) -> npt.NDArray[np.uint64]: ...  # of radiance, as in PlaneState
+    def words(self, plane: int = 0) -> npt.NDArray[np.uint64]: ...  # as in PlaneState
     def sums(self) -> npt.NDArray[np.float64]: ...
     def add(self, other: Film) -> None: ...  # of the same device
     def state(self) -> FilmState: ...
@@ -259,7 +269,9 @@ class Film:
     def clear(self) -> None: ...
 
 class Picture:
-    """Mean radiance and its standard error, (H, W, 3) float32 each, in memory of its device."""
+    """Means of a plane and their standard errors, (H, W, C) float32 each, in memory of its device.
+
+    Of radiance C is 3."""
 
     @property
     def width(self) -> int: ...
@@ -307,6 +319,26 @@ def render(
     poll: Callable[[float], object] | None,
     pixels: npt.NDArray[np.uint32] | None = None,
 ) -> Report: ...
+def render_features(
+    scene: Scene,
+    film: Film,
+    *,
+    seed: int,
+    sample_begin: int,
+    sample_end: int,
+    sampler: str,
+    threads: int,
+    all_features: bool = False,
+    first_row: int = 0,  # of the scene's, at which the film begins
+    motion: npt.NDArray[np.float64],  # (2, 3, 4): veriray.features.pixel_rows of two cameras
+    poll: Callable[[float], object] | None,
+) -> dict[str, Any]:
+    """Adds samples to the planes of a film that are feature images (cpp/film/features.h).
+
+    Of these: sums and squares, negative ones too, in normalised lengths (`Scene.frame`); `hits`,
+    which must be there, and `primitive`, integers. Returns seconds, nonfinite_samples, nonfinite
+    and device. ValueError for a plane that is none."""
+
 def trace_path(
     scene: Scene,
     *,

@@ -1,8 +1,10 @@
-"""The command `veriray`: render, compare, validate, info, convert, gallery, bench, doctor.
+"""The command `veriray`: render, dataset, compare, validate, info, lint, convert, denoise,
+gallery, view, bench, doctor.
 
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
-the pictures agree; validate: passed), 1 compare: they differ, validate: a case failed, doctor: the
-self-test failed, 2 error, 3 compare, validate: too little data for a verdict, 130 Ctrl-C.
+the pictures agree; validate: passed), 1 compare: they differ, validate: a case failed, lint: there
+are findings, doctor: the self-test failed, 2 error, 3 compare, validate: too little data for a
+verdict, 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -17,10 +19,25 @@ import warnings
 from collections.abc import Callable, Sequence
 
 from . import __version__
-from .commands import bench, compare, convert, doctor, gallery, info, render, validate
+from .commands import (
+    bench,
+    compare,
+    convert,
+    dataset,
+    denoise,
+    doctor,
+    gallery,
+    info,
+    lint,
+    render,
+    validate,
+    view,
+)
 from .commands.common import CommandError, Parser, say, show_warning
 
-COMMANDS = (render, compare, validate, info, convert, gallery, bench, doctor)
+COMMANDS = (
+    render, dataset, compare, validate, info, lint, convert, denoise, gallery, view, bench, doctor,
+)  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

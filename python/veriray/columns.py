@@ -81,6 +81,10 @@ TEXTURABLE = (
     "reflectance", "specular_reflectance", "specular_transmittance", "opacity",
     "alpha_u", "alpha_v", *PRINCIPLED, *PRINCIPLED_THIN, "blend_weight",
 )  # fmt: skip
+#: Names of the values of `lobe_kind`.
+PHASE_KINDS = ("hg", "rayleigh", "tabphase")
+MAX_LOBES = 64  # of a medium
+MAX_PHASE_VALUES = 1 << 16  # of a lobe
 MAX_UV = 1e30  # of a texture coordinate: float32
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
@@ -105,6 +109,8 @@ TABLES = {
     "sky": "Y",
     "grids": "G",
     "cells": "C",
+    "lobes": "L",
+    "phase_values": "P",
 }
 
 
@@ -394,6 +400,27 @@ _HASHED_IF_SET: dict[str, Column] = {
         "cells", np.float32, low=0.0, high=1.0,
         doc="numbers of grids: of a grid x by x, then by y and z, those of a cell side by side",
     ),
+    "lobe_kind": Column("lobes", np.uint32, indexes="phase kinds", doc="of PHASE_KINDS"),
+    "lobe_share": Column(
+        "lobes", np.float32, (), 1.0, 0.0, 1.0,
+        doc="of its medium's phase function; those of a medium add up to 1",
+    ),
+    "lobe_g": Column(
+        "lobes", np.float32, (), 0.0, -1.0, 1.0, open=True, doc="of an hg; as phase_g"
+    ),
+    "lobe_values": Column(
+        "lobes", np.uint32, (), 0, doc="of a tabphase: its first row of phase_values"
+    ),
+    "lobe_size": Column("lobes", np.uint32, (), 2, 2, MAX_PHASE_VALUES, doc="and how many it has"),
+    "phase_values": Column(
+        "phase_values", np.float32, low=0.0,
+        doc="at cosines of the turn from -1 (backward) to 1 in equal steps, linear between them; "
+        "in proportion to what a tabphase scatters",
+    ),
+    "phase_lobe": _index(
+        "media", "lobes", -1, doc="the first lobe of its phase function; -1: it is that of phase_g"
+    ),
+    "phase_lobes": Column("media", np.uint32, (), 1, 1, MAX_LOBES, doc="and how many it has"),
     "albedo_grid": _index(
         "media", "grids", -1, doc="a factor on albedo by place; -1: none"
     ),
@@ -414,6 +441,7 @@ KINDS = {
     "texture filters": len(TEXTURE_FILTERS),
     "texture formats": len(TEXTURE_FORMATS),
     "distributions": len(DISTRIBUTIONS),
+    "phase kinds": len(PHASE_KINDS),
 }
 
 
@@ -478,6 +506,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] = {}) -> dict[str
     if any(name in unknown for name in ("sky_size", "sky_texels", "sky_to_world", "environment")):
         _check_sky(arrays)
     _check_grids(arrays)
+    _check_phases(arrays)
     return arrays
 
 
@@ -691,3 +720,29 @@ def _check_grids(arrays: Mapping[str, Array]) -> None:
             f"sigma_t[{uneven}] = {sigma[uneven].tolist()} with sigma_t_grid; expected one number "
             "three times"
         )
+
+
+def _check_phases(arrays: Mapping[str, Array]) -> None:
+    values, shares = arrays["phase_values"], arrays["lobe_share"]
+    for row in np.flatnonzero(arrays["lobe_kind"] == PHASE_KINDS.index("tabphase")).tolist():
+        first, size = int(arrays["lobe_values"][row]), int(arrays["lobe_size"][row])
+        if first + size > len(values):
+            raise SceneError(
+                f"lobe_values[{row}] = {first}: {size} values end at {first + size}; there are "
+                f"{len(values)} phase_values"
+            )
+        if not values[first : first + size].any():
+            raise SceneError(f"phase_values[{first}:{first + size}] of lobe {row} are all 0")
+    for row in np.flatnonzero(arrays["phase_lobe"] >= 0).tolist():
+        first, count = int(arrays["phase_lobe"][row]), int(arrays["phase_lobes"][row])
+        if first + count > len(shares):
+            raise SceneError(
+                f"phase_lobe[{row}] = {first}: {count} lobes end at {first + count}; there are "
+                f"{len(shares)}"
+            )
+        total = float(shares[first : first + count].sum(dtype=np.float64))
+        if not abs(total - 1) <= 1e-5:
+            raise SceneError(
+                f"lobe_share[{first}:{first + count}] of medium {row} add up to {total:g}, "
+                "expected 1"
+            )

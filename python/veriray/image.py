@@ -22,41 +22,34 @@ Header attributes, all of them strings, each optional (a missing one reads as em
 - `veriray.format` "1"; `veriray.renderer` program that made it: "veriray", "reference", ...
 - `veriray.version`, `veriray.device`, `veriray.scheduler`, `veriray.sampler`: free text
 - `veriray.scene_sha256`, `veriray.film_sha256`: 64 hexadecimal digits
+- `veriray.denoiser`: program that guessed the picture behind the noise; only in such files, which
+  have no `film_sha256`, and which `veriray.compare` refuses
 - `veriray.seed`, `veriray.spp`, `veriray.max_depth`, `veriray.rr_depth`: decimal integers
 - `veriray.batches`: B as a decimal integer, "0" for none; `veriray.seconds`: decimal number
 - `veriray.features`: JSON list of strings
 - `veriray.ledger`: JSON object, column name -> list of integers, one per depth; the columns are
   live, escaped, emitter_end, absorbed, rr_killed, depth_cut, invalid, shadow_visible,
   shadow_occluded; lists of one length, trailing all-zero depths left out
+- `veriray.feature_spp`: decimal integer, samples of the feature images' means; then channels
+  `LAYER.X` and `stderr.LAYER.X` (`veriray.features.LAYERS`): FLOAT, but UINT for numbers
 - `veriray.regions`: JSON list of names; entry k names the value k + 1 of channel `region`
 - `veriray.stats`: JSON object, whatever else `Render.stats` holds
 """
 
 from __future__ import annotations
 
-import json
 import os
 from typing import Any
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from .errors import ImageError as ImageError
-from .files import open_regular
-from .numeric import path_text, whole
-from .picture import LEDGER_COLUMNS, Render
-from .saving import INT_KEYS, TEXT_KEYS, library_silenced
+from .loading import MAX_BYTES, read
+from .loading import read_exr as read_exr
+from .picture import Render
 from .saving import save_png as save_png
 from .saving import to_srgb8 as to_srgb8
-from .settings import MAX_BATCHES
-
-_MAGIC = b"\x76\x2f\x31\x01"
-_MAX_SIDE = 1 << 16
-_MAX_DEPTHS = 1 << 20
-_MAX_BYTES = 1 << 31
-_DEFLATE_LIMIT = 1100  # deflate cannot shrink data to less than 1/1032
-_WHOLE = ("region", "samples")  # channels of integers
 
 
 def save(render: Render, path: str | os.PathLike[str], **options: Any) -> None:
@@ -66,7 +59,7 @@ def save(render: Render, path: str | os.PathLike[str], **options: Any) -> None:
     render.save(path, **options)
 
 
-def load(path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES) -> Render:
+def load(path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES) -> Render:
     """Read a render from an EXR file (layout at the top of this module).
 
     Nothing in the file is trusted: sizes are checked before pixels are read, and text is parsed
@@ -85,166 +78,8 @@ def load(path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES) -> Render
 
 
 def load_with_regions(
-    path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES
+    path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES
 ) -> tuple[Render, NDArray[np.uint32] | None, list[str]]:
     """As `load`, with the object masks: (H, W) uint32 (0 = nothing) or None, and their names."""
-    where = path_text("path", path, ImageError)
-    max_bytes = whole("max_bytes", max_bytes, 0, 2**63, error=ImageError)
-    header, channels = read_exr(path, max_bytes)
-    if "R" not in channels:
-        found = ", ".join(sorted(channels)[:9])
-        raise ImageError(f"{where}: no channels R, G, B; found {found}")
-    for name, values in channels.items():
-        channels[name] = values.astype(np.uint32 if name in _WHOLE else np.float32)
-    image = _group(channels, "", where)
-    assert image is not None
-    stderr = _group(channels, "stderr.", where)
-    named = sum(name.startswith("batch.") for name in channels)
-    batches = [g for k in range(min(-(-named // 3), MAX_BATCHES))
-               if (g := _group(channels, f"batch.{k:03d}.", where)) is not None]  # fmt: skip
-    stats = _stats(header, where)
-    if named != 3 * len(batches) or any(f"batch.{k:03d}.R" not in channels
-                                        for k in range(len(batches))):  # fmt: skip
-        raise ImageError(f"{where}: channels batch.NNN.R/G/B are not numbered 000, 001, ...")
-    if batches and stats["spp"] % len(batches):
-        raise ImageError(f"{where}: {len(batches)} batches do not divide spp {stats['spp']}")
-    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
-    if bad:
-        stats["nonfinite_pixels"] = bad
-    names = [str(name) for name in _json(header, "veriray.regions", list, where)]
-    render = Render(
-        image=image,
-        stderr=np.full_like(image, np.nan) if stderr is None else stderr,
-        batch_means=np.stack(batches).astype(np.float64) if batches else None,
-        film_sha256=stats.pop("film_sha256"),
-        stats=stats,
-        width=image.shape[1],
-        height=image.shape[0],
-        spp=stats["spp"],
-        seed=stats["seed"],
-        samples=channels.get("samples"),
-    )
-    return render, channels.get("region"), names
-
-
-def read_exr(
-    path: str | os.PathLike[str], max_bytes: int
-) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Header and channels (name -> (H, W) float16, float32 or uint32) of the first part.
-
-    max_bytes: of all decoded channels together, as float32. Raises ImageError for a file that is
-    damaged or larger, OSError for one that cannot be read.
-    """
-    where = os.fspath(path)
-    with open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        magic = file.read(8)
-        if magic.startswith(b"\x89PNG"):
-            raise ImageError(f"{where}: a PNG is a display copy and cannot be read back; "
-                             "use the EXR file")  # fmt: skip
-        if magic[:4] != _MAGIC:
-            raise ImageError(f"{where}: not an OpenEXR file")
-        try:
-            file.seek(0)
-            with library_silenced():
-                header = OpenEXR.File(file, header_only=True).header()
-            for key, value in header.items():
-                if key.startswith("veriray.") and not isinstance(value, str):
-                    raise ImageError(f"{where}: header attribute {key!r} is not a string")
-            _check_header(header, size, max_bytes, where)
-            file.seek(0)
-            with library_silenced() as printed:  # a damaged part is only printed about
-                parts = OpenEXR.File(file, separate_channels=True).channels()
-            if printed.getvalue():
-                raise ValueError(printed.getvalue())
-            pixels = {name: np.asarray(channel.pixels) for name, channel in parts.items()}
-        except (ImageError, MemoryError):
-            raise
-        except Exception as error:  # the library's errors have no common base class
-            reason = " ".join(str(error).split())
-            raise ImageError(f"{where}: not a readable OpenEXR file: {reason}") from error
-    shape = next((values.shape for values in pixels.values()), ())
-    for name, values in pixels.items():
-        if values.shape != shape or values.dtype not in (np.float16, np.float32, np.uint32):
-            raise ImageError(f"{where}: channel {name!r} is {values.dtype} {values.shape}; "
-                             f"expected float32 {shape}")  # fmt: skip
-    return header, pixels
-
-
-def _check_header(header: dict[str, Any], size: int, max_bytes: int, where: str) -> None:
-    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
-    width, height = (int(x) for x in high - low + 1)
-    if not (1 <= width <= _MAX_SIDE and 1 <= height <= _MAX_SIDE):
-        raise ImageError(f"{where}: {width} x {height} pixels; expected 1 to {_MAX_SIDE} a side")
-    channels = header["channels"]
-    if len(channels) > 3 * MAX_BATCHES + 64:
-        raise ImageError(f"{where}: {len(channels)} channels; at most {3 * MAX_BATCHES + 64}")
-    need = 4 * width * height * len(channels)
-    if need > max_bytes:
-        raise ImageError(f"{where}: {need} bytes of pixels; the limit is {max_bytes} (max_bytes)")
-    if need > _DEFLATE_LIMIT * size:
-        raise ImageError(f"{where}: damaged: {need} bytes of pixels cannot come from {size} bytes")
-
-
-def _group(
-    channels: dict[str, NDArray[Any]], prefix: str, where: str
-) -> NDArray[np.float32] | None:
-    """The three channels of a prefix as (H, W, 3), or None if none of them is there."""
-    found = [prefix + letter in channels for letter in "RGB"]
-    if not any(found):
-        return None
-    if not all(found):
-        raise ImageError(f"{where}: channels {prefix}R, {prefix}G, {prefix}B are not all there")
-    picture: NDArray[np.float32] = np.stack([channels[prefix + c] for c in "RGB"], axis=-1)
-    return picture
-
-
-def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:
-    """`Render.stats` from the header; the attributes of their own win over `veriray.stats`."""
-    stats: dict[str, Any] = _json(header, "veriray.stats", dict, where)
-    for key in TEXT_KEYS:
-        stats[key] = header.get(f"veriray.{key}", "")
-    for key in INT_KEYS:
-        text = header.get(f"veriray.{key}")
-        stats[key] = None if text is None else _integer(text, f"veriray.{key}", where)
-    stats["spp"], stats["seed"] = stats["spp"] or 0, stats["seed"] or 0
-    try:
-        seconds = float(header.get("veriray.seconds", 0.0))
-    except ValueError:
-        raise ImageError(f"{where}: veriray.seconds is not a number") from None
-    if not 0 <= seconds < np.inf:
-        raise ImageError(f"{where}: veriray.seconds = {seconds} is not in [0, inf)")
-    stats["seconds"] = abs(seconds)  # of -0 too
-    stats["features"] = [str(x) for x in _json(header, "veriray.features", list, where)]
-    ledger = _json(header, "veriray.ledger", dict, where)
-    columns = {name: ledger[name] for name in LEDGER_COLUMNS if name in ledger}
-    for name, column in columns.items():
-        if (not isinstance(column, list) or len(column) > _MAX_DEPTHS
-                or len(column) != len(columns.get("live", column))
-                or not all(type(x) is int and 0 <= x < 1 << 64 for x in column)):  # fmt: skip
-            raise ImageError(f"{where}: veriray.ledger: column {name!r} is not a list of counts "
-                             "as long as 'live'")  # fmt: skip
-    stats["ledger"] = columns
-    return stats
-
-
-def _integer(text: str, key: str, where: str) -> int:
-    low = -1 if key.endswith("depth") else 0
-    try:
-        value = int(text)
-    except ValueError:
-        raise ImageError(f"{where}: {key} is {text[:24]!r}; expected an integer") from None
-    if not low <= value < 1 << 64:
-        raise ImageError(f"{where}: {key} is {value}; expected {low} to 2^64 - 1")
-    return value
-
-
-def _json(header: dict[str, Any], key: str, kind: type, where: str) -> Any:
-    text = header.get(key, "")
-    try:
-        value = json.loads(text) if text else kind()
-    except (ValueError, RecursionError) as error:
-        raise ImageError(f"{where}: {key} is not JSON: {error}") from error
-    if not isinstance(value, kind):
-        raise ImageError(f"{where}: {key} is not a JSON {kind.__name__}")
-    return value
+    fields, regions, names = read(path, max_bytes)
+    return Render(**fields), regions, names

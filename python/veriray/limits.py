@@ -1,4 +1,4 @@
-"""Details of a scene too fine for float32: README's Limits, as warnings of `veriray info`.
+"""Details of a scene too fine for float32: docs/limits.md, as warnings of `veriray info`.
 
 Positions are float32 in a frame whose origin the native scene chooses (its `frame`), so they are
 rounded to 6e-8 of their distance from it. Each check gives a list of texts, empty if all is well.
@@ -6,7 +6,7 @@ rounded to 6e-8 of their distance from it. Each check gives a list of texts, emp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,7 +88,7 @@ def small_shapes(scene: Scene, origin: Array) -> list[str]:
     """Primitives smaller than the rounding of positions."""
     found = []
     for kind in ("triangle", "sphere", "disk"):
-        low, high = _boxes(scene, kind, origin)
+        low, high = primitive_boxes(scene, kind, origin)
         size, away = (_longest(x) for x in (high - low, (high + low) / 2))
         rows = np.flatnonzero((size > 0) & (size < LENGTH * away))
         if len(rows):
@@ -107,12 +107,32 @@ def near_faces(scene: Scene, origin: Array) -> list[str]:
     """
     if not 1 < len(scene.triangles) <= MOST_TRIANGLES:
         return []
-    corners = _corners(scene, origin)
+    for one, other, gap in parallel_pairs(scene, origin, np.arange(len(scene.triangles)), 1e-12,
+                                          LENGTH):  # fmt: skip
+        names = [_name(scene, f"triangles[{row}]") for row in (one, other)]
+        return [
+            f"the gap between {names[0]} and {names[1]} is {gap:.1g} of their distance from the "
+            f"frame's origin: below {LENGTH:g} they may change places"
+        ]
+    return []
+
+
+def parallel_pairs(
+    scene: Scene, origin: Array, rows: Array, least: float, most: float, same_side: bool = False
+) -> Iterator[tuple[int, int, float]]:
+    """Triangles of `rows` in parallel planes, one above the other: their numbers, and the gap.
+
+    least, most: of the gap as a share of their distance from the origin, both excluded.
+    same_side: their fronts look the same way. Each is paired with those of the NEIGHBOURS next
+    planes.
+    """
+    corners = _corners(scene, origin, rows)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.sqrt((normals**2).sum(axis=1))
     number = np.flatnonzero(lengths > 0)
     corners, normals = corners[number], normals[number] / lengths[number, None]
-    normals *= np.where(normals @ (0.54, 0.31, 0.78) < 0, -1.0, 1.0)[:, None]  # either side
+    turned = normals @ (0.54, 0.31, 0.78) < 0
+    normals *= np.where(turned, -1.0, 1.0)[:, None]  # either side
     offsets = (normals * corners[:, 0]).sum(axis=1)
     away = np.abs(corners).max(axis=(1, 2))
     keys = np.round(normals * 2**20).astype(np.int64)
@@ -120,16 +140,13 @@ def near_faces(scene: Scene, origin: Array) -> list[str]:
     for step in range(1, min(NEIGHBOURS + 1, len(order))):
         a, b = order[:-step], order[step:]
         gap = (offsets[b] - offsets[a]) / np.maximum(away[a], away[b])
-        near = (gap > 1e-12) & (gap < LENGTH) & (keys[a] == keys[b]).all(axis=1)
-        a, b = a[near], b[near]
-        hit = np.flatnonzero(_overlap(corners[a], corners[b], normals[a]))
-        if len(hit):
-            one, other = (_name(scene, f"triangles[{number[x[hit[0]]]}]") for x in (a, b))
-            return [
-                f"the gap between {one} and {other} is {gap[near][hit[0]]:.1g} of their distance "
-                f"from the frame's origin: below {LENGTH:g} they may change places"
-            ]
-    return []
+        near = (gap > least) & (gap < most)
+        near &= (keys[a] == keys[b]).all(axis=1)
+        if same_side:
+            near &= turned[a] == turned[b]
+        a, b, gap = a[near], b[near], gap[near]
+        for hit in np.flatnonzero(_overlap(corners[a], corners[b], normals[a])).tolist():
+            yield int(rows[number[a[hit]]]), int(rows[number[b[hit]]]), float(gap[hit])
 
 
 def near_lamps(scene: Scene, origin: Array) -> list[str]:
@@ -169,10 +186,10 @@ def _longest(vectors: Array) -> Array:
 
 
 def _all_boxes(scene: Scene, origin: Array) -> dict[str, Array]:
-    return {kind: _boxes(scene, kind, origin) for kind in ("triangle", "sphere", "disk")}
+    return {kind: primitive_boxes(scene, kind, origin) for kind in ("triangle", "sphere", "disk")}
 
 
-def _boxes(scene: Scene, kind: str, origin: Array) -> Array:
+def primitive_boxes(scene: Scene, kind: str, origin: Array) -> Array:
     """Lowest and highest coordinates (2, n, 3), about the origin, of all shapes of a kind."""
     if kind == "triangle":
         a, b, c = (scene.vertices[scene.triangles[:, k]] for k in range(3))

@@ -113,8 +113,8 @@ def repeated(value: Any, shape: tuple[int, ...], dtype: Any) -> Array:
 
 
 def distinct(values: Array) -> Array:
-    """The first row alone of an array that `repeated` made, else the array."""
-    return values[:1] if values.ndim and not any(values.strides) else values
+    """The first row alone of an array that `repeated` made of some rows, else the array."""
+    return values[:1] if values.ndim and len(values) and not any(values.strides) else values
 
 
 def array(name: str, value: Any, dtype: Any, shape: tuple[int | None, ...]) -> Array:

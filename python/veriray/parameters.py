@@ -148,7 +148,8 @@ def _columns(scene: Scene, table: str, row: int) -> dict[str, tuple[str, ...]]:
     if table == "emissions":
         return {"radiance": ("emissions",)}
     if table == "media":
-        return {"sigma_t": ("sigma_t",), "albedo": ("albedo",), "g": ("phase_g",)}
+        known: dict[str, tuple[str, ...]] = {"sigma_t": ("sigma_t",), "albedo": ("albedo",)}
+        return known if scene.phase_lobe[row] >= 0 else {**known, "g": ("phase_g",)}
     if table == "lights":
         kind = LIGHT_KINDS[scene.light_kind[row]]
         light = "irradiance" if kind == "directional" else "intensity"

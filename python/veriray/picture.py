@@ -9,27 +9,25 @@ import os
 import struct
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from .device import native_errors
+from . import denoising, showing
+from .device import Device, native_errors
 from .errors import ImageError
-from .numeric import path_text, shown, whole
+from .features import FeatureImages
+from .numeric import path_text, shown, switch, whole
+from .settings import LEDGER_COLUMNS as LEDGER_COLUMNS
 
 if TYPE_CHECKING:
     from ._native import Picture
 
-#: Columns of the ray ledger, in the native modules' order.
-LEDGER_COLUMNS = (
-    "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
-    "shadow_visible", "shadow_occluded",
-)  # fmt: skip
-
 Array = npt.NDArray[Any]
+T = TypeVar("T")
 _whole = functools.partial(whole, error=ValueError)
 
 #: Kinds of devices in DLPack's numbers.
@@ -77,6 +75,19 @@ def move_to_host() -> bool:
     return bool(found)
 
 
+def with_room(device: Device, call: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
+    """The call's result. Where the device lacks memory, pictures make room and it is called again,
+    after `undo`."""
+    try:
+        return call()
+    except device.native.OutOfMemoryError:
+        if not move_to_host():
+            raise
+        if undo:
+            undo()
+        return call()
+
+
 def _before_fork() -> None:
     """CUDA does not work in a child process: it gets copies in the host's memory."""
     for render, held in _all_on_gpu():
@@ -113,6 +124,7 @@ class Render:
     stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
     batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None.
     samples: (H, W) uint32, the samples of each pixel, or None where all have spp.
+    features: feature images by name, if they were asked for (`veriray.features`).
     film_sha256: see `film_hash`; equal hashes mean equal bytes.
     stats: what was done (plain Python numbers, strings and lists; `render` lists the keys).
     Raises ValueError naming the field that is not so.
@@ -128,6 +140,7 @@ class Render:
     spp: int
     seed: int
     samples: Array | None = None
+    features: FeatureImages = field(default_factory=FeatureImages)
 
     def __post_init__(self) -> None:
         _check_film(self.image, self.stderr, self.samples)
@@ -149,12 +162,14 @@ class Render:
                 raise ValueError(f"{name} = {getattr(self, name)}, but image is {shape}")
         _whole("spp", self.spp, 0, 2**64 - 1)
         _whole("seed", self.seed, 0, 2**64 - 1)
+        if not isinstance(self.features, FeatureImages):
+            raise ValueError(f"features = {shown(self.features)} is no FeatureImages")
 
     @classmethod
     def _of(cls, held: Picture, **fields: Any) -> Render:
         """The render whose picture a native module holds; fields: the others."""
         made = object.__new__(cls)
-        made.__dict__.update(fields, _held=held)
+        made.__dict__.update({"features": FeatureImages(), **fields}, _held=held)
         if held.dlpack_device()[0] != _HOST:
             for key, reference in list(_on_gpu.items()):
                 if reference() is None:  # no callback does it: that would lose an interrupt
@@ -172,6 +187,39 @@ class Render:
             with native_errors():
                 made = _MADE[name](self, held)
             return self.__dict__.setdefault(name, made)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, check: bool = True) -> Render:
+        """The render that `save` wrote to an EXR file: picture, errors, batches, statistics.
+
+        check: the file's film_sha256 must be that of its pixels. Raises ImageError for a file that
+        is damaged, changed since or beyond the limits of `veriray.image.load`, and OSError for one
+        that cannot be read. Batch means are float32 in files.
+        """
+        from .loading import MAX_BYTES, read
+
+        check = switch("check", check, error=ValueError)
+        found = cls(**read(path, MAX_BYTES)[0])
+        if check and found.film_sha256:
+            own = film_hash(found.image, found.stderr, found.spp, found.samples)
+            if own != found.film_sha256:
+                raise ImageError(
+                    f"{os.fspath(path)}: film hash of the pixels {own[:12]}..., but its header "
+                    f"says {found.film_sha256[:12]}...: it was changed since (check=False takes it)"
+                )
+        return found
+
+    def denoised(self, albedo: Array | None = None, normal: Array | None = None) -> Render:
+        """This picture without noise, as Open Image Denoise guesses it: for eyes, not for proofs.
+
+        albedo: (H, W, 3) in [0, 1]; normal: (H, W, 3) in [-1, 1], with albedo only; both of what
+        the pixels show. The result has no standard error, batches or hash, its stats name the
+        denoiser, and `veriray.compare` refuses it. Needs pyoidn (`pip install veriray[denoise]`);
+        raises `veriray.denoising.DenoiserError` without it, and ValueError for other arrays.
+        """
+        if self.stats.get("denoiser"):
+            raise ValueError(f"the picture is denoised already, by {self.stats['denoiser']}")
+        return type(self)(**denoising.fields(self, albedo, normal))
 
     def __getstate__(self) -> dict[str, Any]:
         for name in _MADE:
@@ -267,9 +315,18 @@ class Render:
         elif suffix == ".exr":
             own = {"film_sha256": self.film_sha256, "spp": self.spp, "seed": self.seed}
             fields = self.image, self.stderr, self.batch_means, self.samples
-            save_exr(path, *fields, {**self.stats, **own}, regions, region_names)
+            stats = {**self.stats, **own}
+            more = self.features.channels(), self.features.attributes()
+            save_exr(path, *fields, stats, regions, region_names, *more)
         else:
             raise ImageError(f"{os.fspath(path)}: suffix {suffix!r}; expected .exr or .png")
+
+    def __repr__(self) -> str:
+        return showing.render_text(self)
+
+    def _repr_html_(self) -> str:
+        """The picture with a slider for the exposure, for notebooks."""
+        return showing.render_html(self)
 
     def _repr_png_(self) -> bytes:
         """The display copy, for notebooks."""

@@ -3,44 +3,32 @@
 from __future__ import annotations
 
 import functools
-import math
-import warnings
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, overload
 
-import numpy as np
-import numpy.typing as npt
-
+from . import bars
 from . import device as device_module
-from . import kernels
-from .columns import MATERIAL_KINDS, SCATTERING_KINDS
-from .errors import RefusedSamplesWarning
+from .accumulation import Accumulation, Progress
+from .camera import Camera
+from .feature_rendering import beside
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
-from .picture import LEDGER_COLUMNS, Render
-from .sampling import PILOT, Progress, adaptive, uniform, with_room
+from .picture import LEDGER_COLUMNS as LEDGER_COLUMNS
+from .picture import Render
+from .plan import choose_scheduler as choose_scheduler
+from .plan import settle as settle
 from .scene import Scene
 from .settings import COMPACTIONS as COMPACTIONS
 from .settings import MAX_SPP, RenderSettings
 from .settings import METHODS as METHODS
 from .settings import SCHEDULERS as SCHEDULERS
 
-MAX_NONFINITE = 64
 BUILD_SHARE = 0.1
-#: Paths of one launch from which `wavefront` pays for scenes that it suits (`choose_scheduler`).
-WAVE_PATHS = 1 << 24
-#: Features whose code makes one kernel for everything slow.
-SLOW_IN_ONE_KERNEL = {"uneven_media", "principled", "principled_open"} | {
-    name for name in MATERIAL_KINDS if name.startswith("rough")
-}
 
-if TYPE_CHECKING:
-    from ._native import Report
-
-Array = npt.NDArray[Any]
 _whole = functools.partial(whole, error=ValueError)
 
 
+@overload
 def render(
     scene: Scene,
     spp: int | None = None,
@@ -55,12 +43,41 @@ def render(
     threads: int | None = None,
     batches: int = 0,
     batch_size: int = 0,
-    progress: Callable[[float], object] | None = None,
+    progress: Callable[[float], object] | bool | None = None,
     all_features: bool = False,
     target_error: float | None = None,
     builder: str = "auto",
-) -> Render:
-    """Render a scene.
+    features: str | tuple[str, ...] = (),
+    feature_spp: int | None = None,
+    cameras: None = None,
+) -> Render: ...
+@overload
+def render(
+    scene: Scene, *given: Any, cameras: Sequence[Camera], **settings: Any
+) -> list[Render]: ...
+def render(  # type: ignore[misc]  # the list of settings is that of the first
+    scene: Scene,
+    spp: int | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    scheduler: str = "auto",
+    max_depth: int | None = None,
+    rr_depth: int | None = None,
+    sampler: str | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    threads: int | None = None,
+    batches: int = 0,
+    batch_size: int = 0,
+    progress: Callable[[float], object] | bool | None = None,
+    all_features: bool = False,
+    target_error: float | None = None,
+    builder: str = "auto",
+    features: str | tuple[str, ...] = (),
+    feature_spp: int | None = None,
+    cameras: Sequence[Camera] | None = None,
+) -> Render | list[Render]:
+    """Render a scene, or several views of it.
 
     The film depends on scene, spp, seed, max_depth, rr_depth, sampler, width, height and
     target_error alone: device, scheduler, builder, threads, batches and batch_size change the time
@@ -88,16 +105,28 @@ def render(
         batch_size: paths in flight; 0 lets the back end choose. Sets memory, not the picture.
         progress: called on this thread about every 50 ms with the fraction done in [0, 1]; where a
             tree is built over a large mesh, that is the first tenth. An exception that it raises
-            stops the render and propagates.
+            stops the render and propagates. True draws a bar (`veriray.bars`) on standard error or
+            in the notebook: samples per pixel and a second, time left, memory, and at last the
+            error.
         all_features: use the variant compiled for everything even if the scene needs less.
         target_error: None, or the relative standard error in (0, 1) at which tiles of 16 x 16
             pixels stop: adaptive sampling without bias (see `veriray.sampling`), of spp samples a
             pixel at most (at least 16). Not together with batches.
         builder: of the tree, where the scene needs one: "auto", "sah" or "ploc" (see
             `veriray.native_scene`).
+        features: feature images of the first surface that the camera sees (`veriray.features`), in
+            a tuple or with commas between them: "depth", "depth_axis", "position", "normal",
+            "geo_normal", "albedo", "uv", "alpha", the numbers "object", "material", "primitive",
+            and the parts "direct" and "indirect" of the picture ("motion":
+            `veriray.feature_images`).
+        feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
+            or spp if that is less. Parts of the picture have all of its samples.
+        cameras: None, or the cameras of several views, in place of the scene's: a list of renders,
+            each as of `scene.with_(camera=camera)`. Geometry and tree are made once.
 
     Returns:
-        Render, whose picture stays in the device's memory until it is asked for. Its stats:
+        Render, or with cameras a list of them, whose picture stays in the device's memory until it
+        is asked for. Its stats:
         live_rays (rays per depth), ledger (column -> list, one entry per depth),
         blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
         paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
@@ -130,127 +159,70 @@ def render(
         spp=spp, seed=seed, device=device, scheduler=scheduler, max_depth=max_depth,
         rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
         batches=batches, batch_size=batch_size, all_features=all_features,
-        target_error=target_error, builder=builder,
+        target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
     )  # fmt: skip
-    return render_with(scene, settings, progress)
+    if cameras is None and progress is not True:
+        return render_with(scene, settings, None if progress is False else progress)
+    used, _ = settle(scene, settings)
+    views = [scene] if cameras is None else _views(used, cameras)
+    if progress is True and views:
+        with bars.bar(used.film.width, used.film.height, used.spp * len(views)) as bar:
+            done = [render_with(*view) for view in _turns(views, settings, bar)]
+            bar.done(done[-1].stats["mean_stderr"])
+    else:
+        callback = None if isinstance(progress, bool) else progress
+        done = [render_with(*view) for view in _turns(views, settings, callback)]
+    return done[0] if cameras is None else done
+
+
+def _views(scene: Scene, cameras: Sequence[Camera]) -> list[Scene]:
+    """The scene with each of the cameras; they share its geometry."""
+    if isinstance(cameras, (Camera, str)) or not isinstance(cameras, Sequence):
+        raise TypeError(f"cameras is {type(cameras).__name__}, expected a list of Camera")
+    for k, camera in enumerate(cameras):
+        if not isinstance(camera, Camera):
+            raise TypeError(f"cameras[{k}] is {type(camera).__name__}, expected Camera")
+    return [scene.with_(camera=camera) for camera in cameras]
+
+
+def _turns(
+    views: list[Scene], settings: RenderSettings, progress: Progress
+) -> Iterator[tuple[Scene, RenderSettings, Progress]]:
+    """The arguments of `render_with` for each view, with a share of a common progress."""
+    for k, view in enumerate(views):
+
+        def part(fraction: float, k: int = k) -> None:
+            assert progress is not None
+            progress((k + fraction) / len(views))
+
+        yield view, settings, part if callable(progress) and len(views) > 1 else progress
 
 
 def render_with(
     scene: Scene, settings: RenderSettings, progress: Callable[[float], object] | None = None
 ) -> Render:
     """As `render`, with its settings as one object."""
-    used, settings = settle(scene, settings)
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
-    chosen, device_reason = device_module.select(settings.device, fresh=False)
-    with device_module.native_errors():
-        building, sampling = _shares(progress)
-        native = with_room(
-            chosen,
-            lambda: native_scene(scene, used, chosen, building, settings.builder, used.spp),
-        )
-        facts = scene_facts(native)
-        scheduler, scheduler_reason = choose_scheduler(settings, chosen.backend, facts)
-        settings = settings.with_checked({"scheduler": scheduler, "device": chosen.name})
-        if chosen.backend == "cuda" and not settings.all_features:
-            paths = used.film.width * used.film.height * used.spp
-            kernels.offer(chosen, native, scheduler, paths)
-        run = (chosen, native, used, settings.native(), sampling)
-        if settings.target_error is None:
-            done = uniform(*run, settings.batches)
-        else:
-            done = adaptive(*run, settings.target_error)
-        memory = int(native.memory) + int(done.memory)
+    building, sampling = _shares(progress)
+    work = Accumulation._of(scene, settings, building)
+    while n := work.left:
+        work.add(n, _of_all(work, n, sampling))
+    made = work._render(4)
+    if work.settings.features:
+        made.__dict__["features"] = beside(made, scene, work.settings)
     if progress is not None:
         progress(1.0)
-    stats = _statistics(done.results, done.paths)
-    error = float(done.picture.mean_stderr)
-    stats |= {
-        "device_name": chosen.description,
-        "device_reason": device_reason,
-        "scheduler_reason": scheduler_reason,
-        **facts,
-        "variant": [str(name) for name in done.results[-1]["features"]],
-        "path_bytes": int(done.results[-1]["path_bytes"]),
-        "kernel": {str(k): int(v) for k, v in done.results[-1]["kernel"].items()},
-        **settings.kept(),
-        "memory": memory,
-        "scene_sha256": used.sha256,
-        "version": _version(),
-        "mean_stderr": error if math.isfinite(error) else None,
-        **done.facts,
-    }
-    if stats["nonfinite_samples"]:
-        warnings.warn(_refused_text(stats), RefusedSamplesWarning, stacklevel=3)
-    return Render._of(
-        done.picture,
-        batch_means=done.batch_means,
-        stats=stats,
-        width=used.film.width,
-        height=used.film.height,
-        spp=used.spp,
-        seed=settings.seed,
-        samples=done.counts,
-    )
+    return made
 
 
-def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSettings]:
-    """The scene with those settings that belong to it, and all settings with the scene's.
-
-    Raises as `render` does, before any work is done.
-    """
-    if not isinstance(scene, Scene):
-        raise TypeError(
-            f"scene is {type(scene).__name__}, expected a Scene: use veriray.load_file(path) or "
-            "veriray.load_dict(dict)"
-        )
-    given = settings.of_scene()
-    plain = all(value is None or type(value) in (int, str) for value in given.values())
-    # Kept on the scene: a table with weak keys would lose interrupts in its callbacks.
-    last = scene.__dict__.get("_settled") if plain else None
-    if last is None or last[0] != given:
-        last = given, scene.with_(**given)
-        if plain:
-            scene.__dict__["_settled"] = last
-    used = last[1]
-    values = {
-        name: getattr(used.film if hasattr(used.film, name) else used, name) for name in given
-    }
-    settings = settings.with_checked(values)
-    spp, batches = used.spp, settings.batches
-    if batches == 1 or (batches and spp % batches):
-        raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
-    if settings.target_error is not None:
-        if not PILOT <= spp <= 2**31:
-            raise ValueError(f"spp = {spp}; with target_error {PILOT} to {2**31}")
-        if batches:
-            raise ValueError(f"batches = {batches}; with target_error 0")
-    return used, settings
-
-
-def choose_scheduler(
-    settings: RenderSettings, backend: str, facts: dict[str, Any]
-) -> tuple[str, str]:
-    """The scheduler that runs and why. settings: settled; facts: those of `scene_facts`.
-
-    Rule of "auto": `fused`, but `wavefront` on CUDA from WAVE_PATHS paths per launch on, for scenes
-    with a tree and a material that is not made of delta lobes, if they have rough surfaces, uneven
-    media or more than two kinds of material; without kernels made at run time (`kernels`), if
-    several kinds are in the compiled variant, whose one kernel is then slow (docs/speed.md).
-    """
-    if settings.scheduler != "auto":
-        return settings.scheduler, "asked for"
-    width, height, spp = (getattr(settings, name) for name in ("width", "height", "spp"))
-    paths = 0 if settings.target_error else width * height * spp // max(1, settings.batches)
-    features = {*facts["features"]}
-    if backend == "cuda" and not kernels.available():
-        slow = features & SLOW_IN_ONE_KERNEL or len({*MATERIAL_KINDS} & features) > 2
-    else:
-        slow = len({*MATERIAL_KINDS} & {*facts["variant"]}) > 1
-    suits = facts["tree"] and slow and {*SCATTERING_KINDS} & features
-    if backend == "cuda" and suits and paths >= WAVE_PATHS:
-        return "wavefront", "auto takes it for many paths among such materials in a tree"
-    return "fused", "auto"
+def _of_all(work: Accumulation, n: int, progress: Progress) -> Progress:
+    """A callback for a pass of n samples per pixel that reports the fraction of the whole."""
+    if progress is None:
+        return None
+    done, paths = work.paths, work.paths_of(n)
+    ahead = float(done + work.paths_left)
+    return lambda share: progress(min((done + share * paths) / ahead, 1.0))
 
 
 def _shares(progress: Progress) -> tuple[Progress, Progress]:
@@ -268,71 +240,6 @@ def _shares(progress: Progress) -> tuple[Progress, Progress]:
         progress(min(start + (1.0 - start) * fraction, 1.0))
 
     return building, sampling
-
-
-def _statistics(results: list[Report], paths: int) -> dict[str, Any]:
-    """Sums the pieces' reports."""
-    ledger, blocks, by_depth, closing = (
-        _padded_sum([r[name] for r in results])
-        for name in ("ledger", "blocks", "depth_seconds", "compaction_seconds")
-    )
-    if ledger.ndim == 2:
-        columns = dict(zip(LEDGER_COLUMNS, ledger.T.tolist(), strict=True))
-    else:
-        columns = {name: [] for name in LEDGER_COLUMNS}
-    seconds = float(sum(r["seconds"] for r in results))
-    nonfinite = [list(entry) for r in results for entry in r["nonfinite"]]
-    return {
-        "live_rays": columns["live"],
-        "ledger": columns,
-        "blocks": blocks.tolist(),
-        "depth_seconds": by_depth.tolist(),
-        "compaction_seconds": closing.tolist(),
-        "rays": sum(columns["live"] + columns["shadow_visible"] + columns["shadow_occluded"]),
-        "paths": paths,
-        "seconds": seconds,
-        "samples_per_second": paths / seconds if seconds > 0 else 0.0,
-        "nonfinite_samples": sum(int(r["nonfinite_samples"]) for r in results),
-        "nonfinite": nonfinite[:MAX_NONFINITE],
-        "launches": sum(int(r["launches"]) for r in results),
-        "threads": int(results[-1]["threads"]),
-    }
-
-
-def _refused_text(stats: dict[str, Any]) -> str:
-    """How many samples the film refused, why, and how to see one again."""
-
-    def reason(radiance: list[float]) -> str:
-        if any(math.isnan(x) for x in radiance):
-            return "not a number"
-        if any(math.isinf(x) for x in radiance):
-            return "infinite"
-        return "negative" if min(radiance) < 0 else "2^20 times the largest radiance or more"
-
-    listed = stats["nonfinite"]
-    text = f"{stats['nonfinite_samples']:,} of {stats['paths']:,} samples count as black: the film "
-    if not listed:
-        return text + "cannot hold them"
-    reasons = [reason(entry[3:]) for entry in listed]
-    counts = ", ".join(f"{reasons.count(name)} {name}" for name in dict.fromkeys(reasons))
-    x, y, sample = listed[0][:3]
-    return (
-        f"{text}cannot hold them (of the {len(listed)} listed: {counts}); replay one with --pixel "
-        f"{x} {y} --sample {sample} --seed {stats['seed']}, in Python trace_path(scene, {x}, {y}, "
-        f"{sample}, seed={stats['seed']}), and this picture's size, depths and sampler"
-    )
-
-
-def _padded_sum(arrays: list[Array]) -> Array:
-    """Sum along axis 0 of arrays whose lengths differ; short ones are padded with zeros."""
-    if len(arrays) == 1:
-        return arrays[0]
-    longest = max(arrays, key=len)
-    total = np.zeros_like(longest)
-    for array in arrays:
-        if len(array):
-            total[: len(array)] += array
-    return total
 
 
 def prepare(
@@ -391,9 +298,3 @@ def trace_path(
             native_scene(scene, used, chosen), x=x, y=y, sample=sample, **settings.native(path=True)
         )
     return path
-
-
-def _version() -> str:
-    from . import __version__
-
-    return __version__

@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -75,8 +75,12 @@ def save_exr(
     stats: dict[str, Any],
     regions: NDArray[np.integer[Any]] | None = None,
     region_names: list[str] | None = None,
+    more: Mapping[str, NDArray[Any]] | None = None,
+    attributes: Mapping[str, str] | None = None,
 ) -> None:
     """Write an EXR file of a render's fields; stats: with film_sha256, spp and seed.
+
+    more, attributes: further channels, (H, W) float32 or uint32, and attributes of the header.
 
     regions, region_names, errors: as of `veriray.Render.save`.
     """
@@ -112,6 +116,8 @@ def save_exr(
     }
     for key in TEXT_KEYS[:-1]:
         header[f"veriray.{key}"] = str(stats.get(key) or "")
+    if stats.get("denoiser"):
+        header["veriray.denoiser"] = str(stats["denoiser"])
     for key in INT_KEYS:
         if stats.get(key) is not None:
             header[f"veriray.{key}"] = str(int(stats[key]))
@@ -128,6 +134,29 @@ def save_exr(
         header["veriray.regions"] = _dumps(
             texts("region_names", [] if region_names is None else region_names, ImageError)
         )
+    for name, values in (more or {}).items():
+        if values.shape != image.shape[:2]:
+            raise ImageError(f"{name}: shape {values.shape}; expected {image.shape[:2]}")
+        channels[name] = values
+    _write(path, {**header, **(attributes or {})}, channels)
+
+
+def save_channels(
+    path: str | os.PathLike[str], channels: dict[str, NDArray[Any]], attributes: dict[str, str]
+) -> None:
+    """Write channels, (H, W) float32 or uint32 each, as an EXR file without a picture.
+
+    Raises ImageError for another suffix than .exr, OSError for what cannot be written.
+    """
+    if not path_text("path", path, ImageError).lower().endswith(".exr"):
+        raise ImageError(f"{os.fspath(path)}: expected the suffix .exr")
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    _write(path, {**kind, **attributes}, channels)
+
+
+def _write(
+    path: str | os.PathLike[str], header: dict[str, Any], channels: dict[str, NDArray[Any]]
+) -> None:
     with replacing(path) as file:
         try:
             with library_silenced():

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from . import parameters
+from . import parameters, showing
 from .camera import Camera, Film
 from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
 from .errors import SceneError
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 _DERIVED = ("_hashes", "_sha256", "_native_forms", "_settled")
-_OF_FILE = ("_places", "_cameras", "_notes", "_ids")
+_OF_FILE = ("_places", "_cameras", "_notes", "_ids", "_features", "_warned")
 
 
 #: Bytes of arrays that take a good part of a frame's time to hash.
@@ -144,6 +144,13 @@ class Scene(SceneArrays):
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in _DERIVED}
+
+    def __repr__(self) -> str:
+        return showing.scene_text(self)
+
+    def _repr_html_(self) -> str:
+        """A table, for notebooks."""
+        return showing.scene_html(self)
 
     # Kept on the object, not in a table by id(), which another object may have later; without
     # cached_property, whose lock a child process may find taken.
@@ -249,6 +256,12 @@ class Scene(SceneArrays):
         place."""
         notes: tuple[str, ...] = self.__dict__.get("_notes", ())
         return notes
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Feature images that the file asks for (`aov`), which `veriray render` then writes."""
+        features: tuple[str, ...] = self.__dict__.get("_features", ())
+        return features
 
     @property
     def sha256(self) -> str:
@@ -443,8 +456,10 @@ def _made(built: Built) -> Scene:
     except SceneError as error:
         raise SceneError(str(error), built.places["scene"][0]) from None
     scene.__dict__.update(
-        _places=built.places, _cameras=built.cameras, _notes=built.notes, _ids=built.ids
-    )
+        _places=built.places, _cameras=built.cameras, _notes=built.notes, _ids=built.ids,
+        _features=built.features,
+        _warned=built.warned,
+    )  # fmt: skip
     return scene
 
 

@@ -171,6 +171,17 @@ class SceneArrays:
         (default ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)))
     cells (C,) float32: numbers of grids: of a grid x by x, then by y and z, those of a cell side by
         side (in [0, 1])
+    lobe_kind (L,) uint32: of PHASE_KINDS
+    lobe_share (L,) float32: of its medium's phase function; those of a medium add up to 1 (in [0,
+        1], default 1.0)
+    lobe_g (L,) float32: of an hg; as phase_g (in (-1, 1), default 0.0)
+    lobe_values (L,) uint32: of a tabphase: its first row of phase_values (default 0)
+    lobe_size (L,) uint32: and how many it has (in [2, 65536], default 2)
+    phase_values (P,) float32: at cosines of the turn from -1 (backward) to 1 in equal steps, linear
+        between them; in proportion to what a tabphase scatters (in [0, infinity))
+    phase_lobe (K,) int32: the first lobe of its phase function; -1: it is that of phase_g (index of
+        lobes, default -1)
+    phase_lobes (K,) uint32: and how many it has (in [1, 64], default 1)
     albedo_grid (K,) int32: a factor on albedo by place; -1: none (index of grids, default -1)
     sigma_t_grid (K,) int32: the share of sigma_t, then grey, that is there, and none outside of the
         box around the grid's unit cube; -1: all is everywhere (index of grids, default -1)
@@ -280,5 +291,13 @@ class SceneArrays:
     grid_filter: Array = _NONE
     grid_to_world: Array = _NONE
     cells: Array = _NONE
+    lobe_kind: Array = _NONE
+    lobe_share: Array = _NONE
+    lobe_g: Array = _NONE
+    lobe_values: Array = _NONE
+    lobe_size: Array = _NONE
+    phase_values: Array = _NONE
+    phase_lobe: Array = _NONE
+    phase_lobes: Array = _NONE
     albedo_grid: Array = _NONE
     sigma_t_grid: Array = _NONE

@@ -30,11 +30,21 @@ SCHEDULERS = ("auto", "fused", *sorted(COMPACTIONS.values()), "wavefront", "wave
 #: device. The films are the same.
 BUILDERS = ("auto", "sah", "ploc")
 SAMPLERS = ("independent", "sobol")
+#: Feature images; `veriray.features` says what they are.
+FEATURES = (
+    "depth", "depth_axis", "position", "normal", "geo_normal", "albedo", "uv", "motion", "alpha",
+    "object", "material", "primitive", "direct", "indirect",
+)  # fmt: skip
 DEVICES = "auto, cuda, cuda:N, cpu, cpu:avx512, cpu:avx2, cpu:portable"
 #: Segments of a path at most; -1 in a scene stands for this.
 MAX_PATH_DEPTH = 262143
 MAX_SPP = 2**40
 MAX_BATCHES = 1000
+#: Columns of the ray ledger, in the native modules' order.
+LEDGER_COLUMNS = (
+    "live", "escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut", "invalid",
+    "shadow_visible", "shadow_occluded",
+)  # fmt: skip
 #: How files keep a setting: an EXR header as an attribute of its own, or within `veriray.stats`.
 HEADER, STATS = "header", "stats"
 
@@ -44,10 +54,10 @@ class Setting:
     """What there is to know of a setting.
 
     doc: for the command line. low, high: of an integer, inclusive, or of a float, exclusive.
-    choices: of a text. scene: what a scene has if it states nothing, for settings that None takes
-    from the scene; none: what None stands for otherwise. native: its name in the native modules, ""
-    if they do not take it. path: paths depend on it. kept: HEADER, STATS, or "" where no file has
-    it.
+    choices: of a text. several: of a tuple of texts, or one with commas between them. scene: what a
+    scene has if it states nothing, for settings that None takes from the scene; none: what None
+    stands for otherwise. native: its name in the native modules, "" if they do not take it. path:
+    paths depend on it. kept: HEADER, STATS, or "" where no file has it.
     """
 
     default: Any
@@ -55,6 +65,7 @@ class Setting:
     low: float | None = None
     high: float = 0
     choices: tuple[str, ...] = ()
+    several: tuple[str, ...] = ()
     scene: Any = None
     none: str = ""
     native: str = ""
@@ -64,26 +75,31 @@ class Setting:
     @property
     def is_text(self) -> bool:
         """Whether its values are texts."""
-        return bool(self.choices) or isinstance(self.default, str)
+        return bool(self.choices or self.several) or isinstance(self.default, str)
 
     @property
     def help(self) -> str:
         """Meaning, what is allowed, and the default."""
         text, default = self.doc, self.default
-        if self.choices:
-            text += f": {', '.join(self.choices)}"
+        if self.choices or self.several:
+            text += f": {', '.join(self.choices or self.several)}"
         elif isinstance(self.low, float):
             text += f", in ({self.low:g}, {self.high:g})"
         elif self.low is not None:
             text += f", {_power(self.low)} to {_power(int(self.high))}"
         if default is None:
             default = self.none if self.scene is None else "the scene's"
-        return text if default == "" or default is False else f"{text} (default: {default})"
+        unsaid = default in ("", ()) or default is False
+        return text if unsaid else f"{text} (default: {default})"
 
     def checked(self, name: str, value: Any, error: type[ValueError]) -> Any:
         """`value` as a plain one. Raises `error` if it is not allowed."""
-        from .numeric import choice, number, switch, whole
+        from .numeric import choice, number, switch, texts, whole
 
+        if self.several:
+            names = tuple(value.split(",")) if isinstance(value, str) else texts(name, value, error)
+            each = [choice(name, one.strip(), self.several, error=error) for one in names]
+            return tuple(dict.fromkeys(each))
         if self.choices:
             return choice(name, value, self.choices, error=error)
         if isinstance(self.low, float):
@@ -147,6 +163,12 @@ class RenderSettings:
         None, "relative standard error at which tiles stop (--spp is the most)", 0.0, 1.0
     )
     builder: str = _setting("auto", "who builds the tree", choices=BUILDERS)
+    features: str | tuple[str, ...] = _setting(
+        (), "feature images beside the picture, with commas between them", several=FEATURES
+    )
+    feature_spp: int | None = _setting(
+        None, "their samples per pixel", 1, MAX_SPP, none="8, or as many as the picture has"
+    )
 
     def __post_init__(self) -> None:
         for name, setting in SETTINGS.items():

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from veriray import __version__, html
+from veriray import __version__, html, showing
 from veriray.files import replacing
 from veriray.html import BLUE, GREEN, GREY, ORANGE, number, percent
 from veriray.image import to_srgb8
@@ -113,6 +113,16 @@ def as_text(validation: Validation) -> str:
         )
     result, sentence = verdict(validation)
     return "\n".join([*lines, f"{result.upper()}: {sentence}"])
+
+
+def as_table(validation: Validation) -> str:
+    """The verdict and a table of the levels, as HTML for notebooks."""
+    rows = [
+        (f"{row['level']} {row['name']}", row["cases"], row["verdict"], _range(row["sees"]) or "-",
+         f"{row['seconds']:.1f}") for row in validation.levels()
+    ]  # fmt: skip
+    head = ("level", "cases", "verdict", "smallest bias seen", "seconds")
+    return showing.table(head, rows, verdict(validation)[1])
 
 
 def to_json(validation: Validation) -> str:

@@ -94,6 +94,18 @@ class Validation:
 
         return report.as_text(self)
 
+    def __repr__(self) -> str:
+        from veriray_validate import report
+
+        cases = f"{len(self.outcomes)} cases on {', '.join(self.devices)}"
+        return f"<Validation {report.verdict(self)[0]}: {cases}>"
+
+    def _repr_html_(self) -> str:
+        """The verdict and a row for each level, for notebooks."""
+        from veriray_validate import report
+
+        return report.as_table(self)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the report (.html) or the numbers (.json); see `report.save`."""
         from veriray_validate import report

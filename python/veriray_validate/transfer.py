@@ -119,17 +119,18 @@ class _Nodes:
         return np.diag(1 / self.inside) - scale * forward, scale * backward
 
 
-def adding_doubling(tau: float, albedo: float, g: float, eta: float, mu: Sequence[float],
+def adding_doubling(tau: float, albedo: float, g: float | Array, eta: float, mu: Sequence[float],
                     n: int = 32) -> tuple[Array, Array]:  # fmt: skip
     """Reflectance and transmittance at cosines mu (outside) under a sky of 1 on one side.
 
-    tau: optical thickness; eta: index of the slab, 1 or more, in a vacuum; n: quadrature nodes in
+    tau: optical thickness; g: the asymmetry, or the means of Legendre's polynomials for another
+    phase function, (2 n,); eta: index of the slab, 1 or more, in a vacuum; n: quadrature nodes in
     the escape cone, and as many beyond it. Fresnel's reflection off the top is part of the first.
     """
     nodes = _Nodes(n, eta, mu)
     orders = np.arange(2 * n)
     legendre = special.eval_legendre(orders, nodes.inside[:, None])
-    moments = (2 * orders + 1) * g**orders
+    moments = (2 * orders + 1) * (g if isinstance(g, np.ndarray) else g**orders)
     forward = (legendre * moments) @ legendre.T
     backward = (legendre * moments * (-1.0) ** orders) @ legendre.T
     a, b = nodes.transfer(albedo, forward, backward)

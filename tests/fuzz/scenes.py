@@ -30,7 +30,12 @@ _SPECTRA = (
 )  # fmt: skip
 _OLD = (
     "5000K", "toWorld", "diffuseReflectance", "uscale", "bdpt", "ldrfilm", "sobol", "mixturebsdf",
-    "weights", "adaptive", "0.5.0",
+    "weights", "adaptive", "0.5.0", "sky", "sun", "sunRadiusScale", "stretch", "luminaire",
+    "camera", "animation", "subsurface", "dipole", "hk", "irawan", "difftrans",
+    "gridtexture", "wireframe",
+    "lineWidth", "channel", "gamma", "wrapModeU", "zero", "rayleigh", "microflake", "mixturephase",
+    "volcache", "density", "orientation", "method", "material", "skin1", "sigmaS", "sigmaA",
+    "haltonsampler", "telecentric", "perspective_rdist", "kc", "ao", "field", "vertexcolors",
 )  # fmt: skip
 NAMES = tuple(sorted({
     *CATEGORIES, *PLUGINS,

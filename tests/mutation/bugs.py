@@ -155,7 +155,8 @@ _ALBEDO = "m.parameters.reflectance"
 _READ = "return m;"
 _KEEP = "samples_[c][at[k]] = x[c][k];"
 _JITTER_X = "F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x))"
-_PHASE = "henyey_greenstein(path.ray.d, place.vertex.g, uniform(random.z), uniform(random.w))"
+_PHASES = "media/phase.h"
+_PHASE = "turned(d, henyey_greenstein(g, u), v)"
 
 
 def _wall(shape: str, percent: float) -> Mutant:
@@ -392,13 +393,15 @@ _MEDIA = (
            "thin fog"),
     Mutant("channels weighted evenly, chosen by throughput", _MEDIUM, "inner(w, density)",
            "sum(density) * F(1.f / 3.f)", "chromatic_medium"),
-    Mutant("phase sampled for -g", _VERTEX, _PHASE, _PHASE.replace("place", "-place"),
+    Mutant("phase sampled for -g", _PHASES, _PHASE, _PHASE.replace("(g", "(-g"),
            "hg_forward"),
     Mutant("phase of light samples for -g", _DIRECT,
-           "henyey_greenstein_pdf(path.ray.d, light.wi, at.g)",
-           "henyey_greenstein_pdf(path.ray.d, light.wi, -at.g)", "hg_forward"),
+           "at.phase.eval(scene.phases, path.ray.d, light.wi, active & !at.surface)",
+           "at.phase.eval(scene.phases, -path.ray.d, light.wi, active & !at.surface)",
+           "hg_forward"),
     Mutant("phase isotropic for the heuristic", _VERTEX,
-           "henyey_greenstein_pdf(path.ray.d, next.wi, place.vertex.g)", "F(0.25f * kInvPi)",
+           "select(collided, drawn.pdf_sa, next.pdf_sa)",
+           "select(collided, F(0.25f * kInvPi), next.pdf_sa)",
            "hg_forward"),
     Mutant("no transmittance to the light", _DIRECT,
            "transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance)",

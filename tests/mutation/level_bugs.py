@@ -25,6 +25,7 @@ from tests.mutation.bugs import (
     _NEE,
     _PATH,
     _PDF,
+    _PHASES,
     _PLASTIC,
     _Q,
     _ROUND_LIGHT,
@@ -43,7 +44,7 @@ _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
 _TO_LIGHT = "-path.ray.d, light.wi"
-_IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "lights/sky_map.h"
+_IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "core/intervals.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
@@ -204,8 +205,8 @@ _MEDIA = (
     Mutant("extinction +2 %", _TABLES, _SIGMA, "put(kMediumSigma + k, scaled * 1.02);"),
     Mutant("medium attenuates twice", _MEDIUM, _FLIGHT,
            "select(t < limit, albedo, transmittance(sigma, limit))"),
-    Mutant("phase function over half the sphere", _MAPPING, _PHASE_PDF, "F(0.5f * kInvPi)"),
-    Mutant("phase function never backward", _MAPPING, "select(g < F(0.f), -cosine, cosine)",
+    Mutant("phase function over half the sphere", _PHASES, _PHASE_PDF, "F(0.5f * kInvPi)"),
+    Mutant("phase function never backward", _PHASES, "select(g < F(0.f), -cosine, cosine)",
            "cosine"),
     Mutant("medium ends before its boundary", _VERTEX,
            "min(hit.t, far) - Reader::passed(path).t",
@@ -291,8 +292,9 @@ _PICTURE = (
     Mutant("film summed in float32", _TILE, _KEEP, _FLOAT_FILM),
     Mutant("samples beyond 64 read from another place", _TILE, "first * stride_",
            "first * pixels"),
-    Mutant("parts of sums of too many bits", "film/lane_sums.h", "nearest_multiple<kHigh>(x)",
-           "nearest_multiple<40>(x)"),
+    Mutant("parts of sums of too many bits", "film/lane_sums.h",
+           "to_double(sample), high = nearest_multiple<kHigh>(x)",
+           "to_double(sample), high = nearest_multiple<40>(x)"),
     Mutant("parts of squares not rounded", "film/lane_sums.h",
            "in_units<kSquareScale>(rest - middle)", "(rest - middle) * D(0x1p76)"),
     Mutant("refused samples not reported", _TILE,
@@ -473,10 +475,10 @@ PYTHON = (
             '"texture_width": width - 1'),
     # samples
     _python("samples that decide are in the picture", "sampling.py",
-            "first = 1 << (spp - 1).bit_length()", "first = 0"),
-    _python("largest number of samples for all pixels", "sampling.py",
-            "runs.picture(film, counts.astype(np.uint64))",
-            "runs.picture(film, np.full_like(counts, counts.max(), np.uint64))"),
+            "return 1 << (spp - 1).bit_length()", "return 0"),
+    _python("largest number of samples for all pixels", "accumulation.py",
+            "film.picture(counts, threads)",
+            "film.picture(counts * 0 + counts.max() if counts is not None else None, threads)"),
     # camera and film
     _python("degrees of the whole field of view", "numeric.py", "sin_cos_degrees(0.5 * angle)",
             "sin_cos_degrees(angle)"),
@@ -563,17 +565,16 @@ PYTHON = (
     _python("point lights of a scaled scene not scaled", "scene.py",
             "intensity[near] *= factor * factor", "intensity[near] *= factor"),
     # merging and statistics
-    _python("film index shift in batches", "sampling.py", "means[k] = piece.sums() / size",
-            "means[k] = np.roll(piece.sums(), 1, axis=1) / size"),
-    _python("batches share their samples", "sampling.py",
-            "first = k * size", "first = 0"),
-    _python("last batch lost", "sampling.py", "            total.add(piece)\n",
-            "            if k + 1 < batches:\n                total.add(piece)\n"),
-    _python("ledger of the last batch alone", "rendering.py", "total[: len(array)] += array",
-            "total[: len(array)] = array"),
-    _python("maximal depth one less", "rendering.py",
-            "settings.native(), sampling)",
-            '{**settings.native(), "max_depth": max(used.max_depth - 1, -1)}, sampling)'),
+    _python("film index shift in batches", "accumulation.py", "batch.sums() / batch.samples",
+            "np.roll(batch.sums(), 1, axis=1) / batch.samples"),
+    _python("passes share their samples", "accumulation.py",
+            "begin, pixels = kept.spp, None", "begin, pixels = 0, None"),
+    _python("earlier passes lost", "accumulation.py", "film.add(kept.film)", "pass"),
+    _python("ledger of the last pass alone", "accumulation.py",
+            "report=added(kept.report, report)", "report=report"),
+    _python("maximal depth one less", "accumulation.py",
+            "**self._settings.native(),",
+            '**{**self._settings.native(), "max_depth": max(self._scene.max_depth - 1, -1)},'),
     _python("red and blue swapped in files", "saving.py", 'enumerate("RGB")', 'enumerate("BGR")'),
     _python("batch means in float16 in files", "saving.py",
             'add(f"batch.{k:03d}.", batch, f"batch_means[{k}]")',

@@ -43,7 +43,6 @@ SCENES = {
     "missing mesh": SENSOR + SKY + OBJ.format("none.obj"),
     "mesh with NaN vertex": SENSOR + SKY + OBJ.format("nan.obj"),
     "mesh with index out of range": SENSOR + SKY + OBJ.format("range.obj"),
-    "sphere scaled unevenly": SENSOR + SKY + '<shape type="sphere"><transform name="to_world"><scale x="2" y="1" z="1"/></transform></shape>',  # noqa: E501
     "metal by name": SENSOR + SKY + '<shape type="cube"><bsdf type="conductor"><string name="material" value="Au"/></bsdf></shape>',  # noqa: E501
     "index by an unknown name": SENSOR + SKY + '<shape type="cube"><bsdf type="dielectric"><string name="int_ior" value="glass"/></bsdf></shape>',  # noqa: E501
     "medium with two parametrisations": SENSOR + SKY + '<medium type="homogeneous"><float name="sigma_t" value="1"/><float name="sigma_s" value="1"/></medium>',  # noqa: E501

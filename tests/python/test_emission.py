@@ -67,6 +67,11 @@ def test_the_arrays_of_a_projector() -> None:
     a, b = found.light_image[0]
     assert np.allclose(a, [0, -0.5 / half, 0], rtol=1e-15)
     assert np.allclose(b, [0, 0, 0.5 / (half * 4 / 6)], rtol=1e-15)
+    row, doubled = (
+        scene(p=projector(irradiance={"type": "bitmap", "bitmap": rows})).light_image
+        for rows in (TEXELS[:1], TEXELS[[0, 0]])
+    )
+    assert (row == doubled).all()  # as Mitsuba's images, whose sides are 2 at least
     plain = scene(p=projector(irradiance={"type": "rgb", "value": [1.0, 2, 3]}))
     assert plain.light_texture.tolist() == [-1]
     assert np.allclose(plain.light_intensity[0], [math.pi, 2 * math.pi, 3 * math.pi], rtol=1e-7)

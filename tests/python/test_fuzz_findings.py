@@ -14,7 +14,7 @@ from tests.fuzz.formats import corpus
 from veriray import image
 from veriray.cli import main
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh
+from veriray.formats import mesh, node
 from veriray.scene import load_dict, load_file
 
 SCENE = '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>{}</scene>'  # noqa: E501
@@ -213,3 +213,14 @@ def test_compare_prints_its_own_lines_alone(
     out, err = capfd.readouterr()
     assert not out and err.count("\n") == 1
     assert err.startswith(f"veriray: error: {paths[2]}: not a readable OpenEXR file: ")
+
+
+def test_tiles_of_an_exr_cannot_take_all_memory() -> None:
+    """429 bytes, of tiles of 256,000,032 rows, for which the library took 9 GB."""
+    with pytest.raises(image.ImageError, match="tiles of 32 x 256000032 for 3 x 2 pixels"):
+        image.load(corpus("exr") / "tall-tiles")
+
+
+def test_lists_of_known_names_are_short() -> None:
+    names = [f"{k:03}" + "x" * 1000 for k in range(1000)]
+    assert len(node.allowed("000", names)) < 50 * 45

@@ -107,6 +107,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = tmp_path_factory.mktemp("hostile") / "a.exr"
     picture.save(path)
     return {"scene": scene, "picture": picture, "path": path, "film": scene.film,
+            "features": vr.feature_images(scene, "depth", device="cpu", threads=1),
             "camera": scene.camera, "report": vr.compare(picture, picture),
             "device": vr.devices()[0]}  # fmt: skip
 
@@ -135,10 +136,29 @@ def _row(call: Callable[..., Any], names: str, **good: Any) -> tuple[Any, list[s
 
 Vector = (0.0, 0.0, 1.0)
 TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
+    "Accumulation": lambda g: _row(
+        vr.Accumulation,
+        "scene spp seed device scheduler max_depth rr_depth sampler width height threads "
+        "batches batch_size progress target_error builder all_features",
+        scene=g["scene"],
+        device="cpu",
+        threads=1,
+    ),
+    "Accumulation.add": lambda g: _row(
+        lambda n, progress=None: vr.Accumulation(g["scene"], device="cpu", threads=1).add(
+            n, progress
+        ),
+        "n progress",
+        n=1,
+    ),
+    "Accumulation.paths_of": lambda g: _row(
+        vr.Accumulation(g["scene"], device="cpu", threads=1).paths_of, "n", n=1
+    ),
     "render": lambda g: _row(
         vr.render,
         "scene spp seed device scheduler max_depth rr_depth sampler width height threads "
-        "batches batch_size progress target_error builder all_features",
+        "batches batch_size progress target_error builder all_features features feature_spp "
+        "cameras",
         scene=g["scene"],
         device="cpu",
         threads=1,
@@ -149,7 +169,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "settle": lambda g: _row(
         lambda scene, **given: settle(scene, RenderSettings(**given)),
         "scene spp seed max_depth rr_depth sampler scheduler threads batches batch_size "
-        "all_features target_error builder",
+        "all_features target_error builder features feature_spp",
         scene=g["scene"],
     ),
     "trace_path": lambda g: _row(
@@ -160,6 +180,25 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         y=0,
         sample=0,
     ),
+    "feature_images": lambda g: _row(
+        vr.feature_images,
+        "scene names spp seed device sampler width height threads motion_to progress",
+        scene=g["scene"],
+        device="cpu",
+        threads=1,
+    ),
+    "FeatureImages": lambda g: _row(vr.FeatureImages, "images stderr spp"),
+    "FeatureImages.save": lambda g: _row(g["features"].save, "path"),
+    "lint": lambda g: _row(vr.lint, "scene", scene=g["scene"]),
+    "dataset": lambda g: _row(
+        vr.dataset,
+        "scene folder cameras png exposure again progress spp seed",
+        scene=g["scene"],
+        folder=g["path"].with_name("views"),
+        device="cpu",
+        again=True,
+    ),
+    "Render.load": lambda g: _row(vr.Render.load, "path check", path=g["path"]),
     "film_hash": lambda g: _row(
         vr.film_hash,
         "image stderr spp samples",
@@ -171,7 +210,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "load_dict": lambda g: _row(vr.load_dict, "scene"),
     "compare": lambda g: _row(
         vr.compare,
-        "a b alpha seed regions region_names same_estimator target",
+        "a b alpha seed regions region_names same_estimator target channels spp",
         a=g["picture"],
         b=g["picture"],
     ),
@@ -262,8 +301,8 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         for kind in (vr.DeviceError, vr.OutOfMemoryError, vr.RefusedSamplesWarning)
     },
 }
-#: What `compare` alone calls.
-OWN = {"add_power", "add_means", "decide"}
+#: What `compare` alone calls; and what needs a package (see test_denoising).
+OWN = {"add_power", "add_means", "decide", "denoised"}
 
 
 def test_the_table_is_complete() -> None:

@@ -99,6 +99,14 @@ def test_the_list_is_whole(scene: vr.Scene) -> None:
     assert scene.with_(listed).sha256 == scene.sha256
 
 
+@pytest.mark.parametrize("kinds", [("rectangle",), ("sphere",), ("disk",), ("rectangle", "disk")])
+def test_scenes_without_some_kinds_of_shapes(kinds: tuple[str, ...]) -> None:
+    shapes = {kind: {"type": kind, "bsdf": {"type": "diffuse"}} for kind in kinds}
+    bare = vr.load_dict({"type": "scene", **shapes})
+    for name, value in bare.parameters().items():
+        assert bare.with_({name: value}).sha256 == bare.sha256
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -732,7 +732,7 @@ def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
         '<shape type="cube"><ref id="fur"/><float name="radius" value="1"/></shape>',
         '<shape type="sphere"><float name="radius" value="x"/></shape>',
         OBJ.format("none.obj"),
-        '<sensor type="perspective"><float name="fov" value="200"/><film type="specfilm"/></sensor>',
+        '<sensor type="perspective"><float name="fov" value="200"/><film type="tape"/></sensor>',
         '<bsdf type="mask"><ref id="fur"/></bsdf><shape type="disk"><ref id="nobody"/></shape>',
         '<integrator type="path"><integer name="max_depth" value="-7"/>'
         '<integer name="rr_depth" value="0"/></integrator>',
@@ -743,7 +743,7 @@ def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
         'bsdf "hair" of Mitsuba is not supported yet': 2, 'texture "volume" of Mitsuba': 2,
         'diffuse: unknown parameter "shine"': 2, 'cube: unknown parameter "radius"': 3,
         '"radius" = "x" is not a number': 4, 'cannot read "': 5, '"fov" = 200.0 is outside': 6,
-        'film "specfilm" of Mitsuba': 6, 'no object with the id "nobody"': 7,
+        'unknown film "tape"': 6, 'no object with the id "nobody"': 7,
         '"max_depth" = -7 is outside': 8, '"rr_depth" = 0 is outside': 8, 'unknown shape "torus"': 9,
     }  # fmt: skip
     found = dict.fromkeys(error.faults)

@@ -40,7 +40,7 @@ def keywords(function: Any, *others: str) -> dict[str, Any]:
 
 
 def test_signatures() -> None:
-    assert keywords(veriray.render, "scene", "progress") == DEFAULTS
+    assert keywords(veriray.render, "scene", "progress", "cameras") == DEFAULTS
     path = {name: DEFAULTS[name] for name, s in SETTINGS.items() if s.path}
     assert keywords(veriray.trace_path, "scene", "x", "y", "sample") == path
     few = keywords(rendering.prepare, "scene", "progress")
@@ -78,7 +78,8 @@ def test_defaults_of_a_scene() -> None:
 def test_header_of_a_file() -> None:
     in_header = {name for name in SETTINGS if f"`veriray.{name}`" in str(image.__doc__)}
     own = {name for name, setting in SETTINGS.items() if setting.kept == HEADER}
-    assert in_header == {*own, "batches"}  # of which the file counts those that it holds
+    # batches and feature_spp: of what the file holds; features: those of the scene
+    assert in_header == {*own, "batches", "features", "feature_spp"}
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def bad(y: int, x: int, value: float) -> np.ndarray:
     ({"bitmap": None}, "neither filename nor bitmap"),
     ({"scale": -1.0}, "is outside [0"),
     ({"scale": 3e38}, "exceeds the float32 range"),
-    ({"to_world": np.diag([2.0, 2, 2, 1])}, "to_world scales or shears"),
+    ({"to_world": np.diag([2.0, 2, 1, 1])}, "to_world scales or shears"),
     ({"to_world": np.array([[1.0, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])},
      "to_world scales or shears"),
 ])  # fmt: skip

@@ -61,12 +61,18 @@ def _render(arguments: argparse.Namespace) -> int:
     if arguments.stats:
         check_output(arguments.stats, (".json",))
 
+    has_exr = any(path.lower().endswith(".exr") for path in arguments.output)
+    if arguments.features and not has_exr:
+        raise CommandError("--features needs an output FILE.exr: a PNG has the picture alone")
+
     from .. import device as device_module
     from ..image import save
     from ..info import primitives_text, tree_text
     from ..rendering import choose_scheduler, prepare, render_with, settle
 
     scene = load(arguments)
+    if has_exr and not arguments.features:
+        arguments.features = scene.features
     settings = RenderSettings(**{name: getattr(arguments, name) for name in SETTINGS})
     used, settled = settle(scene, settings)
     chosen, reason = device_module.select(arguments.device)
@@ -115,6 +121,8 @@ def _print_result(result: Any, outputs: list[str]) -> None:
         )
     error = stats["mean_stderr"]
     say(f"mean standard error  {'needs 2 spp' if error is None else f'{error:.6g}'}")
+    if result.features:
+        say(f"features   {', '.join(result.features)} ({result.features.spp} spp)")
     say(f"SHA-256    {result.film_sha256}")
     say(f"written    {', '.join(outputs)}")
 

@@ -5,9 +5,7 @@ The tests are in `statistics`, which of them run in `effort`, error measures in 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,10 +13,10 @@ import numpy as np
 from veriray.comparison import statistics as st
 from veriray.comparison.effort import equal_effort, unequal_effort
 from veriray.comparison.report import Maps, Report
+from veriray.comparison.sides import CompareError, Source, advice, alike, opened
 from veriray.comparison.statistics import Test
 from veriray.errors import printable
-from veriray.image import load_with_regions
-from veriray.numeric import number, path_text, texts, whole
+from veriray.numeric import number, shown, texts, whole
 from veriray.picture import LEDGER_COLUMNS, Render
 
 if TYPE_CHECKING:
@@ -29,14 +27,12 @@ __all__ = ["CompareError", "Report", "Test", "compare"]
 _MIN_FLIP_BATCHES = 16
 
 
-class CompareError(ValueError):
-    """Two pictures, or settings, that cannot be compared."""
-
-
 def compare(
-    a: Render | str | os.PathLike[str],
-    b: Render | str | os.PathLike[str],
+    a: Source,
+    b: Source,
     *,
+    channels: str | tuple[str | None, str | None] | None = None,
+    spp: int | tuple[int | None, int | None] | None = None,
     alpha: float = 1e-3,
     seed: int = 0,
     regions: NDArray[np.integer[Any]] | None = None,
@@ -59,8 +55,11 @@ def compare(
     agree in max_depth and rr_depth, a test that paths end alike.
 
     Args:
-        a: render under test, or the path of its EXR file.
+        a: render under test, the path of an EXR file of it by any program, or a list of several
+            with a seed each, which then are batches (`veriray.comparison.sides` lists layouts).
         b: reference, likewise. Independent of `a`: another seed or another program.
+        channels: which layer or channels of other programs' files to read; a pair for a and b.
+        spp: samples per pixel of each file that does not say; a pair for a and b.
         alpha: family-wise false-alarm rate, at which two correct renders are found to differ.
         seed: of the sign flips; the report is a function of the renders and this.
         regions: (H, W) integers >= 0, one value per object; default: the masks in `a` or `b`.
@@ -83,10 +82,12 @@ def compare(
     seed = whole("seed", seed, 0, 2**64 - 1, error=CompareError)
     if target is not None:
         target = number("target", target, 0.0, np.inf, open_=True, error=CompareError)
-    a, name_a, mask_a = _open(a, "A")
-    b, name_b, mask_b = _open(b, "B")
+    layers, counts = _pair("channels", channels, str), _pair("spp", spp, int)
+    a, name_a, mask_a = opened(a, "A", layers[0], counts[0])
+    b, name_b, mask_b = opened(b, "B", layers[1], counts[1])
     if a.image.shape != b.image.shape:
         raise CompareError(f"different sizes: {name_a} is {_size(a)}, {name_b} is {_size(b)}")
+    a, b = alike(a, b)
     if regions is None:
         regions, names = mask_a if mask_a[0] is not None else mask_b
     else:
@@ -115,23 +116,19 @@ def compare(
         run(report, a, b, regions, labels, same_estimator)
     report.tests = st.holm(report.tests, alpha)
     report.decide(target)
+    if report.result == "inconclusive":
+        report.notes += [text for x, letter in ((a, "A"), (b, "B")) if (text := advice(x, letter))]
     return report
 
 
-def _open(
-    source: Render | str | os.PathLike[str], letter: str
-) -> tuple[Render, str, tuple[NDArray[np.integer[Any]] | None, list[str]]]:
-    name, mask, names = letter, None, list[str]()
-    if isinstance(source, Render):
-        render = source
-    elif isinstance(source, (str, os.PathLike)):
-        name = path_text(letter, source, CompareError)
-        render, mask, names = load_with_regions(source)
-    else:
-        raise TypeError(f"{letter} is {type(source).__name__}; expected a Render or a path")
-    if render.batch_means is not None and len(render.batch_means) < 2:
-        render = replace(render, batch_means=None)
-    return render, name, (mask, names)
+def _pair(name: str, value: Any, kind: type) -> tuple[Any, Any]:
+    """A value for both sides, or one for each."""
+    pair = value if isinstance(value, tuple) else (value, value)
+    if len(pair) != 2 or any(x is not None and not isinstance(x, kind) for x in pair):
+        raise CompareError(
+            f"{name} = {shown(value)}; expected {kind.__name__}, or a pair for A and B"
+        )
+    return pair[0], pair[1]
 
 
 def _checked(regions: Any, shape: tuple[int, ...]) -> NDArray[np.integer[Any]]:
@@ -182,12 +179,21 @@ def _program(x: Render) -> str:
 
 def _notes(a: Render, b: Render) -> list[str]:
     out = []
-    for key in ("max_depth", "rr_depth"):
+    known = [x for x in (a, b) if "max_depth" in x.stats]
+    for key in ("max_depth", "rr_depth") if len(known) == 2 or not known else ():
         if a.stats.get(key) != b.stats.get(key):
             out.append(
                 f"{key} differs: {a.stats.get(key)} against {b.stats.get(key)}"
                 + ("; different pictures are to be expected" * (key == "max_depth"))
             )
+    for letter, x in (("A", a), ("B", b)):
+        if x.stats.get("half"):
+            out.append(
+                f"{letter} holds half floats, rounded by up to {st.HALF:.2g} of a value: smaller "
+                "differences do not count; write 32 bits for a sharper test"
+            )
+        if x.stats.get("luminance"):
+            out.append(f"{letter} holds luminance alone: R, G and B stand for it")
     one = _program(a) == _program(b)
     if one and a.stats.get("scene_sha256") != b.stats.get("scene_sha256"):
         out.append("the scenes have different hashes")
@@ -283,6 +289,12 @@ def _unequal(a: Render, b: Render, report: Report) -> str:
             f"unequal effort: A has {a.spp} samples in {batches} batches, B {b.spp} in "
             f"{len(b.batch_means)}"
         )
+    if a.stats.get("spp_unknown") or b.stats.get("spp_unknown"):
+        return "samples per pixel unknown in " + " and ".join(
+            letter for x, letter in ((a, "A"), (b, "B")) if x.stats.get("spp_unknown")
+        )
+    if a.stats.get("half") or b.stats.get("half"):
+        return "half floats: differences up to their rounding do not count"
     report.figures["correlation"] = rho = st.correlation(a.batch_means, b.batch_means)
     report.figures["asymmetry"] = st.asymmetry(a.batch_means, b.batch_means)
     if abs(rho) > max(0.01, 6 / (a.width * a.height * (batches - 1)) ** 0.5):

@@ -181,7 +181,8 @@ def _t_test(
     change, level = (
         partition.mean(x) for x in (images[0] - images[1], (images[0] + images[1]) / 2)
     )
-    t, p, dof = st.welch(change, level, errors[0], errors[1], dofs[0], dofs[1])
+    margin = st.MARGIN + sum(st.HALF for x in (a, b) if x.stats.get("half"))
+    t, p, dof = st.welch(change, level, errors[0], errors[1], dofs[0], dofs[1], margin)
     tested, best = int(enough.sum()), int(np.argmin(np.where(enough, p, 2.0)))
     error = np.hypot(errors[0], errors[1])
     report.add_power(

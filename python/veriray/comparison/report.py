@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from veriray import html
+from veriray import html, showing
 from veriray.comparison.statistics import Cells, Test
 from veriray.errors import printable
 from veriray.files import replacing
@@ -161,6 +161,13 @@ class Report:
     def to_json(self) -> str:
         """`to_dict` as JSON text; numbers that are not finite become null."""
         return html.as_json(self.to_dict())
+
+    def __repr__(self) -> str:
+        return showing.report_text(self)
+
+    def _repr_html_(self) -> str:
+        """The verdict and the tests as a table, for notebooks."""
+        return showing.report_html(self)
 
     def __str__(self) -> str:
         width = max((len(t.name) for t in self.tests), default=0)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Relative bias that does not count as a difference; absolute for fractions of the ledger.
 MARGIN = 1e-5
+#: Relative rounding of half floats, of which neither side's tests may take notice.
+HALF = 2.0**-11
 #: Samples that must carry a mean before its t distribution is trusted: (sum x)^2 / sum x^2. As one
 #: contribution is at most sqrt(sum x^2), it also bounds the largest to 1 % of the sum.
 MIN_EFFECTIVE_SAMPLES = 10_000
@@ -415,7 +417,13 @@ def effective_samples(mean: Array, error: Array, n: int | Array, partition: Part
 
 
 def welch(
-    difference: Array, level: Array, error_a: Array, error_r: Array, dof_a: float, dof_r: float
+    difference: Array,
+    level: Array,
+    error_a: Array,
+    error_r: Array,
+    dof_a: float,
+    dof_r: float,
+    margin: float = MARGIN,
 ) -> tuple[Array, Array, Array]:
     """Welch's t per cell with the margin subtracted: (t, two-sided p, degrees of freedom).
 
@@ -424,7 +432,7 @@ def welch(
     from scipy.stats import t as student
 
     variance = error_a**2 + error_r**2
-    shifted = np.sign(difference) * np.maximum(np.abs(difference) - MARGIN * np.abs(level), 0)
+    shifted = np.sign(difference) * np.maximum(np.abs(difference) - margin * np.abs(level), 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(shifted == 0, 0.0, shifted / np.sqrt(variance))
         dof = variance**2 / (error_a**4 / dof_a + error_r**4 / dof_r)

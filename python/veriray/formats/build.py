@@ -17,7 +17,7 @@ from ..camera import Camera, Film
 from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
-from . import integrators, materials, textures, views, volumes
+from . import integrators, materials, phases, textures, views, volumes
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
 from .report import Full, Listed, Report
@@ -39,13 +39,16 @@ _IDLE = ("film", "sampler", "rfilter", "phase")
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
-    all sensors, notes on what has no effect, and the table and row of each id."""
+    all sensors, notes on what has no effect, the table and row of each id, the feature images that
+    the file asks for, and place and text of what is rendered with other numbers."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...]
     ids: dict[str, tuple[str, int]]
+    features: tuple[str, ...]
+    warned: tuple[tuple[str, str], ...]
 
 
 def build(read: Callable[[Report], Tree], sensor: int | None = None, strict: bool = False) -> Built:
@@ -84,6 +87,7 @@ class _Builder:
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
         self.grids = volumes.Grids()
+        self.phase_values: list[float] = []
         self.unbounded_nodes: dict[int, Node] = {}  # textures of lights and heights
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
@@ -194,7 +198,10 @@ class _Builder:
         if not child.plugin:
             raise Listed("")
         rules = PLUGINS[node.plugin].children
-        if child.category == "texture" and node.category != "scene":
+        if child.category == "texture" and item.name in PLUGINS[node.plugin].noted:
+            text = f'{node}: "{item.name}": {PLUGINS[node.plugin].noted[item.name]}'
+            self.report.note(text, item.where)
+        elif child.category == "texture" and node.category != "scene":
             textures.check_place(node, child, item)
         elif node.category == "scene" and (child.category in _IDLE or child.plugin == "area"):
             self.report.note(f"{child}: in no object, it has no effect", item.where)
@@ -242,6 +249,7 @@ class _Builder:
         arrays = {**self.tables.arrays(), **shown, **self.sky}
         arrays["texels"] = self.texels.array()
         arrays["cells"] = self.grids.array()
+        arrays["phase_values"] = self.phase_values or None
         seen = arrays["emissions"] is not None or bool(self.sky) or any(environment)
         if not seen and arrays["light_kind"] is None:
             warnings.warn(
@@ -251,6 +259,11 @@ class _Builder:
             )
         depths["hide_emitters"] = depths["hide_emitters"] and seen
         integrators.check_scene(integrator, self.check, self.report, seen, arrays)
+        features = self.report.features
+        if "uv" in features and not textured:
+            features = tuple(name for name in features if name != "uv")
+            self.report.note(f"{integrator}: nothing is textured, so uv is not written",
+                             integrator.where)  # fmt: skip
         if not seen_by:
             seen_by = [self.sensor(Node("perspective", root.where), views.framing(arrays, root))]
             self.report.note("the scene has no sensor; one was placed that frames it", root.where)
@@ -271,11 +284,13 @@ class _Builder:
             tuple(camera for camera, _, _ in seen_by),
             tuple(self.report.notes),
             self.tables.ids(),
+            features,
+            tuple(self.report.warned),
         )
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
         """The column of attributes; also writes where those of each texture begin."""
-        first: dict[tuple[str, float], int] = {}
+        first: dict[tuple[str, float | None], int] = {}
         blocks: list[Array] = []
         for _, _, row in self.tables.rows["textures"].values():
             attribute = row.get("attribute")
@@ -287,6 +302,8 @@ class _Builder:
                 of = "vertices" if attribute.name.startswith("vertex_") else "triangles"
                 blocks.append(shapes.attribute(*key, len(shown[of])))
             row["texture_first"] = first[key]
+        for text, place in shapes.warned:
+            self.report.warn(text, place)
         return {"attribute_values": np.concatenate(blocks) if blocks else None}
 
     def chosen(self, sensors: list[Node], count: int) -> int:
@@ -319,6 +336,7 @@ class _Builder:
         _, values = self.check(skies[0])
         if skies[0].plugin == "constant":
             return tuple(values["radiance"])
+        self.unscaled(skies[0], values)
         image = skies[0].plugin == "envmap"
         self.sky = envmap(skies[0], values) if image else sunsky(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
@@ -339,8 +357,13 @@ class _Builder:
         filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
         kind, parameters = filter_node.plugin, list(self.check(filter_node)[1].values())
-        if kind == "catmullrom":
+        if kind == "lanczos":
+            text = f"{filter_node} is rendered as catmullrom, the nearest filter that there is"
+            self.report.warn(text, filter_node.where)
+        if kind in ("catmullrom", "lanczos"):
             kind, parameters = "mitchell", [0.0, 0.5]
+        if film_node.plugin == "specfilm":
+            self.report.warn(f"{film_node}: RGB is rendered, not its bands", film_node.where)
         width, height = size["width"], size["height"]
         left, top, wide, high = views.window(film_node, size)
         film = located(
@@ -425,6 +448,9 @@ class _Builder:
             held = [self.material(part) for part in parts.get("bsdf", ())]
             given = {} if node.plugin in RELIEFS else self.textures(node)
             if node.plugin == "twosided":
+                if held[1:] and held[1] is not held[0]:
+                    text = f"{node}: its back is rendered as its front: where it is seen, the "
+                    self.report.warn(f"{text}picture is not Mitsuba's", parts["bsdf"][1].where)
                 row = materials.two_sided(held[0])
                 if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
@@ -441,6 +467,9 @@ class _Builder:
             elif node.plugin == "blendbsdf":
                 row = {**materials.blend(node, values, parts["bsdf"], held), **given}
             elif node.plugin in RELIEFS:
+                if any(one.get("relief_texture", -1) >= 0 for one in materials.both(held[0])):
+                    text = f"{node} cannot hold another map; one map to a material"
+                    raise SceneError(text, parts["bsdf"][0].where)
                 row = materials.changed(
                     held[0], {**materials.filled(node, values), **self.relief(node)}
                 )
@@ -462,6 +491,8 @@ class _Builder:
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "texture":
+                continue
+            if item.name in PLUGINS[node.plugin].noted:
                 continue
             column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
             if item.name in node.values or column in columns:
@@ -499,18 +530,35 @@ class _Builder:
 
     def medium(self, node: Node) -> int:
         """Index of a medium, which gets a row when it is first used."""
-        row, grids = self.check_medium(node)
+        row, grids, lobes = self.check_medium(node)
+        new = len(self.tables.rows["media"])
+        index = self.tables.index("media", node, row)
+        if index < new:
+            return index
         for name, grid in grids.items():
-            index = self.tables.index("grids", grid.node, self.grids.placed(grid))
-            row[f"{name}_grid"] = index
-        return self.tables.index("media", node, row)
+            row[f"{name}_grid"] = self.tables.index("grids", grid.node, self.grids.placed(grid))
+        for lobe, of_lobe, values in lobes:
+            of_lobe["lobe_values"] = len(self.phase_values)
+            self.phase_values += values
+            place = self.tables.index("lobes", lobe, of_lobe)
+            row.setdefault("phase_lobe", place)
+            row["phase_lobes"] = len(lobes)
+        return index
 
-    def check_medium(self, node: Node) -> tuple[materials.Row, dict[str, volumes.Grid]]:
-        """A medium's row, and the grids of its parameters."""
+    def check_medium(
+        self, node: Node
+    ) -> tuple[materials.Row, dict[str, volumes.Grid], list[phases.Lobe]]:
+        """A medium's row, the grids of its parameters, and the lobes of its phase function if that
+        is not Henyey and Greenstein's."""
         parts, values = self.check(node)
-        phase = parts["phase"]
-        filled = materials.filled(phase[0], self.check(phase[0])[1]) if phase else {}
-        return volumes.medium(node, values, filled, self.volumes(node), self.grids)
+        filled: materials.Row = {}
+        lobes: list[phases.Lobe] = []
+        for phase in parts["phase"]:
+            if phase.plugin in ("isotropic", "hg"):
+                filled = materials.filled(phase, self.check(phase)[1])
+            else:
+                lobes = phases.lobes(phase, self.check)
+        return *volumes.medium(node, values, filled, self.volumes(node), self.grids), lobes
 
     def volumes(self, node: Node) -> volumes.Given:
         """The volumes of a medium by the parameter that they give."""
@@ -614,6 +662,8 @@ class _Builder:
             row["light_intensity"] = tuple(math.pi * values["scale"] * x for x in colour)
         if not _shines(row["light_intensity"]):
             return
+        if node.plugin in ("spot", "projector"):
+            self.unscaled(node, values)
         matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
         other = {"point": "position", "directional": "direction"}.get(node.plugin, "")
         given = values.get(other)
@@ -633,17 +683,30 @@ class _Builder:
         if node.plugin == "spot":
             cutoff, beam = values["cutoff_angle"], values["beam_width"]
             beam = 0.75 * cutoff if beam is None else beam
-            if not 0 < cutoff or beam > cutoff:
-                raise SceneError(
-                    f"{node}: cutoff_angle = {cutoff:g} and beam_width = {beam:g}; expected "
-                    "0 < cutoff_angle and beam_width <= cutoff_angle",
-                    node.where,
-                )
+            if not 0 < cutoff:
+                text = f"{node}: cutoff_angle = {cutoff:g}, expected more than 0"
+                raise SceneError(text, node.where)
+            if beam > cutoff:
+                text = f"{node}: beam_width = {beam:g} is rendered as cutoff_angle = {cutoff:g}"
+                self.report.warn(text, node.values["beam_width"].where)
+                beam = cutoff
             row["light_angles"] = cutoff, beam
             row |= self.spot_image(node, values, matrix)
         elif node.plugin == "projector":
             row |= self.projector_image(node, values, matrix)
         self.tables.index("lights", node, row)
+
+    def unscaled(self, node: Node, values: dict[str, Any]) -> None:
+        """Takes an even scale out of the to_world of a light that has directions alone."""
+        matrix = values["to_world"]
+        if matrix is None:
+            return
+        lengths = np.sqrt((matrix[:3, :3] * matrix[:3, :3]).sum(axis=0)).tolist()
+        scale = lengths[0]
+        if abs(scale - 1) > 5e-4 and max(lengths) - min(lengths) <= 1e-3 * scale:
+            values["to_world"] = transform.compose(matrix, transform.scale([1 / scale] * 3))
+            text = f"{node}: to_world scales by {scale:g}, which a light of directions leaves out; "
+            self.report.warn(f"{text}Mitsuba's is distorted", node.values["to_world"].where)
 
     def unbounded(self, child: Node) -> Node:
         """A texture's node where its numbers may exceed 1."""
@@ -689,7 +752,8 @@ class _Builder:
             raise SceneError(f'{node}: "irradiance" ({COLOUR} or texture) is missing', node.where)
         fov, axis = self.field_of_view(node, values)
         view = located(node, lambda: Camera(matrix, fov, axis))
-        halves = view.tan_half_x(*size), view.tan_half_y(*size)
+        # Mitsuba's images have two rows and two columns at least.
+        halves = [of(*(max(n, 2) for n in size)) for of in (view.tan_half_x, view.tan_half_y)]
         axes = _on_plane(matrix, -0.5 / halves[0], -0.5 / halves[1])
         return {"light_texture": image, "light_image": axes}
 
@@ -701,7 +765,7 @@ _LAMP = Node("diffuse", "", "bsdf")
 _TABLES = {
     table: blank_row(table)
     for table in TABLES
-    if table not in (*Shapes.TABLES, "texels", "cells", "attributes")
+    if table not in (*Shapes.TABLES, "texels", "cells", "attributes", "phase_values")
 }
 
 

@@ -54,8 +54,10 @@ class Image:
         return self.texels.astype(np.float32)
 
 
-def read(path: Path, where: str, *, raw: bool = False) -> Image:
+def read(path: Path, where: str, *, raw: bool = False, channel: str | None = None) -> Image:
     """An image file. raw: its numbers as they are; else files other than EXR, HDR and PFM are sRGB.
+    channel: "r", "g", "b" (or "x", "y", "z"), "a" for one of them as a grey image; alpha is linear,
+    and 1 where the file has none.
 
     Raises SceneError for a file that is missing, damaged, too large, of an unknown kind, or holds
     texels that are not finite; `where` is the place that names it.
@@ -73,7 +75,10 @@ def read(path: Path, where: str, *, raw: bool = False) -> Image:
             elif re.match(rb"P[Ff]\s", start):
                 image = Image(_pfm(_whole(file, size)))
             else:
-                image = _by_pillow(file, size, raw)
+                image = _by_pillow(file, size, raw, channel == "a")
+                channel = None if channel == "a" else channel
+            if channel is not None:
+                image = _channel(image, channel)
     except (SceneError, ImageError) as error:
         text = str(error).removeprefix(f"{path}: ")
         raise SceneError(f"{name}: {text}", where) from None
@@ -160,7 +165,15 @@ def _whole(file: IO[bytes], size: int) -> bytes:
     return file.read(_MAX_BYTES)
 
 
-def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
+def _channel(image: Image, name: str) -> Image:
+    """One channel as grey; the kinds of image that hold no alpha here have 1."""
+    if name == "a":
+        return Image(np.ones_like(image.texels[:, :, :1]))
+    index = min("rgbxyz".index(name) % 3, image.texels.shape[2] - 1)
+    return Image(np.array(image.texels[:, :, index : index + 1]), image.encoded)
+
+
+def _by_pillow(file: IO[bytes], size: int, raw: bool, alpha: bool = False) -> Image:
     from PIL import Image as Pillow  # not needed by most scenes
     from PIL import UnidentifiedImageError
 
@@ -175,6 +188,8 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool) -> Image:
                         f"damaged: {image.width} x {image.height} texels cannot come from {size} "
                         "bytes"
                     )
+                if alpha:
+                    return Image(np.array(image.convert("RGBA"))[:, :, 3:])
                 if kind == "PNG" and mode in ("RGB", "RGBA") and _png_depth(file) == 16:
                     texels = _png_16(file, mode)
                 elif mode in _GREY:

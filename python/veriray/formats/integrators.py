@@ -19,6 +19,11 @@ _PASSES = {"thindielectric", "null", "mask"}
 #: behind masks, null and thin glass too, as all do here.
 _GOES_THROUGH = {"path", "direct", "prb", "prb_basic"}
 _GOES_ON = {"volpath", "volpathmis", "prbvolpath"}
+#: Feature images by their names in `aov`.
+_AOVS = {
+    "depth": "depth", "position": "position", "uv": "uv", "geo_normal": "geo_normal",
+    "sh_normal": "normal", "albedo": "albedo", "prim_index": "primitive", "shape_index": "object",
+}  # fmt: skip
 #: What integrators render otherwise than Mitsuba's, where there are materials of these kinds.
 _OTHER_IN_MITSUBA = {
     "ptracer": (_SINGULAR, "what mirrors and glass show is rendered; Mitsuba's leaves it out"),
@@ -39,12 +44,22 @@ def depths(
         for other in inner[1:]:
             report.note(f"{node}: only its first integrator is rendered", other.where)
         report.note(f"{node} renders {inner[0]}: {PLUGINS[node.plugin].doc}", node.where)
+        if node.plugin == "aov":
+            _add_features(node, values["aovs"], report)
         if values["hide_emitters"]:
             report.note(
                 f'{node}: "hide_emitters" counts in {inner[0]} alone',
                 node.values["hide_emitters"].where,
             )
         return depths(inner[0], check, report, (*around, node))
+    if "integrator" in parts:
+        report.warn(
+            f"{node}: what it shows is not rendered; the scene's light is, as by path", node.where
+        )
+        plain = Node("path", node.where, "integrator")
+        if "hide_emitters" in node.values:
+            plain.values["hide_emitters"] = node.values["hide_emitters"]
+        return depths(plain, check, report, (*around, node))
     if node.plugin == "direct":
         shorthand = "shading_samples" in node.values
         if shorthand and {"emitter_samples", "bsdf_samples"} & set(node.values):
@@ -57,6 +72,17 @@ def depths(
     default = {"max_depth": 2, "rr_depth": PLUGINS["path"].params["rr_depth"].default}
     depth = {name: values.get(name, default[name]) for name in default}
     return depth | {"hide_emitters": values["hide_emitters"]}
+
+
+def _add_features(node: Node, aovs: str, report: Report) -> None:
+    """Takes the feature images that an integrator `aov` asks for, and notes what is none."""
+    kinds = [one.rpartition(":")[2].strip() for one in aovs.split(",") if one.strip()]
+    found = [_AOVS[kind] for kind in kinds if kind in _AOVS]
+    report.features = tuple(dict.fromkeys((*report.features, *found)))
+    others = [kind for kind in kinds if kind not in _AOVS]
+    if others:
+        where = node.values["aovs"].where
+        report.note(f"{node}: no image of {', '.join(dict.fromkeys(others))} is written", where)
 
 
 def check_scene(

@@ -168,7 +168,7 @@ def _roughness(node: Node, values: dict[str, Any]) -> tuple[float, float]:
             f"{node}: {' and '.join(given)} given; expected alpha, or both alpha_u and alpha_v",
             node.where,
         )
-    if node.plugin == "roughplastic" and u != v:
+    if node.plugin in ("roughplastic", "pplastic") and u != v:
         raise SceneError(
             f"{node}: alpha_u = {u:g} and alpha_v = {v:g}, but its coat has one alpha; give alpha",
             node.values["alpha_u"].where,

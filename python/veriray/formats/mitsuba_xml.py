@@ -109,7 +109,8 @@ class _Reader:
     def find(self, name: str, path: Path, where: str) -> tuple[Path, str]:
         """Where the file is that `name` in the file `path` means, and its name there: the first
         search folder that has it, else, as in Mitsuba, the working directory; if none does, the
-        folder of `path`. Backslashes may stand for slashes."""
+        folder of `path`. Backslashes may stand for slashes. Of a path of another machine, the
+        longest end that is found counts."""
         for text in dict.fromkeys((name, name.replace("\\", "/"))):
             for folder in (*self.folders[path], Path()):
                 try:
@@ -122,6 +123,14 @@ class _Reader:
                 if folder not in self.folders[path]:
                     self.report.note(f"{shorten(text)} is found in the working directory", where)
                 return folder, text
+        if re.match(r"[\\/]|[A-Za-z]:[\\/]", name):
+            ends = [part for part in re.split(r"[\\/]+", name) if part][:64]
+            for first in range(1, len(ends)):
+                text = "/".join(ends[first:])
+                for folder in self.folders[path]:
+                    if ".." not in ends and os.path.isfile(folder / text):
+                        self.report.warn(f"{shorten(name)} is not there; {text} is read", where)
+                        return folder, text
         return path.parent, name
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
@@ -397,6 +406,8 @@ class _Reader:
         a = self.attributes(element, where, "name value")
         name, text = a["name"], a["value"]
         label = f'"{name}"'
+        if kind == "float" and name == "far_clip" and text.strip().lower() in ("inf", "infinity"):
+            return name, Value(kind, np.inf, where)
         if kind == "float":
             return name, Value(kind, parse_float(text, label, where), where)
         if kind == "integer":

@@ -97,9 +97,9 @@ def quoted(word: bytes) -> str:
 def allowed(name: str, names: Iterable[str], what: str = "allowed") -> str:
     """End of a message about an unknown `name`: the known names, and the closest of them.
 
-    At most 50 names are listed, and 1,000 compared.
+    At most 50 names are listed, each by 40 characters at most, and 1,000 compared.
     """
-    known = sorted(names)[:1000]
+    known = [n if len(n) <= 40 else f"{n[:36]}..." for n in sorted(names)[:1000]]
     listed = known[:50] + ["..."] * (len(known) > 50)
     text = f"; {what}: {', '.join(listed)}" if known else f"; {what}: none"
     close = difflib.get_close_matches(name[:64], known, n=1)

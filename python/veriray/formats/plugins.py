@@ -5,7 +5,7 @@ To add an object, add it here and in `build`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
@@ -53,8 +53,8 @@ class Param:
 
     light_texture: it is light, of which a texture may be a factor.
     note: what to say where another value than the default is given, which changes no light. beyond:
-    a "share", "light" or "sign", of which Mitsuba takes values outside the range too (see
-    `values`).
+    a "share", "light", "near" or "sign", of which Mitsuba takes values outside the range too
+    (see `values`).
     """
 
     kind: str
@@ -106,7 +106,10 @@ IORS = {
 }  # fmt: skip
 
 _MANY = 10**9
-_SHUTTER = dict.fromkeys(("shutter_open", "shutter_close"), "nothing in the scene moves")
+_SHUTTER = {
+    **dict.fromkeys(("shutter_open", "shutter_close"), "nothing in the scene moves"),
+    "srf": "the picture is RGB, not the answer of a sensor to a spectrum",
+}
 _TO_WORLD = Param("transform", doc="local to world space; default the identity")
 _PLACED = {
     "to_world": _TO_WORLD,
@@ -117,6 +120,8 @@ _TEXTURES = ("bitmap", "checkerboard", "mesh_attribute")
 _OPAQUE = (*OPAQUE_KINDS, "pplastic")
 _MEDIA = ("homogeneous", "heterogeneous")
 _VOLUMES = ("gridvolume", "constvolume")
+CHANNELS = ("r", "g", "b", "a", "x", "y", "z")
+_PHASES = ("isotropic", "hg", "rayleigh", "tabphase", "blendphase")
 VOLUME_FILTERS = ("trilinear", "nearest")
 _UNMASKED = (
     *_OPAQUE,
@@ -157,6 +162,7 @@ _MESH = {
         "boolean", False, doc="flat shading; else the file's vertex normals, or computed ones"
     ),
     "max_smooth_angle": Param("float", None, 0.0, 180.0, doc=_CREASE),
+    "disable_vertex_normals": Param("boolean", False, doc="the older name of face_normals"),
     **_PLACED,
 }
 _CURVES = {
@@ -237,11 +243,13 @@ _PRINCIPLED = {
         COLOUR, 0.5, **_REFLECTED, doc="of the diffuse part and the metal", column="reflectance"
     ),
     **{
-        name: Param(GREY, default, **_SHARE, doc=doc, column=name)
+        name: Param(GREY, default, **_SHARE, beyond="near", doc=doc, column=name)
         for name, (default, doc) in PRINCIPLED.items()
     },
     "eta": Param("float", None, 1 / MAX_IOR, MAX_IOR, doc="index inside over outside; or specular"),
-    "specular": Param("float", None, **_SHARE, doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"),
+    "specular": Param(
+        "float", None, **_SHARE, beyond="near", doc="0.5; eta is 2 / (1 - sqrt(0.08 specular)) - 1"
+    ),
 }
 _THIN = {
     **{
@@ -268,7 +276,7 @@ def _relief(doc: str, **params: Param) -> Plugin:
                 "boolean", True, doc="less light from grazing directions", column="relief_shades"
             ),
         },
-        {"bsdf": ((*_UNMASKED, "mask"), 1, 1)},
+        {"bsdf": ((*_UNMASKED, "mask", "blendbsdf"), 1, 1)},
         doc=doc,
     )
 
@@ -329,15 +337,17 @@ _PATHS = {
     ),
 }
 #: Integrators that add planes to what another one renders.
-_AROUND = ("moment", "aov", "stokes")
+_AROUND = ("moment", "aov", "stokes", "depth")
 _INTEGRATORS = (*_PATHS, *_AROUND)
 
 
-def _around(doc: str, **noted: str) -> Plugin:
+def _around(
+    doc: str, fewest: int = 1, params: Mapping[str, Param] | None = None, **noted: str
+) -> Plugin:
     return Plugin(
         "integrator",
-        {"hide_emitters": _HIDE},
-        {"integrator": (_INTEGRATORS, 1, _MANY)},
+        {"hide_emitters": _HIDE, **(params or {})},
+        {"integrator": (_INTEGRATORS, fewest, _MANY)},
         doc=f"renders its first integrator; {doc}",
         noted={**_RUN, **noted},
     )
@@ -353,8 +363,8 @@ _PERSPECTIVE = {
 }
 #: Mitsuba's stratified samplers.
 STRATIFIED = ("stratified", "multijitter", "orthogonal", "ldsampler")
-#: Films; all but the first are of version 0.x.
-FILMS = ("hdrfilm", "ldrfilm", "tiledhdrfilm", "mfilm")
+#: Films; all but the first and the last are of version 0.x.
+FILMS = ("hdrfilm", "ldrfilm", "tiledhdrfilm", "mfilm", "specfilm")
 _SAMPLED = "it chooses samples, not what they are an estimate of"
 _SAMPLER: dict[str, Any] = {
     "sample_count": Param("integer", 4, 1, 2**63 - 1, doc="samples per pixel"),
@@ -373,7 +383,7 @@ _MEDIUM = {
     "has_spectral_extinction": Param("boolean", True, note="the coefficients themselves say so"),
 }
 _IN_MEDIA: dict[str, tuple[tuple[str, ...], int, int]] = {
-    "phase": (("isotropic", "hg"), 0, 1),
+    "phase": (_PHASES, 0, 1),
     "volume": (_VOLUMES, 0, 2),
 }
 
@@ -403,8 +413,11 @@ def _film(name: str) -> Plugin:
             "compensate": Param("boolean", False, note="sums are exact"),
             "banner": Param("boolean", False, note="no banner is drawn"),
         },
-        {"rfilter": ((*FILTERS, "catmullrom"), 0, 1)},
-        doc="linear RGB" if name == "hdrfilm" else "as hdrfilm; of version 0.x",
+        {"rfilter": ((*FILTERS, "catmullrom", "lanczos"), 0, 1)},
+        doc={
+            "hdrfilm": "linear RGB",
+            "specfilm": "as hdrfilm, with a warning: not its bands, which are spectra of any name",
+        }.get(name, "as hdrfilm; of version 0.x"),
         lenient="" if name == "hdrfilm" else _WRITTEN,
     )
 
@@ -425,7 +438,12 @@ PLUGINS: dict[str, Plugin] = {
     ),
     **_PATHS,
     "moment": _around("moments are not written: stderr has the variance"),
-    "aov": _around("its planes are not written", aovs="other planes than radiance are not written"),
+    "aov": _around(
+        "its planes are feature images; path if it has none",
+        0,
+        {"aovs": Param("string", "", doc="NAME:KIND, ...; see veriray.features")},
+    ),
+    "depth": _around("depths are not; path if it has none", 0),
     "stokes": _around("polarisation is not"),
     "perspective": Plugin(
         "sensor",
@@ -494,6 +512,11 @@ PLUGINS: dict[str, Plugin] = {
         doc="Mitchell and Netravali, 1988; 4 pixels wide, with negative lobes",
     ),
     "catmullrom": Plugin("rfilter", doc="mitchell with B 0 and C 0.5"),
+    "lanczos": Plugin(
+        "rfilter",
+        {"lobes": Param("integer", 3, 1, 100)},
+        doc="as catmullrom, the nearest, with a warning",
+    ),
     "independent": Plugin("sampler", _SAMPLER, lenient=_SAMPLED),
     **{
         name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol", lenient=_SAMPLED)
@@ -696,7 +719,10 @@ PLUGINS: dict[str, Plugin] = {
         doc="the first bsdf in part, the second for the rest, in the order of the file",
     ),
     "twosided": Plugin(
-        "bsdf", {}, {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf"), 1, 1)}, doc="both sides reflect"
+        "bsdf",
+        {},
+        {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf"), 1, 2)},
+        doc="both sides reflect; of two, the first on both, with a warning",
     ),
     "bumpmap": _relief(
         "normals turned as if the surface were raised by the heights of a bitmap, its texture of "
@@ -718,6 +744,10 @@ PLUGINS: dict[str, Plugin] = {
             "data": Param("array", None, doc="(H, W, C) in a dictionary; not for sRGB"),
             "bitmap": Param("array", None, doc="likewise; uint8 is sRGB unless raw"),
             "raw": Param("boolean", False, doc="8-bit texels are linear, not sRGB"),
+            "scale": Param("float", 1.0, 0.0, doc="factor on the texels; of version 0.x"),
+            "channel": Param(
+                "string", None, choices=CHANNELS, doc="that alone, as grey; of version 0.x"
+            ),
             "filter_type": Param("string", "bilinear", choices=TEXTURE_FILTERS),
             "wrap_mode": Param("string", "repeat", choices=TEXTURE_WRAPS),
             "to_uv": _TO_UV,
@@ -745,6 +775,7 @@ PLUGINS: dict[str, Plugin] = {
         {
             "name": Param("string", REQUIRED, doc="begins with vertex_ or face_; see ply and mesh"),
             "scale": Param("float", 1.0, doc="factor on the numbers, in [0, 1] with it"),
+            "bytes": Param("boolean", False, doc="numbers up to 255 are shares; of version 0.x"),
         },
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
     ),
@@ -796,6 +827,7 @@ PLUGINS: dict[str, Plugin] = {
         "volume",
         {
             "value": Param(COLOUR, 1.0, **_COEFFICIENT),
+            "color": Param(COLOUR, None, **_COEFFICIENT, doc="the older name of value"),
             "to_world": Param("transform", doc="of the unit cube outside of which no sigma_t is"),
         },
         doc="the same number or colour everywhere",
@@ -809,6 +841,24 @@ PLUGINS: dict[str, Plugin] = {
             )
         },
         doc="Henyey and Greenstein",
+    ),
+    "rayleigh": Plugin("phase", doc="Rayleigh, without polarisation"),
+    "tabphase": Plugin(
+        "phase",
+        {
+            "values": Param(
+                "string",
+                REQUIRED,
+                doc="numbers at cosines of the turn from -1 (backward) to 1, linear between them",
+            )
+        },
+        doc="by a table, in proportion to its values",
+    ),
+    "blendphase": Plugin(
+        "phase",
+        {"weight": Param("float", None, 0.0, 1.0, doc="share of the second one, required")},
+        {"phase": (_PHASES, 2, 2)},
+        doc="the first one in part, the second for the rest; they may be blends",
     ),
     "area": Plugin(
         "emitter",
@@ -855,6 +905,7 @@ PLUGINS: dict[str, Plugin] = {
                 "float", 0.5358, 0.0, 90.0, open=True, doc="degrees across; its light stays"
             ),
             "complex_sun": Param("boolean", False, note="the sun's disc is even"),
+            "y_is_east": Param("boolean", False, doc="of a time: +y is east; of version 0.x"),
             "to_world": Param("transform", doc="no scale; up is local +z, south +x, west +y"),
         },
         doc="a clear sky with the sun after Hosek and Wilkie, black below the horizon; an image of "

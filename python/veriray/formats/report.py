@@ -21,13 +21,16 @@ class Listed(SceneError):  # noqa: N818
 class Report:
     """Faults and notes of one scene, each once, in the order in which they were found.
 
-    strict: notes are faults. notes: lines of text, each with its place.
+    strict: notes are faults. notes: lines of text, each with its place. features: feature images
+    that the scene asks for. warned: place and text of those notes that are warnings too.
     """
 
     def __init__(self, strict: bool = False) -> None:
         self.strict = strict
         self.faults: dict[str, SceneError] = {}
         self.notes: dict[str, None] = {}
+        self.features: tuple[str, ...] = ()
+        self.warned: list[tuple[str, str]] = []
         self.count = 0
 
     def add(self, error: SceneError) -> None:
@@ -51,6 +54,7 @@ class Report:
         before = len(self.notes)
         self.note(text, where)
         if len(self.notes) > before:
+            self.warned.append((where, text))
             warnings.warn(f"{where}: {text}", SceneWarning, stacklevel=8)
 
     def fail(self) -> NoReturn:

@@ -15,7 +15,7 @@ from ..chunks import in_chunks
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
 from ..numeric import MAX_COORDINATE, Fresh, determinant, fresh, mirrors, repeated
-from . import creases, curves, cylinder, mesh, sdf
+from . import creases, curves, cylinder, mesh, sdf, spheres
 from .node import Node, shorten
 from .textures import Attribute
 
@@ -48,7 +48,6 @@ _FLAT = {
     "rectangle": (_QUAD, _QUAD_FACES, _QUAD_UV),
     "cube": (_CUBE, _CUBE_FACES, _CUBE_UV),
 }
-_WITH_ATTRIBUTES = ("ply", "mesh")
 _CHUNK = 256  # shapes that are placed together
 #: What instances may add to a scene, which holds each as shapes of its own; a triangle takes
 #: BYTES_A_TRIANGLE of a device, its tree included.
@@ -75,6 +74,8 @@ class Shapes:
         self.textured_lamps = textured_lamps  # emissions
         #: of meshes that such a material is on: first vertex and triangle, node, mesh, attributes
         self.attributed: list[tuple[int, int, Node, mesh.Mesh, list[Attribute]]] = []
+        #: warnings, of attributes that are read and not there, and of spheres: text and place
+        self.warned: list[tuple[str, str]] = []
         self.names: list[str] = []
         self.flat: dict[str, list[tuple[Node, Array, bool, int, int]]] = {
             name: [] for name in _FLAT
@@ -83,7 +84,8 @@ class Shapes:
         self.meshes: list[tuple[int, int, Node, mesh.Mesh, Array | None]] = []
         self.shared: dict[int, mesh.Mesh] = {}  # meshes of shape groups, by their nodes' ids
         self.files: dict[Path, bytes] = {}  # the mesh file that was read last
-        self.spheres: list[tuple[Node, Array, tuple[float, ...], bool]] = []
+        self.spheres: list[spheres.Ball] = []
+        self.instanced_spheres: set[int] = set()  # their numbers
         self.disks: list[Array] = []
         self.turned: list[bool] = []  # of discs: y stands before x
         self.rows: dict[str, list[tuple[int, int, int, int]]] = {
@@ -145,16 +147,19 @@ class Shapes:
         node, values, row, _ = surface
         plugin = node.plugin
         wanted = self.textured.get(row[0])
-        if wanted and plugin not in _WITH_ATTRIBUTES:
+        if wanted and plugin in ("sphere", "disk"):
             raise SceneError(
-                f"{node}: its material reads {shorten(wanted[0].name)}; allowed: on "
-                f"{' and '.join(_WITH_ATTRIBUTES)}",
+                f"{node}: its material reads {shorten(wanted[0].name)}; allowed: on meshes",
                 node.where,
             )
+        if wanted and plugin in _FLAT:
+            self.warned += [(one.missing(node), node.where) for one in wanted]
         flip, matrix = values["flip_normals"], instance[2] if instance else values["to_world"]
         kind = "triangle"
         if plugin == "sphere":
             kind = plugin
+            if instance:
+                self.instanced_spheres.add(len(self.spheres))
             self.spheres.append((node, matrix, (*values["center"], values["radius"]), flip))
         elif plugin == "disk":
             kind = plugin
@@ -178,20 +183,21 @@ class Shapes:
     def arrays(self, *, with_uv: bool = False) -> dict[str, Any]:
         """The arguments of Scene; with_uv: also the texture coordinates uv (V, 2) float32, zero
         for the vertices of meshes without, and what spheres and discs have for them."""
-        spheres, inward = _spheres(self.spheres)
+        balls = spheres.evened(self.spheres, self.instanced_spheres, self.warned)
+        placed, inward = spheres.placed(balls)
         vertices, triangles, normals, uv = self._alone() or self._joined()
         result: dict[str, Any] = {
             "vertices": vertices,
             "normals": normals,
             "triangles": triangles,
-            "spheres": spheres,
+            "spheres": placed,
             "sphere_inward": inward,
             "disks": np.array(self.disks, np.float64).reshape(-1, 3, 3),
             "shape_names": tuple(self.names),
         }
         if with_uv:
             result["uv"] = uv
-            result["sphere_frame"] = _frames(self.spheres)
+            result["sphere_frame"] = spheres.frames(balls)
             result["disk_turned"] = np.array(self.turned, np.bool_)
         for kind, table_rows in self.rows.items():
             table = np.array(table_rows, np.int32).reshape(-1, 4).T
@@ -257,16 +263,20 @@ class Shapes:
                     found[name] = one
         return found
 
-    def attribute(self, name: str, scale: float, count: int) -> Array:
+    def attribute(self, name: str, scale: float | None, count: int) -> Array:
         """The rows (count, 3) float32 of an attribute for all vertices or triangles, zero for those
-        of meshes that do not show it; raises SceneError as `Attribute.of`."""
+        of meshes that do not show it or have it not; raises SceneError as `Attribute.of`."""
         rows = np.zeros((count, 3), np.float32)
         for vertex, triangle, node, found, wanted in self.attributed:
             first = vertex if name.startswith("vertex_") else triangle
             for one in wanted:
-                if (one.name, one.scale) == (name, scale):
-                    values = one.of(node, found)
-                    rows[first : first + len(values)] = values
+                if (one.name, one.scale) != (name, scale):
+                    continue
+                if name not in found.attributes:
+                    self.warned.append((one.missing(node, found), node.where))
+                    continue
+                values = one.of(node, found)
+                rows[first : first + len(values)] = values
         return rows
 
     def _room(self, vertices: int, triangles: int) -> tuple[int, int]:
@@ -308,6 +318,7 @@ class Shapes:
         vertices, reach = _placed(node, matrix, loaded)
         faces = loaded.triangles
         flat, angle = values.get("face_normals", False), values.get("max_smooth_angle")
+        flat = flat or values.get("disable_vertex_normals", False)
         if angle is not None:
             if flat:
                 raise SceneError(
@@ -402,48 +413,6 @@ def _place(
     begin = np.array(first)[:, None]
     vertices[begin + np.arange(len(local))] = placed
     triangles[np.array(face)[:, None] + np.arange(len(faces))] = corners + begin[:, :, None]
-
-
-def _spheres(
-    given: list[tuple[Node, Array, tuple[float, ...], bool]],
-) -> tuple[Array, Array]:
-    """Centres and radii (S, 4) in world space, and whether the front is inside, of spheres: node,
-    matrix, (x, y, z, radius), flipped. All at once: a file may hold a million."""
-    if not given:
-        return np.zeros((0, 4)), np.zeros(0, np.bool_)
-    nodes, matrices, balls, flipped = zip(*given, strict=True)
-    matrix, local = np.array(matrices), np.array(balls, np.float64)
-    rows = matrix[:, :3, :3]
-    with np.errstate(all="ignore"):
-        products = (rows[:, :, None, :] * rows[:, None, :, :]).sum(axis=3)
-        square = products[:, 0, 0]
-        uneven = np.abs(products - square[:, None, None] * np.eye(3)).max(axis=(1, 2))
-        centres = transform.apply(matrix, local[:, :3])
-        radii = local[:, 3] * np.sqrt(square)
-        inward = np.array(flipped, np.bool_)  # a mirror keeps the front in front
-    uniform = uneven <= 2e-3 * square
-    small = (np.abs(centres) <= MAX_COORDINATE).all(axis=1)
-    small &= (radii > 0) & (radii <= MAX_COORDINATE)
-    if not (uniform & small).all():
-        first = int(np.argmin(uniform & small))
-        node = nodes[first]
-        if uniform[first]:
-            raise SceneError(f"{node}: centre or radius exceeds {MAX_COORDINATE:g}", node.where)
-        raise SceneError(
-            f'{node}: "to_world" scales a sphere unevenly; allowed: rotation, translation and '
-            "the same scale in all directions (or a mesh)",
-            (node.values.get("to_world") or node).where,
-        )
-    return np.column_stack([centres, radii]), inward
-
-
-def _frames(given: list[tuple[Node, Array, tuple[float, ...], bool]]) -> Array:
-    """Unit axes (S, 3, 3) in world space of spheres, a row each."""
-    if not given:
-        return np.zeros((0, 3, 3))
-    axes = np.array([matrix[:3, :3].T for _, matrix, _, _ in given])
-    frames: Array = axes / np.sqrt((axes * axes).sum(axis=2))[:, :, None]
-    return frames
 
 
 def _placed(node: Node, matrix: Array, found: mesh.Mesh) -> tuple[Array, tuple[float, float]]:

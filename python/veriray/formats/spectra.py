@@ -400,4 +400,5 @@ PLUGINS: dict[str, tuple[Callable[[_Given, list[Value]], Value], tuple[str, ...]
     "irregular": (_irregular, ("wavelengths", "values")),
     "rawconstant": (_raw, ("value",)),
     "srgb": (_srgb, ("color", "unbounded")),
+    "srgb_d65": (_d65, ("scale", "color")),  # of Mitsuba 2
 }

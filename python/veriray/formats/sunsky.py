@@ -74,7 +74,8 @@ def _sun(node: Node, values: dict[str, Any], turn: Array) -> Array:
     direction = values["sun_direction"]
     if direction is None:
         when = {k: v if values[k] is None else values[k] for k, v in TIME.items()}
-        return sky_model.sun_direction(when, when["latitude"], when["longitude"])
+        found = sky_model.sun_direction(when, when["latitude"], when["longitude"])
+        return found * np.array([1.0, -1.0, 1.0]) if values["y_is_east"] else found
     if given:
         raise SceneError(
             f"{node}: both sun_direction and {given[0]} given, expected one of them",

@@ -53,7 +53,7 @@ class Texels:
         self.report = report
         self.words: list[Array] = []
         self.count = 0
-        self.known: dict[tuple[str, bool, bool], materials.Row] = {}
+        self.known: dict[tuple[str, bool, bool, str | None, float], materials.Row] = {}
         self.rows: dict[int, materials.Row] = {}
 
     def array(self) -> Array | None:
@@ -89,19 +89,24 @@ class Texels:
             )
         where, raw = node.values[given[0]].where, values["raw"]
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
-        stored = self.known.get((str(path), raw, shares)) if path is not None else None
+        channel, scale = values["channel"], np.float32(values["scale"])
+        key = str(path), raw, shares, channel, float(scale)
+        stored = self.known.get(key) if path is not None else None
         if stored is None:
             if path is None:
                 image = images.from_array(values[given[0]], where, raw=raw or given[0] == "data")
             else:
-                image = images.read(path, where, raw=raw)
+                image = images.read(path, where, raw=raw, channel=channel)
+            if scale != 1:
+                with np.errstate(over="ignore"):
+                    image = images.Image(image.linear() * scale)
             name = shorten(str(path)) if path else "the image"
             texels = (_shares if shares else _positive)(
                 node, image.texels, name, where, self.report
             )
             stored = self._store(images.Image(texels, image.encoded))
             if path is not None:
-                self.known[str(path), raw, shares] = stored
+                self.known[key] = stored
         return {
             **stored,
             "texture_wrap": TEXTURE_WRAPS.index(values["wrap_mode"]),
@@ -125,25 +130,30 @@ class Texels:
 
 @dataclass(eq=False)
 class Attribute:
-    """What a texture reads from meshes. single: where one number of it is wanted, "" if nowhere."""
+    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. single:
+    where one number of it is wanted, "" if nowhere."""
 
     name: str
-    scale: float
+    scale: float | None
     single: str = ""
+
+    def missing(self, node: Node, found: Mesh | None = None) -> str:
+        """What to say of a shape without it; Mitsuba's variants for GPU and LLVM read 0, too."""
+        other = ", ".join(map(shorten, found.attributes)) if found else ""
+        return (
+            f"{node}: its material reads {shorten(self.name)}, which the mesh has not; it counts "
+            f"as 0. It has: {other or 'no attributes'}"
+        )
 
     def of(self, node: Node, found: Mesh) -> Array:
         """Its rows (V or T, 3) float32 for the mesh of a shape.
 
-        Raises SceneError if the mesh has no such attribute, or it holds other numbers than Mitsuba
-        would read or than a texture may.
+        Raises SceneError if it holds other numbers than Mitsuba would read or than a texture may.
         """
-        values = found.attributes.get(self.name)
-        if values is None:
-            raise SceneError(
-                f"{node}: its material reads {shorten(self.name)}, which the mesh has not; "
-                f"it has: {', '.join(map(shorten, found.attributes)) or 'no attributes'}",
-                node.where,
-            )
+        values = found.attributes[self.name]
+        scale = self.scale
+        if scale is None:
+            scale = 1 / 255 if values.size and values.max() > 1 else 1.0
         if self.single and values.shape[1] != 1:
             raise SceneError(
                 f"{node}: {shorten(self.name)} has {values.shape[1]} numbers, expected one for "
@@ -151,13 +161,13 @@ class Attribute:
                 node.where,
             )
         with np.errstate(all="ignore"):
-            rows: Array = (values * self.scale).astype(np.float32)
+            rows: Array = (values * scale).astype(np.float32)
         bad = np.argwhere(~((rows >= 0) & (rows <= 1)))
         if len(bad):
             row, column = (int(i) for i in bad[0])
             raise SceneError(
                 f"{node}: {shorten(self.name)} holds {values[row, column]:g} in row {row}; times "
-                f"scale = {self.scale:g} it must be in [0, 1] (numbers of 0 to 255 take the scale "
+                f"scale = {scale:g} it must be in [0, 1] (numbers of 0 to 255 take the scale "
                 "0.00392156862745098)",
                 node.where,
             )
@@ -173,7 +183,7 @@ def _attribute(node: Node, values: dict[str, Any]) -> materials.Row:
         )
     return {
         "texture_kind": TEXTURE_KINDS.index(f"{name.partition('_')[0]}_attribute"),
-        "attribute": Attribute(name, values["scale"]),
+        "attribute": Attribute(name, None if values["bytes"] else values["scale"]),
     }
 
 

@@ -15,7 +15,8 @@ versions had; where today's terms say the same, they are used:
   texture of a `normalmap`, of any name, is its `normalmap`; `extEta` by name is a number;
 - `vertexcolors`: `mesh_attribute`; bitmaps filtered by `trilinear` or `ewa`: bilinear;
 - parameters that change no light are left out;
-- `phong`, `ward`, `coating`, `roughcoating`, `roughdiffuse` by what is nearest: see `approximate`.
+- `phong`, `ward`, `coating`, `roughcoating`, `roughdiffuse` by what is nearest: see `approximate`;
+  much of the rest likewise: see `legacy`.
 
 What has no counterpart stays as it is, and is refused by name as any unknown object.
 """
@@ -29,6 +30,7 @@ from lxml import etree
 from lxml.etree import _Element
 
 from ..errors import SceneError
+from . import legacy, spectra
 from .approximate import approximate
 from .node import parse_floats, shorten
 from .plugins import IORS
@@ -65,6 +67,10 @@ _DROPPED = {
 }
 
 
+#: Numbers of a spectrum in the spectral builds of version 0.x.
+_BINS = 30
+
+
 class Notes:
     """What was put in other words: text -> the first place and how often; and what is rendered by
     something else: text and place."""
@@ -88,6 +94,7 @@ class Notes:
 
 def upgrade(root: _Element, file: str, notes: Notes) -> None:
     """Changes the elements under `root`, a file's, in place. Raises SceneError."""
+    legacy.elements(root, file, notes)
     media = root.find(".//medium") is not None
     for element in list(root.iter()):
         if isinstance(element.tag, str):
@@ -102,6 +109,8 @@ def upgrade(root: _Element, file: str, notes: Notes) -> None:
     for element in reversed(list(root.iter("bsdf"))):  # what a bsdf holds comes before it
         told = f"{file}:{element.sourceline}"
         approximate(element, told, root, lambda *warned: notes.approximated.append(warned))
+    legacy.parts(root, file, notes)
+    legacy.unread(root, file, notes)
 
 
 def snake(name: str) -> str:
@@ -130,6 +139,12 @@ def _value(element: _Element, where: str, notes: Notes) -> None:
         if element.tag == "spectrum" and ":" not in text and count == 3:
             element.tag = "rgb"
             notes.add("a spectrum of three numbers is RGB", where)
+        elif element.tag == "spectrum" and ":" not in text and count == _BINS:
+            step = (spectra.HIGH - spectra.LOW) / _BINS
+            pairs = enumerate(re.findall(r"[^\s,]+", text))
+            shown = (f"{spectra.LOW + (i + 0.5) * step!r}:{word}" for i, word in pairs)
+            element.set("value", " ".join(shown))
+            notes.add(f"a spectrum of {_BINS} numbers is one of as many equal bins", where)
         elif element.tag == "spectrum" and ":" not in text and count == 1:
             if parent is not None and parent.tag == "emitter":
                 notes.add(

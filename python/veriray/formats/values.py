@@ -121,6 +121,13 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3
         value = _taken(value, param, given, label, report)
+    if param.beyond == "near" and isinstance(value, (int, float)) and math.isfinite(value):
+        near = min(max(value, param.low), param.high)
+        if near != value:
+            report.warn(f"{label} is rendered as {near:g}, the nearest in range", given.where)
+        value = near
+    if param.default == math.inf == value:
+        return math.inf
     for number in value if isinstance(value, tuple) else (value,):
         good = param.low < number < param.high if param.open else param.low <= number <= param.high
         if number != number or number in (math.inf, -math.inf):

@@ -67,7 +67,7 @@ class Grids:
         matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
         row: materials.Row = {}
         if node.plugin == "constvolume":
-            colour = np.array(values["value"], np.float32)
+            colour = np.array(values["color"] or values["value"], np.float32)
             cells = colour[None if len(set(colour.tolist())) > 1 else slice(1)].reshape(1, 1, 1, -1)
             box = _UNIT
         else:
@@ -123,7 +123,7 @@ def medium(
     values, given = dict(values), dict(given)
     for name, (volume, of_volume) in list(given.items()):
         if volume.plugin == "constvolume" and (name, node.plugin) != ("sigma_t", "heterogeneous"):
-            values[name] = of_volume["value"]
+            values[name] = of_volume.get("color") or of_volume["value"]
             if name == "albedo" and max(values[name]) > 1:
                 raise SceneError(
                     f"{volume}: albedo = {list(values[name])} is outside [0, 1]", volume.where
@@ -143,7 +143,7 @@ def medium(
             values["scale"] = values["density_scale"]
         if "sigma_t" not in given:
             where = node.values["sigma_t"].where if "sigma_t" in node.values else node.where
-            number = {"value": values["sigma_t"] or (1.0,) * 3, "to_world": None}
+            number = {"value": values["sigma_t"] or (1.0,) * 3, "color": None, "to_world": None}
             given["sigma_t"] = Node("constvolume", where, "volume"), number
     used = {name: grids.grid(*volume, name) for name, volume in given.items()}
     if "albedo" in used:

@@ -1,0 +1,136 @@
+// Feature images on CUDA. A warp takes 32 samples in the order of pixels; its lanes look at one
+// each, and then sum one channel each.
+#include <cuda_runtime.h>
+
+#include "backends/cuda_objects.cuh"
+#include "backends/features.h"
+#include "backends/launches.cuh"
+#include "integrators/features.h"
+
+namespace veriray {
+namespace {
+
+constexpr uint32_t kFeatureBlock = 128, kWarps = kFeatureBlock / 32;
+
+// What a warp has looked at: channels, then hits, by lane.
+struct Looks {
+    float values[kMostFeatureChannels + 1][33];
+};
+
+__device__ void sum_channel(const FeatureJob& job, const Looks& looks, uint32_t channel,
+                            uint64_t first, uint64_t end) {
+    uint32_t kind = 0;
+    while (kind < kFeatureKinds && (!(job.view.wanted >> kind & 1u) || channel < job.first[kind] ||
+                                    channel >= job.first[kind] + job.planes[kind].channels))
+        ++kind;
+    const bool is_hits = channel == job.channels;
+    PixelSum one{};
+    uint32_t hits = 0;
+    for (uint32_t k = 0; k < 32 && first + k < end; ++k) {
+        const float x = looks.values[channel][k];
+        if (is_hits)
+            hits += x != 0.f ? 1u : 0u;
+        else
+            add_sample(one, 0, x);
+        const bool last = k == 31 || first + k + 1 == end ||
+                          (first + k + 1) / job.samples != (first + k) / job.samples;
+        if (!last) continue;
+        const uint32_t pixel = static_cast<uint32_t>((first + k) / job.samples);
+        if (is_hits) {
+            add_to_number(job.hits.number(pixel, 0), {hits, 0});
+        } else {
+            uint64_t* number = job.planes[kind].number(pixel, channel - job.first[kind]);
+            add_to_number(number, one.sum[0]);
+            add_to_number(number + 2, one.square[0]);
+        }
+        one = {};
+        hits = 0;
+    }
+}
+
+// Items [begin, end): samples of pixels in their order.
+template <class Looker>
+__global__ void __launch_bounds__(kFeatureBlock)
+    look_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ FeatureJob job,
+                uint64_t begin, uint64_t end) {
+    __shared__ Looks shared[kWarps];
+    fill_block_quads<Looker::kMask>(scene);
+    __syncthreads();
+    Looks& looks = shared[threadIdx.x / 32];
+    const uint32_t lane = threadIdx.x % 32;
+    const uint64_t first = begin + (uint64_t{blockIdx.x} * kWarps + threadIdx.x / 32) * 32;
+    const uint64_t item = first + lane;
+    if (item < end) {
+        const uint32_t pixel = static_cast<uint32_t>(item / job.samples);
+        const uint32_t sample =
+            job.sample_begin + static_cast<uint32_t>(item - uint64_t{pixel} * job.samples);
+        auto path = Looker::begin(scene, job.settings, pixel % job.width,
+                                  job.first_row + pixel / job.width, job.width, sample, false);
+        const auto put = [&](FeatureKind kind, const float* x, bool met) {
+            const PlaneView& plane = job.planes[kind];
+            const bool good = met && feature_accepted(plane, x);
+            if (met && !good) log_refused(job, kind, pixel, sample, x);
+            for (uint32_t c = 0; c < plane.channels; ++c)
+                looks.values[job.first[kind] + c][lane] = good ? x[c] * plane.scale : 0.f;
+        };
+        const bool met = Looker::look(scene, job.settings, job.view, path, true, put);
+        looks.values[job.channels][lane] = met ? 1.f : 0.f;
+    }
+    __syncwarp();
+    if (lane <= job.channels) sum_channel(job, looks, lane, first, end);
+}
+static_assert(kMostFeatureChannels < 32);
+
+template <class Looker>
+__global__ void __launch_bounds__(kFeatureBlock)
+    centre_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ FeatureJob job) {
+    fill_block_quads<Looker::kMask>(scene);
+    __syncthreads();
+    const uint32_t pixel = blockIdx.x * kFeatureBlock + threadIdx.x;
+    if (pixel >= job.pixels) return;
+    const uint32_t id = Looker::primitive_at_centre(
+        scene, job.settings, pixel % job.width, job.first_row + pixel / job.width, job.width, true);
+    add_to_number(job.primitive.number(pixel, 0), {id, 0});
+}
+
+}  // namespace
+
+bool run_features(const Scene& scene, const FeatureJob& asked, const std::vector<float>& maps,
+                  const RenderSettings& s, RenderStats& stats, const Poll& poll) {
+    constexpr uint64_t kPart = 1 << 26;  // items of a launch
+    use_device(scene.impl->device);
+    stats.device = "cuda:" + std::to_string(scene.impl->device);
+    SceneView view = scene.impl->view;
+    const Scratch<float> there(maps, "texture maps");
+    if (!maps.empty()) view.uv = there.get();
+    const Scratch<FaultLog> faults(1, "fault log");
+    check(cudaMemset(faults.get(), 0, sizeof(FaultLog)), "features");
+    FeatureJob job = asked;
+    job.faults = faults.get();
+    const uint64_t items = uint64_t{job.pixels} * job.samples;
+    bool complete = true;
+    for (uint64_t at = 0; at < items && complete; at += kPart) {
+        const uint64_t end = std::min(items, at + kPart);
+        with_feature_variant(needed(view), s.all_features, [&]<uint32_t kVariant>() {
+            look_kernel<FeatureImages<Scalar, kVariant>>
+                <<<blocks_for(end - at, kFeatureBlock), kFeatureBlock>>>(view, job, at, end);
+        });
+        check_launch("features");
+        check(cudaStreamSynchronize(nullptr), "features");
+        ++stats.launches;
+        complete = !poll || poll(static_cast<double>(end) / static_cast<double>(items));
+    }
+    if (complete && job.centres) {
+        with_feature_variant(needed(view), s.all_features, [&]<uint32_t kVariant>() {
+            centre_kernel<FeatureImages<Scalar, kVariant>>
+                <<<blocks_for(job.pixels, kFeatureBlock), kFeatureBlock>>>(view, job);
+        });
+        check_launch("features");
+        ++stats.launches;
+    }
+    check(cudaStreamSynchronize(nullptr), "features");
+    *asked.faults = faults.download()[0];
+    return complete;
+}
+
+}  // namespace veriray

@@ -1,0 +1,27 @@
+"""`veriray denoise`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from .common import check_output, number, say
+
+
+def add(commands: Any) -> None:
+    """Adds `denoise` to the parser."""
+    parser = commands.add_parser("denoise", help="a picture for eyes, by Open Image Denoise")
+    parser.add_argument("input", metavar="IN.exr", help="a render")
+    parser.add_argument("output", metavar="OUT", help="FILE.exr or FILE.png")
+    parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
+    parser.set_defaults(handler=_denoise)
+
+
+def _denoise(arguments: argparse.Namespace) -> int:
+    check_output(arguments.output, (".exr", ".png"))
+    from ..picture import Render
+
+    made = Render.load(arguments.input).denoised()
+    made.save(arguments.output, exposure=arguments.exposure)
+    say(f"written    {arguments.output}, denoised by {made.stats['denoiser']}")
+    return 0

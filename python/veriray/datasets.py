@@ -1,0 +1,157 @@
+"""Folders of many pictures of one scene, with their cameras: `dataset`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .camera import Camera
+from .errors import ImageError
+from .files import check_writable, replacing
+from .formats.cameras import View, load, transforms
+from .numeric import number, path_text, shown, switch
+from .picture import Render
+from .rendering import render_with, settle
+from .settings import SETTINGS, RenderSettings
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+#: Settings that decide a picture, beside the scene's hash; others decide its time alone.
+DECIDING = ("spp", "seed", "sampler", "max_depth", "rr_depth", "target_error", "version")
+
+
+def dataset(
+    scene: Scene,
+    folder: str | os.PathLike[str],
+    cameras: str | os.PathLike[str] | Sequence[Camera] | None = None,
+    *,
+    png: bool = False,
+    exposure: float = 0.0,
+    again: bool = False,
+    progress: Callable[[float], object] | None = None,
+    **settings: Any,
+) -> list[Path]:
+    """Renders views of a scene to a folder: NAME.exr for each, and transforms.json.
+
+    What is there already, whole and with the same scene and settings, is kept, so that a run that
+    was stopped goes on. View k has the seed `seed` + k, so that no two pictures share their noise.
+
+    Args:
+        scene: seen by all cameras, each with the near and far plane, aperture, focus and medium of
+            the scene's own.
+        folder: is made if it is missing.
+        cameras: a file or folder (see `veriray.formats.cameras`), a list of cameras, or None for
+            all of the scene's sensors.
+        png: also writes display copies, with this exposure in stops.
+        again: replaces files of other settings, which otherwise are an error.
+        progress: called with the fraction of all views that are not there yet.
+        settings: as `render` takes them, but for width and height where the cameras state them.
+
+    Returns:
+        The files, transforms.json last.
+
+    Raises:
+        SceneError, ValueError: bad cameras or settings. ImageError: a file in the way that is
+        damaged or of other settings. OSError: a file that cannot be written.
+    """
+    png, again = (switch(name, x, error=ValueError) for name, x in (("png", png), ("again", again)))
+    exposure = number("exposure", exposure, -1000, 1000, error=ValueError)
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {shown(progress)} is not callable")
+    own = RenderSettings(**settings)
+    used, _ = settle(scene, own)
+    views = _views(used, cameras)
+    described = transforms(views)  # refuses what it cannot hold before any work
+    each = [
+        dataclasses.replace(own, seed=(own.seed + k) % 2**64, width=None, height=None)
+        for k in range(len(views))
+    ]
+    root = Path(path_text("folder", folder))
+    files = [root / f"{view.name}.exr" for view in views]
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    missing = []
+    for k, file in enumerate(files):
+        if not _kept(file, used, views[k], each[k], again):
+            check_writable(file)
+            missing.append(k)
+        elif png and not file.with_suffix(".png").exists():
+            Render.load(file).save(file.with_suffix(".png"), exposure=exposure)
+    for done, k in enumerate(missing):
+
+        def part(fraction: float, done: int = done) -> None:
+            if progress is not None:
+                progress((done + fraction) / len(missing))
+
+        render = render_with(_seen(used, views[k]), each[k], part)
+        _write(render, files[k], png, exposure)
+    with replacing(root / "transforms.json") as out:
+        out.write((json.dumps(described, indent=1) + "\n").encode())
+    return [*files, root / "transforms.json"]
+
+
+def _seen(scene: Scene, view: View) -> Scene:
+    """The scene from a view; geometry and tree are shared."""
+    return scene.with_(camera=view.camera, width=view.width, height=view.height)
+
+
+def _write(render: Render, file: Path, png: bool, exposure: float) -> None:
+    """The files of one view. The EXR is last: it says that all of them are there."""
+    if png:
+        render.save(file.with_suffix(".png"), exposure=exposure)
+    render.save(file)
+
+
+def _views(scene: Scene, cameras: Any) -> list[View]:
+    if cameras is None:
+        cameras = scene.cameras
+    if isinstance(cameras, (str, os.PathLike)):
+        names = ("near_clip", "far_clip", "aperture_radius", "focus_distance", "medium")
+        lens = {name: getattr(scene.camera, name) for name in names}
+        return load(cameras, scene.film.width, scene.film.height, **lens)
+    if not isinstance(cameras, (list, tuple)) or not all(isinstance(c, Camera) for c in cameras):
+        raise TypeError(f"cameras = {shown(cameras)}; expected a path, or a list of Camera")
+    if not cameras:
+        raise ValueError("cameras is an empty list")
+    size = scene.film.width, scene.film.height
+    return [View(f"{k:04d}", camera, *size) for k, camera in enumerate(cameras)]
+
+
+def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again: bool) -> bool:
+    """Whether a file holds this view. Raises ImageError where another one is in the way."""
+    if not file.exists():
+        return False
+    used, settled = settle(_seen(scene, view), settings)
+    try:
+        old = Render.load(file)
+        found, missing = old.stats, {*settled.features} - {*old.features}
+        if missing:
+            raise ImageError(
+                f"{file} is in the way: it lacks {', '.join(sorted(missing))} (again replaces it)"
+            )
+        wanted = {"scene_sha256": used.sha256, **_deciding(settled)}
+        for name, value in wanted.items():
+            if (found.get(name) or None) != (value or None):
+                raise ImageError(
+                    f"{file} is in the way: {name} is {shown(found.get(name))}, not {shown(value)} "
+                    "(again replaces it)"
+                )
+    except ImageError:
+        if again:
+            return False
+        raise
+    return True
+
+
+def _deciding(settings: RenderSettings) -> dict[str, Any]:
+    from . import __version__
+
+    values: dict[str, Any] = {
+        name: getattr(settings, name) for name in DECIDING if name in SETTINGS
+    }
+    return values | {"version": __version__}

@@ -1,0 +1,92 @@
+"""Feature images, without a picture and beside one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from . import device as device_module
+from .accumulation import Accumulation
+from .camera import Camera
+from .features import OF_SURFACES, PARTS, SPP, FeatureImages
+from .first_surface import look
+from .numeric import shown, whole
+from .picture import Render
+from .plan import settle
+from .scene import Scene
+from .settings import MAX_SPP, SETTINGS, RenderSettings
+
+
+def feature_images(
+    scene: Scene,
+    names: str | tuple[str, ...] = ("depth", "normal", "albedo"),
+    spp: int = SPP,
+    seed: int = 0,
+    device: str = "auto",
+    sampler: str | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    threads: int | None = None,
+    motion_to: Camera | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> FeatureImages:
+    """Feature images of a scene without a picture; `veriray.features` says what each of them is.
+
+    The same bits on every device.
+
+    Args:
+        scene: from `load_file`, `load_dict` or `cornell_box`.
+        names: of `veriray.features.OF_SURFACES`, as a tuple or with commas between them.
+        spp: samples per pixel, 1 to 2^40; numbers are of one ray, whatever it is.
+        seed, device, sampler, width, height, threads, progress: as of `veriray.render`.
+        motion_to: the second camera, for "motion".
+
+    Raises as `veriray.render`.
+    """
+    settings = RenderSettings(
+        spp=whole("spp", spp, 1, MAX_SPP, error=ValueError), seed=seed, device=device,
+        sampler=sampler, width=width, height=height, threads=threads,
+    )  # fmt: skip
+    wanted: tuple[str, ...] = SETTINGS["features"].checked("names", names, ValueError)
+    if wrong := [name for name in wanted if name in PARTS]:
+        raise ValueError(
+            f"names: {', '.join(wrong)} are parts of a picture: render(scene, features=...)"
+        )
+    if motion_to is not None and not isinstance(motion_to, Camera):
+        raise ValueError(f"motion_to = {shown(motion_to)} is no Camera")
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {shown(progress)} is not callable")
+    if not wanted:
+        raise ValueError(f"names = {shown(names)} is empty; allowed: {', '.join(OF_SURFACES)}")
+    if "motion" in wanted and motion_to is None:
+        raise ValueError('"motion" needs a second camera: motion_to=Camera(...)')
+    used, settings = settle(scene, settings)
+    chosen, _ = device_module.select(settings.device, fresh=False)
+    with device_module.native_errors():
+        return look(chosen, scene, used, wanted, used.spp, settings.native(),
+                    motion_to, progress)  # fmt: skip
+
+
+def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureImages:
+    """The feature images that a picture's settings ask for; settings: those that it ran with."""
+    names = (*settings.features,)
+    spp = min(SPP, render.spp) if settings.feature_spp is None else settings.feature_spp
+    used, _ = settle(scene, settings)
+    made = FeatureImages(spp=spp)
+    if of_surfaces := tuple(name for name in names if name not in PARTS):
+        chosen, _ = device_module.select(settings.device, fresh=False)
+        with device_module.native_errors():
+            made = look(chosen, scene, used, of_surfaces, spp, settings.native())
+    if {*PARTS} & {*names}:
+        depth = used.max_depth
+        less = {"max_depth": min(2, depth) if depth >= 0 else 2, "batches": 0, "features": ()}
+        direct = Accumulation._of(scene, settings.with_checked(less), None)
+        direct.add(direct.left)
+        part = direct._render()
+        if "direct" in names:
+            made.images["direct"], made.stderr["direct"] = part.image, part.stderr
+        if "indirect" in names:
+            made.images["indirect"] = np.asarray(render.image - part.image, np.float32)
+            made.stderr["indirect"] = np.asarray(render.stderr + part.stderr, np.float32)
+    return made

@@ -1,0 +1,146 @@
+"""Feature images: what the camera sees first, as depth, normals, colours and numbers.
+
+They are of the first surface that a ray of the camera meets. The rays are those of the picture: the
+same random numbers, pixel filter and lens, so its first samples and theirs meet the same points. A
+ray goes on through null surfaces, through uncovered parts of masks, through lamps that the camera
+does not see (`hide_emitters`) and through media. A mirror or glass is itself, not what it shows.
+
+Means over the samples of a pixel that meet a surface, each with its standard error; `alpha` is the
+share of those samples. Where none does, depths are infinite and all others 0. A filter with
+negative lobes counts without its sign: a mean lies between the numbers that it is of.
+
+- `depth` (H, W): distance along the ray from the camera or the point of its lens, in world units.
+- `depth_axis` (H, W): the same along the camera's axis.
+- `position` (H, W, 3): of the point, in the world.
+- `normal` (H, W, 3): of shading, interpolated and turned by normal and bump maps; of the surface's
+  front, whichever side is seen. Means of unit vectors, so shorter where they differ.
+- `geo_normal` (H, W, 3): of the face.
+- `albedo` (H, W, 3): share of the light towards the camera that the surface sends on, by mirror,
+  base and transmission together, as its material states it; 0 for what takes all light, as the back
+  of a one-sided surface does. Mitsuba's `albedo` is the diffuse part of it.
+- `uv` (H, W, 2): texture coordinates, as Mitsuba has them. Only scenes that have some: the reader
+  keeps those of meshes where something is textured.
+- `motion` (H, W, 2): pixels to the right and down from the point's image in this camera to that in
+  the camera `motion_to`, of the same film; 0 for points behind one of them.
+- `alpha` (H, W): share of the samples that meet a surface; always there beside another mean.
+
+Numbers (H, W) uint32 of what the ray through the centres of pixel and lens meets, 0 for nothing;
+never filtered:
+
+- `object`: 1 + the shape in `Scene.shape_names`.
+- `material`: 1 + the row of the scene's materials (of a blend, the row that blends).
+- `primitive`: 1 + the triangle, T + the sphere or T + S + the disk of T triangles and S spheres.
+
+Parts of the picture (H, W, 3), which cost another picture of two segments a path:
+
+- `direct`: paths of two segments at most: what lamps send to the camera, and what they light.
+- `indirect`: picture less `direct`. Its standard error is the sum of both, an upper limit.
+
+In EXR files a layer has the image's name, `depth.Z` and `normal.X` for example (`LAYERS`), and its
+standard error is the layer `stderr.NAME`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .numeric import shown, whole
+from .settings import FEATURES
+
+Array = npt.NDArray[Any]
+
+#: Letters of the channels by image, as EXR files have them.
+LAYERS = {
+    "depth": "Z", "depth_axis": "Z", "position": "XYZ", "normal": "XYZ", "geo_normal": "XYZ",
+    "albedo": "RGB", "uv": "UV", "motion": "XY", "alpha": "A", "object": "I", "material": "I",
+    "primitive": "I", "direct": "RGB", "indirect": "RGB",
+}  # fmt: skip
+NUMBERS = ("object", "material", "primitive")
+PARTS = ("direct", "indirect")
+#: What is made of nothing but the first surface.
+OF_SURFACES = tuple(name for name in LAYERS if name not in PARTS)
+#: Samples of a pixel, if nothing else is asked for, but not more than the picture has.
+SPP = 8
+
+
+class FeatureImages(Mapping[str, Array]):
+    """Feature images by name.
+
+    images: those of `veriray.features`. stderr: standard errors of the means among them, by name;
+    0 where fewer than two samples met a surface. spp: samples of a pixel that the means are of.
+    """
+
+    def __init__(
+        self, images: Mapping[str, Array] = {}, stderr: Mapping[str, Array] = {}, spp: int = 0
+    ) -> None:  # fmt: skip
+        for what, given in (("images", images), ("stderr", stderr)):
+            if not isinstance(given, Mapping):
+                raise ValueError(f"{what} = {shown(given)} is no mapping of names to arrays")
+            for name, values in given.items():
+                known = isinstance(name, str) and name in LAYERS and isinstance(values, np.ndarray)
+                if not known or values.ndim < 2 or _channels(values) != len(LAYERS[name]):
+                    raise ValueError(f"{what}: {shown(name)} is none of `veriray.features`")
+        self.images, self.stderr = dict(images), dict(stderr)
+        self.spp = whole("spp", spp, 0, 2**64 - 1, error=ValueError)
+
+    def __getitem__(self, name: str) -> Array:
+        try:
+            return self.images[name]
+        except KeyError:
+            raise KeyError(f"no feature image {name!r}; there are: {', '.join(self)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.images)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __repr__(self) -> str:
+        return f"FeatureImages({', '.join(self)}; {self.spp} spp)"
+
+    def channels(self) -> dict[str, Array]:
+        """(H, W) float32 or uint32 by the channel's name in an EXR file."""
+        out: dict[str, Array] = {}
+        for prefix, images in (("", self.images), ("stderr.", self.stderr)):
+            for name, values in images.items():
+                planes = values.reshape(*values.shape[:2], -1)
+                for c, letter in enumerate(LAYERS[name]):
+                    out[f"{prefix}{name}.{letter}"] = np.ascontiguousarray(planes[..., c])
+        return out
+
+    @classmethod
+    def _of_channels(cls, channels: Mapping[str, Array], spp: int) -> FeatureImages:
+        """The inverse of `channels`, from all channels of a file."""
+        found: dict[str, dict[str, Array]] = {"": {}, "stderr.": {}}
+        for prefix, images in found.items():
+            for name, letters in LAYERS.items():
+                planes = [channels.get(f"{prefix}{name}.{letter}") for letter in letters]
+                if all(plane is not None for plane in planes):
+                    kind = np.uint32 if name in NUMBERS else np.float32
+                    values = np.stack(planes, axis=-1).astype(kind)  # type: ignore[arg-type]
+                    images[name] = values[..., 0] if len(letters) == 1 else values
+        return cls(found[""], found["stderr."], spp)
+
+    def save(self, path: Any) -> None:
+        """Write these images alone as an EXR file, whose channels are `channels()`.
+
+        Raises ImageError for another suffix than .exr, OSError for what cannot be written.
+        """
+        from .saving import save_channels
+
+        save_channels(path, self.channels(), self.attributes())
+
+    def attributes(self) -> dict[str, str]:
+        """Attributes of the header of an EXR file with these images."""
+        return {"veriray.feature_spp": str(self.spp)} if self.images else {}
+
+
+def _channels(values: Array) -> int:
+    return values.shape[2] if values.ndim == 3 else 1
+
+
+assert set(LAYERS) == set(FEATURES)

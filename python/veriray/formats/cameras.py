@@ -1,0 +1,344 @@
+"""Cameras of other programs: lists of views for data sets, read and written.
+
+Read are, each with its own axes and pixels (x right, y down; all without lens distortion):
+
+- NeRF `transforms.json` (key "frames"): `transform_matrix` is camera to world with OpenGL's axes
+  (x right, y up, looks along -z); `camera_angle_x` in radians, or `fl_x`, `fl_y`, `cx`, `cy`, `w`,
+  `h` in pixels, for all frames or each; the picture's top left corner is (0, 0).
+- COLMAP, a folder with `cameras.txt` (SIMPLE_PINHOLE, PINHOLE, and models of distortion whose
+  coefficients are 0) and `images.txt`: world to camera as quaternion (w, x, y, z) and translation
+  with OpenCV's axes; the picture's top left corner is (0, 0).
+- {"convention": "opencv", "cameras": [{"name", "K", "R", "t" or "matrix", "width", "height"}]}:
+  world to camera, x right, y down, looks along +z; the centre of the top left pixel is (0, 0).
+- {"convention": "opengl", "cameras": [{"name", "matrix", "fov" or "K", "width", "height"}]}: camera
+  to world, x right, y up, looks along -z; fov in degrees along x; K as above.
+- {"convention": "mitsuba", "cameras": [{"name", "matrix", "fov", "fov_axis"}]}: camera to world, x
+  left, y up, looks along +z.
+
+width and height may stand beside "cameras" for all of them, else they are the scene's. Names become
+file names; those without get numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import transform
+from ..camera import MAX_PIXELS, Camera
+from ..errors import SceneError
+from ..files import open_regular
+from ..numeric import array, number, path_text, shown, view_angle, whole
+
+Array = npt.NDArray[Any]
+Entry = Mapping[str, Any]
+MAX_BYTES, MAX_VIEWS = 1 << 28, 1 << 20
+CONVENTIONS = ("opencv", "opengl", "mitsuba")
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6")
+_PLAIN = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL")
+#: COLMAP's models: focal lengths, and numbers in all; the others after the centre must be 0.
+_MODELS = {"SIMPLE_PINHOLE": (1, 3), "PINHOLE": (2, 4), "SIMPLE_RADIAL": (1, 4), "RADIAL": (1, 5),
+           "OPENCV": (2, 8), "FULL_OPENCV": (2, 12)}  # fmt: skip
+_FLIP = np.diag([-1.0, 1.0, -1.0, 1.0])  # between OpenGL's axes and ours
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera with the name of its picture, which has no suffix, and its size in pixels."""
+
+    name: str
+    camera: Camera
+    width: int
+    height: int
+
+
+def load(path: str | os.PathLike[str], width: int, height: int, **lens: Any) -> list[View]:
+    """The views of a file or of a folder of COLMAP's.
+
+    width, height: of pictures whose size is not stated. lens: other fields of Camera for all of
+    them (near_clip, far_clip, aperture_radius, focus_distance, medium). Raises SceneError naming
+    file, entry, key and value, OSError for a file that cannot be read.
+    """
+    where = path_text("cameras", path)
+    if os.path.isdir(where):
+        return _named(_colmap(Path(where), lens), where)
+    try:
+        data = json.loads(_text(where))
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"not JSON: {error}", where) from None
+    if not isinstance(data, dict):
+        raise SceneError(f"{shown(data)} is not an object", where)
+    size = {"width": width, "height": height}
+    if "frames" in data:
+        entries, make = _list(data, "frames", where), _frame
+    else:
+        convention = data.get("convention")
+        if convention not in CONVENTIONS:
+            raise SceneError(
+                f'"convention" = {shown(convention)}; expected {", ".join(CONVENTIONS)}, or '
+                '"frames" as in transforms.json',
+                where,
+            )
+        entries = _list(data, "cameras", where)
+        make = {"opencv": _opencv, "opengl": _opengl, "mitsuba": _mitsuba}[convention]
+    views = []
+    for k, entry in enumerate(entries):
+        place = f"{where}: {'frames' if 'frames' in data else 'cameras'}[{k}]"
+        if not isinstance(entry, dict):
+            raise SceneError(f"{shown(entry)} is not an object", place)
+        views.append(_made({**size, **data, **entry}, k, make, lens, place))
+    return _named(views, where)
+
+
+def transforms(views: list[View], suffix: str = ".exr") -> dict[str, Any]:
+    """A NeRF `transforms.json` of perspective views, each frame with its own intrinsics."""
+    frames = []
+    for view in views:
+        camera = view.camera
+        if camera.projection != "perspective":
+            raise SceneError(f"{view.name}: transforms.json holds no {camera.projection} camera")
+        focal = view.width / (2 * camera.tan_half_x(view.width, view.height))
+        shift = 0.5 - np.asarray(camera.principal_point_offset)
+        frames.append(
+            {
+                "file_path": f"{view.name}{suffix}", "w": view.width, "h": view.height,
+                "fl_x": focal, "fl_y": focal, "cx": float(shift[0] * view.width),
+                "cy": float(shift[1] * view.height),
+                "transform_matrix": transform.compose(np.array(camera.to_world), _FLIP).tolist(),
+            }
+        )  # fmt: skip
+    return {"camera_model": "PINHOLE", "frames": frames}
+
+
+# ---- entries ----
+
+
+def _made(
+    entry: Entry, k: int, make: Callable[..., Camera], lens: dict[str, Any], place: str
+) -> View:
+    try:
+        width, height = (_size(entry, *names) for names in (("width", "w"), ("height", "h")))
+        name = entry.get("file_path", entry.get("name", f"{k:04d}"))
+        return View(_file_name(name), make(entry, width, height, lens), width, height)
+    except SceneError as error:
+        raise SceneError(str(error), place) from None
+
+
+def _frame(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camera:
+    model = entry.get("camera_model", "PINHOLE")
+    if model not in _PLAIN:
+        raise SceneError(f'"camera_model" = {shown(model)}; expected {", ".join(_PLAIN)}')
+    for key in _DISTORTION:
+        if entry.get(key):
+            raise SceneError(f'"{key}" = {shown(entry[key])}: lenses have no distortion here')
+    matrix = _matrix(entry, "transform_matrix")
+    if entry.get("fl_x") is not None:
+        focal = _positive(entry, "fl_x")
+        _square(focal, _positive(entry, "fl_y") if entry.get("fl_y") is not None else focal)
+        fov = view_angle(width, focal)
+    elif entry.get("camera_angle_x") is not None:
+        angle = number('"camera_angle_x"', entry["camera_angle_x"], 0.0, math.pi, open_=True)
+        fov = math.degrees(angle)
+    elif entry.get("fl_y") is not None:
+        fov = view_angle(width, _positive(entry, "fl_y"))
+    else:
+        raise SceneError('neither "fl_x" nor "camera_angle_x" is given')
+    centre = [entry.get(key, size / 2) for key, size in (("cx", width), ("cy", height))]
+    return Camera.from_opengl(matrix, fov, **_centred(centre, width, height), **lens)
+
+
+def _opencv(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camera:
+    given: dict[str, Any] = {key: entry[key] for key in ("R", "t", "matrix") if key in entry}
+    if "K" not in entry:
+        raise SceneError('"K" is missing')
+    return Camera.from_opencv(entry["K"], width=width, height=height, **given, **lens)
+
+
+def _opengl(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camera:
+    matrix = _matrix(entry, "matrix")
+    if "K" in entry:
+        found = Camera.from_opencv(
+            entry["K"], width=width, height=height, matrix=np.eye(4), **lens
+        )  # for its field of view
+        shift = {"principal_point_offset": found.principal_point_offset}
+        return Camera.from_opengl(matrix, found.fov, **shift, **lens)
+    return Camera.from_opengl(matrix, _positive(entry, "fov"), **lens)
+
+
+def _mitsuba(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camera:
+    axis = entry.get("fov_axis", "x")
+    return Camera(_matrix(entry, "matrix"), _positive(entry, "fov"), axis, **lens)
+
+
+def _colmap(folder: Path, lens: dict[str, Any]) -> list[View]:
+    """The views of `images.txt`, with the intrinsics of `cameras.txt`."""
+    cameras: dict[str, tuple[int, int, float, list[float]]] = {}
+    file = folder / "cameras.txt"
+    for place, words in _rows(file):
+        if len(words) < 4 or words[1] not in _MODELS:
+            model = words[1] if len(words) > 1 else ""
+            allowed = ", ".join(_MODELS)
+            raise SceneError(f"model {shown(model)} is unknown; expected {allowed}", place)
+        focals, count = _MODELS[words[1]]
+        try:
+            width, height = (
+                whole(name, int(x) if x.isdecimal() else x, 1, MAX_PIXELS)
+                for name, x in zip(("width", "height"), words[2:4], strict=True)
+            )
+        except SceneError as error:
+            raise SceneError(str(error), place) from None
+        values = _floats(words[4:], place)
+        if len(values) != count:
+            raise SceneError(f"{words[1]} with {len(values)} numbers; expected {count}", place)
+        if any(values[focals + 2 :]):
+            raise SceneError(f"{words[1]}: lenses have no distortion here", place)
+        if focals == 2:
+            _square(values[0], values[1], place)
+        cameras[words[0]] = width, height, values[0], values[focals : focals + 2]
+    views: list[View] = []
+    file = folder / "images.txt"
+    for k, (place, words) in enumerate(_rows(file)):
+        if k % 2:  # points seen in the picture
+            continue
+        if len(words) < 10:
+            raise SceneError(f"{len(words)} words; expected ID QW QX QY QZ TX TY TZ CAMERA NAME",
+                             place)  # fmt: skip
+        if words[8] not in cameras:
+            raise SceneError(f"camera {shown(words[8])} is not in cameras.txt", place)
+        width, height, focal, centre = cameras[words[8]]
+        numbers = _floats(words[1:8], place)
+
+        def make(
+            entry: Entry, w: int, h: int, lens: dict[str, Any], f: float = focal,
+            c: list[float] = centre, n: list[float] = numbers,
+        ) -> Camera:  # fmt: skip
+            k = [[f, 0.0, c[0] - 0.5], [0.0, f, c[1] - 0.5], [0.0, 0.0, 1.0]]
+            return Camera.from_opencv(k, _rotation(n[:4]), n[4:], width=w, height=h, **lens)
+
+        entry = {"width": width, "height": height, "name": " ".join(words[9:])}
+        views.append(_made(entry, len(views), make, lens, place))
+    return views
+
+
+def _rotation(quaternion: list[float]) -> Array:
+    """The matrix (3, 3) of a quaternion (w, x, y, z)."""
+    norm = math.sqrt(sum(q * q for q in quaternion))
+    if not abs(norm - 1) < 1e-2:
+        raise SceneError(f"quaternion {quaternion} is not of length 1")
+    w, x, y, z = (q / norm for q in quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+# ---- parts ----
+
+
+def _text(path: str) -> str:
+    with open_regular(path) as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise SceneError(f"more than {MAX_BYTES} bytes", path)
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise SceneError(f"not UTF-8: {error.reason} at byte {error.start}", path) from None
+
+
+def _rows(file: Path) -> list[tuple[str, list[str]]]:
+    """Place and words of each line but comments; COLMAP has empty lines too, which count."""
+    lines = _text(os.fspath(file)).split("\n")
+    rows = [(f"{file}:{k}", line.split()) for k, line in enumerate(lines, 1)
+            if not line.startswith("#")]  # fmt: skip
+    if file.name == "cameras.txt":
+        return [row for row in rows if row[1]]
+    while rows and not rows[-1][1]:
+        rows.pop()
+    return rows
+
+
+def _floats(words: list[str], place: str) -> list[float]:
+    values = []
+    for word in words:
+        try:
+            values.append(float(word))
+        except ValueError:
+            raise SceneError(f"{shown(word)} is not a number", place) from None
+        if not math.isfinite(values[-1]):
+            raise SceneError(f"{word} is not finite", place)
+    return values
+
+
+def _list(data: Entry, key: str, where: str) -> list[Any]:
+    found = data.get(key)
+    if not isinstance(found, list) or not 1 <= len(found) <= MAX_VIEWS:
+        raise SceneError(f'"{key}" is not a list of 1 to {MAX_VIEWS} views', where)
+    return found
+
+
+def _matrix(entry: Entry, key: str) -> Array:
+    if key not in entry:
+        raise SceneError(f'"{key}" is missing')
+    return array(f'"{key}"', entry[key], np.float64, (4, 4))
+
+
+def _positive(entry: Entry, key: str) -> float:
+    if key not in entry:
+        raise SceneError(f'"{key}" is missing')
+    return number(f'"{key}"', entry[key], 0.0, 1e9, open_=True)
+
+
+def _size(entry: Entry, *names: str) -> int:
+    value = next((entry[name] for name in reversed(names) if name in entry), None)
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return whole(names[0], value, 1, MAX_PIXELS)
+
+
+def _square(x: float, y: float, place: str = "") -> None:
+    if abs(x - y) > 1e-6 * x:
+        raise SceneError(f"focal lengths {x:g} and {y:g}: pixels must be square", place)
+
+
+def _centred(centre: list[Any], width: int, height: int) -> dict[str, Any]:
+    """The principal point, from pixels of a picture whose top left corner is (0, 0)."""
+    cx, cy = (
+        number(f'"{name}"', x, -1e9, 1e9) for name, x in zip(("cx", "cy"), centre, strict=True)
+    )
+    return {"principal_point_offset": np.array([0.5 - cx / width, 0.5 - cy / height])}
+
+
+def _file_name(name: Any) -> str:
+    """A name without its suffix, below the folder of the data set."""
+    if not isinstance(name, str) or not name or "\0" in name or "\\" in name:
+        raise SceneError(f"name {shown(name)} is none of a file")
+    path = PurePosixPath(name)
+    parts = [part for part in path.parts if part != "."]
+    if path.is_absolute() or ".." in parts or not parts:
+        raise SceneError(f"name {shown(name)} leads out of the folder")
+    if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".webp"):
+        parts[-1] = path.stem
+    return "/".join(parts)
+
+
+def _named(views: list[View], where: str) -> list[View]:
+    seen: set[str] = set()
+    for view in views:
+        if view.name in seen:
+            raise SceneError(f"two views are named {shown(view.name)}", where)
+        seen.add(view.name)
+    if not views:
+        raise SceneError("no views", where)
+    return views

@@ -1,0 +1,291 @@
+"""What Mitsuba 0.x had and today has not, in today's terms or by what is nearest: see `upgrade`.
+
+Without loss: `sky`, `sun` and `sunsky`, whose up is +y, as `sunsky`; `difftrans` as a
+`principledthin` that only lets through; `volcache` as what it holds; `density` of a medium as its
+`sigma_t`; materials by name as their numbers; samplers and films of any other name; a spectrum of
+30 numbers as bins from 360 to 830 nm.
+
+With a warning that names the line, as the light differs:
+
+- textures: `scale` of a bitmap clips above 1; `gridtexture` and `wireframe` by the colour between
+  their lines; `wrapMode` `zero` and `one` as `clamp`, two modes as that of u, a gamma as sRGB;
+- bsdfs: `irawan` as `diffuse`, `hk` as `principledthin` of its albedo;
+- a subsurface `dipole` as a diffuse surface of the same reflectance: (a / 2) (1 + e^(-4 A s / 3))
+  e^(-s), s = sqrt(3 (1 - a)), a the albedo, A = (1 + F) / (1 - F), F = -1.440 / eta^2 +
+  0.710 / eta + 0.668 + 0.0636 eta (Jensen, Marschner, Levoy and Hanrahan 2001);
+- phase functions: `rayleigh`, `kkay` and `microflake` as `isotropic`, `mixturephase` as `hg` of the
+  same mean cosine;
+- sensors `perspective_rdist` and `telecentric` without distortion and blur; integrators `ao` and
+  `field` by the light that `path` renders; an `animation` as its first transform;
+- parameters that nothing here reads are left out, as Mitsuba 0.x only warned of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from lxml import etree
+from lxml.etree import _Element
+
+from . import legacy_media
+from .approximate import _add, _named, _numbers, _set
+from .node import shorten
+from .plugins import PLUGINS
+
+if TYPE_CHECKING:
+    from .upgrade import Notes
+
+_VALUES = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "point", "vector",
+           "transform", "blackbody")  # fmt: skip
+_ELEMENTS = {"luminaire": "emitter", "camera": "sensor", "lookAt": "lookat"}
+#: From the axes of a sky, southwards, eastwards, upwards, to those of version 0.x, where east is x,
+#: up y and south z.
+_TURN = "0 1 0 0 0 0 1 0 1 0 0 0 0 0 0 1"
+_APERTURE = 0.5358
+_SUN_LEFT_OUT = ("stretch", "extend", "resolution", "cache")
+
+
+def elements(root: _Element, file: str, notes: Notes) -> None:
+    """Renames elements under `root`, and takes away those that have no counterpart."""
+    for element in list(root.iter()):
+        where = f"{file}:{element.sourceline}"
+        if element.tag in ("luminaire", "camera"):
+            notes.add(f"<{element.tag}> is <{_ELEMENTS[element.tag]}>", where)
+            element.tag = _ELEMENTS[element.tag]
+        elif element.tag == "animation":
+            _animation(element, where, notes)
+    skies = [e for e in root.iter("emitter") if e.get("type") in ("sky", "sun")]
+    if sorted(str(e.get("type")) for e in skies) == ["sky", "sun"]:
+        _one_sky(skies, file, notes)
+
+
+def parts(root: _Element, file: str, notes: Notes) -> None:
+    """Puts objects under `root` into today's terms; their names are today's already."""
+    for element in list(root.iter()):
+        if isinstance(element.tag, str) and element.get("type") is not None:
+            key = str(element.tag), str(element.get("type"))
+            where = f"{file}:{element.sourceline}"
+            _OBJECTS.get(key, _other)(element, where, notes)
+            if element.tag == "medium":
+                legacy_media.medium(element, where, notes)
+
+
+def unread(root: _Element, file: str, notes: Notes) -> None:
+    """Takes away parameters that nothing reads; the objects are in today's terms already."""
+    for element in root.iter():
+        plugin = PLUGINS.get(str(element.get("type"))) if isinstance(element.tag, str) else None
+        if plugin is None or plugin.category != element.tag or plugin.lenient:
+            continue
+        for child in list(element):
+            name = "to_world" if child.tag == "transform" else ""
+            name = str(child.get("name", name))
+            plain = child.tag in _VALUES and child.get("type") is None
+            if not name or not (plain or (child.tag == "texture" and element.tag == "emitter")):
+                continue
+            kept = name in plugin.params or name in plugin.noted
+            if not kept and (element.tag, name) != ("medium", "material"):  # which is refused
+                text = f"{element.tag} {element.get('type')}: {shorten(name)} is left out"
+                if name in plugin.unsupported:
+                    text += f": {plugin.unsupported[name]}"
+                notes.approximated.append((text, f"{file}:{child.sourceline}"))
+                element.remove(child)
+
+
+def _warned(new: str, text: str = "") -> Callable[[_Element, str, Notes], None]:
+    """A rule that gives an object another type, and what that type reads, with a warning."""
+
+    def rule(element: _Element, where: str, notes: Notes) -> None:
+        told = f"{element.tag} {element.get('type')} is rendered as {new}{text}"
+        element.set("type", new)
+        for child in list(element):
+            name = child.get("name") if child.tag != "transform" else "to_world"
+            if child.tag in (*_VALUES, "texture") and name not in PLUGINS[new].params:
+                element.remove(child)
+        notes.approximated.append((told, where))
+
+    return rule
+
+
+def _other(element: _Element, where: str, notes: Notes) -> None:
+    """Samplers, films and filters that are not known."""
+    plugin = str(element.get("type"))
+    for tag, new in (("sampler", "independent"), ("film", "hdrfilm"), ("rfilter", "gaussian")):
+        if element.tag == tag and plugin not in PLUGINS and "$" not in plugin:
+            text = f"{tag} {shorten(plugin)} is not known: {new} is taken"
+            if tag == "rfilter":
+                notes.approximated.append((text, where))
+            else:
+                notes.add(text, where)
+            element.set("type", new)
+
+
+def _rename(element: _Element, old: str, new: str) -> None:
+    child = _named(element, old)
+    if child is not None and _named(element, new) is None:
+        child.set("name", new)
+
+
+def _animation(element: _Element, where: str, notes: Notes) -> None:
+    parent, first = element.getparent(), element.find("transform")
+    if parent is None or first is None:
+        return  # refused as an unknown element
+    first.attrib.clear()
+    first.set("name", str(element.get("name", "toWorld")))
+    parent.replace(element, first)
+    notes.approximated.append(("animation: its first transform counts; nothing moves", where))
+
+
+def _one_sky(skies: list[_Element], file: str, notes: Notes) -> None:
+    """A sky and a sun as one sunsky."""
+    sky, sun = sorted(skies, key=lambda e: str(e.get("type")))
+    where = f"{file}:{sun.sourceline}"
+    for child in list(sun):
+        name = str(child.get("name"))
+        if name == "scale":
+            child.set("name", "sunScale")
+        if _named(sky, str(child.get("name"))) is None or name == "scale":
+            sky.append(child)
+    _rename(sky, "scale", "skyScale")
+    sky.set("type", "sunsky")
+    holder = sun.getparent()
+    if holder is not None:
+        holder.remove(sun)
+    notes.add("emitters sky and sun are one sunsky", where)
+
+
+def _sunsky(element: _Element, where: str, notes: Notes) -> None:
+    plugin = str(element.get("type"))
+    own = {"sky": "sky_scale", "sun": "sun_scale"}.get(plugin)
+    if own:
+        _rename(element, "scale", own)
+        _add(element, "float", "sun_scale" if plugin == "sky" else "sky_scale", "0")
+    element.set("type", "sunsky")
+    radius = _named(element, "sun_radius_scale")
+    if radius is not None:
+        factor = (_numbers(radius, 1.0) or (1.0,))[0]
+        element.remove(radius)
+        if factor > 0:
+            _add(element, "float", "sun_aperture", repr(_APERTURE * factor))
+    for name in _SUN_LEFT_OUT:
+        child = _named(element, name)
+        if child is not None:
+            element.remove(child)
+            if name in ("stretch", "extend") and child.get("value") not in ("1", "1.0", "false"):
+                notes.approximated.append((f"emitter {plugin}: {name} is left out", where))
+    place = _named(element, "to_world")
+    if place is None:
+        place = etree.SubElement(element, "transform", name="to_world")
+        place.sourceline = element.sourceline
+    turn = etree.Element("matrix", value=_TURN)
+    turn.sourceline = element.sourceline
+    place.insert(0, turn)
+    _add(element, "boolean", "y_is_east", "true")
+    notes.add(f"emitter {plugin} is sunsky, whose up is y", where)
+
+
+def _grid(element: _Element, where: str, notes: Notes) -> None:
+    """A texture of lines as the colour between them."""
+    plugin, parent = str(element.get("type")), element.getparent()
+    name = {"gridtexture": "color0", "wireframe": "interior_color"}[plugin]
+    colour = _numbers(_named(element, name), 0.2 if plugin == "gridtexture" else 0.5)
+    if colour is None or parent is None:
+        return
+    notes.approximated.append((f"texture {plugin} is rendered without its lines", where))
+    element.set("type", "checkerboard")
+    element[:] = []
+    for one in ("color0", "color1"):
+        _set(element, one, colour)
+
+
+def _scaled(element: _Element, where: str, notes: Notes) -> None:
+    """A texture times a number as that texture."""
+    inner = [c for c in element if c.tag == "texture"]
+    colours = [c for c in element if c.tag in _VALUES and c.get("name") == "value"]
+    factor = _numbers(_named(element, "scale"), 1.0)
+    parent = element.getparent()
+    if factor is None or parent is None or len(inner) + len(colours) != 1:
+        return  # refused as an unknown texture
+    if colours:
+        colour = _numbers(colours[0], 1.0)
+        if colour is None:
+            return
+        made = tuple(a * b for a, b in zip(colour, factor, strict=True))
+        element[:] = []
+        element.set("type", "checkerboard")
+        for one in ("color0", "color1"):
+            _set(element, one, made)
+        return
+    held = inner[0]
+    if held.get("type") == "checkerboard":
+        for one, default in (("color0", 0.4), ("color1", 0.2)):
+            colour = _numbers(_named(held, one), default)
+            if colour is not None:
+                _set(held, one, tuple(a * b for a, b in zip(colour, factor, strict=True)))
+    elif held.get("type") == "bitmap" and len(set(factor)) == 1:
+        _add(held, "float", "scale", repr(factor[0]))
+    elif factor != (1.0,) * 3:
+        return
+    for key in ("name", "id"):
+        held.attrib.pop(key, "")
+        if element.get(key) is not None:
+            held.set(key, str(element.get(key)))
+    parent.replace(element, held)
+    notes.add("a texture of type scale is its texture's own scale", where)
+
+
+def _bitmap(element: _Element, where: str, notes: Notes) -> None:
+    for name in ("wrap_mode", "wrap_mode_u"):
+        child = _named(element, name)
+        if child is not None and child.get("value") in ("zero", "one"):
+            text = f"texture bitmap: beyond its edge it is as at the edge, not {child.get('value')}"
+            notes.approximated.append((text, where))
+            child.set("value", "clamp")
+    u, v = _named(element, "wrap_mode_u"), _named(element, "wrap_mode_v")
+    one = v if u is None else u
+    if one is not None:
+        one.set("name", "wrap_mode")
+        if u is not None and v is not None:
+            element.remove(v)
+        text = f"texture bitmap: wrap mode {one.get('value')} in u and v"
+        notes.approximated.append((text, where))
+    gamma = _named(element, "gamma")
+    if gamma is not None:
+        element.remove(gamma)
+        text = f"texture bitmap: a gamma of {shorten(gamma.get('value'))} is read as sRGB"
+        notes.approximated.append((text, where))
+
+
+def _colours(element: _Element, where: str, notes: Notes) -> None:
+    _add(element, "boolean", "bytes", "true")
+
+
+def _lamp(element: _Element, where: str, notes: Notes) -> None:
+    _rename(element, "intensity", "radiance")
+
+
+def _direct(element: _Element, where: str, notes: Notes) -> None:
+    _rename(element, "luminaire_samples", "emitter_samples")
+
+
+_OBJECTS: dict[tuple[str, str], Callable[[_Element, str, Notes], None]] = {
+    **{("emitter", name): _sunsky for name in ("sky", "sun", "sunsky")},
+    ("emitter", "area"): _lamp,
+    ("integrator", "direct"): _direct,
+    ("integrator", "ao"): _warned("path", ": light, not openness"),
+    ("integrator", "field"): _warned("path", ": light, not the field"),
+    ("bsdf", "difftrans"): legacy_media.transmitter,
+    ("bsdf", "hk"): legacy_media.hanrahan,
+    ("bsdf", "irawan"): _warned("diffuse", ", not as woven"),
+    ("subsurface", "dipole"): legacy_media.subsurface,
+    ("texture", "gridtexture"): _grid,
+    ("texture", "wireframe"): _grid,
+    ("texture", "scale"): _scaled,
+    ("texture", "bitmap"): _bitmap,
+    ("texture", "mesh_attribute"): _colours,
+    **{("phase", name): _warned("isotropic") for name in ("rayleigh", "kkay", "microflake")},
+    ("phase", "mixturephase"): legacy_media.mixed_phase,
+    ("volume", "volcache"): legacy_media.cached,
+    ("sensor", "perspective_rdist"): _warned("perspective", " without its distortion"),
+    ("sensor", "telecentric"): _warned("orthographic", " without its blur"),
+}

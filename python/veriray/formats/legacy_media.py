@@ -1,0 +1,169 @@
+"""Media, and what scatters below surfaces, of Mitsuba 0.x: see `legacy`."""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from math import sqrt
+from typing import TYPE_CHECKING
+
+from lxml import etree
+from lxml.etree import _Element
+
+from .approximate import _add, _named, _numbers, _set
+from .plugins import IORS
+
+if TYPE_CHECKING:
+    from .upgrade import Notes
+
+_COEFFICIENTS = ("sigma_s", "sigma_a", "sigma_t", "albedo")
+#: Reduced scattering and absorption of red, green and blue light in 1/mm: Jensen, Marschner, Levoy
+#: and Hanrahan, "A practical model for subsurface light transport", 2001, figure 5.
+MATERIALS = {
+    "apple": ((2.29, 2.39, 1.97), (0.0030, 0.0034, 0.046)),
+    "chicken1": ((0.15, 0.21, 0.38), (0.015, 0.077, 0.19)),
+    "chicken2": ((0.19, 0.25, 0.32), (0.018, 0.088, 0.20)),
+    "cream": ((7.38, 5.47, 3.15), (0.0002, 0.0028, 0.0163)),
+    "ketchup": ((0.18, 0.07, 0.03), (0.061, 0.97, 1.45)),
+    "marble": ((2.19, 2.62, 3.00), (0.0021, 0.0041, 0.0071)),
+    "potato": ((0.68, 0.70, 0.55), (0.0024, 0.0090, 0.12)),
+    "skimmilk": ((0.70, 1.22, 1.90), (0.0014, 0.0025, 0.0142)),
+    "skin1": ((0.74, 0.88, 1.01), (0.032, 0.17, 0.48)),
+    "skin2": ((1.09, 1.59, 1.79), (0.013, 0.070, 0.145)),
+    "spectralon": ((11.6, 20.4, 14.9), (0.0, 0.0, 0.0)),
+    "wholemilk": ((2.55, 3.21, 3.77), (0.0011, 0.0024, 0.014)),
+}
+
+
+def transmitter(element: _Element, where: str, notes: Notes) -> None:
+    """A diffuse transmitter."""
+    given = _named(element, "transmittance")
+    if given is not None:
+        given.set("name", "base_color")
+    _sheet(element, 2.0)
+    notes.add("bsdf difftrans is principledthin that lets everything through", where)
+
+
+def hanrahan(element: _Element, where: str, notes: Notes) -> None:
+    """A thin layer of Hanrahan and Krueger."""
+    _preset(element, where, notes)
+    albedo = _albedo(element)
+    element[:] = []
+    _sheet(element, 1.0)
+    _set(element, "base_color", albedo or (0.5,) * 3)
+    text = "bsdf hk is rendered as principledthin of its albedo, half of the light going through"
+    notes.approximated.append((text, where))
+
+
+def _sheet(element: _Element, through: float) -> None:
+    element.set("type", "principledthin")
+    _add(element, "float", "diff_trans", repr(through))
+    _add(element, "float", "eta", "1")
+    _add(element, "float", "roughness", "1")
+
+
+def _preset(element: _Element, where: str, notes: Notes) -> None:
+    """The coefficients of a material by name, if no others are given."""
+    given = _named(element, "material")
+    name = str(given.get("value", "")).lower() if given is not None else "skin1"
+    if given is not None and name in MATERIALS:
+        element.remove(given)
+    if name in MATERIALS and not any(_named(element, n) is not None for n in _COEFFICIENTS):
+        for n, numbers in zip(("sigma_s", "sigma_a"), MATERIALS[name], strict=True):
+            _set(element, n, numbers)
+        notes.add(f"{element.tag} {element.get('type')}: material {name} by its numbers", where)
+
+
+def _albedo(element: _Element) -> tuple[float, ...] | None:
+    """Scattering over extinction of what names its coefficients; None if it does not."""
+    given = {name: _named(element, name) for name in _COEFFICIENTS}
+    if given["albedo"] is not None:
+        return _numbers(given["albedo"], 0.5)
+    if given["sigma_s"] is None or (given["sigma_a"] is None and given["sigma_t"] is None):
+        return None
+    scattered = _numbers(given["sigma_s"], 0.0)
+    other = _numbers(given["sigma_a"] if given["sigma_t"] is None else given["sigma_t"], 0.0)
+    if scattered is None or other is None:
+        return None
+    total = other
+    if given["sigma_t"] is None:
+        total = tuple(s + a for s, a in zip(scattered, other, strict=True))
+    return tuple(s / t if t > 0 else 0.0 for s, t in zip(scattered, total, strict=True))
+
+
+def subsurface(element: _Element, where: str, notes: Notes) -> None:
+    """A dipole below a surface, whose BSDF it replaces."""
+    _preset(element, where, notes)
+    albedo, shape = _albedo(element), element.getparent()
+    if element.get("type") != "dipole" or albedo is None or shape is None or shape.tag != "shape":
+        return  # refused as an unknown element
+    index = _named(element, "int_ior")
+    text = str(index.get("value")).lower() if index is not None else "bk7"
+    eta = IORS.get(text) or (_numbers(index, 1.5) or (1.5,))[0]
+    if not 0.1 <= eta <= 10:
+        return
+    for child in list(shape):
+        if child.tag == "bsdf" or (child.tag == "ref" and not child.get("name")):
+            shape.remove(child)
+    bsdf = etree.Element("bsdf", type="diffuse")
+    bsdf.sourceline = element.sourceline
+    _set(bsdf, "reflectance", tuple(dipole(min(max(a, 0.0), 1.0), eta) for a in albedo))
+    shape.replace(element, bsdf)
+    text = "subsurface dipole is rendered as a diffuse surface of the same reflectance"
+    notes.approximated.append((text, where))
+
+
+def dipole(albedo: float, eta: float) -> float:
+    """The diffuse reflectance of a half space of an albedo and a relative index."""
+    inside = -1.440 / (eta * eta) + 0.710 / eta + 0.668 + 0.0636 * eta
+    a, s = (1 + inside) / (1 - inside), sqrt(3 * (1 - albedo))
+    first, second = (float(Decimal(x).exp()) for x in (-4 * a * s / 3, -s))
+    return albedo / 2 * (1 + first) * second
+
+
+def mixed_phase(element: _Element, where: str, notes: Notes) -> None:
+    """A mixture of phase functions."""
+    weights = _named(element, "weights")
+    words = re.findall(r"[^\s,]+", str(weights.get("value"))) if weights is not None else []
+    held = [c for c in element if c.tag == "phase"]
+    try:
+        shares = [float(word) for word in words]
+    except ValueError:
+        return
+    total = sum(shares)
+    if len(shares) != len(held) or not total > 0:
+        return  # refused as an unknown phase function
+    mean = 0.0
+    for share, one in zip(shares, held, strict=True):
+        g = (_numbers(_named(one, "g"), 0.8) or (0.8,))[0] if one.get("type") == "hg" else 0.0
+        mean += share / total * g
+    element[:] = []
+    element.set("type", "hg")
+    _add(element, "float", "g", repr(min(max(mean, -0.999), 0.999)))
+    text = "phase mixturephase is rendered as hg of the same mean cosine"
+    notes.approximated.append((text, where))
+
+
+def cached(element: _Element, where: str, notes: Notes) -> None:
+    """A volume that keeps another one."""
+    held, parent = [c for c in element if c.tag == "volume"], element.getparent()
+    if len(held) == 1 and parent is not None:
+        held[0].set("name", str(element.get("name", "")))
+        parent.replace(element, held[0])
+
+
+def medium(element: _Element, where: str, notes: Notes) -> None:
+    """The names of a medium's coefficients and volumes."""
+    for child in list(element):
+        if child.tag == "volume" and child.get("name") == "density":
+            child.set("name", "sigma_t")
+        elif child.tag in ("volume", "ref") and child.get("name") == "orientation":
+            element.remove(child)
+            notes.approximated.append(("medium: orientation is left out", where))
+        elif child.get("name") == "method":
+            element.remove(child)
+    if element.get("type") == "homogeneous":
+        _preset(element, where, notes)
+    given = {name for name in ("sigma_s", "sigma_a") if _named(element, name) is not None}
+    if len(given) == 1 and _named(element, "sigma_t") is None and _named(element, "albedo") is None:
+        _add(element, "float", ({"sigma_s", "sigma_a"} - given).pop(), "0")

@@ -387,7 +387,8 @@ def _textures() -> None:
         attribute = {"type": "mesh_attribute", "name": "vertex_color", "scale": scale}
         paper = {"type": "twosided", "inner": {"type": "diffuse", "reflectance": attribute}}
         return {"mesh": {"type": "mesh", "vertices": corners, "faces": [[0, 1, 2], [0, 2, 3]],
-                         "vertex_color": np.vstack([np.eye(3), np.ones(3)]), "bsdf": paper}}  # fmt: skip
+                         "vertex_color": np.vstack([np.eye(3), np.ones(3)]),
+                         "bsdf": paper}}  # fmt: skip
 
     LOOKS["mesh_attribute", "scale"] = Look("texture", [("0.3", mesh(0.3)), ("1", mesh(1.0))])
     PLAIN["bitmap", "filename"] = PLAIN["bitmap", "data"] = PLAIN["bitmap", "bitmap"] = "the image"

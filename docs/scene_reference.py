@@ -96,8 +96,8 @@ def reference(folder: Path) -> str:
         "# Scene reference\n",
         "Every object and parameter of a scene, with its type, default and range, and what it does "
         "to a picture. [Scene files](../scene-files.md) tells how files are read; XML, "
-        "dictionaries and glTF share these names. The pictures were rendered when this page was built; a strip "
-        "shows the values that stand below it, all else being equal.\n",
+        "dictionaries and glTF share these names. The pictures were rendered when this page was "
+        "built; a strip shows the values that stand below it, all else being equal.\n",
     ]
     for category, title in CATEGORIES.items():
         text.append(f"## {title}\n")

@@ -7,9 +7,9 @@ namespace {
 // A shadow ray ends before its lamp by the lamp's offset, 2^-20 at most, and by 2^-21 of its
 // length, which is below 4.
 constexpr double kNear = 0x1p-18;
-// Within this two planes are one, of which the first primitive is met. Of others as close as
-// rounding either may be met: rays tell which.
-constexpr double kOnePlane = 0x1p-40, kRounding = 0x1p-22;
+// Within this, the rounding of two corners, planes count as one, of which the first primitive is
+// met. Of others as close as the rounding of planes either may be met: rays tell which.
+constexpr double kOnePlane = 0x1p-23, kRounding = 0x1p-22;
 // The share of a lamp that may be covered and is sampled all the same: neighbours whose edges
 // differ by rounding overlap. So much of its light may come through the cover.
 constexpr double kSliver = 1e-6;

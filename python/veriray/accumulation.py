@@ -72,13 +72,17 @@ class Accumulation:
 
     A pass that is interrupted, by Ctrl-C or by an exception of its progress callback, leaves no
     trace: the next one draws its samples again. One thread at a time may use an accumulation; the
-    progress callback may ask it for its picture. Memory: a film, from the second pass on two.
+    progress callback may ask it for its picture. Memory: a film, and another one from the second
+    pass on until `left` is 0.
 
     Raises as `veriray.render`, before any sample is drawn.
     """
 
     def __init__(self, scene: Scene, *, progress: Progress = None, **settings: Any) -> None:
-        self._begin(scene, RenderSettings(**settings), progress)
+        given = RenderSettings(**settings)
+        if given.features or given.feature_spp is not None:
+            raise ValueError("features and feature_spp are settings of veriray.render alone")
+        self._begin(scene, given, progress)
 
     @classmethod
     def _of(cls, scene: Scene, settings: RenderSettings, progress: Progress) -> Accumulation:
@@ -209,6 +213,8 @@ class Accumulation:
         self._kept = after
         if kept.film is not None:
             self._spare = kept.film
+        if not self.left:  # two films are more than a finished picture needs
+            self._spare = None
 
     def _pass(
         self, begin: int, n: int, pixels: Array | None, progress: Progress

@@ -35,14 +35,19 @@ class Bar:
             return
         self.shown, seconds = now, now - self.start
         left = seconds / fraction - seconds if fraction > 0 else float("inf")
-        text = f"{fraction * self.spp:,.0f} of {self.spp:,} spp, {self._rate(fraction, seconds)}"
-        self.show(fraction, f"{text}, {duration(left)} left, {memory()}")
+        text = ""
+        if self.spp:
+            text = f"{fraction * self.spp:,.0f} of {self.spp:,} spp, "
+            text += f"{self._rate(fraction, seconds)}, "
+        self.show(fraction, f"{text}{duration(left)} left, {memory()}")
 
     def done(self, error: float | None) -> None:
         """The last line; error: mean standard error, None if unknown."""
         seconds = time.perf_counter() - self.start
         about = "" if error is None else f", mean standard error {error:.3g}"
-        text = f"{self.spp:,} spp in {duration(seconds)}, {self._rate(1.0, seconds)}"
+        text = duration(seconds)
+        if self.spp:
+            text = f"{self.spp:,} spp in {text}, {self._rate(1.0, seconds)}"
         self.show(1.0, f"{text}{about}, {memory()}")
 
     def _rate(self, fraction: float, seconds: float) -> str:

@@ -130,6 +130,17 @@ def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again:
     try:
         old = Render.load(file)
         found, missing = old.stats, {*settled.features} - {*old.features}
+        batches = 0 if old.batch_means is None else len(old.batch_means)
+        if batches != settled.batches:
+            raise ImageError(
+                f"{file} is in the way: batches is {batches}, not {settled.batches} "
+                "(again replaces it)"
+            )
+        if settled.feature_spp not in (None, old.features.spp) and {*settled.features}:
+            raise ImageError(
+                f"{file} is in the way: feature_spp is {old.features.spp}, not "
+                f"{settled.feature_spp} (again replaces it)"
+            )
         if missing:
             raise ImageError(
                 f"{file} is in the way: it lacks {', '.join(sorted(missing))} (again replaces it)"

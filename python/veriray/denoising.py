@@ -75,4 +75,6 @@ def fields(render: Any, albedo: Array | None, normal: Array | None) -> dict[str,
         "height": render.height,
         "spp": render.spp,
         "seed": render.seed,
+        "samples": render.samples,
+        "features": render.features,
     }

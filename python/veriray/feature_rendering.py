@@ -14,6 +14,7 @@ from .first_surface import look
 from .numeric import shown, whole
 from .picture import Render
 from .plan import settle
+from .sampling import first_sample
 from .scene import Scene
 from .settings import MAX_SPP, SETTINGS, RenderSettings
 
@@ -76,8 +77,9 @@ def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureIma
     made = FeatureImages(spp=spp)
     if of_surfaces := tuple(name for name in names if name not in PARTS):
         chosen, _ = device_module.select(settings.device, fresh=False)
+        begin = 0 if settings.target_error is None else first_sample(used.spp)
         with device_module.native_errors():
-            made = look(chosen, scene, used, of_surfaces, spp, settings.native())
+            made = look(chosen, scene, used, of_surfaces, spp, settings.native(), begin=begin)
     if {*PARTS} & {*names}:
         depth = used.max_depth
         less = {"max_depth": min(2, depth) if depth >= 0 else 2, "batches": 0, "features": ()}

@@ -25,10 +25,13 @@ _DEPTHS = ("depth", "depth_axis")
 _MEANS = tuple(name for name in OF_SURFACES if name not in (*NUMBERS, "alpha"))
 
 
-def look(device: Device, owner: Scene, scene: Scene, names: tuple[str, ...], spp: int,
-         native: Mapping[str, Any], motion_to: Camera | None = None,
-         progress: Callable[[float], object] | None = None) -> FeatureImages:  # fmt: skip
-    """Feature images of `scene`, which `owner` keeps; native: its settings of native renders.
+def look(  # noqa: PLR0913
+    device: Device, owner: Scene, scene: Scene, names: tuple[str, ...], spp: int,
+    native: Mapping[str, Any], motion_to: Camera | None = None,
+    progress: Callable[[float], object] | None = None, begin: int = 0,
+) -> FeatureImages:  # fmt: skip
+    """Feature images of `scene`, which `owner` keeps; native: its settings of native renders;
+    begin: the first sample.
 
     Raises ValueError for "uv" of meshes without texture coordinates.
 
@@ -73,7 +76,7 @@ def look(device: Device, owner: Scene, scene: Scene, names: tuple[str, ...], spp
                 progress((done + share * of) / height)
 
         report = device.native.render_features(
-            held, film, sample_begin=0, sample_end=samples, seed=native["seed"],
+            held, film, sample_begin=begin, sample_end=begin + samples, seed=native["seed"],
             sampler=native["sampler"], threads=native["threads"],
             all_features=native["all_features"], first_row=first, motion=motion,
             poll=polled(poll),

@@ -109,8 +109,7 @@ def read_exr(
                 if key.startswith("veriray.") and not isinstance(value, str):
                     raise ImageError(f"{where}: header attribute {key!r} is not a string")
             for one in headers:  # the library decodes all of them
-                need = _check_header(one, size, room, where)
-                room -= need if every_part else 0
+                room -= _check_header(one, size, room, where)
             if not pixels:
                 return header, {}
             file.seek(0)

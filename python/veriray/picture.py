@@ -213,12 +213,16 @@ class Render:
         """This picture without noise, as Open Image Denoise guesses it: for eyes, not for proofs.
 
         albedo: (H, W, 3) in [0, 1]; normal: (H, W, 3) in [-1, 1], with albedo only; both of what
-        the pixels show. The result has no standard error, batches or hash, its stats name the
-        denoiser, and `veriray.compare` refuses it. Needs pyoidn (`pip install veriray[denoise]`);
-        raises `veriray.denoising.DenoiserError` without it, and ValueError for other arrays.
+        the pixels show. None takes the feature images of that name, if the picture has them. The
+        result has no standard error, batches or hash, its stats name the denoiser, and
+        `veriray.compare` refuses it. Needs pyoidn (`pip install veriray[denoise]`); raises
+        `veriray.denoising.DenoiserError` without it, and ValueError for other arrays.
         """
         if self.stats.get("denoiser"):
             raise ValueError(f"the picture is denoised already, by {self.stats['denoiser']}")
+        albedo = self.features.get("albedo") if albedo is None else albedo
+        if albedo is not None and normal is None:
+            normal = self.features.get("normal")
         return type(self)(**denoising.fields(self, albedo, normal))
 
     def __getstate__(self) -> dict[str, Any]:

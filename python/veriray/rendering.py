@@ -166,7 +166,8 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     used, _ = settle(scene, settings)
     views = [scene] if cameras is None else _views(used, cameras)
     if progress is True and views:
-        with bars.bar(used.film.width, used.film.height, used.spp * len(views)) as bar:
+        spp = used.spp * len(views) if target_error is None else 0  # 0: not known
+        with bars.bar(used.film.width, used.film.height, spp) as bar:
             done = [render_with(*view) for view in _turns(views, settings, bar)]
             bar.done(done[-1].stats["mean_stderr"])
     else:

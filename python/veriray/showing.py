@@ -9,6 +9,7 @@ import base64
 import html
 import io
 import itertools
+import secrets
 import zlib
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -141,13 +142,14 @@ def render_html(render: Render) -> str:
     data = base64.b64encode(zlib.compress(shared_exponent(image).tobytes(), 6)).decode()
     small = _png(smaller(image, MOST_PIXELS // 2))
     stats, error = render.stats, render.stats.get("mean_stderr")
+    rate = stats.get("samples_per_second")
     facts = [
         ("device", f"{stats.get('device', '')} {stats.get('device_name', '')}".strip()),
-        ("samples", f"{stats.get('samples_per_second', 0):,.0f} per second"),
+        ("samples", f"{rate:,.0f} per second" if isinstance(rate, (int, float)) else ""),
         ("mean stderr", f"{error:.4g}" if isinstance(error, float) else ""),
         ("SHA-256", render.film_sha256),
     ]
-    name = f"veriray-{next(_numbers)}-{render.film_sha256[:12]}"
+    name = f"veriray-{next(_numbers)}-{secrets.token_hex(6)}"
     script = _SCRIPT.replace("NAME", name).replace("WIDTH", str(width))
     return (
         f'<div id="{name}" style="max-width:100%">'

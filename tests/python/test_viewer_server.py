@@ -94,6 +94,36 @@ def test_pictures(viewer: Viewer) -> None:
         assert moved["change"] == facts["change"] + 1 and moved["sha256"] != facts["sha256"]
 
 
+def test_a_picture_that_cannot_be_sent_is_told(
+    viewer: Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next one is sent again."""
+    _, server, port = viewer
+    with Browser(port) as browser:
+        first, _ = browser.picture(lambda facts: facts["done"])
+        packed = server._packed
+
+        def broken(*_: Any) -> bytes:
+            monkeypatch.setattr(server, "_packed", packed)
+            raise OSError("the encoder is full")
+
+        monkeypatch.setattr(server, "_packed", broken)
+        browser.send(do="orbit", x=0.1, y=0.1)
+        browser.until(lambda: "OSError: the encoder is full" in browser.notices)
+        browser.send(do="orbit", x=0.1, y=0.1)
+        again, _ = browser.picture(lambda facts: facts["done"] and facts["change"] > 1)
+        assert again["sha256"] != first["sha256"]
+        browser.send(do="set", name="width", value=70000)
+        browser.until(lambda: any("65500" in text for text in browser.notices))
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_other_pages_get_no_files(viewer: Viewer, site: str) -> None:
+    port = viewer[2]
+    assert get(port, "/save/scene.xml", **{"Sec-Fetch-Site": site})[0] == 403
+    assert get(port, "/save/scene.xml", **{"Sec-Fetch-Site": "same-origin"})[0] in (200, 409)
+
+
 def test_two_browsers_see_one_view(viewer: Viewer) -> None:
     port = viewer[2]
     with Browser(port) as one, Browser(port) as two:

@@ -13,8 +13,7 @@ With a warning that names the line, as the light differs:
 - a subsurface `dipole` as a diffuse surface of the same reflectance: (a / 2) (1 + e^(-4 A s / 3))
   e^(-s), s = sqrt(3 (1 - a)), a the albedo, A = (1 + F) / (1 - F), F = -1.440 / eta^2 +
   0.710 / eta + 0.668 + 0.0636 eta (Jensen, Marschner, Levoy and Hanrahan 2001);
-- phase functions: `rayleigh`, `kkay` and `microflake` as `isotropic`, `mixturephase` as `hg` of the
-  same mean cosine;
+- phase functions: `kkay` and `microflake` as `isotropic`; `mixturephase` as blends, without loss;
 - sensors `perspective_rdist` and `telecentric` without distortion and blur; integrators `ao` and
   `field` by the light that `path` renders; an `animation` as its first transform;
 - parameters that nothing here reads are left out, as Mitsuba 0.x only warned of them.
@@ -283,7 +282,7 @@ _OBJECTS: dict[tuple[str, str], Callable[[_Element, str, Notes], None]] = {
     ("texture", "scale"): _scaled,
     ("texture", "bitmap"): _bitmap,
     ("texture", "mesh_attribute"): _colours,
-    **{("phase", name): _warned("isotropic") for name in ("rayleigh", "kkay", "microflake")},
+    **{("phase", name): _warned("isotropic") for name in ("kkay", "microflake")},
     ("phase", "mixturephase"): legacy_media.mixed_phase,
     ("volume", "volcache"): legacy_media.cached,
     ("sensor", "perspective_rdist"): _warned("perspective", " without its distortion"),

@@ -131,17 +131,21 @@ def mixed_phase(element: _Element, where: str, notes: Notes) -> None:
     except ValueError:
         return
     total = sum(shares)
-    if len(shares) != len(held) or not total > 0:
+    parent = element.getparent()
+    if len(shares) != len(held) or not total > 0 or min(shares) < 0 or parent is None:
         return  # refused as an unknown phase function
-    mean = 0.0
-    for share, one in zip(shares, held, strict=True):
-        g = (_numbers(_named(one, "g"), 0.8) or (0.8,))[0] if one.get("type") == "hg" else 0.0
-        mean += share / total * g
-    element[:] = []
-    element.set("type", "hg")
-    _add(element, "float", "g", repr(min(max(mean, -0.999), 0.999)))
-    text = "phase mixturephase is rendered as hg of the same mean cosine"
-    notes.approximated.append((text, where))
+    made, left = held[-1], shares[-1]
+    for share, one in zip(shares[-2::-1], held[-2::-1], strict=True):
+        blend = etree.Element("phase", type="blendphase")
+        blend.sourceline = element.sourceline
+        left += share
+        _add(blend, "float", "weight", repr((left - share) / left if left > 0 else 0.0))
+        blend.extend([one, made])
+        made = blend
+    for name in ("id", "name"):
+        if value := element.get(name):
+            made.set(name, value)
+    parent.replace(element, made)
 
 
 def cached(element: _Element, where: str, notes: Notes) -> None:

@@ -20,7 +20,7 @@ MOST_LAMPS = 64
 #: Rays from a lamp that tell why it gives nothing.
 RAYS = 256
 #: `cpp/scene/covered.cpp`: distances in units of the frame's lengths, share of the area, pairs.
-NEAR, ONE_PLANE, SLIVER, MOST_PAIRS = 2.0**-19, 2.0**-22, 1e-6, 1 << 20
+NEAR, ONE_PLANE, SLIVER, MOST_PAIRS = 2.0**-18, 2.0**-23, 1e-6, 1 << 20
 
 
 def covered(look: Look) -> list[Finding]:

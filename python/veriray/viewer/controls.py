@@ -24,8 +24,8 @@ from .display import CHANNELS, CURVES
 
 #: Bytes of a message at most.
 LONGEST = 4096
-#: Pixels of the largest picture that users may ask for: 4096 x 4096.
-MOST_PIXELS = 1 << 24
+#: Pixels of the largest picture that users may ask for: 4096 x 4096; and of a side, of JPEG files.
+MOST_PIXELS, MOST_SIDE = 1 << 24, 65500
 UPS = ("auto", *moves.AXES)
 _STEP = 1e3  # of one message, in radians, pictures or steps
 
@@ -167,8 +167,10 @@ def applied(view: View, action: Action, file: Scene, depth: float | None = None)
         after = dataclasses.replace(view, **{action.name: action.value})
         film = after.scene(file).film
         sized = action.name in ("width", "height") and action.value is not None
+        size = f"{film.width} x {film.height}"
+        if sized and max(film.width, film.height) > MOST_SIDE:
+            raise ControlError(f"a picture of {size} has a side above {MOST_SIDE} pixels")
         if sized and film.width * film.height > MOST_PIXELS:
-            size = f"{film.width} x {film.height}"
             raise ControlError(f"a picture of {size} has more than {MOST_PIXELS} pixels")
         return after
     camera = file.camera if view.camera is None else view.camera

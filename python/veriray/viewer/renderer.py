@@ -157,6 +157,8 @@ class Renderer:
     def _run(self) -> None:
         while not self._stopping:
             self._wake.clear()
+            if self._stopping:  # it was set before
+                return
             try:
                 self._once()
             except _Outdated:

@@ -88,8 +88,13 @@ class Door:
         else:
             name = urlsplit(f"//{hosts[0]}").hostname
             if not name or not is_loopback(name):
-                return f"Host is {printable(hosts[0])[:80]}; this server listens to its machine"
-        if socket and origins and urlsplit(origins[0]).netloc.lower() != hosts[0].lower():
+                return (
+                    f"Host is {printable(hosts[0])[:80]}; this server answers its own machine only"
+                )
+        other = request.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin")
+        if socket and origins:
+            other |= urlsplit(origins[0]).netloc.lower() != hosts[0].lower()
+        if other:
             return "a page of another origin may not connect"
         return ""
 
@@ -115,6 +120,7 @@ class Server:
         self.clients: set[_Client] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._news = asyncio.Event()
+        self._saving = asyncio.Lock()
         self._state = ""
         self._picture = b""
         self._made: tuple[Any, ...] = ()
@@ -159,20 +165,20 @@ class Server:
         while True:
             await self._news.wait()
             self._news.clear()
-            self._tell()
-            frame, shown = self.renderer.frame, self.renderer.view.shown()
-            if frame is None or self._made == (frame.number, shown):
-                continue
-            if display.CHANNELS[shown[0]].of_scene and shown[0] not in frame.made:
-                continue  # the renderer makes it
-            self._made = frame.number, shown
             try:
+                self._tell()
+                frame, shown = self.renderer.frame, self.renderer.view.shown()
+                if frame is None or self._made == (frame.number, shown):
+                    continue
+                if display.CHANNELS[shown[0]].of_scene and shown[0] not in frame.made:
+                    continue  # the renderer makes it
+                self._made = frame.number, shown
                 self._picture = await self._loop.run_in_executor(
                     self._encoder, self._packed, frame, shown
                 )
-            except (ValueError, MemoryError, RuntimeError) as error:
-                self._notify(str(error))
-            self._tell()
+                self._tell()
+            except Exception as error:  # of one picture; the next one may work
+                self._notify(printable(f"{type(error).__name__}: {error}"))
 
     def _tell(self) -> None:
         self._state = json.dumps({"state": self._values()})
@@ -189,7 +195,10 @@ class Server:
         assert self._loop is not None
         while True:
             await asyncio.sleep(0.5)
-            if await self._loop.run_in_executor(None, self.renderer.source.changed):
+            changed = False
+            with contextlib.suppress(OSError):  # asked again next time
+                changed = await self._loop.run_in_executor(None, self.renderer.source.changed)
+            if changed:
                 await asyncio.sleep(0.1)  # for who writes it in several steps
                 loads = self.renderer.loads
                 self.renderer.reload()
@@ -285,7 +294,7 @@ class Server:
             client.notices = [*client.notices[-3:], str(error)]
             client.wake.set()
             if client.mistakes > MOST_MISTAKES:
-                await client.socket.close(1008, "too many messages that make no sense")
+                await client.socket.close(1008, "too many malformed messages")
 
     async def _send(self, client: _Client) -> None:
         """Sends a browser what is new to it."""
@@ -304,7 +313,10 @@ class Server:
 
     async def _request(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request; None opens a socket."""
-        path = urlsplit(request.path).path
+        try:
+            path = urlsplit(request.path).path
+        except ValueError:
+            return _text(http.HTTPStatus.BAD_REQUEST, "the address cannot be read")
         socket = path == "/ws"
         if path not in ("/page.css", "/page.js"):  # which say nothing of the scene
             if reason := self.door.refuses(request, socket):
@@ -312,7 +324,7 @@ class Server:
         if socket:
             if "websocket" in request.headers.get("Upgrade", "").lower():
                 return None
-            return _text(http.HTTPStatus.UPGRADE_REQUIRED, "this is a socket")
+            return _text(http.HTTPStatus.UPGRADE_REQUIRED, "this address is for WebSockets")
         if path in _FILES:
             file = Path(__file__).with_name(_FILES[path])
             return _answer(http.HTTPStatus.OK, _TYPES[file.suffix], file.read_bytes())
@@ -330,7 +342,8 @@ class Server:
             return _text(http.HTTPStatus.CONFLICT, "there is no whole picture yet: wait a moment")
         assert self._loop is not None
         try:
-            kind, data = await self._loop.run_in_executor(None, makers[name], frame)
+            async with self._saving:  # one at a time: it takes memory
+                kind, data = await self._loop.run_in_executor(None, makers[name], frame)
         except (ValueError, OSError, MemoryError) as error:
             return _text(http.HTTPStatus.CONFLICT, str(error))
         samples = "" if name == "scene.xml" else f"-{frame.render.spp}spp"

@@ -37,9 +37,10 @@ class Source:
 
     def load(self) -> Scene:
         """The scene as the file has it now. Raises SceneError, OSError."""
-        self._stamps = {path: _stamp(path) for path in (*self._stamps, self.path)}
+        before = {path: _stamp(path) for path in (*self._stamps, *self._files())}
+        self._stamps = dict(before)
         scene = load_file(self.name, self._parameters, sensor=self._sensor, strict=self._strict)
-        self._stamps = {path: _stamp(path) for path in self._files()}
+        self._stamps = {path: before.get(path, _stamp(path)) for path in self._files()}
         return scene
 
     def changed(self) -> bool:

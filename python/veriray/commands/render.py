@@ -25,6 +25,8 @@ from .common import (
 
 PICTURE_SUFFIXES = (".exr", ".png")
 TABLE_ROWS = 12
+#: Of checkpoints.
+SUFFIX = ".film"
 
 
 def add(commands: Any) -> None:
@@ -35,6 +37,14 @@ def add(commands: Any) -> None:
     add_settings(parser, *(name for name in SETTINGS if name not in SCENE_SETTINGS))
     parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
     parser.add_argument("--stats", metavar="FILE.json", help="write the statistics as JSON")
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FILE.film",
+        help="go on from this file if it exists, and keep the exact sums there (resumable)",
+    )
+    parser.add_argument(
+        "--every", type=number, metavar="S", help="seconds between checkpoints (60)"
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument(
         "--pixel",
@@ -54,18 +64,23 @@ def _render(arguments: argparse.Namespace) -> int:
         raise CommandError("--sample goes with --pixel X Y")
     if not arguments.output:
         raise CommandError("no output: add -o FILE.exr or -o FILE.png")
-    targets = [*arguments.output, *([arguments.stats] if arguments.stats else [])]
-    check_distinct(targets)
+    if arguments.every is not None and not arguments.checkpoint:
+        raise CommandError("--every goes with --checkpoint FILE")
+    others = [path for path in (arguments.stats, arguments.checkpoint) if path]
+    check_distinct([*arguments.output, *others])
     for path in arguments.output:
         check_output(path, PICTURE_SUFFIXES)
     if arguments.stats:
         check_output(arguments.stats, (".json",))
+    if arguments.checkpoint:
+        check_output(arguments.checkpoint, (SUFFIX,))
 
     has_exr = any(path.lower().endswith(".exr") for path in arguments.output)
     if arguments.features and not has_exr:
         raise CommandError("--features needs an output FILE.exr: a PNG has the picture alone")
 
     from .. import device as device_module
+    from ..course import EVERY, Course
     from ..image import save
     from ..info import primitives_text, tree_text
     from ..rendering import choose_scheduler, prepare, render_with, settle
@@ -91,15 +106,21 @@ def _render(arguments: argparse.Namespace) -> int:
         say(f"primitives {primitives_text(facts['primitives'])}")
         scheduler, why = choose_scheduler(settled, chosen.backend, facts)
         say(f"scheduler  {scheduler} ({why})")
+    course = Course(
+        checkpoint=arguments.checkpoint,
+        every=EVERY if arguments.every is None else arguments.every,
+    )
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
-        result = render_with(scene, settings, progress)
+        result = render_with(scene, settings, progress, course)
     for path in arguments.output:
         save(result, path, exposure=arguments.exposure)
     if arguments.stats:
         write_json(arguments.stats, {**result.stats, "film_sha256": result.film_sha256})
     if not arguments.quiet:
         _print_result(result, arguments.output)
+    if course.failed is not None:
+        raise course.failed
     return 0
 
 

@@ -1,6 +1,7 @@
 # make demo   build, then render the Cornell box to cornell.exr and cornell.png
 # make test   build, then run the test suite
 # make lint   style of Python and C++        make format   apply it        make clean   remove all output
+# make docs   the documentation as a site in build/docs
 #
 # Variables: PYTHON (default: the first python3.13 ... python3 that is at least 3.10 and has venv and
 # the C headers), SPP, PYTEST (further arguments), VERIRAY_CUDA, VERIRAY_CUDA_ARCH, VERIRAY_JOBS.
@@ -34,7 +35,7 @@ endif
 endif
 export VERIRAY_CUDA_ARCH
 
-.PHONY: all demo test lint format schema clean force
+.PHONY: all demo test lint format schema docs clean force
 all: $(VENV)/installed
 
 demo: $(VENV)/installed
@@ -58,6 +59,11 @@ format: $(VENV)/lint-tools
 schema: $(VENV)/installed
 	$(BIN)/python cpp/schema/generate.py
 	$(BIN)/ruff format python/veriray/scene_arrays.py
+
+# The documentation as a site in build/docs, with the pictures of the scene reference; warnings are errors.
+docs: $(VENV)/installed
+	@$(PIP) 'sphinx>=8' furo 'myst-parser>=4'
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info python/*.egg-info cornell.exr cornell.png

@@ -13,6 +13,8 @@ constexpr double kOnePlane = 0x1p-40, kRounding = 0x1p-22;
 // The share of a lamp that may be covered and is sampled all the same: neighbours whose edges
 // differ by rounding overlap. So much of its light may come through the cover.
 constexpr double kSliver = 1e-6;
+// Of a polygon around a disk, over the disk's: corners are at most 1/16 rad apart.
+constexpr double kAround = 1 + 0x1p-10;
 
 using Polygon = std::vector<Double3>;  // convex
 
@@ -43,7 +45,7 @@ double covered_share(const Polygon& a, const Polygon& b, Double3 n) {
 }  // namespace
 
 // The corners of a flat primitive, or of two that make a lamp; of a disk those of a polygon around
-// it, 1 + 1/3300 times as large. Empty for a sphere.
+// it. Empty for a sphere.
 std::vector<Double3> HostScene::outline(const SceneInput& in, const AreaLight& flat) const {
     const PrimitiveSource& source = sources[flat.primitive];
     if (source.group == kSphereGroup) return {};
@@ -55,10 +57,10 @@ std::vector<Double3> HostScene::outline(const SceneInput& in, const AreaLight& f
     }
     const auto row = [&](size_t k) { return row3(in.disks, 3 * source.row + k) * (1 / unit); };
     const Double3 middle = row(0) - centre * (1 / unit), a = row(1), b = row(2);
-    constexpr int kCorners = 128;
-    for (int k = 0; k < kCorners; ++k) {
-        const double angle = 2 * kPiDouble * k / kCorners, far = 1 / std::cos(kPiDouble / kCorners);
-        corners.push_back(middle + (a * std::cos(angle) + b * std::sin(angle)) * far);
+    constexpr int kHalf = 64;  // corners of a half, by the tangent of half the angle
+    for (int k = 0; k < 2 * kHalf; ++k) {
+        const double t = 2. * (k % kHalf) / kHalf - 1, far = k < kHalf ? kAround : -kAround;
+        corners.push_back(middle + (a * (1 - t * t) + b * (2 * t)) * (far / (1 + t * t)));
     }
     return corners;
 }

@@ -160,6 +160,7 @@ class Accumulation:
 
     def paths_of(self, n: int) -> int:
         """Paths that `add(n)` traces."""
+        n = whole("n", n, 0, MAX_SPP, error=ValueError)
         if self._kept.tiles is None:
             return n * self._size[0] * self._size[1]
         return n * int(np.count_nonzero(self._counts > self._kept.spp))

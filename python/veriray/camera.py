@@ -48,9 +48,9 @@ class Film:
     """Picture size and reconstruction filter.
 
     filter: "box" (1 pixel wide), "tent" (filter_parameter = radius in pixels), "gaussian"
-    (filter_parameter = standard deviation s in pixels: exp(-x^2 / (2 s^2)) - exp(-8) on |x| < 4 s)
-    or "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in [0, 1]; 4
-    pixels wide, with negative lobes).
+    (filter_parameter = standard deviation s in pixels: exp(-x^2 / (2 s^2)) - exp(-8) where
+    abs(x) < 4 s) or "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in
+    [0, 1]; 4 pixels wide, with negative lobes).
     filter_parameter None takes the filter's default: 0.5, 1.0, 0.5 and (1/3, 1/3).
     Raises SceneError for a size below 1 or above 2^31 pixels, or an unknown filter.
     """

@@ -128,7 +128,12 @@ def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again:
         return False
     used, settled = settle(_seen(scene, view), settings)
     try:
-        found = Render.load(file).stats
+        old = Render.load(file)
+        found, missing = old.stats, {*settled.features} - {*old.features}
+        if missing:
+            raise ImageError(
+                f"{file} is in the way: it lacks {', '.join(sorted(missing))} (again replaces it)"
+            )
         wanted = {"scene_sha256": used.sha256, **_deciding(settled)}
         for name, value in wanted.items():
             if (found.get(name) or None) != (value or None):

@@ -36,6 +36,7 @@ FEATURES = {
     "pass": "straight through: null, mask, thin dielectric",
     "media": "media that scatter and absorb",
     "chromatic": "media whose extinction depends on the colour",
+    "phases": "phase functions other than one of Henyey and Greenstein",
     "albedo_grids": "media whose albedo a grid gives",
     "uneven_media": "media whose extinction a grid gives",
     "textures": "textures on surfaces",

@@ -1,4 +1,4 @@
-"""Details of a scene too fine for float32: README's Limits, as warnings of `veriray info`.
+"""Details of a scene too fine for float32: docs/limits.md, as warnings of `veriray info`.
 
 Positions are float32 in a frame whose origin the native scene chooses (its `frame`), so they are
 rounded to 6e-8 of their distance from it. Each check gives a list of texts, empty if all is well.

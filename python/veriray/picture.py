@@ -169,7 +169,7 @@ class Render:
     def _of(cls, held: Picture, **fields: Any) -> Render:
         """The render whose picture a native module holds; fields: the others."""
         made = object.__new__(cls)
-        made.__dict__.update(fields, _held=held)
+        made.__dict__.update({"features": FeatureImages(), **fields}, _held=held)
         if held.dlpack_device()[0] != _HOST:
             for key, reference in list(_on_gpu.items()):
                 if reference() is None:  # no callback does it: that would lose an interrupt

@@ -340,6 +340,17 @@ def test_files_of_other_settings_are_in_the_way(
     vr.dataset(cornell, tmp_path, turning[:1], **{**settings, **change})
 
 
+def test_feature_images_of_views(tmp_path: Path, cornell: vr.Scene) -> None:
+    small: dict[str, Any] = {"spp": 2, "width": 8, "height": 8, "device": "cpu"}
+    file = vr.dataset(cornell, tmp_path, **small, features=("depth", "normal"))[0]
+    kept = file.stat().st_mtime_ns
+    assert {*vr.Render.load(file).features} == {"depth", "normal", "alpha"}
+    vr.dataset(cornell, tmp_path, **small, features="depth")
+    assert file.stat().st_mtime_ns == kept
+    with pytest.raises(vr.ImageError, match=r"lacks albedo \(again replaces it\)"):
+        vr.dataset(cornell, tmp_path, **small, features="albedo")
+
+
 def test_damaged_files_are_in_the_way(tmp_path: Path, cornell: vr.Scene) -> None:
     (tmp_path / "0000.exr").write_bytes(b"text")
     with pytest.raises(ImageError, match="not an OpenEXR file"):

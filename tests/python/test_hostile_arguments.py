@@ -136,6 +136,24 @@ def _row(call: Callable[..., Any], names: str, **good: Any) -> tuple[Any, list[s
 
 Vector = (0.0, 0.0, 1.0)
 TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
+    "Accumulation": lambda g: _row(
+        vr.Accumulation,
+        "scene spp seed device scheduler max_depth rr_depth sampler width height threads "
+        "batches batch_size progress target_error builder all_features",
+        scene=g["scene"],
+        device="cpu",
+        threads=1,
+    ),
+    "Accumulation.add": lambda g: _row(
+        lambda n, progress=None: vr.Accumulation(g["scene"], device="cpu", threads=1).add(
+            n, progress
+        ),
+        "n progress",
+        n=1,
+    ),
+    "Accumulation.paths_of": lambda g: _row(
+        vr.Accumulation(g["scene"], device="cpu", threads=1).paths_of, "n", n=1
+    ),
     "render": lambda g: _row(
         vr.render,
         "scene spp seed device scheduler max_depth rr_depth sampler width height threads "

@@ -246,7 +246,10 @@ def test_relative_error_channel() -> None:
 def test_every_channel_is_shown(channel: str) -> None:
     for spp in (1, 4):
         render = vr.render(vr.cornell_box(), spp, width=16, height=12, device="cpu")
-        pixels, legend = display.as_bytes(render, channel, 0.0, "standard")
+        look = display.CHANNELS[channel].of_scene
+        scene = vr.cornell_box().with_(width=16, height=12)
+        made = {channel: look(scene, "cpu")} if look else {}
+        pixels, legend = display.as_bytes(render, channel, 0.0, "standard", made=made)
         assert pixels.shape == (12, 16, 3) and pixels.dtype == np.uint8
         assert (legend is None) == (display.CHANNELS[channel].ends is None)
         for quality, kind, loss in ((None, "png", 0), (80, "jpeg", 25), (92, "jpeg", 10)):

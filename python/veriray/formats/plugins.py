@@ -5,7 +5,7 @@ To add an object, add it here and in `build`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
@@ -1017,41 +1017,39 @@ def of_category(category: str) -> list[str]:
     return [name for name, plugin in PLUGINS.items() if plugin.category == category]
 
 
+def rows(plugin: Plugin) -> Iterator[tuple[str, str, str, str, str]]:
+    """Of each parameter its name, type, default, range and meaning, as Markdown."""
+    for key, param in plugin.params.items():
+        default = "required" if param.default is REQUIRED else param.default
+        limits = ", ".join(str(choice) for choice in param.choices)
+        numeric = param.kind in ("float", "integer", COLOUR, IOR, GREY)
+        if numeric and (param.low, param.high) != (-inf, inf):
+            limits = f"{'>' if param.open else '>='} {param.low:g}"
+            if param.high < inf:
+                limits += f", {'<' if param.open else '<='} {param.high:g}"
+        if isinstance(default, float):
+            default = f"{default:.4g}"
+        shown = "" if default is None else str(default)
+        kind = f"{param.kind.replace(' or', ',')} or texture" if param.texturable else param.kind
+        meaning = param.doc or (param.note and f"without effect: {param.note}")
+        yield f"`{key}`", kind, shown, limits, meaning
+    for key, reason in plugin.noted.items():
+        yield f"`{key}`", "", "", "", f"without effect: {reason}"
+    if plugin.lenient:
+        yield "any other", "", "", "", f"without effect: {plugin.lenient}"
+
+
 def describe() -> str:
     """The table of objects and parameters as Markdown, for the documentation."""
-    rows = ["| object | parameter | type | default | allowed | meaning |", "|" + " --- |" * 6]
+    table = ["| object | parameter | type | default | allowed | meaning |", "|" + " --- |" * 6]
     for name, plugin in PLUGINS.items():
         holds = f"holds {', '.join(plugin.children)}" if plugin.children else ""
-        rows.append(f"| {plugin.category} `{name}` | | | | {holds} | {plugin.doc} |")
-        for key, param in plugin.params.items():
-            default = "required" if param.default is REQUIRED else param.default
-            limits = ", ".join(str(choice) for choice in param.choices)
-            if param.kind in ("float", "integer", COLOUR, IOR, GREY) and (
-                param.low,
-                param.high,
-            ) != (
-                -inf,
-                inf,
-            ):
-                limits = f"{'>' if param.open else '>='} {param.low:g}"
-                if param.high < inf:
-                    limits += f", {'<' if param.open else '<='} {param.high:g}"
-            if isinstance(default, float):
-                default = f"{default:.4g}"
-            shown = "" if default is None else default
-            kind = (
-                f"{param.kind.replace(' or', ',')} or texture" if param.texturable else param.kind
-            )
-            meaning = param.doc or (param.note and f"without effect: {param.note}")
-            rows.append(f"| | `{key}` | {kind} | {shown} | {limits} | {meaning} |")
-        for key, reason in plugin.noted.items():
-            rows.append(f"| | `{key}` | | | | without effect: {reason} |")
-        if plugin.lenient:
-            rows.append(f"| | any other | | | | without effect: {plugin.lenient} |")
+        table.append(f"| {plugin.category} `{name}` | | | | {holds} | {plugin.doc} |")
+        table += (f"| | {' | '.join(cells)} |" for cells in rows(plugin))
     names = ", ".join(f"{name} {value:g}" for name, value in IORS.items())
     spectrum = ", ".join(f"{name} ({', '.join(given)})" for name, (_, given) in SPECTRA.items())
     return (
-        "\n".join(rows)
+        "\n".join(table)
         + f"\n\nRefractive indices by name: {names}.\n\nMetals by name: {', '.join(NAMES)}.\n\n"
         + f"Spectra, for any {COLOUR}: {spectrum}; text or a file of wavelength:value.\n"
     )

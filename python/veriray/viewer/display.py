@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..feature_rendering import feature_images
 from ..picture import Render
 from ..sampling import FLOOR
 from ..saving import to_srgb8
@@ -64,10 +65,28 @@ def _samples(render: Render) -> Array:
     return np.full((render.height, render.width), render.spp) if given is None else given
 
 
+def _first_surface(name: str) -> Callable[[Scene, str], Array]:
+    """A feature image (`veriray.features`); normals as colours, half of them and a half."""
+
+    def look(scene: Scene, device: str) -> Array:
+        image: Array = feature_images(scene, name, device=device)[name]
+        return image / 2 + np.float32(0.5) if name == "normal" else image
+
+    return look
+
+
+def _finite_ends(depth: Array) -> tuple[float, float]:
+    seen = depth[np.isfinite(depth)]
+    return (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
+
+
 CHANNELS: dict[str, Channel] = {
     "radiance": Channel("Radiance", lambda render: render.image),
     "error": Channel("Relative error", relative_error, lambda _: (1e-3, 1.0), _percent),
     "samples": Channel("Samples", _samples, lambda n: (0.0, float(n.max()))),
+    "albedo": Channel("Albedo", of_scene=_first_surface("albedo")),
+    "normal": Channel("Normal", of_scene=_first_surface("normal")),
+    "depth": Channel("Depth", ends=_finite_ends, of_scene=_first_surface("depth")),
 }
 
 

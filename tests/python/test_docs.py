@@ -1,0 +1,108 @@
+"""The documentation: links lead somewhere, code runs, every parameter of a scene is described."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import veriray as vr
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
+         ROOT / "cpp/README.md", *sorted((ROOT / "benchmarks").glob("*.md"))]  # fmt: skip
+#: Written by `make docs`.
+MADE = ("generated/scene-reference.md", "generated/api.md")
+
+
+def code(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+
+
+def prose(page: Path) -> str:
+    return re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text("utf-8"), flags=re.M | re.S)
+
+
+def anchors(page: Path) -> set[str]:
+    """As GitHub and MyST name the headings of a page."""
+    text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.M | re.S)
+    titles = re.findall(r"^#+ (.*)$", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", t.lower()).strip().replace(" ", "-") for t in titles}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    wrong = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        file, _, anchor = link.partition("#")
+        if ":" in file or file in MADE:
+            continue
+        target = (page.parent / file).resolve() if file else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            wrong.append(link)
+    assert not wrong
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/index.md", "docs/tutorial.md",
+                                  "docs/python.md", "docs/feature-images.md"])  # fmt: skip
+def test_code_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The Python of a page, block after block, with small pictures of few samples."""
+    scene, render = vr.cornell_box(), vr.render
+
+    def small(scene: vr.Scene, spp: int = 16, **settings: Any) -> Any:
+        settings |= {"width": 16, "height": 12, "device": "cpu"}
+        return render(scene, min(spp, 64), **settings)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(vr, "render", small)
+    if name == "docs/python.md":
+        for k in range(32):
+            small(scene, 4, seed=k).save(f"mitsuba-{k}.exr")
+        made = vr.dataset(scene, "given", width=8, height=8, spp=1, device="cpu")
+        shutil.copy(made[-1], "transforms.json")
+    blocks = code(ROOT / name, "python")
+    assert blocks
+    values: dict[str, Any] = {}
+    for block in blocks:
+        exec(compile(block, name, "exec"), values)
+
+
+@pytest.fixture(scope="module")
+def reference() -> Any:
+    """The module that makes the scene reference."""
+    folder = ROOT / "docs"
+    sys.path.insert(0, str(folder))
+    try:
+        spec = importlib.util.spec_from_file_location(
+            "scene_reference", folder / "scene_reference.py"
+        )
+        assert spec and spec.loader
+        module: ModuleType = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        yield module
+    finally:
+        sys.path.remove(str(folder))
+
+
+def test_every_parameter_is_described(reference: Any) -> None:
+    assert not reference.undescribed()
+
+
+def test_pictures_of_parameters_differ(reference: Any, tmp_path: Path) -> None:
+    """Of each stage a strip, whose pictures are not all alike."""
+    looks = {look.base: look for look in reference.LOOKS.values() if len(look.values) > 1}
+    assert len(looks) > 5
+    for look in looks.values():
+        file = tmp_path / f"{look.base}.png"
+        reference.draw(look, file)
+        strip = np.asarray(Image.open(file))
+        tiles = np.array_split(strip, len(look.values), axis=1)
+        assert len({tile[:, :40].tobytes() for tile in tiles}) > 1, look.base

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any
 
 from ..settings import SETTINGS, RenderSettings
@@ -44,6 +45,12 @@ def add(commands: Any) -> None:
     )
     parser.add_argument(
         "--every", type=number, metavar="S", help="seconds between checkpoints (60)"
+    )
+    parser.add_argument(
+        "--time", type=number, metavar="S", help="seconds of sampling after which it ends"
+    )
+    parser.add_argument(
+        "--discard", action="store_true", help="write no picture of what is there at Ctrl-C"
     )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument(
@@ -109,6 +116,8 @@ def _render(arguments: argparse.Namespace) -> int:
     course = Course(
         checkpoint=arguments.checkpoint,
         every=EVERY if arguments.every is None else arguments.every,
+        seconds=arguments.time,
+        keeps=not arguments.discard,
     )
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
@@ -119,9 +128,14 @@ def _render(arguments: argparse.Namespace) -> int:
         write_json(arguments.stats, {**result.stats, "film_sha256": result.film_sha256})
     if not arguments.quiet:
         _print_result(result, arguments.output)
+    stopped = result.stats.get("stopped")
+    if stopped:
+        why = "--time is over" if stopped == "time" else stopped
+        text = f"the picture has {result.spp} of {result.stats['spp_asked']} samples per pixel"
+        say(f"veriray: {why}: {text}", file=sys.stderr)
     if course.failed is not None:
         raise course.failed
-    return 0
+    return 130 if stopped == "interrupted" else 0
 
 
 def _print_result(result: Any, outputs: list[str]) -> None:

@@ -161,7 +161,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         CheckpointError: the checkpoint is damaged, or one of another render; it stays as it is.
         DeviceError: the device cannot be used; the message says why.
         OutOfMemoryError, MemoryError: scene or film do not fit.
-        KeyboardInterrupt: Ctrl-C; nothing is kept, and the next render works.
+        KeyboardInterrupt: Ctrl-C; nothing is kept but the checkpoint, and the next render works.
 
     Warns:
         RefusedSamplesWarning: samples that the film cannot hold were left out; see

@@ -230,10 +230,10 @@ def render_with(
     stopped, used = "", work.settings
     if course is None:
         while n := work.left:
-            work.add(n, _of_all(work, n, sampling))
+            work.add(n, of_all(work, n, sampling))
     else:
         course.resume(work)
-        stopped = course.run(work, lambda n: _of_all(work, n, sampling))
+        stopped = course.run(work, lambda n: of_all(work, n, sampling))
     made = work._render(4)
     if stopped:
         made.stats.update(stopped=stopped, spp_asked=used.spp)
@@ -245,7 +245,7 @@ def render_with(
     return made
 
 
-def _of_all(work: Accumulation, n: int, progress: Progress) -> Progress:
+def of_all(work: Accumulation, n: int, progress: Progress) -> Progress:
     """A callback for a pass of n samples per pixel that reports the fraction of the whole."""
     if progress is None:
         return None

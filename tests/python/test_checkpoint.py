@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 
 import veriray as vr
+from veriray.cli import main
 from veriray.rendering import METHODS
 from veriray.sampling import PILOT
 
@@ -275,6 +276,39 @@ def test_resumed_command(tmp_path: Path) -> None:
     assert film.read_bytes() == good[:-5]
     done = run("--every", "3", "--spp", "2", "-o", str(tmp_path / "a.exr"))
     assert done.returncode == 2 and "--every goes with --checkpoint" in done.stderr
+
+
+def test_ranges_by_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    render = [*COMMAND[3:], *SMALL]
+    for samples, name in (("0:3", "a.film"), ("7:10", "c.film"), ("3:7", "b.film")):
+        assert main([*render, "--samples", samples, "--checkpoint", name]) == 0
+        assert f"{samples} of {samples} in {name}" in capsys.readouterr().out
+    one = vr.render(vr.cornell_box(), 10, device="cpu", width=32, height=24)
+    assert main(["merge", "c.film", "a.film", "b.film", "-o", "a.exr", "-o", "d.film"]) == 0
+    assert f"SHA-256    {one.film_sha256}" in capsys.readouterr().out
+    assert vr.Render.load("a.exr").film_sha256 == one.film_sha256
+    assert main([*render, "--spp", "10", "--checkpoint", "d.film", "-o", "b.png"]) == 0
+    assert one.film_sha256 in capsys.readouterr().out
+    out, film = ["-o", "x.exr"], ["--checkpoint", "x.film"]
+    wrong = [
+        (["merge", "a.film", "c.film", *out], "a.film (0:3) and c.film (7:10): samples 3:7 are m"),
+        (["merge", "d.film", "b.film", *out], "samples 3:7 are there twice"),
+        (["merge", "b.film", *out], "b.film (3:7): samples 0:3 are missing"),
+        (["merge", "a.film"], "no output"),
+        (["merge", "a.film", "-o", "a.film"], "the same output twice"),
+        ([*render, "--samples", "3:3", *film], "expected A:B with"),
+        ([*render, "--samples", "3", *film], "expected A:B with"),
+        ([*render, "--samples", "0:3"], "into --checkpoint FILE alone"),
+        ([*render, "--samples", "0:3", *film, "--spp", "3"], "not together with --spp"),
+        ([*render, "--samples", "0:4", "--checkpoint", "b.film"], "first sample is 3, not 0"),
+    ]  # fmt: skip
+    for arguments, message in wrong:
+        assert main(arguments) == 2
+        assert message in capsys.readouterr().err
+    assert not {"x.exr", "x.film"} & {*os.listdir()}
 
 
 def test_full_disk(tmp_path: Path) -> None:

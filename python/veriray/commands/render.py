@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..settings import SETTINGS, RenderSettings
+from ..settings import MAX_SPP, SETTINGS, RenderSettings
 from .common import (
     LARGE_MESH,
     SCENE_SETTINGS,
@@ -23,6 +23,9 @@ from .common import (
     show_progress,
     write_json,
 )
+
+if TYPE_CHECKING:
+    from ..course import Course
 
 PICTURE_SUFFIXES = (".exr", ".png")
 TABLE_ROWS = 12
@@ -52,6 +55,11 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--discard", action="store_true", help="write no picture of what is there at Ctrl-C"
     )
+    parser.add_argument(
+        "--samples",
+        metavar="A:B",
+        help="draw samples A to B - 1 of each pixel into --checkpoint, for `veriray merge`",
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument(
         "--pixel",
@@ -69,6 +77,8 @@ def _render(arguments: argparse.Namespace) -> int:
         return _replay(arguments)
     if arguments.sample is not None:
         raise CommandError("--sample goes with --pixel X Y")
+    if arguments.samples is not None:
+        return _draw_range(arguments)
     if not arguments.output:
         raise CommandError("no output: add -o FILE.exr or -o FILE.png")
     if arguments.every is not None and not arguments.checkpoint:
@@ -87,7 +97,6 @@ def _render(arguments: argparse.Namespace) -> int:
         raise CommandError("--features needs an output FILE.exr: a PNG has the picture alone")
 
     from .. import device as device_module
-    from ..course import EVERY, Course
     from ..image import save
     from ..info import primitives_text, tree_text
     from ..rendering import choose_scheduler, prepare, render_with, settle
@@ -113,12 +122,7 @@ def _render(arguments: argparse.Namespace) -> int:
         say(f"primitives {primitives_text(facts['primitives'])}")
         scheduler, why = choose_scheduler(settled, chosen.backend, facts)
         say(f"scheduler  {scheduler} ({why})")
-    course = Course(
-        checkpoint=arguments.checkpoint,
-        every=EVERY if arguments.every is None else arguments.every,
-        seconds=arguments.time,
-        keeps=not arguments.discard,
-    )
+    course = _course(arguments, keeps=not arguments.discard)
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
         result = render_with(scene, settings, progress, course)
@@ -135,6 +139,49 @@ def _render(arguments: argparse.Namespace) -> int:
         say(f"veriray: {why}: {text}", file=sys.stderr)
     if course.failed is not None:
         raise course.failed
+    return 130 if stopped == "interrupted" else 0
+
+
+def _course(arguments: argparse.Namespace, keeps: bool) -> Course:
+    from ..course import EVERY, Course
+
+    return Course(
+        checkpoint=arguments.checkpoint,
+        every=EVERY if arguments.every is None else arguments.every,
+        seconds=arguments.time,
+        keeps=keeps,
+    )
+
+
+def _draw_range(arguments: argparse.Namespace) -> int:
+    first, sign, end = arguments.samples.partition(":")
+    if not (sign and first.isdecimal() and end.isdecimal() and int(first) < int(end) <= MAX_SPP):
+        raise CommandError(f"--samples {arguments.samples}: expected A:B with 0 <= A < B <= 2^40")
+    if not arguments.checkpoint or arguments.output or arguments.stats or arguments.features:
+        raise CommandError(
+            "--samples draws into --checkpoint FILE alone: without -o, --stats and --features"
+        )
+    if arguments.spp is not None or arguments.batches or arguments.target_error is not None:
+        raise CommandError("--samples: not together with --spp, --batches or --target-error")
+    check_output(arguments.checkpoint, (SUFFIX,))
+
+    from ..accumulation import Accumulation
+    from ..rendering import of_all
+
+    scene = load(arguments)
+    settings = {name: getattr(arguments, name) for name in SETTINGS}
+    settings["spp"] = int(end) - int(first)
+    course = _course(arguments, keeps=True)
+    work = Accumulation(scene, first=int(first), **settings)
+    course.resume(work)
+    with show_progress(f"drawing samples {first}:{end}", arguments.quiet) as progress:
+        stopped = course.run(work, lambda n: of_all(work, n, progress))
+    if course.failed is not None:
+        raise course.failed
+    if stopped or not arguments.quiet:
+        say(
+            f"samples    {first}:{int(first) + work.spp} of {first}:{end} in {arguments.checkpoint}"
+        )
     return 130 if stopped == "interrupted" else 0
 
 

@@ -298,7 +298,7 @@ class Accumulation:
             raise TypeError(f"checkpoint is {type(given).__name__}, expected a Checkpoint")
         if self._kept.report is not None:
             raise RuntimeError("there are samples already: resume before any is added")
-        if differences := given.differences(self._identity()):
+        if differences := given._differences(self._identity()):
             raise CheckpointError(f"{given}: of another render: {differences}")
         if given.first != self._first:
             raise CheckpointError(f"{given}: its first sample is {given.first}, not {self._first}")
@@ -307,7 +307,7 @@ class Accumulation:
                 f"{given}: it has {given.spp} samples per pixel, more than spp = {self._scene.spp}"
             )
         with device_module.native_errors():
-            film = with_room(self.device, lambda: given.film_on(self.device))
+            film = with_room(self.device, lambda: given._film_on(self.device))
         if given.means is not None:
             self._means = np.empty((self._settings.batches, *given.means.shape[1:]))
             self._means[: len(given.means)] = given.means

@@ -42,7 +42,8 @@ class Checkpoint:
     paths, report: of all that was done. film: exact sums, None at the end of the pilot.
     tiles: samples that each tile gets, with target_error; beyond: how many of them want more.
     means: of the batches that are complete. machine: device, device_name and scheduler that drew
-    the last samples. where: the file that it came from.
+    the last samples. where: the file that it came from. Those who make one themselves answer for
+    its fields, which are not checked.
     """
 
     render: dict[str, Any]
@@ -78,14 +79,14 @@ class Checkpoint:
         max_bytes = whole("max_bytes", max_bytes, 0, 2**63, error=CheckpointError)
         return cls(**checkpoint_file.read(where, max_bytes), where=where)
 
-    def differences(self, render: dict[str, Any]) -> str:
+    def _differences(self, render: dict[str, Any]) -> str:
         """What is otherwise in this checkpoint's render than in `render`; "" if nothing."""
         names = [name for name in render if self.render[name] != render[name]]
         if any(name in names for name in _IN_SCENE):
             names = [name for name in names if name != "scene_sha256"]  # it covers these
         return "; ".join(f"{n} is {_short(self.render[n])}, not {_short(render[n])}" for n in names)
 
-    def film_on(self, device: device_module.Device) -> Film | None:
+    def _film_on(self, device: device_module.Device) -> Film | None:
         """A film of a device with these sums. Raises ValueError if they are none."""
         if self.film is None:
             return None
@@ -103,9 +104,14 @@ class Checkpoint:
         Its sums are exact: those of a render of all samples. Raises CheckpointError that names a
         difference, an overlap or a gap; and for parts of adaptive renders or with batches.
         """
+        if isinstance(parts, str) or not isinstance(parts, Sequence):
+            raise TypeError(f"parts is {type(parts).__name__}, expected a list of Checkpoint")
+        for k, part in enumerate(parts):
+            if not isinstance(part, Checkpoint):
+                raise TypeError(f"parts[{k}] is {type(part).__name__}, expected a Checkpoint")
         parts = sorted(parts, key=lambda part: (part.first, part.end))
         if not parts:
-            raise CheckpointError("no checkpoints to merge")
+            raise CheckpointError("parts: no checkpoints to merge")
         if len(parts) == 1:
             return parts[0]
         one = parts[0]
@@ -113,7 +119,7 @@ class Checkpoint:
             for name in ("target_error", "batches"):
                 if part.render[name]:
                     raise CheckpointError(f"{part}: has {name}, and is no range of samples")
-            if differences := part.differences(one.render):
+            if differences := part._differences(one.render):
                 raise CheckpointError(f"{part}: of another render than {one}: {differences}")
         for last, part in zip(parts, parts[1:], strict=False):
             gap, twice = (last.end, part.first), (part.first, min(last.end, part.end))
@@ -122,7 +128,7 @@ class Checkpoint:
                     raise CheckpointError(f"{last} and {part}: samples {low}:{high} are {what}")
         device, _ = device_module.select("cpu")
         with device_module.native_errors():
-            film, report, paths = one.film_on(device), one.report, one.paths
+            film, report, paths = one._film_on(device), one.report, one.paths
             assert film is not None  # there are samples
             for part in parts[1:]:
                 assert part.film is not None
@@ -147,7 +153,7 @@ class Checkpoint:
             raise CheckpointError(f"{self}: samples 0:{self.first} are missing")
         chosen, _ = device_module.select(device)
         with device_module.native_errors():
-            film = self.film_on(chosen)
+            film = self._film_on(chosen)
             assert film is not None  # `Accumulation` makes none without samples but a pilot's
             stats = statistics(self.report, self.paths)
             stats |= {k: v for k, v in self.render.items() if k != "target_error"} | self.machine

@@ -209,6 +209,25 @@ def test_hostile_headers(tmp_path: Path) -> None:
     assert refused > 0.8 * len(places) * len(values)
 
 
+@pytest.mark.parametrize("side", [2**12, 2**17, 2**31 - 1])
+def test_sizes_that_the_file_has_not(side: int, tmp_path: Path) -> None:
+    """All shapes agree with one another, and ask for up to 2^69 bytes."""
+
+    def enlarge(h: dict[str, Any]) -> None:
+        h["render"].update(width=side, height=side)
+        (words,) = (entry for entry in h["arrays"] if entry[0] == "words radiance")
+        words[2][:2] = side, side
+
+    path = tmp_path / "a.film"
+    started().checkpoint().save(path)
+    path.write_bytes(rewritten(path.read_bytes(), enlarge))
+    need = side * side * 3 * 4 * 8
+    with pytest.raises(vr.CheckpointError, match=r"bytes, where its header says (\d+)") as caught:
+        vr.Checkpoint.load(path)
+    said = int(str(caught.value).rsplit(" ", 1)[1])
+    assert need < said < need + 10000
+
+
 # ---- the command ----
 
 COMMAND = [sys.executable, "-m", "veriray", "render", "cornell-box", "--device", "cpu"]

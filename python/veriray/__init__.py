@@ -18,10 +18,13 @@ TYPE_CHECKING = False  # as type checkers read it; without an import of typing
 if TYPE_CHECKING:
     from .accumulation import Accumulation
     from .camera import Camera, Film
+    from .checkpoint import Checkpoint
     from .comparison import Report, compare
     from .datasets import dataset
     from .device import Device, devices
     from .errors import (
+        CheckpointError,
+        CheckpointWarning,
         DeviceError,
         ImageError,
         OutOfMemoryError,
@@ -40,10 +43,13 @@ else:
     _HOMES = {
         "accumulation": ("Accumulation",),
         "camera": ("Camera", "Film"),
+        "checkpoint": ("Checkpoint",),
         "comparison": ("Report", "compare"),
         "datasets": ("dataset",),
         "device": ("Device", "devices"),
         "errors": (
+            "CheckpointError",
+            "CheckpointWarning",
             "DeviceError",
             "ImageError",
             "OutOfMemoryError",
@@ -75,6 +81,9 @@ __all__ = [
     "SAMPLERS",
     "Accumulation",
     "Camera",
+    "Checkpoint",
+    "CheckpointError",
+    "CheckpointWarning",
     "Device",
     "DeviceError",
     "FeatureImages",

@@ -25,8 +25,9 @@ import numpy.typing as npt
 
 from . import device as device_module
 from . import kernels
+from .checkpoint import Checkpoint
 from .device import polled
-from .errors import RefusedSamplesWarning
+from .errors import CheckpointError, RefusedSamplesWarning
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import Render, with_room
@@ -66,6 +67,8 @@ class Accumulation:
 
     Args:
         scene: from `load_file`, `load_dict` or `cornell_box`.
+        first: number of its first sample: of a range of a picture's samples, which `checkpoint`
+            then gives (`Checkpoint.merged`). 0 with batches and with target_error.
         progress: called while a tree is built over a large mesh, with the fraction done.
         settings: as of `veriray.render`. spp says how many samples a pixel `left` counts to, and
             helps "auto" to choose a scheduler and a builder; None takes the scene's.
@@ -78,22 +81,31 @@ class Accumulation:
     Raises as `veriray.render`, before any sample is drawn.
     """
 
-    def __init__(self, scene: Scene, *, progress: Progress = None, **settings: Any) -> None:
+    def __init__(
+        self, scene: Scene, *, first: int = 0, progress: Progress = None, **settings: Any
+    ) -> None:
         given = RenderSettings(**settings)
         if given.features or given.feature_spp is not None:
             raise ValueError("features and feature_spp are settings of veriray.render alone")
-        self._begin(scene, given, progress)
+        self._begin(scene, given, progress, first)
 
     @classmethod
-    def _of(cls, scene: Scene, settings: RenderSettings, progress: Progress) -> Accumulation:
+    def _of(
+        cls, scene: Scene, settings: RenderSettings, progress: Progress, first: int = 0
+    ) -> Accumulation:
         made = object.__new__(cls)
-        made._begin(scene, settings, progress)
+        made._begin(scene, settings, progress, first)
         return made
 
-    def _begin(self, scene: Scene, settings: RenderSettings, progress: Progress) -> None:
+    def _begin(
+        self, scene: Scene, settings: RenderSettings, progress: Progress, first: int
+    ) -> None:
         if progress is not None and not callable(progress):
             raise ValueError(f"progress = {shown(progress)} is not callable")
         used, settings = settle(scene, settings)
+        bound = settings.batches or settings.target_error is not None
+        most = 0 if bound else MAX_SPP - used.spp
+        self._first = whole("first", first, 0, most, error=ValueError)
         self.device, self._reason = device_module.select(settings.device, fresh=False)
         device, builder = self.device, settings.builder
         with device_module.native_errors():
@@ -169,6 +181,11 @@ class Accumulation:
         return self._settings.target_error is not None and self._kept.tiles is None
 
     @property
+    def _bound(self) -> bool:
+        """Whether the samples depend on the spp asked for."""
+        return bool(self._settings.batches) or self._settings.target_error is not None
+
+    @property
     def _batch(self) -> int:
         """Samples per pixel of a batch, whose mean is kept."""
         return self._scene.spp // self._settings.batches
@@ -183,13 +200,13 @@ class Accumulation:
         Raises ValueError for an n that is not so, and as `veriray.render`; then nothing is added.
         """
         kept, settings = self._kept, self._settings
-        bounded = settings.batches or settings.target_error is not None
-        n = whole("n", n, 1, self.left if bounded else MAX_SPP - kept.spp, error=ValueError)
+        most = self.left if self._bound else MAX_SPP - self._first - kept.spp
+        n = whole("n", n, 1, most, error=ValueError)
         if settings.batches and n != self._batch:
             raise ValueError(f"n = {n}; with batches = {settings.batches} it is {self._batch}")
         if progress is not None and not callable(progress):
             raise ValueError(f"progress = {shown(progress)} is not callable")
-        begin, pixels = kept.spp, None
+        begin, pixels = self._first + kept.spp, None
         if kept.tiles is not None:
             begin += first_sample(self._scene.spp)
             pixels = np.flatnonzero(self._counts > kept.spp).astype(np.uint32)
@@ -241,10 +258,75 @@ class Accumulation:
             self._means = np.empty((self._settings.batches, height, width, 3))
         self._means[k] = batch.sums() / batch.samples
 
+    def _identity(self) -> dict[str, Any]:
+        """What the samples depend on (`Checkpoint.render`)."""
+        names = "seed", "sampler", "width", "height", "max_depth", "rr_depth", "target_error"
+        return {
+            "version": _version(),
+            "scene_sha256": self._scene.sha256,
+            **{name: getattr(self._settings, name) for name in (*names, "batches")},
+            "spp": self._scene.spp if self._bound else None,
+        }
+
+    def checkpoint(self) -> Checkpoint:
+        """What is there, exactly, to go on with elsewhere or later.
+
+        Raises ValueError if no sample was drawn yet.
+        """
+        kept = self._kept
+        if kept.report is None:
+            raise ValueError("no samples to keep yet: add some first")
+        with device_module.native_errors():
+            film = None if kept.film is None else kept.film.state()
+        means = None
+        if self._settings.batches:
+            assert self._means is not None
+            means = self._means[: kept.spp // self._batch].copy()
+        return Checkpoint(
+            render=self._identity(), first=self._first, spp=kept.spp, paths=kept.paths,
+            report=kept.report, film=film, tiles=kept.tiles, beyond=kept.beyond, means=means,
+            machine={
+                "device": self.device.name,
+                "device_name": self.device.description,
+                "scheduler": str(self._settings.scheduler),
+            },
+        )  # fmt: skip
+
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Take over what a checkpoint holds, of any device; its samples count as added here.
+
+        Raises CheckpointError, and nothing is changed, if it is of another render or range (the
+        message names what differs) or has more samples than the spp asked for; RuntimeError if
+        there are samples already.
+        """
+        given = checkpoint
+        if not isinstance(given, Checkpoint):
+            raise TypeError(f"checkpoint is {type(given).__name__}, expected a Checkpoint")
+        if self._kept.report is not None:
+            raise RuntimeError("there are samples already: resume before any is added")
+        if differences := given._differences(self._identity()):
+            raise CheckpointError(f"{given}: of another render: {differences}")
+        if given.first != self._first:
+            raise CheckpointError(f"{given}: its first sample is {given.first}, not {self._first}")
+        if given.spp > self._scene.spp:
+            raise CheckpointError(
+                f"{given}: it has {given.spp} samples per pixel, more than spp = {self._scene.spp}"
+            )
+        with device_module.native_errors():
+            film = with_room(self.device, lambda: given._film_on(self.device))
+        if given.means is not None:
+            self._means = np.empty((self._settings.batches, *given.means.shape[1:]))
+            self._means[: len(given.means)] = given.means
+        self._kept = Kept(
+            film=film, spp=given.spp, paths=given.paths, report=given.report, tiles=given.tiles,
+            beyond=given.beyond,
+        )  # fmt: skip
+
     def render(self) -> Render:
         """The picture of the samples that are there, as `veriray.render` gives it.
 
-        Raises ValueError if there are none yet; warns as `veriray.render`.
+        Raises ValueError if there are none yet, or if its first sample is not 0; warns as
+        `veriray.render`.
         """
         return self._render(3)
 
@@ -254,6 +336,8 @@ class Accumulation:
         film, report = kept.film, kept.report
         if film is None or report is None or self._deciding:
             raise ValueError("the picture has no samples yet: add some first")
+        if self._first:
+            raise ValueError(f"samples 0:{self._first} are missing: merge checkpoints of all")
         counts = None
         if kept.tiles is not None:
             counts = np.minimum(self._counts, kept.spp).astype(np.uint64)

@@ -1,4 +1,4 @@
-"""The command `veriray`: render, dataset, compare, validate, info, lint, convert, denoise,
+"""The command `veriray`: render, merge, dataset, compare, validate, info, lint, convert, denoise,
 gallery, view, bench, doctor.
 
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
@@ -29,6 +29,7 @@ from .commands import (
     gallery,
     info,
     lint,
+    merge,
     render,
     validate,
     view,
@@ -36,7 +37,8 @@ from .commands import (
 from .commands.common import CommandError, Parser, say, show_warning
 
 COMMANDS = (
-    render, dataset, compare, validate, info, lint, convert, denoise, gallery, view, bench, doctor,
+    render, merge, dataset, compare, validate, info, lint, convert, denoise, gallery, view, bench,
+    doctor,
 )  # fmt: skip
 
 

@@ -66,6 +66,17 @@ class ImageError(ValueError):
         super().__init__(printable(message))
 
 
+class CheckpointError(ValueError):
+    """A file that is no checkpoint, is damaged, or is one of another render."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
+class CheckpointWarning(UserWarning):
+    """A checkpoint that could not be written; the render goes on."""
+
+
 class DeviceError(RuntimeError):
     """A device is missing, failed, or cannot run this build."""
 

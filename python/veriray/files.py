@@ -15,13 +15,17 @@ from typing import IO
 
 def open_regular(path: str | os.PathLike[str]) -> IO[bytes]:
     """A regular file opened for reading; anything else, even a pipe, raises OSError at once."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    file = open(path, "rb", opener=_at_once)  # which owns the descriptor from the start
     try:
-        _must_be_regular(os.fstat(descriptor), os.fspath(path))
-        return os.fdopen(descriptor, "rb")
+        _must_be_regular(os.fstat(file.fileno()), os.fspath(path))
     except BaseException:
-        os.close(descriptor)
+        file.close()
         raise
+    return file
+
+
+def _at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY)
 
 
 def target_of(path: str | os.PathLike[str]) -> tuple[Path, os.stat_result | None]:

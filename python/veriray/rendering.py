@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, overload
 
@@ -10,6 +11,7 @@ from . import bars
 from . import device as device_module
 from .accumulation import Accumulation, Progress
 from .camera import Camera
+from .course import EVERY, Course
 from .feature_rendering import beside
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
@@ -50,6 +52,10 @@ def render(
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
     cameras: None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    every: float = EVERY,
+    time: float | None = None,
+    on_pass: Callable[[Render], object] | None = None,
 ) -> Render: ...
 @overload
 def render(
@@ -76,6 +82,10 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
     cameras: Sequence[Camera] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    every: float = EVERY,
+    time: float | None = None,
+    on_pass: Callable[[Render], object] | None = None,
 ) -> Render | list[Render]:
     """Render a scene, or several views of it.
 
@@ -142,18 +152,21 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         version, mean_stderr. With target_error also target_error, pilot_spp, first_sample (number
         of the picture's first sample), mean_spp, tiles, tiles_at_limit (which need more than spp),
         tiles_above_target and tile_error (median, nine tenths, largest) of the finished picture;
-        paths and ledger then hold the pilot's too.
+        paths and ledger then hold the pilot's too. Of a picture that was stopped also stopped
+        ("time", "interrupted") and spp_asked.
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
         TypeError: `scene` is not a Scene.
+        CheckpointError: the checkpoint is damaged, or one of another render; it stays as it is.
         DeviceError: the device cannot be used; the message says why.
         OutOfMemoryError, MemoryError: scene or film do not fit.
-        KeyboardInterrupt: Ctrl-C; nothing is kept, and the next render works.
+        KeyboardInterrupt: Ctrl-C; nothing is kept but the checkpoint, and the next render works.
 
     Warns:
         RefusedSamplesWarning: samples that the film cannot hold were left out; see
             stats["nonfinite"].
+        CheckpointWarning: a checkpoint could not be written; the last one stays.
     """
     settings = RenderSettings(
         spp=spp, seed=seed, device=device, scheduler=scheduler, max_depth=max_depth,
@@ -161,14 +174,19 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         batches=batches, batch_size=batch_size, all_features=all_features,
         target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
     )  # fmt: skip
+    course = None
+    if checkpoint is not None or time is not None or on_pass is not None:
+        if cameras is not None:
+            raise ValueError("cameras: not together with checkpoint, time or on_pass")
+        course = Course(checkpoint=checkpoint, every=every, seconds=time, on_pass=on_pass)
     if cameras is None and progress is not True:
-        return render_with(scene, settings, None if progress is False else progress)
+        return render_with(scene, settings, None if progress is False else progress, course)
     used, _ = settle(scene, settings)
     views = [scene] if cameras is None else _views(used, cameras)
     if progress is True and views:
         spp = used.spp * len(views) if target_error is None else 0  # 0: not known
         with bars.bar(used.film.width, used.film.height, spp) as bar:
-            done = [render_with(*view) for view in _turns(views, settings, bar)]
+            done = [render_with(*view, course) for view in _turns(views, settings, bar)]
             bar.done(done[-1].stats["mean_stderr"])
     else:
         callback = None if isinstance(progress, bool) else progress
@@ -200,24 +218,35 @@ def _turns(
 
 
 def render_with(
-    scene: Scene, settings: RenderSettings, progress: Callable[[float], object] | None = None
+    scene: Scene,
+    settings: RenderSettings,
+    progress: Callable[[float], object] | None = None,
+    course: Course | None = None,
 ) -> Render:
     """As `render`, with its settings as one object."""
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
     building, sampling = _shares(progress)
     work = Accumulation._of(scene, settings, building)
-    while n := work.left:
-        work.add(n, _of_all(work, n, sampling))
+    stopped, used = "", work.settings
+    if course is None:
+        while n := work.left:
+            work.add(n, of_all(work, n, sampling))
+    else:
+        course.resume(work)
+        stopped = course.run(work, lambda n: of_all(work, n, sampling))
     made = work._render(4)
-    if work.settings.features:
-        made.__dict__["features"] = beside(made, scene, work.settings)
+    if stopped:
+        made.stats.update(stopped=stopped, spp_asked=used.spp)
+        used = used.with_checked({"spp": made.spp, "batches": 0, "target_error": None})
+    if used.features:
+        made.__dict__["features"] = beside(made, scene, used)
     if progress is not None:
         progress(1.0)
     return made
 
 
-def _of_all(work: Accumulation, n: int, progress: Progress) -> Progress:
+def of_all(work: Accumulation, n: int, progress: Progress) -> Progress:
     """A callback for a pass of n samples per pixel that reports the fraction of the whole."""
     if progress is None:
         return None

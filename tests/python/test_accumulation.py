@@ -174,9 +174,9 @@ def test_interrupts_at_any_moment_leave_a_whole_picture() -> None:
     scene, rng, counts = vr.cornell_box(), random.Random(11), [0, 0]
     right = {n: vr.render(scene, n, device="cpu", **SIZE) for n in range(1, 40)}
     before = signal.signal(signal.SIGALRM, raise_it)
-    end, work = time.monotonic() + 2, accumulated([])
+    start, work = time.monotonic(), accumulated([])
     try:
-        while time.monotonic() < end:
+        while (spent := time.monotonic() - start) < 2 or (min(counts) <= 50 and spent < 60):
             try:
                 signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-5, 4e-3))
                 while work.spp < 39:

@@ -319,7 +319,7 @@ def test_closed_and_broken_streams_keep_the_picture(streams: str, status: int) -
 @pytest.mark.parametrize("scheduler", METHODS)
 def test_interrupt_leaves_nothing(scheduler: str) -> None:
     endless = ["render", "cornell-box", "--device", "cpu", "--spp", "1000000000", "-o", "a.exr"]
-    endless += ["--scheduler", scheduler, "--width", "64", "--height", "64"]
+    endless += ["--scheduler", scheduler, "--width", "64", "--height", "64", "--discard"]
     process = subprocess.Popen(
         [*COMMAND, *endless], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import stat
@@ -55,6 +56,25 @@ def test_folders_and_devices_are_refused(tmp_path: Path) -> None:
     for path, message in ((tmp_path, "Is a directory"), ("/dev/zero", "not a regular file")):
         with pytest.raises(OSError, match=message):
             open_regular(path)
+
+
+def test_an_interrupt_while_opening_closes_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(status: os.stat_result, where: str) -> None:
+        raise KeyboardInterrupt
+
+    path = tmp_path / "a"
+    write(path)
+    before = os.listdir("/proc/self/fd")
+    monkeypatch.setattr("veriray.files._must_be_regular", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        open_regular(path)
+    monkeypatch.undo()
+    assert os.listdir("/proc/self/fd") == before
+    with open_regular(path) as file:  # a second close would hit this one
+        gc.collect()
+        assert file.read() == b"new"
 
 
 # ---- names ----

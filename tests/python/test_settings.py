@@ -40,7 +40,8 @@ def keywords(function: Any, *others: str) -> dict[str, Any]:
 
 
 def test_signatures() -> None:
-    assert keywords(veriray.render, "scene", "progress", "cameras") == DEFAULTS
+    course = "checkpoint", "every", "time", "on_pass"
+    assert keywords(veriray.render, "scene", "progress", "cameras", *course) == DEFAULTS
     path = {name: DEFAULTS[name] for name, s in SETTINGS.items() if s.path}
     assert keywords(veriray.trace_path, "scene", "x", "y", "sample") == path
     few = keywords(rendering.prepare, "scene", "progress")

@@ -128,7 +128,7 @@ def test_render_loads_what_it_needs(tmp_path: Path) -> None:
         ("--device cpu", False),
         ("--device=cpu:avx2", False),
         ("--dev=cpu", False),
-        ("--d cpu", False),
+        ("--de cpu", False),
         ("--pixel 3 4", False),
     ],
 )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+import sys
+from typing import TYPE_CHECKING, Any
 
-from ..settings import SETTINGS, RenderSettings
+from ..settings import MAX_SPP, SETTINGS, RenderSettings
 from .common import (
     LARGE_MESH,
     SCENE_SETTINGS,
@@ -23,8 +24,13 @@ from .common import (
     write_json,
 )
 
+if TYPE_CHECKING:
+    from ..course import Course
+
 PICTURE_SUFFIXES = (".exr", ".png")
 TABLE_ROWS = 12
+#: Of checkpoints.
+SUFFIX = ".film"
 
 
 def add(commands: Any) -> None:
@@ -35,6 +41,25 @@ def add(commands: Any) -> None:
     add_settings(parser, *(name for name in SETTINGS if name not in SCENE_SETTINGS))
     parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
     parser.add_argument("--stats", metavar="FILE.json", help="write the statistics as JSON")
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FILE.film",
+        help="go on from this file if it exists, and keep the exact sums there (resumable)",
+    )
+    parser.add_argument(
+        "--every", type=number, metavar="S", help="seconds between checkpoints (60)"
+    )
+    parser.add_argument(
+        "--time", type=number, metavar="S", help="seconds of sampling after which it ends"
+    )
+    parser.add_argument(
+        "--discard", action="store_true", help="write no picture of what is there at Ctrl-C"
+    )
+    parser.add_argument(
+        "--samples",
+        metavar="A:B",
+        help="draw samples A to B - 1 of each pixel into --checkpoint, for `veriray merge`",
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.add_argument(
         "--pixel",
@@ -52,14 +77,20 @@ def _render(arguments: argparse.Namespace) -> int:
         return _replay(arguments)
     if arguments.sample is not None:
         raise CommandError("--sample goes with --pixel X Y")
+    if arguments.samples is not None:
+        return _draw_range(arguments)
     if not arguments.output:
         raise CommandError("no output: add -o FILE.exr or -o FILE.png")
-    targets = [*arguments.output, *([arguments.stats] if arguments.stats else [])]
-    check_distinct(targets)
+    if arguments.every is not None and not arguments.checkpoint:
+        raise CommandError("--every goes with --checkpoint FILE")
+    others = [path for path in (arguments.stats, arguments.checkpoint) if path]
+    check_distinct([*arguments.output, *others])
     for path in arguments.output:
         check_output(path, PICTURE_SUFFIXES)
     if arguments.stats:
         check_output(arguments.stats, (".json",))
+    if arguments.checkpoint:
+        check_output(arguments.checkpoint, (SUFFIX,))
 
     has_exr = any(path.lower().endswith(".exr") for path in arguments.output)
     if arguments.features and not has_exr:
@@ -91,16 +122,67 @@ def _render(arguments: argparse.Namespace) -> int:
         say(f"primitives {primitives_text(facts['primitives'])}")
         scheduler, why = choose_scheduler(settled, chosen.backend, facts)
         say(f"scheduler  {scheduler} ({why})")
+    course = _course(arguments, keeps=not arguments.discard)
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
-        result = render_with(scene, settings, progress)
+        result = render_with(scene, settings, progress, course)
     for path in arguments.output:
         save(result, path, exposure=arguments.exposure)
     if arguments.stats:
         write_json(arguments.stats, {**result.stats, "film_sha256": result.film_sha256})
     if not arguments.quiet:
         _print_result(result, arguments.output)
-    return 0
+    stopped = result.stats.get("stopped")
+    if stopped:
+        why = "--time is over" if stopped == "time" else stopped
+        text = f"the picture has {result.spp} of {result.stats['spp_asked']} samples per pixel"
+        say(f"veriray: {why}: {text}", file=sys.stderr)
+    if course.failed is not None:
+        raise course.failed
+    return 130 if stopped == "interrupted" else 0
+
+
+def _course(arguments: argparse.Namespace, keeps: bool) -> Course:
+    from ..course import EVERY, Course
+
+    return Course(
+        checkpoint=arguments.checkpoint,
+        every=EVERY if arguments.every is None else arguments.every,
+        seconds=arguments.time,
+        keeps=keeps,
+    )
+
+
+def _draw_range(arguments: argparse.Namespace) -> int:
+    first, sign, end = arguments.samples.partition(":")
+    if not (sign and first.isdecimal() and end.isdecimal() and int(first) < int(end) <= MAX_SPP):
+        raise CommandError(f"--samples {arguments.samples}: expected A:B with 0 <= A < B <= 2^40")
+    if not arguments.checkpoint or arguments.output or arguments.stats or arguments.features:
+        raise CommandError(
+            "--samples draws into --checkpoint FILE alone: without -o, --stats and --features"
+        )
+    if arguments.spp is not None or arguments.batches or arguments.target_error is not None:
+        raise CommandError("--samples: not together with --spp, --batches or --target-error")
+    check_output(arguments.checkpoint, (SUFFIX,))
+
+    from ..accumulation import Accumulation
+    from ..rendering import of_all
+
+    scene = load(arguments)
+    settings = {name: getattr(arguments, name) for name in SETTINGS}
+    settings["spp"] = int(end) - int(first)
+    course = _course(arguments, keeps=True)
+    work = Accumulation(scene, first=int(first), **settings)
+    course.resume(work)
+    with show_progress(f"drawing samples {first}:{end}", arguments.quiet) as progress:
+        stopped = course.run(work, lambda n: of_all(work, n, progress))
+    if course.failed is not None:
+        raise course.failed
+    if stopped or not arguments.quiet:
+        say(
+            f"samples    {first}:{int(first) + work.spp} of {first}:{end} in {arguments.checkpoint}"
+        )
+    return 130 if stopped == "interrupted" else 0
 
 
 def _print_result(result: Any, outputs: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""Media: free flights, transmittance, phase functions.
+"""Media: free flights, transmittance, scattering.
 
 A flight in a chromatic medium takes one channel's free path, the channel chosen with probability
 proportional to its throughput, and is weighted by the balance heuristic over the three channels
@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from reference.grids import integral
+from reference.phases import HenyeyGreenstein, henyey_greenstein, henyey_greenstein_turn
 from reference.scene import Medium
 from reference.vectors import about, dot, unit_sphere
 
@@ -24,7 +25,11 @@ class Media:
     def __init__(self, media: tuple[Medium, ...]) -> None:
         self.sigma_t = np.array([m.sigma_t for m in media]).reshape(-1, 3).T.copy()
         self.albedo = np.array([m.albedo for m in media]).reshape(-1, 3).T.copy()
-        self.g = np.array([m.g for m in media])
+        self.phases = [m.phase for m in media]
+        self.g = np.array([getattr(phase, "g", 0.0) for phase in self.phases])
+        self.lobed = [
+            m for m, phase in enumerate(self.phases) if not isinstance(phase, HenyeyGreenstein)
+        ]
         self.black = (self.albedo == 0).all(axis=0)
         self.extinction = [m.extinction_grid for m in media]
         self.albedo_grids = [m.albedo_grid for m in media]
@@ -32,7 +37,7 @@ class Media:
         self.uneven = bool(uneven)
         self.grey = bool((self.sigma_t == self.sigma_t[:1]).all())
         self.grey &= all(grid.grey for grid in uneven)
-        self.isotropic = bool((self.g == 0).all())
+        self.isotropic = bool((self.g == 0).all()) and not self.lobed
 
     def flight(
         self,
@@ -137,11 +142,14 @@ class Media:
         return out
 
     def phase(self, medium: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-        """Henyey and Greenstein (n,) per steradian; cosine of the turn, 1 is straight on."""
+        """Value (n,) per steradian; cosine of the turn, 1 is straight on."""
         if self.isotropic:
             return np.full(len(medium), 1 / (4 * math.pi))
-        g = self.g.take(medium)
-        return (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
+        value = henyey_greenstein(self.g.take(medium), cosine)
+        for m in self.lobed:
+            at = np.flatnonzero(medium == m)
+            value[at] = self.phases[m].value(cosine[at])
+        return value
 
     def scatter(
         self, rng: np.random.Generator, medium: np.ndarray, direction: np.ndarray
@@ -150,10 +158,10 @@ class Media:
         u, v = rng.random(len(medium)), rng.random(len(medium))
         if self.isotropic:
             return unit_sphere(u, v), self.phase(medium, u)
-        g, x = self.g.take(medium), 2 * u - 1
-        # the inverse of the cumulative function, with the division by 2 g carried out
-        cosine = 2 * x + g * (x * x + 3) + 2 * g * g * x + g**3 * (x * x - 1)
-        cosine = np.clip(cosine / (2 * (1 + g * x) ** 2), -1, 1)
+        cosine = henyey_greenstein_turn(self.g.take(medium), u)
+        for m in self.lobed:
+            at = np.flatnonzero(medium == m)
+            cosine[at] = self.phases[m].draw(rng, len(at))
         return about(direction, cosine, 2 * math.pi * v), self.phase(medium, cosine)
 
 

@@ -17,6 +17,7 @@ from lxml import etree
 
 from reference import shapes, textures
 from reference.grids import Grid, read_vol
+from reference.phases import Blend, HenyeyGreenstein, Phase, Rayleigh, Tabulated
 from reference.principled import SHARES
 from reference.principled_thin import SHARES as SHEET_SHARES
 from reference.relief import Relief
@@ -520,7 +521,9 @@ class _Reader(Document):
         if isinstance(albedo, Grid):
             grids["albedo_grid"], albedo = albedo, np.ones(3)
         sigma_t = sigma_t * values.get("scale", 1.0)
-        self.media.append(Medium(sigma_t, albedo, values.get("phase", 0.0), **grids))
+        self.media.append(
+            Medium(sigma_t, albedo, values.get("phase", HenyeyGreenstein(0.0)), **grids)
+        )
         self.medium_index[element] = len(self.media) - 1
         return len(self.media) - 1
 
@@ -560,12 +563,37 @@ class _Reader(Document):
 
         return read
 
-    def phase(self, element: etree._Element) -> float:
-        """Henyey and Greenstein's g."""
-        if self.plugin(element, "isotropic", "hg") == "isotropic":
-            self.parameters(element)
-            return 0.0
-        return self.parameters(element, g=self.number(-1 + 1e-9, 1 - 1e-9)).get("g", 0.8)
+    def phase(self, element: etree._Element) -> Phase:
+        kind = self.plugin(element, "isotropic", "hg", "rayleigh", "tabphase", "blendphase")
+        if kind == "blendphase":
+            return self.blendphase(element)
+        if kind == "tabphase":
+            return self.tabphase(element)
+        if kind == "hg":
+            values = self.parameters(element, g=self.number(-1 + 1e-9, 1 - 1e-9))
+            return HenyeyGreenstein(values.get("g", 0.8))
+        self.parameters(element)
+        return Rayleigh() if kind == "rayleigh" else HenyeyGreenstein(0.0)
+
+    def tabphase(self, element: etree._Element) -> Tabulated:
+        given = self.parameters(element, values=lambda e: self.text(e, "value")).get("values", "")
+        try:
+            values = np.array([float(v) for v in given.replace(",", " ").split()])
+        except ValueError as error:
+            raise self.error(element, f"tabphase: {error}") from error
+        if len(values) < 2 or not (np.isfinite(values) & (values >= 0)).all() or not values.any():
+            raise self.error(
+                element, "tabphase needs two or more values, none negative, some not 0"
+            )
+        return Tabulated(values)
+
+    def blendphase(self, element: etree._Element) -> Blend:
+        values = self.parameters(
+            element, weight=self.number(0, 1), first=self.phase, second=self.phase
+        )
+        if len(values) != 3:
+            raise self.error(element, "blendphase needs a weight and a first and a second phase")
+        return Blend(**values)
 
     # -- lights and shapes ---------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reference.grids import Grid
+from reference.phases import HenyeyGreenstein, Phase
 from reference.skies import Sky
 
 if TYPE_CHECKING:
@@ -121,12 +122,12 @@ class Material:
 
 @dataclass(frozen=True)
 class Medium:
-    """Extinction sigma_t (3,) per world unit, albedo (3,), Henyey-Greenstein g; by place factors
-    on both, of the extinction only in the grid's box."""
+    """Extinction sigma_t (3,) per world unit, albedo (3,), phase function; by place factors on the
+    first two, of the extinction only in the grid's box."""
 
     sigma_t: np.ndarray
     albedo: np.ndarray
-    g: float = 0.0
+    phase: Phase = HenyeyGreenstein(0.0)
     extinction_grid: Grid | None = None
     albedo_grid: Grid | None = None
 

@@ -86,6 +86,27 @@ def slab_under_beam(tau: float, mu: float, mu0: float, albedo: float,
     return float(up) / (4 * math.pi), float(down) / (4 * math.pi)
 
 
+def rayleigh_half_space(albedo: float, mu: Sequence[float]) -> Array:
+    """Reflectance at cosines mu of a half space that scatters as Rayleigh says, under a sky of 1.
+
+    V. A. Ambartsumian's equations (1943), whose phi of isotropic scattering is H, for the azimuth's
+    mean 1 + P2 P2 / 2 of the phase function, by iteration; albedo below 1.
+    """
+    x, w = gauss(96)
+    shares = np.array([1.0, 0.5])
+    at = np.append(x, np.asarray(mu, float))
+    legendre = np.stack([np.ones_like(at), 1.5 * at**2 - 0.5])
+    near = w / (at[:, None] + x)
+    phi = legendre.copy()
+    for _ in range(2000):
+        inner = np.einsum("kx,lx,mx->klm", phi[:, :96], legendre[:, :96], near)
+        phi, last = legendre + albedo / 2 * at * np.einsum("k,km,klm->lm", shares, phi, inner), phi
+        if np.abs(phi - last).max() < 1e-13:
+            break
+    out = albedo / 2 * np.einsum("k,km,kx,x,mx->m", shares, phi, phi[:, :96], x, near)
+    return np.asarray(out[96:])
+
+
 # ---- any asymmetry, any index ----
 
 

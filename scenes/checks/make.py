@@ -169,14 +169,24 @@ def lamp(*radiance: float, x: float = 1.5, y: float = 6, z: float = 1, half: flo
     return shape("rectangle", place, diffuse(0), area(*radiance))
 
 
+def phase_function(kind: str, *content: str, name: str = "") -> str:
+    """A phase function."""
+    head = f' name="{name}"' if name else ""
+    body = "".join(content)
+    return f'<phase type="{kind}"{head}' + (f">{body}</phase>" if body else "/>")
+
+
 def medium(
-    id_: str, extinction: tuple[float, ...], albedo: tuple[float, ...], g: float | None = None,
-    name: str = "", scaling: float | None = None,
+    id_: str, extinction: tuple[float, ...], albedo: tuple[float, ...],
+    g: float | str | None = None, name: str = "", scaling: float | None = None,
 ) -> str:  # fmt: skip
-    """A homogeneous medium; g None: isotropic. Mitsuba takes no rgb extinction above 1."""
-    phase = '<phase type="isotropic"/>'
-    if g is not None:
-        phase = f'<phase type="hg">{number("g", g)}</phase>'
+    """A homogeneous medium; g None: isotropic, a string: another phase function.
+
+    Mitsuba takes no rgb extinction above 1.
+    """
+    phase = g if isinstance(g, str) else phase_function("isotropic")
+    if isinstance(g, float):
+        phase = phase_function("hg", number("g", g))
     head = (f' id="{id_}"' if id_ else "") + (f' name="{name}"' if name else "")
     if len(extinction) == 1:
         values = number("sigma_t", *extinction)
@@ -189,8 +199,8 @@ def medium(
     return f'<medium type="homogeneous"{head}>{values}{phase}</medium>'
 
 
-def inside(extinction: tuple[float, ...], albedo: tuple[float, ...], g: float | None = None,
-           **more: Any) -> str:  # fmt: skip
+def inside(extinction: tuple[float, ...], albedo: tuple[float, ...],
+           g: float | str | None = None, **more: Any) -> str:  # fmt: skip
     """A medium as a shape's interior."""
     return medium("", extinction, albedo, g, "interior", **more)
 
@@ -945,6 +955,38 @@ def hg_backward() -> str:
     return (
         sensor() + striped()
         + sphere(0, 1.1, 0.2, 1, NULL, inside((0.2,), (0.9,), -0.6, scaling=10))
+    )  # fmt: skip
+
+
+@scene
+def rayleigh_air() -> str:
+    """Air that scatters as Rayleigh says, blue most, around a ball under a low sun."""
+    air = inside((0.12, 0.28, 0.6), (1, 0.98, 0.95), phase_function("rayleigh"))
+    return (
+        sensor() + floor(0.4, 0.35, 0.3) + sky(0.1, 0.12, 0.15)
+        + shape("cube", transform(scale(2.4, 0.9, 2), translate(0, 1, 0)), NULL, air)
+        + sphere(0.7, 0.7, 0.1, 0.5, diffuse(0.8, 0.6, 0.4))
+        + emitter("directional", vector("direction", 0.8, -0.5, -0.4),
+                  rgb("irradiance", 3, 2.7, 2.4))
+    )  # fmt: skip
+
+
+@scene
+def blended_fog() -> str:
+    """Phase functions by a table, in glass, and blended of Henyey-Greenstein, it and Rayleigh's."""
+    table = text("values", "0.9, 0.3, 0.1, 0.2, 0.5, 2.5")
+    inner = phase_function(
+        "blendphase", number("weight", 0.4), phase_function("tabphase", table, name="first"),
+        phase_function("rayleigh", name="second"), name="second",
+    )  # fmt: skip
+    outer = phase_function("hg", number("g", 0.85), name="first")
+    blend = phase_function("blendphase", number("weight", 0.7), outer, inner)
+    glass = bsdf("dielectric", number("int_ior", 1.3))
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 1, 0.2, 0.9, NULL, inside((2.2,), (0.95, 0.9, 0.8), blend))
+        + sphere(1, 0.9, 0.3, 0.8, glass, inside((1.5,), (0.8, 0.9, 0.95),
+                                                 phase_function("tabphase", table)))
     )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ _CHECKS = (
     "brushed", "relief",
     "point_in_medium", "point_light", "projected_images", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "textured_lamps", "textures", "blends", "attributes",
-    "thindielectric", "thinlens", "twosided",
+    "blended_fog", "rayleigh_air", "thindielectric", "thinlens", "twosided",
 )  # fmt: skip
 _SECOND_FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="20"/>
 <rotate x="1" angle="-90"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/>
@@ -393,6 +393,14 @@ _MEDIA = (
            "thin fog"),
     Mutant("channels weighted evenly, chosen by throughput", _MEDIUM, "inner(w, density)",
            "sum(density) * F(1.f / 3.f)", "chromatic_medium"),
+    Mutant("Rayleigh's phase function drawn evenly", _PHASES,
+           "fma(t, fma(t, F(0.1127f), F(0.23f)), F(0.6654f))", "F(1.f)", "rayleigh_air",
+           also=(("k < 2", "k < 0"),)),
+    Mutant("table of a phase function read from its end", _PHASES, "cosine + F(1.f)",
+           "F(1.f) - cosine", "blended_fog"),
+    Mutant("shares of a blended phase function left out of its sum", _PHASES,
+           "fma(column(view, lobe, kLobeShare), value, sum.value)", "value + sum.value",
+           "blended_fog"),
     Mutant("phase sampled for -g", _PHASES, _PHASE, _PHASE.replace("(g", "(-g"),
            "hg_forward"),
     Mutant("phase of light samples for -g", _DIRECT,

@@ -25,6 +25,7 @@ pytest.importorskip("embreex", reason="the reference renderer needs embreex")
 from reference import COLUMNS, SceneError, load, read_exr, render, write_exr  # noqa: E402
 from reference.__main__ import main  # noqa: E402
 from reference.camera import camera_rays, filter_offsets  # noqa: E402
+from reference.phases import Blend, HenyeyGreenstein, Rayleigh, Tabulated  # noqa: E402
 from reference.scene import Film, with_settings  # noqa: E402
 
 ALPHA = 1e-3
@@ -378,6 +379,28 @@ def test_clipping(scene):
         clip = f'<float name="near_clip" value="{near}"/><float name="far_clip" value="{far}"/>'
         sensor = camera("0,0,3", "0,0,0", fov=60, width=4, height=4, extra=clip)
         assert (render(scene(wall, sensor), spp=64).mean == seen).all()
+
+
+# -- phase functions ----
+
+
+@pytest.mark.parametrize(
+    "phase",
+    [HenyeyGreenstein(-0.6), HenyeyGreenstein(0.95), Rayleigh(), Tabulated(np.array([3, 0, 1, 9])),
+     Blend(HenyeyGreenstein(0.85), Blend(Tabulated(np.array([1, 0])), Rayleigh(), 0.4), 0.7)],
+)  # fmt: skip
+def test_phase_functions(phase):
+    """Drawn cosines against the integral of the value, which is 1: chi-square, 40 cells."""
+    x, w = np.polynomial.legendre.leggauss(300)
+    edges = np.linspace(-1, 1, 241)  # among them the knots of the tables
+    cells = edges[:-1, None] + (x + 1) / 240
+    shares = (phase.value(cells) * w).sum(axis=1) * 2 * math.pi / 240
+    assert shares.sum() == pytest.approx(1, abs=1e-12)
+    shares = shares.reshape(40, 6).sum(axis=1)
+    drawn = phase.draw(np.random.default_rng(11), 400_000)
+    counts = np.histogram(drawn, edges[::6])[0]
+    chi2 = ((counts - 400_000 * shares) ** 2 / (400_000 * shares)).sum()
+    assert stats.chi2.sf(chi2, 39) > ALPHA
 
 
 # -- camera and film -------------------------------------------------------------------------------

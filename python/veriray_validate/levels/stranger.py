@@ -59,10 +59,10 @@ Parts = tuple[npt.NDArray[np.int64], dict[int, str]]
 NAMES = tuple(checks())
 #: Scenes of the quick run: fast ones that have each material, medium, light, shape and filter.
 QUICK = {
-    "camera_in_medium", "conductor_metal", "directional_light", "disk_ellipse", "glass_cube",
-    "hg_forward", "mask", "medium_in_glass", "mitchell", "plastic_nonlinear", "point_light",
-    "rectangle_sheared", "rough_metal", "rough_plastic", "smooth_normals", "sphere_light",
-    "spot_light", "tent", "thindielectric", "thinlens", "twosided",
+    "blended_fog", "camera_in_medium", "conductor_metal", "directional_light", "disk_ellipse",
+    "glass_cube", "hg_forward", "mask", "medium_in_glass", "mitchell", "plastic_nonlinear",
+    "point_light", "rectangle_sheared", "rough_metal", "rough_plastic", "smooth_normals",
+    "sphere_light", "spot_light", "tent", "thindielectric", "thinlens", "twosided",
 }  # fmt: skip
 #: p values of one comparison, at most.
 TESTS = 9

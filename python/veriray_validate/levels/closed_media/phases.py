@@ -11,7 +11,7 @@ import numpy.typing as npt
 from veriray_validate.dicts import BLACK, NULL, Dict, cuboid, flat, rgb, scene, sky, view
 from veriray_validate.form_factors import gauss
 from veriray_validate.levels.closed_media.slabs import ALBEDOS, at
-from veriray_validate.transfer import adding_doubling
+from veriray_validate.transfer import adding_doubling, rayleigh_half_space
 from veriray_validate.trial import Trial, case
 
 Array = npt.NDArray[np.float64]
@@ -109,3 +109,50 @@ def slab_of_any_phase(t: Trial, kind: str, tau: float, mu: float) -> None:
              sees=0.03, margin=5e-5)  # fmt: skip
     t.agrees(scene(view(below - eye, below, 1e-3), body, dark, sky(1)), exact[:, 1, 0], 400_000,
              sees=0.03, margin=5e-5)  # fmt: skip
+
+
+@case(3, once=True)
+def theory_of_rayleigh(t: Trial) -> None:
+    """Adding-doubling for a half space of Rayleigh scattering against Ambartsumian's equations.
+
+    Within 1e-7 at three cosines, albedo .2 to .99.
+    """
+    mu = [1.0, 0.5, 0.1]
+    chi = moments(_rayleigh, 80)
+    t.check(
+        np.abs(chi[:3] - [1, 0, 0.1]).max() < 1e-12 and np.abs(chi[3:]).max() < 1e-12, "moments"
+    )
+    for w in (0.2, 0.5, 0.9, 0.99):
+        off = adding_doubling(3000.0, w, chi, 1.0, mu, 40)[0] - rayleigh_half_space(w, mu)
+        t.check(np.abs(off).max() < 1e-7, f"albedo {w}: {off}")
+
+
+@case(3, each={"slabs": (3, 24)}, quick=lambda slabs: slabs == 3)
+def tables_of_radiative_transfer(t: Trial, slabs: int) -> None:
+    """Reflectance and transmittance of drawn slabs under a sky of 1, by adding-doubling.
+
+    Phase function of `KINDS` or Henyey and Greenstein's with g of -.5 to .9, thickness .03 to 32,
+    albedo .2 to 1 by channel, cosine .1 to 1. Only what is above .05 in each channel is compared;
+    sees 4 % of it.
+    """
+    dark = flat("rectangle", [0, 0, -60], [0, 0, 1], 1e6, BLACK)
+    for _ in range(slabs):
+        tau, mu = math.exp(t.rng.uniform(math.log(0.03), math.log(32))), t.rng.uniform(0.1, 1)
+        albedos, g = np.append(t.rng.uniform(0.2, 1, 2), 1.0), t.rng.uniform(-0.5, 0.9)
+        kinds = {**KINDS, "hg": ({"type": "hg", "g": g}, _hg(g))}
+        phase, function = kinds[str(t.rng.choice(list(kinds)))]
+        chi = moments(function, 80)
+        fine, coarse = (
+            np.array([adding_doubling(tau, w, chi[: 2 * n], 1.0, [mu], n) for w in albedos])
+            for n in (40, 24)
+        )
+        t.check(np.abs(fine - coarse).max() < 1e-3 * fine.max(), "orders")
+        half = 100 + 5 * tau  # no flight is so long; wider is too thin in single precision
+        fog = {**_fog(phase), "albedo": rgb(albedos)}
+        body = cuboid([-half, -half, -tau], [half, half, 0], NULL, interior=fog)
+        eye, below = at(mu), np.array([0, 0, -tau])
+        places = ((eye, np.zeros(3)), (below - eye, below))
+        for (origin, target), exact in zip(places, (fine[:, 0, 0], fine[:, 1, 0]), strict=True):
+            if exact.min() > 0.05:
+                seen = scene(view(origin, target, 1e-3), body, dark, sky(1))
+                t.agrees(seen, exact, 400_000, sees=0.04, margin=3e-4)

@@ -365,7 +365,7 @@ def test_hostile_arguments(
                 call(**{**good, argument: bad})
             except ALLOWED as error:
                 text = str(error)
-                path = argument in ("path", "a", "b", "scene") and isinstance(bad, str)
+                path = argument in ("path", "a", "b", "scene", "cameras") and isinstance(bad, str)
                 file = path and printable(bad) in text
                 if not isinstance(error, OSError) and not names.search(text) and not file:
                     problems.append(f"{what}: {type(error).__name__} without name: {text[:90]}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import io
 import json
@@ -63,8 +64,8 @@ def test_page(viewer: Viewer) -> None:
     assert "//" not in page.replace("</", "")  # it needs no network
     for path in ("/nothing", "/../server.py", "/page.js/../../x", "/save/", "/save/x", "//", "/ws"):
         assert get(port, path)[0] in (404, 426)
-    with pytest.raises(http.client.RemoteDisconnected):
-        get(port, "/", "POST")
+    with contextlib.suppress(http.client.RemoteDisconnected):
+        assert get(port, "/", "POST")[0] >= 400
 
 
 def test_pictures(viewer: Viewer) -> None:

@@ -55,7 +55,7 @@ def feature_images(
             f"names: {', '.join(wrong)} are parts of a picture: render(scene, features=...)"
         )
     if motion_to is not None and not isinstance(motion_to, Camera):
-        raise ValueError(f"motion_to = {shown(motion_to)} is no Camera")
+        raise ValueError(f"motion_to = {shown(motion_to)} is not a Camera")
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
     if not wanted:

@@ -79,7 +79,7 @@ class FeatureImages(Mapping[str, Array]):
     ) -> None:  # fmt: skip
         for what, given in (("images", images), ("stderr", stderr)):
             if not isinstance(given, Mapping):
-                raise ValueError(f"{what} = {shown(given)} is no mapping of names to arrays")
+                raise ValueError(f"{what} = {shown(given)} is not a mapping of names to arrays")
             for name, values in given.items():
                 known = isinstance(name, str) and name in LAYERS and isinstance(values, np.ndarray)
                 if not known or values.ndim < 2 or _channels(values) != len(LAYERS[name]):

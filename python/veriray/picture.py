@@ -163,7 +163,7 @@ class Render:
         _whole("spp", self.spp, 0, 2**64 - 1)
         _whole("seed", self.seed, 0, 2**64 - 1)
         if not isinstance(self.features, FeatureImages):
-            raise ValueError(f"features = {shown(self.features)} is no FeatureImages")
+            raise ValueError(f"features = {shown(self.features)} is not a FeatureImages")
 
     @classmethod
     def _of(cls, held: Picture, **fields: Any) -> Render:

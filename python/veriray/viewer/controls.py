@@ -168,10 +168,10 @@ def applied(view: View, action: Action, file: Scene, depth: float | None = None)
         film = after.scene(file).film
         sized = action.name in ("width", "height") and action.value is not None
         size = f"{film.width} x {film.height}"
-        if sized and max(film.width, film.height) > MOST_SIDE:
-            raise ControlError(f"a picture of {size} has a side above {MOST_SIDE} pixels")
         if sized and film.width * film.height > MOST_PIXELS:
             raise ControlError(f"a picture of {size} has more than {MOST_PIXELS} pixels")
+        if sized and max(film.width, film.height) > MOST_SIDE:
+            raise ControlError(f"a picture of {size} has a side above {MOST_SIDE} pixels")
         return after
     camera = file.camera if view.camera is None else view.camera
     if action.what == "set":

@@ -12,6 +12,7 @@ from typing import Any
 from lxml import etree
 
 from ..errors import SceneError
+from ..files import open_regular
 from ..formats import READERS, write
 from ..formats.node import Node
 from ..formats.report import Report
@@ -101,7 +102,8 @@ def _included(path: Path, depth: int = 0) -> Iterator[Path]:
     """The files that an XML file includes by plain names."""
     try:
         parser = etree.XMLParser(resolve_entities=False, no_network=True)
-        root = etree.fromstring(path.read_bytes(), parser)
+        with open_regular(path) as file:
+            root = etree.fromstring(file.read(), parser)
     except (OSError, etree.XMLSyntaxError):
         return
     for element in root.iter("include"):

@@ -252,6 +252,7 @@ MEANT = {
     "flip_normals.xml": {"flipped", "black-back"},  # shapes turned inside out on purpose
     "glass_cube.xml": {"flipped"},  # a cube turned inside out on purpose
     "orthographic.xml": {"black-back", "clip"},  # a far plane cuts a ball open
+    "rayleigh_air.xml": {"albedo"},  # air takes no light of one colour
     "twosided.xml": {"black-back"},  # beside a two-sided one, for comparison
 }
 

@@ -25,6 +25,7 @@ struct Bsdf {
             if (has(1u << k) && (kClosures[k].reads & parameter_bit(p))) return true;
         return false;
     }
+
     U kind;
     MaterialParameters<F> parameters;
     ClosureView<L> view;

@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 _DERIVED = ("_hashes", "_sha256", "_native_forms", "_settled")
-_OF_FILE = ("_places", "_cameras", "_notes", "_ids", "_features", "_warned")
 
 
 #: Bytes of arrays that take a good part of a frame's time to hash.

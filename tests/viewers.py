@@ -82,7 +82,7 @@ class Browser:
         self.socket: ClientConnection = connect(
             f"ws://127.0.0.1:{port}/ws{query}", max_size=None, max_queue=None, compression=None,
             **options,
-        )  # fmt: skip
+        ).__enter__()  # fmt: skip
         self.state: dict[str, Any] = {}
         self.notices: list[str] = []
 

@@ -30,9 +30,8 @@ struct Bsdf {
     MaterialParameters<F> parameters;
     ClosureView<L> view;
     // Where a texture turns normals: light counts on the same sides of view.n and of the surface's
-    // own normal alone, and grazing light less (A. Conty Estevez, P. Lecocq, C. Stein, "A
-    // Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem", Ray Tracing Gems,
-    // 2019).
+    // own normal alone, and grazing light less (A. Conty Estevez, P. Lecocq, C. Stein 2019, "A
+    // Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem").
     struct Relief {
         bool some = false;  // lanes may have one
         M lanes;

@@ -313,6 +313,8 @@ class Server:
 
     async def _request(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request; None opens a socket."""
+        if getattr(request, "method", "GET") != "GET":  # websockets < 17 refuses them itself
+            return _text(http.HTTPStatus.METHOD_NOT_ALLOWED, "this server answers GET alone")
         try:
             path = urlsplit(request.path).path
         except ValueError:

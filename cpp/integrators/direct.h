@@ -234,9 +234,9 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         // A ray that roulette has ended in an uneven medium still says what blocks it.
         const bool uneven = has(kUnevenMedia) && (scene.features & kUnevenMedia);
         todo = todo & (max_channel(uneven ? share : shadow.radiance) > F(0.f));
+        if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, hit, at, todo);
         shadow.travelled = select(todo, hit.t, shadow.travelled);
         shadow.passed = select(todo, hit.primitive, shadow.passed);
-        if constexpr (has(kMedia)) shadow.medium = medium_beyond(scene, shadow, at, todo);
         return free;
     }
 
@@ -298,15 +298,38 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                 to_uint(medium_column(scene, medium, kMediumLobes))};
     }
 
+    static constexpr float kSwappedWithin = 0x1p-14f, kParallelFaces = 0.999f;
+
     // The medium on the other side, for lanes that go `through`. Carrier: path or shadow request.
     template <class Carrier>
-    static VR_HD U medium_beyond(const SceneView& scene, const Carrier& c, const Surface<L>& at,
-                                 M through) {
+    static VR_HD U medium_beyond(const SceneView& scene, const Carrier& c, const Hit<L>& hit,
+                                 const Surface<L>& at, M through) {
         const F inside = surface_column(scene, at.row, kSurfaceInside);
         const F outside = surface_column(scene, at.row, kSurfaceOutside);
-        const M border = through & (inside >= F(0.f));
+        M border = through & (inside >= F(0.f));
+        if constexpr (has(kPass)) border = border & !swapped(scene, c, hit, at, border);
         const F beyond = max(select(at.front, inside, outside), F(0.f));
         return select(border, to_uint(beyond), c.medium);
+    }
+
+    // Borders that lie before the parallel one that the ray has just passed: from far away,
+    // rounding may swap them. The medium there is that beyond the other one. Only hits that close
+    // are looked at, and faces that enclose less than 2 degrees: others cannot be swapped.
+    template <class Carrier>
+    static VR_HD M swapped(const SceneView& scene, const Carrier& c, const Hit<L>& hit,
+                           const Surface<L>& at, M border) {
+        M close =
+            border & (c.travelled > F(0.f)) & (hit.t - c.travelled <= hit.t * F(kSwappedWithin));
+        if constexpr (has(kSpheres))
+            close = close & (c.passed < U(scene.first_sphere)) &
+                    (hit.primitive < U(scene.first_sphere));
+        if (none(close)) return close;
+        const U passed = select(close, c.passed, U(0u)), row = Reader::surface_row(scene, passed);
+        const V n = Reader::primitive_column3(scene, passed, kPrimN);
+        const F over = dot(n, at.p) - Reader::primitive_column(scene, passed, kPrimPlane);
+        const F turn = dot(n, at.ng);
+        return close & (over * dot(n, c.ray.d) < F(0.f)) & (turn * turn > F(kParallelFaces)) &
+               (surface_column(scene, row, kSurfaceInside) >= F(0.f));
     }
 
     // Rays in a medium that meet nothing have left it, at an edge within rounding, if its boundary

@@ -184,7 +184,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
         path.throughput = path.throughput * next.weight;
         if constexpr (has(kRefraction | kPass)) {
             const M through = next.transmitted | Vertices::crossing(place);
-            if constexpr (has(kMedia)) path.medium = medium_beyond(scene, path, at, through);
+            if constexpr (has(kMedia)) path.medium = medium_beyond(scene, path, hit, at, through);
         }
         V from = vertex.p;
         if constexpr (has(kRefraction))

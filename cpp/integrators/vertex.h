@@ -212,7 +212,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         if constexpr (Material::kTransmits) {
             vertex.behind = fma(at.ng, -at.offset * side, at.p);
             if constexpr (has(kMedia))
-                vertex.beyond = Direct::medium_beyond(scene, path, at, valid);
+                vertex.beyond = Direct::medium_beyond(scene, path, place.hit, at, valid);
         }
         [[maybe_unused]] typename Along::Partials along;
         if constexpr (has(kTangents))

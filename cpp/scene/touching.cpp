@@ -4,10 +4,10 @@
 // same plane as another one, as a box on a floor does, rounding would decide the order in which
 // they are met, and a path that leaves one by its offset would begin beyond the other. So the
 // planes of such surfaces are moved, into the body or off an opaque surface that they lie on. They
-// are then separated by twice the offset of paths that leave them, and by what rays from 64 sizes
-// of the body resolve. The order is that of the exact input; of bodies in one plane the smaller
-// lies within the larger, and of equal ones the later within the earlier. A surface keeps its
-// edges, so bodies stay closed.
+// are then separated by twice the offset of paths that leave them, and, unless they are only
+// borders of media (DirectLight::swapped), by what rays from 64 sizes of the body resolve. The
+// order is that of the exact input; of bodies in one plane the smaller lies within the larger, and
+// of equal ones the later within the earlier. A surface keeps its edges, so bodies stay closed.
 #include <algorithm>
 #include <map>
 #include <mutex>
@@ -177,6 +177,11 @@ void HostScene::part_touching(const SceneInput& in) {
     const auto is_clear = [&](uint32_t i) {
         return lets_through(in, sources[i].group, sources[i].row);
     };
+    // Only a border of media.
+    const auto is_null = [&](uint32_t i) {
+        return !in.either(sources[i].material,
+                          [&](uint32_t m) { return in.material_kind.data[m] != kKindNull; });
+    };
     std::vector<uint32_t> clear;
     for (uint32_t i = 0; i < planar; ++i)
         if (is_clear(i)) clear.push_back(i);
@@ -227,7 +232,8 @@ void HostScene::part_touching(const SceneInput& in) {
         const double size = std::max(terms(common, a.n), terms(common, b.n));
         const Double3 g = b.n - a.n * turn;
         const double extent = size_of_body(own);
-        const double want = kParted * (size + std::min(0.5, 32 * extent));
+        const bool near = is_null(own) && (!other_clear || is_null(other));
+        const double want = kParted * (size + (near ? 0 : std::min(0.5, 32 * extent)));
         const PrimitiveSource &from = sources[own], &to = sources[other];
         const bool same = from.same_surface(to);
         if (turn > 0 && same) return true;
@@ -254,7 +260,7 @@ void HostScene::part_touching(const SceneInput& in) {
         if (coarse > 0 && turn > 0 && !t.out) t.want += 2 * static_cast<double>(kPlaneSlack);
         // Shadow rays from within a body end before the lamp that it touches (lights/light.h), but
         // must meet the body's face first.
-        if (to.emission >= 0)
+        if (to.emission >= 0 && !near)
             t.want +=
                 static_cast<double>(kLocalOffset) * (terms(box_around(in, other), b.n) + extent);
         const double slope = heights(common, g, -dot(g, p)).second;

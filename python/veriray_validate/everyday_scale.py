@@ -24,6 +24,7 @@ from veriray_validate.scenes import (
     Part,
     box,
     camera,
+    directional_light,
     disk,
     make,
     point_light,
@@ -294,6 +295,83 @@ def stacked_fogs(rng: np.random.Generator) -> Question:
     return Question(drawn, seen, math.exp(-depth), margin, None, 0.05, spp=512)
 
 
+def wide_fogs(rng: np.random.Generator) -> Question:
+    """One to three layers of ink, 5 to 1e5 times as wide as thick, on or above a ground, or alone.
+
+    The ground emits, or a sun lights it through the layers, or the sky is seen from below: exp(-d),
+    rho sin(sun) / pi exp(-d - d'), exp(-d) with the optical depths d and d' along the view and
+    towards the sun. Grounds are up to 100 times as wide as the layers. The middle of the picture is
+    at the origin, where positions across the layers are exact; those of turned layers are off by
+    2^-20 of their width, so these are up to 100 wide.
+    """
+    light = chosen(rng, ("ground", "sun", "sky"))
+    turned = bool(rng.random() < 0.3)
+    count, half = int(rng.integers(1, 4)), decades(rng, 1, 2 if turned else 5)
+    gap = chosen(rng, (0.0, 2.0**-24, 1e-7, 1e-4, 0.1, 10.0))
+    layers = [(float(rng.uniform(0.3, 1)), float(rng.uniform(0.1, 1))) for _ in range(count)]
+    top = sum(thick + gap for thick, _ in layers)
+    half = max(half, 4 * top)  # the view and the sun go through all layers
+    ground = half * decades(rng, 0, 0.5 if turned else 2)
+    n = int(rng.integers(1, 5))
+    fogs: list[Part] = []
+    depth, low = 0.0, gap
+    for thick, sigma in layers:
+        fog: dict[str, Any] = {"material": NULL, "interior": Medium(sigma)}
+        fogs.append(gridded([-half, -half, low], [half, half, low + thick], n, **fog))
+        depth, low = depth + thick * sigma, low + thick + gap
+    cosine, tilt = float(rng.uniform(0.3, 1)), float(rng.uniform(0, 1))
+    eye = top / math.cos(tilt) + decades(rng, -1, 4)
+    floor = {
+        "ground": lambda: square(ground, emission=1.0),
+        "sun": lambda: square(ground, reflectance=0.5),
+        "sky": lambda: square(ground, -10.0),
+    }[light]()
+    parts = [floor, *fogs]
+    turn = random_rotation_matrix(rng.random(3)) if turned else np.eye(4)
+    moved(parts, turn)
+    w = 1e-3
+    above = eye * np.array([math.sin(tilt), 0, math.cos(tilt)])
+    from_, to = (-above / eye, above) if light == "sky" else (above, np.zeros(3))
+    view = camera(turn[:3, :3] @ from_, turn[:3, :3] @ to, 2 * math.degrees(math.atan(w / eye)),
+                  turn[:3, 1])  # fmt: skip
+    sun = turn[:3, :3] @ [0, math.sqrt(1 - cosine**2), -cosine]
+    lights = [directional_light(sun, math.pi)] if light == "sun" else []
+    seen = make(parts, view, float(light == "sky"), lights=lights, width=4, height=4)
+    truth = math.exp(-depth / math.cos(tilt))
+    truth *= 0.5 * cosine * math.exp(-depth / cosine) if light == "sun" else 1
+    drawn = f"{count} layers of depth {depth:.3f}, {half:g} wide, gap {gap:.2g}, {n} x {n}, "
+    drawn += f"ground {ground:g} wide, {light}, {cosine:.3f}, eye {eye:g} away at {tilt:.3f}"
+    margin = 1e-3 + (2.0**-19 * half * 6 if turned else 0)
+    return Question(drawn + (", turned" if turned else ""), seen, truth, margin, None, 0.02,
+                    spp=4096)  # fmt: skip
+
+
+def far_fogs(rng: np.random.Generator) -> Question:
+    """Layers thinner than rays from afar resolve, between a ground that emits and a mirror: 1.
+
+    Seen from between ground and layers through the mirror, 1e4 to 1e7 away: the order in which a
+    ray enters and leaves them is within rounding. Below them it is in none of them; otherwise 10
+    free paths would darken it. Their depth is 2e-4 to 6e-3, which rounding makes 0 to twice that.
+    """
+    count, half, far = int(rng.integers(1, 4)), decades(rng, 3, 4), decades(rng, 4, 7)
+    thick, n, gap = decades(rng, -4, -3), int(rng.integers(1, 4)), chosen(rng, (0.0, 1e-5, 1e-2))
+    fogs = [
+        gridded([-half, -half, low], [half, half, low + thick], n, material=NULL,
+                interior=Medium(1.0))
+        for low in 10 + (thick + gap) * np.arange(count)
+    ]  # fmt: skip
+    order = rng.permutation(count)
+    mirror = quad([-half, -half, far], [0, 2 * half, 0], [2 * half, 0, 0], material=MIRROR)
+    parts = [square(half, emission=1.0), *(fogs[k] for k in order), mirror]
+    turn = [np.eye(4), np.diag([1, -1, -1, 1])][int(rng.integers(2))]
+    moved(parts, turn)
+    view = camera(turn[:3, 2] * 5, turn[:3, 2] * 20, math.degrees(half / far) / 4, turn[:3, 1])
+    drawn = f"{count} layers {thick:g} thick, gap {gap:g}, {half:g} wide, {n} x {n}, "
+    drawn += f"mirror {far:g} away"
+    return Question(drawn, make(parts, view, width=4, height=4), 1.0, 1e-3 + 4 * count * thick,
+                    None, 0.02, spp=256)  # fmt: skip
+
+
 # ---- pairs ----
 
 
@@ -414,6 +492,8 @@ CLOSED: dict[str, Generator] = {
     "field of view": field_of_view,
     "half space": half_space,
     "stacked fogs": stacked_fogs,
+    "wide fogs": wide_fogs,
+    "far fogs": far_fogs,
 }
 PAIRS: dict[str, Generator] = {
     "out of sight": out_of_sight,

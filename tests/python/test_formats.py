@@ -633,3 +633,11 @@ def test_cameras_look_as_mitsubas_do(mi, tmp_path, size, lens, offset):
         d = camera.to_world[:3, :3] @ np.array([x, y, 1.0])
         d /= np.linalg.norm(d)
         assert np.abs(d - mitsuba_direction(mi, theirs, u, v)).max() < 2e-6
+
+
+def test_messages_keep_the_end_of_a_long_path(tmp_path):
+    folder = tmp_path.joinpath(*["a folder with a long name"] * 12)
+    folder.mkdir(parents=True)
+    body = '<shape type="ply"><string name="filename" value="it_is_this_one.ply"/></shape>'
+    with pytest.raises(SceneError, match=r'"/[^"]*\.\.\.[^"]*name/it_is_this_one\.ply": No such'):
+        load(folder, body)

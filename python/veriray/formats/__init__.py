@@ -75,7 +75,7 @@ def _reader(path: Path) -> Callable[[Path, Mapping[str, object], Report], Tree]:
     if reader is None:
         known = ", ".join(READERS)
         raise SceneError(
-            f"{shorten(str(path))} is neither a scene file ({known}) nor a shipped scene"
+            f"{shorten(path)} is neither a scene file ({known}) nor a shipped scene"
             + allowed(path.name, SHIPPED, "shipped")
         )
     return reader

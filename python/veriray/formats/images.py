@@ -62,7 +62,7 @@ def read(path: Path, where: str, *, raw: bool = False, channel: str | None = Non
     Raises SceneError for a file that is missing, damaged, too large, of an unknown kind, or holds
     texels that are not finite; `where` is the place that names it.
     """
-    name = shorten(str(path))
+    name = shorten(path)
     try:
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size

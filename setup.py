@@ -1,7 +1,9 @@
 """Builds the native modules with CMake; ships scenes and C++ headers inside the package `veriray`.
 
-Environment: VERIRAY_CUDA (auto, 0, 1), VERIRAY_CUDA_ARCH and VERIRAY_CCCL_DIR (see CMakeLists.txt),
-and VERIRAY_JOBS, the number of compilers that run at a time (default: all processors).
+Environment: VERIRAY_CUDA (auto, 0, 1), VERIRAY_CUDA_ARCH and VERIRAY_CCCL_DIR (see CMakeLists.txt);
+VERIRAY_JOBS, the number of compilers that run at a time (default: all processors);
+VERIRAY_BUILD_DIR, where CMake works (default: a folder in build/ for each Python). Builds for
+several Pythons in one folder share what does not depend on Python: nearly all.
 """
 
 from __future__ import annotations
@@ -11,12 +13,14 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from sysconfig import get_config_var, get_platform
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
+MODULES = f"_c*{get_config_var('EXT_SUFFIX')}"
 SCENE_SUFFIXES = {
     ".xml", ".obj", ".ply", ".serialized", ".exr", ".png", ".csv", ".json", ".txt", ".md",
     ".vol",
@@ -65,20 +69,24 @@ def build_modules(build: Path) -> list[Path]:
     if jobs and not (jobs.isdigit() and int(jobs) >= 1):
         sys.exit(f"veriray: VERIRAY_JOBS is {jobs!r}; allowed is an integer >= 1.")
     modules = build / "modules"
+    found = {"CMAKE_MAKE_PROGRAM": tools["ninja"], "Python_EXECUTABLE": sys.executable}
     options = {
         "CMAKE_BUILD_TYPE": "Release",
-        "CMAKE_MAKE_PROGRAM": tools["ninja"],
-        "Python_EXECUTABLE": sys.executable,
         "VERIRAY_OUTPUT_DIRECTORY": modules,
         "VERIRAY_CUDA": os.environ.get("VERIRAY_CUDA") or "auto",
         "VERIRAY_CUDA_ARCH": os.environ.get("VERIRAY_CUDA_ARCH", ""),
         "VERIRAY_CCCL_DIR": os.environ.get("VERIRAY_CCCL_DIR", ""),
     }
     configure = ["cmake", "-S", ROOT, "-B", build, "-G", "Ninja"]
-    configure += [f"-D{key}={value}" for key, value in options.items()]
-    # CMake keeps what it found, so another tool, option or compiler needs a fresh start.
-    compilers = {name: os.environ.get(name) for name in ("CXX", "CUDACXX", "CUDA_HOME")}
-    key = repr((tools, compilers, [str(word) for word in configure]))
+    # CMake keeps what it found, so another compiler or option needs a fresh start. Python it finds
+    # anew: pip puts Ninja and pybind11 for a build into a folder of another name each time.
+    names = ("Python*", "_Python*", "PYTHON*", "pybind11*", "PYBIND11*")
+    configure += [f"-U{name}" for name in names]
+    configure += [f"-D{key}={value}" for key, value in (found | options).items()]
+    compilers = {
+        name: os.environ.get(name) for name in ("CXX", "CUDACXX", "CUDA_HOME", "CUDAFLAGS")
+    }
+    key = repr((tools["nvcc"], compilers, str(ROOT), sorted(map(str, options.items()))))
     key_file = build / "configured-for.txt"
     if not key_file.exists() or key_file.read_text() != key:
         shutil.rmtree(build, ignore_errors=True)
@@ -86,7 +94,10 @@ def build_modules(build: Path) -> list[Path]:
     call(configure)
     key_file.write_text(key)
     call(["cmake", "--build", build, *(["--parallel", jobs] if jobs else [])])
-    return sorted(modules.glob("_c*.so"))
+    made = sorted(modules.glob(MODULES))
+    if not made:
+        sys.exit(f"veriray: the native build made no module {MODULES} in {modules}.")
+    return made
 
 
 class BuildPy(build_py):
@@ -117,9 +128,13 @@ class CMakeBuild(build_ext):
         inplace = self.inplace or self.editable_mode
         package = (ROOT / "python" if inplace else Path(self.build_lib)) / "veriray"
         package.mkdir(parents=True, exist_ok=True)
-        for stale in package.glob("_c*.so"):
+        for stale in package.glob(MODULES):
             stale.unlink()
-        modules = build_modules(Path(self.build_temp).resolve() / "cmake")
+        # An editable build gets a temporary folder; CMake works where other builds do.
+        temp = f"temp.{get_platform()}-{sys.implementation.cache_tag}"
+        own = ROOT / "build" / temp if self.editable_mode else Path(self.build_temp)
+        folder = os.environ.get("VERIRAY_BUILD_DIR") or own / "cmake"
+        modules = build_modules(Path(folder).resolve())
         self.outputs = [str(shutil.copy2(module, package)) for module in modules]
 
     def get_outputs(self) -> list[str]:

@@ -14,6 +14,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
+from .extras import has_bars
+
 #: Least seconds between two states that are shown.
 PAUSE = 0.1
 
@@ -64,7 +66,7 @@ def bar(width: int, height: int, spp: int) -> Iterator[Bar]:
     size, notebook = width * height, _notebook()
     if notebook is not None:
         yield Bar(size, spp, _Cell(notebook, title).show)
-    elif sys.stderr is None or not sys.stderr.isatty():
+    elif not has_bars():
         yield Bar(size, spp, _Lines(title, sys.stderr).show)
     else:
         from rich.console import Console

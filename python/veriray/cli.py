@@ -35,6 +35,7 @@ from .commands import (
     view,
 )
 from .commands.common import CommandError, Parser, say, show_warning
+from .errors import MissingPackageError
 
 COMMANDS = (
     render, merge, dataset, compare, validate, info, lint, convert, denoise, gallery, view, bench,
@@ -58,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(_os_error_text(error))
     except MemoryError as error:
         return _fail(f"out of memory: {error}" if str(error) else "out of memory")
-    except (CommandError, ValueError, RuntimeError) as error:
+    except (CommandError, MissingPackageError, ValueError, RuntimeError) as error:
         return _fail(str(error) or type(error).__name__)
     except Exception as error:
         if os.environ.get("VERIRAY_TRACEBACK"):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .extras import need
 from .numeric import shown
 from .settings import SETTINGS
 
@@ -23,15 +24,15 @@ _KEPT = ("scene_sha256", "version", "renderer", "features", "device_name")
 
 
 class DenoiserError(RuntimeError):
-    """The denoiser is not installed, or failed."""
+    """The denoiser cannot be loaded, or failed."""
 
 
 def denoised(image: Array, albedo: Array | None, normal: Array | None) -> tuple[Array, str]:
     """A picture (H, W, 3) of radiance without noise, float32, and the name of the denoiser.
 
     albedo: (H, W, 3) in [0, 1]. normal: (H, W, 3) in [-1, 1], only together with albedo. Raises
-    ValueError for arrays of another form or with numbers that are not finite, DenoiserError where
-    pyoidn is missing or fails.
+    ValueError for arrays of another form or with numbers that are not finite, MissingPackageError
+    without pyoidn, DenoiserError where it fails.
     """
     given = {"image": image, "albedo": albedo, "normal": normal}
     if normal is not None and albedo is None:
@@ -46,12 +47,11 @@ def denoised(image: Array, albedo: Array | None, normal: Array | None) -> tuple[
         if not np.isfinite(array).all():
             raise ValueError(f"{name} holds numbers that are not finite")
         arrays[name] = np.ascontiguousarray(array, np.float32)
+    need("denoising", "denoise")
     try:
         library = import_module("pyoidn")
     except (ImportError, OSError) as error:
-        raise DenoiserError(
-            f"denoising needs the package pyoidn ({error}): pip install veriray[denoise]"
-        ) from None
+        raise DenoiserError(f"the package pyoidn cannot be loaded: {error}") from None
     others = {name: arrays[name] for name in ("albedo", "normal") if name in arrays}
     try:
         made = library.denoise(arrays["image"], hdr=True, **others)

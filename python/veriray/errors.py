@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+TYPE_CHECKING = False  # as type checkers read it
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 MAX_MESSAGE = 2000
 
 
@@ -75,6 +79,18 @@ class CheckpointError(ValueError):
 
 class CheckpointWarning(UserWarning):
     """A checkpoint that could not be written; the render goes on."""
+
+
+class MissingPackageError(ImportError):
+    """A feature needs packages that are not installed; the message says what brings them."""
+
+    def __init__(self, feature: str, extra: str, packages: Sequence[str]) -> None:
+        *others, last = packages
+        names = f"{', '.join(others)} and {last}" if others else last
+        verb = "are" if others else "is"
+        super().__init__(
+            f"{feature} needs {names}, which {verb} not installed: pip install 'veriray[{extra}]'"
+        )
 
 
 class DeviceError(RuntimeError):

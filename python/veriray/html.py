@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from veriray.errors import visible
+from veriray.extras import need
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +31,7 @@ _STYLE = {"font.size": 9, "font.family": "sans-serif", "axes.spines.top": False,
 
 def page(template: Path, result: str, verdict: str, json_text: str, **more: Any) -> str:
     """A page from a template, with the verdict, embedded JSON, and `more` for the template."""
+    need("a report", "compare", "jinja2")
     import jinja2
 
     folders = [template.parent, Path(__file__).parent]
@@ -102,6 +104,7 @@ def tint(values: Array, limit: float = 4.0) -> Array:
 
 def figure(width: float, height: float, columns: int = 1, rows: int = 1) -> Figure:
     """An empty figure of `rows` x `columns` axes; inches."""
+    need("a plot", "compare", "matplotlib")
     import matplotlib
     from matplotlib.figure import Figure
 

@@ -215,8 +215,9 @@ class Render:
         albedo: (H, W, 3) in [0, 1]; normal: (H, W, 3) in [-1, 1], with albedo only; both of what
         the pixels show. None takes the feature images of that name, if the picture has them. The
         result has no standard error, batches or hash, its stats name the denoiser, and
-        `veriray.compare` refuses it. Needs pyoidn (`pip install veriray[denoise]`); raises
-        `veriray.denoising.DenoiserError` without it, and ValueError for other arrays.
+        `veriray.compare` refuses it. Needs pyoidn (`pip install 'veriray[denoise]'`): raises
+        MissingPackageError without it, `veriray.denoising.DenoiserError` where it fails, and
+        ValueError for other arrays.
         """
         if self.stats.get("denoiser"):
             raise ValueError(f"the picture is denoised already, by {self.stats['denoiser']}")

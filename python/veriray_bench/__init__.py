@@ -6,6 +6,10 @@ rule (`matrix_rules`). Other renderers run in processes
 of their own (`peers`).
 """
 
+from veriray.extras import need
+
+need("veriray bench", "bench")
+
 from .measure import BenchError
 from .run import run
 from .scenarios import SCENARIOS, Scenario, Target

@@ -13,6 +13,10 @@ counts and means, `scenes` small scenes with known answers, and `report` the ver
 page and the JSON.
 """
 
+from veriray.extras import need
+
+need("veriray validate", "proof")
+
 from veriray_validate.levels import LEVELS
 from veriray_validate.run import Stopped, Validation, cases, validate
 from veriray_validate.scenes import furnace

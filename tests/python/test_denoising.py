@@ -79,7 +79,7 @@ def test_without_the_package(
 ) -> None:  # fmt: skip
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     noisy = vr.render(cornell, 2, device="cpu")
-    with pytest.raises(DenoiserError, match=r"pip install veriray\[denoise\]"):
+    with pytest.raises(vr.MissingPackageError, match=r"pip install 'veriray\[denoise\]'"):
         noisy.denoised()
     noisy.save(tmp_path / "a.exr")
     assert main(["denoise", str(tmp_path / "a.exr"), str(tmp_path / "b.png")]) == 2

@@ -6,7 +6,6 @@ import contextlib
 import http.client
 import io
 import json
-import os
 import re
 import shutil
 import signal
@@ -396,15 +395,6 @@ def test_a_port_in_use_is_said() -> None:
 def test_bad_arguments(arguments: list[str], text: str) -> None:
     ended = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=60)
     assert ended.returncode == 2 and text in ended.stderr and ended.stderr.count("\n") == 1
-
-
-def test_without_websockets(tmp_path: Path) -> None:
-    (tmp_path / "websockets.py").write_text("raise ModuleNotFoundError(name='websockets')\n")
-    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    ended = subprocess.run(COMMAND, capture_output=True, text=True, timeout=60,
-                           env={**os.environ, "PYTHONPATH": path})  # fmt: skip
-    assert ended.returncode == 2
-    assert "pip install 'veriray[view]'" in ended.stderr and ended.stderr.count("\n") == 1
 
 
 def test_messages_are_json() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from ..errors import visible
+from ..extras import has_bars
 from ..files import check_writable, replacing
 from ..settings import DEVICES as DEVICES
 from ..settings import SETTINGS
@@ -200,7 +201,7 @@ def show_progress(title: str, quiet: bool) -> Iterator[Callable[[float], None] |
     if quiet:
         yield None
         return
-    if sys.stderr is None or not sys.stderr.isatty():
+    if not has_bars():
         say(title, file=sys.stderr)
         yield None
         return

@@ -34,6 +34,9 @@ def add(commands: Any) -> None:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from .. import compare
+    from ..extras import need
+
+    need("comparing pictures", "compare")
 
     if arguments.output:
         check_output(arguments.output, (".html",))

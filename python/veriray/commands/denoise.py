@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..extras import need
 from .common import check_output, number, say
 
 
@@ -18,6 +19,7 @@ def add(commands: Any) -> None:
 
 
 def _denoise(arguments: argparse.Namespace) -> int:
+    need("denoising", "denoise")
     check_output(arguments.output, (".exr", ".png"))
     from ..picture import Render
 

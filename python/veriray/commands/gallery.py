@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..extras import need
 from .common import add_settings, integer, number, say, show_progress
 
 
@@ -36,6 +37,8 @@ def _gallery(arguments: argparse.Namespace) -> int:
     if arguments.list:
         say("\n".join(gallery.names()))
         return 0
+    if arguments.mesh:
+        need("a mesh of your own in the gallery", "formats", "trimesh")
     quiet = arguments.quiet
     gallery.run(
         arguments.names,

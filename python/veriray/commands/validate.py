@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..errors import visible
+from ..extras import has_bars, need
 from .common import (
     DEVICES,
     CommandError,
@@ -54,6 +55,7 @@ def add(commands: Any) -> None:
 
 
 def _validate(arguments: argparse.Namespace) -> int:
+    need("veriray validate", "proof")
     for path in arguments.output:
         check_output(path, SUFFIXES)
     check_distinct(arguments.output)
@@ -112,7 +114,7 @@ def _progress(title: str) -> Iterator[Callable[[Outcome, int, int], None]]:
         text = f"{outcome.verdict}: {outcome.id} on {outcome.device}: {outcome.title}\n"
         return text + (outcome.message or "no message").rstrip()
 
-    if not sys.stderr.isatty():
+    if not has_bars():
 
         def line(outcome: Outcome, done: int, total: int) -> None:
             if text := noted(outcome):

@@ -9,6 +9,7 @@ import os
 import signal
 from typing import Any
 
+from ..extras import need
 from .common import (
     SCENE_SETTINGS,
     CommandError,
@@ -44,16 +45,10 @@ def add(commands: Any) -> None:
 def _view(arguments: argparse.Namespace) -> int:
     if not 0 <= arguments.port < 1 << 16:
         raise CommandError(f"--port {arguments.port}: expected 0 to 65535")
-    try:
-        from ..viewer import server
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "websockets":
-            raise
-        raise CommandError(
-            "the viewer needs the package websockets: pip install 'veriray[view]'"
-        ) from None
+    need("the viewer", "view")
     from .. import device as device_module
     from ..settings import RenderSettings
+    from ..viewer import server
     from ..viewer.controls import View
     from ..viewer.renderer import Renderer
     from ..viewer.source import Source

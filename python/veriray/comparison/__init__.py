@@ -16,6 +16,7 @@ from veriray.comparison.report import Maps, Report
 from veriray.comparison.sides import CompareError, Source, advice, alike, opened
 from veriray.comparison.statistics import Test
 from veriray.errors import printable
+from veriray.extras import need
 from veriray.numeric import number, shown, texts, whole
 from veriray.picture import LEDGER_COLUMNS, Render
 
@@ -75,7 +76,9 @@ def compare(
     Raises:
         CompareError: different sizes, bad masks or settings.
         ImageError, OSError: a file that cannot be read.
+        MissingPackageError: without the packages of veriray[compare].
     """
+    need("comparing pictures", "compare", "scipy", "skimage", "flip_evaluator")
     from veriray.comparison.metrics import figures
 
     alpha = number("alpha", alpha, 1e-6, 0.2, error=CompareError)

@@ -25,6 +25,7 @@ from .. import numeric
 from ..chunks import in_chunks
 from ..device import select
 from ..errors import DeviceError, SceneError
+from ..extras import need
 from ..numeric import MAX_COORDINATE
 from . import ply, ply_pieces, serialized
 from .node import Node, quoted, read_bytes, shorten
@@ -359,6 +360,7 @@ def _stl(data: bytes) -> _Arrays:
 
 
 def _stl_text(data: bytes, count: int, binary: bool) -> _Arrays:
+    need("an STL file of text", "formats", "trimesh")
     import trimesh  # slow to import, and rarely needed
 
     if not binary:

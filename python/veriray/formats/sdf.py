@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError, SceneWarning
+from ..extras import need
 from . import volume_grid
 from .mesh import Mesh, dot, unit
 from .node import Node
@@ -76,6 +77,7 @@ def surface(node: Node, values: dict[str, Any]) -> tuple[Mesh, str]:
 
 def _marched(numbers: Array, parts: int) -> tuple[Array, Array]:
     """Vertices (V, 3) in cells of the grid and triangles (T, 3), on a grid `parts` times finer."""
+    need("a distance field (sdfgrid)", "formats", "skimage")
     from skimage.measure import marching_cubes  # slow to import, and rarely needed
 
     fine = numbers

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
+from ..extras import need
 from ..files import replacing
 from ..numeric import sin_cos_degrees
 from .own import MARK
@@ -42,6 +43,7 @@ def standing(path: Path, height: float = 2.25) -> Mesh:
 
     Raises SceneError if it cannot be read or is not closed: a medium needs an inside.
     """
+    need("a mesh of your own in the gallery", "formats", "trimesh")
     import trimesh
 
     if not path.is_file():

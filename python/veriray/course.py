@@ -101,7 +101,7 @@ class Course:
         if self.seconds is not None and work.spp:
             target = min(target, self.seconds - spent)
         paths = min(rate * target, GROWTH * last)
-        return max(1, min(n, int(paths / work.paths_of(1))))
+        return max(1, min(n, max(work.least, int(paths / work.paths_of(1)))))
 
     def _write(self, work: Accumulation) -> None:
         assert self.checkpoint is not None

@@ -77,6 +77,13 @@ class CheckpointWarning(UserWarning):
     """A checkpoint that could not be written; the render goes on."""
 
 
+class DeviceWarning(UserWarning):
+    """A device or a node of a cluster that takes no part in a render; the others draw its share."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
 class DeviceError(RuntimeError):
     """A device is missing, failed, or cannot run this build."""
 

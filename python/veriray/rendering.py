@@ -35,7 +35,7 @@ def render(
     scene: Scene,
     spp: int | None = None,
     seed: int = 0,
-    device: str = "auto",
+    device: str | Sequence[str] = "auto",
     scheduler: str = "auto",
     max_depth: int | None = None,
     rr_depth: int | None = None,
@@ -65,7 +65,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     scene: Scene,
     spp: int | None = None,
     seed: int = 0,
-    device: str = "auto",
+    device: str | Sequence[str] = "auto",
     scheduler: str = "auto",
     max_depth: int | None = None,
     rr_depth: int | None = None,
@@ -97,7 +97,9 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         scene: from `load_file`, `load_dict` or `cornell_box`.
         spp: samples per pixel, 1 to 2^40; None takes the scene's.
         seed: 0 to 2^64 - 1.
-        device: "auto", "cuda", "cuda:N", "cpu", "cpu:avx512", "cpu:avx2" or "cpu:portable".
+        device: "auto", "cuda", "cuda:N", "cpu", "cpu:avx512", "cpu:avx2" or "cpu:portable"; or
+            several, in a list or with commas between them, which render together
+            (docs/clusters.md).
         scheduler: "fused", "thrust" (the 2016 report's), "thrust-none", "thrust-partition",
             "thrust-copy", "thrust-append" (see `COMPACTIONS`), "wavefront" (a launch for each stage
             of a bounce, hits sorted by material), "wavefront-unsorted" or "auto" (see
@@ -153,7 +155,11 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         of the picture's first sample), mean_spp, tiles, tiles_at_limit (which need more than spp),
         tiles_above_target and tile_error (median, nine tenths, largest) of the finished picture;
         paths and ledger then hold the pilot's too. Of a picture that was stopped also stopped
-        ("time", "interrupted") and spp_asked.
+        ("time", "interrupted") and spp_asked. Of several devices, device, device_name and
+        scheduler are lists with commas, what describes one device is of the first, seconds are
+        those of the clock, threads, memory and the times of depths are sums, and devices has of
+        each: device, device_name, device_reason, scheduler, scheduler_reason, threads, variant,
+        kernel, memory, paths, seconds (of its own ranges).
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -288,11 +294,14 @@ def prepare(
     `render`.
     """
     settings = RenderSettings(spp=spp, device=device, width=width, height=height, builder=builder)
-    used, _ = settle(scene, settings)
-    chosen, _ = device_module.select(device)
+    used, settings = settle(scene, settings)
     with device_module.native_errors():
-        native = native_scene(scene, used, chosen, progress, builder, used.spp)
-        return {**scene_facts(native), "memory": int(native.memory)}
+        natives = [
+            native_scene(scene, used, chosen, progress, builder, used.spp)
+            for chosen, _ in device_module.select_all(settings.device)
+        ]
+        memory = sum({id(native): int(native.memory) for native in natives}.values())
+        return {**scene_facts(natives[0]), "memory": memory}
 
 
 def trace_path(

@@ -106,9 +106,10 @@ def _render(arguments: argparse.Namespace) -> int:
         arguments.features = scene.features
     settings = RenderSettings(**{name: getattr(arguments, name) for name in SETTINGS})
     used, settled = settle(scene, settings)
-    chosen, reason = device_module.select(arguments.device)
+    chosen = device_module.select_all(arguments.device)
     if not arguments.quiet:
-        say(f"device     {chosen.name}, {chosen.description} ({reason})")
+        for one, reason in chosen:
+            say(f"device     {one.name}, {one.description} ({reason})")
     asked = {name: getattr(settled, name) for name in ("width", "height", "spp", "builder")}
     if len(scene.triangles) >= LARGE_MESH:
         title = f"building the tree over {len(scene.triangles):,} triangles"
@@ -120,8 +121,9 @@ def _render(arguments: argparse.Namespace) -> int:
         if facts["tree"]:
             say(f"tree       {tree_text(facts['tree'])}")
         say(f"primitives {primitives_text(facts['primitives'])}")
-        scheduler, why = choose_scheduler(settled, chosen.backend, facts)
-        say(f"scheduler  {scheduler} ({why})")
+        for backend in dict.fromkeys(one.backend for one, _ in chosen):
+            scheduler, why = choose_scheduler(settled, backend, facts)
+            say(f"scheduler  {scheduler} ({why})")
     course = _course(arguments, keeps=not arguments.discard)
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
@@ -193,6 +195,9 @@ def _print_result(result: Any, outputs: list[str]) -> None:
         f"samples    {stats['paths']:,} paths, {stats['rays']:,} rays in {stats['seconds']:.3f} s: "
         f"{stats['samples_per_second']:,.0f} samples/s"
     )
+    for one in stats.get("devices", ()):
+        share = one["paths"] / max(1, sum(other["paths"] for other in stats["devices"]))
+        say(f"of these   {share:.1%} by {one['device']}, busy for {one['seconds']:.3f} s")
     say(depths.as_text(depths.rows(result), TABLE_ROWS))
     if "target_error" in stats:
         good = stats["tiles"] - stats["tiles_above_target"]

@@ -35,6 +35,7 @@ from .settings import MAX_SPP, RenderSettings
 
 if TYPE_CHECKING:
     from ._native import Report
+    from .cluster import Cluster
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
@@ -71,9 +72,10 @@ class Accumulation:
             helps "auto" to choose a scheduler and a builder; None takes the scene's.
 
     A pass that is interrupted, by Ctrl-C or by an exception of its progress callback, leaves no
-    trace: the next one draws its samples again. One thread at a time may use an accumulation; the
-    progress callback may ask it for its picture. Memory: a film for each device, and another one
-    from the second pass on until `left` is 0.
+    trace: the next one draws its samples again; but on a cluster the first Ctrl-C ends a pass with
+    the samples that were given out, before KeyboardInterrupt is raised. One thread at a time may
+    use an accumulation; the progress callback may ask it for its picture. Memory: a film for each
+    device, and another one from the second pass on until `left` is 0.
 
     Raises as `veriray.render`, before any sample is drawn.
     """
@@ -104,7 +106,7 @@ class Accumulation:
         most = 0 if bound else MAX_SPP - used.spp
         self._first = whole("first", first, 0, most, error=ValueError)
         with device_module.native_errors():
-            self._crew = Crew(scene, used, settings, progress)
+            self._crew = _crew(scene, used, settings, progress)
         self._scene = used
         self._size = used.film.width, used.film.height
         self._kept = Kept()
@@ -119,6 +121,15 @@ class Accumulation:
     def least(self) -> int:
         """Samples per pixel of a pass that gives each device something to do."""
         return self._crew.least
+
+    @property
+    def pass_seconds(self) -> float:
+        """How long a pass lasts best: on a cluster, the nodes' films are joined after it."""
+        return self._crew.seconds
+
+    def close(self) -> None:
+        """Ends the workers on a cluster; what is there stays. Does nothing without a cluster."""
+        self._crew.close()
 
     @property
     def settings(self) -> RenderSettings:
@@ -208,7 +219,10 @@ class Accumulation:
             pixels = np.flatnonzero(self._counts > kept.spp).astype(np.uint32)
         crew = self._crew
         with device_module.native_errors():
-            films, report, n = crew.draw(begin, n, pixels, progress)
+            films, report, drawn, stopped = crew.draw(begin, n, pixels, progress)
+            if settings.batches and drawn < n:
+                raise KeyboardInterrupt
+            n = drawn
             if settings.batches:
                 films = self._keep_mean(films, kept.spp // n)
             if self._kept is not kept:
@@ -228,6 +242,8 @@ class Accumulation:
         crew.reuse(kept.films, after.films)
         if not self.left:  # two films are more than a finished picture needs
             crew.release()
+        if stopped:
+            raise KeyboardInterrupt
 
     def _keep_mean(self, films: Films, k: int) -> Films:
         """Keeps the mean of batch k; its samples in one film."""
@@ -363,6 +379,16 @@ class Accumulation:
         if self._means is None or (count := self._kept.spp // self._batch) < 2:
             return None
         return self._means if count == len(self._means) else self._means[:count].copy()
+
+
+def _crew(
+    owner: Scene, scene: Scene, settings: RenderSettings, progress: Progress
+) -> Crew | Cluster:
+    if not settings.cluster:
+        return Crew(owner, scene, settings, progress)
+    from .cluster import Cluster
+
+    return Cluster(owner, scene, settings, progress)
 
 
 def _version() -> str:

@@ -36,11 +36,12 @@ Films = tuple["Film | None", ...]
 
 class Drawn(NamedTuple):
     """What a pass gives: a film of each hand that drew, the sum of their reports, and the samples
-    per pixel, which are fewer than asked for where the pass was cut short."""
+    per pixel. stopped: by Ctrl-C, and then these may be fewer than asked for."""
 
     films: Films
     report: Report
     spp: int
+    stopped: bool = False
 
 
 class Place:
@@ -65,7 +66,12 @@ class Place:
 
 
 class Team:
-    """The places of an accumulation's films, which are tuples: one for each place, or None."""
+    """The places of an accumulation's films, which are tuples: one for each place, or None.
+
+    seconds: of a pass, about, where it is up to `veriray.course`.
+    """
+
+    seconds = 1.0
 
     def __init__(self, places: Sequence[Place]) -> None:
         self._places = places
@@ -210,7 +216,7 @@ class Crew(Team):
         super().__init__(self.hands)
         self.facts = self.hands[0].facts
         self.settings = settings.with_checked({
-            "scheduler": _listed(str(hand.settings.scheduler) for hand in self.hands),
+            "scheduler": listed(str(hand.settings.scheduler) for hand in self.hands),
             "device": ",".join(hand.device.name for hand in self.hands),
         })  # fmt: skip
 
@@ -224,7 +230,7 @@ class Crew(Team):
         """What a checkpoint says of who drew its samples."""
         return {
             "device": str(self.settings.device),
-            "device_name": _listed(hand.device.description for hand in self.hands),
+            "device_name": listed(hand.device.description for hand in self.hands),
             "scheduler": str(self.settings.scheduler),
         }
 
@@ -254,7 +260,7 @@ class Crew(Team):
         return Drawn((film,), with_room(hand.device, draw, film.clear), n)
 
 
-def _listed(names: Iterable[str]) -> str:
+def listed(names: Iterable[str]) -> str:
     """Different names, in order."""
     return ",".join(dict.fromkeys(names))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
@@ -84,8 +85,10 @@ def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureIma
         depth = used.max_depth
         less = {"max_depth": min(2, depth) if depth >= 0 else 2, "batches": 0, "features": ()}
         direct = Accumulation._of(scene, settings.with_checked(less), None)
-        direct.add(direct.left)
-        part = direct._render()
+        with contextlib.closing(direct):
+            while direct.left:
+                direct.add(direct.left)
+            part = direct._render()
         if "direct" in names:
             made.images["direct"], made.stderr["direct"] = part.image, part.stderr
         if "indirect" in names:

@@ -51,6 +51,7 @@ def render(
     builder: str = "auto",
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
+    cluster: str = "",
     cameras: None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     every: float = EVERY,
@@ -81,6 +82,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     builder: str = "auto",
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
+    cluster: str = "",
     cameras: Sequence[Camera] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     every: float = EVERY,
@@ -133,6 +135,9 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
             `veriray.feature_images`).
         feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
             or spp if that is less. Parts of the picture have all of its samples.
+        cluster: "", or the address of a Ray cluster whose nodes render (docs/clusters.md): "auto",
+            "local", "HOST:PORT" or "ray://HOST:PORT". device is then that of each node, and "auto"
+            all its GPUs.
         cameras: None, or the cameras of several views, in place of the scene's: a list of renders,
             each as of `scene.with_(camera=camera)`. Geometry and tree are made once.
 
@@ -159,7 +164,8 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         scheduler are lists with commas, what describes one device is of the first, seconds are
         those of the clock, threads, memory and the times of depths are sums, and devices has of
         each: device, device_name, device_reason, scheduler, scheduler_reason, threads, variant,
-        kernel, memory, paths, seconds (of its own ranges).
+        kernel, memory, paths, seconds (of its own ranges); on a cluster of each node, with node
+        (its name) and deaths (of its workers in a row).
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -179,6 +185,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
         batches=batches, batch_size=batch_size, all_features=all_features,
         target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
+        cluster=cluster,
     )  # fmt: skip
     course = None
     if checkpoint is not None or time is not None or on_pass is not None:
@@ -234,6 +241,23 @@ def render_with(
         raise ValueError(f"progress = {shown(progress)} is not callable")
     building, sampling = _shares(progress)
     work = Accumulation._of(scene, settings, building)
+    used = work.settings
+    if course is None and used.cluster:
+        course = Course()  # whose passes bound what a worker's death costs
+    try:
+        return _finished(work, scene, progress, sampling, course)
+    finally:
+        work.close()
+
+
+def _finished(
+    work: Accumulation,
+    scene: Scene,
+    progress: Progress,
+    sampling: Progress,
+    course: Course | None,
+) -> Render:
+    """The render of all samples, or of those that there are when it is stopped."""
     stopped, used = "", work.settings
     if course is None:
         while n := work.left:

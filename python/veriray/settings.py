@@ -176,6 +176,9 @@ class RenderSettings:
     feature_spp: int | None = _setting(
         None, "their samples per pixel", 1, MAX_SPP, none="8, or as many as the picture has"
     )
+    cluster: str = _setting(
+        "", "address of a Ray cluster that renders: auto, local, HOST:PORT or ray://HOST:PORT"
+    )
 
     def __post_init__(self) -> None:
         for name, setting in SETTINGS.items():

@@ -47,9 +47,9 @@ DEATHS, TRIES = 5, 5
 
 @dataclass(eq=False)
 class Member:
-    """A node's worker. state: "asked", "preparing", "ready", "drawing", "busy" (with a
-    range of a pass that was dropped), "lost" or "out"; paths, seconds: of
-    whole passes; said: its ranges of this pass."""
+    """A node's worker. state: "asked", "preparing", "ready", "drawing", "busy" (with a range of a
+    pass that was dropped), "lost" or "out"; paths, seconds: of whole passes; said: its reports of
+    this one."""
 
     node: str
     threads: int
@@ -119,7 +119,6 @@ class Cluster(Team):
         """For `Render.stats`; memory is that of all nodes' scenes and this machine's film."""
         there = [m for m in self._members.values() if m.about]
         own = sum(int(film.memory) for film in films if film is not None)
-        first = there[0].about
         each = [
             {"node": m.name, **m.about, "paths": m.paths, "seconds": m.seconds, "deaths": m.deaths}
             for m in there
@@ -127,7 +126,7 @@ class Cluster(Team):
         return {
             **self.machine,
             "device_reason": f"nodes of {self.settings.cluster}",
-            "scheduler_reason": first["scheduler_reason"],
+            "scheduler_reason": there[0].about["scheduler_reason"],
             "threads": sum(m.threads for m in there),
             "memory": own + sum(m.about["memory"] for m in there),
             "devices": each,
@@ -260,9 +259,8 @@ class Cluster(Team):
     def _turn(self) -> None:
         """Takes what workers have answered, after PAUSE seconds at most."""
         if not self._pending:
-            if not self._members:
-                time.sleep(PAUSE)  # nodes may come
-            elif not self._able():
+            time.sleep(PAUSE)  # nodes may come
+            if self._members and not self._able():
                 raise DeviceError(f"cluster {self.settings.cluster}: no node can draw")
             return
         answers, _ = self._ray.wait(list(self._pending), timeout=PAUSE)

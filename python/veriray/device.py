@@ -294,11 +294,10 @@ def select_all(
 
     Raises ValueError also for a GPU that is named twice, and for "auto" beside others.
     """
-    if not isinstance(device, str):  # checked settings have a text
-        device = ",".join(device)
-    if "," not in device:
-        return [select(device, fresh=fresh)]
-    names = [name.strip() for name in device.split(",")]
+    text: Any = ",".join(device) if isinstance(device, (list, tuple)) else device
+    if not isinstance(text, str) or "," not in text:
+        return [select(text, fresh=fresh)]
+    names = [name.strip() for name in text.split(",")]
     if "auto" in names:
         raise ValueError(f"device = {device!r}: auto stands alone")
     chosen = [select(name, fresh=fresh) for name in names]

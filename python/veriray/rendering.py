@@ -265,7 +265,7 @@ def _finished(
     else:
         course.resume(work)
         stopped = course.run(work, lambda n: of_all(work, n, sampling))
-    made = work._render(4)
+    made = work._render(5)
     if stopped:
         made.stats.update(stopped=stopped, spp_asked=used.spp)
         used = used.with_checked({"spp": made.spp, "batches": 0, "target_error": None})

@@ -109,7 +109,7 @@ class Setting:
             return number(name, value, self.low, self.high, open_=True, error=error)
         if self.low is not None:
             return whole(name, value, int(self.low), int(self.high), error=error)
-        if self.joined and not isinstance(value, str):
+        if self.joined and isinstance(value, (list, tuple)):
             return ",".join(texts(name, value, error))
         return switch(name, value, error=error) if self.default is False else value
 

@@ -159,7 +159,7 @@ class Hand(Place):
         if device.backend == "cuda" and not settings.all_features:
             paths = scene.film.width * scene.film.height * scene.spp
             kernels.offer(device, self.native, scheduler, paths)
-        self.rate, self.paths, self.seconds = 0.0, 0, 0.0
+        self.rate, self.trials, self.paths, self.seconds = 0.0, 0, 0, 0.0
         self.said: Report | None = None
 
     def draw(

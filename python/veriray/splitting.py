@@ -24,12 +24,14 @@ LEAST = 0.03
 @dataclass
 class _Worker:
     """rate: samples a second, 0 where unknown. size: samples of its last range. busy: the range
-    that it draws. drawn: those that it has drawn and holds."""
+    that it draws. drawn: those that it has drawn and holds. trials: ranges by which its rate is
+    known; the first may be slow for other reasons."""
 
     rate: float
     size: float
     busy: Range | None = None
     drawn: list[Range] = field(default_factory=list)
+    trials: int = 0
 
 
 class Split:
@@ -50,7 +52,7 @@ class Split:
 
     def join(self, worker: Hashable, rate: float = 0.0) -> None:
         """A worker more."""
-        self._workers[worker] = _Worker(rate, math.inf if rate else 0)
+        self._workers[worker] = _Worker(rate, math.inf if rate else 0, trials=2 if rate else 0)
 
     @property
     def left(self) -> int:
@@ -66,6 +68,10 @@ class Split:
         """Samples that a worker has drawn and holds."""
         return _count(self._workers[worker].drawn)
 
+    def trials(self, worker: Hashable) -> int:
+        """Ranges by which its rate is known; 2 of a rate that was given."""
+        return self._workers[worker].trials
+
     def rate(self, worker: Hashable) -> float:
         """Its samples a second in its last range, 0 where unknown."""
         return self._workers[worker].rate
@@ -80,7 +86,7 @@ class Split:
         if own.rate:
             faster = [w for w in self._workers.values() if w.rate > own.rate]
             ahead = left + _count(w.busy for w in faster if w.busy)
-            if faster and ahead * own.rate < sum(w.rate for w in faster):
+            if faster and own.trials > 1 and ahead * own.rate < sum(w.rate for w in faster):
                 return None
             share = left * own.rate / sum(w.rate for w in self._workers.values())
             size = max(share / 2, own.rate * LEAST)
@@ -105,6 +111,7 @@ class Split:
         assert own.busy is not None
         own.size = own.busy[1] - own.busy[0]
         own.rate = own.size / max(seconds, 1e-6)
+        own.trials += 1
         own.drawn.append(own.busy)
         own.busy = None
 

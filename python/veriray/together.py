@@ -104,7 +104,8 @@ class Pass:
         for k, hand in enumerate(self._hands):
             said = self._reports[k]
             if said is not None:
-                hand.rate = self._split.rate(k) * self._paths
+                hand.trials += self._split.trials(k)
+                hand.rate = self._split.rate(k) * self._paths if hand.trials > 1 else 0.0
                 hand.paths += self._split.drawn(k) * self._paths
                 hand.seconds += said["seconds"]
                 hand.said = said

@@ -75,6 +75,16 @@ def test_slow_workers_wait_for_fast_ones() -> None:
     assert split.take("slow") == (0, 49)  # nobody else is there
 
 
+def test_a_first_range_may_be_slow() -> None:
+    """A device that starts takes long for its first sample; it is tried again."""
+    split = Split(0, 100, {"fast": 1000.0, "new": 0.0})
+    assert split.take("new") == (0, 1)
+    split.finished("new", 2.0)
+    assert split.take("new") == (1, 2), "not by the first range alone"
+    split.finished("new", 2.0)
+    assert split.take("new") is None
+
+
 def test_closed_early() -> None:
     split = Split(0, 1000, {"a": 10.0, "b": 10.0})
     first, second = split.take("a"), split.take("b")

@@ -184,12 +184,15 @@ def test_others_draw_for_one_without_memory(which: int, monkeypatch: pytest.Monk
     def fails(hand: Hand, ranges: int) -> None:
         if work.spp and hand is work._crew.hands[which]:
             raise MemoryError("no room for this")
+        time.sleep(0.02)  # so that this one gets a range
 
     failing(monkeypatch, fails)
     work = vr.Accumulation(scene, device="cpu,cpu,cpu", spp=200, **SIZE)
     work.add(100)
     with pytest.warns(vr.DeviceWarning, match="cpu:.* takes no part: no room for this"):
         while work.left > 4 and not work._crew.hands[which].out:
+            for hand in work._crew.hands:
+                hand.rate = 0.0  # so that all begin with a range
             work.add(4)
     work.add(work.left)
     same(work.render(), vr.render(scene, 200, device="cpu", **SIZE))
@@ -206,15 +209,16 @@ def test_others_draw_for_one_without_memory(which: int, monkeypatch: pytest.Monk
 
 
 def test_errors_name_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    work = vr.Accumulation(vr.cornell_box(), device="cpu,cpu", spp=20, **SIZE)
+    work = vr.Accumulation(vr.cornell_box(), device="cpu,cpu", spp=200, **SIZE)
 
     def fails(hand: Hand, ranges: int) -> None:
         if hand is work._crew.hands[1]:
             raise vr.DeviceError("it is broken")
+        time.sleep(0.1)  # so that this one gets a range
 
     failing(monkeypatch, fails)
     with pytest.raises(vr.DeviceError, match=r"cpu:\w+: it is broken"):
-        work.add(20)
+        work.add(200)
     assert work.spp == 0 and threading.active_count() < 20
 
 

@@ -12,9 +12,7 @@ is that of `veriray.render` with N samples (see `veriray.sampling` for `target_e
 
 from __future__ import annotations
 
-import functools
 import math
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,21 +22,20 @@ import numpy as np
 import numpy.typing as npt
 
 from . import device as device_module
-from . import kernels
 from .checkpoint import Checkpoint
-from .device import polled
+from .crew import Crew, Films
 from .errors import CheckpointError, RefusedSamplesWarning
-from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import Render, with_room
-from .plan import choose_scheduler, settle
+from .plan import settle
 from .reports import added, refused_text, statistics
 from .sampling import PILOT, facts_of, first_sample, per_pixel, samples_of_tiles
 from .scene import Scene
 from .settings import MAX_SPP, RenderSettings
 
 if TYPE_CHECKING:
-    from ._native import Film, Report
+    from ._native import Report
+    from .cluster import Cluster
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
@@ -49,12 +46,13 @@ class Kept:
     """What an accumulation has. It is replaced as a whole after each pass, so that an interrupt
     leaves the state before or after one.
 
-    film: None without samples. spp: samples of each pixel in it, or less where `tiles` wants less.
+    films: exact sums, of each place of the crew (`veriray.crew`); () without samples. spp: samples
+    of each pixel in them, or less where `tiles` wants less.
     paths, report: of all that was done. tiles: samples that each tile gets, None where all pixels
     have the same number, and until the pilot is complete; beyond: how many of them want more.
     """
 
-    film: Film | None = None
+    films: Films = ()
     spp: int = 0
     paths: int = 0
     report: Report | None = None
@@ -74,9 +72,10 @@ class Accumulation:
             helps "auto" to choose a scheduler and a builder; None takes the scene's.
 
     A pass that is interrupted, by Ctrl-C or by an exception of its progress callback, leaves no
-    trace: the next one draws its samples again. One thread at a time may use an accumulation; the
-    progress callback may ask it for its picture. Memory: a film, and another one from the second
-    pass on until `left` is 0.
+    trace: the next one draws its samples again; but on a cluster the first Ctrl-C ends a pass with
+    the samples that were given out, before KeyboardInterrupt is raised. One thread at a time may
+    use an accumulation; the progress callback may ask it for its picture. Memory: a film for each
+    device, and another one from the second pass on until `left` is 0.
 
     Raises as `veriray.render`, before any sample is drawn.
     """
@@ -106,28 +105,36 @@ class Accumulation:
         bound = settings.batches or settings.target_error is not None
         most = 0 if bound else MAX_SPP - used.spp
         self._first = whole("first", first, 0, most, error=ValueError)
-        self.device, self._reason = device_module.select(settings.device, fresh=False)
-        device, builder = self.device, settings.builder
         with device_module.native_errors():
-            self._native = with_room(
-                device, lambda: native_scene(scene, used, device, progress, builder, used.spp)
-            )
-            self._facts = scene_facts(self._native)
-            scheduler, self._why = choose_scheduler(settings, device.backend, self._facts)
-            self._settings = settings.with_checked({"scheduler": scheduler, "device": device.name})
-            if device.backend == "cuda" and not settings.all_features:
-                paths = used.film.width * used.film.height * used.spp
-                kernels.offer(device, self._native, scheduler, paths)
+            self._crew = _crew(scene, used, settings, progress)
         self._scene = used
         self._size = used.film.width, used.film.height
         self._kept = Kept()
         self._means: Array | None = None
-        self._spare: Film | None = None
+
+    @property
+    def device(self) -> device_module.Device:
+        """The device on which pictures are made: the first of several that has the memory."""
+        return self._crew.device
+
+    @property
+    def least(self) -> int:
+        """Samples per pixel of a pass that gives each device something to do."""
+        return self._crew.least
+
+    @property
+    def pass_seconds(self) -> float:
+        """How long a pass lasts best: on a cluster, the nodes' films are joined after it."""
+        return self._crew.seconds
+
+    def close(self) -> None:
+        """Ends the workers on a cluster; what is there stays. Does nothing without a cluster."""
+        self._crew.close()
 
     @property
     def settings(self) -> RenderSettings:
         """The settings that it runs with."""
-        return self._settings
+        return self._crew.settings
 
     @property
     def spp(self) -> int:
@@ -143,7 +150,7 @@ class Accumulation:
     def left(self) -> int:
         """Samples per pixel that `add` can take at once on the way to the `spp` asked for; 0 when
         it is reached. Less than all that are missing with batches and with target_error."""
-        kept, settings = self._kept, self._settings
+        kept, settings = self._kept, self.settings
         if self._deciding:
             return PILOT - kept.spp
         if kept.tiles is not None:
@@ -178,17 +185,17 @@ class Accumulation:
     @property
     def _deciding(self) -> bool:
         """Whether samples decide about their number, and do not go into the picture."""
-        return self._settings.target_error is not None and self._kept.tiles is None
+        return self.settings.target_error is not None and self._kept.tiles is None
 
     @property
     def _bound(self) -> bool:
         """Whether the samples depend on the spp asked for."""
-        return bool(self._settings.batches) or self._settings.target_error is not None
+        return bool(self.settings.batches) or self.settings.target_error is not None
 
     @property
     def _batch(self) -> int:
         """Samples per pixel of a batch, whose mean is kept."""
-        return self._scene.spp // self._settings.batches
+        return self._scene.spp // self.settings.batches
 
     def add(self, n: int, progress: Progress = None) -> None:
         """Draw the next n samples of every pixel.
@@ -199,7 +206,7 @@ class Accumulation:
         progress: called on this thread about every 50 ms with the fraction of the n that is done.
         Raises ValueError for an n that is not so, and as `veriray.render`; then nothing is added.
         """
-        kept, settings = self._kept, self._settings
+        kept, settings = self._kept, self.settings
         most = self.left if self._bound else MAX_SPP - self._first - kept.spp
         n = whole("n", n, 1, most, error=ValueError)
         if settings.batches and n != self._batch:
@@ -210,53 +217,45 @@ class Accumulation:
         if kept.tiles is not None:
             begin += first_sample(self._scene.spp)
             pixels = np.flatnonzero(self._counts > kept.spp).astype(np.uint32)
+        crew = self._crew
         with device_module.native_errors():
-            film, report = self._pass(begin, n, pixels, progress)
+            films, report, drawn, stopped = crew.draw(begin, n, pixels, progress)
+            if settings.batches and drawn < n:
+                raise KeyboardInterrupt
+            n = drawn
             if settings.batches:
-                self._keep_mean(film, kept.spp // n)
-            if kept.film is not None:
-                film.add(kept.film)
+                films = self._keep_mean(films, kept.spp // n)
+            if self._kept is not kept:
+                raise RuntimeError("a pass was added while another one ran")
             after = replace(
-                kept, film=film, spp=kept.spp + n, paths=kept.paths + self.paths_of(n),
-                report=added(kept.report, report),
+                kept, films=crew.added(kept.films, films), spp=kept.spp + n,
+                paths=kept.paths + n * crew.paths_of(pixels), report=added(kept.report, report),
             )  # fmt: skip
             target = settings.target_error
             if target is not None and kept.tiles is None and after.spp == PILOT:
-                tiles, beyond = samples_of_tiles(film, target, self._scene.spp)
-                after = replace(after, film=None, spp=0, tiles=tiles, beyond=beyond)
-                self._spare = film
-        if self._kept is not kept:
-            raise RuntimeError("a pass was added while another one ran")
+                pilot = crew.merged(after.films)
+                assert pilot is not None
+                tiles, beyond = samples_of_tiles(pilot, target, self._scene.spp)
+                crew.reuse(after.films, ())
+                after = replace(after, films=(), spp=0, tiles=tiles, beyond=beyond)
         self._kept = after
-        if kept.film is not None:
-            self._spare = kept.film
+        crew.reuse(kept.films, after.films)
         if not self.left:  # two films are more than a finished picture needs
-            self._spare = None
+            crew.release()
+        if stopped:
+            raise KeyboardInterrupt
 
-    def _pass(
-        self, begin: int, n: int, pixels: Array | None, progress: Progress
-    ) -> tuple[Film, Report]:
-        """A film of n samples of these pixels, and what the render says."""
-        device, (film, self._spare) = self.device, (self._spare, None)
-        if film is None:
-            native = device.native
-            film = with_room(device, lambda: native.Film(*self._size, device=device.index))
-        else:
-            film.clear()
-        start = time.perf_counter()
-        draw = functools.partial(
-            device.native.render, self._native, film, sample_begin=begin, sample_end=begin + n,
-            pixels=pixels, poll=polled(progress), **self._settings.native(),
-        )  # fmt: skip
-        report: Report = with_room(device, draw, film.clear)
-        report["seconds"] = time.perf_counter() - start
-        return film, report
-
-    def _keep_mean(self, batch: Film, k: int) -> None:
+    def _keep_mean(self, films: Films, k: int) -> Films:
+        """Keeps the mean of batch k; its samples in one film."""
+        batch = self._crew.merged(films)
+        assert batch is not None
         if self._means is None:
             width, height = self._size
-            self._means = np.empty((self._settings.batches, height, width, 3))
+            self._means = np.empty((self.settings.batches, height, width, 3))
         self._means[k] = batch.sums() / batch.samples
+        whole = self._crew.films(batch)
+        self._crew.reuse(films, whole)
+        return whole
 
     def _identity(self) -> dict[str, Any]:
         """What the samples depend on (`Checkpoint.render`)."""
@@ -264,7 +263,7 @@ class Accumulation:
         return {
             "version": _version(),
             "scene_sha256": self._scene.sha256,
-            **{name: getattr(self._settings, name) for name in (*names, "batches")},
+            **{name: getattr(self.settings, name) for name in (*names, "batches")},
             "spp": self._scene.spp if self._bound else None,
         }
 
@@ -277,19 +276,16 @@ class Accumulation:
         if kept.report is None:
             raise ValueError("no samples to keep yet: add some first")
         with device_module.native_errors():
-            film = None if kept.film is None else kept.film.state()
+            film = self._crew.merged(kept.films)
+            state = None if film is None else film.state()
         means = None
-        if self._settings.batches:
+        if self.settings.batches:
             assert self._means is not None
             means = self._means[: kept.spp // self._batch].copy()
         return Checkpoint(
             render=self._identity(), first=self._first, spp=kept.spp, paths=kept.paths,
-            report=kept.report, film=film, tiles=kept.tiles, beyond=kept.beyond, means=means,
-            machine={
-                "device": self.device.name,
-                "device_name": self.device.description,
-                "scheduler": str(self._settings.scheduler),
-            },
+            report=kept.report, film=state, tiles=kept.tiles, beyond=kept.beyond, means=means,
+            machine=self._crew.machine,
         )  # fmt: skip
 
     def resume(self, checkpoint: Checkpoint) -> None:
@@ -315,12 +311,16 @@ class Accumulation:
         with device_module.native_errors():
             film = with_room(self.device, lambda: given._film_on(self.device))
         if given.means is not None:
-            self._means = np.empty((self._settings.batches, *given.means.shape[1:]))
+            self._means = np.empty((self.settings.batches, *given.means.shape[1:]))
             self._means[: len(given.means)] = given.means
         self._kept = Kept(
-            film=film, spp=given.spp, paths=given.paths, report=given.report, tiles=given.tiles,
+            films=() if film is None else self._crew.films(film),
+            spp=given.spp,
+            paths=given.paths,
+            report=given.report,
+            tiles=given.tiles,
             beyond=given.beyond,
-        )  # fmt: skip
+        )
 
     def render(self) -> Render:
         """The picture of the samples that are there, as `veriray.render` gives it.
@@ -332,9 +332,9 @@ class Accumulation:
 
     def _render(self, level: int | None = None) -> Render:
         """`render`; level: of the stack whose line a warning names, None for no warning."""
-        kept, settings, used = self._kept, self._settings, self._scene
-        film, report = kept.film, kept.report
-        if film is None or report is None or self._deciding:
+        kept, settings, used = self._kept, self.settings, self._scene
+        report = kept.report
+        if not kept.films or report is None or self._deciding:
             raise ValueError("the picture has no samples yet: add some first")
         if self._first:
             raise ValueError(f"samples 0:{self._first} are missing: merge checkpoints of all")
@@ -343,19 +343,17 @@ class Accumulation:
             counts = np.minimum(self._counts, kept.spp).astype(np.uint64)
         with device_module.native_errors():
             threads = settings.native()["threads"]
+            film = self._crew.merged(kept.films)
+            assert film is not None
             picture = with_room(self.device, lambda: film.picture(counts, threads))
             error = float(picture.mean_stderr)
-            memory = int(self._native.memory) + int(film.memory)
             complete = kept.tiles is not None and not self.left
             stats = {
-                **self._facts,
+                **self._crew.facts,
                 **statistics(report, kept.paths),
-                "device_name": self.device.description,
-                "device_reason": self._reason,
-                "scheduler_reason": self._why,
                 **settings.kept(),
+                **self._crew.stats(kept.films),
                 "spp": used.spp if complete else kept.spp,
-                "memory": memory,
                 "scene_sha256": used.sha256,
                 "version": _version(),
                 "mean_stderr": error if math.isfinite(error) else None,
@@ -381,6 +379,16 @@ class Accumulation:
         if self._means is None or (count := self._kept.spp // self._batch) < 2:
             return None
         return self._means if count == len(self._means) else self._means[:count].copy()
+
+
+def _crew(
+    owner: Scene, scene: Scene, settings: RenderSettings, progress: Progress
+) -> Crew | Cluster:
+    if not settings.cluster:
+        return Crew(owner, scene, settings, progress)
+    from .cluster import Cluster
+
+    return Cluster(owner, scene, settings, progress)
 
 
 def _version() -> str:

@@ -16,8 +16,8 @@ from .files import check_writable
 from .numeric import number, path_text, shown
 from .picture import Render
 
-#: Seconds that a pass takes, about, and the factor by which passes grow at most.
-PASS, GROWTH = 1.0, 8
+#: The factor by which passes grow at most.
+GROWTH = 8
 #: Seconds between two checkpoints.
 EVERY = 60.0
 
@@ -97,11 +97,13 @@ class Course:
         n = work.left
         if work.settings.batches:
             return n
-        target = min(PASS, self.every) if self.checkpoint is not None else PASS
+        target = work.pass_seconds
+        if self.checkpoint is not None:
+            target = min(target, self.every)
         if self.seconds is not None and work.spp:
             target = min(target, self.seconds - spent)
         paths = min(rate * target, GROWTH * last)
-        return max(1, min(n, int(paths / work.paths_of(1))))
+        return max(1, min(n, max(work.least, int(paths / work.paths_of(1)))))
 
     def _write(self, work: Accumulation) -> None:
         assert self.checkpoint is not None

@@ -7,6 +7,9 @@ A device name is one of
 - `cpu`: the widest instruction set that both this processor and this build support, unless the
   environment variable VERIRAY_ISA names one; `cpu:avx512`, `cpu:avx2`, `cpu:portable`: that one.
 
+Several with commas between them (`select_all`) render together; the CPU may be named several times,
+and each then gets a part of its threads.
+
 All of them give the same bits. No choice is silent: `select` returns its reason.
 """
 
@@ -21,7 +24,7 @@ import os
 import platform
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -276,10 +279,32 @@ def select(device: str = "auto", *, fresh: bool = True) -> tuple[Device, str]:
     if backend == "cpu" and detail in ("", *CPU_MODULES) and not device.endswith(":"):
         chosen, why = _cpu_device(detail, fresh)
         return chosen, f"asked for; {why}" if why else "asked for"
+    if "," in device:
+        raise ValueError(f"device = {device!r} names several; one is expected here")
     raise ValueError(
         f"device = {device!r} is unknown; allowed: auto, cuda, cuda:N, cpu, "
         f"{', '.join(f'cpu:{isa}' for isa in CPU_MODULES)}"
     )
+
+
+def select_all(
+    device: str | Sequence[str] = "auto", *, fresh: bool = True
+) -> list[tuple[Device, str]]:
+    """As `select`, of a name or several with commas between them, in their order.
+
+    Raises ValueError also for a GPU that is named twice, and for "auto" beside others.
+    """
+    text: Any = ",".join(device) if isinstance(device, (list, tuple)) else device
+    if not isinstance(text, str) or "," not in text:
+        return [select(text, fresh=fresh)]
+    names = [name.strip() for name in text.split(",")]
+    if "auto" in names:
+        raise ValueError(f"device = {device!r}: auto stands alone")
+    chosen = [select(name, fresh=fresh) for name in names]
+    for k, (one, _) in enumerate(chosen):
+        if one.backend == "cuda" and any(one.name == other.name for other, _ in chosen[:k]):
+            raise ValueError(f"device = {device!r} names {one.name} twice")
+    return chosen
 
 
 @functools.lru_cache(maxsize=64)

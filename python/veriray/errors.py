@@ -93,6 +93,13 @@ class MissingPackageError(ImportError):
         )
 
 
+class DeviceWarning(UserWarning):
+    """A device or a node of a cluster that takes no part in a render; the others draw its share."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
 class DeviceError(RuntimeError):
     """A device is missing, failed, or cannot run this build."""
 

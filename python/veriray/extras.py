@@ -19,6 +19,7 @@ EXTRAS = {
     "bench": _PROOF,
     "view": ("websockets",),
     "denoise": ("pyoidn",),
+    "cluster": ("ray",),
 }
 #: Module -> its package, where the names differ.
 PACKAGES = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
@@ -63,7 +64,7 @@ def feature_images(
     if "motion" in wanted and motion_to is None:
         raise ValueError('"motion" needs a second camera: motion_to=Camera(...)')
     used, settings = settle(scene, settings)
-    chosen, _ = device_module.select(settings.device, fresh=False)
+    chosen, _ = device_module.select_all(settings.device, fresh=False)[0]
     with device_module.native_errors():
         return look(chosen, scene, used, wanted, used.spp, settings.native(),
                     motion_to, progress)  # fmt: skip
@@ -76,7 +77,7 @@ def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureIma
     used, _ = settle(scene, settings)
     made = FeatureImages(spp=spp)
     if of_surfaces := tuple(name for name in names if name not in PARTS):
-        chosen, _ = device_module.select(settings.device, fresh=False)
+        chosen, _ = device_module.select_all(settings.device, fresh=False)[0]
         begin = 0 if settings.target_error is None else first_sample(used.spp)
         with device_module.native_errors():
             made = look(chosen, scene, used, of_surfaces, spp, settings.native(), begin=begin)
@@ -84,8 +85,10 @@ def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureIma
         depth = used.max_depth
         less = {"max_depth": min(2, depth) if depth >= 0 else 2, "batches": 0, "features": ()}
         direct = Accumulation._of(scene, settings.with_checked(less), None)
-        direct.add(direct.left)
-        part = direct._render()
+        with contextlib.closing(direct):
+            while direct.left:
+                direct.add(direct.left)
+            part = direct._render()
         if "direct" in names:
             made.images["direct"], made.stderr["direct"] = part.image, part.stderr
         if "indirect" in names:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: 16 cores: scenario `build` of `veriray bench`).
 CATCH_UP = 2000
 
-#: Native forms that are kept of a scene and its copies, and families of them.
+#: Native forms that a device keeps of a scene and its copies, and families of them.
 _KEPT_FORMS, _KEPT_PER_SCENE = 8, 2
 _building = threading.RLock()
 
@@ -175,10 +175,13 @@ def _found(
 
 
 def _recent(forms: list[NativeForm], families: int = _KEPT_PER_SCENE) -> list[NativeForm]:
-    """The last forms, and of them those of the last families."""
-    forms = forms[-_KEPT_FORMS:]
-    known = list(dict.fromkeys(form.native.family for form in reversed(forms)))[:families]
-    return [form for form in forms if form.native.family in known]
+    """The last forms of each device, and of them those of its last families."""
+    kept: set[int] = set()
+    for place in {form.place[:-1] for form in forms}:
+        there = [form for form in forms if form.place[:-1] == place][-_KEPT_FORMS:]
+        known = list(dict.fromkeys(form.native.family for form in reversed(there)))[:families]
+        kept |= {id(form) for form in there if form.native.family in known}
+    return [form for form in forms if id(form) in kept]
 
 
 def _make(

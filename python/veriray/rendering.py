@@ -35,7 +35,7 @@ def render(
     scene: Scene,
     spp: int | None = None,
     seed: int = 0,
-    device: str = "auto",
+    device: str | Sequence[str] = "auto",
     scheduler: str = "auto",
     max_depth: int | None = None,
     rr_depth: int | None = None,
@@ -51,6 +51,7 @@ def render(
     builder: str = "auto",
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
+    cluster: str = "",
     cameras: None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     every: float = EVERY,
@@ -65,7 +66,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     scene: Scene,
     spp: int | None = None,
     seed: int = 0,
-    device: str = "auto",
+    device: str | Sequence[str] = "auto",
     scheduler: str = "auto",
     max_depth: int | None = None,
     rr_depth: int | None = None,
@@ -81,6 +82,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     builder: str = "auto",
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
+    cluster: str = "",
     cameras: Sequence[Camera] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     every: float = EVERY,
@@ -97,7 +99,9 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         scene: from `load_file`, `load_dict` or `cornell_box`.
         spp: samples per pixel, 1 to 2^40; None takes the scene's.
         seed: 0 to 2^64 - 1.
-        device: "auto", "cuda", "cuda:N", "cpu", "cpu:avx512", "cpu:avx2" or "cpu:portable".
+        device: "auto", "cuda", "cuda:N", "cpu", "cpu:avx512", "cpu:avx2" or "cpu:portable"; or
+            several, in a list or with commas between them, which render together
+            (docs/clusters.md).
         scheduler: "fused", "thrust" (the 2016 report's), "thrust-none", "thrust-partition",
             "thrust-copy", "thrust-append" (see `COMPACTIONS`), "wavefront" (a launch for each stage
             of a bounce, hits sorted by material), "wavefront-unsorted" or "auto" (see
@@ -131,6 +135,9 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
             `veriray.feature_images`).
         feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
             or spp if that is less. Parts of the picture have all of its samples.
+        cluster: "", or the address of a Ray cluster whose nodes render (docs/clusters.md): "auto",
+            "local", "HOST:PORT" or "ray://HOST:PORT". device is then that of each node, and "auto"
+            all its GPUs.
         cameras: None, or the cameras of several views, in place of the scene's: a list of renders,
             each as of `scene.with_(camera=camera)`. Geometry and tree are made once.
 
@@ -153,7 +160,12 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         of the picture's first sample), mean_spp, tiles, tiles_at_limit (which need more than spp),
         tiles_above_target and tile_error (median, nine tenths, largest) of the finished picture;
         paths and ledger then hold the pilot's too. Of a picture that was stopped also stopped
-        ("time", "interrupted") and spp_asked.
+        ("time", "interrupted") and spp_asked. Of several devices, device, device_name and
+        scheduler are lists with commas, what describes one device is of the first, seconds are
+        those of the clock, threads, memory and the times of depths are sums, and devices has of
+        each: device, device_name, device_reason, scheduler, scheduler_reason, threads, variant,
+        kernel, memory, paths, seconds (of its own ranges); on a cluster of each node, with node
+        (its name) and deaths (of its workers in a row).
 
     Raises:
         ValueError: an argument out of range (SceneError for those that belong to the scene).
@@ -173,6 +185,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
         batches=batches, batch_size=batch_size, all_features=all_features,
         target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
+        cluster=cluster,
     )  # fmt: skip
     course = None
     if checkpoint is not None or time is not None or on_pass is not None:
@@ -228,6 +241,23 @@ def render_with(
         raise ValueError(f"progress = {shown(progress)} is not callable")
     building, sampling = _shares(progress)
     work = Accumulation._of(scene, settings, building)
+    used = work.settings
+    if course is None and used.cluster:
+        course = Course()  # whose passes bound what a worker's death costs
+    try:
+        return _finished(work, scene, progress, sampling, course)
+    finally:
+        work.close()
+
+
+def _finished(
+    work: Accumulation,
+    scene: Scene,
+    progress: Progress,
+    sampling: Progress,
+    course: Course | None,
+) -> Render:
+    """The render of all samples, or of those that there are when it is stopped."""
     stopped, used = "", work.settings
     if course is None:
         while n := work.left:
@@ -235,7 +265,7 @@ def render_with(
     else:
         course.resume(work)
         stopped = course.run(work, lambda n: of_all(work, n, sampling))
-    made = work._render(4)
+    made = work._render(5)
     if stopped:
         made.stats.update(stopped=stopped, spp_asked=used.spp)
         used = used.with_checked({"spp": made.spp, "batches": 0, "target_error": None})
@@ -288,11 +318,14 @@ def prepare(
     `render`.
     """
     settings = RenderSettings(spp=spp, device=device, width=width, height=height, builder=builder)
-    used, _ = settle(scene, settings)
-    chosen, _ = device_module.select(device)
+    used, settings = settle(scene, settings)
     with device_module.native_errors():
-        native = native_scene(scene, used, chosen, progress, builder, used.spp)
-        return {**scene_facts(native), "memory": int(native.memory)}
+        natives = [
+            native_scene(scene, used, chosen, progress, builder, used.spp)
+            for chosen, _ in device_module.select_all(settings.device)
+        ]
+        memory = sum({id(native): int(native.memory) for native in natives}.values())
+        return {**scene_facts(natives[0]), "memory": memory}
 
 
 def trace_path(

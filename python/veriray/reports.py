@@ -30,6 +30,11 @@ def added(first: Report | None, second: Report) -> Report:
     return result
 
 
+def in_order(nonfinite: list[Any]) -> list[Any]:
+    """The first refused samples of several lists, by sample and pixel."""
+    return sorted(nonfinite, key=lambda entry: (entry[2], entry[1], entry[0]))[:MAX_NONFINITE]
+
+
 def statistics(report: Report, paths: int) -> dict[str, Any]:
     """The keys of `Render.stats` that a report gives."""
     ledger = report["ledger"]

@@ -10,6 +10,7 @@ command line is read without.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,7 +58,8 @@ class Setting:
     choices: of a text. several: of a tuple of texts, or one with commas between them. scene: what a
     scene has if it states nothing, for settings that None takes from the scene; none: what None
     stands for otherwise. native: its name in the native modules, "" if they do not take it. path:
-    paths depend on it. kept: HEADER, STATS, or "" where no file has it.
+    paths depend on it. kept: HEADER, STATS, or "" where no file has it. joined: a list of texts is
+    one text with commas.
     """
 
     default: Any
@@ -71,6 +73,7 @@ class Setting:
     native: str = ""
     path: bool = False
     kept: str = ""
+    joined: bool = False
 
     @property
     def is_text(self) -> bool:
@@ -106,6 +109,8 @@ class Setting:
             return number(name, value, self.low, self.high, open_=True, error=error)
         if self.low is not None:
             return whole(name, value, int(self.low), int(self.high), error=error)
+        if self.joined and isinstance(value, (list, tuple)):
+            return ",".join(texts(name, value, error))
         return switch(name, value, error=error) if self.default is False else value
 
 
@@ -135,7 +140,9 @@ class RenderSettings:
     seed: int = _setting(
         0, "of the random numbers", 0, 2**64 - 1, native="seed", path=True, kept=HEADER
     )
-    device: str = _setting("auto", DEVICES, kept=HEADER)
+    device: str | Sequence[str] = _setting(
+        "auto", f"{DEVICES}, or several with commas between them", joined=True, kept=HEADER
+    )
     scheduler: str = _setting(
         "auto", "who runs the paths", choices=SCHEDULERS, native="scheduler", kept=HEADER
     )
@@ -168,6 +175,9 @@ class RenderSettings:
     )
     feature_spp: int | None = _setting(
         None, "their samples per pixel", 1, MAX_SPP, none="8, or as many as the picture has"
+    )
+    cluster: str = _setting(
+        "", "address of a Ray cluster that renders: auto, local, HOST:PORT or ray://HOST:PORT"
     )
 
     def __post_init__(self) -> None:

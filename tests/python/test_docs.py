@@ -52,7 +52,8 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["README.md", "docs/index.md", "docs/tutorial.md",
-                                  "docs/python.md", "docs/feature-images.md"])  # fmt: skip
+                                  "docs/python.md", "docs/feature-images.md",
+                                  "docs/clusters.md"])  # fmt: skip
 def test_code_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The Python of a page, block after block, with small pictures of few samples."""
     scene, render = vr.cornell_box(), vr.render

@@ -321,6 +321,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
             vr.OutOfMemoryError,
             vr.RefusedSamplesWarning,
             vr.CheckpointWarning,
+            vr.DeviceWarning,
         )
     },
 }

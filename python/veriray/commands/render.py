@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -106,22 +107,28 @@ def _render(arguments: argparse.Namespace) -> int:
         arguments.features = scene.features
     settings = RenderSettings(**{name: getattr(arguments, name) for name in SETTINGS})
     used, settled = settle(scene, settings)
-    chosen, reason = device_module.select(arguments.device)
-    if not arguments.quiet:
-        say(f"device     {chosen.name}, {chosen.description} ({reason})")
+    chosen = [] if settings.cluster else device_module.select_all(arguments.device)
+    if settings.cluster and not arguments.quiet:
+        say(f"cluster    {settings.cluster}")
+    elif not arguments.quiet:
+        for one, reason in chosen:
+            say(f"device     {one.name}, {one.description} ({reason})")
     asked = {name: getattr(settled, name) for name in ("width", "height", "spp", "builder")}
-    if len(scene.triangles) >= LARGE_MESH:
+    if settings.cluster:
+        facts = None
+    elif len(scene.triangles) >= LARGE_MESH:
         title = f"building the tree over {len(scene.triangles):,} triangles"
         with show_progress(title, arguments.quiet) as progress:
             facts = prepare(scene, arguments.device, **asked, progress=progress)
     else:
         facts = prepare(scene, arguments.device, **asked)
-    if not arguments.quiet:
+    if facts is not None and not arguments.quiet:
         if facts["tree"]:
             say(f"tree       {tree_text(facts['tree'])}")
         say(f"primitives {primitives_text(facts['primitives'])}")
-        scheduler, why = choose_scheduler(settled, chosen.backend, facts)
-        say(f"scheduler  {scheduler} ({why})")
+        for backend in dict.fromkeys(one.backend for one, _ in chosen):
+            scheduler, why = choose_scheduler(settled, backend, facts)
+            say(f"scheduler  {scheduler} ({why})")
     course = _course(arguments, keeps=not arguments.discard)
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
@@ -173,8 +180,9 @@ def _draw_range(arguments: argparse.Namespace) -> int:
     settings["spp"] = int(end) - int(first)
     course = _course(arguments, keeps=True)
     work = Accumulation(scene, first=int(first), **settings)
-    course.resume(work)
-    with show_progress(f"drawing samples {first}:{end}", arguments.quiet) as progress:
+    title = f"drawing samples {first}:{end}"
+    with contextlib.closing(work), show_progress(title, arguments.quiet) as progress:
+        course.resume(work)
         stopped = course.run(work, lambda n: of_all(work, n, progress))
     if course.failed is not None:
         raise course.failed
@@ -193,6 +201,10 @@ def _print_result(result: Any, outputs: list[str]) -> None:
         f"samples    {stats['paths']:,} paths, {stats['rays']:,} rays in {stats['seconds']:.3f} s: "
         f"{stats['samples_per_second']:,.0f} samples/s"
     )
+    for one in stats.get("devices", ()):
+        who = f"{one['node']}: {one['device']}" if "node" in one else one["device"]
+        share = one["paths"] / max(1, sum(other["paths"] for other in stats["devices"]))
+        say(f"of these   {share:.1%} by {who}, busy for {one['seconds']:.3f} s")
     say(depths.as_text(depths.rows(result), TABLE_ROWS))
     if "target_error" in stats:
         good = stats["tiles"] - stats["tiles_above_target"]

@@ -1,0 +1,276 @@
+"""Who draws the samples of an accumulation: one device, or several at once.
+
+Several devices take ranges of samples (`veriray.splitting`), each on a thread of its own. Each has
+its own film of exact sums, of whatever samples it drew; they are merged where a picture, a
+checkpoint, a batch's mean or the pilot's end needs them all.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from . import device as device_module
+from . import kernels
+from .device import Device, polled
+from .native_scene import native_scene, scene_facts
+from .picture import with_room
+from .plan import choose_scheduler
+from .scene import Scene
+from .settings import RenderSettings
+from .together import Pass, warn_of
+
+if TYPE_CHECKING:
+    from ._native import Film, Report
+
+Array = npt.NDArray[Any]
+Progress = Callable[[float], object] | None
+Films = tuple["Film | None", ...]
+
+
+class Drawn(NamedTuple):
+    """What a pass gives: a film of each hand that drew, the sum of their reports, and the samples
+    per pixel. stopped: by Ctrl-C, and then these may be fewer than asked for."""
+
+    films: Films
+    report: Report
+    spp: int
+    stopped: bool = False
+
+
+class Place:
+    """Where films are: a device. out: why it draws no more, "" if it does."""
+
+    def __init__(self, device: Device, size: tuple[int, int]) -> None:
+        self.device, self.size, self.out = device, size, ""
+        self.spares: list[Film] = []  # pop is one step, for several threads
+
+    def blank(self) -> Film:
+        """A film without samples."""
+        try:
+            film = self.spares.pop()
+        except IndexError:
+            native = self.device.native
+            made: Film = with_room(
+                self.device, lambda: native.Film(*self.size, device=self.device.index)
+            )
+            return made
+        film.clear()
+        return film
+
+
+class Team:
+    """The places of an accumulation's films, which are tuples: one for each place, or None.
+
+    seconds: of a pass, about, where it is up to `veriray.course`.
+    """
+
+    seconds = 1.0
+
+    def __init__(self, places: Sequence[Place]) -> None:
+        self._places = places
+
+    @property
+    def device(self) -> Device:
+        """The device on which pictures are made."""
+        return self._places[self._lead].device
+
+    @property
+    def _lead(self) -> int:
+        return next((k for k, place in enumerate(self._places) if not place.out), 0)
+
+    def paths_of(self, pixels: Array | None) -> int:
+        """Paths of one sample of these pixels, of all without them."""
+        width, height = self._places[0].size
+        return width * height if pixels is None else len(pixels)
+
+    def films(self, film: Film | None) -> Films:
+        """A film of `device` as a tuple."""
+        return tuple(film if k == self._lead else None for k in range(len(self._places)))
+
+    def added(self, kept: Films, new: Films) -> Films:
+        """The samples of both; the films in `new` take them up."""
+        for film, old in zip(new, kept, strict=bool(kept)):
+            if film is not None and old is not None:
+                film.add(old)
+        return tuple(
+            old if film is None else film
+            for film, old in zip(new, kept or [None] * len(new), strict=True)
+        )
+
+    def reuse(self, films: Films, kept: Films) -> None:
+        """Takes films back that are not in `kept`, to be used again."""
+        for place, film in zip(self._places, films, strict=bool(films)):
+            if film is not None and not place.spares and all(film is not one for one in kept):
+                place.spares.append(film)
+
+    def release(self) -> None:
+        """Forgets films that were taken back."""
+        for place in self._places:
+            place.spares.clear()
+
+    def merged(self, films: Films) -> Film | None:
+        """All samples in one film, of `device` if there are several; these stay as they are."""
+        there = [k for k, film in enumerate(films) if film is not None]
+        if len(there) < 2:
+            return films[there[0]] if there else None
+        first = self._places[self._lead]
+
+        def merge() -> Film:
+            whole = first.blank()
+            for k in there:
+                film = films[k]
+                assert film is not None
+                if self._places[k].device.name == first.device.name:
+                    whole.add(film)
+                else:
+                    whole.add_state(film.state())
+            return whole
+
+        return with_room(first.device, merge)
+
+    def close(self) -> None:
+        """Ends what it started."""
+
+
+class Hand(Place):
+    """One device with what it needs of a scene. settings: as it runs them; rate: paths a
+    second; said: its last report."""
+
+    def __init__(
+        self, owner: Scene, scene: Scene, settings: RenderSettings, device: Device, reason: str,
+        progress: Progress,
+    ) -> None:  # fmt: skip
+        super().__init__(device, (scene.film.width, scene.film.height))
+        self.reason = reason
+        build = functools.partial(
+            native_scene, owner, scene, device, progress, settings.builder, scene.spp
+        )
+        self.native = with_room(device, build)
+        self.facts = scene_facts(self.native)
+        scheduler, self.why = choose_scheduler(settings, device.backend, self.facts)
+        self.settings = settings.with_checked({"scheduler": scheduler, "device": device.name})
+        if device.backend == "cuda" and not settings.all_features:
+            paths = scene.film.width * scene.film.height * scene.spp
+            kernels.offer(device, self.native, scheduler, paths)
+        self.rate, self.trials, self.paths, self.seconds = 0.0, 0, 0, 0.0
+        self.said: Report | None = None
+
+    def draw(
+        self, film: Film, begin: int, end: int, pixels: Array | None, progress: Progress
+    ) -> Report:
+        """Adds these samples of these pixels to a film."""
+        start = time.perf_counter()
+        report: Report = self.device.native.render(
+            self.native, film, sample_begin=begin, sample_end=end, pixels=pixels,
+            poll=polled(progress), **self.settings.native(),
+        )  # fmt: skip
+        report["seconds"] = time.perf_counter() - start
+        return report
+
+    def stats(self) -> dict[str, Any]:
+        """What it did, for `Render.stats`."""
+        said = self.said
+        return {
+            "device": self.device.name,
+            "device_name": self.device.description,
+            "device_reason": self.reason,
+            "scheduler": self.settings.scheduler,
+            "scheduler_reason": self.why,
+            "threads": 0 if said is None else int(said["threads"]),
+            "variant": self.facts["variant"],
+            "kernel": {} if said is None else {k: int(v) for k, v in said["kernel"].items()},
+            "memory": int(self.native.memory),
+            "paths": self.paths,
+            "seconds": self.seconds,
+        }
+
+
+class Crew(Team):
+    """The devices that `settings.device` names, ready for a scene.
+
+    Raises as `veriray.render`; a device of several that lacks the memory is left out with a
+    DeviceWarning.
+    """
+
+    def __init__(
+        self, owner: Scene, scene: Scene, settings: RenderSettings, progress: Progress
+    ) -> None:
+        chosen = device_module.select_all(settings.device, fresh=False)
+        shares = _threads([device for device, _ in chosen], settings.threads)
+        self.hands: list[Hand] = []
+        for k, ((device, reason), threads) in enumerate(zip(chosen, shares, strict=True)):
+            of_it = settings.with_checked({"threads": threads})
+            try:
+                self.hands.append(Hand(owner, scene, of_it, device, reason, progress))
+            except MemoryError as error:
+                if k + 1 == len(chosen) and not self.hands:
+                    raise
+                warn_of(device, error)
+        super().__init__(self.hands)
+        self.facts = self.hands[0].facts
+        self.settings = settings.with_checked({
+            "scheduler": listed(str(hand.settings.scheduler) for hand in self.hands),
+            "device": ",".join(hand.device.name for hand in self.hands),
+        })  # fmt: skip
+
+    @property
+    def least(self) -> int:
+        """Samples per pixel of a pass that gives each something to do."""
+        return len(self.hands)
+
+    @property
+    def machine(self) -> dict[str, str]:
+        """What a checkpoint says of who drew its samples."""
+        return {
+            "device": str(self.settings.device),
+            "device_name": listed(hand.device.description for hand in self.hands),
+            "scheduler": str(self.settings.scheduler),
+        }
+
+    def stats(self, films: Films) -> dict[str, Any]:
+        """For `Render.stats`: who they are, what each did, and the memory of all."""
+        natives = {id(hand.native): int(hand.native.memory) for hand in self.hands}
+        memory = sum(natives.values()) + sum(int(film.memory) for film in films if film is not None)
+        one = {
+            **self.machine,
+            "device_reason": self.hands[0].reason,
+            "scheduler_reason": self.hands[0].why,
+            "memory": memory,
+        }
+        if len(self.hands) == 1:
+            return one
+        each = [hand.stats() for hand in self.hands]
+        return one | {"devices": each, "threads": sum(hand["threads"] for hand in each)}
+
+    def draw(self, begin: int, n: int, pixels: Array | None, progress: Progress) -> Drawn:
+        """A pass: n samples of these pixels, in films of their own."""
+        if len(self.hands) > 1:
+            films, report = Pass(self.hands, begin, n, pixels, self.paths_of(pixels)).run(progress)
+            return Drawn(tuple(films), report, n)
+        hand = self.hands[0]
+        film = hand.blank()
+        draw = functools.partial(hand.draw, film, begin, begin + n, pixels, progress)
+        return Drawn((film,), with_room(hand.device, draw, film.clear), n)
+
+
+def listed(names: Iterable[str]) -> str:
+    """Different names, in order."""
+    return ",".join(dict.fromkeys(names))
+
+
+def _threads(devices: Sequence[Device], wanted: int | None) -> list[int | None]:
+    """The threads of each device: where the CPU is named several times, they share them."""
+    cpus = [k for k, device in enumerate(devices) if device.backend == "cpu"]
+    shares: list[int | None] = [wanted] * len(devices)
+    if len(cpus) > 1:
+        total = wanted or os.cpu_count() or 1
+        for place, part in zip(cpus, np.array_split(range(total), len(cpus)), strict=True):
+            shares[place] = max(1, len(part))
+    return shares

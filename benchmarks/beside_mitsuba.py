@@ -51,6 +51,7 @@ DECISIONS = {
     r"shape.bsplinecurve": "the inside of a curve is seen through its open ends; in Mitsuba it is not there",
     r"lamp on cube": "a lamp of several faces with the same texture coordinates gives all of its light",
     r"prb_projective.hide_emitters": "the camera sees what is behind hidden lamps, with a warning",
+    r"shape.sdfgrid.to_world": "Mitsuba misplaces a turned sdfgrid, and warns of it",
     r"shape.sphere.to_world": "an uneven scale of a sphere",
 }
 

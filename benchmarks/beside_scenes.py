@@ -200,6 +200,8 @@ def _staged(case: scenes.Case) -> tuple[str, int]:
     if category == "shape":
         fog = "</shape>"
         place = at(scale(0.8), rotate("y", 160), rotate("x", 15), move(0, 0, 5))
+        if plugin == "sdfgrid":
+            place = at(scale(1.4), move(-0.7, -0.6, 4.4))
         if plugin in ("shapegroup", "instance"):
             group = f'<shape type="shapegroup" id="group">{shape("ply", HILLS, matt(0.6, 0.5, 0.2), "a.ply")}{shape("sphere", BALL)}</shape>'
             return staged(

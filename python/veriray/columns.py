@@ -202,7 +202,8 @@ _ALWAYS_HASHED: dict[str, Column] = {
     ),
     "k": Column(
         "materials", np.float32, (3,), 0.0, 0.0, MAX_ETA,
-        doc="of a conductor: the imaginary part of its index",
+        doc="of a conductor: the imaginary part of its index; of a plastic: above 0 if light "
+        "enters and leaves its base once, as through a smooth coat",
     ),
     "opacity": Column(
         "materials", np.float32, (), 1.0, 0.0, 1.0, doc="share of the surface that is there"

@@ -45,7 +45,8 @@ class SceneArrays:
     specular_transmittance (M, 3) float32: factor on what is refracted (in [0, 1], default 1.0)
     eta (M, 3) float32: of a conductor the refractive index over that outside (the ideal mirror: eta
         0, k 1); else the index inside over that outside, three times (in [0, 1e+06], default 1.0)
-    k (M, 3) float32: of a conductor: the imaginary part of its index (in [0, 1e+06], default 0.0)
+    k (M, 3) float32: of a conductor: the imaginary part of its index; of a plastic: above 0 if
+        light enters and leaves its base once, as through a smooth coat (in [0, 1e+06], default 0.0)
     opacity (M,) float32: share of the surface that is there (in [0, 1], default 1.0)
     nonlinear (M,) bool: colour shifts of a plastic's base by internal scattering (default False)
     emissions (E, 3) float32: radiance, emitted on the front side only (in [0, infinity))

@@ -156,7 +156,7 @@ def _value(case: Case) -> str:
     return made[kind]
 
 
-def _object(case: Case) -> str:
+def element(case: Case) -> str:
     """The element of the plugin with what it needs and the parameter of the case."""
     line = next(x for x in TABLE.splitlines() if x.split()[:2] == [case.category, case.plugin])
     needed = dict(NEEDED.get((case.category, case.plugin), {}))
@@ -199,7 +199,7 @@ _FOG = '<shape type="sphere"><bsdf type="null"/>{}</shape>'
 
 def scene(case: Case) -> str:
     """The text of the file."""
-    made, category = _object(case), case.category
+    made, category = element(case), case.category
     light, sensor, rest = '<emitter type="constant"/>', _SENSOR.format(_FILM.format(8, 8)), ""
     if category == "bsdf":
         rest = f'<shape type="sphere">{made}</shape>'
@@ -260,28 +260,26 @@ def files(folder: Path) -> None:
 def dictionary(text: str, folder: Path) -> dict[str, Any]:
     """The dictionary that means the same as a file."""
 
-    def made(element: etree._Element) -> Any:
-        value = element.get("value") or ""
+    def made(node: etree._Element) -> Any:
+        value = node.get("value") or ""
         plain = {"float": float, "integer": int, "boolean": lambda t: t == "true"}
-        if element.tag in plain:
-            return plain[element.tag](value)  # type: ignore[operator]
-        if element.tag == "string":
-            return str(folder / value) if element.get("name") == "filename" else value
-        if element.tag == "rgb":
+        if node.tag in plain:
+            return plain[node.tag](value)  # type: ignore[operator]
+        if node.tag == "string":
+            return str(folder / value) if node.get("name") == "filename" else value
+        if node.tag == "rgb":
             return {"type": "rgb", "value": [float(x) for x in value.split()]}
-        if element.tag == "spectrum" and element.get("type") is None:
+        if node.tag == "spectrum" and node.get("type") is None:
             pairs = [tuple(map(float, pair.split(":"))) for pair in value.replace(",", " ").split()]
             return {"type": "spectrum", "value": pairs}
-        if element.tag in ("point", "vector"):
+        if node.tag in ("point", "vector"):
             return [float(x) for x in value.split()]
-        if element.tag == "transform":
-            return np.array([float(x) for x in (element[0].get("value") or "").split()]).reshape(
-                4, 4
-            )
-        if element.tag == "ref":
-            return {"type": "ref", "id": element.get("id")}
-        result: dict[str, Any] = {"type": element.get("type", "scene")}
-        for number, child in enumerate(element):
+        if node.tag == "transform":
+            return np.array([float(x) for x in (node[0].get("value") or "").split()]).reshape(4, 4)
+        if node.tag == "ref":
+            return {"type": "ref", "id": node.get("id")}
+        result: dict[str, Any] = {"type": node.get("type", "scene")}
+        for number, child in enumerate(node):
             key = child.get("name") or child.get("id") or f"{child.tag}_{number}"
             result[key] = made(child)
         return result

@@ -62,40 +62,10 @@ def material(node: Node, values: dict[str, Any], report: Report) -> Row:
         row["distribution"] = DISTRIBUTIONS.index(values["distribution"])
         row["alpha_u"], row["alpha_v"] = _roughness(node, values)
     if node.plugin == "pplastic":
-        row |= _polarised_plastic(node, values, row["eta"][0], report)
+        row["k"] = (1.0,) * 3
+        if not any(values["specular_reflectance"]):
+            row["material_kind"] = MATERIAL_KINDS.index("plastic")
     return row
-
-
-def _polarised_plastic(node: Node, values: dict[str, Any], eta: float, report: Report) -> Row:
-    """Its base lets out what light enters it once: the base of `plastic`, darker by what is
-    reflected within. Its mirrors are those of `roughplastic`."""
-    base, mirrors = values["diffuse_reflectance"], values["specular_reflectance"]
-    row: Row = {"reflectance": tuple(x * (1 - _diffuse_fresnel(eta)) for x in base)}
-    if not any(mirrors):
-        row["material_kind"] = MATERIAL_KINDS.index("plastic")
-    elif any(base):
-        report.warn(
-            f"{node}: light enters its base through the rough coat, in Mitsuba through a smooth "
-            "one: its base is 4 % darker at alpha 0.1, 14 % at 0.3",
-            node.where,
-        )
-    return row
-
-
-def _diffuse_fresnel(eta: float) -> float:
-    """The share of even light from the hemisphere that a smooth interface of relative index eta
-    reflects, by Simpson's rule in the cosine beyond the critical angle."""
-    critical = max(1 - eta * eta, 0.0)  # square of its cosine
-    cells, total = 1024, 0.0
-    for i in range(cells + 1):
-        s = i / cells
-        cos_i = sqrt(critical + (1 - critical) * s * s)
-        cos_t = sqrt(max(1 - (1 - cos_i * cos_i) / (eta * eta), 0.0))
-        across = (cos_i - eta * cos_t) / (cos_i + eta * cos_t)
-        along = (eta * cos_i - cos_t) / (eta * cos_i + cos_t)
-        weight = 1 if i in (0, cells) else 4 if i % 2 else 2
-        total += weight * s * (across * across + along * along)
-    return critical + (1 - critical) * total / (3 * cells)
 
 
 def two_sided(row: Row) -> Row:

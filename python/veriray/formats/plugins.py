@@ -681,13 +681,9 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "pplastic": Plugin(
         "bsdf",
-        {
-            name: replace(param, column="") if name == "diffuse_reflectance" else param
-            for name, param in {**_PLASTIC, **_ROUGH}.items()
-            if name != "nonlinear"
-        },
-        doc="as Mitsuba's without polarisation: plastic without reflections within; exact where "
-        "either reflectance is 0, else roughplastic, with a warning",
+        {name: param for name, param in {**_PLASTIC, **_ROUGH}.items() if name != "nonlinear"},
+        doc="as Mitsuba's without polarisation: a rough coat's mirrors on a base that light enters "
+        "and leaves once, as through a smooth coat",
     ),
     **{
         name: Plugin(

@@ -46,7 +46,7 @@ struct alignas(64) RecordBlock {
 };
 
 // On a CPU the rays of larger trees, in bytes, take turns.
-inline constexpr uint64_t kCachedTree = 1 << 24;
+inline constexpr uint64_t kCachedTree = 1 << 25;
 
 struct BvhView {
     const void* nodes;  // WideNode of kCpuWidth or kDeviceWidth; the root is the first

@@ -62,7 +62,8 @@ struct Scene::Impl {
         view.runs = tables->runs.data();
         view.run_count = static_cast<uint32_t>(tables->runs.size());
         if (view.features & kBvh)
-            view.bvh = {tables->nodes.data(), tables->blocks.data(), host.slab_slack};
+            view.bvh = {tables->nodes.data(), tables->blocks.data(), host.slab_slack,
+                        tables->info.memory > kCachedTree};
     }
 };
 

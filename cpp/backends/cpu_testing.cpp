@@ -120,6 +120,28 @@ LightAnswer choose_lights(const Scene& scene, const double* points, const double
     return a;
 }
 
+// The closest hits; rays in turn and one after another must meet the same, and shadow rays a hit
+// where there is one.
+static Hit<Simd> closest_either_way(SceneView view, const Ray<Simd>& ray, Simd::M lanes) {
+    using Reader = SurfaceReader<Simd, kAllFeatures>;
+    const auto nothing = nothing_met<Simd>();
+    Hit<Simd> hit[2];
+    for (const uint32_t large : {0u, 1u}) {
+        view.bvh.large = large;
+        hit[large] = Reader::closest(view, ray, nothing, Simd::F(kInfinity), lanes);
+        if (!(view.features & kBvh)) return hit[0];
+        const auto blocked = occluded_in_bvh<Simd, Reader::kTreeKinds>(
+            view.bvh, ray, Simd::F(kInfinity), lanes, Simd::U(~0u));
+        const auto met = lanes & (hit[large].t < Simd::F(kInfinity));
+        if (any((blocked & !met) | (met & !blocked)))
+            throw std::logic_error("intersect: closest and any hit differ");
+    }
+    const auto same = (hit[0].t == hit[1].t) & (hit[0].primitive == hit[1].primitive);
+    if (any(lanes & !same))
+        throw std::logic_error("intersect: rays in turn and one after another differ");
+    return hit[0];
+}
+
 void intersect(const Scene& scene, const double* origins, const double* directions, size_t n,
                float* t, int32_t* triangle) {
     const HostScene& host = scene.host();
@@ -134,8 +156,8 @@ void intersect(const Scene& scene, const double* origins, const double* directio
         }
         const auto column = [&](int c) { return load(rays[c], Simd::F()); };
         const Ray<Simd> ray{{column(0), column(1), column(2)}, {column(3), column(4), column(5)}};
-        const Hit<Simd> hit = SurfaceReader<Simd, kAllFeatures>::closest(
-            host.view, ray, nothing_met<Simd>(), Simd::F(kInfinity), first_lanes(live, Simd::M()));
+        const auto lanes = first_lanes(live, Simd::M());
+        const Hit<Simd> hit = closest_either_way(host.view, ray, lanes);
         const auto all = first_lanes(Simd::kWidth, Simd::M());
         compress_store(distance, hit.t, all);
         compress_store(primitive, hit.primitive, all);

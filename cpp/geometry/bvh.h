@@ -45,12 +45,17 @@ struct alignas(64) RecordBlock {
     float f[kBlockFloats];
 };
 
+// On a CPU the rays of larger trees, in bytes, take turns.
+inline constexpr uint64_t kCachedTree = 1 << 25;
+
 struct BvhView {
     const void* nodes;  // WideNode of kCpuWidth or kDeviceWidth; the root is the first
     const void*
         records;  // CPU: RecordBlock, `first` of a leaf counts blocks (scene/tree_layout.h).
                   // CUDA: kRecordFloats floats each, 16-byte aligned.
     float slack;  // for slabs_of
+    // CPU: whether the tree has more than kCachedTree bytes.
+    uint32_t large;
 };
 
 // ---- one primitive, one ray ----

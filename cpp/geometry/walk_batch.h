@@ -1,95 +1,70 @@
-// The CPU's traversal: one ray tests a node of eight boxes or a leaf of up to eight records at
-// once. Several rays take turns, one node each, so memory loads what the others need meanwhile.
-// I. Wald, C. Benthin, S. Boulos, "Getting Rid of Packets", RT 2008.
+// The CPU's traversal. In a tree that caches hold one ray follows another, and what it needs stays
+// in registers; in a larger one the rays take turns (walk_turns.h).
 #pragma once
 
-#include "geometry/bvh.h"
+#include "geometry/walk_turns.h"
 
 namespace veriray {
 
-inline constexpr uint32_t kCpuStack = 7 * 64 + 1;  // seven siblings per level of the deepest tree
-
-// The rays of the lanes during traversal.
+// Ray i of the lanes, in registers.
 template <class L>
-struct Walkers {
-    static constexpr uint32_t kWidth = L::kWidth;
-    float o[3][kWidth], d[3][kWidth], inverse[3][kWidth], near[3][kWidth], far[3][kWidth];
-    float sheared_o[3][kWidth], shear[2][kWidth];      // main axis last
-    uint32_t near_row[3][kWidth], far_row[3][kWidth];  // rows of a node, in floats
-    uint32_t axis[3][kWidth];                          // main axis last
-    float t[kWidth], after[kWidth];                    // hits count beyond (after, passed)
-    uint32_t passed[kWidth], primitive[kWidth], node[kWidth], waiting[kWidth];
-    uint64_t stack[kWidth][kCpuStack];  // bits of the entry distance, child
+struct Walker {
+    using F = Batch::F;
+    const Walkers<L>& lanes;
+    const uint32_t i;
+    const Slabs<Batch> slabs;
+    const Vec3<F> sheared_o;
+    const Shear<Batch> shear;
+    const F after;
+    float t;  // of the closest hit
+    uint32_t primitive;
 
-    VR_HD Walkers(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& last, typename L::F t_max,
-                  typename L::U first) {
-        using F = typename L::F;
-        using U = typename L::U;
-        const Slabs<L> s = slabs_of<L>(ray, bvh.slack);
-        const Shear<L> h = shear_of<L>(ray.d);
-        put(o, ray.o), put(d, ray.d), put(inverse, s.inverse), put(near, s.near), put(far, s.far);
-        put(sheared_o, main_axis_last(h.from_x, h.from_y, ray.o));
-        store(shear[0], h.x), store(shear[1], h.y);
-        const F towards[3] = {s.inverse.x, s.inverse.y, s.inverse.z};
-        for (uint32_t k = 0; k < 3; ++k) {
-            const auto down = towards[k] < F(0.f);
-            const U low(k * kCpuWidth), high((3 + k) * kCpuWidth);
-            store(near_row[k], select(down, high, low));
-            store(far_row[k], select(down, low, high));
-        }
-        store(axis[0], select(h.from_x, U(2u), U(0u)));
-        store(axis[1], select(h.from_y, U(2u), U(1u)));
-        store(axis[2], select(h.from_x, U(0u), select(h.from_y, U(1u), U(2u))));
-        store(after, last.t), store(passed, last.primitive);
-        store(t, t_max), store(primitive, first), store(node, U(0u)), store(waiting, U(0u));
-    }
-
-   private:
-    VR_HD void put(float (&column)[3][kWidth], Vec3<typename L::F> v) {
-        store(column[0], v.x), store(column[1], v.y), store(column[2], v.z);
-    }
+    VR_HD Walker(const Walkers<L>& w, uint32_t lane)
+        : lanes(w),
+          i(lane),
+          slabs{all_of(w.inverse, i), all_of(w.near, i), all_of(w.far, i)},
+          sheared_o(all_of(w.sheared_o, i)),
+          shear{{}, {}, F(w.shear[0][i]), F(w.shear[1][i])},
+          after(w.after[i]),
+          t(w.t[i]),
+          primitive(w.primitive[i]) {}
 };
 
-template <uint32_t n>
-VR_HD Vec3<Batch::F> all_of(const float (&column)[3][n], uint32_t lane) {
-    return {Batch::F(column[0][lane]), Batch::F(column[1][lane]), Batch::F(column[2][lane])};
-}
-
-// Children whose boxes ray i enters within its t, as bits, and the distances.
+// Children whose boxes the ray enters within its t, as bits, and the distances.
 template <class L>
-VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walkers<L>& w, uint32_t i,
+VR_HD uint32_t entered(const WideNode<kCpuWidth>& node, const Walker<L>& r,
                        float (&entry)[kCpuWidth]) {
     using F = Batch::F;
     const float* rows = node.lo[0];
     uint32_t hits = 0;
     for (uint32_t k = 0; k < kCpuWidth; k += Batch::kWidth) {
-        const auto near = [&](uint32_t a) {
-            return fma(load(rows + w.near_row[a][i] + k, F()), F(w.inverse[a][i]), F(w.near[a][i]));
-        };
-        const auto far = [&](uint32_t a) {
-            return fma(load(rows + w.far_row[a][i] + k, F()), F(w.inverse[a][i]), F(w.far[a][i]));
-        };
-        const F in = max(max(near(0), near(1)), max(near(2), F(w.after[i])));
-        const F out = min(min(far(0), far(1)), min(far(2), F(w.t[i])));
+        const auto at =
+            [&](const uint32_t (&row)[3][L::kWidth], uint32_t a, F inverse, F start)
+                VR_INLINED { return fma(load(rows + row[a][r.i] + k, F()), inverse, start); };
+        const Slabs<Batch>& s = r.slabs;
+        const F in = max(max(at(r.lanes.near_row, 0, s.inverse.x, s.near.x),
+                             at(r.lanes.near_row, 1, s.inverse.y, s.near.y)),
+                         max(at(r.lanes.near_row, 2, s.inverse.z, s.near.z), r.after));
+        const F out = min(min(at(r.lanes.far_row, 0, s.inverse.x, s.far.x),
+                              at(r.lanes.far_row, 1, s.inverse.y, s.far.y)),
+                          min(at(r.lanes.far_row, 2, s.inverse.z, s.far.z), F(r.t)));
         store(entry + k, in);
         hits |= bits(in <= out) << k;
     }
     return hits;
 }
 
-VR_HD uint32_t record_primitive(const float* rows, uint32_t count, uint32_t j) {
-    return as_uint(rows[kRecordId * count + j]) & ((1u << kRecordKindShift) - 1u);
-}
-
-// Those of the leaf's `count` records that ray i meets within its t, as bits, and the distances.
+// Those of the leaf's `count` records that the ray meets within its t, as bits, and the distances.
 template <uint32_t kKinds, class L>
-VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
+VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walker<L>& r,
                          float (&t)[kCpuLeaf]) {
     using F = Batch::F;
+    const Walkers<L>& w = r.lanes;
+    const uint32_t i = r.i;
+    const uint64_t corner = 3 * count;
     uint32_t hits = 0;
     for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
-        const Vec3<F> o = all_of(w.sheared_o, i);
-        const uint64_t corner = 3 * count;
+        const Vec3<F> o = r.sheared_o;
         const float *x = rows + w.axis[0][i] * count + k, *y = rows + w.axis[1][i] * count + k,
                     *z = rows + w.axis[2][i] * count + k;
         const Vec3<F> v[3] = {
@@ -98,23 +73,21 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w,
             Vec3<F>{load(x + 2 * corner, F()), load(y + 2 * corner, F()),
                     load(z + 2 * corner, F())} -
                 o};
-        const Shear<Batch> shear{{}, {}, F(w.shear[0][i]), F(w.shear[1][i])};
-        hits |= bits(inside_sheared<Batch>(shear, v)) << k;
+        hits |= bits(inside_sheared<Batch>(r.shear, v)) << k;
     }
     hits &= (1u << count) - 1u;
     for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
         if (!(hits >> k)) break;
-        const auto row = [&](uint32_t r) { return load(rows + r * count + k, F()); };
+        const auto row = [&](uint32_t c) VR_INLINED { return load(rows + c * count + k, F()); };
         const Vec3<F> v[3] = {
             {row(0), row(1), row(2)}, {row(3), row(4), row(5)}, {row(6), row(7), row(8)}};
-        const Slabs<Batch> slabs{all_of(w.inverse, i), all_of(w.near, i), all_of(w.far, i)};
         const Ray<Batch> ray{all_of(w.o, i), all_of(w.d, i)};
         const Vec3<F> n{row(kRecordPlane), row(kRecordPlane + 1), row(kRecordPlane + 2)};
         const F height =
             fma(n.z, ray.o.z, fma(n.y, ray.o.y, fma(n.x, ray.o.x, row(kRecordPlane + 3))));
-        const F at = bounded_distance<Batch>(-height / dot(n, ray.d), slabs, v);
+        const F at = bounded_distance<Batch>(-height / dot(n, ray.d), r.slabs, v);
         store(t + k, at);
-        const auto ahead = (at > F(0.f)) & (at >= F(w.after[i])) & (at <= F(w.t[i]));
+        const auto ahead = (at > F(0.f)) & (at >= r.after) & (at <= F(r.t));
         hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits(ahead) << k;
     }
     if constexpr (kKinds != kTreeTriangles)
@@ -123,109 +96,106 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w,
             if (kind == kTriangleRecord) continue;
             float record[12];
             for (uint32_t c = 0; c < 12; ++c) record[c] = rows[c * count + j];
-            const auto one = [&](const float (&column)[3][L::kWidth]) {
+            const auto one = [&](const float (&column)[3][L::kWidth]) VR_INLINED {
                 return Scalar3{column[0][i], column[1][i], column[2][i]};
             };
             t[j] = round_distance<kKinds>(
                 record, kind, record_primitive(rows, count, j), {one(w.o), one(w.d)},
                 {one(w.inverse), one(w.near), one(w.far)}, {w.after[i], w.passed[i]});
-            hits = (hits & ~(1u << j)) | (t[j] <= w.t[i] && t[j] < kInfinity ? 1u << j : 0u);
+            hits = (hits & ~(1u << j)) | (t[j] <= r.t && t[j] < kInfinity ? 1u << j : 0u);
         }
     return hits;
 }
 
-VR_HD void fetch(const void* p, uint32_t bytes) {
-    for (uint32_t i = 0; i < bytes; i += 64) __builtin_prefetch(static_cast<const char*>(p) + i);
+// The children waiting, the nearest on top: bits of the entry distance, child.
+struct WalkStack {
+    uint64_t entries[kCpuStack];
+    uint64_t* top = entries;
+};
+
+// Puts all but one of the children `hits`, which are not none, on the stack, and returns that: the
+// nearest, or any if kAny.
+template <bool kAny>
+VR_HD uint32_t put_off(const WideNode<kCpuWidth>& n, uint32_t hits, const float (&entry)[kCpuWidth],
+                       WalkStack& stack) {
+    const auto key = [&](uint32_t k) VR_INLINED {
+        return static_cast<uint64_t>(as_uint(entry[k])) << 32 | n.child[k];
+    };
+    uint64_t nearest = key(static_cast<uint32_t>(__builtin_ctz(hits)));
+    hits &= hits - 1;
+    if (!hits) return static_cast<uint32_t>(nearest);
+    uint64_t* const base = stack.top;
+    for (; hits; hits &= hits - 1) {
+        const uint64_t other = key(static_cast<uint32_t>(__builtin_ctz(hits)));
+        const bool nearer = !kAny & (other < nearest);
+        const uint64_t farther = nearer ? nearest : other;
+        nearest = nearer ? other : nearest;
+        uint64_t* at = stack.top++;
+        if (!kAny)
+            for (; at > base && at[-1] < farther; --at) *at = at[-1];
+        *at = farther;
+    }
+    return static_cast<uint32_t>(nearest);
 }
 
-// One node or leaf of the traversal of ray i; returns whether it goes on. kAny: stop at any hit.
+// The traversal of one ray. kAny: stop at any hit, with t = -1.
 template <uint32_t kKinds, bool kAny, class L>
-VR_HD bool step(const BvhView& bvh, Walkers<L>& w, uint32_t i) {
+VR_HD void walk_one(const BvhView& bvh, Walker<L>& r) {
     const auto* nodes = static_cast<const WideNode<kCpuWidth>*>(bvh.nodes);
     const auto* blocks = static_cast<const RecordBlock*>(bvh.records);
-    const uint32_t node = w.node[i];
-    uint32_t next = kEmptyChild;
-    if (node & kLeafFlag) {
-        const float* rows = blocks[(node & ~kLeafFlag) >> 4].f;
-        const uint32_t count = (node & 15u) + 1;
-        float t[kCpuLeaf];
-        for (uint32_t m = leaf_hits<kKinds>(rows, count, w, i, t); m; m &= m - 1) {
-            const uint32_t j = static_cast<uint32_t>(__builtin_ctz(m));
-            const uint32_t primitive = record_primitive(rows, count, j);
-            if constexpr (kAny) {
-                if (t[j] < w.t[i] && primitive != w.primitive[i]) return w.t[i] = -1.f, false;
-            } else if (closer(t[j], primitive, {w.t[i], w.primitive[i]},
-                              {w.after[i], w.passed[i]})) {
-                w.t[i] = t[j], w.primitive[i] = primitive;
+    WalkStack stack;
+    uint32_t next = 0;
+    for (;;) {
+        if (next & kLeafFlag) {
+            const float* rows = blocks[(next & ~kLeafFlag) >> 4].f;
+            const uint32_t count = (next & 15u) + 1;
+            float t[kCpuLeaf];
+            for (uint32_t m = leaf_hits<kKinds>(rows, count, r, t); m; m &= m - 1) {
+                const uint32_t j = static_cast<uint32_t>(__builtin_ctz(m));
+                const uint32_t primitive = record_primitive(rows, count, j);
+                if constexpr (kAny) {
+                    if (t[j] < r.t && primitive != r.primitive) {
+                        r.t = -1.f;
+                        return;
+                    }
+                } else if (closer(t[j], primitive, {r.t, r.primitive},
+                                  {r.lanes.after[r.i], r.lanes.passed[r.i]})) {
+                    r.t = t[j], r.primitive = primitive;
+                }
+            }
+        } else {
+            const WideNode<kCpuWidth>& n = nodes[next];
+            float entry[kCpuWidth];
+            if (const uint32_t hits = entered(n, r, entry)) {
+                next = put_off<kAny>(n, hits, entry, stack);
+                if (next != kEmptyChild) continue;
             }
         }
-    } else {
-        const WideNode<kCpuWidth>& n = nodes[node];
-        float entry[kCpuWidth];
-        uint32_t hits = entered(n, w, i, entry);
-        if (hits) {
-            const auto key = [&] {
-                const uint32_t k = static_cast<uint32_t>(__builtin_ctz(hits));
-                hits &= hits - 1;
-                return static_cast<uint64_t>(as_uint(entry[k])) << 32 | n.child[k];
-            };
-            uint64_t nearest = key();
-            uint64_t* const base = w.stack[i] + w.waiting[i];
-            uint64_t* top = base;
-            {
-                const bool two = hits != 0;
-                const uint32_t k = static_cast<uint32_t>(__builtin_ctz(hits | 128u));
-                hits &= hits - 1;
-                const uint64_t other = static_cast<uint64_t>(as_uint(entry[k])) << 32 | n.child[k];
-                const bool swap = !kAny && two && other < nearest;
-                *top = swap ? nearest : other;
-                nearest = swap ? other : nearest;
-                top += two;
-            }
-            while (__builtin_expect(hits, 0)) {
-                const uint64_t other = key();
-                const bool swap = !kAny && other < nearest;
-                const uint64_t farther = swap ? nearest : other;
-                nearest = swap ? other : nearest;
-                uint64_t* at = top++;
-                if (!kAny)
-                    for (; at > base && at[-1] < farther; --at) *at = at[-1];
-                *at = farther;
-            }
-            w.waiting[i] += static_cast<uint32_t>(top - base);
-            next = static_cast<uint32_t>(nearest);
-        }
-    }
-    if (next == kEmptyChild) {
-        uint32_t waiting = w.waiting[i];
+        uint64_t top;
         do {
-            if (waiting == 0) return false;
-            const uint64_t top = w.stack[i][--waiting];
-            if (!(as_float(static_cast<uint32_t>(top >> 32)) > w.t[i]))
-                next = static_cast<uint32_t>(top);
-        } while (next == kEmptyChild);
-        w.waiting[i] = waiting;
+            if (stack.top == stack.entries) return;
+            top = *--stack.top;
+            next = static_cast<uint32_t>(top);
+        } while (as_float(static_cast<uint32_t>(top >> 32)) > r.t || next == kEmptyChild);
     }
-    w.node[i] = next;
-    if (next & kLeafFlag)
-        fetch(&blocks[(next & ~kLeafFlag) >> 4], ((next & 15u) + 1) * 36);
-    else
-        fetch(&nodes[next], sizeof(WideNode<kCpuWidth>));
-    return true;
 }
 
-// The active lanes, in turn.
+// Rays `active`, one after another.
+template <uint32_t kKinds, bool kAny, class L>
+static VR_CALLED void walk_in_order(const BvhView& bvh, Walkers<L>& w, uint32_t active) {
+    for (; active; active &= active - 1) {
+        Walker<L> r(w, static_cast<uint32_t>(__builtin_ctz(active)));
+        walk_one<kKinds, kAny>(bvh, r);
+        w.t[r.i] = r.t, w.primitive[r.i] = r.primitive;
+    }
+}
+
 template <uint32_t kKinds, bool kAny, class L>
 VR_HD void walk(const BvhView& bvh, Walkers<L>& w, typename L::M active) {
-    uint32_t on_way[L::kWidth], n = 0;
-    for (uint32_t m = bits(active); m; m &= m - 1)
-        on_way[n++] = static_cast<uint32_t>(__builtin_ctz(m));
-    while (n > 0)
-        for (uint32_t i = 0; i < n;)
-            if (step<kKinds, kAny>(bvh, w, on_way[i]))
-                ++i;
-            else
-                on_way[i] = on_way[--n];
+    if (bvh.large)
+        walk_in_turns<kKinds, kAny>(bvh, w, bits(active));
+    else
+        walk_in_order<kKinds, kAny>(bvh, w, bits(active));
 }
 
 template <class L, uint32_t kKinds>

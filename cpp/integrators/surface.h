@@ -311,8 +311,9 @@ struct SurfaceReader {
         if constexpr (has(kLocalOffsets)) {
             const M local = at.offset < F(0.f);
             if (any(local))
-                at.offset = select(local, max(terms(at.ng, at.p), abs(off)) * F(kLocalOffset),
-                                   at.offset);
+                at.offset = select(
+                    local, max(terms(at.ng, at.p), abs(off) * F(kLocalMove)) * F(kLocalOffset),
+                    at.offset);
         }
         at.ns = at.ng;
         if constexpr (has(kSmooth))

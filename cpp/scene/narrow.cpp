@@ -143,12 +143,13 @@ double narrow_depth(const SceneInput& in, Double3 eye) {
 double narrow_start(const SceneInput& in, Double3 eye, double depth, double unit) {
     const double pixel = pixel_step(in);
     const bool one_ray = in.parallel && pixel < 0x1p-40 * unit;
-    const double least =
-        in.parallel ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-16 * unit})
-                    : 0x1p-10 * depth;
-    const double most = in.parallel
-                            ? std::max(least, unit * std::min(0x1p-8, one_ray ? 1 : kSharp * pixel / unit))
-                            : std::max(least, std::min(depth * std::min(1., kSharp * pixel), depth - in.near_clip));
+    const double least = in.parallel
+                             ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-16 * unit})
+                             : 0x1p-10 * depth;
+    const double most =
+        in.parallel
+            ? std::max(least, unit * std::min(0x1p-8, one_ray ? 1 : kSharp * pixel / unit))
+            : std::max(least, std::min(depth * std::min(1., kSharp * pixel), depth - in.near_clip));
     const View view(in, eye);
     const Double3 axis = normalised(view.axis());
     double start = least;

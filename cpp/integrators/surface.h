@@ -306,11 +306,14 @@ struct SurfaceReader {
         at.ng = primitive_column3(scene, prim, kPrimN);
         at.offset = primitive_column(scene, prim, kPrimOffset);
         at.p = ray.at(hit.t);
-        at.p = fma(at.ng, primitive_column(scene, prim, kPrimPlane) - dot(at.ng, at.p), at.p);
+        const F off = primitive_column(scene, prim, kPrimPlane) - dot(at.ng, at.p);
+        at.p = fma(at.ng, off, at.p);
         if constexpr (has(kLocalOffsets)) {
             const M local = at.offset < F(0.f);
             if (any(local))
-                at.offset = select(local, terms(at.ng, at.p) * F(kLocalOffset), at.offset);
+                at.offset = select(
+                    local, max(terms(at.ng, at.p), abs(off) * F(kLocalMove)) * F(kLocalOffset),
+                    at.offset);
         }
         at.ns = at.ng;
         if constexpr (has(kSmooth))

@@ -229,11 +229,11 @@ Frame HostScene::frame_of(const SceneInput& in) const {
     }
     if (!std::isfinite(most)) throw std::invalid_argument("the scene's extent is not finite");
     const double unit = f.unit = most > 0 ? std::ldexp(1.0, std::ilogb(most) + 1) : 1.0;
-    if (parallel)  // by more than the rounding of large faces, without that of the start
-        f.before =
-            narrow ? std::max({2 * in.tan_half_x, 2 * in.tan_half_y, 0x1p-16 * unit}) : 4 * unit;
+    if (parallel)  // by more than the rounding of large faces
+        f.before = 4 * unit;
     else
-        f.before = far ? 4 * unit : narrow ? 0x1p-10 * depth_seen : 0;
+        f.before = far ? 4 * unit : 0;
+    if (narrow) f.before = narrow_start(in, eye, depth_seen, unit);
     return f;
 }
 

@@ -154,6 +154,8 @@ double plane_at_origin(const Flat& f);
 double pixel_step(const SceneInput& in);
 // The depth before which a narrow view shows nothing; infinity if it is empty, 0 for other views.
 double narrow_depth(const SceneInput& in, Double3 eye);
+// How far before that depth rays of the view start, in a scene of this unit.
+double narrow_start(const SceneInput& in, Double3 eye, double depth, double unit);
 // behind: how far the record's plane lies behind the face. rim: the face's own edges.
 void write_quad(const Flat& f, const std::array<bool, 4>& shared, float behind, float* out,
                 std::array<float, 4>& rim);

@@ -115,7 +115,7 @@ def headline(validation: Validation) -> dict[str, Any]:
     if failed:
         said = f"{failed:,} of {_cases(of)} did not get the expected answer"
     elif validation.crowded:
-        said = "Each case passed, but taken together too many came close to failing"
+        said = "No case failed alone, but taken together too many came close to it"
     elif undecided or not agree:
         said = f"Not decided: {agree:,} of {_cases(of + len(validation.missing))} agree so far"
     elif of == 1:

@@ -175,7 +175,7 @@ def test_large_pictures_are_means_of_blocks() -> None:
 
 
 def test_size_per_pixel() -> None:
-    """About 20 bytes: noise that does not compress."""
+    """About 20 bytes or less: noise that does not compress."""
     rng = np.random.default_rng(8)
     a, b, e, f = (np.exp(rng.standard_normal((256, 256, 3))) for _ in range(4))
     assert len(pictures.packed(Maps(a, b, 0.1 * e, 0.1 * f)).data) < 24 * 256 * 256

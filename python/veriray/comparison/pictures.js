@@ -300,5 +300,6 @@
   new ResizeObserver(fit).observe(box);
   develop(0);
   choose("swipe");
+  hold();
   box.dataset.ready = "true";
 })();

@@ -3,7 +3,7 @@
 The page holds the linear radiance itself, so that exposure and read-out do not go through 8 bits:
 a pixel's channels as 16-bit integers under one exponent, within `VALUE_ERROR` of its largest
 channel, and standard errors as logarithms in 8 bits, within `Packed.stderr_error` of each. That is
-about 20 bytes a pixel in the file. Pictures of more than MOST_PIXELS are embedded as means of
+about 18 bytes a pixel in the file. Pictures of more than MOST_PIXELS are embedded as means of
 blocks, with the standard errors of these means for independent pixels.
 """
 

@@ -28,7 +28,7 @@ class Section:
     title: str
     text: str = ""
     tables: list[Table] = field(default_factory=list)
-    plots: list[tuple[str, Figure]] = field(default_factory=list)
+    plots: list[tuple[str, list[Figure]]] = field(default_factory=list)
 
 
 def of_kind(results: Sequence[Result], kind: str) -> Iterator[tuple[str, str, Result]]:

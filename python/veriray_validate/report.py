@@ -25,13 +25,14 @@ import numpy as np
 
 from veriray import __version__, html, showing
 from veriray.files import replacing
-from veriray.html import BLUE, GREEN, GREY, ORANGE, number, percent
+from veriray.html import BLUE, GREEN, GREY, INK, ORANGE, RED, VIOLET, number, percent
 from veriray.image import to_srgb8
 from veriray_validate.levels import LEVELS
 from veriray_validate.trial import CASES, FIRST, MANY, SECOND, Outcome
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from veriray_validate.run import Validation
@@ -42,7 +43,7 @@ SUFFIXES = (".html", ".json")
 _TEMPLATE = Path(__file__).with_name("report.html.j2")
 _ORDER = ("fail", "error", "inconclusive", "skip", "pass")
 _PANELS = 24  # plots of one kind in a level
-_SHADES = (BLUE, GREEN, "#b3261e", "#6a3d9a")
+_SHADES = (BLUE, GREEN, RED, VIOLET)
 _TEXT = 400  # characters of a figure shown as text
 
 
@@ -101,6 +102,32 @@ def verdict(validation: Validation) -> tuple[str, str]:
     )
 
 
+def headline(validation: Validation) -> dict[str, Any]:
+    """The result for who meets the suite for the first time.
+
+    said: the answer in a sentence; agree, failed, undecided, skipped: numbers of cases, of:
+    those that ran; chance: what a failure by chance is like; means: what a failure means.
+    """
+    count = {v: sum(o.verdict == v for o in validation.outcomes) for v in _ORDER}
+    agree, of = count["pass"], len(validation.outcomes) - count["skip"]
+    failed = count["fail"] + count["error"]
+    undecided = count["inconclusive"] + len(validation.missing)
+    if failed:
+        said = f"{failed:,} of {_cases(of)} did not get the expected answer"
+    elif validation.crowded:
+        said = "No case failed alone, but taken together too many came close to it"
+    elif undecided or not agree:
+        said = f"Not decided: {agree:,} of {_cases(of + len(validation.missing))} agree so far"
+    elif of == 1:
+        said = "The one case that ran agrees with its known answer"
+    else:
+        said = f"All {_cases(of)} agree with their known answers"
+    return {
+        "said": said, "agree": agree, "of": of, "failed": failed, "undecided": undecided,
+        "skipped": count["skip"], "chance": f"once in {_floor(1 / validation.false_alarm):,} runs",
+    }  # fmt: skip
+
+
 def as_text(validation: Validation) -> str:
     """A line for each level and the verdict."""
     lines = [f"{'level':18} {'cases':>5}  {'verdict':12}  {'smallest bias seen':22} {'seconds':>8}"]
@@ -140,14 +167,14 @@ def to_json(validation: Validation) -> str:
 
 
 def to_html(validation: Validation) -> str:
-    """The report as one HTML page, without network or script; it contains `to_json`."""
+    """The report as one HTML page, which loads nothing and has no script; it contains `to_json`."""
     result, sentence = verdict(validation)
     outcomes = validation.outcomes
     rows = validation.levels()
     return html.page(
-        _TEMPLATE, result, sentence, to_json(validation), facts=_facts(validation), rows=rows,
-        plots=_plots(outcomes), about=LEVELS, first=validation.first_stage(), many=MANY,
-        range=_range,
+        _TEMPLATE, result, sentence, to_json(validation), head=headline(validation),
+        facts=_facts(validation), rows=rows, plots=_plots(outcomes), about=LEVELS,
+        first=validation.first_stage(), many=MANY, range=_range,
         threshold=validation.facts.get("second", SECOND),
         unclear=[o for v in _ORDER[:3] for o in outcomes if o.verdict == v][:20],
         levels=[
@@ -237,7 +264,7 @@ def _level(row: dict[str, Any], outcomes: list[Outcome]) -> dict[str, Any]:
         plots.append(
             (
                 "z-scores of this level against the normal law",
-                html.z_plot(np.array(z), law="normal law"),
+                _drawn(html.z_plots(np.array(z), law="normal law")),
             )
         )
     plots += _panels("live", "Live rays by depth; line: expected", outcomes, _draw_live)
@@ -368,8 +395,12 @@ def _z_values(outcomes: Iterable[Outcome]) -> list[float]:
     return found
 
 
-def _plots(outcomes: list[Outcome]) -> list[tuple[str, str]]:
-    """(caption, PNG data URI) of the plots of the whole run."""
+def _drawn(figures: Iterable[Figure]) -> list[str]:
+    return [html.svg(figure) for figure in figures]
+
+
+def _plots(outcomes: list[Outcome]) -> list[tuple[str, list[str]]]:
+    """(caption, panels) of the plots of the whole run."""
     out = []
     p = np.sort([o.p for o in outcomes if o.p is not None])
     if p.size > 1:
@@ -378,7 +409,7 @@ def _plots(outcomes: list[Outcome]) -> list[tuple[str, str]]:
         small = kstest(p, "uniform", alternative="greater").pvalue
         out.append((
             f"Do the p values follow chance? First stage of {p.size:,} cases against the uniform "
-            "law, with Kolmogorov's 99.9 % band; right: the small ones, with 99.9 % bands one by "
+            "law, with Kolmogorov's 99.9 % band; and the small ones, with 99.9 % bands one by "
             "one. Points above the line are careful tests (corrected for their number, or of "
             f"counts). That the p values are not too small has p = {small:.2g} (Kolmogorov)",
             _p_plot(p),
@@ -387,12 +418,12 @@ def _plots(outcomes: list[Outcome]) -> list[tuple[str, str]]:
         out.append((
             f"Do the z-scores follow chance? {len(z):,} pixels of scenes with exact answers; the "
             "channels of a pixel share noise, so the band is a guide and not part of the verdict",
-            html.z_plot(np.array(z), law="normal law"),
+            _drawn(html.z_plots(np.array(z), law="normal law")),
         ))  # fmt: skip
     return out
 
 
-def _p_plot(p: Array) -> str:
+def _p_plot(p: Array) -> list[str]:
     """P values, sorted, against the uniform law: all of them, and the small ones."""
     from scipy.stats import beta, kstwo
 
@@ -400,8 +431,8 @@ def _p_plot(p: Array) -> str:
     place = np.arange(1, n + 1)
     expected = (place - 0.5) / n
     reach = float(kstwo.ppf(0.999, n))
-    drawn = html.figure(8.4, 3.4, columns=2)
-    left, right = drawn.axes
+    whole, small = html.figure(), html.figure()
+    left, right = whole.axes[0], small.axes[0]
     grid = np.array([0.0, 1.0])
     left.fill_between(grid, np.clip(grid - reach, 0, 1), np.clip(grid + reach, 0, 1),
                       color=ORANGE, alpha=0.2, lw=0, label="Kolmogorov, 99.9 %")  # fmt: skip
@@ -416,34 +447,31 @@ def _p_plot(p: Array) -> str:
         axes.plot(expected, values, ".", ms=4, color=BLUE)
         axes.set_xlabel("expected p")
         axes.set_ylabel("measured p")
-        axes.legend(frameon=False)
-    return html.png(drawn)
+        html.legend(axes)
+    return _drawn([whole, small])
 
 
 def _panels(name: str, caption: str, outcomes: list[Outcome],
-            draw: Callable[[Axes, Any], None]) -> list[tuple[str, str]]:  # fmt: skip
-    """One picture with a panel for each case that has the figure, failed cases first."""
+            draw: Callable[[Axes, Any], None]) -> list[tuple[str, list[str]]]:  # fmt: skip
+    """A panel for each case that has the figure, failed cases first."""
     own = [o for o in outcomes if name in o.figures and _on_level(name, o.figures[name])]
     own.sort(key=lambda o: _ORDER.index(o.verdict))
     if not own:
         return []
     more = f"; {len(own) - _PANELS} more are not drawn" if len(own) > _PANELS else ""
-    own = own[:_PANELS]
-    columns = min(len(own), 3)
-    rows = -(-len(own) // columns)
-    drawn = html.figure(8.4, 0.3 + 2.1 * rows, 3, rows)
-    places = [axes for k, axes in enumerate(drawn.axes) if k % 3 < columns][: len(own)]
-    for axes, o in zip(places, own, strict=True):
+    panels = []
+    for o in own[:_PANELS]:
+        drawn = html.figure()
+        axes = drawn.axes[0]
         draw(axes, o.figures[name])
         label = o.id.partition(".")[2]
-        axes.set_title(label if len(label) <= 44 else label[:43] + "\u2026", fontsize=7,
-                       color="#b3261e" if o.verdict == "fail" else "black")  # fmt: skip
-        axes.set_xlabel(f"{axes.get_xlabel()}   [{o.device}]", fontsize=7)
-        axes.tick_params(labelsize=7)
-        axes.legend(frameon=False, fontsize=7)
-    for axes in drawn.axes:
-        axes.set_axis_on() if axes in places else axes.set_axis_off()
-    return [(caption + more, html.png(drawn))]
+        failed = o.verdict == "fail"
+        axes.set_xlabel(f"{axes.get_xlabel()}   [{o.device}]")
+        html.legend(axes)
+        drawn.suptitle(label if len(label) <= 48 else label[:47] + "\u2026", fontsize=9, x=0.02,
+                       ha="left", color=RED if failed else INK, parse_math=False)  # fmt: skip
+        panels.append(drawn)
+    return [(caption + more, _drawn(panels))]
 
 
 def _live(value: Any) -> dict[str, Array]:

@@ -451,9 +451,9 @@ def test_report_has_the_rows(folder: Path, suffix: str) -> None:
     ):  # fmt: skip
         assert expected in text, expected
     pictures = list((folder / "r_plots").glob("*.png")) if suffix == ".md" else []
-    assert len(pictures) == (3 if suffix == ".md" else 0)
+    assert len(pictures) == (5 if suffix == ".md" else 0)
     assert all(f"(r_plots/{p.name})" in text for p in pictures)
-    assert suffix == ".md" or text.count("data:image/png;base64,") == 3
+    assert suffix == ".md" or text.count("data:image/svg+xml;base64,") == 5
 
 
 # ---- the command ----

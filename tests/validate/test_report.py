@@ -52,6 +52,30 @@ def test_the_first_of_the_failures_is_named() -> None:
     assert "1 failed and 1 ended in an error, the first closed.other[fail]" in sentence
 
 
+def test_headline_for_a_newcomer() -> None:
+    passes = [replace(OUTCOME, id=f"closed.c[{k}]") for k in range(1200)]
+    for outcomes, said, counts in (
+        ([OUTCOME], "The one case that ran agrees with its known answer", (1, 1, 0, 0, 0)),
+        (passes, "All 1,200 cases agree with their known answers", (1200, 1200, 0, 0, 0)),
+        ([OUTCOME, other("skip")], "The one case that ran agrees", (1, 1, 0, 0, 1)),
+        ([*passes, other("fail"), other("error")],
+         "2 of 1,202 cases did not get the expected answer", (1200, 1202, 2, 0, 0)),
+        ([OUTCOME, other("inconclusive")], "Not decided: 1 of 2 cases agree so far",
+         (1, 2, 0, 1, 0)),
+        ([replace(o, p=5e-4) for o in passes[:30]], "No case failed alone, but taken together",
+         (30, 30, 0, 0, 0)),
+    ):  # fmt: skip
+        found = report.headline(validation(*outcomes))
+        assert found["said"].startswith(said)
+        keys = ("agree", "of", "failed", "undecided", "skipped")
+        assert tuple(found[key] for key in keys) == counts
+        assert found["chance"] == "once in 100,000 runs"
+    stopped = validation(OUTCOME)
+    stopped.missing = ["closed.b on cpu", "closed.c on cpu"]
+    assert report.headline(stopped)["said"] == "Not decided: 1 of 3 cases agree so far"
+    assert report.headline(stopped)["undecided"] == 2
+
+
 def page(**figures: Any) -> str:
     return report.to_html(validation(replace(OUTCOME, p=None, figures=figures)))
 
@@ -106,6 +130,7 @@ def test_page_is_whole_and_safe() -> None:
     assert not re.findall(r"(?:src|href)=\"(?!data:|#)", text) and "url(" not in text
     assert text.count("<script") == 1 and text.rstrip().endswith("</html>")
     assert text.index("closed.other[fail]") < text.index("closed.other[inconclusive]")
+    assert text.index("What did not pass") < text.index("In short") < text.index("Levels")
     for opened in ("table", "details", "tr", "figure", "div", "pre", "span"):
         assert len(re.findall(rf"<{opened}\b", text)) == text.count(f"</{opened}>"), opened
 

@@ -106,7 +106,7 @@ def compare(
         a=_facts(a, name_a),
         b=_facts(b, name_b),
         metrics=figures(a.image, b.image),
-        maps=Maps(a.image, b.image),
+        maps=Maps(a.image, b.image, a.stderr, b.stderr),
     )
     report.notes += _notes(a, b)
     _exact(report, a, b)

@@ -11,27 +11,33 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from veriray import html, showing
+from veriray.comparison import pictures
 from veriray.comparison.statistics import Cells, Test
 from veriray.errors import printable
 from veriray.files import replacing
-from veriray.html import BLUE, GREY, ORANGE, percent, plain
-from veriray.image import to_srgb8
+from veriray.html import BLUE, GREEN, GREY, ORANGE, RED, percent, plain
 from veriray.numeric import path_text
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Array = NDArray[Any]
 
 _TEMPLATE = Path(__file__).with_name("report.html.j2")
+_SCRIPT = Path(__file__).with_name("pictures.js")
 
 
 @dataclass
 class Maps:
-    """Pictures for the report: a, b (H, W, 3); t per pixel and per 8x8 block; dof of t."""
+    """Pictures for the report: a, b (H, W, 3), their standard errors if they are known; t per pixel
+    and per 8x8 block; dof of t.
+    """
 
     a: Array
     b: Array
+    stderr_a: Array | None = None
+    stderr_b: Array | None = None
     t: Array | None = None
     t_blocks: Array | None = None
     dof: float = math.inf
@@ -188,7 +194,7 @@ class Report:
         return "\n".join(lines + [f"note: {note}" for note in self.notes])
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one self-contained HTML file (no network, no script), or JSON for `.json`.
+        """Write one self-contained HTML file that loads nothing, or JSON for `.json`.
 
         The JSON of `to_json` is inside the HTML, in `<script type="application/json">`.
 
@@ -207,129 +213,76 @@ class Report:
 
     def to_html(self) -> str:
         """The report as one HTML page."""
+        maps, script = self.maps, _SCRIPT.read_text("utf-8")
         return html.page(
-            _TEMPLATE, self.result, self.verdict, self.to_json(), r=self,
-            pictures=_pictures(self), plots=_plots(self), ledger=_by_depth(self.ledger),
+            _TEMPLATE, self.result, self.verdict, self.to_json(), script, r=self,
+            plots=_plots(self), ledger=_by_depth(self.ledger), packed=pictures.packed(maps),
+            stills=list(zip("ab", pictures.stills(maps), strict=True)),
+            maps=pictures.signed_maps(maps), value_error=pictures.VALUE_ERROR,
+            aspect=maps.a.shape[1] / maps.a.shape[0],
         )  # fmt: skip
 
 
-def _pictures(report: Report) -> list[tuple[str, str, str]]:
-    """(title, caption, PNG data URI) of both pictures, on one display scale."""
-    from veriray.comparison.metrics import display_scale
-
+def _plots(report: Report) -> list[tuple[str, list[str]]]:
+    """(caption, panels) of all plots that the data allow."""
     out = []
-    maps = report.maps
-    for title, picture in (("A", maps.a), ("B", maps.b)):
-        scaled = np.asarray(picture, np.float64) * display_scale(maps.b)
-        facts = report.a if title == "A" else report.b
-        out.append((title, f"{title}: {facts['name']}", html.picture(to_srgb8(scaled))))
-    return out
-
-
-def _plots(report: Report) -> list[tuple[str, str, str]]:
-    """(identifier, caption, PNG data URI) of all plots that the data allow."""
-    out = []
-    maps = report.maps
-    if np.isfinite(maps.a).all() and np.isfinite(maps.b).all():
-        out.append(
-            (
-                "map",
-                "Difference A - B (mean of the channels), per cent of B's mean; the "
-                "colours end at the 99th percentile",
-                _difference_map(maps),
-            )
+    if report.maps.t is not None and np.isfinite(report.maps.t).all():
+        text = (
+            "Do the z-scores follow chance? One panel: their distribution; the other: "
+            "quantiles. Under the curve and on the line: yes"
         )
-        if maps.t is not None:
-            limit = max(4.0, math.ceil(float(np.abs(maps.t).max())))
-            out.append(
-                ("map", "z-score of the difference per pixel", html.signed_map(maps.t, limit, "z"))
-            )
-            out.append(
-                (
-                    "plot",
-                    "Do the z-scores follow chance? Left: their distribution; right: "
-                    "quantiles. Under the curve and on the line: yes",
-                    html.z_plot(maps.t, maps.dof),
-                )
-            )
-        if maps.t_blocks is not None and min(maps.t_blocks.shape) > 1:
-            limit = max(4.0, math.ceil(float(np.abs(maps.t_blocks).max())))
-            out.append(
-                (
-                    "map",
-                    "z-score per block of 8x8 pixels",
-                    html.signed_map(maps.t_blocks, limit, "z"),
-                )
-            )
+        out.append((text, html.z_plots(report.maps.t, report.maps.dof)))
     if report.means:
         out.append(
-            (
-                "plot",
-                "Relative difference of means, with 99.9 % intervals",
-                _means_plot(report.means),
-            )
+            ("Relative difference of means, with 99.9 % intervals", [_means_plot(report.means)])
         )
     if report.ledger:
-        out.append(
-            (
-                "plot",
-                "Live rays per depth as a fraction of all paths, and the z-score of "
-                "their difference",
-                _ledger_plot(report.ledger),
-            )
-        )
-    return out
+        text = "Live rays per depth as a fraction of all paths, and the z-score of their difference"
+        out.append((text, _ledger_plots(report.ledger)))
+    return [(caption, [html.svg(drawn) for drawn in panels]) for caption, panels in out]
 
 
-def _difference_map(maps: Maps) -> str:
-    a, b = (np.asarray(x, np.float64).mean(axis=-1) for x in (maps.a, maps.b))
-    relative = 100 * (a - b) / max(float(b.mean()), 1e-300)
-    limit = float(np.percentile(np.abs(relative), 99)) or float(np.abs(relative).max()) or 1.0
-    return html.signed_map(relative, limit, "%")
-
-
-def _means_plot(means: list[dict[str, Any]]) -> str:
+def _means_plot(means: list[dict[str, Any]]) -> Figure:
     rows = means[:60]
-    figure = html.figure(8.4, 0.8 + 0.2 * len(rows))
+    figure = html.figure(height=0.8 + 0.2 * len(rows))
     axes = figure.axes[0]
-    colours = {"R": "#b3261e", "G": "#2e7d32", "B": BLUE}
+    colours = {"R": RED, "G": GREEN, "B": BLUE}
     for k, row in enumerate(rows):
         colour = colours.get(row["name"][-1], GREY)
         axes.errorbar(
-            100 * row["relative"],
-            k,
-            xerr=329 * row["error"],
-            fmt="o",
-            ms=4,
-            color=colour,
+            100 * row["relative"], k, xerr=329 * row["error"], fmt="o", ms=4, color=colour,
             elinewidth=1.5,
-        )
+        )  # fmt: skip
     axes.axvline(0, color=GREY, lw=0.8)
-    axes.set_yticks(range(len(rows)), [row["name"] for row in rows], parse_math=False)
+    names = [row["name"] for row in rows]
+    short = [n if len(n) <= 24 else f"{n[:14]}\u2026{n[-9:]}" for n in names]
+    axes.set_yticks(range(len(rows)), short, parse_math=False)
     axes.invert_yaxis()
     axes.set_xlabel("A - B, per cent")
-    return html.png(figure)
+    return figure
 
 
-def _ledger_plot(ledger: list[dict[str, Any]]) -> str:
+def _ledger_plots(ledger: list[dict[str, Any]]) -> list[Figure]:
     live = [row for row in ledger if row["column"] == "live"]
     depth = [row["depth"] for row in live]
-    figure = html.figure(8.4, 3.2, columns=2)
-    left, right = figure.axes
-    for key, colour, marker in (("share_a", BLUE, "o"), ("share_b", ORANGE, "x")):
+    left, right = html.figure(), html.figure()
+    axes = left.axes[0]
+    for key, colour, look in (("share_a", BLUE, {"marker": "o", "mfc": "none"}),
+                              ("share_b", ORANGE, {"marker": "x"})):  # fmt: skip
         share = [row[key] or math.nan for row in live]
-        left.plot(depth, share, marker, ms=4, color=colour, label=key[-1].upper())
-    left.set_yscale("log")
-    left.set_xlabel("depth")
-    left.set_ylabel("live rays / paths")
-    left.legend(frameon=False)
-    right.axhspan(-3.29, 3.29, color=GREY, alpha=0.15, lw=0, label="99.9 %, one by one")
-    right.plot(depth, [row["z"] for row in live], "o", ms=4, color=BLUE)
-    right.axhline(0, color=GREY, lw=0.8)
-    right.set_xlabel("depth")
-    right.set_ylabel("z of the difference")
-    right.legend(frameon=False)
-    return html.png(figure)
+        axes.plot(depth, share, ls="", ms=6, color=colour, label=key[-1].upper(), **look)
+    axes.set_yscale("log")
+    axes.set_xlabel("depth")
+    axes.set_ylabel("live rays / paths")
+    html.legend(axes)
+    axes = right.axes[0]
+    axes.axhspan(-3.29, 3.29, color=GREY, alpha=0.2, lw=0, label="99.9 %, one by one")
+    axes.plot(depth, [row["z"] for row in live], "o", ms=4, color=BLUE, label="measured")
+    axes.axhline(0, color=GREY, lw=0.8)
+    axes.set_xlabel("depth")
+    axes.set_ylabel("z of the difference")
+    html.legend(axes)
+    return [left, right]
 
 
 def _by_depth(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

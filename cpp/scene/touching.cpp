@@ -177,10 +177,10 @@ void HostScene::part_touching(const SceneInput& in) {
     const auto is_clear = [&](uint32_t i) {
         return lets_through(in, sources[i].group, sources[i].row);
     };
-    // Only a border of media.
-    const auto is_null = [&](uint32_t i) {
-        return !in.either(sources[i].material,
-                          [&](uint32_t m) { return in.material_kind.data[m] != kKindNull; });
+    const auto is_border = [&](uint32_t i) {  // and nothing else: light goes straight through
+        return !in.either(sources[i].material, [&](uint32_t m) {
+            return closure_traits(in.material_kind.data[m]).reflects;
+        });
     };
     std::vector<uint32_t> clear;
     for (uint32_t i = 0; i < planar; ++i)
@@ -232,7 +232,7 @@ void HostScene::part_touching(const SceneInput& in) {
         const double size = std::max(terms(common, a.n), terms(common, b.n));
         const Double3 g = b.n - a.n * turn;
         const double extent = size_of_body(own);
-        const bool near = is_null(own) && (!other_clear || is_null(other));
+        const bool near = is_border(own) && (!other_clear || is_border(other));
         const double want = kParted * (size + (near ? 0 : std::min(0.5, 32 * extent)));
         const PrimitiveSource &from = sources[own], &to = sources[other];
         const bool same = from.same_surface(to);

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # as type checkers read it
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 MAX_MESSAGE = 2000
 
 
@@ -84,13 +80,8 @@ class CheckpointWarning(UserWarning):
 class MissingPackageError(ImportError):
     """A feature needs packages that are not installed; the message says what brings them."""
 
-    def __init__(self, feature: str, extra: str, packages: Sequence[str]) -> None:
-        *others, last = packages
-        names = f"{', '.join(others)} and {last}" if others else last
-        verb = "are" if others else "is"
-        super().__init__(
-            f"{feature} needs {names}, which {verb} not installed: pip install 'veriray[{extra}]'"
-        )
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class DeviceWarning(UserWarning):

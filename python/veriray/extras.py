@@ -36,7 +36,11 @@ def need(feature: str, extra: str, *modules: str) -> None:
     """
     absent = [name for name in modules or EXTRAS[extra] if not _installed(name)]
     if absent:
-        raise MissingPackageError(feature, extra, [PACKAGES.get(name, name) for name in absent])
+        *others, last = [PACKAGES.get(name, name) for name in absent]
+        names, verb = (f"{', '.join(others)} and {last}", "are") if others else (last, "is")
+        raise MissingPackageError(
+            f"{feature} needs {names}, which {verb} not installed: pip install 'veriray[{extra}]'"
+        )
 
 
 def has_bars() -> bool:

@@ -45,6 +45,7 @@ def required(lines: list[str]) -> set[str]:
         name, more = re.match(r"([\w.-]+)(?:\[([^]]*)\])?", line).groups()  # type: ignore[union-attr]
         if name != "veriray":
             found.add(name)
+            continue
         for extra in more.split(",") if more else ():
             found |= required(PROJECT["optional-dependencies"][extra])
     return found

@@ -318,6 +318,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         kind.__name__: lambda g, kind=kind: _row(lambda message: kind(message), "message")
         for kind in (
             vr.DeviceError,
+            vr.MissingPackageError,
             vr.OutOfMemoryError,
             vr.RefusedSamplesWarning,
             vr.CheckpointWarning,

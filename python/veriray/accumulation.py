@@ -236,24 +236,25 @@ class Accumulation:
                 pilot = crew.merged(after.films)
                 assert pilot is not None
                 tiles, beyond = samples_of_tiles(pilot, target, self._scene.spp)
-                crew.reuse(after.films, ())
+                films = after.films
                 after = replace(after, films=(), spp=0, tiles=tiles, beyond=beyond)
-        self._kept = after
-        crew.reuse(kept.films, after.films)
+        self._kept = after  # an interrupt before this leaves all films of `kept` as they are
+        for unused in (films, kept.films):
+            crew.reuse(unused, after.films)
         if not self.left:  # two films are more than a finished picture needs
             crew.release()
         if stopped:
             raise KeyboardInterrupt
 
     def _keep_mean(self, films: Films, k: int) -> Films:
-        """Keeps the mean of batch k; its samples in one film."""
+        """Keeps the mean of batch k; its samples in one film, where several devices drew them."""
         batch = self._crew.merged(films)
         assert batch is not None
         if self._means is None:
             width, height = self._size
             self._means = np.empty((self.settings.batches, height, width, 3))
         self._means[k] = batch.sums() / batch.samples
-        whole = self._crew.films(batch)
+        whole = films if any(batch is film for film in films) else self._crew.films(batch)
         self._crew.reuse(films, whole)
         return whole
 

@@ -247,7 +247,8 @@ class Crew(Team):
         if len(self.hands) == 1:
             return one
         each = [hand.stats() for hand in self.hands]
-        return one | {"devices": each, "threads": sum(hand["threads"] for hand in each)}
+        threads = sum(hand["threads"] for hand in each)
+        return one | {"devices": each} | ({"threads": threads} if threads else {})
 
     def draw(self, begin: int, n: int, pixels: Array | None, progress: Progress) -> Drawn:
         """A pass: n samples of these pixels, in films of their own."""
@@ -270,7 +271,7 @@ def _threads(devices: Sequence[Device], wanted: int | None) -> list[int | None]:
     cpus = [k for k, device in enumerate(devices) if device.backend == "cpu"]
     shares: list[int | None] = [wanted] * len(devices)
     if len(cpus) > 1:
-        total = wanted or os.cpu_count() or 1
+        total = wanted or len(os.sched_getaffinity(0))
         for place, part in zip(cpus, np.array_split(range(total), len(cpus)), strict=True):
             shares[place] = max(1, len(part))
     return shares

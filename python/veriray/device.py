@@ -298,6 +298,8 @@ def select_all(
     if not isinstance(text, str) or "," not in text:
         return [select(text, fresh=fresh)]
     names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise ValueError(f"device = {device!r}: a name is empty")
     if "auto" in names:
         raise ValueError(f"device = {device!r}: auto stands alone")
     chosen = [select(name, fresh=fresh) for name in names]

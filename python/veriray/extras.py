@@ -54,6 +54,7 @@ def _installed(module: str) -> bool:
     from importlib.util import find_spec
 
     try:
-        return find_spec(module) is not None
+        spec = find_spec(module)
+        return spec is not None and spec.origin is not None  # else a folder of that name
     except ImportError:
         return False

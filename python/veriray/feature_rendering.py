@@ -64,7 +64,7 @@ def feature_images(
     if "motion" in wanted and motion_to is None:
         raise ValueError('"motion" needs a second camera: motion_to=Camera(...)')
     used, settings = settle(scene, settings)
-    chosen, _ = device_module.select_all(settings.device, fresh=False)[0]
+    chosen, _ = device_module.select(str(settings.device), fresh=False)
     with device_module.native_errors():
         return look(chosen, scene, used, wanted, used.spp, settings.native(),
                     motion_to, progress)  # fmt: skip
@@ -77,7 +77,8 @@ def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureIma
     used, _ = settle(scene, settings)
     made = FeatureImages(spp=spp)
     if of_surfaces := tuple(name for name in names if name not in PARTS):
-        chosen, _ = device_module.select_all(settings.device, fresh=False)[0]
+        drew = settings.device if settings.cluster else str(render.stats["device"])
+        chosen, _ = device_module.select_all(drew, fresh=False)[0]
         begin = 0 if settings.target_error is None else first_sample(used.spp)
         with device_module.native_errors():
             made = look(chosen, scene, used, of_surfaces, spp, settings.native(), begin=begin)

@@ -16,7 +16,7 @@ from .feature_rendering import beside
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import LEDGER_COLUMNS as LEDGER_COLUMNS
-from .picture import Render
+from .picture import Render, with_room
 from .plan import choose_scheduler as choose_scheduler
 from .plan import settle as settle
 from .scene import Scene
@@ -172,6 +172,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         TypeError: `scene` is not a Scene.
         CheckpointError: the checkpoint is damaged, or one of another render; it stays as it is.
         DeviceError: the device cannot be used; the message says why.
+        MissingPackageError: a cluster needs Ray.
         OutOfMemoryError, MemoryError: scene or film do not fit.
         KeyboardInterrupt: Ctrl-C; nothing is kept but the checkpoint, and the next render works.
 
@@ -179,6 +180,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         RefusedSamplesWarning: samples that the film cannot hold were left out; see
             stats["nonfinite"].
         CheckpointWarning: a checkpoint could not be written; the last one stays.
+        DeviceWarning: one of several devices, or a node of a cluster, takes no part.
     """
     settings = RenderSettings(
         spp=spp, seed=seed, device=device, scheduler=scheduler, max_depth=max_depth,
@@ -304,26 +306,33 @@ def _shares(progress: Progress) -> tuple[Progress, Progress]:
 
 def prepare(
     scene: Scene,
-    device: str = "auto",
+    device: str | Sequence[str] = "auto",
     width: int | None = None,
     height: int | None = None,
     progress: Callable[[float], object] | None = None,
     builder: str = "auto",
     spp: int | None = None,
 ) -> dict[str, Any]:
-    """Build what a device needs of a scene, a tree for example, and keep it for a render of `spp`.
+    """Build what devices need of a scene, a tree for example, and keep it for a render of `spp`.
 
     progress: as in `render`, for the build alone; builder, spp: as there. Returns features,
     variant, path_bytes, primitives, tree (see `render`) and memory (bytes of the scene). Raises as
-    `render`.
+    `render`; OutOfMemoryError if all of the devices lack memory.
     """
     settings = RenderSettings(spp=spp, device=device, width=width, height=height, builder=builder)
     used, settings = settle(scene, settings)
     with device_module.native_errors():
-        natives = [
-            native_scene(scene, used, chosen, progress, builder, used.spp)
-            for chosen, _ in device_module.select_all(settings.device)
-        ]
+        natives, short = [], None
+        for chosen, _ in device_module.select_all(settings.device):
+            build = functools.partial(
+                native_scene, scene, used, chosen, progress, builder, used.spp
+            )
+            try:
+                natives.append(with_room(chosen, build))
+            except MemoryError as error:  # the render goes on without it, and says so
+                short = error
+        if short is not None and not natives:
+            raise short
         memory = sum({id(native): int(native.memory) for native in natives}.values())
         return {**scene_facts(natives[0]), "memory": memory}
 

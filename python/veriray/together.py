@@ -69,6 +69,7 @@ class Pass:
                 if progress is not None:
                     progress(min(sum(self._parts) / self._n, 1.0))
         finally:
+            self._over = True  # first, and without the lock: Ctrl-C may come once more
             self._end()
             for thread in started:
                 thread.join()
@@ -134,7 +135,7 @@ class Pass:
             while not self._ended() and not self._hands[k].out:
                 if (piece := self._split.take(k)) is not None:
                     return piece
-                self._changed.wait()
+                self._changed.wait(PAUSE)
         return None
 
     def _draw(self, k: int, begin: int, end: int) -> None:

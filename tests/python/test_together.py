@@ -14,8 +14,10 @@ import pytest
 
 import veriray as vr
 from veriray import crew as crew_module
+from veriray import rendering
 from veriray.crew import Hand
 from veriray.reports import in_order
+from veriray.splitting import Split
 
 SIZE: dict[str, Any] = {"width": 24, "height": 18}
 #: Statistics that do not depend on who drew what.
@@ -241,7 +243,7 @@ def test_a_scene_that_fits_on_some(monkeypatch: pytest.MonkeyPatch) -> None:
     ("device", "message"),
     [
         ("cpu,auto", "auto stands alone"),
-        ("cpu,", "device = '' is unknown"),
+        ("cpu,", "device = 'cpu,': a name is empty"),
         (["cpu", 3], "device"),
         ("cpu,tpu", "device = 'tpu' is unknown"),
     ],
@@ -268,3 +270,40 @@ def test_refused_samples_in_order() -> None:
     listed = [(x, y, s, 1.0, 1.0, 1.0) for s in range(5) for y in range(5) for x in range(5)]
     mixed = rng.sample(listed, len(listed))
     assert in_order(mixed) == listed[:64]
+
+
+def test_prepare_leaves_out_a_device_without_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = vr.cornell_box().with_(width=8, height=8, spp=2)
+    real = rendering.native_scene
+    short: list[Any] = []
+
+    def native_scene(owner: Any, used: Any, device: Any, *more: Any) -> Any:
+        if not short:
+            short.append(device)
+            raise MemoryError("no room")
+        return real(owner, used, device, *more)
+
+    monkeypatch.setattr(rendering, "native_scene", native_scene)
+    assert rendering.prepare(scene, "cpu,cpu") == rendering.prepare(scene, "cpu")
+    short.clear()
+    with pytest.raises(MemoryError, match="no room"):
+        rendering.prepare(scene, "cpu")
+
+
+def test_a_batch_of_one_device_stays_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = vr.cornell_box().with_(width=8, height=8)
+    whole = vr.render(scene, spp=8, batches=8, device="cpu")
+    first: list[Any] = []
+    take = Split.take
+
+    def second_alone(self: Split, worker: int) -> Any:
+        first.append(worker)
+        return take(self, worker) if worker == 1 else None
+
+    monkeypatch.setattr(Split, "take", second_alone)
+    a = vr.Accumulation(scene, spp=8, batches=8, device="cpu,cpu")
+    while a.left:
+        a.add(a.left)
+        assert a._kept.films[0] is None and a._kept.films[1] is not None
+    assert set(first) == {0, 1}
+    assert a.render().film_sha256 == whole.film_sha256

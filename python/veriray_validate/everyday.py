@@ -100,20 +100,23 @@ def _judged(off: Array, error: Array, level: float,
 #: and fails at once if p is then below SURE: the second stage would not draw a scene again that is
 #: one in thousands. False alarms: 1e-10 per question.
 SUSPECT, SURE = 1e-3, 1e-7
+#: Times as many samples as a question states, at most.
+MOST = 1024
 
 
 def ask(t: Trial, q: Question) -> float:
     """Asks a question: returns its p value and adds it to the trial.
 
-    If noise hides the bias to be seen, the scene is rendered again with 16 times the samples.
+    While noise hides the bias to be seen, the scene is rendered again with more samples, first 16
+    times as many, and fresh random numbers. So the number of samples is independent of those judged.
     """
     factor = 1
-    p, seen, told = _answer(t, q, 1)
-    if seen > q.sees:
-        factor = 16
-        p, seen, told = _answer(t, q, factor)
-        if seen > q.sees:
+    p, seen, told = _answer(t, q, factor)
+    while seen > q.sees:
+        if factor == MOST:
             raise Inconclusive(f"sees {seen:.2g}: {told}")
+        factor = math.ceil(min(max(16, 2 * factor * (seen / q.sees) ** 2), MOST))
+        p, seen, told = _answer(t, q, factor)
     if p < SUSPECT:
         again, _, _ = _answer(t, q, 4 * factor)
         t.check(again >= SURE, f"{told}, p = {p:.2g}, then {again:.2g}")

@@ -64,7 +64,7 @@ def feature_images(
     if "motion" in wanted and motion_to is None:
         raise ValueError('"motion" needs a second camera: motion_to=Camera(...)')
     used, settings = settle(scene, settings)
-    chosen, _ = device_module.select(str(settings.device), fresh=False)
+    chosen, _ = device_module.select(device, fresh=False)
     with device_module.native_errors():
         return look(chosen, scene, used, wanted, used.spp, settings.native(),
                     motion_to, progress)  # fmt: skip

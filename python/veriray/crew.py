@@ -22,12 +22,17 @@ from .device import Device, polled
 from .native_scene import native_scene, scene_facts
 from .picture import with_room
 from .plan import choose_scheduler
+from .reports import added
 from .scene import Scene
 from .settings import RenderSettings
 from .together import Pass, warn_of
 
 if TYPE_CHECKING:
     from ._native import Film, Report
+
+#: While a kernel for a scene is being compiled: paths of the first part of a render, by how much
+#: parts grow at most, and seconds of those that follow.
+FIRST_PART, GROWTH, PART_SECONDS = 1 << 24, 8, 0.2
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
@@ -50,6 +55,10 @@ class Place:
     def __init__(self, device: Device, size: tuple[int, int]) -> None:
         self.device, self.size, self.out = device, size, ""
         self.spares: list[Film] = []  # pop is one step, for several threads
+
+    def paths_of(self, pixels: Array | None) -> int:
+        """Paths of one sample of these pixels, of all without them."""
+        return self.size[0] * self.size[1] if pixels is None else len(pixels)
 
     def blank(self) -> Film:
         """A film without samples."""
@@ -86,9 +95,8 @@ class Team:
         return next((k for k, place in enumerate(self._places) if not place.out), 0)
 
     def paths_of(self, pixels: Array | None) -> int:
-        """Paths of one sample of these pixels, of all without them."""
-        width, height = self._places[0].size
-        return width * height if pixels is None else len(pixels)
+        """As of a place."""
+        return self._places[0].paths_of(pixels)
 
     def films(self, film: Film | None) -> Films:
         """A film of `device` as a tuple."""
@@ -156,23 +164,40 @@ class Hand(Place):
         self.facts = scene_facts(self.native)
         scheduler, self.why = choose_scheduler(settings, device.backend, self.facts)
         self.settings = settings.with_checked({"scheduler": scheduler, "device": device.name})
-        if device.backend == "cuda" and not settings.all_features:
-            paths = scene.film.width * scene.film.height * scene.spp
-            kernels.offer(device, self.native, scheduler, paths)
+        self._awaits_kernel(self.paths_of(None) * scene.spp)
         self.rate, self.trials, self.paths, self.seconds = 0.0, 0, 0, 0.0
         self.said: Report | None = None
 
     def draw(
         self, film: Film, begin: int, end: int, pixels: Array | None, progress: Progress
     ) -> Report:
-        """Adds these samples of these pixels to a film."""
-        start = time.perf_counter()
-        report: Report = self.device.native.render(
-            self.native, film, sample_begin=begin, sample_end=end, pixels=pixels,
-            poll=polled(progress), **self.settings.native(),
-        )  # fmt: skip
+        """Adds these samples of these pixels to a film.
+
+        In parts while a kernel for the scene is being compiled, so that it takes over once it is.
+        """
+        start, first = time.perf_counter(), begin
+        size, report = max(1.0, FIRST_PART / self.paths_of(pixels)), None
+        while begin < end:
+            n = end - begin
+            if n > size and self._awaits_kernel():
+                n = int(size)
+            since = time.perf_counter()
+            part: Report = self.device.native.render(
+                self.native, film, sample_begin=begin, sample_end=begin + n, pixels=pixels,
+                poll=polled(_share(progress, (begin - first) / (end - first), n / (end - first))),
+                **self.settings.native(),
+            )  # fmt: skip
+            report, begin = added(report, part), begin + n
+            size = max(1.0, min(GROWTH * n, n * PART_SECONDS / (time.perf_counter() - since)))
+        assert report is not None
         report["seconds"] = time.perf_counter() - start
         return report
+
+    def _awaits_kernel(self, paths: int = 0) -> bool:
+        """Whether a kernel for the scene is being compiled; paths: that will be rendered, more."""
+        if self.device.backend != "cuda" or self.settings.all_features:
+            return False
+        return kernels.offer(self.device, self.native, str(self.settings.scheduler), paths)
 
     def stats(self) -> dict[str, Any]:
         """What it did, for `Render.stats`."""
@@ -259,6 +284,11 @@ class Crew(Team):
         film = hand.blank()
         draw = functools.partial(hand.draw, film, begin, begin + n, pixels, progress)
         return Drawn((film,), with_room(hand.device, draw, film.clear), n)
+
+
+def _share(progress: Progress, begin: float, part: float) -> Progress:
+    """A callback for a part of what `progress` reports on."""
+    return None if progress is None else lambda share: progress(begin + part * share)
 
 
 def listed(names: Iterable[str]) -> str:

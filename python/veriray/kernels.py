@@ -3,8 +3,9 @@
 The compiled variants are few, so a scene's holds code that it does not need, and pays for it in
 registers and instructions. Where NVRTC can be found (the CUDA toolkit or the package
 `nvidia-cuda-nvrtc`), a scene that is rendered for long gets a kernel of its own: a child process
-compiles it meanwhile (1 to 4 seconds), later renders of scenes with the same features use it, and
-it is kept in a folder for the next process. Pictures do not depend on it, to the bit.
+compiles it meanwhile (1 to 5 seconds), the rest of a long render and later renders of scenes with
+the same features use it, and it is kept in a folder for the next process. Pictures do not depend
+on it, to the bit.
 
 Environment: VERIRAY_KERNELS is "auto", "off", or "wait" (each render waits for its kernel);
 VERIRAY_CACHE is the folder (default: `veriray` in XDG_CACHE_HOME or ~/.cache); VERIRAY_NVRTC is the
@@ -126,22 +127,23 @@ def available() -> str:
     return "" if sys.executable else "the Python interpreter is unknown"
 
 
-def offer(device: Device, native: NativeScene, method: str, paths: int) -> None:
-    """Sees to kernels for a scene of which `paths` are about to be rendered on a CUDA device.
+def offer(device: Device, native: NativeScene, method: str, paths: int) -> bool:
+    """Sees to kernels for a scene of which `paths` more are about to be rendered on a CUDA device.
 
-    method: of the scheduler, one of METHODS; others have compiled kernels alone.
+    method: of the scheduler, one of METHODS; others have compiled kernels alone. Returns whether
+    they are being compiled, so that it pays to ask again after a part of the render.
 
     Never fails for want of one: the compiled variant renders then.
     """
     features = int(native.feature_mask)
     key = device.index, features, method
     if key in _settled or method not in METHODS:
-        return
+        return False
     how = mode()
     with _lock:
         _paths[key] += paths
         if key in _settled or (how != "wait" and _paths[key] < PATHS_THAT_PAY):
-            return
+            return False
         try:
             if available():
                 _settled.add(key)
@@ -149,6 +151,7 @@ def offer(device: Device, native: NativeScene, method: str, paths: int) -> None:
                 _advance(device, key, how == "wait")
         except (OSError, RuntimeError, subprocess.SubprocessError) as error:
             _give_up(key, str(error))
+        return key in _children
 
 
 def _advance(device: Device, key: Key, wait: bool) -> None:

@@ -107,8 +107,8 @@ MOST = 1024
 def ask(t: Trial, q: Question) -> float:
     """Asks a question: returns its p value and adds it to the trial.
 
-    While noise hides the bias to be seen, the scene is rendered again with more samples, first 16
-    times as many, and fresh random numbers. So the number of samples is independent of those judged.
+    While noise hides the bias to be seen, the scene is rendered again with fresh random numbers and
+    more samples, first 16 times as many: how many does not depend on those that are judged.
     """
     factor = 1
     p, seen, told = _answer(t, q, factor)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import veriray as vr
-from veriray import kernel_compiler, kernels
+from veriray import crew, kernel_compiler, kernels
 from veriray.device import select
 from veriray.errors import DeviceError
 
@@ -192,6 +192,27 @@ def test_bits(path: Path, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     own = vr.render(scene, **film)
     assert own.stats["variant"] == own.stats["features"] or kernels.available()
     assert own.film_sha256 == vr.render(scene, all_features=True, **film).film_sha256
+
+
+def test_a_render_takes_up_its_kernel_when_it_is_there(
+    cornell: vr.Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a kernel is being compiled a render goes on in parts; picture and counts do not."""
+    whole = vr.render(cornell, spp=64, device="cpu")
+    asked: list[int] = []
+
+    def awaits(hand: crew.Hand, paths: int = 0) -> bool:
+        asked.append(paths)
+        return len(asked) < 4
+
+    monkeypatch.setattr(crew.Hand, "_awaits_kernel", awaits)
+    monkeypatch.setattr(crew, "FIRST_PART", 1500)
+    shares: list[float] = []
+    parts = vr.render(cornell, spp=64, device="cpu", progress=shares.append)
+    assert asked[:3] == [64 * 32 * 32, 0, 0]  # of the scene, then of parts
+    assert parts.film_sha256 == whole.film_sha256
+    assert parts.stats["live_rays"] == whole.stats["live_rays"]
+    assert shares == sorted(shares) and shares[-1] == 1
 
 
 def test_devices_say_what_they_are() -> None:

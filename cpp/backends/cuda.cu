@@ -14,7 +14,7 @@ namespace {
 constexpr uint64_t kLedgerRowsFetched = 4096;
 
 template <class Tracer>
-__global__ void __launch_bounds__(kFusedBlock)
+__global__ void __launch_bounds__(kFusedBlock, kFusedBlocks<Tracer::kMask>)
     fused_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                  const FusedItems items, Control* control, uint64_t* ledger) {
     trace_fused<Tracer>(scene, job, items, control, ledger);

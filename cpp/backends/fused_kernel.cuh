@@ -9,8 +9,12 @@
 namespace veriray {
 
 inline constexpr uint32_t kFusedBlock = 128;
+// Blocks that a multiprocessor is to hold; 0: as many as it can.
+template <FeatureMask kMask>
+inline constexpr uint32_t kFusedBlocks = kSlim<kMask> ? kWalkBlocks : 0;
 
-template <class Tracer>
+// kExact: the scene has all features of the tracer.
+template <class Tracer, bool kExact = false>
 __device__ __forceinline__ void trace_fused(const SceneView& scene, const Job& job,
                                             const FusedItems& items, Control* control,
                                             uint64_t* ledger) {
@@ -37,7 +41,9 @@ __device__ __forceinline__ void trace_fused(const SceneView& scene, const Job& j
         run_fused<typename Tracer::template With<Tracer::kMask & ~kBvh>>(scene, job, items, sum,
                                                                          take_one, add_one, record);
     };
-    if ((Tracer::kMask & kBvh) && (scene.features & kBvh))
+    if constexpr (kExact && (Tracer::kMask & kBvh))
+        run_walking<Tracer>(scene, job, items, sum, take, add, record);
+    else if ((Tracer::kMask & kBvh) && (scene.features & kBvh))
         run_walking<Tracer>(scene, job, items, sum, take, add, record);
     else if constexpr (kInStep<Tracer>)
         run_flat(take, add);

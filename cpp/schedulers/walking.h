@@ -9,9 +9,23 @@
 namespace veriray {
 
 // The walk stops when at most kStayPart eighths of the lanes are on their way, and tests leaves
-// when at most kNodePart eighths of those are at nodes. By measurement (H200, mesh of 1.3M
-// triangles); flat optima.
-inline constexpr uint32_t kStayPart = 3, kNodePart = 4;
+// when at most kNodePart eighths of those are at nodes. kFollowers lanes whose shadow rays have
+// arrived make the warp start their next rays. By measurement (H200, twelve scenes of meshes,
+// spheres and many lamps).
+inline constexpr uint32_t kStayPart = 1, kNodePart = 3, kFollowers = 4;
+
+// Features whose code takes more registers than kWalkBlocks leave, without many kinds of material.
+inline constexpr FeatureMask kWide = kTangents | kBlend | kAttributes | kUnevenMedia |
+                                     kAlbedoGrids | kPhases | kLightTextures | kHidden;
+// Walks wait for memory and for instructions, so where little is spilled, kernels are compiled for
+// this number of blocks of 128 threads a multiprocessor (80 registers of compute capability 9.0).
+inline constexpr uint32_t kWalkBlocks = 6;
+constexpr bool few_kinds(uint32_t kinds) {
+    kinds &= kinds - 1, kinds &= kinds - 1;
+    return (kinds & (kinds - 1)) == 0;  // three at most
+}
+template <FeatureMask kMask>
+inline constexpr bool kSlim = (kMask & kBvh) && !(kMask & kWide) && few_kinds(kinds_of(kMask));
 
 // As run_fused, in step.
 template <class Tracer, class Take, class Add, class Record>
@@ -29,6 +43,15 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
     WalkPlace<kDeviceWidth> place;
     place.node = kWalkEnd;
     const bool through = Tracer::shadows_pass(scene);
+    // What the walk is after, and the ray's numbers for it.
+    WalkAim look;
+    RayFrame f;
+    const auto set_out = [&] {
+        const bool light = aim == Aim::kLight;
+        look = {light && !through, light ? shadow.skip : ~0u,
+                light ? Tracer::passed(shadow) : Tracer::passed(path)};
+        f = frame_of(scene.bvh, light ? shadow.ray : path.ray);
+    };
     for (;;) {
         // Those that have arrived shade.
         bool arrived = !place.walking();
@@ -83,18 +106,30 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         if (arrived && !idle) place.begin();
         rejoin_warp();
         // All walk.
-        const Hit<Scalar> last = aim == Aim::kLight ? Tracer::passed(shadow) : Tracer::passed(path);
-        const WalkAim look{aim == Aim::kLight && !through, aim == Aim::kLight ? shadow.skip : ~0u,
-                           last};
-        const RayFrame f = frame_of(scene.bvh, aim == Aim::kLight ? shadow.ray : path.ray);
+        set_out();
         const uint32_t enough = lanes_with(!idle) * kStayPart / 8;
         uint32_t on_way = lanes_with(place.walking());
         while (on_way > enough) {
             do {
-                if (place.at_node()) walk_node(scene.bvh, f.slabs, last.t, hit.t, place);
+                if (place.at_node()) walk_node(scene.bvh, f.slabs, look.last.t, hit.t, place);
             } while (8 * lanes_with(place.at_node()) > kNodePart * on_way);
             if (place.at_leaf())
                 walk_leaf<kDeviceWidth, Tracer::kTreeKinds>(scene.bvh, f, look, hit, place);
+            if constexpr (kSlim<Tracer::kMask> && !Tracer::has(kPass | kMedia)) {
+                // Shadow rays that have arrived are followed by the next rays: lanes come to shade
+                // once a bounce.
+                const bool lit = aim == Aim::kLight && cause == kLive && !place.walking();
+                if (lanes_with(lit) >= kFollowers && lit) {
+                    const bool free = !(hit.t < shadow.t_max);
+                    record(depth, free ? kShadowVisible : kShadowOccluded);
+                    Tracer::visible(path, shadow, free);
+                    ++depth;
+                    aim = Aim::kNext;
+                    hit = {kInfinity, ~0u};
+                    set_out();
+                    place.begin();
+                }
+            }
             on_way = lanes_with(place.walking());
         }
     }

@@ -58,10 +58,10 @@ VR_CLOSURES(VR_SCATTER)
 
 namespace veriray {
 
-extern "C" __global__ void __launch_bounds__(kFusedBlock)
+extern "C" __global__ void __launch_bounds__(kFusedBlock, kFusedBlocks<VR_FEATURES>)
     veriray_fused(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                   const FusedItems items, Control* control, uint64_t* ledger) {
-    trace_fused<RunTimeTracer>(scene, job, items, control, ledger);
+    trace_fused<RunTimeTracer, true>(scene, job, items, control, ledger);
 }
 
 }  // namespace veriray

@@ -6,6 +6,9 @@
 
 namespace veriray {
 
+// Bits: of two triangles, the one with u >= v. The other is kLightPrimitive.
+inline constexpr uint32_t kLightOther = kLightMore;
+
 template <class L>
 struct FlatPlace {
     typename L::F u, v;

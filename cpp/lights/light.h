@@ -50,6 +50,9 @@ struct Lights {
             each<kByAngleShapes>(row, [&](auto shape, M m) VR_INLINED {
                 if (any(m)) shape.place(row, p, u, v, m, at);
             });
+            each<kPairedShapes>(row, [&](auto, M m) VR_INLINED {
+                at.skip = select(m & (at.u >= at.v), as_uint(row(kLightOther)), at.skip);
+            });
             s = sample_flat<L, has(kByAngleShapes), kTouching>(row, p, at, nobody);
         }
         each<kSampledShapes & ~(kFlatShapes | kPointShapes)>(row, [&](auto shape, M m) VR_INLINED {

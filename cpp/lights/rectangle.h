@@ -14,10 +14,8 @@ inline constexpr float kLeastSolidAngle = 0x1p-4f;
 
 // Numbers from the host: 1 / |e1|, 1 / |e2|, |e2| / |e1|, 1 / area.
 inline constexpr uint32_t kRectangleFloats = 4;
-inline constexpr uint32_t kRectangleUnit = kLightMore;
-inline constexpr uint32_t kRectangleOther =  // bits: the primitive with u >= v
-    kRectangleUnit + kRectangleFloats;
-static_assert(kRectangleOther < kLightColumns);
+inline constexpr uint32_t kRectangleUnit = kLightOther + 1;
+static_assert(kRectangleUnit + kRectangleFloats <= kLightColumns);
 
 // A rectangle seen from p, with axes along its edges and in units of the first: x from x0 to
 // x0 + 1, y from y0 to y1, at height z above p, which is positive in front.
@@ -79,7 +77,7 @@ template <class L>
 struct RectangleLight : FlatLight<L, RectangleLight<L>> {
     VR_LIGHT_SHAPE(FlatLight<L, RectangleLight<L>>);
     static constexpr const char *kName = "rectangle", *kFeature = "rectangle_lights";
-    static constexpr bool kByAngle = true, kOwnPdf = true;
+    static constexpr bool kByAngle = true, kPaired = true, kOwnPdf = true;
 
     template <class Row>
     static VR_HD RectangleView<F> view_of(const Row& row, V p) {
@@ -100,7 +98,6 @@ struct RectangleLight : FlatLight<L, RectangleLight<L>> {
             at.v = select(at.by_angle, b, at.v);
             at.share = view.share();
         }
-        at.skip = select(lanes & (at.u >= at.v), as_uint(row(kRectangleOther)), at.skip);
     }
     template <class Row>
     static VR_HD Pdf pdf_li(const Row& row, const Hit& at) {
@@ -120,7 +117,7 @@ struct RectangleLight : FlatLight<L, RectangleLight<L>> {
         Base::write(s, at);
         for (uint32_t k = 0; k < kRectangleFloats; ++k)
             at(kRectangleUnit + k) = static_cast<float>(columns[k]);
-        at(kRectangleOther) = bit_cast<float>(s.other);
+        at(kLightOther) = bit_cast<float>(s.other);
     }
 };
 

@@ -150,6 +150,7 @@ struct LightShape {
     static constexpr bool kFlat = false;     // of flat.h
     static constexpr bool kSpreads = false;  // flat: maps numbers to places by spread()
     static constexpr bool kByAngle = false;  // flat: drawn by solid angle where place() says so
+    static constexpr bool kPaired = false;   // flat: of two triangles, with a column kLightOther
     static constexpr bool kOwnPdf = false;   // lamps: pdf_li needs the row
     static constexpr bool kSkips = false;    // a shadow ray leaves its primitive out without a tree
     static constexpr bool kAimed = false;    // has a direction

@@ -284,6 +284,7 @@ LightSource HostScene::light_source(const SceneInput& in, const AreaLight& light
     s.shape = source.group == kSphereGroup                    ? kSphereLight
               : source.group == kDiskGroup                    ? kDiskLight
               : light.rectangle                               ? kRectangleLight
+              : light.other != light.primitive                ? kTrianglePairLight
               : light_shape(in, light.primitive).corners == 3 ? kTriangleLight
                                                               : kParallelogramLight;
     s.area = light.area;

@@ -1,4 +1,5 @@
-// Area lights as they are sampled: finds rectangles near to what they light.
+// Area lights as they are sampled: joins pairs of triangles, and finds the rectangles that are
+// sampled by solid angle where that is large: in a tree all, without one those near to something.
 #include <algorithm>
 
 #include "scene/scene.h"
@@ -10,11 +11,10 @@ namespace {
 // Tolerance for the angles and (in units of edges) the corners of a rectangle: the rounding of
 // vertices.
 constexpr double kSquare = 0x1p-15;
+// The same of a pair that is sampled as a parallelogram: by this share at most, its light moves.
+constexpr double kClosed = 0x1p-20;
 // Near: the squared gap is less than this share of the area.
 constexpr double kNear = 0.24;
-// The largest number of pairs of a light and a primitive that are examined; beyond it every light
-// counts as near.
-constexpr size_t kMostPairs = size_t{1} << 22;
 
 // n.p of the box's corner that lies farthest along n.
 double reach(const Box& box, Double3 n) {
@@ -23,11 +23,16 @@ double reach(const Box& box, Double3 n) {
     return sum;
 }
 
-bool rectangular(const Flat& f) {
+// Whether the fourth corner is where a parallelogram has it, to a share of the shorter edge.
+bool closes(const Flat& f, double share) {
     if (f.corners != 4) return false;
     const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0], gap = f.v[0] + a + b - f.v[2];
-    return std::abs(dot(a, b)) <= kSquare * length(a) * length(b) &&
-           length(gap) <= kSquare * std::min(length(a), length(b));
+    return length(gap) <= share * std::min(length(a), length(b));
+}
+
+bool rectangular(const Flat& f) {
+    const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0];
+    return closes(f, kSquare) && std::abs(dot(a, b)) <= kSquare * length(a) * length(b);
 }
 
 }  // namespace
@@ -61,7 +66,6 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
     if (std::find(shines.begin(), shines.end(), 1) != shines.end())
         lit = where(sources.size(),
                     [&](size_t i) { return shines[surface_of.empty() ? i : surface_of[i]] != 0; });
-    const bool many = lit.size() * sources.size() > kMostPairs;
     std::vector<AreaLight> lights;
     for (size_t k = 0; k < lit.size(); ++k) {
         const uint32_t i = lit[k], next = k + 1 < lit.size() ? lit[k + 1] : i;
@@ -74,8 +78,8 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
                               sources[i].same_surface(sources[next]) &&
                               join_coplanar(own, light_shape(in, next), joined);
             const Flat& whole = pair ? joined : own;
-            light.rectangle = rectangular(whole) && (many || lights_closely(in, whole));
-            if (light.rectangle && pair) {
+            light.rectangle = rectangular(whole) && (flats_.empty() || lights_closely(in, whole));
+            if (pair && (light.rectangle || closes(whole, kClosed))) {
                 light.other = next;
                 light.area += sources[next].area;
                 ++k;

@@ -210,6 +210,7 @@ NOWHERE = np.zeros(9)
 SHAPES = {
     "parallelogram": flat("parallelogram", EDGES),
     "triangle": flat("triangle", EDGES),
+    "triangle_pair": flat("triangle_pair", EDGES),
     "disk": flat("disk", EDGES),
     "sphere": ball(),
     "point": Shape(np.array([*P, *NOWHERE]), 4 * math.pi, way=lambda p, d: everywhere(d)),

@@ -414,15 +414,15 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
     Two-sample tests: at each depth the causes of death among the paths that reach it (chi-square,
     Sidak over depths), all depths together with the largest |z| of the survivors, and shadow rays.
     Sees a survivor fraction of .5 change by 0.5 %, at effort 4 by 0.3 %. A cylinder that shines has
-    256 faces here and 1,024 there, which are sampled by solid angle at other places, and of several
-    lights the reference chooses by power, veriray by where the point is: as many rays end, but
-    other ones are blocked. So shadow rays of these are not compared.
+    256 faces here and 1,024 there, which are sampled by solid angle at other places, and other
+    lights are sampled otherwise too (`references.lights_alike`): as many rays end, but other ones
+    are blocked. So shadow rays of these are not compared.
     """
     scene, ledger = reference_ledger(t, name)
     r = t.render(scene, 64)
-    other_lights = name == "cylinders" or "many_lights" in r.stats["features"]
+    alike = name != "cylinders" and references.lights_alike(r.stats["features"])
     for p, where in against(scene, r, ledger):
-        if not (other_lights and where.startswith("shadow rays")):
+        if alike or not where.startswith("shadow rays"):
             t.p(p, where)
     n = 1 / (1 / r.stats["paths"] + 1 / ledger["live"][0])
     t.sees(smallest_rate(n, 0.5), 0.01)

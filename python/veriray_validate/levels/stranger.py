@@ -12,8 +12,7 @@ differences d_b = A_b - R_b of the batches are tested:
 - S3, the energy of all blocks' biases: a bias that changes sign.
 - S4, variance of A over that of R within 0.8 to 1.25: lost efficiency, samples used twice, wrong
   weights of multiple importance sampling. Both use the same estimator, so their noise is alike,
-  but where one of several lights is chosen: theirs is chosen by its power alone, so S4 and S6 are
-  left out there.
+  but where lights are sampled otherwise (`references.lights_alike`): S4 and S6 are left out there.
 - S5, covariance between blocks of A, and between its batches: streams used twice.
 - S6, distribution over blocks of the effective samples (sum x)^2 / sum x^2, Kolmogorov and Smirnov:
   clamps and firefly filters.
@@ -279,9 +278,8 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
     scene = check_scene(name, references.SIZE)
     run = theirs(t, name, scene)
     own, parts = ours(t, scene, run), materials(t, scene, run.block)
-    left_out = ("L4",) * (name in TUBES) + ("S4", "S6") * (
-        "many_lights" in t.native_scene(scene).features
-    )
+    alike = references.lights_alike(t.native_scene(scene).features)
+    left_out = ("L4",) * (name in TUBES) + ("S4", "S6") * (not alike)
     for p, what in comparison(own, run, parts, t.rng):
         if not what.startswith(left_out):
             t.p(p, what)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,16 @@ class Reference:
 def full(effort: int) -> bool:
     """Whether a trial of this effort gets a large run."""
     return effort >= 4
+
+
+def lights_alike(features: Collection[str]) -> bool:
+    """Whether the reference samples a scene's lights as veriray does; features: of the scene.
+
+    Of several lights it chooses by power, veriray by where the point is. Rectangles that are near
+    to nothing it samples by area, veriray in a tree by solid angle.
+    """
+    by_angle = "bvh" in features and "rectangle_lights" in features
+    return "many_lights" not in features and not by_angle
 
 
 def added(ledgers: list[dict[str, list[int]]]) -> dict[str, list[int]]:

@@ -1,0 +1,83 @@
+"""Lamps of two triangles in scenes with a tree: one lamp each, of the same light."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import veriray as vr
+from veriray.transform import look_at
+
+SQUARE = [[-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]]
+
+
+def room(corners: list[list[float]], faces: list[list[int]]) -> vr.Scene:
+    """A floor under a lamp, which a grid of 128 triangles brings into a tree."""
+    n = 8
+    grid = np.stack(np.meshgrid(*[np.linspace(-2, 2, n + 1)] * 2, indexing="ij"), axis=-1)
+    low = np.arange(n * (n + 1)).reshape(n, n + 1)[:, :-1].ravel()
+    square = np.stack([low, low + n + 1, low + n + 2, low, low + n + 2, low + 1], axis=-1)
+    floor = np.concatenate([grid.reshape(-1, 2), np.zeros(((n + 1) ** 2, 1))], axis=-1)
+    shape: dict[str, Any] = {"type": "mesh", "face_normals": True}
+    white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
+    return vr.load_dict({
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 2},
+        "sensor": {
+            "type": "perspective", "fov": 40,
+            "to_world": look_at([0, -4, 1.5], [0, 0, 0.2], [0, 0, 1]),
+            "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
+        },
+        "floor": {**shape, "vertices": floor, "faces": square.reshape(-1, 3), "bsdf": white},
+        "lamp": {
+            **shape, "vertices": np.array(corners, float), "faces": np.array(faces),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
+        },
+    })  # fmt: skip
+
+
+def features(scene: vr.Scene) -> set[str]:
+    return {*vr.render(scene, spp=1, device="cpu").stats["features"]}
+
+
+@pytest.mark.parametrize(
+    ("corners", "faces", "found"),
+    [
+        (SQUARE, [[0, 2, 1], [0, 3, 2]], {"rectangle_lights"}),
+        ([*SQUARE[:2], [2, 1, 2], [0, 1, 2]], [[0, 2, 1], [0, 3, 2]], {"triangle_lights"}),
+        # their fourth corner is a thousandth of an edge away
+        ([*SQUARE[:2], [1, 1.002, 2], SQUARE[3]], [[0, 2, 1], [0, 3, 2]],
+         {"triangle_lights", "many_lights"}),
+        ([*SQUARE[:2], [1, 1, 2.002], SQUARE[3]], [[0, 2, 1], [0, 3, 2]],
+         {"triangle_lights", "many_lights"}),
+        (SQUARE, [[0, 2, 1]], {"triangle_lights"}),
+    ],
+    ids=["rectangle", "parallelogram", "uneven", "bent", "triangle"],
+)  # fmt: skip
+def test_two_triangles_are_one_lamp(
+    corners: list[list[float]], faces: list[list[int]], found: set[str]
+) -> None:
+    scene = room(corners, faces)
+    lamps = {"rectangle_lights", "triangle_lights", "area_lights", "many_lights"}
+    assert "bvh" in features(scene) and features(scene) & lamps == found
+
+
+@pytest.mark.parametrize("last", [[1, 1, 2], [2, 1, 2]], ids=["rectangle", "parallelogram"])
+def test_the_light_is_that_of_its_triangles(last: list[float]) -> None:
+    """By linearity: the sum of the pictures of either half. |z| < 4.5 for 768 numbers: a false
+    alarm in 200 runs of new seeds; a half that is 2 % off is seen in the mean."""
+    corners = [SQUARE[0], SQUARE[1], last, [last[0] - 2, 1, 2]]
+    pair, *halves = (
+        vr.render(room(corners, faces), spp=4096, seed=k, device="cpu")
+        for k, faces in enumerate([[[0, 2, 1], [0, 3, 2]], [[0, 2, 1]], [[0, 3, 2]]])
+    )
+    off = pair.image - sum(half.image for half in halves)
+    error = np.sqrt(sum(np.square(r.stderr, dtype=float) for r in (pair, *halves)))
+    seen = pair.image > 0
+    assert seen.mean() > 0.5
+    lamp_or_floor = seen & (error > 0)
+    z = off[lamp_or_floor] / error[lamp_or_floor]
+    assert np.abs(z).max() < 4.5
+    assert abs(off.mean()) < 4 * np.sqrt(np.square(error).sum()) / off.size

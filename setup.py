@@ -1,6 +1,6 @@
 """Builds the native modules with CMake; ships scenes and C++ headers inside the package `veriray`.
 
-Environment: VERIRAY_CUDA (auto, 0, 1), VERIRAY_CUDA_ARCH and VERIRAY_CCCL_DIR (see CMakeLists.txt);
+Environment: VERIRAY_CPU, VERIRAY_CUDA, VERIRAY_CUDA_ARCH and VERIRAY_CCCL_DIR (see CMakeLists.txt);
 VERIRAY_JOBS, the number of compilers that run at a time (default: all processors);
 VERIRAY_BUILD_DIR, where CMake works (default: a folder in build/ for each Python). Builds for
 several Pythons in one folder share what does not depend on Python: nearly all.
@@ -73,6 +73,7 @@ def build_modules(build: Path) -> list[Path]:
     options = {
         "CMAKE_BUILD_TYPE": "Release",
         "VERIRAY_OUTPUT_DIRECTORY": modules,
+        "VERIRAY_CPU": os.environ.get("VERIRAY_CPU") or "all",
         "VERIRAY_CUDA": os.environ.get("VERIRAY_CUDA") or "auto",
         "VERIRAY_CUDA_ARCH": os.environ.get("VERIRAY_CUDA_ARCH", ""),
         "VERIRAY_CCCL_DIR": os.environ.get("VERIRAY_CCCL_DIR", ""),

@@ -178,7 +178,7 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
     const uint64_t pixel_runs = job.listed ? runs.size() : (pixels + width - 1) / width;
     const uint64_t sample_runs = (job.samples + samples - 1) / samples;
     std::vector<std::unique_ptr<Tile>> tiles(stats.threads);
-    const CpuVariant& variant = chosen_variant(view, s);
+    const CpuVariant& variant = cpu_variant(kIntegrator, choose_variant(view, s));
     ++stats.launches;
     return parallel(
         stats.threads, pixel_runs * sample_runs, poll, [&](uint32_t worker, uint64_t unit) {
@@ -249,7 +249,7 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
     for_sample_ranges(
         one, 1, {},
         [&](const PathSettings& settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
-            cpu_variant(kIntegrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
+            cpu_waves(kIntegrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
         });
     return out;
 }

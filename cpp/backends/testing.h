@@ -6,7 +6,7 @@
 #include "api/testing.h"
 #include "backends/film_memory.h"
 #include "backends/instances.h"
-#include "lights/tree.h"
+#include "integrators/called.h"
 
 namespace veriray {
 

@@ -25,9 +25,15 @@ std::vector<T> pool_memory(size_t n, const char* what) {
     }
 }
 
+const CpuWaves& chosen_waves(const SceneView& view, const RenderSettings& s, RenderStats& stats) {
+    const uint32_t index = choose_variant(view, s, kFewVariants);
+    stats.features = kVariants[index];
+    return cpu_waves(kIntegrator, index);
+}
+
 // Executor of the `thrust` scheduler on Thrust's host system: blocks are shared out to threads.
 struct HostExec {
-    const CpuVariant& variant;
+    const CpuWaves& variant;
     const SceneView& scene;
     const Job& job;
     const PathPool& pool;
@@ -82,7 +88,7 @@ struct HostExec {
 
 bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& s,
                    std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
-    const CpuVariant& variant = chosen_variant(view, s);
+    const CpuWaves& variant = chosen_waves(view, s, stats);
     const Compaction compaction = find_scheduler(s.scheduler)->compaction;
     const size_t slots = pool_slots(s.batch, job);
     auto floats = pool_memory<float>(variant.path.floats * slots, "path pool");
@@ -100,7 +106,7 @@ bool render_thrust(const SceneView& view, const Job& job, const RenderSettings& 
 // Each thread moves on a tile at a time, through all stages, which stays in its cache.
 bool render_wavefront(const SceneView& view, const Job& job, const RenderSettings& s,
                       std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
-    const CpuVariant& variant = chosen_variant(view, s);
+    const CpuWaves& variant = chosen_waves(view, s, stats);
     const uint32_t kinds = find_scheduler(s.scheduler)->sorted ? kHitKinds : 1;
     const uint64_t most = std::min<uint64_t>(stats.threads * kTileSlots, job.paths());
     const uint32_t capacity =

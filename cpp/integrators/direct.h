@@ -1,10 +1,10 @@
 // Light samples at a vertex, and their shadow rays through media and passes.
 #pragma once
 
+#include "integrators/called.h"
 #include "integrators/surface.h"
 #include "integrators/tangents.h"
 #include "integrators/volumes.h"
-#include "lights/tree.h"
 
 namespace veriray {
 

@@ -1,6 +1,7 @@
 // Where surfaces read textures, and the numbers of a material that these give.
 #pragma once
 
+#include "integrators/called.h"
 #include "integrators/path_state.h"
 
 namespace veriray {

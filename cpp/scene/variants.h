@@ -41,8 +41,8 @@ inline constexpr FeatureMask kVariants[] = {
 };
 static_assert(sizeof(kVariants) == sizeof(FeatureMask) * kVariantCount);
 
-// A bit for each that is compiled of schedulers that are not the default one on CUDA: the smallest,
-// that of scenes without rich features, and the one for everything.
+// A bit for each that is compiled of schedulers that are not the default one: the smallest, that of
+// scenes without rich features, and the one for everything.
 #ifndef VERIRAY_ONE_VARIANT
 inline constexpr uint32_t kFewVariants = 1u | 1u << 11 | 1u << 12;
 static_assert(kVariants[11] == kLean && kVariants[12] == kAllFeatures);

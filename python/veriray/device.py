@@ -34,11 +34,11 @@ from .errors import DeviceError, OutOfMemoryError
 #: Instruction set -> native module, widest first.
 CPU_MODULES = {"avx512": "_cpu_v4", "avx2": "_cpu_v3", "portable": "_cpu"}
 #: Processor flags (as Linux names them) that a module's machine code needs.
-_FLAGS = {
+FLAGS = {
     "portable": frozenset[str](),
     "avx2": frozenset("avx avx2 bmi1 bmi2 f16c fma abm movbe".split()),
 }
-_FLAGS["avx512"] = _FLAGS["avx2"] | set("avx512f avx512bw avx512cd avx512dq avx512vl".split())
+FLAGS["avx512"] = FLAGS["avx2"] | set("avx512f avx512bw avx512cd avx512dq avx512vl".split())
 
 _log = logging.getLogger("veriray")
 _cuda_process: int | None = None
@@ -89,13 +89,13 @@ def load_native(module: str) -> Any:
     A module whose instructions this processor lacks is never loaded.
     """
     isa = next((isa for isa, name in CPU_MODULES.items() if name == module), None)
-    if isa is not None and _FLAGS[isa]:
+    if isa is not None and FLAGS[isa]:
         flags = processor_flags()
         if platform.machine().lower() not in ("x86_64", "amd64"):
             raise DeviceError(f"this is a {platform.machine()} processor; {isa} is for x86-64")
         if flags is None:
             raise DeviceError("the processor's features are unknown: /proc/cpuinfo has no flags")
-        missing = sorted(_FLAGS[isa] - flags)
+        missing = sorted(FLAGS[isa] - flags)
         if missing:
             raise DeviceError(f"this processor lacks {', '.join(missing)}")
     try:
@@ -103,8 +103,8 @@ def load_native(module: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != f"{__package__}.{module}":
             raise DeviceError(f"module veriray.{module} cannot be loaded: {error}") from error
-        hint = "; build with nvcc on PATH or VERIRAY_CUDA=1" if module == "_cuda" else ""
-        raise DeviceError(f"module veriray.{module} was not built{hint}") from None
+        wanted = "nvcc on PATH or VERIRAY_CUDA=1" if module == "_cuda" else "VERIRAY_CPU=all"
+        raise DeviceError(f"module veriray.{module} was not built; build with {wanted}") from None
     except ImportError as error:
         raise DeviceError(f"module veriray.{module} cannot be loaded: {error}") from error
     if module == "_cuda":

@@ -144,7 +144,7 @@ class Workshop:
         self._call("cmake", "-S", self.source, "-B", build, "-G", "Ninja",
                    f"-DCMAKE_CXX_FLAGS=-include {self.source / 'planted_bug.h'}",
                    "-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG",
-                   f"-DPython_EXECUTABLE={sys.executable}")  # fmt: skip
+                   f"-DPython_EXECUTABLE={sys.executable}", "-DVERIRAY_CPU=all")  # fmt: skip
         self._call("cmake", "--build", build, "--target", self.target)
         return next(build.glob(f"{self.target}.*"))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import veriray
+from veriray import device
 from veriray.shipped import SHIPPED, find_shipped
 from veriray_validate.levels import light_shapes
 
@@ -158,6 +159,17 @@ def test_build_flags() -> None:
     for needed in ("-ffp-contract=off", "-fmad=false", "-prec-div=true", "-prec-sqrt=true",
                    "-ftz=false"):  # fmt: skip
         assert needed in text
+
+
+def test_the_best_instruction_set_is_chosen_as_the_package_chooses() -> None:
+    text = (ROOT / "CMakeLists.txt").read_text("utf-8")
+    found = re.findall(r"set\(isa_flags_(\w+) (.*)\)", text)
+    added = {isa: set(flags.split()) for isa, flags in found}
+    known: set[str] = set()
+    for isa in ("portable", "avx2", "avx512"):
+        known |= added.get(isa, set())
+        assert known == device.FLAGS[isa], isa
+        assert f"set(isa_module_{isa} {device.CPU_MODULES[isa]})" in text
 
 
 def imported(path: Path) -> set[str]:

@@ -112,7 +112,7 @@ def test_mock_closure(tmp_path: Path) -> None:
         return done.stdout
 
     call(sys.executable, "cpp/schema/generate.py")
-    call("cmake", "-S", ".", "-B", "build", "-G", "Ninja", "-DVERIRAY_CUDA=0",
+    call("cmake", "-S", ".", "-B", "build", "-G", "Ninja", "-DVERIRAY_CPU=all", "-DVERIRAY_CUDA=0",
          f"-DPython_EXECUTABLE={sys.executable}",
          f"-DVERIRAY_OUTPUT_DIRECTORY={tmp_path / 'python' / 'veriray'}")  # fmt: skip
     call("cmake", "--build", "build", "--target", module)

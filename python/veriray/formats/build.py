@@ -337,8 +337,8 @@ class _Builder:
         if skies[0].plugin == "constant":
             return tuple(values["radiance"])
         self.unscaled(skies[0], values)
-        image = skies[0].plugin == "envmap"
-        self.sky = envmap(skies[0], values) if image else sunsky(skies[0], values, self.report)
+        made = envmap if skies[0].plugin == "envmap" else sunsky
+        self.sky = made(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
 
     def sensors(self, node: Node) -> list[_View]:

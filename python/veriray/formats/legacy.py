@@ -72,7 +72,7 @@ def parts(root: _Element, file: str, notes: Notes) -> None:
 
 def unread(root: _Element, file: str, notes: Notes) -> None:
     """Takes away parameters that nothing reads; the objects are in today's terms already."""
-    for element in root.iter():
+    for element in list(root.iter()):  # what is taken away ends a walk
         plugin = PLUGINS.get(str(element.get("type"))) if isinstance(element.tag, str) else None
         if plugin is None or plugin.category != element.tag or plugin.lenient:
             continue

@@ -165,13 +165,16 @@ def reads_uv(row: Row) -> bool:
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
     name, eta, k = values["material"], values["eta"], values["k"]
-    if (eta is None) != (k is None) or (name is not None and eta is not None):
+    if name is not None and (eta is not None or k is not None):
         given = [key for key in ("material", "eta", "k") if values[key] is not None]
         raise SceneError(
-            f"{node}: {' and '.join(given)} given; expected both eta and k, or none of them",
+            f"{node}: {' and '.join(given)} given; expected either material, or eta and k",
             node.where,
         )
-    if eta is None:
+    if eta is not None or k is not None:  # one alone: the other as in Mitsuba
+        eta = (0.0,) * 3 if eta is None else eta
+        k = (1.0,) * 3 if k is None else k
+    else:
         where = node.values["material"].where if name else node.where
         eta, k = metals.metal(name or "none", f'{node}: "material"', where)
     outside = values["ext_eta"]

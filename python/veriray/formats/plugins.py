@@ -207,7 +207,9 @@ _METAL = {
     "eta": Param(
         COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index", beyond="sign"
     ),
-    "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part", beyond="sign"),
+    "k": Param(
+        COLOUR, None, 0.0, MAX_ETA, doc="imaginary part; 1, with k alone eta 0", beyond="sign"
+    ),
     "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
     "specular_reflectance": _SPECULAR,
 }
@@ -533,7 +535,7 @@ PLUGINS: dict[str, Plugin] = {
             **_PLACED,
         },
         _ON_SHAPES,
-        doc="exact; to_world scales alike in all directions; front outside, inside if it mirrors",
+        doc="exact; to_world scales alike in all directions; front outside, if it mirrors too",
     ),
     "cylinder": Plugin(
         "shape",
@@ -717,7 +719,7 @@ PLUGINS: dict[str, Plugin] = {
     "twosided": Plugin(
         "bsdf",
         {},
-        {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf"), 1, 2)},
+        {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf", "twosided"), 1, 2)},
         doc="both sides reflect; of two, the first on both, with a warning",
     ),
     "bumpmap": _relief(

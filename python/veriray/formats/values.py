@@ -116,7 +116,9 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
         value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where, report.warn)
     if param.kind == GREY and isinstance(value, tuple):
         if len(set(value)) > 1:
-            raise SceneError(f"{label} must be grey", given.where)
+            told = f"{label}: one number counts, the mean of these, as in Mitsuba"
+            report.note(told, given.where)
+            value = (sum(value) / 3,)
         value = value[0]
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3

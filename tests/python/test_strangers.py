@@ -1,0 +1,248 @@
+# ruff: noqa: E501 (the tables of spellings)
+"""Spellings of strangers' files that Mitsuba 3.9.1 reads: each means what the plain one means."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import veriray as vr
+from veriray.errors import SceneError, SceneWarning
+from veriray.formats import images, mesh
+
+VIEW = '<sensor type="perspective"><float name="fov" value="40"/></sensor>'
+SKY = '<emitter type="constant"/>'
+BALL = '<shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>'
+PLAIN = f'<scene version="3.0.0">\n{VIEW}{SKY}\n{BALL}</scene>\n'
+
+
+def loaded(folder: Path, text: str | bytes, name: str = "scene.xml") -> vr.Scene:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        return vr.load_file(path)
+
+
+def before(text: str) -> str:
+    return PLAIN.replace(BALL, text + BALL)
+
+
+DOCUMENTS: dict[str, str | bytes] = {
+    "UTF-8 mark": b"\xef\xbb\xbf" + PLAIN.encode(),
+    "UTF-16 little": b"\xff\xfe" + PLAIN.encode("utf-16-le"),
+    "UTF-16 big": b"\xfe\xff" + PLAIN.encode("utf-16-be"),
+    "UTF-16 without mark": ('<?xml version="1.0" encoding="UTF-16"?>' + PLAIN).encode("utf-16-le"),
+    "UTF-16 big without mark": PLAIN.encode("utf-16-be"),
+    "UTF-32": b"\xff\xfe\0\0" + PLAIN.encode("utf-32-le"),
+    "UTF-32 big": PLAIN.encode("utf-32-be"),
+    "ISO-8859-1": ('<?xml version="1.0" encoding="ISO-8859-1"?>' + before("<!-- caf\xe9 -->")).encode("latin-1"),
+    "a comment of one byte a letter": before("<!-- caf\xe9 -->").encode("latin-1"),
+    "a comment in GBK": before("<!-- \u5730\u677f -->").encode("gbk"),
+    "dashes in a comment": before("<!-- a -- b -->"),
+    "a row of dashes": before("<!------- a ------->"),
+    "a comment that begins with a dash": before("<!--- a --->"),
+    "tags in a comment": before('<!-- <shape type="x" a=<> & -->'),
+    "control characters in a comment": before("<!-- \x01 -->"),
+    "a comment before the declaration": "<!-- licence -->\n" + '<?xml version="1.0"?>' + PLAIN,
+    "a comment in an instruction": before("<?x <!-- ?>") .replace("</scene>", "<?x --> ?></scene>"),
+    "a comment in literal text": before("<![CDATA[ <!-- ]]>"),
+    "text between elements": before("light:"),
+    "text in a shape": PLAIN.replace("</shape>", ">\n</shape>"),
+    "text in a transform": PLAIN.replace("</shape>", '<transform name="to_world">none</transform></shape>'),
+    "an ampersand": PLAIN.replace('id="ball"', 'id="a & b"'),
+    "an ampersand that begins no entity": PLAIN.replace('id="ball"', 'id="R&D;"'),
+    "a version with a word": PLAIN.replace("3.0.0", "3.0.0-dev"),
+    "a version with spaces": PLAIN.replace("3.0.0", " 3.0.0 "),
+    "a name with a dash": before('<default name="a-b" value="0.5"/>').replace('"0.5"/></shape>', '"$a-b"/></shape>'),
+    "a name with a dot": before('<default name="a.b" value="0.5"/>').replace('"0.5"/></shape>', '"$a.b"/></shape>'),
+    "a name of a number": before('<default name="1" value="0.5"/>').replace('"0.5"/></shape>', '"$1"/></shape>'),
+    "the longest name": before('<default name="r" value="9"/><default name="r-s" value="0.5"/>').replace('"0.5"/></shape>', '"$r-s"/></shape>'),
+    "text behind a name": before('<default name="r" value="0"/>').replace('"0.5"/></shape>', '"$r.5"/></shape>'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_a_document_means_what_the_plain_one_means(tmp_path: Path, name: str) -> None:
+    found = loaded(tmp_path, DOCUMENTS[name])
+    assert found.sha256 == loaded(tmp_path, PLAIN).sha256
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("a comment in GBK", "not UTF-8 text: it is read as ISO-8859-1"),
+        ("text between elements", "scene.xml:1: <scene> holds text, which is not read"),
+        ("text in a shape", "scene.xml:3: <shape> holds text, which is not read"),
+    ],
+)
+def test_what_is_not_read_is_said(tmp_path: Path, name: str, words: str) -> None:
+    assert words in " ".join(loaded(tmp_path, DOCUMENTS[name]).notes)
+    with pytest.raises(SceneError, match="an error by strict"):
+        vr.load_file(tmp_path / "scene.xml", strict=True)
+
+
+def test_lines_count_past_comments(tmp_path: Path) -> None:
+    text = PLAIN.replace(VIEW, "<!-- a\n--\n-->\n" + VIEW).replace('"0.5"', '"x"')
+    with pytest.raises(SceneError, match=r"scene\.xml:6: "):
+        loaded(tmp_path, text)
+
+
+def test_names_in_another_encoding_are_alike(tmp_path: Path) -> None:
+    bsdf, ref = '<bsdf type="diffuse" id="\u7403"/>', '<ref id="\u7403"/>'
+    text = before(bsdf).replace("</shape>", ref + "</shape>")
+    assert loaded(tmp_path, text.encode("gbk")).sha256 == loaded(tmp_path, text).sha256
+
+
+def bsdf(text: str) -> str:
+    return PLAIN.replace("</shape>", text + "</shape>")
+
+
+METAL = '<bsdf type="conductor">{}</bsdf>'
+MASK = '<bsdf type="mask">{}<bsdf type="diffuse"/></bsdf>'
+TWOSIDED = '<bsdf type="twosided">{}</bsdf>'
+COLOUR = '<rgb name="{}" value="{}"/>'
+BSDFS = {
+    "eta alone": (METAL.format(COLOUR.format("eta", "0.2 0.9 1.1")), METAL.format(COLOUR.format("eta", "0.2 0.9 1.1") + COLOUR.format("k", 1))),
+    "k alone": (METAL.format(COLOUR.format("k", "3 2 1")), METAL.format(COLOUR.format("eta", 0) + COLOUR.format("k", "3 2 1"))),
+    "coloured opacity": (MASK.format(COLOUR.format("opacity", "1 0.5 0")), MASK.format('<float name="opacity" value="0.5"/>')),
+    "twosided in twosided": (TWOSIDED.format(TWOSIDED.format('<bsdf type="plastic"/>')), TWOSIDED.format('<bsdf type="plastic"/>')),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BSDFS)
+def test_a_bsdf_means_what_another_means(tmp_path: Path, name: str) -> None:
+    one, other = (loaded(tmp_path, bsdf(text)) for text in BSDFS[name])
+    assert one.sha256 == other.sha256
+
+
+def test_a_spectrum_for_one_number_is_its_mean(tmp_path: Path) -> None:
+    opacity = '<spectrum name="opacity" value="400:0, 700:1"/>'
+    found = loaded(tmp_path, bsdf(MASK.format(opacity)))
+    shown = loaded(
+        tmp_path, bsdf(f'<bsdf type="diffuse">{opacity.replace("opacity", "reflectance")}</bsdf>')
+    )
+    assert found.opacity[0] == pytest.approx(np.mean(shown.reflectance[0]))
+    assert "one number counts, the mean of these" in " ".join(found.notes)
+
+
+def test_version_0_takes_the_last_of_two_and_leaves_out_what_it_does_not_know(
+    tmp_path: Path,
+) -> None:
+    lamp = '<shape type="sphere"><float name="radius" value="0.25"/><float name="radius" value="{}"/><emitter type="area"><rgb name="reflectance" value="1"/><rgb name="radiance" value="2"/></emitter></shape>'
+    text = PLAIN.replace("3.0.0", "0.6.0").replace(BALL, lamp.format("0.5") + lamp.format("0.75"))
+    found = loaded(tmp_path, text)
+    assert sorted(found.spheres[:, 3].tolist()) == [0.5, 0.75]
+    assert " ".join(found.notes).count('"reflectance" is left out') == 1  # a place twice is a note
+    assert '"radius" is given twice' in " ".join(found.notes)
+    with pytest.raises(SceneError, match='"radius" is given twice'):
+        loaded(tmp_path, text.replace("0.6.0", "3.0.0"))
+
+
+# ---- meshes --------------------------------------------------------------------------------------
+
+HEAD = "ply\n{}element vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement {} {}\nproperty list uchar int vertex_indices\nend_header\n"
+POINTS = "0 0 0\n1 0 0\n0 1 0\n1 1 0.5\n0 2 1\n"
+FACES = "3 0 1 2\n3 2 1 3\n3 2 3 4\n"
+FORM = "format ascii 1.0\n"
+
+
+def triangles(folder: Path, content: bytes, kind: str = "ply") -> tuple[Any, Any]:
+    path = folder / f"a.{kind}"
+    path.write_bytes(content)
+    found = mesh.read(path, kind, "here")
+    return found.vertices.tolist(), found.triangles.tolist()
+
+
+PLYS = {
+    "comment before the format": HEAD.format("comment a\nobj_info b\n\n" + FORM, "face", 3) + POINTS + FACES,
+    "empty lines": HEAD.format(FORM, "face", 3) + "\n" + POINTS.replace("\n", "\n\n") + "  \n" + FACES,
+    "a strip": HEAD.format(FORM, "tristrips", 1) + POINTS + "5 0 1 2 3 4\n",
+    "two strips in one": HEAD.format(FORM, "tristrips", 1) + POINTS + "9 0 1 2 -1 2 1 3 -1 0\n",
+    "an element of strips": HEAD.format(FORM, "tristrips", 2) + POINTS + "3 0 1 2\n4 2 1 3 4\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PLYS)
+def test_ply_files_of_others(tmp_path: Path, name: str) -> None:
+    found = triangles(tmp_path, PLYS[name].encode())
+    plain = triangles(tmp_path, (HEAD.format(FORM, "face", 3) + POINTS + FACES).encode())
+    assert found[0] == plain[0]
+    expected = plain[1]
+    if name == "two strips in one":
+        expected = [[0, 1, 2], [2, 1, 3]]
+    elif name == "an element of strips":
+        expected = [[0, 1, 2], [2, 1, 3], [3, 1, 4]]
+    assert found[1] == expected
+
+
+def test_binary_strips_and_their_faults(tmp_path: Path) -> None:
+    head = HEAD.format("format binary_little_endian 1.0\n", "tristrips", 1).replace(
+        "list uchar", "list int"
+    )
+    points = np.array(POINTS.split(), "<f4").tobytes()
+    found = triangles(tmp_path, head.encode() + points + struct.pack("<6i", 5, 0, 1, 2, 3, 4))
+    assert found[1] == [[0, 1, 2], [2, 1, 3], [2, 3, 4]]
+    with pytest.raises(SceneError, match="triangle 0 uses vertex 7"):
+        triangles(tmp_path, head.encode() + points + struct.pack("<4i", 3, 7, 1, 2))
+    with pytest.raises(SceneError, match="holds no triangles"):
+        triangles(tmp_path, head.encode() + points + struct.pack("<3i", 2, 0, 1))
+
+
+# ---- images --------------------------------------------------------------------------------------
+
+RNG = np.random.default_rng(3)
+TEXELS = RNG.random((3, 4, 3)).astype(np.float32)
+
+
+def exr(path: Path, names: list[str], texels: np.ndarray[Any, Any] = TEXELS, **more: Any) -> Path:
+    import OpenEXR
+
+    planes = {name: np.ascontiguousarray(texels[..., k]) for k, name in enumerate(names)}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {**planes, **more}).write(str(path))
+    return path
+
+
+@pytest.mark.parametrize("names", ["R G B", "r g b", "View.R View.G View.B", "V.Combined.R V.Combined.G V.Combined.B"])  # fmt: skip
+def test_channels_of_colours(tmp_path: Path, names: str) -> None:
+    path = exr(tmp_path / "a.exr", names.split(), Depth=np.ones((3, 4), np.float32))
+    assert (images.read(path, "here").texels == TEXELS).all()
+
+
+def test_no_layer_is_guessed(tmp_path: Path) -> None:
+    path = exr(tmp_path / "a.exr", [f"{layer}.{name}" for layer in "ab" for name in "RGB"],
+               np.concatenate([TEXELS, TEXELS], axis=2))  # fmt: skip
+    with pytest.raises(SceneError, match=r"no channels R, G, B, and no channel Y; found a\.B"):
+        images.read(path, "here")
+
+
+def test_x_y_z_is_a_colour(tmp_path: Path) -> None:
+    matrix = np.array(
+        [
+            [3.240479, -1.537150, -0.498535],
+            [-0.969256, 1.875991, 0.041556],
+            [0.055648, -0.204043, 1.057311],
+        ]
+    )  # ITU-R BT.709
+    xyz = (TEXELS @ np.linalg.inv(matrix).T).astype(np.float32)
+    found = images.read(exr(tmp_path / "a.exr", ["X", "Y", "Z"], xyz), "here").texels
+    assert np.allclose(found, TEXELS, atol=1e-6)
+
+
+def test_a_sky_below_nothing_is_dark(tmp_path: Path) -> None:
+    texels = TEXELS.copy()
+    texels[1, 2, 0] = -1e-3
+    exr(tmp_path / "a.exr", ["R", "G", "B"], texels)
+    sky = '<emitter type="envmap"><string name="filename" value="a.exr"/></emitter>'
+    (tmp_path / "scene.xml").write_text(PLAIN.replace(SKY, sky))
+    with pytest.warns(
+        SceneWarning,
+        match=r"scene\.xml:2: envmap: texel \(x 2, y 1\) is -0.001; radiance is not negative: 0 is rendered",
+    ):
+        scene = vr.load_file(tmp_path / "scene.xml")
+    assert (scene.sky_texels == np.maximum(texels, 0).reshape(-1, 3)).all()

@@ -121,6 +121,50 @@ def test_a_bsdf_means_what_another_means(tmp_path: Path, name: str) -> None:
     assert one.sha256 == other.sha256
 
 
+def blend(first: str, second: str, weight: float) -> str:
+    return f'<bsdf type="blendbsdf"><float name="weight" value="{weight}"/>{first}{second}</bsdf>'
+
+
+def matt(grey: float) -> str:
+    return f'<bsdf type="diffuse">{COLOUR.format("reflectance", grey)}</bsdf>'
+
+
+ROUGH = '<bsdf type="roughconductor"><float name="alpha" value="0.25"/>{}</bsdf>'
+GLASS = '<bsdf type="dielectric">{}</bsdf>'
+COAT = '<bsdf type="plastic"/>'
+TWICE = '<bsdf type="twosided">{}</bsdf>'
+DARK = COLOUR.format("specular_reflectance", 0.75)
+BLENDS = {
+    "two matt ones": (blend(blend(matt(1), COAT, 0.5), matt(0.25), 0.5), blend(matt(0.5), COAT, 0.25)),
+    "three matt ones": (blend(blend(matt(1), matt(0.5), 0.5), matt(0.25), 0.5), blend(matt(0.75), matt(0.25), 0.5)),
+    "two alike": (blend(blend(COAT, matt(0.5), 0.5), COAT, 0.5), blend(COAT, matt(0.5), 0.25)),
+    "a black one": (blend(blend(ROUGH.format(""), matt(0), 0.25), COAT, 0.5), blend(ROUGH.format(DARK), COAT, 0.5)),
+    "a black one and glass": (blend(blend(matt(0), GLASS.format(""), 0.75), COAT, 0.5), blend(GLASS.format(DARK + DARK.replace("reflectance", "transmittance")), COAT, 0.5)),
+    "one that is not shown": (blend(blend(GLASS.format(""), matt(0.5), 0), COAT, 0.5), blend(GLASS.format(""), COAT, 0.5)),
+    "both sides": (TWICE.format(blend(blend(matt(1), COAT, 0.5), matt(0.25), 0.5)), TWICE.format(blend(matt(0.5), COAT, 0.25))),
+    "parts with two sides": (blend(TWICE.format(blend(matt(1), COAT, 0.5)), TWICE.format(matt(0.25)), 0.5), TWICE.format(blend(matt(0.5), COAT, 0.25))),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BLENDS)
+def test_a_blend_of_three_that_two_can_be(tmp_path: Path, name: str) -> None:
+    one, other = (loaded(tmp_path, bsdf(text)) for text in BLENDS[name])
+    assert one.sha256 == other.sha256
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        f'<bsdf type="mask"><float name="opacity" value="0.5"/>{matt(0)}</bsdf>',
+        TWICE.format(matt(1)),
+        '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>',
+    ],
+)
+def test_no_blend_of_three_that_two_cannot_be(tmp_path: Path, part: str) -> None:
+    with pytest.raises(SceneError, match="cannot hold another blendbsdf, unless"):
+        loaded(tmp_path, bsdf(blend(blend(matt(0.5), COAT, 0.5), part, 0.5)))
+
+
 def test_a_spectrum_for_one_number_is_its_mean(tmp_path: Path) -> None:
     opacity = '<spectrum name="opacity" value="400:0, 700:1"/>'
     found = loaded(tmp_path, bsdf(MASK.format(opacity)))
@@ -246,3 +290,31 @@ def test_a_sky_below_nothing_is_dark(tmp_path: Path) -> None:
     ):
         scene = vr.load_file(tmp_path / "scene.xml")
     assert (scene.sky_texels == np.maximum(texels, 0).reshape(-1, 3)).all()
+
+
+# ---- folders -------------------------------------------------------------------------------------
+
+
+def test_assets_are_found_where_mitsuba_looks_and_then_beside_the_included_file(
+    tmp_path: Path,
+) -> None:
+    """Beside the first file or in its search folders; included files beside the one that names them."""
+    obj = '<shape type="obj"><string name="filename" value="a.obj"/></shape>'
+    for name in ("", "one", "one/two", "more"):
+        (tmp_path / name).mkdir(exist_ok=True)
+    (tmp_path / "one" / "a.xml").write_text(f'<scene version="3.0.0"><include filename="two/b.xml"/>{obj}</scene>')
+    (tmp_path / "one" / "two" / "b.xml").write_text(f'<scene version="3.0.0">{obj}</scene>')
+
+    def heights(*where: str) -> list[float]:
+        for name in ("", "one", "one/two", "more"):
+            (tmp_path / name / "a.obj").unlink(missing_ok=True)
+        for height, name in enumerate(where, 1):
+            text = f"v 0 0 {height}\nv 1 0 {height}\nv 0 1 {height}\nf 1 2 3\n"
+            (tmp_path / name / "a.obj").write_text(text)
+        text = f'<scene version="3.0.0"><path value="more"/>{VIEW}{SKY}<include filename="one/a.xml"/></scene>'
+        return sorted(set(loaded(tmp_path, text).vertices[:, 2].tolist()))
+
+    assert heights("more", "", "one", "one/two") == [1]
+    assert heights("", "one", "one/two") == [1]
+    assert heights("one", "one/two") == [1, 2]
+    assert heights("one") == [1]

@@ -129,14 +129,21 @@ class _Reader:
         self.upgraded = upgrade.Notes()
         self.old = False  # whether the file being read is of a version below 2
         self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
+        self.included: dict[Path, tuple[Path, ...]] = {}  # folders of it and of those between
 
-    def find(self, name: str, path: Path, where: str) -> tuple[Path, str]:
+    def find(
+        self, name: str, path: Path, where: str, *, asset: bool = False
+    ) -> tuple[Path, str]:
         """Where the file is that `name` in the file `path` means, and its name there: the first
         search folder that has it, else, as in Mitsuba, the working directory; if none does, the
-        folder of `path`. Backslashes may stand for slashes. Of a path of another machine, the
-        longest end that is found counts."""
+        folder of `path`. asset: the folder of an included file comes after those of the file that
+        includes it, as Mitsuba looks for assets in the latter alone. Backslashes may stand for
+        slashes. Of a path of another machine, the longest end that is found counts."""
+        folders = self.folders[path]
+        if asset:
+            folders = sorted(folders, key=lambda folder: folder in self.included.get(path, ()))
         for text in dict.fromkeys((name, name.replace("\\", "/"))):
-            for folder in (*self.folders[path], Path()):
+            for folder in (*folders, Path()):
                 try:
                     if not (folder / text).exists():
                         continue
@@ -377,7 +384,7 @@ class _Reader:
             given = node.values.get("filename")
             folder = path.parent
             if given is not None and isinstance(given.value, str):
-                folder, given.value = self.find(given.value, path, given.where)
+                folder, given.value = self.find(given.value, path, given.where, asset=True)
             node.folder = str(folder)
         return node
 
@@ -407,6 +414,7 @@ class _Reader:
             )
         root, file = self.parse(target, where)
         self.folders[target] = [target.parent, *self.folders[path]]
+        self.included[target] = (target.parent, *self.included.get(path, ()))
         old = self.old
         inside = f"{file}:{root.sourceline}"
         if root.tag == "scene":

@@ -713,8 +713,9 @@ PLUGINS: dict[str, Plugin] = {
                 column="blend_weight",
             )
         },
-        {"bsdf": (_UNBLENDED, 2, 2)},
-        doc="the first bsdf in part, the second for the rest, in the order of the file",
+        {"bsdf": (_BSDFS, 2, 2)},
+        doc="the first bsdf in part, the second for the rest, in the order of the file; a blend in "
+        "it only if two of all its bsdfs are diffuse, or one is black",
     ),
     "twosided": Plugin(
         "bsdf",

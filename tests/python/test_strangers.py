@@ -292,17 +292,33 @@ def test_a_sky_below_nothing_is_dark(tmp_path: Path) -> None:
     assert (scene.sky_texels == np.maximum(texels, 0).reshape(-1, 3)).all()
 
 
+def test_a_factor_of_colour_on_grey_texels(tmp_path: Path) -> None:
+    exr(tmp_path / "a.exr", ["Y"], TEXELS[..., :1])
+    texture = '<texture type="bitmap" name="reflectance"><string name="filename" value="a.exr"/>{}</texture>'
+    plain, grey, coloured = (
+        loaded(tmp_path, bsdf(f'<bsdf type="diffuse">{texture.format(factor)}</bsdf>'))
+        for factor in ("", COLOUR.format("scale", 0.5), COLOUR.format("scale", "0.5 1 0.25"))
+    )
+    assert plain.texture_grey.tolist() == grey.texture_grey.tolist() == [1]
+    assert coloured.texture_grey.tolist() == [0]
+    texels = coloured.texels.view(np.float32).reshape(3, 4, 3)
+    assert (texels == TEXELS[..., :1] * np.float32([0.5, 1, 0.25])).all()
+    assert (grey.texels.view(np.float32) == TEXELS[..., 0].ravel() * np.float32(0.5)).all()
+
+
 # ---- folders -------------------------------------------------------------------------------------
 
 
 def test_assets_are_found_where_mitsuba_looks_and_then_beside_the_included_file(
     tmp_path: Path,
 ) -> None:
-    """Beside the first file or in its search folders; included files beside the one that names them."""
+    """Beside the first file or in its search folders; included files beside what names them."""
     obj = '<shape type="obj"><string name="filename" value="a.obj"/></shape>'
     for name in ("", "one", "one/two", "more"):
         (tmp_path / name).mkdir(exist_ok=True)
-    (tmp_path / "one" / "a.xml").write_text(f'<scene version="3.0.0"><include filename="two/b.xml"/>{obj}</scene>')
+    (tmp_path / "one" / "a.xml").write_text(
+        f'<scene version="3.0.0"><include filename="two/b.xml"/>{obj}</scene>'
+    )
     (tmp_path / "one" / "two" / "b.xml").write_text(f'<scene version="3.0.0">{obj}</scene>')
 
     def heights(*where: str) -> list[float]:

@@ -131,9 +131,7 @@ class _Reader:
         self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
         self.included: dict[Path, tuple[Path, ...]] = {}  # folders of it and of those between
 
-    def find(
-        self, name: str, path: Path, where: str, *, asset: bool = False
-    ) -> tuple[Path, str]:
+    def find(self, name: str, path: Path, where: str, *, asset: bool = False) -> tuple[Path, str]:
         """Where the file is that `name` in the file `path` means, and its name there: the first
         search folder that has it, else, as in Mitsuba, the working directory; if none does, the
         folder of `path`. asset: the folder of an included file comes after those of the file that

@@ -743,7 +743,7 @@ PLUGINS: dict[str, Plugin] = {
             "data": Param("array", None, doc="(H, W, C) in a dictionary; not for sRGB"),
             "bitmap": Param("array", None, doc="likewise; uint8 is sRGB unless raw"),
             "raw": Param("boolean", False, doc="8-bit texels are linear, not sRGB"),
-            "scale": Param("float", 1.0, 0.0, doc="factor on the texels; of version 0.x"),
+            "scale": Param(COLOUR, 1.0, 0.0, doc="factor on the texels; of version 0.x"),
             "channel": Param(
                 "string", None, choices=CHANNELS, doc="that alone, as grey; of version 0.x"
             ),

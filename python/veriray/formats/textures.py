@@ -53,7 +53,7 @@ class Texels:
         self.report = report
         self.words: list[Array] = []
         self.count = 0
-        self.known: dict[tuple[str, bool, bool, str | None, float], materials.Row] = {}
+        self.known: dict[tuple[str, bool, bool, str | None, tuple[float, ...]], materials.Row] = {}
         self.rows: dict[int, materials.Row] = {}
 
     def array(self) -> Array | None:
@@ -89,15 +89,16 @@ class Texels:
             )
         where, raw = node.values[given[0]].where, values["raw"]
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
-        channel, scale = values["channel"], np.float32(values["scale"])
-        key = str(path), raw, shares, channel, float(scale)
+        channel, scale = values["channel"], np.array(values["scale"], np.float32)
+        scale = scale[:1] if (scale == scale[0]).all() else scale  # one colour leaves grey texels
+        key = str(path), raw, shares, channel, tuple(scale.tolist())
         stored = self.known.get(key) if path is not None else None
         if stored is None:
             if path is None:
                 image = images.from_array(values[given[0]], where, raw=raw or given[0] == "data")
             else:
                 image = images.read(path, where, raw=raw, channel=channel)
-            if scale != 1:
+            if (scale != 1).any():
                 with np.errstate(over="ignore"):
                     image = images.Image(image.linear() * scale)
             name = shorten(str(path)) if path else "the image"

@@ -138,7 +138,7 @@ LINES = {
     "bumps without a texture": (BSDF.format("bumpmap", '<bsdf type="diffuse"/>'), "bumpmap has 0 textures, expected 1, a bitmap"),
     "bumps of nothing": (BSDF.format("bumpmap", '<texture type="bitmap" name="x"/>'), "bumpmap has no bsdf; allowed: diffuse"),
     "bumps of a checkerboard": (BSDF.format("bumpmap", '<texture type="checkerboard" name="x"/><bsdf type="diffuse"/>'), "bumpmap cannot hold a texture checkerboard, only a bitmap"),
-    "normals by another name": (BSDF.format("normalmap", '<texture type="bitmap" name="x"/><bsdf type="diffuse"/>'), "not on normalmap.x"),
+    "normals by another name": (BSDF.format("normalmap", '<texture type="bitmap" name="x"/><bsdf type="diffuse"/>'), "not supported on normalmap.x, but on normalmap.normalmap"),
     "bumps on bumps": (BSDF.format("bumpmap", '<bsdf type="bumpmap"/>'), "bumpmap cannot hold a bsdf \"bumpmap\""),
     "bumpy glass from both sides": (BSDF.format("twosided", '<bsdf type="bumpmap"><texture type="bitmap" name="x"><string name="filename" value="a.png"/></texture><bsdf type="dielectric"/></bsdf>'), "a.png"),
     "negative roughness": (BSDF.format("roughplastic", '<float name="alpha" value="-0.1"/>'), '"alpha" = -0.1 is outside [0, 10]'),

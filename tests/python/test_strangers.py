@@ -306,6 +306,35 @@ def test_a_factor_of_colour_on_grey_texels(tmp_path: Path) -> None:
     assert (grey.texels.view(np.float32) == TEXELS[..., 0].ravel() * np.float32(0.5)).all()
 
 
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
+FILE = '<string name="filename" value="{}"/>'
+MESH = '<shape type="{0}"><string name="filename" value="a.{0}"/></shape>'
+
+
+@pytest.mark.parametrize("name", ["obj", "ply", "serialized", "png", "exr", "hdr", "vol", "spd"])
+def test_pointers_of_git_lfs_are_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / f"a.{name}").write_text(POINTER)
+    file = FILE.format(f"a.{name}")
+    matter = (
+        f'<bsdf type="diffuse"><texture type="bitmap" name="reflectance">{file}</texture></bsdf>'
+    )
+    if name == "spd":
+        matter = '<bsdf type="diffuse"><spectrum name="reflectance" filename="a.spd"/></bsdf>'
+    if name == "vol":
+        volume = f'<volume type="gridvolume" name="sigma_t">{file}</volume>'
+        matter = f'<medium type="heterogeneous" name="interior">{volume}</medium>'
+    mesh_file = name in ("obj", "ply", "serialized")
+    text = PLAIN.replace(BALL, MESH.format(name)) if mesh_file else bsdf(matter)
+    with pytest.raises(SceneError, match="not the file, but a pointer of Git LFS to it"):
+        loaded(tmp_path, text)
+
+
+def test_three_numbers_are_a_colour(tmp_path: Path) -> None:
+    text = '<bsdf type="diffuse"><spectrum name="reflectance" value="0.1, 0.2, 0.3"/></bsdf>'
+    with pytest.raises(SceneError, match="holds 3 numbers, expected 1; a colour is <rgb>"):
+        loaded(tmp_path, bsdf(text))
+
+
 # ---- folders -------------------------------------------------------------------------------------
 
 

@@ -24,7 +24,7 @@ from ..errors import ImageError, SceneError
 from ..files import open_regular
 from ..image import read_exr
 from . import spectra
-from .node import shorten
+from .node import NOT_FETCHED, POINTER, shorten
 
 Array = npt.NDArray[Any]
 MAX_SIDE = 1 << 15
@@ -68,8 +68,10 @@ def read(path: Path, where: str, *, raw: bool = False, channel: str | None = Non
     try:
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size
-            start = file.read(16)
+            start = file.read(len(POINTER))
             file.seek(0)
+            if start == POINTER:
+                raise SceneError(NOT_FETCHED)
             if start.startswith(b"\x76\x2f\x31\x01"):
                 image = Image(_exr(path))
             elif start.startswith((b"#?RADIANCE", b"#?RGBE")):

@@ -7,8 +7,9 @@ Without loss: `sky`, `sun` and `sunsky`, whose up is +y, as `sunsky`; `difftrans
 
 With a warning that names the line, as the light differs:
 
-- textures: `scale` of a bitmap, by a number or a colour, clips above 1; `gridtexture` and `wireframe` by the colour between
-  their lines; `wrapMode` `zero` and `one` as `clamp`, two modes as that of u, a gamma as sRGB;
+- textures: `scale` of a bitmap, by a number or a colour, clips above 1; `gridtexture` and
+  `wireframe` by the colour between their lines; `wrapMode` `zero` and `one` as `clamp`, two modes
+  as that of u, a gamma as sRGB;
 - bsdfs: `irawan` as `diffuse`, `hk` as `principledthin` of its albedo;
 - a subsurface `dipole` as a diffuse surface of the same reflectance: (a / 2) (1 + e^(-4 A s / 3))
   e^(-s), s = sqrt(3 (1 - a)), a the albedo, A = (1 + F) / (1 - F), F = -1.440 / eta^2 +

@@ -87,6 +87,9 @@ def parse(text: str, label: str, where: str) -> Any:
     """The value of a spectrum given as text: (c, c, c) for one number, or a Spectrum of
     "wavelength:value" separated by blanks or commas."""
     if ":" not in text:
+        if len([token for token in re.split(r"[\s,]+", text) if token]) == 3:
+            told = f"{label} = {shorten(text)} holds 3 numbers, expected 1; a colour is <rgb>"
+            raise SceneError(told, where)
         return parse_floats(text, label, where, (1,)) * 3
     pairs = [token.split(":") for token in re.split(r"[\s,]+", text) if token]
     for pair in pairs:

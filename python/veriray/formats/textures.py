@@ -30,8 +30,11 @@ def check_place(node: Node, child: Node, item: Node | Ref) -> None:
     param = PLUGINS[node.plugin].params.get(item.name)
     if param is None or not param.texturable:
         name = f"{node.plugin}.{shorten(item.name)[1:-1] or '?'}"
+        own = [one for one in texturable() if one.startswith(f"{node.plugin}.")]
+        own += ["normalmap.normalmap"] if node.plugin == "normalmap" else []
         raise SceneError(
-            f"texture {child.plugin} is supported on {', '.join(texturable())}, not on {name}",
+            f"texture {child.plugin} is not supported on {name}, but on "
+            f"{', '.join(own or texturable())}",
             item.where,
         )
 

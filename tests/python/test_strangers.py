@@ -335,6 +335,54 @@ def test_three_numbers_are_a_colour(tmp_path: Path) -> None:
         loaded(tmp_path, bsdf(text))
 
 
+# ---- media ---------------------------------------------------------------------------------------
+
+POINT = '<emitter type="point"><point name="position" z="3"/></emitter>'
+LAMP = '<shape type="rectangle"><emitter type="area"/></shape>'
+FALSE = '<boolean name="{}" value="false"/>'
+
+
+@pytest.mark.parametrize(
+    ("light", "sigma_t", "said", "words"),
+    [
+        (POINT, "1", "sample_emitters", "leaves the light of points and parallel light in it out"),
+        (POINT.replace("point", "directional", 1).replace('<point name="position" z="3"/>', ""), "1", "sample_emitters", "leaves the light of points and parallel light in it out"),
+        (LAMP, "1", "sample_emitters", ""),
+        (SKY, "1 2 3", "has_spectral_extinction", "takes a coloured extinction for one that is grey"),
+        (SKY, "2 2 2", "has_spectral_extinction", ""),
+        (POINT, "1 2 3", "", ""),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("kind", ["homogeneous", "constvolume", "gridvolume"])
+def test_what_media_say_about_sampling(
+    tmp_path: Path, kind: str, light: str, sigma_t: str, said: str, words: str
+) -> None:
+    matter = COLOUR.format("sigma_t", sigma_t)
+    if kind == "constvolume":
+        matter = (
+            f'<volume type="constvolume" name="sigma_t">{COLOUR.format("value", sigma_t)}</volume>'
+        )
+    if kind == "gridvolume":
+        cells = np.broadcast_to(np.array(sigma_t.split(), "<f4"), (2, 2, 2, len(sigma_t.split())))
+        head = b"VOL\3" + struct.pack("<5i6f", 1, 2, 2, 2, cells.shape[3], 0, 0, 0, 1, 1, 1)
+        (tmp_path / "a.vol").write_bytes(head + cells.tobytes())
+        matter = f'<volume type="gridvolume" name="sigma_t">{FILE.format("a.vol")}</volume>'
+        words = "takes a coloured extinction" if sigma_t == "2 2 2" else words  # three a cell
+    matter += FALSE.format(said) if said else ""
+    plugin = "homogeneous" if kind == "homogeneous" else "heterogeneous"
+    medium = f'<medium type="{plugin}" name="interior">{matter}</medium>'
+    text = PLAIN.replace(SKY, light).replace("</shape>\n", "</shape>", 1)
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        text.replace(BALL, BALL.replace("</shape>", f'<bsdf type="null"/>{medium}</shape>'))
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        vr.load_file(path)
+    told = "; ".join(str(one.message) for one in caught if issubclass(one.category, SceneWarning))
+    assert (words in told and f'"{said}" = false' in told) if words else not told
+
+
 # ---- folders -------------------------------------------------------------------------------------
 
 

@@ -88,8 +88,8 @@ def test_the_arrays_of_a_projector() -> None:
         (projector(fov=180.0), "fov"),
         ({"type": "spot", "texture": 0.5}, "belongs to intensity"),
         ({"type": "spot", "texture": BITMAP, "cutoff_angle": 90.0}, "less than 90"),
-        ({"type": "spot", "intensity": BITMAP}, "not on spot.intensity"),
-        ({"type": "constant", "radiance": BITMAP}, "not on constant.radiance"),
+        ({"type": "spot", "intensity": BITMAP}, "not supported on spot.intensity"),
+        ({"type": "constant", "radiance": BITMAP}, "not supported on constant.radiance"),
     ],
 )
 def test_what_is_refused(part: dict[str, Any], message: str) -> None:

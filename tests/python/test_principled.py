@@ -101,7 +101,10 @@ def test_defaults_and_kinds() -> None:
     [
         ({"eta": 1e300}, '"eta" = 1e+300 is outside'),
         ({"eta": 1.5, "specular": 0.5}, "both eta and specular given"),
-        ({"eta": {"type": "checkerboard"}}, "texture checkerboard is supported on"),
+        (
+            {"eta": {"type": "checkerboard"}},
+            "checkerboard is not supported on principled.eta, but on principled.",
+        ),
     ],
 )
 def test_refused(given: dict[str, Any], text: str) -> None:

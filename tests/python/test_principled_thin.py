@@ -107,7 +107,7 @@ def test_textures_give_the_number(name: str) -> None:
     [
         ({"diff_trans": 2.5}, '"diff_trans" = 2.5 is outside [0, 2]'),
         ({"metallic": 0.5}, 'unknown parameter "metallic"'),
-        ({"eta": {"type": "checkerboard"}}, "texture checkerboard is supported on"),
+        ({"eta": {"type": "checkerboard"}}, "checkerboard is not supported on principledthin.eta"),
     ],
 )
 def test_refused(given: dict[str, Any], text: str) -> None:

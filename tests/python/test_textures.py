@@ -585,10 +585,11 @@ def test_refusals(tmp_path: Path) -> None:
     one = np.ones((2, 2, 3), np.float32)
     board = {"type": "checkerboard"}
     for bsdf, message in (
-        ({"type": "conductor", "eta": board, "k": 1.0}, "checkerboard is supported on diffuse.refl"
-         r"ectance, .*mask.opacity, .*, not on conductor.eta"),
-        ({"type": "diffuse", "colour": board}, "not on diffuse.colour"),
-        (diffuse({"type": "checkerboard", "color0": board}), "not on checkerboard.color0"),
+        ({"type": "conductor", "eta": board, "k": 1.0},
+         "checkerboard is not supported on conductor.eta, but on conductor.specular_reflectance$"),
+        ({"type": "diffuse", "colour": board}, "not supported on diffuse.colour, but on diffuse.r"),
+        (diffuse({"type": "checkerboard", "color0": board}),
+         r"not supported on checkerboard.color0, but on diffuse.reflectance, .*mask.opacity, "),
         (diffuse({"type": "bitmap"}), "no image given; expected one of filename, data, bitmap"),
         (diffuse(bitmap(one, data=one)), "data and bitmap given"),
         (diffuse(bitmap(one, wrap_mode="black")), r'"wrap_mode" = "black" is not supported'),
@@ -601,7 +602,7 @@ def test_refusals(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(SceneError, match=message):
             loaded({"type": "sphere", "bsdf": bsdf})
-    with pytest.raises(SceneError, match="not on area.intensity"):
+    with pytest.raises(SceneError, match="not supported on area.intensity"):
         loaded({"type": "sphere", "emitter": {"type": "area", "intensity": board}})
     with pytest.raises(SceneError, match='"reflectance" is given twice'):
         path = tmp_path / "x.xml"

@@ -142,12 +142,12 @@ def _coating(
     warn(f"bsdf {plugin} is rendered {told}", where)
 
 
-def _resolved(child: _Element, root: _Element) -> _Element | None:
-    """A copy, without ids, of a bsdf or of what a reference to one means; None if it is not in the
-    file."""
+def _resolved(child: _Element, root: _Element, tag: str = "bsdf") -> _Element | None:
+    """A copy, without ids, of an object or of what a reference to one means; None if it is not in
+    the file."""
     found: _Element | None = child
     if child.tag == "ref":
-        found = next((e for e in root.iter("bsdf") if e.get("id") == child.get("id")), None)
+        found = next((e for e in root.iter(tag) if e.get("id") == child.get("id")), None)
     if found is None:
         return None
     result = copy.deepcopy(found)

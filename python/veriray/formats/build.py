@@ -88,6 +88,7 @@ class _Builder:
         self.texels = textures.Texels(self.report)
         self.grids = volumes.Grids()
         self.phase_values: list[float] = []
+        self.media: list[tuple[Node, bool]] = []  # used, and whether their extinction is coloured
         self.unbounded_nodes: dict[int, Node] = {}  # textures of lights and heights
         self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
         self.sky: dict[str, Any] = {}
@@ -259,6 +260,8 @@ class _Builder:
             )
         depths["hide_emitters"] = depths["hide_emitters"] and seen
         integrators.check_scene(integrator, self.check, self.report, seen, arrays)
+        for node, coloured in self.media:
+            integrators.check_medium(node, coloured, self.report, arrays["light_kind"] is not None)
         features = self.report.features
         if "uv" in features and not textured:
             features = tuple(name for name in features if name != "uv")
@@ -337,8 +340,8 @@ class _Builder:
         if skies[0].plugin == "constant":
             return tuple(values["radiance"])
         self.unscaled(skies[0], values)
-        image = skies[0].plugin == "envmap"
-        self.sky = envmap(skies[0], values) if image else sunsky(skies[0], values, self.report)
+        made = envmap if skies[0].plugin == "envmap" else sunsky
+        self.sky = made(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
 
     def sensors(self, node: Node) -> list[_View]:
@@ -535,6 +538,10 @@ class _Builder:
         index = self.tables.index("media", node, row)
         if index < new:
             return index
+        coloured = len(set(row["sigma_t"])) > 1
+        if "sigma_t" in grids:
+            coloured |= grids["sigma_t"].cells.shape[3] > 1
+        self.media.append((node, coloured))
         for name, grid in grids.items():
             row[f"{name}_grid"] = self.tables.index("grids", grid.node, self.grids.placed(grid))
         for lobe, of_lobe, values in lobes:

@@ -11,6 +11,7 @@ import io
 import os
 import re
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -22,7 +23,8 @@ from ..chunks import in_chunks
 from ..errors import ImageError, SceneError
 from ..files import open_regular
 from ..image import read_exr
-from .node import shorten
+from . import spectra
+from .node import NOT_FETCHED, POINTER, shorten
 
 Array = npt.NDArray[Any]
 MAX_SIDE = 1 << 15
@@ -66,8 +68,10 @@ def read(path: Path, where: str, *, raw: bool = False, channel: str | None = Non
     try:
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size
-            start = file.read(16)
+            start = file.read(len(POINTER))
             file.seek(0)
+            if start == POINTER:
+                raise SceneError(NOT_FETCHED)
             if start.startswith(b"\x76\x2f\x31\x01"):
                 image = Image(_exr(path))
             elif start.startswith((b"#?RADIANCE", b"#?RGBE")):
@@ -241,18 +245,31 @@ def _png_16(file: IO[bytes], mode: str) -> Array:
     return parts[0] << 8 | parts[1]
 
 
+def _exr_names(channels: Iterable[str]) -> tuple[str, ...]:
+    """The channels of an EXR file's colours: R, G, B, or X, Y, Z, or Y, or r, g, b, or those of the
+    only layer that has R, G and B; none where nothing says which."""
+    for names in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",), ("r", "g", "b")):
+        if set(names) <= set(channels):
+            return names
+    layers = [name.rpartition(".")[0] for name in channels if name.endswith(".R")]
+    layers = [layer for layer in layers if {f"{layer}.G", f"{layer}.B"} <= set(channels)]
+    return tuple(f"{layers[0]}.{name}" for name in "RGB") if len(layers) == 1 else ()
+
+
 def _exr(path: Path) -> Array:
     _, channels = read_exr(path, _MAX_BYTES)
-    for names in (("R", "G", "B"), ("Y",)):
-        if all(name in channels for name in names):
-            break
-    else:
+    names = _exr_names(channels)
+    if not names:
         found = ", ".join(sorted(channels)[:9])
         raise SceneError(f"no channels R, G, B, and no channel Y; found {found}")
     if {"RY", "BY"} & set(channels):
         raise SceneError("luminance and chroma channels are not supported; use R, G, B")
     planes = [channels[name] for name in names]
     _check_size(planes[0].shape[1], planes[0].shape[0])
+    if names == ("X", "Y", "Z"):
+        with np.errstate(over="ignore", invalid="ignore"):
+            x, y, z = (plane.astype(np.float64) for plane in planes)
+            planes = [a * x + b * y + c * z for a, b, c in spectra.XYZ_TO_RGB]
     half = all(plane.dtype == np.float16 for plane in planes)
     kind = np.float16 if half else np.float32
     return np.stack([plane.astype(kind) for plane in planes], axis=-1)

@@ -123,3 +123,16 @@ def check_scene(
     other, text = _OTHER_IN_MITSUBA.get(node.plugin, (set(), ""))
     if kinds & other:
         report.warn(f"{node}: {text}", node.where)
+
+
+def check_medium(node: Node, coloured: bool, report: Report, lamps: bool) -> None:
+    """Warns of what a medium says about sampling by which Mitsuba's picture is another; coloured:
+    its extinction; lamps: some light of the scene comes from a point or is parallel."""
+    for name, matters, text in (
+        ("sample_emitters", lamps, "leaves the light of points and parallel light in it out"),
+        ("has_spectral_extinction", coloured, "takes a coloured extinction for one that is grey"),
+    ):
+        value = node.values.get(name)
+        if matters and value is not None and value.value is False:
+            told = f'{node}: "{name}" = false: Mitsuba {text}; here it is right'
+            report.warn(told, value.where)

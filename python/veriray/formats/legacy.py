@@ -7,8 +7,9 @@ Without loss: `sky`, `sun` and `sunsky`, whose up is +y, as `sunsky`; `difftrans
 
 With a warning that names the line, as the light differs:
 
-- textures: `scale` of a bitmap clips above 1; `gridtexture` and `wireframe` by the colour between
-  their lines; `wrapMode` `zero` and `one` as `clamp`, two modes as that of u, a gamma as sRGB;
+- textures: `scale` of a bitmap, by a number or a colour, clips above 1; `gridtexture` and
+  `wireframe` by the colour between their lines; `wrapMode` `zero` and `one` as `clamp`, two modes
+  as that of u, a gamma as sRGB;
 - bsdfs: `irawan` as `diffuse`, `hk` as `principledthin` of its albedo;
 - a subsurface `dipole` as a diffuse surface of the same reflectance: (a / 2) (1 + e^(-4 A s / 3))
   e^(-s), s = sqrt(3 (1 - a)), a the albedo, A = (1 + F) / (1 - F), F = -1.440 / eta^2 +
@@ -28,7 +29,7 @@ from lxml import etree
 from lxml.etree import _Element
 
 from . import legacy_media
-from .approximate import _add, _named, _numbers, _set
+from .approximate import _add, _named, _numbers, _resolved, _set
 from .node import shorten
 from .plugins import PLUGINS
 
@@ -72,7 +73,7 @@ def parts(root: _Element, file: str, notes: Notes) -> None:
 
 def unread(root: _Element, file: str, notes: Notes) -> None:
     """Takes away parameters that nothing reads; the objects are in today's terms already."""
-    for element in root.iter():
+    for element in list(root.iter()):  # what is taken away ends a walk
         plugin = PLUGINS.get(str(element.get("type"))) if isinstance(element.tag, str) else None
         if plugin is None or plugin.category != element.tag or plugin.lenient:
             continue
@@ -197,8 +198,21 @@ def _grid(element: _Element, where: str, notes: Notes) -> None:
         _set(element, one, colour)
 
 
-def _scaled(element: _Element, where: str, notes: Notes) -> None:
-    """A texture times a number as that texture."""
+def _scaled(element: _Element, where: str, notes: Notes, depth: int = 8) -> None:
+    """A texture times a number as that texture. depth: of such in it; one in itself has no end."""
+    if not depth:
+        return  # refused as an unknown texture
+    for child in list(element):
+        copied = None
+        if child.tag == "ref":  # a texture elsewhere in the file
+            copied = _resolved(child, element.getroottree().getroot(), "texture")
+        if copied is not None:
+            element.replace(child, copied)
+            child = copied
+        if child.tag == "texture" and child.get("type") == "scale":
+            _scaled(child, where, notes, depth - 1)
+        elif copied is not None:
+            _OBJECTS.get(("texture", str(child.get("type"))), _other)(child, where, notes)
     inner = [c for c in element if c.tag == "texture"]
     colours = [c for c in element if c.tag in _VALUES and c.get("name") == "value"]
     factor = _numbers(_named(element, "scale"), 1.0)
@@ -221,8 +235,11 @@ def _scaled(element: _Element, where: str, notes: Notes) -> None:
             colour = _numbers(_named(held, one), default)
             if colour is not None:
                 _set(held, one, tuple(a * b for a, b in zip(colour, factor, strict=True)))
-    elif held.get("type") == "bitmap" and len(set(factor)) == 1:
-        _add(held, "float", "scale", repr(factor[0]))
+    elif held.get("type") == "bitmap":
+        before = _numbers(_named(held, "scale"), 1.0)
+        if before is None:
+            return
+        _set(held, "scale", tuple(a * b for a, b in zip(before, factor, strict=True)))
     elif factor != (1.0,) * 3:
         return
     for key in ("name", "id"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
 
@@ -16,6 +16,17 @@ from .plugins import PLUGINS
 from .report import Report
 
 Row = dict[str, Any]
+
+
+@dataclass
+class _Part:
+    """A bsdf of a blend: its node, its row and its share."""
+
+    node: Node
+    row: Row
+    share: float
+
+
 BLACK: Row = blank_row("materials")
 _ALPHAS = ("alpha", "alpha_u", "alpha_v")
 _LEAST_ALPHA = 1e-4  # smaller ones are taken for it, as by Mitsuba
@@ -93,13 +104,87 @@ def blend(node: Node, values: dict[str, Any], nodes: list[Node], rows: list[Row]
         if not any(item.name == "weight" for item in node.children):
             raise SceneError(f'{node}: "weight" (number or texture) is missing', node.where)
         weight = 0.0
+    weight = min(max(weight, 0.0), 1.0)  # as Mitsuba
     if any("other" in row for row in rows):
-        raise SceneError(f"{node} cannot hold another blendbsdf, in a mask or twosided", node.where)
-    return {
-        **rows[0],
-        "blend_weight": min(max(weight, 0.0), 1.0),  # as Mitsuba
-        "other": (replace(nodes[1]), rows[1]),
-    }
+        inner = any(row.get("blend_weight_texture", -1) >= 0 for row in rows)
+        if inner or any(item.name == "weight" for item in node.children):
+            text = "with a blendbsdf in it takes no texture as weight"
+            raise SceneError(f"{node} {text}", node.where)
+        shares = (1 - weight, weight)
+        parts = [_parts(*one) for one in zip(nodes, rows, shares, strict=True)]
+        return _of_two(node, [part for both in parts for part in both])
+    return {**rows[0], "blend_weight": weight, "other": (replace(nodes[1]), rows[1])}
+
+
+#: Columns by which all that a material of a kind reflects and lets through grows.
+_GROWS = {
+    MATERIAL_KINDS.index(kind): columns
+    for columns, kinds in {
+        ("reflectance",): ("diffuse",),
+        ("specular_reflectance",): ("conductor", "roughconductor"),
+        ("specular_reflectance", "specular_transmittance"): (
+            "dielectric", "thindielectric", "roughdielectric",
+        ),
+    }.items()
+    for kind in kinds
+}  # fmt: skip
+_DIFFUSE = MATERIAL_KINDS.index("diffuse")
+
+
+def _parts(node: Node, row: Row, share: float) -> list[_Part]:
+    """A bsdf's row with its share, or those of the two that a blend shows."""
+    if "other" not in row:
+        return [_Part(replace(node), row, share)]
+    first = {**row, "blend_weight": BLACK["blend_weight"]}
+    second, other = first.pop("other")
+    weight = row["blend_weight"]
+    return [
+        _Part(replace(node), first, share * (1 - weight)),
+        _Part(second, other, share * weight),
+    ]
+
+
+def _of_two(node: Node, parts: list[_Part]) -> Row:
+    """The row of a blend of more than two bsdfs, of which some can be put together."""
+    parts = [part for part in parts if part.share > 0]
+    pairs = [(i, j) for j in range(len(parts)) for i in range(j)]
+    while len(parts) > 2:
+        found = ((i, j, _together(parts[i], parts[j])) for i, j in pairs if j < len(parts))
+        i, j, both = next(((i, j, one) for i, j, one in found if one), (0, 0, None))
+        if both is None:
+            text = "cannot hold another blendbsdf, unless two of all are diffuse, or one is black"
+            raise SceneError(f"{node} {text}", node.where)
+        parts = [both if k == i else part for k, part in enumerate(parts) if k != j]
+    if len(parts) == 1:
+        return parts[0].row
+    weight = parts[1].share / (parts[0].share + parts[1].share)
+    return {**parts[0].row, "blend_weight": weight, "other": (parts[1].node, parts[1].row)}
+
+
+def _together(one: _Part, other: _Part) -> _Part | None:
+    """A bsdf that looks as two by their shares; None if there is none."""
+    share = one.share + other.share
+    for part in (one, other):
+        row = part.row
+        textured = any(row.get(f"{name}_texture", -1) >= 0 for name in TEXTURABLE)
+        if textured or row.get("attributes") or row.get("relief_texture", -1) >= 0:
+            return None
+        if row["opacity"] < 1:
+            return None
+    if {**one.row, "reflectance": ()} == {**other.row, "reflectance": ()}:
+        if one.row["reflectance"] == other.row["reflectance"]:
+            return replace(one, share=share)
+        if one.row["material_kind"] == _DIFFUSE:
+            pairs = zip(one.row["reflectance"], other.row["reflectance"], strict=True)
+            mean = tuple((one.share * a + other.share * b) / share for a, b in pairs)
+            return replace(one, row={**one.row, "reflectance": mean}, share=share)
+    for lit, dark in ((one, other), (other, one)):
+        if dark.row["material_kind"] == _DIFFUSE and not any(dark.row["reflectance"]):
+            columns = _GROWS.get(lit.row["material_kind"], ())
+            less = {name: tuple(lit.share * x / share for x in lit.row[name]) for name in columns}
+            if less:
+                return replace(lit, row={**lit.row, **less}, share=share)
+    return None
 
 
 def both(row: Row) -> list[Row]:
@@ -165,13 +250,16 @@ def reads_uv(row: Row) -> bool:
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
     name, eta, k = values["material"], values["eta"], values["k"]
-    if (eta is None) != (k is None) or (name is not None and eta is not None):
+    if name is not None and (eta is not None or k is not None):
         given = [key for key in ("material", "eta", "k") if values[key] is not None]
         raise SceneError(
-            f"{node}: {' and '.join(given)} given; expected both eta and k, or none of them",
+            f"{node}: {' and '.join(given)} given; expected either material, or eta and k",
             node.where,
         )
-    if eta is None:
+    if eta is not None or k is not None:  # one alone: the other as in Mitsuba
+        eta = (0.0,) * 3 if eta is None else eta
+        k = (1.0,) * 3 if k is None else k
+    else:
         where = node.values["material"].where if name else node.where
         eta, k = metals.metal(name or "none", f'{node}: "material"', where)
     outside = values["ext_eta"]

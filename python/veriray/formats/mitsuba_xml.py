@@ -6,8 +6,10 @@ rotate, lookat, matrix, each applied after those before it); ref; alias; default
 folder in which files are looked for first. "$name" in an attribute is replaced by the parameter of
 that name, unless a backslash precedes it; one without a value leaves the default, with a note,
 where it changes no light: in a film, a sampler or a filter, and as the type of these and of an
-integrator. Versions below 2: see `upgrade`. Limits: UTF-8, no DOCTYPE, no entities, 16 MiB a file,
-includes 8 deep and 256 in all.
+integrator. Versions below 2: see `upgrade`. As in Mitsuba, comments may hold anything but their
+end, "&" in an attribute may stand for itself, and text between elements counts for nothing. A file
+is UTF-8, UTF-16 or UTF-32, or ISO-8859-1 where it says so or is none of these. Limits: no DOCTYPE,
+no entities, 16 MiB a file, includes 8 deep and 256 in all.
 """
 
 from __future__ import annotations
@@ -47,7 +49,28 @@ Array = npt.NDArray[np.float64]
 MAX_BYTES = 16 * 2**20
 MAX_INCLUDE_DEPTH = 8
 MAX_INCLUDES = 256
-_PARAMETER = re.compile(r"\\\$|\$(?:\{([A-Za-z_][A-Za-z0-9_]*)\}|([A-Za-z_][A-Za-z0-9_]*))?")
+_PARAMETER = re.compile(r"\\\$|\$(?:\{([^\s${}]+)\}|([^\s$]*))")
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_VERSION = re.compile(r"\s*0*([0-3])(?:\.[0-9]{1,9}){0,2}(?:[^0-9.].{0,32})?")
+_MARKS = (
+    (b"\xef\xbb\xbf", "utf-8"),
+    (b"\xff\xfe\0\0", "utf-32-le"),
+    (b"\0\0\xfe\xff", "utf-32-be"),
+    (b"\xff\xfe", "utf-16-le"),
+    (b"\xfe\xff", "utf-16-be"),
+    (b"<\0\0\0", "utf-32-le"),
+    (b"\0\0\0<", "utf-32-be"),
+    (b"<\0", "utf-16-le"),
+    (b"\0<", "utf-16-be"),
+)
+_LATIN = re.compile(
+    rb"\s*<\?xml[^>]{0,200}\sencoding\s*=\s*[\"'](?:iso-8859-1|latin-?1)[\"']", re.IGNORECASE
+)
+#: What is skipped on the way to a comment, and its end.
+_APART = {"<!--": "-->", "<?": "?>", "<![CDATA[": "]]>"}
+_BEGIN = re.compile("|".join(map(re.escape, _APART)))
+_TAG = re.compile(r"<[A-Za-z_][^<>]*&[^<>]*>")
+_AMPERSAND = re.compile(r"&(?!(?:amp|lt|gt|quot|apos|#[0-9]{1,7}|#x[0-9A-Fa-f]{1,6});)")
 _DECLARATION = re.compile(r"\A\s*<\?xml\s[^<>]{0,1000}\?>")
 #: Objects that change no light: what has no value in them, and what they are, takes the default.
 _DEFAULTS = {"film": "hdrfilm", "sampler": "independent", "rfilter": "gaussian"}
@@ -97,6 +120,7 @@ class _Reader:
         self.values = {str(key): _text(value) for key, value in parameters.items()}
         self.given = set(self.values)
         self.used: set[str] = set()
+        self.odd = not all(map(_PLAIN.fullmatch, self.values))  # a name that is no identifier
         self.includes = 0
         self.expanded = 0
         self.report = report
@@ -105,14 +129,19 @@ class _Reader:
         self.upgraded = upgrade.Notes()
         self.old = False  # whether the file being read is of a version below 2
         self.folders: dict[Path, list[Path]] = {}  # of each file, in the order of the search
+        self.included: dict[Path, tuple[Path, ...]] = {}  # folders of it and of those between
 
-    def find(self, name: str, path: Path, where: str) -> tuple[Path, str]:
+    def find(self, name: str, path: Path, where: str, *, asset: bool = False) -> tuple[Path, str]:
         """Where the file is that `name` in the file `path` means, and its name there: the first
         search folder that has it, else, as in Mitsuba, the working directory; if none does, the
-        folder of `path`. Backslashes may stand for slashes. Of a path of another machine, the
-        longest end that is found counts."""
+        folder of `path`. asset: the folder of an included file comes after those of the file that
+        includes it, as Mitsuba looks for assets in the latter alone. Backslashes may stand for
+        slashes. Of a path of another machine, the longest end that is found counts."""
+        folders = self.folders[path]
+        if asset:
+            folders = sorted(folders, key=lambda folder: folder in self.included.get(path, ()))
         for text in dict.fromkeys((name, name.replace("\\", "/"))):
-            for folder in (*self.folders[path], Path()):
+            for folder in (*folders, Path()):
                 try:
                     if not (folder / text).exists():
                         continue
@@ -135,10 +164,10 @@ class _Reader:
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
         name = str(path)
-        try:
-            text = read_bytes(path, MAX_BYTES, where).decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise SceneError(f"not UTF-8 text (byte {error.start})", name) from None
+        text, encoding = _decoded(read_bytes(path, MAX_BYTES, where), name)
+        if encoding:
+            self.report.note(f"not UTF-8 text: it is read as {encoding}", name)
+        text = _with_ampersands(_without_comments(text))
         text = _DECLARATION.sub(lambda m: "\n" * m[0].count("\n"), text)  # as Mitsuba: unread
         _refuse_doctype(text, name)
         parser = etree.XMLParser(
@@ -162,9 +191,10 @@ class _Reader:
         version = root.get("version")
         if version is None:
             raise SceneError('<scene> has no version; write version="3.0.0"', where)
-        if not re.fullmatch(r"[0-3](\.[0-9]{1,9}){0,2}", version):
+        match = _VERSION.fullmatch(version)
+        if not match:
             raise SceneError(f"version = {shorten(version)}, expected 0.x.x to 3.x.x", where)
-        self.old = version[0] in "01"
+        self.old = match[1] in "01"
         if self.old:
             upgrade.upgrade(root, where.rpartition(":")[0], self.upgraded)
 
@@ -192,12 +222,14 @@ class _Reader:
     def lookup(self, match: re.Match[str], where: str) -> str:
         if match[0] == "\\$":
             return "$"
-        key, rest = match[1] or match[2], ""
-        if match[2] and key not in self.values:  # as Mitsuba: the longest name that it begins with
-            known = [name for name in self.values if key.startswith(name)]
-            if known:
-                rest = key[len(max(known, key=len)) :]
-                key = key[: len(key) - len(rest)]
+        key, rest = match[1] or "", ""
+        if match[2]:
+            word = _PLAIN.match(match[2])
+            key = word[0] if word else ""
+            if key not in self.values or self.odd:  # as Mitsuba: the longest name that begins it
+                known = [name for name in self.values if name and match[2].startswith(name)]
+                key = max(known, key=len, default=key)
+            rest = match[2][len(key) :]
         if not key:
             raise SceneError('"$" must be followed by the name of a parameter', where)
         if key not in self.values:
@@ -223,11 +255,11 @@ class _Reader:
         """Adds the element's children to `node`."""
         if depth > MAX_DEPTH:
             raise SceneError(f"nested deeper than {MAX_DEPTH}", f"{path}:{element.sourceline}")
-        _no_text(element, element.text, path)
+        self.stray(element, element.text, path)
         for child in element:
             where = f"{path}:{child.sourceline}"
+            self.stray(element, child.tail, path)
             try:
-                _no_text(element, child.tail, path)
                 if not isinstance(child.tag, str):
                     raise SceneError("entities are not allowed", where)
                 self.child(child, node, path, chain, depth, where)
@@ -253,8 +285,9 @@ class _Reader:
             self.include(child, node, path, chain, depth, where)
         elif tag == "default":
             a = self.attributes(child, where, "name value")
-            if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", a["name"]):
+            if not re.fullmatch(r"[^\s${}\\]+", a["name"]):
                 raise SceneError(f"<default> has a bad name {shorten(a['name'])}", where)
+            self.odd |= not _PLAIN.fullmatch(a["name"])
             self.values.setdefault(a["name"], a["value"])
             _empty(child, where)
         elif tag == "ref":
@@ -290,6 +323,12 @@ class _Reader:
             names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)
             raise SceneError(f"unknown element <{tag[:64]}>{allowed(tag, names)}", where)
 
+    def stray(self, element: etree._Element, text: str | None, path: Path) -> None:
+        """Notes text in an element that holds none, which counts for nothing."""
+        if text and not text.isspace():
+            told = f"<{element.tag}> holds text, which is not read"
+            self.report.note(told, f"{path}:{element.sourceline}")
+
     def search(self, element: etree._Element, path: Path, depth: int, where: str) -> None:
         """Adds a folder before those in which the files of `path` are looked for."""
         name = self.attributes(element, where, "value")["value"]
@@ -306,9 +345,12 @@ class _Reader:
         first = node.values.get(name)
         if first is not None:
             text = f'{node}: "{name}" is given twice, first at {first.where}'
-            if node.category not in _DEFAULTS and not _same(first, value):
-                raise SceneError(text, where)
-            self.report.note(f"{text}; the last counts", where)
+            if not _same(first, value) and node.category not in _DEFAULTS:
+                if not self.old:  # version 0.x warned
+                    raise SceneError(text, where)
+                self.report.warn(f"{text}; the last counts", where)
+            else:
+                self.report.note(f"{text}; the last counts", where)
         node.values[name] = value
 
     def object(
@@ -340,7 +382,7 @@ class _Reader:
             given = node.values.get("filename")
             folder = path.parent
             if given is not None and isinstance(given.value, str):
-                folder, given.value = self.find(given.value, path, given.where)
+                folder, given.value = self.find(given.value, path, given.where, asset=True)
             node.folder = str(folder)
         return node
 
@@ -370,6 +412,7 @@ class _Reader:
             )
         root, file = self.parse(target, where)
         self.folders[target] = [target.parent, *self.folders[path]]
+        self.included[target] = (target.parent, *self.included.get(path, ()))
         old = self.old
         inside = f"{file}:{root.sourceline}"
         if root.tag == "scene":
@@ -440,12 +483,12 @@ class _Reader:
         if a["type"] not in spectra.PLUGINS:
             known = allowed(a["type"], spectra.PLUGINS)
             raise SceneError(f"unknown spectrum {shorten(a['type'])}{known}", where)
-        _no_text(element, element.text, path)
+        self.stray(element, element.text, path)
         given: dict[str, Value] = {}
         nested = []
         for child in element:
             here = f"{path}:{child.sourceline}"
-            _no_text(element, child.tail, path)
+            self.stray(element, child.tail, path)
             if child.tag not in (*_VALUE_TAGS, "point", "vector", "texture"):
                 raise SceneError(f"a spectrum cannot hold {shorten(str(child.tag))}", here)
             name, value = self.value(child, path, here)
@@ -477,12 +520,12 @@ class _Reader:
         )
 
     def transform(self, element: etree._Element, path: Path) -> Array:
-        _no_text(element, element.text, path)
+        self.stray(element, element.text, path)
         matrix = np.eye(4)
         for child in element:
             where = f"{path}:{child.sourceline}"
             tag = child.tag
-            _no_text(element, child.tail, path)
+            self.stray(element, child.tail, path)
             if not isinstance(tag, str):
                 raise SceneError("entities are not allowed", where)
             _empty(child, where)
@@ -567,9 +610,49 @@ def _names(needed: str, optional: str) -> tuple[list[str], list[str]]:
     return needed.split(), [*needed.split(), *optional.split()]
 
 
-def _no_text(element: etree._Element, text: str | None, path: Path) -> None:
-    if text and not text.isspace():
-        raise SceneError(f"<{element.tag}> holds text", f"{path}:{element.sourceline}")
+def _decoded(data: bytes, name: str) -> tuple[str, str]:
+    """The text of a file, and its encoding where that is not a Unicode one and the file does not
+    say so. As pugixml: by a byte order mark, by how "<" stands at the beginning, or ISO-8859-1 by
+    declaration. Bytes that are no UTF-8 are ISO-8859-1 unless they are no text at all."""
+    for mark, encoding in _MARKS:
+        if data.startswith(mark):
+            mark = b"" if b"<" in mark else mark
+            try:
+                return data[len(mark) :].decode(encoding), ""
+            except UnicodeDecodeError as error:
+                text = f"not {encoding.upper()} text (byte {error.start + len(mark)})"
+                raise SceneError(text, name) from None
+    if _LATIN.match(data):
+        return data.decode("latin-1"), ""
+    try:
+        return data.decode("utf-8"), ""
+    except UnicodeDecodeError as error:
+        if b"\0" in data:
+            raise SceneError(f"not UTF-8 text (byte {error.start})", name) from None
+        return data.decode("latin-1"), "ISO-8859-1"
+
+
+def _without_comments(text: str) -> str:
+    """The text with line breaks for comments: of these XML's parsers allow fewer than Mitsuba's."""
+    parts, at = [], 0
+    while begin := _BEGIN.search(text, at):
+        end = text.find(_APART[begin[0]], begin.end())
+        if end < 0:
+            break
+        end += len(_APART[begin[0]])
+        comment = begin[0] == "<!--"
+        parts.append(text[at : begin.start() if comment else end])
+        if comment:
+            parts.append("\n" * text.count("\n", begin.start(), end))
+        at = end
+    return "".join([*parts, text[at:]])
+
+
+def _with_ampersands(text: str) -> str:
+    """The text with &amp; for each "&" in a tag that begins no entity of XML's own."""
+    if "&" not in text:
+        return text
+    return _TAG.sub(lambda tag: _AMPERSAND.sub("&amp;", tag[0]), text)
 
 
 def _empty(element: etree._Element, where: str) -> None:

@@ -122,7 +122,14 @@ def read_bytes(path: Path, limit: int, where: str) -> bytes:
         raise SceneError(f"cannot read {name}: {error}", where) from None
     if len(data) > limit:
         raise SceneError(f"{name} exceeds {limit} bytes", where)
+    if data.startswith(POINTER):
+        raise SceneError(f"{name}: {NOT_FETCHED}", where)
     return data
+
+
+#: The beginning of what stands for a large file that Git did not fetch, and what to say of it.
+POINTER = b"version https://git-lfs.github.com/spec/"
+NOT_FETCHED = "not the file, but a pointer of Git LFS to it; git lfs pull fetches it"
 
 
 def parse_float(text: str, name: str, where: str) -> float:

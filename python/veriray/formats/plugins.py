@@ -207,7 +207,9 @@ _METAL = {
     "eta": Param(
         COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index", beyond="sign"
     ),
-    "k": Param(COLOUR, None, 0.0, MAX_ETA, doc="imaginary part", beyond="sign"),
+    "k": Param(
+        COLOUR, None, 0.0, MAX_ETA, doc="imaginary part; 1, with k alone eta 0", beyond="sign"
+    ),
     "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
     "specular_reflectance": _SPECULAR,
 }
@@ -533,7 +535,7 @@ PLUGINS: dict[str, Plugin] = {
             **_PLACED,
         },
         _ON_SHAPES,
-        doc="exact; to_world scales alike in all directions; front outside, inside if it mirrors",
+        doc="exact; to_world scales alike in all directions; front outside, if it mirrors too",
     ),
     "cylinder": Plugin(
         "shape",
@@ -711,13 +713,14 @@ PLUGINS: dict[str, Plugin] = {
                 column="blend_weight",
             )
         },
-        {"bsdf": (_UNBLENDED, 2, 2)},
-        doc="the first bsdf in part, the second for the rest, in the order of the file",
+        {"bsdf": (_BSDFS, 2, 2)},
+        doc="the first bsdf in part, the second for the rest, in the order of the file; a blend in "
+        "it only if two of all its bsdfs are diffuse, or one is black",
     ),
     "twosided": Plugin(
         "bsdf",
         {},
-        {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf"), 1, 2)},
+        {"bsdf": ((*_OPAQUE, *RELIEFS, "blendbsdf", "twosided"), 1, 2)},
         doc="both sides reflect; of two, the first on both, with a warning",
     ),
     "bumpmap": _relief(
@@ -740,7 +743,7 @@ PLUGINS: dict[str, Plugin] = {
             "data": Param("array", None, doc="(H, W, C) in a dictionary; not for sRGB"),
             "bitmap": Param("array", None, doc="likewise; uint8 is sRGB unless raw"),
             "raw": Param("boolean", False, doc="8-bit texels are linear, not sRGB"),
-            "scale": Param("float", 1.0, 0.0, doc="factor on the texels; of version 0.x"),
+            "scale": Param(COLOUR, 1.0, 0.0, doc="factor on the texels; of version 0.x"),
             "channel": Param(
                 "string", None, choices=CHANNELS, doc="that alone, as grey; of version 0.x"
             ),

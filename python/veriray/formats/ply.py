@@ -21,6 +21,11 @@ _TYPES = {
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))  # as Mitsuba
+_ASIDE: tuple[list[str], ...] = (
+    [],
+    ["comment"],
+    ["obj_info"],
+)  # first words of lines that say nothing
 INDICES = ("vertex_indices", "vertex_index")
 _COLOUR = (("r", "g", "b"), ("red", "green", "blue"))
 #: Ends of the names of an attribute's numbers.
@@ -72,6 +77,11 @@ def read(
     uv = next((uv for names in UV if (uv := _columns(vertex, *names)) is not None), None)
     lists = face[name] if name else []
     triangles, more = _fans(lists), {}
+    bands = found.get("tristrips", {})
+    strips: Any = next((bands[name] for name in INDICES if name in bands), [])
+    if len(strips):
+        triangles = np.concatenate([triangles, *map(_strip, strips)])
+        face = {}  # its attributes are those of its own triangles
     if attributes:
         more = {f"vertex_{key}": values for key, values in _attributes(vertex).items()}
         parts = [len(corners) - 2 for corners in lists]
@@ -113,12 +123,16 @@ def header(data: bytes) -> tuple[list[Element], str, bytes]:
     lines = data[: end.start()].decode("latin-1").splitlines() if end else []
     if not end or len(lines) < 2 or lines[0].strip() != "ply":
         raise MeshFileError(' is not PLY: no header "ply" ... "end_header"')
-    form = re.fullmatch(r"format (ascii|binary_(little|big)_endian) 1\.0", lines[1].strip())
+    known = (number for number, line in enumerate(lines[1:], 2) if line.split()[:1] not in _ASIDE)
+    second = next(known, 2)  # notes may stand before the format
+    form = re.fullmatch(
+        r"format (ascii|binary_(little|big)_endian) 1\.0", lines[second - 1].strip()
+    )
     if not form:
-        raise MeshFileError(": header line 2 states no known format; expected ascii 1.0, "
+        raise MeshFileError(f": header line {second} states no known format; expected ascii 1.0, "
                             "binary_little_endian 1.0 or binary_big_endian 1.0")  # fmt: skip
     elements: list[Element] = []
-    for number, line in enumerate(lines[2:], 3):
+    for number, line in enumerate(lines[second:], second + 1):
         tokens = line.split()
         match tokens:
             case [] | ["comment" | "obj_info", *_]:
@@ -210,6 +224,9 @@ class _Text:
     def __init__(self, body: bytes, rows: int, first: int) -> None:
         body = body.rstrip()
         found = body.count(b"\n") + 1 if body else 0
+        if found > rows:  # empty lines between those of data
+            body = re.sub(rb"\n\s*\n", b"\n", body.lstrip())
+            found = body.count(b"\n") + 1
         if found != rows:
             raise MeshFileError(f" is damaged: {found} lines of data, {rows} expected")
         self.lines = body.split(b"\n") if body else []
@@ -280,6 +297,22 @@ def _checked(lines: list[bytes], first: int, what: str) -> Iterator[float]:
                     f", line {number}: {quoted(word)} among the elements {what} is not a number of "
                     f"at most {_MAX_WORD} characters"
                 ) from None
+
+
+def _strip(corners: Array) -> Array:
+    """Triangles (T, 3) int64 of strips of corners, each of which -1 ends."""
+    row = np.asarray(corners)
+    with np.errstate(invalid="ignore"):
+        whole = row.astype(np.int64)
+    if (whole != row).any():
+        raise MeshFileError(": a triangle strip is not of integers")
+    at = np.arange(len(whole))
+    ends = np.maximum.accumulate(np.where(whole == -1, at, -1))
+    odd = ((at - ends) % 2 == 0)[:-2]  # a strip's second triangle runs the other way
+    a, b, c = whole[:-2], whole[1:-1], whole[2:]
+    triangles = np.stack([np.where(odd, b, a), np.where(odd, a, b), c], axis=1)
+    kept: Array = triangles[(triangles != -1).all(axis=1)]
+    return kept
 
 
 def _fans(lists: Any) -> Array:

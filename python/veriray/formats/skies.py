@@ -12,20 +12,22 @@ from ..errors import SceneError
 from ..numeric import Fresh
 from . import images
 from .node import Node
+from .report import Report
 
 
-def envmap(node: Node, values: dict[str, Any]) -> dict[str, Any]:
+def envmap(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]:
     """The columns sky_* from the checked parameters of an envmap; none of a black image.
 
-    Raises SceneError for a file or array that is no image of radiances, and for a to_world that
-    does more than rotate and mirror, with which Mitsuba distorts the image.
+    Numbers below 0 of a file count as 0, with a warning. Raises SceneError for a file or array that
+    is no image of radiances, and for a to_world that does more than rotate and mirror, with which
+    Mitsuba distorts the image.
     """
     if (values["filename"] is None) == (values["bitmap"] is None):
         both = "neither filename nor bitmap" if values["bitmap"] is None else "both"
         raise SceneError(f"{node}: {both} given, expected one of them", node.where)
-    given = "bitmap" if values["filename"] is None else "filename"
-    where = node.values[given].where
-    if given == "bitmap":
+    source = "bitmap" if values["filename"] is None else "filename"
+    where = node.values[source].where
+    if source == "bitmap":
         image = images.from_array(values["bitmap"], where, kept=False)
     else:
         image = images.read(Path(node.folder) / values["filename"], where)
@@ -39,7 +41,7 @@ def envmap(node: Node, values: dict[str, Any]) -> dict[str, Any]:
             texels[first:last],
         )
         with np.errstate(over="ignore", invalid="ignore"):
-            np.multiply(part, scale, out=out)
+            np.multiply(np.maximum(part, 0), scale, out=out)
             out += np.float32(0)  # no -0
         return float(part.min()), float(out.min()), float(out.max())
 
@@ -47,9 +49,10 @@ def envmap(node: Node, values: dict[str, Any]) -> dict[str, Any]:
     if given.min() < 0:
         plain = image.linear()
         y, x, c = (int(i) for i in np.unravel_index(int(np.argmin(plain)), plain.shape))
-        raise SceneError(
-            f"{node}: texel (x {x}, y {y}) is {plain[y, x, c]:g}; radiance is not negative", where
-        )
+        told = f"{node}: texel (x {x}, y {y}) is {plain[y, x, c]:g}; radiance is not negative"
+        if source == "bitmap":
+            raise SceneError(told, where)
+        report.warn(f"{told}: 0 is rendered for it, and for all below 0", where)
     extremes = float(lows.min()), float(highs.max())
     if not np.isfinite(extremes).all():
         raise SceneError(f"{node}: scale = {values['scale']:g} exceeds the float32 range", where)

@@ -41,7 +41,7 @@ LOW, HIGH, SAMPLES = 360.0, 830.0, 1000
 MAX_BYTES = 16 * 2**20
 _STEP = 5.0
 _Y_NORM, _D65_NORM = 106.7502593994140625, 98.99741751876255
-_MATRIX = (
+XYZ_TO_RGB = (
     (3.240479, -1.537150, -0.498535),
     (-0.969256, 1.875991, 0.041556),
     (0.055648, -0.204043, 1.057311),
@@ -87,6 +87,9 @@ def parse(text: str, label: str, where: str) -> Any:
     """The value of a spectrum given as text: (c, c, c) for one number, or a Spectrum of
     "wavelength:value" separated by blanks or commas."""
     if ":" not in text:
+        if len([token for token in re.split(r"[\s,]+", text) if token]) == 3:
+            told = f"{label} = {shorten(text)} holds 3 numbers, expected 1; a colour is <rgb>"
+            raise SceneError(told, where)
         return parse_floats(text, label, where, (1,)) * 3
     pairs = [token.split(":") for token in re.split(r"[\s,]+", text) if token]
     for pair in pairs:
@@ -170,7 +173,7 @@ def _matrix(colour: RGB) -> RGB:
     x, y, z = colour
     red, green, blue = (
         math.fsum((a * x, b * y, c * z)) if math.isfinite(x + y + z) else math.inf
-        for a, b, c in _MATRIX
+        for a, b, c in XYZ_TO_RGB
     )
     return red, green, blue
 

@@ -30,8 +30,11 @@ def check_place(node: Node, child: Node, item: Node | Ref) -> None:
     param = PLUGINS[node.plugin].params.get(item.name)
     if param is None or not param.texturable:
         name = f"{node.plugin}.{shorten(item.name)[1:-1] or '?'}"
+        own = [one for one in texturable() if one.startswith(f"{node.plugin}.")]
+        own += ["normalmap.normalmap"] if node.plugin == "normalmap" else []
         raise SceneError(
-            f"texture {child.plugin} is supported on {', '.join(texturable())}, not on {name}",
+            f"texture {child.plugin} is not supported on {name}, but on "
+            f"{', '.join(own or texturable())}",
             item.where,
         )
 
@@ -53,7 +56,7 @@ class Texels:
         self.report = report
         self.words: list[Array] = []
         self.count = 0
-        self.known: dict[tuple[str, bool, bool, str | None, float], materials.Row] = {}
+        self.known: dict[tuple[str, bool, bool, str | None, tuple[float, ...]], materials.Row] = {}
         self.rows: dict[int, materials.Row] = {}
 
     def array(self) -> Array | None:
@@ -89,15 +92,16 @@ class Texels:
             )
         where, raw = node.values[given[0]].where, values["raw"]
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
-        channel, scale = values["channel"], np.float32(values["scale"])
-        key = str(path), raw, shares, channel, float(scale)
+        channel, scale = values["channel"], np.array(values["scale"], np.float32)
+        scale = scale[:1] if (scale == scale[0]).all() else scale  # one colour leaves grey texels
+        key = str(path), raw, shares, channel, tuple(scale.tolist())
         stored = self.known.get(key) if path is not None else None
         if stored is None:
             if path is None:
                 image = images.from_array(values[given[0]], where, raw=raw or given[0] == "data")
             else:
                 image = images.read(path, where, raw=raw, channel=channel)
-            if scale != 1:
+            if (scale != 1).any():
                 with np.errstate(over="ignore"):
                     image = images.Image(image.linear() * scale)
             name = shorten(str(path)) if path else "the image"

@@ -197,7 +197,7 @@ def _object(element: _Element, where: str, notes: Notes, media: bool) -> None:
     elif (category, plugin) == ("bsdf", "bumpmap"):
         _bump(element, where, notes)
     elif (category, plugin) == ("bsdf", "mask"):
-        _opacity(element)
+        _opacity(element, where, notes)
     elif category == "texture":
         _texture(element, plugin, where, notes)
 
@@ -254,14 +254,17 @@ def _mixture(element: _Element, where: str, notes: Notes) -> None:
     notes.add("bsdf mixturebsdf is blendbsdf", where)
 
 
-def _opacity(element: _Element) -> None:
-    """A grey opacity as the number that it is."""
+def _opacity(element: _Element, where: str, notes: Notes) -> None:
+    """A grey opacity as the number that it is; of a colour, today's mask takes the mean."""
     for child in _parameters(element):
         words = re.findall(r"[^\s,]+", str(child.get("value", "")))
         if child.get("name") == "opacity" and child.tag in ("rgb", "spectrum", "srgb"):
             if len(set(words)) == 1 and ":" not in words[0] and "#" not in words[0]:
                 child.tag = "float"
                 child.set("value", words[0])
+            elif len(set(words)) > 1:
+                text = "bsdf mask: the mean of its opacity counts for all colours"
+                notes.approximated.append((text, where))
 
 
 def _texture(element: _Element, plugin: str, where: str, notes: Notes) -> None:

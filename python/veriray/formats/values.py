@@ -86,19 +86,17 @@ def _given(node: Node, name: str, param: Param, report: Report) -> Any:
 
 def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
     given = node.values[name]
-    label = f'{node}: "{name}" = {shorten(given.value)}'
-    if given.kind not in param.accepted:
-        raise SceneError(f"{label} is of type {given.kind}, expected {param.kind}", given.where)
-    value = given.value
-    if param.kind == "array":
+    value, good = given.value, given.kind in param.accepted
+    if param.kind == "array" and good:
         return value
-    if param.kind == "transform":
+    if param.kind == "transform" and good:
         try:
             return check_matrix(f'{node}: "{name}"', value)
         except SceneError as error:
             raise SceneError(str(error), given.where) from None
-    if param.kind == "array":
-        return value
+    label = f'{node}: "{name}" = {shorten(value)}'  # slow for a matrix
+    if not good:
+        raise SceneError(f"{label} is of type {given.kind}, expected {param.kind}", given.where)
     if param.kind == "string":
         value = value.lower() if param.choices else value
     if param.choices and value not in param.choices:
@@ -116,7 +114,9 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
         value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where, report.warn)
     if param.kind == GREY and isinstance(value, tuple):
         if len(set(value)) > 1:
-            raise SceneError(f"{label} must be grey", given.where)
+            told = f"{label}: one number counts, the mean of these, as in Mitsuba"
+            report.note(told, given.where)
+            value = (sum(value) / 3,)
         value = value[0]
     if param.kind == COLOUR:
         value = value if isinstance(value, tuple) else (float(value),) * 3

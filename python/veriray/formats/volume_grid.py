@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..errors import SceneError
 from ..files import open_regular
-from .node import shorten
+from .node import NOT_FETCHED, POINTER, shorten
 
 Array = npt.NDArray[Any]
 MAX_SIDE = 1 << 15
@@ -74,6 +74,8 @@ def from_array(values: object, where: str) -> Array:
 
 
 def _header(data: bytes) -> tuple[tuple[int, int, int, int], Array]:
+    if data.startswith(POINTER):
+        raise SceneError(NOT_FETCHED)
     if len(data) < _HEADER.size or not data.startswith(b"VOL"):
         raise SceneError(
             f'is not a .vol file: it has no header of {_HEADER.size} bytes that begins with "VOL"'

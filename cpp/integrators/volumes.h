@@ -56,7 +56,7 @@ struct Volumes {
             if (none(flying)) break;
             const S there = Grids<L>::value(scene.grids, p.grid, fma(p.step, way, p.from), flying);
             F share = there[0];
-            if (chromatic) share = inner(throughput * (F(1.f) / sum(throughput)), there);
+            if (chromatic) share = inner(shares(throughput), there);
             const M collides = flying & below(r.y, r.z, share);
             if (chromatic) {
                 const F rest = F(1.f) - share;

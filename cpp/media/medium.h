@@ -47,7 +47,7 @@ VR_HD Flight<F> free_flight(const Spectrum<F>& sigma, const Spectrum<F>& albedo,
         const F t = depth / sigma[0];
         return {t, select(t < limit, albedo, Spectrum<F>::all(F(1.f)))};
     }
-    const Spectrum<F> w = throughput * (F(1.f) / sum(throughput));
+    const Spectrum<F> w = shares(throughput);
     const F t = depth / choose(sigma, w, u24);
     const auto collides = t < limit;
     const Spectrum<F> through = transmittance(sigma, min(t, limit));

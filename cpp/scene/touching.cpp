@@ -27,6 +27,11 @@ constexpr double kParted = 0x1p-20;
 // The largest move of a plane; triangles then stay within their boxes.
 constexpr double kMostMoved = 0.75 * static_cast<double>(kMovedSlack);
 static_assert(kParted == 2 * static_cast<double>(kLocalOffset));
+// The least terms that count. On an axis-parallel plane through the origin they vanish, but
+// rounding takes points off it by up to 2^-22, and paths leave it by an offset in proportion to
+// that move.
+constexpr double kLeastTerms = 0x1p-20;
+static_assert(kLeastTerms >= 0x1p-22 * static_cast<double>(kLocalMove));
 // The largest difference of normals of planes that touch; others are that near only along a line.
 constexpr double kParallel = 0x1p-10;
 // Beyond this difference, 45 degrees, rays that leave one plane do not reach the other.
@@ -233,7 +238,8 @@ void HostScene::part_touching(const SceneInput& in) {
         const Double3 g = b.n - a.n * turn;
         const double extent = size_of_body(own);
         const bool near = is_border(own) && (!other_clear || is_border(other));
-        const double want = kParted * (size + (near ? 0 : std::min(0.5, 32 * extent)));
+        const double seen = near ? 0 : std::min(0.5, 32 * extent);
+        const double want = kParted * (std::max(size, kLeastTerms) + seen);
         const PrimitiveSource &from = sources[own], &to = sources[other];
         const bool same = from.same_surface(to);
         if (turn > 0 && same) return true;

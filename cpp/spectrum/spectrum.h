@@ -77,6 +77,12 @@ VR_HD F sum(const Spectrum<F, n>& a) {
     if constexpr (n == 4) all = all + a[3];
     return all;
 }
+// The channels over their sum. Sums below 2^-100, whose inverse may overflow, are scaled first.
+template <class F, uint32_t n>
+VR_HD Spectrum<F, n> shares(const Spectrum<F, n>& a) {
+    const F total = sum(a), scale = select(total < F(0x1p-100f), F(0x1p100f), F(1.f));
+    return a * scale * (F(1.f) / (total * scale));
+}
 // Sum of products, fused.
 template <class F, uint32_t n>
 VR_HD F inner(const Spectrum<F, n>& a, const Spectrum<F, n>& b) {

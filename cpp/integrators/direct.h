@@ -174,11 +174,13 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
                                           dimension_block(segment, kCross, kShadowSteps));
         shadow.travelled = F(0.f), shadow.passed = U(~0u);
         if constexpr (Material::kTransmits)
-            if (any(behind)) start_behind(at, behind, shadow);
+            if (any(behind)) shadow.wanted = shadow.wanted & start_behind(at, behind, shadow);
     }
 
     // From the other side of the surface to the same point, or the same way if that is far away.
-    static VR_HD void start_behind(const Vertex& at, M lanes, ShadowRequest<L>& shadow) {
+    // False where the point is not beyond that side: it is on the surface, which does not light
+    // itself.
+    static VR_HD M start_behind(const Vertex& at, M lanes, ShadowRequest<L>& shadow) {
         const V ahead = fma(shadow.ray.d, shadow.t_max, at.p - at.behind);
         const F distance = sqrt(dot(ahead, ahead));
         const M near = lanes & (distance < F(kInfinity));
@@ -186,6 +188,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         shadow.ray.d = select(near, ahead * (F(1.f) / distance), shadow.ray.d);
         shadow.t_max = select(near, distance * F(kShadowShorten), shadow.t_max);
         if constexpr (has(kMedia)) shadow.medium = select(lanes, at.beyond, shadow.medium);
+        return !near | (dot(at.ng, ahead) < F(0.f));
     }
 
     // Whether shadow rays continue behind surfaces that let them through.

@@ -45,8 +45,14 @@ double leave(const float* plane, const Double3* corners, uint32_t count) {
     return 0x1p-20 * terms + off;
 }
 
-// Whether the rounding at a face's corners is much larger than at its points: a large face that
-// comes near to the origin.
+// The terms of a plane's n.p below which the way that a rounded point is put back onto it may
+// count more (kLocalMove): points are off a plane by 2^-23 of the terms of the ray's origin, whose
+// coordinates are at most 8.
+constexpr double kLeastTerms = 0x1p-18;
+
+// Whether the rounding at a face's corners does not bound that at its points: of a large face that
+// comes near to the origin, and of any whose plane nearly contains the origin. A plane across an
+// axis that contains it is exact.
 bool uneven(const float* plane, const Flat& f) {
     const Box box = box_of(f);
     double most = 0, near = std::abs(static_cast<double>(plane[3]));
@@ -55,7 +61,7 @@ bool uneven(const float* plane, const Flat& f) {
         most = std::max(most, n * std::max(-box.low[c], box.high[c]));
         near = std::max({near, box.low[c], -box.high[c]});
     }
-    return most > 4 * near;
+    return most > 4 * near || (most > 0 && most < kLeastTerms);
 }
 
 }  // namespace

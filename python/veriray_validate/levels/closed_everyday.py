@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from veriray_validate.everyday import LOSSLESS, WAYS, ask, nested, shining
 from veriray_validate.everyday_bodies import folded, lossless, outline
+from veriray_validate.everyday_planes import glowing, level
 from veriray_validate.everyday_scale import CLOSED
 from veriray_validate.everyday_sheets import sheets
 from veriray_validate.trial import Trial, case
@@ -88,3 +89,24 @@ def lamps_under_covers(t: Trial, scenes: int) -> None:
     """
     for _ in range(scenes):
         ask(t, sheets(t.rng))
+
+
+@case(3, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
+def planes_through_the_origin(t: Trial, scenes: int) -> None:
+    """White things whose planes pass 0, or 1e-17 to 1e-5, from the origin, under a sky of 1: 1.
+
+    Bodies of 2,000 to 10,000 faces on boxes, balls over disks at the camera's height. Sees 2 % in
+    each scene, margin 1e-4, and 1e-7 of the camera rays.
+    """
+    for _ in range(scenes):
+        ask(t, level(t.rng))
+
+
+@case(3, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
+def lamps_that_let_light_through(t: Trial, scenes: int) -> None:
+    """Convex lamps of rough glass and the like, alone but for black specks: they show L itself.
+
+    Squares, disks, balls and boxes. Sees 2 % in each scene, margin 1e-4.
+    """
+    for _ in range(scenes):
+        ask(t, glowing(t.rng))

@@ -174,11 +174,50 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
     return faces;
 }
 
+// Spheres of one centre whose radii differ only by rounding: those that let light through shrink.
+void HostScene::part_concentric(const SceneInput& in) {
+    const auto number_of = [&](uint32_t i, int k) { return in.spheres.data[4 * size_t{i} + k]; };
+    const auto fixed = [&](uint32_t i) {
+        return in.sphere_emission.data[i] >= 0 || !lets_through(in, kSphereGroup, i);
+    };
+    const auto key = [&](uint32_t i) {  // the larger first, and of equal ones those that stay
+        return std::tuple(number_of(i, 0), number_of(i, 1), number_of(i, 2), -number_of(i, 3),
+                          !fixed(i), i);
+    };
+    std::vector<uint32_t> order(in.spheres.count);
+    std::iota(order.begin(), order.end(), 0u);
+    std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
+    double around = 0;  // the last one's radius
+    for (size_t n = 0; n < order.size(); ++n) {
+        const uint32_t i = order[n], last = n ? order[n - 1] : i;
+        double radius = number_of(i, 3) / unit;
+        const Double3 p =
+            (Double3{number_of(i, 0), number_of(i, 1), number_of(i, 2)} - centre) * (1 / unit);
+        const bool concentric = n > 0 && number_of(last, 0) == number_of(i, 0) &&
+                                number_of(last, 1) == number_of(i, 1) &&
+                                number_of(last, 2) == number_of(i, 2);
+        const double apart = kParted * (length(p) + radius + std::min(0.5, 32 * 2 * radius));
+        if (concentric && !fixed(i) && around - radius < apart) {
+            radius = std::max(around - apart, 0.5 * radius);
+            const uint32_t primitive = view.first_sphere + i;
+            float* record = records.empty() ? view.spheres + kSphereFloats * i
+                                            : &records[size_t{primitive} * kRecordFloats];
+            record[6] = static_cast<float>(radius);
+            record[7] = static_cast<float>(radius - static_cast<double>(record[6]));
+            for (uint32_t k = 6; k < 8; ++k)
+                primitives[size_t{primitive} * view.primitive_row +
+                           size_t{k} * view.primitive_column] = record[k];
+        }
+        around = radius;
+    }
+}
+
 void HostScene::part_touching(const SceneInput& in) {
     const size_t planar = view.first_sphere;
     bool any = in.boundaries.count > 0;
     for (uint32_t m = 0; m < in.material_kind.count; ++m) any |= clear_material(in, m);
     if (!any) return;
+    part_concentric(in);
     const auto is_clear = [&](uint32_t i) {
         return lets_through(in, sources[i].group, sources[i].row);
     };

@@ -403,6 +403,8 @@ _REPAIRED = (  # bugs that veriray had
            "std::max(size, kLeastTerms) + seen", "std::max(size, kLeastTerms)"),
     Mutant("planes through the origin not parted", "scene/touching.cpp",
            "std::max(size, kLeastTerms) + seen", "size + seen"),
+    Mutant("concentric spheres not parted", "scene/touching.cpp",
+           "around - radius < apart", "around < radius - apart"),
     Mutant("dim colours shared out by an infinite inverse", "spectrum/spectrum.h",
            "select(total < F(0x1p-100f), F(0x1p100f), F(1.f))", "F(1.f)"),
     Mutant("lamps in contact sampled off their place", _LAMP,

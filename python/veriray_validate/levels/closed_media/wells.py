@@ -12,10 +12,13 @@ from veriray_validate.dicts import (
     NULL,
     Dict,
     cuboid,
+    diffuse,
     flat,
+    glass,
     medium,
     scene,
     sky,
+    sphere,
     view,
 )
 from veriray_validate.form_factors import gauss
@@ -117,3 +120,28 @@ def milne_problem(t: Trial, mu: float) -> None:
     lamp = flat("rectangle", [0, 0, -tau - 1], [0, 0, 1], 5000, BLACK, 1)
     t.agrees(scene(view(at(mu), [0, 0, 0], 1e-3), slab, lamp), exact, 100_000, sees=0.05,
              margin=2e-4)  # fmt: skip
+
+
+@case(3, each={"of": ("glass", "wall"), "first": ("ink", "other")})
+def ink_in_spheres_of_its_size(t: Trial, of: str, first: str) -> None:
+    """A ball of ink in a glass ball of the same size, and in a shining round room of that size.
+
+    Through the middle of the glass r + (1 - r)^2 e / (1 - r e), r = .04, e = exp(-2 sigma). From
+    the middle of the room B exp(-sigma), B = 1 / (1 - m / 2) with albedo .5 and m the mean of
+    exp(-2 sigma mu) by the cosine law. Sees 2 %.
+    """
+    sigma = np.array([0.3, 1.0, 2.0])
+    ink = medium(sigma, 0.0)
+    ball = sphere([0, 0, 0], 1, NULL, interior=ink)
+    if of == "glass":
+        e, r = np.exp(-2 * sigma), 0.04
+        exact = r + (1 - r) ** 2 * e / (1 - r * e)
+        other, lights = sphere([0, 0, 0], 1, glass(1.5)), [sky(1)]
+        eye = view([0, 0, 5], [0, 0, 0], 1e-3)
+    else:
+        s = 2 * sigma
+        exact = np.exp(-sigma) / (1 - (1 - (1 + s) * np.exp(-s)) / s**2)
+        other, lights = sphere([0, 0, 0], 1, diffuse(0.5), 1, flip_normals=True), []
+        eye = view([0, 0, 0], [0.3, 0.2, 1], 1e-3, medium=ink)
+    bodies = [ball, other] if first == "ink" else [other, ball]
+    t.agrees(scene(eye, *bodies, *lights), exact, 200_000, sees=0.03, margin=1e-4)

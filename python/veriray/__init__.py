@@ -10,6 +10,10 @@ things cannot. Names are imported on first use (PEP 562). No module has one of t
 importing `veriray.NAME` would replace the name by the module.
 """
 
+import contextlib
+import functools
+import os
+import sys
 from importlib import import_module
 
 __version__ = "0.1.0"
@@ -70,7 +74,25 @@ else:
         "settings": ("SAMPLERS",),
     }
 
+    def _finish_imports() -> None:
+        """Before a fork: waits for modules that other threads import, whose locks nobody would
+        release in the child. A module that this thread imports itself is not waited for.
+        """
+        for name, module in list(sys.modules.items()):
+            spec = vars(module).get("__spec__") if hasattr(module, "__dict__") else None
+            if getattr(spec, "_initializing", False):
+                with contextlib.suppress(Exception):  # the other thread's to report
+                    import_module(name)
+
+    @functools.cache
+    def _mind_forks() -> None:
+        # Hooks run in reverse order: this one before logging takes its lock, which modules need.
+        import_module("logging")
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(before=_finish_imports)
+
     def __getattr__(name: str) -> object:
+        _mind_forks()
         for module, names in _HOMES.items():
             if name in names:
                 value = globals()[name] = getattr(import_module(f".{module}", __name__), name)

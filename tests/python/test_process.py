@@ -170,7 +170,7 @@ time.sleep({wait})
 
 FORK = """
 threading.Thread(target=work, daemon=True).start()
-time.sleep(0.1)
+time.sleep(WAIT)
 child = os.fork()
 if child == 0:
     box = vr.cornell_box()
@@ -200,6 +200,23 @@ def test_a_child_renders_after_fork_from_a_busy_thread(work: str) -> None:
 right = vr.render(vr.cornell_box(), width=8, height=8, spp=1, device='cpu').film_sha256
 scene = big()
 work = lambda: {work}
+WAIT = 0.1
+{FORK}"""
+    done = python(code)
+    assert (done.returncode, done.stderr) == (7, "")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize("wait", [0.01, 0.03, 0.05, 0.08])
+def test_a_child_renders_after_fork_while_a_thread_imports(wait: float) -> None:
+    """What is imported on first use is imported by the thread when the process forks."""
+    film = vr.render(vr.cornell_box(), width=8, height=8, spp=1, device="cpu").film_sha256
+    code = f"""
+import os, threading, time, veriray as vr
+right = {film!r}
+scene = vr.cornell_box()
+work = lambda: vr.render(scene, spp=64, device='cpu')
+WAIT = {wait}
 {FORK}"""
     done = python(code)
     assert (done.returncode, done.stderr) == (7, "")

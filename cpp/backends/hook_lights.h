@@ -41,7 +41,7 @@ VR_HD auto light_of(const typename L::F* x, typename L::F offset, typename L::F 
     const F a = sqrt(dot(e1, e1)), b = sqrt(dot(e2, e2));
     struct {
         F v[kLightMoreColumns];
-    } more{{one / a, one / b, b / a, one / (a * b), one}};
+    } more{{one, one / a, one / b, b / a, one / (a * b)}};
     return light_row<L>(
         [=](uint32_t c) {
             if (c == kLightShape) return x[0];

@@ -97,14 +97,14 @@ def test_what_ran_is_reported(
         assert stats["kernel"]["resident_threads"] % 128 == 0 < stats["kernel"]["resident_threads"]
 
 
-#: Corners of a lamp of two triangles, in its edges; height; whether it is a rectangle near to the
-#: floor.
+#: Corners of a lamp of two triangles, in its edges; height; whether it is a rectangle that is
+#: sampled by solid angle, None where it is one in a tree alone.
 LAMPS = {
     "rectangle": ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], 0.3, True),
-    "far": ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], 0.6, False),
+    "far": ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], 0.6, None),
     "kite": ([(0, 0, 0), (1, 0, 0), (0.9, 0.9, 0), (0, 1, 0)], 0.3, False),
     "lifted corner": ([(0, 0, 0), (1, 0, 0), (1, 1, 0.2), (0, 1, 0)], 0.3, False),
-    # in the larger scene with a tree flat, and a rectangle, to rounding
+    # flat, and a rectangle, to the rounding of the larger scene with a tree
     "bent": ([(0, 0, 0), (1, 0, 0), (1, 1, 1e-5), (0, 1, 0)], 0.3, None),
     "sheared": ([(0, 0, 0), (1, 0, 0), (1.2, 1, 0), (0.2, 1, 0)], 0.3, False),
 }
@@ -112,7 +112,7 @@ LAMPS = {
 
 @pytest.mark.parametrize(("tree", "size"), [(False, 1.0), (True, 1.0), (True, 1e-4)])
 @pytest.mark.parametrize("name", LAMPS)
-def test_rectangles_near_to_something_are_found(
+def test_rectangles_to_sample_by_solid_angle_are_found(
     name: str, tree: bool, size: float, cpu: str
 ) -> None:
     corners, height, near = LAMPS[name]

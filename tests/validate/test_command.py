@@ -17,6 +17,7 @@ import pytest
 import veriray
 from veriray.cli import main
 from veriray_validate.levels import LEVELS
+from veriray_validate.run import SEED
 from veriray_validate.trial import Case, Inconclusive, Skipped, Trial, case
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -84,6 +85,12 @@ def test_exit_status_and_files(
     inside = json.loads(page[page.index(">", start) + 1 : page.index("</script>", start)])
     assert inside == json.loads(Path("r.json").read_text("utf-8"))
     assert sorted(os.listdir()) == ["r.html", "r.json"]
+
+
+def test_the_seed_is_that_of_the_version(suite: Suite, capsys: Any) -> None:
+    register("pass")
+    assert main([*HERE, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["seed"] == SEED > 1
 
 
 def test_json(suite: Suite, capsys: Any) -> None:

@@ -45,7 +45,9 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--case", metavar="PATTERN", default="*", help="of case names, as in a shell (default: *)"
     )
-    parser.add_argument("--seed", type=integer, default=1, help="0 to 2^64-1 (default: 1)")
+    parser.add_argument(
+        "--seed", type=integer, help="0 to 2^64-1 (default: another one for each version)"
+    )
     parser.add_argument(
         "--jobs", type=integer, help="processes (default: a processor each); 0: this one"
     )

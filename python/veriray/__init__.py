@@ -10,8 +10,6 @@ things cannot. Names are imported on first use (PEP 562). No module has one of t
 importing `veriray.NAME` would replace the name by the module.
 """
 
-import contextlib
-import functools
 import os
 import sys
 from importlib import import_module
@@ -81,18 +79,20 @@ else:
         for name, module in list(sys.modules.items()):
             spec = vars(module).get("__spec__") if hasattr(module, "__dict__") else None
             if getattr(spec, "_initializing", False):
-                with contextlib.suppress(Exception):  # the other thread's to report
+                try:
                     import_module(name)
+                except Exception:  # the other thread's to report
+                    continue
 
-    @functools.cache
-    def _mind_forks() -> None:
-        # Hooks run in reverse order: this one before logging takes its lock, which modules need.
-        import_module("logging")
-        if hasattr(os, "register_at_fork"):
-            os.register_at_fork(before=_finish_imports)
+    _later = [True]  # until names are imported
 
     def __getattr__(name: str) -> object:
-        _mind_forks()
+        if _later:
+            _later.clear()
+            # Hooks run in reverse order: this one before logging takes its lock, which modules need.
+            import_module("logging")
+            if hasattr(os, "register_at_fork"):
+                os.register_at_fork(before=_finish_imports)
         for module, names in _HOMES.items():
             if name in names:
                 value = globals()[name] = getattr(import_module(f".{module}", __name__), name)

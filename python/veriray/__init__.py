@@ -89,7 +89,7 @@ else:
     def __getattr__(name: str) -> object:
         if _later:
             _later.clear()
-            # Hooks run in reverse order: this one before logging takes its lock, which modules need.
+            # Hooks run in reverse order: this one before logging takes its lock, which modules use.
             import_module("logging")
             if hasattr(os, "register_at_fork"):
                 os.register_at_fork(before=_finish_imports)

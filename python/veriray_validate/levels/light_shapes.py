@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from veriray_validate.levels.numbers import LIGHT_SHAPES
 from veriray_validate.levels.samplers import N, hooked, random_numbers, uniform, z_of_mean
 from veriray_validate.oracles import INVERSE, azimuth, normalised, one_minus_cos, single
 from veriray_validate.statistics import max_z
@@ -223,7 +224,7 @@ SHAPES = {
                        way=of_image, power=3),
     "projector": projector(),
 }  # fmt: skip
-NUMBER = {name: k for k, name in enumerate(SHAPES)}
+NUMBER = {name: LIGHT_SHAPES.index(name) for name in SHAPES}
 LAMPS = [name for name, shape in SHAPES.items() if shape.meets]
 
 

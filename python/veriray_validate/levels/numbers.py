@@ -393,9 +393,17 @@ def _materials(rng: np.random.Generator, n: int) -> Array:
                            rng.integers(0, 2, (n, 1)), shares, normal, wo], axis=1)  # fmt: skip
 
 
+#: Shapes of lights in the order of cpp/lights/shapes.h.
+LIGHT_SHAPES = (
+    "parallelogram", "triangle", "triangle_pair", "disk", "sphere", "point", "spot", "directional",
+    "rectangle", "constant_sky", "image_sky", "projector",
+)  # fmt: skip
+
+
 def _lights(rng: np.random.Generator, n: int) -> Array:
-    """Lights of every shape, receivers in [-1, 1]^3 and two random numbers."""
-    shape = rng.integers(0, 8, (n, 1))
+    """Lights of the shapes before the skies, receivers in [-1, 1]^3 and two random numbers."""
+    shape = rng.integers(0, LIGHT_SHAPES.index("constant_sky"), (n, 1))
+    ball_shape, spot_shape = (LIGHT_SHAPES.index(name) for name in ("sphere", "spot"))
     place = np.concatenate([rng.uniform(-2, 2, (n, 9)), directions(rng, n)], axis=1)
     ball = np.zeros((n, 12))
     ball[:, :8], _ = _spheres(rng, n)
@@ -404,7 +412,7 @@ def _lights(rng: np.random.Generator, n: int) -> Array:
     beam = cutoff * rng.random(n) * 0.99
     spot = place.copy()
     spot[:, 3:7] = np.stack([np.cos(cutoff), np.cos(beam), cutoff, 1 / (cutoff - beam)], axis=1)
-    place = np.where(shape == 3, ball, np.where(shape == 5, spot, place))
+    place = np.where(shape == ball_shape, ball, np.where(shape == spot_shape, spot, place))
     rest = np.stack([1e-6 * rng.random(n), rng.uniform(0.01, 1, n)], axis=1)
     return np.concatenate(
         [shape, place, rest, rng.uniform(-1, 1, (n, 3)), _unit(rng, n, 2)], axis=1
@@ -414,7 +422,8 @@ def _lights(rng: np.random.Generator, n: int) -> Array:
 def _powers(rng: np.random.Generator, n: int) -> Array:
     """Shape, area, strength, cutoff and beam in degrees."""
     cutoff = rng.uniform(1, 180, n)
-    return np.stack([rng.integers(0, 9, n), rng.uniform(0.01, 9, n), rng.uniform(0.01, 9, n),
+    shape = rng.integers(0, LIGHT_SHAPES.index("image_sky"), n)
+    return np.stack([shape, rng.uniform(0.01, 9, n), rng.uniform(0.01, 9, n),
                      cutoff, cutoff * rng.random(n) * 0.99], axis=1)  # fmt: skip
 
 

@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 
 import veriray as vr
+from veriray import image
 from veriray.cli import main
 from veriray.rendering import METHODS
 from veriray.sampling import PILOT
@@ -375,6 +376,29 @@ def test_interrupt_keeps_the_picture(
     assert made.film_sha256 == one.film_sha256
     if more:
         assert vr.Checkpoint.load("a.film").spp == made.spp
+
+
+def test_previews(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    """Outputs appear while the render goes on; one that cannot be written costs nothing else."""
+    monkeypatch.chdir(tmp_path)
+    saved: list[int] = []
+    save = image.save
+
+    def noted(picture: vr.Render, path: str, **more: Any) -> None:
+        saved.append(picture.spp)
+        if len(saved) == 1:
+            raise OSError("no room")
+        save(picture, path, **more)
+
+    monkeypatch.setattr(image, "save", noted)
+    words = ["render", "cornell-box", "--device", "cpu", "--width", "8", "--height", "8"]
+    assert main([*words, "--spp", "512", "-o", "a.exr", "--preview", "1e-9", "--quiet"]) == 0
+    assert len(saved) > 2 and saved == sorted(saved) and saved[-1] == 512 > saved[0]
+    assert capsys.readouterr().err == "veriray: no preview: no room\n"
+    one = vr.render(vr.cornell_box(), 512, device="cpu", width=8, height=8)
+    assert vr.Render.load("a.exr").film_sha256 == one.film_sha256
+    assert main([*words, "-o", "a.exr", "--preview", "0"]) == 2
+    assert "--preview 0: expected seconds above 0" in capsys.readouterr().err
 
 
 # ---- from Python ----

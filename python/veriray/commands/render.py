@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ..settings import MAX_SPP, SETTINGS, RenderSettings
@@ -27,6 +29,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..course import Course
+    from ..picture import Render
 
 PICTURE_SUFFIXES = (".exr", ".png")
 TABLE_ROWS = 12
@@ -52,6 +55,9 @@ def add(commands: Any) -> None:
     )
     parser.add_argument(
         "--time", type=number, metavar="S", help="seconds of sampling after which it ends"
+    )
+    parser.add_argument(
+        "--preview", type=number, metavar="S", help="write the picture so far every S seconds"
     )
     parser.add_argument(
         "--discard", action="store_true", help="write no picture of what is there at Ctrl-C"
@@ -82,6 +88,8 @@ def _render(arguments: argparse.Namespace) -> int:
         return _draw_range(arguments)
     if not arguments.output:
         raise CommandError("no output: add -o FILE.exr or -o FILE.png")
+    if arguments.preview is not None and not arguments.preview > 0:
+        raise CommandError(f"--preview {arguments.preview:g}: expected seconds above 0")
     if arguments.every is not None and not arguments.checkpoint:
         raise CommandError("--every goes with --checkpoint FILE")
     others = [path for path in (arguments.stats, arguments.checkpoint) if path]
@@ -156,17 +164,43 @@ def _course(arguments: argparse.Namespace, keeps: bool) -> Course:
         checkpoint=arguments.checkpoint,
         every=EVERY if arguments.every is None else arguments.every,
         seconds=arguments.time,
+        on_pass=None if arguments.preview is None else _previews(arguments),
         keeps=keeps,
     )
+
+
+def _previews(arguments: argparse.Namespace) -> Callable[[Render], None]:
+    """Called after each pass: writes the outputs, --preview seconds after the last time at least.
+
+    What cannot be written is said, and the render goes on.
+    """
+    from ..image import save
+
+    written = time.monotonic()
+
+    def of_pass(picture: Render) -> None:
+        nonlocal written
+        if time.monotonic() - written < arguments.preview:
+            return
+        for path in arguments.output:
+            try:
+                save(picture, path, exposure=arguments.exposure)
+            except OSError as error:
+                say(f"veriray: no preview: {error}", file=sys.stderr)
+        written = time.monotonic()
+
+    return of_pass
 
 
 def _draw_range(arguments: argparse.Namespace) -> int:
     first, sign, end = arguments.samples.partition(":")
     if not (sign and first.isdecimal() and end.isdecimal() and int(first) < int(end) <= MAX_SPP):
         raise CommandError(f"--samples {arguments.samples}: expected A:B with 0 <= A < B <= 2^40")
-    if not arguments.checkpoint or arguments.output or arguments.stats or arguments.features:
+    pictures = (arguments.output, arguments.stats, arguments.features, arguments.preview)
+    if not arguments.checkpoint or any(pictures):
         raise CommandError(
-            "--samples draws into --checkpoint FILE alone: without -o, --stats and --features"
+            "--samples draws into --checkpoint FILE alone: "
+            "without -o, --stats, --features and --preview"
         )
     if arguments.spp is not None or arguments.batches or arguments.target_error is not None:
         raise CommandError("--samples: not together with --spp, --batches or --target-error")

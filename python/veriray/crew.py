@@ -25,14 +25,15 @@ from .plan import choose_scheduler
 from .reports import added
 from .scene import Scene
 from .settings import RenderSettings
+from .splitting import GROWTH
 from .together import Pass, warn_of
 
 if TYPE_CHECKING:
     from ._native import Film, Report
 
-#: While a kernel for a scene is being compiled: paths of the first part of a render, by how much
-#: parts grow at most, and seconds of those that follow.
-FIRST_PART, GROWTH, PART_SECONDS = 1 << 24, 8, 0.2
+#: While a kernel for a scene is being compiled: paths of the first part of a render, and seconds of
+#: those that follow, which grow by GROWTH at most.
+FIRST_PART, PART_SECONDS = 1 << 24, 0.2
 
 Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None

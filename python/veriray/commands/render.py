@@ -84,12 +84,12 @@ def _render(arguments: argparse.Namespace) -> int:
         return _replay(arguments)
     if arguments.sample is not None:
         raise CommandError("--sample goes with --pixel X Y")
+    if arguments.preview is not None and not arguments.preview > 0:
+        raise CommandError(f"--preview {arguments.preview:g}: expected seconds above 0")
     if arguments.samples is not None:
         return _draw_range(arguments)
     if not arguments.output:
         raise CommandError("no output: add -o FILE.exr or -o FILE.png")
-    if arguments.preview is not None and not arguments.preview > 0:
-        raise CommandError(f"--preview {arguments.preview:g}: expected seconds above 0")
     if arguments.every is not None and not arguments.checkpoint:
         raise CommandError("--every goes with --checkpoint FILE")
     others = [path for path in (arguments.stats, arguments.checkpoint) if path]

@@ -401,6 +401,7 @@ void bind_renderer(py::module_& m) {
                                 "triangles"_a = v.primitive_count - others,
                                 "dropped"_a = s.host().dropped);
             })
+        .def_property_readonly("lights", [](const Scene& s) { return s.host().view.lights.count; })
         .def_property_readonly("tree",
                                [](const Scene& s) {
                                    const TreeInfo t = s.tree();

@@ -210,6 +210,8 @@ class Scene:
     @property
     def primitives(self) -> dict[str, int]: ...
     @property
+    def lights(self) -> int: ...  # from which one is chosen
+    @property
     def tree(self) -> dict[str, Any]: ...  # see veriray.render; or empty
     @property
     def memory(self) -> int: ...

@@ -221,5 +221,6 @@ def scene_facts(native: NativeScene) -> dict[str, Any]:
         "variant": [str(name) for name in native.variant],
         "path_bytes": int(native.path_bytes),
         "primitives": {str(k): int(v) for k, v in native.primitives.items()},
+        "lights": int(native.lights),
         "tree": dict(native.tree),
     }

@@ -500,9 +500,19 @@ def test_auto_takes_wavefront_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> 
     asked = dataclasses.replace(few, scheduler="thrust")
     assert choose_scheduler(asked, "cuda", tree) == ("thrust", "asked for")
     monkeypatch.setattr(kernels, "available", lambda: "")  # kernels are made at run time
-    made = {
-        name: chosen(facts={**tree, "features": ["bvh", "diffuse", name]})
-        for name in ("plastic", "roughconductor", "uneven_media")
+    balls = {**plain, "primitives": {"spheres": 100, "triangles": 2, "dropped": 7}, "lights": 1}
+    mesh = {**balls, "primitives": {"triangles": 20_000, "dropped": 0}}
+    mixed = [*balls["features"], "conductor", "dielectric", "plastic"]
+    by_measurement = {  # as measured, fused / wavefront
+        "mesh under a lamp, 0.64": (mesh, "fused"),
+        "two materials, 0.74": ({**mesh, "features": ["diffuse", "conductor"]}, "fused"),
+        "100 lamps, 1.9": ({**mesh, "lights": 100}, "wavefront"),
+        "16 lamps that are balls, 2": ({**balls, "lights": 16}, "wavefront"),
+        "balls of four materials, 1.8": ({**balls, "features": mixed}, "wavefront"),
+        "20 balls without a tree, 0.5": ({**balls, "tree": {}}, "fused"),
+    }  # fmt: skip
+    assert {k: chosen(facts=f) for k, (f, _) in by_measurement.items()} == {
+        k: name for k, (_, name) in by_measurement.items()
     }
-    assert made == dict(zip(made, ("fused", "wavefront", "wavefront"), strict=True))
-    assert chosen(facts={**tree, "features": ["bvh", *kinds, "conductor"]}) == "wavefront"
+    short = dataclasses.replace(many, width=64, height=64)
+    assert chosen(short, facts={**mesh, "lights": 100}) == "fused"

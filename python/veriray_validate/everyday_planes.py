@@ -81,6 +81,7 @@ def glowing(rng: np.random.Generator) -> Question:
         specks.append(quad([x, y, decades(rng, -3, -0.5)], [0.02, 0, 0], [0, 0.02, 0]))
     if rng.random() < 0.3:
         specks.append(quad([0, 0, -8], [1e-5, 0, 0], [0, 1e-5, 0]))
-    view = camera([0.5, -2, 3], [0, 0, 0], float(rng.uniform(1, 10)), [0, 0, 1])
+    # 12.8 degrees about the ball's middle, 7.3 from the axis: below 7.8 corners do not pass it
+    view = camera([0.5, -2, 3], [0, 0, 0], float(rng.uniform(1, 7.5)), [0, 0, 1])
     seen = make([lamp, *specks], view, width=16, height=16, max_depth=-1)
     return Question(f"{form} of {name}, {len(specks)} specks", seen, 1.0)

@@ -86,9 +86,9 @@ def choose_scheduler(
     """The scheduler that runs and why. settings: settled; facts: those of `scene_facts`.
 
     Rule of "auto": `fused`, but `wavefront` on CUDA where it is expected to take at most nine
-    tenths of the time (`wave_gain`). Without kernels made at run time (`kernels`): from WAVE_PATHS paths
-    per launch on, for scenes with a tree and a material that is not made of delta lobes, if several
-    kinds are in the compiled variant, whose one kernel is then slow (docs/speed.md).
+    tenths of the time (`wave_gain`). Without kernels made at run time (`kernels`): from WAVE_PATHS
+    paths per launch on, for scenes with a tree and a material that is not made of delta lobes, if
+    several kinds are in the compiled variant, whose one kernel is then slow (docs/speed.md).
     """
     if settings.scheduler != "auto":
         return settings.scheduler, "asked for"

@@ -238,7 +238,8 @@ def page(shown: list[tuple[Picture, dict[str, Any]]], docs: Path) -> str:
         if picture.figure:
             lines[-1] = f"Figure {picture.figure}. {picture.text}"
         if picture.exposure:
-            lines[-1] += f" Shown {picture.exposure:g} stops brighter than it is."
+            stops = f"{picture.exposure:g} stop{'s' * (picture.exposure != 1)}"
+            lines[-1] += f" Shown {stops} brighter than it is."
         if fact.get("compare"):
             lines += ["", "Our render on the left, the independent reference in the middle, their "]
             lines[-1] += "difference in standard errors on the right (blue -4, red +4). "

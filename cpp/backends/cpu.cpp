@@ -63,7 +63,8 @@ struct Scene::Impl {
         view.run_count = static_cast<uint32_t>(tables->runs.size());
         if (view.features & kBvh)
             view.bvh = {tables->nodes.data(), tables->blocks.data(), host.slab_slack,
-                        tables->info.memory > kCachedTree};
+                        tables->info.memory > kCachedTree,
+                        host.view.sphere_count + host.view.disk_count > 0};
     }
 };
 

@@ -120,14 +120,15 @@ LightAnswer choose_lights(const Scene& scene, const double* points, const double
     return a;
 }
 
-// The closest hits; rays in turn and one after another must meet the same, and shadow rays a hit
-// where there is one.
+// The closest hits; rays in turn, by code for all shapes, and one after another, by code for those
+// of the tree, must meet the same, and shadow rays a hit where there is one.
 static Hit<Simd> closest_either_way(SceneView view, const Ray<Simd>& ray, Simd::M lanes) {
     using Reader = SurfaceReader<Simd, kAllFeatures>;
     const auto nothing = nothing_met<Simd>();
     Hit<Simd> hit[2];
     for (const uint32_t large : {0u, 1u}) {
         view.bvh.large = large;
+        view.bvh.round |= large;
         hit[large] = Reader::closest(view, ray, nothing, Simd::F(kInfinity), lanes);
         if (!(view.features & kBvh)) return hit[0];
         const auto blocked = occluded_in_bvh<Simd, Reader::kTreeKinds>(

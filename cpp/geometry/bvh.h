@@ -54,8 +54,8 @@ struct BvhView {
         records;  // CPU: RecordBlock, `first` of a leaf counts blocks (scene/tree_layout.h).
                   // CUDA: kRecordFloats floats each, 16-byte aligned.
     float slack;  // for slabs_of
-    // CPU: whether the tree has more than kCachedTree bytes.
-    uint32_t large;
+    // CPU: whether the tree has more than kCachedTree bytes; whether it holds spheres or discs.
+    uint32_t large, round;
 };
 
 // ---- one primitive, one ray ----

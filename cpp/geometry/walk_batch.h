@@ -192,6 +192,8 @@ static VR_CALLED void walk_in_order(const BvhView& bvh, Walkers<L>& w, uint32_t 
 
 template <uint32_t kKinds, bool kAny, class L>
 VR_HD void walk(const BvhView& bvh, Walkers<L>& w, typename L::M active) {
+    if constexpr (kKinds != kTreeTriangles)
+        if (!bvh.round) return walk<kTreeTriangles, kAny>(bvh, w, active);
     if (bvh.large)
         walk_in_turns<kKinds, kAny>(bvh, w, bits(active));
     else

@@ -174,6 +174,7 @@ VR_HD M8 operator!(M8 a) { return {_knot_mask8(a.m)}; }
 VR_HD F8 fma(F8 a, F8 b, F8 c) { return _mm256_fmadd_ps(a.v, b.v, c.v); }
 VR_HD F8 min(F8 a, F8 b) { return _mm256_min_ps(a.v, b.v); }
 VR_HD F8 max(F8 a, F8 b) { return _mm256_max_ps(a.v, b.v); }
+VR_HD F8 abs(F8 a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.f), a.v); }
 VR_HD F8 select(M8 m, F8 a, F8 b) { return _mm256_mask_blend_ps(m.m, b.v, a.v); }
 VR_HD uint32_t bits(M8 m) { return _cvtmask8_u32(m.m); }
 VR_HD bool any(M8 m) { return m.m != 0; }

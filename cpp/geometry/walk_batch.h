@@ -91,19 +91,7 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walker<L>& r,
         hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits(ahead) << k;
     }
     if constexpr (kKinds != kTreeTriangles)
-        for (uint32_t j = 0; j < count; ++j) {
-            const uint32_t kind = as_uint(rows[kRecordId * count + j]) >> kRecordKindShift & 3u;
-            if (kind == kTriangleRecord) continue;
-            float record[12];
-            for (uint32_t c = 0; c < 12; ++c) record[c] = rows[c * count + j];
-            const auto one = [&](const float (&column)[3][L::kWidth]) VR_INLINED {
-                return Scalar3{column[0][i], column[1][i], column[2][i]};
-            };
-            t[j] = round_distance<kKinds>(
-                record, kind, record_primitive(rows, count, j), {one(w.o), one(w.d)},
-                {one(w.inverse), one(w.near), one(w.far)}, {w.after[i], w.passed[i]});
-            hits = (hits & ~(1u << j)) | (t[j] <= r.t && t[j] < kInfinity ? 1u << j : 0u);
-        }
+        hits = round_hits<kKinds>(rows, count, w, i, r.t, hits, t);
     return hits;
 }
 

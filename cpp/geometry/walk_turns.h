@@ -81,6 +81,46 @@ VR_HD uint32_t record_primitive(const float* rows, uint32_t count, uint32_t j) {
     return as_uint(rows[kRecordId * count + j]) & ((1u << kRecordKindShift) - 1u);
 }
 
+// The same `hits` of a leaf's records with those of its spheres and discs that ray i meets within
+// t_max. Of several spheres, those that it clearly misses are found at once.
+template <uint32_t kKinds, class L>
+VR_HD uint32_t round_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
+                          float t_max, uint32_t hits, float (&t)[kCpuLeaf]) {
+    using F = Batch::F;
+    const auto kind_of = [&](uint32_t j) {
+        return as_uint(rows[kRecordId * count + j]) >> kRecordKindShift & 3u;
+    };
+    uint32_t round = 0, spheres = 0;
+    for (uint32_t j = 0; j < count; ++j) {
+        round |= static_cast<uint32_t>(kind_of(j) != kTriangleRecord) << j;
+        spheres |= static_cast<uint32_t>(kind_of(j) == kSphereRecord) << j;
+    }
+    hits &= ~round;
+    if constexpr (kKinds & kTreeSpheres)
+        for (uint32_t k = 0; k < kCpuLeaf; k += Batch::kWidth) {
+            if (!(spheres & (spheres - 1)) || !(spheres >> k)) break;
+            F record[kSphereFloats];
+            for (uint32_t c = 0; c < kSphereFloats; ++c)
+                record[c] = load(rows + c * count + k, F());
+            const Ray<Batch> ray{all_of(w.o, i), all_of(w.d, i)};
+            const uint32_t close = bits(may_meet_sphere<Batch>(record, ray, F(kInfinity)));
+            round &= ~(spheres & (~close & ((1u << Batch::kWidth) - 1u)) << k);
+        }
+    for (; round; round &= round - 1) {
+        const uint32_t j = static_cast<uint32_t>(__builtin_ctz(round));
+        float record[12];
+        for (uint32_t c = 0; c < 12; ++c) record[c] = rows[c * count + j];
+        const auto one = [&](const float (&column)[3][L::kWidth]) {
+            return Scalar3{column[0][i], column[1][i], column[2][i]};
+        };
+        t[j] = round_distance<kKinds>(
+            record, kind_of(j), record_primitive(rows, count, j), {one(w.o), one(w.d)},
+            {one(w.inverse), one(w.near), one(w.far)}, {w.after[i], w.passed[i]});
+        hits |= static_cast<uint32_t>(t[j] <= t_max && t[j] < kInfinity) << j;
+    }
+    return hits;
+}
+
 // Those of the leaf's `count` records that ray i meets within its t, as bits, and the distances.
 template <uint32_t kKinds, class L>
 VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
@@ -118,19 +158,7 @@ VR_HD uint32_t leaf_hits(const float* rows, uint32_t count, const Walkers<L>& w,
         hits &= ~(((1u << Batch::kWidth) - 1u) << k) | bits(ahead) << k;
     }
     if constexpr (kKinds != kTreeTriangles)
-        for (uint32_t j = 0; j < count; ++j) {
-            const uint32_t kind = as_uint(rows[kRecordId * count + j]) >> kRecordKindShift & 3u;
-            if (kind == kTriangleRecord) continue;
-            float record[12];
-            for (uint32_t c = 0; c < 12; ++c) record[c] = rows[c * count + j];
-            const auto one = [&](const float (&column)[3][L::kWidth]) {
-                return Scalar3{column[0][i], column[1][i], column[2][i]};
-            };
-            t[j] = round_distance<kKinds>(
-                record, kind, record_primitive(rows, count, j), {one(w.o), one(w.d)},
-                {one(w.inverse), one(w.near), one(w.far)}, {w.after[i], w.passed[i]});
-            hits = (hits & ~(1u << j)) | (t[j] <= w.t[i] && t[j] < kInfinity ? 1u << j : 0u);
-        }
+        hits = round_hits<kKinds>(rows, count, w, i, w.t[i], hits, t);
     return hits;
 }
 

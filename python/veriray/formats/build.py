@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -239,7 +240,7 @@ class _Builder:
             self.check_medium(medium)
         for plain in (*parts["texture"], *parts["volume"]):
             self.check(plain)
-        shapes = Shapes(self.textured, self.textured_lamps)
+        shapes = Shapes(self.textured, self.textured_lamps, self.shared_files())
         for shape in parts["shape"]:
             self.shape(shape, shapes)
         for text, place in shapes.notes():
@@ -290,6 +291,19 @@ class _Builder:
             features,
             tuple(self.report.warned),
         )
+
+    def shared_files(self) -> set[str]:
+        """The names of files that several objects of the scene have."""
+        names: Counter[str] = Counter()
+        todo: list[Node | Ref] = [self.tree.scene]
+        while todo:
+            node = todo.pop()
+            if isinstance(node, Node):
+                todo += node.children
+                given = node.values.get("filename")
+                if given is not None and isinstance(given.value, str):
+                    names[given.value] += 1
+        return {name for name, count in names.items() if count > 1}
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
         """The column of attributes; also writes where those of each texture begin."""

@@ -81,6 +81,7 @@ class Materials:
     def __init__(self, materials: tuple[Material, ...]) -> None:
         self.others = np.full(len(materials), -1)
         self.weights: dict[int, float | Texture] = {}
+        self.by_side = np.array([m.by_side for m in materials])
         for i, m in enumerate(materials):
             self.others[i] = (
                 -1
@@ -244,11 +245,13 @@ class Materials:
         primitive: np.ndarray,
         point: np.ndarray,
         m: np.ndarray,
+        behind: np.ndarray,
     ) -> np.ndarray:
-        """The materials (n,) of vertices: of blends one of the two."""
+        """The materials (n,) of vertices: of blends one of the two; behind: seen from there."""
         if not self.weights:
             return m
         other = rng.random(len(m)) < self.weight(geometry, primitive, point, m)
+        other = np.where(self.by_side.take(m), behind, other)
         return np.where(other, self.others.take(m), m)
 
     def coat(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:

@@ -285,9 +285,16 @@ class _Reader(Document):
         return replace(values["first"], other=values["second"], weight=values["weight"])
 
     def twosided(self, element: etree._Element) -> Material:
-        inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")
+        if [child.get("name") for child in element] == ["front", "back"]:
+            both = self.parameters(element, front=self.bsdf, back=self.bsdf)
+            front, back = (self.on_both(element, both[name]) for name in ("front", "back"))
+            return replace(front, other=back, by_side=True)
+        return self.on_both(element, self.parameters(element, bsdf=self.bsdf).get("bsdf"))
+
+    def on_both(self, element: etree._Element, inner: Material | None) -> Material:
+        """A bsdf of a twosided."""
         if inner is None or inner.opacity < 1 or inner.other is not None:
-            raise self.error(element, "twosided needs exactly one bsdf, without mask and blend")
+            raise self.error(element, "twosided needs bsdfs without mask and blend")
         if inner.kind not in ("diffuse", "conductor", "plastic", "roughconductor", "roughplastic",
                               "principled"):  # fmt: skip
             raise self.error(element, f"twosided {inner.kind}: it transmits light")

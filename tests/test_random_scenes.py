@@ -38,6 +38,33 @@ def test_random_scenes(folder: Path, text: str) -> None:
     judge(text, folder / "scene.xml")
 
 
+def test_two_sides(folder: Path) -> None:
+    """Another material on the back, of faces and of a ball that is seen from within."""
+    parts = "".join(
+        f'''<shape type="{kind}"><boolean name="flip_normals" value="{flip}"/>
+        <transform name="to_world"><scale value="{size}"/><rotate y="1" angle="{angle}"/>
+        <translate x="{x}" z="3"/></transform><bsdf type="twosided">
+        <bsdf name="front" type="diffuse"><rgb name="reflectance" value="0.9 0.2 0.1"/></bsdf>
+        <bsdf name="back" type="{back}"/></bsdf></shape>'''
+        for kind, flip, size, angle, x, back in (
+            ("rectangle", "false", 0.5, 30, -0.6, "plastic"),
+            ("rectangle", "false", 0.5, 150, 0.6, "roughconductor"),
+            ("sphere", "true", 0.3, 0, 0, "conductor"),
+            ("sphere", "false", 6, 0, 0, "diffuse"),
+        )
+    )
+    judge(
+        f"""<scene version="3.0.0"><integrator type="path">
+        <integer name="max_depth" value="6"/></integrator>
+        <sensor type="perspective"><float name="fov" value="60"/>
+        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/>
+        <rfilter type="box"/></film></sensor>{parts}<shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="90"/><translate y="2" z="3"/></transform>
+        <emitter type="area"><rgb name="radiance" value="4"/></emitter></shape></scene>""",
+        folder / "sides.xml",
+    )
+
+
 @pytest.mark.slow
 @settings(max_examples=400, **COMMON)
 @given(text=scenes())

@@ -260,9 +260,10 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         blended = lanes & !(other == U(~0u));
         return select(blended, other, at.row);
     }
-    // The chance of a blend's other material.
+    // The chance of a blend's other material; where that is what is seen from behind, 0 or 1.
     static VR_HD F blend_weight(const SceneView& scene, const Surface<L>& at) {
-        return number(scene, at, kSurface_blend_weight, kSurface_blend_weight_texture);
+        const F w = number(scene, at, kSurface_blend_weight, kSurface_blend_weight_texture);
+        return select(w < F(kBlendSides), w, select(at.front, F(0.f), F(1.f)));
     }
 
     // The share of light that goes straight through a surface.

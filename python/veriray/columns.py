@@ -309,6 +309,10 @@ _HASHED_IF_SET: dict[str, Column] = {
     "blend_weight": Column(
         "materials", np.float32, (), 0.0, 0.0, 1.0, doc="the chance of blend_material"
     ),
+    "blend_sides": Column(
+        "materials", np.bool_, (), False,
+        doc="blend_material is what is seen from behind, blend_weight has no effect",
+    ),
     **{
         f"{name}_texture": _index("materials", "textures", -1, doc=f"gives {name}; -1: none does")
         for name in TEXTURABLE
@@ -596,6 +600,9 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
             f"blend_material[{row}] = {others[row]}, which is a blend itself; allowed: one that is "
             "none"
         )
+    row = _first(arrays["blend_sides"] & (arrays["blend_weight_texture"] >= 0))
+    if row is not None:
+        raise SceneError(f"blend_sides[{row}] is set, and so is blend_weight_texture; expected one")
     u, v = arrays["alpha_u"], arrays["alpha_v"]
     row = _first((kinds == MATERIAL_KINDS.index("roughplastic")) & (u != v))
     if row is not None:

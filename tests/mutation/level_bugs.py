@@ -465,6 +465,12 @@ MORE = (
     *_TEXTURES,
     *_REPAIRED,
     Mutant(
+        "back of two sides on the front",
+        _DIRECT,
+        "select(at.front, F(0.f), F(1.f))",
+        "select(at.front, F(1.f), F(0.f))",
+    ),
+    Mutant(
         "vertex normals not weighted by angle", "scene/normals.cpp", "facing.x * weight", "facing.x"
     ),
 )

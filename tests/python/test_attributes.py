@@ -208,6 +208,12 @@ def test_blends_in_other_materials() -> None:
     for opacity, column in ((0.5, "opacity"), (board, "opacity_texture")):
         masked = loaded({"type": "mask", "opacity": opacity, "bsdf": blend(one, two, 0.25)})
         assert (getattr(masked, column) == (0.5 if column == "opacity" else 1)).all()
+    inside = blend({"type": "mask", "opacity": 0.25, "b": one}, two, 0.25)
+    masked = loaded({"type": "mask", "opacity": 0.5, "bsdf": inside})
+    assert masked.opacity.tolist() == [0.125, 0.5]
+    sides = loaded({"type": "twosided", "front": one, "back": two})
+    assert sides.blend_sides.tolist() == [True, False] and sides.two_sided.all()
+    assert sides.blend_material.tolist() == [1, -1] and not sides.blend_weight.any()
     mixed = blend(
         {"type": "twosided", "bsdf": one}, {"type": "mask", "bsdf": {"type": "null"}}, 0.5
     )
@@ -240,7 +246,8 @@ def test_blends_in_other_materials() -> None:
          "takes no texture as weight"),
         ({"type": "twosided", "b": blend(diffuse(0.5), {"type": "null"}, 0.5)}, {},
          "cannot hold a blendbsdf that lets light through"),
-        ({"type": "mask", "b": blend({"type": "mask", "x": diffuse(0.5)}, {"type": "null"}, 0.5)},
+        ({"type": "mask", "opacity": {"type": "checkerboard"},
+          "b": blend({"type": "mask", "x": diffuse(0.5)}, {"type": "null"}, 0.5)},
          {}, "cannot hold a blendbsdf of masks"),
         (blend(diffuse(0.5), {"type": "mask", "x": blend(diffuse(0.1), diffuse(0.2), 0.5)}, 0.5),
          {}, "cannot hold another blendbsdf"),

@@ -111,6 +111,7 @@ BSDFS = {
     "eta alone": (METAL.format(COLOUR.format("eta", "0.2 0.9 1.1")), METAL.format(COLOUR.format("eta", "0.2 0.9 1.1") + COLOUR.format("k", 1))),
     "k alone": (METAL.format(COLOUR.format("k", "3 2 1")), METAL.format(COLOUR.format("eta", 0) + COLOUR.format("k", "3 2 1"))),
     "coloured opacity": (MASK.format(COLOUR.format("opacity", "1 0.5 0")), MASK.format('<float name="opacity" value="0.5"/>')),
+    "mask in mask": ('<bsdf type="mask"><float name="opacity" value="0.25"/>' + MASK.format('<float name="opacity" value="0.5"/>') + "</bsdf>", MASK.format('<float name="opacity" value="0.125"/>')),
     "twosided in twosided": (TWOSIDED.format(TWOSIDED.format('<bsdf type="plastic"/>')), TWOSIDED.format('<bsdf type="plastic"/>')),
 }  # fmt: skip
 

@@ -465,23 +465,32 @@ class _Builder:
             held = [self.material(part) for part in parts.get("bsdf", ())]
             given = {} if node.plugin in RELIEFS else self.textures(node)
             if node.plugin == "twosided":
-                if held[1:] and held[1] is not held[0]:
-                    text = f"{node}: its back is rendered as its front: where it is seen, the "
-                    self.report.warn(f"{text}picture is not Mitsuba's", parts["bsdf"][1].where)
                 row = materials.two_sided(held[0])
+                if held[1:] and held[1] is not held[0]:
+                    if any("other" in one for one in held):
+                        self.as_front(node, parts["bsdf"][1].where)
+                    else:
+                        row = materials.of_sides(held[0], (parts["bsdf"][1], held[1]))
                 if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
                         f"{node} cannot hold a {parts['bsdf'][0].plugin} that lets light through",
                         parts["bsdf"][0].where,
                     )
             elif node.plugin == "mask":
-                if any(map(_masked, materials.both(held[0]))):
+                inside = materials.both(held[0])
+                shares = not given and all(one.get("opacity_texture", -1) < 0 for one in inside)
+                if any(map(_masked, inside)) and not shares:
                     raise SceneError(
-                        f"{node} cannot hold a {parts['bsdf'][0].plugin} of masks",
+                        f"{node} cannot hold a {parts['bsdf'][0].plugin} of masks, unless numbers "
+                        "are the opacity of all",
                         parts["bsdf"][0].where,
                     )
-                row = materials.changed(held[0], {**materials.filled(node, values), **given})
+                row = materials.masked(held[0], {**materials.filled(node, values), **given})
             elif node.plugin == "blendbsdf":
+                for part, one in zip(parts["bsdf"], held, strict=True):
+                    if one.get("blend_sides"):
+                        self.as_front(part, part.where)
+                held = list(map(materials.of_front, held))
                 row = {**materials.blend(node, values, parts["bsdf"], held), **given}
             elif node.plugin in RELIEFS:
                 if any(one.get("relief_texture", -1) >= 0 for one in materials.both(held[0])):
@@ -499,6 +508,11 @@ class _Builder:
                 self.with_texture.add(id(node))
             self.rows[id(node)] = row
         return row
+
+    def as_front(self, node: Node, where: str) -> None:
+        """Warns that a twosided of two bsdfs shows its first one alone."""
+        text = f"{node}: its back is rendered as its front: where it is seen, the "
+        self.report.warn(f"{text}picture is not Mitsuba's", where)
 
     def textures(self, node: Node) -> materials.Row:
         """The columns that name the textures of a bsdf."""

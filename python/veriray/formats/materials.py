@@ -88,6 +88,19 @@ def two_sided(row: Row) -> Row:
     return row
 
 
+def of_sides(front: Row, back: tuple[Node, Row]) -> Row:
+    """The row of a twosided with two bsdfs, neither of which is a blend: a blend by sides."""
+    node, row = back
+    return two_sided({**front, "blend_sides": True, "other": (replace(node), row)})
+
+
+def of_front(row: Row) -> Row:
+    """The row of a bsdf without what another one shows from behind."""
+    if not row.get("blend_sides"):
+        return row
+    return {name: value for name, value in row.items() if name not in ("blend_sides", "other")}
+
+
 def changed(row: Row, columns: Row) -> Row:
     """A bsdf's row with other columns, which a blend's other row gets too."""
     row = {**row, **columns}
@@ -95,6 +108,17 @@ def changed(row: Row, columns: Row) -> Row:
         node, other = row["other"]
         row["other"] = replace(node), {**other, **columns}
     return row
+
+
+def masked(row: Row, columns: Row) -> Row:
+    """A bsdf's row with the columns of a mask around it; numbers of several masks multiply."""
+    number = columns["opacity"]
+    result = changed(row, {**columns, "opacity": number * row["opacity"]})
+    if "other" in row:
+        node, other = result["other"]
+        opacity = number * row["other"][1]["opacity"]
+        result["other"] = node, {**other, "opacity": opacity}
+    return result
 
 
 def blend(node: Node, values: dict[str, Any], nodes: list[Node], rows: list[Row]) -> Row:

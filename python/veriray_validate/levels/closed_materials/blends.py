@@ -80,6 +80,26 @@ def plate_of_two(t: Trial, pair: tuple[str, str], lit: str, textured: bool) -> N
     t.agrees(plate(bsdf, MU, lit, BELOW), (1 - WEIGHT) * a + WEIGHT * b, 600_000, sees=0.01)
 
 
+SIDES = (("matt", "metal"), ("metal", "rough metal"), ("rough metal", "matt"))
+
+
+@case(3, each={"pair": SIDES, "behind": (False, True), "lit": LIT, "masked_": (False, True)},
+      quick=lambda pair, behind, lit, masked_: masked_ == (lit == "sky"))  # fmt: skip
+def plate_of_two_sides(
+    t: Trial, pair: tuple[str, str], behind: bool, lit: str, masked_: bool
+) -> None:
+    """A plate with another material on its back, seen from either side. Sees 1 %.
+
+    masked_: in a mask over a lamp, which half of the light meets.
+    """
+    (front, a), (back, b) = (materials()[name] for name in pair)
+    bsdf: Dict = {"type": "twosided", "front": front, "back": back}
+    exact, below = b if behind else a, None
+    if masked_:
+        bsdf, exact, below = masked(0.5, bsdf), 0.5 * exact + 0.5 * BELOW, BELOW
+    t.agrees(plate(bsdf, MU, lit, below, -1.0 if behind else 1.0), exact, 200_000, sees=0.01)
+
+
 @case(3, each={"of": ("nothing", "pane", "holes"), "around": (False, True)})
 def shadow_of_two(t: Trial, of: str, around: bool) -> None:
     """A blend of black and what lets light through, between the sun and what is seen. Sees 1 %.

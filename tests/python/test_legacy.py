@@ -257,3 +257,21 @@ def test_a_path_of_another_machine(folder: Path) -> None:
             assert vr.load_file(path).sha256 == right
     with pytest.raises(SceneError, match="cannot read"):
         read(folder, "3.0.0", TEXTURE.format("bitmap", FILE.format("/x/../maps/a.png")))
+
+
+def test_a_path_of_another_machine_into_a_folder_beside_the_scene(folder: Path) -> None:
+    """The only file of that name there is read; of two none is."""
+    (folder / "maps").mkdir()
+    (folder / "a.png").rename(folder / "maps" / "a.png")
+    right = read(folder, "3.0.0", TEXTURE.format("bitmap", FILE.format("maps/a.png")))[0].sha256
+    body = TEXTURE.format("bitmap", FILE.format("D:\\work\\a.png"))
+    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{body}</scene>')
+    with pytest.warns(SceneWarning, match="is not there; maps/a.png is read"):
+        assert vr.load_file(folder / "scene.xml").sha256 == right
+    (folder / ".more").mkdir()
+    (folder / ".more" / "a.png").write_bytes((folder / "maps" / "a.png").read_bytes())
+    assert read(folder, "3.0.0", body)[0].sha256 == right
+    (folder / "more").mkdir()
+    (folder / ".more" / "a.png").rename(folder / "more" / "a.png")
+    with pytest.raises(SceneError, match="cannot read"):
+        read(folder, "3.0.0", body)

@@ -120,6 +120,10 @@ class Material:
     relief: Relief | None = None
     relief_texture: Texture | None = None
 
+    def others(self) -> list[Material]:
+        """What a blend shows instead, and what that does if it is a blend, and so on."""
+        return [] if self.other is None else [self.other, *self.other.others()]
+
 
 @dataclass(frozen=True)
 class Medium:

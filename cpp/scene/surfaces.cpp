@@ -103,8 +103,8 @@ void HostScene::list_surfaces(const SceneInput& in) {
     } else {
         for (size_t i = 0; i < sources.size(); ++i) rows.push_back(key_of(i));
     }
-    // Of blends, the rows of their other materials come last.
-    for (size_t r = 0, count = rows.size(); r < count; ++r) {
+    // Of blends, the rows of their other materials come last, in the order of the blends.
+    for (size_t r = 0; r < rows.size(); ++r) {
         SurfaceKey key = rows[r];
         const int32_t other = in.blend_material.data[std::get<0>(key)];
         if (other < 0) continue;

@@ -59,11 +59,6 @@ CASES = {
         ball(b={"type": "twosided", "a": BLEND}),
         "its back is rendered as its front",
     ),
-    "two sides in a blend": (
-        ball(b={**BLEND, "b": {"type": "twosided", "x": COAT, "y": GREY}}),
-        ball(b={**BLEND, "b": {"type": "twosided", "x": COAT}}),
-        "its back is rendered as its front",
-    ),
     "lanczos": (
         {"view": {**VIEW, "film": {"type": "hdrfilm", "f": {"type": "lanczos"}}}, **ball()},
         {"view": {**VIEW, "film": {"type": "hdrfilm", "f": {"type": "catmullrom"}}}, **ball()},

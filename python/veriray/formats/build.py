@@ -467,7 +467,7 @@ class _Builder:
             if node.plugin == "twosided":
                 row = materials.two_sided(held[0])
                 if held[1:] and held[1] is not held[0]:
-                    if any("other" in one for one in held):
+                    if "other" in held[0]:
                         self.as_front(node, parts["bsdf"][1].where)
                     else:
                         row = materials.of_sides(held[0], (parts["bsdf"][1], held[1]))
@@ -487,11 +487,7 @@ class _Builder:
                     )
                 row = materials.masked(held[0], {**materials.filled(node, values), **given})
             elif node.plugin == "blendbsdf":
-                for part, one in zip(parts["bsdf"], held, strict=True):
-                    if one.get("blend_sides"):
-                        self.as_front(part, part.where)
-                held = list(map(materials.of_front, held))
-                row = {**materials.blend(node, values, parts["bsdf"], held), **given}
+                row = materials.blend(node, values, parts["bsdf"], held, given)
             elif node.plugin in RELIEFS:
                 if any(one.get("relief_texture", -1) >= 0 for one in materials.both(held[0])):
                     text = f"{node} cannot hold another map; one map to a material"
@@ -667,8 +663,10 @@ class _Builder:
             bsdf = _LAMP if lamp else _GREY
             row = materials.BLACK if lamp else self.material(bsdf)
         material = self.tables.index("materials", bsdf, row)
-        if "other" in row:
-            row["blend_material"] = self.tables.index("materials", *row["other"])
+        inside = row
+        while "other" in inside:
+            inside["blend_material"] = self.tables.index("materials", *inside["other"])
+            inside = inside["other"][1]
         if id(bsdf) in self.with_texture:
             self.textured[material] = row["attributes"]
         emission = boundary = -1

@@ -125,6 +125,34 @@ def shadow_of_two(t: Trial, of: str, around: bool) -> None:
              sees=0.01)  # fmt: skip
 
 
+THREE = (
+    ("matt", "metal", "holes"), ("holes", "rough metal", "nothing"), ("glass", "nothing", "matt"),
+)  # fmt: skip
+
+
+@case(3, each={"of": THREE, "lit": LIT})
+def plate_of_three(t: Trial, of: tuple[str, str, str], lit: str) -> None:
+    """A blend whose second material is a blend: the weighted sum of what each gives. Sees 1 %."""
+    (first, a), (second, b), (third, c) = (materials()[name] for name in of)
+    bsdf = blend(first, blend(second, third, 0.4), 0.7)
+    exact = 0.3 * a + 0.7 * (0.6 * b + 0.4 * c)
+    t.agrees(plate(bsdf, MU, lit, BELOW), exact, 600_000, sees=0.01)
+
+
+@case(3, each={"black": (0, 1, 2)})
+def shadow_of_three(t: Trial, black: int) -> None:
+    """A blend in a blend between the sun and what is seen: black, with holes, nothing. Sees 1 %."""
+    parts = [(BLACK, 0.0), (masked(0.25, BLACK), 0.75), (NULL, 1.0)]
+    parts = parts[-black:] + parts[:-black]
+    exact = sum(w * share for w, (_, share) in zip((0.3, 0.42, 0.28), parts, strict=True))
+    bsdf = blend(parts[0][0], blend(parts[1][0], parts[2][0], 0.4), 0.7)
+    sun = {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(math.pi)}
+    holes = flat("rectangle", [0, 0, 4], [0, 0, 1], 9, bsdf)
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(1.0))
+    t.agrees(scene(view([0, 0, 3], [0, 0, 0]), holes, ground, sun, max_depth=2), exact, 20_000,
+             sees=0.01)  # fmt: skip
+
+
 @case(3)
 def furnace_of_two(t: Trial) -> None:
     """Matt and mirror in one, which lose nothing, in a sky of 1, many bounces: 1. Sees 0.1 %."""

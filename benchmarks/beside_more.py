@@ -56,6 +56,11 @@ def twosided(inside: str) -> str:
     return f'<bsdf type="twosided">{inside}</bsdf>'
 
 
+def sides(front: str, back: str) -> str:
+    named = [x.replace("<bsdf ", f'<bsdf name="{n}" ', 1) for n, x in (("a", front), ("b", back))]
+    return f'<bsdf type="twosided">{"".join(named)}</bsdf>'
+
+
 def normalmap(inside: str, file: str = "normals.png", *more: str) -> str:
     return f'<bsdf type="normalmap">{image("normalmap", file)}{inside}{"".join(more)}</bsdf>'
 
@@ -248,6 +253,27 @@ def _blends() -> Iterator[tuple[str, str]]:
                 f'<float name="weight" value="{value}"/>',
             ),
         )
+    three = ("roughconductor", "roughplastic", "principled")
+    first, second, third = (CLOSURES[name] for name in three)
+    thirds = '<float name="weight" value="0.3"/>'
+    yield "blend of three", blend(first, blend(second, third, thirds))
+    yield "blend of three, by images", blend(first, blend(second, third, weight), weight)
+    yield "blend of three, the first a blend", blend(blend(first, second, weight), third)
+    yield (
+        "blend of four",
+        blend(blend(first, second, thirds), blend(third, CLOSURES["diffuse"], thirds)),
+    )
+    yield "blend of two sides", blend(CLOSURES["diffuse"], sides(first, second))
+    for name in ("conductor", "roughconductor", "plastic", "roughplastic", "principled"):
+        yield f"two sides, diffuse and {name}", sides(CLOSURES["diffuse"], CLOSURES[name])
+        yield f"two sides, {name} and diffuse", sides(CLOSURES[name], CLOSURES["diffuse"])
+    yield "two sides of maps", sides(normalmap(second), bumpmap(first))
+    yield "two sides, the back a blend", sides(CLOSURES["diffuse"], blend(first, second))
+    yield (
+        "mask of two sides in a mask",
+        f"""<bsdf type="mask"><float name="opacity" value="0.7"/><bsdf type="mask">
+        <float name="opacity" value="0.6"/>{sides(first, CLOSURES["diffuse"])}</bsdf></bsdf>""",
+    )
     yield (
         "normalmap of blend",
         normalmap(blend(twosided(CLOSURES["diffuse"]), twosided(CLOSURES["roughconductor"]))),

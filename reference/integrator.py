@@ -168,6 +168,7 @@ class Integrator:
             v.primitive,
             live.origin,
             self.scene.material.take(v.primitive),
+            v.facing < 0,
         )
         if self.materials.directed:
             at = np.flatnonzero(v.primitive >= 0)

@@ -81,6 +81,7 @@ class Materials:
     def __init__(self, materials: tuple[Material, ...]) -> None:
         self.others = np.full(len(materials), -1)
         self.weights: dict[int, float | Texture] = {}
+        self.by_side = np.array([m.by_side for m in materials])
         for i, m in enumerate(materials):
             self.others[i] = (
                 -1
@@ -244,12 +245,17 @@ class Materials:
         primitive: np.ndarray,
         point: np.ndarray,
         m: np.ndarray,
+        behind: np.ndarray,
     ) -> np.ndarray:
-        """The materials (n,) of vertices: of blends one of the two."""
-        if not self.weights:
-            return m
-        other = rng.random(len(m)) < self.weight(geometry, primitive, point, m)
-        return np.where(other, self.others.take(m), m)
+        """The materials (n,) of vertices: of blends one of the two, which may be a blend in turn;
+        behind: seen from there."""
+        todo = np.full(len(m), bool(self.weights))
+        while todo.any():
+            other = rng.random(len(m)) < self.weight(geometry, primitive, point, m)
+            other = np.where(self.by_side.take(m), behind, other)
+            todo &= other & (self.others.take(m) >= 0)
+            m = np.where(todo, self.others.take(m), m)
+        return m
 
     def coat(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """1 - F(wi) (n,): the factor of COATED that depends on wi."""
@@ -267,7 +273,8 @@ class Materials:
         out = self._passing(m, cosine)
         if len(at := np.flatnonzero(self.others.take(m) >= 0)):
             weight = self.weight(geometry, primitive[at], point[:, at], m[at])
-            other = self._passing(self.others.take(m[at]), cosine[at])
+            of_others = self.others.take(m[at])
+            other = self.passing(of_others, cosine[at], geometry, primitive[at], point[:, at])
             out[:, at] += weight * (other - out[:, at])
         return out
 

@@ -280,14 +280,22 @@ class _Reader(Document):
             return self.texture(e) if e.tag == "texture" else number(e)
 
         values = self.parameters(element, weight=read, first=self.bsdf, second=self.bsdf)
-        if len(values) != 3 or any(values[m].other is not None for m in ("first", "second")):
-            raise self.error(element, "blendbsdf needs a weight and a first and a second bsdf")
+        if len(values) != 3 or values["first"].other is not None:
+            text = "blendbsdf needs a weight, and a first and a second bsdf, which may be a blend"
+            raise self.error(element, text)
         return replace(values["first"], other=values["second"], weight=values["weight"])
 
     def twosided(self, element: etree._Element) -> Material:
-        inner = self.parameters(element, bsdf=self.bsdf).get("bsdf")
+        if [child.get("name") for child in element] == ["front", "back"]:
+            both = self.parameters(element, front=self.bsdf, back=self.bsdf)
+            front, back = (self.on_both(element, both[name]) for name in ("front", "back"))
+            return replace(front, other=back, by_side=True)
+        return self.on_both(element, self.parameters(element, bsdf=self.bsdf).get("bsdf"))
+
+    def on_both(self, element: etree._Element, inner: Material | None) -> Material:
+        """A bsdf of a twosided."""
         if inner is None or inner.opacity < 1 or inner.other is not None:
-            raise self.error(element, "twosided needs exactly one bsdf, without mask and blend")
+            raise self.error(element, "twosided needs bsdfs without mask and blend")
         if inner.kind not in ("diffuse", "conductor", "plastic", "roughconductor", "roughplastic",
                               "principled"):  # fmt: skip
             raise self.error(element, f"twosided {inner.kind}: it transmits light")
@@ -771,8 +779,9 @@ class _Reader(Document):
             boundary = (values.get("interior", -1), values.get("exterior", -1))
         radiance = values.get("emitter")
         material = values.get("bsdf", Material() if radiance is None else _NO_LIGHT)
-        found = [m.texture for m in (material, material.other) if m is not None]
-        found += [material.weight] if isinstance(material.weight, textures.Texture) else []
+        found = [m.texture for m in (material, *material.others())]
+        found += [m.weight for m in (material, *material.others())
+                  if isinstance(m.weight, textures.Texture)]  # fmt: skip
         names = [texture.name for texture in found if texture is not None]
         if names and kind in _UNTEXTURED:
             if kind != "ply" or len(set(names)) > 1 or not names[0]:
@@ -843,7 +852,7 @@ def _tables(found: list[_Shape]) -> dict:
         **dict(zip(("material", "emission", "boundary"), columns.copy(), strict=True)),
         materials=(
             *(s.material for s in found),
-            *(s.material.other for s in found if s.material.other is not None),
+            *(other for s in found for other in s.material.others()),
         ),
         radiances=np.array([s.radiance[0] for s in lit]).reshape(-1, 3),
         shine=tuple(s.radiance[1] for s in lit),

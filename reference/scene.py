@@ -97,8 +97,8 @@ class Material:
     opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones; alpha
     along and across the growth of u. relief: what turns normals, by relief_texture. texture: in
     place of a diffuse reflectance. other: what a blend shows instead with the probability
-    weight. shares: of principled ones, of which the open let light through;
-    their base colour is `reflectance`.
+    weight; by_side: from behind, and the material itself from the front. shares: of principled
+    ones, of which the open let light through; their base colour is `reflectance`.
     """
 
     kind: str = "diffuse"
@@ -113,11 +113,16 @@ class Material:
     texture: Texture | None = None
     other: Material | None = None
     weight: float | Texture = 0.0
+    by_side: bool = False
     alpha: tuple[float, float] = (0.1, 0.1)
     distribution: str = "beckmann"
     shares: Mapping[str, float] = field(default_factory=dict)
     relief: Relief | None = None
     relief_texture: Texture | None = None
+
+    def others(self) -> list[Material]:
+        """What a blend shows instead, and what that does if it is a blend, and so on."""
+        return [] if self.other is None else [self.other, *self.other.others()]
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,11 @@ def bodies(draw: st.DrawFn, rng: np.random.Generator, centre: Array, size: float
     through = draw(st.booleans())
     bsdf = draw(clear() if through else opaque())
     if not through and draw(st.booleans()):
-        bsdf = tag("bsdf", "twosided", bsdf)
+        both = [bsdf] if draw(st.booleans()) else [
+            one.replace("<bsdf ", f'<bsdf name="{side}" ', 1)
+            for side, one in (("front", bsdf), ("back", draw(opaque())))
+        ]  # fmt: skip
+        bsdf = tag("bsdf", "twosided", *both)
     content = [bsdf]
     # An emitting clear mesh whose normals turn away may end paths in either of two ways: excluded.
     if draw(st.integers(0, 3)) == 0 and not (through and kind == "smooth"):

@@ -225,13 +225,22 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         if constexpr (has(kBlend)) {
             M blended = no_lanes(todo);
             const U row = at.row;
-            if (scene.features & kBlend) at.row = other_row(scene, at, todo, blended);
-            if (any(blended)) {
-                const S other = let_through(scene, shadow.ray, hit.primitive, at, todo);
-                at.row = row;
+            U next = row;
+            if (scene.features & kBlend) next = other_row(scene, at, todo, blended);
+            S one = share, sum = S::all(F(0.f));  // of this row; of those before, by their chances
+            F left = F(1.f);                      // chance of the rows behind
+            while (any(blended)) {
                 const F weight = blend_weight(scene, at);
-                share = select(blended, fma(other, weight, share * (F(1.f) - weight)), share);
+                sum = fma(one, left * (F(1.f) - weight), sum);
+                left = left * weight;
+                at.row = next;
+                one = let_through(scene, shadow.ray, hit.primitive, at, blended);
+                M more;
+                next = other_row(scene, at, blended, more);
+                share = select(blended & !more, fma(one, left, sum), share);
+                blended = more;
             }
+            at.row = row;
         }
         shadow.radiance = select(todo, shadow.radiance * share, shadow.radiance);
         // A ray that roulette has ended in an uneven medium still says what blocks it.
@@ -260,9 +269,10 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         blended = lanes & !(other == U(~0u));
         return select(blended, other, at.row);
     }
-    // The chance of a blend's other material.
+    // The chance of a blend's other material; where that is what is seen from behind, 0 or 1.
     static VR_HD F blend_weight(const SceneView& scene, const Surface<L>& at) {
-        return number(scene, at, kSurface_blend_weight, kSurface_blend_weight_texture);
+        const F w = number(scene, at, kSurface_blend_weight, kSurface_blend_weight_texture);
+        return select(w < F(kBlendSides), w, select(at.front, F(0.f), F(1.f)));
     }
 
     // The share of light that goes straight through a surface.

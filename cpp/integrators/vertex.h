@@ -318,19 +318,25 @@ struct PathVertices : DirectLight<L, kFeatures> {
         return place.pass;
     }
 
-    // Of a blend, the row of the one of its materials that a random number chooses. What the path
-    // then meets is that one alone, so that densities and values belong together.
+    // Of a blend, the row of the one of its materials that a random number chooses; the other one
+    // may be a blend, for which what is left of the number counts. What the path then meets is that
+    // one alone, so that densities and values belong together.
     static VR_HD void choose_material(const SceneView& scene, const PathSettings& s,
                                       const PathState<L>& path, uint32_t segment, M valid,
                                       Surface<L>& at) {
         if (!(scene.features & kBlend)) return;
         M blended;
-        const U other = Direct::other_row(scene, at, valid, blended);
+        U other = Direct::other_row(scene, at, valid, blended);
         if (none(blended)) return;
-        const U u =
-            random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).w;
-        const M second = blended & (uniform(u) < Direct::blend_weight(scene, at));
-        at.row = select(second, other, at.row);
+        F u = uniform(
+            random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).w);
+        while (any(blended)) {
+            const F weight = Direct::blend_weight(scene, at);
+            const M second = blended & (u < weight);
+            u = select(second, u / weight, u);
+            at.row = select(second, other, at.row);
+            other = Direct::other_row(scene, at, second, blended);
+        }
     }
     // Rays of the camera, on the way to their first scattering, which do not see light.
     static VR_HD M unseeing(const SceneView& scene, const PathState<L>& path) {

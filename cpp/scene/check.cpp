@@ -109,6 +109,11 @@ void check_input(const SceneInput& in, const SceneInput* known) {
     for (size_t m = 0; m < in.materials_rows(); ++m)
         if (!(kMetalKinds >> in.material_kind.data[m] & 1u) && !(in.eta.data[3 * m] > 0))
             fail("eta", m, "holds 0; a transparent material needs more");
+    for (size_t m = 0; m < in.materials_rows(); ++m) {  // or a blend might lead back to itself
+        const int32_t other = in.blend_material.data[m];
+        if (other >= 0 && static_cast<size_t>(other) <= m && in.blend_material.data[other] >= 0)
+            fail("blend_material", m, "is a blend that does not come after it");
+    }
     for (size_t i = 0; i < in.light_kind.count; ++i) {
         if (!kLights[shape_of_kind(in.light_kind.data[i])].cone) continue;
         const double cutoff = in.light_angles.data[2 * i], beam = in.light_angles.data[2 * i + 1];

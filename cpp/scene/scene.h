@@ -63,11 +63,11 @@ struct SceneInput {
     const Rows<int32_t>& boundary(ShapeGroup g) const {
         return pick(g, triangle_boundary, sphere_boundary, disk_boundary);
     }
-    // Whether fits(material) holds of a material or of the other one of its blend.
+    // Whether fits(material) holds of a material or of another one of its blend.
     template <class Fits>
     bool either(uint32_t material, Fits fits) const {
         const int32_t other = blend_material.data[material];
-        return fits(material) || (other >= 0 && fits(static_cast<uint32_t>(other)));
+        return fits(material) || (other >= 0 && either(static_cast<uint32_t>(other), fits));
     }
     bool sees_both_sides(uint32_t material) const {
         return either(material, [&](uint32_t m) { return two_sided.data[m] != 0; });

@@ -103,8 +103,8 @@ void HostScene::list_surfaces(const SceneInput& in) {
     } else {
         for (size_t i = 0; i < sources.size(); ++i) rows.push_back(key_of(i));
     }
-    // Of blends, the rows of their other materials come last.
-    for (size_t r = 0, count = rows.size(); r < count; ++r) {
+    // Of blends, the rows of their other materials come last, in the order of the blends.
+    for (size_t r = 0; r < rows.size(); ++r) {
         SurfaceKey key = rows[r];
         const int32_t other = in.blend_material.data[std::get<0>(key)];
         if (other < 0) continue;
@@ -193,6 +193,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
         const int32_t image = emission >= 0 ? in.emission_texture.data[emission] : -1;
         put(kSurfaceRadianceTexture, static_cast<float>(image));
         if (image >= 0) view.features |= kTextures | kLightTextures;
+        if (in.blend_sides.data[m]) put(kSurface_blend_weight, kBlendSides);
         put(kSurfaceTwoSided, in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f);
         put(kSurfaceKind, static_cast<float>(kind));
         const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;

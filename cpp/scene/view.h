@@ -67,6 +67,9 @@ enum ReliefTrait : uint32_t {
     kReliefMirrored = 8,  // seen from behind, it is its mirror image
 };
 
+// The weight of a blend whose other material is what is seen from behind.
+inline constexpr float kBlendSides = 2.f;
+
 // Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
 // Of the material; opacity: a ray meets the material if its random number is below it.

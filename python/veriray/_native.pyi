@@ -73,6 +73,7 @@ class SceneArrays(TypedDict):
     attribute_values: npt.NDArray[np.float32]  # (A, 3)
     blend_material: npt.NDArray[np.int32]  # (M,)
     blend_weight: npt.NDArray[np.float32]  # (M,)
+    blend_sides: npt.NDArray[np.uint8]  # (M,)
     reflectance_texture: npt.NDArray[np.int32]  # (M,)
     specular_reflectance_texture: npt.NDArray[np.int32]  # (M,)
     specular_transmittance_texture: npt.NDArray[np.int32]  # (M,)

@@ -304,10 +304,15 @@ _HASHED_IF_SET: dict[str, Column] = {
     ),
     "blend_material": _index(
         "materials", "materials", -1,
-        doc="a hit is of this material by the chance blend_weight, which is no blend; -1: none",
+        doc="a hit is of this material by the chance blend_weight; a blend only if it comes after; "
+        "-1: none",
     ),
     "blend_weight": Column(
         "materials", np.float32, (), 0.0, 0.0, 1.0, doc="the chance of blend_material"
+    ),
+    "blend_sides": Column(
+        "materials", np.bool_, (), False,
+        doc="blend_material is what is seen from behind, blend_weight has no effect",
     ),
     **{
         f"{name}_texture": _index("materials", "textures", -1, doc=f"gives {name}; -1: none does")
@@ -590,12 +595,16 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
         if row is not None:
             raise SceneError(f"eta[{row}] is 1 on a {name}; equal indices have no small mirrors")
     others = arrays["blend_material"]
-    row = _first((others >= 0) & (others[others] >= 0))
+    behind = others > np.arange(len(others))
+    row = _first((others >= 0) & (others[others] >= 0) & ~behind)
     if row is not None:
         raise SceneError(
             f"blend_material[{row}] = {others[row]}, which is a blend itself; allowed: one that is "
-            "none"
+            "none, or comes after it"
         )
+    row = _first(arrays["blend_sides"] & (arrays["blend_weight_texture"] >= 0))
+    if row is not None:
+        raise SceneError(f"blend_sides[{row}] is set, and so is blend_weight_texture; expected one")
     u, v = arrays["alpha_u"], arrays["alpha_v"]
     row = _first((kinds == MATERIAL_KINDS.index("roughplastic")) & (u != v))
     if row is not None:

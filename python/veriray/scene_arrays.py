@@ -88,9 +88,11 @@ class SceneArrays:
     texels (W,) uint32: texels row by row, packed from the lowest bits; each texture begins a row
     attribute_values (A, 3) float32: numbers of vertices or triangles, zero for meshes without; one
         alone stands there three times (in [0, 1])
-    blend_material (M,) int32: a hit is of this material by the chance blend_weight, which is no
-        blend; -1: none (index of materials, default -1)
+    blend_material (M,) int32: a hit is of this material by the chance blend_weight; a blend only if
+        it comes after; -1: none (index of materials, default -1)
     blend_weight (M,) float32: the chance of blend_material (in [0, 1], default 0.0)
+    blend_sides (M,) bool: blend_material is what is seen from behind, blend_weight has no effect
+        (default False)
     reflectance_texture (M,) int32: gives reflectance; -1: none does (index of textures, default -1)
     specular_reflectance_texture (M,) int32: gives specular_reflectance; -1: none does (index of
         textures, default -1)
@@ -241,6 +243,7 @@ class SceneArrays:
     attribute_values: Array = _NONE
     blend_material: Array = _NONE
     blend_weight: Array = _NONE
+    blend_sides: Array = _NONE
     reflectance_texture: Array = _NONE
     specular_reflectance_texture: Array = _NONE
     specular_transmittance_texture: Array = _NONE

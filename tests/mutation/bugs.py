@@ -535,14 +535,15 @@ _TEXTURES = (
 )  # fmt: skip
 
 _BLENDS = (
-    Mutant("blend's weight inverted", _VERTEX, "uniform(u) < Direct::blend_weight(scene, at)",
-           "uniform(u) >= Direct::blend_weight(scene, at)", "blends"),
+    Mutant("blend's weight inverted", _VERTEX, "blended & (u < weight)",
+           "blended & (u >= weight)", "blends"),
     Mutant("blend's weight inverted for shadows", _DIRECT,
-           "fma(other, weight, share * (F(1.f) - weight))",
-           "fma(share, weight, other * (F(1.f) - weight))", "blends"),
+           "left * (F(1.f) - weight)", "left * weight", "blends"),
     Mutant("blend by the number that the mask takes", _VERTEX,
-           "dimension_block(segment, kCross)).w;", "dimension_block(segment, kCross)).z;",
-           "blends"),
+           "F u = uniform(\n            random_block(s.key, path.pixel, path.sample, "
+           "dimension_block(segment, kCross)).w);",
+           "F u = uniform(\n            random_block(s.key, path.pixel, path.sample, "
+           "dimension_block(segment, kCross)).z);", "blends"),
     Mutant("attribute's corners turned", "scene/textures.cpp", "through(f, value)",
            "through(f, {value[0], value[2], value[1]})", "attributes"),
     Mutant("attribute of faces by vertices", "scene/textures.cpp",

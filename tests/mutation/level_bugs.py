@@ -465,6 +465,24 @@ MORE = (
     *_TEXTURES,
     *_REPAIRED,
     Mutant(
+        "second choice of a blend by the first's number",
+        _VERTEX,
+        "select(second, u / weight, u)",
+        "select(second, u, u)",
+    ),
+    Mutant(
+        "third of a blend as if it were the second for shadows",
+        _DIRECT,
+        "left = left * weight;",
+        "left = weight;",
+    ),
+    Mutant(
+        "back of two sides on the front",
+        _DIRECT,
+        "select(at.front, F(0.f), F(1.f))",
+        "select(at.front, F(1.f), F(0.f))",
+    ),
+    Mutant(
         "vertex normals not weighted by angle", "scene/normals.cpp", "facing.x * weight", "facing.x"
     ),
 )

@@ -208,6 +208,12 @@ def test_blends_in_other_materials() -> None:
     for opacity, column in ((0.5, "opacity"), (board, "opacity_texture")):
         masked = loaded({"type": "mask", "opacity": opacity, "bsdf": blend(one, two, 0.25)})
         assert (getattr(masked, column) == (0.5 if column == "opacity" else 1)).all()
+    inside = blend({"type": "mask", "opacity": 0.25, "b": one}, two, 0.25)
+    masked = loaded({"type": "mask", "opacity": 0.5, "bsdf": inside})
+    assert masked.opacity.tolist() == [0.125, 0.5]
+    sides = loaded({"type": "twosided", "front": one, "back": two})
+    assert sides.blend_sides.tolist() == [True, False] and sides.two_sided.all()
+    assert sides.blend_material.tolist() == [1, -1] and not sides.blend_weight.any()
     mixed = blend(
         {"type": "twosided", "bsdf": one}, {"type": "mask", "bsdf": {"type": "null"}}, 0.5
     )
@@ -234,16 +240,15 @@ def test_blends_in_other_materials() -> None:
         (diffuse(0.5), {"edge_a": np.ones((4, 3))}, "edge_a"),
         ({"type": "blendbsdf", "a": diffuse(0.5), "b": diffuse(0.5)}, {}, '"weight" .* is missing'),
         ({"type": "blendbsdf", "weight": 0.5, "a": diffuse(0.5)}, {}, "blendbsdf"),
-        (blend(blend(diffuse(0.5), {"type": "plastic"}, 0.5), {"type": "conductor"}, 0.5), {},
-         "cannot hold another blendbsdf, unless two of all are diffuse, or one is black"),
-        (blend(blend(diffuse(0.5), diffuse(0.2), {"type": "checkerboard"}), diffuse(0.1), 0.5), {},
-         "takes no texture as weight"),
+        (blend(blend(diffuse(0.5), {"type": "plastic"}, 0.5), {"type": "conductor"},
+               {"type": "checkerboard"}), {}, "a blend as its first bsdf and a texture as weight"),
+        (blend(blend(diffuse(0.5), diffuse(0.2), {"type": "checkerboard"}),
+               blend(diffuse(0.1), {"type": "plastic"}, 0.5), 0.5), {}, "holds two blends, or"),
         ({"type": "twosided", "b": blend(diffuse(0.5), {"type": "null"}, 0.5)}, {},
          "cannot hold a blendbsdf that lets light through"),
-        ({"type": "mask", "b": blend({"type": "mask", "x": diffuse(0.5)}, {"type": "null"}, 0.5)},
+        ({"type": "mask", "opacity": {"type": "checkerboard"},
+          "b": blend({"type": "mask", "x": diffuse(0.5)}, {"type": "null"}, 0.5)},
          {}, "cannot hold a blendbsdf of masks"),
-        (blend(diffuse(0.5), {"type": "mask", "x": blend(diffuse(0.1), diffuse(0.2), 0.5)}, 0.5),
-         {}, "cannot hold another blendbsdf"),
     ],
 )  # fmt: skip
 def test_refusals(bsdf: Any, more: dict[str, Any], message: str) -> None:
@@ -284,7 +289,8 @@ def test_arrays_that_no_scene_may_hold(cpu: str) -> None:
         ({"texture_first": [1]}, r"texture_first\[0\] = 1: a row for each of 5 vertices ends at 6"),
         ({"texture_kind": [3], "texture_first": [2]}, "of 4 triangles ends at 6; there are 5"),
         ({"attribute_values": np.full((5, 3), 1.5)}, r"attribute_values\[0\]"),
-        ({"blend_material": [1, 0]}, r"blend_material\[0\] = 1, which is a blend itself"),
+        ({"blend_material": [1, 0]}, r"blend_material\[1\] = 0, which is a blend itself"),
+        ({"blend_material": [0, -1]}, r"blend_material\[0\] = 0, which is a blend itself"),
         ({"blend_material": [2, -1]}, r"blend_material\[0\] = 2"),
         ({"blend_weight": [1.5, 0]}, r"blend_weight\[0\] = 1.5"),
     ):
@@ -293,4 +299,8 @@ def test_arrays_that_no_scene_may_hold(cpu: str) -> None:
     wrong = made()
     object.__setattr__(wrong, "texture_first", np.array([1], np.uint32))
     with pytest.raises(SceneError, match=r"texture_first\[0\] begins 5 rows of 5"):
+        veriray.rendering.prepare(wrong, cpu)
+    wrong = made()
+    object.__setattr__(wrong, "blend_material", np.array([1, 0], np.int32))
+    with pytest.raises(SceneError, match=r"blend_material\[1\] is a blend that does not come"):
         veriray.rendering.prepare(wrong, cpu)

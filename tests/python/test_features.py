@@ -434,6 +434,33 @@ def test_aov_in_a_scene_file(tmp_path: Path) -> None:
     assert {*image.load(out).features} == {"albedo", "alpha"}
 
 
+@pytest.mark.parametrize(
+    ("line", "features"),
+    [
+        ('<integrator type="depth"/>', ("depth",)),
+        (
+            '<integrator type="aov"><string name="aovs" value="a:sh_normal,b:depth"/></integrator>',
+            ("normal", "depth"),
+        ),
+    ],
+)
+def test_integrators_that_show_no_light(
+    tmp_path: Path, line: str, features: tuple[str, ...]
+) -> None:
+    """Without another integrator in them: feature images are what they show."""
+    text = f"""<scene version="3.0.0">{line}<emitter type="constant"/><shape type="rectangle">
+        <transform name="to_world"><rotate y="1" angle="180"/><translate z="3"/></transform></shape>
+        <sensor type="perspective"><float name="fov" value="20"/></sensor></scene>"""
+    path = tmp_path / "scene.xml"
+    path.write_text(text, "utf-8")
+    with pytest.warns(vr.SceneWarning, match="the picture is the scene's light, as by path"):
+        scene = vr.load_file(path)
+    assert scene.features == features
+    found = vr.render(scene, width=9, height=9, spp=4, device="cpu", features=scene.features)
+    assert found.features is not None
+    assert found.features["depth"][4, 4] == pytest.approx(3, rel=1e-3)
+
+
 # ---- refused ----
 
 

@@ -58,7 +58,7 @@ CASES = {
     "difftrans": (BALL.format('<bsdf type="difftrans"><rgb name="transmittance" value="0.1 0.2 0.3"/></bsdf>'), BALL.format('<bsdf type="principledthin"><rgb name="base_color" value="0.1 0.2 0.3"/><float name="diff_trans" value="2"/><float name="eta" value="1"/><float name="roughness" value="1"/></bsdf>'), ""),
     "hk": (BALL.format('<bsdf type="hk"><rgb name="sigmaS" value="1 2 3"/><rgb name="sigmaA" value="1 2 1"/><float name="thickness" value="2"/></bsdf>'), BALL.format('<bsdf type="principledthin"><rgb name="base_color" value="0.5 0.5 0.75"/><float name="diff_trans" value="1"/><float name="eta" value="1"/><float name="roughness" value="1"/></bsdf>'), "bsdf hk is rendered as principledthin"),
     "irawan": (BALL.format('<bsdf type="irawan">' + FILE.format("x.wv") + '<float name="repeatU" value="9"/></bsdf>'), BALL.format('<bsdf type="diffuse"/>'), "bsdf irawan is rendered as diffuse"),
-    "two sides": (BALL.format('<bsdf type="twosided"><bsdf type="plastic"/><bsdf type="diffuse"/></bsdf>'), BALL.format('<bsdf type="twosided"><bsdf type="plastic"/></bsdf>'), "its back is rendered as its front"),
+    "two sides": (BALL.format('<bsdf type="twosided"><bsdf type="plastic"/><bsdf type="diffuse"/></bsdf>'), BALL.format('<bsdf type="twosided"><bsdf name="front" type="plastic"/><bsdf name="back" type="diffuse"/></bsdf>'), ""),
     "dipole": (BALL.format('<subsurface type="dipole"><rgb name="sigmaS" value="0"/><rgb name="sigmaA" value="1"/></subsurface>'), DIFFUSE.format('<rgb name="reflectance" value="0"/>'), "subsurface dipole is rendered as a diffuse surface"),
     "gridtexture": (TEXTURE.format("gridtexture", '<rgb name="color0" value="0.1 0.2 0.3"/><float name="lineWidth" value="0.1"/>'), TEXTURE.format("checkerboard", '<rgb name="color0" value="0.1 0.2 0.3"/><rgb name="color1" value="0.1 0.2 0.3"/>'), "without its lines"),
     "wireframe": (TEXTURE.format("wireframe", '<rgb name="interiorColor" value="0.1"/>'), TEXTURE.format("checkerboard", '<rgb name="color0" value="0.1"/><rgb name="color1" value="0.1"/>'), "without its lines"),
@@ -257,3 +257,21 @@ def test_a_path_of_another_machine(folder: Path) -> None:
             assert vr.load_file(path).sha256 == right
     with pytest.raises(SceneError, match="cannot read"):
         read(folder, "3.0.0", TEXTURE.format("bitmap", FILE.format("/x/../maps/a.png")))
+
+
+def test_a_path_of_another_machine_into_a_folder_beside_the_scene(folder: Path) -> None:
+    """The only file of that name there is read; of two none is."""
+    (folder / "maps").mkdir()
+    (folder / "a.png").rename(folder / "maps" / "a.png")
+    right = read(folder, "3.0.0", TEXTURE.format("bitmap", FILE.format("maps/a.png")))[0].sha256
+    body = TEXTURE.format("bitmap", FILE.format("D:\\work\\a.png"))
+    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{body}</scene>')
+    with pytest.warns(SceneWarning, match="is not there; maps/a.png is read"):
+        assert vr.load_file(folder / "scene.xml").sha256 == right
+    (folder / ".more").mkdir()
+    (folder / ".more" / "a.png").write_bytes((folder / "maps" / "a.png").read_bytes())
+    assert read(folder, "3.0.0", body)[0].sha256 == right
+    (folder / "more").mkdir()
+    (folder / ".more" / "a.png").rename(folder / "more" / "a.png")
+    with pytest.raises(SceneError, match="cannot read"):
+        read(folder, "3.0.0", body)

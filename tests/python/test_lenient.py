@@ -55,7 +55,8 @@ CASES = {
         '"roughness" = 1.5 is rendered as 1, the nearest in range',
     ),
     "two sides": (
-        ball(b={"type": "twosided", "a": COAT, "b": GREY}), ball(b={"type": "twosided", "a": COAT}),
+        ball(b={"type": "twosided", "a": BLEND, "b": GREY}),
+        ball(b={"type": "twosided", "a": BLEND}),
         "its back is rendered as its front",
     ),
     "lanczos": (

@@ -917,3 +917,49 @@ def test_columns_of_one_number_are_columns_of_many(tmp_path):
             assert again.sha256 == scene.sha256 and not getattr(again, name).flags.writeable
     with pytest.raises(SceneError, match=r"triangle_emission\[0\] = 7 is outside"):
         veriray.Scene(**{**dense, "triangle_emission": np.broadcast_to(7, 18000)})
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+def test_a_mesh_file_of_several_shapes_is_parsed_once(tmp_path, monkeypatch, kind):
+    """And shows in each what it shows alone, whatever stands between them."""
+    trimesh.creation.icosphere(2).export(tmp_path / f"a.{kind}")
+    trimesh.creation.box().export(tmp_path / f"b.{kind}")
+    parsed = []
+    original = mesh.read
+
+    def read(path, *arguments, **more):
+        parsed.append(path.name)
+        return original(path, *arguments, **more)
+
+    monkeypatch.setattr(mesh, "read", read)
+
+    def shape(number, name):
+        placed = f'<transform name="to_world"><scale value="{number}"/></transform>'
+        flips = f'<boolean name="flip_normals" value="{str(number == 3).lower()}"/>'
+        return (
+            f'<shape type="{kind}"><string name="filename" value="{name}"/>{placed}{flips}</shape>'
+        )
+
+    def loaded(*names):
+        text = "".join(shape(number, name) for number, name in enumerate(names, 1))
+        (tmp_path / "scene.xml").write_text(
+            f'<scene version="3.0.0"><emitter type="constant"/>{text}</scene>'
+        )
+        return veriray.load_file(tmp_path / "scene.xml")
+
+    once = loaded(f"a.{kind}", f"b.{kind}", f"a.{kind}", f"a.{kind}")
+    assert parsed == [f"a.{kind}", f"b.{kind}"]
+    for copy in "cd":
+        (tmp_path / f"{copy}.{kind}").write_bytes((tmp_path / f"a.{kind}").read_bytes())
+    apart = loaded(f"a.{kind}", f"b.{kind}", f"c.{kind}", f"d.{kind}")
+    assert once.sha256 == apart.sha256
+
+
+@pytest.mark.parametrize("largest", [5, 2**31])
+def test_distinct_corners_are_those_of_rows(largest):
+    """By one integer a row, and where that cannot hold three indices."""
+    corners = np.random.default_rng(2).integers(-1, 5, (200, 3))
+    corners[0] = largest
+    rows, inverse = np.unique(corners, axis=0, return_inverse=True)
+    found = mesh._distinct(corners)
+    assert (found[0] == rows).all() and (found[1] == inverse.reshape(-1)).all()

@@ -111,6 +111,7 @@ BSDFS = {
     "eta alone": (METAL.format(COLOUR.format("eta", "0.2 0.9 1.1")), METAL.format(COLOUR.format("eta", "0.2 0.9 1.1") + COLOUR.format("k", 1))),
     "k alone": (METAL.format(COLOUR.format("k", "3 2 1")), METAL.format(COLOUR.format("eta", 0) + COLOUR.format("k", "3 2 1"))),
     "coloured opacity": (MASK.format(COLOUR.format("opacity", "1 0.5 0")), MASK.format('<float name="opacity" value="0.5"/>')),
+    "mask in mask": ('<bsdf type="mask"><float name="opacity" value="0.25"/>' + MASK.format('<float name="opacity" value="0.5"/>') + "</bsdf>", MASK.format('<float name="opacity" value="0.125"/>')),
     "twosided in twosided": (TWOSIDED.format(TWOSIDED.format('<bsdf type="plastic"/>')), TWOSIDED.format('<bsdf type="plastic"/>')),
 }  # fmt: skip
 
@@ -160,9 +161,31 @@ def test_a_blend_of_three_that_two_can_be(tmp_path: Path, name: str) -> None:
         '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>',
     ],
 )
-def test_no_blend_of_three_that_two_cannot_be(tmp_path: Path, part: str) -> None:
-    with pytest.raises(SceneError, match="cannot hold another blendbsdf, unless"):
-        loaded(tmp_path, bsdf(blend(blend(matt(0.5), COAT, 0.5), part, 0.5)))
+def test_a_blend_of_three_that_two_cannot_be(tmp_path: Path, part: str) -> None:
+    """A blend whose second bsdf is a blend: by the chances of each."""
+    parts = blend(matt(0.5), COAT, 0.25)
+    chances = []
+    for text in (blend(parts, part, 0.5), blend(part, parts, 0.5)):
+        found, row = loaded(tmp_path, bsdf(text)), 0
+        left, shares = 1.0, []
+        while row >= 0:
+            weight = float(found.blend_weight[row]) if found.blend_material[row] >= 0 else 0.0
+            shares.append(left * (1 - weight))
+            left, row = left * weight, int(found.blend_material[row])
+        chances.append(shares)
+    assert chances[0] == pytest.approx([0.375, 0.125, 0.5])
+    assert chances[1] == pytest.approx([0.5, 0.375, 0.125])
+
+
+def test_a_blend_by_an_image_in_a_blend(tmp_path: Path) -> None:
+    """As its second bsdf, and as its first where a number is the other weight."""
+    image = '<texture type="checkerboard" name="weight"/>'
+    inner = f'<bsdf type="blendbsdf">{image}{matt(0.5)}{COAT}</bsdf>'
+    one = loaded(tmp_path, bsdf(blend(ROUGH.format(""), inner, 0.25)))
+    other = loaded(tmp_path, bsdf(blend(inner, ROUGH.format(""), 0.75)))
+    assert one.sha256 == other.sha256
+    assert one.blend_material.tolist() == [1, 2, -1]
+    assert one.blend_weight_texture.tolist() == [-1, 0, -1]
 
 
 def test_a_spectrum_for_one_number_is_its_mean(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -239,7 +240,7 @@ class _Builder:
             self.check_medium(medium)
         for plain in (*parts["texture"], *parts["volume"]):
             self.check(plain)
-        shapes = Shapes(self.textured, self.textured_lamps)
+        shapes = Shapes(self.textured, self.textured_lamps, self.shared_files())
         for shape in parts["shape"]:
             self.shape(shape, shapes)
         for text, place in shapes.notes():
@@ -290,6 +291,19 @@ class _Builder:
             features,
             tuple(self.report.warned),
         )
+
+    def shared_files(self) -> set[str]:
+        """The names of files that several objects of the scene have."""
+        names: Counter[str] = Counter()
+        todo: list[Node | Ref] = [self.tree.scene]
+        while todo:
+            node = todo.pop()
+            if isinstance(node, Node):
+                todo += node.children
+                given = node.values.get("filename")
+                if given is not None and isinstance(given.value, str):
+                    names[given.value] += 1
+        return {name for name, count in names.items() if count > 1}
 
     def attributes(self, shapes: Shapes, shown: dict[str, Any]) -> dict[str, Any]:
         """The column of attributes; also writes where those of each texture begin."""
@@ -451,24 +465,29 @@ class _Builder:
             held = [self.material(part) for part in parts.get("bsdf", ())]
             given = {} if node.plugin in RELIEFS else self.textures(node)
             if node.plugin == "twosided":
-                if held[1:] and held[1] is not held[0]:
-                    text = f"{node}: its back is rendered as its front: where it is seen, the "
-                    self.report.warn(f"{text}picture is not Mitsuba's", parts["bsdf"][1].where)
                 row = materials.two_sided(held[0])
+                if held[1:] and held[1] is not held[0]:
+                    if "other" in held[0]:
+                        self.as_front(node, parts["bsdf"][1].where)
+                    else:
+                        row = materials.of_sides(held[0], (parts["bsdf"][1], held[1]))
                 if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
                         f"{node} cannot hold a {parts['bsdf'][0].plugin} that lets light through",
                         parts["bsdf"][0].where,
                     )
             elif node.plugin == "mask":
-                if any(map(_masked, materials.both(held[0]))):
+                inside = materials.both(held[0])
+                shares = not given and all(one.get("opacity_texture", -1) < 0 for one in inside)
+                if any(map(_masked, inside)) and not shares:
                     raise SceneError(
-                        f"{node} cannot hold a {parts['bsdf'][0].plugin} of masks",
+                        f"{node} cannot hold a {parts['bsdf'][0].plugin} of masks, unless numbers "
+                        "are the opacity of all",
                         parts["bsdf"][0].where,
                     )
-                row = materials.changed(held[0], {**materials.filled(node, values), **given})
+                row = materials.masked(held[0], {**materials.filled(node, values), **given})
             elif node.plugin == "blendbsdf":
-                row = {**materials.blend(node, values, parts["bsdf"], held), **given}
+                row = materials.blend(node, values, parts["bsdf"], held, given)
             elif node.plugin in RELIEFS:
                 if any(one.get("relief_texture", -1) >= 0 for one in materials.both(held[0])):
                     text = f"{node} cannot hold another map; one map to a material"
@@ -485,6 +504,11 @@ class _Builder:
                 self.with_texture.add(id(node))
             self.rows[id(node)] = row
         return row
+
+    def as_front(self, node: Node, where: str) -> None:
+        """Warns that a twosided of two bsdfs shows its first one alone."""
+        text = f"{node}: its back is rendered as its front: where it is seen, the "
+        self.report.warn(f"{text}picture is not Mitsuba's", where)
 
     def textures(self, node: Node) -> materials.Row:
         """The columns that name the textures of a bsdf."""
@@ -639,8 +663,10 @@ class _Builder:
             bsdf = _LAMP if lamp else _GREY
             row = materials.BLACK if lamp else self.material(bsdf)
         material = self.tables.index("materials", bsdf, row)
-        if "other" in row:
-            row["blend_material"] = self.tables.index("materials", *row["other"])
+        inside = row
+        while "other" in inside:
+            inside["blend_material"] = self.tables.index("materials", *inside["other"])
+            inside = inside["other"][1]
         if id(bsdf) in self.with_texture:
             self.textured[material] = row["attributes"]
         emission = boundary = -1

@@ -53,8 +53,11 @@ def depths(
             )
         return depths(inner[0], check, report, (*around, node))
     if "integrator" in parts:
+        _add_features(node, values.get("aovs", "depth"), report)
+        what = "feature images" if node.plugin == "aov" else 'the feature image "depth"'
         report.warn(
-            f"{node}: what it shows is not rendered; the scene's light is, as by path", node.where
+            f"{node}: what it shows is {what}; the picture is the scene's light, as by path",
+            node.where,
         )
         plain = Node("path", node.where, "integrator")
         if "hide_emitters" in node.values:
@@ -75,7 +78,7 @@ def depths(
 
 
 def _add_features(node: Node, aovs: str, report: Report) -> None:
-    """Takes the feature images that an integrator `aov` asks for, and notes what is none."""
+    """Takes the feature images that an integrator asks for, and notes what is none."""
     kinds = [one.rpartition(":")[2].strip() for one in aovs.split(",") if one.strip()]
     found = [_AOVS[kind] for kind in kinds if kind in _AOVS]
     report.features = tuple(dict.fromkeys((*report.features, *found)))

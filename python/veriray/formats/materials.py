@@ -88,32 +88,59 @@ def two_sided(row: Row) -> Row:
     return row
 
 
+def of_sides(front: Row, back: tuple[Node, Row]) -> Row:
+    """The row of a twosided with two bsdfs, the first of which is no blend: a blend by sides."""
+    node, row = back
+    return two_sided({**front, "blend_sides": True, "other": (replace(node), row)})
+
+
 def changed(row: Row, columns: Row) -> Row:
     """A bsdf's row with other columns, which a blend's other row gets too."""
     row = {**row, **columns}
     if "other" in row:
         node, other = row["other"]
-        row["other"] = replace(node), {**other, **columns}
+        row["other"] = replace(node), changed(other, columns)
     return row
 
 
-def blend(node: Node, values: dict[str, Any], nodes: list[Node], rows: list[Row]) -> Row:
-    """The row of a blendbsdf, whose "other" is the node and row of its second bsdf."""
+def masked(row: Row, columns: Row) -> Row:
+    """A bsdf's row with the columns of a mask around it; numbers of several masks multiply."""
+    result = {**row, **columns, "opacity": columns["opacity"] * row["opacity"]}
+    if "other" in row:
+        node, other = row["other"]
+        result["other"] = replace(node), masked(other, columns)
+    return result
+
+
+def blend(
+    node: Node, values: dict[str, Any], nodes: list[Node], rows: list[Row], given: Row
+) -> Row:
+    """The row of a blendbsdf, whose "other" is the node and row of its second bsdf, which may be a
+    blend itself; given: the columns of its textures."""
     weight = values["weight"]
     if weight is None:
         if not any(item.name == "weight" for item in node.children):
             raise SceneError(f'{node}: "weight" (number or texture) is missing', node.where)
         weight = 0.0
     weight = min(max(weight, 0.0), 1.0)  # as Mitsuba
-    if any("other" in row for row in rows):
-        inner = any(row.get("blend_weight_texture", -1) >= 0 for row in rows)
-        if inner or any(item.name == "weight" for item in node.children):
-            text = "with a blendbsdf in it takes no texture as weight"
-            raise SceneError(f"{node} {text}", node.where)
+    inside = [one for row in rows for one in both(row)]
+    textured = any(one.get("blend_weight_texture", -1) >= 0 for one in (*inside, given))
+    sides = any(one.get("blend_sides") for one in inside)
+    if len(inside) > 2 and not textured and not sides:
         shares = (1 - weight, weight)
         parts = [_parts(*one) for one in zip(nodes, rows, shares, strict=True)]
-        return _of_two(node, [part for both in parts for part in both])
-    return {**rows[0], "blend_weight": weight, "other": (replace(nodes[1]), rows[1])}
+        return _of_all([part for of_one in parts for part in of_one])
+    first, second = zip(nodes, rows, strict=True)
+    if "other" in first[1]:  # then the second comes first
+        if "other" in second[1] or given:
+            text = (
+                "holds two blends, or a blend as its first bsdf and a texture as weight; allowed: "
+                "only its second bsdf is a blend, or numbers are all weights"
+            )
+            raise SceneError(f"{node} {text}", node.where)
+        first, second, weight = second, first, 1 - weight
+    other = replace(second[0]), second[1]
+    return {**first[1], "blend_weight": weight, "other": other, **given}
 
 
 #: Columns by which all that a material of a kind reflects and lets through grows.
@@ -132,7 +159,7 @@ _DIFFUSE = MATERIAL_KINDS.index("diffuse")
 
 
 def _parts(node: Node, row: Row, share: float) -> list[_Part]:
-    """A bsdf's row with its share, or those of the two that a blend shows."""
+    """A bsdf's row with its share, or those of all that a blend shows."""
     if "other" not in row:
         return [_Part(replace(node), row, share)]
     first = {**row, "blend_weight": BLACK["blend_weight"]}
@@ -140,25 +167,27 @@ def _parts(node: Node, row: Row, share: float) -> list[_Part]:
     weight = row["blend_weight"]
     return [
         _Part(replace(node), first, share * (1 - weight)),
-        _Part(second, other, share * weight),
+        *_parts(second, other, share * weight),
     ]
 
 
-def _of_two(node: Node, parts: list[_Part]) -> Row:
-    """The row of a blend of more than two bsdfs, of which some can be put together."""
+def _of_all(parts: list[_Part]) -> Row:
+    """The row of a blend of more than two bsdfs; some are put together where one can be both."""
     parts = [part for part in parts if part.share > 0]
     pairs = [(i, j) for j in range(len(parts)) for i in range(j)]
     while len(parts) > 2:
         found = ((i, j, _together(parts[i], parts[j])) for i, j in pairs if j < len(parts))
-        i, j, both = next(((i, j, one) for i, j, one in found if one), (0, 0, None))
-        if both is None:
-            text = "cannot hold another blendbsdf, unless two of all are diffuse, or one is black"
-            raise SceneError(f"{node} {text}", node.where)
-        parts = [both if k == i else part for k, part in enumerate(parts) if k != j]
-    if len(parts) == 1:
-        return parts[0].row
-    weight = parts[1].share / (parts[0].share + parts[1].share)
-    return {**parts[0].row, "blend_weight": weight, "other": (parts[1].node, parts[1].row)}
+        i, j, one = next(((i, j, one) for i, j, one in found if one), (0, 0, None))
+        if one is None:
+            break
+        parts = [one if k == i else part for k, part in enumerate(parts) if k != j]
+    last = parts[-1]
+    row, share = last.row, last.share
+    for part in reversed(parts[:-1]):
+        whole = part.share + share
+        row = {**part.row, "blend_weight": share / whole, "other": (last.node, row)}
+        last, share = part, whole
+    return row
 
 
 def _together(one: _Part, other: _Part) -> _Part | None:
@@ -188,8 +217,8 @@ def _together(one: _Part, other: _Part) -> _Part | None:
 
 
 def both(row: Row) -> list[Row]:
-    """The rows of a bsdf: two of a blend."""
-    return [row, row["other"][1]] if "other" in row else [row]
+    """The rows of a bsdf: two or more of a blend."""
+    return [row, *both(row["other"][1])] if "other" in row else [row]
 
 
 def _principled(node: Node, values: dict[str, Any]) -> Row:

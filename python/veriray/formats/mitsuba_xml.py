@@ -18,6 +18,7 @@ import os
 import re
 from collections.abc import Mapping
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from xml.parsers import expat
 
@@ -136,7 +137,8 @@ class _Reader:
         search folder that has it, else, as in Mitsuba, the working directory; if none does, the
         folder of `path`. asset: the folder of an included file comes after those of the file that
         includes it, as Mitsuba looks for assets in the latter alone. Backslashes may stand for
-        slashes. Of a path of another machine, the longest end that is found counts."""
+        slashes. Of a path of another machine, the longest end that is found counts, and then the
+        only file of its name in a folder of theirs."""
         folders = self.folders[path]
         if asset:
             folders = sorted(folders, key=lambda folder: folder in self.included.get(path, ()))
@@ -154,12 +156,25 @@ class _Reader:
                 return folder, text
         if re.match(r"[\\/]|[A-Za-z]:[\\/]", name):
             ends = [part for part in re.split(r"[\\/]+", name) if part][:64]
-            for first in range(1, len(ends)):
-                text = "/".join(ends[first:])
-                for folder in self.folders[path]:
-                    if ".." not in ends and os.path.isfile(folder / text):
-                        self.report.warn(f"{shorten(name)} is not there; {text} is read", where)
-                        return folder, text
+            texts = ["/".join(ends[first:]) for first in range(1, len(ends))]
+            found = [
+                (folder, text)
+                for text in texts
+                for folder in self.folders[path]
+                if ".." not in ends and os.path.isfile(folder / text)
+            ]
+            if not found and ends and ".." not in ends:
+                below = {
+                    os.path.realpath(folder / inside): (folder, f"{inside}/{ends[-1]}")
+                    for folder in self.folders[path]
+                    for inside in _folders(folder)
+                    if os.path.isfile(folder / inside / ends[-1])
+                }
+                found = list(below.values()) if len(below) == 1 else []
+            if found:
+                folder, text = found[0]
+                self.report.warn(f"{shorten(name)} is not there; {text} is read", where)
+                return folder, text
         return path.parent, name
 
     def parse(self, path: Path, where: str) -> tuple[etree._Element, str]:
@@ -566,6 +581,20 @@ class _Reader:
             with np.errstate(over="ignore", invalid="ignore"):
                 matrix = tf.compose(step, matrix)
         return matrix
+
+
+def _folders(folder: Path) -> list[str]:
+    """Names of the folders in a folder, of which no one is hidden or a link; 256 at most."""
+    try:
+        with os.scandir(folder) as entries:
+            names = [
+                entry.name
+                for entry in islice(entries, 10_000)
+                if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False)
+            ]
+    except OSError:
+        return []
+    return sorted(names)[:256]
 
 
 def _refuse_doctype(text: str, name: str) -> None:

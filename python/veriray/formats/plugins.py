@@ -445,7 +445,7 @@ PLUGINS: dict[str, Plugin] = {
         0,
         {"aovs": Param("string", "", doc="NAME:KIND, ...; see veriray.features")},
     ),
-    "depth": _around("depths are not; path if it has none", 0),
+    "depth": _around("depths are a feature image; path if it has none", 0),
     "stokes": _around("polarisation is not"),
     "perspective": Plugin(
         "sensor",
@@ -700,8 +700,8 @@ PLUGINS: dict[str, Plugin] = {
     "mask": Plugin(
         "bsdf",
         {"opacity": Param(GREY, 0.5, **_SHARE, doc="share that is there", column="opacity")},
-        {"bsdf": ((*_UNMASKED, *RELIEFS, "blendbsdf"), 1, 1)},
-        doc="partly transparent",
+        {"bsdf": ((*_UNMASKED, *RELIEFS, "mask", "blendbsdf"), 1, 1)},
+        doc="partly transparent; a mask in it only if numbers are the opacity of both",
     ),
     "blendbsdf": Plugin(
         "bsdf",
@@ -714,8 +714,9 @@ PLUGINS: dict[str, Plugin] = {
             )
         },
         {"bsdf": (_BSDFS, 2, 2)},
-        doc="the first bsdf in part, the second for the rest, in the order of the file; a blend in "
-        "it only if two of all its bsdfs are diffuse, or one is black",
+        doc="the first bsdf in part, the second for the rest, in the order of the file; both may "
+        "be blends where all weights are numbers, else the second alone, or the first if its own "
+        "weight alone is a texture",
     ),
     "twosided": Plugin(
         "bsdf",

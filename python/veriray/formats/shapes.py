@@ -68,6 +68,7 @@ class Shapes:
         self,
         textured: Mapping[int, list[Attribute]] | None = None,
         textured_lamps: Collection[int] = (),
+        shared_files: Collection[str] = (),
     ) -> None:
         #: materials with textures: what they read from meshes
         self.textured = {} if textured is None else textured
@@ -84,6 +85,9 @@ class Shapes:
         self.meshes: list[tuple[int, int, Node, mesh.Mesh, Array | None]] = []
         self.shared: dict[int, mesh.Mesh] = {}  # meshes of shape groups, by their nodes' ids
         self.files: dict[Path, bytes] = {}  # the mesh file that was read last
+        self.shared_files = shared_files  # names of files that several objects have
+        #: their meshes, by path, plugin, number in the file and whether with attributes
+        self.parsed: dict[tuple[Path, str, int, bool], mesh.Mesh] = {}
         self.spheres: list[spheres.Ball] = []
         self.instanced_spheres: set[int] = set()  # their numbers
         self.disks: list[Array] = []
@@ -380,9 +384,13 @@ class Shapes:
             text += f"{many} triangles, about {-(-many * BYTES_A_TRIANGLE // 10**6)} MB"
             self.made.append((f"{node}: {text}", node.where))
             return loaded, (where, f"{shorten(str(path))} ")
-        index = values.get("shape_index", 0)
-        loaded = mesh.read(path, node.plugin, where, index, self.files, attributes=wanted)
-        return loaded, (where, f"{shorten(str(path))} ")
+        key = path, node.plugin, values.get("shape_index", 0), wanted
+        found = self.parsed.get(key)
+        if found is None:
+            found = mesh.read(path, node.plugin, where, key[2], self.files, attributes=wanted)
+            if values["filename"] in self.shared_files:
+                self.parsed[key] = found
+        return found, (where, f"{shorten(str(path))} ")
 
 
 def _for_each(values: Array, counts: list[int]) -> Array:

@@ -59,7 +59,10 @@ class Look:
         opaque &= (np.asarray(scene.opacity) == 1) & (np.asarray(scene.opacity_texture) < 0)
         blend = np.asarray(scene.blend_material)
         #: Materials through which nothing goes.
-        self.opaque: Array = opaque & np.where(blend >= 0, opaque[blend], True)
+        self.opaque: Array = opaque
+        while (blend >= 0).any():
+            self.opaque = self.opaque & np.where(blend >= 0, opaque[blend], True)
+            blend = np.where(blend >= 0, np.asarray(scene.blend_material)[blend], -1)
         self._ids = {place: name for name, place in scene.__dict__.get("_ids", {}).items()}
         self._device = device_module.select("cpu")[0]
         with device_module.native_errors():

@@ -80,6 +80,26 @@ def plate_of_two(t: Trial, pair: tuple[str, str], lit: str, textured: bool) -> N
     t.agrees(plate(bsdf, MU, lit, BELOW), (1 - WEIGHT) * a + WEIGHT * b, 600_000, sees=0.01)
 
 
+SIDES = (("matt", "metal"), ("metal", "rough metal"), ("rough metal", "matt"))
+
+
+@case(3, each={"pair": SIDES, "behind": (False, True), "lit": LIT, "masked_": (False, True)},
+      quick=lambda pair, behind, lit, masked_: masked_ == (lit == "sky"))  # fmt: skip
+def plate_of_two_sides(
+    t: Trial, pair: tuple[str, str], behind: bool, lit: str, masked_: bool
+) -> None:
+    """A plate with another material on its back, seen from either side. Sees 1 %.
+
+    masked_: in a mask over a lamp, which half of the light meets.
+    """
+    (front, a), (back, b) = (materials()[name] for name in pair)
+    bsdf: Dict = {"type": "twosided", "front": front, "back": back}
+    exact, below = b if behind else a, None
+    if masked_:
+        bsdf, exact, below = masked(0.5, bsdf), 0.5 * exact + 0.5 * BELOW, BELOW
+    t.agrees(plate(bsdf, MU, lit, below, -1.0 if behind else 1.0), exact, 200_000, sees=0.01)
+
+
 @case(3, each={"of": ("nothing", "pane", "holes"), "around": (False, True)})
 def shadow_of_two(t: Trial, of: str, around: bool) -> None:
     """A blend of black and what lets light through, between the sun and what is seen. Sees 1 %.
@@ -98,6 +118,34 @@ def shadow_of_two(t: Trial, of: str, around: bool) -> None:
         if of == "holes":
             bsdf, exact = blend(BLACK, NULL), WEIGHT
         bsdf, exact = masked(opacity, bsdf), 1 - opacity + opacity * exact
+    sun = {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(math.pi)}
+    holes = flat("rectangle", [0, 0, 4], [0, 0, 1], 9, bsdf)
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(1.0))
+    t.agrees(scene(view([0, 0, 3], [0, 0, 0]), holes, ground, sun, max_depth=2), exact, 20_000,
+             sees=0.01)  # fmt: skip
+
+
+THREE = (
+    ("matt", "metal", "holes"), ("holes", "rough metal", "nothing"), ("glass", "nothing", "matt"),
+)  # fmt: skip
+
+
+@case(3, each={"of": THREE, "lit": LIT})
+def plate_of_three(t: Trial, of: tuple[str, str, str], lit: str) -> None:
+    """A blend whose second material is a blend: the weighted sum of what each gives. Sees 1 %."""
+    (first, a), (second, b), (third, c) = (materials()[name] for name in of)
+    bsdf = blend(first, blend(second, third, 0.4), 0.7)
+    exact = 0.3 * a + 0.7 * (0.6 * b + 0.4 * c)
+    t.agrees(plate(bsdf, MU, lit, BELOW), exact, 600_000, sees=0.01)
+
+
+@case(3, each={"black": (0, 1, 2)})
+def shadow_of_three(t: Trial, black: int) -> None:
+    """A blend in a blend between the sun and what is seen: black, with holes, nothing. Sees 1 %."""
+    parts = [(BLACK, 0.0), (masked(0.25, BLACK), 0.75), (NULL, 1.0)]
+    parts = parts[-black:] + parts[:-black]
+    exact = sum(w * share for w, (_, share) in zip((0.3, 0.42, 0.28), parts, strict=True))
+    bsdf = blend(parts[0][0], blend(parts[1][0], parts[2][0], 0.4), 0.7)
     sun = {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(math.pi)}
     holes = flat("rectangle", [0, 0, 4], [0, 0, 1], 9, bsdf)
     ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, diffuse(1.0))

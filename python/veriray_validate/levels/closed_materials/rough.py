@@ -39,9 +39,12 @@ def rough(alpha: float, ggx: bool, inner: Dict) -> Dict:
     return {**inner, "type": f"rough{inner['type']}", **slopes}
 
 
-def plate(bsdf: Dict, mu: float, lit: str, below: float | None = None) -> veriray.Scene:
-    """A plate seen at a cosine, in light of radiance 1 above and `below` underneath."""
-    parts: list[Dict] = [flat("rectangle", [0, 0, 0], [0, 0, 1], 100, bsdf)]
+def plate(
+    bsdf: Dict, mu: float, lit: str, below: float | None = None, front: float = 1.0
+) -> veriray.Scene:
+    """A plate seen at a cosine, in light of radiance 1 above and `below` underneath; front: -1
+    where it is seen from behind."""
+    parts: list[Dict] = [flat("rectangle", [0, 0, 0], [0, 0, front], 100, bsdf)]
     if lit == "sky":
         parts.append(sky(1))
     else:

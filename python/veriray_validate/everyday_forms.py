@@ -255,8 +255,9 @@ def balls(rng: np.random.Generator) -> Question:
 
     Their centres differ by less than their radii do, or by rounding.
     """
-    upper, gap = str(rng.choice(list(LOSSLESS))), float(rng.choice(GAPS[:4]))
-    x = contact(rng, str(rng.choice(CLEAR)), upper, "inside")
+    upper = str(rng.choice([*LOSSLESS, "diffuse", "mirror", "plastic"]))
+    lower, gap = str(rng.choice([*CLEAR, *sorted(REFRACTS)])), float(rng.choice(GAPS[:4]))
+    x = contact(rng, lower, upper, "inside")
     gap = max(gap, x.gap) if "lamp" in (x.lower, x.upper) else gap
     x = replace(x, forms=("ball", "ball"), gap=gap, way="inside")
     if "lamp" in (x.lower, x.upper) and x.lower in REFRACTS:

@@ -174,41 +174,101 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
     return faces;
 }
 
-// Spheres of one centre whose radii differ only by rounding: those that let light through shrink.
+// Spheres with almost one centre whose radii differ only by rounding: those that let light through
+// grow around one that does not, and shrink within any other. The order is that of the radii; of
+// equal ones, an opaque body lies within the others, which lie within each other as they are given,
+// and within what stays.
 void HostScene::part_concentric(const SceneInput& in) {
     const auto number_of = [&](uint32_t i, int k) { return in.spheres.data[4 * size_t{i} + k]; };
-    const auto fixed = [&](uint32_t i) {
-        return in.sphere_emission.data[i] >= 0 || !lets_through(in, kSphereGroup, i);
+    const auto centre_of = [&](uint32_t i) {
+        return (Double3{number_of(i, 0), number_of(i, 1), number_of(i, 2)} - centre) * (1 / unit);
     };
-    const auto key = [&](uint32_t i) {  // the larger first, and of equal ones those that stay
-        return std::tuple(number_of(i, 0), number_of(i, 1), number_of(i, 2), -number_of(i, 3),
-                          !fixed(i), i);
+    const uint32_t count = static_cast<uint32_t>(in.spheres.count);
+    std::vector<double> radius(count);
+    std::vector<Box> places(count);
+    std::vector<uint32_t> clear;
+    std::vector<bool> fixed(count), moves(count, false);
+    for (uint32_t i = 0; i < count; ++i) {
+        radius[i] = number_of(i, 3) / unit, places[i] = {centre_of(i), centre_of(i)};
+        const bool opaque = !lets_through(in, kSphereGroup, i);
+        if (!opaque) clear.push_back(i);
+        fixed[i] = opaque || in.sphere_emission.data[i] >= 0;
+    }
+    if (clear.empty() || count < 2) return;
+    const auto apart = [&](uint32_t i) {
+        return kParted * (length(places[i].low) + radius[i] + std::min(0.5, 32 * 2 * radius[i]));
     };
-    std::vector<uint32_t> order(in.spheres.count);
-    std::iota(order.begin(), order.end(), 0u);
-    std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
-    double around = 0;  // the last one's radius
-    for (size_t n = 0; n < order.size(); ++n) {
-        const uint32_t i = order[n], last = n ? order[n - 1] : i;
-        double radius = number_of(i, 3) / unit;
-        const Double3 p =
-            (Double3{number_of(i, 0), number_of(i, 1), number_of(i, 2)} - centre) * (1 / unit);
-        const bool concentric = n > 0 && number_of(last, 0) == number_of(i, 0) &&
-                                number_of(last, 1) == number_of(i, 1) &&
-                                number_of(last, 2) == number_of(i, 2);
-        const double apart = kParted * (length(p) + radius + std::min(0.5, 32 * 2 * radius));
-        if (concentric && !fixed(i) && around - radius < apart) {
-            radius = std::max(around - apart, 0.5 * radius);
-            const uint32_t primitive = view.first_sphere + i;
-            float* record = records.empty() ? view.spheres + kSphereFloats * i
-                                            : &records[size_t{primitive} * kRecordFloats];
-            record[6] = static_cast<float>(radius);
-            record[7] = static_cast<float>(radius - static_cast<double>(record[6]));
-            for (uint32_t k = 6; k < 8; ++k)
-                primitives[size_t{primitive} * view.primitive_row +
-                           size_t{k} * view.primitive_column] = record[k];
+    const auto rank = [&](uint32_t i) {  // of equal radii, from the inside out
+        const bool body = fixed[i] && !lets_through(in, kSphereGroup, i) &&
+                          !in.sphere_inward.data[i] &&
+                          !in.sees_both_sides(in.material(kSphereGroup).data[i]);
+        return body ? 0 : fixed[i] ? 2 : 1;
+    };
+    const auto within = [&](uint32_t a, uint32_t b) {  // a in b
+        return std::tuple(number_of(a, 3), rank(a), b) < std::tuple(number_of(b, 3), rank(b), a);
+    };
+    struct Shells {
+        uint32_t inner, outer;
+        double want;
+    };
+    std::vector<Shells> shells;
+    std::mutex mutex;
+    box_pairs(
+        clear.size(),
+        [&](size_t k) {
+            const double by = 2 * apart(clear[k]);
+            return Box{places[clear[k]].low - Double3{by, by, by},
+                       places[clear[k]].high + Double3{by, by, by}};
+        },
+        count, [&](size_t k) { return places[k]; },
+        [&](size_t k, size_t other) {
+            uint32_t a = clear[k], b = static_cast<uint32_t>(other);
+            const double off = length(places[a].low - places[b].low);
+            const double want = off + std::max(apart(a), apart(b));
+            if (a == b || std::abs(radius[a] - radius[b]) > 2 * want || off > 0.5 * want)
+                return true;
+            if (!within(a, b)) std::swap(a, b);
+            const std::lock_guard lock(mutex);
+            shells.push_back({a, b, want});
+            return true;
+        });
+    std::sort(shells.begin(), shells.end(), [&](const Shells& a, const Shells& b) {
+        return std::tuple(number_of(a.inner, 3), a.inner, a.outer) <
+               std::tuple(number_of(b.inner, 3), b.inner, b.outer);
+    });
+    std::vector<bool> held = fixed;  // by what lies within it
+    for (int round = 0; round < kMostLayers; ++round) {
+        bool changed = false;
+        for (const Shells& s : shells) {
+            if (!held[s.inner] || fixed[s.outer]) continue;
+            if (radius[s.outer] - radius[s.inner] >= s.want * (1 - 1e-6)) continue;
+            radius[s.outer] = radius[s.inner] + s.want;
+            held[s.outer] = moves[s.outer] = changed = true;
         }
-        around = radius;
+        for (size_t k = shells.size(); k-- > 0;) {
+            const Shells& s = shells[k];
+            if (held[s.inner] || radius[s.outer] - radius[s.inner] >= s.want * (1 - 1e-6)) continue;
+            radius[s.inner] = std::max(radius[s.outer] - s.want, 0.5 * radius[s.inner]);
+            moves[s.inner] = changed = true;
+        }
+        if (!changed) break;
+    }
+    for (const uint32_t i : clear) {
+        if (!moves[i]) continue;
+        const uint32_t primitive = view.first_sphere + i;
+        float* record = records.empty() ? view.spheres + kSphereFloats * i
+                                        : &records[size_t{primitive} * kRecordFloats];
+        record[6] = static_cast<float>(radius[i]);
+        record[7] = static_cast<float>(radius[i] - static_cast<double>(record[6]));
+        for (uint32_t k = 6; k < 8; ++k)
+            primitives[size_t{primitive} * view.primitive_row + size_t{k} * view.primitive_column] =
+                record[k];
+        if (records.empty()) continue;
+        float* box = &round_boxes[6 * (in.disks.count + i)];
+        for (int k = 0; k < 3; ++k) {
+            box[k] = static_cast<float>(places[i].low[k] - radius[i]);
+            box[3 + k] = static_cast<float>(places[i].high[k] + radius[i]);
+        }
     }
 }
 

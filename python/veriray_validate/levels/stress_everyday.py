@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from veriray_validate import everyday_forms
 from veriray_validate.everyday import LOSSY, WAYS, ask, lifted
 from veriray_validate.everyday_bodies import explicit, files, mirrored, unseen
 from veriray_validate.everyday_scale import PAIRS
@@ -28,6 +29,14 @@ def bodies_that_touch_and_that_nearly_do(t: Trial, lower: str, scenes: int) -> N
     """
     for k in range(scenes):
         ask(t, lifted(t.rng, lower, KINDS[k % len(KINDS)], str(t.rng.choice(WAYS))))
+
+
+@case(8, each={"lower": KINDS, "scenes": (4, 50)}, quick=lambda lower, scenes: scenes == 4)
+def round_bodies_that_touch_and_that_nearly_do(t: Trial, lower: str, scenes: int) -> None:
+    """Balls, meshes, cylinders and turned boxes, as `bodies_that_touch_and_that_nearly_do`."""
+    for _ in range(scenes):
+        way = str(t.rng.choice(everyday_forms.WAYS))
+        ask(t, everyday_forms.lifted(t.rng, lower, str(t.rng.choice(KINDS)), way))
 
 
 @case(8, each={"what": PAIRS, "scenes": (FEW, MANY)}, quick=lambda what, scenes: scenes == FEW)

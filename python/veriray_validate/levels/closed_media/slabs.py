@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -21,6 +22,7 @@ from veriray_validate.dicts import (
     view,
 )
 from veriray_validate.form_factors import gauss
+from veriray_validate.statistics import max_z, smallest_bias
 from veriray_validate.transfer import (
     adding_doubling,
     chandrasekhar,
@@ -187,6 +189,42 @@ def scattering_slab(t: Trial, eta: float, g: float, tau: float, mu: float) -> No
     if tau < 1000:  # from below, the dark plane behind the camera
         under = view(below - eye, below, 1e-3)
         t.agrees(scene(under, slab, dark, sky(1)), exact[:, 1], spp, sees=0.03, margin=5e-5)
+
+
+@case(3, each={"slabs": (4, 40)}, quick=lambda slabs: slabs == 4)
+def drawn_slabs(t: Trial, slabs: int) -> None:
+    """Slabs of random depth, 1e-3 to 1e3, asymmetry, -0.9 to 0.9, index, albedo and direction.
+
+    Adding-doubling as for `scattering_slab`. Matched slabs are put together from up to three. They
+    are 2,000 times as wide as thick to each side; what lies beyond is left out: 3e-6. Values above
+    0.05 are judged; sees 6 % of each.
+    """
+    for _ in range(slabs):
+        tau, g = float(10 ** t.rng.uniform(-3, 3)), float(t.rng.uniform(-0.9, 0.9))
+        albedo, mu = t.rng.uniform(0, 1, 3), float(t.rng.uniform(0.1, 1))
+        near = t.rng.random(3) < 0.3
+        albedo[near] = 1 - 10 ** t.rng.uniform(-3, -1, int(near.sum()))
+        eta = 1.0 if t.rng.random() < 0.5 else float(t.rng.uniform(1.001, 2.5))
+        ways = [adding_doubling(tau, w, g, eta, [mu], 64) for w in albedo.tolist()]
+        under = bool(tau < 10 and t.rng.random() < 0.5)
+        exact = np.array(ways)[:, int(under), 0]
+        cuts = -np.sort(t.rng.uniform(0.1, 0.9, int(t.rng.integers(3)) if eta == 1 else 0))
+        heights = [0.0, *cuts.tolist(), -1.0]
+        fog, material = medium(tau, albedo, g), NULL if eta == 1 else glass(eta)
+        layers = [cuboid([-2000, -2000, low], [2000, 2000, high], material, interior=fog)
+                  for high, low in itertools.pairwise(heights)]  # fmt: skip
+        dark = flat("rectangle", [0, 0, -21], [0, 0, 1], 1e6, BLACK)
+        below = np.array([0, 0, -1.0])
+        eye = view(below - at(mu), below, 1e-3) if under else view(at(mu), [0, 0, 0], 1e-3)
+        r = t.render(scene(eye, *layers, dark, sky(1)), 300_000 if tau < 100 else 60_000)
+        mean, error = r.image[0, 0].astype(np.float64), r.stderr[0, 0].astype(np.float64)
+        off = np.maximum(np.abs(mean - exact) - 1e-4 * exact - 3e-6, 0)
+        bright = exact > 0.05  # below, few samples carry the mean
+        if bright.any():
+            drawn = f"tau {tau:.4g}, g {g:.3f}, albedo {albedo.round(4)}, eta {eta:.3f}"
+            drawn += f", mu {mu:.3f}, {len(layers)} layers, {'under' if under else 'over'}"
+            t.p(max_z((off / error)[bright]), f"{drawn}: {mean} for {exact}")
+            t.sees(smallest_bias(float((error / exact)[bright].max()), 1.0) + 1e-4, 0.06)
 
 
 @case(3, each={"side": ("above", "below"), "mu": (1.0, 0.3)},

@@ -175,17 +175,32 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
 }
 
 // Spheres of one centre whose radii differ only by rounding: those that let light through shrink.
+// Where one of them shines, all do but one: rays would find one or the other. The first is seen,
+// from within if the first lamp shines there.
 void HostScene::part_concentric(const SceneInput& in) {
     const auto number_of = [&](uint32_t i, int k) { return in.spheres.data[4 * size_t{i} + k]; };
-    const auto fixed = [&](uint32_t i) {
-        return in.sphere_emission.data[i] >= 0 || !lets_through(in, kSphereGroup, i);
+    const auto place = [&](uint32_t i) {
+        return std::tuple(number_of(i, 0), number_of(i, 1), number_of(i, 2));
     };
-    const auto key = [&](uint32_t i) {  // the larger first, and of equal ones those that stay
-        return std::tuple(number_of(i, 0), number_of(i, 1), number_of(i, 2), -number_of(i, 3),
-                          !fixed(i), i);
-    };
+    const auto shines = [&](uint32_t i) { return in.sphere_emission.data[i] >= 0; };
+    const auto fixed = [&](uint32_t i) { return shines(i) || !lets_through(in, kSphereGroup, i); };
     std::vector<uint32_t> order(in.spheres.count);
     std::iota(order.begin(), order.end(), 0u);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](uint32_t a, uint32_t b) { return place(a) < place(b); });
+    // The first lamp about its centre shines out (1) or in (-1); 0: there is none.
+    std::vector<int> lamp(in.spheres.count, 0);
+    for (auto first = order.begin(), last = first; first != order.end(); first = last) {
+        last =
+            std::find_if(first, order.end(), [&](uint32_t i) { return place(i) != place(*first); });
+        const auto found = std::find_if(first, last, shines);
+        if (found == last) continue;
+        for (auto i = first; i != last; ++i) lamp[*i] = in.sphere_inward.data[*found] ? -1 : 1;
+    }
+    const auto key = [&](uint32_t i) {  // the larger first, and of equal ones those that stay
+        return std::tuple(place(i), -number_of(i, 3), !fixed(i),
+                          (lamp[i] < 0 ? -1 : 1) * static_cast<int64_t>(i));
+    };
     std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
     double around = 0;  // the last one's radius
     for (size_t n = 0; n < order.size(); ++n) {
@@ -193,11 +208,10 @@ void HostScene::part_concentric(const SceneInput& in) {
         double radius = number_of(i, 3) / unit;
         const Double3 p =
             (Double3{number_of(i, 0), number_of(i, 1), number_of(i, 2)} - centre) * (1 / unit);
-        const bool concentric = n > 0 && number_of(last, 0) == number_of(i, 0) &&
-                                number_of(last, 1) == number_of(i, 1) &&
-                                number_of(last, 2) == number_of(i, 2);
+        const bool concentric = n > 0 && place(last) == place(i);
         const double apart = kParted * (length(p) + radius + std::min(0.5, 32 * 2 * radius));
-        if (concentric && !fixed(i) && around - radius < apart) {
+        const bool moves = lamp[i] != 0 || !fixed(i);
+        if (concentric && moves && around - radius < apart) {
             radius = std::max(around - apart, 0.5 * radius);
             const uint32_t primitive = view.first_sphere + i;
             float* record = records.empty() ? view.spheres + kSphereFloats * i
@@ -216,8 +230,10 @@ void HostScene::part_touching(const SceneInput& in) {
     const size_t planar = view.first_sphere;
     bool any = in.boundaries.count > 0;
     for (uint32_t m = 0; m < in.material_kind.count; ++m) any |= clear_material(in, m);
+    const int32_t* emission = in.sphere_emission.data;
+    if (any || std::any_of(emission, emission + in.spheres.count, [](int32_t e) { return e >= 0; }))
+        part_concentric(in);
     if (!any) return;
-    part_concentric(in);
     const auto is_clear = [&](uint32_t i) {
         return lets_through(in, sources[i].group, sources[i].row);
     };

@@ -9,6 +9,8 @@
 // order is that of the exact input; of bodies in one plane the smaller lies within the larger, and
 // of equal ones the later within the earlier. A surface keeps its edges, so bodies stay closed.
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <map>
 #include <mutex>
 #include <numeric>
@@ -174,41 +176,47 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
     return faces;
 }
 
-// Spheres of one centre whose radii differ only by rounding: those that let light through shrink.
+// Spheres whose centres and radii differ only by rounding: those that let light through shrink.
 // Where one of them shines, all do but one: rays would find one or the other. The first is seen,
 // from within if the first lamp shines there.
 void HostScene::part_concentric(const SceneInput& in) {
     const auto number_of = [&](uint32_t i, int k) { return in.spheres.data[4 * size_t{i} + k]; };
-    const auto place = [&](uint32_t i) {
-        return std::tuple(number_of(i, 0), number_of(i, 1), number_of(i, 2));
+    const auto middle = [&](uint32_t i) {
+        const Double3 p{number_of(i, 0), number_of(i, 1), number_of(i, 2)};
+        return (p - centre) * (1 / unit);
     };
+    const size_t count = in.spheres.count;
+    std::vector<std::array<double, 3>> place(count);  // the middle, rounded
+    for (uint32_t i = 0; i < count; ++i) {
+        const Double3 p = middle(i) * 0x1p24;
+        place[i] = {std::round(p.x), std::round(p.y), std::round(p.z)};
+    }
     const auto shines = [&](uint32_t i) { return in.sphere_emission.data[i] >= 0; };
     const auto fixed = [&](uint32_t i) { return shines(i) || !lets_through(in, kSphereGroup, i); };
-    std::vector<uint32_t> order(in.spheres.count);
+    std::vector<uint32_t> order(count);
     std::iota(order.begin(), order.end(), 0u);
     std::stable_sort(order.begin(), order.end(),
-                     [&](uint32_t a, uint32_t b) { return place(a) < place(b); });
-    // The first lamp about its centre shines out (1) or in (-1); 0: there is none.
-    std::vector<int> lamp(in.spheres.count, 0);
+                     [&](uint32_t a, uint32_t b) { return place[a] < place[b]; });
+    // The first lamp in its place shines out (1) or in (-1); 0: there is none.
+    std::vector<int> lamp(count, 0);
     for (auto first = order.begin(), last = first; first != order.end(); first = last) {
-        last =
-            std::find_if(first, order.end(), [&](uint32_t i) { return place(i) != place(*first); });
+        while (last != order.end() && place[*last] == place[*first]) ++last;
+        if (last - first == 1) continue;
         const auto found = std::find_if(first, last, shines);
-        if (found == last) continue;
-        for (auto i = first; i != last; ++i) lamp[*i] = in.sphere_inward.data[*found] ? -1 : 1;
+        const int side = found == last ? 0 : in.sphere_inward.data[*found] ? -1 : 1;
+        for (auto i = first; i != last; ++i) lamp[*i] = side;
+        const auto key = [&](uint32_t i) {  // the larger first, and of equal ones those that stay
+            return std::tuple(-number_of(i, 3), !fixed(i),
+                              (side < 0 ? -1 : 1) * static_cast<int64_t>(i));
+        };
+        std::sort(first, last, [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
     }
-    const auto key = [&](uint32_t i) {  // the larger first, and of equal ones those that stay
-        return std::tuple(place(i), -number_of(i, 3), !fixed(i),
-                          (lamp[i] < 0 ? -1 : 1) * static_cast<int64_t>(i));
-    };
-    std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
     double around = 0;  // the last one's radius
     for (size_t n = 0; n < order.size(); ++n) {
         const uint32_t i = order[n], last = n ? order[n - 1] : i;
         double radius = number_of(i, 3) / unit;
-        const Double3 p =
-            (Double3{number_of(i, 0), number_of(i, 1), number_of(i, 2)} - centre) * (1 / unit);
-        const bool concentric = n > 0 && place(last) == place(i);
+        const Double3 p = middle(i);
+        const bool concentric = n > 0 && length(p - middle(last)) <= 0x1p-24 * radius;
         const double apart = kParted * (length(p) + radius + std::min(0.5, 32 * 2 * radius));
         const bool moves = lamp[i] != 0 || !fixed(i);
         if (concentric && moves && around - radius < apart) {

@@ -25,11 +25,12 @@ def thing(kind: str, place: np.ndarray, size: float, normal: np.ndarray) -> Dict
 def copied(rng: np.random.Generator) -> Question:
     """Lamps over a grey floor, each with one to three copies: their picture without what is hidden.
 
-    Copies are black or shine in another way. They follow their lamp, which is seen, or a black one
-    precedes it and is seen. Of balls also a black core or shell, from a billionth to a thousandth
-    smaller or larger: the larger is seen. In three of ten draws all is within a ball that shines
-    inwards, which has a copy too. Half of the scenes have a tree; those that they are compared with
-    have none. Margin 1e-3, and 4e-3 for a block; the pictures have the same random numbers.
+    Copies are black or shine in another way; of balls they are up to 1e-14 aside. They follow their
+    lamp, which is seen, or a black one precedes it and is seen. Of balls also a black core or
+    shell, from a billionth to a thousandth smaller or larger: the larger is seen. In three of ten
+    draws all is within a ball that shines inwards, which has a copy too. Half of the scenes have a
+    tree; those that they are compared with have none. Margin 1e-3, and 4e-3 for a block; the
+    pictures have the same random numbers.
     """
     drawn: list[Dict] = []
     seen: list[Dict] = []
@@ -46,6 +47,9 @@ def copied(rng: np.random.Generator) -> Question:
         gap = float(10 ** rng.uniform(-9, -3))
         other = {**black, "emitter": area(radiance[::-1])}
         more = [dict([black, lamp, other][int(rng.integers(3))]) for _ in range(rng.integers(1, 4))]
+        if kind == "ball":
+            for copy in more:
+                copy["center"] = (place + 10 ** rng.uniform(-18, -14, 3)).tolist()
         if way == "after":
             parts, first = [lamp, *more], lamp
         elif way == "before":

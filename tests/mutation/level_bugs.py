@@ -408,7 +408,7 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("copies of a ball that shines not parted", "scene/touching.cpp",
            "lamp[i] != 0 || !fixed(i)", "!fixed(i)"),
     Mutant("of copies of a ball that shines inwards the last is seen", "scene/touching.cpp",
-           "lamp[i] < 0 ? -1 : 1", "1"),
+           "side < 0 ? -1 : 1", "1"),
     Mutant("dim colours shared out by an infinite inverse", "spectrum/spectrum.h",
            "select(total < F(0x1p-100f), F(0x1p100f), F(1.f))", "F(1.f)"),
     Mutant("lamps in contact sampled off their place", _LAMP,

@@ -9,6 +9,8 @@
 // order is that of the exact input; of bodies in one plane the smaller lies within the larger, and
 // of equal ones the later within the earlier. A surface keeps its edges, so bodies stay closed.
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <map>
 #include <mutex>
 #include <numeric>
@@ -174,6 +176,40 @@ std::vector<uint32_t> HostScene::largest_faces(const SceneInput& in, size_t plan
     return faces;
 }
 
+// Of `fixed` spheres in one place, one of which shines, all but one shrink by apart(sphere): rays
+// would find one or the other. The first is seen, from within if the first lamp shines there.
+template <class Apart>
+static void shrink_copies(const SceneInput& in, const std::vector<Box>& places,
+                          const std::vector<bool>& fixed, Apart apart, std::vector<double>& radius,
+                          std::vector<bool>& moves) {
+    std::vector<std::array<double, 3>> place(places.size());  // the middle, rounded
+    std::vector<uint32_t> order;
+    for (uint32_t i = 0; i < places.size(); ++i) {
+        const Double3 p = places[i].low * 0x1p24;
+        place[i] = {std::round(p.x), std::round(p.y), std::round(p.z)};
+        if (fixed[i]) order.push_back(i);
+    }
+    std::stable_sort(order.begin(), order.end(),
+                     [&](uint32_t a, uint32_t b) { return place[a] < place[b]; });
+    for (auto first = order.begin(), last = first; first != order.end(); first = last) {
+        while (last != order.end() && place[*last] == place[*first]) ++last;
+        const auto lamp =
+            std::find_if(first, last, [&](uint32_t i) { return in.sphere_emission.data[i] >= 0; });
+        if (last - first == 1 || lamp == last) continue;
+        const int64_t side = in.sphere_inward.data[*lamp] ? -1 : 1;
+        std::sort(first, last, [&](uint32_t a, uint32_t b) {  // from the outside in
+            return std::tuple(-radius[a], side * a) < std::tuple(-radius[b], side * b);
+        });
+        for (auto i = first + 1; i != last; ++i) {
+            const double around = radius[i[-1]], by = apart(*i);
+            if (length(places[*i].low - places[i[-1]].low) > 0x1p-24 * radius[*i]) continue;
+            if (around - radius[*i] >= by) continue;
+            radius[*i] = std::max(around - by, 0.5 * radius[*i]);
+            moves[*i] = true;
+        }
+    }
+}
+
 // Spheres with almost one centre whose radii differ only by rounding: those that let light through
 // grow around one that does not, and shrink within any other. The order is that of the radii; of
 // equal ones, an opaque body lies within the others, which lie within each other as they are given,
@@ -194,10 +230,11 @@ void HostScene::part_concentric(const SceneInput& in) {
         if (!opaque) clear.push_back(i);
         fixed[i] = opaque || in.sphere_emission.data[i] >= 0;
     }
-    if (clear.empty() || count < 2) return;
+    if (count < 2) return;
     const auto apart = [&](uint32_t i) {
         return kParted * (length(places[i].low) + radius[i] + std::min(0.5, 32 * 2 * radius[i]));
     };
+    shrink_copies(in, places, fixed, apart, radius, moves);
     const auto rank = [&](uint32_t i) {  // of equal radii, from the inside out
         const bool body = fixed[i] && !lets_through(in, kSphereGroup, i) &&
                           !in.sphere_inward.data[i] &&
@@ -253,7 +290,7 @@ void HostScene::part_concentric(const SceneInput& in) {
         }
         if (!changed) break;
     }
-    for (const uint32_t i : clear) {
+    for (uint32_t i = 0; i < count; ++i) {
         if (!moves[i]) continue;
         const uint32_t primitive = view.first_sphere + i;
         float* record = records.empty() ? view.spheres + kSphereFloats * i
@@ -276,8 +313,10 @@ void HostScene::part_touching(const SceneInput& in) {
     const size_t planar = view.first_sphere;
     bool any = in.boundaries.count > 0;
     for (uint32_t m = 0; m < in.material_kind.count; ++m) any |= clear_material(in, m);
+    const int32_t* emission = in.sphere_emission.data;
+    if (any || std::any_of(emission, emission + in.spheres.count, [](int32_t e) { return e >= 0; }))
+        part_concentric(in);
     if (!any) return;
-    part_concentric(in);
     const auto is_clear = [&](uint32_t i) {
         return lets_through(in, sources[i].group, sources[i].row);
     };

@@ -8,6 +8,7 @@ from __future__ import annotations
 from veriray_validate import everyday_forms
 from veriray_validate.everyday import LOSSLESS, WAYS, ask, nested, shining
 from veriray_validate.everyday_bodies import folded, lossless, outline
+from veriray_validate.everyday_copies import copied
 from veriray_validate.everyday_planes import glowing, level
 from veriray_validate.everyday_scale import CLOSED
 from veriray_validate.everyday_sheets import sheets
@@ -133,3 +134,15 @@ def lamps_that_let_light_through(t: Trial, scenes: int) -> None:
     """
     for _ in range(scenes):
         ask(t, glowing(t.rng))
+
+
+@case(3, each={"scenes": (FEW, MANY)}, quick=lambda scenes: scenes == FEW)
+def lamps_twice_in_one_place(t: Trial, scenes: int) -> None:
+    """Balls, disks, squares and boxes that shine, with copies in their place: the first is seen.
+
+    Copies are black or shine in another way; of balls also a core or a shell, as close as 1e-9 of
+    the radius, of which the larger is seen. As without what is hidden. Sees 5 % in each scene,
+    margin 1e-3.
+    """
+    for _ in range(scenes):
+        ask(t, copied(t.rng))

@@ -168,7 +168,8 @@ def take_turns(
             if done and seed == 0:
                 lane.first = {"spp": spp, "wall": done[0]["wall"]}
             if done:
-                slowest = max(slowest, done[0]["wall"])
+                # the first call of veriray may wait for kernels to be compiled
+                slowest = max(slowest, done[0]["wall" if seed else "seconds"])
         while seed == 0 and slowest > 2 * budget and spp > _LEAST_SPP:
             spp, slowest = spp // 2, slowest / 2
         slowest = 0.0 if seed == 0 else slowest

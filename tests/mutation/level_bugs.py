@@ -299,8 +299,9 @@ _PICTURE = (
     Mutant("samples beyond 64 read from another place", _TILE, "first * stride_",
            "first * pixels"),
     Mutant("parts of sums of too many bits", "film/lane_sums.h",
-           "to_double(sample), high = nearest_multiple<kHigh>(x)",
-           "to_double(sample), high = nearest_multiple<40>(x)"),
+           "part_[0] = part_[0] + high; part_[1] = part_[1] + in_units<kSumScale>(x - high);",
+           "const D more = nearest_multiple<40>(x); part_[0] = part_[0] + more; "
+           "part_[1] = part_[1] + in_units<kSumScale>(x - more);"),
     Mutant("parts of squares not rounded", "film/lane_sums.h",
            "in_units<kSquareScale>(rest - middle)", "(rest - middle) * D(0x1p76)"),
     Mutant("refused samples not reported", _TILE,

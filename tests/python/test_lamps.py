@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -81,3 +82,27 @@ def test_the_light_is_that_of_its_triangles(last: list[float]) -> None:
     z = off[lamp_or_floor] / error[lamp_or_floor]
     assert np.abs(z).max() < 4.5
     assert abs(off.mean()) < 4 * np.sqrt(np.square(error).sum()) / off.size
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(("lamp", "black", "clear"))])
+def test_of_balls_in_one_place_the_first_is_seen(order: tuple[str, ...]) -> None:
+    """A lamp and a black copy of it, within nothing but a clear one of their size."""
+    ball = {"type": "sphere", "center": [0.3, 0.2, 0.1]}
+    black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+    light = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
+    balls: dict[str, dict[str, Any]] = {
+        "lamp": {**ball, "bsdf": black, "emitter": light},
+        "black": {**ball, "bsdf": black},
+        "clear": {**ball, "bsdf": {"type": "null"}},
+    }
+    film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}
+    view = {
+        "type": "perspective",
+        "fov": 20,
+        "to_world": look_at([4, 0, 2], [0.3, 0.2, 0.1], [0, 0, 1]),
+    }
+    scene = vr.load_dict({
+        "type": "scene", "sensor": {**view, "film": film}, **{k: balls[k] for k in order},
+    })  # fmt: skip
+    seen = order.index("lamp") < order.index("black")
+    assert (vr.render(scene, spp=16, device="cpu").image == float(seen)).all()

@@ -63,8 +63,8 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
     """Logarithm of the expected time of `fused` over that of `wavefront` on CUDA.
 
     Both with kernels made for the scene. facts: those of `scene_facts`; paths: of one launch.
-    A least-squares fit to 58 scenes of 2^24 paths, 20 of them with 2^22 and 2^20 too (H200); root
-    of the mean squared error 0.2. In one kernel, lanes wait for those at other materials or at
+    A fit to 59 scenes of 2^24 paths, 23 of them with 2^22 and 2^20 too (H200); root
+    of the mean squared error 0.22. In one kernel, lanes wait for those at other materials or at
     more lamps, and for walks through trees; a wave pays with traffic and launches.
     """
     features, primitives = {*facts["features"]}, dict(facts["primitives"])

@@ -359,8 +359,10 @@ _BURLEY = (
     Mutant("clear coat drawn as if half as glossy", _COAT, "log(a2) * (u - F(1.f))",
            "F(0.5f) * log(a2) * (u - F(1.f))", "principled_surfaces"),
     Mutant("principled lobes chosen without their density", _PRINCIPLED,
-           "fma(chosen.diffuse, cosine_hemisphere_pdf_sa(cos_i),",
-           "fma(one, cosine_hemisphere_pdf_sa(cos_i),", "principled_surfaces"),
+           "fma(chosen.diffuse, cosine_hemisphere_pdf_sa(cos_i), "
+           "chosen.coat * coat * m.z * F(0.25f) / im)",
+           "fma(one, cosine_hemisphere_pdf_sa(cos_i), chosen.coat * coat * m.z * F(0.25f) / im)",
+           "principled_surfaces"),
     Mutant("principled glass passes the base colour, not its root", _PRINCIPLED,
            "(one - r) * sqrt(c)", "(one - r) * c", "principled_glass"),
     Mutant("principled glass not compressed", _PRINCIPLED, "F(1.f) / squared(view)", "F(1.f)",

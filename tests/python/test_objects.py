@@ -383,6 +383,7 @@ CHANGES = {
     "lobe_values": (0, 1), "lobe_size": (0, 2), "phase_values": (0, 7), "phase_lobe": (0, -1),
     "phase_lobes": (1, 2),
     "attribute_values": ((0, 1), 0.25), "blend_material": (0, 1), "blend_weight": (0, 0.25),
+    "blend_sides": (0, 1),
 }  # fmt: skip
 
 

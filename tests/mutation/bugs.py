@@ -347,7 +347,7 @@ _BRUSHED = (
 
 _BURLEY = (
     Mutant("retro-reflection left out", _BURLEYS, "retro * fma(o5 * i5, retro - one, o5 + i5)",
-           "none", "principled_surfaces"),
+           "F(0.f)", "principled_surfaces"),
     Mutant("sheen without the base's hue", _PRINCIPLED, "mix(one, tint[k], p.sheen_tint)", "one",
            "principled_surfaces"),
     Mutant("flatness left out", _BURLEYS, "mix(rough, soft, p.flatness)", "rough",
@@ -422,8 +422,8 @@ _MEDIA = (
            "medium_beyond(scene, path, hit, at, pass)", "medium_in_glass"),
     Mutant("medium kept by shadow rays", _DIRECT, "medium_beyond(scene, shadow, hit, at, todo)",
            "shadow.medium", "point_in_medium"),
-    Mutant("albedo of a grid left out", _VERTEX, "path.throughput * albedo, path.throughput",
-           "path.throughput, path.throughput", "albedo_grid"),
+    Mutant("albedo of a grid left out", _VERTEX, "path.throughput * albedo",
+           "path.throughput", "albedo_grid"),
     Mutant("cells not mixed along x", _GRID, "start + x.second", "start + x.first", "albedo_grid"),
     Mutant("cells not mixed along y", _GRID, "y.second * width",
            "y.first * width", "albedo_grid"),
@@ -517,13 +517,13 @@ _TEXTURES = (
            "cross(e2, m) * (value[1] - value[0])", "cross(e2, m) * (value[2] - value[0])",
            "textures"),
     Mutant("texture of a lamp left out of light samples", _DIRECT,
-           "const M lamp = lanes & Sampler::template any_of<kLampShapes>(row, no_lanes(lanes));",
-           "const M lamp = no_lanes(lanes);"
-           " if (any(Sampler::template any_of<kLampShapes>(row, no_lanes(lanes)))) return;",
+           "lanes & Sampler::template any_of<kLampShapes>(row, no_lanes(lanes))",
+           "no_lanes(lanes)",
            "textured_lamps"),
     Mutant("texture of a lamp left out where it is met", _VERTEX,
-           "multiply(scene, index, at.uv, lit, emitted)",
-           "multiply(scene, index, at.uv, no_lanes(lit), emitted)", "textured_lamps"),
+           "Texturing<L>::multiply(scene, index, at.uv, lit, emitted);",
+           "Texturing<L>::multiply(scene, index, at.uv, no_lanes(lit), emitted);",
+           "textured_lamps"),
     Mutant("texture of a ball that shines turned round where it is sampled", _ROUND_LIGHT,
            "select(across, at.cos_light, -at.cos_light)",
            "select(across, -at.cos_light, at.cos_light)", "textured_lamps"),
@@ -542,10 +542,9 @@ _BLENDS = (
     Mutant("blend's weight inverted for shadows", _DIRECT,
            "left * (F(1.f) - weight)", "left * weight", "blends"),
     Mutant("blend by the number that the mask takes", _VERTEX,
-           "F u = uniform(\n            random_block(s.key, path.pixel, path.sample, "
-           "dimension_block(segment, kCross)).w);",
-           "F u = uniform(\n            random_block(s.key, path.pixel, path.sample, "
-           "dimension_block(segment, kCross)).z);", "blends"),
+           "blended & (u < weight)",
+           "blended & (uniform(random_block(s.key, path.pixel, path.sample, "
+           "dimension_block(segment, kCross)).z) < weight)", "blends"),
     Mutant("attribute's corners turned", "scene/textures.cpp", "through(f, value)",
            "through(f, {value[0], value[2], value[1]})", "attributes"),
     Mutant("attribute of faces by vertices", "scene/textures.cpp",

@@ -69,7 +69,7 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
     """
     features, primitives = {*facts["features"]}, dict(facts["primitives"])
     primitives.pop("dropped", None)
-    spheres = primitives.get("spheres", 0) / max(1, sum(primitives.values()))
+    spheres = float(primitives.get("spheres", 0) / max(1, sum(primitives.values())))
     return (
         (-0.4 if facts["tree"] else -1.0)
         + 0.5 * spheres

@@ -38,6 +38,17 @@ def test_random_scenes(folder: Path, text: str) -> None:
     judge(text, folder / "scene.xml")
 
 
+def lit(parts: str) -> str:
+    """A scene of these shapes in front of the camera, under a lamp."""
+    return f"""<scene version="3.0.0"><integrator type="path">
+        <integer name="max_depth" value="6"/></integrator>
+        <sensor type="perspective"><float name="fov" value="60"/>
+        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/>
+        <rfilter type="box"/></film></sensor>{parts}<shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="90"/><translate y="2" z="3"/></transform>
+        <emitter type="area"><rgb name="radiance" value="4"/></emitter></shape></scene>"""
+
+
 def test_two_sides(folder: Path) -> None:
     """Another material on the back, of faces and of a ball that is seen from within."""
     parts = "".join(
@@ -53,16 +64,7 @@ def test_two_sides(folder: Path) -> None:
             ("sphere", "false", 6, 0, 0, "diffuse"),
         )
     )
-    judge(
-        f"""<scene version="3.0.0"><integrator type="path">
-        <integer name="max_depth" value="6"/></integrator>
-        <sensor type="perspective"><float name="fov" value="60"/>
-        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/>
-        <rfilter type="box"/></film></sensor>{parts}<shape type="rectangle">
-        <transform name="to_world"><rotate x="1" angle="90"/><translate y="2" z="3"/></transform>
-        <emitter type="area"><rgb name="radiance" value="4"/></emitter></shape></scene>""",
-        folder / "sides.xml",
-    )
+    judge(lit(parts), folder / "sides.xml")
 
 
 def test_three_in_one(folder: Path) -> None:
@@ -90,18 +92,9 @@ def test_three_in_one(folder: Path) -> None:
             (90, 0.6, 0.8, blend(0.2, matt, blend(0.4, none, metal))),
         )
     )
-    judge(
-        f"""<scene version="3.0.0"><integrator type="path">
-        <integer name="max_depth" value="6"/></integrator>
-        <sensor type="perspective"><float name="fov" value="60"/>
-        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/>
-        <rfilter type="box"/></film></sensor>{parts}<shape type="sphere">
-        <boolean name="flip_normals" value="true"/><float name="radius" value="6"/></shape>
-        <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/>
-        <translate y="2" z="3"/></transform>
-        <emitter type="area"><rgb name="radiance" value="4"/></emitter></shape></scene>""",
-        folder / "three.xml",
-    )
+    room = """<shape type="sphere"><boolean name="flip_normals" value="true"/>
+        <float name="radius" value="6"/></shape>"""
+    judge(lit(parts + room), folder / "three.xml")
 
 
 @pytest.mark.slow

@@ -212,6 +212,28 @@ def moved(parts: Sequence[Part], matrix: Array) -> None:
         p.vertices = p.vertices @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+def walls(shining: bool) -> Part:
+    """Of a room 6 wide and 4 high without a floor: of radiance 1, or grey."""
+    room = box([-3, -3, 0], [3, 3, 4], True)
+    room.faces = room.faces[(room.vertices[room.faces][:, :, 2] > 0).any(axis=1)]
+    room.emission = np.full(3, float(shining))
+    room.reflectance = np.full(3, 0.0 if shining else 0.5)
+    return room
+
+
+def fittings(shining: bool, tree: bool) -> list[Part]:
+    """The lamp of a grey room; and a speck that brings a tree."""
+    lamp = quad([-1, -1, 3.5], [0, 2, 0], [2, 0, 0], 0.0, 4.0)
+    speck = quad([2.9, 2.9, 3.9], [1e-5, 0, 0], [0, 1e-5, 0], 0.0, float(shining))
+    return [lamp] * (not shining) + [speck] * tree
+
+
+def direction(azimuth: float, elevation: float) -> Array:
+    """A unit vector, by radians about the z axis and above the floor."""
+    return np.array([math.cos(azimuth) * math.cos(elevation),
+                     math.sin(azimuth) * math.cos(elevation), math.sin(elevation)])  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Touch:
     """Two bodies in a room, the upper one on, in or against the lower one.
@@ -270,19 +292,10 @@ class Touch:
 
     def scene(self, kinds: dict[str, dict[str, Any]], shining: bool) -> Scene:
         """The bodies in a room whose walls are equally bright, or in a grey one with a lamp."""
-        room = box([-3, -3, 0], [3, 3, 4], True)
-        room.faces = room.faces[(room.vertices[room.faces][:, :, 2] > 0).any(axis=1)]
-        room.emission = np.full(3, float(shining))
-        room.reflectance = np.full(3, 0.0 if shining else 0.5)
         floor = kinds[self.lower if self.floor else "diffuse"]
-        parts = [room, quad([-3, -3, 0], [6, 0, 0], [0, 6, 0], **floor), *self.parts(kinds)]
-        if not shining:
-            parts.append(quad([-1, -1, 3.5], [0, 2, 0], [2, 0, 0], 0.0, 4.0))
-        if self.tree:
-            parts.append(quad([2.9, 2.9, 3.9], [1e-5, 0, 0], [0, 1e-5, 0], 0.0, float(shining)))
-        azimuth, elevation, distance = self.eye
-        look = np.array([math.cos(azimuth) * math.cos(elevation),
-                         math.sin(azimuth) * math.cos(elevation), math.sin(elevation)])  # fmt: skip
+        ground = quad([-3, -3, 0], [6, 0, 0], [0, 6, 0], **floor)
+        parts = [walls(shining), ground, *self.parts(kinds), *fittings(shining, self.tree)]
+        look, distance = direction(*self.eye[:2]), self.eye[2]
         target = np.array([*self.at, 0.2 if self.floor else 0.6])
         if self.way == "flush":  # the eye keeps out of the body at the wall
             target[0] = 2.4 if self.floor else 0.625

@@ -24,17 +24,20 @@ from veriray_validate.everyday import (
     OPAQUE,
     REFRACTS,
     Question,
+    direction,
+    fittings,
     moved,
+    walls,
 )  # fmt: skip
 from veriray_validate.leaks import icosphere
 from veriray_validate.scenes import Part, box, camera, make, quad, sphere
 
 Array = npt.NDArray[Any]
 FORMS = ("ball", "icosphere", "fine icosphere", "cylinder", "lying cylinder", "turned box", "box")
-#: Ways of two bodies: one on the other, at a gap below its top, let into it, side by side, with one
-#: edge or point in common, the upper one within the lower: in the middle, or at its bottom.
 #: The share of scenes whose floor is a large ball.
 PLANETS = 0.2
+#: Ways of two bodies: one on the other, let into it, side by side, with one edge or point in
+#: common, the upper one within the lower: in the middle, or at its bottom.
 WAYS = ("stands", "sunk", "beside", "edge", "inside", "lies")
 
 
@@ -183,10 +186,7 @@ class Contact:
 
     def scene(self, kinds: dict[str, dict[str, Any]], shining: bool) -> Scene:
         """The bodies in a room whose walls are equally bright, or in a grey one with a lamp."""
-        room = box([-3, -3, 0], [3, 3, 4], True)
-        room.faces = room.faces[(room.vertices[room.faces][:, :, 2] > 0).any(axis=1)]
-        room.emission = np.full(3, float(shining))
-        room.reflectance = np.full(3, 0.0 if shining else 0.5)
+        room = walls(shining)
         floor = kinds[self.lower if self.floor else "diffuse"]
         bodies = self.bodies()
         names = [self.upper] if self.floor else [self.lower, self.upper]
@@ -196,13 +196,8 @@ class Contact:
             ground = sphere([0, 0, -self.planet], self.planet, **floor)
         parts = [room, ground]
         parts += [b.part(kinds[n]) for b, n in zip(bodies, names, strict=True)]
-        if not shining:
-            parts.append(quad([-1, -1, 3.5], [0, 2, 0], [2, 0, 0], 0.0, 4.0))
-        if self.tree:
-            parts.append(quad([2.9, 2.9, 3.9], [1e-5, 0, 0], [0, 1e-5, 0], 0.0, float(shining)))
-        azimuth, elevation, distance = self.eye
-        look = np.array([math.cos(azimuth) * math.cos(elevation),
-                         math.sin(azimuth) * math.cos(elevation), math.sin(elevation)])  # fmt: skip
+        parts += fittings(shining, self.tree)
+        look, distance = direction(*self.eye[:2]), self.eye[2]
         target = bodies[-1].centre * 1.0
         eye = np.clip(target + distance * look, [-2.9, -2.9, 0.05], [2.9, 2.9, 3.4])
         while any(np.linalg.norm(eye - b.centre) < b.radii[1] + 0.05 for b in bodies):

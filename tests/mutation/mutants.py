@@ -60,6 +60,20 @@ def planted(text: str, edits: Sequence[tuple[str, str]]) -> str:
     return text
 
 
+def _whole(text: str) -> bool:
+    """Whether brackets and conditions in C++ text are complete, and no comma is outside them."""
+    closes = {")": "(", "]": "[", "}": "{", ":": "?"}
+    opened: list[str] = []
+    for c in text.replace("::", ""):
+        if c in closes.values():
+            opened.append(c)
+        elif (c in closes and (not opened or opened.pop() != closes[c])) or (
+            c == "," and not opened and not text.endswith((";", "}"))
+        ):
+            return False
+    return not opened
+
+
 def switched(text: str, edits: Sequence[tuple[int, str, str]]) -> str:
     """C++ `text` in which (number, old, new) replaces `old` while `planted_bug` is `number`.
 
@@ -70,6 +84,9 @@ def switched(text: str, edits: Sequence[tuple[int, str, str]]) -> str:
     for number, old, new in edits:
         if old.endswith(";") != new.endswith((";", "}")):
             raise ValueError(f"{old!r} and {new!r} must both be statements or expressions")
+        for part in (old, new):
+            if not _whole(part):
+                raise ValueError(f"{part!r} is not a whole expression")
         places.setdefault(span(text, old), []).append((number, new))
     end_before = len(text)
     for begin, end in sorted(places, reverse=True):

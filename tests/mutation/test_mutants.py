@@ -59,6 +59,9 @@ def test_switch_tells_edits_apart() -> None:
     )
     with pytest.raises(ValueError, match="overlaps"):
         mutants.switched(text, [(1, "b + c", "b"), (2, "c; d", "c; e")])
+    for part in ("f(b", "x ? b", "b, c"):
+        with pytest.raises(ValueError, match="not a whole expression"):
+            mutants.switched(text, [(1, "b", part)])
     with pytest.raises(ValueError, match="2 times"):
         mutants.switched("b b", [(1, "b", "c")])
 

@@ -26,8 +26,10 @@ SAME = ("ledger", "live_rays", "rays", "paths", "nonfinite_samples", "nonfinite"
 
 
 def several(device: str) -> str:
-    """The device and the CPU, or the CPU three times."""
-    return f"{device},cpu" if device.startswith("cuda") else f"{device},cpu,cpu"
+    """All GPUs and the CPU, or the CPU three times."""
+    if not device.startswith("cuda"):
+        return f"{device},cpu,cpu"
+    return ",".join([*(d.name for d in vr.devices() if d.backend == "cuda"), "cpu"])
 
 
 def same(a: vr.Render, b: vr.Render) -> None:

@@ -26,7 +26,10 @@ CHECKS = (
     "smooth_normals", "mesh_light", "near_lamps", "disk_light", "spheres_300", "sphere_light",
     "spot_light", "point_in_medium", "directional_light", "conductor_metal", "nested_dielectrics",
     "glass_mesh", "thindielectric", "plastic", "mask", "twosided", "chromatic_medium",
-    "camera_in_medium", "medium_in_mesh", "thinlens", "mitchell",
+    "camera_in_medium", "medium_in_mesh", "thinlens", "mitchell", "blends", "principled_surfaces",
+    "principled_glass", "rough_metal", "rough_glass", "rough_plastic", "relief", "textures",
+    "textured_lamps", "albedo_grid", "smoke", "blended_fog", "image_sky", "projected_images",
+    "attributes", "orthographic", "instances",
 )  # fmt: skip
 ALL_FEATURES = ("cornell-box", "chromatic_medium", "medium_in_mesh")
 MAIN = METHODS

@@ -12,6 +12,13 @@
 
 namespace veriray {
 
+inline Double3 least(Double3 a, Double3 b) {
+    return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)};
+}
+inline Double3 most(Double3 a, Double3 b) {
+    return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)};
+}
+
 // Without branches, which would be unpredictable.
 inline bool meet(const Box& a, const Box& b) {
     return (a.low.x <= b.high.x) & (a.low.y <= b.high.y) & (a.low.z <= b.high.z) &
@@ -78,13 +85,6 @@ class BoxTree {
     }
 
     Double3 middle(uint32_t i) const { return (boxes_[i].low + boxes_[i].high) * 0.5; }
-    static Double3 least(Double3 a, Double3 b) {
-        return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)};
-    }
-    static Double3 most(Double3 a, Double3 b) {
-        return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)};
-    }
-
     std::vector<Box> boxes_;
     std::vector<uint32_t> order_;
     std::vector<Node> nodes_;

@@ -119,6 +119,17 @@ Plane exact_plane(const SceneInput& in, Double3 centre, double unit, const Primi
     return {n, -dot(n, p[0])};
 }
 
+Double3 ball_centre(const SceneInput& in, size_t k, Double3 centre, double unit) {
+    const double* p = in.spheres.data + 4 * k;
+    return (Double3{p[0], p[1], p[2]} - centre) * (1 / unit);
+}
+
+Box ball_box(const SceneInput& in, size_t k, Double3 centre, double unit) {
+    const Double3 c = ball_centre(in, k, centre, unit);
+    const double r = in.spheres.data[4 * k + 3] / unit;
+    return {c - Double3{r, r, r}, c + Double3{r, r, r}};
+}
+
 }  // namespace
 
 bool clear_material(const SceneInput& in, uint32_t material) {
@@ -216,16 +227,14 @@ static void shrink_copies(const SceneInput& in, const std::vector<Box>& places,
 // and within what stays.
 void HostScene::part_concentric(const SceneInput& in) {
     const auto number_of = [&](uint32_t i, int k) { return in.spheres.data[4 * size_t{i} + k]; };
-    const auto centre_of = [&](uint32_t i) {
-        return (Double3{number_of(i, 0), number_of(i, 1), number_of(i, 2)} - centre) * (1 / unit);
-    };
     const uint32_t count = static_cast<uint32_t>(in.spheres.count);
     std::vector<double> radius(count);
     std::vector<Box> places(count);
     std::vector<uint32_t> clear;
     std::vector<bool> fixed(count), moves(count, false);
     for (uint32_t i = 0; i < count; ++i) {
-        radius[i] = number_of(i, 3) / unit, places[i] = {centre_of(i), centre_of(i)};
+        radius[i] = number_of(i, 3) / unit,
+        places[i].low = places[i].high = ball_centre(in, i, centre, unit);
         const bool opaque = !lets_through(in, kSphereGroup, i);
         if (!opaque) clear.push_back(i);
         fixed[i] = opaque || in.sphere_emission.data[i] >= 0;
@@ -423,6 +432,31 @@ void HostScene::part_touching(const SceneInput& in) {
     std::vector<bool> inward(planar, false);
     for (const Touch& t : touches)
         if (!t.out) inward[t.own] = true;
+    // So does one off an opaque ball below the face, as a planet, where the face would move out.
+    std::vector<uint32_t> outward;
+    for (const Touch& t : touches)
+        if (!inward[t.own] && (outward.empty() || outward.back() != t.own))
+            outward.push_back(t.own);
+    box_pairs(
+        outward.size(), [&](size_t i) { return widened(box_around(in, outward[i]), 0); },
+        in.spheres.count, [&](size_t k) { return ball_box(in, k, centre, unit); },
+        [&](size_t i, size_t k) {
+            if (lets_through(in, kSphereGroup, static_cast<uint32_t>(k))) return true;
+            const uint32_t own = outward[i];
+            const Box box = box_around(in, own);
+            const Plane a = exact(own);
+            const Double3 c = ball_centre(in, k, centre, unit);
+            const double height = a.over(c);
+            const Double3 nearest = most(box.low, least(c - a.n * height, box.high));
+            const double apart = length(c - nearest) - in.spheres.data[4 * k + 3] / unit;
+            const double seen = std::min(0.5, 32 * size_of_body(own));
+            const double want = kParted * (std::max(terms(box, a.n), kLeastTerms) + seen);
+            if (height <= 0 || apart > 2 * want) return true;
+            const std::lock_guard lock(mutex);
+            inward[own] = true;
+            move[own] = std::max(std::min(move[own], apart - want), -kMostMoved);
+            return true;
+        });
     bool changed = true;
     for (int round = 0; changed && round < kMostLayers; ++round) {
         changed = false;

@@ -34,6 +34,7 @@ from veriray_validate.scenes import Part, box, camera, make, quad, sphere
 
 Array = npt.NDArray[Any]
 FORMS = ("ball", "icosphere", "fine icosphere", "cylinder", "lying cylinder", "turned box", "box")
+FLAT_FORMS = ("cylinder", "box")
 #: The share of scenes whose floor is a large ball.
 PLANETS = 0.2
 #: Ways of two bodies: one on the other, let into it, side by side, with one edge or point in
@@ -271,7 +272,18 @@ def lifted(rng: np.random.Generator, lower: str, upper: str, way: str) -> Questi
 
     Margins as in `everyday.lifted`.
     """
-    x = contact(rng, lower, upper, way)
+    return _lifted(contact(rng, lower, upper, way))
+
+
+def on_a_planet(rng: np.random.Generator) -> Question:
+    """As `lifted`: a clear body on a large ball, with an opaque one at its bottom, both flat."""
+    lower = str(rng.choice(sorted({*CLEAR, *REFRACTS})))
+    x = contact(rng, lower, str(rng.choice(sorted(OPAQUE - {"lamp"}))), "lies")
+    forms = str(rng.choice(FLAT_FORMS)), str(rng.choice(FLAT_FORMS))
+    return _lifted(replace(x, lower=lower, forms=forms, planet=10 ** float(rng.uniform(2.5, 4.5))))
+
+
+def _lifted(x: Contact) -> Question:
     gap = min(x.gap, LIFTED)
     if {x.lower, x.upper} & REFRACTS or x.way in ("inside", "lies"):
         gap = LIFTED if x.upper == "lamp" else float(np.clip(gap, 1e-5, LIFTED))

@@ -405,6 +405,8 @@ _REPAIRED = (  # bugs that veriray had
            "sign * (move[t.own] - t.turn * move[t.other])", "sign * move[t.own]"),
     Mutant("touching bodies parted by the terms alone", "scene/touching.cpp",
            "std::max(size, kLeastTerms) + seen", "std::max(size, kLeastTerms)"),
+    Mutant("faces pushed into balls that they stand on", "scene/touching.cpp",
+           "height <= 0 || apart > 2 * want", "true"),
     Mutant("planes through the origin not parted", "scene/touching.cpp",
            "std::max(size, kLeastTerms) + seen", "size + seen"),
     Mutant("concentric spheres not parted", "scene/touching.cpp",

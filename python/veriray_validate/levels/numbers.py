@@ -670,7 +670,7 @@ def cones_of_every_width(t: Trial, one_minus_cos: float) -> None:
 
     x, y, z and the pdf within 3e-7 of the exact map, relatively.
     """
-    u, v = single(t.rng.random((2, 20_000 * t.effort)))
+    u, v = single(t.rng.random((2, 20_000 * t.effort)) * (1 - 2.0**-24))
     u[:4], v[:4] = CORNERS, CORNERS
     got = t.function("uniform_cone", u, v, one_minus_cos)
     h = u * single(one_minus_cos)
@@ -709,7 +709,7 @@ def phase_function_inverts_its_distribution(t: Trial, g: float) -> None:
     """
     g = float(single(g))
     a = abs(g)
-    u, v = single(t.rng.random((2, 20_000 * t.effort)))
+    u, v = single(t.rng.random((2, 20_000 * t.effort)) * (1 - 2.0**-24))
     u[:4], v[:4] = CORNERS, CORNERS
     x, y, z, pdf = t.function("henyey_greenstein", 0, 0, 1, g, u, v).T
     angle = np.arctan2(np.hypot(x, y), -z if g < 0 else z)
@@ -755,7 +755,7 @@ def rayleigh_inverts_its_distribution(t: Trial) -> None:
 
     Within 2e-7, corners included; the pdf within 1e-6 of 3 / 16 pi (1 + c^2).
     """
-    u, v = single(t.rng.random((2, 20_000 * t.effort)))
+    u, v = single(t.rng.random((2, 20_000 * t.effort)) * (1 - 2.0**-24))
     u[:4], v[:4] = CORNERS, CORNERS
     x, y, z, pdf = t.function("rayleigh", 0, 0, 1, u, v).T
     c = np.cos(np.arctan2(np.hypot(x, y), z))

@@ -39,6 +39,16 @@ def round_bodies_that_touch_and_that_nearly_do(t: Trial, lower: str, scenes: int
         ask(t, everyday_forms.lifted(t.rng, lower, str(t.rng.choice(KINDS)), way))
 
 
+@case(8, each={"scenes": (2, 40)}, quick=lambda scenes: scenes == 2)
+def bodies_on_planets_with_something_inside(t: Trial, scenes: int) -> None:
+    """Clear bodies on balls of radius 100 to 30,000, an opaque body at their bottom.
+
+    The picture with any gap is that with a gap of 1e-4. Sees 5 %.
+    """
+    for _ in range(scenes):
+        ask(t, everyday_forms.on_a_planet(t.rng))
+
+
 @case(8, each={"what": PAIRS, "scenes": (FEW, MANY)}, quick=lambda what, scenes: scenes == FEW)
 def sizes_that_do_not_matter(t: Trial, what: str, scenes: int) -> None:
     """Things out of sight, a ground beyond 1,000, a camera beyond 1,000: the same picture.

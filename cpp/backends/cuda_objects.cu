@@ -130,11 +130,20 @@ class DeviceFilm final : public FilmMemory {
     }
     void add(const FilmMemory& other) override {
         use_device(device_);
-        add_words(0, static_cast<const DeviceFilm&>(other).words_);
+        const auto& from = static_cast<const DeviceFilm&>(other);
+        if (from.device_ == device_) return add_words(0, from.words_.get(), words_.size());
+        const Scratch<uint64_t> part(std::min(kPeerWords, words_.size()), "film");
+        for (size_t first = 0; first < words_.size(); first += part.size()) {
+            const size_t n = std::min(part.size(), words_.size() - first);
+            check(cudaMemcpyPeer(part.get(), device_, from.words_.get() + first, from.device_,
+                                 n * sizeof(uint64_t)),
+                  "copy film");
+            add_words(first, part.get(), n);
+        }
     }
     void add(size_t first, size_t n, const uint64_t* from) override {
         use_device(device_);
-        add_words(first, {from, n, "film"});
+        add_words(first, Scratch<uint64_t>(from, n, "film").get(), n);
     }
     std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels, uint64_t n,
                                            const uint64_t* counts, uint32_t,
@@ -147,8 +156,10 @@ class DeviceFilm final : public FilmMemory {
     int device_;
     Scratch<uint64_t> words_;
 
-    void add_words(size_t first, const Scratch<uint64_t>& from) {
-        each_of(from.size() / 2, AddNumbers{words_.get() + first, from.get()}, "add films");
+    static constexpr size_t kPeerWords = 1 << 22;  // copied from another device at a time
+
+    void add_words(size_t first, const uint64_t* from, size_t n) {
+        each_of(n / 2, AddNumbers{words_.get() + first, from}, "add films");
     }
 };
 

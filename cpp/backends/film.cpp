@@ -104,7 +104,6 @@ void Film::clear() {
 void Film::add(const Film& other) {
     if (other.width() != width() || other.height() != height())
         fail("films of different sizes cannot be added");
-    if (other.impl->device != impl->device) fail("films of different devices cannot be added");
     if (other.planes() != planes()) fail("films of different planes cannot be added");
     const uint64_t samples = impl->with_more(other.samples());
     for (size_t i = 0; i < planes().size(); ++i) impl->check_scale(i, other.scale(i));

@@ -32,8 +32,8 @@ class FilmMemory {
     virtual uint64_t* words() = 0;  // as stages see them
     virtual void clear() = 0;
     virtual void read(size_t first, size_t n, uint64_t* out) const = 0;
-    // Adds 128-bit numbers: those of a film of the same device, or n words of the host's from
-    // `first` on.
+    // Adds 128-bit numbers: those of a film of as many, maybe on another device, or n words of the
+    // host's from `first` on.
     virtual void add(const FilmMemory& other) = 0;
     virtual void add(size_t first, size_t n, const uint64_t* from) = 0;
     // See Picture; n: samples() of the film. Its radiance, or another plane with squares of some

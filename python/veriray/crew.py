@@ -136,7 +136,7 @@ class Team:
             for k in there:
                 film = films[k]
                 assert film is not None
-                if self._places[k].device.name == first.device.name:
+                if self._places[k].device.native is first.device.native:
                     whole.add(film)
                 else:
                     whole.add_state(film.state())

@@ -26,10 +26,11 @@ SAME = ("ledger", "live_rays", "rays", "paths", "nonfinite_samples", "nonfinite"
 
 
 def several(device: str) -> str:
-    """All GPUs and the CPU, or the CPU three times."""
+    """The device, the other GPUs and the CPU; or the CPU three times."""
     if not device.startswith("cuda"):
         return f"{device},cpu,cpu"
-    return ",".join([*(d.name for d in vr.devices() if d.backend == "cuda"), "cpu"])
+    others = [d.name for d in vr.devices() if d.backend == "cuda" and d.name != device]
+    return ",".join([device, *others, "cpu"])
 
 
 def same(a: vr.Render, b: vr.Render) -> None:

@@ -10,10 +10,10 @@
 namespace veriray {
 namespace {
 
-// The smallest edge or height, and the smallest radius or distance of a point light, for which
-// kEdgeSlack is negligible.
+// The smallest edge or height, the smallest width of a ball or disk, and the smallest distance of a
+// point light, for which kEdgeSlack is negligible.
 constexpr double kMinFlat = 0x1p-8, kMinBeside = 0x1p-6;
-// The same for a radius or distance if rays leave faces by the rounding at their point. Then only
+// The least radius or distance if rays leave faces by the rounding at their point. Then only
 // kPlaneSlack matters, which shifts hits along the ray.
 constexpr double kMinBesideLocal = 0x1p-11;
 // The largest extinction for which kPlaneSlack is negligible.
@@ -127,15 +127,17 @@ Flat HostScene::triangle(const SceneInput& in, size_t i) const {
     return f;
 }
 
-// In a scene with flat primitives, the smallest radius or distance of a point light from their
-// boxes.
-double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>& flats) const {
+// In a scene with flat primitives, the smallest `radii` of balls and disks, or distance of a point
+// light from the boxes of the faces.
+double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>& flats,
+                                  int radii) const {
     double smallest = INFINITY;
     if (flats.empty()) return smallest;
     for (size_t i = 0; i < in.spheres.count; ++i)
-        smallest = std::min(smallest, in.spheres.data[4 * i + 3] / unit);
+        smallest = std::min(smallest, in.spheres.data[4 * i + 3]);
     for (size_t i = 0; i < 2 * in.disks.count; ++i)
-        smallest = std::min(smallest, length(row3(in.disks, 3 * (i / 2) + 1 + i % 2)) / unit);
+        smallest = std::min(smallest, length(row3(in.disks, 3 * (i / 2) + 1 + i % 2)));
+    smallest *= radii / unit;
     std::vector<Box> boxes;
     for (const Flat& f : flats) boxes.push_back(box_of(f));
     for (size_t i = 0; i < in.light_kind.count; ++i) {
@@ -205,10 +207,9 @@ bool HostScene::set_flat(const SceneInput& in) {
     auto shared = shared_edges(flats);
     for (size_t i = 0; i < flats.size(); ++i)
         if (clear(flats[i])) shared[i].fill(false);
-    const double beside = smallest_beside(in, flats);
-    if (beside < (rims_stick_out(flats, shared) ? kMinBeside : kMinBesideLocal) ||
-        dense_beside(in, flats))
-        return give_up();
+    const bool rims = rims_stick_out(flats, shared);
+    const double beside = smallest_beside(in, flats, rims ? 2 : 1);
+    if (beside < (rims ? kMinBeside : kMinBesideLocal) || dense_beside(in, flats)) return give_up();
     allocate_primitives(flats.size() + round, 1);
     for (size_t i = 0; i < flats.size(); ++i) {
         const Flat& f = flats[i];

@@ -243,7 +243,7 @@ class HostScene : public Frame {
     bool vertex_normals(const SceneInput& in, size_t i, Double3 n[3]) const;
     void orient(const SceneInput& in);
     Flat triangle(const SceneInput& in, size_t i) const;
-    double smallest_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
+    double smallest_beside(const SceneInput& in, const std::vector<Flat>& flats, int radii) const;
     bool dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
     bool set_flat(const SceneInput& in);
     void set_tree(const SceneInput& in);

@@ -7,7 +7,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
+from ..columns import INDICES, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
 from . import integrators, materials, phases, textures, views, volumes
@@ -25,6 +25,7 @@ from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
 from .sunsky import sunsky
+from .textures import Attribute
 from .values import check, located
 
 Array = npt.NDArray[Any]
@@ -90,13 +91,14 @@ class _Builder:
         self.grids = volumes.Grids()
         self.phase_values: list[float] = []
         self.media: list[tuple[Node, bool]] = []  # used, and whether their extinction is coloured
-        self.unbounded_nodes: dict[int, Node] = {}  # textures of lights and heights
-        self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
+        #: copies of textures of lights and heights, and of checkerboards that give one number
+        self.unbounded_nodes: dict[int, tuple[Node, Node]] = {}
+        self.exchanged: dict[int, tuple[Node, Node]] = {}
         self.sky: dict[str, Any] = {}
         self.hides = False  # emitters, those too that emit nothing
         #: materials that have textures: what they read from meshes
-        self.textured: dict[int, list[textures.Attribute]] = {}
-        self.textured_lamps: set[int] = set()  # emissions
+        self.textured: dict[int, list[Attribute]] = {}
+        self.textured_lamps: dict[int, list[Attribute]] = {}  # emissions, likewise
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
 
     def search(self) -> None:
@@ -514,7 +516,7 @@ class _Builder:
         """The columns that name the textures of a bsdf."""
         columns: materials.Row = {}
         rows: materials.Row = {}
-        attributes: list[textures.Attribute] = []
+        attributes: list[Attribute] = []
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "texture":
@@ -524,21 +526,59 @@ class _Builder:
             column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
             if item.name in node.values or column in columns:
                 raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
-            if (
-                child.plugin == "checkerboard"
-                and PLUGINS[node.plugin].params[item.name].kind != COLOUR
-            ):
-                child = self.exchanged.setdefault(id(child), textures.exchanged(child))
-            values = self.check(child)[1]
-            rows[item.name] = self.texels.row(child, values)
-            attribute = rows[item.name].get("attribute")
-            if attribute is not None:
-                attributes.append(attribute)
-                if PLUGINS[node.plugin].params[item.name].kind != COLOUR:
-                    attribute.single = item.where
+            param = PLUGINS[node.plugin].params[item.name]
+            number, share = param.kind != COLOUR, param.column not in INDICES
+            if not share:
+                child = self.unbounded(child)
+            if number and child.plugin == "checkerboard":
+                child = self.copy(self.exchanged, child, exchange=True)
+            rows[item.name], found = self.texture(child, share, number)
+            for attribute in found:
+                attribute.single = item.where if number else attribute.single
+            attributes += found
             columns[column] = self.tables.index("textures", child, rows[item.name])
         columns |= materials.textured_alpha(columns, rows)
         return {**columns, "attributes": attributes} if attributes else columns
+
+    def texture(
+        self, node: Node, shares: bool = True, number: bool = False, depth: int = 0
+    ) -> tuple[materials.Row, list[Attribute]]:
+        """The row of a texture, after those of the textures in it, and what all of them read from
+        meshes; shares: as of `Texels.row`. number: one is wanted, which of a colour is the mean, as
+        in Mitsuba, but of a texel the luminance."""
+        textures.check_depth(node, depth)
+        parts, values = self.check(node)
+        if node.plugin == "volume":
+            values = {"value": self.even(node, parts["volume"][0])}
+        row = self.texels.row(node, values, shares=shares)
+        for name in ("texture_color0", "texture_color1"):
+            if number and name in row:
+                row[name] = (sum(row[name]) / 3,) * 3
+        found = [row["attribute"]] if "attribute" in row else []
+        for name, child in textures.textures_in(node, self.resolve).items():
+            inside, attributes = self.texture(child, shares, number, depth + 1)
+            field = PLUGINS[node.plugin].params[name].field
+            row[field] = self.tables.index("textures", child, inside)
+            found += attributes
+        return row, found
+
+    def even(self, node: Node, volume: Node) -> tuple[float, ...]:
+        """The colour of a texture that is a volume."""
+        if volume.plugin != "constvolume":
+            text = f"{node}: a {volume.plugin} is not read as a texture; allowed: constvolume"
+            raise SceneError(text, volume.where)
+        values = self.check(volume)[1]
+        colour: tuple[float, ...] = values["color"] or values["value"]
+        if max(colour) > 1:
+            text = f"{node}: {shorten(str(colour))} is outside [0, 1]"
+            raise SceneError(text, volume.where)
+        return colour
+
+    def copy(self, known: dict[int, tuple[Node, Node]], node: Node, exchange: bool) -> Node:
+        """A texture's node and those in it once more, made once."""
+        if id(node) not in known:  # holds the node, and so its id
+            known[id(node)] = node, textures.copied(node, self.resolve, exchange)
+        return known[id(node)][1]
 
     def relief(self, node: Node) -> materials.Row:
         """The columns of the texture that turns normals."""
@@ -673,11 +713,11 @@ class _Builder:
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]
             if _shines(radiance) or self.hides:
-                image, _ = self.light_texture(lamp, "radiance")
+                image, _, attributes = self.light_texture(lamp, "radiance")
                 shines = {"emissions": radiance, "emission_texture": image}
                 emission = self.tables.index("emissions", lamp, shines)
                 if image >= 0:
-                    self.textured_lamps.add(emission)
+                    self.textured_lamps[emission] = attributes
         media = self.boundary(node)
         if media != (-1, -1):
             boundary = self.tables.index("boundaries", media, {"boundaries": media})
@@ -743,21 +783,23 @@ class _Builder:
 
     def unbounded(self, child: Node) -> Node:
         """A texture's node where its numbers may exceed 1."""
-        return self.unbounded_nodes.setdefault(id(child), replace(child))
+        return self.copy(self.unbounded_nodes, child, exchange=False)
 
-    def light_texture(self, node: Node, name: str) -> tuple[int, tuple[int, int]]:
-        """Index of the texture that a parameter of a light is, -1 for none, and its size."""
+    def light_texture(self, node: Node, name: str) -> tuple[int, tuple[int, int], list[Attribute]]:
+        """Index of the texture that a parameter of a light is, -1 for none, its size, and what it
+        reads from meshes."""
         items = [item for item in node.children if item.name == name]
         if not items:
-            return -1, (1, 1)
+            return -1, (1, 1), []
         if name in node.values or len(items) > 1:
             raise SceneError(f'{node}: "{name}" is given twice', items[-1].where)
         child = self.unbounded(self.child(items[0], node))
-        row = self.texels.row(child, self.check(child)[1], shares=False)
-        if "attribute" in row:
-            raise SceneError(f"{node}: a {child.plugin} is not supported on lights", child.where)
+        row, attributes = self.texture(child, shares=False)
+        if attributes and node.plugin != "area":
+            text = f"{node}: a mesh_attribute is of meshes, allowed on lights of plugin area alone"
+            raise SceneError(text, child.where)
         size = row.get("texture_width", 1), row.get("texture_height", 1)
-        return self.tables.index("textures", child, row), size
+        return self.tables.index("textures", child, row), size, attributes
 
     def spot_image(self, node: Node, values: dict[str, Any], matrix: Array) -> dict[str, Any]:
         """The columns of a spot's texture, which covers the square about its cone."""
@@ -766,7 +808,7 @@ class _Builder:
                 f'{node}: "texture" is a colour, expected a texture; a colour belongs to intensity',
                 node.values["texture"].where,
             )
-        image, _ = self.light_texture(node, "texture")
+        image, _, _ = self.light_texture(node, "texture")
         if image < 0:
             return {}
         cutoff = values["cutoff_angle"]
@@ -780,7 +822,7 @@ class _Builder:
 
     def projector_image(self, node: Node, values: dict[str, Any], matrix: Array) -> dict[str, Any]:
         """The columns of a projector but for its place and direction."""
-        image, size = self.light_texture(node, "irradiance")
+        image, size, _ = self.light_texture(node, "irradiance")
         if image < 0 and values["irradiance"] is None:
             raise SceneError(f'{node}: "irradiance" ({COLOUR} or texture) is missing', node.where)
         fov, axis = self.field_of_view(node, values)

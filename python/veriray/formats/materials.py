@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, OPEN_KINDS, TEXTURABLE, blank_row
+from ..columns import DISTRIBUTIONS, INDICES, MATERIAL_KINDS, OPEN_KINDS, TEXTURABLE, blank_row
 from ..errors import SceneError
 from . import metals
 from .node import Node
@@ -279,8 +279,14 @@ def reads_uv(row: Row) -> bool:
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
     name, eta, k = values["material"], values["eta"], values["k"]
+    textures = [item for item in node.children if item.name in INDICES]
+    for item in textures:  # its texture's numbers take its place
+        if values["ext_eta"] != 1:
+            raise SceneError(f"{node}: ext_eta given, and a texture as {item.name}", item.where)
+        eta, k = ((1.0,) * 3 if item.name == one else x for one, x in (("eta", eta), ("k", k)))
     if name is not None and (eta is not None or k is not None):
         given = [key for key in ("material", "eta", "k") if values[key] is not None]
+        given += [item.name for item in textures]
         raise SceneError(
             f"{node}: {' and '.join(given)} given; expected either material, or eta and k",
             node.where,

@@ -51,7 +51,8 @@ class Param:
     """One parameter: kind, default, range (without its ends if `open`), choices, meaning, and the
     column of the scene that it fills; "" for what `build` and `materials` convert.
 
-    light_texture: it is light, of which a texture may be a factor.
+    light_texture: it is light, of which a texture may be a factor. field: of a checkerboard, the
+    column that names the texture in its place.
     note: what to say where another value than the default is given, which changes no light. beyond:
     a "share", "light", "near" or "sign", of which Mitsuba takes values outside the range too
     (see `values`).
@@ -68,6 +69,7 @@ class Param:
     note: str = ""
     beyond: str = ""
     light_texture: bool = False
+    field: str = ""
 
     @property
     def accepted(self) -> tuple[str, ...]:
@@ -77,7 +79,7 @@ class Param:
     @property
     def texturable(self) -> bool:
         """Whether a texture may stand in its place."""
-        return self.column in TEXTURABLE or self.light_texture
+        return self.column in TEXTURABLE or self.light_texture or bool(self.field)
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ _PLACED = {
     "flip_normals": Param("boolean", False, doc="swap front and back"),
 }
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
-_TEXTURES = ("bitmap", "checkerboard", "mesh_attribute")
+_TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
 _OPAQUE = (*OPAQUE_KINDS, "pplastic")
 _MEDIA = ("homogeneous", "heterogeneous")
 _VOLUMES = ("gridvolume", "constvolume")
@@ -205,10 +207,22 @@ _UNPOLARISED = "polarisation is not rendered"
 _METAL = {
     "material": Param("string", None, doc='a metal; default "none", a mirror'),
     "eta": Param(
-        COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index", beyond="sign"
+        COLOUR,
+        None,
+        0.0,
+        MAX_ETA,
+        doc="real part of the refractive index",
+        column="eta",
+        beyond="sign",
     ),
     "k": Param(
-        COLOUR, None, 0.0, MAX_ETA, doc="imaginary part; 1, with k alone eta 0", beyond="sign"
+        COLOUR,
+        None,
+        0.0,
+        MAX_ETA,
+        doc="imaginary part; 1, with k alone eta 0",
+        column="k",
+        beyond="sign",
     ),
     "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
     "specular_reflectance": _SPECULAR,
@@ -764,8 +778,8 @@ PLUGINS: dict[str, Plugin] = {
     "checkerboard": Plugin(
         "texture",
         {
-            "color0": Param(COLOUR, 0.4, **_SHARE, column="texture_color0"),
-            "color1": Param(COLOUR, 0.2, **_SHARE, column="texture_color1"),
+            "color0": Param(COLOUR, 0.4, **_SHARE, column="texture_color0", field="texture_field0"),
+            "color1": Param(COLOUR, 0.2, **_SHARE, column="texture_color1", field="texture_field1"),
             "to_uv": _TO_UV,
         },
         doc="two by two fields a unit of u and v, color0 next to the origin",
@@ -778,6 +792,9 @@ PLUGINS: dict[str, Plugin] = {
             "bytes": Param("boolean", False, doc="numbers up to 255 are shares; of version 0.x"),
         },
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
+    ),
+    "volume": Plugin(
+        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="the colour of a constvolume, in [0, 1]"
     ),
     "homogeneous": Plugin(
         "medium",

@@ -67,12 +67,12 @@ class Shapes:
     def __init__(
         self,
         textured: Mapping[int, list[Attribute]] | None = None,
-        textured_lamps: Collection[int] = (),
+        textured_lamps: Mapping[int, list[Attribute]] | None = None,
         shared_files: Collection[str] = (),
     ) -> None:
         #: materials with textures: what they read from meshes
         self.textured = {} if textured is None else textured
-        self.textured_lamps = textured_lamps  # emissions
+        self.textured_lamps = {} if textured_lamps is None else textured_lamps  # emissions, too
         #: of meshes that such a material is on: first vertex and triangle, node, mesh, attributes
         self.attributed: list[tuple[int, int, Node, mesh.Mesh, list[Attribute]]] = []
         #: warnings, of attributes that are read and not there, and of spheres: text and place
@@ -150,10 +150,10 @@ class Shapes:
         matrix of both."""
         node, values, row, _ = surface
         plugin = node.plugin
-        wanted = self.textured.get(row[0])
+        wanted = self._attributes(surface) if self.textured or self.textured_lamps else []
         if wanted and plugin in ("sphere", "disk"):
             raise SceneError(
-                f"{node}: its material reads {shorten(wanted[0].name)}; allowed: on meshes",
+                f"{node}: its material or lamp reads {shorten(wanted[0].name)}; allowed: on meshes",
                 node.where,
             )
         if wanted and plugin in _FLAT:
@@ -302,15 +302,20 @@ class Shapes:
         place = self._room(len(found.vertices), len(found.triangles))
         node, moved, _ = instance or (surface[0], None, None)
         self.meshes.append((*place, node, found, moved))
-        wanted = self.textured.get(surface[2][0])
+        wanted = self._attributes(surface)
         if wanted:
             self.attributed.append((*place, surface[0], found, wanted))
+
+    def _attributes(self, surface: Surface) -> list[Attribute]:
+        """What the material and the lamp of a shape read from its mesh."""
+        material, emission, _ = surface[2]
+        return [*self.textured.get(material, ()), *self.textured_lamps.get(emission, ())]
 
     def _prepared(self, surface: Surface) -> mesh.Mesh:
         """A mesh after its to_world, front where it belongs; normals of unit length or None."""
         node, values, _, solid = surface
         matrix, normals = values["to_world"], None
-        wanted = bool(self.textured.get(surface[2][0]))
+        wanted = bool(self._attributes(surface))
         loaded, name = self._loaded(node, values, wanted)
         if not len(loaded.triangles):
             return loaded

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..columns import TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
+from ..columns import MAX_NESTED, TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
 from ..errors import SceneError
 from . import images, materials
 from .mesh import Mesh
@@ -39,14 +40,44 @@ def check_place(node: Node, child: Node, item: Node | Ref) -> None:
         )
 
 
-def exchanged(node: Node) -> Node:
-    """A checkerboard where one number is wanted, for which Mitsuba 3.9.1 exchanges its colours."""
-    values = dict(node.values)
-    first, second = (
-        values.pop(name, Value("float", PLUGINS[node.plugin].params[name].default, node.where))
-        for name in ("color0", "color1")
-    )
-    return replace(node, values={**values, "color0": second, "color1": first})
+def check_depth(node: Node, depth: int) -> None:
+    """Raises SceneError for a texture in too many others, as one in itself is."""
+    if depth > MAX_NESTED:
+        raise SceneError(f"{node}: it is a texture in more than {MAX_NESTED} others", node.where)
+
+
+def textures_in(node: Node, resolve: Callable[[Ref, Node], Node]) -> dict[str, Node]:
+    """The textures that a texture holds, by parameter. Raises SceneError if one is given twice."""
+    found: dict[str, Node] = {}
+    for item in node.children:
+        child = resolve(item, node) if isinstance(item, Ref) else item
+        if child.category == "texture":
+            if item.name in found or item.name in node.values:
+                raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
+            found[item.name] = child
+    return found
+
+
+def copied(
+    node: Node, resolve: Callable[[Ref, Node], Node], exchange: bool = False, depth: int = 0
+) -> Node:
+    """A texture's node, and those in it, once more. exchange: with the colours of checkerboards
+    exchanged, as Mitsuba 3.9.1 has them where one number is wanted."""
+    check_depth(node, depth)
+    values, held = dict(node.values), textures_in(node, resolve)
+    inside = {name: copied(child, resolve, exchange, depth + 1) for name, child in held.items()}
+    if exchange and node.plugin == "checkerboard":
+        names = "color0", "color1"
+        params = PLUGINS[node.plugin].params
+        for name in names:
+            if name not in inside and name not in values:
+                values[name] = Value("float", params[name].default, node.where)
+        new = dict(zip(names, reversed(names), strict=True))
+        values = {new.get(name, name): value for name, value in values.items()}
+        inside = {new.get(name, name): child for name, child in inside.items()}
+    rest = [item for item in node.children if item.name not in held]
+    children = [*rest, *(replace(child, name=name) for name, child in inside.items())]
+    return replace(node, values=values, children=children)
 
 
 class Texels:
@@ -69,7 +100,12 @@ class Texels:
         found = self.rows.get(id(node))  # the caller keeps the node, and so its id
         if found is None:
             if node.plugin == "mesh_attribute":
-                found = _attribute(node, values)
+                found = _attribute(node, values, shares)
+            elif node.plugin == "volume":  # a checkerboard of equal fields
+                found = {
+                    "texture_kind": TEXTURE_KINDS.index("checkerboard"),
+                    **dict.fromkeys(("texture_color0", "texture_color1"), values["value"]),
+                }
             else:
                 matrix = np.eye(4) if values["to_uv"] is None else values["to_uv"]
                 found = {
@@ -134,19 +170,20 @@ class Texels:
 
 @dataclass(eq=False)
 class Attribute:
-    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. single:
-    where one number of it is wanted, "" if nowhere."""
+    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. share: they
+    may not exceed 1. single: where one number of it is wanted, "" if nowhere."""
 
     name: str
     scale: float | None
+    share: bool = True
     single: str = ""
 
     def missing(self, node: Node, found: Mesh | None = None) -> str:
         """What to say of a shape without it; Mitsuba's variants for GPU and LLVM read 0, too."""
         other = ", ".join(map(shorten, found.attributes)) if found else ""
         return (
-            f"{node}: its material reads {shorten(self.name)}, which the mesh has not; it counts "
-            f"as 0. It has: {other or 'no attributes'}"
+            f"{node}: its material or lamp reads {shorten(self.name)}, which the mesh has not; it "
+            f"counts as 0. It has: {other or 'no attributes'}"
         )
 
     def of(self, node: Node, found: Mesh) -> Array:
@@ -166,19 +203,20 @@ class Attribute:
             )
         with np.errstate(all="ignore"):
             rows: Array = (values * scale).astype(np.float32)
-        bad = np.argwhere(~((rows >= 0) & (rows <= 1)))
+        good = (rows <= 1) if self.share else (rows < np.inf)
+        bad = np.argwhere(~((rows >= 0) & good))
         if len(bad):
             row, column = (int(i) for i in bad[0])
+            allowed = "[0, 1] (numbers of 0 to 255 take the scale 0.00392156862745098)"
             raise SceneError(
                 f"{node}: {shorten(self.name)} holds {values[row, column]:g} in row {row}; times "
-                f"scale = {scale:g} it must be in [0, 1] (numbers of 0 to 255 take the scale "
-                "0.00392156862745098)",
+                f"scale = {scale:g} it must be in {allowed if self.share else '[0, inf)'}",
                 node.where,
             )
         return np.broadcast_to(rows, (len(rows), 3))
 
 
-def _attribute(node: Node, values: dict[str, Any]) -> materials.Row:
+def _attribute(node: Node, values: dict[str, Any], share: bool) -> materials.Row:
     name = values["name"]
     if not name.startswith(("vertex_", "face_")):
         raise SceneError(
@@ -187,7 +225,7 @@ def _attribute(node: Node, values: dict[str, Any]) -> materials.Row:
         )
     return {
         "texture_kind": TEXTURE_KINDS.index(f"{name.partition('_')[0]}_attribute"),
-        "attribute": Attribute(name, None if values["bytes"] else values["scale"]),
+        "attribute": Attribute(name, None if values["bytes"] else values["scale"], share),
     }
 
 

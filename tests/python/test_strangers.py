@@ -434,3 +434,24 @@ def test_assets_are_found_where_mitsuba_looks_and_then_beside_the_included_file(
     assert heights("", "one", "one/two") == [1]
     assert heights("one", "one/two") == [1, 2]
     assert heights("one") == [1]
+
+
+def test_a_corner_without_a_normal_has_that_of_the_one_before_it(tmp_path: Path) -> None:
+    """As Mitsuba's; where no corner of a face has one before it, there is none: Mitsuba sets none."""
+    path = tmp_path / "a.obj"
+    corners = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt .1 .2\nvt .3 .4\nvn 0 0 1\nvn 0 .6 .8\n"
+    path.write_text(f"{corners}f 1/1/1 2/2/2 3 4//1\nf 1 2/1/2 3//1\nf 2 4 1\n")
+    found = mesh.read(path, "obj", "")
+    assert found.uv is not None and found.normals is not None
+    assert found.normals[found.triangles[:, 1:]].tolist() == [
+        [[0, 0.6, 0.8]] * 2, [[0, 0.6, 0.8], [0, 0, 1]], [[0, 0.6, 0.8], [0, 0, 1]], [[0, 0, 0]] * 2,
+    ]  # fmt: skip
+    mitsuba = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
+    mitsuba.set_variant("scalar_rgb")
+    given = {"type": "obj", "filename": str(path), "flip_tex_coords": False}
+    theirs = mitsuba.traverse(mitsuba.load_dict(given))
+    faces = np.array(theirs["faces"]).reshape(-1, 3)
+    for name, width, own in (("normals", 3, found.normals), ("texcoords", 2, found.uv)):
+        rows = np.array(theirs[f"vertex_{name}"]).reshape(-1, width)
+        np.testing.assert_allclose(own[found.triangles[:2]], rows[faces[:2]], atol=1e-6)
+        np.testing.assert_allclose(own[found.triangles[2, 1:]], rows[faces[2, 1:]], atol=1e-6)

@@ -549,7 +549,8 @@ PLUGINS: dict[str, Plugin] = {
             **_PLACED,
         },
         _ON_SHAPES,
-        doc="exact; to_world scales alike in all directions; front outside, if it mirrors too",
+        doc="exact; to_world scales alike in all directions; front outside, if it mirrors too; "
+        "where an instance stretches it, a mesh of 65,024 triangles",
     ),
     "cylinder": Plugin(
         "shape",

@@ -233,7 +233,8 @@ class _Builder:
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
         self.hides = bool(depths["hide_emitters"])
-        seen_by = [view for node in parts["sensor"] for view in self.sensors(node)]
+        of_each = [self.sensors(node) for node in parts["sensor"]]
+        seen_by = [view for one in of_each for view in one]
         chosen = self.chosen(parts["sensor"], max(len(seen_by), 1))
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
@@ -270,6 +271,10 @@ class _Builder:
             features = tuple(name for name in features if name != "uv")
             self.report.note(f"{integrator}: nothing is textured, so uv is not written",
                              integrator.where)  # fmt: skip
+        for node, one in zip(parts["sensor"], of_each, strict=True):
+            if node.plugin == "distant":
+                one[:] = [(self.far(node, views.ball(arrays)), *one[0][1:])]
+        seen_by = [view for one in of_each for view in one]
         if not seen_by:
             seen_by = [self.sensor(Node("perspective", root.where), views.framing(arrays, root))]
             self.report.note("the scene has no sensor; one was placed that frames it", root.where)
@@ -394,6 +399,9 @@ class _Builder:
                 parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
             ),
         )
+        if node.plugin == "distant":
+            views.one_pixel(node, (width, height))
+            return self.far(node, views.NOTHING), Film(1, 1, "box"), self.sampling(sampler)
         if node.plugin in ("orthographic", "radiancemeter"):
             to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
             if node.plugin == "radiancemeter":
@@ -434,6 +442,13 @@ class _Builder:
             ),
         )
         return camera, film, self.sampling(sampler)
+
+    def far(self, node: Node, around: views.Ball) -> Camera:
+        """The camera of a distant sensor; around: the sphere about all shapes."""
+        parts, values = self.check(node)
+        inside = self.medium(parts["medium"][0]) if parts["medium"] else -1
+        camera: Camera = located(node, lambda: views.distant(node, values, around, inside))
+        return camera
 
     def sampling(self, node: Node) -> dict[str, Any]:
         """The settings that a sampler gives."""

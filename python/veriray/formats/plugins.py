@@ -443,7 +443,7 @@ PLUGINS: dict[str, Plugin] = {
         "scene",
         children={
             "integrator": (_INTEGRATORS, 0, 1),
-            "sensor": ((*_SENSORS, "batch"), 0, _MANY),
+            "sensor": ((*_SENSORS, "distant", "batch"), 0, _MANY),
             "emitter": (("constant", "envmap", "sunsky", *LIGHT_KINDS), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
@@ -514,6 +514,24 @@ PLUGINS: dict[str, Plugin] = {
         },
         _ON_SENSORS,
         doc="one ray; its film has 1 x 1 pixels",
+        noted=_SHUTTER,
+    ),
+    "distant": Plugin(
+        "sensor",
+        {
+            "direction": Param("vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
+            "to_world": Param("transform", doc="the rays are local +z"),
+            "target": Param(
+                "point",
+                None,
+                -MAX_COORDINATE,
+                MAX_COORDINATE,
+                doc="one ray goes there; default: rays to all of a disc across the ball about the "
+                "box of the scene",
+            ),
+        },
+        _ON_SENSORS,
+        doc="parallel rays from outside of the scene; its film has 1 x 1 pixels",
         noted=_SHUTTER,
     ),
     **{name: _film(name) for name in FILMS},

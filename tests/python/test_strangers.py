@@ -527,3 +527,16 @@ def test_a_distant_sensor_with_a_target_is_one_ray(tmp_path: Path, device: str) 
 def test_distant_sensors_that_are_not_read(sensor: dict[str, Any], message: str) -> None:
     with pytest.raises(SceneError, match=message):
         vr.load_dict(far(sensor))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        MASK.replace('type="mask"', 'type="mask" id="a"').format('<ref id="a"/>').replace('<bsdf type="diffuse"/>', ""),
+        '<bsdf type="blendbsdf" id="a"><float name="weight" value="0.5"/><bsdf type="diffuse"/><ref id="a"/></bsdf>',
+        '<bsdf type="twosided" id="a"><bsdf type="twosided"><ref id="a"/></bsdf></bsdf>',
+    ],
+)  # fmt: skip
+def test_a_bsdf_in_itself_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(SceneError, match=r'scene\.xml:3: \w+ "a" holds itself'):
+        loaded(tmp_path, bsdf(text))

@@ -85,6 +85,7 @@ class _Builder:
         self.checked: dict[int, tuple[Node, _Parts, dict[str, Any]]] = {}
         self.childless: dict[str, _Parts] = {}
         self.rows: dict[int, materials.Row] = {}
+        self.around: set[int] = set()  # bsdfs that hold the one of which a row is made
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
@@ -479,7 +480,13 @@ class _Builder:
         parts, values = self.check(node)  # holds the node, and so its id
         row = self.rows.get(id(node))
         if row is None:
-            held = [self.material(part) for part in parts.get("bsdf", ())]
+            if id(node) in self.around:
+                raise SceneError(f"{node} holds itself", node.where)
+            self.around.add(id(node))
+            try:
+                held = [self.material(part) for part in parts.get("bsdf", ())]
+            finally:
+                self.around.remove(id(node))
             given = {} if node.plugin in RELIEFS else self.textures(node)
             if node.plugin == "twosided":
                 row = materials.two_sided(held[0])

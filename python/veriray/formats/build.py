@@ -95,6 +95,7 @@ class _Builder:
         #: copies of textures of lights and heights, and of checkerboards that give one number
         self.unbounded_nodes: dict[int, tuple[Node, Node]] = {}
         self.exchanged: dict[int, tuple[Node, Node]] = {}
+        self.inverted: dict[int, tuple[Node, Node]] = {}  # and where 1 less that counts
         self.sky: dict[str, Any] = {}
         self.hides = False  # emitters, those too that emit nothing
         #: materials that have textures: what they read from meshes
@@ -487,7 +488,9 @@ class _Builder:
                 held = [self.material(part) for part in parts.get("bsdf", ())]
             finally:
                 self.around.remove(id(node))
-            given = {} if node.plugin in RELIEFS else self.textures(node)
+            # of a blend as the first of two the other comes first, by the rest of the weight
+            swaps = node.plugin == "blendbsdf" and ["other" in one for one in held] == [True, False]
+            given = {} if node.plugin in RELIEFS else self.textures(node, swaps)
             if node.plugin == "twosided":
                 row = materials.two_sided(held[0])
                 if held[1:] and held[1] is not held[0]:
@@ -534,8 +537,8 @@ class _Builder:
         text = f"{node}: its back is rendered as its front: where it is seen, the "
         self.report.warn(f"{text}picture is not Mitsuba's", where)
 
-    def textures(self, node: Node) -> materials.Row:
-        """The columns that name the textures of a bsdf."""
+    def textures(self, node: Node, inverse: bool = False) -> materials.Row:
+        """The columns that name the textures of a bsdf; inverse: of 1 less what they give."""
         columns: materials.Row = {}
         rows: materials.Row = {}
         attributes: list[Attribute] = []
@@ -552,9 +555,11 @@ class _Builder:
             number, share = param.kind != COLOUR, param.column not in INDICES
             if not share:
                 child = self.unbounded(child)
-            if number and child.plugin == "checkerboard":
+            if inverse:
+                child = self.copy(self.inverted, child, exchange=True)
+            elif number and child.plugin == "checkerboard":
                 child = self.copy(self.exchanged, child, exchange=True)
-            rows[item.name], found = self.texture(child, share, number)
+            rows[item.name], found = self.texture(child, share, number, inverse)
             for attribute in found:
                 attribute.single = item.where if number else attribute.single
             attributes += found
@@ -563,22 +568,29 @@ class _Builder:
         return {**columns, "attributes": attributes} if attributes else columns
 
     def texture(
-        self, node: Node, shares: bool = True, number: bool = False, depth: int = 0
+        self,
+        node: Node,
+        shares: bool = True,
+        number: bool = False,
+        inverse: bool = False,
+        depth: int = 0,
     ) -> tuple[materials.Row, list[Attribute]]:
         """The row of a texture, after those of the textures in it, and what all of them read from
         meshes; shares: as of `Texels.row`. number: one is wanted, which of a colour is the mean, as
-        in Mitsuba, but of a texel the luminance."""
+        in Mitsuba, but of a texel the luminance; inverse: 1 less that."""
         textures.check_depth(node, depth)
         parts, values = self.check(node)
         if node.plugin == "volume":
             values = {"value": self.even(node, parts["volume"][0])}
-        row = self.texels.row(node, values, shares=shares)
+        known = id(node) in self.texels.rows
+        row = self.texels.row(node, values, shares=shares, inverse=inverse)
         for name in ("texture_color0", "texture_color1"):
-            if number and name in row:
-                row[name] = (sum(row[name]) / 3,) * 3
+            if number and name in row and not known:
+                mean = sum(row[name]) / 3
+                row[name] = (1 - mean if inverse else mean,) * 3
         found = [row["attribute"]] if "attribute" in row else []
         for name, child in textures.textures_in(node, self.resolve).items():
-            inside, attributes = self.texture(child, shares, number, depth + 1)
+            inside, attributes = self.texture(child, shares, number, inverse, depth + 1)
             field = PLUGINS[node.plugin].params[name].field
             row[field] = self.tables.index("textures", child, inside)
             found += attributes

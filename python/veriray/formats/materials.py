@@ -116,7 +116,8 @@ def blend(
     node: Node, values: dict[str, Any], nodes: list[Node], rows: list[Row], given: Row
 ) -> Row:
     """The row of a blendbsdf, whose "other" is the node and row of its second bsdf, which may be a
-    blend itself; given: the columns of its textures."""
+    blend itself; given: the columns of its textures, which give 1 less the weight if the first
+    alone is a blend."""
     weight = values["weight"]
     if weight is None:
         if not any(item.name == "weight" for item in node.children):
@@ -132,11 +133,8 @@ def blend(
         return _of_all([part for of_one in parts for part in of_one])
     first, second = zip(nodes, rows, strict=True)
     if "other" in first[1]:  # then the second comes first
-        if "other" in second[1] or given:
-            text = (
-                "holds two blends, or a blend as its first bsdf and a texture as weight; allowed: "
-                "only its second bsdf is a blend, or numbers are all weights"
-            )
+        if "other" in second[1]:
+            text = "holds two blends; allowed: one of two, or numbers are all weights"
             raise SceneError(f"{node} {text}", node.where)
         first, second, weight = second, first, 1 - weight
     other = replace(second[0]), second[1]

@@ -748,8 +748,7 @@ PLUGINS: dict[str, Plugin] = {
         },
         {"bsdf": (_BSDFS, 2, 2)},
         doc="the first bsdf in part, the second for the rest, in the order of the file; both may "
-        "be blends where all weights are numbers, else the second alone, or the first if its own "
-        "weight alone is a texture",
+        "be blends where all weights are numbers, else one of them",
     ),
     "twosided": Plugin(
         "bsdf",

@@ -87,18 +87,27 @@ class Texels:
         self.report = report
         self.words: list[Array] = []
         self.count = 0
-        self.known: dict[tuple[str, bool, bool, str | None, tuple[float, ...]], materials.Row] = {}
+        self.known: dict[tuple[Any, ...], materials.Row] = {}
         self.rows: dict[int, materials.Row] = {}
 
     def array(self) -> Array | None:
         """The column `texels`; None without any."""
         return np.concatenate(self.words) if self.words else None
 
-    def row(self, node: Node, values: dict[str, Any], *, shares: bool = True) -> materials.Row:
+    def row(
+        self, node: Node, values: dict[str, Any], *, shares: bool = True, inverse: bool = False
+    ) -> materials.Row:
         """The row of a texture, made once; values: its checked parameters. shares: its texels may
-        not exceed 1; those of lights and heights may, which have nodes of their own."""
+        not exceed 1; those of lights and heights may, which have nodes of their own. inverse: 1
+        less the luminance of its texels, for a node of its own."""
         found = self.rows.get(id(node))  # the caller keeps the node, and so its id
         if found is None:
+            if node.plugin == "mesh_attribute" and inverse:
+                raise SceneError(
+                    f"{node} as the weight of a blend whose first bsdf is a blend: allowed are "
+                    "bitmaps and checkerboards; or exchange the two bsdfs",
+                    node.where,
+                )
             if node.plugin == "mesh_attribute":
                 found = _attribute(node, values, shares)
             elif node.plugin == "volume":  # a checkerboard of equal fields
@@ -114,11 +123,13 @@ class Texels:
                     **materials.filled(node, values),
                 }
             if node.plugin == "bitmap":
-                found |= self._bitmap(node, values, shares)
+                found |= self._bitmap(node, values, shares, inverse)
             self.rows[id(node)] = found
         return found
 
-    def _bitmap(self, node: Node, values: dict[str, Any], shares: bool) -> materials.Row:
+    def _bitmap(
+        self, node: Node, values: dict[str, Any], shares: bool, inverse: bool
+    ) -> materials.Row:
         given = [name for name in _SOURCES if values[name] is not None]
         if len(given) != 1:
             raise SceneError(
@@ -130,7 +141,7 @@ class Texels:
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
         channel, scale = values["channel"], np.array(values["scale"], np.float32)
         scale = scale[:1] if (scale == scale[0]).all() else scale  # one colour leaves grey texels
-        key = str(path), raw, shares, channel, tuple(scale.tolist())
+        key = str(path), raw, shares, inverse, channel, tuple(scale.tolist())
         stored = self.known.get(key) if path is not None else None
         if stored is None:
             if path is None:
@@ -144,7 +155,8 @@ class Texels:
             texels = (_shares if shares else _positive)(
                 node, image.texels, name, where, self.report
             )
-            stored = self._store(images.Image(texels, image.encoded))
+            made = images.Image(texels, image.encoded)
+            stored = self._store(_inverse(made) if inverse else made)
             if path is not None:
                 self.known[key] = stored
         return {
@@ -254,6 +266,14 @@ def _shares(node: Node, texels: Array, name: str, where: str, report: Report) ->
         where,
     )
     return texels.clip(0, 1)
+
+
+def _inverse(image: images.Image) -> images.Image:
+    """1 less the luminance, in one float32 a texel."""
+    texels = image.linear().astype(np.float32)
+    if texels.shape[2] == 3:
+        texels = (texels @ np.array([0.212671, 0.71516, 0.072169]))[..., None]
+    return images.Image(np.clip(1 - texels, 0, 1).astype(np.float32))
 
 
 def _positive(node: Node, texels: Array, name: str, where: str, report: Report) -> Array:

@@ -79,16 +79,17 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         if (none(lanes)) return;
         TexturePoint<L> at;
         at.u = at.v = F(0.f);
+        if constexpr (has(kAttributes)) at.p = light.place, at.primitive = light.on;
         Sampler::image(row, light.wi, at.u, at.v);
         const M lamp = lanes & Sampler::template any_of<kLampShapes>(row, no_lanes(lanes));
         if (any(lamp)) {
             const auto outward = [&] { return light.place; };
-            const TexturePoint<L> own = Texturing<L>::template place<kFeatures>(
+            const TexturePoint<L> own = Reader::Texturing::template place<kFeatures>(
                 scene, select(lamp, light.on, U(0u)), light.place, outward);
             at.u = select(lamp, own.u, at.u);
             at.v = select(lamp, own.v, at.v);
         }
-        Texturing<L>::multiply(scene, index, at, lanes, light.radiance);
+        Reader::Texturing::multiply(scene, index, at, lanes, light.radiance);
     }
 
     static VR_HD auto row_of(const SceneView& scene, U row) {

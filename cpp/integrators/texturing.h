@@ -6,7 +6,7 @@
 
 namespace veriray {
 
-// kWithAttributes: some textures are attributes of meshes.
+// kWithAttributes: some textures are attributes of meshes, or stand in others.
 template <class L, bool kWithAttributes = false>
 struct Texturing {
     using F = typename L::F;
@@ -54,7 +54,8 @@ struct Texturing {
         lanes = lanes & (index >= F(0.f));
         if (none(lanes)) return;
         const U row = to_uint(max(index, F(0.f)));
-        value = select(lanes, value * Textures<L>::colour(scene.textures, row, uv, lanes), value);
+        const S colour = Textures<L, kWithAttributes>::colour(scene.textures, row, uv, lanes);
+        value = select(lanes, value * colour, value);
     }
 
     // Replaces the numbers of a material for which its surface has a texture; column(c): of the

@@ -111,7 +111,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
                 if constexpr (has(kLightTextures))
                     if (scene.features & kLightTextures) {
                         const F index = surface_column(scene, at.row, kSurfaceRadianceTexture);
-                        Texturing<L>::multiply(scene, index, at.uv, lit, emitted);
+                        Reader::Texturing::multiply(scene, index, at.uv, lit, emitted);
                     }
                 add_radiance(path, lit, emitted * mis_weight(path.pdf_sa, ratio));
             }

@@ -127,6 +127,7 @@ void check_input(const SceneInput& in, const SceneInput* known) {
             for (size_t k = 0; k < 2; ++k)
                 if (!(length(row3(in.light_image, 2 * i + k)) > 0))
                     fail("light_image", i, "holds a row of zeros");
+    std::vector<uint32_t> nested(in.textures_rows());
     for (size_t t = 0; t < in.textures_rows(); ++t) {
         const uint32_t kind = in.texture_kind.data[t];
         if (kind == kVertexAttribute || kind == kFaceAttribute) {
@@ -135,6 +136,18 @@ void check_input(const SceneInput& in, const SceneInput* known) {
                 fail("texture_first", t,
                      "begins " + std::to_string(rows) + " rows of " +
                          std::to_string(in.attributes_rows()) + " attribute_values");
+        }
+        for (const int32_t field : {in.texture_field0.data[t], in.texture_field1.data[t]}) {
+            if (field < 0) continue;
+            if (kind != kCheckerboard || field >= static_cast<int64_t>(t))
+                fail("texture_field", t,
+                     "is " + std::to_string(field) +
+                         "; allowed: of a checkerboard, a texture before it");
+            nested[t] = std::max(nested[t], nested[static_cast<size_t>(field)] + 1);
+            if (nested[t] > kMostNested)
+                fail("texture_field", t,
+                     "holds textures too deep; allowed: one in " + std::to_string(kMostNested) +
+                         " others");
         }
         if (kind != kBitmap) continue;
         const uint64_t bytes = uint64_t{in.texture_width.data[t]} * in.texture_height.data[t] *

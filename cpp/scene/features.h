@@ -30,7 +30,7 @@ enum Feature : FeatureMask {
     kAlbedoGrids = 1u << 15,    // a medium whose albedo a grid gives
     kUnevenMedia = 1u << 16,    // a medium whose extinction a grid gives
     kBlend = 1u << 17,          // a material that is one of two at each hit
-    kAttributes = 1u << 18,     // a texture of numbers that meshes have
+    kAttributes = 1u << 18,     // a texture of numbers that meshes have, or one in another
     kTangents = 1u << 19,       // slopes that depend on the direction, normal and bump maps
     kHidden = 1u << 20,         // light that the camera does not see directly
     kLightTextures = 1u << 21,  // textures of lights

@@ -30,15 +30,28 @@ LightTexture::LightTexture(const SceneInput& in, size_t t) : wrap_(in.texture_wr
     for (size_t k = 0; k < 6; ++k)
         to_uv_[k] = static_cast<double>(in.texture_to_uv.data[6 * t + k]);
     std::vector<double> cells;
-    if (in.texture_kind.data[t] != kBitmap) {  // its fields everywhere, in equal shares
+    const uint32_t kind = in.texture_kind.data[t];
+    if (kind == kCheckerboard) {  // its fields everywhere, in equal shares
         double sum = 0;
+        const bool own[2] = {in.texture_field0.data[t] < 0, in.texture_field1.data[t] < 0};
         for (size_t k = 0; k < 3; ++k) {
-            const float a = in.texture_color0.data[3 * t + k],
-                        b = in.texture_color1.data[3 * t + k];
+            const float a = own[0] ? in.texture_color0.data[3 * t + k] : 0.f,
+                        b = own[1] ? in.texture_color1.data[3 * t + k] : 0.f;
             sum += (static_cast<double>(a) + static_cast<double>(b)) / 6;
             largest_ = std::max({largest_, a, b});
         }
         cells = {sum};
+        for (const int32_t field : {in.texture_field0.data[t], in.texture_field1.data[t]}) {
+            if (field < 0) continue;
+            fields_.emplace_back(in, static_cast<size_t>(field));
+            largest_ = std::max(largest_, fields_.back().largest());
+        }
+    } else if (kind != kBitmap) {
+        attribute_ = kind, first_ = in.texture_first.data[t];
+        const size_t rows = kind == kFaceAttribute ? in.triangles_rows() : in.vertices_rows();
+        const float* values = in.attribute_values.data + 3 * first_;
+        for (size_t i = 0; i < 3 * rows; ++i) largest_ = std::max(largest_, values[i]);
+        cells = {0};
     } else {
         const uint32_t w = in.texture_width.data[t], h = in.texture_height.data[t];
         x_ = {w, std::min(w, 256u)}, y_ = {h, std::min(h, 256u)};
@@ -83,9 +96,29 @@ std::vector<LightTexture::Span> LightTexture::spans(double low, double high, uin
     return {{from, n - 1}, {0, to - n}};
 }
 
-double LightTexture::mean(const std::vector<Double3>& corners) const {
+// Of the numbers at the corners of triangles, or of these.
+double LightTexture::of_triangles(const SceneInput& in,
+                                  const std::vector<uint32_t>& triangles) const {
+    double sum = 0, count = 0;
+    const auto add = [&](size_t row) {
+        const float* values = in.attribute_values.data + 3 * (first_ + row);
+        for (size_t k = 0; k < 3; ++k) sum += static_cast<double>(values[k]);
+        count += 3;
+    };
+    for (const size_t triangle : triangles) {
+        if (attribute_ == kFaceAttribute) {
+            add(triangle);
+            continue;
+        }
+        for (size_t c = 0; c < 3; ++c) add(in.triangles.data[3 * triangle + c]);
+    }
+    return count > 0 ? sum / count : 0;
+}
+
+double LightTexture::mean(const SceneInput& in, const LitArea& area) const {
+    if (attribute_ != kBitmap) return of_triangles(in, area.triangles);
     double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
-    for (const Double3& at : corners)
+    for (const Double3& at : area.corners)
         for (int k = 0; k < 2; ++k) {
             const double* m = to_uv_ + 3 * k;
             const double x = m[0] * at.x + m[1] * at.y + m[2];
@@ -102,9 +135,13 @@ double LightTexture::mean(const std::vector<Double3>& corners) const {
             count +=
                 static_cast<double>(x_.start(x1) - x_.start(x0)) * (y_.start(y1) - y_.start(y0));
         }
-    return std::max(sum, 0.0) / count;
+    double all = std::max(sum, 0.0) / count;
+    for (const LightTexture& field : fields_) all += field.mean(in, area) / 2;
+    return all;
 }
 
-double LightTexture::mean() const { return mean({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}); }
+double LightTexture::mean(const SceneInput& in) const {
+    return mean(in, {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, {}});
+}
 
 }  // namespace veriray

@@ -157,10 +157,11 @@ double HostScene::most_intense(const SceneInput& in, size_t q) const {
 // The mean of a lamp's texture over it.
 double HostScene::mean_of_texture(const SceneInput& in, const AreaLight& light, int32_t t) const {
     const PrimitiveSource& source = sources[light.primitive];
-    if (source.group != kTriangleGroup) return light_texture(in, t).mean();
+    if (source.group != kTriangleGroup) return light_texture(in, t).mean(in);
     const Flat shape = shape_of(in, light);
-    std::vector<Double3> corners;
-    for (const uint32_t primitive : {light.primitive, light.other})
+    LitArea area;
+    for (const uint32_t primitive : {light.primitive, light.other}) {
+        area.triangles.push_back(sources[primitive].row);
         for (uint32_t k = 0; k < shape.corners; ++k) {
             const float* map = &uv[size_t{primitive} * kUvFloats];
             double at[2];
@@ -168,9 +169,10 @@ double HostScene::mean_of_texture(const SceneInput& in, const AreaLight& light, 
                 const auto g = [&](int i) { return static_cast<double>(map[4 * c + i]); };
                 at[c] = dot({g(0), g(1), g(2)}, shape.v[k]) + g(3);
             }
-            corners.push_back({at[0], at[1], 0});
+            area.corners.push_back({at[0], at[1], 0});
         }
-    return light_texture(in, t).mean(corners);
+    }
+    return light_texture(in, t).mean(in, area);
 }
 
 void HostScene::set_lights(const SceneInput& in) {
@@ -337,7 +339,7 @@ LightSource HostScene::light_source(const SceneInput& in, uint32_t q) const {
     const float* intensity = in.light_intensity.data + 3 * q;
     for (int k = 0; k < 3; ++k) s.radiance[k] = static_cast<float>(intensity[k] * scale);
     s.strength = sum3(intensity) * scale;
-    if (s.texture >= 0) s.strength *= light_texture(in, s.texture).mean();
+    if (s.texture >= 0) s.strength *= light_texture(in, s.texture).mean(in);
     const Double3 p = (row3(in.light_position, q) - centre) * (1 / unit);
     const Double3 d =
         kLights[s.shape].aimed ? normalised(row3(in.light_direction, q)) : Double3{0, 0, 1};

@@ -87,6 +87,7 @@ struct SceneInput {
 constexpr size_t kMostSmall = 1024;
 
 constexpr uint64_t kMostSkyTexels = uint64_t{1} << 27, kMostNumbers = 0x7ffffe00u;
+constexpr uint32_t kMostNested = 8;  // textures around another
 
 struct Double3 {
     double x, y, z;

@@ -29,9 +29,28 @@ bool some_texture(const SceneInput& in, uint32_t material, int32_t emission, Fit
     });
 }
 
+// The textures in the fields of a checkerboard, -1 for none, as those of all others.
+std::array<int32_t, 2> fields_of(const SceneInput& in, size_t texture) {
+    if (in.texture_kind.data[texture] != kCheckerboard) return {-1, -1};
+    return {in.texture_field0.data[texture], in.texture_field1.data[texture]};
+}
+
+bool is_nested(const SceneInput& in, size_t texture) {
+    const auto fields = fields_of(in, texture);
+    return fields[0] >= 0 || fields[1] >= 0;
+}
+
 bool is_attribute(const SceneInput& in, size_t texture) {
     const uint32_t kind = in.texture_kind.data[texture];
     return kind == kVertexAttribute || kind == kFaceAttribute;
+}
+
+// Or where an attribute stands in it.
+bool reads_attribute(const SceneInput& in, size_t texture) {
+    if (is_attribute(in, texture)) return true;
+    for (const int32_t field : fields_of(in, texture))
+        if (field >= 0 && reads_attribute(in, static_cast<size_t>(field))) return true;
+    return false;
 }
 
 // An affine function of the point: g.p + w.
@@ -53,7 +72,8 @@ Affine through(const Flat& f, const double (&value)[3]) {
 }
 
 uint32_t traits_of(const SceneInput& in, size_t t) {
-    if (in.texture_kind.data[t] == kCheckerboard) return kTraitBoard;
+    if (in.texture_kind.data[t] == kCheckerboard)
+        return kTraitBoard | (is_nested(in, t) ? kTraitNested : 0u);
     if (in.texture_kind.data[t] == kVertexAttribute) return kTraitVertex;
     if (in.texture_kind.data[t] == kFaceAttribute) return kTraitFace;
     const uint32_t format = in.texture_format.data[t];
@@ -107,7 +127,7 @@ bool HostScene::same_texture_map(const SceneInput& in, const Flat& a, const Flat
         !some_texture(in, a.material, a.emission, [](int32_t) { return true; }))
         return true;
     if (some_texture(in, a.material, a.emission,
-                     [&](int32_t t) { return is_attribute(in, static_cast<size_t>(t)); }))
+                     [&](int32_t t) { return reads_attribute(in, static_cast<size_t>(t)); }))
         return false;
     const auto from = corner_uv(in, a), to = corner_uv(in, b);
     // At b's corners but for rounding, where a's corners count by their shares in the point.
@@ -276,6 +296,10 @@ void HostScene::set_textures(const SceneInput& in) {
         put(kTextureHeight, bitmap ? static_cast<float>(in.texture_height.data[t]) : 1.f);
         put(kTextureFirst, bit_cast<float>(bitmap ? in.texture_first.data[t] : 0u));
         put(kTextureTraits, bit_cast<float>(traits_of(in, t)));
+        const auto fields = fields_of(in, t);
+        for (uint32_t k = 0; k < 2; ++k)
+            put(kTextureField0 + k, bit_cast<float>(static_cast<uint32_t>(fields[k])));
+        if (is_nested(in, t)) view.features |= kAttributes;
     }
     texels.resize(kCodeWords + in.texels.count);
     for (uint32_t code = 0; code < 256; ++code) {

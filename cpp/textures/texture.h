@@ -6,6 +6,8 @@
 // An attribute is of the vertices or faces of meshes: by primitive, three numbers of a face, or for
 // each of three an affine function of the point, its least and its largest value at the corners.
 // Between these it stays where the point is rounded out of its triangle.
+//
+// A field of a checkerboard may be a texture, of a row before it, which is read at the same place.
 #pragma once
 
 #include "spectrum/spectrum.h"
@@ -33,6 +35,8 @@ enum TextureColumn : uint32_t {
     kTextureHeight,
     kTextureFirst,   // its first word; bits
     kTextureTraits,  // TextureTrait; bits
+    kTextureField0,  // of a checkerboard: the row of a texture, ~0 where its colour counts; bits
+    kTextureField1,
     kTextureColumns,
 };
 enum TextureTrait : uint32_t {
@@ -46,6 +50,7 @@ enum TextureTrait : uint32_t {
     kTraitFloat = 128,  // none of the three: 8 bits, linear
     kTraitVertex = 256,
     kTraitFace = 512,
+    kTraitNested = 1024,  // a checkerboard with a texture in a field
 };
 
 // Words before the texels: the numbers of 8-bit codes, of sRGB and linear.
@@ -67,6 +72,7 @@ struct TexturePoint {
     typename L::U primitive;
 };
 
+// kWithAttributes: some are attributes or stand in others.
 template <class L, bool kWithAttributes = false>
 struct Textures {
     using F = typename L::F;
@@ -77,6 +83,7 @@ struct Textures {
 
     // The colour of a texture where m is set; any valid row elsewhere.
     static VR_LONG S colour(const TextureView textures, U row, Point at, M m) {
+        if constexpr (kWithAttributes) row = innermost(textures, row, at, m);
         const auto column = [&](uint32_t c) { return column_of(textures, row, c); };
         const F u = coordinate(textures, row, kTextureToUv, at);
         const F v = coordinate(textures, row, kTextureToUv + 3, at);
@@ -84,8 +91,7 @@ struct Textures {
         const M board = is(traits, kTraitBoard);
         S value = S::all(F(0.f));
         if (any(m & board)) {
-            const M a = u - floor(u) > F(0.5f), b = v - floor(v) > F(0.5f);
-            const M first = (a & b) | !(a | b);
+            const M first = in_first_field(u, v);
             value = S::of([&](uint32_t k) {
                 return select(first, column(kTextureColor0 + k), column(kTextureColor1 + k));
             });
@@ -143,6 +149,25 @@ struct Textures {
     }
 
    protected:
+    // Whether a place on a checkerboard is in a field of its first colour.
+    static VR_HD M in_first_field(F u, F v) {
+        const M a = u - floor(u) > F(0.5f), b = v - floor(v) > F(0.5f);
+        return (a & b) | !(a | b);
+    }
+    // The row of the texture in the field of a checkerboard, and in that one's, where m is set.
+    static VR_HD U innermost(const TextureView& textures, U row, Point at, M m) {
+        for (;;) {
+            const U traits = as_uint(column_of(textures, row, kTextureTraits));
+            m = m & is(traits, kTraitNested);
+            if (none(m)) return row;
+            const M first = in_first_field(coordinate(textures, row, kTextureToUv, at),
+                                           coordinate(textures, row, kTextureToUv + 3, at));
+            const U field = as_uint(select(first, column_of(textures, row, kTextureField0),
+                                           column_of(textures, row, kTextureField1)));
+            m = m & !(field == U(~0u));
+            row = select(m, field, row);
+        }
+    }
     // An attribute; first: its first word. Behind the last one are kAttributeWords more.
     static VR_HD S on_mesh(const uint32_t* words, U first, Point at, M face, M lanes) {
         const U step = select(face, U(kFaceWords), U(kAttributeWords));

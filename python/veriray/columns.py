@@ -80,12 +80,17 @@ TEXTURE_FORMATS = ("srgb8", "linear8", "half", "float")
 TEXTURABLE = (
     "reflectance", "specular_reflectance", "specular_transmittance", "opacity",
     "alpha_u", "alpha_v", *PRINCIPLED, *PRINCIPLED_THIN, "blend_weight",
+    "eta", "k",
 )  # fmt: skip
+#: Those of them that may exceed 1, and the kinds of material that take textures of them.
+INDICES = ("eta", "k")
+METALS = ("conductor", "roughconductor")
 #: Names of the values of `lobe_kind`.
 PHASE_KINDS = ("hg", "rayleigh", "tabphase")
 MAX_LOBES = 64  # of a medium
 MAX_PHASE_VALUES = 1 << 16  # of a lobe
 MAX_UV = 1e30  # of a texture coordinate: float32
+MAX_NESTED = 8  # textures around another
 MAX_ETA = 1e6  # of a conductor; k likewise
 MAX_IOR = 1e3  # interior over exterior index; at least 1 / MAX_IOR
 MAX_SKY_TEXELS = 1 << 27
@@ -274,6 +279,14 @@ _HASHED_IF_SET: dict[str, Column] = {
     "texture_color1": Column(
         "textures", np.float32, (3,), 0.2, 0.0, 1.0, doc="of its other fields"
     ),
+    **{
+        f"texture_field{k}": _index(
+            "textures", "textures", -1,
+            doc=f"of a checkerboard: a texture before it that stands in place of texture_color{k}; "
+            "-1: none does",
+        )
+        for k in range(2)
+    },
     "texture_wrap": Column(
         "textures", np.uint32, (), 0, indexes="texture wraps", doc="of TEXTURE_WRAPS"
     ),
@@ -298,7 +311,7 @@ _HASHED_IF_SET: dict[str, Column] = {
         "begins a row",
     ),
     "attribute_values": Column(
-        "attributes", np.float32, (3,), low=0.0, high=1.0,
+        "attributes", np.float32, (3,), low=0.0,
         doc="numbers of vertices or triangles, zero for meshes without; one alone stands there "
         "three times",
     ),
@@ -605,6 +618,14 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
     row = _first(arrays["blend_sides"] & (arrays["blend_weight_texture"] >= 0))
     if row is not None:
         raise SceneError(f"blend_sides[{row}] is set, and so is blend_weight_texture; expected one")
+    metal = np.isin(kinds, [MATERIAL_KINDS.index(name) for name in METALS])
+    for name in INDICES:
+        row = _first((arrays[f"{name}_texture"] >= 0) & ~metal)
+        if row is not None:
+            raise SceneError(
+                f"{name}_texture[{row}] is set on a {MATERIAL_KINDS[kinds[row]]}; allowed: on "
+                f"{', '.join(METALS)}"
+            )
     u, v = arrays["alpha_u"], arrays["alpha_v"]
     row = _first((kinds == MATERIAL_KINDS.index("roughplastic")) & (u != v))
     if row is not None:
@@ -636,13 +657,19 @@ def _check_lights(arrays: Mapping[str, Array]) -> None:
         )
 
 
-def _of_materials(arrays: Mapping[str, Array]) -> Array:
-    """Which textures give numbers of materials, and so are shares."""
-    used = np.zeros(len(arrays["texture_kind"]), np.bool_)
-    for name in TEXTURABLE:
-        rows = arrays[f"{name}_texture"]
-        used[rows[rows >= 0]] = True
-    return used
+def _most_of_textures(arrays: Mapping[str, Array]) -> Array:
+    """The largest number that each texture may hold: those that give numbers of materials are
+    shares, but for refractive indices."""
+    most = np.full(len(arrays["texture_kind"]), np.finfo(np.float32).max, np.float32)
+    for names, high in ((INDICES, MAX_ETA), (set(TEXTURABLE) - set(INDICES), 1)):
+        for name in names:
+            rows = arrays[f"{name}_texture"]
+            most[rows[rows >= 0]] = high
+    fields = np.column_stack([arrays["texture_field0"], arrays["texture_field1"]])
+    for row in np.flatnonzero((fields >= 0).any(axis=1))[::-1].tolist():  # fields come before it
+        held = [field for field in fields[row].tolist() if field >= 0]
+        most[held] = np.minimum(most[held], most[row])
+    return most
 
 
 #: Bytes of a texel by format, of colours and of grey.
@@ -661,7 +688,34 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
                 f"{len(arrays[table])} {table} ends at {ends[row]}; there are {given} "
                 "attribute_values"
             )
-    share = _of_materials(arrays)
+    for name in ("texture_field0", "texture_field1"):
+        fields = arrays[name]
+        board = arrays["texture_kind"] == TEXTURE_KINDS.index("checkerboard")
+        row = _first((fields >= 0) & ~(board & (fields < np.arange(len(fields)))))
+        if row is not None:
+            raise SceneError(
+                f"{name}[{row}] = {fields[row]}; allowed: of a checkerboard, a texture before it"
+            )
+    depth = np.zeros(len(formats), np.int64)
+    given_fields = (arrays["texture_field0"] >= 0) | (arrays["texture_field1"] >= 0)
+    for row in np.flatnonzero(given_fields).tolist():
+        held = (int(arrays[f"texture_field{k}"][row]) for k in range(2))
+        depth[row] = 1 + max(depth[field] for field in held if field >= 0)
+        if depth[row] > MAX_NESTED:
+            raise SceneError(f"texture {row} holds textures more than {MAX_NESTED} deep")
+    most = _most_of_textures(arrays)
+    values = arrays["attribute_values"]
+    for kind, table in (("vertex_attribute", "vertices"), ("face_attribute", "triangles")):
+        of_kind = arrays["texture_kind"] == TEXTURE_KINDS.index(kind)
+        for row in np.flatnonzero(of_kind).tolist():
+            first = int(arrays["texture_first"][row])
+            of_row: Array = values[first : first + len(arrays[table])]
+            bad = _first((of_row > most[row]).any(axis=1))
+            if bad is not None:
+                raise SceneError(
+                    f"attribute_values[{first + bad}] of texture {row} holds "
+                    f"{of_row[bad].max():g}, outside [0, {most[row]:g}]"
+                )
     for row in np.flatnonzero(arrays["texture_kind"] == TEXTURE_KINDS.index("bitmap")).tolist():
         name = TEXTURE_FORMATS[formats[row]]
         size = TEXEL_BYTES[formats[row]][int(arrays["texture_grey"][row])]
@@ -677,7 +731,7 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
         if name.endswith("8"):
             continue
         texels: Array = words[first:last].view("f2" if name == "half" else "f4")
-        high = np.float32(1 if share[row] else np.finfo(np.float32).max)
+        high = most[row]
         bad = _first(~((texels >= 0) & (texels <= high)))
         if bad is not None:
             raise SceneError(

@@ -156,8 +156,11 @@ def _columns(scene: Scene, table: str, row: int) -> dict[str, tuple[str, ...]]:
         place = {} if kind == "directional" else {"position": ("light_position",)}
         return {light: ("light_intensity",), **place}
     if table == "textures":
-        board = TEXTURE_KINDS[scene.texture_kind[row]] == "checkerboard"
-        return {f"color{i}": (f"texture_color{i}",) for i in "01"} if board else {}
+        if TEXTURE_KINDS[scene.texture_kind[row]] != "checkerboard":
+            return {}
+        fields = (getattr(scene, f"texture_field{i}")[row] for i in range(2))
+        own = [i for i, field in enumerate(fields) if field < 0]
+        return {f"color{i}": (f"texture_color{i}",) for i in own}
     return _of_material(scene, row)
 
 

@@ -76,6 +76,10 @@ class SceneArrays:
     texture_color0 (X, 3) float32: of a checkerboard, where u and v are both in the first or both in
         the second half (in [0, 1], default 0.4)
     texture_color1 (X, 3) float32: of its other fields (in [0, 1], default 0.2)
+    texture_field0 (X,) int32: of a checkerboard: a texture before it that stands in place of
+        texture_color0; -1: none does (index of textures, default -1)
+    texture_field1 (X,) int32: of a checkerboard: a texture before it that stands in place of
+        texture_color1; -1: none does (index of textures, default -1)
     texture_wrap (X,) uint32: of TEXTURE_WRAPS (default 0)
     texture_filter (X,) uint32: of TEXTURE_FILTERS (default 0)
     texture_format (X,) uint32: of TEXTURE_FORMATS (default 0)
@@ -87,7 +91,7 @@ class SceneArrays:
         with one for each vertex or triangle (default 0)
     texels (W,) uint32: texels row by row, packed from the lowest bits; each texture begins a row
     attribute_values (A, 3) float32: numbers of vertices or triangles, zero for meshes without; one
-        alone stands there three times (in [0, 1])
+        alone stands there three times (in [0, infinity))
     blend_material (M,) int32: a hit is of this material by the chance blend_weight; a blend only if
         it comes after; -1: none (index of materials, default -1)
     blend_weight (M,) float32: the chance of blend_material (in [0, 1], default 0.0)
@@ -115,6 +119,8 @@ class SceneArrays:
     diff_trans_texture (M,) int32: gives diff_trans; -1: none does (index of textures, default -1)
     blend_weight_texture (M,) int32: gives blend_weight; -1: none does (index of textures, default
         -1)
+    eta_texture (M,) int32: gives eta; -1: none does (index of textures, default -1)
+    k_texture (M,) int32: gives k; -1: none does (index of textures, default -1)
     emission_texture (E,) int32: what its radiance is multiplied by; -1: nothing (index of textures,
         default -1)
     light_texture (Q,) int32: what the intensity of a spot or projector is multiplied by (index of
@@ -232,6 +238,8 @@ class SceneArrays:
     texture_to_uv: Array = _NONE
     texture_color0: Array = _NONE
     texture_color1: Array = _NONE
+    texture_field0: Array = _NONE
+    texture_field1: Array = _NONE
     texture_wrap: Array = _NONE
     texture_filter: Array = _NONE
     texture_format: Array = _NONE
@@ -262,6 +270,8 @@ class SceneArrays:
     anisotropic_texture: Array = _NONE
     diff_trans_texture: Array = _NONE
     blend_weight_texture: Array = _NONE
+    eta_texture: Array = _NONE
+    k_texture: Array = _NONE
     emission_texture: Array = _NONE
     light_texture: Array = _NONE
     light_image: Array = _NONE

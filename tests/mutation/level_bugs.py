@@ -461,6 +461,13 @@ _TEXTURES = (
     Mutant("odd half texels read at even places", _TEXTURE,
            "select(grey & ((byte & U(2u)) == U(2u)), word >> 16, word)", "word"),
     Mutant("grey texels read at every fourth place", _TEXTURE, "select(grey, one, all)", "all"),
+    Mutant("textures in the fields of a checkerboard exchanged", _TEXTURE,
+           "as_uint(select(first, column_of(textures, row, kTextureField0), "
+           "column_of(textures, row, kTextureField1)))",
+           "as_uint(select(first, column_of(textures, row, kTextureField1), "
+           "column_of(textures, row, kTextureField0)))"),
+    Mutant("textures in checkerboards one deep", _TEXTURE, "row = select(m, field, row);",
+           "return select(m, field, row);"),
     Mutant("opacity without its texture on paths", _VERTEX, "Direct::opacity(scene, at)",
            "surface_column(scene, at.row, kSurface_opacity)"),
     Mutant("opacity without its texture on shadow rays", _DIRECT, "DirectLight::opacity(scene, at)",
@@ -517,6 +524,8 @@ PYTHON = (
             '"srgb8" if image.encoded else "linear8"', '"srgb8"'),
     _python("image a texel narrower than it is", "formats/textures.py", '"texture_width": width',
             '"texture_width": width - 1'),
+    _python("numbers of a checkerboard not exchanged", "formats/textures.py",
+            'if exchange and node.plugin == "checkerboard":', "if not node:"),
     # samples
     _python("samples that decide are in the picture", "sampling.py",
             "return 1 << (spp - 1).bit_length()", "return 0"),

@@ -33,6 +33,9 @@ _FLOAT = '<float name="{}" value="{}"/>'
 _TEXT = '<string name="{}" value="{}"/>'
 
 
+_EVEN = '<volume type="constvolume" name="volume"><float name="value" value="0.5"/></volume>'
+
+
 def _floats(*pairs: tuple[str, object]) -> str:
     return "".join(_FLOAT.format(*pair) for pair in pairs)
 
@@ -50,6 +53,7 @@ NEEDED = {
     ("emitter", "sunsky"): {"sun_direction": '<vector name="sun_direction" value="0 1 1"/>'},
     ("phase", "blendphase"): {"weight": _floats(("weight", 0.5))},
     ("texture", "mesh_attribute"): {"name": _TEXT.format("name", "vertex_color")},
+    ("texture", "volume"): {"volume": _EVEN},
     ("volume", "constvolume"): {"value": _floats(("value", 0.5))},
     ("spectrum", "blackbody"): {"temperature": _floats(("temperature", 5000))},
     ("spectrum", "uniform"): {"value": _floats(("value", 0.5))},
@@ -134,6 +138,8 @@ def _value(case: Case) -> str:
         "spectrum": f'<spectrum name="{name}" value="400:0.2, 700:0.4"/>',
         "texture": _BITMAP.format(name),
         "volume": _GRID.format(name),
+        "gridvolume": _GRID.format(name),
+        "constvolume": _EVEN,
         "transform": _MATRIX.format(name, _MOVE),
         "rotation": _MATRIX.format(name, _TURN),
         "uv": _MATRIX.format(name, "2 0 0 0 0 2 0 0 0 0 1 0 0 0 0 1"),

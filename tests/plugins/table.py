@@ -144,7 +144,7 @@ spectrum uniform value:float {_RANGE}
 texture bitmap filename:file filter_type:string=bilinear,string=nearest wrap_mode:string=repeat,string=mirror,string=clamp format:string=auto,string=variant,string=fp16 raw:boolean to_uv:uv accel:boolean
 texture checkerboard color0:rgb,float,spectrum,texture color1:rgb,float,spectrum,texture to_uv:uv
 texture mesh_attribute name:attribute scale:float
-texture volume +volume
+texture volume volume:constvolume,gridvolume
 volume constvolume value:required,rgb
 volume gridvolume filename:file filter_type:string=trilinear,string=nearest wrap_mode:string=repeat,string=mirror,string=clamp raw:boolean to_world:transform use_grid_bbox:boolean max_value:float accel:boolean
 """

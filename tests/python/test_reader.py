@@ -727,7 +727,7 @@ def test_grey_opacity(tmp_path: Path) -> None:
 
 def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
     lines = (
-        '<bsdf type="hair" id="fur"><texture type="volume" name="a"/>'
+        '<bsdf type="hair" id="fur"><texture type="noise" name="a"/>'
         '<bsdf type="diffuse"><float name="shine" value="1"/></bsdf></bsdf>',
         '<shape type="cube"><ref id="fur"/><float name="radius" value="1"/></shape>',
         '<shape type="sphere"><float name="radius" value="x"/></shape>',
@@ -740,7 +740,7 @@ def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
     )  # fmt: skip
     error = fault(tmp_path, *lines)
     expected = {
-        'bsdf "hair" of Mitsuba is not supported yet': 2, 'texture "volume" of Mitsuba': 2,
+        'bsdf "hair" of Mitsuba is not supported yet': 2, 'unknown texture "noise"': 2,
         'diffuse: unknown parameter "shine"': 2, 'cube: unknown parameter "radius"': 3,
         '"radius" = "x" is not a number': 4, 'cannot read "': 5, '"fov" = 200.0 is outside': 6,
         'unknown film "tape"': 6, 'no object with the id "nobody"': 7,

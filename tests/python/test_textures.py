@@ -585,11 +585,11 @@ def test_refusals(tmp_path: Path) -> None:
     one = np.ones((2, 2, 3), np.float32)
     board = {"type": "checkerboard"}
     for bsdf, message in (
-        ({"type": "conductor", "eta": board, "k": 1.0},
-         "checkerboard is not supported on conductor.eta, but on conductor.specular_reflectance$"),
+        ({"type": "plastic", "int_ior": board},
+         "checkerboard is not supported on plastic.int_ior, but on plastic.diffuse_reflectance"),
         ({"type": "diffuse", "colour": board}, "not supported on diffuse.colour, but on diffuse.r"),
-        (diffuse({"type": "checkerboard", "color0": board}),
-         r"not supported on checkerboard.color0, but on diffuse.reflectance, .*mask.opacity, "),
+        (diffuse({"type": "bitmap", "color0": board}),
+         r"not supported on bitmap.color0, but on diffuse.reflectance, .*mask.opacity, "),
         (diffuse({"type": "bitmap"}), "no image given; expected one of filename, data, bitmap"),
         (diffuse(bitmap(one, data=one)), "data and bitmap given"),
         (diffuse(bitmap(one, wrap_mode="black")), r'"wrap_mode" = "black" is not supported'),

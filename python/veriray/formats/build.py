@@ -7,7 +7,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
+from ..columns import INDICES, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
 from . import integrators, materials, phases, textures, views, volumes
@@ -25,6 +25,7 @@ from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
 from .sunsky import sunsky
+from .textures import Attribute
 from .values import check, located
 
 Array = npt.NDArray[Any]
@@ -84,19 +85,22 @@ class _Builder:
         self.checked: dict[int, tuple[Node, _Parts, dict[str, Any]]] = {}
         self.childless: dict[str, _Parts] = {}
         self.rows: dict[int, materials.Row] = {}
+        self.around: set[int] = set()  # bsdfs that hold the one of which a row is made
         self.groups: dict[int, list[Surface]] = {}
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
         self.grids = volumes.Grids()
         self.phase_values: list[float] = []
         self.media: list[tuple[Node, bool]] = []  # used, and whether their extinction is coloured
-        self.unbounded_nodes: dict[int, Node] = {}  # textures of lights and heights
-        self.exchanged: dict[int, Node] = {}  # checkerboards that give one number
+        #: copies of textures of lights and heights, and of checkerboards that give one number
+        self.unbounded_nodes: dict[int, tuple[Node, Node]] = {}
+        self.exchanged: dict[int, tuple[Node, Node]] = {}
+        self.inverted: dict[int, tuple[Node, Node]] = {}  # and where 1 less that counts
         self.sky: dict[str, Any] = {}
         self.hides = False  # emitters, those too that emit nothing
         #: materials that have textures: what they read from meshes
-        self.textured: dict[int, list[textures.Attribute]] = {}
-        self.textured_lamps: set[int] = set()  # emissions
+        self.textured: dict[int, list[Attribute]] = {}
+        self.textured_lamps: dict[int, list[Attribute]] = {}  # emissions, likewise
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
 
     def search(self) -> None:
@@ -231,7 +235,8 @@ class _Builder:
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
         self.hides = bool(depths["hide_emitters"])
-        seen_by = [view for node in parts["sensor"] for view in self.sensors(node)]
+        of_each = [self.sensors(node) for node in parts["sensor"]]
+        seen_by = [view for one in of_each for view in one]
         chosen = self.chosen(parts["sensor"], max(len(seen_by), 1))
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
@@ -268,6 +273,10 @@ class _Builder:
             features = tuple(name for name in features if name != "uv")
             self.report.note(f"{integrator}: nothing is textured, so uv is not written",
                              integrator.where)  # fmt: skip
+        for node, one in zip(parts["sensor"], of_each, strict=True):
+            if node.plugin == "distant":
+                one[:] = [(self.far(node, views.ball(arrays)), *one[0][1:])]
+        seen_by = [view for one in of_each for view in one]
         if not seen_by:
             seen_by = [self.sensor(Node("perspective", root.where), views.framing(arrays, root))]
             self.report.note("the scene has no sensor; one was placed that frames it", root.where)
@@ -392,6 +401,9 @@ class _Builder:
                 parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
             ),
         )
+        if node.plugin == "distant":
+            views.one_pixel(node, (width, height))
+            return self.far(node, views.NOTHING), Film(1, 1, "box"), self.sampling(sampler)
         if node.plugin in ("orthographic", "radiancemeter"):
             to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
             if node.plugin == "radiancemeter":
@@ -433,6 +445,13 @@ class _Builder:
         )
         return camera, film, self.sampling(sampler)
 
+    def far(self, node: Node, around: views.Ball) -> Camera:
+        """The camera of a distant sensor; around: the sphere about all shapes."""
+        parts, values = self.check(node)
+        inside = self.medium(parts["medium"][0]) if parts["medium"] else -1
+        camera: Camera = located(node, lambda: views.distant(node, values, around, inside))
+        return camera
+
     def sampling(self, node: Node) -> dict[str, Any]:
         """The settings that a sampler gives."""
         _, given = self.check(node)
@@ -462,8 +481,16 @@ class _Builder:
         parts, values = self.check(node)  # holds the node, and so its id
         row = self.rows.get(id(node))
         if row is None:
-            held = [self.material(part) for part in parts.get("bsdf", ())]
-            given = {} if node.plugin in RELIEFS else self.textures(node)
+            if id(node) in self.around:
+                raise SceneError(f"{node} holds itself", node.where)
+            self.around.add(id(node))
+            try:
+                held = [self.material(part) for part in parts.get("bsdf", ())]
+            finally:
+                self.around.remove(id(node))
+            # of a blend as the first of two the other comes first, by the rest of the weight
+            swaps = node.plugin == "blendbsdf" and ["other" in one for one in held] == [True, False]
+            given = {} if node.plugin in RELIEFS else self.textures(node, swaps)
             if node.plugin == "twosided":
                 row = materials.two_sided(held[0])
                 if held[1:] and held[1] is not held[0]:
@@ -510,11 +537,11 @@ class _Builder:
         text = f"{node}: its back is rendered as its front: where it is seen, the "
         self.report.warn(f"{text}picture is not Mitsuba's", where)
 
-    def textures(self, node: Node) -> materials.Row:
-        """The columns that name the textures of a bsdf."""
+    def textures(self, node: Node, inverse: bool = False) -> materials.Row:
+        """The columns that name the textures of a bsdf; inverse: of 1 less what they give."""
         columns: materials.Row = {}
         rows: materials.Row = {}
-        attributes: list[textures.Attribute] = []
+        attributes: list[Attribute] = []
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "texture":
@@ -524,21 +551,68 @@ class _Builder:
             column = f"{PLUGINS[node.plugin].params[item.name].column}_texture"
             if item.name in node.values or column in columns:
                 raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
-            if (
-                child.plugin == "checkerboard"
-                and PLUGINS[node.plugin].params[item.name].kind != COLOUR
-            ):
-                child = self.exchanged.setdefault(id(child), textures.exchanged(child))
-            values = self.check(child)[1]
-            rows[item.name] = self.texels.row(child, values)
-            attribute = rows[item.name].get("attribute")
-            if attribute is not None:
-                attributes.append(attribute)
-                if PLUGINS[node.plugin].params[item.name].kind != COLOUR:
-                    attribute.single = item.where
+            param = PLUGINS[node.plugin].params[item.name]
+            number, share = param.kind != COLOUR, param.column not in INDICES
+            if not share:
+                child = self.unbounded(child)
+            if inverse:
+                child = self.copy(self.inverted, child, exchange=True)
+            elif number and child.plugin == "checkerboard":
+                child = self.copy(self.exchanged, child, exchange=True)
+            rows[item.name], found = self.texture(child, share, number, inverse)
+            for attribute in found:
+                attribute.single = item.where if number else attribute.single
+            attributes += found
             columns[column] = self.tables.index("textures", child, rows[item.name])
         columns |= materials.textured_alpha(columns, rows)
         return {**columns, "attributes": attributes} if attributes else columns
+
+    def texture(
+        self,
+        node: Node,
+        shares: bool = True,
+        number: bool = False,
+        inverse: bool = False,
+        depth: int = 0,
+    ) -> tuple[materials.Row, list[Attribute]]:
+        """The row of a texture, after those of the textures in it, and what all of them read from
+        meshes; shares: as of `Texels.row`. number: one is wanted, which of a colour is the mean, as
+        in Mitsuba, but of a texel the luminance; inverse: 1 less that."""
+        textures.check_depth(node, depth)
+        parts, values = self.check(node)
+        if node.plugin == "volume":
+            values = {"value": self.even(node, parts["volume"][0])}
+        known = id(node) in self.texels.rows
+        row = self.texels.row(node, values, shares=shares, inverse=inverse)
+        for name in ("texture_color0", "texture_color1"):
+            if number and name in row and not known:
+                mean = sum(row[name]) / 3
+                row[name] = (1 - mean if inverse else mean,) * 3
+        found = [row["attribute"]] if "attribute" in row else []
+        for name, child in textures.textures_in(node, self.resolve).items():
+            inside, attributes = self.texture(child, shares, number, inverse, depth + 1)
+            field = PLUGINS[node.plugin].params[name].field
+            row[field] = self.tables.index("textures", child, inside)
+            found += attributes
+        return row, found
+
+    def even(self, node: Node, volume: Node) -> tuple[float, ...]:
+        """The colour of a texture that is a volume."""
+        if volume.plugin != "constvolume":
+            text = f"{node}: a {volume.plugin} is not read as a texture; allowed: constvolume"
+            raise SceneError(text, volume.where)
+        values = self.check(volume)[1]
+        colour: tuple[float, ...] = values["color"] or values["value"]
+        if max(colour) > 1:
+            text = f"{node}: {shorten(str(colour))} is outside [0, 1]"
+            raise SceneError(text, volume.where)
+        return colour
+
+    def copy(self, known: dict[int, tuple[Node, Node]], node: Node, exchange: bool) -> Node:
+        """A texture's node and those in it once more, made once."""
+        if id(node) not in known:  # holds the node, and so its id
+            known[id(node)] = node, textures.copied(node, self.resolve, exchange)
+        return known[id(node)][1]
 
     def relief(self, node: Node) -> materials.Row:
         """The columns of the texture that turns normals."""
@@ -673,11 +747,11 @@ class _Builder:
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]
             if _shines(radiance) or self.hides:
-                image, _ = self.light_texture(lamp, "radiance")
+                image, _, attributes = self.light_texture(lamp, "radiance")
                 shines = {"emissions": radiance, "emission_texture": image}
                 emission = self.tables.index("emissions", lamp, shines)
                 if image >= 0:
-                    self.textured_lamps.add(emission)
+                    self.textured_lamps[emission] = attributes
         media = self.boundary(node)
         if media != (-1, -1):
             boundary = self.tables.index("boundaries", media, {"boundaries": media})
@@ -743,21 +817,23 @@ class _Builder:
 
     def unbounded(self, child: Node) -> Node:
         """A texture's node where its numbers may exceed 1."""
-        return self.unbounded_nodes.setdefault(id(child), replace(child))
+        return self.copy(self.unbounded_nodes, child, exchange=False)
 
-    def light_texture(self, node: Node, name: str) -> tuple[int, tuple[int, int]]:
-        """Index of the texture that a parameter of a light is, -1 for none, and its size."""
+    def light_texture(self, node: Node, name: str) -> tuple[int, tuple[int, int], list[Attribute]]:
+        """Index of the texture that a parameter of a light is, -1 for none, its size, and what it
+        reads from meshes."""
         items = [item for item in node.children if item.name == name]
         if not items:
-            return -1, (1, 1)
+            return -1, (1, 1), []
         if name in node.values or len(items) > 1:
             raise SceneError(f'{node}: "{name}" is given twice', items[-1].where)
         child = self.unbounded(self.child(items[0], node))
-        row = self.texels.row(child, self.check(child)[1], shares=False)
-        if "attribute" in row:
-            raise SceneError(f"{node}: a {child.plugin} is not supported on lights", child.where)
+        row, attributes = self.texture(child, shares=False)
+        if attributes and node.plugin != "area":
+            text = f"{node}: a mesh_attribute is of meshes, allowed on lights of plugin area alone"
+            raise SceneError(text, child.where)
         size = row.get("texture_width", 1), row.get("texture_height", 1)
-        return self.tables.index("textures", child, row), size
+        return self.tables.index("textures", child, row), size, attributes
 
     def spot_image(self, node: Node, values: dict[str, Any], matrix: Array) -> dict[str, Any]:
         """The columns of a spot's texture, which covers the square about its cone."""
@@ -766,7 +842,7 @@ class _Builder:
                 f'{node}: "texture" is a colour, expected a texture; a colour belongs to intensity',
                 node.values["texture"].where,
             )
-        image, _ = self.light_texture(node, "texture")
+        image, _, _ = self.light_texture(node, "texture")
         if image < 0:
             return {}
         cutoff = values["cutoff_angle"]
@@ -780,7 +856,7 @@ class _Builder:
 
     def projector_image(self, node: Node, values: dict[str, Any], matrix: Array) -> dict[str, Any]:
         """The columns of a projector but for its place and direction."""
-        image, size = self.light_texture(node, "irradiance")
+        image, size, _ = self.light_texture(node, "irradiance")
         if image < 0 and values["irradiance"] is None:
             raise SceneError(f'{node}: "irradiance" ({COLOUR} or texture) is missing', node.where)
         fov, axis = self.field_of_view(node, values)

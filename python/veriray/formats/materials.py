@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..columns import DISTRIBUTIONS, MATERIAL_KINDS, OPEN_KINDS, TEXTURABLE, blank_row
+from ..columns import DISTRIBUTIONS, INDICES, MATERIAL_KINDS, OPEN_KINDS, TEXTURABLE, blank_row
 from ..errors import SceneError
 from . import metals
 from .node import Node
@@ -116,7 +116,8 @@ def blend(
     node: Node, values: dict[str, Any], nodes: list[Node], rows: list[Row], given: Row
 ) -> Row:
     """The row of a blendbsdf, whose "other" is the node and row of its second bsdf, which may be a
-    blend itself; given: the columns of its textures."""
+    blend itself; given: the columns of its textures, which give 1 less the weight if the first
+    alone is a blend."""
     weight = values["weight"]
     if weight is None:
         if not any(item.name == "weight" for item in node.children):
@@ -132,11 +133,8 @@ def blend(
         return _of_all([part for of_one in parts for part in of_one])
     first, second = zip(nodes, rows, strict=True)
     if "other" in first[1]:  # then the second comes first
-        if "other" in second[1] or given:
-            text = (
-                "holds two blends, or a blend as its first bsdf and a texture as weight; allowed: "
-                "only its second bsdf is a blend, or numbers are all weights"
-            )
+        if "other" in second[1]:
+            text = "holds two blends; allowed: one of two, or numbers are all weights"
             raise SceneError(f"{node} {text}", node.where)
         first, second, weight = second, first, 1 - weight
     other = replace(second[0]), second[1]
@@ -279,8 +277,14 @@ def reads_uv(row: Row) -> bool:
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:
     name, eta, k = values["material"], values["eta"], values["k"]
+    textures = [item for item in node.children if item.name in INDICES]
+    for item in textures:  # its texture's numbers take its place
+        if values["ext_eta"] != 1:
+            raise SceneError(f"{node}: ext_eta given, and a texture as {item.name}", item.where)
+        eta, k = ((1.0,) * 3 if item.name == one else x for one, x in (("eta", eta), ("k", k)))
     if name is not None and (eta is not None or k is not None):
         given = [key for key in ("material", "eta", "k") if values[key] is not None]
+        given += [item.name for item in textures]
         raise SceneError(
             f"{node}: {' and '.join(given)} given; expected either material, or eta and k",
             node.where,

@@ -312,8 +312,13 @@ def _obj_lines(text: bytes) -> _Obj:
             if len(tokens) < 4:
                 raise MeshFileError(f", line {number}: a face needs at least 3 vertices")
             first = len(corners)
+            previous = -1, -1, -1
             for token in tokens[1:]:
-                corners.append(_corner(token, tables, number))
+                v, *rest = _corner(token, tables, number)
+                # as Mitsuba: a corner without a normal has that of the one before it
+                vt, vn = (own if own >= 0 else b for own, b in zip(rest, previous[1:], strict=True))
+                previous = v, vt, vn
+                corners.append(previous)
             faces += [(first, k, k + 1) for k in range(first + 1, len(corners) - 1)]
         elif kind in tables:
             tables[kind].append(_row(kind, tokens, number))

@@ -51,7 +51,8 @@ class Param:
     """One parameter: kind, default, range (without its ends if `open`), choices, meaning, and the
     column of the scene that it fills; "" for what `build` and `materials` convert.
 
-    light_texture: it is light, of which a texture may be a factor.
+    light_texture: it is light, of which a texture may be a factor. field: of a checkerboard, the
+    column that names the texture in its place.
     note: what to say where another value than the default is given, which changes no light. beyond:
     a "share", "light", "near" or "sign", of which Mitsuba takes values outside the range too
     (see `values`).
@@ -68,6 +69,7 @@ class Param:
     note: str = ""
     beyond: str = ""
     light_texture: bool = False
+    field: str = ""
 
     @property
     def accepted(self) -> tuple[str, ...]:
@@ -77,7 +79,7 @@ class Param:
     @property
     def texturable(self) -> bool:
         """Whether a texture may stand in its place."""
-        return self.column in TEXTURABLE or self.light_texture
+        return self.column in TEXTURABLE or self.light_texture or bool(self.field)
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ _PLACED = {
     "flip_normals": Param("boolean", False, doc="swap front and back"),
 }
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
-_TEXTURES = ("bitmap", "checkerboard", "mesh_attribute")
+_TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
 _OPAQUE = (*OPAQUE_KINDS, "pplastic")
 _MEDIA = ("homogeneous", "heterogeneous")
 _VOLUMES = ("gridvolume", "constvolume")
@@ -205,10 +207,22 @@ _UNPOLARISED = "polarisation is not rendered"
 _METAL = {
     "material": Param("string", None, doc='a metal; default "none", a mirror'),
     "eta": Param(
-        COLOUR, None, 0.0, MAX_ETA, doc="real part of the refractive index", beyond="sign"
+        COLOUR,
+        None,
+        0.0,
+        MAX_ETA,
+        doc="real part of the refractive index",
+        column="eta",
+        beyond="sign",
     ),
     "k": Param(
-        COLOUR, None, 0.0, MAX_ETA, doc="imaginary part; 1, with k alone eta 0", beyond="sign"
+        COLOUR,
+        None,
+        0.0,
+        MAX_ETA,
+        doc="imaginary part; 1, with k alone eta 0",
+        column="k",
+        beyond="sign",
     ),
     "ext_eta": Param("float", 1.0, 0.1, 10.0, doc="index outside; not in Mitsuba"),
     "specular_reflectance": _SPECULAR,
@@ -429,7 +443,7 @@ PLUGINS: dict[str, Plugin] = {
         "scene",
         children={
             "integrator": (_INTEGRATORS, 0, 1),
-            "sensor": ((*_SENSORS, "batch"), 0, _MANY),
+            "sensor": ((*_SENSORS, "distant", "batch"), 0, _MANY),
             "emitter": (("constant", "envmap", "sunsky", *LIGHT_KINDS), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": (_BSDFS, 0, _MANY),
@@ -502,6 +516,24 @@ PLUGINS: dict[str, Plugin] = {
         doc="one ray; its film has 1 x 1 pixels",
         noted=_SHUTTER,
     ),
+    "distant": Plugin(
+        "sensor",
+        {
+            "direction": Param("vector", None, -MAX_COORDINATE, MAX_COORDINATE, doc="or to_world"),
+            "to_world": Param("transform", doc="the rays are local +z"),
+            "target": Param(
+                "point",
+                None,
+                -MAX_COORDINATE,
+                MAX_COORDINATE,
+                doc="one ray goes there; default: rays to all of a disc across the ball about the "
+                "box of the scene",
+            ),
+        },
+        _ON_SENSORS,
+        doc="parallel rays from outside of the scene; its film has 1 x 1 pixels",
+        noted=_SHUTTER,
+    ),
     **{name: _film(name) for name in FILMS},
     "box": Plugin("rfilter", doc="one pixel wide"),
     "tent": Plugin("rfilter", {"radius": Param("float", 1.0, 1e-3, 100.0, doc="pixels")}),
@@ -535,7 +567,8 @@ PLUGINS: dict[str, Plugin] = {
             **_PLACED,
         },
         _ON_SHAPES,
-        doc="exact; to_world scales alike in all directions; front outside, if it mirrors too",
+        doc="exact; to_world scales alike in all directions; front outside, if it mirrors too; "
+        "where an instance stretches it, a mesh of 65,024 triangles",
     ),
     "cylinder": Plugin(
         "shape",
@@ -715,8 +748,7 @@ PLUGINS: dict[str, Plugin] = {
         },
         {"bsdf": (_BSDFS, 2, 2)},
         doc="the first bsdf in part, the second for the rest, in the order of the file; both may "
-        "be blends where all weights are numbers, else the second alone, or the first if its own "
-        "weight alone is a texture",
+        "be blends where all weights are numbers, else one of them",
     ),
     "twosided": Plugin(
         "bsdf",
@@ -764,8 +796,8 @@ PLUGINS: dict[str, Plugin] = {
     "checkerboard": Plugin(
         "texture",
         {
-            "color0": Param(COLOUR, 0.4, **_SHARE, column="texture_color0"),
-            "color1": Param(COLOUR, 0.2, **_SHARE, column="texture_color1"),
+            "color0": Param(COLOUR, 0.4, **_SHARE, column="texture_color0", field="texture_field0"),
+            "color1": Param(COLOUR, 0.2, **_SHARE, column="texture_color1", field="texture_field1"),
             "to_uv": _TO_UV,
         },
         doc="two by two fields a unit of u and v, color0 next to the origin",
@@ -778,6 +810,9 @@ PLUGINS: dict[str, Plugin] = {
             "bytes": Param("boolean", False, doc="numbers up to 255 are shares; of version 0.x"),
         },
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
+    ),
+    "volume": Plugin(
+        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="the colour of a constvolume, in [0, 1]"
     ),
     "homogeneous": Plugin(
         "medium",

@@ -67,12 +67,12 @@ class Shapes:
     def __init__(
         self,
         textured: Mapping[int, list[Attribute]] | None = None,
-        textured_lamps: Collection[int] = (),
+        textured_lamps: Mapping[int, list[Attribute]] | None = None,
         shared_files: Collection[str] = (),
     ) -> None:
         #: materials with textures: what they read from meshes
         self.textured = {} if textured is None else textured
-        self.textured_lamps = textured_lamps  # emissions
+        self.textured_lamps = {} if textured_lamps is None else textured_lamps  # emissions, too
         #: of meshes that such a material is on: first vertex and triangle, node, mesh, attributes
         self.attributed: list[tuple[int, int, Node, mesh.Mesh, list[Attribute]]] = []
         #: warnings, of attributes that are read and not there, and of spheres: text and place
@@ -102,6 +102,8 @@ class Shapes:
         self.vertex_count = self.triangle_count = 0
         self.instances: list[Node] = []
         self.cylinders: list[Node] = []
+        self.stretched: list[Node] = []  # instances, once for each sphere that they stretch
+        self.evened: dict[int, Array] = {}  # matrices of spheres in groups, by their nodes' ids
         #: how shapes are rendered that become meshes, a line each, and their places
         self.made: list[tuple[str, str]] = []
         self.instanced_shapes = self.instanced_triangles = 0
@@ -112,7 +114,7 @@ class Shapes:
         more shapes or triangles than MAX_INSTANCED."""
         self.instances.append(node)
         to_world = IDENTITY if to_world is None else to_world
-        own = np.array([values["to_world"] for _, values, _, _ in group]).reshape(-1, 4, 4)
+        own = np.array([self._own(node, values) for node, values, _, _ in group]).reshape(-1, 4, 4)
         with np.errstate(all="ignore"):
             moved = transform.compose(to_world, own)
         for surface, matrix in zip(group, moved, strict=True):
@@ -127,6 +129,16 @@ class Shapes:
                         f"{node}: with it, {many} of their own; instances share no memory",
                         node.where,
                     )
+
+    def _own(self, node: Node, values: dict[str, Any]) -> Array:
+        """The to_world of a shape in a group; of a sphere it scales alike in all directions."""
+        matrix: Array = values["to_world"]
+        if node.plugin != "sphere" or not spheres.is_uneven(matrix):
+            return matrix
+        if id(node) not in self.evened:  # its surface keeps the node, and so its id
+            ball = (*values["center"], values["radius"])
+            self.evened[id(node)] = spheres.even(node, matrix, ball, self.warned)
+        return self.evened[id(node)]
 
     def notes(self) -> list[tuple[str, str]]:
         """How shapes are rendered that are rendered as others: text and place of the first."""
@@ -143,6 +155,12 @@ class Shapes:
                 f"{len(self.cylinders)} cylinders are rendered as prisms of {cylinder.SIDES} sides"
             )
             found.append((text, self.cylinders[0].where))
+        if self.stretched:
+            text = (
+                f"{len(self.stretched)} spheres that instances stretch are rendered as meshes of "
+                f"{spheres.TRIANGLES} triangles"
+            )
+            found.append((text, self.stretched[0].where))
         return found + self.made
 
     def add(self, surface: Surface, instance: tuple[Node, Array, Array] | None = None) -> None:
@@ -150,17 +168,20 @@ class Shapes:
         matrix of both."""
         node, values, row, _ = surface
         plugin = node.plugin
-        wanted = self.textured.get(row[0])
+        wanted = self._attributes(surface) if self.textured or self.textured_lamps else []
         if wanted and plugin in ("sphere", "disk"):
             raise SceneError(
-                f"{node}: its material reads {shorten(wanted[0].name)}; allowed: on meshes",
+                f"{node}: its material or lamp reads {shorten(wanted[0].name)}; allowed: on meshes",
                 node.where,
             )
         if wanted and plugin in _FLAT:
             self.warned += [(one.missing(node), node.where) for one in wanted]
         flip, matrix = values["flip_normals"], instance[2] if instance else values["to_world"]
         kind = "triangle"
-        if plugin == "sphere":
+        if plugin == "sphere" and instance and spheres.is_uneven(matrix):
+            self.stretched.append(instance[0])
+            self._mesh(surface, instance)
+        elif plugin == "sphere":
             kind = plugin
             if instance:
                 self.instanced_spheres.add(len(self.spheres))
@@ -302,21 +323,33 @@ class Shapes:
         place = self._room(len(found.vertices), len(found.triangles))
         node, moved, _ = instance or (surface[0], None, None)
         self.meshes.append((*place, node, found, moved))
-        wanted = self.textured.get(surface[2][0])
+        wanted = self._attributes(surface)
         if wanted:
             self.attributed.append((*place, surface[0], found, wanted))
+
+    def _attributes(self, surface: Surface) -> list[Attribute]:
+        """What the material and the lamp of a shape read from its mesh."""
+        material, emission, _ = surface[2]
+        return [*self.textured.get(material, ()), *self.textured_lamps.get(emission, ())]
 
     def _prepared(self, surface: Surface) -> mesh.Mesh:
         """A mesh after its to_world, front where it belongs; normals of unit length or None."""
         node, values, _, solid = surface
         matrix, normals = values["to_world"], None
-        wanted = bool(self.textured.get(surface[2][0]))
+        wanted = bool(self._attributes(surface))
         loaded, name = self._loaded(node, values, wanted)
         if not len(loaded.triangles):
             return loaded
         if node.plugin == "cylinder":
             self.cylinders.append(node)
             matrix = cylinder.matrix(node, values, matrix)
+        elif node.plugin == "sphere":
+            matrix = transform.compose(
+                self._own(node, values),
+                transform.compose(
+                    transform.translate(values["center"]), transform.scale([values["radius"]] * 3)
+                ),
+            )
         elif node.plugin in curves.KINDS:
             matrix = IDENTITY  # applied already, to points but not to radii
         vertices, reach = _placed(node, matrix, loaded)
@@ -369,6 +402,8 @@ class Shapes:
         """
         if node.plugin == "cylinder":
             return cylinder.unit(), ()
+        if node.plugin == "sphere":
+            return spheres.unit(), ()
         if node.plugin == "mesh":
             return mesh.given(node), (node.where, "")
         if node.plugin == "sdfgrid":

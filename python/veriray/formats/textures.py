@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..columns import TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
+from ..columns import MAX_NESTED, TEXTURE_FILTERS, TEXTURE_FORMATS, TEXTURE_KINDS, TEXTURE_WRAPS
 from ..errors import SceneError
 from . import images, materials
 from .mesh import Mesh
@@ -39,14 +40,44 @@ def check_place(node: Node, child: Node, item: Node | Ref) -> None:
         )
 
 
-def exchanged(node: Node) -> Node:
-    """A checkerboard where one number is wanted, for which Mitsuba 3.9.1 exchanges its colours."""
-    values = dict(node.values)
-    first, second = (
-        values.pop(name, Value("float", PLUGINS[node.plugin].params[name].default, node.where))
-        for name in ("color0", "color1")
-    )
-    return replace(node, values={**values, "color0": second, "color1": first})
+def check_depth(node: Node, depth: int) -> None:
+    """Raises SceneError for a texture in too many others, as one in itself is."""
+    if depth > MAX_NESTED:
+        raise SceneError(f"{node}: it is a texture in more than {MAX_NESTED} others", node.where)
+
+
+def textures_in(node: Node, resolve: Callable[[Ref, Node], Node]) -> dict[str, Node]:
+    """The textures that a texture holds, by parameter. Raises SceneError if one is given twice."""
+    found: dict[str, Node] = {}
+    for item in node.children:
+        child = resolve(item, node) if isinstance(item, Ref) else item
+        if child.category == "texture":
+            if item.name in found or item.name in node.values:
+                raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
+            found[item.name] = child
+    return found
+
+
+def copied(
+    node: Node, resolve: Callable[[Ref, Node], Node], exchange: bool = False, depth: int = 0
+) -> Node:
+    """A texture's node, and those in it, once more. exchange: with the colours of checkerboards
+    exchanged, as Mitsuba 3.9.1 has them where one number is wanted."""
+    check_depth(node, depth)
+    values, held = dict(node.values), textures_in(node, resolve)
+    inside = {name: copied(child, resolve, exchange, depth + 1) for name, child in held.items()}
+    if exchange and node.plugin == "checkerboard":
+        names = "color0", "color1"
+        params = PLUGINS[node.plugin].params
+        for name in names:
+            if name not in inside and name not in values:
+                values[name] = Value("float", params[name].default, node.where)
+        new = dict(zip(names, reversed(names), strict=True))
+        values = {new.get(name, name): value for name, value in values.items()}
+        inside = {new.get(name, name): child for name, child in inside.items()}
+    rest = [item for item in node.children if item.name not in held]
+    children = [*rest, *(replace(child, name=name) for name, child in inside.items())]
+    return replace(node, values=values, children=children)
 
 
 class Texels:
@@ -56,20 +87,34 @@ class Texels:
         self.report = report
         self.words: list[Array] = []
         self.count = 0
-        self.known: dict[tuple[str, bool, bool, str | None, tuple[float, ...]], materials.Row] = {}
+        self.known: dict[tuple[Any, ...], materials.Row] = {}
         self.rows: dict[int, materials.Row] = {}
 
     def array(self) -> Array | None:
         """The column `texels`; None without any."""
         return np.concatenate(self.words) if self.words else None
 
-    def row(self, node: Node, values: dict[str, Any], *, shares: bool = True) -> materials.Row:
+    def row(
+        self, node: Node, values: dict[str, Any], *, shares: bool = True, inverse: bool = False
+    ) -> materials.Row:
         """The row of a texture, made once; values: its checked parameters. shares: its texels may
-        not exceed 1; those of lights and heights may, which have nodes of their own."""
+        not exceed 1; those of lights and heights may, which have nodes of their own. inverse: 1
+        less the luminance of its texels, for a node of its own."""
         found = self.rows.get(id(node))  # the caller keeps the node, and so its id
         if found is None:
+            if node.plugin == "mesh_attribute" and inverse:
+                raise SceneError(
+                    f"{node} as the weight of a blend whose first bsdf is a blend: allowed are "
+                    "bitmaps and checkerboards; or exchange the two bsdfs",
+                    node.where,
+                )
             if node.plugin == "mesh_attribute":
-                found = _attribute(node, values)
+                found = _attribute(node, values, shares)
+            elif node.plugin == "volume":  # a checkerboard of equal fields
+                found = {
+                    "texture_kind": TEXTURE_KINDS.index("checkerboard"),
+                    **dict.fromkeys(("texture_color0", "texture_color1"), values["value"]),
+                }
             else:
                 matrix = np.eye(4) if values["to_uv"] is None else values["to_uv"]
                 found = {
@@ -78,11 +123,13 @@ class Texels:
                     **materials.filled(node, values),
                 }
             if node.plugin == "bitmap":
-                found |= self._bitmap(node, values, shares)
+                found |= self._bitmap(node, values, shares, inverse)
             self.rows[id(node)] = found
         return found
 
-    def _bitmap(self, node: Node, values: dict[str, Any], shares: bool) -> materials.Row:
+    def _bitmap(
+        self, node: Node, values: dict[str, Any], shares: bool, inverse: bool
+    ) -> materials.Row:
         given = [name for name in _SOURCES if values[name] is not None]
         if len(given) != 1:
             raise SceneError(
@@ -94,7 +141,7 @@ class Texels:
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
         channel, scale = values["channel"], np.array(values["scale"], np.float32)
         scale = scale[:1] if (scale == scale[0]).all() else scale  # one colour leaves grey texels
-        key = str(path), raw, shares, channel, tuple(scale.tolist())
+        key = str(path), raw, shares, inverse, channel, tuple(scale.tolist())
         stored = self.known.get(key) if path is not None else None
         if stored is None:
             if path is None:
@@ -108,7 +155,8 @@ class Texels:
             texels = (_shares if shares else _positive)(
                 node, image.texels, name, where, self.report
             )
-            stored = self._store(images.Image(texels, image.encoded))
+            made = images.Image(texels, image.encoded)
+            stored = self._store(_inverse(made) if inverse else made)
             if path is not None:
                 self.known[key] = stored
         return {
@@ -134,19 +182,20 @@ class Texels:
 
 @dataclass(eq=False)
 class Attribute:
-    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. single:
-    where one number of it is wanted, "" if nowhere."""
+    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. share: they
+    may not exceed 1. single: where one number of it is wanted, "" if nowhere."""
 
     name: str
     scale: float | None
+    share: bool = True
     single: str = ""
 
     def missing(self, node: Node, found: Mesh | None = None) -> str:
         """What to say of a shape without it; Mitsuba's variants for GPU and LLVM read 0, too."""
         other = ", ".join(map(shorten, found.attributes)) if found else ""
         return (
-            f"{node}: its material reads {shorten(self.name)}, which the mesh has not; it counts "
-            f"as 0. It has: {other or 'no attributes'}"
+            f"{node}: its material or lamp reads {shorten(self.name)}, which the mesh has not; it "
+            f"counts as 0. It has: {other or 'no attributes'}"
         )
 
     def of(self, node: Node, found: Mesh) -> Array:
@@ -166,19 +215,20 @@ class Attribute:
             )
         with np.errstate(all="ignore"):
             rows: Array = (values * scale).astype(np.float32)
-        bad = np.argwhere(~((rows >= 0) & (rows <= 1)))
+        good = (rows <= 1) if self.share else (rows < np.inf)
+        bad = np.argwhere(~((rows >= 0) & good))
         if len(bad):
             row, column = (int(i) for i in bad[0])
+            allowed = "[0, 1] (numbers of 0 to 255 take the scale 0.00392156862745098)"
             raise SceneError(
                 f"{node}: {shorten(self.name)} holds {values[row, column]:g} in row {row}; times "
-                f"scale = {scale:g} it must be in [0, 1] (numbers of 0 to 255 take the scale "
-                "0.00392156862745098)",
+                f"scale = {scale:g} it must be in {allowed if self.share else '[0, inf)'}",
                 node.where,
             )
         return np.broadcast_to(rows, (len(rows), 3))
 
 
-def _attribute(node: Node, values: dict[str, Any]) -> materials.Row:
+def _attribute(node: Node, values: dict[str, Any], share: bool) -> materials.Row:
     name = values["name"]
     if not name.startswith(("vertex_", "face_")):
         raise SceneError(
@@ -187,7 +237,7 @@ def _attribute(node: Node, values: dict[str, Any]) -> materials.Row:
         )
     return {
         "texture_kind": TEXTURE_KINDS.index(f"{name.partition('_')[0]}_attribute"),
-        "attribute": Attribute(name, None if values["bytes"] else values["scale"]),
+        "attribute": Attribute(name, None if values["bytes"] else values["scale"], share),
     }
 
 
@@ -216,6 +266,14 @@ def _shares(node: Node, texels: Array, name: str, where: str, report: Report) ->
         where,
     )
     return texels.clip(0, 1)
+
+
+def _inverse(image: images.Image) -> images.Image:
+    """1 less the luminance, in one float32 a texel."""
+    texels = image.linear().astype(np.float32)
+    if texels.shape[2] == 3:
+        texels = (texels @ np.array([0.212671, 0.71516, 0.072169]))[..., None]
+    return images.Image(np.clip(1 - texels, 0, 1).astype(np.float32))
 
 
 def _positive(node: Node, texels: Array, name: str, where: str, report: Report) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import transform
+from ..camera import Camera
 from ..errors import SceneError
 from ..numeric import tan_half_degrees
 from .node import Node, Ref, Value
@@ -20,6 +22,10 @@ Array = npt.NDArray[np.float64]
 
 FRAMING_FOV = 45.0  # degrees
 _POINT = 1e-20  # of a film: too small to matter
+_NARROW = 1e-3  # degrees
+_WIDER = 1 + 1500 * 2.0**-24  # as Mitsuba's
+Ball = tuple[tuple[float, ...], float]  # centre and radius
+NOTHING: Ball = ((0.0, 0.0, 0.0), 1.0)
 
 
 def window(node: Node, values: dict[str, Any]) -> tuple[int, int, int, int]:
@@ -84,12 +90,17 @@ def shifted(
     ]
 
 
-def one_ray(node: Node, values: dict[str, Any], film: tuple[int, int]) -> Array:
-    """to_world of a film so small that an orthographic camera is a radiancemeter."""
+def one_pixel(node: Node, film: tuple[int, int]) -> None:
+    """Raises SceneError unless a sensor's film is one."""
     if film != (1, 1):
         raise SceneError(
             f"{node}: its film has {film[0]} x {film[1]} pixels, expected 1 x 1", node.where
         )
+
+
+def one_ray(node: Node, values: dict[str, Any], film: tuple[int, int]) -> Array:
+    """to_world of a film so small that an orthographic camera is a radiancemeter."""
+    one_pixel(node, film)
     matrix, origin, ahead = (values[name] for name in ("to_world", "origin", "direction"))
     if matrix is not None:
         origin, ahead = matrix[:3, 3].tolist(), matrix[:3, 2].tolist()
@@ -103,6 +114,53 @@ def one_ray(node: Node, values: dict[str, Any], film: tuple[int, int]) -> Array:
     return transform.compose(transform.translate(start), turn)
 
 
+def ends(arrays: dict[str, Any]) -> Array:
+    """Points (N, 3) whose box is that of all shapes of a scene with these arrays."""
+    disks, spheres = arrays["disks"], arrays["spheres"]
+    reach = np.sqrt((disks[:, 1:] * disks[:, 1:]).sum(axis=1))
+    points = [arrays["vertices"], disks[:, 0] - reach, disks[:, 0] + reach]
+    points += [spheres[:, :3] + side * spheres[:, 3:] for side in (-1, 1)]
+    return np.concatenate(points)
+
+
+def ball(arrays: dict[str, Any]) -> Ball:
+    """The sphere about the box of all shapes, as Mitsuba's."""
+    points = ends(arrays)
+    if not len(points):
+        return NOTHING
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = 0.5 * (high - low)
+    radius = math.sqrt(math.fsum((half * half).tolist()))
+    return tuple((low + half).tolist()), radius * _WIDER
+
+
+def distant(node: Node, values: dict[str, Any], around: Ball, medium: int) -> Camera:
+    """The camera of a sensor that looks at a scene from far away: one ray towards its target, or
+    those of a lens in focus far behind the scene, which are parallel to 1e-5. around: the sphere
+    about all."""
+    matrix, ahead, target = (values[name] for name in ("to_world", "direction", "target"))
+    if matrix is not None and ahead is not None:
+        raise SceneError(f"{node}: both direction and to_world given", node.where)
+    ahead = matrix[:3, 2].tolist() if matrix is not None else ahead or [0.0, 0.0, 1.0]
+    ahead = transform.unit(ahead, f"{node}: direction has length 0", node.where)
+    centre, radius = around
+    away = radius if target is None else 2 * radius
+    start = [x - away * d for x, d in zip(target or centre, ahead, strict=True)]
+    zero = [0.0, 0.0, 0.0]
+    turn = transform.look_at(zero, ahead, transform.any_up(zero, ahead), node.where)
+    placed = transform.compose(transform.translate(start), turn)
+    if target is not None:
+        point = transform.scale([_POINT, _POINT, 1.0])
+        return Camera.orthographic(transform.compose(placed, point), medium=medium)
+    return Camera(
+        placed,
+        _NARROW,
+        aperture_radius=radius,
+        focus_distance=radius * 2.0**20,
+        medium=medium,
+    )
+
+
 def part(film: Sequence[int], begin: Sequence[int], size: Sequence[int]) -> Array:
     """What takes the film of an orthographic sensor to a part of it; begin: left and top."""
     (width, height), (left, top), (wide, high) = film, begin, size
@@ -113,15 +171,11 @@ def part(film: Sequence[int], begin: Sequence[int], size: Sequence[int]) -> Arra
 
 def framing(arrays: dict[str, Any], root: Node) -> Array:
     """A place from which a view of FRAMING_FOV along +z holds all of a scene with these arrays."""
-    disks, spheres = arrays["disks"], arrays["spheres"]
-    reach = np.sqrt((disks[:, 1:] * disks[:, 1:]).sum(axis=1))
-    points = [arrays["vertices"], disks[:, 0] - reach, disks[:, 0] + reach]
-    points += [spheres[:, :3] + side * spheres[:, 3:] for side in (-1, 1)]
-    ends = np.concatenate(points)
-    if not len(ends):
+    points = ends(arrays)
+    if not len(points):
         names = ", ".join(PLUGINS["scene"].children["sensor"][0])
         raise SceneError(f"scene has no sensor; allowed: {names}", root.where)
-    low, high = ends.min(axis=0), ends.max(axis=0)
+    low, high = points.min(axis=0), points.max(axis=0)
     away = 0.5 * float((high - low).max()) / tan_half_degrees(FRAMING_FOV)
     middle = (low + 0.5 * (high - low)).tolist()
     return transform.translate([*middle[:2], float(low[2]) - away])

@@ -150,6 +150,56 @@ def plane_with_holes(t: Trial, window: str, light: str) -> None:
     t.agrees(scene(eye, holes, ground, sun, max_depth=2), share, 2_000_000, sees=0.005)
 
 
+def lines(window: tuple[float, ...], axis: int, n: int) -> Array:
+    """Where in (0, 1) an axis of a window crosses multiples of 1/n."""
+    factor, offset = window[axis], window[2 + axis]
+    low, high = sorted((offset, offset + factor))
+    multiples = np.arange(math.floor(low * n), math.ceil(high * n) + 1) / n
+    return np.asarray((multiples - offset) / factor)
+
+
+@case(3, each={"window": WINDOWS, "number": (False, True)})
+def plane_with_a_board_of_textures(t: Trial, window: str, number: bool) -> None:
+    """A plane in a sky of 1, with a checkerboard in one field of which is a bitmap, and in the
+    other a checkerboard of a colour and the bitmap. All are even between lines of u and v.
+
+    number: for its opacity, where Mitsuba exchanges the fields of both; what comes through.
+    Sees 1 %.
+    """
+    codes = t.rng.integers(20, 256, (3, 5, 1 if number else 3)).astype(np.uint8)
+    windows = WINDOWS[window], WINDOWS["far"], WINDOWS["backwards"]
+    image = {"type": "bitmap", "bitmap": codes, "raw": True, "filter_type": "nearest"}
+    image = placed(windows[2], image)
+    inner = placed(windows[1], {"type": "checkerboard", "color0": 0.75, "color1": image})
+    board = placed(windows[0], {"type": "checkerboard", "color0": image, "color1": inner})
+    cuts = [
+        np.concatenate([lines(w, k, n) for w, n in ((windows[0], 2), (windows[1], 2))]
+                       + [lines(windows[2], k, (5, 3)[k]), np.array([0.0, 1.0])])
+        for k in range(2)
+    ]  # fmt: skip
+    u, v = (np.unique(cut[(cut >= 0) & (cut <= 1)]) for cut in cuts)
+    x, y = np.meshgrid((u[1:] + u[:-1]) / 2, (v[1:] + v[:-1]) / 2)
+    area = np.diff(v)[:, None] * np.diff(u)
+
+    def at(w: tuple[float, ...]) -> tuple[Array, Array]:
+        return np.mod(w[0] * x + w[2], 1), np.mod(w[1] * y + w[3], 1)
+
+    def first(w: tuple[float, ...]) -> Array:
+        a, b = at(w)
+        return ((a > 0.5) == (b > 0.5)) != number
+
+    column, row = at(windows[2])
+    texel = codes[np.floor(3 * row).astype(int), np.floor(5 * column).astype(int)] / 255
+    shown = np.where(first(windows[1])[..., None], 0.75, texel)
+    shown = np.where(first(windows[0])[..., None], texel, shown)
+    mean = (area[..., None] * shown).sum(axis=(0, 1))
+    if number:
+        t.agrees(seen({"type": "mask", "opacity": board, "bsdf": BLACK}), 1 - mean[0], 2_000_000,
+                 sees=0.01)  # fmt: skip
+        return
+    t.agrees(seen({"type": "diffuse", "reflectance": board}), mean, 2_000_000, sees=0.01)
+
+
 #: Vertices of a mesh that its picture, the square of half side 1 about (0, 0), does not show whole.
 CORNERS = np.array([[-3, -2], [2, -3], [3, 3], [-2, 2], [0.3, -0.2]], np.float64)
 FACES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])

@@ -550,6 +550,10 @@ PYTHON = (
     _python("picture mirrored by lookat", "transform.py", "side = cross(upward, forward)",
             "side = cross(forward, upward)"),
     # transforms and meshes
+    _python("polygons are fans", "formats/polygons.py",
+            "_covered(vertices, cut) < _covered(vertices, fan)", "False"),
+    _python("bridges to holes end at either corner", "formats/polygons.py",
+            "int(far[int(sees.argmax())])", "int(far[-1])"),
     _python("rotation clockwise", "transform.py", "s, c = sin_cos_degrees(angle)",
             "s, c = sin_cos_degrees(-angle)"),
     _python("transforms in reverse order", "formats/mitsuba_xml.py", "tf.compose(step, matrix)",

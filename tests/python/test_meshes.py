@@ -19,6 +19,7 @@ from veriray.formats.node import Node, Value
 from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
 from veriray.scene import load_dict
+from veriray_validate.levels.closed_polygons import ring
 from veriray_validate.scenes import Medium, Part, camera, make, material
 
 CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -101,6 +102,99 @@ def test_ply_polygons_become_fans(tmp_path, faces):
     text += "".join(f"{len(f)} {' '.join(map(str, f))}\n" for f in faces)
     for content in (binary_ply(CORNERS, faces), binary_ply(CORNERS, faces, ">"), text):
         assert read(tmp_path, "a.ply", content).triangles.tolist() == fans
+
+
+def area(mesh):
+    """The areas of triangles (T, 3), as vectors."""
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def simple_polygon(rng):
+    """Random corners (N, 2), in an order in which no two edges cross."""
+    p = rng.uniform(-1, 1, (int(rng.integers(4, 16)), 2))
+
+    def left(a, b, c):
+        return (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+
+    def crossing(i, j):
+        a, b, c, d = p[i], p[i + 1], p[j], p[(j + 1) % len(p)]
+        return left(a, b, c) * left(a, b, d) < 0 and left(c, d, a) * left(c, d, b) < 0
+
+    pairs = [(i, j) for i in range(len(p) - 1) for j in range(i + 2, len(p))]
+    while found := next((pair for pair in pairs if crossing(*pair)), None):
+        p[found[0] + 1 : found[1] + 1] = p[found[0] + 1 : found[1] + 1][::-1].copy()
+    return p
+
+
+def polygon_file(corners, rows, last=""):
+    lines = ["v " + " ".join(map(repr, corner)) for corner in np.array(corners, float).tolist()]
+    faces = ["f " + " ".join(str(k + 1) for k in row) for row in rows]
+    return "\n".join([*lines, *faces, last])
+
+
+def covers_once(mesh, outlines):
+    """Whether the triangles of polygons, one after another, cover them without folds."""
+    areas, at = area(mesh), 0
+    for outline in outlines:
+        own = areas[at : at + len(outline) - 2]
+        at += len(own)
+        whole = 0.5 * np.cross(outline, np.roll(outline, -1, axis=0)).sum(axis=0)
+        assert np.allclose(own.sum(axis=0), whole, rtol=0, atol=1e-12)
+        assert np.linalg.norm(own, axis=1).sum() <= np.linalg.norm(whole) * (1 + 1e-9)
+    assert at == len(areas)
+
+
+@pytest.mark.parametrize("last", ["", "# read line by line\n v 0 0 0"])
+def test_obj_polygons_that_are_not_convex(tmp_path, last):
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        flat = simple_polygon(rng)
+        outlines = [np.c_[np.roll(flat, k, axis=0), np.zeros(len(flat))] @ turn for k in range(3)]
+        starts = np.arange(3) * len(flat)
+        rows = [np.arange(len(flat)) + start for start in starts]
+        got = read(tmp_path, "a.obj", polygon_file(np.concatenate(outlines), rows, last))
+        covers_once(got, outlines)
+
+
+def test_obj_polygons_with_a_hole(tmp_path):
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        flat = ring(rng)
+        outline = np.c_[np.roll(flat, rng.integers(len(flat)), axis=0), np.zeros(len(flat))]
+        got = read(tmp_path, "a.obj", polygon_file(outline, [np.arange(len(outline))]))
+        covers_once(got, [outline])
+
+
+def test_obj_polygons_that_fans_cover_stay_fans(tmp_path):
+    turn = 2 * np.pi * np.arange(9) / 9
+    convex = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    straight = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]])
+    crossed = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]])
+    for outline in (convex, straight, crossed, np.zeros((5, 3))):
+        got = read(tmp_path, "a.obj", polygon_file(outline, [np.arange(len(outline))]))
+        assert got.triangles.tolist() == [[0, k, k + 1] for k in range(1, len(outline) - 1)]
+
+
+def test_corners_of_polygons_that_are_not_convex_keep_their_numbers(tmp_path):
+    text = "v 0 0 0\nv 4 -1 0\nv 1 0 0\nv 4 1 0\nvt 0 0\nvt 4 -1\nvt 1 0\nvt 4 1\n"
+    got = read(tmp_path, "a.obj", text + "f 2/2 3/3 4/4 1/1\nf 3/3 4/4 1/1 2/2\n")
+    assert (got.uv[:, :2] == got.vertices[:, :2]).all()
+    assert len(got.triangles) == 4
+    assert np.linalg.norm(area(got), axis=1).sum() == 2
+
+
+@pytest.mark.parametrize("pieces", [False, True])
+def test_ply_quadrangles_that_are_not_convex(tmp_path, monkeypatch, pieces):
+    if pieces:
+        monkeypatch.setattr(ply_pieces, "LEAST", 1)
+        monkeypatch.setattr(ply_pieces, "PIECE", 64)
+    corners = np.array([[0, 0, 0], [4, -1, 0], [1, 0, 0], [4, 1, 0]])
+    faces = [np.roll(np.arange(4), k).tolist() for k in range(4)] * 5
+    got = read(tmp_path, "a.ply", binary_ply(corners, faces))
+    assert (ply_pieces.read(tmp_path / "a.ply", 2**20) is not None) == pieces
+    covers_once(got, [corners[face] for face in faces])
 
 
 def test_ply_normals_and_other_properties(tmp_path):
@@ -391,7 +485,7 @@ def test_normals_of_the_file_are_transformed_by_the_inverse_transpose(tmp_path):
 
 def test_a_folded_sliver_does_not_break_a_surface():
     """A closed mesh is turned as a whole; if neighbours disagree, each triangle by itself."""
-    tables, corners, triangles = mesh._obj_lines(TETRAHEDRON.encode())
+    tables, corners, triangles, _ = mesh._obj_lines(TETRAHEDRON.encode())
     vertices, triangles = tables[0], corners[:, 0][triangles]
     outward = mesh.unit(vertices - vertices.mean(axis=0))
     for turned, result in ((triangles, triangles), (triangles[:, ::-1], triangles)):
@@ -447,7 +541,7 @@ def test_a_fold_is_turned_with_its_mesh_or_not_at_all():
 
 def test_closed_meshes():
     def closed(text):
-        tables, corners, triangles = mesh._obj_lines(text.encode())
+        tables, corners, triangles, _ = mesh._obj_lines(text.encode())
         return mesh.is_closed(tables[0], corners[:, 0][triangles])
 
     assert closed(TETRAHEDRON)

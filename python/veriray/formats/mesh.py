@@ -4,7 +4,7 @@ OBJ and PLY are read here: trimesh (5.2) takes OBJ's index 0 for vertex 1, count
 from the end of the file and reverses groups, shortens damaged PLY faces and lets indices run out of
 range, all without a word. STL as text is read by trimesh; the triangles are counted against the
 file. Limits: 512 MiB a file, 8 GiB of large PLY files (`ply_pieces`); regular files only; PLY
-polygons with 3 or 4 corners. Polygons become fans.
+polygons with 3 or 4 corners. Polygons become fans, or what `polygons` makes of them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..device import select
 from ..errors import DeviceError, SceneError
 from ..extras import need
 from ..numeric import MAX_COORDINATE
-from . import ply, ply_pieces, serialized
+from . import ply, ply_pieces, polygons, serialized
 from .node import Node, quoted, read_bytes, shorten
 from .plugins import mesh_attribute
 from .ply import MeshFileError
@@ -207,8 +207,10 @@ def _within(mesh: Mesh, what: str, values: Array, least: float, most: float) -> 
 
 def _obj(data: bytes) -> _Arrays:
     text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
-    tables, corners, triangles = _obj_tables(text) or _obj_lines(text)
+    tables, corners, triangles, parts = _obj_tables(text) or _obj_lines(text)
     vertices, *others = tables
+    if parts.max(initial=1) > 1:
+        triangles = polygons.unfolded(vertices[corners[:, 0]], triangles, parts)
     if not (corners[:, 1:] >= 0).any():
         return vertices, corners[:, 0][triangles], None, None
     rows, inverse = _distinct(corners)
@@ -238,7 +240,8 @@ def _distinct(corners: Array) -> tuple[Array, Array]:
 
 
 _KINDS = {b"v": 3, b"vt": 2, b"vn": 3}  # line -> numbers kept
-_Obj = tuple[list[Array], Array, Array]  # tables of v, vt, vn; corners (C, 3) or -1; triangles
+#: Tables of v, vt, vn; corners (C, 3) or -1; fans of corners, and the triangles of each.
+_Obj = tuple[list[Array], Array, Array, Array]
 
 
 def _obj_tables(text: bytes) -> _Obj | None:
@@ -280,7 +283,7 @@ def _obj_tables(text: bytes) -> _Obj | None:
         return None
     fans = np.array([(0, k, k + 1) for k in range(1, width - 1)])
     triangles = (np.arange(len(faces))[:, None, None] * width + fans).reshape(-1, 3)
-    return tables, corners, triangles
+    return tables, corners, triangles, np.full(len(faces), width - 2)
 
 
 def _matched(lines: list[bytes], token: bytes, least: int, dtype: Any) -> Array | None:
@@ -303,6 +306,7 @@ def _obj_lines(text: bytes) -> _Obj:
     tables: dict[bytes, list[Any]] = {kind: [] for kind in _KINDS}
     corners: list[tuple[int, int, int]] = []  # v, vt, vn of each; -1 for none
     faces: list[tuple[int, int, int]] = []  # into corners
+    parts: list[int] = []
     for number, line in enumerate(text.splitlines(), 1):
         tokens = line.split(b"#", 1)[0].split()
         if not tokens:
@@ -320,12 +324,14 @@ def _obj_lines(text: bytes) -> _Obj:
                 previous = v, vt, vn
                 corners.append(previous)
             faces += [(first, k, k + 1) for k in range(first + 1, len(corners) - 1)]
+            parts.append(len(tokens) - 3)
         elif kind in tables:
             tables[kind].append(_row(kind, tokens, number))
     return (
         [np.array(tables[k], np.float64).reshape(-1, n) for k, n in _KINDS.items()],
         np.array(corners, np.int64).reshape(-1, 3),
         np.array(faces, np.int64).reshape(-1, 3),
+        np.array(parts, np.int64),
     )
 
 

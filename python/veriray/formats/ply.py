@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import polygons
 from .node import quoted
 
 Array = npt.NDArray[Any]
@@ -76,7 +77,8 @@ def read(
         raise MeshFileError(": the faces have no list vertex_indices")
     uv = next((uv for names in UV if (uv := _columns(vertex, *names)) is not None), None)
     lists = face[name] if name else []
-    triangles, more = _fans(lists), {}
+    fans, parts = _fans(lists)
+    triangles, more = polygons.unfolded(vertices, fans, parts), {}
     bands = found.get("tristrips", {})
     strips: Any = next((bands[name] for name in INDICES if name in bands), [])
     if len(strips):
@@ -84,7 +86,6 @@ def read(
         face = {}  # its attributes are those of its own triangles
     if attributes:
         more = {f"vertex_{key}": values for key, values in _attributes(vertex).items()}
-        parts = [len(corners) - 2 for corners in lists]
         for key, values in _attributes(face).items():
             more[f"face_{key}"] = np.repeat(values, parts, axis=0)
     return vertices, triangles, normals, uv, more
@@ -315,8 +316,9 @@ def _strip(corners: Array) -> Array:
     return kept
 
 
-def _fans(lists: Any) -> Array:
-    """Triangles (T, 3) int64 of polygons with 3 or 4 corners, in the polygons' order."""
+def _fans(lists: Any) -> tuple[Array, Array]:
+    """Triangles (T, 3) int64 of polygons with 3 or 4 corners, in the polygons' order, and how many
+    each has."""
     if isinstance(lists, list):
         lengths = np.array([len(row) for row in lists], np.int64)
     else:
@@ -337,5 +339,4 @@ def _fans(lists: Any) -> Array:
         raise MeshFileError(f": face {int(np.argmax(bad))} is not of integers")
     fans = np.stack([whole[:, [0, 1, 2]], whole[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
     keep = np.stack([lengths >= 3, lengths == 4], axis=1).reshape(-1)
-    triangles: Array = fans[keep]
-    return triangles
+    return fans[keep], lengths - 2

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..chunks import in_chunks
 from ..files import open_regular
-from . import ply
+from . import ply, polygons
 
 Array = npt.NDArray[Any]
 #: Bytes of a file from which on it pays, and of a piece.
@@ -109,6 +109,7 @@ def _read(file: int, size: int) -> tuple[Table, Table, Table | None, Table | Non
         out[:: corners - 2] = given[:, :3]
         if corners == 4:
             out[1::2] = given[:, [0, 2, 3]]
+            out[:] = polygons.unfolded(columns[0][1].values, out, 2)
         return low, high
 
     triangles.add(in_chunks(join, face.rows, max(1, PIECE // faces.itemsize)))

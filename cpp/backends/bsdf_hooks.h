@@ -38,14 +38,16 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     p.diff_trans = x[20];
     const Vec3<F> along = cross(n, Vec3<F>{F(0.f), F(1.f), F(0.2f)});
     b.view.tangents = true, b.view.tangent = along * (F(1.f) / sqrt(dot(along, along)));
-    uint32_t lane[L::kWidth];
-    for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
-    for (uint32_t k = 0; k <= kCoatCells; ++k) {
-        const F cosine(static_cast<float>(k) / kCoatCells);
-        const F entering = F(1.f) - fresnel_dielectric(cosine, x[5]).reflected;
-        store(table + k * L::kWidth, entering);
+    if (any(b.template any_of<kCoatTables>())) {
+        uint32_t lane[L::kWidth];
+        for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
+        for (uint32_t k = 0; k <= kCoatCells; ++k) {
+            const F cosine(static_cast<float>(k) / kCoatCells);
+            const F entering = F(1.f) - fresnel_dielectric(cosine, x[5]).reflected;
+            store(table + k * L::kWidth, entering);
+        }
+        b.view.coat = {table, L::kWidth, load(lane, typename L::U())};
     }
-    b.view.coat = {table, L::kWidth, load(lane, typename L::U())};
     b.set_view(n, dot(n, wo), x[1] > F(0.f));
     return b;
 }

@@ -195,13 +195,13 @@ class Trial:
         (n,) = np.broadcast_shapes((1,), *(v.shape for v in values))
         same = np.array([v.item() if v.size == 1 else 0 for v in values], np.float32)
         many = [c for c, v in enumerate(values) if v.size != 1]
-        parts = []
+        evaluate, parts = self.native.eval_function, []
         for begin in range(0, max(n, 1), ROWS):
             rows = np.empty((min(ROWS, n - begin), len(values)), np.float32)
             rows[:] = same
             for c in many:
                 rows[:, c] = values[c][begin : begin + ROWS]
-            parts.append(self.native.eval_function(name, rows))
+            parts.append(evaluate(name, rows))
         return np.concatenate(parts, dtype=np.float64)
 
     # ---- seeds ----

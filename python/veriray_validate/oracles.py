@@ -27,13 +27,13 @@ def single(x: Any) -> Array:
 
 
 def normalised(v: Array) -> Array:
-    """Rows of unit length."""
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    """Rows of unit length, (..., 3)."""
+    return v / np.sqrt(dot(v, v))[..., None]
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Of rows of three, (n,); faster than a sum along so short an axis."""
-    out: Array = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
+    """Of rows of three, (..., 3) to (...); faster than a sum along so short an axis."""
+    out: Array = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
     return out
 
 

@@ -38,20 +38,23 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     p.diff_trans = x[20];
     const Vec3<F> along = cross(n, Vec3<F>{F(0.f), F(1.f), F(0.2f)});
     b.view.tangents = true, b.view.tangent = along * (F(1.f) / sqrt(dot(along, along)));
-    uint32_t lane[L::kWidth];
-    for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
-    for (uint32_t k = 0; k <= kCoatCells; ++k) {
-        const F cosine(static_cast<float>(k) / kCoatCells);
-        const F entering = F(1.f) - fresnel_dielectric(cosine, x[5]).reflected;
-        store(table + k * L::kWidth, entering);
+    if (any(b.template any_of<kCoatTables>())) {
+        uint32_t lane[L::kWidth];
+        for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
+        for (uint32_t k = 0; k <= kCoatCells; ++k) {
+            const F cosine(static_cast<float>(k) / kCoatCells);
+            const F entering = F(1.f) - fresnel_dielectric(cosine, x[5]).reflected;
+            store(table + k * L::kWidth, entering);
+        }
+        b.view.coat = {table, L::kWidth, load(lane, typename L::U())};
     }
-    b.view.coat = {table, L::kWidth, load(lane, typename L::U())};
     b.set_view(n, dot(n, wo), x[1] > F(0.f));
     return b;
 }
 
+// importance: a sample's weight of importance is wanted too.
 template <class L>
-VR_HD void evaluate_bsdf(bool sample, const typename L::F* x, typename L::F* y) {
+VR_HD void evaluate_bsdf(bool sample, bool importance, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
     const F one(1.f), none(0.f);
     float table[(kCoatCells + 1) * L::kWidth];
@@ -65,9 +68,10 @@ VR_HD void evaluate_bsdf(bool sample, const typename L::F* x, typename L::F* y) 
         y[3] = s.weight[0], y[4] = s.pdf_sa;
         y[5] = select(s.transmitted, one, none), y[6] = select(s.pass, one, none);
         y[7] = select(b.template any_of<kIndexedKinds>(), b.view.fresnel.reflected, none);
-        auto importance = b;
-        importance.view.transport = Transport::kImportance;
-        y[8] = importance.sample(wo, {x[0], x[1], x[2]}).weight[0];
+        if (!importance) return;
+        auto light = b;
+        light.view.transport = Transport::kImportance;
+        y[8] = light.sample(wo, {x[0], x[1], x[2]}).weight[0];
         return;
     }
     const Vec3<F> wi{x[0], x[1], x[2]};

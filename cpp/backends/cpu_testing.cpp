@@ -28,9 +28,9 @@ std::vector<float> eval_function(const std::string& name, const std::vector<floa
         const size_t live = std::min<size_t>(Simd::kWidth, n - i);
         Simd::F in[kMaxColumns], out[kMaxColumns];
         float column[Simd::kWidth], row[kMaxColumns];
-        for (size_t c = 0; c < kMaxColumns; ++c) {
+        for (size_t c = 0; c < inputs; ++c) {
             for (size_t k = 0; k < Simd::kWidth; ++k)
-                column[k] = c < inputs ? x[(i + std::min(k, live - 1)) * inputs + c] : 0.f;
+                column[k] = x[(i + std::min(k, live - 1)) * inputs + c];
             in[c] = load(column, Simd::F());
         }
         evaluate<Simd>(which, in, out);

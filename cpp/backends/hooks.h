@@ -48,6 +48,7 @@ enum class Function : uint32_t {
     kFresnelConductor,   // cos_i, eta, k -> reflected
     kBsdfSample,         // material, n, wo, u, v, lobe
                          //   -> wi, weight, pdf, transmitted, pass, mirror, weight of importance
+    kBsdfRadiance,       // the same without the weight of importance
     kBsdfEval,           // material, n, wo, wi
                          //   -> f cos, pdf, share that passes straight through, reverse pdf, albedo
     kLight,              // shape, p, e1, e2, n, offset, chance, receiver, u, v
@@ -89,6 +90,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"fresnel_dielectric", 2, 2},
     {"fresnel_conductor", 3, 1},
     {"bsdf_sample", kBsdfInputs + 3, 9},
+    {"bsdf_sample_radiance", kBsdfInputs + 3, 8},
     {"bsdf_eval", kBsdfInputs + 3, 5},
     {"light", 20, 7},
     {"light_pdf", 20, 1},
@@ -300,8 +302,8 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
         evaluate_mapping(f, x, y);
     } else if (f == Function::kSphere) {
         evaluate_sphere<L>(x, y);
-    } else if (f == Function::kBsdfSample || f == Function::kBsdfEval) {
-        evaluate_bsdf<L>(f == Function::kBsdfSample, x, y);
+    } else if (f >= Function::kBsdfSample && f <= Function::kBsdfEval) {
+        evaluate_bsdf<L>(f != Function::kBsdfEval, f == Function::kBsdfSample, x, y);
     } else if (f >= Function::kLight && f <= Function::kLightEmission) {
         evaluate_light<L>(f, x, y);
     } else if (f == Function::kLightPower) {

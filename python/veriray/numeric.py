@@ -105,10 +105,11 @@ def fresh(values: Array) -> Fresh | None:
 def repeated(value: Any, shape: tuple[int, ...], dtype: Any) -> Array:
     """A read-only array of `value` everywhere; one of REPEATED rows and more takes the memory of
     one number, and is not contiguous."""
-    result: Array = np.broadcast_to(np.asarray(value, dtype), shape)
-    if not shape or shape[0] < REPEATED:
-        result = result.copy()
-        result.setflags(write=False)
+    number = np.asarray(value, dtype)
+    if shape and shape[0] >= REPEATED:
+        return np.broadcast_to(number, shape)
+    result: Array = np.full(shape, number, dtype)
+    result.setflags(write=False)
     return result
 
 

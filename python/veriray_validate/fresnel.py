@@ -20,12 +20,12 @@ def fresnel(cosine: Any, eta: float) -> Array:
     return np.where(inside > 0, r / 2, 1.0)
 
 
-def fresnel_conductor(cosine: float, eta: complex) -> float:
+def fresnel_conductor(cosine: Any, eta: complex) -> Any:
     """The same for a complex index n + ik."""
     t = np.sqrt(1 - (1 - cosine**2) / eta**2)
     s = abs((cosine - eta * t) / (cosine + eta * t)) ** 2
     p = abs((eta * cosine - t) / (eta * cosine + t)) ** 2
-    return float(s + p) / 2
+    return (s + p) / 2
 
 
 def external_reflectance(eta: float) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .oracles import fresnel
+from .oracles import dot, fresnel
 
 Array = npt.NDArray[Any]
 LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
@@ -88,7 +88,7 @@ def half(wo: Array, wi: Array, eta: float) -> Array:
     """Normals of the mirrors that send wo to wi."""
     h = wo + np.where(wi[:, 2:] > 0, 1.0, eta) * wi
     h *= np.where(h[:, 2:] < 0, -1, 1)
-    out: Array = h / np.linalg.norm(h, axis=1)[:, None]
+    out: Array = h / np.sqrt(dot(h, h))[:, None]
     return out
 
 
@@ -110,7 +110,7 @@ def lobes(p: Principled, wo: Array, wi: Array, front: bool, importance: bool = F
     eta = p.eta if front else 1 / p.eta
     up = wi[:, 2] > 0
     m = half(wo, wi, eta)
-    om, im = (wo * m).sum(axis=1), (wi * m).sum(axis=1)
+    om, im = dot(wo, m), dot(wi, m)
     co, ci = wo[:, 2], np.abs(wi[:, 2])
     c = np.clip(np.abs(om) - off, 0, 1)
     r = shifted(c, eta, off)

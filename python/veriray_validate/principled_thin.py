@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .oracles import dot
 from .principled import LUMINANCE, grazing, mix, shifted, unhidden
 
 Array = npt.NDArray[Any]
@@ -64,8 +65,8 @@ def lobes(p: Sheet, wo: Array, wi: Array, off: float = 0.0) -> tuple[Array, Arra
     up = wi[:, 2] > 0
     j = wi * np.where(up[:, None], 1, [1, 1, -1])
     h = wo + j
-    m = h / np.linalg.norm(h, axis=1)[:, None]
-    c = np.clip((wo * m).sum(axis=1) - off, 0, 1)
+    m = h / np.sqrt(dot(h, h))[:, None]
+    c = np.clip(dot(wo, m) - off, 0, 1)
     r = shifted(c, p.eta, off)
     beyond = np.sqrt(np.maximum(1 - (1 - c * c) / p.eta**2, 0))
     slant = grazing(c if p.eta > 1 else beyond)[:, None]
@@ -77,7 +78,7 @@ def lobes(p: Sheet, wo: Array, wi: Array, off: float = 0.0) -> tuple[Array, Arra
 
     above, drawn = mirrors(p, wo, j, m, True)
     below, passed = mirrors(p, wo, j, m, False)
-    below = np.where((wi * m).sum(axis=1) < 0, below * (1 - r), 0)
+    below = np.where(dot(wi, m) < 0, below * (1 - r), 0)
     back = 2 * p.roughness * c * c
     o5, i5 = grazing(co), grazing(ci)
     rough = (1 - o5 / 2) * (1 - i5 / 2) + back * (o5 + i5 + o5 * i5 * (back - 1))

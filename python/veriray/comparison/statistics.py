@@ -444,8 +444,9 @@ def ledger_problems(ledger: dict[str, list[int]], paths: int) -> list[str]:
     """Violated identities: live[0] = paths, live[d] = sum of the ends + live[d+1]."""
     live = ledger["live"]
     out = [] if live[0] == paths else [f"live[0] = {live[0]}, expected {paths} paths"]
-    for d, (count, following) in enumerate(zip(live, [*live[1:], 0], strict=True)):
-        ends = sum(ledger[c][d] for c in (*ENDS, "invalid"))
+    columns = (ledger[c][: len(live)] for c in (*ENDS, "invalid"))
+    rows = zip(live, map(sum, zip(*columns, strict=True)), [*live[1:], 0], strict=True)
+    for d, (count, ends, following) in enumerate(rows):
         if count != ends + following:
             out.append(f"depth {d}: live {count}, ends {ends} + next {following}")
     return out

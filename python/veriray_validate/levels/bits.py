@@ -88,7 +88,7 @@ class Host:
     """A scene on a device: films and ledgers of sample ranges."""
 
     def __init__(self, t: Trial, scene: Scene, device: str | None = None):
-        self.trial = t if device is None else Trial(device, t.seed, 1, t.threads)
+        self.trial = t if device is None else Trial(device)
         self.held = self.trial.native_scene(scene)
         self.size = scene.film.width, scene.film.height
         names = ("max_depth", "rr_depth", "sampler")

@@ -394,22 +394,20 @@ def hidden_light_in_a_medium(t: Trial, border: bool, seed: int) -> None:
 # ---- filters ----
 
 
-def mitchell(x: float) -> float:
+def mitchell(x: Array) -> Array:
     """Mitchell and Netravali, 1988, with B = C = 1/3."""
     b = c = 1 / 3
-    x = abs(x)
-    if x < 1:
-        return ((12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b) / 6
-    if x < 2:
-        return ((-b - 6 * c) * x**3 + (6 * b + 30 * c) * x**2 + (-12 * b - 48 * c) * x
-                + 8 * b + 24 * c) / 6  # fmt: skip
-    return 0.0
+    x = np.abs(x)
+    near = ((12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b) / 6
+    far = ((-b - 6 * c) * x**3 + (6 * b + 30 * c) * x**2 + (-12 * b - 48 * c) * x
+           + 8 * b + 24 * c) / 6  # fmt: skip
+    return np.where(x < 1, near, np.where(x < 2, far, 0.0))
 
 
 FILTERS = {
-    "box": (lambda x: 1.0 * (abs(x) <= 0.5), 0.5),
-    "tent": (lambda x: max(1 - abs(x), 0.0), 1.0),
-    "gaussian": (lambda x: math.exp(-2 * x * x) - math.exp(-8), 2.0),
+    "box": (lambda x: 1.0 * (np.abs(x) <= 0.5), 0.5),
+    "tent": (lambda x: np.maximum(1 - np.abs(x), 0.0), 1.0),
+    "gaussian": (lambda x: np.exp(-2 * x * x) - math.exp(-8), 2.0),
     "mitchell": (mitchell, 2.0),
 }
 
@@ -422,7 +420,7 @@ def above(name: str, edge: float, pixels: int) -> Array:
     """Share of each pixel's filter beyond `edge`, in pixels, along one axis."""
     kernel, reach = FILTERS[name]
     at = (np.arange(200_000) + 0.5) / 100_000 * reach - reach
-    weight = np.array([kernel(x) for x in at.tolist()])
+    weight = kernel(at)
     return np.array([float(weight[at > edge - i - 0.5].sum() / weight.sum())
                      for i in range(pixels)])  # fmt: skip
 

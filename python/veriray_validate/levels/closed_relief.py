@@ -5,6 +5,7 @@ A point of a surface is seen from afar; where the light is parallel, the answer 
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -64,8 +65,8 @@ def brushed_metal(
     Seen at a cosine of 0.3. Sees 1 %.
     """
     turn = math.radians(azimuth)
-    exact = share(0.3, alpha, ggx, np.vectorize(
-        lambda c: fresnel_conductor(c, complex(ETA, K))), azimuth=turn)  # fmt: skip
+    curve = functools.partial(fresnel_conductor, eta=complex(ETA, K))
+    exact = share(0.3, alpha, ggx, curve, azimuth=turn)
     metal = {"type": "roughconductor", "eta": ETA, "k": K, "alpha_u": alpha[0],
              "alpha_v": alpha[1], "distribution": "ggx" if ggx else "beckmann"}  # fmt: skip
     light = sky(1) if lit == "sky" else sphere([0, 0, 0], 1000, BLACK, 1.0, flip_normals=True)

@@ -50,15 +50,19 @@ def irradiance(texels: Array, normal: Any) -> Array:
     i = ((np.arange(width * along)[:, None] + x) / along).ravel()
     wi = np.tile(w, width * along) / along * 2 * math.pi / width
     row, column = y.astype(int), i.astype(int)
-    t, s = (y - row)[:, None, None], (i - column)[:, None]
+    t, s = (y - row)[:, None, None], i - column
     rows = texels[row] * (1 - t) + texels[row + 1] * t
     polar, azimuth = y * math.pi / (height - 1), (i + 0.5) * 2 * math.pi / width
     level = n[0] * np.sin(azimuth) - n[2] * np.cos(azimuth)
-    total = np.zeros(3)
-    for k, theta in enumerate(polar):
-        cosine = np.maximum(math.sin(theta) * level + math.cos(theta) * n[1], 0)
-        light = rows[k, column] * (1 - s) + rows[k, (column + 1) % width] * s
-        total += (cosine * wi) @ light * math.sin(theta) * wy[k]
+    weights = np.zeros((2, len(i), width))  # of the columns, by places between them
+    weights[0, np.arange(len(i)), column] = wi * (1 - s)
+    weights[1, np.arange(len(i)), (column + 1) % width] = wi * s
+    across, total = weights.sum(axis=0), np.zeros(3)
+    for part in np.array_split(np.arange(len(polar)), 16):
+        sine, height_ = np.sin(polar[part])[:, None], np.cos(polar[part])[:, None]
+        cosine = np.maximum(sine * level + height_ * n[1], 0)
+        seen = cosine @ across * (sine * wy[part, None])
+        total += np.einsum("vu,vuc->c", seen, rows[part])
     return total
 
 

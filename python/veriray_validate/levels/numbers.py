@@ -503,6 +503,9 @@ def check_same_bits(t: Trial, name: str, chunk: Callable[[int, int], Array], tot
             if first is None:
                 first = got
                 continue
+            if np.array_equal(got, first):
+                t.checks += 1
+                continue
             same = (got == first).all(axis=1)
             t.check(same, f"{d}: {name}{x[~same][:1].tolist()}: {got[~same][:1]}")
     t.check(total > 0)

@@ -126,10 +126,12 @@ def view(angle: float) -> tuple[Array, Array]:
     return wo, frame
 
 
-def sampled(t: Trial, grey: Grey, front: bool, wo: Array, u: Any, v: Any, lobe: Any) -> Array:
-    """Rows of wi (3), weight, pdf, transmitted, pass, probability of the mirror, and the weight if
-    wo carries importance."""
-    return hooked(t, "bsdf_sample", *grey.columns(front), *NORMAL, *wo, u, v, lobe)
+def sampled(t: Trial, grey: Grey, front: bool, wo: Array, u: Any, v: Any, lobe: Any,
+            importance: bool = False) -> Array:  # fmt: skip
+    """Rows of wi (3), weight, pdf, transmitted, pass, probability of the mirror, and, where
+    `importance` is wanted, the weight if wo carries it."""
+    name = "bsdf_sample" if importance else "bsdf_sample_radiance"
+    return hooked(t, name, *grey.columns(front), *NORMAL, *wo, u, v, lobe)
 
 
 def evaluated(t: Trial, grey: Grey, front: bool, wo: Array, wi: Array) -> Array:
@@ -168,7 +170,7 @@ def material_weights(t: Trial, name: str, front: bool) -> None:
     for angle in ANGLES:
         wo, frame = view(angle)
         cos_o = float(wo @ frame[2])
-        s = sampled(t, grey, front, wo, *random_numbers(t, 2000)[1:])
+        s = sampled(t, grey, front, wo, *random_numbers(t, 2000)[1:], importance=True)
         wi, weight, pdf, through, passes = s[:, :3], s[:, 3], s[:, 4], s[:, 5] > 0, s[:, 6] > 0
         t.check(np.isfinite(s), "not finite")
         t.check(np.abs(np.linalg.norm(wi, axis=1) - 1).max() < 1e-6, "length")
@@ -359,7 +361,7 @@ def importance_is_not_compressed(t: Trial, name: str) -> None:
     for front in (True, False):
         wo, _ = view(math.degrees(math.acos(t.rng.random())))
         u, v, lobe = single(t.rng.random((3, 10_000 * t.effort)) * (1 - 2.0**-24))
-        s = sampled(t, grey, front, wo, u, v, lobe)
+        s = sampled(t, grey, front, wo, u, v, lobe, importance=True)
         refracted = s[:, 5] > 0
         t.check(bool((s[~refracted, 8] == s[~refracted, 3]).all()))
         scaled = s[refracted, 3].astype(np.float64) * single(grey.relative(front)) ** 2
@@ -382,7 +384,7 @@ def albedo_is_what_goes_on(t: Trial, name: str) -> None:
             wo, _ = view(math.degrees(math.acos(cosine)))
             total, left = 0.0, 1.0
             for lobe in (0.0, 1 - 2.0**-24):
-                s = sampled(t, grey, front, wo, u, v, lobe)
+                s = sampled(t, grey, front, wo, u, v, lobe, importance=True)
                 chance = float(s[0, 7]) if lobe == 0 else left
                 total, left = total + chance * float(weights @ s[:, 8]), left - chance
             told = float(evaluated(t, grey, front, wo, wo[None])[0, 4])
@@ -506,7 +508,7 @@ def material_corners(t: Trial, name: str) -> None:
     u, v, lobe = np.array(list(itertools.product(CORNERS, repeat=3))).T
     for angle, front in itertools.product(ANGLES, (True, False)):
         wo, _ = view(angle)
-        s = sampled(t, grey, front, wo, u, v, lobe)
+        s = sampled(t, grey, front, wo, u, v, lobe, importance=True)
         t.check(np.isfinite(s), f"not finite at {angle}")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-5, "length")
         t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")

@@ -5,8 +5,10 @@ Grey, as the hooks take it; colours: tests/python/test_principled.py and the pic
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -101,7 +103,7 @@ def principled_weights(t: Trial, side: str) -> None:
     p = SURFACES[name]
     for angle in ANGLES:
         wo, frame = view(angle)
-        s = sampled(t, grey(p), front, wo, *random_numbers(t, 4000)[1:])
+        s = sampled(t, grey(p), front, wo, *random_numbers(t, 4000)[1:], importance=True)
         t.check(np.isfinite(s), "not finite")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-6, "length")
         t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")
@@ -119,6 +121,53 @@ def principled_weights(t: Trial, side: str) -> None:
             t.check(below[:, :2] == 0, "from below")
 
 
+#: Cells of a hemisphere along its height and around it; midpoints in each, along both.
+CELLS, FINE = 20, 24
+
+
+def shares_of_cells(density: Callable[[Array], Array], signs: tuple[int, ...]) -> Array:
+    """Integrals over the cells of the hemispheres of `signs`, by a density of directions (n, 3)."""
+    x = (np.arange(CELLS * FINE) + 0.5) / (CELLS * FINE)
+    z, turn = (a.ravel() for a in np.meshgrid(x, 2 * np.pi * x, indexing="ij"))
+    sine, shares = np.sqrt(1 - z * z), []
+    for sign in signs:
+        net = np.stack([sine * np.cos(turn), sine * np.sin(turn), sign * z], axis=-1)
+        cells = density(net).reshape(CELLS, FINE, CELLS, FINE).mean(axis=(1, 3))
+        shares.append(cells.ravel() * 2 * np.pi / CELLS**2)
+    return np.concatenate(shares)
+
+
+def in_cells(t: Trial, local: Array, n: int, shares: Array, signs: tuple[int, ...],
+             what: str, least: float = 0.0) -> None:  # fmt: skip
+    """Tests that of n samples the kept ones, local (m, 3), fall into the cells by their shares.
+
+    Cells of fewer than 20 samples are one; so are samples lost: those expect `least` or more.
+    """
+    edges, counts = np.linspace(0, 1, CELLS + 1), []
+    for sign in signs:
+        here = local[np.sign(local[:, 2]) == sign]
+        azimuth = np.arctan2(here[:, 1], here[:, 0]) % (2 * np.pi)
+        grid, _, _ = np.histogram2d(np.abs(here[:, 2]), azimuth / (2 * np.pi), (edges, edges))
+        counts.append(grid.ravel())
+    told, seen = shares * n, np.concatenate(counts)
+    many = told >= 20
+    told = np.append(told[many], max(n - told[many].sum(), least))
+    seen = np.append(seen[many], n - seen[many].sum())
+    t.p(chi_square(seen, told), what)
+
+
+@functools.cache
+def shares_of(side: str, angle: float) -> Array:
+    """`shares_of_cells` of a surface."""
+    name, front = SIDES[side]
+    p, (wo, frame) = SURFACES[name], view(angle)
+
+    def density(net: Array) -> Array:
+        return lobes(rounded(p), np.broadcast_to(wo @ frame.T, net.shape), net, front)[1]
+
+    return shares_of_cells(density, (1, -1) if p.open else (1,))
+
+
 @case(2, each={"side": BROAD, "angle": (20.0, 70.0)})
 def principled_directions(t: Trial, side: str, angle: float) -> None:
     """Directions of samples against the exact density, in 20 x 20 cells of a hemisphere.
@@ -128,30 +177,11 @@ def principled_directions(t: Trial, side: str, angle: float) -> None:
     """
     name, front = SIDES[side]
     p = SURFACES[name]
-    n, cells, fine = N * t.effort, 20, 24
-    wo, frame = view(angle)
+    n, (wo, frame) = N * t.effort, view(angle)
     s = sampled(t, grey(p), front, wo, *random_numbers(t, n)[1:])
-    local, kept = s[:, :3] @ frame.T, s[:, 4] > 0
-    own = wo @ frame.T
-    x = (np.arange(cells * fine) + 0.5) / (cells * fine)
-    z, turn = (a.ravel() for a in np.meshgrid(x, 2 * np.pi * x, indexing="ij"))
-    expected, counts = [], []
-    for sign in (1, -1) if p.open else (1,):
-        sine = np.sqrt(1 - z * z)
-        net = np.stack([sine * np.cos(turn), sine * np.sin(turn), sign * z], axis=-1)
-        _, density = lobes(rounded(p), np.broadcast_to(own, net.shape), net, front)
-        share = density.reshape(cells, fine, cells, fine).mean(axis=(1, 3)) * 2 * np.pi / cells**2
-        expected.append(share.ravel() * n)
-        here = local[kept & (np.sign(local[:, 2]) == sign)]
-        azimuth = np.arctan2(here[:, 1], here[:, 0]) % (2 * np.pi)
-        edges = np.linspace(0, 1, cells + 1)
-        grid, _, _ = np.histogram2d(np.abs(here[:, 2]), azimuth / (2 * np.pi), (edges, edges))
-        counts.append(grid.ravel())
-    told, seen = np.concatenate(expected), np.concatenate(counts)
-    many = told >= 20
-    told = np.append(told[many], n - told[many].sum())
-    seen = np.append(seen[many], n - seen[many].sum())
-    t.p(chi_square(seen, told), f"{side} at {angle}")
+    local = s[s[:, 4] > 0, :3] @ frame.T
+    signs = (1, -1) if p.open else (1,)
+    in_cells(t, local, n, shares_of(side, angle), signs, f"{side} at {angle}")
 
 
 def chi_square(seen: Array, told: Array) -> float:
@@ -215,7 +245,7 @@ def principled_energy(t: Trial, side: str) -> None:
     x = (np.arange(64) + 0.5) / 64
     u, v, lobe = (a.ravel() for a in np.meshgrid(x, x, (np.arange(32) + 0.5) / 32))
     for angle in ANGLES:
-        s = sampled(t, grey(p), front, view(angle)[0], u, v, lobe)
+        s = sampled(t, grey(p), front, view(angle)[0], u, v, lobe, importance=True)
         t.check(s[:, 8].mean() < 1.005, f"{s[:, 8].mean()} at {angle}")
 
 
@@ -248,7 +278,7 @@ def principled_corners(t: Trial, side: str) -> None:
     for roughness, angle in itertools.product((0.0, 0.1, 1.0), (*ANGLES, 89.99, 89.9999)):
         p = Principled(**{**vars(SURFACES[name]), "roughness": roughness})
         wo, _ = view(angle)
-        s = sampled(t, grey(p), front, wo, u, v, lobe)
+        s = sampled(t, grey(p), front, wo, u, v, lobe, importance=True)
         t.check(np.isfinite(s), f"not finite at {angle}, roughness {roughness}")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-5, "length")
         t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")

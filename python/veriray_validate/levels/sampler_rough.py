@@ -25,7 +25,7 @@ from veriray_validate.levels.sampler_materials import (
     view,
 )
 from veriray_validate.levels.samplers import N, random_numbers, random_points, uniform
-from veriray_validate.oracles import CORNERS, fresnel, gauss, single
+from veriray_validate.oracles import CORNERS, dot, fresnel, gauss, single
 from veriray_validate.trial import Trial, case
 
 Array = npt.NDArray[Any]
@@ -80,7 +80,7 @@ def drawn(wo: Array, m: Array, grey: Grey) -> Array:
     if grey.ggx:
         visible: Array = masking(wo, grey) / wo[:, 2]
         return visible
-    area = (wo * m).sum(axis=1) / m[:, 2]
+    area = dot(wo, m) / m[:, 2]
     return 2 / (np.maximum(area, 0) + np.maximum(2 * wo[:, 2] - area, 0))
 
 
@@ -88,7 +88,7 @@ def half(wo: Array, wi: Array, eta: float) -> Array:
     """The normals that send wo to wi, both local (n, 3)."""
     h = wo + np.where(wi[:, 2:] > 0, 1.0, eta) * wi
     h *= np.where(h[:, 2:] < 0, -1, 1)
-    out: Array = h / np.linalg.norm(h, axis=1)[:, None]
+    out: Array = h / np.sqrt(dot(h, h))[:, None]
     return out
 
 
@@ -101,7 +101,7 @@ def reflectance(cosine: Array, eta: float, k: float, off: float) -> Array:
 def exact(wo: Array, wi: Array, off: float, grey: Grey, eta: float) -> Array:
     """F cos and density (2, n) of the mirrors alone, and of their refraction; of radiance."""
     m = half(wo, wi, eta)
-    om, im = (wo * m).sum(axis=1), (wi * m).sum(axis=1)
+    om, im = dot(wo, m), dot(wi, m)
     up = wi[:, 2] > 0
     wide = np.where(up, 1 / (4 * om), eta**2 * np.abs(im) / (om + eta * im) ** 2)
     k = grey.k if grey.kind == "roughconductor" else 0.0
@@ -212,7 +212,7 @@ def rough_directions(t: Trial, name: str, angle: float) -> None:
         if grey.ggx:
             w = own[:1] * grey.slopes
             w = w / np.linalg.norm(w)
-            h /= np.linalg.norm(h, axis=1)[:, None]
+            h /= np.sqrt(dot(h, h))[:, None]
             cap = 2 * (h @ w.T) * h - w
             u, v = (1 - cap[:, 2]) / (1 + w[0, 2]), np.arctan2(cap[:, 1], cap[:, 0])
         else:
@@ -245,7 +245,7 @@ def rough_weights(t: Trial, name: str, front: bool) -> None:
     eta = grey.relative(front) if grey.kind == "roughdielectric" else 1.0
     for angle in ANGLES:
         wo, frame = view(angle)
-        s = sampled(t, grey, front, wo, *random_numbers(t, 4000)[1:])
+        s = sampled(t, grey, front, wo, *random_numbers(t, 4000)[1:], importance=True)
         weight, pdf, through = s[:, 3], s[:, 4], s[:, 5] > 0
         t.check(np.isfinite(s), "not finite")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-6, "length")
@@ -268,7 +268,7 @@ def coated(wo: Array, wi: Array, off: float, grey: Grey, eta: float) -> Array:
     table = 1 - reflectance(np.linspace(0, 1, 64), eta, 0.0, off)
     into, out = (np.interp(w[:, 2], np.linspace(0, 1, 64), table) for w in (wi, wo))
     m = half(wo, wi, 1.0)
-    om = (wo * m).sum(axis=1)
+    om = dot(wo, m)
     lobe = slopes(m, grey) / 4
     value = lobe * grey.reflection * reflectance(om, eta, 0.0, off)
     value *= masking(wo, grey) * masking(wi, grey) / wo[:, 2]
@@ -309,7 +309,7 @@ def rough_energy(t: Trial, name: str, front: bool) -> None:
     u, v, lobe = (a.ravel() for a in np.meshgrid(x, x, (np.arange(32) + 0.5) / 32))
     for angle in ANGLES:
         wo, _ = view(angle)
-        s = sampled(t, grey, front, wo, u, v, lobe)
+        s = sampled(t, grey, front, wo, u, v, lobe, importance=True)
         t.check(s[:, 8].mean() < 1.005, f"{s[:, 8].mean()} at {angle}")
 
 
@@ -385,7 +385,7 @@ def rough_corners(t: Trial, name: str) -> None:
     ):
         grey = replace(ROUGH[name], alpha=alpha)
         wo, _ = view(angle)
-        s = sampled(t, grey, front, wo, u, v, lobe)
+        s = sampled(t, grey, front, wo, u, v, lobe, importance=True)
         t.check(np.isfinite(s), f"not finite at {angle}, alpha {alpha}")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-5, "length")
         t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")

@@ -6,6 +6,7 @@ Grey, as the hooks take it; colours: tests/python/test_principled_thin.py and th
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from veriray_validate.levels.sampler_materials import Grey, evaluated, hemisphere, sampled, view
-from veriray_validate.levels.sampler_principled import chi_square
+from veriray_validate.levels.sampler_principled import in_cells, shares_of_cells
 from veriray_validate.levels.sampler_rough import Exact, agree, reciprocal
 from veriray_validate.levels.samplers import N, random_numbers
 from veriray_validate.oracles import CORNERS, single
@@ -77,7 +78,7 @@ def thin_weights(t: Trial, name: str, front: bool) -> None:
     p = SHEETS[name]
     for angle in ANGLES:
         wo, frame = view(angle)
-        s = sampled(t, grey(p), front, wo, *random_numbers(t, 4000)[1:])
+        s = sampled(t, grey(p), front, wo, *random_numbers(t, 4000)[1:], importance=True)
         t.check(np.isfinite(s), "not finite")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-6, "length")
         t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")
@@ -90,6 +91,17 @@ def thin_weights(t: Trial, name: str, front: bool) -> None:
         agree(t, grey(p), front, angle, s[steady], formulas(p))
 
 
+@functools.cache
+def shares_of(name: str, angle: float) -> Array:
+    """`shares_of_cells` of a sheet."""
+    p, (wo, frame) = SHEETS[name], view(angle)
+
+    def density(net: Array) -> Array:
+        return lobes(rounded(p), np.broadcast_to(wo @ frame.T, net.shape), net)[1]
+
+    return shares_of_cells(density, (1, -1))
+
+
 @case(2, each={"name": BROAD, "angle": (20.0, 70.0)})
 def thin_directions(t: Trial, name: str, angle: float) -> None:
     """Directions of samples against the exact density, in 20 x 20 cells of a hemisphere.
@@ -97,28 +109,10 @@ def thin_directions(t: Trial, name: str, angle: float) -> None:
     Cells by midpoints, 24 x 24 each; those of fewer than 20 samples are one; so are samples lost.
     10^5 samples: sees 4 % of one direction in ten.
     """
-    p, n, cells, fine = SHEETS[name], N * t.effort, 20, 24
-    wo, frame = view(angle)
+    p, n, (wo, frame) = SHEETS[name], N * t.effort, view(angle)
     s = sampled(t, grey(p), True, wo, *random_numbers(t, n)[1:])
-    local, kept, own = s[:, :3] @ frame.T, s[:, 4] > 0, wo @ frame.T
-    x = (np.arange(cells * fine) + 0.5) / (cells * fine)
-    z, turn = (a.ravel() for a in np.meshgrid(x, 2 * np.pi * x, indexing="ij"))
-    sine, edges = np.sqrt(1 - z * z), np.linspace(0, 1, cells + 1)
-    expected, counts = [], []
-    for sign in (1, -1):
-        net = np.stack([sine * np.cos(turn), sine * np.sin(turn), sign * z], axis=-1)
-        _, density = lobes(rounded(p), np.broadcast_to(own, net.shape), net)
-        share = density.reshape(cells, fine, cells, fine).mean(axis=(1, 3)) * 2 * np.pi / cells**2
-        expected.append(share.ravel() * n)
-        here = local[kept & (np.sign(local[:, 2]) == sign)]
-        azimuth = np.arctan2(here[:, 1], here[:, 0]) % (2 * np.pi)
-        grid, _, _ = np.histogram2d(np.abs(here[:, 2]), azimuth / (2 * np.pi), (edges, edges))
-        counts.append(grid.ravel())
-    told, seen = np.concatenate(expected), np.concatenate(counts)
-    many = told >= 20
-    told = np.append(told[many], max(n - told[many].sum(), 1e-9))
-    seen = np.append(seen[many], n - seen[many].sum())
-    t.p(chi_square(seen, told), f"{name} at {angle}")
+    local = s[s[:, 4] > 0, :3] @ frame.T
+    in_cells(t, local, n, shares_of(name, angle), (1, -1), f"{name} at {angle}", 1e-9)
 
 
 @case(2, each={"name": [name for name, p in SHEETS.items() if p.diff_trans < 2]})
@@ -172,7 +166,7 @@ def thin_corners(t: Trial, name: str) -> None:
     for roughness, angle in itertools.product((0.0, 0.1, 1.0), (*ANGLES, 89.99, 89.9999)):
         p = Sheet(**{**vars(SHEETS[name]), "roughness": roughness})
         wo, _ = view(angle)
-        s = sampled(t, grey(p), True, wo, u, v, lobe)
+        s = sampled(t, grey(p), True, wo, u, v, lobe, importance=True)
         t.check(np.isfinite(s), f"not finite at {angle}, roughness {roughness}")
         t.check(np.abs(np.linalg.norm(s[:, :3], axis=1) - 1).max() < 1e-5, "length")
         t.check((s[:, 3] >= 0) & (s[:, 4] >= 0), "negative")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-
-import numpy as np
+from typing import Any
 
 from veriray_validate.dicts import (
     BLACK,
@@ -34,26 +34,31 @@ def blend(first: Dict, second: Dict, weight: object = WEIGHT) -> Dict:
     return {"type": "blendbsdf", "weight": weight, "first": first, "second": second}
 
 
-def metal(mu: float) -> float:
+def metal(mu: Any) -> Any:
     """What gold-like metal reflects of light at a cosine."""
     return fresnel_conductor(mu, complex(0.2, 3.0))
+
+
+@functools.cache
+def facets() -> tuple[float, float]:
+    """What rough metal and rough glass send to the cosine MU; of glass, light from below too."""
+    through = BELOW / ETA**2 * share(MU, ALPHA, True, lambda c: fresnel(c, ETA), ETA)
+    back = share(MU, ALPHA, True, lambda c: fresnel(c, ETA))
+    return share(MU, ALPHA, True, metal), back + through
 
 
 def materials() -> dict[str, tuple[Dict, float]]:
     """Materials, and their radiance at the cosine MU in light of 1 above and BELOW underneath."""
     shown = {"type": "conductor", "eta": 0.2, "k": 3.0}
     f = float(fresnel(MU, ETA))
-    facets = share(MU, ALPHA, True, lambda c: fresnel(c, ETA))
-    facets += BELOW / ETA**2 * share(MU, ALPHA, True, lambda c: fresnel(c, ETA), ETA)
+    of_metal, of_glass = facets()
     grey = diffuse(0.6)
     return {
         "matt": (grey, 0.6),
-        "metal": (shown, metal(MU)),
-        "rough metal": (
-            rough(ALPHA, True, shown), share(MU, ALPHA, True, np.vectorize(metal))
-        ),
+        "metal": (shown, float(metal(MU))),
+        "rough metal": (rough(ALPHA, True, shown), of_metal),
         "glass": (glass(ETA), f + (1 - f) * BELOW / ETA**2),
-        "rough glass": (rough(ALPHA, True, glass(ETA)), facets),
+        "rough glass": (rough(ALPHA, True, glass(ETA)), of_glass),
         "nothing": (NULL, BELOW),
         "holes": (masked(0.2, grey), 0.2 * 0.6 + 0.8 * BELOW),
         "few holes": (masked(0.9, MIRROR), 0.9 + 0.1 * BELOW),

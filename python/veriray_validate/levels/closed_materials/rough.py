@@ -76,8 +76,7 @@ def rough_mirror_in_even_light(t: Trial) -> None:
 def rough_metal(t: Trial, alpha: float, ggx: bool, mu: float, lit: str) -> None:
     """A rough metal by its complex index: share of light that goes on, by quadrature. Sees 1 %."""
     eta, k = 0.2, 3.0
-    curve = np.vectorize(lambda c: fresnel_conductor(c, complex(eta, k)))
-    exact = 0.8 * share(mu, alpha, ggx, curve)
+    exact = 0.8 * share(mu, alpha, ggx, lambda c: fresnel_conductor(c, complex(eta, k)))
     metal = {"type": "conductor", "eta": eta, "k": k, "specular_reflectance": rgb(0.8)}
     t.agrees(plate(rough(alpha, ggx, metal), mu, lit), exact, 400_000, sees=0.01)
 

@@ -22,7 +22,7 @@ from veriray.splitting import Split
 SIZE: dict[str, Any] = {"width": 24, "height": 18}
 #: Statistics that do not depend on who drew what.
 SAME = ("ledger", "live_rays", "rays", "paths", "nonfinite_samples", "nonfinite", "spp",
-        "scene_sha256", "mean_stderr", "variant", "features", "primitives")  # fmt: skip
+        "scene_sha256", "mean_stderr", "features", "primitives")  # fmt: skip
 
 
 def several(device: str) -> str:

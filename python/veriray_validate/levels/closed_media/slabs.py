@@ -216,15 +216,20 @@ def drawn_slabs(t: Trial, slabs: int) -> None:
         dark = flat("rectangle", [0, 0, -21], [0, 0, 1], 1e6, BLACK)
         below = np.array([0, 0, -1.0])
         eye = view(below - at(mu), below, 1e-3) if under else view(at(mu), [0, 0, 0], 1e-3)
-        r = t.render(scene(eye, *layers, dark, sky(1)), 300_000 if tau < 100 else 60_000)
-        mean, error = r.image[0, 0].astype(np.float64), r.stderr[0, 0].astype(np.float64)
-        off = np.maximum(np.abs(mean - exact) - 1e-4 * exact - 3e-6, 0)
         bright = exact > 0.05  # below, few samples carry the mean
-        if bright.any():
-            drawn = f"tau {tau:.4g}, g {g:.3f}, albedo {albedo.round(4)}, eta {eta:.3f}"
-            drawn += f", mu {mu:.3f}, {len(layers)} layers, {'under' if under else 'over'}"
-            t.p(max_z((off / error)[bright]), f"{drawn}: {mean} for {exact}")
-            t.sees(smallest_bias(float((error / exact)[bright].max()), 1.0) + 1e-4, 0.06)
+        if not bright.any():
+            continue
+        spp, sees = 300_000 if tau < 100 else 60_000, math.inf
+        while sees > 0.06:  # again with four times the samples where these are too noisy
+            r = t.render(scene(eye, *layers, dark, sky(1)), spp)
+            mean, error = r.image[0, 0].astype(np.float64), r.stderr[0, 0].astype(np.float64)
+            sees = smallest_bias(float((error / exact)[bright].max()), 1.0) + 1e-4
+            spp *= 4
+        off = np.maximum(np.abs(mean - exact) - 1e-4 * exact - 3e-6, 0)
+        drawn = f"tau {tau:.4g}, g {g:.3f}, albedo {albedo.round(4)}, eta {eta:.3f}"
+        drawn += f", mu {mu:.3f}, {len(layers)} layers, {'under' if under else 'over'}"
+        t.p(max_z((off / error)[bright]), f"{drawn}: {mean} for {exact}")
+        t.sees(sees, 0.06)
 
 
 @case(3, each={"side": ("above", "below"), "mu": (1.0, 0.3)},

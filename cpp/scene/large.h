@@ -9,21 +9,18 @@
 
 #if defined(__linux__)
 #include <sys/mman.h>
-#include <unistd.h>
 #endif
 
 namespace veriray {
 
-// Requests large pages, if the system has them, for memory that has not been touched yet. Where
-// they reach beyond it, into memory beside it of which the same was asked, the system may use them
-// too.
+// Requests large pages, if the system has them, for memory that has not been touched yet.
 inline void use_large_pages([[maybe_unused]] const void* memory, [[maybe_unused]] size_t bytes) {
 #if defined(__linux__)
-    static const size_t page = static_cast<size_t>(sysconf(_SC_PAGESIZE));
+    constexpr size_t kPage = 1u << 21;
     const size_t from = reinterpret_cast<size_t>(memory);
-    const size_t first = (from + page - 1) / page * page, end = (from + bytes) / page * page;
-    if (first + (1u << 20) <= end)
-        madvise(reinterpret_cast<void*>(first), end - first, MADV_HUGEPAGE);
+    const size_t first = (from + kPage - 1) / kPage * kPage, last = (from + bytes) / kPage;
+    if (first < last * kPage)
+        madvise(reinterpret_cast<void*>(first), last * kPage - first, MADV_HUGEPAGE);
 #endif
 }
 

@@ -6,7 +6,6 @@
 #include <system_error>
 
 #include "bindings.h"
-#include "scene/large.h"
 
 namespace {
 
@@ -248,7 +247,6 @@ std::vector<py::ssize_t> words_shape(const Film& film, const PlaneInfo& p) {
 py::array_t<uint64_t> words_of(const Film& film, size_t plane) {
     py::array_t<uint64_t> out(words_shape(film, film.planes()[plane]));
     uint64_t* words = out.mutable_data();
-    use_large_pages(words, static_cast<size_t>(out.nbytes()));
     py::gil_scoped_release release;
     film.words(plane, words);
     return out;
@@ -304,7 +302,6 @@ py::array_t<float> copied(const Picture& p, void (Picture::*read)(float*) const)
     py::array_t<float> out(picture_shape(p));
     float* numbers = out.mutable_data();
     py::gil_scoped_release release;
-    use_large_pages(numbers, static_cast<size_t>(out.nbytes()));  // else 1 us for each 4 KiB
     (p.*read)(numbers);
     return out;
 }

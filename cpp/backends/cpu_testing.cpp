@@ -120,8 +120,8 @@ LightAnswer choose_lights(const Scene& scene, const double* points, const double
     return a;
 }
 
-// The closest hits; rays in turn, by code for all shapes, and one after another, by code for those
-// of the tree, must meet the same, and shadow rays a hit where there is one.
+// The closest hits; rays in turn, by code for all shapes, one after another, by code for those of
+// the tree, side by side and alone must meet the same, and shadow rays a hit where there is one.
 static Hit<Simd> closest_either_way(SceneView view, const Ray<Simd>& ray, Simd::M lanes) {
     using Reader = SurfaceReader<Simd, kAllFeatures>;
     const auto nothing = nothing_met<Simd>();
@@ -137,9 +137,13 @@ static Hit<Simd> closest_either_way(SceneView view, const Ray<Simd>& ray, Simd::
         if (any((blocked & !met) | (met & !blocked)))
             throw std::logic_error("intersect: closest and any hit differ");
     }
-    const auto same = (hit[0].t == hit[1].t) & (hit[0].primitive == hit[1].primitive);
-    if (any(lanes & !same))
-        throw std::logic_error("intersect: rays in turn and one after another differ");
+    for (uint32_t k = 0; k < Simd::kWidth; ++k) {
+        const auto lane = lanes & mask_of(1u << k, lanes);
+        const Hit<Simd> alone = Reader::closest(view, ray, nothing, Simd::F(kInfinity), lane);
+        for (const auto& h : hit)
+            if (any(lane & !((h.t == alone.t) & (h.primitive == alone.primitive))))
+                throw std::logic_error("intersect: rays together and alone differ");
+    }
     return hit[0];
 }
 

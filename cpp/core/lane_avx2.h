@@ -82,6 +82,12 @@ VR_HD uint32_t bits(M8 m) { return static_cast<uint32_t>(_mm256_movemask_ps(m.m)
 VR_HD bool any(M8 m) { return bits(m) != 0; }
 VR_HD bool none(M8 m) { return bits(m) == 0; }
 VR_HD uint32_t count(M8 m) { return static_cast<uint32_t>(__builtin_popcount(bits(m))); }
+VR_HD float least(F8 a) {
+    __m128 m = _mm_min_ps(_mm256_castps256_ps128(a.v), _mm256_extractf128_ps(a.v, 1));
+    m = _mm_min_ps(m, _mm_movehl_ps(m, m));
+    return _mm_cvtss_f32(_mm_min_ss(m, _mm_shuffle_ps(m, m, 1)));
+}
+VR_HD float greatest(F8 a) { return -least(-a); }
 VR_HD F8 to_float(U8 a) { return _mm256_cvtepi32_ps(a.v); }
 VR_HD U8 to_uint(F8 a) { return _mm256_cvttps_epi32(a.v); }
 VR_HD U8 as_uint(F8 a) { return _mm256_castps_si256(a.v); }

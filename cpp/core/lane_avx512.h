@@ -81,6 +81,8 @@ VR_HD bool any(M16 m) { return m.m != 0; }
 VR_HD bool none(M16 m) { return m.m == 0; }
 VR_HD uint32_t bits(M16 m) { return m.m; }
 VR_HD uint32_t count(M16 m) { return static_cast<uint32_t>(__builtin_popcount(m.m)); }
+VR_HD float least(F16 a) { return _mm512_reduce_min_ps(a.v); }
+VR_HD float greatest(F16 a) { return _mm512_reduce_max_ps(a.v); }
 VR_HD F16 to_float(U16 a) { return _mm512_cvtepi32_ps(a.v); }
 VR_HD U16 to_uint(F16 a) { return _mm512_cvttps_epi32(a.v); }
 VR_HD U16 as_uint(F16 a) { return _mm512_castps_si512(a.v); }

@@ -58,37 +58,40 @@ struct BvhView {
     uint32_t large, round;
 };
 
-// ---- one primitive, one ray ----
+// ---- one primitive ----
 using Scalar3 = Vec3<float>;
 
-// Distance to a sphere or disk record beyond `last`; infinity if the ray misses it.
-template <uint32_t kKinds>
-VR_HD float round_distance(const float* record, uint32_t kind, uint32_t primitive,
-                           const Ray<Scalar>& ray, const Slabs<Scalar>& slabs,
-                           const Hit<Scalar>& last) {
+// Distances to a sphere or disk record beyond `last`; infinity where the ray misses it.
+template <uint32_t kKinds, class L>
+VR_HD typename L::F round_distance(const float* record, uint32_t kind, typename L::U primitive,
+                                   const Ray<L>& ray, const Slabs<L>& slabs, const Hit<L>& last) {
+    using F = typename L::F;
+    F distance(kInfinity);
     if constexpr (kKinds & kTreeSpheres)
         if (!(kKinds & kTreeDisks) || kind == kSphereRecord) {
-            const Scalar3 c{record[0], record[1], record[2]}, r{record[6], record[6], record[6]};
-            const Scalar3 v[3] = {c - r, c + r, c};
-            float root[2];
-            if (!may_meet_sphere<Scalar>(record, ray, kInfinity) ||
-                !sphere_roots<Scalar>(record, ray, root[0], root[1]))
-                return kInfinity;
-            float before = 0.f;
-            for (const float at : root) {
-                if (!(at > 0.f)) continue;
-                const float t = max(bounded_distance<Scalar>(at, slabs, v), just_beyond(before));
-                if (beyond<Scalar>(last, t, primitive)) return t;
-                before = t;
+            F root[2], before(0.f);
+            auto open = may_meet_sphere<L>(record, ray, F(kInfinity));
+            if (none(open)) return distance;
+            open = open & sphere_roots<L>(record, ray, root[0], root[1]);
+            const Vec3<F> c = broadcast<F>(record), r{F(record[6]), F(record[6]), F(record[6])};
+            const Vec3<F> v[3] = {c - r, c + r, c};
+            for (const F at : root) {
+                const auto ahead = open & (at > F(0.f));
+                if (none(ahead)) continue;
+                const F t = max(bounded_distance<L>(at, slabs, v), just_beyond(before));
+                const auto take = ahead & beyond<L>(last, t, primitive);
+                distance = select(take, t, distance);
+                open = open & !take;
+                before = select(ahead, t, before);
             }
         }
     if constexpr (kKinds & kTreeDisks)
         if (kind == kDiskRecord) {
-            float t;
-            if (meets_disk<Scalar>(record, ray, kInfinity, t) && beyond<Scalar>(last, t, primitive))
-                return t;
+            F t;
+            const auto met = meets_disk<L>(record, ray, F(kInfinity), t);
+            distance = select(met & beyond<L>(last, t, primitive), t, distance);
         }
-    return kInfinity;
+    return distance;
 }
 
 // Whether a hit lies beyond `last` and before `hit`.

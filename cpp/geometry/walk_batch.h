@@ -2,7 +2,7 @@
 // in registers; in a larger one the rays take turns (walk_turns.h).
 #pragma once
 
-#include "geometry/walk_turns.h"
+#include "geometry/walk_packet.h"
 
 namespace veriray {
 
@@ -191,7 +191,15 @@ VR_HD void walk(const BvhView& bvh, Walkers<L>& w, typename L::M active) {
 template <class L, uint32_t kKinds>
 VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& last,
                           typename L::M active, Hit<L>& hit) {
-    Walkers<L> w(bvh, ray, last, hit.t, hit.primitive);
+    const Slabs<L> slabs = slabs_of<L>(ray, bvh.slack);
+    const Shear<L> shear = shear_of<L>(ray.d);
+    if constexpr (L::kWidth > 1) {
+        Packet<L> p(bvh, ray, last, slabs, shear, hit.t, active);
+        if (p.together)
+            return bvh.round ? walk_together<kKinds>(bvh, p, hit)
+                             : walk_together<kTreeTriangles>(bvh, p, hit);
+    }
+    Walkers<L> w(ray, slabs, shear, last, hit.t, hit.primitive);
     walk<kKinds, false>(bvh, w, active);
     hit.t = load(w.t, typename L::F()), hit.primitive = load(w.primitive, typename L::U());
 }
@@ -200,7 +208,8 @@ VR_HD void closest_in_bvh(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& l
 template <class L, uint32_t kKinds>
 VR_HD typename L::M occluded_in_bvh(const BvhView& bvh, const Ray<L>& ray, typename L::F t_max,
                                     typename L::M active, typename L::U skip) {
-    Walkers<L> w(bvh, ray, nothing_met<L>(), t_max, skip);
+    Walkers<L> w(ray, slabs_of<L>(ray, bvh.slack), shear_of<L>(ray.d), nothing_met<L>(), t_max,
+                 skip);
     walk<kKinds, true>(bvh, w, active);
     using F = typename L::F;
     return active & (t_max > F(0.f)) & (load(w.t, F()) < F(0.f));

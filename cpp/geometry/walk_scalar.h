@@ -115,7 +115,8 @@ VR_HD float record_distance(const float* record, const RayFrame& f, const Hit<Sc
         primitive = as_uint(d.y);
         if (!(kKinds & kTreeTriangles) || as_uint(d.z) != kTriangleRecord) {
             const float all[12] = {a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w};
-            return round_distance<kKinds>(all, as_uint(d.z), primitive, f.ray, f.slabs, last);
+            return round_distance<kKinds, Scalar>(all, as_uint(d.z), primitive, f.ray, f.slabs,
+                                                  last);
         }
     }
     const Scalar3 v[3] = {{a.x, a.y, a.z}, {a.w, b.x, b.y}, {b.z, b.w, c.x}};

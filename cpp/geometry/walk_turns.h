@@ -21,12 +21,10 @@ struct Walkers {
     uint32_t passed[kWidth], primitive[kWidth], node[kWidth], waiting[kWidth];
     uint64_t stack[kWidth][kCpuStack];  // bits of the entry distance, child
 
-    VR_HD Walkers(const BvhView& bvh, const Ray<L>& ray, const Hit<L>& last, typename L::F t_max,
-                  typename L::U first) {
+    VR_HD Walkers(const Ray<L>& ray, const Slabs<L>& s, const Shear<L>& h, const Hit<L>& last,
+                  typename L::F t_max, typename L::U first) {
         using F = typename L::F;
         using U = typename L::U;
-        const Slabs<L> s = slabs_of<L>(ray, bvh.slack);
-        const Shear<L> h = shear_of<L>(ray.d);
         put(o, ray.o), put(d, ray.d), put(inverse, s.inverse), put(near, s.near), put(far, s.far);
         put(sheared_o, main_axis_last(h.from_x, h.from_y, ray.o));
         store(shear[0], h.x), store(shear[1], h.y);
@@ -81,15 +79,17 @@ VR_HD uint32_t record_primitive(const float* rows, uint32_t count, uint32_t j) {
     return as_uint(rows[kRecordId * count + j]) & ((1u << kRecordKindShift) - 1u);
 }
 
+VR_HD uint32_t record_kind(const float* rows, uint32_t count, uint32_t j) {
+    return as_uint(rows[kRecordId * count + j]) >> kRecordKindShift & 3u;
+}
+
 // The same `hits` of a leaf's records with those of its spheres and discs that ray i meets within
 // t_max. Of several spheres, those that it clearly misses are found at once.
 template <uint32_t kKinds, class L>
 VR_HD uint32_t round_hits(const float* rows, uint32_t count, const Walkers<L>& w, uint32_t i,
                           float t_max, uint32_t hits, float (&t)[kCpuLeaf]) {
     using F = Batch::F;
-    const auto kind_of = [&](uint32_t j) {
-        return as_uint(rows[kRecordId * count + j]) >> kRecordKindShift & 3u;
-    };
+    const auto kind_of = [&](uint32_t j) { return record_kind(rows, count, j); };
     uint32_t round = 0, spheres = 0;
     for (uint32_t j = 0; j < count; ++j) {
         round |= static_cast<uint32_t>(kind_of(j) != kTriangleRecord) << j;
@@ -113,7 +113,7 @@ VR_HD uint32_t round_hits(const float* rows, uint32_t count, const Walkers<L>& w
         const auto one = [&](const float (&column)[3][L::kWidth]) {
             return Scalar3{column[0][i], column[1][i], column[2][i]};
         };
-        t[j] = round_distance<kKinds>(
+        t[j] = round_distance<kKinds, Scalar>(
             record, kind_of(j), record_primitive(rows, count, j), {one(w.o), one(w.d)},
             {one(w.inverse), one(w.near), one(w.far)}, {w.after[i], w.passed[i]});
         hits |= static_cast<uint32_t>(t[j] <= t_max && t[j] < kInfinity) << j;

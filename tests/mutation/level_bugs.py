@@ -263,6 +263,8 @@ _GEOMETRY = (
            "!turned_.empty() && turned_[i]", "false"),
     Mutant("half of a leaf left out", "geometry/walk_batch.h", "hits &= (1u << count) - 1u;",
            "hits &= (1u << (count + 1) / 2) - 1u;"),
+    Mutant("hull of rays side by side too small", "geometry/walk_packet.h",
+           "low[k] -= slack, high[k] += slack;", "low[k] += .02f, high[k] -= .02f;"),
 )  # fmt: skip
 
 _PICTURE = (

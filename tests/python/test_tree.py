@@ -223,6 +223,26 @@ def test_hits_are_those_of_the_sah_tree(device: str, name: str, scale: float) ->
     assert (p0 >= 0).any()
 
 
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+@each_shape
+def test_rays_side_by_side_meet_what_each_meets_alone(cpu: str, name: str, scale: float) -> None:
+    """Bundles of 16 rays whose spread is 1e-7 to 1; `intersect` traces them together and alone."""
+    scene = scene_of(name, scale)
+    rng = np.random.default_rng(6)
+    n = 16 if name == "equal" else 600
+    o, d = (np.repeat(rays, 16, axis=0) for rays in random_rays(rng, n))
+    v = scene.vertices[scene.triangles].mean(axis=1)
+    at = v[rng.integers(0, len(v), n)] / scale
+    d[: 8 * n] = (np.repeat(at, 16, axis=0) - o)[: 8 * n]  # half of them aimed
+    d[::512] = [0.0, 0.0, 1.0]
+    spread = np.repeat(10.0 ** rng.uniform(-7, 0, (2, n)), 16, axis=1)[..., None]
+    o[: 4 * n] += (spread[0] * rng.uniform(-1, 1, o.shape))[: 4 * n]  # a quarter from one point
+    d += spread[1] * rng.uniform(-1, 1, d.shape)
+    module, host = native(scene, cpu, "sah")
+    _, primitive = module.intersect(host, o * scale, d)
+    assert (primitive >= 0).any()
+
+
 @pytest.mark.parametrize("size", [1e-7, 3e-8, 1e-8])
 def test_no_tree_shows_in_triangles_of_the_size_of_rounding(
     device: str, size: float, monkeypatch: pytest.MonkeyPatch

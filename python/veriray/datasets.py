@@ -147,9 +147,7 @@ def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again:
                 f"{file} is in the way: it lacks {', '.join(sorted(missing))} (again replaces it)"
             )
         if settled.light_groups and old.features.lamps != layers(used, [*settled.light_groups]):
-            raise ImageError(
-                f"{file} is in the way: it has other light groups (again replaces it)"
-            )
+            raise ImageError(f"{file} is in the way: it has other light groups (again replaces it)")
         wanted = {"scene_sha256": used.sha256, **_deciding(settled)}
         for name, value in wanted.items():
             if (found.get(name) or None) != (value or None):

@@ -203,7 +203,7 @@ def test_one_emitter_of_several_shapes_and_names_that_are_no_layers(tmp_path: Pa
 @pytest.mark.parametrize(
     "given, message",
     [
-        ("key=lamp", r"no lamp is called 'lamp'; there are: bulb, lamp_a, panel, sky; did you mean"),
+        ("key=lamp", "no lamp is called 'lamp'; there are: bulb, lamp_a, panel, sky; did you"),
         ("a=*,b=bulb", "all that 'b=bulb' names is in other groups"),
         ("a.b=bulb", "a group cannot be called 'a.b'; expected 1 to 64 letters, digits"),
         ("rest=bulb", 'a group cannot be called \'rest\'; .*and not "rest"'),

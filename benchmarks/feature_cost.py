@@ -1,7 +1,7 @@
 """What feature images cost, as a share of a picture of 64 samples a pixel and 8 segments a path.
 
-Depth, position, both normals, albedo and alpha with 8 samples, and each light group as a share of the
-picture beside it. The calls with and without take turns; the least of the rounds counts, of the
+Depth, position, both normals, albedo and alpha with 8 samples, and a light group, each as a share
+of the picture beside it. Calls with and without take turns; the least of the rounds counts, of the
 process's time on a CPU, of the clock on CUDA. Status 0: the six images cost 10 % at most.
 
     python benchmarks/feature_cost.py --device cuda:0 -o benchmarks/results/feature_cost_cuda.json

@@ -76,12 +76,11 @@ void look_at(const SceneView& scene, const FeatureJob& job, uint32_t pixel, cons
         if (!(job.view.wanted >> kind & 1u)) continue;
         const PlaneView& plane = job.planes[kind];
         for (uint32_t c = 0; c < plane.channels; ++c) {
-            PixelSum of_lane[Simd::kWidth] = {};
-            sums[job.first[kind] + c].flush(of_lane, 0, lanes.live);
-            for (uint32_t k = 0; k < lanes.live; ++k) {
-                add_plain(plane.number(pixel + k, c), of_lane[k].sum[0]);
-                add_plain(plane.number(pixel + k, c) + 2, of_lane[k].square[0]);
-            }
+            sums[job.first[kind] + c].each(lanes.live,
+                                           [&](uint32_t k, Fixed128 sum, Fixed128 square) {
+                                               add_plain(plane.number(pixel + k, c), sum);
+                                               add_plain(plane.number(pixel + k, c) + 2, square);
+                                           });
         }
     }
 }

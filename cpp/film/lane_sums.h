@@ -46,18 +46,27 @@ class LaneSums {
         add_square(x);
     }
 
-    // Adds the sums of the first `count` lanes to a channel of their pixels.
-    void flush(PixelSum* pixels, uint32_t channel, uint32_t count) const {
+    // Calls put(k, sum, sum of the squares) for the first `count` lanes.
+    template <class Put>
+    void each(uint32_t count, Put put) const {
         double part[5][L::kWidth];
         for (uint32_t i = 0; i < 5; ++i) store(part[i], part_[i]);
         for (uint32_t k = 0; k < count; ++k) {
-            Fixed128 &sum = pixels[k].sum[channel], &square = pixels[k].square[channel];
-            veriray::add(sum, multiple<kHigh, kSumScale>(part[0][k]));
+            Fixed128 sum = multiple<kHigh, kSumScale>(part[0][k]);
             veriray::add(sum, multiple<0, 0>(part[1][k]));
-            veriray::add(square, multiple<kTop, kSquareScale>(part[2][k]));
+            Fixed128 square = multiple<kTop, kSquareScale>(part[2][k]);
             veriray::add(square, multiple<kMiddle, kSquareScale>(part[3][k]));
             veriray::add(square, multiple<0, 0>(part[4][k]));
+            put(k, sum, square);
         }
+    }
+
+    // Adds the sums of the first `count` lanes to a channel of their pixels.
+    void flush(PixelSum* pixels, uint32_t channel, uint32_t count) const {
+        each(count, [&](uint32_t k, Fixed128 sum, Fixed128 square) {
+            veriray::add(pixels[k].sum[channel], sum);
+            veriray::add(pixels[k].square[channel], square);
+        });
     }
 
    private:

@@ -130,9 +130,13 @@ struct PathTracer : PathVertices<L, kFeatures> {
         place.hit = hit;
         const F far = Vertices::far_end(scene, path, segment);
         M valid = arrive(scene, s, path, far, segment, active, place, e);
-        if (none(valid | place.collided)) return e;
+        if (none(valid | place.collided)) {
+            mute(scene, path, segment, active);
+            return e;
+        }
         reach(scene, path, far, valid, place, e);
         surface_vertex(scene, s, path, segment, valid, place, e);
+        mute(scene, path, segment, active);
         const M deep = beyond_depth(s, path, segment, place.scatters);
         if constexpr (!has(kPass)) {
             if (any(deep)) {
@@ -149,7 +153,9 @@ struct PathTracer : PathVertices<L, kFeatures> {
         const Block<U> random =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter));
         if constexpr (has(kAnyLight)) {
-            const M receives = ((place.scatters & place.bsdf.scatters()) | place.collided) & !deep;
+            M receives = ((place.scatters & place.bsdf.scatters()) | place.collided) & !deep;
+            if (scene.muted_segments)  // a light sample is one segment more
+                receives = deeper(scene.muted_segments, path, segment, receives);
             if (scene.lights.count && any(receives))
                 request(scene, s, path, place.vertex, place.bsdf, segment, random, receives,
                         shadow);
@@ -214,10 +220,20 @@ struct PathTracer : PathVertices<L, kFeatures> {
     static VR_HD M beyond_depth(const PathSettings& s, const PathState<L>& path, uint32_t segment,
                                 M scatters) {
         if (segment + 1 >= kHardMaxDepth) return scatters;
+        return deeper(s.max_depth, path, segment, scatters);
+    }
+    // Those of the lanes whose paths have at least so many segments, passes not counted.
+    static VR_HD M deeper(uint32_t segments, const PathState<L>& path, uint32_t segment, M lanes) {
         if constexpr (has(kPass))
-            return scatters & !(path.vertices + U(1u) < U(s.max_depth));
+            return lanes & !(path.vertices + U(1u) < U(segments));
         else
-            return segment + 1 >= s.max_depth ? scatters : no_lanes(scatters);
+            return segment + 1 >= segments ? lanes : no_lanes(lanes);
+    }
+    // Takes from paths of few segments, in scenes that leave these out, the light they have met.
+    static VR_HD void mute(const SceneView& scene, PathState<L>& path, uint32_t segment, M active) {
+        if (!scene.muted_segments) return;
+        const M counts = deeper(scene.muted_segments + 1, path, segment, active);
+        path.radiance = select(active & !counts, black(), path.radiance);
     }
 };
 

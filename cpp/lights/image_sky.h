@@ -97,7 +97,7 @@ struct ImageSky : LightShape<L> {
     template <class Row>
     static VR_HD S radiance(const Row& row, V d) {
         const Place at = place_of(row, d);
-        return cell(row.map, at.column, at.row).radiance(at.s, at.t);
+        return cell(row.map, at.column, at.row).radiance(at.s, at.t) * F(row.map.shown);
     }
     // At the very poles, which are never drawn, it is 0.
     template <class Row>
@@ -128,7 +128,7 @@ struct ImageSky : LightShape<L> {
         const V wi = fma(row.vector(kLightP), sine * across,
                          fma(row.vector(kLightE1), cosine, row.vector(kLightE2) * -(sine * along)));
         const F inverse = row(kLightInverse) * F(map.cell) * sine;
-        return {c.radiance(at.s, at.t),
+        return {c.radiance(at.s, at.t) * F(map.shown),
                 inverse / (c.density(at.s, at.t) * c.chance),
                 F(kInfinity),
                 wi,

@@ -15,7 +15,8 @@ struct SkyMap {
     uint32_t width, height;  // texels; rows of cells are one less
     uint32_t row_bits, column_bits;
     float rows_per_radian, columns_per_radian;
-    float cell;  // the size of a cell in square radians
+    float cell;   // the size of a cell in square radians
+    float shown;  // 1; 0 if its light is left out
 };
 
 }  // namespace veriray

@@ -19,6 +19,7 @@ uint32_t depend_on(const char* name) {
 #define VR_PARAMETER(name, width) {#name, kOnSurfaces},
 #include "schema/materials.def"
         {"emissions", kOnSurfaces | kOnLights},
+        {"emission_muted", kOnSurfaces | kOnLights},
         {"sigma_t", kOnMedia | kOnLights},
         {"albedo", kOnMedia},
         {"phase_g", kOnMedia},
@@ -26,6 +27,9 @@ uint32_t depend_on(const char* name) {
         {"lobe_g", kOnMedia},
         {"phase_values", kOnMedia},
         {"environment", kOnLights},
+        {"sky_muted", kOnLights},
+        {"muted_segments", kOnLights},
+        {"light_muted", kOnLights},
         {"light_position", kOnLights},
         {"light_direction", kOnLights},
         {"light_intensity", kOnLights},

@@ -261,6 +261,7 @@ void HostScene::set_lights(const SceneInput& in) {
         throw std::invalid_argument("the largest radiance, " + number(brightest) +
                                     ", is outside [1e-30, 1e30]");
     view.emission_scale = std::ldexp(1.f, -exponent);
+    view.muted_segments = in.muted_segments.data[0];
 }
 
 // A row of the light table, column c at row[c * stride], and what primitives know of it.
@@ -271,7 +272,7 @@ void HostScene::put_light(const LightSource& s, float* row, size_t stride) {
     at(kLightInverse) = static_cast<float>(per);
     at(kLightPrimitive) = bit_cast<float>(s.primitive);
     at(kLightTexture) = static_cast<float>(s.texture);
-    for (uint32_t k = 0; k < 3; ++k) at(kLightRadiance + k) = s.radiance[k];
+    for (uint32_t k = 0; k < 3 && !s.muted; ++k) at(kLightRadiance + k) = s.radiance[k];
     with_shape(s.shape, [&](auto shape) { shape.write(s, at); });
     view.features |= lights(shape_bit(s.shape));
     if (kLights[s.shape].site != kOnSurface) return;
@@ -291,6 +292,7 @@ LightSource HostScene::light_source(const SceneInput& in, const AreaLight& light
                                                               : kParallelogramLight;
     s.area = light.area;
     std::copy_n(in.emissions.data + 3 * source.emission, 3, s.radiance);
+    s.muted = in.emission_muted.data[source.emission];
     s.strength = sum3(s.radiance);
     if (s.texture >= 0) s.strength *= mean_of_texture(in, light, s.texture);
     s.primitive = light.primitive, s.other = light.other;
@@ -338,6 +340,7 @@ LightSource HostScene::light_source(const SceneInput& in, uint32_t q) const {
     const double scale = in.light_has_place(q) ? 1 / (unit * unit) : 1;
     const float* intensity = in.light_intensity.data + 3 * q;
     for (int k = 0; k < 3; ++k) s.radiance[k] = static_cast<float>(intensity[k] * scale);
+    s.muted = in.light_muted.data[q];
     s.strength = sum3(intensity) * scale;
     if (s.texture >= 0) s.strength *= light_texture(in, s.texture).mean(in);
     const Double3 p = (row3(in.light_position, q) - centre) * (1 / unit);
@@ -354,6 +357,7 @@ LightSource HostScene::light_source(const SceneInput& in, uint32_t q) const {
 LightSource HostScene::sky_source(const SceneInput& in) {
     LightSource s{};
     s.texture = -1;
+    s.muted = in.sky_muted.data[0];
     if (in.sky_texels.count) {
         s.shape = kImageSky;
         s.strength = set_sky_map(in);

@@ -68,6 +68,7 @@ double HostScene::set_sky_map(const SceneInput& in) {
     map.columns_per_radian = static_cast<float>(1 / across);
     map.rows_per_radian = static_cast<float>(1 / down);
     map.cell = static_cast<float>(across * down);
+    map.shown = in.sky_muted.data[0] ? 0.f : 1.f;
     // Simpson's rule for the sine times the share of a row's texels.
     double strength = 0;
     for (uint32_t j = 0; j < cells; ++j) {

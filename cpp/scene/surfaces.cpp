@@ -189,7 +189,8 @@ void HostScene::set_surfaces(const SceneInput& in) {
                                (in.relief_shades.data[m] ? kReliefShades : 0u) |
                                (in.relief_mirrored.data[m] ? kReliefMirrored : 0u)));
         for (uint32_t k = 0; k < 3 && emission >= 0; ++k)
-            put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
+            if (!in.emission_muted.data[emission])
+                put(kSurfaceRadiance + k, in.emissions.data[3 * emission + k]);
         const int32_t image = emission >= 0 ? in.emission_texture.data[emission] : -1;
         put(kSurfaceRadianceTexture, static_cast<float>(image));
         if (image >= 0) view.features |= kTextures | kLightTextures;

@@ -122,6 +122,7 @@ struct SceneView {
     CameraView camera;
     FilterView filter;
     float emission_scale;        // 2^-e of the film
+    uint32_t muted_segments;     // light of paths of so many at most is left out
     const void* uniform_quads;   // CPU: the quads as Simd::Uniform
     const void* uniform_shorts;  // CPU: likewise, of kShortFloats, those across or along an axis
     const QuadRun* runs;         // CPU

@@ -139,6 +139,10 @@ class SceneArrays(TypedDict):
     phase_lobes: npt.NDArray[np.uint32]  # (K,)
     albedo_grid: npt.NDArray[np.int32]  # (K,)
     sigma_t_grid: npt.NDArray[np.int32]  # (K,)
+    emission_muted: npt.NDArray[np.uint8]  # (E,)
+    light_muted: npt.NDArray[np.uint8]  # (Q,)
+    sky_muted: npt.NDArray[np.uint8]  # (1,)
+    muted_segments: npt.NDArray[np.uint32]  # (1,)
 
 class CameraArguments(TypedDict):
     to_world: npt.NDArray[np.float64]

@@ -84,8 +84,10 @@ class Accumulation:
         self, scene: Scene, *, first: int = 0, progress: Progress = None, **settings: Any
     ) -> None:
         given = RenderSettings(**settings)
-        if given.features or given.feature_spp is not None:
-            raise ValueError("features and feature_spp are settings of veriray.render alone")
+        if given.features or given.feature_spp is not None or given.light_groups:
+            raise ValueError(
+                "features, feature_spp and light_groups are settings of veriray.render alone"
+            )
         self._begin(scene, given, progress, first)
 
     @classmethod

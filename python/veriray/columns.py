@@ -448,6 +448,17 @@ _HASHED_IF_SET: dict[str, Column] = {
         doc="the share of sigma_t, then grey, that is there, and none outside of the box around "
         "the grid's unit cube; -1: all is everywhere",
     ),
+    **{
+        f"{lamp}_muted": Column(
+            table, np.bool_, () if table else (1,), False,
+            doc="paths are those with its light, which is left out of the picture (light groups)",
+        )
+        for lamp, table in (("emission", "emissions"), ("light", "lights"), ("sky", ""))
+    },
+    "muted_segments": Column(
+        "", np.uint32, (1,), 0, 0, 1 << 18,
+        doc="light of paths of so many segments at most is left out, as of max_depth",
+    ),
 }  # fmt: skip
 #: The first column of a table is the one that says how many rows it has.
 COLUMNS: dict[str, Column] = {**_ALWAYS_HASHED, **_HASHED_IF_SET}

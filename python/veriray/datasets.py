@@ -13,6 +13,7 @@ from .camera import Camera
 from .errors import ImageError
 from .files import check_writable, replacing
 from .formats.cameras import View, load, transforms
+from .light_groups import layers
 from .numeric import number, path_text, shown, switch
 from .picture import Render
 from .rendering import render_with, settle
@@ -145,6 +146,8 @@ def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again:
             raise ImageError(
                 f"{file} is in the way: it lacks {', '.join(sorted(missing))} (again replaces it)"
             )
+        if settled.light_groups and old.features.lamps != layers(used, [*settled.light_groups]):
+            raise ImageError(f"{file} is in the way: it has other light groups (again replaces it)")
         wanted = {"scene_sha256": used.sha256, **_deciding(settled)}
         for name, value in wanted.items():
             if (found.get(name) or None) != (value or None):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from .accumulation import Accumulation
 from .camera import Camera
 from .features import OF_SURFACES, PARTS, SPP, FeatureImages
 from .first_surface import look
+from .light_groups import alone, resolved
 from .numeric import shown, whole
 from .picture import Render
 from .plan import settle
@@ -82,17 +84,25 @@ def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureIma
         begin = 0 if settings.target_error is None else first_sample(used.spp)
         with device_module.native_errors():
             made = look(chosen, scene, used, of_surfaces, spp, settings.native(), begin=begin)
-    if {*PARTS} & {*names}:
-        depth = used.max_depth
-        less = {"max_depth": min(2, depth) if depth >= 0 else 2, "batches": 0, "features": ()}
-        direct = Accumulation._of(scene, settings.with_checked(less), None)
-        with contextlib.closing(direct):
-            while direct.left:
-                direct.add(direct.left)
-            part = direct._render()
-        if "direct" in names:
-            made.images["direct"], made.stderr["direct"] = part.image, part.stderr
-        if "indirect" in names:
-            made.images["indirect"] = np.asarray(render.image - part.image, np.float32)
-            made.stderr["indirect"] = np.asarray(render.stderr + part.stderr, np.float32)
+    depth = used.max_depth
+    if "direct" in names:
+        made._add("direct", _part(scene, settings, max_depth=min(2, depth) if depth >= 0 else 2))
+    if "indirect" in names:
+        far = scene._with_arrays(muted_segments=np.maximum(scene.muted_segments, 2))
+        made._add("indirect", _part(far, settings))
+    if settings.light_groups:
+        groups = resolved(used, [*settings.light_groups])
+        for group, shining in groups.items():
+            part = _part(alone(scene, shining), settings)
+            made._add(f"light.{group}", part, [lamp.names[0] for lamp in shining])
     return made
+
+
+def _part(scene: Scene, settings: RenderSettings, **changes: Any) -> Render:
+    """Another picture with the same samples."""
+    plain = {"batches": 0, "features": (), "light_groups": (), **changes}
+    work = Accumulation._of(scene, settings.with_checked(plain), None)
+    with contextlib.closing(work):
+        while work.left:
+            work.add(work.left)
+        return work._render()

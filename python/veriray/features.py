@@ -31,10 +31,12 @@ never filtered:
 - `material`: 1 + the row of the scene's materials (of a blend, the row that blends).
 - `primitive`: 1 + the triangle, T + the sphere or T + S + the disk of T triangles and S spheres.
 
-Parts of the picture (H, W, 3), which cost another picture of two segments a path:
+Parts of the picture (H, W, 3), each of which costs another picture with the same samples:
 
 - `direct`: paths of two segments at most: what lamps send to the camera, and what they light.
-- `indirect`: picture less `direct`. Its standard error is the sum of both, an upper limit.
+- `indirect`: all longer paths. The two add up to the picture to float rounding.
+- `light.NAME`: the light of the lamps of a group (`veriray.light_groups`). The groups add up to the
+  picture to float rounding.
 
 In EXR files a layer has the image's name, `depth.Z` and `normal.X` for example (`LAYERS`), and its
 standard error is the layer `stderr.NAME`.
@@ -42,14 +44,19 @@ standard error is the layer `stderr.NAME`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .numeric import shown, whole
+from .numeric import shown, texts, whole
 from .settings import FEATURES
+
+if TYPE_CHECKING:
+    from .picture import Render
 
 Array = npt.NDArray[Any]
 
@@ -65,6 +72,7 @@ PARTS = ("direct", "indirect")
 OF_SURFACES = tuple(name for name in LAYERS if name not in PARTS)
 #: Samples of a pixel, if nothing else is asked for, but not more than the picture has.
 SPP = 8
+_LIGHT = re.compile(r"light\.[A-Za-z0-9_-]{1,64}")
 
 
 class FeatureImages(Mapping[str, Array]):
@@ -72,20 +80,31 @@ class FeatureImages(Mapping[str, Array]):
 
     images: those of `veriray.features`. stderr: standard errors of the means among them, by name;
     0 where fewer than two samples met a surface. spp: samples of a pixel that the means are of.
+    lamps: the lamps of each light group, by the image's name.
     """
 
     def __init__(
-        self, images: Mapping[str, Array] = {}, stderr: Mapping[str, Array] = {}, spp: int = 0
+        self, images: Mapping[str, Array] = {}, stderr: Mapping[str, Array] = {}, spp: int = 0,
+        lamps: Mapping[str, Sequence[str]] = {},
     ) -> None:  # fmt: skip
         for what, given in (("images", images), ("stderr", stderr)):
             if not isinstance(given, Mapping):
                 raise ValueError(f"{what} = {shown(given)} is not a mapping of names to arrays")
             for name, values in given.items():
-                known = isinstance(name, str) and name in LAYERS and isinstance(values, np.ndarray)
-                if not known or values.ndim < 2 or _channels(values) != len(LAYERS[name]):
+                known = isinstance(name, str) and _letters(name) and isinstance(values, np.ndarray)
+                if not known or values.ndim < 2 or _channels(values) != len(_letters(name)):
                     raise ValueError(f"{what}: {shown(name)} is none of `veriray.features`")
         self.images, self.stderr = dict(images), dict(stderr)
         self.spp = whole("spp", spp, 0, 2**64 - 1, error=ValueError)
+        if not isinstance(lamps, Mapping):
+            raise ValueError(f"lamps = {shown(lamps)} is not a mapping of names to lists")
+        self.lamps = {str(k): texts(f"lamps[{k}]", v, ValueError) for k, v in lamps.items()}
+
+    def _add(self, name: str, part: Render, lamps: Sequence[str] = ()) -> None:
+        """Takes a part of the picture."""
+        self.images[name], self.stderr[name] = part.image, part.stderr
+        if lamps:
+            self.lamps[name] = tuple(lamps)
 
     def __getitem__(self, name: str) -> Array:
         try:
@@ -108,22 +127,26 @@ class FeatureImages(Mapping[str, Array]):
         for prefix, images in (("", self.images), ("stderr.", self.stderr)):
             for name, values in images.items():
                 planes = values.reshape(*values.shape[:2], -1)
-                for c, letter in enumerate(LAYERS[name]):
+                for c, letter in enumerate(_letters(name)):
                     out[f"{prefix}{name}.{letter}"] = np.ascontiguousarray(planes[..., c])
         return out
 
     @classmethod
-    def _of_channels(cls, channels: Mapping[str, Array], spp: int) -> FeatureImages:
+    def _of_channels(
+        cls, channels: Mapping[str, Array], spp: int, lamps: Mapping[str, Sequence[str]]
+    ) -> FeatureImages:
         """The inverse of `channels`, from all channels of a file."""
         found: dict[str, dict[str, Array]] = {"": {}, "stderr.": {}}
+        lights = [name[:-2] for name in channels if name.endswith(".R") and _letters(name[:-2])]
+        known = {**LAYERS, **{name: "RGB" for name in lights if name not in LAYERS}}
         for prefix, images in found.items():
-            for name, letters in LAYERS.items():
+            for name, letters in known.items():
                 planes = [channels.get(f"{prefix}{name}.{letter}") for letter in letters]
                 if all(plane is not None for plane in planes):
                     kind = np.uint32 if name in NUMBERS else np.float32
                     values = np.stack(planes, axis=-1).astype(kind)  # type: ignore[arg-type]
                     images[name] = values[..., 0] if len(letters) == 1 else values
-        return cls(found[""], found["stderr."], spp)
+        return cls(found[""], found["stderr."], spp, lamps)
 
     def save(self, path: Any) -> None:
         """Write these images alone as an EXR file, whose channels are `channels()`.
@@ -136,7 +159,15 @@ class FeatureImages(Mapping[str, Array]):
 
     def attributes(self) -> dict[str, str]:
         """Attributes of the header of an EXR file with these images."""
-        return {"veriray.feature_spp": str(self.spp)} if self.images else {}
+        if not self.images:
+            return {}
+        groups = {"veriray.light_groups": json.dumps(self.lamps)} if self.lamps else {}
+        return {"veriray.feature_spp": str(self.spp), **groups}
+
+
+def _letters(name: str) -> str:
+    """Letters of an image's channels; "" if there is no image of that name."""
+    return LAYERS.get(name) or ("RGB" if _LIGHT.fullmatch(name) else "")
 
 
 def _channels(values: Array) -> int:

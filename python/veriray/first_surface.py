@@ -55,10 +55,12 @@ def look(  # noqa: PLR0913
         motion[:] = [pixel_rows(camera, width, height) for camera in (scene.camera, motion_to)]
     rows = band(device, width, native["threads"])
     samples = spp if means or "alpha" in names else 1
-    hits = np.empty((height, width), np.uint64)
     found = np.empty((height, width), np.int64)
-    images = {name: np.empty((height, width, len(LAYERS[name])), np.float32) for name in means}
+    shares = ["alpha"] * bool(means or "alpha" in names)
+    images = {name: np.empty((height, width, len(LAYERS[name])), np.float32)
+              for name in (*means, *shares)}  # fmt: skip
     errors = {name: np.empty_like(values) for name, values in images.items()}
+    origin, unit = held.frame
     refused: list[tuple[int, Any]] = []
     film = None
     for first in range(0, height, rows):
@@ -84,29 +86,26 @@ def look(  # noqa: PLR0913
         if report["nonfinite_samples"]:
             refused.append((report["nonfinite_samples"], report["nonfinite"][0]))
         here = slice(first, first + count)
-        counts = np.ascontiguousarray(film.words(1 + len(means))[..., 0, 0])
-        hits[here] = counts
+        hits = np.ascontiguousarray(film.words(1 + len(means))[..., 0, 0])
         for k, name in enumerate(means):
-            resolve = functools.partial(film.picture, counts, native["threads"], 1 + k)
+            resolve = functools.partial(film.picture, hits, native["threads"], 1 + k)
             picture = with_room(device, resolve)
-            images[name][here], errors[name][here] = picture.image(), picture.stderr()
+            values, stderr = picture.image(), picture.stderr()
+            if name in (*_DEPTHS, "position"):
+                values, stderr = values * np.float32(unit), stderr * np.float32(unit)
+                if name == "position":
+                    values = values + np.asarray(origin)
+                values[hits == 0] = 0 if name == "position" else np.inf
+            images[name][here], errors[name][here] = values, stderr
+        for name in shares:
+            alpha = hits / spp
+            images[name][here, :, 0] = alpha
+            errors[name][here, :, 0] = np.sqrt(alpha * (1 - alpha) / max(1, spp - 1))
         if "primitive" in kinds:
             found[here] = film.words(2 + len(means))[..., 0, 0].astype(np.int64) - 1
-    origin, unit = held.frame
-    for name in means:
-        if name in (*_DEPTHS, "position"):
-            images[name] *= np.float32(unit)
-            errors[name] *= np.float32(unit)
-        if name == "position":
-            images[name] = (images[name] + np.asarray(origin)).astype(np.float32)
-        if name in (*_DEPTHS, "position"):
-            images[name][hits == 0] = 0 if name == "position" else np.inf
+    for name in images:
         if len(LAYERS[name]) == 1:
             images[name], errors[name] = images[name][..., 0], errors[name][..., 0]
-    if means or "alpha" in names:
-        alpha = hits / spp
-        images["alpha"] = alpha.astype(np.float32)
-        errors["alpha"] = np.sqrt(alpha * (1 - alpha) / max(1, spp - 1)).astype(np.float32)
     if "primitive" in kinds:
         images |= numbers(scene, held.input_index, found, names)
     if refused:
@@ -118,7 +117,7 @@ def look(  # noqa: PLR0913
 def band(device: Device, width: int, threads: int) -> int:
     """Rows that a film has at a time: so few that it stays in the caches of a CPU."""
     workers = threads or os.cpu_count() or 1
-    pixels = 1 << 21 if device.backend == "cuda" else min(1 << 21, max(4, workers) << 13)
+    pixels = 1 << 21 if device.backend == "cuda" else min(1 << 21, workers << 12)
     return max(1, pixels // width)
 
 

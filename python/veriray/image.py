@@ -32,6 +32,7 @@ Header attributes, all of them strings, each optional (a missing one reads as em
   shadow_occluded; lists of one length, trailing all-zero depths left out
 - `veriray.feature_spp`: decimal integer, samples of the feature images' means; then channels
   `LAYER.X` and `stderr.LAYER.X` (`veriray.features.LAYERS`): FLOAT, but UINT for numbers
+- `veriray.light_groups`: JSON object, layer `light.NAME` -> list of the names of its lamps
 - `veriray.regions`: JSON list of names; entry k names the value k + 1 of channel `region`
 - `veriray.stats`: JSON object, whatever else `Render.stats` holds
 """

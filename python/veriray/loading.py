@@ -182,7 +182,11 @@ def _features(
     text = header.get("veriray.feature_spp")
     if text is None:
         return FeatureImages()
-    return FeatureImages._of_channels(channels, _integer(text, "veriray.feature_spp", where))
+    lamps = _json(header, "veriray.light_groups", dict, where)
+    if not all(isinstance(v, list) and all(isinstance(x, str) for x in v) for v in lamps.values()):
+        raise ImageError(f"{where}: veriray.light_groups is not lists of names")
+    spp = _integer(text, "veriray.feature_spp", where)
+    return FeatureImages._of_channels(channels, spp, lamps)
 
 
 def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 from . import kernels
 from .columns import MATERIAL_KINDS, SCATTERING_KINDS
 from .first_surface import check
+from .light_groups import resolved
 from .sampling import PILOT
 from .scene import Scene
 from .settings import RenderSettings
@@ -53,6 +54,10 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             raise ValueError(f"batches = {batches}; with target_error 0")
         if {"direct", "indirect"} & {*settings.features}:
             raise ValueError(f"features = {settings.features}; with target_error no parts")
+        if settings.light_groups:
+            raise ValueError("light_groups: not together with target_error")
+    if settings.light_groups:
+        resolved(used, [*settings.light_groups])
     check(used, (*settings.features,))
     if "motion" in settings.features:
         raise ValueError('features: "motion" needs a second camera: veriray.feature_images')

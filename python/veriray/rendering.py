@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, overload
 
 from . import bars
@@ -51,6 +51,7 @@ def render(
     builder: str = "auto",
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
+    light_groups: str | Sequence[str] | Mapping[str, Any] = (),
     cluster: str = "",
     cameras: None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -82,6 +83,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     builder: str = "auto",
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
+    light_groups: str | Sequence[str] | Mapping[str, Any] = (),
     cluster: str = "",
     cameras: Sequence[Camera] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -135,6 +137,10 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
             `veriray.feature_images`).
         feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
             or spp if that is less. Parts of the picture have all of its samples.
+        light_groups: lamps by group, as {"key": "lamp_*", "fill": ["window", "sky"]}, texts
+            "key=lamp_*" in a list or with commas between them, or "*" for a group of each lamp
+            (`veriray.light_groups`): the feature images "light.key" and so on, each of which costs
+            another picture; "light.rest" is of lamps in no group.
         cluster: "", or the address of a Ray cluster whose nodes render (docs/clusters.md): "auto",
             "local", "HOST:PORT" or "ray://HOST:PORT". device is then that of each node, and "auto"
             all its GPUs.
@@ -187,7 +193,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
         batches=batches, batch_size=batch_size, all_features=all_features,
         target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
-        cluster=cluster,
+        light_groups=light_groups, cluster=cluster,
     )  # fmt: skip
     course = None
     if checkpoint is not None or time is not None or on_pass is not None:
@@ -271,7 +277,7 @@ def _finished(
     if stopped:
         made.stats.update(stopped=stopped, spp_asked=used.spp)
         used = used.with_checked({"spp": made.spp, "batches": 0, "target_error": None})
-    if used.features:
+    if used.features or used.light_groups:
         made.__dict__["features"] = beside(made, scene, used)
     if progress is not None:
         progress(1.0)

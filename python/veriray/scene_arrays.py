@@ -194,6 +194,14 @@ class SceneArrays:
     albedo_grid (K,) int32: a factor on albedo by place; -1: none (index of grids, default -1)
     sigma_t_grid (K,) int32: the share of sigma_t, then grey, that is there, and none outside of the
         box around the grid's unit cube; -1: all is everywhere (index of grids, default -1)
+    emission_muted (E,) bool: paths are those with its light, which is left out of the picture
+        (light groups) (default False)
+    light_muted (Q,) bool: paths are those with its light, which is left out of the picture (light
+        groups) (default False)
+    sky_muted (1,) bool: paths are those with its light, which is left out of the picture (light
+        groups) (default False)
+    muted_segments (1,) uint32: light of paths of so many segments at most is left out, as of
+        max_depth (in [0, 262144], default 0)
     """
 
     vertices: Array = _NONE
@@ -315,3 +323,7 @@ class SceneArrays:
     phase_lobes: Array = _NONE
     albedo_grid: Array = _NONE
     sigma_t_grid: Array = _NONE
+    emission_muted: Array = _NONE
+    light_muted: Array = _NONE
+    sky_muted: Array = _NONE
+    muted_segments: Array = _NONE

@@ -10,7 +10,7 @@ command line is read without.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,7 +59,7 @@ class Setting:
     scene has if it states nothing, for settings that None takes from the scene; none: what None
     stands for otherwise. native: its name in the native modules, "" if they do not take it. path:
     paths depend on it. kept: HEADER, STATS, or "" where no file has it. joined: a list of texts is
-    one text with commas.
+    one text with commas. groups: texts of `veriray.light_groups.entries`.
     """
 
     default: Any
@@ -74,11 +74,12 @@ class Setting:
     path: bool = False
     kept: str = ""
     joined: bool = False
+    groups: bool = False
 
     @property
     def is_text(self) -> bool:
         """Whether its values are texts."""
-        return bool(self.choices or self.several) or isinstance(self.default, str)
+        return bool(self.choices or self.several or self.groups) or isinstance(self.default, str)
 
     @property
     def help(self) -> str:
@@ -99,6 +100,10 @@ class Setting:
         """`value` as a plain one. Raises `error` if it is not allowed."""
         from .numeric import choice, number, switch, texts, whole
 
+        if self.groups:
+            from .light_groups import entries
+
+            return entries(name, value, error)
         if self.several:
             names = tuple(value.split(",")) if isinstance(value, str) else texts(name, value, error)
             each = [choice(name, one.strip(), self.several, error=error) for one in names]
@@ -176,6 +181,10 @@ class RenderSettings:
     feature_spp: int | None = _setting(
         None, "their samples per pixel", 1, MAX_SPP, none="8, or as many as the picture has"
     )
+    light_groups: str | Sequence[str] | Mapping[str, Any] = _setting(
+        (), "pictures by the light of some lamps each, as GROUP=LAMP with commas between them, or "
+        '"*" for one of each lamp', groups=True,
+    )  # fmt: skip
     cluster: str = _setting(
         "", "address of a Ray cluster that renders: auto, local, HOST:PORT or ray://HOST:PORT"
     )

@@ -143,7 +143,7 @@ _PDF = "row(kLightInverse) * (inverse * inverse) * cos_light"
 _Q = "min(F(1.f), to_float(to_uint(min(most, F(1.f)) * F(0x1p24f)) + U(1u)) * F(0x1p-24f))"
 _DIVIDE = "path.throughput * (F(1.f) / q)"
 _SURVIVE = "plays & (uniform(u) < q)"
-_CUT = "segment + 1 >= s.max_depth ? scatters : no_lanes(scatters)"
+_CUT = "deeper(s.max_depth, path, segment, scatters)"
 _HIT = "emitted * mis_weight(path.pdf_sa, ratio)"
 _NEE = "light.inverse_pdf / fma(ratio, ratio, F(1.f))"
 _SKY = "Sampler::sky(Direct::sky_row(scene), path.ray.d, weight)"
@@ -189,9 +189,9 @@ _CORNELL = (
     Mutant("albedo +1 % in the weight only", _DIFFUSE, "s.weight = p.reflectance;",
            "s.weight = p.reflectance * F(1.01f);"),
     Mutant("one segment more", _PATH, _CUT,
-           "segment >= s.max_depth ? scatters : no_lanes(scatters)", "depth 3"),
+           "deeper(s.max_depth + 1, path, segment, scatters)", "depth 3"),
     Mutant("one segment less", _PATH, _CUT,
-           "segment + 2 >= s.max_depth ? scatters : no_lanes(scatters)", "depth 3"),
+           "deeper(s.max_depth - 1, path, segment, scatters)", "depth 3"),
     Mutant("no light sample at the last vertex", _DIRECT, _T_MAX,
            _T_MAX + " if (segment + 2 >= s.max_depth) shadow.wanted = no_lanes(shadow.wanted);",
            "depth 3"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from PIL import Image
 
 import veriray as vr
+from veriray import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
@@ -51,10 +53,11 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert not wrong
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/index.md", "docs/tutorial.md",
-                                  "docs/python.md", "docs/feature-images.md",
-                                  "docs/clusters.md", "docs/stop-and-go-on.md",
-                                  "docs/how-we-know.md"])  # fmt: skip
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("name", [name_of(page) for page in PAGES if code(page, "python")])
 def test_code_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The Python of a page, block after block, with small pictures of few samples."""
     scene, render = vr.cornell_box(), vr.render
@@ -76,6 +79,45 @@ def test_code_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     values: dict[str, Any] = {"__name__": "page"}
     for block in blocks:
         exec(compile(block, name, "exec"), values)
+
+
+def commands(page: Path, program: str) -> list[list[str]]:
+    """Arguments of the program in the page's blocks for a shell, but for scripts with variables."""
+    blocks = [block.replace("\\\n", " ") for block in code(page, "sh")]
+    lines = [line for block in blocks for line in block.splitlines() if "$" not in line]
+    words = [shlex.split(line, comments=True) for line in lines]
+    return [found[1:] for found in words if found and Path(found[0]).name == program]
+
+
+#: A synopsis, not commands.
+SYNOPSIS = ROOT / "docs/commands.md"
+SHELL = [page for page in PAGES if page != SYNOPSIS and code(page, "sh")]
+
+
+@pytest.mark.parametrize("page", SHELL, ids=name_of)
+def test_commands_are_understood(page: Path) -> None:
+    for words in commands(page, "veriray"):
+        cli._parser().parse_args(words)
+    for words in commands(page, "python") + commands(page, "bash"):
+        assert words[0].startswith("benchmarks/") and (ROOT / words[0]).is_file()
+
+
+@pytest.mark.parametrize(
+    "name", ["README.md", "docs/tutorial.md", "docs/stop-and-go-on.md", "docs/clusters.md"]
+)
+def test_commands_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Renders and merges, of small pictures, one after another."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(Path(vr.__file__).parent / "scenes" / "open.xml", "scene.xml")
+    ran = 0
+    for words in commands(ROOT / name, "veriray"):
+        if words[0] not in ("render", "merge") or {"--cluster", "part-*.film"} & {*words}:
+            continue  # tests/python/test_cluster.py, test_farm.py
+        if words[0] == "render":
+            words += ["--width", "8", "--height", "6", "--device", "cpu", "--quiet"]
+        assert cli.main(words) == 0, words
+        ran += 1
+    assert ran
 
 
 @pytest.fixture(scope="module")

@@ -385,6 +385,8 @@ CHANGES = {
     "phase_lobes": (1, 2),
     "attribute_values": ((0, 1), 0.25), "blend_material": (0, 1), "blend_weight": (0, 0.25),
     "blend_sides": (0, 1),
+    "emission_muted": (0, True), "light_muted": (0, True), "sky_muted": (0, True),
+    "muted_segments": (0, 2),
 }  # fmt: skip
 
 

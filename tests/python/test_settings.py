@@ -79,8 +79,8 @@ def test_defaults_of_a_scene() -> None:
 def test_header_of_a_file() -> None:
     in_header = {name for name in SETTINGS if f"`veriray.{name}`" in str(image.__doc__)}
     own = {name for name, setting in SETTINGS.items() if setting.kept == HEADER}
-    # batches and feature_spp: of what the file holds; features: those of the scene
-    assert in_header == {*own, "batches", "features", "feature_spp"}
+    # batches, feature_spp, light_groups: of what the file holds; features: those of the scene
+    assert in_header == {*own, "batches", "features", "feature_spp", "light_groups"}
 
 
 @pytest.mark.parametrize(

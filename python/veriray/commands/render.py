@@ -102,8 +102,10 @@ def _render(arguments: argparse.Namespace) -> int:
         check_output(arguments.checkpoint, (SUFFIX,))
 
     has_exr = any(path.lower().endswith(".exr") for path in arguments.output)
-    if arguments.features and not has_exr:
-        raise CommandError("--features needs an output FILE.exr: a PNG has the picture alone")
+    for name in ("features", "light_groups"):
+        if getattr(arguments, name) and not has_exr:
+            option = f"--{name.replace('_', '-')}"
+            raise CommandError(f"{option} needs an output FILE.exr: a PNG has the picture alone")
 
     from .. import device as device_module
     from ..image import save
@@ -196,11 +198,14 @@ def _draw_range(arguments: argparse.Namespace) -> int:
     first, sign, end = arguments.samples.partition(":")
     if not (sign and first.isdecimal() and end.isdecimal() and int(first) < int(end) <= MAX_SPP):
         raise CommandError(f"--samples {arguments.samples}: expected A:B with 0 <= A < B <= 2^40")
-    pictures = (arguments.output, arguments.stats, arguments.features, arguments.preview)
+    pictures = (
+        arguments.output, arguments.stats, arguments.features, arguments.light_groups,
+        arguments.preview,
+    )  # fmt: skip
     if not arguments.checkpoint or any(pictures):
         raise CommandError(
             "--samples draws into --checkpoint FILE alone: "
-            "without -o, --stats, --features and --preview"
+            "without -o, --stats, --features, --light-groups and --preview"
         )
     if arguments.spp is not None or arguments.batches or arguments.target_error is not None:
         raise CommandError("--samples: not together with --spp, --batches or --target-error")

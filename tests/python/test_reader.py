@@ -727,7 +727,7 @@ def test_grey_opacity(tmp_path: Path) -> None:
 
 def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
     lines = (
-        '<bsdf type="hair" id="fur"><texture type="noise" name="a"/>'
+        '<bsdf type="measured" id="fur"><texture type="noise" name="a"/>'
         '<bsdf type="diffuse"><float name="shine" value="1"/></bsdf></bsdf>',
         '<shape type="cube"><ref id="fur"/><float name="radius" value="1"/></shape>',
         '<shape type="sphere"><float name="radius" value="x"/></shape>',
@@ -740,7 +740,7 @@ def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
     )  # fmt: skip
     error = fault(tmp_path, *lines)
     expected = {
-        'bsdf "hair" of Mitsuba is not supported yet': 2, 'unknown texture "noise"': 2,
+        'bsdf "measured" of Mitsuba is not supported yet': 2, 'unknown texture "noise"': 2,
         'diffuse: unknown parameter "shine"': 2, 'cube: unknown parameter "radius"': 3,
         '"radius" = "x" is not a number': 4, 'cannot read "': 5, '"fov" = 200.0 is outside': 6,
         'unknown film "tape"': 6, 'no object with the id "nobody"': 7,
@@ -766,7 +766,7 @@ def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
 def test_all_faults_of_a_dictionary() -> None:
     content = {
         "type": "scene",
-        "cube": {"type": "cube", "fur": {"type": "hair"}, "colour": 1.0},
+        "cube": {"type": "cube", "fur": {"type": "measured"}, "colour": 1.0},
         "ball": {"type": "sphere", "radius": -1.0, "to_world": np.eye(3)},
         "view": {"type": "perspective", "fov": "wide"},
     }

@@ -7,7 +7,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,8 @@ from ..camera import Camera, Film
 from ..columns import INDICES, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
-from . import integrators, materials, phases, textures, views, volumes
+from . import fibres, integrators, materials, phases, textures, views, volumes
+from .curves import KINDS
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
 from .report import Full, Listed, Report
@@ -522,6 +523,9 @@ class _Builder:
                 row = materials.changed(
                     held[0], {**materials.filled(node, values), **self.relief(node)}
                 )
+            elif node.plugin == "hair":
+                row = fibres.row(node, values)
+                row |= {"blend_sides": True, "other": (replace(node), fibres.INSIDE)}
             else:
                 row = {**materials.material(node, values, self.report), **given}
             row["attributes"] = [
@@ -737,6 +741,9 @@ class _Builder:
             bsdf = _LAMP if lamp else _GREY
             row = materials.BLACK if lamp else self.material(bsdf)
         material = self.tables.index("materials", bsdf, row)
+        if bsdf.plugin == "hair" and node.plugin not in KINDS:
+            text = f"{node}: hair is for curves; on a {node.plugin} light from within passes"
+            self.report.warn(f"{text}, which Mitsuba scatters once more", bsdf.where)
         inside = row
         while "other" in inside:
             inside["blend_material"] = self.tables.index("materials", *inside["other"])

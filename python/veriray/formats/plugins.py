@@ -128,7 +128,7 @@ VOLUME_FILTERS = ("trilinear", "nearest")
 _UNMASKED = (
     *_OPAQUE,
     "twosided",
-    *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values())),
+    *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values(), "hair")),
     "polarizer",
     "circular",
     "retarder",
@@ -153,7 +153,7 @@ _SHAPES = (
     "sdfgrid",
 )
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
-    "bsdf": (_BSDFS, 0, 1),
+    "bsdf": ((*_BSDFS, "hair"), 0, 1),
     "emitter": (("area",), 0, 1),
     "medium": (_MEDIA, 0, 2),
 }
@@ -446,7 +446,7 @@ PLUGINS: dict[str, Plugin] = {
             "sensor": ((*_SENSORS, "distant", "batch"), 0, _MANY),
             "emitter": (("constant", "envmap", "sunsky", *LIGHT_KINDS), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
-            "bsdf": (_BSDFS, 0, _MANY),
+            "bsdf": ((*_BSDFS, "hair"), 0, _MANY),
             "medium": (_MEDIA, 0, _MANY),
             "texture": (_TEXTURES, 0, _MANY),
             "volume": (_VOLUMES, 0, _MANY),
@@ -729,6 +729,22 @@ PLUGINS: dict[str, Plugin] = {
         )
         for name, share in (("polarizer", "half"), ("circular", "half"), ("retarder", "all"))
     },
+    "hair": Plugin(
+        "bsdf",
+        {
+            "eumelanin": Param("float", None, 0.0, MAX_ETA, doc="black and brown pigment; 1.3"),
+            "pheomelanin": Param("float", None, 0.0, MAX_ETA, doc="red and yellow pigment; 0.2"),
+            "sigma_a": Param(COLOUR, None, 0.0, MAX_ETA, doc="instead: absorption over a radius"),
+            "scale": Param("float", 1.0, 0.0, MAX_ETA, doc="factor on sigma_a"),
+            "int_ior": Param(IOR, "amber", 1.0, 10.0, doc="refractive index of the fibre"),
+            "ext_ior": _EXT_IOR,
+            "longitudinal_roughness": Param("float", 0.3, 0.01, 1.0, beyond="near", doc="along it"),
+            "azimuthal_roughness": Param("float", 0.3, 0.01, 1.0, beyond="near", doc="around it"),
+            "scale_tilt": Param("float", 2.0, -90.0, 90.0, doc="degrees, of scales on its surface"),
+        },
+        doc="fibres of hair and fur after Chiang and others, 2016; for curves, in no other bsdf; "
+        "u goes around them, and rays from within pass",
+    ),
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(
         "bsdf",

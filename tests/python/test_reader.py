@@ -707,12 +707,28 @@ def test_what_mitsuba_renders_otherwise_is_said(tmp_path: Path) -> None:
         ("mask", '<bsdf type="diffuse"/>', "direct", "what is seen through masks"),
         ("diffuse", "", "ptracer", ""),
         ("conductor", "", "direct", ""),
+        ("thindielectric", "", "path", ""),
     ):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             scene = loaded(tmp_path, VIEW, SKY, line.format(kind, inner, integrator))
         assert [said in str(warning.message) for warning in caught] == [True] * bool(said)
         assert len(scene.notes) == bool(said)
+
+
+def test_lights_of_points_behind_masks(tmp_path: Path) -> None:
+    """They are seen through masks, which throw full shadows in Mitsuba's path: a warning."""
+    line = '<shape type="cube"><bsdf type="{}"/></shape><integrator type="{}"/>'
+    for kind, integrator, light, count in (
+        ("thindielectric", "path", POINT, 1), ("thindielectric", "prb", POINT, 1),
+        ("thindielectric", "volpath", POINT, 0), ("thindielectric", "path", LAMP, 0),
+        ("dielectric", "path", POINT, 0),
+    ):  # fmt: skip
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            loaded(tmp_path, VIEW, light, line.format(kind, integrator))
+        said = [str(one.message) for one in caught]
+        assert sum("shine through masks" in text for text in said) == count
 
 
 def test_grey_opacity(tmp_path: Path) -> None:

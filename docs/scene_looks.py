@@ -321,6 +321,8 @@ def _materials() -> None:
                 made.append((label, {"type": name, **fixed, **given}))
             LOOKS[name, key] = Look(stage_name, made)
     PLAIN["hair", "*"] = "of curves alone"
+    PLAIN["directionalarea", "*"] = "dark"
+    PLAIN["timed_sunsky", "*"] = "as of `sunsky`, or days"
     LOOKS["null", ""] = Look("material", [("nothing is seen of the ball", {"type": "null"})])
     inside = {"inner": matt(0.7, 0.3, 0.1)}
     LOOKS["twosided", ""] = Look("sheet", [

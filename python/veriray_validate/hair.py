@@ -1,5 +1,5 @@
-"""Hair in float64, from the paper: M. J.-Y. Chiang, B. Bitterli, C. Tappan, B. Burley, "A Practical
-and Controllable Hair and Fur Model for Production Path Tracing", Computer Graphics Forum 35(2), 2016.
+"""Hair in float64: M. J.-Y. Chiang, B. Bitterli, C. Tappan, B. Burley, "A Practical and
+Controllable Hair and Fur Model for Production Path Tracing", Computer Graphics Forum 35(2), 2016.
 
 Local directions: z along the normal, y along the fibre.
 """
@@ -32,7 +32,7 @@ class Fibre:
 
 
 def lobes(p: Fibre, wo: Array, wi: Array) -> tuple[Array, Array]:
-    """f cos (N, 3) and density (N,) of directions wi (N, 3) as seen from wo (3,)."""
+    """F cos (N, 3) and density (N,) of directions wi (N, 3) as seen from wo (3,)."""
     value, density = np.zeros((len(wi), 3)), np.zeros(len(wi))
     shares = _shares(p, wo)
     chances = shares.sum(axis=1) / shares.sum()

@@ -53,7 +53,7 @@ def off(found: np.ndarray, told: np.ndarray) -> Any:
 
 @pytest.mark.filterwarnings("ignore:.*hair is for curves")
 def test_formulas_are_those_of_mitsuba() -> None:
-    """Within 0.5 %, by which Mitsuba's series for Bessel's function is off; half of them to 1e-5."""
+    """Within 0.5 %, by which Mitsuba's series for a Bessel function is off; half to 1e-5."""
     found = [off(lobes(p, wo, WI)[0], told).ravel() for p, wo, told in recorded()]
     assert len(found) == 48
     assert np.max(found) < 5e-3 and np.median(found) < 1e-5

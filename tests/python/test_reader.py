@@ -716,6 +716,16 @@ def test_what_mitsuba_renders_otherwise_is_said(tmp_path: Path) -> None:
         assert len(scene.notes) == bool(said)
 
 
+def test_directional_areas_are_dark(tmp_path: Path) -> None:
+    """As in Mitsuba, but for ptracer."""
+    line = '<shape type="cube"><emitter type="directionalarea"/></shape><integrator type="{}"/>'
+    scene = loaded(tmp_path, VIEW, SKY, line.format("path"))
+    assert not len(scene.emissions)
+    assert any("only ptracer finds its light in Mitsuba" in note for note in scene.notes)
+    text = str(fault(tmp_path, VIEW, SKY, line.format("ptracer")))
+    assert "directionalarea: its light by ptracer is not supported" in text
+
+
 def test_lights_of_points_behind_masks(tmp_path: Path) -> None:
     """They are seen through masks, which throw full shadows in Mitsuba's path: a warning."""
     line = '<shape type="cube"><bsdf type="{}"/></shape><integrator type="{}"/>'

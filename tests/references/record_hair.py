@@ -45,7 +45,9 @@ def main() -> None:
         bsdf = mi.load_dict(plugin)
         for x, y, z in directions(4, 8):
             si.wi = mi.Vector3f(x, y, abs(z))
-            found = [[float(f"{x:.7g}") for x in bsdf.eval(context, si, mi.Vector3f(*w))] for w in wi]
+            found = [
+                [float(f"{x:.7g}") for x in bsdf.eval(context, si, mi.Vector3f(*w))] for w in wi
+            ]
             rows.append({"given": given, "wo": [x, y, abs(z)], "f": found})
     record = {"mitsuba": mi.__version__, "wi": wi, "rows": rows}
     text = json.dumps(record).replace('{"given"', '\n{"given"') + "\n"

@@ -2,8 +2,8 @@
 
 M. J.-Y. Chiang, B. Bitterli, C. Tappan, B. Burley, "A Practical and Controllable Hair and Fur Model
 for Production Path Tracing", Computer Graphics Forum 35(2), 2016: the variance and the scale that
-belong to a roughness. Absorption by pigment: E. d'Eon et al., "An Energy-Conserving Hair Reflectance
-Model", EGSR 2011.
+belong to a roughness. Absorption by pigment: E. d'Eon et al., "An Energy-Conserving Hair
+Reflectance Model", EGSR 2011.
 """
 
 from __future__ import annotations
@@ -52,8 +52,7 @@ def row(node: Node, values: dict[str, Any]) -> Row:
         raise SceneError(f"{node}: {text}", node.values[pigments[0]].where)
     if absorption is None:
         dark, red = (
-            default if values[name] is None else values[name]
-            for name, default in _PIGMENTS.items()
+            default if values[name] is None else values[name] for name, default in _PIGMENTS.items()
         )
         absorption = tuple(
             dark * a + red * b for a, b in zip(_EUMELANIN, _PHEOMELANIN, strict=True)

@@ -89,15 +89,24 @@ def _add_features(node: Node, aovs: str, report: Report) -> None:
 
 
 def check_scene(
-    node: Node, check: Check, report: Report, seen: bool, arrays: dict[str, Any]
+    node: Node,
+    check: Check,
+    report: Report,
+    seen: bool,
+    arrays: dict[str, Any],
+    beams: Node | None = None,
 ) -> None:
     """Raises SceneError for what an integrator asks for and a scene with these arrays does not
-    allow; seen: something shines that a camera can see."""
+    allow; seen: something shines that a camera can see; beams: a directionalarea."""
     parts, values = check(node)
     for inner in parts.get("integrator", [])[:1]:
-        check_scene(inner, check, report, seen, arrays)
+        check_scene(inner, check, report, seen, arrays, beams)
         return
     lamps = arrays["light_kind"] is not None
+    if beams is not None:
+        if node.plugin == "ptracer":
+            raise SceneError(f"{beams}: its light by ptracer is not supported", beams.where)
+        report.note(f"{beams}: dark, as only ptracer finds its light in Mitsuba", beams.where)
     sides = zip(arrays["blend_sides"] or (), arrays["blend_material"] or (), strict=True)
     backs = {row for is_back, row in sides if is_back}
     rows = enumerate(arrays["material_kind"] or ())

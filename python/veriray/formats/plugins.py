@@ -108,8 +108,12 @@ IORS = {
 }  # fmt: skip
 
 _MANY = 10**9
+_CLOCK = ("year", "month", "day", "hour", "minute", "second")
 _SHUTTER = {
-    **dict.fromkeys(("shutter_open", "shutter_close"), "nothing in the scene moves"),
+    **dict.fromkeys(
+        ("shutter_open", "shutter_close"),
+        "nothing in the scene moves but the sun of a timed_sunsky",
+    ),
     "srf": "the picture is RGB, not the answer of a sensor to a spectrum",
 }
 _TO_WORLD = Param("transform", doc="local to world space; default the identity")
@@ -154,7 +158,7 @@ _SHAPES = (
 )
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": ((*_BSDFS, "hair"), 0, 1),
-    "emitter": (("area",), 0, 1),
+    "emitter": (("area", "directionalarea"), 0, 1),
     "medium": (_MEDIA, 0, 2),
 }
 _CREASE = "degrees between faces from which on an edge is sharp; of Mitsuba 0.x"
@@ -444,7 +448,7 @@ PLUGINS: dict[str, Plugin] = {
         children={
             "integrator": (_INTEGRATORS, 0, 1),
             "sensor": ((*_SENSORS, "distant", "batch"), 0, _MANY),
-            "emitter": (("constant", "envmap", "sunsky", *LIGHT_KINDS), 0, _MANY),
+            "emitter": (("constant", "envmap", "sunsky", "timed_sunsky", *LIGHT_KINDS), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
             "bsdf": ((*_BSDFS, "hair"), 0, _MANY),
             "medium": (_MEDIA, 0, _MANY),
@@ -916,6 +920,11 @@ PLUGINS: dict[str, Plugin] = {
         {"radiance": replace(_RADIANCE, light_texture=True)},
         doc="emits on the shape's front side",
     ),
+    "directionalarea": Plugin(
+        "emitter",
+        {"radiance": replace(_RADIANCE, light_texture=True)},
+        doc="dark, as in Mitsuba, where ptracer alone finds its light; with ptracer an error",
+    ),
     "constant": Plugin(
         "emitter",
         {"radiance": _RADIANCE},
@@ -1037,6 +1046,27 @@ PLUGINS: dict[str, Plugin] = {
         doc="the sun: parallel light",
     ),
 }
+PLUGINS["timed_sunsky"] = Plugin(
+    "emitter",
+    {
+        **{
+            name: param
+            for name, param in PLUGINS["sunsky"].params.items()
+            if name not in ("sun_direction", "y_is_east", *_CLOCK)
+        },
+        **{
+            f"{end}_{name}": Param("integer", default, 1, high, doc=f"{default}")
+            for end, defaults in (("start", (2025, 1, 1)), ("end", (2026, 1, 1)))
+            for name, default, high in zip(
+                ("year", "month", "day"), defaults, (9999, 12, 31), strict=True
+            )
+        },
+        "window_start_time": Param("float", 7.0, 0.0, 24.0, doc="hour at which each day begins"),
+        "window_end_time": Param("float", 19.0, 0.0, 24.0, doc="and ends"),
+    },
+    doc="the mean of skies while the first sensor's shutter is open, 0 being the start of the "
+    "first day and 1 that of the last one; a closed shutter sees one sunsky",
+)
 for _name, _plugin in PLUGINS.items():
     if _plugin.category == "emitter":  # Mitsuba finds the light of points by samples of it alone
         _plugin.params["sampling_weight"] = Param(

@@ -34,7 +34,8 @@ def made(path: Path | None = None, shape: str = "bsplinecurve", **given: Any) ->
 def fibre(scene: Any) -> Fibre:
     """The numbers of a scene's hair."""
     named = (getattr(scene, f"hair_{name}")[0] for name in ("along", "around", "tilt"))
-    return Fibre(tuple(map(float, scene.k[0])), float(scene.eta[0, 0]), *map(float, named))
+    red, green, blue = (float(x) for x in scene.k[0])
+    return Fibre((red, green, blue), float(scene.eta[0, 0]), *map(float, named))
 
 
 def recorded() -> Iterator[tuple[Fibre, np.ndarray, np.ndarray]]:
@@ -106,7 +107,7 @@ def test_samples_have_the_stated_density(number: int) -> None:
     shares = lobes(grey, wo, grid)[1] * 4 * np.pi / steps**2
     assert abs(shares.sum() - 1) < 2e-3
 
-    def part(w: np.ndarray) -> np.ndarray:
+    def part(w: np.ndarray) -> Any:
         across = np.floor((np.arctan2(w[:, 0], w[:, 2]) / np.pi + 1) * 4).astype(int) % 8
         return 2 * across + (w[:, 1] > -wo[1])
 

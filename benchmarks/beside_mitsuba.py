@@ -39,6 +39,8 @@ NOT_COMPARED = {
     r"film.hdrfilm.pixel_format.*(xyz|luminance)": "Mitsuba's picture has other channels",
     r"film.specfilm|integrator.stokes|\.srf\.": "needs Mitsuba's spectral variants",
     r"spectrum.(blackbody|irregular|regular)": "Mitsuba's RGB variants do not render with it",
+    r"emitter.directionalarea": "dark in both",
+    r"emitter.timed_sunsky": "Mitsuba's JIT variants render it in evaluated mode alone",
     r"sensor.batch": "Mitsuba's picture has the sensors side by side",
     r"integrator.(depth|moment)": "another picture by decision: the scene's light",
 }

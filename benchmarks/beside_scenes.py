@@ -27,6 +27,9 @@ _OTHER = {
     '<vector name="sun_direction" value="0.1 0.2 0.3"/>': '<vector name="sun_direction" value="0.6 0.7 -0.3"/>',
     '<float name="int_ior" value="0.3"/>': '<float name="int_ior" value="1.8"/>',
     '<float name="ext_ior" value="0.3"/>': '<float name="ext_ior" value="1.2"/>',
+    '<float name="longitudinal_roughness" value="0.3"/>': '<float name="longitudinal_roughness" value="0.6"/>',
+    '<float name="azimuthal_roughness" value="0.3"/>': '<float name="azimuthal_roughness" value="0.6"/>',
+    '<float name="scale_tilt" value="0.3"/>': '<float name="scale_tilt" value="8"/>',
     '<float name="max_value" value="0.3"/>': '<float name="max_value" value="1.5"/>',
     '<texture type="bitmap" name="normalmap"><string name="filename" value="a.png"/></texture>':
         '<texture type="bitmap" name="normalmap"><string name="filename" value="normals.png"/><boolean name="raw" value="true"/></texture>',
@@ -112,6 +115,9 @@ def _staged(case: scenes.Case) -> tuple[str, int]:
     made = made.replace(scenes._TURN, turned)
     if plugin == "sdfgrid":
         made = made.replace("a.vol", "s.vol")
+    if plugin == "hair":
+        there = at(scale(0.8), rotate("y", 160), rotate("x", 15), move(0, 0, 5))
+        return staged(ROOM + shape("bsplinecurve", there, made, "a.txt")), 0
     if category == "bsdf":
         return staged(ROOM + subjects(made)), 0
     if plugin == "bitmap" and case.parameter in ("filter_type", "wrap_mode"):

@@ -289,7 +289,7 @@ _SHEETS = ("thindielectric", "principledthin", "polarizer", "circular", "retarde
 
 def _materials() -> None:
     for name, plugin in PLUGINS.items():
-        if plugin.category != "bsdf":
+        if plugin.category != "bsdf" or name == "hair":
             continue
         stage_name = "sheet" if name in _SHEETS else "material"
         inner = {"inner": matt(0.7, 0.3, 0.1)} if name == "mask" else {}
@@ -320,6 +320,9 @@ def _materials() -> None:
                     given = {}
                 made.append((label, {"type": name, **fixed, **given}))
             LOOKS[name, key] = Look(stage_name, made)
+    PLAIN["hair", "*"] = "of curves alone"
+    PLAIN["directionalarea", "*"] = "dark"
+    PLAIN["timed_sunsky", "*"] = "as of `sunsky`, or days"
     LOOKS["null", ""] = Look("material", [("nothing is seen of the ball", {"type": "null"})])
     inside = {"inner": matt(0.7, 0.3, 0.1)}
     LOOKS["twosided", ""] = Look("sheet", [

@@ -17,8 +17,9 @@ VR_HD void put(F* y, const Spectrum<F>& s) {
 
 // A grey material seen from wo: kind, front (1: wo sees it), albedo, specular reflectance and
 // transmittance, eta, k, alpha_u, alpha_v, distribution, the 10 shares of a principled one as the
-// schema has them and diff_trans, n (on wo's side), wo. The tangent lies across n and (0, 1, 0.2).
-// table: of a rough coat, which lets in what a smooth one does.
+// schema has them and diff_trans, n (on wo's side), wo. Of hair its three numbers stand in the
+// places of alpha_u, alpha_v and distribution. The tangent lies across n and (0, 1, 0.2). table: of
+// a rough coat, which lets in what a smooth one does.
 inline constexpr uint32_t kBsdfInputs = 27;
 template <class L>
 VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
@@ -36,6 +37,7 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     p.sheen = x[14], p.sheen_tint = x[15], p.flatness = x[16];
     p.clearcoat = x[17], p.clearcoat_gloss = x[18], p.anisotropic = x[19];
     p.diff_trans = x[20];
+    p.hair_along = x[7], p.hair_around = x[8], p.hair_tilt = x[9];
     const Vec3<F> along = cross(n, Vec3<F>{F(0.f), F(1.f), F(0.2f)});
     b.view.tangents = true, b.view.tangent = along * (F(1.f) / sqrt(dot(along, along)));
     if (any(b.template any_of<kCoatTables>())) {

@@ -111,6 +111,7 @@ struct Closure {
     static constexpr bool kTransmits = false;    // lobes of eval and sample behind the surface, too
     static constexpr bool kThirdNumber = false;  // reads Numbers::lobe without an index
     static constexpr bool kReadsCoat = false;    // reads View::coat
+    static constexpr bool kFollows = false;      // reads View::tangent, whatever its slopes
 
     // For closures with an index: index beyond over index here, and the split of light that follows
     // from the split at one interface.

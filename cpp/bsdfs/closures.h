@@ -9,10 +9,10 @@
 namespace veriray {
 
 inline constexpr ClosureTraits kClosures[] = {
-#define VR_TRAITS_OF(C)                                                                         \
-    {C<Scalar>::kName,      C<Scalar>::kReads,       C<Scalar>::kScatters, C<Scalar>::kClear,   \
-     C<Scalar>::kRefracts,  C<Scalar>::kPasses,      C<Scalar>::kReflects, C<Scalar>::kIndexed, \
-     C<Scalar>::kTransmits, C<Scalar>::kThirdNumber, C<Scalar>::kReadsCoat},
+#define VR_TRAITS_OF(C)                                                                          \
+    {C<Scalar>::kName,      C<Scalar>::kReads,       C<Scalar>::kScatters,  C<Scalar>::kClear,   \
+     C<Scalar>::kRefracts,  C<Scalar>::kPasses,      C<Scalar>::kReflects,  C<Scalar>::kIndexed, \
+     C<Scalar>::kTransmits, C<Scalar>::kThirdNumber, C<Scalar>::kReadsCoat, C<Scalar>::kFollows},
     VR_CLOSURES(VR_TRAITS_OF)
 #undef VR_TRAITS_OF
 };

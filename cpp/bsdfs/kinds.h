@@ -20,7 +20,8 @@ inline constexpr uint32_t kAllKinds = (1u << kMaterialCount) - 1u;
 struct ClosureTraits {
     const char* name;
     uint32_t reads;
-    bool scatters, clear, refracts, passes, reflects, indexed, transmits, third_number, reads_coat;
+    bool scatters, clear, refracts, passes, reflects, indexed, transmits, third_number, reads_coat,
+        follows;
 
     bool lets_through() const { return clear || transmits; }
 };

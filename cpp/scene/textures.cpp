@@ -104,7 +104,8 @@ uint32_t lookup_traits(uint32_t wrap, uint32_t filter, bool grey) {
 
 // Whether the directions in which u and v grow matter on a material's surfaces.
 bool has_tangents(const SceneInput& in, uint32_t material) {
-    return in.relief_texture.data[material] >= 0 ||
+    return closure_traits(in.material_kind.data[material]).follows ||
+           in.relief_texture.data[material] >= 0 ||
            in.alpha_u.data[material] != in.alpha_v.data[material] ||
            in.alpha_u_texture.data[material] != in.alpha_v_texture.data[material] ||
            in.anisotropic.data[material] != 0 || in.anisotropic_texture.data[material] >= 0;

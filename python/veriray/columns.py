@@ -45,6 +45,7 @@ _MATERIAL_KINDS = {
     "principled": MaterialKind(opaque=True, refracts=True, scatters=True),
     "principled_open": MaterialKind(refracts=True, scatters=True),
     "principledthin": MaterialKind(refracts=True, scatters=True),
+    "hair": MaterialKind(refracts=True, scatters=True),
 }
 #: Kinds that a parameter of a plugin makes of its own kind.
 OPEN_KINDS = {"principled": "principled_open"}
@@ -208,7 +209,7 @@ _ALWAYS_HASHED: dict[str, Column] = {
     "k": Column(
         "materials", np.float32, (3,), 0.0, 0.0, MAX_ETA,
         doc="of a conductor: the imaginary part of its index; of a plastic: above 0 if light "
-        "enters and leaves its base once, as through a smooth coat",
+        "enters and leaves its base once, as through a smooth coat; of hair: absorption per radius",
     ),
     "opacity": Column(
         "materials", np.float32, (), 1.0, 0.0, 1.0, doc="share of the surface that is there"
@@ -362,6 +363,17 @@ _HASHED_IF_SET: dict[str, Column] = {
         name: Column("materials", np.float32, (), default, 0.0, 2.0, doc=f"of a thin one: {doc}")
         for name, (default, doc) in PRINCIPLED_THIN.items()
     },
+    "hair_along": Column(
+        "materials", np.float32, (), 0.1, 1e-6, 100.0,
+        doc="of hair: variance of the light that its surface reflects, along it",
+    ),
+    "hair_around": Column(
+        "materials", np.float32, (), 0.2, 1e-3, 10.0,
+        doc="of hair: scale of the logistic by which light spreads around it, radians",
+    ),
+    "hair_tilt": Column(
+        "materials", np.float32, (), 0.0, -1.0, 1.0, doc="of hair: sine of the tilt of its scales"
+    ),
     "relief_texture": _index(
         "materials", "textures", -1, doc="turns the surface's normals; -1: none does"
     ),

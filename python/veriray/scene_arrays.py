@@ -46,7 +46,8 @@ class SceneArrays:
     eta (M, 3) float32: of a conductor the refractive index over that outside (the ideal mirror: eta
         0, k 1); else the index inside over that outside, three times (in [0, 1e+06], default 1.0)
     k (M, 3) float32: of a conductor: the imaginary part of its index; of a plastic: above 0 if
-        light enters and leaves its base once, as through a smooth coat (in [0, 1e+06], default 0.0)
+        light enters and leaves its base once, as through a smooth coat; of hair: absorption per
+        radius (in [0, 1e+06], default 0.0)
     opacity (M,) float32: share of the surface that is there (in [0, 1], default 1.0)
     nonlinear (M,) bool: colour shifts of a plastic's base by internal scattering (default False)
     emissions (E, 3) float32: radiance, emitted on the front side only (in [0, infinity))
@@ -153,6 +154,11 @@ class SceneArrays:
         than along it (in [0, 1], default 0.0)
     diff_trans (M,) float32: of a thin one: twice the share of the diffuse light that goes through
         (in [0, 2], default 0.0)
+    hair_along (M,) float32: of hair: variance of the light that its surface reflects, along it (in
+        [1e-06, 100], default 0.1)
+    hair_around (M,) float32: of hair: scale of the logistic by which light spreads around it,
+        radians (in [0.001, 10], default 0.2)
+    hair_tilt (M,) float32: of hair: sine of the tilt of its scales (in [-1, 1], default 0.0)
     relief_texture (M,) int32: turns the surface's normals; -1: none does (index of textures,
         default -1)
     relief_heights (M,) bool: it gives heights (bilinear ones), whose slopes count; else normals n
@@ -297,6 +303,9 @@ class SceneArrays:
     clearcoat_gloss: Array = _NONE
     anisotropic: Array = _NONE
     diff_trans: Array = _NONE
+    hair_along: Array = _NONE
+    hair_around: Array = _NONE
+    hair_tilt: Array = _NONE
     relief_texture: Array = _NONE
     relief_heights: Array = _NONE
     relief_scale: Array = _NONE

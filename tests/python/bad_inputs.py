@@ -36,7 +36,7 @@ SCENES = {
     "number that is none": SENSOR.replace('value="40"', 'value="wide"') + SKY,
     "NaN": SENSOR.replace('value="40"', 'value="nan"') + SKY,
     "reflectance above 1": SENSOR + SKY + '<shape type="cube"><bsdf type="diffuse"><rgb name="reflectance" value="0.5, 1.5, 0.5"/></bsdf></shape>',  # noqa: E501
-    "plugin of Mitsuba": SENSOR + SKY + '<shape type="cube"><bsdf type="hair"/></shape>',
+    "plugin of Mitsuba": SENSOR + SKY + '<shape type="cube"><bsdf type="measured"/></shape>',
     "several faults": SKY + SENSOR.replace('value="40"', 'value="180"') + '<shape type="spehre"/><shape type="obj"/>',  # noqa: E501
     "negative scattering": SENSOR + SKY + '<medium type="homogeneous"><float name="sigma_s" value="-1"/><float name="sigma_a" value="1"/></medium>',  # noqa: E501
     "singular transform": SENSOR + SKY + '<shape type="cube"><transform name="to_world"><scale x="0" y="1" z="1"/></transform></shape>',  # noqa: E501

@@ -374,6 +374,7 @@ CHANGES = {
     "texture_grey": (0, True), "texture_first": (1, 1), "texels": (0, 7),
     **{f"{name}_texture": (0, 1) for name in (*TEXTURABLE, "relief")},
     "texture_field0": (1, 0), "texture_field1": (1, 0), "eta_texture": (2, 1), "k_texture": (2, 1),
+    "hair_along": (0, 0.25), "hair_around": (0, 0.25), "hair_tilt": (0, 0.25),
     "relief_heights": (0, True), "relief_scale": (0, 0.5), "relief_flips": (0, False),
     "relief_shades": (0, False), "relief_mirrored": (0, True),
     "emission_texture": (0, 0), "light_texture": (2, 0), "light_image": ((2, 0, 0), 0.5),

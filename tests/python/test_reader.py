@@ -707,12 +707,38 @@ def test_what_mitsuba_renders_otherwise_is_said(tmp_path: Path) -> None:
         ("mask", '<bsdf type="diffuse"/>', "direct", "what is seen through masks"),
         ("diffuse", "", "ptracer", ""),
         ("conductor", "", "direct", ""),
+        ("thindielectric", "", "path", ""),
     ):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             scene = loaded(tmp_path, VIEW, SKY, line.format(kind, inner, integrator))
         assert [said in str(warning.message) for warning in caught] == [True] * bool(said)
         assert len(scene.notes) == bool(said)
+
+
+def test_directional_areas_are_dark(tmp_path: Path) -> None:
+    """As in Mitsuba, but for ptracer."""
+    line = '<shape type="cube"><emitter type="directionalarea"/></shape><integrator type="{}"/>'
+    scene = loaded(tmp_path, VIEW, SKY, line.format("path"))
+    assert not len(scene.emissions)
+    assert any("only ptracer finds its light in Mitsuba" in note for note in scene.notes)
+    text = str(fault(tmp_path, VIEW, SKY, line.format("ptracer")))
+    assert "directionalarea: its light by ptracer is not supported" in text
+
+
+def test_lights_of_points_behind_masks(tmp_path: Path) -> None:
+    """They are seen through masks, which throw full shadows in Mitsuba's path: a warning."""
+    line = '<shape type="cube"><bsdf type="{}"/></shape><integrator type="{}"/>'
+    for kind, integrator, light, count in (
+        ("thindielectric", "path", POINT, 1), ("thindielectric", "prb", POINT, 1),
+        ("thindielectric", "volpath", POINT, 0), ("thindielectric", "path", LAMP, 0),
+        ("dielectric", "path", POINT, 0),
+    ):  # fmt: skip
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            loaded(tmp_path, VIEW, light, line.format(kind, integrator))
+        said = [str(one.message) for one in caught]
+        assert sum("shine through masks" in text for text in said) == count
 
 
 def test_grey_opacity(tmp_path: Path) -> None:
@@ -727,7 +753,7 @@ def test_grey_opacity(tmp_path: Path) -> None:
 
 def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
     lines = (
-        '<bsdf type="hair" id="fur"><texture type="noise" name="a"/>'
+        '<bsdf type="measured" id="fur"><texture type="noise" name="a"/>'
         '<bsdf type="diffuse"><float name="shine" value="1"/></bsdf></bsdf>',
         '<shape type="cube"><ref id="fur"/><float name="radius" value="1"/></shape>',
         '<shape type="sphere"><float name="radius" value="x"/></shape>',
@@ -740,7 +766,7 @@ def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
     )  # fmt: skip
     error = fault(tmp_path, *lines)
     expected = {
-        'bsdf "hair" of Mitsuba is not supported yet': 2, 'unknown texture "noise"': 2,
+        'bsdf "measured" of Mitsuba is not supported yet': 2, 'unknown texture "noise"': 2,
         'diffuse: unknown parameter "shine"': 2, 'cube: unknown parameter "radius"': 3,
         '"radius" = "x" is not a number': 4, 'cannot read "': 5, '"fov" = 200.0 is outside': 6,
         'unknown film "tape"': 6, 'no object with the id "nobody"': 7,
@@ -766,7 +792,7 @@ def test_all_faults_at_once(tmp_path: Path, capsys: Any) -> None:
 def test_all_faults_of_a_dictionary() -> None:
     content = {
         "type": "scene",
-        "cube": {"type": "cube", "fur": {"type": "hair"}, "colour": 1.0},
+        "cube": {"type": "cube", "fur": {"type": "measured"}, "colour": 1.0},
         "ball": {"type": "sphere", "radius": -1.0, "to_world": np.eye(3)},
         "view": {"type": "perspective", "fov": "wide"},
     }

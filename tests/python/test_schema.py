@@ -49,6 +49,7 @@ def test_parameters_fill_columns() -> None:
     filled = {"two_sided", "material_kind", "eta", "k", "alpha_u", "alpha_v", "distribution"}
     filled |= {"blend_material", *(f"{name}_texture" for name in (*TEXTURABLE, "relief"))}
     filled |= {"relief_heights", "relief_mirrored", "blend_sides"}
+    filled |= {"hair_along", "hair_around", "hair_tilt"}
     for plugin in PLUGINS.values():
         for param in plugin.params.values():
             if param.column:

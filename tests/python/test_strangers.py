@@ -394,7 +394,8 @@ def test_what_media_say_about_sampling(
     matter += FALSE.format(said) if said else ""
     plugin = "homogeneous" if kind == "homogeneous" else "heterogeneous"
     medium = f'<medium type="{plugin}" name="interior">{matter}</medium>'
-    text = PLAIN.replace(SKY, light).replace("</shape>\n", "</shape>", 1)
+    volpath = '<integrator type="volpath"/>'
+    text = PLAIN.replace(SKY, volpath + light).replace("</shape>\n", "</shape>", 1)
     path = tmp_path / "scene.xml"
     path.write_text(
         text.replace(BALL, BALL.replace("</shape>", f'<bsdf type="null"/>{medium}</shape>'))

@@ -7,7 +7,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,8 @@ from ..camera import Camera, Film
 from ..columns import INDICES, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
-from . import integrators, materials, phases, textures, views, volumes
+from . import fibres, integrators, materials, phases, textures, views, volumes
+from .curves import KINDS
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
 from .report import Full, Listed, Report
@@ -26,6 +27,7 @@ from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
 from .sunsky import sunsky
 from .textures import Attribute
+from .timed_sky import timed_sunsky
 from .values import check, located
 
 Array = npt.NDArray[Any]
@@ -97,6 +99,7 @@ class _Builder:
         self.exchanged: dict[int, tuple[Node, Node]] = {}
         self.inverted: dict[int, tuple[Node, Node]] = {}  # and where 1 less that counts
         self.sky: dict[str, Any] = {}
+        self.beams: Node | None = None  # the first directionalarea
         self.hides = False  # emitters, those too that emit nothing
         #: materials that have textures: what they read from meshes
         self.textured: dict[int, list[Attribute]] = {}
@@ -209,7 +212,9 @@ class _Builder:
             self.report.note(text, item.where)
         elif child.category == "texture" and node.category != "scene":
             textures.check_place(node, child, item)
-        elif node.category == "scene" and (child.category in _IDLE or child.plugin == "area"):
+        elif node.category == "scene" and (
+            child.category in _IDLE or child.plugin in ("area", "directionalarea")
+        ):
             self.report.note(f"{child}: in no object, it has no effect", item.where)
         elif child.category not in rules or child.plugin not in rules[child.category][0]:
             names = [name for allowed_names, _, _ in rules.values() for name in allowed_names]
@@ -265,7 +270,7 @@ class _Builder:
                 stacklevel=4,
             )
         depths["hide_emitters"] = depths["hide_emitters"] and seen
-        integrators.check_scene(integrator, self.check, self.report, seen, arrays)
+        integrators.check_scene(integrator, self.check, self.report, seen, arrays, self.beams)
         for node, coloured in self.media:
             integrators.check_medium(node, coloured, self.report, arrays["light_kind"] is not None)
         features = self.report.features
@@ -363,9 +368,23 @@ class _Builder:
         if skies[0].plugin == "constant":
             return tuple(values["radiance"])
         self.unscaled(skies[0], values)
-        made = envmap if skies[0].plugin == "envmap" else sunsky
-        self.sky = made(skies[0], values, self.report)
+        if skies[0].plugin == "timed_sunsky":
+            self.sky = timed_sunsky(skies[0], values, self.shutter(), self.report)
+        else:
+            made = envmap if skies[0].plugin == "envmap" else sunsky
+            self.sky = made(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
+
+    def shutter(self) -> tuple[float, float]:
+        """When that of the first sensor is open, or of the one that is asked for."""
+        found = self.check(self.tree.scene)[0]["sensor"][self.sensor_index or 0 :][:1]
+        times = []
+        for name in ("shutter_open", "shutter_close"):
+            given = found[0].values.get(name) if found else None
+            if given is not None and given.kind not in ("float", "integer"):
+                raise SceneError(f'{found[0]}: "{name}" is no number', given.where)
+            times.append(0.0 if given is None else float(given.value))
+        return times[0], times[1]
 
     def sensors(self, node: Node) -> list[_View]:
         """What a sensor sees; of a batch what each of its sensors does."""
@@ -522,6 +541,9 @@ class _Builder:
                 row = materials.changed(
                     held[0], {**materials.filled(node, values), **self.relief(node)}
                 )
+            elif node.plugin == "hair":
+                row = fibres.row(node, values)
+                row |= {"blend_sides": True, "other": (replace(node), fibres.INSIDE)}
             else:
                 row = {**materials.material(node, values, self.report), **given}
             row["attributes"] = [
@@ -737,6 +759,9 @@ class _Builder:
             bsdf = _LAMP if lamp else _GREY
             row = materials.BLACK if lamp else self.material(bsdf)
         material = self.tables.index("materials", bsdf, row)
+        if bsdf.plugin == "hair" and node.plugin not in KINDS:
+            text = f"{node}: hair is for curves; on a {node.plugin} light from within passes"
+            self.report.warn(f"{text}, which Mitsuba scatters once more", bsdf.where)
         inside = row
         while "other" in inside:
             inside["blend_material"] = self.tables.index("materials", *inside["other"])
@@ -746,6 +771,8 @@ class _Builder:
         emission = boundary = -1
         if lamp:
             radiance = self.check(lamp)[1]["radiance"]
+            if lamp.plugin == "directionalarea":
+                self.beams, radiance = self.beams or lamp, (0.0, 0.0, 0.0)
             if _shines(radiance) or self.hides:
                 image, _, attributes = self.light_texture(lamp, "radiance")
                 shines = {"emissions": radiance, "emission_texture": image}
@@ -867,7 +894,7 @@ class _Builder:
         return {"light_texture": image, "light_image": axes}
 
 
-_SKIES = ("constant", "envmap", "sunsky")
+_SKIES = ("constant", "envmap", "sunsky", "timed_sunsky")
 _GREY = Node("diffuse", "", "bsdf")
 _LAMP = Node("diffuse", "", "bsdf")
 #: Rows of defaults of the tables that are not filled by `Shapes`.

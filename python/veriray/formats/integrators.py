@@ -89,19 +89,32 @@ def _add_features(node: Node, aovs: str, report: Report) -> None:
 
 
 def check_scene(
-    node: Node, check: Check, report: Report, seen: bool, arrays: dict[str, Any]
+    node: Node,
+    check: Check,
+    report: Report,
+    seen: bool,
+    arrays: dict[str, Any],
+    beams: Node | None = None,
 ) -> None:
     """Raises SceneError for what an integrator asks for and a scene with these arrays does not
-    allow; seen: something shines that a camera can see."""
+    allow; seen: something shines that a camera can see; beams: a directionalarea."""
     parts, values = check(node)
     for inner in parts.get("integrator", [])[:1]:
-        check_scene(inner, check, report, seen, arrays)
+        check_scene(inner, check, report, seen, arrays, beams)
         return
-    kinds = {MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()}
+    lamps = arrays["light_kind"] is not None
+    if beams is not None:
+        if node.plugin == "ptracer":
+            raise SceneError(f"{beams}: its light by ptracer is not supported", beams.where)
+        report.note(f"{beams}: dark, as only ptracer finds its light in Mitsuba", beams.where)
+    sides = zip(arrays["blend_sides"] or (), arrays["blend_material"] or (), strict=True)
+    backs = {row for is_back, row in sides if is_back}
+    rows = enumerate(arrays["material_kind"] or ())
+    kinds = {MATERIAL_KINDS[kind] for row, kind in rows if row not in backs}
     kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
     for name, wrong, what in (
         ("bsdf_samples", bool(kinds & _SINGULAR), "a mirror, glass or a mask"),
-        ("emitter_samples", arrays["light_kind"] is not None, "a point, spot or parallel lamp"),
+        ("emitter_samples", lamps, "a point, spot or parallel lamp"),
     ):
         if wrong and values.get(name) == 0:
             raise SceneError(
@@ -123,6 +136,12 @@ def check_scene(
                 "too, not in Mitsuba",
                 where,
             )
+    if node.plugin not in (*_GOES_ON, "ptracer") and lamps and kinds & _PASSES:
+        report.warn(
+            f"{node}: points, spots, projectors and parallel light shine through masks, null and "
+            "thin glass, as by volpath; not by it in Mitsuba",
+            node.where,
+        )
     other, text = _OTHER_IN_MITSUBA.get(node.plugin, (set(), ""))
     if kinds & other:
         report.warn(f"{node}: {text}", node.where)

@@ -153,7 +153,7 @@ _GROWS = {
     }.items()
     for kind in kinds
 }  # fmt: skip
-_DIFFUSE = MATERIAL_KINDS.index("diffuse")
+_DIFFUSE, _HAIR = (MATERIAL_KINDS.index(name) for name in ("diffuse", "hair"))
 
 
 def _parts(node: Node, row: Row, share: float) -> list[_Part]:
@@ -270,6 +270,8 @@ def textured_alpha(columns: Row, rows: Row) -> Row:
 def reads_uv(row: Row) -> bool:
     """Whether texture coordinates matter on surfaces of a material: it has textures, or depends on
     the direction in which u grows."""
+    if row["material_kind"] == _HAIR:
+        return True
     names = (*TEXTURABLE, "relief")
     textures = [row.get(f"{name}_texture", -1) for name in names]
     return bool(max(textures) >= 0 or row["alpha_u"] != row["alpha_v"] or row["anisotropic"] > 0)

@@ -108,8 +108,12 @@ IORS = {
 }  # fmt: skip
 
 _MANY = 10**9
+_CLOCK = ("year", "month", "day", "hour", "minute", "second")
 _SHUTTER = {
-    **dict.fromkeys(("shutter_open", "shutter_close"), "nothing in the scene moves"),
+    **dict.fromkeys(
+        ("shutter_open", "shutter_close"),
+        "nothing in the scene moves but the sun of a timed_sunsky",
+    ),
     "srf": "the picture is RGB, not the answer of a sensor to a spectrum",
 }
 _TO_WORLD = Param("transform", doc="local to world space; default the identity")
@@ -128,7 +132,7 @@ VOLUME_FILTERS = ("trilinear", "nearest")
 _UNMASKED = (
     *_OPAQUE,
     "twosided",
-    *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values())),
+    *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values(), "hair")),
     "polarizer",
     "circular",
     "retarder",
@@ -153,8 +157,8 @@ _SHAPES = (
     "sdfgrid",
 )
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
-    "bsdf": (_BSDFS, 0, 1),
-    "emitter": (("area",), 0, 1),
+    "bsdf": ((*_BSDFS, "hair"), 0, 1),
+    "emitter": (("area", "directionalarea"), 0, 1),
     "medium": (_MEDIA, 0, 2),
 }
 _CREASE = "degrees between faces from which on an edge is sharp; of Mitsuba 0.x"
@@ -444,9 +448,9 @@ PLUGINS: dict[str, Plugin] = {
         children={
             "integrator": (_INTEGRATORS, 0, 1),
             "sensor": ((*_SENSORS, "distant", "batch"), 0, _MANY),
-            "emitter": (("constant", "envmap", "sunsky", *LIGHT_KINDS), 0, _MANY),
+            "emitter": (("constant", "envmap", "sunsky", "timed_sunsky", *LIGHT_KINDS), 0, _MANY),
             "shape": ((*_SHAPES, "shapegroup", "instance", "merge"), 0, _MANY),
-            "bsdf": (_BSDFS, 0, _MANY),
+            "bsdf": ((*_BSDFS, "hair"), 0, _MANY),
             "medium": (_MEDIA, 0, _MANY),
             "texture": (_TEXTURES, 0, _MANY),
             "volume": (_VOLUMES, 0, _MANY),
@@ -729,6 +733,22 @@ PLUGINS: dict[str, Plugin] = {
         )
         for name, share in (("polarizer", "half"), ("circular", "half"), ("retarder", "all"))
     },
+    "hair": Plugin(
+        "bsdf",
+        {
+            "eumelanin": Param("float", None, 0.0, MAX_ETA, doc="black and brown pigment; 1.3"),
+            "pheomelanin": Param("float", None, 0.0, MAX_ETA, doc="red and yellow pigment; 0.2"),
+            "sigma_a": Param(COLOUR, None, 0.0, MAX_ETA, doc="instead: absorption over a radius"),
+            "scale": Param("float", 1.0, 0.0, MAX_ETA, doc="factor on sigma_a"),
+            "int_ior": Param(IOR, "amber", 1.0, 10.0, doc="refractive index of the fibre"),
+            "ext_ior": _EXT_IOR,
+            "longitudinal_roughness": Param("float", 0.3, 0.01, 1.0, beyond="near", doc="along it"),
+            "azimuthal_roughness": Param("float", 0.3, 0.01, 1.0, beyond="near", doc="around it"),
+            "scale_tilt": Param("float", 2.0, -90.0, 90.0, doc="degrees, of scales on its surface"),
+        },
+        doc="fibres of hair and fur after Chiang and others, 2016; for curves, in no other bsdf; "
+        "u goes around them, and rays from within pass",
+    ),
     "null": Plugin("bsdf", doc="invisible; bounds media"),
     "mask": Plugin(
         "bsdf",
@@ -900,6 +920,11 @@ PLUGINS: dict[str, Plugin] = {
         {"radiance": replace(_RADIANCE, light_texture=True)},
         doc="emits on the shape's front side",
     ),
+    "directionalarea": Plugin(
+        "emitter",
+        {"radiance": replace(_RADIANCE, light_texture=True)},
+        doc="dark, as in Mitsuba, where ptracer alone finds its light; with ptracer an error",
+    ),
     "constant": Plugin(
         "emitter",
         {"radiance": _RADIANCE},
@@ -1021,6 +1046,27 @@ PLUGINS: dict[str, Plugin] = {
         doc="the sun: parallel light",
     ),
 }
+PLUGINS["timed_sunsky"] = Plugin(
+    "emitter",
+    {
+        **{
+            name: param
+            for name, param in PLUGINS["sunsky"].params.items()
+            if name not in ("sun_direction", "y_is_east", *_CLOCK)
+        },
+        **{
+            f"{end}_{name}": Param("integer", default, 1, high, doc=f"{default}")
+            for end, defaults in (("start", (2025, 1, 1)), ("end", (2026, 1, 1)))
+            for name, default, high in zip(
+                ("year", "month", "day"), defaults, (9999, 12, 31), strict=True
+            )
+        },
+        "window_start_time": Param("float", 7.0, 0.0, 24.0, doc="hour at which each day begins"),
+        "window_end_time": Param("float", 19.0, 0.0, 24.0, doc="and ends"),
+    },
+    doc="the mean of skies while the first sensor's shutter is open, 0 being the start of the "
+    "first day and 1 that of the last one; a closed shutter sees one sunsky",
+)
 for _name, _plugin in PLUGINS.items():
     if _plugin.category == "emitter":  # Mitsuba finds the light of points by samples of it alone
         _plugin.params["sampling_weight"] = Param(

@@ -27,7 +27,7 @@ TIME = {
 WIDTH, FINE = 1024, 2048
 _PARTS = 16  # of a texel's sides, to find what the sun covers of it
 #: From axes of the image, y up, to those of the sky, z up.
-_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def sunsky(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]:
@@ -43,18 +43,18 @@ def sunsky(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]
         return {}
     turbidity, shines = values["turbidity"], values["sun_scale"] > 0
     width = FINE if shines and values["sun_aperture"] < 2 else WIDTH
-    directions = _directions(width)
-    half = len(directions) // 2 + 1  # rows down to the horizon
-    texels = np.zeros(directions.shape)
+    across = directions(width)
+    half = len(across) // 2 + 1  # rows down to the horizon
+    texels = np.zeros(across.shape)
     if values["sky_scale"] > 0:
         sky = sky_model.Sky(turbidity, values["albedo"], sun)
         for row in range(half):
-            texels[row] = values["sky_scale"] * sky.radiance(directions[row])
+            texels[row] = values["sky_scale"] * sky.radiance(across[row])
         texels[half - 1] /= 2  # of the row at the horizon, half is below
     if shines:
         light = values["sun_scale"] * sky_model.sun_radiance(turbidity, sun)
         radius = values["sun_aperture"] / 2
-        texels[:half] += _covered(directions, sun, radius)[:half, :, None] * light
+        texels[:half] += _covered(across, sun, radius)[:half, :, None] * light
     with np.errstate(over="ignore"):
         shown = texels.astype(np.float32).reshape(-1, 3)
     if not np.isfinite(shown).all():
@@ -63,8 +63,8 @@ def sunsky(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]
         return {}
     return {
         "sky_texels": shown,
-        "sky_size": np.array([width, len(directions)]),
-        "sky_to_world": turn @ _UPRIGHT,
+        "sky_size": np.array([width, len(across)]),
+        "sky_to_world": turn @ UPRIGHT,
     }
 
 
@@ -96,7 +96,7 @@ def _circle(steps: int, turns: float, shift: float = 0.0) -> Array:
     return np.array([sin_cos_degrees(360 * turns * (k + shift) / ends) for k in range(steps)]).T
 
 
-def _directions(width: int) -> Array:
+def directions(width: int) -> Array:
     """Of the texels (H, W, 3), in the sky's axes."""
     (sine, up), (x, y) = _circle(width // 2 + 1, 0.5), _circle(width, 1, 0.5)
     flat = np.stack([sine[:, None] * x, sine[:, None] * y], axis=-1)

@@ -1,0 +1,69 @@
+"""Hair in float64: M. J.-Y. Chiang, B. Bitterli, C. Tappan, B. Burley, "A Practical and
+Controllable Hair and Fur Model for Production Path Tracing", Computer Graphics Forum 35(2), 2016.
+
+Local directions: z along the normal, y along the fibre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import i0e
+
+from .oracles import fresnel
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Fibre:
+    """Absorption over a radius, index over that outside, variance along the fibre of the light that
+    its surface reflects, scale of the logistic around it (radians), sine of the tilt of its scales.
+    """
+
+    absorption: tuple[float, float, float] = (0.3, 0.6, 1.2)
+    eta: float = 1.55
+    along: float = 0.1
+    around: float = 0.2
+    tilt: float = 0.035
+
+
+def lobes(p: Fibre, wo: Array, wi: Array) -> tuple[Array, Array]:
+    """F cos (N, 3) and density (N,) of directions wi (N, 3) as seen from wo (3,)."""
+    value, density = np.zeros((len(wi), 3)), np.zeros(len(wi))
+    shares = _shares(p, wo)
+    chances = shares.sum(axis=1) / shares.sum()
+    sine, cosine = wo[1], np.hypot(wo[0], wo[2])
+    out = np.arctan2(wo[0], wo[2])
+    within = np.arcsin(np.clip(wo[0] / np.sqrt(p.eta**2 - sine**2), -1, 1))
+    about = np.arctan2(wi[:, 0], wi[:, 2]) - out
+    up = np.hypot(wi[:, 0], wi[:, 2])
+    slope, tilt = np.arctan2(sine, cosine), np.arcsin(p.tilt)
+    turns, widths = (-2, 1, 4, 0), (1, 0.25, 4, 4)
+    for k in range(4):
+        leans = slope + turns[k] * tilt
+        s, c, v = np.sin(leans), abs(np.cos(leans)), widths[k] * p.along
+        along = np.exp(-((wi[:, 1] + s) ** 2 + (up - c) ** 2) / (2 * v)) * i0e(up * c / v)
+        along /= v * -np.expm1(-2 / v)
+        around = np.full(len(wi), 0.5 / np.pi)
+        if k < 3:
+            off = about - (2 * k * within - 2 * out + k * np.pi)
+            off -= 2 * np.pi * np.floor(off / (2 * np.pi) + 0.5)
+            e, end = np.exp(-np.abs(off) / p.around), np.exp(-np.pi / p.around)
+            around = e / (p.around * (1 + e) ** 2) * (1 + end) / (1 - end)
+        value += shares[k] * (along * around)[:, None]
+        density += chances[k] * along * around
+    return value, density
+
+
+def _shares(p: Fibre, wo: Array) -> Array:
+    """Of the light, those of the lobes (4, 3)."""
+    rest = np.sqrt(p.eta**2 - wo[1] ** 2)
+    path = 2 * np.sqrt(max(0.0, 1 - (wo[0] / rest) ** 2)) * p.eta / rest
+    t = np.exp(-np.array(p.absorption) * path)
+    r = float(fresnel(wo[2], p.eta))
+    first = (1 - r) ** 2 * t
+    return np.stack([np.full(3, r), first, first * t * r, first * (t * r) ** 2 / (1 - t * r)])

@@ -65,6 +65,43 @@ std::vector<Double3> HostScene::outline(const SceneInput& in, const AreaLight& f
     return corners;
 }
 
+// Whether two opaque flat primitives are the sides of a sheet: of one outline, in one plane up to
+// twice kPlaneSlack, and facing away from each other. A sheet that looks alike from both sides is
+// left out.
+bool HostScene::back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const {
+    constexpr double kLeastShare = 1 - 0x1p-8;  // polygons around equal disks differ by 2^-10
+    const PrimitiveSource &one = sources[a], &two = sources[b];
+    if (a == b || one.group != two.group || lets_through(in, one.group, one.row) ||
+        lets_through(in, two.group, two.row))
+        return false;
+    if (one.material == two.material && one.emission < 0 && two.emission < 0 &&
+        in.sees_both_sides(one.material))
+        return false;
+    const Polygon p = outline(in, {a, a, false, 0}), q = outline(in, {b, b, false, 0});
+    if (p.empty() || q.empty()) return false;
+    const Double3 n = normalised(area_vector(p)), m = normalised(area_vector(q));
+    if (dot(n, m) >= 0) return false;
+    for (const Double3 corner : q)
+        if (std::abs(dot(n, corner - p[0])) > 2 * static_cast<double>(kPlaneSlack)) return false;
+    return covered_share(p, q, n) > kLeastShare && covered_share(q, p, m) > kLeastShare;
+}
+
+// The planes of faces lie kPlaneSlack behind their fronts, so of two faces back to back rays would
+// meet the backs. The later one's plane is moved before its front, beyond the other's plane; paths
+// leave it by more than that.
+void HostScene::part_backs(const SceneInput& in) {
+    const auto column = [&](uint32_t i, uint32_t c) -> float& {
+        return primitives[size_t{i} * view.primitive_row + size_t{c} * view.primitive_column];
+    };
+    for (uint32_t b = 1; b < view.first_sphere; ++b)
+        for (uint32_t a = 0; a < b; ++a) {
+            if (!back_to_back(in, a, b)) continue;
+            plane_record(b)[3] = -column(b, kPrimPlane) - 3 * kPlaneSlack;
+            column(b, kPrimOffset) = kEdgeSlack;
+            break;
+        }
+}
+
 std::vector<uint8_t> HostScene::covered(const SceneInput& in,
                                         const std::vector<AreaLight>& lights) const {
     std::vector<uint8_t> hidden(lights.size());
@@ -90,6 +127,7 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
         if (found || cover == light.primitive || cover == light.other ||
             lets_through(in, sources[i].group, sources[i].row))
             return true;
+        if (records.empty() && back_to_back(in, light.primitive, cover)) return true;
         const Polygon lamp = outline(in, light), other = outline(in, {cover, cover, false, 0});
         if (lamp.empty() || other.empty()) return true;
         const Double3 n = normalised(area_vector(lamp)), m = normalised(area_vector(other));

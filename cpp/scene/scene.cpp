@@ -241,6 +241,7 @@ bool HostScene::set_flat(const SceneInput& in) {
                    view.spheres + kSphereFloats * view.sphere_count++);
     flats_ = std::move(flats);
     part_touching(in);
+    part_backs(in);
     view.features = (view.quad_count ? kQuads : 0u) | (view.polygon_count ? kPolygons : 0u) |
                     (view.disk_count ? kDisks : 0u) | (view.sphere_count ? kSpheres : 0u);
     return true;

@@ -284,6 +284,8 @@ class HostScene : public Frame {
     bool lights_closely(const SceneInput& in, const Flat& light) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
     std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
+    bool back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const;
+    void part_backs(const SceneInput& in);
     std::vector<uint8_t> covered(const SceneInput& in, const std::vector<AreaLight>& lights) const;
     std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights);
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import veriray as vr
+from veriray_validate import dicts
 from veriray_validate.scenes import MIRROR, Part, camera, disk, make, quad
 
 PLACES = [*((gap, False) for gap in (0.0, 2.0**-24, 1e-7, 1e-6, 1e-5)), (1e-6, True), (1e-5, True)]
@@ -114,3 +115,32 @@ def test_a_covered_lamp_blocks_the_light_of_another(device: str) -> None:
     for count in (3, 4):
         r = vr.render(make(parts[:count], eye, width=8, height=8), 64, device=device)
         assert r.image.max() < 1e-3, count
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "disk"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_faces_back_to_back_show_their_fronts(kind: str, order: int) -> None:
+    """Two one-sided lamps in one plane that look in opposite directions, turned at random, without
+    a tree: each is seen from its front with its own radiance, and lights the other side's wall as
+    two lamps a thousandth apart do (within 2 %; without a place in the plane it is black)."""
+    rng = np.random.default_rng(7)
+    for _ in range(4):
+        normal = dicts.direction(float(rng.uniform(0, 60)))
+        pictures = []
+        for gap in (0.0, 1e-3):
+            faces = [
+                dicts.flat(kind, (side * gap / 2 * normal).tolist(), (side * normal).tolist(), 0.4,
+                           dicts.BLACK, radiance)
+                for side, radiance in ((1, 2.0), (-1, 5.0))
+            ]  # fmt: skip
+            for side, radiance in ((1, 2.0), (-1, 5.0)):
+                wall = dicts.flat("rectangle", (-1.5 * side * normal).tolist(),
+                                  (side * normal).tolist(), 2, dicts.diffuse(0.5))  # fmt: skip
+                near = dicts.scene(dicts.view(side * normal, [0, 0, 0]), *faces[::order], wall)
+                image = np.asarray(vr.render(near, spp=16, device="cpu"))
+                np.testing.assert_allclose(image, radiance, rtol=1e-6)
+                eye = dicts.view((-0.5 * side * normal).tolist(), (-1.5 * side * normal).tolist())
+                lit = dicts.scene(eye, *faces[::order], wall, max_depth=2)
+                pictures.append(np.asarray(vr.render(lit, spp=4096, device="cpu")).mean())
+        assert min(pictures) > 0
+        np.testing.assert_allclose(pictures[:2], pictures[2:], rtol=0.02)

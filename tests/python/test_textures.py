@@ -404,6 +404,11 @@ def test_the_texels_are_part_of_the_hash(tmp_path: Path) -> None:
 # ---- image files ----
 
 
+def from_srgb(code: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Linear values of sRGB codes in [0, 1] (IEC 61966-2-1)."""
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+
+
 def png_16(texels: np.ndarray[Any, Any]) -> bytes:
     """A PNG of 16 bits whose rows have the filters 0 to 4 in turn (PNG, section 9)."""
     height, width, channels = texels.shape
@@ -418,31 +423,56 @@ def png_16(texels: np.ndarray[Any, Any]) -> bytes:
                 byte - (0, left, last[i], (left + last[i]) // 2, corner_guess)[y % 5] & 255
             )
         data, last = data + bytes([y % 5, *coded]), row
-    head = struct.pack(">IIBBBBB", width, height, 16, {3: 2, 4: 6}[channels], 0, 0, 0)
+    head = struct.pack(">IIBBBBB", width, height, 16, {2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
         for name, body in ((b"IHDR", head), (b"IDAT", zlib.compress(data)), (b"IEND", b""))
     )
 
 
-@pytest.mark.parametrize("channels", [3, 4])
-def test_colour_png_files_of_16_bits(tmp_path: Path, channels: int) -> None:
+@pytest.mark.parametrize("channels", [2, 3, 4])
+def test_png_files_of_16_bits(tmp_path: Path, channels: int) -> None:
     texels = RNG.integers(0, 1 << 16, (11, 7, channels), dtype=np.uint16)
-    texels[0, 0, :3] = 0, 257, 65535
+    colours = 1 if channels == 2 else 3
+    texels[0, :3, 0] = 0, 257, 65535
     path = tmp_path / "x.png"
     path.write_bytes(png_16(texels))
-    codes = texels[:, :, :3].astype(np.float64)
+    codes = texels[:, :, :colours].astype(np.float64)
     found = images.read(path, "", raw=True)
     assert not found.encoded and (found.texels == (codes / 65535).astype(np.float32)).all()
     linear = images.read(path, "").texels
-    assert linear[0, 0].tolist() == [0.0, float(images.SRGB_TO_LINEAR[1]), 1.0]
-    curve = np.where(
-        codes <= 0.04045 * 65535, codes / 65535 / 12.92, ((codes / 65535 + 0.055) / 1.055) ** 2.4
-    )
-    np.testing.assert_allclose(linear, curve, rtol=1e-6)
+    assert linear[0, :3, 0].tolist() == [0.0, float(images.SRGB_TO_LINEAR[1]), 1.0]
+    np.testing.assert_allclose(linear, from_srgb(codes / 65535), rtol=1e-6)
+    if channels == 2:
+        alpha = images.read(path, "", channel="a").texels
+        assert (alpha == (texels[:, :, 1:].astype(np.float64) / 65535).astype(np.float32)).all()
     path.write_bytes(png_16(texels)[:-40])
     with pytest.raises(SceneError, match="not a readable image"):
         images.read(path, "")
+
+
+@pytest.mark.parametrize("kind", [2, 3, 5, 6])
+def test_pgm_and_ppm_files_of_any_white(tmp_path: Path, kind: int) -> None:
+    path = tmp_path / "x.ppm"
+    for white in (1, 15, 100, 255, 1023, 65535):
+        codes = RNG.integers(0, white + 1, (5, 7, 3 if kind in (3, 6) else 1))
+        codes[0, 0] = 1
+        head = f"P{kind}\n# made by hand\n7 5\n{white}\n".encode()
+        body = " ".join(map(str, codes.ravel().tolist())).encode()
+        if kind > 3:
+            body = codes.astype(">u2" if white > 255 else "u1").tobytes()
+        path.write_bytes(head + body)
+        found = images.read(path, "", raw=True)
+        assert found.texels.dtype == (np.uint8 if white == 255 else np.float32)
+        assert (found.linear() == (codes / white).astype(np.float32)).all()
+        linear = images.read(path, "").linear()
+        np.testing.assert_allclose(linear, from_srgb(codes / white), rtol=1e-6)
+        path.write_bytes((head + body)[:-5])
+        with pytest.raises(SceneError, match="it ends before its last texel"):
+            images.read(path, "")
+        path.write_bytes(f"P{kind % 3 or 3} 1 1 {white} {' 70000' * 3}".encode())
+        with pytest.raises(SceneError, match="numbers outside"):
+            images.read(path, "")
 
 
 def test_texels_beyond_a_share_are_the_nearest(tmp_path: Path) -> None:

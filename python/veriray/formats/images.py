@@ -1,16 +1,18 @@
 """Image files as texels: what textures and skies are made of.
 
 PNG, JPEG, BMP, TGA and PPM by Pillow, OpenEXR by its own library, Radiance HDR and PFM here. Texels
-keep the precision of the file: 8 bits, half or float; a 16-bit PNG or PPM becomes float. An alpha
-channel is left out, as in Mitsuba.
+keep the precision of the file: 8 bits, half or float; a PNG of 16 bits becomes float, and so does a
+PGM or PPM whose white is not 255. An alpha channel is left out, as in Mitsuba.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import os
 import re
 import warnings
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -181,6 +183,7 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool, alpha: bool = False) -> Im
     from PIL import Image as Pillow  # not needed by most scenes
     from PIL import UnidentifiedImageError
 
+    most = 65535
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Pillow.DecompressionBombWarning)  # the size is checked
@@ -192,9 +195,17 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool, alpha: bool = False) -> Im
                         f"damaged: {image.width} x {image.height} texels cannot come from {size} "
                         "bytes"
                     )
-                if alpha:
+                depth, colour = _png_kind(file) if kind == "PNG" else (8, 0)
+                if (depth, colour) == (16, 4):
+                    texels = _png_grey_alpha(file, size)
+                    if alpha:
+                        return Image(_by_table(texels[:, :, 1:], 65535, True))
+                    texels = texels[:, :, :1]
+                elif alpha:
                     return Image(np.array(image.convert("RGBA"))[:, :, 3:])
-                if kind == "PNG" and mode in ("RGB", "RGBA") and _png_depth(file) == 16:
+                elif kind == "PPM" and mode in ("L", "I", "RGB"):
+                    texels, most = _ppm(file, size, image.width, image.height)
+                elif depth == 16 and mode in ("RGB", "RGBA"):
                     texels = _png_16(file, mode)
                 elif mode in _GREY:
                     wide = mode.startswith("I")
@@ -212,23 +223,68 @@ def _by_pillow(file: IO[bytes], size: int, raw: bool, alpha: bool = False) -> Im
         ) from None
     except Exception as error:  # the library's errors have no common base class
         raise SceneError(f"not a readable image: {' '.join(str(error).split())}") from None
-    if texels.dtype == np.uint8:
+    if texels.dtype == np.uint8 and most in (255, 65535):  # 65535: of no PPM file
         return Image(np.array(texels), not raw)
-    if not ((texels >= 0) & (texels < 1 << 16)).all():
-        raise SceneError("holds numbers outside [0, 65535]")
-    table = np.zeros(1 << 16, np.float32)
-    table[texels] = 1
+    if not ((texels >= 0) & (texels <= most)).all():
+        raise SceneError(f"holds numbers outside [0, {most}]")
+    return Image(_by_table(texels, most, raw))
+
+
+def _by_table(codes: Array, most: int, raw: bool) -> Array:
+    """Shares (H, W, C) float32 of codes 0 to `most` (<= 65535); not raw: by the sRGB curve."""
+    table = np.zeros(most + 1, np.float32)
+    table[codes] = 1
     for code in np.flatnonzero(table).tolist():
-        table[code] = _rounded(code, 65535) if raw else _linear(code, 65535)
-    return Image(table[texels])
+        table[code] = _rounded(code, most) if raw else _linear(code, most)
+    return table[codes]
 
 
-def _png_depth(file: IO[bytes]) -> int:
+def _png_kind(file: IO[bytes]) -> tuple[int, int]:
+    """Bits of a number and the colour type of a PNG file."""
     at = file.tell()
     file.seek(24)  # behind the signature and the length, name, width and height of IHDR
-    depth = file.read(1)
+    found = file.read(2)
     file.seek(at)
-    return depth[0] if depth else 0
+    return (found[0], found[1]) if len(found) == 2 else (0, 0)
+
+
+def _png_grey_alpha(file: IO[bytes], size: int) -> Array:
+    """The numbers (H, W, 2) uint16 of a PNG file of grey and alpha of 16 bits each, of which Pillow
+    keeps the high bytes. Its 4 bytes a texel are filtered as those of 8 bits RGBA, so it is read as
+    such a file."""
+    from PIL import Image as Pillow
+
+    file.seek(0)
+    data = bytearray(_whole(file, size))
+    data[24:26] = 8, 6
+    data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
+    with Pillow.open(io.BytesIO(data), formats=("PNG",)) as image:
+        parts = np.asarray(image).astype(np.uint16)
+    return parts[:, :, 0::2] << 8 | parts[:, :, 1::2]
+
+
+def _ppm(file: IO[bytes], size: int, width: int, height: int) -> tuple[Array, int]:
+    """The numbers (H, W, 1 or 3) of a PGM or PPM file and that of white; Pillow rounds them to
+    shares of 255 or 65535."""
+    file.seek(0)
+    data, space = _whole(file, size), rb"(?:\s|#[^\n]*\n)+"
+    head = re.match(rb"P([2356])" + 3 * (space + rb"(\d{1,5})") + rb"\s", data)
+    if not head:
+        raise SceneError("damaged: no header of a PGM or PPM file")
+    most, shape = int(head[4]), (height, width, 3 if head[1] in b"36" else 1)
+    count = math.prod(shape)
+    if head[1] in b"56":
+        kind = np.dtype("u1" if most < 256 else ">u2")
+        data = data[head.end() : head.end() + count * kind.itemsize]
+        codes = np.frombuffer(data, kind, len(data) // kind.itemsize)
+    else:
+        words = re.sub(rb"#[^\n]*", b"", data[head.end() :]).split(None, count)[:count]
+        codes = np.array(words, np.uint32)
+    if len(codes) < count:
+        raise SceneError("damaged: it ends before its last texel")
+    if most == 255 and (codes <= most).all():
+        codes = codes.astype(np.uint8)
+    return codes.reshape(shape), most
 
 
 def _png_16(file: IO[bytes], mode: str) -> Array:

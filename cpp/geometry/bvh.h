@@ -95,9 +95,11 @@ VR_HD typename L::F round_distance(const float* record, uint32_t kind, typename 
 }
 
 // Whether a hit lies beyond `last` and before `hit`.
-VR_HD bool closer(float t, uint32_t primitive, const Hit<Scalar>& hit, const Hit<Scalar>& last) {
-    return beyond<Scalar>(last, t, primitive) &&
-           (t < hit.t || (t == hit.t && primitive < hit.primitive));
+template <class L>
+VR_HD typename L::M closer(typename L::F t, typename L::U primitive, const Hit<L>& hit,
+                           const Hit<L>& last) {
+    return beyond<L>(last, t, primitive) &
+           ((t < hit.t) | ((t == hit.t) & (primitive < hit.primitive)));
 }
 
 }  // namespace veriray

@@ -146,8 +146,8 @@ VR_HD void walk_one(const BvhView& bvh, Walker<L>& r) {
                         r.t = -1.f;
                         return;
                     }
-                } else if (closer(t[j], primitive, {r.t, r.primitive},
-                                  {r.lanes.after[r.i], r.lanes.passed[r.i]})) {
+                } else if (closer<Scalar>(t[j], primitive, {r.t, r.primitive},
+                                          {r.lanes.after[r.i], r.lanes.passed[r.i]})) {
                     r.t = t[j], r.primitive = primitive;
                 }
             }

@@ -1,7 +1,7 @@
 // The CPU's traversal for rays side by side: where they have their main axis in common and spread
 // little, all go through the tree together. The eight boxes of a node are tested against the hull
-// of the rays, and what remains, as the triangles of a leaf, one after another against all rays. A.
-// Reshetov, A. Soupikov, J. Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005.
+// of the rays, and what remains, as the triangles of a leaf, one after another against all rays.
+// A. Reshetov, A. Soupikov, J. Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005.
 #pragma once
 
 #include "geometry/walk_turns.h"
@@ -166,8 +166,7 @@ static VR_CALLED void walk_together(const BvhView& bvh, Packet<L>& p, Hit<L>& hi
                 const U id(record_primitive(rows, count, j));
                 auto take = p.template meets<kKinds>(rows, count, j, id, hit.t, at);
                 if (none(take)) continue;
-                take = take & beyond<L>(p.last, at, id) &
-                       ((at < hit.t) | ((at == hit.t) & (id < hit.primitive)));
+                take = take & closer<L>(at, id, hit, p.last);
                 hit.t = select(take, at, hit.t);
                 hit.primitive = select(take, id, hit.primitive);
             }

@@ -148,7 +148,7 @@ VR_HD void walk_leaf(const BvhView& bvh, const RayFrame& f, WalkAim aim, Hit<Sca
         uint32_t primitive = ~0u;
         const float t = record_distance<kKinds>(record, f, aim.last, primitive);
         if (!aim.any) {
-            if (t < kInfinity && closer(t, primitive, hit, aim.last)) hit = {t, primitive};
+            if (t < kInfinity && closer<Scalar>(t, primitive, hit, aim.last)) hit = {t, primitive};
         } else if (t > 0.f && t < hit.t && primitive != aim.skip) {
             hit = {t, primitive};
             place.node = kWalkEnd;

@@ -182,8 +182,8 @@ VR_HD bool step(const BvhView& bvh, Walkers<L>& w, uint32_t i) {
             const uint32_t primitive = record_primitive(rows, count, j);
             if constexpr (kAny) {
                 if (t[j] < w.t[i] && primitive != w.primitive[i]) return w.t[i] = -1.f, false;
-            } else if (closer(t[j], primitive, {w.t[i], w.primitive[i]},
-                              {w.after[i], w.passed[i]})) {
+            } else if (closer<Scalar>(t[j], primitive, {w.t[i], w.primitive[i]},
+                                      {w.after[i], w.passed[i]})) {
                 w.t[i] = t[j], w.primitive[i] = primitive;
             }
         }

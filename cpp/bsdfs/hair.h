@@ -87,8 +87,10 @@ struct Hair : Closure<L> {
             const F one(1.f), none(0.f), eta = p.eta[0];
             sine = o.y, cosine = sqrt(fma(o.x, o.x, o.z * o.z));
             out = angle(o.z, o.x);
-            const F rest = sqrt(fma(cosine, cosine, fma(eta, eta, -one)));
-            const F h = o.x / rest, within = sqrt(max(fma(-h, h, one), none));  // sine, cosine
+            // Below an index of 1 some of the light does not enter: r = 1, and h is beyond 1.
+            const F rest = sqrt(max(fma(cosine, cosine, fma(eta, eta, -one)), F(0x1p-100f)));
+            const F h = max(min(o.x / rest, one), -one);  // sine; within: cosine
+            const F within = sqrt(max(fma(-h, h, one), none));
             in = angle(within, h);
             const F r = fresnel_dielectric(min(o.z, one), eta).reflected;
             const F path = F(2.f) * within * eta / rest;

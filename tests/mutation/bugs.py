@@ -583,7 +583,8 @@ _GEOMETRY = (
            "cross(n, a) * (1 / (area * area))",
            "cross(n, a) * (length(b) / length(a) / (area * area))", "disk_ellipse"),
     Mutant("ties to the last primitive", "geometry/bvh.h",
-           "(t == hit.t) & (primitive < hit.primitive)", "(t == hit.t) & (primitive > hit.primitive)",
+           "(t == hit.t) & (primitive < hit.primitive)",
+           "(t == hit.t) & (primitive > hit.primitive)",
            "two floors"),
 )  # fmt: skip
 

@@ -3,7 +3,10 @@
 For each scene, through the socket of `veriray view`:
 - first picture: from a drag that begins at rest until the first picture that shows it has arrived;
 - while moving: 60 drags a second for some seconds; pictures a second, and their resolution;
-- back: from the last drag to the first picture in full resolution.
+- back: from the last drag to the first picture in full resolution;
+- the steps of the first pictures and of those while moving, medians in ms: the render thread is free
+  (taken), the scene is on the device, its samples are drawn, the picture is on the host, its turn
+  to be sent comes (queue), facts, tones and file are made; wire: the socket, both ways.
 The scenes: the Cornell box, bumpy balls of 81,920 and (--large) 1,310,720 triangles under a sky,
 the textured room of `veriray gallery`. Targets on an H200: 100 ms, and 20 pictures a second; on two
 CPU cores 5 a second. What the browser takes to show a picture is not in it.
@@ -113,6 +116,7 @@ class Browser:
             f"ws://127.0.0.1:{port}/ws", max_size=None, max_queue=None, compression=None
         )
         self.pictures: list[tuple[float, dict[str, Any], int]] = []
+        self.sent = [time.perf_counter()]  # when each change was
         self.closing = False
         threading.Thread(target=self._take, daemon=True).start()
 
@@ -124,21 +128,25 @@ class Browser:
                 self.pictures.append((at, json.loads(message[4 : 4 + length]), len(message)))
                 self.socket.send('{"do":"ack"}')
 
-    def orbit(self, x: float) -> float:
-        """Sends a drag; when."""
-        at = time.perf_counter()
+    def orbit(self, x: float) -> None:
+        """Sends a drag."""
+        self.sent.append(time.perf_counter())
         self.socket.send(json.dumps({"do": "orbit", "x": x, "y": 0.0}))
-        return at
 
-    def first(self, change: int, coarse: int = 99, spp: int = 1) -> float:
-        """When the first picture came that shows so many changes, at most so coarse, with so many
-        samples."""
+    def steps(self, picture: tuple[float, dict[str, Any], int]) -> dict[str, float]:
+        """Seconds of each step from the last drag that a picture shows until it came."""
+        at, facts, _ = picture
+        total = at - self.sent[facts["change"]]
+        return facts["steps"] | {"wire": total - facts["age"], "total": total}
+
+    def first(self, change: int, coarse: int = 99, spp: int = 1) -> Any:
+        """The first picture that shows so many changes, at most so coarse, with so many samples."""
         place = 0
         while True:
             while place < len(self.pictures):
-                at, facts, _ = self.pictures[place]
+                facts = self.pictures[place][1]
                 if facts["change"] >= change and facts["coarse"] <= coarse and facts["spp"] >= spp:
-                    return at
+                    return self.pictures[place]
                 place += 1
             time.sleep(0.0005)
 
@@ -152,37 +160,43 @@ def measured(scene: vr.Scene, device: str, rounds: int, seconds: float) -> dict[
         with serving(renderer) as port:
             browser = Browser(port)
             browser.first(0, 1, 2)
-            firsts, changes = [], 0
+            firsts = []
             for k in range(rounds):
                 time.sleep(0.7)
-                start, changes = browser.orbit(0.01 * (-1) ** k), changes + 1
-                firsts.append(browser.first(changes) - start)
+                browser.orbit(0.01 * (-1) ** k)
+                firsts.append(browser.steps(browser.first(k + 1)))
             before, start, sent = len(browser.pictures), time.perf_counter(), 0
             while time.perf_counter() < start + seconds:
-                end = browser.orbit(0.004 if sent % 120 < 60 else -0.004)
-                changes, sent = changes + 1, sent + 1
+                browser.orbit(0.004 if sent % 120 < 60 else -0.004)
+                sent += 1
                 time.sleep(max(0.0, start + sent / 60 - time.perf_counter()))
             moving = browser.pictures[before:]
-            back = browser.first(changes, 1)
+            back = browser.first(rounds + sent, 1)[0] - browser.sent[-1]
             browser.closing = True
             browser.socket.close()
     finally:
         renderer.stop()
-    ages = [facts["age"] for _, facts, _ in moving]
+    steps = [browser.steps(picture) for picture in moving]
     return {
         "triangles": len(scene.triangles),
-        "first_ms_median": 1e3 * statistics.median(firsts),
-        "first_ms_most": 1e3 * max(firsts),
+        "first_ms_median": medians(firsts)["total"],
+        "first_ms_most": 1e3 * max(times["total"] for times in firsts),
+        "first_steps_ms": medians(firsts),
         "moving_per_second": len(moving) / seconds,
         "moving_widths": sorted({facts["width"] for _, facts, _ in moving}),
         "moving_width_median": statistics.median(facts["width"] for _, facts, _ in moving),
-        "moving_age_ms_median": 1e3 * statistics.median(ages),
+        "moving_steps_ms": medians(steps),
         "moving_bytes_median": statistics.median(size for _, _, size in moving),
-        "back_ms": 1e3 * (back - end),
+        "back_ms": 1e3 * back,
         "load_average": os.getloadavg()[0],
         "rounds": rounds,
         "seconds": seconds,
     }
+
+
+def medians(steps: list[dict[str, float]]) -> dict[str, float]:
+    """Of each step, in ms."""
+    return {name: 1e3 * statistics.median(times[name] for times in steps) for name in steps[0]}
 
 
 def main() -> None:
@@ -202,6 +216,9 @@ def main() -> None:
             f"moving {row['moving_per_second']:5.1f}/s at {row['moving_width_median']:.0f} wide  "
             f"back {row['back_ms']:.0f} ms"
         )
+        for part in ("first", "moving"):
+            steps = row[f"{part}_steps_ms"].items()
+            print(f"  {part:6}", *(f"{step} {ms:.1f}" for step, ms in steps))
     write(result, given.output)
 
 

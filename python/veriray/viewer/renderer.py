@@ -52,7 +52,8 @@ class _Outdated(Exception):  # noqa: N818
 class Frame:
     """A picture to show. number: of the frame, from 1. coarse: by what its sides are divided.
     done: it has all samples. made: values of the channel of the scene that is shown. change: how
-    many changes of the view it shows; asked: when the last of them arrived (time.perf_counter)."""
+    many changes of the view it shows. marks: when the last of them arrived ("asked"), and when each
+    step since then ended (time.perf_counter), in order."""
 
     number: int
     render: Render
@@ -61,7 +62,7 @@ class Frame:
     done: bool
     made: dict[str, Array]
     change: int
-    asked: float
+    marks: dict[str, float]
 
     def error(self) -> float | None:
         """Mean standard error over mean radiance; None with one sample, and for a black picture."""
@@ -72,13 +73,17 @@ class Frame:
 
 @dataclass(frozen=True)
 class _Shot:
-    """What is rendered: a view and its scene; key: `View.picture`."""
+    """What is rendered: a view and its scene; key: `View.picture`; marks: of its last frame."""
 
     view: View
     scene: Scene
     change: int
-    asked: float
     key: tuple[Any, ...]
+    marks: dict[str, float]
+
+    def mark(self, step: str) -> None:
+        """A step has ended."""
+        self.marks[step] = time.perf_counter()
 
 
 class Renderer:
@@ -180,7 +185,8 @@ class Renderer:
         with self._lock:
             view, change, asked = self.view, self._change, self._asked
             scene = view.scene(self.file)
-        shot = _Shot(view, scene, change, asked, view.picture())
+        shot = _Shot(view, scene, change, view.picture(), {"asked": asked})
+        shot.mark("taken")
         factor = self._factor(scene) if self._moving or self._slow(scene) else 1
         if factor > 1:
             self._preview(shot, factor)
@@ -188,6 +194,7 @@ class Renderer:
             factor = max(f for f in COARSE if f <= factor // 2)
             self._preview(shot, factor)
         full = self._accumulation(scene, view)
+        shot.mark("scene")
         while True:
             self._check(shot)
             if self._picks:
@@ -210,6 +217,7 @@ class Renderer:
         film = shot.scene.film
         width, height = (-(-n // factor) for n in (film.width, film.height))
         small = self._accumulation(shot.scene.with_(width=width, height=height), shot.view)
+        shot.mark("scene")
         self._pass(small, 1, shot)
         self._show(small, shot, factor)
         while self._moving:
@@ -287,6 +295,7 @@ class Renderer:
                 self._rate = rate if self._rate == 0.0 else 0.5 * (self._rate + rate)
 
     def _show(self, work: Accumulation, shot: _Shot, coarse: int) -> None:
+        shot.mark("samples")
         render = work._render()
         refused = render.stats["nonfinite_samples"]
         self.message = f"{refused:,} samples count as black: the film cannot hold them"
@@ -297,7 +306,9 @@ class Renderer:
             _ = render.stderr
         made = self._made(render, shot, coarse)
         number = self.frame.number + 1 if self.frame is not None else 1
-        self.frame = Frame(number, render, shot.scene, coarse, done, made, shot.change, shot.asked)
+        shot.mark("picture")
+        marks = dict(shot.marks)
+        self.frame = Frame(number, render, shot.scene, coarse, done, made, shot.change, marks)
         self.changed()
 
     def _has_channel(self, frame: Frame) -> bool:

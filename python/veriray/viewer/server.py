@@ -16,6 +16,7 @@ import contextlib
 import hmac
 import http
 import ipaddress
+import itertools
 import json
 import logging
 import math
@@ -229,22 +230,30 @@ class Server:
         return values
 
     def _packed(self, frame: Frame, shown: tuple[str, float, str]) -> bytes:
-        """The message of a picture."""
+        """The message of a picture. Beside `_facts` it says its age, in seconds since the change
+        that it shows, and of which steps that consists (`Frame.marks`)."""
         channel, exposure, curve = shown
+        marks = frame.marks | {"queue": time.perf_counter()}
+        facts = self._facts(frame)
+        marks["facts"] = time.perf_counter()
         final = frame.done and frame.render.width * frame.render.height <= LOSSLESS_PIXELS
         pixels, legend = display.as_bytes(
             frame.render, channel, exposure, curve, exact=final, made=frame.made
         )
+        marks["tones"] = time.perf_counter()
         kind, data = display.encoded(pixels, None if final else 80 if frame.coarse > 1 else 92)
-        facts = self._facts(frame) | {
-            "type": kind, "legend": legend and {"title": legend.title, "marks": legend.marks}
+        marks["file"] = time.perf_counter()
+        facts |= {
+            "type": kind, "legend": legend and {"title": legend.title, "marks": legend.marks},
+            "age": marks["file"] - marks["asked"],
+            "steps": {b: marks[b] - marks[a] for a, b in itertools.pairwise(marks)},
         }  # fmt: skip
         text = json.dumps(facts).encode()
         return struct.pack("<I", len(text)) + text + data
 
     def _facts(self, frame: Frame) -> dict[str, Any]:
-        """What is said of a picture. age: seconds since the change that it shows; live: rays alive
-        at each depth as a share of the paths; sha256: of one that is done."""
+        """What is said of a picture. live: rays alive at each depth as a share of the paths;
+        sha256: of one that is done."""
         render = frame.render
         stats = render.stats
         error = frame.error()
@@ -252,7 +261,7 @@ class Server:
         return {
             "number": frame.number, "change": frame.change, "coarse": frame.coarse,
             "width": render.width, "height": render.height, "spp": render.spp, "done": frame.done,
-            "age": time.perf_counter() - frame.asked, "seconds": stats["seconds"],
+            "seconds": stats["seconds"],
             "rate": stats["samples_per_second"], "device": stats["device"],
             "device_name": stats["device_name"], "scheduler": stats["scheduler"],
             "error": error if error is not None and math.isfinite(error) else None,

@@ -13,6 +13,7 @@
 #include "backends/device.cuh"
 #include "backends/instances.h"
 #include "integrators/integrators.h"
+#include "scene/thread_pool.h"
 
 namespace veriray {
 
@@ -95,7 +96,7 @@ T read_word(const T* word, const Stream& side) {
     return value;
 }
 
-// Asks poll every 50 ms while the device works; where it stops the render, the device's word
+// Asks poll every kPollPause while the device works; where it stops the render, the device's word
 // *cancel is raised.
 class Watch {
    public:
@@ -109,7 +110,7 @@ class Watch {
             if (status == cudaSuccess) return;
             if (status != cudaErrorNotReady) check(status, "render");
             cudaGetLastError();  // not ready is no error of a later launch
-            if (l_.poll && !stopped_ && seconds_since(last_) > 0.05)
+            if (l_.poll && !stopped_ && Clock::now() - last_ > kPollPause)
                 ask(share());
             else
                 std::this_thread::yield();

@@ -74,7 +74,7 @@ struct DeviceExec {
         return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
     }
     bool poll(double share) {
-        if (l.poll && seconds_since(last) > 0.05) {
+        if (l.poll && Clock::now() - last > kPollPause) {
             stopped = !l.poll(share);
             last = Clock::now();
         }

@@ -80,8 +80,7 @@ struct HostExec {
     }
     bool poll(double done) {
         share = done;
-        if (std::chrono::steady_clock::now() - polled > std::chrono::milliseconds(50))
-            stopped |= !poll_now();
+        if (std::chrono::steady_clock::now() - polled > kPollPause) stopped |= !poll_now();
         return !stopped;
     }
 };

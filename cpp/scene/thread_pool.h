@@ -51,8 +51,11 @@ class Reserve {
     void* at_ = MAP_FAILED;
 };
 
-// Runs work(worker, unit) for units [0, units) on `threads` threads; poll(share) every 50 ms on the
-// calling thread, which stops the rest by returning false or throwing. Exceptions propagate.
+// How often work asks whether to go on.
+inline constexpr std::chrono::milliseconds kPollPause{10};
+
+// Runs work(worker, unit) for units [0, units) on `threads` threads; poll(share) every kPollPause
+// on the calling thread, which stops the rest by returning false or throwing. Exceptions propagate.
 // Returns false if stopped. Runs on fewer threads if the system gives no more; throws NoThreads if
 // it gives none.
 template <class Work>
@@ -93,7 +96,7 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
         } catch (const std::exception&) {  // of resources or of memory
         }
         if (pool.empty() && most) throw NoThreads();
-        while (!done.wait_for(lock, std::chrono::milliseconds(50), [&] { return running == 0; })) {
+        while (!done.wait_for(lock, kPollPause, [&] { return running == 0; })) {
             if (!poll) continue;
             lock.unlock();
             const double share =

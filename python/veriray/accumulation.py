@@ -205,7 +205,7 @@ class Accumulation:
         With target_error those of the pixels that want them: first of the pilot, and n is at most
         `left`. With batches, n is the size of a batch.
 
-        progress: called on this thread about every 50 ms with the fraction of the n that is done.
+        progress: called on this thread about every 10 ms with the fraction of the n that is done.
         Raises ValueError for an n that is not so, and as `veriray.render`; then nothing is added.
         """
         kept, settings = self._kept, self.settings

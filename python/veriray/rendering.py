@@ -119,7 +119,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         batches: 0, or the number 2 to 1000 of equal sample ranges whose means are kept in
             `batch_means`; must divide spp.
         batch_size: paths in flight; 0 lets the back end choose. Sets memory, not the picture.
-        progress: called on this thread about every 50 ms with the fraction done in [0, 1]; where a
+        progress: called on this thread about every 10 ms with the fraction done in [0, 1]; where a
             tree is built over a large mesh, that is the first tenth. An exception that it raises
             stops the render and propagates. True draws a bar (`veriray.bars`) on standard error or
             in the notebook: samples per pixel and a second, time left, memory, and at last the

@@ -25,7 +25,7 @@ Array = npt.NDArray[Any]
 Progress = Callable[[float], object] | None
 
 #: Seconds between two calls of a progress callback.
-PAUSE = 0.05
+PAUSE = 0.01
 
 
 class _StoppedError(Exception):

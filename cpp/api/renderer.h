@@ -83,7 +83,7 @@ struct RenderStats {
     KernelUse kernel;
 };
 
-// Called about every 50 ms on the calling thread with the share done; false stops the render.
+// Called about every 10 ms on the calling thread with the share done; false stops the render.
 using Poll = std::function<bool(double)>;
 
 struct PlaneInfo {
@@ -176,7 +176,8 @@ class Scene {
     // The scene of `in`, with the bits of one made anew. It shares with this one the tables, the
     // tree and the device memory that both have in common. Null where the primitives differ
     // (HostScene::change).
-    std::unique_ptr<Scene> changed(const SceneInput& in, std::shared_ptr<const void> owner) const;
+    std::unique_ptr<Scene> changed(const SceneInput& in, std::shared_ptr<const void> owner,
+                                   bool rough) const;
 
     const HostScene& host() const;
     TreeInfo tree() const;

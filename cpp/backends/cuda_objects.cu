@@ -177,10 +177,10 @@ Scene::Scene(const SceneInput& in, std::shared_ptr<const void> keeps, int device
 Scene::Scene(std::unique_ptr<Impl> made, const SceneInput& in, std::shared_ptr<const void> keeps)
     : impl(std::move(made)), input(in), owner(std::move(keeps)) {}
 Scene::~Scene() = default;
-std::unique_ptr<Scene> Scene::changed(const SceneInput& in,
-                                      std::shared_ptr<const void> keeps) const {
+std::unique_ptr<Scene> Scene::changed(const SceneInput& in, std::shared_ptr<const void> keeps,
+                                      bool rough) const {
     HostScene host = impl->host;
-    if (!host.change(input, in)) return nullptr;
+    if (!host.change(input, in, rough)) return nullptr;
     auto made = std::make_unique<Impl>(*impl, std::move(host));
     return std::unique_ptr<Scene>(new Scene(std::move(made), in, std::move(keeps)));
 }

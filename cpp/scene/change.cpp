@@ -72,14 +72,17 @@ bool alike(const SceneInput& a, const SceneInput& b) {
 // Primitives depend on the frame, which many cameras have in common in a large scene; on materials
 // in whether light goes through them, and on emissions in whether they shine. Tables made anew must
 // ask for the same features: else later ones might depend on them.
-bool HostScene::change(const SceneInput& was, const SceneInput& in) {
+bool HostScene::change(const SceneInput& was, const SceneInput& in, bool rough) {
     const uint32_t changed = changed_stages(was, in);
     if (!bounds_ || changed & kOnAll || in.camera_medium != was.camera_medium ||
         in.hides_light != was.hides_light)
         return false;
     check_input(in, &was);
     if (changed && !alike(was, in)) return false;
-    const Frame frame = frame_of(in);
+    Frame frame = frame_of(in);
+    if (rough && before == 0 && frame.before == 0 &&
+        length(frame.eye - centre) + in.aperture_radius <= unit)
+        frame.centre = centre, frame.unit = unit;
     if (frame.unit != unit || length(frame.centre - centre) > 0) return false;
     const FeatureMask of_filter = view.features & kSignedFilter;
     static_cast<Frame&>(*this) = frame;

@@ -207,8 +207,9 @@ class HostScene : public Frame {
 
     // Makes of the form of `was` that of `in`, with the bits of one made anew, and keeps all tables
     // that are the same (change.cpp). False if it must be made anew: then this object is of no use
-    // any more.
-    bool change(const SceneInput& was, const SceneInput& in);
+    // any more. rough: keeps the frame where the camera is within its unit, so that bits may
+    // differ.
+    bool change(const SceneInput& was, const SceneInput& in, bool rough);
 
     SceneView view;                 // pointers into the tables below; bvh is the back end's
     float slab_slack = kSlabSlack;  // of a scene with a tree

@@ -102,9 +102,9 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
                        [&] { return std::make_unique<Scene>(in, kept, device, builder, poll); });
 }
 
-// arrays: those that differ. None where primitives differ.
+// arrays: those that differ. None where primitives differ; rough: see HostScene::change.
 std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
-                                     const py::dict& camera, const py::dict& film) {
+                                     const py::dict& camera, const py::dict& film, bool rough) {
     SceneInput in = base.input;
     std::shared_ptr<const void> owner = base.owner;
     if (!arrays.empty()) {
@@ -114,7 +114,7 @@ std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
     }
     read_camera(camera, film, in);
     py::gil_scoped_release release;
-    return with_memory(in, [&] { return base.changed(in, owner); });
+    return with_memory(in, [&] { return base.changed(in, owner, rough); });
 }
 
 std::vector<std::string> feature_names(FeatureMask mask) {
@@ -366,7 +366,7 @@ void bind_renderer(py::module_& m) {
     py::class_<Scene>(m, "Scene", py::module_local())
         .def(py::init(&make_scene), "arrays"_a, "camera"_a, "film"_a, "device"_a = 0,
              "progress"_a = py::none(), "builder"_a = "sah")
-        .def("changed", &changed_scene, "arrays"_a, "camera"_a, "film"_a)
+        .def("changed", &changed_scene, "arrays"_a, "camera"_a, "film"_a, "rough"_a = false)
         .def_property_readonly(
             "family", [](const Scene& s) { return reinterpret_cast<uintptr_t>(s.family()); })
         .def_property_readonly("features",

@@ -203,8 +203,12 @@ class Scene:
     # With other arrays (those that differ), another camera or film: shares what does not change;
     # None where the primitives change. The scene keeps its arrays, so they must stay as they are.
     def changed(
-        self, arrays: Mapping[str, Any], camera: CameraArguments, film: FilmArguments
-    ) -> Scene | None: ...
+        self,
+        arrays: Mapping[str, Any],
+        camera: CameraArguments,
+        film: FilmArguments,
+        rough: bool = False,
+    ) -> Scene | None: ...  # rough: the bits of its pictures may differ from those of one made anew
     @property
     def family(self) -> int: ...  # the same for scenes that share primitives and tree
     @property

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import contextvars
 import operator
 import os
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,6 +29,7 @@ CATCH_UP = 2000
 #: Native forms that a device keeps of a scene and its copies, and families of them.
 _KEPT_FORMS, _KEPT_PER_SCENE = 8, 2
 _building = threading.RLock()
+_rough = contextvars.ContextVar("rough", default=False)
 
 
 def _new_lock() -> None:
@@ -37,6 +40,18 @@ def _new_lock() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_new_lock)
+
+
+@contextlib.contextmanager
+def roughly() -> Iterator[None]:
+    """Within it, this thread's large scenes keep their tree wherever the camera goes in them, where
+    one is kept. Rounding may then be more than of a scene made anew, so that pictures are for the
+    eye alone: their bits may differ."""
+    token = _rough.set(True)
+    try:
+        yield
+    finally:
+        _rough.reset(token)
 
 
 def native_scene_arguments(scene: Scene) -> dict[str, Any]:
@@ -149,13 +164,14 @@ def native_scene(
         for number, name in enumerate(tried):
             try:
                 place = *where, name
-                native = _make(scene, device, progress, (place, arrays, view), kept)
+                native, exact = _make(scene, device, progress, (place, arrays, view), kept)
                 break
             except device.native.OutOfMemoryError:
                 if number + 1 == len(tried):
                     raise
             kept.clear()
-        kept[:] = _recent([*kept, NativeForm(place, arrays, view, native, weakref.ref(scene))])
+        if exact:
+            kept[:] = _recent([*kept, NativeForm(place, arrays, view, native, weakref.ref(scene))])
         return native
 
 
@@ -190,24 +206,26 @@ def _make(
     progress: Callable[[float], object] | None,
     wanted: tuple[tuple[str, int, str], dict[str, Any], dict[str, Any]],
     kept: list[NativeForm],
-) -> NativeScene:
-    """A native scene with what it has in common with a kept one, or else made anew."""
+) -> tuple[NativeScene, bool]:
+    """A native scene with what it has in common with a kept one, or else made anew; whether it has
+    the bits of one made anew."""
     place, arrays, view = wanted
+    rough = _rough.get()
     try:
         beside = {form.native.family: form for form in kept if form.place == place}
         for form in reversed(beside.values()):
             pairs = zip(arrays.items(), form.arrays.values(), strict=True)
             other = _native_arrays({name: a for (name, a), old in pairs if a is not old})
-            changed = form.native.changed(other, **view)
+            changed = form.native.changed(other, **view, rough=rough)
             if changed is not None:
-                return changed
+                return changed, not rough
         kept[:] = _recent(kept, _KEPT_PER_SCENE - 1)
         scene.hash_ahead()
         made: NativeScene = device.native.Scene(
             arrays=_native_arrays(arrays), **view, device=device.index,
             progress=polled(progress), builder=place[-1],
         )  # fmt: skip
-        return made
+        return made, True
     except ValueError as error:
         if error.__traceback__ is not None and error.__traceback__.tb_next is not None:
             raise  # of the progress callback

@@ -6,7 +6,7 @@ To add a channel, add its line to `CHANNELS`; page, checks and render thread fol
 from __future__ import annotations
 
 import functools
-import io
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -46,7 +46,7 @@ def relative_error(render: Render) -> Array:
     """(H, W): the root of the mean over channels of stderr^2 / (radiance^2 + (`FLOOR` times the
     picture's mean)^2), as `veriray.sampling.tile_errors` weighs errors; 0 where both are 0, and NaN
     with one sample."""
-    image, stderr = render.image, render.stderr
+    image, stderr = np.asarray(render), render.stderr
     if render.spp < 2:
         return np.full(image.shape[:2], np.nan, np.float32)
     dark = np.float32(FLOOR * float(np.abs(image).mean(dtype=np.float64)))
@@ -81,7 +81,7 @@ def _finite_ends(depth: Array) -> tuple[float, float]:
 
 
 CHANNELS: dict[str, Channel] = {
-    "radiance": Channel("Radiance", lambda render: render.image),
+    "radiance": Channel("Radiance", np.asarray),
     "error": Channel("Relative error", relative_error, lambda _: (1e-3, 1.0), _percent),
     "samples": Channel("Samples", _samples, lambda n: (0.0, float(n.max()))),
     "albedo": Channel("Albedo", of_scene=_first_surface("albedo")),
@@ -117,19 +117,29 @@ COLOURS = ("#15102b", "#3b2a78", "#2c63a8", "#1f9a9a", "#6cc36b", "#f2d84b", "#f
 _UNKNOWN = (64, 64, 64)  # the colour of NaN
 
 
+#: Of a float32's bits: those that are rounded away, and the least light of a tone table, 2^-20.
+_CUT, _LEAST = 12, np.float32(2.0**-20).view(np.int32)
+
+
 @functools.lru_cache(maxsize=len(CURVES))
 def _table(curve: str) -> Bytes:
-    """The byte for each half float, by its bits; 0 below 0."""
-    halves = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float64)
-    light = CURVES[curve](np.clip(np.nan_to_num(halves, posinf=1e30), 0.0, None))
-    return to_srgb8(np.repeat(light[:, None, None], 3, axis=2))[:, 0, 0].copy()
+    """The bytes for light from 2^-20 to 2^12, in steps of 11 bits of a float's fraction."""
+    light = ((np.arange(1 << 16, dtype=np.int32) << _CUT) + _LEAST).view(np.float32)
+    mapped = CURVES[curve](light.astype(np.float64))
+    return to_srgb8(np.repeat(mapped[:, None, None], 3, axis=2))[:, 0, 0].copy()
 
 
 def tone_mapped(image: Array, exposure: float = 0.0, curve: str = "standard") -> Bytes:
     """(H, W, 3) light as sRGB bytes by a table: with "standard" within 1 of `to_srgb8`."""
+    values, table, part = np.asarray(image, np.float32).ravel(), _table(curve), 1 << 16
+    result: Bytes = np.empty(image.shape, np.uint8)
     with np.errstate(over="ignore"):
-        halves = (image * np.float32(2.0**exposure)).astype(np.float16)
-    return _table(curve)[halves.view(np.uint16)]
+        for at in range(0, values.size, part):  # what fits a processor's cache
+            bits = np.fmax(values[at : at + part] * np.float32(2.0**exposure), 0).view(np.int32)
+            bits += (1 << _CUT - 1) - _LEAST
+            bits >>= _CUT
+            table.take(bits, out=result.reshape(-1)[at : at + part], mode="clip")
+    return result
 
 
 def exact_bytes(image: Array, exposure: float, curve: str) -> Bytes:
@@ -188,10 +198,11 @@ def encoded(pixels: Bytes, quality: int | None) -> tuple[str, bytes]:
     """Type and bytes of an image file: JPEG, or PNG for None."""
     from PIL import Image
 
-    file = io.BytesIO()
-    image = Image.fromarray(pixels)
-    if quality is None:
-        image.save(file, format="png", compress_level=1)
-        return "image/png", file.getvalue()
-    image.save(file, format="jpeg", quality=quality, subsampling=0 if quality >= 90 else 2)
-    return "image/jpeg", file.getvalue()
+    kind, options = "png", {"compress_level": 1}
+    if quality is not None:
+        kind, options = "jpeg", {"quality": quality, "subsampling": 0 if quality >= 90 else 2}
+    # Pillow lets other threads run only while it writes to a file of the system.
+    with open(os.memfd_create("veriray-view"), "w+b") as file:
+        Image.fromarray(pixels).save(file, format=kind, **options)
+        file.seek(0)
+        return f"image/{kind}", file.read()

@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 import veriray as vr
 from tests.viewers import done, rendering, wait
+from veriray import native_scene
 from veriray.camera import Camera, Film
 from veriray.saving import to_srgb8
 from veriray.viewer import display, moves
@@ -207,6 +209,8 @@ def test_tone_table(exposure: float) -> None:
     rng = np.random.default_rng(2)
     image = np.exp(rng.normal(-2, 3, (80, 90, 3))).astype(np.float32)
     image[0, 0] = 0, 1, 1e20
+    odd = np.array([[[np.inf, np.nan, -1]]], np.float32)
+    assert display.tone_mapped(odd, exposure).tolist() == [[[255, 0, 0]]]
     fast = display.tone_mapped(image, exposure).astype(int)
     exact = to_srgb8(image, exposure).astype(int)
     assert np.abs(fast - exact).max() <= 1 and (fast != exact).mean() < 0.05
@@ -221,6 +225,19 @@ def test_curves(curve: str) -> None:
     image = np.exp(np.random.default_rng(3).normal(-1, 3, (50, 50, 3))).astype(np.float32)
     fast = display.tone_mapped(image, 0.5, curve).astype(int)
     assert np.abs(fast - display.exact_bytes(image, 0.5, curve)).max() <= 1
+
+
+def test_files_are_made_while_others_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pillow keeps Python's lock as long as it writes to anything but a file of the system."""
+    saved = Image.Image.save
+
+    def save(image: Any, file: Any, **options: Any) -> None:
+        assert file.fileno() > 2
+        saved(image, file, **options)
+
+    monkeypatch.setattr(Image.Image, "save", save)
+    for quality in (None, 80, 92):
+        assert display.encoded(np.zeros((9, 9, 3), np.uint8), quality)[1]
 
 
 def test_false_colours() -> None:
@@ -277,6 +294,38 @@ def test_the_picture_is_the_batch_render(device: str) -> None:
     )
     assert moved.render.film_sha256 == expected.film_sha256 != frame.render.film_sha256
     assert moved.render.stats["scene_sha256"] == expected.stats["scene_sha256"]
+
+
+def test_a_large_scene_keeps_its_tree_while_it_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And is made anew once it rests, so that the picture is the batch render."""
+    trimesh.creation.icosphere(4).export(tmp_path / "ball.ply")
+    look = Camera.look_at([0, 0.2, -1.5], [0, 0, 0], fov=40).to_world
+    scene = {"type": "scene", "sky": {"type": "constant"},
+             "sensor": {"type": "perspective", "fov": 40.0, "to_world": look},
+             "ball": {"type": "ply", "filename": str(tmp_path / "ball.ply")}}  # fmt: skip
+    monkeypatch.setattr(Source, "load", lambda _: vr.load_dict(scene))
+    made: list[tuple[bool, bool]] = []
+    make = native_scene._make
+
+    def making(*arguments: Any) -> Any:
+        native, exact = make(*arguments)
+        made.append((native.family in {form.native.family for form in arguments[-1]}, exact))
+        return native, exact
+
+    monkeypatch.setattr(native_scene, "_make", making)
+    with rendering("ball.xml", **SMALL) as renderer:
+        done(renderer)
+        made.clear()
+        renderer.submit(do("zoom", x=-0.5))
+        for _ in range(3):
+            renderer.submit(do("zoom", x=-0.9))
+            time.sleep(0.05)
+        frame = done(renderer)
+        moved = vr.load_dict(scene).with_(camera=renderer.view.camera)
+    assert frame.render.film_sha256 == vr.render(moved, **SMALL, device="cpu").film_sha256
+    assert made[0] == (True, False) and made[-1] == (False, True)
 
 
 def test_samples_are_added_and_taken_away() -> None:

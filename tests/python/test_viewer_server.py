@@ -80,6 +80,9 @@ def test_pictures(viewer: Viewer) -> None:
         assert facts["live"] == [n / expected.stats["paths"] for n in live]
         mean = float(np.abs(expected.image).mean(dtype=np.float64))
         assert facts["error"] == pytest.approx(expected.stats["mean_stderr"] / mean)
+        steps = ["taken", "scene", "samples", "picture", "queue", "facts", "tones", "file"]
+        assert list(facts["steps"]) == steps and min(facts["steps"].values()) >= 0
+        assert sum(facts["steps"].values()) == pytest.approx(facts["age"])
         assert browser.state["width"] == 40 and browser.state["channel"] == "radiance"
 
         browser.send(do="set", name="exposure", value=2.0)

@@ -88,7 +88,7 @@ function duration(s) {
 }
 
 function report() {
-  const goal = state ? state.spp : facts.spp, preview = facts.coarse > 1;
+  const goal = state ? state.spp : facts.spp, preview = facts.preview;
   find("spp").textContent = preview ? "preview" : facts.spp.toLocaleString("en");
   find("goal").textContent = preview ? "" : `of ${goal.toLocaleString("en")}`;
   find("bar").style.width = `${preview ? 0 : Math.min(100, (100 * facts.spp) / goal)}%`;
@@ -98,7 +98,7 @@ function report() {
   find("seconds").textContent = duration(facts.seconds);
   find("resolution").textContent = `${facts.width} × ${facts.height}`;
   find("device").textContent = `${facts.device} · ${facts.device_name} · ${facts.scheduler}`;
-  find("badge").hidden = !preview;
+  find("badge").hidden = facts.coarse === 1;
   find("badge").textContent = `1/${facts.coarse} resolution`;
   find("sha").disabled = !facts.sha256;
   find("sha").textContent = facts.sha256 ? `SHA-256 ${facts.sha256}` : `SHA-256 after ${goal.toLocaleString("en")} samples`;
@@ -109,7 +109,7 @@ function report() {
     find("legend").querySelectorAll(".marks span").forEach((mark, i) => { mark.textContent = facts.legend.marks[i]; });
   }
   plot(facts.live);
-  document.documentElement.dataset.spp = facts.coarse > 1 ? 0 : facts.spp;
+  document.documentElement.dataset.spp = facts.preview ? 0 : facts.spp;
   document.documentElement.dataset.number = facts.number;
   document.documentElement.dataset.done = facts.done;
 }

@@ -1,9 +1,9 @@
 """The thread that renders what the viewer shows, one pass after another.
 
-While the view moves, pictures have fewer pixels: as many as the device renders in `MOVING_SECONDS`.
-A view that rests is rendered in full, in passes whose number and size leave no trace: after N
-samples the picture has the bits of `veriray.render` with N samples. A pass that no longer shows
-what users want is left as soon as the device asks (about every 50 ms).
+While the view moves, pictures have as many pixels as can be had in `MOVING_SECONDS`. A view that
+rests is rendered in full, in passes whose number and size leave no trace: after N samples the
+picture has the bits of `veriray.render` with N samples. A pass that no longer shows what users want
+is left as soon as the device asks (about every 10 ms).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy.typing as npt
 from .. import device as device_module
 from ..accumulation import Accumulation
 from ..errors import printable
-from ..native_scene import native_scene
+from ..native_scene import native_scene, roughly
 from ..picture import Render
 from ..scene import Scene
 from . import moves
@@ -32,8 +32,10 @@ from .source import Source
 
 Array = npt.NDArray[Any]
 
-#: Time of a picture while the view moves, and how long after a move it counts as moving.
-MOVING_SECONDS, SETTLE_SECONDS = 0.1, 0.25
+#: From the first sample of a picture to its file, while the view moves.
+MOVING_SECONDS = 0.045
+#: How long after a move the view counts as moving; and time of a sample that is long for a picture.
+SETTLE_SECONDS, SLOW_SECONDS = 0.25, 0.25
 #: How long a picture may take that was expected at once, before a newer view ends it.
 PATIENCE_SECONDS = 1.0
 #: Time of a pass at rest: at first, and at most.
@@ -51,24 +53,29 @@ class _Outdated(Exception):  # noqa: N818
 @dataclass(frozen=True)
 class Frame:
     """A picture to show. number: of the frame, from 1. coarse: by what its sides are divided.
-    done: it has all samples. made: values of the channel of the scene that is shown. change: how
-    many changes of the view it shows. marks: when the last of them arrived ("asked"), and when each
-    step since then ended (time.perf_counter), in order."""
+    preview: made in a hurry, for eyes alone. done: it has all samples. made: values of the channel
+    of the scene that is shown. change: how many changes of the view it shows. marks: when
+    the last of them arrived ("asked"), and when each step since then ended (time.perf_counter), in
+    order."""
 
     number: int
     render: Render
     scene: Scene
     coarse: int
+    preview: bool
     done: bool
     made: dict[str, Array]
     change: int
     marks: dict[str, float]
 
     def error(self) -> float | None:
-        """Mean standard error over mean radiance; None with one sample, and for a black picture."""
-        error = self.render.stats["mean_stderr"] if self.render.spp > 1 else None
+        """Mean standard error over mean radiance; None of a preview, with one sample, and for a
+        black picture."""
+        error = None if self.preview or self.render.spp < 2 else self.render.stats["mean_stderr"]
+        if error is None:
+            return None
         mean = float(np.abs(np.asarray(self.render)).mean(dtype=np.float64))
-        return float(error) / mean if error is not None and mean > 0 else None
+        return float(error) / mean if mean > 0 else None
 
 
 @dataclass(frozen=True)
@@ -116,7 +123,8 @@ class Renderer:
         self._picks: list[Action] = []
         self._asked = self._moved = -1e9
         self._change = 0
-        self._rate = 0.0  # paths a second
+        #: Paths a second; seconds that a pixel takes on its way from the film into a file.
+        self._rate, self._making = 0.0, {"picture": 0.0, "file": 0.0}
         self._thread = threading.Thread(target=self._run, name="veriray-view", daemon=True)
 
     # ---- for other threads ----
@@ -147,6 +155,11 @@ class Renderer:
                 self._set(applied(self.view, action, self.file), action.moves)
         self._wake.set()
         self.changed()
+
+    def took(self, step: str, pixels: int, seconds: float) -> None:
+        """How long a step towards a picture of so many pixels took; from any thread."""
+        known, this = self._making[step], seconds / pixels
+        self._making[step] = 0.5 * (known + this) if known else this
 
     def _set(self, view: View, moves: bool) -> None:
         """Takes another view; the lock is held."""
@@ -188,12 +201,12 @@ class Renderer:
         shot = _Shot(view, scene, change, view.picture(), {"asked": asked})
         shot.mark("taken")
         factor = self._factor(scene) if self._moving or self._slow(scene) else 1
-        if factor > 1:
+        if factor > 1 or self._moving:
             self._preview(shot, factor)
         while factor > 2 and self._slow(scene):  # comes back in steps, which take a third more
             factor = max(f for f in COARSE if f <= factor // 2)
             self._preview(shot, factor)
-        full = self._accumulation(scene, view)
+        full = self._accumulation(scene, view, shot)
         shot.mark("scene")
         while True:
             self._check(shot)
@@ -204,29 +217,29 @@ class Renderer:
             if goal < full.spp:  # fewer than there are
                 raise _Outdated
             if full.spp < goal:
-                self._pass(full, self._size(full, goal, scene), shot)
-                self._show(full, shot, 1)
+                self._pass(full, self._size(full, goal, self._unseen(shot)), shot)
+                self._show(full, shot)
             elif self.frame is None or not self.frame.done or not self._has_channel(self.frame):
-                self._show(full, shot, 1)
+                self._show(full, shot)
             else:
                 self._wake.wait()
                 self._wake.clear()
 
     def _preview(self, shot: _Shot, factor: int) -> None:
-        """Shows fewer pixels as long as the view moves, and at least once."""
+        """Shows what can be had at once, as long as the view moves, and at least once."""
         film = shot.scene.film
         width, height = (-(-n // factor) for n in (film.width, film.height))
-        small = self._accumulation(shot.scene.with_(width=width, height=height), shot.view)
+        with roughly():
+            small = self._accumulation(shot.scene.with_(width=width, height=height), shot.view)
         shot.mark("scene")
-        self._pass(small, 1, shot)
-        self._show(small, shot, factor)
-        while self._moving:
-            self._check(shot)
-            if small.spp < MOST_COARSE:
-                self._pass(small, 1, shot)
+        goal = min(self._goal(), MOST_COARSE)
+        while not small.spp or self._moving:
+            if small.spp < goal:
+                self._pass(small, self._size(small, goal, True), shot)
                 self._show(small, shot, factor)
-            elif self._wake.wait(0.02):
+            elif self._wake.wait(max(0.0, self._moved + SETTLE_SECONDS - time.perf_counter())):
                 self._wake.clear()
+            self._check(shot)
 
     def _goal(self) -> int:
         """How many samples of each pixel are wanted."""
@@ -243,41 +256,48 @@ class Renderer:
         if self._stopping or self._reload or refocus or self.view.picture() != shot.key:
             raise _Outdated
 
-    def _accumulation(self, scene: Scene, view: View) -> Accumulation:
+    def _accumulation(self, scene: Scene, view: View, shot: _Shot | None = None) -> Accumulation:
+        """shot: what its tree is for, which is left where a preview can do without."""
         return Accumulation(
             scene, seed=view.seed, scheduler=view.scheduler, device=self.device,
-            threads=self.threads, progress=self._building,
+            threads=self.threads, progress=lambda share: self._building(share, shot),
         )  # fmt: skip
 
-    def _building(self, share: float) -> None:
+    def _building(self, share: float, shot: _Shot | None = None) -> None:
         if self._stopping:
             raise _Outdated
+        if shot is not None and self.file.native_forms:
+            self._check(shot)
         self._tell(f"building the tree: {share:.0%}" if share < 1 else "")
 
     def _slow(self, scene: Scene) -> bool:
         """Whether a sample of every pixel takes long, as far as known."""
         pixels = scene.film.width * scene.film.height
-        return self._rate == 0.0 or pixels > 2.5 * MOVING_SECONDS * self._rate
+        return self._rate == 0.0 or pixels > SLOW_SECONDS * self._rate
 
     def _factor(self, scene: Scene) -> int:
-        """By what to divide the sides of the picture so that it is rendered in time."""
+        """By what to divide the sides of the picture so that it takes MOVING_SECONDS."""
         pixels = scene.film.width * scene.film.height
-        room = MOVING_SECONDS * self._rate or 1 << 14
-        return next((f for f in COARSE if pixels <= room * f * f), COARSE[-1])
+        drawn = 1 / self._rate if self._rate else MOVING_SECONDS / (1 << 14)
+        one = drawn + sum(self._making.values())
+        return next((f for f in COARSE if pixels * one <= MOVING_SECONDS * f * f), COARSE[-1])
 
-    def _size(self, work: Accumulation, goal: int, scene: Scene) -> int:
-        """Samples of each pixel in the next pass at rest."""
-        spent = self.frame.render.stats["seconds"] if self.frame is not None and work.spp else 0.0
-        seconds = min(LONGEST_PASS_SECONDS, PASS_SECONDS + 0.1 * spent)
-        pixels = scene.film.width * scene.film.height
+    def _size(self, work: Accumulation, goal: int, soon: bool) -> int:
+        """Samples of each pixel in the next pass; soon: in MOVING_SECONDS."""
+        pixels = work.paths_of(1)
+        if soon:
+            seconds = MOVING_SECONDS - pixels * sum(self._making.values())
+        else:
+            spent = self.frame.render.stats["seconds"] if self.frame and work.spp else 0.0
+            seconds = min(LONGEST_PASS_SECONDS, PASS_SECONDS + 0.1 * spent)
         return max(1, min(goal - work.spp, int(seconds * self._rate / pixels)))
 
     def _pass(self, work: Accumulation, n: int, shot: _Shot) -> None:
-        """Draws samples. The first ones of a picture that takes no time are drawn to the end, or a
-        view that moves without a pause would never be seen."""
+        """Draws samples. The first ones of a change that are there soon are drawn to the end, or a
+        view that changes without a pause would never be seen."""
         paths, done = work.paths_of(n), 0.0
         start = time.perf_counter()
-        quick = not work.spp and paths <= 2.5 * MOVING_SECONDS * self._rate
+        quick = self._unseen(shot) and paths <= SLOW_SECONDS * self._rate
         patience = start + PATIENCE_SECONDS * quick
 
         def poll(share: float) -> None:
@@ -291,24 +311,34 @@ class Renderer:
             done = 1.0
         finally:
             if done:
-                rate = done * paths / max(time.perf_counter() - start, 1e-6)
-                self._rate = rate if self._rate == 0.0 else 0.5 * (self._rate + rate)
+                known, rate = self._rate, done * paths / max(time.perf_counter() - start, 1e-6)
+                if known and done < 1:  # paths of which a device tells may just have begun
+                    rate = min(known, rate)
+                self._rate = 0.5 * (known + rate) if known else rate
 
-    def _show(self, work: Accumulation, shot: _Shot, coarse: int) -> None:
+    def _unseen(self, shot: _Shot) -> bool:
+        return self.frame is None or self.frame.change != shot.change
+
+    def _show(self, work: Accumulation, shot: _Shot, preview: int = 0) -> None:
+        """preview: by what the sides are divided, of a preview."""
         shot.mark("samples")
         render = work._render()
         refused = render.stats["nonfinite_samples"]
         self.message = f"{refused:,} samples count as black: the film cannot hold them"
         self.message = self.message if refused else ""
-        done = coarse == 1 and work.spp >= self._goal()
-        _ = render.image  # copied before the next pass keeps the device busy
+        coarse, done = preview or 1, not preview and work.spp >= self._goal()
+        _ = np.asarray(render)  # copied before the next pass keeps the device busy
         if done or self.view.channel != "radiance":
             _ = render.stderr
         made = self._made(render, shot, coarse)
         number = self.frame.number + 1 if self.frame is not None else 1
         shot.mark("picture")
         marks = dict(shot.marks)
-        self.frame = Frame(number, render, shot.scene, coarse, done, made, shot.change, marks)
+        if not done:
+            self.took("picture", render.width * render.height, marks["picture"] - marks["samples"])
+        self.frame = Frame(
+            number, render, shot.scene, coarse, preview > 0, done, made, shot.change, marks
+        )
         self.changed()
 
     def _has_channel(self, frame: Frame) -> bool:

@@ -241,8 +241,11 @@ class Server:
             frame.render, channel, exposure, curve, exact=final, made=frame.made
         )
         marks["tones"] = time.perf_counter()
-        kind, data = display.encoded(pixels, None if final else 80 if frame.coarse > 1 else 92)
+        kind, data = display.encoded(pixels, None if final else 80 if frame.preview else 92)
         marks["file"] = time.perf_counter()
+        if not frame.done:
+            size = frame.render.width * frame.render.height
+            self.renderer.took("file", size, marks["file"] - marks["queue"])
         facts |= {
             "type": kind, "legend": legend and {"title": legend.title, "marks": legend.marks},
             "age": marks["file"] - marks["asked"],
@@ -261,7 +264,7 @@ class Server:
         return {
             "number": frame.number, "change": frame.change, "coarse": frame.coarse,
             "width": render.width, "height": render.height, "spp": render.spp, "done": frame.done,
-            "seconds": stats["seconds"],
+            "preview": frame.preview, "seconds": stats["seconds"],
             "rate": stats["samples_per_second"], "device": stats["device"],
             "device_name": stats["device_name"], "scheduler": stats["scheduler"],
             "error": error if error is not None and math.isfinite(error) else None,
@@ -349,7 +352,7 @@ class Server:
         frame = self.renderer.frame
         if name not in makers:
             return _text(http.HTTPStatus.NOT_FOUND, f"expected {', '.join(makers)}")
-        if frame is None or (name != "scene.xml" and frame.coarse > 1):
+        if frame is None or (name != "scene.xml" and frame.preview):
             return _text(http.HTTPStatus.CONFLICT, "there is no whole picture yet: wait a moment")
         assert self._loop is not None
         try:

@@ -168,7 +168,8 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
     const uint32_t samples = static_cast<uint32_t>(std::min<uint64_t>(
         {job.samples, tile, std::max<uint64_t>(64, tile / std::min<uint64_t>(pixels, tile))}));
     const uint32_t width = std::max(1u, tile / samples);
-    for (uint32_t pixel : s.pixels) {
+    for (uint32_t i = 0; i < job.listed_count; ++i) {
+        const uint32_t pixel = job.listed[i];
         const bool next = !runs.empty() && runs.back().first + runs.back().second == pixel &&
                           runs.back().second < width;
         if (next)
@@ -200,7 +201,7 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
 class CpuRunner final : public Runner {
    public:
     CpuRunner(const SceneView& scene, const RenderSettings& s, RenderStats& stats)
-        : scene_(scene), s_(s), stats_(stats) {
+        : scene_(sampled_view(scene)), s_(s), stats_(stats) {
         stats.threads = s.threads ? s.threads : std::max(1u, std::thread::hardware_concurrency());
         if (stats.threads > 4096)
             throw std::invalid_argument("threads = " + std::to_string(s.threads) +
@@ -208,10 +209,19 @@ class CpuRunner final : public Runner {
         stats.device = "cpu";
         ledgers_.resize(stats.threads);
     }
-    bool run(const Job& job, const Poll& poll) override {
-        return by_method(find_scheduler(s_.scheduler)->method, render_tiles, render_thrust,
-                         render_wavefront)(scene_, job, s_, ledgers_, stats_, poll);
+    uint64_t most_shared() const override { return (1ull << 22) * std::min(stats_.threads, 32u); }
+    float* share(uint64_t numbers) override {
+        shared_.resize(numbers + Simd::kWidth);  // lanes pass the end of the last row
+        return shared_.data();
     }
+    bool run(const Job& job, bool counted, const Poll& poll) override {
+        RenderStats no_stats = stats_;
+        std::vector<LedgerRows> no_ledgers(counted ? 0 : stats_.threads);
+        return by_method(find_scheduler(s_.scheduler)->method, render_tiles, render_thrust,
+                         render_wavefront)(scene_, job, s_, counted ? ledgers_ : no_ledgers,
+                                           counted ? stats_ : no_stats, poll);
+    }
+    void add_shared(const Job& job) override;
     std::vector<uint64_t> ledger(uint64_t first) override {
         std::vector<uint64_t> sum;
         if (first) return sum;
@@ -223,11 +233,49 @@ class CpuRunner final : public Runner {
     }
 
    private:
-    const SceneView& scene_;
+    const SceneView scene_;
     const RenderSettings& s_;
     RenderStats& stats_;
     std::vector<LedgerRows> ledgers_;
+    Large<float> shared_;
 };
+
+void CpuRunner::add_shared(const Job& job) {
+    const FilterView& filter = scene_.filter;
+    constexpr uint64_t kRows = 4096;
+    const uint64_t rows = job.shared.rows();
+    parallel(stats_.threads, (rows + kRows - 1) / kRows, {}, [&](uint32_t, uint64_t unit) {
+        uint64_t row = unit * kRows;
+        const uint64_t end = std::min(rows, row + kRows);
+        for (; row + Simd::kWidth <= end; row += Simd::kWidth)
+            weigh_sample<Simd>(filter, job.shared, row);
+        for (; row < end; ++row) weigh_sample<Scalar>(filter, job.shared, row);
+    });
+    // `count` pixels from `pixel` on, of a row.
+    const auto add = [&]<class L>(uint32_t pixel, uint32_t count) {
+        const uint32_t x = pixel % job.film.width, y = pixel / job.film.width;
+        PixelSum pixels[L::kWidth] = {};
+        for (uint32_t first = 0; first < job.samples; first += kLaneSamples) {
+            LaneSums<L> sums[3];
+            for (uint32_t k = first; k < std::min(first + kLaneSamples, job.samples); ++k) {
+                const auto sample = shared_sample<L>(filter, job.shared, x, y, k);
+                for (uint32_t c = 0; c < 3; ++c) sums[c].add_signed(sample[c]);
+            }
+            for (uint32_t c = 0; c < 3; ++c) sums[c].flush(pixels, c, count);
+        }
+        for (uint32_t i = 0; i < count; ++i) flush(job.film, pixel + i, pixels[i]);
+    };
+    const uint32_t width = job.film.width;
+    parallel(stats_.threads, job.listed ? job.listed_count : job.film.height, {},
+             [&](uint32_t, uint64_t unit) {
+                 if (job.listed)
+                     add.template operator()<Scalar>(job.listed[unit], 1);
+                 else
+                     for (uint32_t x = 0; x < width; x += Simd::kWidth)
+                         add.template operator()<Simd>(static_cast<uint32_t>(unit) * width + x,
+                                                       std::min(Simd::kWidth, width - x));
+             });
+}
 
 }  // namespace
 
@@ -236,21 +284,26 @@ std::unique_ptr<Runner> make_runner(const Scene& scene, const Film&, const Rende
     return std::make_unique<CpuRunner>(scene.host().view, s, stats);
 }
 
-std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, uint32_t x,
-                                   uint32_t y, uint64_t sample) {
+std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, int32_t x,
+                                   int32_t y, uint64_t sample) {
     const HostScene& host = scene.host();
-    if (x >= host.width || y >= host.height)
+    const int64_t width = host.width, height = host.height, rim = host.view.filter.rim;
+    if (x < -rim || y < -rim || x >= width + rim || y >= height + rim)
         throw std::invalid_argument("pixel (" + std::to_string(x) + ", " + std::to_string(y) +
                                     ") is outside the film of " + std::to_string(host.width) +
                                     " x " + std::to_string(host.height));
+    const bool beyond = x < 0 || y < 0 || x >= width || y >= height;
     RenderSettings one = s;
     one.sample_begin = sample;
     one.sample_end = sample + 1;
     std::vector<PathVertex> out;
     for_sample_ranges(
         one, 1, {},
-        [&](const PathSettings& settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
-            cpu_waves(kIntegrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
+        [&](PathSettings settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
+            if (beyond) settings.rim = host.view.filter.rim, settings.first = host.width * host.height;
+            cpu_waves(kIntegrator, kVariantCount - 1)
+                .trace(host, settings, static_cast<uint32_t>(x) + settings.rim,
+                       static_cast<uint32_t>(y) + settings.rim, low, out);
         });
     return out;
 }

@@ -1,6 +1,7 @@
 // The schedulers `thrust` and `wavefront` on the CPU, and single paths: one lane, kFewVariants of
 // every integrator. A translation unit of its own, compiled with less effort than those of `fused`.
 #include "backends/cpu_variant.h"
+#include "backends/render.h"
 #include "integrators/integrators.h"
 
 namespace veriray {
@@ -35,15 +36,17 @@ void wave_tile(const SceneView& scene, const Job& job, const Wave& wave, uint32_
 template <class Tracer>
 void trace(const HostScene& host, const PathSettings& settings, uint32_t x, uint32_t y,
            uint32_t sample, std::vector<PathVertex>& out) {
-    typename Tracer::State path = Tracer::begin(host.view, settings, x, y, host.width, sample);
+    const SceneView view = sampled_view(host.view);
+    const uint32_t width = host.width + 2 * settings.rim;
+    typename Tracer::State path = Tracer::begin(view, settings, x, y, width, sample);
     bool alive = true;
     for (uint32_t depth = 0; alive; ++depth) {
         const Ray<Scalar> ray = path.ray;
-        const Hit<Scalar> hit = Tracer::next_hit(host.view, path, kInfinity, true);
+        const Hit<Scalar> hit = Tracer::next_hit(view, path, kInfinity, true);
         PathVertex v{};
         v.depth = depth;
         const Spectrum<float> before = path.throughput;
-        const Events<Scalar> e = bounce<Tracer>(host.view, settings, path, depth, true);
+        const Events<Scalar> e = bounce<Tracer>(view, settings, path, depth, true);
         alive = e.alive;
         static const char* const names[] = {"scattered", "escaped",   "emitter_end", "absorbed",
                                             "rr_killed", "depth_cut", "invalid"};
@@ -66,7 +69,7 @@ void trace(const HostScene& host, const PathSettings& settings, uint32_t x, uint
         }
         if (met) {
             v.primitive = host.input_index[hit.primitive];
-            const Surface<Scalar> at = Tracer::surface_at(host.view, ray, hit, true);
+            const Surface<Scalar> at = Tracer::surface_at(view, ray, hit, true);
             v.normal[0] = at.ng.x, v.normal[1] = at.ng.y, v.normal[2] = at.ng.z;
         }
         out.push_back(v);

@@ -68,33 +68,81 @@ bool render_fused(const Launches& l, const Job& job) {
 
 namespace {
 
+__global__ void weigh_kernel(const FilterView filter, const SharedSamples samples, uint64_t rows) {
+    const uint64_t row = blockIdx.x * static_cast<uint64_t>(blockDim.x) + threadIdx.x;
+    if (row < rows) weigh_sample<Scalar>(filter, samples, row);
+}
+
+// Threads by pixel, blocks in y by run of samples.
+constexpr uint32_t kSharedRun = 16, kSharedBlock = 128;
+__global__ void __launch_bounds__(kSharedBlock)
+    shared_kernel(const FilterView filter, const __grid_constant__ Job job) {
+    const uint64_t place = blockIdx.x * static_cast<uint64_t>(blockDim.x) + threadIdx.x;
+    if (place >= job.pixels()) return;
+    const uint32_t pixel = job.pixel(static_cast<uint32_t>(place));
+    const uint32_t x = pixel % job.film.width, y = pixel / job.film.width;
+    PixelSum sum{};
+    const uint32_t first = blockIdx.y * kSharedRun;
+    for (uint32_t k = first; k < job.samples && k < first + kSharedRun; ++k)
+        add_sample(sum, shared_sample<Scalar>(filter, job.shared, x, y, k));
+    flush(job.film, pixel, sum);
+}
+
 class CudaRunner final : public Runner {
    public:
     CudaRunner(const Scene& scene, const RenderSettings& s, RenderStats& stats)
-        : scene_(*scene.impl), s_(s), stats_(stats) {
+        : scene_(*scene.impl), view_(sampled_view(scene.impl->view)), s_(s), stats_(stats) {
         stats.device = "cuda:" + std::to_string(scene_.device);
         check(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount,
                                      scene_.device),
               "device");
         // Passes make more segments than max_depth counts.
-        const bool bounded = s.max_depth >= 0 && !(scene_.view.features & kGoOn);
+        const bool bounded = s.max_depth >= 0 && !(view_.features & kGoOn);
         depths_ = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
         ledger_ = {std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns, "ledger"};
         faults_ = {1, "fault log"};
-        listed_ = {s.pixels, "pixel list"};
         ledger_.zero();
         wait_for_default("prepare");
     }
-    bool run(const Job& job, const Poll& poll) override {
-        const Launches launches{scene_.device, scene_.view, s_,      stats_, multiprocessors_,
-                                work_,         side_,       ledger_, poll};
+    uint64_t most_shared() const override { return 1ull << 27; }
+    float* share(uint64_t numbers) override {
+        if (numbers > shared_.size()) shared_ = {numbers, "shared samples"};
+        return shared_.get();
+    }
+    bool run(const Job& job, bool counted, const Poll& poll) override {
+        RenderStats no_stats = stats_;
+        if (!counted && !no_ledger_.get())
+            no_ledger_ = {std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns,
+                          "ledger"};
+        const Launches launches{scene_.device,
+                                view_,
+                                s_,
+                                counted ? stats_ : no_stats,
+                                multiprocessors_,
+                                work_,
+                                side_,
+                                counted ? ledger_ : no_ledger_,
+                                poll};
+        const Scratch<uint32_t> listed = list(job);
         check(cudaMemsetAsync(faults_.get(), 0, sizeof(FaultLog), work_.s), "prepare");
         Job there = job;
-        there.faults = faults_.get(), there.listed = listed_.get();
+        there.faults = faults_.get(), there.listed = listed.get();
         const bool complete = by_method(find_scheduler(s_.scheduler)->method, render_fused,
                                         render_thrust, render_wavefront)(launches, there);
         *job.faults = faults_.download()[0];
         return complete;
+    }
+    void add_shared(const Job& job) override {
+        const Scratch<uint32_t> listed = list(job);
+        Job there = job;
+        there.listed = listed.get();
+        const uint64_t rows = job.shared.rows();
+        weigh_kernel<<<blocks_for(rows, 256), 256, 0, work_.s>>>(view_.filter, job.shared, rows);
+        const dim3 blocks(blocks_for(job.pixels(), kSharedBlock),
+                          (job.samples + kSharedRun - 1) / kSharedRun);
+        shared_kernel<<<blocks, kSharedBlock, 0, work_.s>>>(view_.filter, there);
+        check(cudaGetLastError(), "shared samples");
+        check(cudaStreamSynchronize(work_.s), "shared samples");
     }
     // Rows beyond the last path's end stay on the device.
     std::vector<uint64_t> ledger(uint64_t first) override {
@@ -104,15 +152,20 @@ class CudaRunner final : public Runner {
     }
 
    private:
+    static Scratch<uint32_t> list(const Job& job) {
+        return {job.listed, job.listed_count, "pixel list"};
+    }
+
     const Scene::Impl& scene_;
+    const SceneView view_;
     const RenderSettings& s_;
     RenderStats& stats_;
     int multiprocessors_;
     uint64_t depths_;
     Stream work_, side_;
-    Scratch<uint64_t> ledger_;
+    Scratch<uint64_t> ledger_, no_ledger_;
     Scratch<FaultLog> faults_;
-    Scratch<uint32_t> listed_;
+    Scratch<float> shared_;
 };
 
 }  // namespace

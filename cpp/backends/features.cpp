@@ -91,7 +91,7 @@ RenderStats render_features(const Scene& scene, Film& film, const FeatureSetting
                           job.sample_begin = begin, job.samples = count;
                           job.centres = job.primitive.words && !begin && !upper && count;
                           complete = run_features(scene, job, maps, s, stats, part);
-                          add_faults(stats, faults, film.width(), upper);
+                          add_faults(stats, faults, settings, film.width(), upper);
                       });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -37,9 +37,46 @@ void check_settings(const RenderSettings& s, const HostScene& scene, const Film&
                  "; allowed: ascending numbers below " + std::to_string(all));
 }
 
-// Pixels that a render draws samples of.
-uint64_t pixel_count(const RenderSettings& s, const Film& film) {
-    return s.pixels.empty() ? static_cast<uint64_t>(film.width()) * film.height() : s.pixels.size();
+// Pixels that a render samples in one job.
+struct Sampled {
+    std::vector<uint32_t> listed;  // empty: all of the film
+    bool rim = false;              // numbered as those of the film with its rim
+    bool counted = true;
+
+    uint64_t pixels(const Film& film) const {
+        return listed.empty() ? static_cast<uint64_t>(film.width()) * film.height() : listed.size();
+    }
+};
+
+// Those whose samples are asked for and, where pixels share samples, those that share with them, in
+// and beyond the film.
+std::vector<Sampled> sampled_by(const RenderSettings& s, const Film& film, uint32_t rim) {
+    std::vector<Sampled> out = {{s.pixels}};
+    if (!rim) return out;
+    const uint32_t width = film.width() + 2 * rim, height = film.height() + 2 * rim;
+    std::vector<bool> reached(static_cast<size_t>(width) * height, s.pixels.empty());
+    const auto row = [&](uint32_t pixel) {
+        return reached.begin() + static_cast<ptrdiff_t>(pixel / film.width()) * width +
+               pixel % film.width();
+    };
+    for (uint32_t pixel : s.pixels)
+        for (uint32_t j = 0; j <= 2 * rim; ++j)
+            std::fill_n(row(pixel) + static_cast<ptrdiff_t>(j) * width, 2 * rim + 1, true);
+    for (uint32_t pixel : s.pixels) row(pixel)[static_cast<ptrdiff_t>(rim) * width + rim] = false;
+    Sampled within{{}, false, false}, beyond{{}, true, false};
+    for (uint32_t y = 0; y < height; ++y)
+        for (uint32_t x = 0; x < width; ++x) {
+            const uint32_t place = y * width + x;
+            if (!reached[place]) continue;
+            const uint32_t px = x - rim, py = y - rim;  // wrap
+            if (px >= film.width() || py >= film.height())
+                beyond.listed.push_back(place);
+            else if (!s.pixels.empty())
+                within.listed.push_back(py * film.width() + px);
+        }
+    for (Sampled* more : {&within, &beyond})
+        if (!more->listed.empty()) out.push_back(std::move(*more));
+    return out;
 }
 
 // Fills the live column from the paths begun and the causes of their ends, and drops empty depths.
@@ -58,13 +95,15 @@ uint64_t complete_ledger(std::vector<uint64_t>& ledger, uint64_t paths) {
 
 }  // namespace
 
-void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_t sample_high) {
+void add_faults(RenderStats& stats, const FaultLog& log, const PathSettings& settings,
+                uint32_t width, uint64_t sample_high) {
     stats.fault_count += log.count;
+    const int32_t rim = static_cast<int32_t>(settings.rim);
     for (uint64_t i = 0; i < std::min<uint64_t>(log.count, kMaxFaults); ++i) {
         const SampleFault& f = log.first[i];
         if (stats.faults.size() < kMaxFaults)
-            stats.faults.push_back({f.pixel % width,
-                                    f.pixel / width,
+            stats.faults.push_back({static_cast<int32_t>((f.pixel - settings.first) % width) - rim,
+                                    static_cast<int32_t>((f.pixel - settings.first) / width) - rim,
                                     sample_high << 32 | f.sample,
                                     {f.radiance[0], f.radiance[1], f.radiance[2]}});
     }
@@ -84,26 +123,65 @@ std::vector<FeatureMask> variant_masks() { return {std::begin(kVariants), std::e
 RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, const Poll& poll) {
     const HostScene& host = scene.host();
     check_settings(s, host, film);
-    const uint64_t samples = s.sample_end - s.sample_begin, pixels = pixel_count(s, film);
+    const uint32_t rim = host.view.filter.rim;
+    const std::vector<Sampled> parts = sampled_by(s, film, rim);
+    const uint64_t samples = s.sample_end - s.sample_begin, pixels = parts[0].pixels(film);
+    uint64_t all = 0;
+    for (const Sampled& part : parts) all += part.pixels(film);
     const uint64_t of_all = s.pixels.empty() ? samples : 0;
     film.impl->with_more(of_all);
     RenderStats stats;
-    stats.features = kVariants[choose_variant(host.view, s)];
+    stats.features = kVariants[choose_variant(sampled_view(host.view), s)];
     const std::unique_ptr<Runner> runner = make_runner(scene, film, s, stats);
     film.impl->match_scale(0, host.view.emission_scale);
+    SharedSamples shared{nullptr, film.width() + 2 * rim, film.height() + 2 * rim, 1, 2 * rim + 1};
+    const uint64_t at_once =
+        rim ? std::max<uint64_t>(1, runner->most_shared() / (shared.columns() * shared.rows()))
+            : ~0ull;
     const auto start = std::chrono::steady_clock::now();
     bool complete = true;
+    // One job of each part.
+    const auto run_parts = [&](PathSettings settings, uint32_t begin, uint32_t count,
+                               uint32_t upper, const Poll& poll_part) {
+        Job job{};
+        job.film = film.impl->view();
+        job.sample_begin = begin, job.samples = count;
+        if (rim) {
+            shared.samples = count;
+            shared.numbers = runner->share(shared.columns() * shared.rows());
+            job.shared = shared;
+        }
+        double done = 0;
+        for (const Sampled& part : parts) {
+            job.settings = settings;
+            job.width = part.rim ? shared.width : film.width();
+            if (part.rim) job.settings.rim = rim, job.settings.first = film.width() * film.height();
+            job.listed = part.listed.empty() ? nullptr : part.listed.data();
+            job.listed_count = static_cast<uint32_t>(part.listed.size());
+            FaultLog faults{};
+            job.faults = &faults;
+            const double share = static_cast<double>(part.pixels(film)) / static_cast<double>(all);
+            const Poll poll_job = [&](double of_job) { return poll_part(done + of_job * share); };
+            complete = complete && runner->run(job, part.counted, poll_job);
+            add_faults(stats, faults, job.settings, job.width, upper);
+            done += share;
+        }
+        job.listed = s.pixels.empty() ? nullptr : s.pixels.data();
+        job.listed_count = static_cast<uint32_t>(s.pixels.size());
+        if (rim && complete) runner->add_shared(job);
+    };
     for_sample_ranges(s, pixels, poll,
                       [&](const PathSettings& settings, uint32_t begin, uint32_t count,
-                          uint32_t upper, const Poll& part) {
-                          if (!complete) return;
-                          FaultLog faults{};
-                          complete =
-                              runner->run({settings, film.impl->view(), &faults, begin, count,
-                                           s.pixels.empty() ? nullptr : s.pixels.data(),
-                                           static_cast<uint32_t>(s.pixels.size())},
-                                          part);
-                          add_faults(stats, faults, film.width(), upper);
+                          uint32_t upper, const Poll& poll_range) {
+                          for (uint64_t done = 0; complete && done < count; done += at_once) {
+                              const uint64_t now = std::min(at_once, count - done);
+                              run_parts(settings, static_cast<uint32_t>(begin + done),
+                                        static_cast<uint32_t>(now), upper, [&](double share) {
+                                            return poll_range((static_cast<double>(done) +
+                                                               share * static_cast<double>(now)) /
+                                                              count);
+                                        });
+                          }
                       });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -9,16 +9,28 @@
 
 namespace veriray {
 
+// A scene as pictures sample it: evenly in pixels where these share samples.
+inline SceneView sampled_view(SceneView view) {
+    if (view.filter.rim) view.filter.kind = FilterKind::kBox;
+    return view;
+}
+
 class Runner {
    public:
     virtual ~Runner() = default;
-    // Runs a job whose pixel list and fault log lie in the host's memory. Returns false if poll
-    // stopped it.
-    virtual bool run(const Job& job, const Poll& poll) = 0;
+    // Numbers of samples that the machine keeps for sharing at once, and room for those of a job.
+    virtual uint64_t most_shared() const = 0;
+    virtual float* share(uint64_t numbers) = 0;
+    // Runs a job whose pixel list and fault log lie in the host's memory. counted: its paths count
+    // in ledger and statistics. Returns false if poll stopped it.
+    virtual bool run(const Job& job, bool counted, const Poll& poll) = 0;
+    // Adds what a job's film makes of the samples that it shares; its listed pixels, or all.
+    virtual void add_shared(const Job& job) = 0;
     // Rows of the ledger, all jobs' sums, from `first` on, some at a time; none after the last.
     virtual std::vector<uint64_t> ledger(uint64_t first) = 0;
 };
-void add_faults(RenderStats& stats, const FaultLog& log, uint32_t width, uint64_t sample_high);
+void add_faults(RenderStats& stats, const FaultLog& log, const PathSettings& settings,
+                uint32_t width, uint64_t sample_high);
 
 // Checks what its machine asks of the settings; notes that machine in the statistics.
 std::unique_ptr<Runner> make_runner(const Scene& scene, const Film& film, const RenderSettings& s,

@@ -13,7 +13,7 @@ namespace veriray {
 template <class T>
 concept Integrator = requires(const SceneView& scene, const PathSettings& s, typename T::U word,
                               typename T::M active, typename T::State path,
-                              typename T::Request request, Hit<typename T::Lane> hit) {
+                              typename T::Request request, Hit<typename T::Lane> hit, typename T::F at) {
     { T::kMask } -> std::convertible_to<FeatureMask>;
     // Samples below 0 are legitimate; else the film refuses them.
     { T::kNegativeSamples } -> std::convertible_to<bool>;
@@ -28,8 +28,8 @@ concept Integrator = requires(const SceneView& scene, const PathSettings& s, typ
     // Lanes whose shadow ray arrives, and what it delivers.
     { T::unblocked(scene, request) } -> std::same_as<typename T::M>;
     { T::visible(path, request, active) };
-    // Weight of the finished path's sample.
-    { T::sample_weight(scene, s, path) } -> std::same_as<typename T::F>;
+    // Where the path went through its pixel, x and y in [0, 1), if these share samples.
+    { T::place_in_pixel(s, path, at, at) };
     { T::columns(0u) } -> std::same_as<ColumnCount>;
     { T::request_columns(0u) } -> std::same_as<ColumnCount>;
 };

@@ -56,15 +56,16 @@ struct PathTracer : PathVertices<L, kFeatures> {
     static VR_HD PathState<L> begin(const SceneView& scene, const PathSettings& s, U x, U y,
                                     uint32_t width, U sample) {
         PathState<L> path;
-        path.pixel = y * U(width) + x;
+        path.pixel = y * U(width) + x + U(s.first);
         path.sample = sample;
         const Block<U> r = random_block(s.key, path.pixel, sample, dimension_block(0, kCamera));
         const F dx = F(0.5f) + filter_offset<L>(scene.filter, uniform(r.x));
         const F dy = F(0.5f) + filter_offset<L>(scene.filter, uniform(r.y));
-        const V at = camera_point(scene.camera, to_float(x), to_float(y), dx, dy);
+        const F rim(static_cast<float>(s.rim)), px = to_float(x) - rim, py = to_float(y) - rim;
+        const V at = camera_point(scene.camera, px, py, dx, dy);
         path.ray = pinhole_ray<L>(scene.camera, at);
         if (scene.camera.before > 0.f)
-            path.ray = far_ray<L>(scene.camera, to_float(x), to_float(y), dx, dy);
+            path.ray = far_ray<L>(scene.camera, px, py, dx, dy);
         if constexpr (has(kLens))
             if (scene.features & kLens)
                 path.ray = lens_ray<L>(scene.camera, at, uniform(r.z), uniform(r.w));
@@ -84,16 +85,11 @@ struct PathTracer : PathVertices<L, kFeatures> {
         return path;
     }
 
-    // ---- end: weight of the path's sample; all but signed filters weigh 1 ----
-    static VR_HD F sample_weight(const SceneView& scene, const PathSettings& s,
-                                 const PathState<L>& path) {
-        if constexpr (!has(kSignedFilter)) return F(1.f);
-        if (!(scene.features & kSignedFilter)) return F(1.f);
+    // Where a path went through its pixel, under a box.
+    static VR_HD void place_in_pixel(const PathSettings& s, const PathState<L>& path, F& x, F& y) {
         const Block<U> r =
             random_block(s.key, path.pixel, path.sample, dimension_block(0, kCamera));
-        const F dx = filter_offset<L>(scene.filter, uniform(r.x));
-        const F dy = filter_offset<L>(scene.filter, uniform(r.y));
-        return filter_weight(scene.filter, dx) * filter_weight(scene.filter, dy);
+        x = uniform(r.x), y = uniform(r.y);
     }
 
     // ---- roulette: survive with q = min(1, max throughput), rounded up to a multiple of 2^-24 so

@@ -15,6 +15,9 @@ struct PathSettings {
     RandomKey key;
     uint32_t max_depth;  // segments at most, passes not counted; kHardMaxDepth for unlimited
     uint32_t rr_depth;   // roulette from the vertex with index + 1 >= rr_depth on
+    // Pixels of a film with a rim to each side are counted from the rim's first, by numbers from
+    // `first` on; 0, 0: those of the film.
+    uint32_t rim = 0, first = 0;
 };
 
 template <class L>

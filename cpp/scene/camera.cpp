@@ -90,38 +90,30 @@ double exp_series(double x) {
 }
 
 // D. Mitchell, A. Netravali, "Reconstruction Filters in Computer Graphics", SIGGRAPH 1988, eq. 8.
-double mitchell(double x, double b, double c) {
-    x = std::abs(x);
-    if (x >= 2) return 0;
-    if (x < 1)
-        return ((12 - 9 * b - 6 * c) * x * x * x + (-18 + 12 * b + 6 * c) * x * x + (6 - 2 * b)) /
-               6;
-    return ((-b - 6 * c) * x * x * x + (6 * b + 30 * c) * x * x + (-12 * b - 48 * c) * x +
-            (8 * b + 24 * c)) /
-           6;
-}
+// Coefficients of the powers of the distance, the highest first.
+struct Cubics {
+    double near[4], far[4];
+    Cubics(double b, double c)
+        : near{(12 - 9 * b - 6 * c) / 6, (-18 + 12 * b + 6 * c) / 6, 0, (6 - 2 * b) / 6},
+          far{(-b - 6 * c) / 6, (6 * b + 30 * c) / 6, (-12 * b - 48 * c) / 6,
+              (8 * b + 24 * c) / 6} {}
+    double operator()(double z) const {
+        const double x = std::abs(z);
+        const double* p = x < 1 ? near : far;
+        return x < 2 ? ((p[0] * x + p[1]) * x + p[2]) * x + p[3] : 0;
+    }
+};
 }  // namespace
 
 // Edges of cells of equal probability under |density(z)|, |z| < reach, in pixels of size `scale`.
-// The sign changes at most once per side, at the table's quantile of the share before it, so the
-// signed weights of the samples integrate to 1.
 template <class Density>
 void HostScene::tabulate_filter(Density density, double reach, double scale) {
     constexpr int kSteps = 1 << 16;
-    FilterView& f = view.filter;
-    f.kind = FilterKind::kTable;
+    view.filter.kind = FilterKind::kTable;
     std::vector<double> cdf(kSteps + 1, 0.0);
-    double net = 0;
-    int change = kSteps;  // first step of the far negative lobe
-    for (int i = 0; i < kSteps; ++i) {
-        const double z = -reach + 2 * reach * (i + 0.5) / kSteps, y = density(z);
-        cdf[i + 1] = cdf[i] + std::abs(y);
-        net += y;
-        if (z > 0 && y < 0) change = std::min(change, i);
-        if (z > 0 && y > 0 && change < kSteps)
-            throw std::invalid_argument("a filter whose sign changes more than once a side");
-    }
-    f.weight = static_cast<float>(cdf[kSteps] / net);
+    for (int i = 0; i < kSteps; ++i)
+        cdf[i + 1] =
+            cdf[i] + std::abs(density(-reach + 2 * reach * (i + 0.5) / kSteps));
     int i = 0;
     for (uint32_t e = 0; e <= kFilterTable; ++e) {
         const double want = cdf[kSteps] * e / kFilterTable;
@@ -130,28 +122,66 @@ void HostScene::tabulate_filter(Density density, double reach, double scale) {
             -reach + 2 * reach * (i + (want - cdf[i]) / (cdf[i + 1] - cdf[i])) / kSteps;
         filter_edges[e] = static_cast<float>(z * scale);
     }
-    if (change < kSteps) {
-        const double x = cdf[change] / cdf[kSteps] * kFilterTable;
-        const int cell = static_cast<int>(x);
-        const double a = filter_edges[cell], b = filter_edges[cell + 1];
-        f.positive = static_cast<float>(a + (x - cell) * (b - a));
-        view.features |= kSignedFilter;
+}
+
+// Has samples shared where that leaves less noise than to draw them from the filter, in two
+// dimensions; puts the integrals over pixels, of 1 in all, behind the table. density: at a distance
+// of 0 or more in pixels, of any size; 0 from `reach` on. Returns the factor to a density of 1.
+template <class Density>
+double HostScene::share_filter(FilterForm form, Density density, double reach) {
+    constexpr int kSteps = 1 << 14;
+    const int rim = static_cast<int>(std::ceil(reach + 0.5)) - 1;
+    double sum = 0, sizes = 0, squares = 0;
+    std::vector<double> parts(2 * rim + 1);
+    for (int i = 0; i <= 2 * rim; ++i) {
+        for (int k = 0; k < kSteps; ++k) {
+            const double x = std::abs(i - rim - 0.5 + (k + 0.5) / kSteps);
+            const double y = x < reach ? density(x) / kSteps : 0;
+            parts[i] += y, sizes += std::abs(y), squares += y * y * kSteps;
+        }
+        sum += parts[i];
     }
+    if (rim && rim <= kMostRim && squares * squares < 0.8 * sizes * sizes * sizes * sizes)
+        view.filter.rim = static_cast<uint32_t>(rim);
+    std::vector<double> numbers;
+    for (double& part : parts) numbers.push_back(part /= sum);
+    for (double along_y : parts)
+        for (double along_x : parts) numbers.push_back(1 / (1 - along_x * along_y));
+    filter_edges.resize(kFilterTable + 1 + numbers.size());
+    std::copy(numbers.begin(), numbers.end(), filter_edges.begin() + kFilterTable + 1);
+    view.filter.edges = filter_edges.data();
+    view.filter.form = form;
+    return 1 / sum;
 }
 
 void HostScene::set_filter(const SceneInput& in) {
     FilterView& f = view.filter;
     filter_edges.assign(kFilterTable + 1, 0.f);
-    f = {FilterKind::kBox, 0.5f, filter_edges.data(), INFINITY, 1.f};
+    f = {};
+    f.kind = FilterKind::kBox, f.radius = 0.5f, f.edges = filter_edges.data();
     const double a = in.filter_parameters[0], b = in.filter_parameters[1];
     if (in.filter == "tent") {
         f.kind = FilterKind::kTent;
         f.radius = static_cast<float>(a);
+        const double unit =
+            share_filter(FilterForm::kTent, [=](double x) { return 1 - x / a; }, a);
+        f.size = static_cast<float>(unit), f.slope = static_cast<float>(unit / a);
     } else if (in.filter == "gaussian") {
         // exp(-x^2 / 2 s^2) - exp(-8) on |x| < 4 s, as Mitsuba's.
-        tabulate_filter([](double z) { return exp_series(z * z / 2) - exp_series(8); }, 4, a);
+        const auto bell = [](double z) { return exp_series(z * z / 2) - exp_series(8); };
+        tabulate_filter(bell, 4, a);
+        const double unit =
+            share_filter(FilterForm::kGaussian, [=](double x) { return bell(x / a); }, 4 * a);
+        f.size = static_cast<float>(unit), f.slope = static_cast<float>(1 / (2 * a * a));
+        f.end = static_cast<float>(exp_series(8));
     } else if (in.filter == "mitchell") {
-        tabulate_filter([=](double z) { return mitchell(z, a, b); }, 2, 1);
+        const Cubics cubics(a, b);
+        tabulate_filter(cubics, 2, 1);
+        const double unit = share_filter(FilterForm::kCubic, cubics, 2);
+        for (int k = 0; k < 4; ++k) {
+            f.near[k] = static_cast<float>(cubics.near[k] * unit);
+            f.far[k] = static_cast<float>(cubics.far[k] * unit);
+        }
     } else if (in.filter != "box") {
         throw std::invalid_argument("filter '" + in.filter +
                                     "'; allowed: box, tent, gaussian, mitchell");

@@ -84,7 +84,6 @@ bool HostScene::change(const SceneInput& was, const SceneInput& in, bool rough) 
         length(frame.eye - centre) + in.aperture_radius <= unit)
         frame.centre = centre, frame.unit = unit;
     if (frame.unit != unit || length(frame.centre - centre) > 0) return false;
-    const FeatureMask of_filter = view.features & kSignedFilter;
     static_cast<Frame&>(*this) = frame;
     width = in.width, height = in.height;
     const auto again = [&](Stage stage) {
@@ -104,11 +103,9 @@ bool HostScene::change(const SceneInput& was, const SceneInput& in, bool rough) 
     view.features = before_[kStages];
     view.camera = {};
     set_camera(in);
-    if (in.filter == was.filter &&
-        std::equal(std::begin(in.filter_parameters), std::end(in.filter_parameters),
-                   std::begin(was.filter_parameters)))
-        view.features |= of_filter;
-    else
+    if (in.filter != was.filter ||
+        !std::equal(std::begin(in.filter_parameters), std::end(in.filter_parameters),
+                    std::begin(was.filter_parameters)))
         set_filter(in);
     return true;
 }

@@ -21,27 +21,26 @@ enum Feature : FeatureMask {
     kManyLights = 1u << 6,  // more than one light to choose from
     kClip = 1u << 7,        // near or far clipping that can cut something
     kLens = 1u << 8,
-    kSignedFilter = 1u << 9,  // a filter with negative lobes
-    kRefraction = 1u << 10,   // a material that changes the direction of what goes through
-    kPass = 1u << 11,         // a mask, or a material that lets light straight through
-    kMedia = 1u << 12,
-    kChromatic = 1u << 13,      // a medium whose extinction depends on the channel
-    kTextures = 1u << 14,       // textures on surfaces
-    kAlbedoGrids = 1u << 15,    // a medium whose albedo a grid gives
-    kUnevenMedia = 1u << 16,    // a medium whose extinction a grid gives
-    kBlend = 1u << 17,          // a material that is one of two at each hit
-    kAttributes = 1u << 18,     // a texture of numbers that meshes have, or one in another
-    kTangents = 1u << 19,       // slopes that depend on the direction, normal and bump maps
-    kHidden = 1u << 20,         // light that the camera does not see directly
-    kLightTextures = 1u << 21,  // textures of lights
-    kPhases = 1u << 22,         // a phase function that is not Henyey and Greenstein's alone
-    kFirstLight = 1u << 23,     // a bit for each feature of lights, in their order
+    kRefraction = 1u << 9,   // a material that changes the direction of what goes through
+    kPass = 1u << 10,         // a mask, or a material that lets light straight through
+    kMedia = 1u << 11,
+    kChromatic = 1u << 12,      // a medium whose extinction depends on the channel
+    kTextures = 1u << 13,       // textures on surfaces
+    kAlbedoGrids = 1u << 14,    // a medium whose albedo a grid gives
+    kUnevenMedia = 1u << 15,    // a medium whose extinction a grid gives
+    kBlend = 1u << 16,          // a material that is one of two at each hit
+    kAttributes = 1u << 17,     // a texture of numbers that meshes have, or one in another
+    kTangents = 1u << 18,       // slopes that depend on the direction, normal and bump maps
+    kHidden = 1u << 19,         // light that the camera does not see directly
+    kLightTextures = 1u << 20,  // textures of lights
+    kPhases = 1u << 21,         // a phase function that is not Henyey and Greenstein's alone
+    kFirstLight = 1u << 22,     // a bit for each feature of lights, in their order
     kFirstMaterial = kFirstLight << kLightFeatures,  // for each kind of material, in their order
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
 inline constexpr const char* kFeatureNames[] = {
     "quads",       "polygons",  "disks",    "spheres",        "bvh",          "smooth",
-    "many_lights", "clip",      "lens",     "signed_filter",  "refraction",   "pass",
+    "many_lights", "clip",      "lens",     "refraction",   "pass",
     "media",       "chromatic", "textures", "albedo_grids",   "uneven_media", "blend",
     "attributes",  "tangents",  "hidden",   "light_textures", "phases"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),

@@ -305,6 +305,8 @@ class HostScene : public Frame {
     void put_light(const LightSource& s, float* row, size_t stride);
     void set_first_occluder();
     void set_camera(const SceneInput& in);
+    template <class Density>
+    double share_filter(FilterForm form, Density density, double reach);
     void set_filter(const SceneInput& in);
     template <class Density>
     void tabulate_filter(Density density, double reach, double scale);

@@ -38,7 +38,7 @@ VR_HD void store_path(const Columns& c, uint32_t i, const typename Tracer::State
 template <class Tracer>
 VR_HD typename Tracer::State begin_path(const SceneView& scene, const Job& job, uint32_t g) {
     const uint32_t pixels = static_cast<uint32_t>(job.pixels()), sample = g / pixels;
-    const uint32_t pixel = job.pixel(g - sample * pixels), width = job.film.width;
+    const uint32_t pixel = job.pixel(g - sample * pixels), width = job.width;
     return Tracer::begin(scene, job.settings, pixel % width, pixel / width, width,
                          job.sample_begin + sample);
 }
@@ -51,7 +51,7 @@ VR_HD LedgerColumn end_path(const SceneView& scene, const Job& job,
     PixelSum sum{};
     cause = finish<Tracer>(scene, job, path, cause, sample);
     add_sample(sum, sample);
-    if (cause != kInvalid) flush(job.film, path.pixel, sum);
+    if (cause != kInvalid) job.add(path.pixel, sum);
     return cause;
 }
 

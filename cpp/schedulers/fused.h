@@ -35,7 +35,7 @@ struct FusedLane {
         const bool asks = ended && idle();
         const uint64_t item = take(asks);
         if (!asks) return true;
-        if (end) flush(job.film, pixel, sum);
+        if (end) job.add(pixel, sum);
         sample = end = 0;
         if (item < items.count) {
             const uint64_t run = item / job.pixels();
@@ -49,7 +49,7 @@ struct FusedLane {
 
     template <class Tracer>
     VR_HD typename Tracer::State begin(const SceneView& scene, const Job& job) const {
-        const uint32_t width = job.film.width;
+        const uint32_t width = job.width;
         return Tracer::begin(scene, job.settings, pixel % width, pixel / width, width,
                              job.sample_begin + sample);
     }

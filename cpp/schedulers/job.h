@@ -2,7 +2,7 @@
 // those of a list.
 #pragma once
 
-#include "film/film.h"
+#include "film/shared.h"
 #include "integrators/integrator.h"
 
 namespace veriray {
@@ -14,12 +14,32 @@ struct Job {
     uint32_t sample_begin, samples;  // lower 32 bits; a job never crosses a multiple of 2^32
     const uint32_t* listed;          // ascending; null: all pixels
     uint32_t listed_count;
+    uint32_t width;        // of the pixels: the film's, or the settings' with a rim
+    SharedSamples shared;  // takes the samples, where there is room for them, instead of the film
 
     VR_HD uint64_t pixels() const {
         return listed ? listed_count : static_cast<uint64_t>(film.width) * film.height;
     }
     VR_HD uint32_t pixel(uint32_t place) const { return listed ? listed[place] : place; }
     VR_HD uint64_t paths() const { return pixels() * samples; }
+
+    // A sample at or above 1 / room of the film's limit is refused.
+    VR_HD float room() const { return shared.numbers ? kSharedRoom : 1.f; }
+    VR_HD void share(uint32_t at, uint32_t sample, float red, float green, float blue, float x,
+                     float y) const {
+        const uint32_t rim = shared.reach / 2;
+        const uint32_t place = settings.first ? at - settings.first
+                                              : (at / film.width + rim) * shared.width +
+                                                    at % film.width + rim;
+        const uint64_t row = shared.row(sample - sample_begin, place);
+        const float numbers[] = {red, green, blue, x};
+        for (uint32_t c = 0; c < 4; ++c) *shared.number(c, row) = numbers[c];
+        *shared.number(3 + shared.reach, row) = y;
+    }
+    // Adds the sum of a pixel's samples to the film.
+    VR_HD void add(uint32_t at, PixelSum& sum) const {
+        if (!shared.numbers) flush(film, at, sum);
+    }
 };
 
 // How `thrust` closes the gaps that ended paths leave in the index array before the next bounce:
@@ -60,12 +80,18 @@ VR_HD LedgerColumn finish(const SceneView& scene, const Job& job,
                           const typename Tracer::State& path, LedgerColumn cause,
                           Spectrum<float>& sample) {
     sample = Spectrum<float>::all(0.f);
-    if (!film_accepts<Tracer::kNegativeSamples>(path.radiance, job.film.scale)) {
+    if (film_accepts<Tracer::kNegativeSamples>(path.radiance, job.film.scale * job.room())) {
+        sample = path.radiance * job.film.scale;
+    } else {
         log_fault(job.faults, path.pixel, path.sample, path.radiance);
-        return kInvalid;
+        cause = kInvalid;
     }
-    const float weight = Tracer::sample_weight(scene, job.settings, path);
-    sample = path.radiance * weight * job.film.scale;
+    if (job.shared.numbers) {
+        float x, y;
+        Tracer::place_in_pixel(job.settings, path, x, y);
+        job.share(path.pixel, path.sample, sample[0], sample[1], sample[2], x, y);
+        sample = Spectrum<float>::all(0.f);
+    }
     return cause;
 }
 

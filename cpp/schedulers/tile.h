@@ -40,23 +40,24 @@ class Tile {
         // Sums by lanes pay from the third sample on. Their pixels come in whole vectors.
         constexpr uint32_t kLanes = Simd::kWidth;
         const bool by_lanes = kLanes > 1 && pixels >= kLanes && samples > 2 &&
-                              !Tracer::kNegativeSamples && !(scene.features & kSignedFilter);
+                              !Tracer::kNegativeSamples;
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
         first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
-        uint32_t x = pixel % job.film.width, y = pixel / job.film.width, s = 0;
+        uint32_t x = pixel % job.width, y = pixel / job.width, s = 0;
         const auto begin = [&] {
             uint32_t xs[Simd::kWidth], ys[Simd::kWidth], ss[Simd::kWidth];
             for (uint32_t k = 0; k < Simd::kWidth; ++k) {
                 xs[k] = x, ys[k] = y, ss[k] = first_sample_ + s;
                 if (++s < samples) continue;
                 s = 0;
-                if (++x == job.film.width) x = 0, ++y;
+                if (++x == job.width) x = 0, ++y;
             }
-            return Tracer::begin(scene, job.settings, load(xs, U()), load(ys, U()), job.film.width,
+            return Tracer::begin(scene, job.settings, load(xs, U()), load(ys, U()), job.width,
                                  load(ss, U()));
         };
         for (uint32_t depth = 0; live; ++depth)
             live = bounce_all<Tracer>(scene, job, live, depth, ledger, begin);
+        if (job.shared.numbers) return;
         add_samples(pixels, samples, by_lanes);
         for (uint32_t k = 0; k < pixels; ++k) flush(job.film, pixel + k, sums_[k]);
     }
@@ -122,11 +123,15 @@ class Tile {
     M end_paths(const SceneView& scene, const Job& job, const typename Tracer::State& path,
                 M ended) {
         const M bad =
-            ended & !film_accepts<Tracer::kNegativeSamples>(path.radiance, job.film.scale);
-        Spectrum<F> sample = path.radiance;
-        if constexpr ((Tracer::kMask & kSignedFilter) != 0)
-            sample = sample * Tracer::sample_weight(scene, job.settings, path);
-        sample = select(bad, Spectrum<F>::all(F(0.f)), sample * F(job.film.scale));
+            ended & !film_accepts<Tracer::kNegativeSamples>(path.radiance,
+                                                           job.film.scale * job.room());
+        const Spectrum<F> sample =
+            select(bad, Spectrum<F>::all(F(0.f)), path.radiance * F(job.film.scale));
+        if (job.shared.numbers) {
+            share<Tracer>(job, path, sample, bits(ended));
+            if (any(bad)) log_faults(job, path, bits(bad));
+            return bad;
+        }
         const U place =
             (path.sample + U(0u - first_sample_)) * U(stride_) + path.pixel + U(0u - first_pixel_);
         float x[3][Simd::kWidth];
@@ -139,6 +144,22 @@ class Tile {
         }
         if (any(bad)) log_faults(job, path, bits(bad));
         return bad;
+    }
+
+    template <class Tracer>
+    static void share(const Job& job, const typename Tracer::State& path, const Spectrum<F>& sample,
+                      uint32_t ended) {
+        F at_x, at_y;
+        Tracer::place_in_pixel(job.settings, path, at_x, at_y);
+        float x[5][Simd::kWidth];
+        uint32_t pixel[Simd::kWidth], number[Simd::kWidth];
+        for (uint32_t c = 0; c < 3; ++c) store(x[c], sample[c]);
+        store(x[3], at_x), store(x[4], at_y);
+        store(pixel, path.pixel), store(number, path.sample);
+        for (; ended; ended &= ended - 1) {
+            const uint32_t k = static_cast<uint32_t>(__builtin_ctz(ended));
+            job.share(pixel[k], number[k], x[0][k], x[1][k], x[2][k], x[3][k], x[4][k]);
+        }
     }
 
     template <class Path>

@@ -357,6 +357,7 @@ class Accumulation:
                 **settings.kept(),
                 **self._crew.stats(kept.films),
                 "spp": used.spp if complete else kept.spp,
+                "filter": used.film.filter,
                 "scene_sha256": used.sha256,
                 "version": _version(),
                 "mean_stderr": error if math.isfinite(error) else None,

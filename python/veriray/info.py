@@ -31,7 +31,6 @@ FEATURES = {
     "projectors": "lights that throw an image",
     "clip": "near or far clipping",
     "lens": "a lens with an aperture",
-    "signed_filter": "a filter with negative lobes",
     "refraction": "materials that change the direction of what goes through",
     "pass": "straight through: null, mask, thin dielectric",
     "media": "media that scatter and absorb",

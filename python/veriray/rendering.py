@@ -161,10 +161,11 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         area), tree (builder, width, nodes, references, depth, cost: expected visits and tests of a
         line through its box, seconds, memory; empty without one), nonfinite_samples, nonfinite (at
         most 64 of [x, y, sample, r, g, b]), seed, spp, max_depth, rr_depth, sampler, width, height,
-        batches, batch_size, threads, launches, memory (bytes of scene and film), scene_sha256,
-        version, mean_stderr. With target_error also target_error, pilot_spp, first_sample (number
-        of the picture's first sample), mean_spp, tiles, tiles_at_limit (which need more than spp),
-        tiles_above_target and tile_error (median, nine tenths, largest) of the finished picture;
+        batches, batch_size, threads, launches, memory (bytes of scene and film), filter,
+        scene_sha256, version, mean_stderr. With target_error also target_error, pilot_spp,
+        first_sample (number of the picture's first sample), mean_spp, tiles, tiles_at_limit (which
+        need more than spp), tiles_above_target and tile_error (median, nine tenths, largest) of the
+        finished picture;
         paths and ledger then hold the pilot's too. Of a picture that was stopped also stopped
         ("time", "interrupted") and spp_asked. Of several devices, device, device_name and
         scheduler are lists with commas, what describes one device is of the first, seconds are
@@ -359,16 +360,16 @@ def trace_path(
     """Replay one path of a render on the CPU, vertex by vertex.
 
     Gives the path that `render` with the same scene, seed, sampler, size and depths traced for
-    sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel
-    outside the film, and otherwise as `render`.
+    sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Where pixels share samples,
+    those beyond the film whose samples reach it have paths too. Raises ValueError for a pixel
+    outside these, and otherwise as `render`.
     """
     settings = RenderSettings(
         seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, width=width,
         height=height,
     )  # fmt: skip
     used, settings = settle(scene, settings)
-    x = _whole("x", x, 0, used.film.width - 1)
-    y = _whole("y", y, 0, used.film.height - 1)
+    x, y = _whole("x", x, -(2**31), 2**31 - 1), _whole("y", y, -(2**31), 2**31 - 1)
     sample = _whole("sample", sample, 0, MAX_SPP - 1)
     chosen, _ = device_module.select("cpu")
     with device_module.native_errors():

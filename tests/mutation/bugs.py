@@ -222,8 +222,8 @@ _CORNELL = (
     Mutant("roulette capped at 0.5", _PATH, _Q, _Q.replace("min(F(1.f), to", "min(F(.5f), to"),
            "quick"),
     Mutant("picture mirrored", _PATH,
-           "camera_point(scene.camera, to_float(x), to_float(y), dx, dy)", "camera_point("
-           "scene.camera, F(float(width)) - F(1.f) - to_float(x), to_float(y), dx, dy)", "quick"),
+           "camera_point(scene.camera, px, py, dx, dy)", "camera_point("
+           "scene.camera, F(float(width)) - F(1.f) - px, py, dx, dy)", "quick"),
 )  # fmt: skip
 
 _MATERIALS = (
@@ -560,9 +560,10 @@ _GEOMETRY = (
     Mutant("focus 2 % too far", _CAMERA, "fma(at, F(c.focus), -o)",
            "fma(at, F(c.focus) * F(1.02f), -o)", "lens from near"),
     Mutant("mitchell's negative lobes positive", "film/filter.h",
-           "select(abs(offset) > F(f.positive), -w, w)", "w", "mitchell"),
-    Mutant("mitchell's lobes of the wrong weight", "scene/camera.cpp", "cdf[kSteps] / net", "1.",
+           "select(x < F(2.f), cubic(f.far), none)", "select(x < F(2.f), abs(cubic(f.far)), none)",
            "mitchell"),
+    Mutant("mitchell's lobes of the wrong weight", "scene/camera.cpp", "sum += parts[i];",
+           "sum += std::abs(parts[i]);", "mitchell"),
     Mutant("cosine to the geometric normal in light samples", _DIRECT, "dot(at.ns, light.wi)",
            "dot(at.ng, light.wi)", "smooth_normals"),
     Mutant("smooth lobe about the geometric normal", _VERTEX,

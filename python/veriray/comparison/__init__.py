@@ -244,9 +244,8 @@ def _condition(name: str, finds: str, problems: list[str]) -> Test:
 
 
 def _valid(x: Render, letter: str) -> Test:
-    """S0: pictures and samples are finite, and >= 0 unless the filter has negative lobes."""
-    features = x.stats.get("features") or ()
-    signed = "signed_filter" in features or x.stats.get("filter") == "mitchell"
+    """S0: pictures and samples are finite, and >= 0 unless weights of the filter may lie below."""
+    signed = x.stats.get("filter", "box") != "box"
     arrays = [x.image] + ([] if x.batch_means is None else [x.batch_means])
     bad = sum(int(np.count_nonzero(~(np.isfinite(v) & (signed | (v >= 0))))) for v in arrays)
     samples = int(x.stats.get("nonfinite_samples") or 0)

@@ -107,7 +107,9 @@ def filters(t: Trial, name: str, edge: str) -> None:
     t.check(image[dark] == 0, "dark pixels")
     t.check(error[lit | dark] == 0, "errors of even pixels")
     seen = ~(lit | dark) & (error > 0)
-    t.check((~(lit | dark | seen)).sum() <= 3 and np.abs(image - exact)[~seen].max() < 1e-3)
+    if name in DRAWN:  # where samples of both sides come often
+        seen &= 25_000 * exact * (1 - exact) > 100
+    t.check(np.abs(image - exact)[~seen].max() < 0.01, "rarely lit pixels")
     t.p(max_z((image - exact)[seen] / error[seen]), edge)
 
 

@@ -57,7 +57,7 @@ struct RenderSettings {
 };
 
 struct Fault {
-    int32_t x, y;  // where samples are shared, also beyond the film
+    int32_t x, y;  // where pixels share samples, also beyond the film
     uint64_t sample;
     float radiance[3];
 };
@@ -224,7 +224,7 @@ struct PathVertex {
     int64_t primitive;                 // triangle, T + sphere or T + S + disk of the input; -1 none
     int shadow;                        // -1 none, 0 occluded, 1 visible
 };
-std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& settings, int32_t x,
-                                   int32_t y, uint64_t sample);
+std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& settings, uint32_t x,
+                                   uint32_t y, uint64_t sample);
 
 }  // namespace veriray

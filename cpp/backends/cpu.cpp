@@ -211,7 +211,12 @@ class CpuRunner final : public Runner {
     }
     uint64_t most_shared() const override { return (1ull << 22) * std::min(stats_.threads, 32u); }
     float* share(uint64_t numbers) override {
-        shared_.resize(numbers + Simd::kWidth);  // lanes pass the end of the last row
+        try {
+            shared_.resize(numbers + Simd::kWidth);  // lanes pass the end of the last row
+        } catch (const std::bad_alloc&) {
+            throw OutOfMemoryError("shared samples: needs " +
+                                   std::to_string(numbers * sizeof(float)) + " bytes");
+        }
         return shared_.data();
     }
     bool run(const Job& job, bool counted, const Poll& poll) override {
@@ -284,26 +289,21 @@ std::unique_ptr<Runner> make_runner(const Scene& scene, const Film&, const Rende
     return std::make_unique<CpuRunner>(scene.host().view, s, stats);
 }
 
-std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, int32_t x,
-                                   int32_t y, uint64_t sample) {
+std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, uint32_t x,
+                                   uint32_t y, uint64_t sample) {
     const HostScene& host = scene.host();
-    const int64_t width = host.width, height = host.height, rim = host.view.filter.rim;
-    if (x < -rim || y < -rim || x >= width + rim || y >= height + rim)
+    if (x >= host.width || y >= host.height)
         throw std::invalid_argument("pixel (" + std::to_string(x) + ", " + std::to_string(y) +
                                     ") is outside the film of " + std::to_string(host.width) +
                                     " x " + std::to_string(host.height));
-    const bool beyond = x < 0 || y < 0 || x >= width || y >= height;
     RenderSettings one = s;
     one.sample_begin = sample;
     one.sample_end = sample + 1;
     std::vector<PathVertex> out;
     for_sample_ranges(
         one, 1, {},
-        [&](PathSettings settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
-            if (beyond) settings.rim = host.view.filter.rim, settings.first = host.width * host.height;
-            cpu_waves(kIntegrator, kVariantCount - 1)
-                .trace(host, settings, static_cast<uint32_t>(x) + settings.rim,
-                       static_cast<uint32_t>(y) + settings.rim, low, out);
+        [&](const PathSettings& settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
+            cpu_waves(kIntegrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
         });
     return out;
 }

@@ -37,8 +37,7 @@ template <class Tracer>
 void trace(const HostScene& host, const PathSettings& settings, uint32_t x, uint32_t y,
            uint32_t sample, std::vector<PathVertex>& out) {
     const SceneView view = sampled_view(host.view);
-    const uint32_t width = host.width + 2 * settings.rim;
-    typename Tracer::State path = Tracer::begin(view, settings, x, y, width, sample);
+    typename Tracer::State path = Tracer::begin(view, settings, x, y, host.width, sample);
     bool alive = true;
     for (uint32_t depth = 0; alive; ++depth) {
         const Ray<Scalar> ray = path.ray;

@@ -10,7 +10,7 @@ namespace veriray {
 enum class FilterKind : uint32_t { kBox, kTent, kTable };
 enum class FilterForm : uint32_t { kTent, kGaussian, kCubic };
 inline constexpr uint32_t kFilterTable =
-    4096;  // cells of equal probability, kFilterTable + 1 edges
+    4096;                            // cells of equal probability, kFilterTable + 1 edges
 inline constexpr int kMostRim = 16;  // pixels; a sample costs time by its square
 
 struct FilterView {
@@ -18,7 +18,7 @@ struct FilterView {
     float radius;        // pixels; tent only
     const float* edges;  // inverse distribution of |f| in pixels; table only
     FilterForm form;
-    uint32_t rim;        // pixels to each side that share samples; 0: samples are not shared
+    uint32_t rim;            // pixels to each side that share samples; 0: samples are not shared
     float size, slope, end;  // of forms kTent and kGaussian; see filter_at
     float near[4], far[4];   // of kCubic: coefficients, the highest first, below and beyond 1
 

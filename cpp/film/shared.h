@@ -57,9 +57,7 @@ template <class L>
 VR_HD Spectrum<typename L::F> shared_sample(const FilterView& f, const SharedSamples& s, uint32_t x,
                                             uint32_t y, uint32_t k) {
     using F = typename L::F;
-    const auto row = [&](uint32_t i, uint32_t j) {
-        return s.row(k, (y + j) * s.width + x + i);
-    };
+    const auto row = [&](uint32_t i, uint32_t j) { return s.row(k, (y + j) * s.width + x + i); };
     const auto colour = [&](uint64_t at) {
         return Spectrum<F>::of([&](uint32_t c) { return load(s.number(c, at), F()); });
     };

@@ -11,28 +11,29 @@ namespace veriray {
 // State: what a path carries, with `pixel`, `sample` and `radiance`. Request: a shadow ray, with
 // `wanted`. each_field<use>, each_request_field: their columns in memory (path_state.h).
 template <class T>
-concept Integrator = requires(const SceneView& scene, const PathSettings& s, typename T::U word,
-                              typename T::M active, typename T::State path,
-                              typename T::Request request, Hit<typename T::Lane> hit, typename T::F at) {
-    { T::kMask } -> std::convertible_to<FeatureMask>;
-    // Samples below 0 are legitimate; else the film refuses them.
-    { T::kNegativeSamples } -> std::convertible_to<bool>;
-    { T::begin(scene, s, word, word, 0u, word) } -> std::same_as<typename T::State>;
-    { T::no_request(active) } -> std::same_as<typename T::Request>;
-    // The closest surface ahead.
-    { T::next_hit(scene, path, kInfinity, active) } -> std::same_as<Hit<typename T::Lane>>;
-    // From there to the next ray; a shadow ray may be requested.
-    {
-        T::scatter(scene, s, path, hit, 0u, active, request)
-    } -> std::same_as<Events<typename T::Lane>>;
-    // Lanes whose shadow ray arrives, and what it delivers.
-    { T::unblocked(scene, request) } -> std::same_as<typename T::M>;
-    { T::visible(path, request, active) };
-    // Where the path went through its pixel, x and y in [0, 1), if these share samples.
-    { T::place_in_pixel(s, path, at, at) };
-    { T::columns(0u) } -> std::same_as<ColumnCount>;
-    { T::request_columns(0u) } -> std::same_as<ColumnCount>;
-};
+concept Integrator =
+    requires(const SceneView& scene, const PathSettings& s, typename T::U word,
+             typename T::M active, typename T::State path, typename T::Request request,
+             Hit<typename T::Lane> hit, typename T::F at) {
+        { T::kMask } -> std::convertible_to<FeatureMask>;
+        // Samples below 0 are legitimate; else the film refuses them.
+        { T::kNegativeSamples } -> std::convertible_to<bool>;
+        { T::begin(scene, s, word, word, 0u, word) } -> std::same_as<typename T::State>;
+        { T::no_request(active) } -> std::same_as<typename T::Request>;
+        // The closest surface ahead.
+        { T::next_hit(scene, path, kInfinity, active) } -> std::same_as<Hit<typename T::Lane>>;
+        // From there to the next ray; a shadow ray may be requested.
+        {
+            T::scatter(scene, s, path, hit, 0u, active, request)
+        } -> std::same_as<Events<typename T::Lane>>;
+        // Lanes whose shadow ray arrives, and what it delivers.
+        { T::unblocked(scene, request) } -> std::same_as<typename T::M>;
+        { T::visible(path, request, active) };
+        // Where the path went through its pixel, x and y in [0, 1), if these share samples.
+        { T::place_in_pixel(s, path, at, at) };
+        { T::columns(0u) } -> std::same_as<ColumnCount>;
+        { T::request_columns(0u) } -> std::same_as<ColumnCount>;
+    };
 
 // One bounce: from the ray of segment `segment` to the next one.
 template <Integrator T>

@@ -64,8 +64,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
         const F rim(static_cast<float>(s.rim)), px = to_float(x) - rim, py = to_float(y) - rim;
         const V at = camera_point(scene.camera, px, py, dx, dy);
         path.ray = pinhole_ray<L>(scene.camera, at);
-        if (scene.camera.before > 0.f)
-            path.ray = far_ray<L>(scene.camera, px, py, dx, dy);
+        if (scene.camera.before > 0.f) path.ray = far_ray<L>(scene.camera, px, py, dx, dy);
         if constexpr (has(kLens))
             if (scene.features & kLens)
                 path.ray = lens_ray<L>(scene.camera, at, uniform(r.z), uniform(r.w));

@@ -112,8 +112,7 @@ void HostScene::tabulate_filter(Density density, double reach, double scale) {
     view.filter.kind = FilterKind::kTable;
     std::vector<double> cdf(kSteps + 1, 0.0);
     for (int i = 0; i < kSteps; ++i)
-        cdf[i + 1] =
-            cdf[i] + std::abs(density(-reach + 2 * reach * (i + 0.5) / kSteps));
+        cdf[i + 1] = cdf[i] + std::abs(density(-reach + 2 * reach * (i + 0.5) / kSteps));
     int i = 0;
     for (uint32_t e = 0; e <= kFilterTable; ++e) {
         const double want = cdf[kSteps] * e / kFilterTable;
@@ -163,8 +162,7 @@ void HostScene::set_filter(const SceneInput& in) {
     if (in.filter == "tent") {
         f.kind = FilterKind::kTent;
         f.radius = static_cast<float>(a);
-        const double unit =
-            share_filter(FilterForm::kTent, [=](double x) { return 1 - x / a; }, a);
+        const double unit = share_filter(FilterForm::kTent, [=](double x) { return 1 - x / a; }, a);
         f.size = static_cast<float>(unit), f.slope = static_cast<float>(unit / a);
     } else if (in.filter == "gaussian") {
         // exp(-x^2 / 2 s^2) - exp(-8) on |x| < 4 s, as Mitsuba's.

@@ -21,8 +21,8 @@ enum Feature : FeatureMask {
     kManyLights = 1u << 6,  // more than one light to choose from
     kClip = 1u << 7,        // near or far clipping that can cut something
     kLens = 1u << 8,
-    kRefraction = 1u << 9,   // a material that changes the direction of what goes through
-    kPass = 1u << 10,         // a mask, or a material that lets light straight through
+    kRefraction = 1u << 9,  // a material that changes the direction of what goes through
+    kPass = 1u << 10,       // a mask, or a material that lets light straight through
     kMedia = 1u << 11,
     kChromatic = 1u << 12,      // a medium whose extinction depends on the channel
     kTextures = 1u << 13,       // textures on surfaces
@@ -39,10 +39,10 @@ enum Feature : FeatureMask {
     kAllFeatures = kFirstMaterial * kAllKinds | (kFirstMaterial - 1u),
 };
 inline constexpr const char* kFeatureNames[] = {
-    "quads",       "polygons",  "disks",    "spheres",        "bvh",          "smooth",
-    "many_lights", "clip",      "lens",     "refraction",   "pass",
-    "media",       "chromatic", "textures", "albedo_grids",   "uneven_media", "blend",
-    "attributes",  "tangents",  "hidden",   "light_textures", "phases"};
+    "quads",       "polygons", "disks",          "spheres",      "bvh",   "smooth",
+    "many_lights", "clip",     "lens",           "refraction",   "pass",  "media",
+    "chromatic",   "textures", "albedo_grids",   "uneven_media", "blend", "attributes",
+    "tangents",    "hidden",   "light_textures", "phases"};
 inline constexpr uint32_t kOtherFeatures = sizeof(kFeatureNames) / sizeof(kFeatureNames[0]),
                           kFeatureCount = kOtherFeatures + kLightFeatures + kMaterialCount;
 static_assert(kFirstLight == 1u << kOtherFeatures && kFeatureCount <= 64);

@@ -28,9 +28,9 @@ struct Job {
     VR_HD void share(uint32_t at, uint32_t sample, float red, float green, float blue, float x,
                      float y) const {
         const uint32_t rim = shared.reach / 2;
-        const uint32_t place = settings.first ? at - settings.first
-                                              : (at / film.width + rim) * shared.width +
-                                                    at % film.width + rim;
+        const uint32_t place = settings.first
+                                   ? at - settings.first
+                                   : (at / film.width + rim) * shared.width + at % film.width + rim;
         const uint64_t row = shared.row(sample - sample_begin, place);
         const float numbers[] = {red, green, blue, x};
         for (uint32_t c = 0; c < 4; ++c) *shared.number(c, row) = numbers[c];

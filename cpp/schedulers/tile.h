@@ -39,8 +39,8 @@ class Tile {
         uint32_t live = pixels * samples;
         // Sums by lanes pay from the third sample on. Their pixels come in whole vectors.
         constexpr uint32_t kLanes = Simd::kWidth;
-        const bool by_lanes = kLanes > 1 && pixels >= kLanes && samples > 2 &&
-                              !Tracer::kNegativeSamples;
+        const bool by_lanes =
+            kLanes > 1 && pixels >= kLanes && samples > 2 && !Tracer::kNegativeSamples;
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
         first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
         uint32_t x = pixel % job.width, y = pixel / job.width, s = 0;
@@ -122,9 +122,8 @@ class Tile {
     template <class Tracer>
     M end_paths(const SceneView& scene, const Job& job, const typename Tracer::State& path,
                 M ended) {
-        const M bad =
-            ended & !film_accepts<Tracer::kNegativeSamples>(path.radiance,
-                                                           job.film.scale * job.room());
+        const M bad = ended & !film_accepts<Tracer::kNegativeSamples>(path.radiance,
+                                                                      job.film.scale * job.room());
         const Spectrum<F> sample =
             select(bad, Spectrum<F>::all(F(0.f)), path.radiance * F(job.film.scale));
         if (job.shared.numbers) {

@@ -3,7 +3,7 @@
 
 namespace {
 
-py::list trace_list(const Scene& scene, uint64_t seed, int32_t x, int32_t y, uint64_t sample,
+py::list trace_list(const Scene& scene, uint64_t seed, uint32_t x, uint32_t y, uint64_t sample,
                     int64_t max_depth, uint32_t rr_depth, const std::string& sampler) {
     RenderSettings s;
     s.seed = seed;

@@ -360,16 +360,16 @@ def trace_path(
     """Replay one path of a render on the CPU, vertex by vertex.
 
     Gives the path that `render` with the same scene, seed, sampler, size and depths traced for
-    sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Where pixels share samples,
-    those beyond the film whose samples reach it have paths too. Raises ValueError for a pixel
-    outside these, and otherwise as `render`.
+    sample number `sample` (from 0) of pixel (x, y), top left (0, 0). Raises ValueError for a pixel
+    outside the film, and otherwise as `render`.
     """
     settings = RenderSettings(
         seed=seed, max_depth=max_depth, rr_depth=rr_depth, sampler=sampler, width=width,
         height=height,
     )  # fmt: skip
     used, settings = settle(scene, settings)
-    x, y = _whole("x", x, -(2**31), 2**31 - 1), _whole("y", y, -(2**31), 2**31 - 1)
+    x = _whole("x", x, 0, used.film.width - 1)
+    y = _whole("y", y, 0, used.film.height - 1)
     sample = _whole("sample", sample, 0, MAX_SPP - 1)
     chosen, _ = device_module.select("cpu")
     with device_module.native_errors():

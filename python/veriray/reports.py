@@ -71,7 +71,7 @@ def refused_text(stats: dict[str, Any]) -> str:
             return "not a number"
         if any(math.isinf(x) for x in radiance):
             return "infinite"
-        return "negative" if min(radiance) < 0 else "2^20 times the largest radiance or more"
+        return "negative" if min(radiance) < 0 else "2^17 times the largest radiance or more"
 
     listed = stats["nonfinite"]
     text = f"{stats['nonfinite_samples']:,} of {stats['paths']:,} samples count as black: the film "
@@ -79,7 +79,11 @@ def refused_text(stats: dict[str, Any]) -> str:
         return text + "cannot hold them"
     reasons = [reason(entry[3:]) for entry in listed]
     counts = ", ".join(f"{reasons.count(name)} {name}" for name in dict.fromkeys(reasons))
-    x, y, sample = listed[0][:3]
+    # One beyond the film, in the rim with which pixels share samples, cannot be replayed.
+    width, height = stats["width"], stats["height"]
+    x, y, sample = next(
+        (e for e in listed if 0 <= e[0] < width and 0 <= e[1] < height), listed[0]
+    )[:3]
     return (
         f"{text}cannot hold them (of the {len(listed)} listed: {counts}); replay one with --pixel "
         f"{x} {y} --sample {sample} --seed {stats['seed']}, in Python trace_path(scene, {x}, {y}, "

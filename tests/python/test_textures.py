@@ -54,7 +54,8 @@ def scene(shape: dict[str, Any], bsdf: Any, view: Any = ABOVE, **more: Any) -> d
     return {
         "type": "scene",
         "camera": {"type": "perspective", "fov": 1e-4, "to_world": camera(*view).to_world,
-                   "film": {"type": "hdrfilm", "width": 1, "height": 1}},
+                   "film": {"type": "hdrfilm", "width": 1, "height": 1,
+                            "rfilter": {"type": "box"}}},
         "sky": {"type": "constant"},
         "shape": {**shape, "bsdf": bsdf},
         **more,

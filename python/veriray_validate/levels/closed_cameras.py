@@ -29,34 +29,14 @@ def uniform_light_on_the_film(t: Trial, filter: str, lens: float) -> None:
     """Every pixel of a wide film has the radiance L itself, under any filter.
 
     Without noise, bit for bit: no cos^4, no weight but the filter's, whose mean is 1, negative
-    lobes and lens included. One segment per path. Mitchell's weights differ in sign, which makes
-    noise: sees 1e-2.
+    lobes and lens included. One segment per path.
     """
     parameter = {"box": None, "tent": 1.3, "gaussian": 0.5, "mitchell": (0.2, 0.4)}[filter]
     eye = camera([0, 0, 0], [1, 2, 3], 120, aperture_radius=lens, focus_distance=2.0)
-    uniform = make([], eye, [0.1, 1.0, 7.0], 16, 9, filter, parameter)
-    if filter == "mitchell":
-        r = t.agrees(uniform, [0.1, 1.0, 7.0], 20_000, sees=0.01)
-    else:
-        r = t.render(uniform, 50)
-        t.check(r.image == np.array([0.1, 1.0, 7.0], np.float32))
-        t.check(not r.stderr.any(), "noise in a constant")
+    r = t.render(make([], eye, [0.1, 1.0, 7.0], 16, 9, filter, parameter), 50)
+    t.check(r.image == np.array([0.1, 1.0, 7.0], np.float32))
+    t.check(not r.stderr.any(), "noise in a constant")
     t.check(r.stats["live_rays"] == [16 * 9 * r.spp])
-
-
-@case(3, each={"parameter": ((1 / 3, 1 / 3), (0.2, 0.4), (0.0, 0.5))})
-def negative_lobes_weigh_what_they_should(t: Trial, parameter: tuple[float, float]) -> None:
-    """Pixels of a uniform light under Mitchell's filter, with Sobol's samples.
-
-    Their mean is the light (t test over 64 pixels, whose scrambles are independent). Sees 1e-4.
-    """
-    uniform = make([], camera([0, 0, 0], [1, 2, 3]), 1.0, 8, 8, "mitchell", parameter)
-    r = t.render(uniform, 2**16, sampler="sobol")
-    values = r.image[..., 0].astype(np.float64).ravel()
-    error = float(values.std(ddof=1)) / math.sqrt(len(values))
-    off = max(abs(float(values.mean()) - 1) - MARGIN, 0)
-    t.p(2 * float(stats.t.sf(off / error, len(values) - 1)), "mean")
-    t.sees((3.29 + 1.28) * error + MARGIN, 1e-4)
 
 
 @case(3, each={"angle": (0, 25, 50)})

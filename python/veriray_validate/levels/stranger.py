@@ -278,7 +278,8 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
     scene = check_scene(name, references.SIZE)
     run = theirs(t, name, scene)
     own, parts = ours(t, scene, run), materials(t, scene, run.block)
-    alike = references.lights_alike(t.native_scene(scene).features)
+    # Under other filters than the box our pixels share samples, and have less noise.
+    alike = scene.film.filter == "box" and references.lights_alike(t.native_scene(scene).features)
     left_out = ("L4",) * (name in TUBES) + ("S4", "S6") * (not alike)
     for p, what in comparison(own, run, parts, t.rng):
         if not what.startswith(left_out):

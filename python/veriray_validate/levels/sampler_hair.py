@@ -17,7 +17,7 @@ from veriray_validate.hair import Fibre, light, lobes
 from veriray_validate.levels.sampler_materials import Grey, evaluated, hemisphere, sampled, view
 from veriray_validate.levels.sampler_principled import in_cells, shares_of_cells
 from veriray_validate.levels.sampler_rough import PRODUCTS, Exact, agree, pairs, rounding
-from veriray_validate.levels.samplers import N, random_numbers, random_points
+from veriray_validate.levels.samplers import N, hooked, random_numbers, random_points
 from veriray_validate.oracles import CORNERS, single
 from veriray_validate.trial import Trial, case
 
@@ -221,3 +221,23 @@ def hair_corners(t: Trial, eta: float, absorption: float) -> None:
             e = evaluated(t, grey(p), True, wo, s[:, :3])
             t.check(np.isfinite(e), f"eval not finite {where}")
             t.check((e[:, 0] >= 0) & (e[:, 1] >= 0), f"negative eval {where}")
+
+
+@case(2, each={"eta": (0.5, 1.0, 1.0 + 2.0**-23, 1.55, 1e3)})
+def hair_in_the_plane(t: Trial, eta: float) -> None:
+    """Seen from within its plane, to the last bit: Fresnel reflects all, or nothing enters.
+
+    Cosines of 0, 2^-100, 2^-40 and 2^-24, across, along and aslant to the fibre, clear and black:
+    finite, weights of 1 at most, of 1 where nothing is absorbed, or no density.
+    """
+    u, v, lobe = np.array(list(itertools.product(CORNERS, repeat=3))).T
+    exponents, turns = (-np.inf, -100, -40, -24), ((1.0, 0.0), (0.0, 1.0), (0.6, 0.8), (1.0, 2e-5))
+    for exponent, (x, y), k in itertools.product(exponents, turns, (0.0, 0.5, 1e6)):
+        fibre = grey(dyed(k, eta, 0.08, 0.12, 0.03))
+        s = hooked(t, "bsdf_sample", *fibre.columns(), 0, 0, 1, x, y, 2.0**exponent, u, v, lobe)
+        where = f"at a cosine of 2^{exponent}, {x, y}, absorption {k}"
+        t.check(np.isfinite(s), f"not finite {where}")
+        weight = s[s[:, 4] > 2.0**-100, 3]
+        t.check(weight < 1 + 1e-5, f"{weight.max(initial=0)} {where}")
+        if not k:
+            t.check(weight > 1 - 1e-5, f"{weight.min(initial=1)} {where}")

@@ -90,12 +90,10 @@ struct Hair : Closure<L> {
                 const F again = t[k] * r;
                 return shares[2][k] * again / max(one - again, F(0x1p-24f));
             });
-            const S sum = all();
             // Of less than 2^-100 of the light, the rest of the chance goes to the last lobe;
             // weights are then 2^-100 at most.
-            const F total = max((sum[0] + sum[1]) + sum[2], F(0x1p-100f));
-            for (uint32_t k = 0; k < kLobes; ++k)
-                chances[k] = ((shares[k][0] + shares[k][1]) + shares[k][2]) / total;
+            const F total = max(sum(all()), F(0x1p-100f));
+            for (uint32_t k = 0; k < kLobes; ++k) chances[k] = sum(shares[k]) / total;
 
             variances[0] = p.hair_along, variances[1] = F(0.25f) * p.hair_along;
             variances[2] = variances[3] = F(4.f) * p.hair_along;

@@ -117,9 +117,8 @@ _SCATTERING = (
            "fma(vertex.ng, at.offset, at.p)"),
     Mutant("the rest of a fibre's light without a guard", _HAIR,
            "max(one - again, F(0x1p-24f))", "one - again"),
-    Mutant("a fibre's lobes wider than their samples", _HAIR,
-           "const F v = variances[lobe], over = one / v;",
-           "const F v = F(1.1f) * variances[lobe], over = one / v;"),
+    Mutant("a fibre's lobes wider than their samples", _HAIR, "F(0.5f) * over * fma(a, a, b * b)",
+           "F(0.48f) * over * fma(a, a, b * b)"),
     Mutant("reflection starts on the wrong side", _VERTEX, _LEAVE,
            "fma(at.ng, -at.offset * side, at.p)"),
 )  # fmt: skip

@@ -597,7 +597,7 @@ _FIBRES = (
     Mutant("light in a fibre absorbed on half its way", _HAIR, "F(2.f) * within * eta / rest",
            "within * eta / rest", "hair"),
     Mutant("lobes of a fibre chosen evenly", _HAIR, "r.lobe < before + chances[lobe]",
-           "r.lobe < F(0.25f) * static_cast<float>(lobe + 1)", "hair"),
+           "r.lobe < F(0.25f * static_cast<float>(lobe + 1))", "hair"),
     Mutant("light through a fibre tilted the other way", _HAIR, "sines[1] = s, cosines[1] = c;",
            "sines[1] = -s, cosines[1] = c;", "hair"),
 )  # fmt: skip

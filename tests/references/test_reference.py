@@ -774,7 +774,7 @@ def test_mitsuba_cornell_box(tmp_path, mitsuba, depth):
     """
     path = ROOT / "scenes" / "cornell" / "cornell_box_mitsuba.xml"
     if not path.exists():
-        pytest.skip("no cornell_box_mitsuba.xml")
+        pytest.skip("scenes/cornell/cornell_box_mitsuba.xml is not there")
     spp = 64
     ours = with_settings(load(path), width=16, height=16, max_depth=depth)
     a = render(ours, spp=64 * spp).batch_means

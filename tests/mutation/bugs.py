@@ -585,7 +585,7 @@ _GEOMETRY = (
            "cross(n, a) * (length(b) / length(a) / (area * area))", "disk_ellipse"),
     Mutant("ties to the last primitive", "geometry/bvh.h",
            "(t == hit.t) & (primitive < hit.primitive)",
-           "(t == hit.t) & (primitive > hit.primitive)",
+           "(t == hit.t) & (hit.primitive < primitive)",
            "two floors"),
 )  # fmt: skip
 

@@ -765,6 +765,11 @@ class _Builder:
         if bsdf.plugin == "hair" and node.plugin not in KINDS:
             text = f"{node}: hair is for curves; on a {node.plugin} light from within passes"
             self.report.warn(f"{text}, which Mitsuba scatters once more", bsdf.where)
+        if bsdf.plugin == "hair" and node.plugin == "linearcurve":
+            text = (
+                f"{node}: hair lies along the curve; in Mitsuba its direction is the normal's alone"
+            )
+            self.report.warn(text, bsdf.where)
         inside = row
         while "other" in inside:
             inside["blend_material"] = self.tables.index("materials", *inside["other"])

@@ -15,7 +15,8 @@ null            PASS
 blendbsdf       one of two, the second with probability weight
 mask            PASS with probability 1 - opacity
 roughconductor, roughplastic, roughdielectric: ROUGH (``reference/rough.py``); principled likewise
-                (``reference/principled.py``, ``reference/principled_thin.py``)
+                (``reference/principled.py``, ``reference/principled_thin.py``), and hair
+                (``reference/hair.py``)
 =============== ==================================================================================
 
 Normals: ng is geometric, ns the shading normal. Cosines are of ns. A value is 0 unless wo and wi
@@ -35,9 +36,11 @@ from reference.vectors import dot
 
 LAMBERT, COATED, ROUGH, PHASE, MIRROR, REFRACT, PASS, BLACK = range(8)
 _DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(6)
-ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS, PRINCIPLED, OPEN, SHEET = range(6, len(MATERIAL_KINDS))
+ROUGH_METAL, ROUGH_PLASTIC, ROUGH_GLASS, PRINCIPLED, OPEN, SHEET, HAIR = range(
+    6, len(MATERIAL_KINDS)
+)
 _LUMINANCE = np.array([0.212671, 0.71516, 0.072169])  # of linear sRGB
-_TWO_SIDED = (_DIELECTRIC, _THIN, _NULL, ROUGH_GLASS, OPEN, SHEET)
+_TWO_SIDED = (_DIELECTRIC, _THIN, _NULL, ROUGH_GLASS, OPEN, SHEET, HAIR)
 _ONE_SIDED = ~np.isin(np.arange(len(MATERIAL_KINDS)), _TWO_SIDED)
 
 
@@ -110,7 +113,8 @@ class Materials:
         self.textures = {i: m.texture for i, m in enumerate(materials) if m.texture is not None}
         self.reliefs = [i for i, m in enumerate(materials) if m.relief is not None]
         self.directed = any(
-            m.alpha[0] != m.alpha[1] or m.shares.get("anisotropic") for m in materials
+            m.alpha[0] != m.alpha[1] or m.shares.get("anisotropic") or m.kind == "hair"
+            for m in materials
         )
         present = set(self.kind.tolist())
         self.has = {kind: kind in present for kind in range(len(MATERIAL_KINDS))}
@@ -155,6 +159,7 @@ class Materials:
                 (PRINCIPLED, self._rough),
                 (OPEN, self._rough),
                 (SHEET, self._rough),
+                (HAIR, self._rough),
             ):
                 if self.has[number] and len(
                     at := np.flatnonzero((kind == number) & (event == LAMBERT))
@@ -269,10 +274,12 @@ class Materials:
         primitive: np.ndarray,
         point: np.ndarray,
     ) -> np.ndarray:
-        """Transmittance (3, n) of PASS events at points of primitives, for shadow rays."""
+        """Transmittance (3, n) of PASS events at points of primitives, for shadow rays; cosine: of
+        their directions with ng."""
         out = self._passing(m, cosine)
         if len(at := np.flatnonzero(self.others.take(m) >= 0)):
             weight = self.weight(geometry, primitive[at], point[:, at], m[at])
+            weight = np.where(self.by_side.take(m[at]), cosine[at] > 0, weight)
             of_others = self.others.take(m[at])
             other = self.passing(of_others, cosine[at], geometry, primitive[at], point[:, at])
             out[:, at] += weight * (other - out[:, at])

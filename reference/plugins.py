@@ -17,6 +17,7 @@ from lxml import etree
 
 from reference import shapes, textures
 from reference.grids import Grid, read_vol
+from reference.hair import EUMELANIN, PHEOMELANIN
 from reference.phases import Blend, HenyeyGreenstein, Phase, Rayleigh, Tabulated
 from reference.principled import SHARES
 from reference.principled_thin import SHARES as SHEET_SHARES
@@ -240,7 +241,7 @@ class _Reader(Document):
         kind = self.plugin(
             element, "diffuse", "conductor", "dielectric", "thindielectric", "plastic", "null",
             "mask", "twosided", "blendbsdf", "roughconductor", "roughplastic", "roughdielectric",
-            "principled", "principledthin", "polarizer", "circular", "retarder",
+            "principled", "principledthin", "hair", "polarizer", "circular", "retarder",
             "bumpmap", "normalmap",
         )  # fmt: skip
         if kind in ("bumpmap", "normalmap"):
@@ -437,6 +438,30 @@ class _Reader(Document):
             "reflectance": values.get("base_color", np.full(3, 0.5)),
             "eta": np.full(3, values.get("eta", 1.5)),
             "shares": {**SHEET_SHARES, **{k: v for k, v in values.items() if k in SHEET_SHARES}},
+        }
+
+    def hair(self, element: etree._Element) -> dict:
+        """On a curve; from within it is not there."""
+        number, share = self.number(0), self.number(0.01, 1)
+        values = self.parameters(
+            element, eumelanin=number, pheomelanin=number, sigma_a=self.colour(), scale=number,
+            int_ior=self.ior, ext_ior=self.ior, longitudinal_roughness=share,
+            azimuthal_roughness=share, scale_tilt=self.number(-90, 90),
+        )  # fmt: skip
+        if "sigma_a" in values and values.keys() & {"eumelanin", "pheomelanin"}:
+            raise self.error(element, "expected sigma_a, or eumelanin and pheomelanin")
+        pigment = EUMELANIN * values.get("eumelanin", 1.3)
+        pigment = pigment + PHEOMELANIN * values.get("pheomelanin", 0.2)
+        index = values.get("int_ior", IOR["amber"]) / values.get("ext_ior", IOR["air"])
+        if index < 1:
+            raise self.error(element, "hair is denser than what is around it")
+        names = {"longitudinal_roughness": 0.3, "azimuthal_roughness": 0.3, "scale_tilt": 2.0}
+        return {
+            "eta": np.full(3, index),
+            "k": values["sigma_a"] * values.get("scale", 1.0) if "sigma_a" in values else pigment,
+            "fibre": tuple(values.get(name, default) for name, default in names.items()),
+            "other": Material(kind="null"),
+            "by_side": True,
         }
 
     def conductor(self, element: etree._Element, **more: object) -> dict:

@@ -23,7 +23,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from reference.hair import Fibre
 from reference.materials import (
+    HAIR,
     OPEN,
     ROUGH_GLASS,
     ROUGH_METAL,
@@ -100,6 +102,7 @@ class Rough:
             if m.kind in ("principled", "principled_open")
         }
         self.sheets = {k: Sheet(m) for k, m in enumerate(materials) if m.kind == "principledthin"}
+        self.fibres = {k: Fibre(m) for k, m in enumerate(materials) if m.kind == "hair"}
         self.base, self.coats = np.zeros((3, len(materials))), np.zeros((len(materials), STEPS))
         for k, m in enumerate(materials):
             if m.kind == "roughplastic":
@@ -108,9 +111,10 @@ class Rough:
                 self.base[:, k] = rho / (1 - (rho * inside if m.nonlinear else inside)) / eta**2
 
     def eta(self, m: np.ndarray, facing: np.ndarray) -> np.ndarray:
-        """N beyond / n on wo's side (n,); plastic's sides are alike, beyond a sheet it is equal."""
+        """N beyond / n on wo's side (n,); plastic's sides are alike, beyond sheet and fibre it is
+        equal."""
         kind = self.smooth.kind[m]
-        index = np.where(np.isin(kind, (ROUGH_METAL, SHEET)), 1.0, self.smooth.index[m])
+        index = np.where(np.isin(kind, (ROUGH_METAL, SHEET, HAIR)), 1.0, self.smooth.index[m])
         return np.where(np.isin(kind, (ROUGH_GLASS, OPEN)) & (facing < 0), 1 / index, index)
 
     def entering(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
@@ -132,8 +136,8 @@ class Rough:
         return value, density
 
     def _sheets(self, m: np.ndarray) -> Iterator[tuple]:
-        """Each thin one with where it is seen."""
-        for number, sheet in self.sheets.items():
+        """Each thin one, and each fibre, with where it is seen."""
+        for number, sheet in (*self.sheets.items(), *self.fibres.items()):
             if len(at := np.flatnonzero(m == number)):
                 yield sheet, at
 

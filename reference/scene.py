@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 MATERIAL_KINDS = ("diffuse", "conductor", "dielectric", "plastic", "thindielectric", "null",
                   "roughconductor", "roughplastic", "roughdielectric", "principled",
-                  "principled_open", "principledthin")  # fmt: skip
+                  "principled_open", "principledthin", "hair")  # fmt: skip
 LIGHT_KINDS = ("point", "spot", "directional", "projector")
 
 
@@ -98,7 +98,9 @@ class Material:
     along and across the growth of u. relief: what turns normals, by relief_texture. texture: in
     place of a diffuse reflectance. other: what a blend shows instead with the probability
     weight; by_side: from behind, and the material itself from the front. shares: of principled
-    ones, of which the open let light through; their base colour is `reflectance`.
+    ones, of which the open let light through; their base colour is `reflectance`. fibre: of hair
+    the roughness along and around it, and the tilt of its scales in degrees; k is its absorption
+    over a radius.
     """
 
     kind: str = "diffuse"
@@ -117,6 +119,7 @@ class Material:
     alpha: tuple[float, float] = (0.1, 0.1)
     distribution: str = "beckmann"
     shares: Mapping[str, float] = field(default_factory=dict)
+    fibre: tuple[float, float, float] = (0.3, 0.3, 2.0)
     relief: Relief | None = None
     relief_texture: Texture | None = None
 

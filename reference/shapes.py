@@ -178,7 +178,7 @@ def _curves(data: bytes, to_world: np.ndarray, fewest: int) -> list[np.ndarray]:
 
 
 def _tube(rings: np.ndarray, normals: np.ndarray, flip: bool) -> Geometry:
-    """Triangles between rings (R, N, 3) whose first points are their last ones too."""
+    """Triangles between rings (R, N, 3) closed by a repeated point; u goes around."""
     corners = []
     for table in (rings, normals):
         a, b, c, d = table[:-1, :-1], table[:-1, 1:], table[1:, 1:], table[1:, :-1]
@@ -186,7 +186,11 @@ def _tube(rings: np.ndarray, normals: np.ndarray, flip: bool) -> Geometry:
     triangles, ends = corners
     if flip:
         triangles, ends = triangles[:, ::-1], -ends[:, ::-1]
-    return Geometry(triangles=triangles, normals=ends, uv=np.zeros((len(ends), 3, 2)))
+    u, v = np.linspace(0, 1, rings.shape[1]), np.arange(len(rings), dtype=float)
+    at = np.stack(np.meshgrid(u, v), axis=-1)
+    a, b, c, d = at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]
+    uv = np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 2)
+    return Geometry(triangles=triangles, normals=ends, uv=uv[:, ::-1] if flip else uv)
 
 
 def sdf_grid(data: bytes, to_world: np.ndarray, smooth: bool, flip: bool = False) -> Geometry:

@@ -29,6 +29,7 @@ enum class Function : uint32_t {
     kTent,
     kLog,
     kExpMinus,
+    kScaledBessel,
     kExponential,        // upper and lower 16 bits of the word
     kTwoSum,             // a, b -> high, low
     kTwoProduct,         // a, b -> high, low
@@ -72,6 +73,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"tent", 1, 1},
     {"log", 1, 1},
     {"exp_minus", 1, 1},
+    {"scaled_bessel", 1, 1},
     {"exponential", 2, 1},
     {"two_sum", 2, 2},
     {"two_product", 2, 2},
@@ -126,6 +128,8 @@ VR_HD F evaluate_elementary(Function which, F x) {
             return tent(x);
         case Function::kLog:
             return log(x);
+        case Function::kScaledBessel:
+            return scaled_bessel(x);
         default:
             return exp_minus(x);
     }
@@ -296,7 +300,7 @@ template <class L>
 VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
     const Function f = static_cast<Function>(which);
-    if (f <= Function::kExpMinus) {
+    if (f <= Function::kScaledBessel) {
         y[0] = evaluate_elementary(f, x[0]);
     } else if (f <= Function::kRayleigh) {
         evaluate_mapping(f, x, y);

@@ -49,13 +49,13 @@ struct BsdfSample {
 // simulation", 1997, section 5.2.
 enum class Transport : uint32_t { kRadiance, kImportance };
 
-// What the coats of some surfaces let in from outside, by the cosine there; see scene/surfaces.cpp.
+// Transmittances of coats from outside, tabulated over the cosine; see scene/surfaces.cpp.
 template <class L>
 struct CoatTable {
     using F = typename L::F;
     using U = typename L::U;
 
-    const float* columns = nullptr;  // of kCoatCells + 1 cosines from 0 to 1; null: there are none
+    const float* columns = nullptr;  // for kCoatCells + 1 cosines from 0 to 1; null: no coats
     uint32_t stride;
     U row;
 
@@ -78,8 +78,8 @@ struct ClosureView {
     FresnelSplit<typename L::F> fresnel;  // for closures with an index
     typename L::F relative;               // for these: index beyond over index on wo's side
     CoatTable<L> coat;                    // for rough coats
-    bool tangents = false;                // slopes may depend on the direction, and then:
-    Vec3<typename L::F> tangent;          // unit, across n; alpha_u counts along it
+    bool tangents = false;                // whether the tangent is set
+    Vec3<typename L::F> tangent;          // unit, perpendicular to n; alpha_u is along it
 };
 
 // Three numbers in [0, 1), for a direction and for the selection of a lobe.
@@ -111,7 +111,7 @@ struct Closure {
     static constexpr bool kTransmits = false;    // lobes of eval and sample behind the surface, too
     static constexpr bool kThirdNumber = false;  // reads Numbers::lobe without an index
     static constexpr bool kReadsCoat = false;    // reads View::coat
-    static constexpr bool kFollows = false;      // reads View::tangent, whatever its slopes
+    static constexpr bool kFollows = false;      // reads View::tangent, isotropic or not
 
     // For closures with an index: index beyond over index here, and the split of light that follows
     // from the split at one interface.

@@ -59,21 +59,6 @@ struct Hair : Closure<L> {
         return Fibre(p, {dot(x, wo), dot(y, wo), view.cos_o});
     }
 
-    // exp(-x) I0(x) for x >= 0, to 2e-7: M. Abramowitz, I. A. Stegun, "Handbook of Mathematical
-    // Functions", 9.8.1 and 9.8.2.
-    static VR_HD F scaled_bessel(F x) {
-        constexpr float small[] = {1.f,        3.5156229f, 3.0899424f, 1.2067492f,
-                                   0.2659732f, 0.0360768f, 0.0045813f};
-        constexpr float large[] = {0.39894228f,  0.01328592f,  0.00225319f,
-                                   -0.00157565f, 0.00916281f,  -0.02057706f,
-                                   0.02635537f,  -0.01647633f, 0.00392377f};
-        const F t = x * F(1.f / 3.75f);
-        const M near = t <= F(1.f);
-        const F over = F(1.f) / max(t, F(1.f));
-        return select(near, polynomial(t * t, small) * exp_minus(x),
-                      polynomial(over, large) / sqrt(max(x, F(3.75f))));
-    }
-
     // A fibre as seen along wo. Angles about it are in radians from n towards s.
     struct Fibre {
         F sine, cosine;          // of wo's slope along the fibre
@@ -88,6 +73,8 @@ struct Hair : Closure<L> {
             sine = o.y, cosine = sqrt(fma(o.x, o.x, o.z * o.z));
             out = angle(o.z, o.x);
             // Below an index of 1 some of the light does not enter: r = 1, and h is beyond 1.
+            // Above it the square is 2^-22 at least, so the guard does nothing. It keeps the path
+            // below 2^52, and its product with k (2^20 at most) finite: k = 0 absorbs nothing.
             const F rest = sqrt(max(fma(cosine, cosine, fma(eta, eta, -one)), F(0x1p-100f)));
             const F h = max(min(o.x / rest, one), -one);  // sine; within: cosine
             const F within = sqrt(max(fma(-h, h, one), none));
@@ -98,14 +85,15 @@ struct Hair : Closure<L> {
             shares[0] = S::all(r);
             shares[1] = t * ((one - r) * (one - r));
             shares[2] = shares[1] * t * r;
+            // 1 - again is a multiple of 2^-24, and 0 only if r = 1, where shares[2] is 0, too.
             shares[3] = S::of([&](uint32_t k) {
                 const F again = t[k] * r;
                 return shares[2][k] * again / max(one - again, F(0x1p-24f));
             });
-            const S sum = all();
-            const F total = max((sum[0] + sum[1]) + sum[2], F(0x1p-100f));
-            for (uint32_t k = 0; k < kLobes; ++k)
-                chances[k] = ((shares[k][0] + shares[k][1]) + shares[k][2]) / total;
+            // Of less than 2^-100 of the light, the rest of the chance goes to the last lobe;
+            // weights are then 2^-100 at most.
+            const F total = max(sum(all()), F(0x1p-100f));
+            for (uint32_t k = 0; k < kLobes; ++k) chances[k] = sum(shares[k]) / total;
 
             variances[0] = p.hair_along, variances[1] = F(0.25f) * p.hair_along;
             variances[2] = variances[3] = F(4.f) * p.hair_along;

@@ -19,7 +19,8 @@ VR_HD F cosine_hemisphere_pdf_sa(F cos_theta) {
     return cos_theta * F(kInvPi);
 }
 
-// Barycentric weights of the second and third vertex, uniform over a triangle (A. Turk, 1990).
+// Barycentric weights of the second and third vertex, uniform over a triangle (G. Turk,
+// "Generating Random Points in Triangles", Graphics Gems, 1990).
 template <class F>
 VR_HD void uniform_triangle(F u, F v, F& b1, F& b2) {
     const F r = sqrt(u);
@@ -64,7 +65,8 @@ VR_HD void orthonormal_frame(Vec3<F> n, Vec3<F>& a, Vec3<F>& b) {
     b = {q, fma(n.y * n.y, p, sign), -n.y};
 }
 
-// Exponential with mean 1 from 32 random bits: -log((bits + 1/2) 2^-32), 1.2e-10 to 22.9.
+// Exponentially distributed with mean 1, from 32 random bits: -log((bits + 1/2) 2^-32), which lies
+// between 1.2e-10 and 22.9.
 template <class U>
 VR_HD auto exponential(U bits) {
     using F = decltype(as_float(bits));

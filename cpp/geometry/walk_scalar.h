@@ -6,7 +6,7 @@
 
 namespace veriray {
 
-// Siblings that can wait: N - 1 per level of the deepest tree.
+// Size of the stack: N - 1 siblings can wait per level of the deepest tree.
 template <uint32_t N>
 inline constexpr uint32_t kWalkStack = (N - 1) * 64 + 1;
 
@@ -105,7 +105,7 @@ VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float after, fl
     place.node = as_uint(child[0]);
 }
 
-// Distance at which the ray meets a record, and its primitive; infinity or 0 if it misses.
+// Distance at which the ray meets a record, and the record's primitive; infinity or 0 for a miss.
 template <uint32_t kKinds>
 VR_HD float record_distance(const float* record, const RayFrame& f, const Hit<Scalar>& last,
                             uint32_t& primitive) {

@@ -259,7 +259,15 @@ void HostScene::put_tangents(const SceneInput& in, size_t primitive) {
         along[0] = e1 * (v.y / turn) - e2 * (u.y / turn);
         along[1] = e2 * (u.x / turn) - e1 * (v.x / turn);
         both = turn != 0 && length(along[0]) < INFINITY && length(along[1]) < INFINITY;
-        if (!both) axes_across(normalised(cross(e1, e2)), along);
+        if (!both) {
+            // Where v stays, as at the ends of a linear curve, fibres lie across the rise of u.
+            const Double3 n = cross(e1, e2), rise = cross(e2, n) * u.x + cross(n, e1) * v.x;
+            if (closure_traits(in.material_kind.data[s.material]).follows && length(rise) > 0) {
+                along[0] = normalised(rise), along[1] = normalised(cross(n, rise));
+            } else {
+                axes_across(normalised(n), along);
+            }
+        }
     }
     for (size_t k = 0; k < 2; ++k) {
         const double per = both ? 1 / length(along[k]) : 1;

@@ -66,12 +66,14 @@ def statistics(report: Report, paths: int) -> dict[str, Any]:
 def refused_text(stats: dict[str, Any]) -> str:
     """How many samples the film refused, why, and how to see one again."""
 
+    limit = "2^20" if stats.get("filter", "box") == "box" else "2^17 or 2^20"
+
     def reason(radiance: list[float]) -> str:
         if any(math.isnan(x) for x in radiance):
             return "not a number"
         if any(math.isinf(x) for x in radiance):
             return "infinite"
-        return "negative" if min(radiance) < 0 else "2^17 times the largest radiance or more"
+        return "negative" if min(radiance) < 0 else f"{limit} times the largest radiance or more"
 
     listed = stats["nonfinite"]
     text = f"{stats['nonfinite_samples']:,} of {stats['paths']:,} samples count as black: the film "

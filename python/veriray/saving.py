@@ -1,4 +1,4 @@
-"""Pictures to disk: EXR, the file of record (layout: `veriray.image`), and PNG, a display copy."""
+"""Writes pictures: EXR, the file of record (layout: `veriray.image`), and PNG, a display copy."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def to_srgb8(image: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
 
 
 def save_png(image: NDArray[Any], path: str | os.PathLike[str], *, exposure: float = 0.0) -> None:
-    """Write (H, W, 3) linear radiance as an 8-bit sRGB PNG: for eyes, never for comparisons.
+    """Write (H, W, 3) linear radiance as an 8-bit sRGB PNG: to look at, never to compare.
 
     Raises:
         ImageError: the array is not (H, W, 3) with H, W >= 1, or the exposure is not finite.
@@ -78,7 +78,7 @@ def save_exr(
     more: Mapping[str, NDArray[Any]] | None = None,
     attributes: Mapping[str, str] | None = None,
 ) -> None:
-    """Write an EXR file of a render's fields; stats: with film_sha256, spp and seed.
+    """Write an EXR file of a render's fields; stats must hold film_sha256, spp and seed.
 
     more, attributes: further channels, (H, W) float32 or uint32, and attributes of the header.
 
@@ -146,7 +146,7 @@ def save_channels(
 ) -> None:
     """Write channels, (H, W) float32 or uint32 each, as an EXR file without a picture.
 
-    Raises ImageError for another suffix than .exr, OSError for what cannot be written.
+    Raises ImageError if the suffix is not .exr, OSError if the file cannot be written.
     """
     if not path_text("path", path, ImageError).lower().endswith(".exr"):
         raise ImageError(f"{os.fspath(path)}: expected the suffix .exr")
@@ -165,7 +165,7 @@ def _write(
             raise OSError(f"cannot be written as EXR: {error}") from error
 
 
-_STDERR = threading.RLock()  # held by a fork too: a child must not get the empty stderr
+_STDERR = threading.RLock()  # also while forking: a child must not inherit the silenced stderr
 os.register_at_fork(
     before=_STDERR.acquire, after_in_parent=_STDERR.release, after_in_child=_STDERR.release
 )
@@ -175,7 +175,7 @@ os.register_at_fork(
 def library_silenced() -> Iterator[io.StringIO]:
     """Gathers what OpenEXR's Python code prints and drops what its C code writes on descriptor 2.
 
-    There is no switch for it. What other threads write on stderr meanwhile is lost too.
+    OpenEXR has no switch for this. What other threads write to stderr meanwhile is lost, too.
     """
     with _STDERR, contextlib.ExitStack() as stack:
         if sys.__stderr__ is not None:  # else descriptor 2 was closed, and may be any file

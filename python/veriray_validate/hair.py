@@ -31,14 +31,17 @@ class Fibre:
     tilt: float = 0.035
 
 
-def lobes(p: Fibre, wo: Array, wi: Array) -> tuple[Array, Array]:
-    """F cos (N, 3) and density (N,) of directions wi (N, 3) as seen from wo (3,)."""
+def lobes(p: Fibre, wo: Array, wi: Array, off: float = 0.0) -> tuple[Array, Array]:
+    """F cos (N, 3) and density (N,) of directions wi (N, 3) as seen from wo (3,) or (N, 3).
+
+    off: what the cosine of Fresnel's reflectance has less, and the reflectance more.
+    """
     value, density = np.zeros((len(wi), 3)), np.zeros(len(wi))
-    shares = _shares(p, wo)
-    chances = shares.sum(axis=1) / shares.sum()
-    sine, cosine = wo[1], np.hypot(wo[0], wo[2])
-    out = np.arctan2(wo[0], wo[2])
-    within = np.arcsin(np.clip(wo[0] / np.sqrt(p.eta**2 - sine**2), -1, 1))
+    shares = light(p, wo, off)
+    chances = shares.sum(axis=-1) / shares.sum(axis=(0, -1))
+    sine, cosine = wo[..., 1], np.hypot(wo[..., 0], wo[..., 2])
+    out = np.arctan2(wo[..., 0], wo[..., 2])
+    within = np.arcsin(np.clip(wo[..., 0] / _rest(p, wo), -1, 1))
     about = np.arctan2(wi[:, 0], wi[:, 2]) - out
     up = np.hypot(wi[:, 0], wi[:, 2])
     slope, tilt = np.arctan2(sine, cosine), np.arcsin(p.tilt)
@@ -50,20 +53,29 @@ def lobes(p: Fibre, wo: Array, wi: Array) -> tuple[Array, Array]:
         along /= v * -np.expm1(-2 / v)
         around = np.full(len(wi), 0.5 / np.pi)
         if k < 3:
-            off = about - (2 * k * within - 2 * out + k * np.pi)
-            off -= 2 * np.pi * np.floor(off / (2 * np.pi) + 0.5)
-            e, end = np.exp(-np.abs(off) / p.around), np.exp(-np.pi / p.around)
+            turn = about - (2 * k * within - 2 * out + k * np.pi)
+            turn -= 2 * np.pi * np.floor(turn / (2 * np.pi) + 0.5)
+            e, end = np.exp(-np.abs(turn) / p.around), np.exp(-np.pi / p.around)
             around = e / (p.around * (1 + e) ** 2) * (1 + end) / (1 - end)
         value += shares[k] * (along * around)[:, None]
         density += chances[k] * along * around
     return value, density
 
 
-def _shares(p: Fibre, wo: Array) -> Array:
-    """Of the light, those of the lobes (4, 3)."""
-    rest = np.sqrt(p.eta**2 - wo[1] ** 2)
-    path = 2 * np.sqrt(max(0.0, 1 - (wo[0] / rest) ** 2)) * p.eta / rest
-    t = np.exp(-np.array(p.absorption) * path)
-    r = float(fresnel(wo[2], p.eta))
-    first = (1 - r) ** 2 * t
-    return np.stack([np.full(3, r), first, first * t * r, first * (t * r) ** 2 / (1 - t * r)])
+def light(p: Fibre, wo: Array, off: float = 0.0) -> Array:
+    """Shares of the light that leave by each lobe (4, ..., 3), wo (..., 3)."""
+    rest = _rest(p, wo)
+    path = 2 * np.sqrt(np.maximum(0.0, 1 - (wo[..., 0] / rest) ** 2)) * p.eta / rest
+    t = np.exp(-np.array(p.absorption) * path[..., None])
+    r = fresnel(np.clip(wo[..., 2] - off, 0, 1), p.eta)[..., None]
+    if p.eta != 1:
+        r = np.clip(r + off, 0, 1)
+    first, again = (1 - r) ** 2 * t, t * r
+    later = first * again**2 / np.maximum(1 - again, 1e-300)
+    return np.stack([r + 0 * t, first, first * again, later])
+
+
+def _rest(p: Fibre, wo: Array) -> Array:
+    """Index times the cosine of the slope along the fibre within; 2^-50 where no light enters."""
+    rest: Array = np.sqrt(np.maximum(p.eta**2 - wo[..., 1] ** 2, 2.0**-100))
+    return rest

@@ -244,7 +244,7 @@ def without(scene: Scene, shapes: Callable[[str], bool]) -> Scene:
 
 #: Check scenes of curves, which are tubes of 64 sides here and round in the reference: near their
 #: rims, where the normals of faces and vertices disagree, 4e-4 of all paths more end.
-TUBES = {"curves"}
+TUBES = {"curves", "hair"}
 
 
 def checks() -> dict[str, Path]:

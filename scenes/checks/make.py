@@ -373,6 +373,23 @@ def curves() -> str:
     )  # fmt: skip
 
 
+@scene
+def hair() -> str:
+    """B-spline curves of hair: brown by its pigments, reddish and wide, clear with steep scales."""
+    strand = text("filename", "meshes/hooks.txt")
+    wide = (number("longitudinal_roughness", 0.6), number("azimuthal_roughness", 0.7))
+    return (
+        sensor() + floor(0.5, 0.6, 0.5) + sky(0.2, 0.25, 0.3) + lamp(3, 3, 3)
+        + shape("bsplinecurve", strand, bsdf("hair"))
+        + shape("bsplinecurve", strand,
+                transform(rotate("y", 200), translate(0.2, 0.2, -0.6)),
+                bsdf("hair", number("eumelanin", 0.1), number("pheomelanin", 0.6), *wide))
+        + shape("bsplinecurve", strand,
+                transform(scale(0.8), rotate("y", 90), translate(0.6, 0.1, 1.2)),
+                bsdf("hair", rgb("sigma_a", 0, 0.02, 0.1), number("scale_tilt", 8)))
+    )  # fmt: skip
+
+
 #: Two linear curves, and two B-spline curves that end in points.
 ZIGZAG = """-2 0.5 -0.5 0.3
 -1.2 1.6 -0.5 0.15

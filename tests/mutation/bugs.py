@@ -62,7 +62,7 @@ _CHECKS = (
     "brushed", "relief",
     "point_in_medium", "point_light", "projected_images", "smooth_normals", "sphere_light",
     "spheres_300", "spot_light", "textured_lamps", "textures", "blends", "attributes",
-    "blended_fog", "rayleigh_air", "thindielectric", "thinlens", "twosided",
+    "blended_fog", "rayleigh_air", "thindielectric", "thinlens", "twosided", "hair",
 )  # fmt: skip
 _SECOND_FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="20"/>
 <rotate x="1" angle="-90"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/>
@@ -127,6 +127,7 @@ _ROUGH_METAL, _ROUGH_PLASTIC, _ROUGH_GLASS = (
     f"bsdfs/rough_{n}.h" for n in ("conductor", "plastic", "dielectric")
 )
 _PRINCIPLED, _COAT = "bsdfs/principled.h", "bsdfs/clear_coat.h"
+_HAIR = "bsdfs/hair.h"
 _BURLEYS, _SHEET = "bsdfs/principled_parts.h", "bsdfs/principled_thin.h"
 _FACETS, _CLOSURE = "bsdfs/microfacet.h", "bsdfs/closure.h"
 _FRESNEL, _MEDIUM, _TABLES = "bsdfs/fresnel.h", "media/medium.h", "scene/surfaces.cpp"
@@ -585,10 +586,23 @@ _GEOMETRY = (
            "cross(n, a) * (length(b) / length(a) / (area * area))", "disk_ellipse"),
     Mutant("ties to the last primitive", "geometry/bvh.h",
            "(t == hit.t) & (primitive < hit.primitive)",
-           "(t == hit.t) & (primitive > hit.primitive)",
+           "(t == hit.t) & (hit.primitive < primitive)",
            "two floors"),
+)  # fmt: skip
+
+_FIBRES = (
+    Mutant("light through a fibre twice as wide along it", _HAIR, "F(0.25f) * p.hair_along",
+           "F(0.5f) * p.hair_along", "hair"),
+    Mutant("Fresnel of a fibre as from within", _HAIR, "fresnel_dielectric(min(o.z, one), eta)",
+           "fresnel_dielectric(min(o.z, one), one / eta)", "hair"),
+    Mutant("light in a fibre absorbed on half its way", _HAIR, "F(2.f) * within * eta / rest",
+           "within * eta / rest", "hair"),
+    Mutant("lobes of a fibre chosen evenly", _HAIR, "r.lobe < before + chances[lobe]",
+           "r.lobe < F(0.25f * static_cast<float>(lobe + 1))", "hair"),
+    Mutant("light through a fibre tilted the other way", _HAIR, "sines[1] = s, cosines[1] = c;",
+           "sines[1] = -s, cosines[1] = c;", "hair"),
 )  # fmt: skip
 
 #: The bugs that the verdict against the reference must find, in this order.
 MUTANTS = (*_CORNELL, *_MATERIALS, *_ROUGH, *_BRUSHED, *_BURLEY, *_MEDIA, *_LIGHTS, *_TEXTURES,
-           *_BLENDS, *_GEOMETRY)  # fmt: skip
+           *_BLENDS, *_GEOMETRY, *_FIBRES)  # fmt: skip

@@ -14,6 +14,7 @@ from tests.mutation.bugs import (
     _DIVIDE,
     _EVAL,
     _FRESNEL,
+    _HAIR,
     _HIT,
     _JITTER_X,
     _KEEP,
@@ -114,6 +115,10 @@ _SCATTERING = (
            "p.specular_reflectance"),
     Mutant("refraction starts on the wrong side", _PATH, "fma(vertex.ng, -at.offset, at.p)",
            "fma(vertex.ng, at.offset, at.p)"),
+    Mutant("the rest of a fibre's light without a guard", _HAIR,
+           "max(one - again, F(0x1p-24f))", "one - again"),
+    Mutant("a fibre's lobes wider than their samples", _HAIR, "F(0.5f) * over * fma(a, a, b * b)",
+           "F(0.48f) * over * fma(a, a, b * b)"),
     Mutant("reflection starts on the wrong side", _VERTEX, _LEAVE,
            "fma(at.ng, -at.offset * side, at.p)"),
 )  # fmt: skip

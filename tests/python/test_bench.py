@@ -184,7 +184,7 @@ def test_a_peer_that_cannot_start_is_a_row(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_mitsuba_in_its_process(folder: Path) -> None:
-    pytest.importorskip("mitsuba")
+    pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
     film = {"width": 16, "height": 16, "max_depth": 8, "rr_depth": 5}
     peer = peers.Peer("mitsuba", "scalar_rgb")
     try:
@@ -204,7 +204,7 @@ def test_mitsuba_in_its_process(folder: Path) -> None:
 def test_cycles_in_its_process(folder: Path) -> None:
     """Seeds change the picture, and its mean is within 5 of our standard errors of ours."""
     if importlib.util.find_spec("bpy") is None:
-        pytest.skip("bpy is not installed")
+        pytest.skip("Cycles is compared by bpy, which is not installed")
     film = {"width": 32, "height": 32, "max_depth": 8, "rr_depth": 5}
     path = scene_file("cornell-box-mitsuba", folder)
     peer = peers.Peer("cycles", "cpu")

@@ -225,6 +225,18 @@ def test_shipped_scenes_load(name: str) -> None:
     assert len(veriray.load_file(name).triangles)
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "tests").rglob("*.py")), ids=lambda p: p.name)
+def test_what_is_skipped_says_why(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if not isinstance(node, ast.Call):
+            continue
+        called = ast.unparse(node.func)
+        if called.endswith(("importorskip", "skipif", "mark.skip", "mark.xfail")):
+            assert any(k.arg == "reason" for k in node.keywords), f"{path.name}:{node.lineno}"
+        elif called == "pytest.skip":
+            assert node.args, f"{path.name}:{node.lineno}"
+
+
 def test_version_is_stated_once() -> None:
     from importlib.metadata import version
 

@@ -277,7 +277,7 @@ def test_bad_input(arguments: list[str], message: str, capsys: Any) -> None:
 def test_folder_that_cannot_be_written(capsys: Any) -> None:
     os.mkdir("locked", 0o555)
     if os.access("locked", os.W_OK):
-        pytest.skip("this user may write everywhere")
+        pytest.skip("this user (root) may write into any folder")
     assert main([*RENDER, "-o", "locked/a.exr"]) == 2
     assert "locked/a.exr: folder not writable" in capsys.readouterr().err
 

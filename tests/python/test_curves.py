@@ -165,7 +165,7 @@ def test_to_world_leaves_the_radii(tmp_path):
 
 @pytest.fixture(scope="module")
 def mi():
-    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
     mitsuba.set_variant("scalar_rgb")
     return mitsuba
 

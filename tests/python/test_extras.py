@@ -17,7 +17,10 @@ import veriray
 from veriray import extras
 from veriray.errors import MissingPackageError
 
-tomllib = pytest.importorskip("tomllib" if sys.version_info >= (3, 11) else "pip._vendor.tomli")
+tomllib = pytest.importorskip(
+    "tomllib" if sys.version_info >= (3, 11) else "pip._vendor.tomli",
+    reason="no reader of TOML: Python 3.11 has one, and pip",
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLES = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))

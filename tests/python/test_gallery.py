@@ -128,7 +128,7 @@ def test_every_scene_loads(name: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("name", [name for name in gallery.names() if name != "terrace"])
 def test_mitsuba_loads_the_same_files(name: str, folder: Path) -> None:
-    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
     mitsuba.set_variant("scalar_rgb")
     gallery.load(name, folder)
     (picture,) = pictures.select([name])
@@ -242,7 +242,7 @@ def test_cornell_stands_beside_its_reference(
 ) -> None:
     monkeypatch.chdir(root)
     if pictures.find(gallery.REFERENCE) is None:
-        pytest.skip("no reference picture")
+        pytest.skip(f"{gallery.REFERENCE}, the reference's picture, is not there")
     lines: list[str] = []
     gallery.run(["cornell"], tmp_path, spp=64, device="cpu", say=lines.append)
     assert any(line.startswith("compare    ") for line in lines)

@@ -467,7 +467,6 @@ def test_texture_coordinates_are_moved(tmp_path):
     assert "texture coordinates 0 are not used, 1 are" in load(tmp_path, model)[1]
 
 
-@pytest.mark.skipif("normalmap" not in PLUGINS, reason="no normal maps")
 def test_normals_of_textures(tmp_path):
     """The texels as they are, or their x and y scaled."""
     for scale in (1, 0.5):
@@ -485,7 +484,6 @@ def test_normals_of_textures(tmp_path):
             )
 
 
-@pytest.mark.skipif(not PLUGINS["area"].params["radiance"].texturable, reason="no textured lamps")
 def test_emission_of_textures(tmp_path):
     info = {"emissiveTexture": {"index": 0}, "emissiveFactor": [1, 0.5, 0.25]}
     strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}

@@ -88,7 +88,7 @@ def test_rules_of_a_group_draw_alike(folder: Path) -> None:
 
 
 def test_mitsuba_loads_the_same_files(folder: Path) -> None:
-    pytest.importorskip("mitsuba")
+    pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
     peer = peers.Peer("mitsuba", "scalar_rgb")
     film = {"width": 4, "height": 4, "max_depth": 3, "rr_depth": 5}
     try:

@@ -260,7 +260,9 @@ def test_obj_column_by_column_is_obj_line_by_line(corner, sides):
 
 
 def test_obj_agrees_with_trimesh(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = pytest.importorskip(
+        "trimesh", reason="reads meshes a second way: pip install trimesh"
+    )
     ball = trimesh.creation.icosphere(subdivisions=2)
     got = read(tmp_path, "ball.obj", ball.export(file_type="obj", include_normals=False))
     assert (got.triangles == ball.faces).all() and np.abs(got.vertices - ball.vertices).max() < 1e-8
@@ -420,7 +422,9 @@ def test_unit_vectors_of_any_length():
 
 
 def test_computed_normals_of_a_sphere_point_outwards(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = pytest.importorskip(
+        "trimesh", reason="reads meshes a second way: pip install trimesh"
+    )
     ball = trimesh.creation.icosphere(subdivisions=3)
     scene = shape(tmp_path, "ball.obj", ball.export(file_type="obj", include_normals=False))
     assert np.abs(scene.normals - scene.vertices).max() < 5e-3
@@ -664,7 +668,7 @@ def test_texture_coordinates_are_mitsubas(mi, tmp_path, name, flip_tex_coords, f
         description["filename"] = str(tmp_path / name)
     if flip_tex_coords is not None:
         if not name.endswith(("obj", "ply")):
-            pytest.skip("has no flip_tex_coords")
+            pytest.skip("only obj and ply have flip_tex_coords")
         description["flip_tex_coords"] = flip_tex_coords
     corners, uv = with_uv(tmp_path, {**description, "to_world": MATRICES[matrix]})
     to_world = mi.ScalarTransform4f(MATRICES[matrix])

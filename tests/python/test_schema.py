@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,25 @@ def test_a_new_column_changes_the_hash_of_no_scene_that_leaves_it_alone(
     monkeypatch.setitem(columns.COLUMNS, "knots", Column("curves", np.float64, (3,)))
     for rows, hashed in ((0, False), (2, True)):  # of a new table: existing rows count, even zeros
         assert columns.hashed("knots", np.zeros((rows, 3))) == hashed
+
+
+@pytest.mark.parametrize("name", ["hair_tilt", "hair_around", "clearcoat_gloss", "diff_trans"])
+def test_route_of_a_number(name: str) -> None:
+    """Its row, where its parameter is read, and closures: no file in between names it by hand."""
+    generated = {"cpp/schema/columns.def", "cpp/schema/materials.def", "python/veriray/_native.pyi",
+                 "python/veriray/scene_arrays.py"}  # fmt: skip
+    found = set()
+    for folder in ("cpp", "python/veriray"):
+        for path in (ROOT / folder).rglob("*"):
+            if path.suffix in (".py", ".pyi", ".h", ".cpp", ".cu", ".cuh", ".def"):
+                if re.search(rf"\b{name}\b", path.read_text("utf-8")):
+                    found.add(path.relative_to(ROOT).as_posix())
+    assert found >= generated
+    by_hand = {f for f in found - generated if not f.startswith("cpp/bsdfs/")}
+    by_hand -= {"cpp/backends/bsdf_hooks.h"}  # of the tests
+    by_hand -= {f"python/veriray/formats/{n}.py" for n in ("gltf_materials", "legacy_media")}
+    assert by_hand <= {"python/veriray/columns.py", "python/veriray/formats/plugins.py",
+                       "python/veriray/formats/fibres.py"}  # fmt: skip
 
 
 def test_parameters_fill_columns() -> None:

@@ -77,7 +77,7 @@ def test_the_mesh_is_as_near_as_stated(tmp_path):
 
 @pytest.fixture(scope="module")
 def mi():
-    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
     mitsuba.set_variant("scalar_rgb")
     return mitsuba
 

@@ -1,4 +1,4 @@
-"""How scenes, renders and reports show themselves: a line of text, and HTML without network."""
+"""How scenes, renders and reports are displayed: a line of text, and HTML that loads nothing."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_texts_are_short(cornell: vr.Scene, pair: tuple[vr.Render, vr.Render]) -
     Tags(empty._repr_html_())
 
 
-def test_a_line_makes_no_picture(cornell: vr.Scene) -> None:
+def test_repr_computes_no_image(cornell: vr.Scene) -> None:
     made = vr.render(cornell, 2, device="cpu")
     repr(made)
     assert "image" not in made.__dict__
@@ -109,7 +109,7 @@ def test_smaller_pictures_keep_the_mean(size: tuple[int, int], most: int) -> Non
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no node to run the page's script")
 def test_the_script_shows_what_python_does(pair: tuple[vr.Render, vr.Render]) -> None:
-    """The page's script, run by node on a stub: the display copy, but for bytes of radiance."""
+    """The page's script, run by node on a stub, gives the display copy up to rounded radiance."""
     page = pair[0]._repr_html_()
     script = page[page.rindex("<script>") + 8 : page.rindex("</script>")]
     data = re.search(r'octet-stream">([^<]*)<', page)[1]  # type: ignore[index]
@@ -231,9 +231,9 @@ def test_an_error_closes_the_bar(cornell: vr.Scene, monkeypatch: pytest.MonkeyPa
 def test_notebooks_run(
     root: Path, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Their cells, one after another as a script; a cell's last value must show itself.
+    """Cells run one after another, as a script; the last value of each must be displayable.
 
-    Not through nbclient: with a kernel it needs 40 packages, and runs the same lines.
+    nbclient would run the same lines, but needs 40 packages with a kernel.
     """
     import ast
     import json

@@ -77,7 +77,7 @@ def test_layouts(tmp_path: Path, layout: str) -> None:
 
 
 def test_files_of_mitsuba(tmp_path: Path) -> None:
-    mi = pytest.importorskip("mitsuba")
+    mi = pytest.importorskip("mitsuba", reason="the peer renderer: pip install mitsuba")
     mi.set_variant("scalar_rgb")
     film = {"type": "hdrfilm", "width": 8, "height": 6, "rfilter": {"type": "box"}}
     sensor = {"type": "perspective", "film": film}

@@ -22,6 +22,14 @@ def sky(plugin: str, shutter: tuple[float, float] = (0.0, 0.0), **given: Any) ->
     })  # fmt: skip
 
 
+def test_a_shutter_has_no_effect_but_with_this_sky() -> None:
+    assert not any("shutter" in note for note in sky("timed_sunsky", (0.0, 1.0), **DAY).notes)
+    assert sum("shutter" in note for note in sky("sunsky", (0.0, 1.0)).notes) == 2
+    named = {"type": "scene", "light": {"type": "timed_sunsky", **DAY},
+             "view": {"type": "perspective", "fov": 40.0, "shutter_close": 0.5}}  # fmt: skip
+    veriray.load_dict(named, strict=True)
+
+
 def vector(scene: Any) -> np.ndarray:
     """The integrals of radiance times direction and of radiance alone (4, 3), in the image's axes,
     by the bilinear weights of rows."""

@@ -21,7 +21,7 @@ from ..numeric import check_rigid, tan_half_degrees, view_angle
 from . import fibres, integrators, materials, phases, textures, views, volumes
 from .curves import KINDS
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
-from .plugins import COLOUR, PLUGINS, RELIEFS, STRATIFIED
+from .plugins import COLOUR, PLUGINS, RELIEFS, SHUTTER, STRATIFIED
 from .report import Full, Listed, Report
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
@@ -105,6 +105,9 @@ class _Builder:
         self.textured: dict[int, list[Attribute]] = {}
         self.textured_lamps: dict[int, list[Attribute]] = {}  # emissions, likewise
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
+        known = (tree.ids.get(i.id) if isinstance(i, Ref) else i for i in tree.scene.children)
+        if any(node is not None and node.plugin == "timed_sunsky" for node in known):
+            self.report.used = SHUTTER
 
     def search(self) -> None:
         """Puts all faults into the report that can be found."""
@@ -379,7 +382,7 @@ class _Builder:
         """When that of the first sensor is open, or of the one that is asked for."""
         found = self.check(self.tree.scene)[0]["sensor"][self.sensor_index or 0 :][:1]
         times = []
-        for name in ("shutter_open", "shutter_close"):
+        for name in SHUTTER:
             given = found[0].values.get(name) if found else None
             if given is not None and given.kind not in ("float", "integer"):
                 raise SceneError(f'{found[0]}: "{name}" is no number', given.where)
@@ -762,6 +765,11 @@ class _Builder:
         if bsdf.plugin == "hair" and node.plugin not in KINDS:
             text = f"{node}: hair is for curves; on a {node.plugin} light from within passes"
             self.report.warn(f"{text}, which Mitsuba scatters once more", bsdf.where)
+        if bsdf.plugin == "hair" and node.plugin == "linearcurve":
+            text = (
+                f"{node}: hair lies along the curve; in Mitsuba its direction is the normal's alone"
+            )
+            self.report.warn(text, bsdf.where)
         inside = row
         while "other" in inside:
             inside["blend_material"] = self.tables.index("materials", *inside["other"])

@@ -109,11 +109,9 @@ IORS = {
 
 _MANY = 10**9
 _CLOCK = ("year", "month", "day", "hour", "minute", "second")
+SHUTTER = ("shutter_open", "shutter_close")
 _SHUTTER = {
-    **dict.fromkeys(
-        ("shutter_open", "shutter_close"),
-        "nothing in the scene moves but the sun of a timed_sunsky",
-    ),
+    **dict.fromkeys(SHUTTER, "nothing in the scene moves but the sun of a timed_sunsky"),
     "srf": "the picture is RGB, not the answer of a sensor to a spectrum",
 }
 _TO_WORLD = Param("transform", doc="local to world space; default the identity")

@@ -22,7 +22,8 @@ class Report:
     """Faults and notes of one scene, each once, in the order in which they were found.
 
     strict: notes are faults. notes: lines of text, each with its place. features: feature images
-    that the scene asks for. warned: place and text of those notes that are warnings too.
+    that the scene asks for. warned: place and text of those notes that are warnings too. used:
+    names of parameters that have an effect in this scene, and in most others none.
     """
 
     def __init__(self, strict: bool = False) -> None:
@@ -32,6 +33,7 @@ class Report:
         self.features: tuple[str, ...] = ()
         self.warned: list[tuple[str, str]] = []
         self.count = 0
+        self.used: tuple[str, ...] = ()
 
     def add(self, error: SceneError) -> None:
         """Adds a fault. Raises Full if there are too many."""

@@ -55,6 +55,8 @@ def _without_effect(node: Node, name: str, plugin: Plugin, report: Report) -> No
     value = node.values[name]
     if name in plugin.unsupported:
         raise SceneError(f'{node}: "{name}": {plugin.unsupported[name]}', value.where)
+    if name in report.used:
+        return
     reason = plugin.noted.get(name, plugin.lenient)
     if not reason:
         raise SceneError(

@@ -59,7 +59,7 @@ NAMES = tuple(checks())
 #: Scenes of the quick run: fast ones that have each material, medium, light, shape and filter.
 QUICK = {
     "blended_fog", "camera_in_medium", "conductor_metal", "directional_light", "disk_ellipse",
-    "glass_cube", "hg_forward", "mask", "medium_in_glass", "mitchell", "plastic_nonlinear",
+    "glass_cube", "hair", "hg_forward", "mask", "medium_in_glass", "mitchell", "plastic_nonlinear",
     "point_light", "rectangle_sheared", "rough_metal", "rough_plastic", "smooth_normals",
     "sphere_light", "spot_light", "tent", "thindielectric", "thinlens", "twosided",
 }  # fmt: skip

@@ -26,9 +26,10 @@ from veriray_validate.trial import Trial, case
 def medium_from_afar(t: Trial, distance: float, around: str) -> None:
     """A rotated box of lossless fog, 300 and 30,000 sizes away, in a sky of 1.
 
-    Of the rays that enter, 1 in 40,000 and 1 in 20,000 miss the exit at an edge, within rounding,
-    and meet nothing. They have left: no path is cut at 1,000 segments (exact), 1 at every pixel,
-    sees 2 %. In unbounded ink they stay in the ink: exactly 0, and nothing escapes.
+    Of the rays that enter, 1 in 40,000 and 1 in 20,000 miss the exit at an edge, because of
+    rounding, and meet nothing more. They count as outside: no path is cut at 1,000 segments
+    (exact), and every pixel is 1 (sees 2 %). In unbounded ink they stay in the ink: every pixel is
+    exactly 0, and nothing escapes.
     """
     ink = Medium(1 / distance) if around == "ink" else None
     fog = box([-1, -1, -1], [1, 1, 1], False, material=NULL, interior=Medium(2.0, 1.0),
@@ -81,8 +82,8 @@ def endless(ink: Medium) -> dict[str, Callable[[], Scene]]:
 def media_without_an_end(t: Trial, where: str) -> None:
     """Ink around the camera, behind a quad or disk, in an open box, around balls; a sky of 1.
 
-    A medium that nothing closes is unbounded: the sky is exactly 0, for shadow rays too. Only for a
-    ball of ink around a camera in ink, whose outside is a vacuum, it is e^-1.
+    A medium that nothing encloses is unbounded: the sky is exactly 0, for shadow rays too. Only a
+    ball of ink around a camera in ink shows it, as e^-1: outside of the ball is a vacuum.
     """
     seen = endless(Medium(1.0))[where]()
     if where == "around a ball of itself":

@@ -512,6 +512,7 @@ class _Builder:
             swaps = node.plugin == "blendbsdf" and ["other" in one for one in held] == [True, False]
             given = {} if node.plugin in RELIEFS else self.textures(node, swaps)
             if node.plugin == "twosided":
+                held = [materials.front(one) for one in held]
                 row = materials.two_sided(held[0])
                 if held[1:] and held[1] is not held[0]:
                     if "other" in held[0]:

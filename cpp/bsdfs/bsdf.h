@@ -19,6 +19,7 @@ struct Bsdf {
     static constexpr bool kChooses = has(kChoosingKinds);  // selects between lobes
     static constexpr bool kTransmits = has(kTransmittingKinds);
     static constexpr bool kClear = has(kClearKinds) || kTransmits;
+    static constexpr bool kEitherSide = has(kEitherSideKinds);
     // Parameters that some of the kinds read.
     static constexpr bool reads(ParameterBit p) {
         for (uint32_t k = 0; k < kMaterialCount; ++k)
@@ -79,6 +80,7 @@ struct Bsdf {
     VR_HD M clear() const { return any_of<kClearKinds | kTransmittingKinds>(); }
     VR_HD M scatters() const { return any_of<kScattering>(); }          // light samples reach it
     VR_HD M transmits() const { return any_of<kTransmittingKinds>(); }  // from behind, too
+    VR_HD M either_side() const { return any_of<kEitherSideKinds>(); }
     VR_HD M only_passes() const { return any_of<kAllKinds & ~kReflecting>(); }
     VR_HD M black() const {
         M found = nobody();

@@ -112,6 +112,8 @@ struct Closure {
     static constexpr bool kThirdNumber = false;  // reads Numbers::lobe without an index
     static constexpr bool kReadsCoat = false;    // reads View::coat
     static constexpr bool kFollows = false;      // reads View::tangent, isotropic or not
+    static constexpr bool kEitherSide = false;   // light may be on the other side of the face than
+                                                 // of the normal: what is within lets it pass
 
     // For closures with an index: index beyond over index here, and the split of light that follows
     // from the split at one interface.

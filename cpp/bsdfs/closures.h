@@ -12,7 +12,8 @@ inline constexpr ClosureTraits kClosures[] = {
 #define VR_TRAITS_OF(C)                                                                          \
     {C<Scalar>::kName,      C<Scalar>::kReads,       C<Scalar>::kScatters,  C<Scalar>::kClear,   \
      C<Scalar>::kRefracts,  C<Scalar>::kPasses,      C<Scalar>::kReflects,  C<Scalar>::kIndexed, \
-     C<Scalar>::kTransmits, C<Scalar>::kThirdNumber, C<Scalar>::kReadsCoat, C<Scalar>::kFollows},
+     C<Scalar>::kTransmits, C<Scalar>::kThirdNumber, C<Scalar>::kReadsCoat, C<Scalar>::kFollows, \
+     C<Scalar>::kEitherSide},
     VR_CLOSURES(VR_TRAITS_OF)
 #undef VR_TRAITS_OF
 };
@@ -38,6 +39,7 @@ inline constexpr uint32_t kPassing = kinds_with([](auto& c) { return c.passes; }
 inline constexpr uint32_t kReflecting = kinds_with([](auto& c) { return c.reflects; });
 inline constexpr uint32_t kIndexedKinds = kinds_with([](auto& c) { return c.indexed; });
 inline constexpr uint32_t kTransmittingKinds = kinds_with([](auto& c) { return c.transmits; });
+inline constexpr uint32_t kEitherSideKinds = kinds_with([](auto& c) { return c.either_side; });
 inline constexpr uint32_t kChoosingKinds =
     kIndexedKinds | kinds_with([](auto& c) { return c.third_number; });
 inline constexpr uint32_t kCoatTables = kinds_with([](auto& c) { return c.reads_coat; });

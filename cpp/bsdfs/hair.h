@@ -16,7 +16,7 @@ struct Hair : Closure<L> {
     VR_CLOSURE(L);
     static constexpr const char* kName = "hair";
     static constexpr bool kScatters = true, kTransmits = true, kRefracts = true, kIndexed = true;
-    static constexpr bool kFollows = true;
+    static constexpr bool kFollows = true, kEitherSide = true;
     static constexpr uint32_t kReads = parameter_bit(kParameter_eta) | parameter_bit(kParameter_k) |
                                        parameter_bit(kParameter_hair_along) |
                                        parameter_bit(kParameter_hair_around) |

@@ -21,7 +21,7 @@ struct ClosureTraits {
     const char* name;
     uint32_t reads;
     bool scatters, clear, refracts, passes, reflects, indexed, transmits, third_number, reads_coat,
-        follows;
+        follows, either_side;
 
     bool lets_through() const { return clear || transmits; }
 };

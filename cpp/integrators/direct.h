@@ -142,11 +142,15 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const LightSample<L> light = sample_light(scene, s, path, at, segment, scatter, active);
         const F cos_i = dot(at.ns, light.wi);
         BsdfValue<F> value = material.eval(-path.ray.d, light.wi, cos_i);
-        M lit = active & (cos_i > F(0.f));
-        if constexpr (has(kSmooth)) lit = lit & (dot(at.ng, light.wi) > F(0.f));
+        M lit = active & (cos_i > F(0.f)), either = no_lanes(active);
+        if constexpr (has(kSmooth)) {
+            if constexpr (Material::kEitherSide) either = active & material.either_side();
+            lit = (lit | either) & (dot(at.ng, light.wi) > F(0.f));
+        }
         M behind = no_lanes(active);
         if constexpr (Material::kTransmits) {
-            behind = active & material.transmits() & (cos_i < F(0.f)) & (value.pdf_sa > F(0.f));
+            behind = active & material.transmits() & ((cos_i < F(0.f)) | either) &
+                     (value.pdf_sa > F(0.f));
             if constexpr (has(kSmooth)) behind = behind & (dot(at.ng, light.wi) < F(0.f));
             if constexpr (has(kMedia)) behind = behind & at.surface;
             lit = lit | behind;

@@ -278,6 +278,10 @@ struct PathVertices : DirectLight<L, kFeatures> {
         }
         if constexpr (has(kSmooth)) {  // both normals must agree on the side
             const F up = dot(place.vertex.ng, next.wi);
+            if constexpr (Material::kEitherSide) {  // the face says on which
+                const M either = place.bsdf.either_side() & !place.pass;
+                next.transmitted = (either & (up < F(0.f))) | (next.transmitted & !either);
+            }
             const M wrong =
                 ((next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)))) &
                 !place.pass;

@@ -83,7 +83,7 @@ TEXTURABLE = (
     "alpha_u", "alpha_v", *PRINCIPLED, *PRINCIPLED_THIN, "blend_weight",
     "eta", "k",
 )  # fmt: skip
-#: Those of them that may exceed 1, and the kinds of material that take textures of them.
+#: Those of metals, and the kinds of material that take textures of them.
 INDICES = ("eta", "k")
 METALS = ("conductor", "roughconductor")
 #: Names of the values of `lobe_kind`.
@@ -274,11 +274,11 @@ _HASHED_IF_SET: dict[str, Column] = {
         doc="what takes (u, v, 1) to the texture's own coordinates; rows of texels follow its v",
     ),
     "texture_color0": Column(
-        "textures", np.float32, (3,), 0.4, 0.0, 1.0,
+        "textures", np.float32, (3,), 0.4, 0.0,
         doc="of a checkerboard, where u and v are both in the first or both in the second half",
     ),
     "texture_color1": Column(
-        "textures", np.float32, (3,), 0.2, 0.0, 1.0, doc="of its other fields"
+        "textures", np.float32, (3,), 0.2, 0.0, doc="of its other fields"
     ),
     **{
         f"texture_field{k}": _index(
@@ -681,13 +681,12 @@ def _check_lights(arrays: Mapping[str, Array]) -> None:
 
 
 def _most_of_textures(arrays: Mapping[str, Array]) -> Array:
-    """The largest number that each texture may hold: those that give numbers of materials are
-    shares, but for refractive indices."""
+    """The largest number that each texture may hold: that of the numbers of materials it gives."""
     most = np.full(len(arrays["texture_kind"]), np.finfo(np.float32).max, np.float32)
-    for names, high in ((INDICES, MAX_ETA), (set(TEXTURABLE) - set(INDICES), 1)):
-        for name in names:
-            rows = arrays[f"{name}_texture"]
-            most[rows[rows >= 0]] = high
+    for name in TEXTURABLE:
+        rows = arrays[f"{name}_texture"]
+        rows = rows[rows >= 0]
+        most[rows] = np.minimum(most[rows], COLUMNS[name].high)
     fields = np.column_stack([arrays["texture_field0"], arrays["texture_field1"]])
     for row in np.flatnonzero((fields >= 0).any(axis=1))[::-1].tolist():  # fields come before it
         held = [field for field in fields[row].tolist() if field >= 0]
@@ -727,6 +726,12 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
         if depth[row] > MAX_NESTED:
             raise SceneError(f"texture {row} holds textures more than {MAX_NESTED} deep")
     most = _most_of_textures(arrays)
+    for name in ("texture_color0", "texture_color1"):
+        row = _first(arrays[name].max(axis=1) > most)
+        if row is not None:
+            raise SceneError(
+                f"{name}[{row}] = {arrays[name][row].tolist()} is outside [0, {most[row]:g}]"
+            )
     values = arrays["attribute_values"]
     for kind, table in (("vertex_attribute", "vertices"), ("face_attribute", "triangles")):
         of_kind = arrays["texture_kind"] == TEXTURE_KINDS.index(kind)

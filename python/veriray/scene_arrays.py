@@ -75,8 +75,8 @@ class SceneArrays:
     texture_to_uv (X, 2, 3) float32: what takes (u, v, 1) to the texture's own coordinates; rows of
         texels follow its v (in [-1e+06, 1e+06], default ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     texture_color0 (X, 3) float32: of a checkerboard, where u and v are both in the first or both in
-        the second half (in [0, 1], default 0.4)
-    texture_color1 (X, 3) float32: of its other fields (in [0, 1], default 0.2)
+        the second half (in [0, infinity), default 0.4)
+    texture_color1 (X, 3) float32: of its other fields (in [0, infinity), default 0.2)
     texture_field0 (X,) int32: of a checkerboard: a texture before it that stands in place of
         texture_color0; -1: none does (index of textures, default -1)
     texture_field1 (X,) int32: of a checkerboard: a texture before it that stands in place of

@@ -243,6 +243,8 @@ def test_bad_splines(tmp_path):
         scene(tmp_path, "0 0 0 1\n1 0 0 1\n2 0 0 1\n", "bsplinecurve")
     with pytest.raises(SceneError, match="no surface"):
         scene(tmp_path, "0 0 0 0\n1 0 0 0\n2 0 0 0\n3 1 0 0\n", "bsplinecurve")
+    with pytest.raises(SceneError, match="no surface, as the points of each are one"):
+        scene(tmp_path, 4 * "1 2 3 0.5\n", "bsplinecurve")
     with pytest.raises(SceneError, match="cannot read"):
         load_dict({"type": "scene", "s": {"type": "linearcurve", "filename": tmp_path / "none"}})
 

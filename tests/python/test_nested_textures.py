@@ -324,10 +324,62 @@ def test_a_volume_is_its_colour(device: str) -> None:
     for inside, message in (
         ({"type": "gridvolume", "data": np.ones((2, 2, 2), np.float32)},
          "volume: a gridvolume is not read as a texture; allowed: constvolume"),
-        ({"type": "constvolume", "value": 2.0}, r"volume: .*2.0, 2.0, 2.0.* is outside \[0, 1\]"),
+        ({"type": "constvolume", "value": 2.0}, r"volume: 2.0 is outside \[0, 1\]"),
     ):  # fmt: skip
         with pytest.raises(SceneError, match=message):
             veriray.load_dict(scene(SQUARE, diffuse({"type": "volume", "v": inside})))
+
+
+@pytest.mark.parametrize("kind", ["bitmap", "checkerboard", "nested", "volume", "vertex", "face"])
+def test_numbers_above_1_are_what_they_are(kind: str, device: str) -> None:
+    """Of slopes, transmission of thin sheets, indices and lamps: a texture of one number is it."""
+    for plugin, name, number, more in (
+        ("roughconductor", "alpha", 3.0, {}),
+        ("roughdielectric", "alpha", 5.0, {}),
+        ("principledthin", "diff_trans", 1.75, {}),
+        ("conductor", "eta", 3.0, {"k": 2.0}),
+        ("roughconductor", "k", 8.0, {"eta": 0.5, "alpha": 0.3}),
+        ("area", "radiance", 6.0, {}),
+    ):
+        texels = bitmap(np.full((2, 3, 1), number, np.float32), raw=True)
+        texture = {
+            "bitmap": texels,
+            "checkerboard": board(number, number),
+            "nested": board(number, board(texels, number)),
+            "volume": {"type": "volume", "v": {"type": "constvolume", "value": number}},
+            "vertex": attribute("vertex_a"),
+            "face": attribute("face_a"),
+        }[kind]
+        pictures = []
+        for given in (number, texture):
+            shape: dict[str, Any] = {
+                "type": "mesh", "vertices": POINTS, "faces": FACES, "face_normals": True,
+                "vertex_a": np.full((len(POINTS), 1), number),
+                "face_a": np.full((len(FACES), 1), number),
+            }  # fmt: skip
+            made = {"type": plugin, name: given, **more}
+            if plugin == "area":
+                shape["emitter"] = made
+            bsdf = diffuse(0.5) if plugin == "area" else made
+            pictures.append(seen(shape, bsdf, DOWN[0], device, 16))
+        np.testing.assert_allclose(*pictures, rtol=1e-5, err_msg=f"{plugin}.{name}")
+
+
+def test_numbers_beyond_what_a_material_takes() -> None:
+    """Texels are the nearest that it takes, with a warning; other numbers are errors."""
+
+    def made(texture: Any) -> veriray.Scene:
+        bsdf = {"type": "roughconductor", "alpha": texture}
+        return veriray.load_dict(scene(SQUARE, bsdf, DOWN[0]))
+
+    texels = np.array([[[0.5], [12.0]]], np.float32)
+    with pytest.warns(SceneWarning, match="holds 1 numbers above 10, up to 12. The nearest of 0"):
+        found = made(bitmap(texels, raw=True))
+    assert found.sha256 == made(bitmap(texels.clip(0, 10), raw=True)).sha256
+    with pytest.raises(SceneError, match=r"color1: checkerboard: 12.0 is outside \[0, 10\]"):
+        made(board(0.5, 12.0))
+    with pytest.raises(SceneError, match=r"checkerboard: \(0.5, 2.0, 1.0\) is outside \[0, 1\]"):
+        veriray.load_dict(scene(SQUARE, diffuse(board(rgb(0.5, 2.0, 1.0))), DOWN[0]))
 
 
 def test_refusals() -> None:
@@ -389,6 +441,7 @@ def test_arrays_that_no_scene_may_hold(cpu: str) -> None:
             {"texture_kind": [1] * 10, "texture_field1": range(-1, 9), "texture_field0": [-1] * 10},
             "texture 9 holds textures more than 8 deep",
         ),
+        ({"texture_color1": [[0.0] * 3, [0.5, 2.0, 1.0]]}, r"texture_color1\[1\] = .* is outside"),
         ({"attribute_values": np.full((5, 3), 1.5)}, r"attribute_values\[0\] of texture 0 holds 1"),
         ({"eta_texture": [1]}, r"eta_texture\[0\] is set on a diffuse; allowed: on conductor, rou"),
     ):

@@ -106,6 +106,7 @@ def bsdf(text: str) -> str:
 METAL = '<bsdf type="conductor">{}</bsdf>'
 MASK = '<bsdf type="mask">{}<bsdf type="diffuse"/></bsdf>'
 TWOSIDED = '<bsdf type="twosided">{}</bsdf>'
+SIDES = TWOSIDED.format('<bsdf type="plastic"/><bsdf type="diffuse"/>')
 COLOUR = '<rgb name="{}" value="{}"/>'
 BSDFS = {
     "eta alone": (METAL.format(COLOUR.format("eta", "0.2 0.9 1.1")), METAL.format(COLOUR.format("eta", "0.2 0.9 1.1") + COLOUR.format("k", 1))),
@@ -113,6 +114,9 @@ BSDFS = {
     "coloured opacity": (MASK.format(COLOUR.format("opacity", "1 0.5 0")), MASK.format('<float name="opacity" value="0.5"/>')),
     "mask in mask": ('<bsdf type="mask"><float name="opacity" value="0.25"/>' + MASK.format('<float name="opacity" value="0.5"/>') + "</bsdf>", MASK.format('<float name="opacity" value="0.125"/>')),
     "twosided in twosided": (TWOSIDED.format(TWOSIDED.format('<bsdf type="plastic"/>')), TWOSIDED.format('<bsdf type="plastic"/>')),
+    "two sides in twosided": (TWOSIDED.format(SIDES), TWOSIDED.format('<bsdf type="plastic"/>')),
+    "two sides as its front": (TWOSIDED.format(SIDES + METAL.format("")), TWOSIDED.format('<bsdf type="plastic"/>' + METAL.format(""))),
+    "two sides as its back": (TWOSIDED.format(METAL.format("") + SIDES), TWOSIDED.format(METAL.format("") + '<bsdf type="plastic"/>')),
 }  # fmt: skip
 
 

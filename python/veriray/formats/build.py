@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..camera import Camera, Film
-from ..columns import INDICES, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
+from ..columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
 from . import fibres, integrators, materials, phases, textures, views, volumes
@@ -94,8 +94,9 @@ class _Builder:
         self.grids = volumes.Grids()
         self.phase_values: list[float] = []
         self.media: list[tuple[Node, bool]] = []  # used, and whether their extinction is coloured
-        #: copies of textures of lights and heights, and of checkerboards that give one number
-        self.unbounded_nodes: dict[int, tuple[Node, Node]] = {}
+        #: copies of textures whose numbers may be up to another than 1, by that, and of
+        #: checkerboards that give one number
+        self.larger: dict[float, dict[int, tuple[Node, Node]]] = {}
         self.exchanged: dict[int, tuple[Node, Node]] = {}
         self.inverted: dict[int, tuple[Node, Node]] = {}  # and where 1 less that counts
         self.sky: dict[str, Any] = {}
@@ -514,6 +515,7 @@ class _Builder:
             swaps = node.plugin == "blendbsdf" and ["other" in one for one in held] == [True, False]
             given = {} if node.plugin in RELIEFS else self.textures(node, swaps)
             if node.plugin == "twosided":
+                held = [materials.front(one) for one in held]
                 row = materials.two_sided(held[0])
                 if held[1:] and held[1] is not held[0]:
                     if "other" in held[0]:
@@ -577,14 +579,14 @@ class _Builder:
             if item.name in node.values or column in columns:
                 raise SceneError(f'{node}: "{item.name}" is given twice', item.where)
             param = PLUGINS[node.plugin].params[item.name]
-            number, share = param.kind != COLOUR, param.column not in INDICES
-            if not share:
-                child = self.unbounded(child)
+            number, most = param.kind != COLOUR, COLUMNS[param.column].high
+            if most != 1:
+                child = self.up_to(most, child)
             if inverse:
                 child = self.copy(self.inverted, child, exchange=True)
             elif number and child.plugin == "checkerboard":
                 child = self.copy(self.exchanged, child, exchange=True)
-            rows[item.name], found = self.texture(child, share, number, inverse)
+            rows[item.name], found = self.texture(child, most, number, inverse)
             for attribute in found:
                 attribute.single = item.where if number else attribute.single
             attributes += found
@@ -595,27 +597,28 @@ class _Builder:
     def texture(
         self,
         node: Node,
-        shares: bool = True,
+        most: float = 1.0,
         number: bool = False,
         inverse: bool = False,
         depth: int = 0,
     ) -> tuple[materials.Row, list[Attribute]]:
         """The row of a texture, after those of the textures in it, and what all of them read from
-        meshes; shares: as of `Texels.row`. number: one is wanted, which of a colour is the mean, as
+        meshes; most: as of `Texels.row`. number: one is wanted, which of a colour is the mean, as
         in Mitsuba, but of a texel the luminance; inverse: 1 less that."""
         textures.check_depth(node, depth)
         parts, values = self.check(node)
         if node.plugin == "volume":
-            values = {"value": self.even(node, parts["volume"][0])}
+            volume = parts["volume"][0]
+            values = {"value": self.even(node, volume), "where": volume.where}
         known = id(node) in self.texels.rows
-        row = self.texels.row(node, values, shares=shares, inverse=inverse)
+        row = self.texels.row(node, values, most=most, inverse=inverse)
         for name in ("texture_color0", "texture_color1"):
             if number and name in row and not known:
                 mean = sum(row[name]) / 3
                 row[name] = (1 - mean if inverse else mean,) * 3
         found = [row["attribute"]] if "attribute" in row else []
         for name, child in textures.textures_in(node, self.resolve).items():
-            inside, attributes = self.texture(child, shares, number, inverse, depth + 1)
+            inside, attributes = self.texture(child, most, number, inverse, depth + 1)
             field = PLUGINS[node.plugin].params[name].field
             row[field] = self.tables.index("textures", child, inside)
             found += attributes
@@ -628,9 +631,6 @@ class _Builder:
             raise SceneError(text, volume.where)
         values = self.check(volume)[1]
         colour: tuple[float, ...] = values["color"] or values["value"]
-        if max(colour) > 1:
-            text = f"{node}: {shorten(str(colour))} is outside [0, 1]"
-            raise SceneError(text, volume.where)
         return colour
 
     def copy(self, known: dict[int, tuple[Node, Node]], node: Node, exchange: bool) -> Node:
@@ -647,8 +647,9 @@ class _Builder:
         if len(found) != 1:
             raise SceneError(f"{node} has {len(found)} textures, expected 1, a bitmap", node.where)
         heights = node.plugin == "bumpmap"
-        child = self.unbounded(found[0]) if heights else found[0]
-        row = self.texels.row(child, self.check(child)[1], shares=not heights)
+        most = math.inf if heights else 1.0
+        child = self.up_to(most, found[0]) if heights else found[0]
+        row = self.texels.row(child, self.check(child)[1], most=most)
         if row["texture_grey"] and not heights:
             raise SceneError(f"{node}: a grey image holds no normals", child.where)
         texture = self.tables.index("textures", child, row)
@@ -850,9 +851,9 @@ class _Builder:
             text = f"{node}: to_world scales by {scale:g}, which a light of directions leaves out; "
             self.report.warn(f"{text}Mitsuba's is distorted", node.values["to_world"].where)
 
-    def unbounded(self, child: Node) -> Node:
-        """A texture's node where its numbers may exceed 1."""
-        return self.copy(self.unbounded_nodes, child, exchange=False)
+    def up_to(self, most: float, child: Node) -> Node:
+        """A texture's node where its numbers may be up to another than 1."""
+        return self.copy(self.larger.setdefault(most, {}), child, exchange=False)
 
     def light_texture(self, node: Node, name: str) -> tuple[int, tuple[int, int], list[Attribute]]:
         """Index of the texture that a parameter of a light is, -1 for none, its size, and what it
@@ -862,8 +863,8 @@ class _Builder:
             return -1, (1, 1), []
         if name in node.values or len(items) > 1:
             raise SceneError(f'{node}: "{name}" is given twice', items[-1].where)
-        child = self.unbounded(self.child(items[0], node))
-        row, attributes = self.texture(child, shares=False)
+        child = self.up_to(math.inf, self.child(items[0], node))
+        row, attributes = self.texture(child, math.inf)
         if attributes and node.plugin != "area":
             text = f"{node}: a mesh_attribute is of meshes, allowed on lights of plugin area alone"
             raise SceneError(text, child.where)

@@ -87,7 +87,8 @@ def read(path: Path, kind: str, matrix: Array, where: str) -> tuple[Mesh, int, i
         rings = _spline(points, first, fresh, counts)
     mesh = _tubes(rings, fresh, sides)
     if not len(mesh.triangles):
-        raise SceneError(f"{name}: the curves have no surface, as all radii are 0", where)
+        why = "the points of each are one" if points[:, 3].any() else "all radii are 0"
+        raise SceneError(f"{name}: the curves have no surface, as {why}", where)
     return mesh, sides, len(starts)
 
 

@@ -88,6 +88,13 @@ def two_sided(row: Row) -> Row:
     return row
 
 
+def front(row: Row) -> Row:
+    """The row of what a bsdf shows from its front, which is what a twosided shows on a side."""
+    if not row.get("blend_sides"):
+        return row
+    return {name: value for name, value in row.items() if name not in ("blend_sides", "other")}
+
+
 def of_sides(front: Row, back: tuple[Node, Row]) -> Row:
     """The row of a twosided with two bsdfs, the first of which is no blend: a blend by sides."""
     node, row = back

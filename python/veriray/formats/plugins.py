@@ -814,8 +814,8 @@ PLUGINS: dict[str, Plugin] = {
     "checkerboard": Plugin(
         "texture",
         {
-            "color0": Param(COLOUR, 0.4, **_SHARE, column="texture_color0", field="texture_field0"),
-            "color1": Param(COLOUR, 0.2, **_SHARE, column="texture_color1", field="texture_field1"),
+            "color0": Param(COLOUR, 0.4, 0.0, column="texture_color0", field="texture_field0"),
+            "color1": Param(COLOUR, 0.2, 0.0, column="texture_color1", field="texture_field1"),
             "to_uv": _TO_UV,
         },
         doc="two by two fields a unit of u and v, color0 next to the origin",
@@ -824,13 +824,17 @@ PLUGINS: dict[str, Plugin] = {
         "texture",
         {
             "name": Param("string", REQUIRED, doc="begins with vertex_ or face_; see ply and mesh"),
-            "scale": Param("float", 1.0, doc="factor on the numbers, in [0, 1] with it"),
+            "scale": Param(
+                "float",
+                1.0,
+                doc="factor on the numbers; with it they are in the range of what they stand for",
+            ),
             "bytes": Param("boolean", False, doc="numbers up to 255 are shares; of version 0.x"),
         },
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
     ),
     "volume": Plugin(
-        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="the colour of a constvolume, in [0, 1]"
+        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="the colour of a constvolume"
     ),
     "homogeneous": Plugin(
         "medium",

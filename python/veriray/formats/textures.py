@@ -95,11 +95,11 @@ class Texels:
         return np.concatenate(self.words) if self.words else None
 
     def row(
-        self, node: Node, values: dict[str, Any], *, shares: bool = True, inverse: bool = False
+        self, node: Node, values: dict[str, Any], *, most: float = 1.0, inverse: bool = False
     ) -> materials.Row:
-        """The row of a texture, made once; values: its checked parameters. shares: its texels may
-        not exceed 1; those of lights and heights may, which have nodes of their own. inverse: 1
-        less the luminance of its texels, for a node of its own."""
+        """The row of a texture, made once; values: its checked parameters. most: the largest
+        number that counts; where it is not 1, and where `inverse` is set (1 less the luminance of
+        its texels), the node is one of its own."""
         found = self.rows.get(id(node))  # the caller keeps the node, and so its id
         if found is None:
             if node.plugin == "mesh_attribute" and inverse:
@@ -109,13 +109,16 @@ class Texels:
                     node.where,
                 )
             if node.plugin == "mesh_attribute":
-                found = _attribute(node, values, shares)
+                found = _attribute(node, values, most)
             elif node.plugin == "volume":  # a checkerboard of equal fields
+                check_most(node, values["value"], most, values["where"])
                 found = {
                     "texture_kind": TEXTURE_KINDS.index("checkerboard"),
                     **dict.fromkeys(("texture_color0", "texture_color1"), values["value"]),
                 }
             else:
+                for name in node.values.keys() & {"color0", "color1"}:
+                    check_most(node, values[name], most, node.values[name].where)
                 matrix = np.eye(4) if values["to_uv"] is None else values["to_uv"]
                 found = {
                     "texture_kind": TEXTURE_KINDS.index(node.plugin),
@@ -123,12 +126,12 @@ class Texels:
                     **materials.filled(node, values),
                 }
             if node.plugin == "bitmap":
-                found |= self._bitmap(node, values, shares, inverse)
+                found |= self._bitmap(node, values, most, inverse)
             self.rows[id(node)] = found
         return found
 
     def _bitmap(
-        self, node: Node, values: dict[str, Any], shares: bool, inverse: bool
+        self, node: Node, values: dict[str, Any], most: float, inverse: bool
     ) -> materials.Row:
         given = [name for name in _SOURCES if values[name] is not None]
         if len(given) != 1:
@@ -141,7 +144,7 @@ class Texels:
         path = Path(node.folder) / values["filename"] if given[0] == "filename" else None
         channel, scale = values["channel"], np.array(values["scale"], np.float32)
         scale = scale[:1] if (scale == scale[0]).all() else scale  # one colour leaves grey texels
-        key = str(path), raw, shares, inverse, channel, tuple(scale.tolist())
+        key = str(path), raw, most, inverse, channel, tuple(scale.tolist())
         stored = self.known.get(key) if path is not None else None
         if stored is None:
             if path is None:
@@ -152,8 +155,8 @@ class Texels:
                 with np.errstate(over="ignore"):
                     image = images.Image(image.linear() * scale)
             name = shorten(str(path)) if path else "the image"
-            texels = (_shares if shares else _positive)(
-                node, image.texels, name, where, self.report
+            texels = (_within if most < np.inf else _positive)(
+                node, image.texels, name, where, self.report, most
             )
             made = images.Image(texels, image.encoded)
             stored = self._store(_inverse(made) if inverse else made)
@@ -182,12 +185,12 @@ class Texels:
 
 @dataclass(eq=False)
 class Attribute:
-    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. share: they
-    may not exceed 1. single: where one number of it is wanted, "" if nowhere."""
+    """What a texture reads from meshes. scale: None if numbers of 0 to 255 are shares. most: what
+    they may not exceed. single: where one number of it is wanted, "" if nowhere."""
 
     name: str
     scale: float | None
-    share: bool = True
+    most: float = 1.0
     single: str = ""
 
     def missing(self, node: Node, found: Mesh | None = None) -> str:
@@ -215,20 +218,22 @@ class Attribute:
             )
         with np.errstate(all="ignore"):
             rows: Array = (values * scale).astype(np.float32)
-        good = (rows <= 1) if self.share else (rows < np.inf)
+        good = (rows <= self.most) & (rows < np.inf)
         bad = np.argwhere(~((rows >= 0) & good))
         if len(bad):
             row, column = (int(i) for i in bad[0])
-            allowed = "[0, 1] (numbers of 0 to 255 take the scale 0.00392156862745098)"
+            allowed = f"[0, {self.most:g}{']' if self.most < np.inf else ')'}"
+            if self.most == 1:
+                allowed += " (numbers of 0 to 255 take the scale 0.00392156862745098)"
             raise SceneError(
                 f"{node}: {shorten(self.name)} holds {values[row, column]:g} in row {row}; times "
-                f"scale = {scale:g} it must be in {allowed if self.share else '[0, inf)'}",
+                f"scale = {scale:g} it must be in {allowed}",
                 node.where,
             )
         return np.broadcast_to(rows, (len(rows), 3))
 
 
-def _attribute(node: Node, values: dict[str, Any], share: bool) -> materials.Row:
+def _attribute(node: Node, values: dict[str, Any], most: float) -> materials.Row:
     name = values["name"]
     if not name.startswith(("vertex_", "face_")):
         raise SceneError(
@@ -237,7 +242,7 @@ def _attribute(node: Node, values: dict[str, Any], share: bool) -> materials.Row
         )
     return {
         "texture_kind": TEXTURE_KINDS.index(f"{name.partition('_')[0]}_attribute"),
-        "attribute": Attribute(name, None if values["bytes"] else values["scale"], share),
+        "attribute": Attribute(name, None if values["bytes"] else values["scale"], most),
     }
 
 
@@ -251,21 +256,32 @@ def packed(texels: Array) -> Array:
     return np.frombuffer(data + b"\0" * (-len(data) % 4), "<u4").astype(np.uint32)
 
 
-def _shares(node: Node, texels: Array, name: str, where: str, report: Report) -> Array:
-    """Texels within [0, 1]; Mitsuba takes others as they are, and light without end from them."""
-    if texels.dtype == np.uint8 or not ((texels < 0) | (texels > 1)).any():
+def check_most(node: Node, colour: tuple[float, ...], most: float, where: str) -> None:
+    """Raises SceneError if a number of a colour exceeds what the texture may give."""
+    if max(colour) > most:
+        found = colour[0] if len({*colour}) == 1 else colour
+        raise SceneError(f"{node}: {found} is outside [0, {most:g}]", where)
+
+
+def _within(node: Node, texels: Array, name: str, where: str, report: Report, most: float) -> Array:
+    """Texels within [0, most]; Mitsuba takes others as they are, and, of shares, light without end
+    from them."""
+    if texels.dtype == np.uint8 or not ((texels < 0) | (texels > most)).any():
         return texels
     largest, least = float(texels.max()), float(texels.min())
-    told = f"{int((texels > 1).sum())} numbers above 1, up to {largest:g}: more than all light"
+    share = most == 1
+    told = f"{int((texels > most).sum())} numbers above {most:g}, up to {largest:g}"
+    told += ": more than all light" if share else ""
     if least < 0:
-        below = f"{int((texels < 0).sum())} below 0, down to {least:g}: negative light"
-        told = f"{told}; {below}" if largest > 1 else below
+        below = f"{int((texels < 0).sum())} below 0, down to {least:g}"
+        below += ": negative light" if share else ""
+        told = f"{told}; {below}" if largest > most else below
     report.warn(
-        f"{node}: {name} holds {told}. The nearest of 0 and 1 is rendered: the picture is "
+        f"{node}: {name} holds {told}. The nearest of 0 and {most:g} is rendered: the picture is "
         "not Mitsuba's",
         where,
     )
-    return texels.clip(0, 1)
+    return texels.clip(0, most)
 
 
 def _inverse(image: images.Image) -> images.Image:
@@ -276,7 +292,9 @@ def _inverse(image: images.Image) -> images.Image:
     return images.Image(np.clip(1 - texels, 0, 1).astype(np.float32))
 
 
-def _positive(node: Node, texels: Array, name: str, where: str, report: Report) -> Array:
+def _positive(
+    node: Node, texels: Array, name: str, where: str, report: Report, most: float
+) -> Array:
     """Texels that may exceed 1."""
     if float(texels.min()) < 0:
         raise SceneError(f"{node}: {name} holds {float(texels.min()):g}, outside [0, inf)", where)

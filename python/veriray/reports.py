@@ -65,7 +65,6 @@ def statistics(report: Report, paths: int) -> dict[str, Any]:
 
 def refused_text(stats: dict[str, Any]) -> str:
     """How many samples the film refused, why, and how to see one again."""
-
     limit = "2^20" if stats.get("filter", "box") == "box" else "2^17 or 2^20"
 
     def reason(radiance: list[float]) -> str:
@@ -83,9 +82,9 @@ def refused_text(stats: dict[str, Any]) -> str:
     counts = ", ".join(f"{reasons.count(name)} {name}" for name in dict.fromkeys(reasons))
     # One beyond the film, in the rim with which pixels share samples, cannot be replayed.
     width, height = stats["width"], stats["height"]
-    x, y, sample = next(
-        (e for e in listed if 0 <= e[0] < width and 0 <= e[1] < height), listed[0]
-    )[:3]
+    x, y, sample = next((e for e in listed if 0 <= e[0] < width and 0 <= e[1] < height), listed[0])[
+        :3
+    ]
     return (
         f"{text}cannot hold them (of the {len(listed)} listed: {counts}); replay one with --pixel "
         f"{x} {y} --sample {sample} --seed {stats['seed']}, in Python trace_path(scene, {x}, {y}, "

@@ -66,12 +66,13 @@ std::vector<Sampled> sampled_by(const RenderSettings& s, const Film& film, uint3
     Sampled within{{}, false, false}, beyond{{}, true, false};
     for (uint32_t y = 0; y < height; ++y)
         for (uint32_t x = 0; x < width; ++x) {
-            const uint32_t place = y * width + x;
+            const uint32_t py = y - rim;  // wraps, as px
+            if (s.pixels.empty() && x == rim && py < film.height()) x += film.width();
+            const uint32_t place = y * width + x, px = x - rim;
             if (!reached[place]) continue;
-            const uint32_t px = x - rim, py = y - rim;  // wrap
             if (px >= film.width() || py >= film.height())
                 beyond.listed.push_back(place);
-            else if (!s.pixels.empty())
+            else
                 within.listed.push_back(py * film.width() + px);
         }
     for (Sampled* more : {&within, &beyond})

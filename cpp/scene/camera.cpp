@@ -124,12 +124,14 @@ void HostScene::tabulate_filter(Density density, double reach, double scale) {
 }
 
 // Has samples shared where that leaves less noise than to draw them from the filter, in two
-// dimensions; puts the integrals over pixels, of 1 in all, behind the table. density: at a distance
-// of 0 or more in pixels, of any size; 0 from `reach` on. Returns the factor to a density of 1.
+// dimensions; puts the integrals over pixels, of 1 in all and to 1e-7, behind the table. density:
+// at a distance of 0 or more in pixels, of any size; 0 from `reach` on. Returns the factor to a
+// density of 1; 0 where the filter reaches too far.
 template <class Density>
 double HostScene::share_filter(FilterForm form, Density density, double reach) {
-    constexpr int kSteps = 1 << 14;
+    constexpr int kSteps = 1 << 11;
     const int rim = static_cast<int>(std::ceil(reach + 0.5)) - 1;
+    if (rim > kMostRim) return 0;
     double sum = 0, sizes = 0, squares = 0;
     std::vector<double> parts(2 * rim + 1);
     for (int i = 0; i <= 2 * rim; ++i) {
@@ -140,7 +142,7 @@ double HostScene::share_filter(FilterForm form, Density density, double reach) {
         }
         sum += parts[i];
     }
-    if (rim && rim <= kMostRim && squares * squares < 0.8 * sizes * sizes * sizes * sizes)
+    if (rim && squares * squares < 0.8 * sizes * sizes * sizes * sizes)
         view.filter.rim = static_cast<uint32_t>(rim);
     std::vector<double> numbers;
     for (double& part : parts) numbers.push_back(part /= sum);

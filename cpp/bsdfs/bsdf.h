@@ -17,9 +17,8 @@ struct Bsdf {
     static constexpr bool has(uint32_t kinds) { return (kKinds & kinds) != 0; }
     static constexpr bool kOneKind = (kKinds & (kKinds - 1u)) == 0;
     static constexpr bool kChooses = has(kChoosingKinds);  // selects between lobes
-    static constexpr bool kTransmits = has(kTransmittingKinds);
-    static constexpr bool kClear = has(kClearKinds) || kTransmits;
-    static constexpr bool kEitherSide = has(kEitherSideKinds);
+    static constexpr bool kEitherSide = has(kEitherSideKinds), kTransmits = has(kTransmittingKinds),
+                          kClear = has(kClearKinds) || kTransmits;
     // Parameters that some of the kinds read.
     static constexpr bool reads(ParameterBit p) {
         for (uint32_t k = 0; k < kMaterialCount; ++k)
@@ -51,8 +50,7 @@ struct Bsdf {
     VR_HD M is(uint32_t which) const { return kind == U(which); }
     VR_HD M nobody() const { return kind == U(kMaterialCount); }
 
-    // The code of these kinds is skipped where no lane has them (cpp/README.md, "Code of rare
-    // kinds").
+    // Kinds whose code is skipped where no lane has them (cpp/README.md, "Code of rare kinds").
     static constexpr uint32_t kRare = kAllKinds & ~kPlainKinds;
     template <uint32_t kWanted>
     VR_HD bool occurs() const {

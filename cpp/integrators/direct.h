@@ -142,12 +142,11 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const LightSample<L> light = sample_light(scene, s, path, at, segment, scatter, active);
         const F cos_i = dot(at.ns, light.wi);
         BsdfValue<F> value = material.eval(-path.ray.d, light.wi, cos_i);
-        M lit = active & (cos_i > F(0.f)), either = no_lanes(active);
+        M lit = active & (cos_i > F(0.f)), either = no_lanes(active), behind = either;
         if constexpr (has(kSmooth)) {
             if constexpr (Material::kEitherSide) either = active & material.either_side();
             lit = (lit | either) & (dot(at.ng, light.wi) > F(0.f));
         }
-        M behind = no_lanes(active);
         if constexpr (Material::kTransmits) {
             behind = active & material.transmits() & ((cos_i < F(0.f)) | either) &
                      (value.pdf_sa > F(0.f));

@@ -106,8 +106,8 @@ class _Builder:
         self.textured: dict[int, list[Attribute]] = {}
         self.textured_lamps: dict[int, list[Attribute]] = {}  # emissions, likewise
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
-        known = (tree.ids.get(i.id) if isinstance(i, Ref) else i for i in tree.scene.children)
-        if any(node is not None and node.plugin == "timed_sunsky" for node in known):
+        known = [tree.ids.get(i.id) if type(i) is Ref else i for i in tree.scene.children]
+        if "timed_sunsky" in [node.plugin for node in known if node is not None]:
             self.report.used = SHUTTER
 
     def search(self) -> None:

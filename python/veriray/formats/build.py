@@ -106,7 +106,8 @@ class _Builder:
         self.textured: dict[int, list[Attribute]] = {}
         self.textured_lamps: dict[int, list[Attribute]] = {}  # emissions, likewise
         self.with_texture: set[int] = set()  # their nodes by id, kept by `checked`
-        known = [tree.ids.get(i.id) if type(i) is Ref else i for i in tree.scene.children]
+        items: list[Any] = tree.scene.children
+        known = [tree.ids.get(i.id) if type(i) is Ref else i for i in items]
         if "timed_sunsky" in [node.plugin for node in known if node is not None]:
             self.report.used = SHUTTER
 

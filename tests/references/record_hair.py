@@ -13,6 +13,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from flat_surface import interaction, unit, values
 
 CORNERS: tuple[dict[str, Any], ...] = (
     {}, {"eumelanin": 0.2}, {"pheomelanin": 1.0}, {"eumelanin": 0.0, "pheomelanin": 0.4},
@@ -26,17 +27,12 @@ CORNERS: tuple[dict[str, Any], ...] = (
 def directions(count: int, seed: int) -> list[list[float]]:
     """A few."""
     v = np.random.default_rng(seed).normal(size=(count, 3))
-    unit: list[list[float]] = (v / np.linalg.norm(v, axis=1)[:, None]).round(6).tolist()
-    return unit
+    return unit(v)
 
 
 def main() -> None:
     """Writes the file."""
-    mi.set_variant("scalar_rgb")
-    rows, context = [], mi.BSDFContext()
-    si = mi.SurfaceInteraction3f()
-    si.n = mi.Normal3f(0, 0, 1)
-    si.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+    rows, si = [], interaction()
     wi = directions(12, 7)
     for given in CORNERS:
         plugin = {"type": "hair", **given}
@@ -45,9 +41,7 @@ def main() -> None:
         bsdf = mi.load_dict(plugin)
         for x, y, z in directions(4, 8):
             si.wi = mi.Vector3f(x, y, abs(z))
-            found = [
-                [float(f"{x:.7g}") for x in bsdf.eval(context, si, mi.Vector3f(*w))] for w in wi
-            ]
+            found = values(bsdf, si, wi)
             rows.append({"given": given, "wo": [x, y, abs(z)], "f": found})
     record = {"mitsuba": mi.__version__, "wi": wi, "rows": rows}
     text = json.dumps(record).replace('{"given"', '\n{"given"') + "\n"

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
+from flat_surface import interaction, unit, values
 
 SHARES = ("roughness", "spec_trans", "spec_tint", "sheen", "sheen_tint", "flatness", "diff_trans",
           "anisotropic")  # fmt: skip
@@ -31,17 +32,12 @@ ANGLES = (5.0, 40.0, 75.0)
 def directions() -> list[list[float]]:
     """A few of both hemispheres."""
     v = np.random.default_rng(7).normal(size=(10, 3))
-    unit: list[list[float]] = (v / np.linalg.norm(v, axis=1)[:, None]).round(6).tolist()
-    return unit
+    return unit(v)
 
 
 def main() -> None:
     """Writes the file."""
-    mi.set_variant("scalar_rgb")
-    rows, context = [], mi.BSDFContext()
-    si = mi.SurfaceInteraction3f()
-    si.n = mi.Normal3f(0, 0, 1)
-    si.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+    rows, si = [], interaction()
     for number, (given, colour, eta) in enumerate(itertools.product(CORNERS, COLOURS, INDICES)):
         if (colour != COLOURS[0] or eta != INDICES[0]) and number % 5:
             continue
@@ -52,8 +48,7 @@ def main() -> None:
             turn = np.radians(angle)
             wo = [float(round(x, 6)) for x in (np.sin(turn), 0.0, side * np.cos(turn))]
             si.wi = mi.Vector3f(*wo)
-            found = [[float(f"{x:.7g}") for x in bsdf.eval(context, si, mi.Vector3f(*wi))]
-                     for wi in directions()]  # fmt: skip
+            found = values(bsdf, si, directions())
             rows.append({"base": colour, "eta": eta, **given, "wo": wo, "f": found})
     record = {"mitsuba": mi.__version__, "wi": directions(), "rows": rows}
     text = json.dumps(record).replace('{"base"', '\n{"base"') + "\n"

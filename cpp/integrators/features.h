@@ -1,8 +1,9 @@
 // Feature images: what is known of the first surface that a camera ray meets, as stages.
 //
-// The rays are those of the path tracer: the same random numbers, filter and lens. They go on
-// through null surfaces, uncovered parts of masks and lamps that are hidden from the camera, with
-// the path's own random numbers, and through media. A mirror or glass is itself, not what it shows.
+// The rays begin as those of the path tracer, with the same random numbers and lens, but are always
+// drawn from the filter: pixels share no samples here. They go on through null surfaces, uncovered
+// parts of masks and lamps that are hidden from the camera, with the path's own random numbers, and
+// through media. A mirror or glass is itself, not what it shows.
 #pragma once
 
 #include "film/features.h"

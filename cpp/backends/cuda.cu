@@ -104,7 +104,10 @@ class CudaRunner final : public Runner {
         ledger_.zero();
         wait_for_default("prepare");
     }
-    uint64_t most_shared() const override { return 1ull << 27; }
+    // In half of the pool: each job ends when its longest path does.
+    uint64_t shared_at_once(uint64_t numbers) const override {
+        return DevicePool::of(scene_.device).most() / 2 / sizeof(float) / numbers;
+    }
     float* share(uint64_t numbers) override {
         if (numbers > shared_.size()) shared_ = {numbers, "shared samples"};
         return shared_.get();
@@ -132,7 +135,7 @@ class CudaRunner final : public Runner {
         *job.faults = faults_.download()[0];
         return complete;
     }
-    void add_shared(const Job& job) override {
+    bool add_shared(const Job& job, const Poll&) override {
         const Scratch<uint32_t> listed = list(job);
         Job there = job;
         there.listed = listed.get();
@@ -143,6 +146,7 @@ class CudaRunner final : public Runner {
         shared_kernel<<<blocks, kSharedBlock, 0, work_.s>>>(view_.filter, there);
         check(cudaGetLastError(), "shared samples");
         check(cudaStreamSynchronize(work_.s), "shared samples");
+        return true;
     }
     // Rows beyond the last path's end stay on the device.
     std::vector<uint64_t> ledger(uint64_t first) override {

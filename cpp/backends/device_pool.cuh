@@ -88,6 +88,8 @@ class DevicePool {
         }
         for (const Block& b : free) cudaFree(b.at);
     }
+    // Bytes that it keeps.
+    size_t most() const { return most_; }
     size_t idle() const {
         const std::lock_guard lock(mutex_);
         return idle_;

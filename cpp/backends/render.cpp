@@ -137,7 +137,7 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     film.impl->match_scale(0, host.view.emission_scale);
     SharedSamples shared{nullptr, film.width() + 2 * rim, film.height() + 2 * rim, 1, 2 * rim + 1};
     const uint64_t at_once =
-        rim ? std::max<uint64_t>(1, runner->most_shared() / (shared.columns() * shared.rows()))
+        rim ? std::max<uint64_t>(1, runner->shared_at_once(shared.columns() * shared.rows()))
             : ~0ull;
     const auto start = std::chrono::steady_clock::now();
     bool complete = true;
@@ -169,7 +169,8 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
         }
         job.listed = s.pixels.empty() ? nullptr : s.pixels.data();
         job.listed_count = static_cast<uint32_t>(s.pixels.size());
-        if (rim && complete) runner->add_shared(job);
+        complete =
+            complete && (!rim || runner->add_shared(job, [&](double) { return poll_part(done); }));
     };
     for_sample_ranges(s, pixels, poll,
                       [&](const PathSettings& settings, uint32_t begin, uint32_t count,

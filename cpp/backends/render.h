@@ -18,14 +18,16 @@ inline SceneView sampled_view(SceneView view) {
 class Runner {
    public:
     virtual ~Runner() = default;
-    // Numbers of samples that the machine keeps for sharing at once, and room for those of a job.
-    virtual uint64_t most_shared() const = 0;
+    // Samples of each pixel that the machine shares at once, if one of all pixels is so many
+    // numbers; 0: less than one, which it does all the same. Room for the numbers of a job.
+    virtual uint64_t shared_at_once(uint64_t numbers) const = 0;
     virtual float* share(uint64_t numbers) = 0;
     // Runs a job whose pixel list and fault log lie in the host's memory. counted: its paths count
     // in ledger and statistics. Returns false if poll stopped it.
     virtual bool run(const Job& job, bool counted, const Poll& poll) = 0;
     // Adds what a job's film makes of the samples that it shares; its listed pixels, or all.
-    virtual void add_shared(const Job& job) = 0;
+    // Returns false if poll stopped it; on a GPU it takes milliseconds, and does not poll.
+    virtual bool add_shared(const Job& job, const Poll& poll) = 0;
     // Rows of the ledger, all jobs' sums, from `first` on, some at a time; none after the last.
     virtual std::vector<uint64_t> ledger(uint64_t first) = 0;
 };

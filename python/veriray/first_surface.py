@@ -163,9 +163,10 @@ def span(device: Device, width: int, rows: int) -> int:
 
 
 def band(device: Device, width: int, threads: int) -> int:
-    """Rows that a film has at a time: so few that it stays in the caches of a CPU."""
+    """Rows that a film has at a time: so few that it stays in the caches of a CPU, and that a GPU
+    keeps its memory from call to call."""
     workers = threads or os.cpu_count() or 1
-    pixels = 1 << 21 if device.backend == "cuda" else min(1 << 21, workers << 12)
+    pixels = 1 << 20 if device.backend == "cuda" else min(1 << 21, workers << 12)
     return max(1, pixels // width)
 
 

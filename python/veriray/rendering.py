@@ -280,7 +280,7 @@ def _finished(
         made.stats.update(stopped=stopped, spp_asked=used.spp)
         used = used.with_checked({"spp": made.spp, "batches": 0, "target_error": None})
     if used.features or used.light_groups:
-        made.__dict__["features"] = beside(made, scene, used)
+        made.__dict__["features"] = beside(made, scene, work._scene, used)
     if progress is not None:
         progress(1.0)
     return made

@@ -231,3 +231,26 @@ def test_large_images_reach_the_host(cornell: vr.Scene, size: tuple[int, int]) -
     """By page-locked memory, and of several films."""
     shape = {"width": size[0], "height": size[1], "spp": 8}
     assert arrays(look(cornell, "cuda", **shape)) == arrays(look(cornell, "cpu", **shape))
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="fills the GPU: run it without -n")
+def test_images_make_room_on_a_full_gpu(cornell: vr.Scene) -> None:
+    chosen, _ = vr.device.select("cuda")
+    native, size = chosen.native, {"width": 1024, "height": 1024}  # 68 MiB each
+    wanted = [arrays(look(cornell, "cuda", seed=k, **size)) for k in range(3)]
+    images = [look(cornell, "cuda", seed=k, **size) for k in range(3)]
+    free = int(native.devices()[chosen.index]["memory_free"])
+    full = [native.Film(1024, (free - (1 << 30)) // (1024 * 96), device=chosen.index)]
+    with pytest.raises(native.OutOfMemoryError):
+        while True:
+            full.append(native.Film(1024, 682, device=chosen.index))  # 64 MiB each
+    assert held._on_gpu()
+    other = look(cornell, "cuda", width=512, height=512)  # a film of 96 MiB
+    there = {id(picture) for _, picture in held._on_gpu()}
+    for image in images:
+        for source in image.images._sources.values():
+            assert not there & {id(part._held) for part in getattr(source, "_parts", ())}
+    assert not any(map(made, images)) and [arrays(image) for image in images] == wanted
+    del full
+    assert arrays(other) == arrays(look(cornell, "cpu", width=512, height=512))

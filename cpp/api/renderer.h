@@ -128,12 +128,14 @@ class Film {
 };
 
 // Means of a plane and their standard errors, width * height * channels() numbers each, row 0 on
-// top, in memory of the film's device. Does not need the film any more.
+// top, in memory of the film's device; or integers without errors. Does not need the film any more.
 class Picture {
    public:
     // counts: samples by pixel; null: samples() of each. threads: as of RenderSettings. plane: one
     // with squares; 0 is radiance.
     Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane = 0);
+    // Without numbers yet: see put_features.
+    Picture(uint32_t width, uint32_t height, uint32_t channels, bool integers, int device);
     ~Picture();
     Picture(const Picture&) = delete;
     Picture& operator=(const Picture&) = delete;
@@ -141,11 +143,13 @@ class Picture {
     uint32_t width() const;
     uint32_t height() const;
     uint32_t channels() const;
+    bool integers() const;
     int device() const;
     size_t memory() const;
     // The mean of the standard errors, each rounded to 2^-72 of the largest radiance; the same on
-    // every device. NaN if one of them is not finite.
+    // every device. NaN if one of them is not finite, and of features.
     double mean_error() const;
+    // Of integers their bits.
     void read_mean(float* out) const;
     void read_error(float* out) const;
     // The means where the device has them, for others to read: their memory then waits for all
@@ -213,6 +217,13 @@ struct FeatureSettings : RenderSettings {
 // (kPrimitivePlane). The film's planes beside these, and its samples(), stay as they are.
 RenderStats render_features(const Scene& scene, Film& film, const FeatureSettings& settings,
                             const Poll& poll);
+
+// Puts what a film of features holds into pictures of its width, from their row `first_row` on, in
+// units of the world: means with their errors over the samples that met something; of kHitsPlane
+// the share of `samples` with its error; of kPrimitivePlane the integers. pictures: by plane,
+// without radiance; null: not wanted.
+void put_features(const Scene& scene, const Film& film, const std::vector<Picture*>& pictures,
+                  uint32_t first_row, uint64_t samples, uint32_t threads);
 
 // One path, vertex by vertex. CPU backends only.
 struct PathVertex {

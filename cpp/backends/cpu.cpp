@@ -103,17 +103,10 @@ class HostFilm final : public FilmMemory {
                                            const uint64_t* counts, uint32_t threads,
                                            ErrorSum& sum) const override {
         const uint64_t size = uint64_t{channels} * film.width * film.height;
-        std::unique_ptr<HostPicture> out;
-        try {
-            out = std::make_unique<HostPicture>(2 * size);
-        } catch (const std::bad_alloc&) {
-            throw OutOfMemoryError("picture: needs " + std::to_string(2 * size * sizeof(float)) +
-                                   " bytes");
-        }
+        auto out = picture_memory(2 * size, 0);
         const ResolveChannels resolve_one{film,   channels,       n,
                                           counts, out->numbers(), out->numbers() + size};
         std::mutex mutex;
-        constexpr uint64_t kFew = 1 << 17;  // sooner done than threads start
         in_chunks(size < kFew ? 1 : threads, size, [&](size_t first, size_t last) {
             ErrorSum part{};
             for (size_t i = first; i < last; ++i) resolve_one(i, part);
@@ -123,13 +116,31 @@ class HostFilm final : public FilmMemory {
         });
         return out;
     }
+    void put(const std::vector<PutFeature>& parts, uint64_t pixels,
+             uint32_t threads) const override {
+        uint64_t size = 0;
+        for (const PutFeature& part : parts) size += pixels * part.channels;
+        in_chunks(size < kFew ? 1 : threads, pixels, [&](size_t first, size_t last) {
+            for (const PutFeature& part : parts)
+                for (size_t i = first; i < last; ++i) part(i);
+        });
+    }
 
    private:
+    static constexpr uint64_t kFew = 1 << 17;  // numbers, sooner made than threads start
+
     Large<uint64_t> words_;
 };
 
 }  // namespace
 
+std::unique_ptr<PictureMemory> picture_memory(size_t n, int) {
+    try {
+        return std::make_unique<HostPicture>(n);
+    } catch (const std::bad_alloc&) {
+        throw OutOfMemoryError("picture: needs " + std::to_string(n * sizeof(float)) + " bytes");
+    }
+}
 std::unique_ptr<FilmMemory> film_memory(size_t words, int) {
     try {
         return std::make_unique<HostFilm>(words);

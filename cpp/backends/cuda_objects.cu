@@ -61,22 +61,9 @@ __global__ void __launch_bounds__(kResolveBlock)
 
 class DevicePicture final : public PictureMemory {
    public:
-    DevicePicture(const FilmView& film, uint32_t channels, uint64_t n, const uint64_t* counts,
-                  int device, ErrorSum& sum)
-        : device_(device) {
-        const uint64_t pixels = static_cast<uint64_t>(film.width) * film.height,
-                       size = pixels * channels;
-        numbers_ = {2 * size + sizeof(ErrorSum) / sizeof(float), "picture"};
-        const Scratch<uint64_t> by_pixel(counts, counts ? pixels : 0, "picture");
-        // of 8 bytes a channel, so it is aligned
-        auto* there = reinterpret_cast<ErrorSum*>(numbers_.get() + 2 * size);
-        check(cudaMemsetAsync(there, 0, sizeof sum), "resolve film");
-        resolve_kernel<<<std::min(blocks_for(size, kResolveBlock), kResolveBlocks),
-                         kResolveBlock>>>(ResolveChannels{film, channels, n, by_pixel.get(),
-                                                          numbers_.get(), numbers_.get() + size},
-                                          size, there);
-        check_launch("resolve film");
-        check(cudaMemcpy(&sum, there, sizeof sum, cudaMemcpyDeviceToHost), "resolve film");
+    DevicePicture(size_t n, int device) : device_(device) {
+        use_device(device);
+        numbers_ = {n, "picture"};
     }
     ~DevicePicture() override {
         if (!shared_ || in_child()) return;
@@ -148,8 +135,29 @@ class DeviceFilm final : public FilmMemory {
     std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels, uint64_t n,
                                            const uint64_t* counts, uint32_t,
                                            ErrorSum& sum) const override {
+        const uint64_t pixels = static_cast<uint64_t>(film.width) * film.height,
+                       size = pixels * channels;
+        auto out = std::make_unique<DevicePicture>(2 * size + sizeof sum / sizeof(float), device_);
+        float* numbers = out->numbers();
+        const Scratch<uint64_t> by_pixel(counts, counts ? pixels : 0, "picture");
+        // of 8 bytes a channel, so it is aligned
+        auto* there = reinterpret_cast<ErrorSum*>(numbers + 2 * size);
+        check(cudaMemsetAsync(there, 0, sizeof sum), "resolve film");
+        resolve_kernel<<<std::min(blocks_for(size, kResolveBlock), kResolveBlocks),
+                         kResolveBlock>>>(
+            ResolveChannels{film, channels, n, by_pixel.get(), numbers, numbers + size}, size,
+            there);
+        check_launch("resolve film");
+        check(cudaMemcpy(&sum, there, sizeof sum, cudaMemcpyDeviceToHost), "resolve film");
+        return out;
+    }
+    void put(const std::vector<PutFeature>& parts, uint64_t pixels, uint32_t) const override {
         use_device(device_);
-        return std::make_unique<DevicePicture>(film, channels, n, counts, device_, sum);
+        for (const PutFeature& part : parts) {
+            each_of_kernel<<<blocks_for(pixels, 256), 256>>>(part, pixels);
+            check_launch("feature images");
+        }
+        wait_for_default("feature images");
     }
 
    private:
@@ -165,6 +173,9 @@ class DeviceFilm final : public FilmMemory {
 
 }  // namespace
 
+std::unique_ptr<PictureMemory> picture_memory(size_t n, int device) {
+    return std::make_unique<DevicePicture>(n, device);
+}
 std::unique_ptr<FilmMemory> film_memory(size_t words, int device) {
     return std::make_unique<DeviceFilm>(words, device);
 }

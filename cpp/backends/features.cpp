@@ -1,6 +1,7 @@
 // Feature images: checks, and the order of their work.
 #include "backends/features.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 
@@ -96,6 +97,53 @@ RenderStats render_features(const Scene& scene, Film& film, const FeatureSetting
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return stats;
+}
+
+void put_features(const Scene& scene, const Film& film, const std::vector<Picture*>& pictures,
+                  uint32_t first_row, uint64_t samples, uint32_t threads) {
+    const HostScene& host = scene.host();
+    if (pictures.size() + 1 != film.planes().size())
+        fail(std::to_string(pictures.size()) + " pictures for a film of " +
+             std::to_string(film.planes().size()) + " planes");
+    uint64_t* const words = film.impl->memory->words();
+    const uint64_t* hits = nullptr;
+    for (size_t i = 1; i < film.planes().size(); ++i)
+        if (film.planes()[i].name == kHitsPlane) hits = words + film.impl->first[i];
+    if (!hits) fail(std::string("the film has no plane '") + kHitsPlane + "'");
+    std::vector<PutFeature> parts;
+    for (size_t i = 1; i < film.planes().size(); ++i) {
+        Picture* const picture = pictures[i - 1];
+        if (!picture) continue;
+        const PlaneInfo& p = film.planes()[i];
+        const auto* info = std::find_if(std::begin(kFeatureInfos), std::end(kFeatureInfos),
+                                        [&](const FeatureInfo& f) { return p.name == f.name; });
+        PutFeature part{};
+        part.kind = p.kind == PlaneKind::kSumsAndSquares ? PutFeature::kMeans
+                    : p.name == kHitsPlane               ? PutFeature::kShare
+                                                         : PutFeature::kIntegers;
+        if (picture->width() != film.width() || first_row > picture->height() ||
+            film.height() > picture->height() - first_row || picture->channels() != p.channels ||
+            picture->integers() != (part.kind == PutFeature::kIntegers) ||
+            picture->device() != film.impl->device || p.kind == PlaneKind::kSums ||
+            (part.kind == PutFeature::kMeans && info == std::end(kFeatureInfos)))
+            fail("plane '" + p.name + "' does not fit into its picture from row " +
+                 std::to_string(first_row) + " on");
+        part.channels = p.channels, part.samples = samples;
+        part.words = words + film.impl->first[i], part.hits = hits;
+        part.scale = film.scale(i) != 0 ? film.scale(i) : 1.f, part.unit = 1.f;
+        if (part.kind == PutFeature::kMeans && info->unit != FeatureUnit::kNone) {
+            part.unit = static_cast<float>(host.unit);
+            part.point = info->unit == FeatureUnit::kPoint;
+            if (!part.point) part.nothing = kInfinity;
+        }
+        const double origin[3] = {host.centre.x, host.centre.y, host.centre.z};
+        std::copy_n(origin, 3, part.origin);
+        const size_t first = size_t{first_row} * film.width() * p.channels;
+        part.mean = picture->impl->memory->numbers() + first;
+        part.error = part.mean + picture->impl->size();
+        parts.push_back(part);
+    }
+    film.impl->memory->put(parts, uint64_t{film.width()} * film.height(), threads);
 }
 
 }  // namespace veriray

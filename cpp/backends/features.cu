@@ -1,5 +1,5 @@
 // Feature images on CUDA. A warp takes 32 samples in the order of pixels; its lanes look at one
-// each, and then sum one channel each.
+// each, and then sum the channels of its pixels.
 #include <cuda_runtime.h>
 
 #include "backends/cuda_objects.cuh"
@@ -17,35 +17,37 @@ struct Looks {
     float values[kMostFeatureChannels + 1][33];
 };
 
-__device__ void sum_channel(const FeatureJob& job, const Looks& looks, uint32_t channel,
-                            uint64_t first, uint64_t end) {
-    uint32_t kind = 0;
-    while (kind < kFeatureKinds && (!(job.view.wanted >> kind & 1u) || channel < job.first[kind] ||
-                                    channel >= job.first[kind] + job.planes[kind].channels))
-        ++kind;
-    const bool is_hits = channel == job.channels;
-    PixelSum one{};
-    uint32_t hits = 0;
-    for (uint32_t k = 0; k < 32 && first + k < end; ++k) {
-        const float x = looks.values[channel][k];
-        if (is_hits)
-            hits += x != 0.f ? 1u : 0u;
-        else
-            add_sample(one, 0, x);
-        const bool last = k == 31 || first + k + 1 == end ||
-                          (first + k + 1) / job.samples != (first + k) / job.samples;
-        if (!last) continue;
-        const uint32_t pixel = static_cast<uint32_t>((first + k) / job.samples);
-        if (is_hits) {
-            add_to_number(job.hits.number(pixel, 0), {hits, 0});
-        } else {
-            uint64_t* number = job.planes[kind].number(pixel, channel - job.first[kind]);
-            add_to_number(number, one.sum[0]);
-            add_to_number(number + 2, one.square[0]);
-        }
-        one = {};
-        hits = 0;
+// whole: no other thread adds to the number.
+__device__ void add_to(uint64_t* number, Fixed128 x, bool whole) {
+    if (!whole) return add_to_number(number, x);
+    auto* both = reinterpret_cast<ulonglong2*>(number);  // numbers begin at even words
+    const ulonglong2 before = *both;
+    add(x, {before.x, before.y});
+    *both = {x.lo, x.hi};
+}
+
+// Adds a channel, or behind the last the hits, of those of the warp's items that are of a pixel.
+__device__ void sum_channel(const FeatureJob& job, const Looks& looks, uint32_t pixel,
+                            uint32_t channel, uint64_t first, uint64_t end) {
+    const uint64_t from = uint64_t{pixel} * job.samples, to = from + job.samples;
+    const bool whole = from >= first && to <= end;
+    const float* values = looks.values[channel];
+    const uint32_t last = static_cast<uint32_t>(min(to, end) - first);
+    uint32_t k = from > first ? static_cast<uint32_t>(from - first) : 0u;
+    if (channel == job.channels) {
+        uint32_t hits = 0;
+        for (; k < last; ++k) hits += values[k] != 0.f ? 1u : 0u;
+        return add_to(job.hits.number(pixel, 0), {hits, 0}, whole);
     }
+    uint32_t kind = 0;
+    while (!(job.view.wanted >> kind & 1u) ||
+           channel >= job.first[kind] + job.planes[kind].channels)
+        ++kind;
+    PixelSum one{};
+    for (; k < last; ++k) add_sample(one, 0, values[k]);
+    uint64_t* number = job.planes[kind].number(pixel, channel - job.first[kind]);
+    add_to(number, one.sum[0], whole);
+    add_to(number + 2, one.square[0], whole);
 }
 
 // Items [begin, end): samples of pixels in their order.
@@ -77,9 +79,13 @@ __global__ void __launch_bounds__(kFeatureBlock)
         looks.values[job.channels][lane] = met ? 1.f : 0.f;
     }
     __syncwarp();
-    if (lane <= job.channels) sum_channel(job, looks, lane, first, end);
+    if (first >= end) return;
+    const uint64_t last = min(first + 32, end);
+    const uint32_t pixel = static_cast<uint32_t>(first / job.samples), rows = job.channels + 1;
+    const uint32_t sums = (static_cast<uint32_t>((last - 1) / job.samples) - pixel + 1) * rows;
+    for (uint32_t i = lane; i < sums; i += 32)
+        sum_channel(job, looks, pixel + i / rows, i % rows, first, last);
 }
-static_assert(kMostFeatureChannels < 32);
 
 template <class Looker>
 __global__ void __launch_bounds__(kFeatureBlock)

@@ -25,17 +25,19 @@ void check_size(uint32_t width, uint32_t height) {
              " pixels; allowed: 1 to 2^31 - 1");
 }
 
+void check_channels(uint32_t channels, const std::string& of) {
+    if (channels == 0 || channels > 64) fail(of + "; allowed: 1 to 64 channels");
+}
+
 void check_planes(const std::vector<PlaneInfo>& planes) {
     constexpr size_t kMostPlanes = 64;
-    constexpr uint32_t kMostChannels = 64;
     if (planes.size() > kMostPlanes)
         fail("a film of " + std::to_string(planes.size()) + " planes; allowed: 1 to 64");
     for (size_t i = 0; i < planes.size(); ++i) {
         if (planes[i].name.empty()) fail("a plane without a name");
         for (size_t k = 0; k < i; ++k)
             if (planes[k].name == planes[i].name) fail("two planes '" + planes[i].name + "'");
-        if (planes[i].channels == 0 || planes[i].channels > kMostChannels)
-            fail("plane " + in_words(planes[i]) + "; allowed: 1 to 64 channels");
+        check_channels(planes[i].channels, "plane " + in_words(planes[i]));
     }
 }
 
@@ -168,7 +170,7 @@ Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, siz
     view.words += film.impl->first[plane];
     view.scale = film.scale(plane) != 0 ? film.scale(plane) : 1.f;
     impl->width = film.width(), impl->height = film.height(), impl->device = film.impl->device;
-    impl->channels = info.channels;
+    impl->channels = info.channels, impl->integers = false;
     ErrorSum sum{};
     impl->memory =
         film.impl->memory->resolve(view, info.channels, film.samples(), counts, threads, sum);
@@ -177,15 +179,27 @@ Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, siz
                            : to_double(sum.sum, kSumScale) / static_cast<double>(impl->size()) /
                                  static_cast<double>(view.scale);
 }
+Picture::Picture(uint32_t width, uint32_t height, uint32_t channels, bool integers, int device)
+    : impl(std::make_unique<Impl>()) {
+    check_size(width, height);
+    check_channels(channels, "a picture of " + std::to_string(channels) + " channels");
+    impl->width = width, impl->height = height, impl->channels = channels;
+    impl->integers = integers, impl->device = device;
+    impl->mean_error = std::numeric_limits<double>::quiet_NaN();
+    impl->memory = picture_memory(memory() / sizeof(float), device);
+}
 Picture::~Picture() = default;
 uint32_t Picture::width() const { return impl->width; }
 uint32_t Picture::height() const { return impl->height; }
 uint32_t Picture::channels() const { return impl->channels; }
+bool Picture::integers() const { return impl->integers; }
 int Picture::device() const { return impl->device; }
-size_t Picture::memory() const { return 2 * impl->size() * sizeof(float); }
+size_t Picture::memory() const { return (integers() ? 1 : 2) * impl->size() * sizeof(float); }
 double Picture::mean_error() const { return impl->mean_error; }
 void Picture::read_mean(float* out) const { impl->memory->read(0, impl->size(), out); }
-void Picture::read_error(float* out) const { impl->memory->read(impl->size(), impl->size(), out); }
+void Picture::read_error(float* out) const {
+    if (!integers()) impl->memory->read(impl->size(), impl->size(), out);
+}
 float* Picture::share() {
     impl->memory->share();
     return impl->memory->numbers();

@@ -15,7 +15,7 @@ struct ErrorSum {
     uint64_t not_finite;
 };
 
-// The numbers of a picture: means, then standard errors.
+// The numbers of a picture: means, then standard errors; or the bits of integers.
 class PictureMemory {
    public:
     virtual ~PictureMemory() = default;
@@ -24,6 +24,11 @@ class PictureMemory {
     // From now on others may read them on the device; see Picture::share.
     virtual void share() {}
 };
+
+// Room for n numbers. Throws as film_memory.
+std::unique_ptr<PictureMemory> picture_memory(size_t n, int device);
+
+struct PutFeature;
 
 // The words of a film.
 class FilmMemory {
@@ -41,6 +46,9 @@ class FilmMemory {
     virtual std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels,
                                                    uint64_t n, const uint64_t* counts,
                                                    uint32_t threads, ErrorSum& sum) const = 0;
+    // Makes what is asked for of each of the first pixels.
+    virtual void put(const std::vector<PutFeature>& parts, uint64_t pixels,
+                     uint32_t threads) const = 0;
 };
 // Zeros. Throws OutOfMemoryError, and DeviceError for a device that there is not.
 std::unique_ptr<FilmMemory> film_memory(size_t words, int device);
@@ -76,6 +84,41 @@ struct ResolveChannels {
     }
 };
 
+// What a picture gets of one plane of a film of features.
+struct PutFeature {
+    enum Kind : uint32_t { kMeans, kShare, kIntegers } kind;
+    bool point;         // add the origin
+    uint32_t channels;  // at most 3
+    float scale, unit;  // of the plane; by which means and errors are multiplied
+    float nothing;      // the mean of no samples
+    double origin[3];
+    const uint64_t *words, *hits;  // of the first pixel
+    uint64_t samples;
+    float *mean, *error;
+
+    VR_HD void operator()(uint64_t pixel) const {
+        const uint64_t n = hits[2 * pixel];
+        if (kind == kIntegers) {
+            mean[pixel] = bit_cast<float>(static_cast<uint32_t>(words[2 * pixel]));
+        } else if (kind == kShare) {
+            const double share = static_cast<double>(n) / static_cast<double>(samples);
+            const double others = static_cast<double>(samples > 2 ? samples - 1 : 1);
+            mean[pixel] = static_cast<float>(share);
+            error[pixel] = static_cast<float>(ieee_sqrt(share * (1.0 - share) / others));
+        } else {
+            for (uint32_t c = 0; c < channels; ++c) {
+                const uint64_t i = pixel * channels + c;
+                float m, e;
+                resolve(words + 4 * i, 0, scale, n, m, e);
+                m *= unit;
+                if (point) m = static_cast<float>(static_cast<double>(m) + origin[c]);
+                mean[i] = n ? m : nothing;
+                error[i] = e * unit;
+            }
+        }
+    }
+};
+
 struct Film::Impl {
     uint32_t width, height;
     int device;
@@ -100,6 +143,7 @@ struct Film::Impl {
 
 struct Picture::Impl {
     uint32_t width, height, channels;
+    bool integers;
     int device;
     double mean_error;
     std::unique_ptr<PictureMemory> memory;

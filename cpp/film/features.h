@@ -18,14 +18,24 @@ enum FeatureKind : uint32_t {
     kMotionFeature,  // of the point's image, in pixels, from one camera to another
     kFeatureKinds,
 };
+// What a feature's numbers are: of no unit, a length, which is infinite where nothing is met, or a
+// point's coordinates.
+enum class FeatureUnit : uint32_t { kNone, kLength, kPoint };
 struct FeatureInfo {
     const char* name;
     uint32_t channels;
     float scale;  // as of a film's plane; lengths are normalised ones
+    FeatureUnit unit = FeatureUnit::kNone;
 };
 inline constexpr FeatureInfo kFeatureInfos[kFeatureKinds] = {
-    {"depth", 1, 1.f},      {"depth_axis", 1, 1.f}, {"position", 3, 1.f}, {"normal", 3, 1.f},
-    {"geo_normal", 3, 1.f}, {"albedo", 3, 1.f},     {"uv", 2, 0x1p-12f},  {"motion", 2, 0x1p-12f},
+    {"depth", 1, 1.f, FeatureUnit::kLength},
+    {"depth_axis", 1, 1.f, FeatureUnit::kLength},
+    {"position", 3, 1.f, FeatureUnit::kPoint},
+    {"normal", 3, 1.f},
+    {"geo_normal", 3, 1.f},
+    {"albedo", 3, 1.f},
+    {"uv", 2, 0x1p-12f},
+    {"motion", 2, 0x1p-12f},
 };
 inline constexpr uint32_t kMostFeatureChannels = 18;
 // Planes of integers: samples that met a surface; what the ray through the pixel's centre meets, 1

@@ -13,6 +13,7 @@ class Table {
    public:
     const Large<T>& rows() const { return *rows_; }
     bool shares(const Table& other) const { return rows_ == other.rows_; }
+    std::shared_ptr<const Large<T>> shared() const { return rows_; }
 
     // Rows may be written after one of these, which end the sharing.
     void assign(size_t n, const T& value) { own({}).assign(n, value); }

@@ -298,11 +298,30 @@ std::vector<py::ssize_t> picture_shape(const Picture& p) {
 }
 
 // A new array with what `read` gives.
-py::array_t<float> copied(const Picture& p, void (Picture::*read)(float*) const) {
-    py::array_t<float> out(picture_shape(p));
-    float* numbers = out.mutable_data();
+template <class T = float>
+py::array_t<T> copied(const Picture& p, void (Picture::*read)(float*) const) {
+    std::vector<py::ssize_t> shape = picture_shape(p);
+    if (p.integers() && read == &Picture::read_error) shape[2] = 0;
+    py::array_t<T> out(shape);
+    auto* numbers = reinterpret_cast<float*>(out.mutable_data());
     py::gil_scoped_release release;
     (p.*read)(numbers);
+    return out;
+}
+
+py::array image_of(const Picture& p) {
+    if (p.integers()) return copied<uint32_t>(p, &Picture::read_mean);
+    return copied(p, &Picture::read_mean);
+}
+
+// A table of the scene's form, without a copy.
+py::array_t<uint32_t> table_view(const Table<uint32_t>& table) {
+    using Rows = std::shared_ptr<const Large<uint32_t>>;
+    auto keep = std::make_unique<Rows>(table.shared());
+    const py::capsule owner(keep.get(), [](void* p) { delete static_cast<Rows*>(p); });
+    keep.release();
+    py::array_t<uint32_t> out(static_cast<py::ssize_t>(table.size()), table.data(), owner);
+    out.attr("setflags")(false);
     return out;
 }
 
@@ -384,12 +403,7 @@ void bind_renderer(py::module_& m) {
         .def_property_readonly(
             "path_bytes", [](const Scene& s) { return path_bytes(variant_mask(s.host().view)); })
         .def_property_readonly("input_index",
-                               [](const Scene& s) {
-                                   const auto& of = s.host().input_index;
-                                   py::array_t<uint32_t> out(static_cast<py::ssize_t>(of.size()));
-                                   std::copy(of.begin(), of.end(), out.mutable_data());
-                                   return out;
-                               })
+                               [](const Scene& s) { return table_view(s.host().input_index); })
         .def_property_readonly(
             "primitives",
             [](const Scene& s) {
@@ -416,11 +430,13 @@ void bind_renderer(py::module_& m) {
                                [](const Scene& s) { return s.host().memory() + s.tree().memory; });
 
     py::class_<Picture, std::shared_ptr<Picture>>(m, "Picture", py::module_local())
+        .def(py::init<uint32_t, uint32_t, uint32_t, bool, int>(), "width"_a, "height"_a,
+             "channels"_a, "integers"_a = false, "device"_a = 0)
         .def_property_readonly("width", &Picture::width)
         .def_property_readonly("height", &Picture::height)
         .def_property_readonly("memory", &Picture::memory)
         .def_property_readonly("mean_stderr", &Picture::mean_error)
-        .def("image", [](const Picture& p) { return copied(p, &Picture::read_mean); })
+        .def("image", &image_of)
         .def("stderr", [](const Picture& p) { return copied(p, &Picture::read_error); })
         .def("view", &picture_view)
         .def("pointer", [](Picture& p) { return reinterpret_cast<uintptr_t>(p.share()); })
@@ -542,4 +558,6 @@ void bind_renderer(py::module_& m) {
         "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
         "sampler"_a = "independent", "threads"_a = 0, "all_features"_a = false, "first_row"_a = 0,
         "motion"_a, "poll"_a = py::none());
+    m.def("put_features", &put_features, "scene"_a, "film"_a, py::kw_only(), "pictures"_a,
+          "first_row"_a, "samples"_a, "threads"_a = 0, py::call_guard<py::gil_scoped_release>());
 }

@@ -289,8 +289,12 @@ class Film:
 class Picture:
     """Means of a plane and their standard errors, (H, W, C) float32 each, in memory of its device.
 
-    Of radiance C is 3."""
+    Of radiance C is 3. Of integers (H, W, C) uint32, and (H, W, 0) errors. What is made by size has
+    no numbers before `put_features`."""
 
+    def __init__(
+        self, width: int, height: int, channels: int, integers: bool = False, device: int = 0
+    ) -> None: ...
     @property
     def width(self) -> int: ...
     @property
@@ -298,8 +302,10 @@ class Picture:
     @property
     def memory(self) -> int: ...
     @property
-    def mean_stderr(self) -> float: ...  # the same on every device; NaN: one is not finite
-    def image(self) -> npt.NDArray[np.float32]: ...  # a copy
+    def mean_stderr(
+        self,
+    ) -> float: ...  # the same on every device; NaN: one is not finite, features
+    def image(self) -> npt.NDArray[Any]: ...  # a copy
     def stderr(self) -> npt.NDArray[np.float32]: ...  # a copy
     def view(self) -> npt.NDArray[np.float32]: ...  # of a CPU: the means themselves, read-only
     def pointer(self) -> int: ...  # of the means, in memory of the device
@@ -356,6 +362,20 @@ def render_features(
     Of these: sums and squares, negative ones too, in normalised lengths (`Scene.frame`); `hits`,
     which must be there, and `primitive`, integers. Returns seconds, nonfinite_samples, nonfinite
     and device. ValueError for a plane that is none."""
+
+def put_features(
+    scene: Scene,
+    film: Film,
+    *,
+    pictures: list[Picture | None],  # by plane, without radiance; None: not wanted
+    first_row: int,  # of the pictures, at which the film begins
+    samples: int,  # those that `hits` is a share of
+    threads: int = 0,
+) -> None:
+    """Puts the planes of a film of `render_features` into pictures, in units of the world.
+
+    Means are over the samples that met something, depths without one infinite; of `hits` the share
+    with its error, of `primitive` the integers. ValueError for a picture that does not fit."""
 
 def trace_path(
     scene: Scene,

@@ -25,8 +25,9 @@ from . import device as device_module
 from .checkpoint import Checkpoint
 from .crew import Crew, Films
 from .errors import CheckpointError, RefusedSamplesWarning
+from .held import with_room
 from .numeric import shown, whole
-from .picture import Render, with_room
+from .picture import Render
 from .plan import settle
 from .reports import added, refused_text, statistics
 from .sampling import PILOT, facts_of, first_sample, per_pixel, samples_of_tiles

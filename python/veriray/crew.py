@@ -19,8 +19,8 @@ import numpy.typing as npt
 from . import device as device_module
 from . import kernels
 from .device import Device, polled
+from .held import with_room
 from .native_scene import native_scene, scene_facts
-from .picture import with_room
 from .plan import choose_scheduler
 from .reports import added
 from .scene import Scene

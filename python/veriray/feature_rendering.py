@@ -72,11 +72,11 @@ def feature_images(
                     motion_to, progress)  # fmt: skip
 
 
-def beside(render: Render, scene: Scene, settings: RenderSettings) -> FeatureImages:
-    """The feature images that a picture's settings ask for; settings: those that it ran with."""
+def beside(render: Render, scene: Scene, used: Scene, settings: RenderSettings) -> FeatureImages:
+    """The feature images that a picture's settings ask for; used, settings: those that it ran with,
+    of `scene`."""
     names = (*settings.features,)
     spp = min(SPP, render.spp) if settings.feature_spp is None else settings.feature_spp
-    used, _ = settle(scene, settings)
     made = FeatureImages(spp=spp)
     if of_surfaces := tuple(name for name in names if name not in PARTS):
         drew = settings.device if settings.cluster else str(render.stats["device"])

@@ -46,7 +46,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,12 +75,47 @@ SPP = 8
 _LIGHT = re.compile(r"light\.[A-Za-z0-9_-]{1,64}")
 
 
+class Arrays(Mapping[str, Array]):
+    """Arrays by name, each made when it is first asked for.
+
+    what: the attribute that makes it, of sources that are no arrays; the same array each time.
+    """
+
+    def __init__(self, what: str, sources: Mapping[str, Any]) -> None:
+        self._what, self._sources = what, dict(sources)
+
+    def __getitem__(self, name: str) -> Array:
+        source = self._sources[name]
+        if not isinstance(source, np.ndarray):  # whose memory is given back once all is made
+            source = self._sources[name] = getattr(source, self._what)
+        made: Array = source
+        return made
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._sources)
+
+    def __len__(self) -> int:
+        return len(self._sources)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._sources
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_what": self._what, "_sources": dict(self.items())}
+
+
 class FeatureImages(Mapping[str, Array]):
     """Feature images by name.
 
     images: those of `veriray.features`. stderr: standard errors of the means among them, by name;
     0 where fewer than two samples met a surface. spp: samples of a pixel that the means are of.
     lamps: the lamps of each light group, by the image's name.
+
+    What was rendered stays in memory of its device: each array is made when it is first asked for,
+    and belongs to the caller.
     """
 
     def __init__(
@@ -94,15 +129,23 @@ class FeatureImages(Mapping[str, Array]):
                 known = isinstance(name, str) and _letters(name) and isinstance(values, np.ndarray)
                 if not known or values.ndim < 2 or _channels(values) != len(_letters(name)):
                     raise ValueError(f"{what}: {shown(name)} is none of `veriray.features`")
-        self.images, self.stderr = dict(images), dict(stderr)
+        self.images, self.stderr = Arrays("image", images), Arrays("stderr", stderr)
         self.spp = whole("spp", spp, 0, 2**64 - 1, error=ValueError)
         if not isinstance(lamps, Mapping):
             raise ValueError(f"lamps = {shown(lamps)} is not a mapping of names to lists")
         self.lamps = {str(k): texts(f"lamps[{k}]", v, ValueError) for k, v in lamps.items()}
 
+    @classmethod
+    def _of(cls, images: Mapping[str, Any], means: Iterable[str], spp: int) -> FeatureImages:
+        """Of objects with the attribute `image`, those of `means` with `stderr` too."""
+        made = cls(spp=spp)
+        made.images = Arrays("image", images)
+        made.stderr = Arrays("stderr", {name: images[name] for name in means})
+        return made
+
     def _add(self, name: str, part: Render, lamps: Sequence[str] = ()) -> None:
         """Takes a part of the picture."""
-        self.images[name], self.stderr[name] = part.image, part.stderr
+        self.images._sources[name] = self.stderr._sources[name] = part
         if lamps:
             self.lamps[name] = tuple(lamps)
 
@@ -117,6 +160,9 @@ class FeatureImages(Mapping[str, Array]):
 
     def __len__(self) -> int:
         return len(self.images)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.images
 
     def __repr__(self) -> str:
         return f"FeatureImages({', '.join(self)}; {self.spp} spp)"

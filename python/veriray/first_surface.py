@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import os
 import warnings
@@ -12,16 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from .camera import Camera
-from .device import Device, polled
+from .device import Device, native_errors, polled
 from .errors import RefusedSamplesWarning
 from .features import LAYERS, NUMBERS, OF_SURFACES, FeatureImages
+from .held import Held, with_room
 from .native_scene import native_scene
-from .picture import with_room
 from .scene import Scene
 
 Array = npt.NDArray[Any]
 
-_DEPTHS = ("depth", "depth_axis")
+_KINDS = ("triangle", "sphere", "disk")
+_TABLES = {"object": "shape", "material": "material"}
 _MEANS = tuple(name for name in OF_SURFACES if name not in (*NUMBERS, "alpha"))
 
 
@@ -39,28 +41,36 @@ def look(  # noqa: PLR0913
     """
     check(scene, names)
     means = [name for name in _MEANS if name in names]
-    kinds = dict.fromkeys(means, "sums and squares")
-    kinds["hits"] = "integers"
-    if {*NUMBERS} & {*names}:
+    numbers = [name for name in NUMBERS if name in names]
+    kinds = {"alpha": "integers", **dict.fromkeys(means, "sums and squares")}
+    if numbers:
         kinds["primitive"] = "integers"
     planes = [
-        {"name": name, "kind": kind, "channels": len(LAYERS.get(name, "I")),
+        {"name": "hits" if name == "alpha" else name, "kind": kind, "channels": len(LAYERS[name]),
          "negative": kind != "integers"}
         for name, kind in kinds.items()
     ]  # fmt: skip
+    shares = bool(means) or "alpha" in names
     width, height = scene.film.width, scene.film.height
     held = with_room(device, lambda: native_scene(owner, scene, device, None, "auto", spp))
     motion = np.zeros((2, 3, 4))
     if motion_to is not None:
         motion[:] = [pixel_rows(camera, width, height) for camera in (scene.camera, motion_to)]
     rows = band(device, width, native["threads"])
-    samples = spp if means or "alpha" in names else 1
-    found = np.empty((height, width), np.int64)
-    shares = ["alpha"] * bool(means or "alpha" in names)
-    images = {name: np.empty((height, width, len(LAYERS[name])), np.float32)
-              for name in (*means, *shares)}  # fmt: skip
-    errors = {name: np.empty_like(values) for name, values in images.items()}
-    origin, unit = held.frame
+    tall = min(height, span(device, width, rows))
+    samples = spp if shares else 1
+
+    def blank(height: int) -> dict[str, Any]:
+        return {
+            name: device.native.Picture(
+                width, height, len(LAYERS[name]), name == "primitive", device.index
+            )
+            for name in kinds
+            if name != "alpha" or shares
+        }
+
+    pictures: dict[str, Any] = {}
+    parts: dict[str, list[Held]] = {}
     refused: list[tuple[int, Any]] = []
     film = None
     for first in range(0, height, rows):
@@ -85,39 +95,78 @@ def look(  # noqa: PLR0913
         )  # fmt: skip
         if report["nonfinite_samples"]:
             refused.append((report["nonfinite_samples"], report["nonfinite"][0]))
-        here = slice(first, first + count)
-        hits = np.ascontiguousarray(film.words(1 + len(means))[..., 0, 0])
-        for k, name in enumerate(means):
-            resolve = functools.partial(film.picture, hits, native["threads"], 1 + k)
-            picture = with_room(device, resolve)
-            values, stderr = picture.image(), picture.stderr()
-            if name in (*_DEPTHS, "position"):
-                values, stderr = values * np.float32(unit), stderr * np.float32(unit)
-                if name == "position":
-                    values = values + np.asarray(origin)
-                values[hits == 0] = 0 if name == "position" else np.inf
-            images[name][here], errors[name][here] = values, stderr
-        for name in shares:
-            alpha = hits / spp
-            images[name][here, :, 0] = alpha
-            errors[name][here, :, 0] = np.sqrt(alpha * (1 - alpha) / max(1, spp - 1))
-        if "primitive" in kinds:
-            found[here] = film.words(2 + len(means))[..., 0, 0].astype(np.int64) - 1
-    for name in images:
-        if len(LAYERS[name]) == 1:
-            images[name], errors[name] = images[name][..., 0], errors[name][..., 0]
-    if "primitive" in kinds:
-        images |= numbers(scene, held.input_index, found, names)
+        if first % tall == 0:
+            pictures = with_room(device, functools.partial(blank, min(tall, height - first)))
+        device.native.put_features(
+            held, film, pictures=[pictures.get(name) for name in kinds], first_row=first % tall,
+            samples=spp, threads=native["threads"],
+        )  # fmt: skip
+        if first + count == height or (first + count) % tall == 0:
+            for name in [*pictures]:
+                parts.setdefault(name, []).append(Held(pictures.pop(name)))
     if refused:
         _warn(sum(n for n, _ in refused), refused[0][1])
-    order = {name: images[name] for name in LAYERS if name in images}
-    return FeatureImages(order, errors, spp)
+    made: dict[str, Any] = {name: _Mean(held) for name, held in parts.items()}
+    if numbers:
+        seen = _Seen(scene, held.input_index, parts["primitive"])
+        made |= {name: _Number(seen, name) for name in numbers}
+    order = {name: made[name] for name in (*_MEANS, "alpha", *numbers) if name in made}
+    return FeatureImages._of(order, [name for name in order if name not in NUMBERS], spp)
+
+
+class _Mean:
+    """A mean and its error, of pictures one above the other; made once."""
+
+    def __init__(self, parts: list[Held]) -> None:
+        self._parts = parts
+        self._done: dict[str, Array] = {}
+
+    @property
+    def image(self) -> Array:
+        return self._made("image")
+
+    @property
+    def stderr(self) -> Array:
+        return self._made("stderr")
+
+    def _made(self, what: str) -> Array:
+        if what not in self._done:
+            values = _joined(self._parts, what)
+            self._done.setdefault(what, values[..., 0] if values.shape[2] == 1 else values)
+        return self._done[what]
+
+
+class _Number:
+    """An image of numbers; made once."""
+
+    def __init__(self, seen: _Seen, name: str) -> None:
+        self._seen, self._name = seen, name
+
+    @property
+    def image(self) -> Array:
+        made: Array = self.__dict__.setdefault("_image", self._seen.number(self._name))
+        return made
+
+
+def _joined(parts: list[Held], what: str) -> Array:
+    """Arrays of pictures one above the other, as one that belongs to the caller."""
+    with native_errors():
+        values = [getattr(part, what)() for part in parts]
+    return values[0] if len(values) == 1 else np.concatenate(values)
+
+
+def span(device: Device, width: int, rows: int) -> int:
+    """Rows that the pictures of features have at a time, a multiple of `rows`: on a GPU so few that
+    those before can make room."""
+    pixels = 1 << 23 if device.backend == "cuda" else 1 << 31
+    return max(1, pixels // (width * rows)) * rows
 
 
 def band(device: Device, width: int, threads: int) -> int:
-    """Rows that a film has at a time: so few that it stays in the caches of a CPU."""
+    """Rows that a film has at a time: so few that it stays in the caches of a CPU, and that a GPU
+    keeps its memory from call to call."""
     workers = threads or os.cpu_count() or 1
-    pixels = 1 << 21 if device.backend == "cuda" else min(1 << 21, workers << 12)
+    pixels = 1 << 20 if device.backend == "cuda" else min(1 << 21, workers << 12)
     return max(1, pixels // width)
 
 
@@ -130,26 +179,34 @@ def check(scene: Scene, names: tuple[str, ...]) -> None:
         )
 
 
-def numbers(
-    scene: Scene, input_index: Array, found: Array, names: tuple[str, ...]
-) -> dict[str, Array]:
-    """The images of numbers; found: (H, W) primitives of the native form, -1 for nothing."""
-    nothing = found < 0
-    primitive = np.where(nothing, -1, input_index[np.maximum(found, 0)].astype(np.int64))
-    primitive = _halves(scene, input_index, primitive)
-    tables = {
-        "object": (scene.triangle_shape, scene.sphere_shape, scene.disk_shape),
-        "material": (scene.triangle_material, scene.sphere_material, scene.disk_material),
-    }
-    images: dict[str, Array] = {}
-    for name in names:
+class _Seen:
+    """What the rays through the centres of pixels meet: primitives of the native form."""
+
+    def __init__(self, scene: Scene, input_index: Array, parts: list[Held]) -> None:
+        self._scene = copy.copy(scene)  # without its native forms
+        self._input_index, self._parts = input_index, parts
+
+    @property
+    def _primitive(self) -> Array:
+        """(H, W) primitives of the scene, -1 for nothing."""
+        if "_found" not in self.__dict__:
+            seen = _joined(self._parts, "image")[..., 0].astype(np.int64) - 1
+            primitive = self._input_index[np.maximum(seen, 0)].astype(np.int64)
+            primitive[seen < 0] = -1
+            primitive = _halves(self._scene, self._input_index, primitive)
+            self.__dict__.setdefault("_found", primitive)
+        found: Array = self.__dict__["_found"]
+        return found
+
+    def number(self, name: str) -> Array:
+        """The image of that name."""
+        primitive = self._primitive
         if name == "primitive":
-            images[name] = (primitive + 1).astype(np.uint32)
-        elif name in tables:
-            rows = np.concatenate([np.asarray(table, np.int64) for table in tables[name]])
-            value = rows[np.maximum(primitive, 0)] + 1 if len(rows) else np.zeros_like(primitive)
-            images[name] = np.where(nothing, 0, value).astype(np.uint32)
-    return images
+            return (primitive + 1).astype(np.uint32)
+        tables = [getattr(self._scene, f"{kind}_{_TABLES[name]}") for kind in _KINDS]
+        rows = np.concatenate([np.asarray(table, np.int64) for table in tables])
+        value = rows[np.maximum(primitive, 0)] + 1 if len(rows) else np.zeros_like(primitive)
+        return np.where(primitive < 0, 0, value).astype(np.uint32)
 
 
 def _halves(scene: Scene, input_index: Array, primitive: Array) -> Array:

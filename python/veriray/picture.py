@@ -7,19 +7,19 @@ import hashlib
 import io
 import os
 import struct
-import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import denoising, showing
-from .device import Device, native_errors
+from .device import native_errors
 from .errors import ImageError
 from .features import FeatureImages
+from .held import HOST, OnHost, keep
 from .numeric import path_text, shown, switch, whole
 from .settings import LEDGER_COLUMNS as LEDGER_COLUMNS
 
@@ -27,87 +27,7 @@ if TYPE_CHECKING:
     from ._native import Picture
 
 Array = npt.NDArray[Any]
-T = TypeVar("T")
 _whole = functools.partial(whole, error=ValueError)
-
-#: Kinds of devices in DLPack's numbers.
-_HOST = 1
-
-
-class _OnHost:
-    """A copy of what a native `Picture` of a GPU held."""
-
-    def __init__(self, picture: Picture) -> None:
-        self._image, self._stderr = picture.image(), picture.stderr()
-        for values in (self._image, self._stderr):
-            values.setflags(write=False)
-
-    def image(self) -> Array:
-        return self._image.copy()
-
-    def stderr(self) -> Array:
-        return self._stderr.copy()
-
-    def view(self) -> Array:
-        return self._image
-
-    def dlpack_device(self) -> tuple[int, int]:
-        return _HOST, 0
-
-
-#: The renders that may have their picture in memory of a GPU, by id.
-_on_gpu: dict[int, weakref.ref[Render]] = {}
-
-
-def _all_on_gpu() -> list[tuple[Render, Picture]]:
-    """The renders whose picture is in memory of a GPU, and these pictures."""
-    renders = [reference() for reference in list(_on_gpu.values())]
-    pairs = [(r, r.__dict__.get("_held")) for r in renders if r is not None]
-    return [(r, held) for r, held in pairs if held is not None and not isinstance(held, _OnHost)]
-
-
-def move_to_host() -> bool:
-    """Copies all pictures that are in memory of a GPU to the host's, and gives that memory back but
-    for what was lent by `__cuda_array_interface__` or DLPack. False: there were none."""
-    found = _all_on_gpu()
-    for render, held in found:
-        render.__dict__["_held"] = _OnHost(held)
-    return bool(found)
-
-
-def with_room(device: Device, call: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
-    """The call's result. Where the device lacks memory, pictures make room and it is called again,
-    after `undo`."""
-    try:
-        return call()
-    except device.native.OutOfMemoryError:
-        if not move_to_host():
-            raise
-        if undo:
-            undo()
-        return call()
-
-
-def _before_fork() -> None:
-    """CUDA does not work in a child process: it gets copies in the host's memory."""
-    for render, held in _all_on_gpu():
-        render.__dict__["_for_child"] = _OnHost(held)
-
-
-def _after_fork(*, child: bool) -> None:
-    for render, _ in _all_on_gpu():
-        copied = render.__dict__.pop("_for_child", None)
-        if child and copied is not None:
-            render.__dict__["_held"] = copied
-            render.__dict__.pop("_lent", None)
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=_before_fork,
-        after_in_parent=functools.partial(_after_fork, child=False),
-        after_in_child=functools.partial(_after_fork, child=True),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,11 +90,7 @@ class Render:
         """The render whose picture a native module holds; fields: the others."""
         made = object.__new__(cls)
         made.__dict__.update({"features": FeatureImages(), **fields}, _held=held)
-        if held.dlpack_device()[0] != _HOST:
-            for key, reference in list(_on_gpu.items()):
-                if reference() is None:  # no callback does it: that would lose an interrupt
-                    _on_gpu.pop(key, None)
-            _on_gpu[id(made)] = weakref.ref(made)
+        keep(made)
         return made
 
     if not TYPE_CHECKING:  # the fields say what there is
@@ -234,7 +150,7 @@ class Render:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         """The image; on a CPU without a copy, and then read-only."""
         held = self.__dict__.get("_held")
-        if "image" in self.__dict__ or held is None or held.dlpack_device()[0] != _HOST:
+        if "image" in self.__dict__ or held is None or held.dlpack_device()[0] != HOST:
             values = self.image
         else:
             values = held.view()
@@ -247,7 +163,7 @@ class Render:
     def __dlpack_device__(self) -> tuple[int, int]:
         """Kind and number of the device that holds the picture, as DLPack numbers them."""
         held = self.__dict__.get("_lent", self.__dict__.get("_held"))
-        return (_HOST, 0) if held is None else held.dlpack_device()
+        return (HOST, 0) if held is None else held.dlpack_device()
 
     def __dlpack__(
         self,
@@ -265,12 +181,12 @@ class Render:
         """
         here = self.__dlpack_device__()
         wanted = here if dl_device is None else (int(dl_device[0]), int(dl_device[1]))
-        if wanted != here and (wanted[0] != _HOST or copy is False):
+        if wanted != here and (wanted[0] != HOST or copy is False):
             raise BufferError(f"the picture is on device {here} of DLPack, not on {wanted}")
         held = self.__dict__.get("_lent", self.__dict__.get("_held"))
-        if wanted == here and not copy and held is not None and not isinstance(held, _OnHost):
+        if wanted == here and not copy and held is not None and not isinstance(held, OnHost):
             return held.dlpack(versioned=max_version is not None and max_version[0] >= 1)
-        if wanted[0] != _HOST:
+        if wanted[0] != HOST:
             raise BufferError("a picture on a GPU is lent without a copy")
         values = np.array(self) if copy or not self.image.flags.writeable else self.image
         return values.__dlpack__()
@@ -279,7 +195,7 @@ class Render:
     def __cuda_array_interface__(self) -> dict[str, Any]:
         """The image on the GPU, for CuPy, Numba and PyTorch; an AttributeError on a CPU."""
         held = self.__dict__.get("_lent", self.__dict__.get("_held"))
-        if held is None or held.dlpack_device()[0] == _HOST:
+        if held is None or held.dlpack_device()[0] == HOST:
             raise AttributeError("the picture is not on a GPU")
         self.__dict__["_lent"] = held  # stays, wherever the picture goes
         return {
@@ -344,9 +260,9 @@ class Render:
         return file.getvalue()
 
 
-def _hash_of(render: Render, held: Picture | _OnHost) -> str:
+def _hash_of(render: Render, held: Picture | OnHost) -> str:
     """`film_hash` of the picture itself, whatever became of `Render.image`."""
-    image = held.view() if held.dlpack_device()[0] == _HOST else held.image()
+    image = held.view() if held.dlpack_device()[0] == HOST else held.image()
     return _digest(image, held.stderr(), render.spp, render.samples)
 
 

@@ -13,10 +13,11 @@ from .accumulation import Accumulation, Progress
 from .camera import Camera
 from .course import EVERY, Course
 from .feature_rendering import beside
+from .held import with_room
 from .native_scene import native_scene, scene_facts
 from .numeric import shown, whole
 from .picture import LEDGER_COLUMNS as LEDGER_COLUMNS
-from .picture import Render, with_room
+from .picture import Render
 from .plan import choose_scheduler as choose_scheduler
 from .plan import settle as settle
 from .scene import Scene
@@ -279,7 +280,7 @@ def _finished(
         made.stats.update(stopped=stopped, spp_asked=used.spp)
         used = used.with_checked({"spp": made.spp, "batches": 0, "target_error": None})
     if used.features or used.light_groups:
-        made.__dict__["features"] = beside(made, scene, used)
+        made.__dict__["features"] = beside(made, scene, work._scene, used)
     if progress is not None:
         progress(1.0)
     return made

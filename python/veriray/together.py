@@ -13,7 +13,7 @@ import numpy.typing as npt
 from . import device as device_module
 from .device import Device
 from .errors import DeviceError, DeviceWarning, OutOfMemoryError
-from .picture import move_to_host
+from .held import move_to_host
 from .reports import added, in_order
 from .splitting import Split
 

@@ -280,11 +280,13 @@ SCENES = ["cornell-box", "checks/thinlens", "checks/spheres_300", "checks/mask",
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_all_devices_agree(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And so do thread counts, and bands of rows; every plane and error, bit for bit."""
+@pytest.mark.parametrize("spp", [1, 5, 8, 70])
+def test_all_devices_agree(name: str, spp: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And so do thread counts, and bands of rows; every plane and error, bit for bit. On CUDA a
+    warp has all samples of a pixel, some of them, or those of several pixels."""
     scene = load(name)
     names = SINGLE if scene.uv.any() else PLAIN
-    size = {"width": 37, "height": 11, "spp": 5}
+    size = {"width": 37, "height": 11, "spp": spp}
     first = None
     for device in DEVICES:
         for threads in (1, 3):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import veriray as vr
-from veriray.picture import move_to_host
+from veriray.held import move_to_host
 
 SIZE = 48
 

@@ -114,9 +114,12 @@ class CudaRunner final : public Runner {
     }
     bool run(const Job& job, bool counted, const Poll& poll) override {
         RenderStats no_stats = stats_;
-        if (!counted && !no_ledger_.get())
+        if (!counted && !no_ledger_.get()) {
             no_ledger_ = {std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns,
                           "ledger"};
+            no_ledger_.zero();
+            wait_for_default("prepare");
+        }
         const Launches launches{scene_.device,
                                 view_,
                                 s_,

@@ -251,7 +251,8 @@ def _result(stand: Stand, chosen: Sequence[Mutant], levels: Sequence[int],
         "unchanged": {n: {k: a[k] for k in ("verdict", "ran", "seconds", "failed", "inconclusive",
                                             "skipped")} for n, a in quick.items()},
         "by_level": {n: {"caught": sum(n in r["caught_by"] for r in rows),
-                         "alone": sum(r["caught_by"] == [n] for r in rows)} for n in levels},
+                         "alone": sum(r["caught_by"] == [n] and len(r["levels"]) == len(levels)
+                                      for r in rows)} for n in levels},
         "survivors": {r["name"]: EXPLAINED.get(r["name"], "") for r in rows
                       if not r["caught_by"] and not r.get("full")},
         "rows": rows,

@@ -52,7 +52,8 @@ def page(result: dict[str, Any]) -> str:
         "",
         f"Films with recorded hashes changed for {result['recorded']} of "
         f"{result.get('recorded_of', len(rows))} bugs. They show that something changed, not that "
-        "it is wrong, and are not counted here."
+        "it is wrong, and are not counted here. Found by a level alone: of the "
+        f"{sum(len(row['levels']) == len(levels) for row in rows)} bugs that all levels were given."
         + (f" Bugs judged with an earlier version of the sources: {old}." if old else ""),
         "",
         "The table gives the seconds of one processor until a level's first failed case; cheap "

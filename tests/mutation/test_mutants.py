@@ -108,7 +108,8 @@ def test_every_bug_is_saved_and_old_ones_kept(tmp_path: Path, first: bool) -> No
         return answer
 
     old, judged, late = levels.BUGS[:3]
-    kept = {"name": old.name, "edits": [], "levels": {}, "recorded": True, "caught_by": [1]}
+    asked = {"1": {}, "3": {}}
+    kept = {"name": old.name, "edits": [], "levels": asked, "recorded": True, "caught_by": [1]}
     stand: Any = SimpleNamespace(judge=judge, folder=tmp_path, build_seconds=1.0, sources="now")
     saved: list[dict[str, Any]] = []
     result = levels.run(stand, [late, judged], [1, 3], 2, first=first, kept=[kept],
@@ -116,7 +117,8 @@ def test_every_bug_is_saved_and_old_ones_kept(tmp_path: Path, first: bool) -> No
     assert [row["name"] for row in result["rows"]] == [old.name, judged.name]
     assert len(saved) == 2 and saved[-1] == result and result["not_judged"] == [late.name]
     assert result["rows"][1]["caught_by"] == [3] and result["caught_quick"] == 2
-    assert result["by_level"] == {1: {"caught": 1, "alone": 1}, 3: {"caught": 1, "alone": 1}}
+    alone = int(not first)  # asked at all levels
+    assert result["by_level"] == {1: {"caught": 1, "alone": 1}, 3: {"caught": 1, "alone": alone}}
     assert list(result["rows"][1]["levels"]) == ([3] if first else [1, 3])
     assert (result["recorded"], result["recorded_of"]) == (1, 1 if first else 2)
     page = table.page(json.loads(json.dumps({**result, "rows": [

@@ -29,13 +29,15 @@ from .numeric import (
 
 Array = npt.NDArray[Any]
 
-FILTERS = ("box", "tent", "gaussian", "mitchell")
+FILTERS = ("box", "tent", "gaussian", "mitchell", "lanczos")
 FILTER_DEFAULTS: dict[str, float | tuple[float, float]] = {
     "box": 0.5,
     "tent": 1.0,
     "gaussian": 0.5,
     "mitchell": (1.0 / 3.0, 1.0 / 3.0),
+    "lanczos": 3.0,
 }
+MOST_LOBES = 16
 PROJECTIONS = ("perspective", "orthographic")
 FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
 MAX_PIXELS = 2**31 - 1
@@ -49,9 +51,10 @@ class Film:
 
     filter: "box" (1 pixel wide), "tent" (filter_parameter = radius in pixels), "gaussian"
     (filter_parameter = standard deviation s in pixels: exp(-x^2 / (2 s^2)) - exp(-8) where
-    abs(x) < 4 s) or "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in
-    [0, 1]; 4 pixels wide, with negative lobes).
-    filter_parameter None takes the filter's default: 0.5, 1.0, 0.5 and (1/3, 1/3).
+    abs(x) < 4 s), "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in
+    [0, 1]; 4 pixels wide, with negative lobes) or "lanczos" (filter_parameter = a, a whole number
+    of lobes from 1 to 16: sinc(x) sinc(x / a) where abs(x) < a, sinc(x) = sin(pi x) / (pi x)).
+    filter_parameter None takes the filter's default: 0.5, 1.0, 0.5, (1/3, 1/3) and 3.
     Raises SceneError for a size below 1 or above 2^31 pixels, or an unknown filter.
     """
 
@@ -72,6 +75,10 @@ class Film:
             pair = array("filter_parameter", parameter, np.float64, (2,))
             in_range("filter_parameter", pair, 0.0, 1.0)
             parameter = tuple(pair.tolist())
+        elif self.filter == "lanczos":
+            parameter = number("filter_parameter", parameter, 1.0, MOST_LOBES)
+            if not parameter.is_integer():
+                raise SceneError(f"filter_parameter = {parameter:g} of lanczos is no whole number")
         else:
             parameter = number("filter_parameter", parameter, 1e-3, 100.0)
             if self.filter == "box" and parameter != default:

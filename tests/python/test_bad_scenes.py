@@ -208,6 +208,7 @@ SENSORS = {
     "filter": (FILM.format('<rfilter type="sinc"/>'), 'unknown rfilter "sinc"; allowed: box, catmullrom, gaussian, lanczos, mitchell, tent'),
     "mitchell's names": (FILM.format('<rfilter type="mitchell"><float name="A" value="0.3"/></rfilter>'), 'unknown parameter "A" = 0.3; allowed: B, C'),
     "mitchell's range": (FILM.format('<rfilter type="mitchell"><float name="B" value="1.5"/></rfilter>'), '"B" = 1.5 is outside [0, 1]'),
+    "lobes": (FILM.format('<rfilter type="lanczos"><integer name="lobes" value="17"/></rfilter>'), '"lobes" = 17 is outside [1, 16]'),
     "lens without aperture": (THIN.format('<float name="focus_distance" value="2"/>'), 'thinlens: "aperture_radius" (float) is missing'),
     "lens without focus": (THIN.format('<float name="aperture_radius" value="2"/>'), 'thinlens: "focus_distance" (float) is missing'),
     "negative aperture": (THIN.format('<float name="aperture_radius" value="-1"/><float name="focus_distance" value="2"/>'), '"aperture_radius" = -1.0 is outside [0, '),

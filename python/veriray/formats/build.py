@@ -407,10 +407,7 @@ class _Builder:
         filters = film_parts["rfilter"]
         filter_node = filters[0] if filters else Node("gaussian", film_node.where)
         kind, parameters = filter_node.plugin, list(self.check(filter_node)[1].values())
-        if kind == "lanczos":
-            text = f"{filter_node} is rendered as catmullrom, the nearest filter that there is"
-            self.report.warn(text, filter_node.where)
-        if kind in ("catmullrom", "lanczos"):
+        if kind == "catmullrom":
             kind, parameters = "mitchell", [0.0, 0.5]
         if film_node.plugin == "specfilm":
             self.report.warn(f"{film_node}: RGB is rendered, not its bands", film_node.where)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
-from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
+from ..camera import FILTERS, FOV_AXES, MAX_PIXELS, MOST_LOBES
 from ..columns import (
     DISTRIBUTIONS,
     LIGHT_KINDS,
@@ -431,7 +431,7 @@ def _film(name: str) -> Plugin:
             "compensate": Param("boolean", False, note="sums are exact"),
             "banner": Param("boolean", False, note="no banner is drawn"),
         },
-        {"rfilter": ((*FILTERS, "catmullrom", "lanczos"), 0, 1)},
+        {"rfilter": ((*FILTERS, "catmullrom"), 0, 1)},
         doc={
             "hdrfilm": "linear RGB",
             "specfilm": "as hdrfilm, with a warning: not its bands, which are spectra of any name",
@@ -550,8 +550,8 @@ PLUGINS: dict[str, Plugin] = {
     "catmullrom": Plugin("rfilter", doc="mitchell with B 0 and C 0.5"),
     "lanczos": Plugin(
         "rfilter",
-        {"lobes": Param("integer", 3, 1, 100)},
-        doc="as catmullrom, the nearest, with a warning",
+        {"lobes": Param("integer", 3, 1, MOST_LOBES)},
+        doc="sinc(x) sinc(x / lobes), 2 lobes pixels wide, with negative lobes",
     ),
     "independent": Plugin("sampler", _SAMPLER, lenient=_SAMPLED),
     **{

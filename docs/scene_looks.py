@@ -801,7 +801,9 @@ def _cameras() -> None:
         ],
     )
     PLAIN["orthographic", "near_clip"] = PLAIN["orthographic", "far_clip"] = "as of `perspective`"
-    PLAIN["radiancemeter", "*"] = PLAIN["distant", "*"] = "one number"
+    PLAIN["radiancemeter", "*"] = PLAIN["distant", "*"] = PLAIN["irradiancemeter", "*"] = (
+        "one number"
+    )
     film = {"type": "hdrfilm", "width": 84, "height": 84, "rfilter": {"type": "box"}}
     sizes = [("84 x 84", {}), ("`crop_width` 42", {"crop_width": 42}),
              ("`crop_offset_x` 42 too", {"crop_width": 42, "crop_offset_x": 42})]  # fmt: skip

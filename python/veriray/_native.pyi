@@ -160,6 +160,8 @@ class CameraArguments(TypedDict):
     focus_distance: float
     hides_light: bool  # lamps and sky are not there for camera rays
     medium: int
+    patches: npt.NDArray[np.float64]  # (N, 11) as of Camera, of a camera at a surface
+    distant: bool  # its rays go there
 
 class FilmArguments(TypedDict):
     width: int

@@ -289,6 +289,8 @@ class Scene(SceneArrays):
         ]
         if camera.projection != "perspective":
             digest.update(f"{camera.projection} ".encode())
+        if camera.measures:
+            digest.update(camera.patches.astype("<f8").tobytes())
         digest.update(" ".join(float(x).hex() for x in numbers).encode())
         settings = (film.width, film.height, film.filter, self.max_depth, self.rr_depth)
         digest.update(f"\n{(*settings, camera.medium)}\n".encode())
@@ -396,9 +398,11 @@ def _scaled(camera: Camera, factor: float) -> Camera:
     to_world[:3, 3] *= factor
     if camera.projection == "orthographic":
         to_world[:3, :2] *= factor
+    patches = np.array(camera.patches)
+    patches[:, 2:] *= factor
     lens = ("near_clip", "far_clip", "aperture_radius", "focus_distance")
     lengths: dict[str, Any] = {name: getattr(camera, name) * factor for name in lens}
-    return dataclasses.replace(camera, to_world=to_world, **lengths)
+    return dataclasses.replace(camera, to_world=to_world, patches=patches, **lengths)
 
 
 def load_file(

@@ -214,7 +214,7 @@ SENSORS = {
     "negative aperture": (THIN.format('<float name="aperture_radius" value="-1"/><float name="focus_distance" value="2"/>'), '"aperture_radius" = -1.0 is outside [0, '),
     "focus 0": (THIN.format('<float name="aperture_radius" value="1"/><float name="focus_distance" value="0"/>'), '"focus_distance" = 0.0 is outside (0, '),
     "aperture of a pinhole": (LENS.format('<float name="fov" value="4"/><float name="aperture_radius" value="1"/>'), 'depth of field needs the sensor "thinlens"'),
-    "unknown sensor": ('<sensor type="thinlense"/>', 'unknown sensor "thinlense"; allowed: batch, distant, orthographic, perspective, radiancemeter, thinlens', 'did you mean "thinlens"?'),
+    "unknown sensor": ('<sensor type="thinlense"/>', 'unknown sensor "thinlense"; allowed: batch, distant, irradiancemeter, orthographic, perspective, radiancemeter, thinlens', 'did you mean "thinlens"?'),
     "two media around the camera": (SENSOR.replace("</sensor>", '<medium type="homogeneous"/>' * 2 + "</sensor>"), "has 2 objects of category medium, at most 1"),
     "filter radius": (FILM.format('<rfilter type="tent"><float name="radius" value="0"/></rfilter>'), '"radius" = 0.0 is outside [0.001, 100]'),
     "sample count": (SENSOR.replace("</sensor>", '<sampler type="independent"><integer name="sample_count" value="0"/></sampler></sensor>'), '"sample_count" = 0 is outside [1, '),

@@ -18,7 +18,7 @@ from ..camera import Camera, Film
 from ..columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
 from ..numeric import check_rigid, tan_half_degrees, view_angle
-from . import fibres, integrators, materials, phases, textures, views, volumes
+from . import fibres, integrators, materials, meters, phases, textures, views, volumes
 from .curves import KINDS
 from .node import Node, Ref, Tree, allowed, parse_float, shorten
 from .plugins import COLOUR, PLUGINS, RELIEFS, SHUTTER, STRATIFIED
@@ -89,6 +89,7 @@ class _Builder:
         self.rows: dict[int, materials.Row] = {}
         self.around: set[int] = set()  # bsdfs that hold the one of which a row is made
         self.groups: dict[int, list[Surface]] = {}
+        self.meters = meters.Held()  # found once the scene is checked
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
         self.grids = volumes.Grids()
@@ -123,6 +124,11 @@ class _Builder:
             self.attempt(self.children, node, True)
             self.attempt(check, node, self.report, every=True)
         shapes = Shapes(self.textured, self.textured_lamps)
+        for node in known:
+            if node.category == "shape":
+                self.meters.add(
+                    node, [c for c in node.children if isinstance(c, Node)], self.resolve
+                )
         for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
@@ -245,9 +251,11 @@ class _Builder:
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
         self.hides = bool(depths["hide_emitters"])
-        of_each = [self.sensors(node) for node in parts["sensor"]]
+        self.meters = meters.of_scene(root, self.items(root), self.resolve)
+        sensors = self.meters.nodes
+        of_each = [self.sensors(node) for node in sensors]
         seen_by = [view for one in of_each for view in one]
-        chosen = self.chosen(parts["sensor"], max(len(seen_by), 1))
+        chosen = self.chosen(sensors, max(len(seen_by), 1))
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
             self.material(bsdf)
@@ -283,7 +291,7 @@ class _Builder:
             features = tuple(name for name in features if name != "uv")
             self.report.note(f"{integrator}: nothing is textured, so uv is not written",
                              integrator.where)  # fmt: skip
-        for node, one in zip(parts["sensor"], of_each, strict=True):
+        for node, one in zip(sensors, of_each, strict=True):
             if node.plugin == "distant":
                 one[:] = [(self.far(node, views.ball(arrays)), *one[0][1:])]
         seen_by = [view for one in of_each for view in one]
@@ -425,6 +433,13 @@ class _Builder:
         if node.plugin == "distant":
             views.one_pixel(node, (width, height))
             return self.far(node, views.NOTHING), Film(1, 1, "box"), self.sampling(sampler)
+        if node.plugin == "irradiancemeter":
+            if (wide, high) != (width, height):
+                raise SceneError(f"{node}: a crop window is not supported here", film_node.where)
+            if kind != "box":
+                text = f"{node}: its film has the filter box, not {filter_node.plugin}"
+                self.report.warn(text, filter_node.where)
+            return self.meter(node, parts), Film(wide, high, "box"), self.sampling(sampler)
         if node.plugin in ("orthographic", "radiancemeter"):
             to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
             if node.plugin == "radiancemeter":
@@ -466,11 +481,28 @@ class _Builder:
         )
         return camera, film, self.sampling(sampler)
 
+    def meter(self, node: Node, parts: _Parts) -> Camera:
+        """The camera of an irradiancemeter; it is in its own medium, or that around its shape."""
+        shape = self.meters.of(node)
+        own = [self.medium(medium) for medium in parts["medium"]]
+        medium = own[0] if own else self.boundary(shape)[1]
+        camera: Camera = located(node, lambda: meters.irradiance(shape, medium))
+        return camera
+
     def far(self, node: Node, around: views.Ball) -> Camera:
         """The camera of a distant sensor; around: the sphere about all shapes."""
         parts, values = self.check(node)
         inside = self.medium(parts["medium"][0]) if parts["medium"] else -1
-        camera: Camera = located(node, lambda: views.distant(node, values, around, inside))
+        shape = meters.target(node, node.children, self.resolve)
+        turn = views.ahead(node, values)[1]
+        camera: Camera = located(
+            node,
+            lambda: (
+                meters.distant(shape, turn, inside, self.report)
+                if shape
+                else views.distant(node, values, around, inside)
+            ),
+        )
         return camera
 
     def sampling(self, node: Node) -> dict[str, Any]:
@@ -754,6 +786,8 @@ class _Builder:
     def surface(self, node: Node) -> Surface:
         """A shape with the rows of its material, emission and boundary."""
         values, parts = check(node, self.report), self.children(node)  # used once
+        for sensor in parts["sensor"]:
+            self.meters.of(sensor)
         lamp = parts["emitter"][0] if parts["emitter"] else None
         if parts["bsdf"]:
             bsdf, row = parts["bsdf"][0], self.material(parts["bsdf"][0])

@@ -129,6 +129,8 @@ def _sensor(scene: Scene, medium: list[Any]) -> Any:
     camera, film = scene.camera, scene.film
     offset = [float(x) for x in camera.principal_point_offset]
     plugin = camera.projection
+    if camera.measures:
+        raise SceneError(f"a scene file cannot hold a camera of projection {plugin}")
     if camera.aperture_radius:
         plugin = "thinlens"
         if any(offset):

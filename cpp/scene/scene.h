@@ -273,6 +273,7 @@ class HostScene : public Frame {
     std::array<Double3, 3> corner_uv(const SceneInput& in, const Flat& f) const;
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);
+    std::array<double, 12> to_cube(const double* m) const;
     void set_grids(const SceneInput& in);
     void set_phases(const SceneInput& in);
     void put_attribute(const SceneInput& in, size_t t, size_t primitive, uint32_t* out) const;

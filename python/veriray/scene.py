@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from . import parameters, showing
 from .camera import Camera, Film
-from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
+from .columns import COLUMNS, LIGHT_KINDS, TEXTURE_KINDS, checked, hashed
 from .errors import SceneError
 from .numeric import (
     MAX_COORDINATE,
@@ -371,6 +371,10 @@ class Scene(SceneArrays):
             name: getattr(self, name) * factor
             for name in ("vertices", "spheres", "disks", "light_position", "grid_to_world")
         }
+        solid = (self.texture_kind == TEXTURE_KINDS.index("volume"))[:, None, None]
+        places["texture_to_world"] = np.where(
+            solid, self.texture_to_world * factor, self.texture_to_world
+        )
         turned = self.relief_texture >= 0
         places["relief_scale"] = np.where(turned, self.relief_scale * factor, self.relief_scale)
         copy = self._with_arrays(

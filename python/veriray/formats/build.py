@@ -638,8 +638,7 @@ class _Builder:
         textures.check_depth(node, depth)
         parts, values = self.check(node)
         if node.plugin == "volume":
-            volume = parts["volume"][0]
-            values = {"value": self.even(node, volume), "where": volume.where}
+            values = self.volume(parts["volume"][0])
         known = id(node) in self.texels.rows
         row = self.texels.row(node, values, most=most, inverse=inverse)
         for name in ("texture_color0", "texture_color1"):
@@ -654,14 +653,13 @@ class _Builder:
             found += attributes
         return row, found
 
-    def even(self, node: Node, volume: Node) -> tuple[float, ...]:
-        """The colour of a texture that is a volume."""
-        if volume.plugin != "constvolume":
-            text = f"{node}: a {volume.plugin} is not read as a texture; allowed: constvolume"
-            raise SceneError(text, volume.where)
+    def volume(self, volume: Node) -> dict[str, Any]:
+        """What a texture reads of a volume."""
         values = self.check(volume)[1]
-        colour: tuple[float, ...] = values["color"] or values["value"]
-        return colour
+        if volume.plugin == "constvolume":
+            return {"value": values["color"] or values["value"], "where": volume.where}
+        cells, matrix = self.grids.cells(volume, values, "a texture")
+        return {**values, "cells": cells, "matrix": matrix, "where": volume.where}
 
     def copy(self, known: dict[int, tuple[Node, Node]], node: Node, exchange: bool) -> Node:
         """A texture's node and those in it once more, made once."""

@@ -844,7 +844,7 @@ PLUGINS: dict[str, Plugin] = {
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
     ),
     "volume": Plugin(
-        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="the colour of a constvolume"
+        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="a volume, read where the surface is"
     ),
     "homogeneous": Plugin(
         "medium",

@@ -231,3 +231,16 @@ def test_feature_images_are_refused() -> None:
     made = scene(shape={"type": "sphere", "m": meter()})
     with pytest.raises(ValueError, match="feature images"):
         vr.render(made, 1, features=("depth",))
+
+
+def test_lint_takes_the_rays_of_a_meter() -> None:
+    """What they meet is judged, not what the middle of the shape sees."""
+    ball = {"type": "sphere", "m": meter()}
+    assert not vr.lint(scene(ball=ball))
+    around = {"type": "sphere", "radius": 9.0, "emitter": {"type": "area", "radiance": 1.0}}
+    found = vr.lint(scene(None, ball=ball, around=around))
+    assert [one.rule for one in found] == ["dark-light"]
+    back = {"type": "rectangle", "to_world": vr.transform.translate([0.0, 0.0, 2.0])}
+    flat = {"type": "rectangle", "m": meter()}
+    assert "black-back" not in [one.rule for one in vr.lint(scene(flat=flat))]
+    assert "black-back" in [one.rule for one in vr.lint(scene(flat=flat, back=back))]

@@ -194,7 +194,7 @@ def sensors(draw: st.DrawFn, rng: np.random.Generator, fog: str) -> str:
     matrix = np.eye(4)
     matrix[:3, :3] = way
     matrix[:3, 3] = -2.2 * way[:, 2] + rng.uniform(-0.1, 0.1, 3)
-    rfilter = draw(st.sampled_from(["box", "tent", "gaussian", "mitchell", "lanczos"]))
+    rfilter = draw(st.sampled_from(["box", "tent", "gaussian", "mitchell"]))
     content = [
         value("float", "fov", draw(st.sampled_from([5.0, 40.0, 75.0, 120.0]))),
         place(matrix), fog.replace(' name="exterior"', ""),

@@ -126,9 +126,7 @@ class _Builder:
         shapes = Shapes(self.textured, self.textured_lamps)
         for node in known:
             if node.category == "shape":
-                self.sensors.meters.add(
-                    node, [c for c in node.children if isinstance(c, Node)], self.resolve
-                )
+                self.sensors.meters.add(node, self.tree.ids)
         for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
@@ -251,7 +249,7 @@ class _Builder:
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
         self.hides = bool(depths["hide_emitters"])
-        self.sensors.meters = meters.of_scene(root, self.items(root), self.resolve)
+        self.sensors.meters = meters.of_scene(self.items(root), self.tree.ids)
         sensors = self.sensors.meters.nodes
         of_each = [self.sensors.seen_by(node) for node in sensors]
         seen_by = [view for one in of_each for view in one]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +22,7 @@ Array = npt.NDArray[Any]
 Resolve = Callable[[Ref, Node], Node]
 _NO_ROWS = (0, -1, -1)  # of material, emission and boundary
 _FOV = 90.0  # without effect
+_DEEPEST = 8  # merges in each other; one that holds itself has no end
 
 
 @dataclass
@@ -38,33 +39,31 @@ class Held:
             raise SceneError(f"{sensor} is in no shape, or in one of a group", sensor.where)
         return shape
 
-    def add(self, shape: Node, items: list[Node | Ref], resolve: Resolve) -> None:
+    def add(self, shape: Node, ids: dict[str, Node], depth: int = _DEEPEST) -> None:
         """Adds the sensors of a shape, or of those of a merge."""
-        for child in _held(shape, items, resolve):
+        for item in shape.children:  # without calls, as there are many shapes
+            child: Any = ids.get(item.id) if type(item) is Ref else item
+            if child is None:
+                continue
             if child.category == "sensor":
                 self.nodes.append(child)
                 self.shapes[id(child)] = shape
-            elif shape.plugin == "merge":
-                self.add(child, child.children, resolve)
+            elif child.category == "shape" and shape.plugin == "merge" and depth:
+                self.add(child, ids, depth - 1)
 
 
-def of_scene(root: Node, items: list[Node | Ref], resolve: Resolve) -> Held:
-    """The sensors among the objects of a scene, and of its shapes."""
+def of_scene(items: list[Node | Ref], ids: dict[str, Node]) -> Held:
+    """The sensors among the objects of a scene, and of its shapes; ids: objects by theirs."""
     held = Held()
-    for child in _held(root, items, resolve):
+    for item in items:
+        child: Any = ids.get(item.id) if type(item) is Ref else item
+        if child is None:
+            continue
         if child.category == "sensor":
             held.nodes.append(child)
-        else:
-            held.add(child, child.children, resolve)
+        elif child.category == "shape" and child.children:
+            held.add(child, ids)
     return held
-
-
-def _held(node: Node, items: list[Node | Ref], resolve: Resolve) -> Iterator[Node]:
-    """The shapes and sensors among objects."""
-    for item in items:
-        child = resolve(item, node) if isinstance(item, Ref) else item
-        if child.category in ("shape", "sensor"):
-            yield child
 
 
 def patches(node: Node, report: Report | None = None) -> Array:

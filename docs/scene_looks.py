@@ -218,7 +218,6 @@ PLAIN: dict[tuple[str, str], str] = {
     ("bitmap", "channel"): "one channel of the image, of files of Mitsuba 0.x",
     ("bitmap", "scale"): "a factor on the texels, of files of Mitsuba 0.x",
     ("constvolume", "color"): "its number, under the name of Mitsuba 2",
-    ("lanczos", "lobes"): "rendered as `catmullrom`",
     ("mesh", "disable_vertex_normals"): "`face_normals`, under the name of Mitsuba 2",
     ("mesh_attribute", "bytes"): "how a file of Mitsuba 0.x keeps colours",
     ("specfilm", "*"): "as of `hdrfilm`",
@@ -802,7 +801,9 @@ def _cameras() -> None:
         ],
     )
     PLAIN["orthographic", "near_clip"] = PLAIN["orthographic", "far_clip"] = "as of `perspective`"
-    PLAIN["radiancemeter", "*"] = PLAIN["distant", "*"] = "one number"
+    PLAIN["radiancemeter", "*"] = PLAIN["distant", "*"] = PLAIN["irradiancemeter", "*"] = (
+        "one number"
+    )
     film = {"type": "hdrfilm", "width": 84, "height": 84, "rfilter": {"type": "box"}}
     sizes = [("84 x 84", {}), ("`crop_width` 42", {"crop_width": 42}),
              ("`crop_offset_x` 42 too", {"crop_width": 42, "crop_offset_x": 42})]  # fmt: skip
@@ -833,6 +834,10 @@ def _rest() -> None:
         LOOKS[name, key] = Look(
             "filter", [(f"{v:.2g}", {"type": name, key: v}) for v in values], own_size=True, spp=256
         )
+    LOOKS["lanczos", "lobes"] = Look(
+        "filter", [(str(n), {"type": "lanczos", "lobes": n}) for n in (1, 3, 8)],
+        own_size=True, spp=256,
+    )  # fmt: skip
     for name in ("box", "catmullrom"):
         LOOKS[name, ""] = Look("filter", [(name, {"type": name})], own_size=True, spp=256)
     for name in ("independent", "stratified"):

@@ -37,8 +37,8 @@ struct Scene::Impl {
     HostScene host;
     DeviceTable<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
         light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
-        cells, lobes, phase_values, phase_drawn, phase_ends;
-    DeviceTable<uint32_t> surface_of, texels, sky_guides, phase_guides;
+        cells, lobes, phase_values, phase_drawn, phase_ends, meter_patches;
+    DeviceTable<uint32_t> surface_of, texels, sky_guides, phase_guides, meter_guides;
     TreeBuilder builder;
     std::shared_ptr<const DeviceTree> tree = std::make_shared<DeviceTree>();
     SceneView view;
@@ -79,6 +79,8 @@ struct Scene::Impl {
         VR_PUT(light_table, lights.table);
         VR_PUT(light_tree, lights.tree.branches);
         VR_PUT(filter_edges, filter.edges);
+        VR_PUT(meter_patches, camera.meter.patches);
+        VR_PUT(meter_guides, camera.meter.guides);
         VR_PUT(grids, grids.table);
         VR_PUT(cells, grids.cells);
         VR_PUT(lobes, phases.lobes);

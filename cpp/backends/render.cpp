@@ -135,7 +135,8 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     stats.features = kVariants[choose_variant(sampled_view(host.view), s)];
     const std::unique_ptr<Runner> runner = make_runner(scene, film, s, stats);
     film.impl->match_scale(0, host.view.emission_scale);
-    SharedSamples shared{nullptr, film.width() + 2 * rim, film.height() + 2 * rim, 1, 2 * rim + 1};
+    SharedSamples shared{nullptr,     film.width() + 2 * rim, film.height() + 2 * rim, 1,
+                         2 * rim + 1, host.view.filter.room};
     const uint64_t at_once =
         rim ? std::max<uint64_t>(1, runner->shared_at_once(shared.columns() * shared.rows()))
             : ~0ull;

@@ -1,6 +1,7 @@
 // Pinhole and thin lens.
 #pragma once
 
+#include "camera/meter.h"
 #include "core/mapping.h"
 #include "geometry/ray.h"
 
@@ -17,6 +18,7 @@ struct CameraView {
     float focus;                 // distance of the plane of focus along forward
     float before;       // rays start this far before the plane of the origin; 0: at the eye
     float plane[3][3];  // then the points of that plane, as corner, right and down; else 0
+    MeterView meter;
 };
 
 // x, y: integer pixel; dx, dy: position relative to the pixel's corner. They are separate so that

@@ -8,7 +8,7 @@
 namespace veriray {
 
 enum class FilterKind : uint32_t { kBox, kTent, kTable };
-enum class FilterForm : uint32_t { kTent, kGaussian, kCubic };
+enum class FilterForm : uint32_t { kTent, kGaussian, kCubic, kLanczos };
 inline constexpr uint32_t kFilterTable =
     4096;                            // cells of equal probability, kFilterTable + 1 edges
 inline constexpr int kMostRim = 16;  // pixels; a sample costs time by its square
@@ -18,8 +18,9 @@ struct FilterView {
     float radius;        // pixels; tent only
     const float* edges;  // inverse distribution of |f| in pixels; table only
     FilterForm form;
-    uint32_t rim;            // pixels to each side that share samples; 0: samples are not shared
-    float size, slope, end;  // of forms kTent and kGaussian; see filter_at
+    uint32_t rim;  // pixels to each side that share samples; 0: samples are not shared
+    float room;    // above the sum of the sizes of a shared sample's weights; see shared.h
+    float size, slope, end;  // of forms other than kCubic; see filter_at
     float near[4], far[4];   // of kCubic: coefficients, the highest first, below and beyond 1
 
     // Integral of f, which is 1 in all, over the pixel `i - rim` from its own along an axis.
@@ -47,6 +48,15 @@ VR_HD F filter_at(const FilterView& f, F offset) {
     if (f.form == FilterForm::kTent) return max(fma(x, F(-f.slope), F(f.size)), none);
     if (f.form == FilterForm::kGaussian)
         return max(exp_minus(x * x * F(f.slope)) - F(f.end), none) * F(f.size);
+    if (f.form == FilterForm::kLanczos) {
+        // sin(pi x) and sin(pi x / end); at 2^-13 their product over x^2 is within 3e-8 of that at
+        // 0
+        const F away = max(x, F(0x1p-13f)), half = away * F(0.5f);
+        F narrow, wide, cosine;
+        sincos_2pi(half - to_float(to_uint(half)), narrow, cosine);
+        sincos_2pi(away * F(f.slope), wide, cosine);
+        return select(x < F(f.end), narrow * wide / (away * away) * F(f.size), none);
+    }
     const auto cubic = [&](const float* p) {
         return fma(fma(fma(x, F(p[0]), F(p[1])), x, F(p[2])), x, F(p[3]));
     };

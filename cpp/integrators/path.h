@@ -73,6 +73,14 @@ struct PathTracer : PathVertices<L, kFeatures> {
             path.ray.o = fma(path.ray.d, F(scene.camera.near_clip) / cosine, path.ray.o);
         }
         path.throughput = white();
+        if constexpr (has(kLens))
+            if (scene.camera.meter.kind != MeterKind::kNone) {
+                const auto from =
+                    meter_ray<L>(scene.camera.meter, broadcast<F>(scene.camera.forward), px + dx,
+                                 py + dy, uniform(r.z), uniform(r.w));
+                path.ray = from.ray;
+                path.throughput = S::all(from.weight);
+            }
         path.radiance = black();
         path.pdf_sa = F(0.f);
         path.scale = F(1.f);

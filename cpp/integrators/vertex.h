@@ -122,6 +122,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
     // Where the path's ray ends: a camera ray at the far plane.
     static VR_HD F far_end(const SceneView& scene, const PathState<L>& path, uint32_t segment) {
         if constexpr (!has(kClip)) return F(kInfinity);
+        if (!(scene.camera.far_clip < kInfinity)) return F(kInfinity);
         M camera = path.pdf_sa >= F(0.f);
         if constexpr (has(kPass))
             camera = path.vertices == U(0u);

@@ -1,6 +1,7 @@
 // Camera and pixel filter.
 #include <algorithm>
 
+#include "film/shared.h"
 #include "scene/bounds.h"
 
 namespace veriray {
@@ -89,6 +90,15 @@ double exp_series(double x) {
     return sum;
 }
 
+// sin(pi x) / (pi x) for any x in IEEE operations: Taylor in the distance to the nearest integer.
+double sinc(double x) {
+    const double turns = std::floor(x + 0.5), y = kPiDouble * (x - turns);
+    if (x == 0) return 1;
+    double sum = 0, term = y;
+    for (int k = 1; k < 24; k += 2) sum += term, term *= -y * y / ((k + 1) * (k + 2));
+    return (static_cast<int64_t>(turns) & 1 ? -sum : sum) / (kPiDouble * x);
+}
+
 // D. Mitchell, A. Netravali, "Reconstruction Filters in Computer Graphics", SIGGRAPH 1988, eq. 8.
 // Coefficients of the powers of the distance, the highest first.
 struct Cubics {
@@ -160,6 +170,7 @@ void HostScene::set_filter(const SceneInput& in) {
     filter_edges.assign(kFilterTable + 1, 0.f);
     f = {};
     f.kind = FilterKind::kBox, f.radius = 0.5f, f.edges = filter_edges.data();
+    f.room = kSharedRoom;
     const double a = in.filter_parameters[0], b = in.filter_parameters[1];
     if (in.filter == "tent") {
         f.kind = FilterKind::kTent;
@@ -182,9 +193,18 @@ void HostScene::set_filter(const SceneInput& in) {
             f.near[k] = static_cast<float>(cubics.near[k] * unit);
             f.far[k] = static_cast<float>(cubics.far[k] * unit);
         }
+    } else if (in.filter == "lanczos") {
+        // sinc(x) sinc(x / a) on |x| < a, as Mitsuba's.
+        const auto windowed = [=](double x) { return sinc(x) * sinc(x / a); };
+        tabulate_filter(windowed, a, 1);
+        const double unit = share_filter(FilterForm::kLanczos, windowed, a);
+        f.room = kLanczosRoom;
+        f.size = static_cast<float>(unit * a / (kPiDouble * kPiDouble)),
+        f.slope = static_cast<float>(0.5 / a);
+        f.end = static_cast<float>(a);
     } else if (in.filter != "box") {
         throw std::invalid_argument("filter '" + in.filter +
-                                    "'; allowed: box, tent, gaussian, mitchell");
+                                    "'; allowed: box, tent, gaussian, mitchell, lanczos");
     }
 }
 

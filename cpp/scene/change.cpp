@@ -103,6 +103,7 @@ bool HostScene::change(const SceneInput& was, const SceneInput& in, bool rough) 
     view.features = before_[kStages];
     view.camera = {};
     set_camera(in);
+    set_meter(in);
     if (in.filter != was.filter ||
         !std::equal(std::begin(in.filter_parameters), std::end(in.filter_parameters),
                     std::begin(was.filter_parameters)))

@@ -149,8 +149,11 @@ void check_input(const SceneInput& in, const SceneInput* known) {
                      "holds textures too deep; allowed: one in " + std::to_string(kMostNested) +
                          " others");
         }
-        if (kind != kBitmap) continue;
+        if (kind != kBitmap && kind != kVolume) continue;
+        if (kind == kVolume && in.texture_format.data[t] != kFloat)
+            fail("texture_format", t, "of a volume is not float");
         const uint64_t bytes = uint64_t{in.texture_width.data[t]} * in.texture_height.data[t] *
+                               (kind == kVolume ? in.texture_depth.data[t] : 1u) *
                                texel_bytes(in.texture_format.data[t], in.texture_grey.data[t] != 0);
         const uint64_t last = in.texture_first.data[t] + (bytes + 3) / 4;
         if (bytes >= uint64_t{1} << 32 || last > in.texels.count || last >= kMostNumbers)

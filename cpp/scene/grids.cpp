@@ -11,6 +11,23 @@ constexpr double kMostSteps = 65536;
 
 }  // namespace
 
+// What takes a normalised point (p, 1) to the unit cube that a matrix, 3 rows of 4, takes to the
+// world.
+std::array<double, 12> HostScene::to_cube(const double* m) const {
+    const auto axis = [&](int k) { return Double3{m[k], m[4 + k], m[8 + k]} * (1 / unit); };
+    const Double3 x = axis(0), y = axis(1), z = axis(2),
+                  o = (Double3{m[3], m[7], m[11]} - centre) * (1 / unit);
+    const Double3 across[] = {cross(y, z), cross(z, x), cross(x, y)};
+    const double volume = dot(x, across[0]);
+    std::array<double, 12> rows;
+    for (size_t k = 0; k < 3; ++k) {
+        const Double3 n = across[k] * (1 / volume);
+        for (int c = 0; c < 3; ++c) rows[4 * k + static_cast<size_t>(c)] = n[c];
+        rows[4 * k + 3] = -dot(n, o);
+    }
+    return rows;
+}
+
 void HostScene::set_grids(const SceneInput& in) {
     if (!(view.features & (kAlbedoGrids | kUnevenMedia))) return;
     const size_t count = in.grids_rows();
@@ -24,12 +41,9 @@ void HostScene::set_grids(const SceneInput& in) {
         const auto axis = [&](int k) { return Double3{m[k], m[4 + k], m[8 + k]} * (1 / unit); };
         const Double3 x = axis(0), y = axis(1), z = axis(2),
                       o = (Double3{m[3], m[7], m[11]} - centre) * (1 / unit);
-        const Double3 across[] = {cross(y, z), cross(z, x), cross(x, y)};
-        const double volume = dot(x, across[0]);
+        const auto rows = to_cube(m);
+        for (uint32_t k = 0; k < 12; ++k) put(kGridToLocal + k, rows[k]);
         for (uint32_t k = 0; k < 3; ++k) {
-            const Double3 n = across[k] * (1 / volume);
-            for (int c = 0; c < 3; ++c) put(kGridToLocal + 4 * k + static_cast<uint32_t>(c), n[c]);
-            put(kGridToLocal + 4 * k + 3, -dot(n, o));
             const int c = static_cast<int>(k);
             const double below = std::min(x[c], 0.0) + std::min(y[c], 0.0) + std::min(z[c], 0.0);
             const double above = std::max(x[c], 0.0) + std::max(y[c], 0.0) + std::max(z[c], 0.0);

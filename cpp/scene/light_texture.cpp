@@ -46,6 +46,17 @@ LightTexture::LightTexture(const SceneInput& in, size_t t) : wrap_(in.texture_wr
             fields_.emplace_back(in, static_cast<size_t>(field));
             largest_ = std::max(largest_, fields_.back().largest());
         }
+    } else if (kind == kVolume) {  // its texels everywhere, in equal shares
+        const size_t count =
+            size_t{in.texture_width.data[t]} * in.texture_height.data[t] * in.texture_depth.data[t];
+        double sum = 0;
+        for (size_t i = 0; i < count; ++i) {
+            float rgb[3];
+            read_texel(in, t, i, rgb);
+            for (const float c : rgb)
+                sum += static_cast<double>(c) / 3, largest_ = std::max(largest_, c);
+        }
+        cells = {sum / static_cast<double>(count)};
     } else if (kind != kBitmap) {
         attribute_ = kind, first_ = in.texture_first.data[t];
         const size_t rows = kind == kFaceAttribute ? in.triangles_rows() : in.vertices_rows();

@@ -86,6 +86,7 @@ HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.
     }
     before_[kStages] = view.features;
     set_camera(in);
+    set_meter(in);
     set_filter(in);
 }
 
@@ -446,7 +447,8 @@ size_t HostScene::memory() const {
                 uv.size() + tangents.size() + textures.size() + texels.size() + sky_texels.size() +
                 sky_ends.size() + sky_sines.size() + sky_guides.size() + grids.size() +
                 cells.size() + lobes.size() + phase_values.size() + phase_drawn.size() +
-                phase_ends.size() + phase_guides.size());
+                phase_ends.size() + phase_guides.size() + meter_patches.size() +
+                meter_guides.size());
 }
 
 }  // namespace veriray

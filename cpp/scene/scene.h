@@ -34,6 +34,8 @@ bool same_rows(const Rows<T>& a, const Rows<T>& b) {
 enum ShapeGroup : uint32_t { kTriangleGroup, kSphereGroup, kDiskGroup };
 
 // Input in world units: the arrays of schema/columns.def, row-major; camera and film.
+inline constexpr uint32_t kPatchColumns = 11;
+
 struct SceneInput {
 #define VR_COLUMN(table, name, type, ...) Rows<type> name;
 #define VR_INDEX VR_COLUMN
@@ -49,6 +51,10 @@ struct SceneInput {
     double aperture_radius, focus_distance;
     bool hides_light;  // lamps and sky are not there for camera rays
     int32_t camera_medium;
+    // What the rays of a camera begin at, or go to; none: it is another camera. Columns: PatchKind,
+    // side of the front (1 or -1), point, two axes; of spheres the first begins with the radius.
+    Rows<double> meter_patches;
+    bool meter_distant;
     uint32_t width, height;
     std::string filter;
     double filter_parameters[2];
@@ -220,8 +226,8 @@ class HostScene : public Frame {
 
     Table<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
         light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
-        cells, lobes, phase_values, phase_drawn, phase_ends;
-    Table<uint32_t> surface_of, texels, sky_guides, phase_guides;
+        cells, lobes, phase_values, phase_drawn, phase_ends, meter_patches;
+    Table<uint32_t> surface_of, texels, sky_guides, phase_guides, meter_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     Table<float> records, round_boxes;
 
@@ -267,6 +273,7 @@ class HostScene : public Frame {
     std::array<Double3, 3> corner_uv(const SceneInput& in, const Flat& f) const;
     bool same_texture_map(const SceneInput& in, const Flat& a, const Flat& b) const;
     void set_textures(const SceneInput& in);
+    std::array<double, 12> to_cube(const double* m) const;
     void set_grids(const SceneInput& in);
     void set_phases(const SceneInput& in);
     void put_attribute(const SceneInput& in, size_t t, size_t primitive, uint32_t* out) const;
@@ -305,6 +312,7 @@ class HostScene : public Frame {
     void put_light(const LightSource& s, float* row, size_t stride);
     void set_first_occluder();
     void set_camera(const SceneInput& in);
+    void set_meter(const SceneInput& in);
     template <class Density>
     double share_filter(FilterForm form, Density density, double reach);
     void set_filter(const SceneInput& in);

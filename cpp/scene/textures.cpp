@@ -77,7 +77,8 @@ uint32_t traits_of(const SceneInput& in, size_t t) {
     if (in.texture_kind.data[t] == kVertexAttribute) return kTraitVertex;
     if (in.texture_kind.data[t] == kFaceAttribute) return kTraitFace;
     const uint32_t format = in.texture_format.data[t];
-    return lookup_traits(in.texture_wrap.data[t], in.texture_filter.data[t],
+    return (in.texture_kind.data[t] == kVolume ? kTraitVolume : 0u) |
+           lookup_traits(in.texture_wrap.data[t], in.texture_filter.data[t],
                          in.texture_grey.data[t] != 0) |
            (format == kSrgb8   ? kTraitSrgb
             : format == kHalf  ? kTraitHalf
@@ -295,7 +296,8 @@ void HostScene::set_textures(const SceneInput& in) {
     textures.assign(size_t{kTextureColumns} * stride, 0.f);
     for (size_t t = 0; t < count; ++t) {
         const auto put = [&](uint32_t c, float x) { textures[size_t{c} * stride + t] = x; };
-        const bool bitmap = in.texture_kind.data[t] == kBitmap;
+        const bool solid = in.texture_kind.data[t] == kVolume,
+                   bitmap = solid || in.texture_kind.data[t] == kBitmap;
         for (uint32_t k = 0; k < 6; ++k) put(kTextureToUv + k, in.texture_to_uv.data[6 * t + k]);
         for (uint32_t k = 0; k < 3; ++k) {
             put(kTextureColor0 + k, in.texture_color0.data[3 * t + k]);
@@ -308,7 +310,12 @@ void HostScene::set_textures(const SceneInput& in) {
         const auto fields = fields_of(in, t);
         for (uint32_t k = 0; k < 2; ++k)
             put(kTextureField0 + k, bit_cast<float>(static_cast<uint32_t>(fields[k])));
-        if (is_nested(in, t)) view.features |= kAttributes;
+        if (is_nested(in, t) || solid) view.features |= kAttributes;
+        if (solid) {
+            const auto rows = to_cube(in.texture_to_world.data + 12 * t);
+            for (uint32_t k = 0; k < 12; ++k) put(kTextureToCube + k, static_cast<float>(rows[k]));
+            put(kTextureDepth, bit_cast<float>(in.texture_depth.data[t]));
+        }
     }
     texels.resize(kCodeWords + in.texels.count);
     for (uint32_t code = 0; code < 256; ++code) {

@@ -24,7 +24,7 @@ struct Job {
     VR_HD uint64_t paths() const { return pixels() * samples; }
 
     // A sample at or above 1 / room of the film's limit is refused.
-    VR_HD float room() const { return shared.numbers ? kSharedRoom : 1.f; }
+    VR_HD float room() const { return shared.numbers ? shared.room : 1.f; }
     VR_HD void share(uint32_t at, uint32_t sample, float red, float green, float blue, float x,
                      float y) const {
         const uint32_t rim = shared.reach / 2;

@@ -7,6 +7,8 @@
 // each of three an affine function of the point, its least and its largest value at the corners.
 // Between these it stays where the point is rounded out of its triangle.
 //
+// A volume has texels along three axes of a cube, and is read at the point in space.
+//
 // A field of a checkerboard may be a texture, of a row before it, which is read at the same place.
 #pragma once
 
@@ -15,7 +17,7 @@
 namespace veriray {
 
 // The values of the columns texture_kind, texture_wrap, texture_filter and texture_format.
-enum TextureKind : uint32_t { kBitmap, kCheckerboard, kVertexAttribute, kFaceAttribute };
+enum TextureKind : uint32_t { kBitmap, kCheckerboard, kVertexAttribute, kFaceAttribute, kVolume };
 enum TextureWrap : uint32_t { kRepeat, kMirror, kClamp };
 enum TextureFilter : uint32_t { kBilinear, kNearest };
 enum TexelFormat : uint32_t { kSrgb8, kLinear8, kHalf, kFloat };
@@ -38,7 +40,11 @@ enum TextureColumn : uint32_t {
     kTextureField0,  // of a checkerboard: the row of a texture, ~0 where its colour counts; bits
     kTextureField1,
     kTextureColumns,
+    // Of a volume, in place of coordinates and colours: what takes (p, 1) to its cube, 3 rows of 4.
+    kTextureToCube = kTextureToUv,
+    kTextureDepth = kTextureField0,  // in texels; bits
 };
+static_assert(kTextureToCube + 12 == kTextureWidth);
 enum TextureTrait : uint32_t {
     kTraitBoard = 1,
     kTraitRepeat = 2,
@@ -51,6 +57,7 @@ enum TextureTrait : uint32_t {
     kTraitVertex = 256,
     kTraitFace = 512,
     kTraitNested = 1024,  // a checkerboard with a texture in a field
+    kTraitVolume = 2048,
 };
 
 // Words before the texels: the numbers of 8-bit codes, of sRGB and linear.
@@ -105,6 +112,11 @@ struct Textures {
                 value =
                     select(attribute, on_mesh(textures.texels, first, at, face, attribute), value);
                 bitmap = bitmap & !attribute;
+            }
+            const M solid = bitmap & is(traits, kTraitVolume);
+            if (any(solid)) {
+                value = select(solid, in_volume(textures, row, at.p, traits, solid), value);
+                bitmap = bitmap & !solid;
             }
         }
         if (none(bitmap)) return value;
@@ -181,6 +193,29 @@ struct Textures {
             const F whole = as_float(gather(words, row + U(k)));
             return select(face, whole, min(max(x, number(4)), number(5)));
         });
+    }
+    static VR_HD S in_volume(const TextureView& textures, U row, const Vec3<F>& p, U traits,
+                             M lanes) {
+        const auto column = [&](uint32_t c) { return column_of(textures, row, c); };
+        const auto coordinate = [&](uint32_t c) {
+            return fma(column(c), p.x,
+                       fma(column(c + 1), p.y, fma(column(c + 2), p.z, column(c + 3))));
+        };
+        const F width = column(kTextureWidth), height = column(kTextureHeight);
+        const F depth = to_float(as_uint(column(kTextureDepth)));
+        const Texels texels{textures.texels, as_uint(column(kTextureFirst)) + U(kCodeWords), traits,
+                            lanes};
+        const Taps x = taps(coordinate(kTextureToCube), width, traits),
+                   y = taps(coordinate(kTextureToCube + 4), height, traits),
+                   z = taps(coordinate(kTextureToCube + 8), depth, traits);
+        const U across = to_uint(width), area = across * to_uint(height);
+        const auto line = [&](U start) {
+            return mix(texels.at(start + x.first), texels.at(start + x.second), x.share);
+        };
+        const auto layer = [&](U start) {
+            return mix(line(start + y.first * across), line(start + y.second * across), y.share);
+        };
+        return mix(layer(z.first * area), layer(z.second * area), z.share);
     }
     static VR_HD F column_of(const TextureView& textures, U row, uint32_t c) {
         return lookup(textures.table + static_cast<uint64_t>(c) * textures.stride, row,

@@ -44,7 +44,7 @@ void read_arrays(const py::dict& arrays, SceneInput& in, Arrays& kept) {
 #include "schema/columns.def"
 }
 
-void read_camera(const py::dict& camera, const py::dict& film, SceneInput& in) {
+void read_camera(const py::dict& camera, const py::dict& film, SceneInput& in, Arrays& kept) {
     const auto numbers = [&]<class T>(const py::dict& from, const char* name, T* out,
                                       const std::vector<py::ssize_t>& shape) {
         const auto a = from[name].cast<Array<T>>();
@@ -63,6 +63,11 @@ void read_camera(const py::dict& camera, const py::dict& film, SceneInput& in) {
     in.focus_distance = camera["focus_distance"].cast<double>();
     in.hides_light = camera["hides_light"].cast<bool>();
     in.camera_medium = camera["medium"].cast<int32_t>();
+    const auto patches = camera["patches"].cast<Array<double>>();
+    need_shape(patches, "patches", {-1, kPatchColumns});
+    kept["patches"] = patches;
+    in.meter_patches = {patches.data(), static_cast<size_t>(patches.shape(0))};
+    in.meter_distant = camera["distant"].cast<bool>();
     in.width = film["width"].cast<uint32_t>();
     in.height = film["height"].cast<uint32_t>();
     in.filter = film["filter"].cast<std::string>();
@@ -90,7 +95,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     SceneInput in{};
     const auto kept = std::make_shared<Arrays>();
     read_arrays(arrays, in, *kept);
-    read_camera(camera, film, in);
+    read_camera(camera, film, in, *kept);
     const BuildPoll poll = [&](double share) {
         py::gil_scoped_acquire acquire;
         if (PyErr_CheckSignals() != 0) throw py::error_already_set();
@@ -106,13 +111,10 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
 std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
                                      const py::dict& camera, const py::dict& film, bool rough) {
     SceneInput in = base.input;
-    std::shared_ptr<const void> owner = base.owner;
-    if (!arrays.empty()) {
-        const auto kept = std::make_shared<Arrays>(*static_cast<const Arrays*>(owner.get()));
-        read_arrays(arrays, in, *kept);
-        owner = kept;
-    }
-    read_camera(camera, film, in);
+    const auto kept = std::make_shared<Arrays>(*static_cast<const Arrays*>(base.owner.get()));
+    read_arrays(arrays, in, *kept);
+    read_camera(camera, film, in, *kept);
+    const std::shared_ptr<const void> owner = kept;
     py::gil_scoped_release release;
     return with_memory(in, [&] { return base.changed(in, owner, rough); });
 }

@@ -69,6 +69,8 @@ class SceneArrays(TypedDict):
     texture_format: npt.NDArray[np.uint32]  # (X,)
     texture_width: npt.NDArray[np.uint32]  # (X,)
     texture_height: npt.NDArray[np.uint32]  # (X,)
+    texture_depth: npt.NDArray[np.uint32]  # (X,)
+    texture_to_world: npt.NDArray[np.float64]  # (X, 3, 4)
     texture_grey: npt.NDArray[np.uint8]  # (X,)
     texture_first: npt.NDArray[np.uint32]  # (X,)
     texels: npt.NDArray[np.uint32]  # (W,)
@@ -160,6 +162,8 @@ class CameraArguments(TypedDict):
     focus_distance: float
     hides_light: bool  # lamps and sky are not there for camera rays
     medium: int
+    patches: npt.NDArray[np.float64]  # (N, 11) as of Camera, of a camera at a surface
+    distant: bool  # its rays go there
 
 class FilmArguments(TypedDict):
     width: int

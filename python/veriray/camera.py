@@ -29,14 +29,17 @@ from .numeric import (
 
 Array = npt.NDArray[Any]
 
-FILTERS = ("box", "tent", "gaussian", "mitchell")
+FILTERS = ("box", "tent", "gaussian", "mitchell", "lanczos")
 FILTER_DEFAULTS: dict[str, float | tuple[float, float]] = {
     "box": 0.5,
     "tent": 1.0,
     "gaussian": 0.5,
     "mitchell": (1.0 / 3.0, 1.0 / 3.0),
+    "lanczos": 3.0,
 }
-PROJECTIONS = ("perspective", "orthographic")
+MOST_LOBES = 16
+PROJECTIONS = ("perspective", "orthographic", "irradiance", "distant")
+PATCH_KINDS = ("triangle", "parallelogram", "disk", "sphere")
 FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
 MAX_PIXELS = 2**31 - 1
 _UP = (0.0, 1.0, 0.0)
@@ -49,9 +52,10 @@ class Film:
 
     filter: "box" (1 pixel wide), "tent" (filter_parameter = radius in pixels), "gaussian"
     (filter_parameter = standard deviation s in pixels: exp(-x^2 / (2 s^2)) - exp(-8) where
-    abs(x) < 4 s) or "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in
-    [0, 1]; 4 pixels wide, with negative lobes).
-    filter_parameter None takes the filter's default: 0.5, 1.0, 0.5 and (1/3, 1/3).
+    abs(x) < 4 s), "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in
+    [0, 1]; 4 pixels wide, with negative lobes) or "lanczos" (filter_parameter = a, a whole number
+    of lobes from 1 to 16: sinc(x) sinc(x / a) where abs(x) < a, sinc(x) = sin(pi x) / (pi x)).
+    filter_parameter None takes the filter's default: 0.5, 1.0, 0.5, (1/3, 1/3) and 3.
     Raises SceneError for a size below 1 or above 2^31 pixels, or an unknown filter.
     """
 
@@ -72,6 +76,10 @@ class Film:
             pair = array("filter_parameter", parameter, np.float64, (2,))
             in_range("filter_parameter", pair, 0.0, 1.0)
             parameter = tuple(pair.tolist())
+        elif self.filter == "lanczos":
+            parameter = number("filter_parameter", parameter, 1.0, MOST_LOBES)
+            if not parameter.is_integer():
+                raise SceneError(f"filter_parameter = {parameter:g} of lanczos is no whole number")
         else:
             parameter = number("filter_parameter", parameter, 1e-3, 100.0)
             if self.filter == "box" and parameter != default:
@@ -103,6 +111,14 @@ class Camera:
     film, local x in [-1, 1] and y as its height asks, at z = near_clip; they end far_clip -
     near_clip world units further. to_world may then scale but not shear; fov and principal point
     have no effect, and there is no aperture. `Camera.orthographic` makes one.
+    Or "irradiance": rays leave the front of a surface by the cosine to its normal and count pi
+    times, so that a picture's mean is the surface's mean irradiance. Or "distant": rays along local
+    Z come from outside of the scene to the surface, even over its area. The place on the film says
+    where on the surface. Of to_world the place has no effect, and the lens and clipping have none.
+    patches: (N, 11) float64, that surface, which need not be one of the scene: the index in
+    PATCH_KINDS, 1 or -1 where the normal is the axes' product or its opposite, a point, and two
+    axes in world units: of triangles and parallelograms from a corner, of discs the half axes; of
+    spheres (radius, 0, 0) and zeros, the normal outwards or inwards.
     Raises SceneError for values outside these ranges and for a singular or scaling to_world.
     """
 
@@ -116,11 +132,12 @@ class Camera:
     focus_distance: float = 1.0
     medium: int = -1
     projection: str = "perspective"
+    patches: Array = field(default_factory=lambda: np.empty((0, 11)))
 
     def __post_init__(self) -> None:
         matrix = check_matrix("camera to_world", self.to_world)
         choice("projection", self.projection, PROJECTIONS)
-        if self.projection == "perspective":
+        if self.projection != "orthographic":
             check_rigid("camera to_world", "a camera", matrix)
         else:
             _check_parallel(matrix, self.aperture_radius)
@@ -129,6 +146,8 @@ class Camera:
         far = number("far_clip", self.far_clip, 0.0, math.inf)
         if not far > near:
             raise SceneError(f"far_clip = {far:g} must be greater than near_clip = {near:g}")
+        patches = array("patches", self.patches, np.float64, (None, 11))
+        _check_patches(patches, self.projection)
         offset = array("principal_point_offset", self.principal_point_offset, np.float64, (2,))
         if np.abs(offset).max() > 1e3:
             raise SceneError(f"principal_point_offset = {offset.tolist()} exceeds 1000 film sizes")
@@ -143,14 +162,34 @@ class Camera:
                 "focus_distance", self.focus_distance, 0.0, MAX_COORDINATE, open_=True
             ),
             "medium": whole("camera medium", self.medium, -1, 2**31 - 1),
+            "patches": patches,
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @property
+    def measures(self) -> bool:
+        """Whether its rays begin at, or go to, a surface."""
+        return self.projection in ("irradiance", "distant")
+
+    @property
+    def around(self) -> tuple[Array, float]:
+        """Centre (3,) and radius of a ball about the patches."""
+        kind, point, a, b = (
+            self.patches[:, k] for k in (0, slice(2, 5), slice(5, 8), slice(8, 11))
+        )
+        corner = np.minimum(a, 0) + np.minimum(b, 0), np.maximum(a, 0) + np.maximum(b, 0)
+        flat = (kind < PATCH_KINDS.index("disk"))[:, None]
+        reach = np.where((kind == PATCH_KINDS.index("sphere"))[:, None], a[:, :1], np.hypot(a, b))
+        low = (point + np.where(flat, corner[0], -reach)).min(axis=0)
+        high = (point + np.where(flat, corner[1], reach)).max(axis=0)
+        half = 0.5 * (high - low)
+        return low + half, math.sqrt(math.fsum((half * half).tolist()))
+
+    @property
     def placed(self) -> Array:
         """to_world (4, 4) without its scale."""
-        if self.projection == "perspective":
+        if self.projection != "orthographic":
             return self.to_world
         matrix = np.array(self.to_world)
         matrix[:3, :3] /= _scales(matrix)
@@ -160,7 +199,7 @@ class Camera:
     @property
     def clip_depths(self) -> tuple[float, float]:
         """Distances of the near and the far plane along the view, in world units."""
-        if self.projection == "perspective":
+        if self.projection != "orthographic":
             return self.near_clip, self.far_clip
         near = self.near_clip * _scales(self.to_world)[2]
         return near, near + (self.far_clip - self.near_clip)
@@ -324,6 +363,17 @@ class Camera:
 def _scales(matrix: Array) -> list[float]:
     """Lengths of the axes that a matrix (4, 4) gives."""
     return [math.sqrt(x * x + y * y + z * z) for x, y, z in matrix[:3, :3].T.tolist()]
+
+
+def _check_patches(patches: Array, projection: str) -> None:
+    """Raises SceneError for what the patches of a camera cannot be."""
+    if (len(patches) > 0) != (projection in ("irradiance", "distant")):
+        raise SceneError(f"{len(patches)} patches of a camera of projection {projection}")
+    in_range("patches", patches, -MAX_COORDINATE, MAX_COORDINATE)
+    if not np.isin(patches[:, 0], range(len(PATCH_KINDS))).all():
+        raise SceneError(f"patches[:, 0] are not all indices of {', '.join(PATCH_KINDS)}")
+    if not np.isin(patches[:, 1], (-1.0, 1.0)).all():
+        raise SceneError("patches[:, 1] are not all 1 or -1")
 
 
 def _check_parallel(matrix: Array, aperture: float) -> None:

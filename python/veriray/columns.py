@@ -73,7 +73,7 @@ OPAQUE_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.opaq
 SCATTERING_KINDS = tuple(name for name, kind in _MATERIAL_KINDS.items() if kind.scatters)
 LIGHT_KINDS = ("point", "spot", "directional", "projector")
 #: Names of the values of `texture_kind`, `texture_wrap`, `texture_filter` and `texture_format`.
-TEXTURE_KINDS = ("bitmap", "checkerboard", "vertex_attribute", "face_attribute")
+TEXTURE_KINDS = ("bitmap", "checkerboard", "vertex_attribute", "face_attribute", "volume")
 TEXTURE_WRAPS = ("repeat", "mirror", "clamp")
 TEXTURE_FILTERS = ("bilinear", "nearest")
 TEXTURE_FORMATS = ("srgb8", "linear8", "half", "float")
@@ -299,6 +299,15 @@ _HASHED_IF_SET: dict[str, Column] = {
     ),
     "texture_width": Column("textures", np.uint32, (), 1, 1, 1 << 15, doc="in texels"),
     "texture_height": Column("textures", np.uint32, (), 1, 1, 1 << 15, doc="in texels"),
+    "texture_depth": Column(
+        "textures", np.uint32, (), 1, 1, 1 << 15,
+        doc="of a volume: texels along z; its height is along y, its format float",
+    ),
+    "texture_to_world": Column(
+        "textures", np.float64, (3, 4),
+        ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0)), -_BIG, _BIG,
+        doc="of a volume: what takes (x, y, z, 1) of the unit cube of its texels to world units",
+    ),
     "texture_grey": Column(
         "textures", np.bool_, (), False, doc="one number a texel; else three, and 8-bit and half "
         "texels have a fourth that is not used",
@@ -744,12 +753,23 @@ def _check_textures(arrays: Mapping[str, Array]) -> None:
                     f"attribute_values[{first + bad}] of texture {row} holds "
                     f"{of_row[bad].max():g}, outside [0, {most[row]:g}]"
                 )
-    for row in np.flatnonzero(arrays["texture_kind"] == TEXTURE_KINDS.index("bitmap")).tolist():
+    solid = arrays["texture_kind"] == TEXTURE_KINDS.index("volume")
+    row = _first(solid & (formats != TEXTURE_FORMATS.index("float")))
+    if row is not None:
+        raise SceneError(f"texture_format[{row}] of a volume is not float")
+    with np.errstate(all="ignore"):
+        x, y, z = (arrays["texture_to_world"][:, :, k] for k in range(3))
+        row = _first(solid & ~(np.abs((np.cross(x, y) * z).sum(axis=1)) > 0))
+    if row is not None:
+        raise SceneError(f"texture_to_world[{row}] is singular")
+    image = arrays["texture_kind"] == TEXTURE_KINDS.index("bitmap")
+    for row in np.flatnonzero(image | solid).tolist():
         name = TEXTURE_FORMATS[formats[row]]
         size = TEXEL_BYTES[formats[row]][int(arrays["texture_grey"][row])]
         width, height, first = (
             int(arrays[f"texture_{key}"][row]) for key in ("width", "height", "first")
         )
+        height *= int(arrays["texture_depth"][row]) if solid[row] else 1
         last = first + -(-width * height * size // 4)
         if last > len(words):
             raise SceneError(

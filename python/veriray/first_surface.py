@@ -172,6 +172,10 @@ def band(device: Device, width: int, threads: int) -> int:
 
 def check(scene: Scene, names: tuple[str, ...]) -> None:
     """Raises ValueError for what a scene cannot have."""
+    if names and scene.camera.measures:
+        raise ValueError(
+            f"feature images are not of cameras of projection {scene.camera.projection}"
+        )
     if "uv" in names and len(scene.triangles) and not scene.uv.any():
         raise ValueError(
             'feature "uv": the meshes of the scene have no texture coordinates; the reader keeps '

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .camera import Camera
 from .columns import COLUMNS
 from .device import Device, polled
 from .errors import SceneError
@@ -84,6 +85,9 @@ def _view_arguments(scene: Scene) -> dict[str, Any]:
             "focus_distance": camera.focus_distance,
             "hides_light": scene.hide_emitters,
             "medium": camera.medium,
+            "patches": camera.patches,
+            "distant": camera.projection == "distant",
+            **(_around_patches(camera) if camera.measures else {}),
         },
         "film": {
             "width": film.width,
@@ -92,6 +96,16 @@ def _view_arguments(scene: Scene) -> dict[str, Any]:
             "filter_parameters": film.filter_parameters,
         },
     }
+
+
+def _around_patches(camera: Camera) -> dict[str, Any]:
+    """Of the native camera of a surface what is other than of others: it stands in its middle, and
+    its aperture reaches around all of it."""
+    centre, radius = camera.around
+    to_world = np.array(camera.to_world)
+    to_world[:3, 3] = centre
+    clip = {"near_clip": 0.0, "far_clip": float("inf")}
+    return {"to_world": to_world, "aperture_radius": radius, "focus_distance": 1.0, **clip}
 
 
 def choose_builder(backend: str, triangles: int, paths: int) -> str:
@@ -104,6 +118,9 @@ def choose_builder(backend: str, triangles: int, paths: int) -> str:
     """
     early = backend == "cuda" and triangles >= 1 << 14 and paths < CATCH_UP * triangles
     return "ploc" if early else "sah"
+
+
+_ARRAYS = ("to_world", "patches")  # of a camera
 
 
 class NativeForm(NamedTuple):
@@ -120,8 +137,8 @@ class NativeForm(NamedTuple):
         own, other = self.view["camera"], view["camera"]
         return (
             self.view["film"] == view["film"]
-            and all(own[name] == other[name] for name in own if name != "to_world")
-            and bool((own["to_world"] == other["to_world"]).all())
+            and all(own[name] == other[name] for name in own if name not in _ARRAYS)
+            and all(np.array_equal(own[name], other[name]) for name in _ARRAYS)
         )
 
 

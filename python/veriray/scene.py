@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from . import parameters, showing
 from .camera import Camera, Film
-from .columns import COLUMNS, LIGHT_KINDS, checked, hashed
+from .columns import COLUMNS, LIGHT_KINDS, TEXTURE_KINDS, checked, hashed
 from .errors import SceneError
 from .numeric import (
     MAX_COORDINATE,
@@ -289,6 +289,8 @@ class Scene(SceneArrays):
         ]
         if camera.projection != "perspective":
             digest.update(f"{camera.projection} ".encode())
+        if camera.measures:
+            digest.update(camera.patches.astype("<f8").tobytes())
         digest.update(" ".join(float(x).hex() for x in numbers).encode())
         settings = (film.width, film.height, film.filter, self.max_depth, self.rr_depth)
         digest.update(f"\n{(*settings, camera.medium)}\n".encode())
@@ -369,6 +371,10 @@ class Scene(SceneArrays):
             name: getattr(self, name) * factor
             for name in ("vertices", "spheres", "disks", "light_position", "grid_to_world")
         }
+        solid = (self.texture_kind == TEXTURE_KINDS.index("volume"))[:, None, None]
+        places["texture_to_world"] = np.where(
+            solid, self.texture_to_world * factor, self.texture_to_world
+        )
         turned = self.relief_texture >= 0
         places["relief_scale"] = np.where(turned, self.relief_scale * factor, self.relief_scale)
         copy = self._with_arrays(
@@ -396,9 +402,11 @@ def _scaled(camera: Camera, factor: float) -> Camera:
     to_world[:3, 3] *= factor
     if camera.projection == "orthographic":
         to_world[:3, :2] *= factor
+    patches = np.array(camera.patches)
+    patches[:, 2:] *= factor
     lens = ("near_clip", "far_clip", "aperture_radius", "focus_distance")
     lengths: dict[str, Any] = {name: getattr(camera, name) * factor for name in lens}
-    return dataclasses.replace(camera, to_world=to_world, **lengths)
+    return dataclasses.replace(camera, to_world=to_world, patches=patches, **lengths)
 
 
 def load_file(

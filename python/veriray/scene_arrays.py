@@ -86,6 +86,11 @@ class SceneArrays:
     texture_format (X,) uint32: of TEXTURE_FORMATS (default 0)
     texture_width (X,) uint32: in texels (in [1, 32768], default 1)
     texture_height (X,) uint32: in texels (in [1, 32768], default 1)
+    texture_depth (X,) uint32: of a volume: texels along z; its height is along y, its format float
+        (in [1, 32768], default 1)
+    texture_to_world (X, 3, 4) float64: of a volume: what takes (x, y, z, 1) of the unit cube of its
+        texels to world units (default ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0,
+        0.0)))
     texture_grey (X,) bool: one number a texel; else three, and 8-bit and half texels have a fourth
         that is not used (default False)
     texture_first (X,) uint32: its first row of texels; of an attribute that of attribute_values,
@@ -259,6 +264,8 @@ class SceneArrays:
     texture_format: Array = _NONE
     texture_width: Array = _NONE
     texture_height: Array = _NONE
+    texture_depth: Array = _NONE
+    texture_to_world: Array = _NONE
     texture_grey: Array = _NONE
     texture_first: Array = _NONE
     texels: Array = _NONE

@@ -115,6 +115,11 @@ CASES = {
         "checks/mitchell.xml",
         ("--width", "32", "--height", "32", "--spp", "4096", "--batches", "16"),
     ),
+    "lanczos": Case(
+        "checks/mitchell.xml",
+        ("--width", "32", "--height", "32", "--spp", "4096", "--batches", "16"),
+        (('<rfilter type="mitchell"/>', '<rfilter type="lanczos"/>'),),
+    ),
     # The first of two surfaces in one place is the one that is seen.
     "two floors": Case("checks/smooth_normals.xml", _CHECK, hidden=(("</scene>", _SECOND_FLOOR),)),
 }  # fmt: skip
@@ -563,6 +568,8 @@ _GEOMETRY = (
     Mutant("mitchell's negative lobes positive", "film/filter.h",
            "select(x < F(2.f), cubic(f.far), none)", "select(x < F(2.f), abs(cubic(f.far)), none)",
            "mitchell"),
+    Mutant("lanczos without its window", "film/filter.h",
+           "narrow * wide / (away * away)", "narrow * F(f.slope * 2.f * kPi) / away", "lanczos"),
     Mutant("mitchell's lobes of the wrong weight", "scene/camera.cpp", "sum += parts[i];",
            "sum += std::abs(parts[i]);", "mitchell"),
     Mutant("cosine to the geometric normal in light samples", _DIRECT, "dot(at.ns, light.wi)",

@@ -144,6 +144,7 @@ def _value(case: Case) -> str:
         "rotation": _MATRIX.format(name, _TURN),
         "uv": _MATRIX.format(name, "2 0 0 0 0 2 0 0 0 0 1 0 0 0 0 1"),
         "point": f'<point name="{name}" value="0.1 0.2 0.3"/>',
+        "shape": f'<shape name="{name}" type="rectangle"/>',
         "vector": f'<vector name="{name}" value="0.1 0.2 0.3"/>',
         "ray": '<point name="origin" value="0 0 3"/><vector name="direction" value="0 0 -1"/>',
         "both": _floats(("alpha_u", 0.1), ("alpha_v", 0.3)),
@@ -188,7 +189,7 @@ def element(case: Case) -> str:
     if case.parameter:
         parts.append(_value(case))
     if case.plugin in ("radiancemeter", "irradiancemeter", "distant"):
-        parts.append(_FILM.format(1, 1))
+        parts.append(_FILM.format(1, 1).replace("</film>", '<rfilter type="box"/></film>'))
     elif case.category == "sensor":
         parts.append(_FILM.format(8, 8))
     use = {"spectrum": "radiance" if case.plugin in ("blackbody", "d65") else "reflectance",

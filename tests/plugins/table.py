@@ -112,7 +112,7 @@ sampler multijitter sample_count:integer seed:integer jitter:boolean
 sampler orthogonal sample_count:square seed:integer jitter:boolean
 sampler stratified sample_count:square seed:integer jitter:boolean
 sensor batch +sensor +sensor
-sensor distant direction:vector to_world:transform target:point
+sensor distant direction:vector to_world:transform target:point,shape
 sensor irradiancemeter
 sensor orthographic to_world:transform {_CLIP} {_SHUTTER}
 sensor perspective {_LENS} principal_point_offset_x:float principal_point_offset_y:float

@@ -55,7 +55,7 @@ def test_looking_at_keeps_the_lens():
     for changed in (other, moved, camera.dolly(1), camera.orbit(10)):
         assert changed is not camera
         for field in dataclasses.fields(Camera):
-            if field.name not in ("to_world", "principal_point_offset"):
+            if field.name not in ("to_world", "principal_point_offset", "patches"):
                 assert getattr(changed, field.name) == getattr(camera, field.name), field.name
 
 
@@ -146,6 +146,10 @@ def test_film_of_the_mitchell_filter():
     assert Film(4, 4, "mitchell").filter_parameters == (third, third)
     assert Film(4, 4, "mitchell", (0, 0.5)).filter_parameter == (0.0, 0.5)
     assert Film(4, 4, "gaussian", 0.4).filter_parameters == (0.4, 0.0)
+    assert Film(4, 4, "lanczos").filter_parameters == (3.0, 0.0)
+    for lobes in (0, 2.5, 17):
+        with pytest.raises(SceneError, match="filter_parameter"):
+            Film(4, 4, "lanczos", lobes)
     for bad in ((0, 1.5), 0.3, (1, 2, 3), (0, math.nan)):
         with pytest.raises(SceneError, match="filter_parameter"):
             Film(4, 4, "mitchell", bad)

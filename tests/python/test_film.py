@@ -286,7 +286,7 @@ def test_a_render_resumes_at_any_sample(filter: str, sampler: str, device: str) 
 
 @pytest.mark.parametrize(("filter", "parameter", "share"), [
     ("tent", 1.0, 0.477), ("gaussian", 0.5, 0.3335), ("mitchell", (1 / 3, 1 / 3), 0.502),
-    ("mitchell", (0.0, 0.5), 0.740),
+    ("mitchell", (0.0, 0.5), 0.740), ("lanczos", 3.0, 0.933),
 ])  # fmt: skip
 def test_filters_leave_their_share_of_noise(
     filter: str, parameter: Any, share: float, device: str
@@ -307,6 +307,28 @@ def test_filters_leave_their_share_of_noise(
     variance = float((made.stderr[..., 0].astype(np.float64) ** 2).mean()) * 256
     assert abs(variance / (share / 4) - 1) < 0.02
     assert abs(made.image[..., 0].mean() - 0.5) < 5 * 0.5 / (256 * 40 * 30) ** 0.5
+
+
+@pytest.mark.parametrize("lobes", [1, 3, 16])
+def test_room_of_shared_samples(lobes: int) -> None:
+    """The weights of a sample under lanczos are below cpp/film/shared.h's kLanczosRoom in all.
+
+    Each h_Q lies between its extremes, H between their sums, and a weight is linear in both.
+    """
+    x = np.linspace(-0.5, 0.5, 513) + np.arange(-lobes, lobes + 1)[:, None]
+    f = np.where(np.abs(x) < lobes, np.sinc(x) * np.sinc(x / lobes), 0.0)
+    part = (f[:, 1:] + f[:, :-1]).mean(axis=1) / 2
+    f, part = f / part.sum(), part / part.sum()
+    ends = np.array([np.outer(a, b) for a in (f.min(1), f.max(1)) for b in (f.min(1), f.max(1))])
+    share = np.outer(part, part)
+    low, high = ((e - share) / (1 - share) for e in (ends.min(axis=0), ends.max(axis=0)))
+    most = 0.0
+    for total in (low.sum(), high.sum()):
+        of_others = np.maximum(abs(share * (1 - total) + low), abs(share * (1 - total) + high))
+        rest = 1 - (1 - total) * (1 - share[lobes, lobes]) - total
+        own = max(abs(rest + h[lobes, lobes]) for h in (low, high))
+        most = max(most, of_others.sum() - of_others[lobes, lobes] + own)
+    assert {1: 7.7, 3: 12.1, 16: 26.3}[lobes] < most < {1: 7.9, 3: 12.3, 16: 26.6}[lobes] < 32
 
 
 def test_devices_share_a_render() -> None:

@@ -59,11 +59,6 @@ CASES = {
         ball(b={"type": "twosided", "a": BLEND}),
         "its back is rendered as its front",
     ),
-    "lanczos": (
-        {"view": {**VIEW, "film": {"type": "hdrfilm", "f": {"type": "lanczos"}}}, **ball()},
-        {"view": {**VIEW, "film": {"type": "hdrfilm", "f": {"type": "catmullrom"}}}, **ball()},
-        "lanczos is rendered as catmullrom",
-    ),
     "spectral film": (
         {"view": {**VIEW, "film": {"type": "specfilm", "width": 9}}, **ball()},
         {"view": {**VIEW, "film": {"type": "hdrfilm", "width": 9}}, **ball()},

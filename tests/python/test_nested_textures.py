@@ -322,8 +322,8 @@ def test_a_volume_is_its_colour(device: str) -> None:
                 pictures.append(seen(made, bsdf(given) if bsdf else diffuse(0.5), DOWN[0], device))
             np.testing.assert_array_equal(*pictures)
     for inside, message in (
-        ({"type": "gridvolume", "data": np.ones((2, 2, 2), np.float32)},
-         "volume: a gridvolume is not read as a texture; allowed: constvolume"),
+        ({"type": "gridvolume", "data": np.ones((2, 2, 2, 2), np.float32)},
+         "2 numbers a cell; a texture takes 1 or 3"),
         ({"type": "constvolume", "value": 2.0}, r"volume: 2.0 is outside \[0, 1\]"),
     ):  # fmt: skip
         with pytest.raises(SceneError, match=message):

@@ -371,6 +371,7 @@ CHANGES = {
     "texture_kind": (0, 1), "texture_to_uv": ((0, 0, 2), 7), "texture_color0": ((1, 0), 0.25),
     "texture_color1": ((1, 1), 0.25), "texture_wrap": (0, 1), "texture_filter": (0, 1),
     "texture_format": (0, 1), "texture_width": (0, 1), "texture_height": (0, 1),
+    "texture_depth": (0, 2), "texture_to_world": ((0, 0, 3), 0.5),
     "texture_grey": (0, True), "texture_first": (1, 1), "texels": (0, 7),
     **{f"{name}_texture": (0, 1) for name in (*TEXTURABLE, "relief")},
     "texture_field0": (1, 0), "texture_field1": (1, 0), "eta_texture": (2, 1), "k_texture": (2, 1),

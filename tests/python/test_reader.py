@@ -319,6 +319,17 @@ def test_catmullrom_is_a_mitchell_filter(tmp_path: Path) -> None:
     assert one.sha256 == other.sha256 and not one.notes
 
 
+def test_lanczos_has_its_lobes(tmp_path: Path) -> None:
+    films = []
+    for text in ("", param("integer", "lobes", 3), param("integer", "lobes", 5)):
+        lanczos = SENSOR.format(f'<rfilter type="lanczos">{text}</rfilter>', "")
+        scene = loaded(tmp_path, SKY, lanczos)
+        assert not scene.notes
+        films.append((scene.film.filter, scene.film.filter_parameter, scene.sha256))
+    assert films[0] == films[1] == ("lanczos", 3.0, films[1][2])
+    assert films[2][1] == 5.0 and films[2][2] != films[1][2]
+
+
 # ---- sensors -----------------------------------------------------------------------------------
 
 

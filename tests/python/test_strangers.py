@@ -526,7 +526,6 @@ def test_a_distant_sensor_with_a_target_is_one_ray(tmp_path: Path, device: str) 
         ({"film": {"type": "hdrfilm", "width": 2, "height": 1}}, "2 x 1 pixels, expected 1 x 1"),
         ({"direction": [0, 0, 1], "to_world": np.eye(4)}, "both direction and to_world given"),
         ({"direction": [0, 0, 0]}, "direction has length 0"),
-        ({"target": {"type": "rectangle"}}, 'distant "c" cannot hold a shape "rectangle"'),
     ],
 )
 def test_distant_sensors_that_are_not_read(sensor: dict[str, Any], message: str) -> None:

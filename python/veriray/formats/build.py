@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -14,15 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import transform
-from ..camera import Camera, Film
+from ..camera import Camera
 from ..columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
-from ..numeric import check_rigid, tan_half_degrees, view_angle
-from . import fibres, integrators, materials, phases, textures, views, volumes
+from ..numeric import check_rigid, tan_half_degrees
+from . import fibres, integrators, materials, meters, phases, textures, views, volumes
 from .curves import KINDS
-from .node import Node, Ref, Tree, allowed, parse_float, shorten
-from .plugins import COLOUR, PLUGINS, RELIEFS, SHUTTER, STRATIFIED
+from .node import Node, Ref, Tree, allowed, shorten
+from .plugins import COLOUR, PLUGINS, RELIEFS, SHUTTER
 from .report import Full, Listed, Report
+from .sensors import Sensors, field_of_view, shutter
 from .shapes import IDENTITY, Shapes, Surface, must_be_closed
 from .skies import envmap
 from .sunsky import sunsky
@@ -32,8 +32,6 @@ from .values import check, located
 
 Array = npt.NDArray[Any]
 _Parts = dict[str, list[Node]]
-_View = tuple[Camera, Film, dict[str, Any]]
-_DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
 
 
 #: Categories of objects that Mitsuba takes in a scene, too, where they have no effect.
@@ -89,6 +87,9 @@ class _Builder:
         self.rows: dict[int, materials.Row] = {}
         self.around: set[int] = set()  # bsdfs that hold the one of which a row is made
         self.groups: dict[int, list[Surface]] = {}
+        self.sensors = Sensors(
+            self.report, tree.ids, self.check, self.resolve, self.medium, self.boundary
+        )
         self.tables = _Tables()
         self.texels = textures.Texels(self.report)
         self.grids = volumes.Grids()
@@ -124,12 +125,15 @@ class _Builder:
             self.attempt(check, node, self.report, every=True)
         shapes = Shapes(self.textured, self.textured_lamps)
         for node in known:
+            if node.category == "shape":
+                self.sensors.meters.add(node, self.tree.ids)
+        for node in known:
             if node.category == "bsdf":
                 self.attempt(self.material, node)
             elif node.category == "medium":
                 self.attempt(self.check_medium, node)
             elif node.category == "sensor":
-                self.attempt(self.sensors, node)
+                self.attempt(self.sensors.seen_by, node)
             elif node.category == "integrator":
                 self.attempt(integrators.depths, node, self.check, self.report)
             elif node.category == "shape" and "shape" not in PLUGINS[node.plugin].children:
@@ -245,9 +249,11 @@ class _Builder:
         integrator = parts["integrator"][0] if parts["integrator"] else Node("path", root.where)
         depths = integrators.depths(integrator, self.check, self.report)
         self.hides = bool(depths["hide_emitters"])
-        of_each = [self.sensors(node) for node in parts["sensor"]]
+        self.sensors.meters = meters.of_scene(self.items(root), self.tree.ids)
+        sensors = self.sensors.meters.nodes
+        of_each = [self.sensors.seen_by(node) for node in sensors]
         seen_by = [view for one in of_each for view in one]
-        chosen = self.chosen(parts["sensor"], max(len(seen_by), 1))
+        chosen = self.chosen(sensors, max(len(seen_by), 1))
         environment = self.lights(parts["emitter"])
         for bsdf in parts["bsdf"]:
             self.material(bsdf)
@@ -283,12 +289,14 @@ class _Builder:
             features = tuple(name for name in features if name != "uv")
             self.report.note(f"{integrator}: nothing is textured, so uv is not written",
                              integrator.where)  # fmt: skip
-        for node, one in zip(parts["sensor"], of_each, strict=True):
+        for node, one in zip(sensors, of_each, strict=True):
             if node.plugin == "distant":
-                one[:] = [(self.far(node, views.ball(arrays)), *one[0][1:])]
+                one[:] = [(self.sensors.far(node, views.ball(arrays)), *one[0][1:])]
         seen_by = [view for one in of_each for view in one]
         if not seen_by:
-            seen_by = [self.sensor(Node("perspective", root.where), views.framing(arrays, root))]
+            seen_by = [
+                self.sensors.view(Node("perspective", root.where), views.framing(arrays, root))
+            ]
             self.report.note("the scene has no sensor; one was placed that frames it", root.where)
         camera, film, sampling = seen_by[chosen]
         arguments = {
@@ -374,131 +382,12 @@ class _Builder:
             return tuple(values["radiance"])
         self.unscaled(skies[0], values)
         if skies[0].plugin == "timed_sunsky":
-            self.sky = timed_sunsky(skies[0], values, self.shutter(), self.report)
+            held = self.check(self.tree.scene)[0]["sensor"][self.sensor_index or 0 :][:1]
+            self.sky = timed_sunsky(skies[0], values, shutter(held), self.report)
         else:
             made = envmap if skies[0].plugin == "envmap" else sunsky
             self.sky = made(skies[0], values, self.report)
         return 0.0, 0.0, 0.0
-
-    def shutter(self) -> tuple[float, float]:
-        """When that of the first sensor is open, or of the one that is asked for."""
-        found = self.check(self.tree.scene)[0]["sensor"][self.sensor_index or 0 :][:1]
-        times = []
-        for name in SHUTTER:
-            given = found[0].values.get(name) if found else None
-            if given is not None and given.kind not in ("float", "integer"):
-                raise SceneError(f'{found[0]}: "{name}" is no number', given.where)
-            times.append(0.0 if given is None else float(given.value))
-        return times[0], times[1]
-
-    def sensors(self, node: Node) -> list[_View]:
-        """What a sensor sees; of a batch what each of its sensors does."""
-        parts, _ = self.check(node)
-        if node.plugin != "batch":
-            return [self.sensor(node)]
-        return [self.sensor(one) for one in views.batch(node, parts, self.tree.ids, self.report)]
-
-    def sensor(self, node: Node, place: Array | None = None) -> _View:
-        """What a sensor sees, and how; place: its to_world, unless the file has it."""
-        parts, values = self.check(node)
-        film_node = parts["film"][0] if parts["film"] else Node("hdrfilm", node.where)
-        sampler = parts["sampler"][0] if parts["sampler"] else Node("independent", node.where)
-        film_parts, size = self.check(film_node)
-        filters = film_parts["rfilter"]
-        filter_node = filters[0] if filters else Node("gaussian", film_node.where)
-        kind, parameters = filter_node.plugin, list(self.check(filter_node)[1].values())
-        if kind == "lanczos":
-            text = f"{filter_node} is rendered as catmullrom, the nearest filter that there is"
-            self.report.warn(text, filter_node.where)
-        if kind in ("catmullrom", "lanczos"):
-            kind, parameters = "mitchell", [0.0, 0.5]
-        if film_node.plugin == "specfilm":
-            self.report.warn(f"{film_node}: RGB is rendered, not its bands", film_node.where)
-        width, height = size["width"], size["height"]
-        left, top, wide, high = views.window(film_node, size)
-        film = located(
-            film_node,
-            lambda: Film(
-                wide,
-                high,
-                kind,
-                parameters[0] if len(parameters) == 1 else tuple(parameters) or None,
-            ),
-        )
-        if node.plugin == "distant":
-            views.one_pixel(node, (width, height))
-            return self.far(node, views.NOTHING), Film(1, 1, "box"), self.sampling(sampler)
-        if node.plugin in ("orthographic", "radiancemeter"):
-            to_world = np.eye(4) if values["to_world"] is None else values["to_world"]
-            if node.plugin == "radiancemeter":
-                to_world = views.one_ray(node, values, (width, height))
-            part = views.part((width, height), (left, top), (wide, high))
-            camera = located(
-                node,
-                lambda: Camera.orthographic(
-                    transform.compose(to_world, part),
-                    near_clip=values.get("near_clip", 0.0),
-                    far_clip=values.get("far_clip", math.inf),
-                    medium=self.medium(parts["medium"][0]) if parts["medium"] else -1,
-                ),
-            )
-            return camera, film, self.sampling(sampler)
-        fov, axis = self.field_of_view(node, values)
-        if place is not None:
-            fov, axis = views.FRAMING_FOV, values["fov_axis"]
-        offset = [values.get(f"principal_point_offset_{end}", 0.0) for end in "xy"]
-        to_world = np.eye(4) if place is None else place
-        to_world = to_world if values["to_world"] is None else values["to_world"]
-        if (wide, high) != (width, height):
-            whole = located(node, lambda: Camera(to_world, fov, axis))
-            fov, axis = view_angle(2 * whole.tan_half_x(width, height) * wide, width), "x"
-            offset = views.shifted(offset, (width, height), (left, top), (wide, high))
-        camera = located(
-            node,
-            lambda: Camera(
-                to_world,
-                fov,
-                axis,
-                values["near_clip"],
-                values["far_clip"],
-                np.array(offset),
-                values.get("aperture_radius", 0.0),
-                values["focus_distance"] or 1.0 if node.plugin == "thinlens" else 1.0,
-                self.medium(parts["medium"][0]) if parts["medium"] else -1,
-            ),
-        )
-        return camera, film, self.sampling(sampler)
-
-    def far(self, node: Node, around: views.Ball) -> Camera:
-        """The camera of a distant sensor; around: the sphere about all shapes."""
-        parts, values = self.check(node)
-        inside = self.medium(parts["medium"][0]) if parts["medium"] else -1
-        camera: Camera = located(node, lambda: views.distant(node, values, around, inside))
-        return camera
-
-    def sampling(self, node: Node) -> dict[str, Any]:
-        """The settings that a sampler gives."""
-        _, given = self.check(node)
-        kind = "sobol" if node.plugin in STRATIFIED else node.plugin
-        return {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
-
-    def field_of_view(self, node: Node, values: dict[str, Any]) -> tuple[float, str]:
-        """The angle of a sensor or projector in degrees, and along what."""
-        fov, focal = values["fov"], values["focal_length"]
-        if fov is not None and focal is not None:
-            text = "both fov and focal_length given, expected one of them"
-            raise SceneError(f"{node}: {text}", node.where)
-        if fov is not None:
-            return fov, values["fov_axis"]
-        where = node.values["focal_length"].where if focal else node.where
-        focal = focal or "50mm"
-        number = re.sub(r"\s*mm\s*$", "", focal)
-        length = parse_float(number, f'{node}: "focal_length"', where)
-        if not 1e-3 <= length <= 1e6:
-            raise SceneError(
-                f'{node}: "focal_length" = {shorten(focal)} is outside [0.001, 1e+06] mm', where
-            )
-        return view_angle(_DIAGONAL_35_MM, length), "diagonal"
 
     def material(self, node: Node) -> materials.Row:
         """The row of a bsdf, made once."""
@@ -609,8 +498,7 @@ class _Builder:
         textures.check_depth(node, depth)
         parts, values = self.check(node)
         if node.plugin == "volume":
-            volume = parts["volume"][0]
-            values = {"value": self.even(node, volume), "where": volume.where}
+            values = self.volume(parts["volume"][0])
         known = id(node) in self.texels.rows
         row = self.texels.row(node, values, most=most, inverse=inverse)
         for name in ("texture_color0", "texture_color1"):
@@ -625,14 +513,13 @@ class _Builder:
             found += attributes
         return row, found
 
-    def even(self, node: Node, volume: Node) -> tuple[float, ...]:
-        """The colour of a texture that is a volume."""
-        if volume.plugin != "constvolume":
-            text = f"{node}: a {volume.plugin} is not read as a texture; allowed: constvolume"
-            raise SceneError(text, volume.where)
+    def volume(self, volume: Node) -> dict[str, Any]:
+        """What a texture reads of a volume."""
         values = self.check(volume)[1]
-        colour: tuple[float, ...] = values["color"] or values["value"]
-        return colour
+        if volume.plugin == "constvolume":
+            return {"value": values["color"] or values["value"], "where": volume.where}
+        cells, matrix = self.grids.cells(volume, values, "a texture")
+        return {**values, "cells": cells, "matrix": matrix, "where": volume.where}
 
     def copy(self, known: dict[int, tuple[Node, Node]], node: Node, exchange: bool) -> Node:
         """A texture's node and those in it once more, made once."""
@@ -757,6 +644,8 @@ class _Builder:
     def surface(self, node: Node) -> Surface:
         """A shape with the rows of its material, emission and boundary."""
         values, parts = check(node, self.report), self.children(node)  # used once
+        for sensor in parts["sensor"]:
+            self.sensors.meters.of(sensor)
         lamp = parts["emitter"][0] if parts["emitter"] else None
         if parts["bsdf"]:
             bsdf, row = parts["bsdf"][0], self.material(parts["bsdf"][0])
@@ -896,7 +785,7 @@ class _Builder:
         image, size, _ = self.light_texture(node, "irradiance")
         if image < 0 and values["irradiance"] is None:
             raise SceneError(f'{node}: "irradiance" ({COLOUR} or texture) is missing', node.where)
-        fov, axis = self.field_of_view(node, values)
+        fov, axis = field_of_view(node, values)
         view = located(node, lambda: Camera(matrix, fov, axis))
         # Mitsuba's images have two rows and two columns at least.
         halves = [of(*(max(n, 2) for n in size)) for of in (view.tan_half_x, view.tan_half_y)]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
-from ..camera import FILTERS, FOV_AXES, MAX_PIXELS
+from ..camera import FILTERS, FOV_AXES, MAX_PIXELS, MOST_LOBES
 from ..columns import (
     DISTRIBUTIONS,
     LIGHT_KINDS,
@@ -97,6 +97,7 @@ class Plugin:
     lenient: str = ""
 
 
+_MANY = 10**9
 #: Refractive indices by name, as in Mitsuba 3.
 IORS = {
     "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277,
@@ -107,7 +108,6 @@ IORS = {
     "amber": 1.55, "pet": 1.575, "diamond": 2.419,
 }  # fmt: skip
 
-_MANY = 10**9
 _CLOCK = ("year", "month", "day", "hour", "minute", "second")
 SHUTTER = ("shutter_open", "shutter_close")
 _SHUTTER = {
@@ -158,6 +158,7 @@ _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": ((*_BSDFS, "hair"), 0, 1),
     "emitter": (("area", "directionalarea"), 0, 1),
     "medium": (_MEDIA, 0, 2),
+    "sensor": (("irradiancemeter",), 0, _MANY),
 }
 _CREASE = "degrees between faces from which on an edge is sharp; of Mitsuba 0.x"
 _MESH = {
@@ -431,7 +432,7 @@ def _film(name: str) -> Plugin:
             "compensate": Param("boolean", False, note="sums are exact"),
             "banner": Param("boolean", False, note="no banner is drawn"),
         },
-        {"rfilter": ((*FILTERS, "catmullrom", "lanczos"), 0, 1)},
+        {"rfilter": ((*FILTERS, "catmullrom"), 0, 1)},
         doc={
             "hdrfilm": "linear RGB",
             "specfilm": "as hdrfilm, with a warning: not its bands, which are spectra of any name",
@@ -528,12 +529,21 @@ PLUGINS: dict[str, Plugin] = {
                 None,
                 -MAX_COORDINATE,
                 MAX_COORDINATE,
-                doc="one ray goes there; default: rays to all of a disc across the ball about the "
-                "box of the scene",
+                doc="one ray goes there, or rays to all of a shape of that name, which is in the "
+                "sensor; default: to a disc across the ball about the box of the scene",
             ),
         },
-        _ON_SENSORS,
+        {**_ON_SENSORS, "shape": (_SHAPES, 0, 1)},
         doc="parallel rays from outside of the scene; its film has 1 x 1 pixels",
+        noted=_SHUTTER,
+    ),
+    "irradiancemeter": Plugin(
+        "sensor",
+        {},
+        _ON_SENSORS,
+        {"to_world": "it is where its shape is"},
+        doc="in a shape: what falls on its front, by its area; box filter, the film lies over the "
+        "shape as in Mitsuba",
         noted=_SHUTTER,
     ),
     **{name: _film(name) for name in FILMS},
@@ -550,8 +560,8 @@ PLUGINS: dict[str, Plugin] = {
     "catmullrom": Plugin("rfilter", doc="mitchell with B 0 and C 0.5"),
     "lanczos": Plugin(
         "rfilter",
-        {"lobes": Param("integer", 3, 1, 100)},
-        doc="as catmullrom, the nearest, with a warning",
+        {"lobes": Param("integer", 3, 1, MOST_LOBES)},
+        doc="sinc(x) sinc(x / lobes), 2 lobes pixels wide, with negative lobes",
     ),
     "independent": Plugin("sampler", _SAMPLER, lenient=_SAMPLED),
     **{
@@ -834,7 +844,7 @@ PLUGINS: dict[str, Plugin] = {
         doc="numbers of a mesh, interpolated between vertices; one or three of them",
     ),
     "volume": Plugin(
-        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="the colour of a constvolume"
+        "texture", {}, {"volume": (_VOLUMES, 1, 1)}, doc="a volume, read where the surface is"
     ),
     "homogeneous": Plugin(
         "medium",

@@ -15,7 +15,7 @@ from ..errors import SceneError
 from . import images, materials
 from .mesh import Mesh
 from .node import Node, Ref, Value, shorten
-from .plugins import PLUGINS, RELIEFS, texturable
+from .plugins import PLUGINS, RELIEFS, VOLUME_FILTERS, texturable
 from .report import Report
 
 Array = npt.NDArray[Any]
@@ -110,6 +110,8 @@ class Texels:
                 )
             if node.plugin == "mesh_attribute":
                 found = _attribute(node, values, most)
+            elif node.plugin == "volume" and "cells" in values:
+                found = self._volume(node, values, most, inverse)
             elif node.plugin == "volume":  # a checkerboard of equal fields
                 check_most(node, values["value"], most, values["where"])
                 found = {
@@ -166,6 +168,26 @@ class Texels:
             **stored,
             "texture_wrap": TEXTURE_WRAPS.index(values["wrap_mode"]),
             "texture_filter": TEXTURE_FILTERS.index(values["filter_type"]),
+        }
+
+    def _volume(
+        self, node: Node, values: dict[str, Any], most: float, inverse: bool
+    ) -> materials.Row:
+        """A grid in space: values of its gridvolume, with its cells and matrix."""
+        depth, height, width, channels = values["cells"].shape
+        texels = values["cells"].reshape(depth * height, width, channels)
+        within = _within if most < np.inf else _positive
+        image = images.Image(
+            within(node, texels, "the grid", values["where"], self.report, most).astype(np.float32)
+        )
+        return {
+            **self._store(_inverse(image) if inverse else image),
+            "texture_kind": TEXTURE_KINDS.index("volume"),
+            "texture_height": height,
+            "texture_depth": depth,
+            "texture_to_world": values["matrix"][:3].tolist(),
+            "texture_wrap": TEXTURE_WRAPS.index(values["wrap_mode"]),
+            "texture_filter": VOLUME_FILTERS.index(values["filter_type"]),
         }
 
     def _store(self, image: images.Image) -> materials.Row:

@@ -134,20 +134,26 @@ def ball(arrays: dict[str, Any]) -> Ball:
     return tuple((low + half).tolist()), radius * _WIDER
 
 
+def ahead(node: Node, values: dict[str, Any]) -> tuple[list[float], Array]:
+    """The direction of a distant sensor's rays, and a to_world that turns z there."""
+    matrix, along = values["to_world"], values["direction"]
+    if matrix is not None and along is not None:
+        raise SceneError(f"{node}: both direction and to_world given", node.where)
+    along = matrix[:3, 2].tolist() if matrix is not None else along or [0.0, 0.0, 1.0]
+    along = transform.unit(along, f"{node}: direction has length 0", node.where)
+    zero = [0.0, 0.0, 0.0]
+    return along, transform.look_at(zero, along, transform.any_up(zero, along), node.where)
+
+
 def distant(node: Node, values: dict[str, Any], around: Ball, medium: int) -> Camera:
     """The camera of a sensor that looks at a scene from far away: one ray towards its target, or
     those of a lens in focus far behind the scene, which are parallel to 1e-5. around: the sphere
     about all."""
-    matrix, ahead, target = (values[name] for name in ("to_world", "direction", "target"))
-    if matrix is not None and ahead is not None:
-        raise SceneError(f"{node}: both direction and to_world given", node.where)
-    ahead = matrix[:3, 2].tolist() if matrix is not None else ahead or [0.0, 0.0, 1.0]
-    ahead = transform.unit(ahead, f"{node}: direction has length 0", node.where)
+    along, turn = ahead(node, values)
+    target = values["target"]
     centre, radius = around
     away = radius if target is None else 2 * radius
-    start = [x - away * d for x, d in zip(target or centre, ahead, strict=True)]
-    zero = [0.0, 0.0, 0.0]
-    turn = transform.look_at(zero, ahead, transform.any_up(zero, ahead), node.where)
+    start = [x - away * d for x, d in zip(target or centre, along, strict=True)]
     placed = transform.compose(transform.translate(start), turn)
     if target is not None:
         point = transform.scale([_POINT, _POINT, 1.0])

@@ -64,23 +64,16 @@ class Grids:
         return found[1]
 
     def _shares(self, node: Node, values: dict[str, Any], use: str) -> Grid:
-        matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
         row: materials.Row = {}
         if node.plugin == "constvolume":
+            matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
             colour = np.array(values["color"] or values["value"], np.float32)
             cells = colour[None if len(set(colour.tolist())) > 1 else slice(1)].reshape(1, 1, 1, -1)
-            box = _UNIT
         else:
-            cells, box = self._read(node, values)
+            cells, matrix = self.cells(node, values, use)
             row["grid_wrap"] = TEXTURE_WRAPS.index(values["wrap_mode"])
             row["grid_filter"] = VOLUME_FILTERS.index(values["filter_type"])
-            if values["use_grid_bbox"]:
-                low, high = box.astype(np.float64).tolist()
-                sides = [b - a for a, b in zip(low, high, strict=True)]
-                matrix = tf.compose(matrix, tf.compose(tf.translate(low), tf.scale(sides)))
         z, y, x, channels = cells.shape
-        if channels not in (1, 3):
-            raise SceneError(f"{node}: {channels} numbers a cell; {use} takes 1 or 3", node.where)
         largest = float(cells.max()) if use == "sigma_t" else 1.0
         bad = ~((cells >= 0) & (cells <= largest))
         if bad.any():
@@ -97,6 +90,20 @@ class Grids:
         }
         shares = cells if largest in (0.0, 1.0) else (cells / np.float32(largest)).astype("f4")
         return Grid(replace(node), shares, largest, row)
+
+    def cells(self, node: Node, values: dict[str, Any], use: str) -> tuple[Array, Array]:
+        """The cells (Z, Y, X, 1 or 3) float32 of a gridvolume, and what takes its unit cube to the
+        world; use: what for, which an error names."""
+        matrix = np.eye(4) if values["to_world"] is None else values["to_world"]
+        cells, box = self._read(node, values)
+        if values["use_grid_bbox"]:
+            low, high = box.astype(np.float64).tolist()
+            sides = [b - a for a, b in zip(low, high, strict=True)]
+            matrix = tf.compose(matrix, tf.compose(tf.translate(low), tf.scale(sides)))
+        channels = cells.shape[3]
+        if channels not in (1, 3):
+            raise SceneError(f"{node}: {channels} numbers a cell; {use} takes 1 or 3", node.where)
+        return cells, matrix
 
     def _read(self, node: Node, values: dict[str, Any]) -> tuple[Array, Array]:
         given = [name for name in _SOURCES if values[name] is not None]

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import device as device_module
+from ..camera import PATCH_KINDS
 from ..columns import MATERIAL_KINDS, OPAQUE_KINDS
 from ..errors import printable
 from ..native_scene import native_scene
@@ -157,6 +158,8 @@ class Look:
         dx, dy = np.asarray(camera.principal_point_offset)
         x = camera.tan_half_x(film.width, film.height) * (1 - 2 * (u + dx))
         y = camera.tan_half_y(film.width, film.height) * (1 - 2 * (v + dy))
+        if camera.projection == "irradiance":
+            return _off_patches(np.asarray(camera.patches), u, v)
         matrix, zero, one = np.asarray(camera.placed), np.zeros_like(u), np.ones_like(u)
         if camera.projection == "orthographic":
             near = camera.clip_depths[0]
@@ -209,3 +212,19 @@ def row_keys(rows: Array) -> Array:
             keys ^= keys >> np.uint64(shift)
             keys *= np.uint64(factor)
     return keys
+
+
+def _off_patches(patches: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """Origins just before a camera's patches, and their normals there, (N, 3) each."""
+    rows = patches[np.arange(len(u)) * len(patches) // len(u)]
+    point, a, b = rows[:, 2:5], rows[:, 5:8], rows[:, 8:11]
+    around = np.sqrt(1 - (1 - 2 * v) ** 2)
+    out = np.stack([around * np.cos(2 * np.pi * u), around * np.sin(2 * np.pi * u), 1 - 2 * v], 1)
+    ball = (rows[:, 0] == PATCH_KINDS.index("sphere"))[:, None]
+    normals = np.where(ball, out, np.cross(a, b)) * rows[:, 1:2]
+    size = np.sqrt((normals**2).sum(axis=1))[:, None]
+    normals = normals / np.where(size > 0, size, 1.0)
+    inside = (rows[:, 0] < PATCH_KINDS.index("disk"))[:, None] / 3
+    points = np.where(ball, point + a[:, :1] * out, point + inside * (a + b))
+    reach = np.sqrt((a**2).sum(axis=1))[:, None]
+    return points + 1e-6 * reach * normals, normals

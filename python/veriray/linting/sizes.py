@@ -31,7 +31,7 @@ def view(look: Look) -> list[Finding]:
         text = f"the camera is {away:.3g} away from a scene of size {size:.3g}"
         reason = f"more than {FAR:g} times its size: are both in the same unit?"
         return [Finding("size", "", scene.place(""), text, reason)]
-    if (primitive < 0).all():
+    if (primitive < 0).all() and not scene.camera.measures:
         text = f"none of {SIDE**2} rays of the camera meets a surface"
         reason = "it looks past the scene, or away from it: a camera looks along its local +Z"
         return [Finding("view", "", scene.place(""), text, reason)]
@@ -43,7 +43,7 @@ def clip(look: Look) -> list[Finding]:
     scene = look.scene
     t, primitive, _ = look.camera_hits
     seen = primitive >= 0
-    if not seen.any():
+    if not seen.any() or scene.camera.measures:
         return []
     _, directions = look.camera_rays
     depth = t[seen] * (directions[seen] @ np.asarray(scene.camera.placed)[:3, 2])

@@ -129,6 +129,8 @@ def _sensor(scene: Scene, medium: list[Any]) -> Any:
     camera, film = scene.camera, scene.film
     offset = [float(x) for x in camera.principal_point_offset]
     plugin = camera.projection
+    if camera.measures:
+        raise SceneError(f"a scene file cannot hold a camera of projection {plugin}")
     if camera.aperture_radius:
         plugin = "thinlens"
         if any(offset):
@@ -161,6 +163,8 @@ def _sensor(scene: Scene, medium: list[Any]) -> Any:
     names = {"tent": ("radius",), "gaussian": ("stddev",), "mitchell": ("B", "C")}
     for name, value in zip(names.get(film.filter, ()), film.filter_parameters, strict=False):
         _put(filter_, "float", name, float(value))
+    if film.filter == "lanczos":
+        _put(filter_, "integer", "lobes", int(film.filter_parameters[0]))
     # Mitsuba's name for samples of low discrepancy
     kind = "ldsampler" if scene.sampler == "sobol" else scene.sampler
     sampler = etree.SubElement(element, "sampler", type=kind)

@@ -24,14 +24,16 @@ Array = npt.NDArray[np.float64]
 # ---- pinhole ----
 
 
-@case(3, each={"filter": ("box", "tent", "gaussian", "mitchell"), "lens": (0.0, 0.3)})
+@case(3, each={"filter": ("box", "tent", "gaussian", "mitchell", "lanczos"), "lens": (0.0, 0.3)})
 def uniform_light_on_the_film(t: Trial, filter: str, lens: float) -> None:
     """Every pixel of a wide film has the radiance L itself, under any filter.
 
     Without noise, bit for bit: no cos^4, no weight but the filter's, whose mean is 1, negative
     lobes and lens included. One segment per path.
     """
-    parameter = {"box": None, "tent": 1.3, "gaussian": 0.5, "mitchell": (0.2, 0.4)}[filter]
+    parameter = {"box": None, "tent": 1.3, "gaussian": 0.5, "mitchell": (0.2, 0.4), "lanczos": 4.0}[
+        filter
+    ]
     eye = camera([0, 0, 0], [1, 2, 3], 120, aperture_radius=lens, focus_distance=2.0)
     r = t.render(make([], eye, [0.1, 1.0, 7.0], 16, 9, filter, parameter), 50)
     t.check(r.image == np.array([0.1, 1.0, 7.0], np.float32))
@@ -389,11 +391,12 @@ FILTERS = {
     "tent": (lambda x: np.maximum(1 - np.abs(x), 0.0), 1.0),
     "gaussian": (lambda x: np.exp(-2 * x * x) - math.exp(-8), 2.0),
     "mitchell": (mitchell, 2.0),
+    "lanczos": (lambda x: np.sinc(x) * np.sinc(x / 3), 3.0),
 }
 
 
 #: Of step functions: the renderer holds a filter as 4,096 cells of equal probability.
-TABLE = {"box": MARGIN, "tent": MARGIN, "gaussian": 2e-4, "mitchell": 4e-4}
+TABLE = {"box": MARGIN, "tent": MARGIN, "gaussian": 2e-4, "mitchell": 4e-4, "lanczos": 4e-4}
 
 
 def above(name: str, edge: float, pixels: int) -> Array:
@@ -409,7 +412,7 @@ def above(name: str, edge: float, pixels: int) -> Array:
 def edge_under_a_filter(t: Trial, name: str) -> None:
     """A lit half plane from pixel 5.65 on.
 
-    1 + 2 times the filter's integral over it; Mitchell's negative lobes over- and undershoot.
+    1 + 2 times the filter's integral over it; negative lobes over- and undershoot.
     """
     width, height, edge = 12, 3, 5.65
     half = math.tan(math.radians(20))
@@ -419,7 +422,7 @@ def edge_under_a_filter(t: Trial, name: str) -> None:
     eye = view([0, 0, 0], [0, 0, -1], 40.0, size, up=[0, 1, 0], rfilter={"type": name})
     share = above(name, edge, width)
     exact = np.broadcast_to((1 + 2 * share)[None, :, None], (height, width, 3))
-    t.check(name != "mitchell" or exact.min() < 0.97)
+    t.check(name not in ("mitchell", "lanczos") or exact.min() < 0.97)
     t.agrees(scene(eye, lamp, sky(1)), exact, 100_000, sees=0.005, margin=TABLE[name])
 
 

@@ -212,7 +212,9 @@ def ours(t: Trial, scene: Scene, run: Run) -> Run:
     once = Trial(t.device, t.fresh(), 1, t.threads)  # the effort is the run's
     r = once.render(scene, batches * run.spp, batches=batches)
     t.checks, t.samples = t.checks + once.checks, t.samples + once.samples
-    t.check(scene.film.filter == "mitchell" or (r.image >= 0).all(), "S0: negative values")
+    t.check(
+        scene.film.filter in ("mitchell", "lanczos") or (r.image >= 0).all(), "S0: negative values"
+    )
     means, squares = references.reduced(r.batch_means, r.image, r.stderr, r.spp, run.block)
     return Run(means, squares, r.stats["ledger"], run.block, run.spp)
 

@@ -44,6 +44,7 @@ _JOBS, _TRIANGLE, _SPHERE = "backends/instances.h", "geometry/triangle.h", "geom
 _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
+_METER = "camera/meter.h"
 _TO_LIGHT = "-path.ray.d, light.wi"
 _IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "core/intervals.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
@@ -273,6 +274,12 @@ _GEOMETRY = (
 )  # fmt: skip
 
 _PICTURE = (
+    Mutant("a meter's rays count once", _METER, "number(7) * F(kPi)", "number(7) * F(3.f)"),
+    Mutant("a meter's triangles without the root", _METER, "sqrt(one - s)", "(one - s)"),
+    Mutant("a meter's disk dense at its centre", _METER, "far * cosine", "far * far * cosine",
+           also=(("far * sine", "far * far * sine"),)),
+    Mutant("a meter's ball even by its angle", _METER, "fma(t, F(-2.f), one)",
+           "[&] { F a, b; sincos_2pi(t * F(0.5f), a, b); return b; }()"),
     Mutant("no jitter", _PATH, _JITTER_X, "F(0.5f)"),
     Mutant("field of view +1 %", _CAMERA_TABLE, "-2 * in.tan_half_x / in.width",
            "-2.02 * in.tan_half_x / in.width"),

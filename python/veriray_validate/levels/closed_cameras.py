@@ -443,3 +443,84 @@ def corner_under_a_filter(t: Trial, name: str) -> None:
     exact = 1 + 2 * upper[:, None, None] * right[:, None]
     t.check(abs((exact.mean() - 1) / 2 - (12 - x_edge) / 12 * y_edge / 10) < 0.01)
     t.agrees(scene(eye, lamp, sky(1)), exact, 100_000, sees=0.005, margin=TABLE[name])
+
+
+# ---- cameras at a surface ----
+
+
+def box_film(width: int = 1, height: int = 1) -> dict[str, object]:
+    """A film under a box filter."""
+    return {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
+
+
+@case(3, each={"kind": ("rectangle", "disk", "sphere", "cube", "cylinder")})
+def meter_under_an_even_sky(t: Trial, kind: str) -> None:
+    """On a convex black body a meter measures pi under a sky of 1, in every pixel, within 3e-5.
+
+    Rays leave by the cosine and meet nothing of what they left. Turned, stretched along one axis
+    and of sizes from 1e-3 to 1e3; one of five is 900 of its sizes away from the origin.
+    """
+    turns = t.rng.normal(size=(5, 3)), t.rng.uniform(0, 360, 5), t.rng.uniform(-3, 3, 5)
+    for k, (axis, angle, size) in enumerate(zip(*turns, strict=True)):
+        axis = axis / np.linalg.norm(axis)
+        across = 1.0 if kind == "sphere" else t.rng.uniform(0.2, 5)
+        place = transform.compose(
+            transform.translate(np.array([900.0, -500, 300]) * 10**size * (k == 4)),
+            transform.compose(transform.rotate(axis, angle),
+                              transform.scale(np.array([across, 1, 1]) * 10**size)),
+        )  # fmt: skip
+        meter = {"type": "irradiancemeter", "film": box_film(3, 2)}
+        body = {"type": kind, "to_world": place, "bsdf": BLACK, "meter": meter}
+        made = veriray.load_dict({"type": "scene", "sky": sky(1.0), "body": body})
+        image = t.render(made, 1024).image
+        t.check(np.abs(image / math.pi - 1).max() < 3e-5, f"{image.min()} to {image.max()}, {k}")
+
+
+@case(3, each={"kind": ("rectangle", "disk", "mesh"), "gap": (0.5, 2.0)})
+def meter_below_a_lamp(t: Trial, kind: str, gap: float) -> None:
+    """Two equal faces across: pi times the form factor. Sees 2 %; a mesh is four triangles.
+
+    J. Howell, "A Catalog of Radiation Heat Transfer Configuration Factors", C-11 and C-41.
+    """
+    if kind != "disk":
+        x, root = 2 / gap, math.sqrt(1 + 4 / gap**2)
+        share = 2 / (math.pi * x * x) * (
+            math.log((1 + x * x) / math.sqrt(1 + 2 * x * x))
+            + 2 * x * root * math.atan(x / root) - 2 * x * math.atan(x)
+        )  # fmt: skip
+    else:
+        x = 2 + gap * gap
+        share = (x - math.sqrt(x * x - 4)) / 2
+    above = transform.translate((0.0, 0.0, gap))
+    corners = [[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    fan = {"vertices": np.array(corners, float),
+           "faces": np.array([[0, k, k % 4 + 1] for k in range(1, 5)])}  # fmt: skip
+    meter = {"type": "irradiancemeter", "film": box_film()}
+    made = veriray.load_dict({
+        "type": "scene",
+        "below": {"type": kind, "bsdf": BLACK, "meter": meter, **(fan if kind == "mesh" else {})},
+        "above": {"type": "disk" if kind == "disk" else "rectangle", "to_world": above,
+                  "flip_normals": True,
+                  "emitter": {"type": "area", "radiance": 1.0}},
+    })  # fmt: skip
+    t.agrees(made, math.pi * share, 1 << 19, 0.02)
+
+
+@case(3, each={"kind": ("rectangle", "disk", "sphere"), "share": (0.25, 0.64)})
+def distant_sensor_on_a_shape(t: Trial, kind: str, share: float) -> None:
+    """A lamp covers a part of the target's shadow: its share of the target's area. Sees 4 %.
+
+    Of a ball, points at most r from the axis have 1 - sqrt(1 - r^2) of the area.
+    """
+    half = math.sqrt(1 - (1 - share) ** 2) if kind == "sphere" else math.sqrt(share)
+    lamp = transform.compose(
+        transform.translate((0.0, 0.0, -3.0)), transform.scale((half, half, 1.0))
+    )
+    target = {"type": kind}
+    made = veriray.load_dict({
+        "type": "scene",
+        "eye": {"type": "distant", "direction": [0, 0, -1], "film": box_film(), "target": target},
+        "lamp": {"type": "rectangle" if kind == "rectangle" else "disk", "to_world": lamp,
+                 "emitter": {"type": "area", "radiance": 1.0}},
+    })  # fmt: skip
+    t.agrees(made, share, 1 << 16, 0.04)

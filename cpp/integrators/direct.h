@@ -273,10 +273,11 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         blended = lanes & !(other == U(~0u));
         return select(blended, other, at.row);
     }
-    // The chance of a blend's other material; where that is what is seen from behind, 0 or 1.
+    // The chance of a blend's other material, which may be all that is seen from behind.
     static VR_HD F blend_weight(const SceneView& scene, const Surface<L>& at) {
         const F w = number(scene, at, kSurface_blend_weight, kSurface_blend_weight_texture);
-        return select(w < F(kBlendSides), w, select(at.front, F(0.f), F(1.f)));
+        const F sides = surface_column(scene, at.row, kSurfaceTwoSided);
+        return select((sides < F(2.f)) | at.front, w, F(1.f));
     }
 
     // The share of light that goes straight through a surface.
@@ -296,8 +297,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
         bsdf.set_view(ns, cosine, at.front);
         const F opacity = DirectLight::opacity(scene, at);
-        const F open = F(1.f) - opacity;
-        return fma(bsdf.pass_through(), opacity, S::all(open));
+        return fma(bsdf.pass_through(), opacity, S::all(F(1.f) - opacity));
     }
 
     static VR_HD F medium_column(const SceneView& scene, U medium, uint32_t c) {

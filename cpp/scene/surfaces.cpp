@@ -194,8 +194,8 @@ void HostScene::set_surfaces(const SceneInput& in) {
         const int32_t image = emission >= 0 ? in.emission_texture.data[emission] : -1;
         put(kSurfaceRadianceTexture, static_cast<float>(image));
         if (image >= 0) view.features |= kTextures | kLightTextures;
-        if (in.blend_sides.data[m]) put(kSurface_blend_weight, kBlendSides);
-        put(kSurfaceTwoSided, in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f);
+        const bool both = in.two_sided.data[m] || closure.lets_through();
+        put(kSurfaceTwoSided, both ? (in.blend_sides.data[m] ? 2.f : 1.f) : 0.f);
         put(kSurfaceKind, static_cast<float>(kind));
         const int32_t* border = boundary >= 0 ? in.boundaries.data + 2 * boundary : nullptr;
         put(kSurfaceInside, border ? static_cast<float>(border[0] + 1) : -1.f);

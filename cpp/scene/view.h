@@ -67,9 +67,6 @@ enum ReliefTrait : uint32_t {
     kReliefMirrored = 8,  // seen from behind, it is its mirror image
 };
 
-// The weight of a blend whose other material is what is seen from behind.
-inline constexpr float kBlendSides = 2.f;
-
 // Columns by surface (material, emission, media; equal to the primitive in small scenes).
 enum SurfaceColumn : uint32_t {
 // Of the material; opacity: a ray meets the material if its random number is below it.
@@ -84,12 +81,12 @@ enum SurfaceColumn : uint32_t {
     kSurfaceReliefTraits,                            // ReliefTrait
     kSurfaceRadiance,                                // emitted by the front: 3 columns
     kSurfaceRadianceTexture = kSurfaceRadiance + 3,  // that this is multiplied by; -1: none
-    kSurfaceTwoSided,                                // 1 or 0
-    kSurfaceKind,                                    // MaterialKind
-    kSurfaceInside,                                  // medium behind; -1: no change of medium
-    kSurfaceOutside,                                 // medium in front
-    kSurfaceOther,    // row of the other material of a blend; bits, ~0: none
-    kSurfaceColumns,  // then, where a material has a rough coat, kCoatCells + 1 of its table
+    kSurfaceTwoSided,  // 0; 1; 2: and from behind it is the other material of its blend
+    kSurfaceKind,      // MaterialKind
+    kSurfaceInside,    // medium behind; -1: no change of medium
+    kSurfaceOutside,   // medium in front
+    kSurfaceOther,     // row of the other material of a blend; bits, ~0: none
+    kSurfaceColumns,   // then, where a material has a rough coat, kCoatCells + 1 of its table
 };
 
 inline constexpr uint32_t kSurfaceFirstTexture = kSurface_reflectance_texture;

@@ -335,7 +335,7 @@ _HASHED_IF_SET: dict[str, Column] = {
     ),
     "blend_sides": Column(
         "materials", np.bool_, (), False,
-        doc="blend_material is what is seen from behind, blend_weight has no effect",
+        doc="blend_material is all that is seen from behind; blend_weight counts in front",
     ),
     **{
         f"{name}_texture": _index("materials", "textures", -1, doc=f"gives {name}; -1: none does")
@@ -647,9 +647,6 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
             f"blend_material[{row}] = {others[row]}, which is a blend itself; allowed: one that is "
             "none, or comes after it"
         )
-    row = _first(arrays["blend_sides"] & (arrays["blend_weight_texture"] >= 0))
-    if row is not None:
-        raise SceneError(f"blend_sides[{row}] is set, and so is blend_weight_texture; expected one")
     metal = np.isin(kinds, [MATERIAL_KINDS.index(name) for name in METALS])
     for name in INDICES:
         row = _first((arrays[f"{name}_texture"] >= 0) & ~metal)

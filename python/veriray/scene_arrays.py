@@ -101,8 +101,8 @@ class SceneArrays:
     blend_material (M,) int32: a hit is of this material by the chance blend_weight; a blend only if
         it comes after; -1: none (index of materials, default -1)
     blend_weight (M,) float32: the chance of blend_material (in [0, 1], default 0.0)
-    blend_sides (M,) bool: blend_material is what is seen from behind, blend_weight has no effect
-        (default False)
+    blend_sides (M,) bool: blend_material is all that is seen from behind; blend_weight counts in
+        front (default False)
     reflectance_texture (M,) int32: gives reflectance; -1: none does (index of textures, default -1)
     specular_reflectance_texture (M,) int32: gives specular_reflectance; -1: none does (index of
         textures, default -1)

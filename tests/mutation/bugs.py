@@ -273,7 +273,7 @@ _MATERIALS = (
     Mutant("mask's opacity inverted for light samples", _DIRECT, "F(1.f) - opacity", "opacity",
            "mask"),
     Mutant("one-sided materials reflect on both sides", _TABLES,
-           "in.two_sided.data[m] || closure.lets_through() ? 1.f : 0.f", "1.f", "twosided"),
+           "in.two_sided.data[m] || closure.lets_through()", "true", "twosided"),
     Mutant("pass counted as a vertex", _PATH,
            "select(pass, path.vertices, path.vertices + U(1u))", "path.vertices + U(1u)",
            "mask, depth 3"),

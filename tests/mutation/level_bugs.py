@@ -519,8 +519,8 @@ MORE = (
     Mutant(
         "back of two sides on the front",
         _DIRECT,
-        "select(at.front, F(0.f), F(1.f))",
-        "select(at.front, F(1.f), F(0.f))",
+        "(sides < F(2.f)) | at.front",
+        "(sides < F(2.f)) | !at.front",
     ),
     Mutant(
         "vertex normals not weighted by angle", "scene/normals.cpp", "facing.x * weight", "facing.x"

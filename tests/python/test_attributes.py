@@ -6,6 +6,7 @@ so a picture of one narrow pixel is a lookup.
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +188,54 @@ def test_blends_have_the_same_bits_everywhere(balls: int, device: str) -> None:
         for scheduler in kinds:
             found = picture(blend(one, two, value), device, scheduler, balls=balls)
             assert found == picture(alone, device, scheduler, balls=balls)
+
+
+def test_each_side_of_two_may_be_a_blend(device: str) -> None:
+    """From its side each looks, to the bit, as alone on both sides.
+
+    In a blend in a mask it looks as alone in the mean: false alarms 4e-6, sees 1 %.
+    """
+    board = {"type": "checkerboard", "color0": 0.25, "color1": 0.75}
+    one, two, three = diffuse(0.6), {"type": "conductor"}, diffuse(0.2)
+    fronts = (
+        one,
+        blend(one, two, 0.3),
+        blend(one, two, board),
+        blend(one, blend(two, three, 0.4), 0.3),
+    )
+    rough = {"type": "roughconductor", "alpha": 0.3}
+    backs = three, blend(three, rough, 0.6), blend(rough, three, board)
+
+    def drawn(bsdf: Any, side: float, kind: str, spp: int = 8) -> veriray.Render:
+        eye = veriray.transform.look_at([1, 0.5, 4 * side], [0, 0, 0], [0, 1, 0])
+        made = veriray.load_dict({
+            "type": "scene", "sky": {"type": "constant", "radiance": 0.3},
+            "lamp": {"type": "point", "position": [2, 2, 3 * side], "intensity": 20.0},
+            "view": {"type": "perspective", "fov": 40.0, "to_world": eye},
+            "plate": {"type": "rectangle", "bsdf": bsdf},
+            "ball": {"type": "sphere", "radius": 0.3, "center": [0.5, 0.0, 0.6 * side]},
+        }).with_(width=16, height=16, filter="box")  # fmt: skip
+        return veriray.render(made, spp, device=device, scheduler=kind)
+
+    def twosided(*sides: Any) -> Any:
+        return {"type": "twosided", **{f"s{k}": side for k, side in enumerate(sides)}}
+
+    def around(bsdf: Any) -> Any:
+        return {"type": "mask", "opacity": 0.75, "b": blend(bsdf, twosided(one), 0.125)}
+
+    for front, back in itertools.product(fronts, backs):
+        for side, alone in ((1.0, front), (-1.0, back)):
+            for kind in ("fused", "thrust", "wavefront"):
+                found = drawn(twosided(front, back), side, kind).film_sha256
+                assert found == drawn(twosided(alone), side, kind).film_sha256
+            nested = twosided(twosided(front, three), twosided(back, one))
+            assert drawn(nested, side, "fused").film_sha256 == found
+    for side, alone in ((1.0, fronts[1]), (-1.0, backs[1])):
+        pair = around(twosided(fronts[1], backs[1])), around(twosided(alone))
+        found, told = (drawn(bsdf, side, "fused", 1024) for bsdf in pair)
+        error = np.hypot(*(np.linalg.norm(r.stderr[..., 0]) for r in (found, told)))
+        sums = [r.image[..., 0].sum(dtype=float) for r in (found, told)]
+        assert abs(sums[0] - sums[1]) < 4.7 * error < 0.01 * sums[1]
 
 
 def test_blends_in_other_materials() -> None:

@@ -54,11 +54,6 @@ CASES = {
         ball(b={"type": "principled", "roughness": 1.0, "clearcoat": 0.0}),
         '"roughness" = 1.5 is rendered as 1, the nearest in range',
     ),
-    "two sides": (
-        ball(b={"type": "twosided", "a": BLEND, "b": GREY}),
-        ball(b={"type": "twosided", "a": BLEND}),
-        "its back is rendered as its front",
-    ),
     "spectral film": (
         {"view": {**VIEW, "film": {"type": "specfilm", "width": 9}}, **ball()},
         {"view": {**VIEW, "film": {"type": "hdrfilm", "width": 9}}, **ball()},

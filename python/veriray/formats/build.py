@@ -408,10 +408,7 @@ class _Builder:
                 held = [materials.front(one) for one in held]
                 row = materials.two_sided(held[0])
                 if held[1:] and held[1] is not held[0]:
-                    if "other" in held[0]:
-                        self.as_front(node, parts["bsdf"][1].where)
-                    else:
-                        row = materials.of_sides(held[0], (parts["bsdf"][1], held[1]))
+                    row = materials.of_sides(held[0], (parts["bsdf"][1], held[1]))
                 if any(map(_lets_through, materials.both(row))):
                     raise SceneError(
                         f"{node} cannot hold a {parts['bsdf'][0].plugin} that lets light through",
@@ -448,11 +445,6 @@ class _Builder:
                 self.with_texture.add(id(node))
             self.rows[id(node)] = row
         return row
-
-    def as_front(self, node: Node, where: str) -> None:
-        """Warns that a twosided of two bsdfs shows its first one alone."""
-        text = f"{node}: its back is rendered as its front: where it is seen, the "
-        self.report.warn(f"{text}picture is not Mitsuba's", where)
 
     def textures(self, node: Node, inverse: bool = False) -> materials.Row:
         """The columns that name the textures of a bsdf; inverse: of 1 less what they give."""

@@ -107,10 +107,9 @@ def check_scene(
         if node.plugin == "ptracer":
             raise SceneError(f"{beams}: its light by ptracer is not supported", beams.where)
         report.note(f"{beams}: dark, as only ptracer finds its light in Mitsuba", beams.where)
-    sides = zip(arrays["blend_sides"] or (), arrays["blend_material"] or (), strict=True)
-    backs = {row for is_back, row in sides if is_back}
-    rows = enumerate(arrays["material_kind"] or ())
-    kinds = {MATERIAL_KINDS[kind] for row, kind in rows if row not in backs}
+    rows = [MATERIAL_KINDS[kind] for kind in arrays["material_kind"] or ()]
+    within = {arrays["blend_material"][k] for k, kind in enumerate(rows) if kind == "hair"}
+    kinds = {kind for k, kind in enumerate(rows) if k not in within}
     kinds |= {"mask" for opacity in arrays["opacity"] or () if opacity < 1}
     for name, wrong, what in (
         ("bsdf_samples", bool(kinds & _SINGULAR), "a mirror, glass or a mask"),

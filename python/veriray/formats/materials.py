@@ -92,13 +92,20 @@ def front(row: Row) -> Row:
     """The row of what a bsdf shows from its front, which is what a twosided shows on a side."""
     if not row.get("blend_sides"):
         return row
-    return {name: value for name, value in row.items() if name not in ("blend_sides", "other")}
+    row = {name: value for name, value in row.items() if name != "blend_sides"}
+    node, other = row.pop("other")
+    return {**row, "other": (node, front(other))} if other.get("blend_sides") else row
 
 
 def of_sides(front: Row, back: tuple[Node, Row]) -> Row:
-    """The row of a twosided with two bsdfs, the first of which is no blend: a blend by sides."""
-    node, row = back
-    return two_sided({**front, "blend_sides": True, "other": (replace(node), row)})
+    """The row of a twosided with two bsdfs: a blend by sides, each of which may be a blend."""
+
+    def before(row: Row) -> Row:
+        node, other = row.get("other", back)
+        other = before(other) if "other" in row else other
+        return {**row, "blend_sides": True, "other": (replace(node), other)}
+
+    return two_sided(before(front))
 
 
 def changed(row: Row, columns: Row) -> Row:

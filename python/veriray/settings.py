@@ -176,7 +176,10 @@ class RenderSettings:
     )
     builder: str = _setting("auto", "who builds the tree", choices=BUILDERS)
     features: str | tuple[str, ...] = _setting(
-        (), "feature images beside the picture, with commas between them", several=FEATURES
+        (),
+        "feature images beside the picture, with commas between them; motion by "
+        "veriray.feature_images alone, which takes its second camera",
+        several=FEATURES,
     )
     feature_spp: int | None = _setting(
         None, "their samples per pixel", 1, MAX_SPP, none="8, or as many as the picture has"

@@ -123,6 +123,22 @@ def lossless(rng: np.random.Generator) -> Question:
     return Question(f"{name}, {form}", seen, 1.0)
 
 
+def smooth(rng: np.random.Generator, name: str) -> Question:
+    """A body of 8 to 512 faces with interpolated normals, under a sky of 1: 1.
+
+    Of such faces many normals look away from who sees them. Of a kind of UNSEEN, or thin glass.
+    """
+    kind = UNSEEN.get(name) or LOSSLESS[name]
+    turn = random_rotation_matrix(rng.random(3))
+    vertices, faces, form = mesh(rng, 10 ** rng.uniform(0.9, 2.7))
+    made = trimesh.Trimesh(vertices, faces, process=False)
+    part = Part(vertices, faces, normals=np.array(made.vertex_normals) @ turn[:3, :3].T, **kind)
+    moved([part], turn)
+    view = camera([0, -4.0, 1.5], [0, 0, 0], 25, [0, 0, 1])
+    seen = make([part], view, 1.0, width=16, height=16, max_depth=-1)
+    return Question(f"{name}, {form}", seen, 1.0)
+
+
 def folded(rng: np.random.Generator) -> Question:
     """A smooth ball so bumpy that vertex normals point through some faces, full of white fog.
 

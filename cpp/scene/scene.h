@@ -33,9 +33,9 @@ bool same_rows(const Rows<T>& a, const Rows<T>& b) {
 // Groups of primitives.
 enum ShapeGroup : uint32_t { kTriangleGroup, kSphereGroup, kDiskGroup };
 
-// Input in world units: the arrays of schema/columns.def, row-major; camera and film.
-inline constexpr uint32_t kPatchColumns = 11;
+inline constexpr uint32_t kPatchColumns = 11;  // of SceneInput::meter_patches
 
+// Input in world units: the arrays of schema/columns.def, row-major; camera and film.
 struct SceneInput {
 #define VR_COLUMN(table, name, type, ...) Rows<type> name;
 #define VR_INDEX VR_COLUMN

@@ -27,6 +27,11 @@ def rgb(value: float | Sequence[float]) -> Dict:
     return {"type": "rgb", "value": np.broadcast_to(np.asarray(value, float), 3).tolist()}
 
 
+def box_film(width: int = 1, height: int = 1) -> Dict:
+    """A film under a box filter."""
+    return {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
+
+
 def look(origin: Any, target: Any, up: Any = None) -> Array:
     """to_world with local +Z from origin to target."""
     return np.asarray(camera(origin, target, up=up).to_world)
@@ -36,8 +41,8 @@ def view(origin: Any, target: Any, fov: float = 0.01, size: int | tuple[int, int
          kind: str = "perspective", up: Any = None, **more: Any) -> Dict:  # fmt: skip
     """A sensor; the default sees one point. size: of the film, its rfilter is `rfilter` or box."""
     width, height = (size, size) if isinstance(size, int) else size
-    rfilter = more.pop("rfilter", {"type": "box"})
-    film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": rfilter}
+    film = box_film(width, height)
+    film["rfilter"] = more.pop("rfilter", film["rfilter"])
     return {"type": kind, "fov": fov, "to_world": look(origin, target, up), "film": film, **more}
 
 

@@ -57,6 +57,11 @@ def mesh(rng: np.random.Generator, faces: float) -> tuple[Array, Array, str]:
     return v, np.array(body.faces), f"{form} of {len(body.faces)}"
 
 
+def vertex_normals(vertices: Array, faces: Array) -> Array:
+    """Normals of the vertices of a mesh, (V, 3)."""
+    return np.array(trimesh.Trimesh(vertices, faces, process=False).vertex_normals)
+
+
 def body(rng: np.random.Generator, kind: dict[str, Any], most: float = 4.9,
          convex: bool = False) -> tuple[Part, str]:  # fmt: skip
     """A rotated body of a material: a primitive, or a mesh of 8 to 10^most faces."""
@@ -72,8 +77,7 @@ def body(rng: np.random.Generator, kind: dict[str, Any], most: float = 4.9,
         vertices, faces, form = mesh(rng, 10 ** rng.uniform(0.9, most))
         part = Part(vertices, faces, **kind)
         if rng.random() < 0.6 and not convex:
-            made = trimesh.Trimesh(vertices, faces, process=False)
-            part.normals = np.array(made.vertex_normals) @ turn[:3, :3].T
+            part.normals = vertex_normals(vertices, faces) @ turn[:3, :3].T
             form += ", smooth"
     moved([part], turn)
     return part, form
@@ -131,8 +135,8 @@ def smooth(rng: np.random.Generator, name: str) -> Question:
     kind = UNSEEN.get(name) or LOSSLESS[name]
     turn = random_rotation_matrix(rng.random(3))
     vertices, faces, form = mesh(rng, 10 ** rng.uniform(0.9, 2.7))
-    made = trimesh.Trimesh(vertices, faces, process=False)
-    part = Part(vertices, faces, normals=np.array(made.vertex_normals) @ turn[:3, :3].T, **kind)
+    normals = vertex_normals(vertices, faces) @ turn[:3, :3].T
+    part = Part(vertices, faces, normals=normals, **kind)
     moved([part], turn)
     view = camera([0, -4.0, 1.5], [0, 0, 0], 25, [0, 0, 1])
     seen = make([part], view, 1.0, width=16, height=16, max_depth=-1)
@@ -148,8 +152,7 @@ def folded(rng: np.random.Generator) -> Question:
     v /= np.linalg.norm(v, axis=1)[:, None]
     bumps = decades(rng, -1, -0.3)
     part = Part(v * (1 + rng.uniform(-bumps, bumps, (len(v), 1))), f, **LOSSLESS["fog"])
-    made = trimesh.Trimesh(part.vertices, f, process=False)
-    part.normals = np.array(made.vertex_normals)
+    part.normals = vertex_normals(part.vertices, f)
     view = camera([0, -4.0, 1.5], [0, 0, 0], 35, [0, 0, 1])
     seen = make([part], view, 1.0, width=16, height=16, max_depth=-1)
     return Question(f"ball of {len(f)} with bumps of {bumps:g}", seen, 1.0)

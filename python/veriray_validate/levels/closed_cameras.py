@@ -12,7 +12,7 @@ from scipy import stats
 import veriray
 from veriray import transform
 from veriray.comparison.statistics import MARGIN
-from veriray_validate.dicts import BLACK, flat, scene, sky, sphere, view
+from veriray_validate.dicts import BLACK, box_film, flat, scene, sky, sphere, view
 from veriray_validate.scenes import MIRROR, NULL, Medium, Part, box, camera, make, quad
 from veriray_validate.scenes import sphere as ball
 from veriray_validate.statistics import chi_square, sidak, smallest_bias
@@ -296,7 +296,7 @@ def narrow_view_starts_at_its_camera(t: Trial, width: float, parallel: bool, awa
     lens = transform.scale((width, width, 1.0)) if parallel else np.eye(4)
     eye = {"type": "orthographic"} if parallel else {
         "type": "perspective", "fov": 2 * math.degrees(math.atan(width))}  # fmt: skip
-    film = {"type": "hdrfilm", "width": 4, "height": 4, "filter": {"type": "box"}}
+    film = box_film(4, 4)
     black = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
     for distance in (1e-2, 1e-4, 1e-6):
         if away and distance < 1e-5:  # the plate's own place is rounded there
@@ -446,11 +446,6 @@ def corner_under_a_filter(t: Trial, name: str) -> None:
 
 
 # ---- cameras at a surface ----
-
-
-def box_film(width: int = 1, height: int = 1) -> dict[str, object]:
-    """A film under a box filter."""
-    return {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
 
 
 @case(3, each={"kind": ("rectangle", "disk", "sphere", "cube", "cylinder")})

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from veriray_validate.dicts import both, diffuse, flat, look, scene, sky, sphere
+from veriray_validate.dicts import both, box_film, diffuse, flat, look, scene, sky, sphere
 from veriray_validate.trial import Trial, case
 
 FEW, MANY = 60, 1000  # scenes of a quick and of a full case
@@ -37,7 +37,7 @@ def flat_faces_seen_by_narrow_views(t: Trial, tree: bool, scenes: int) -> None:
         eye = place - 10 ** t.rng.uniform(-2, 1) * ahead
         # A ray that hits the diagonal between the face's triangles exactly may end there.
         middle = place + 0.31 * along + 0.17 * np.cross(normal, along)
-        film = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}}
+        film = box_film()
         width = 10 ** t.rng.uniform(-9, -6)
         sensor = [
             {"type": "radiancemeter", "origin": eye.tolist(), "direction": ahead.tolist()},

@@ -25,6 +25,8 @@ SIZE: dict[str, Any] = {"width": 48, "height": 32}
 SAME = ("ledger", "live_rays", "rays", "paths", "nonfinite_samples", "spp", "scene_sha256",
         "mean_stderr", "features", "primitives")  # fmt: skip
 STORE = 80 << 20
+#: How soon Ray notices that a node is gone: after so many calls that fail, not after 15 s.
+HEALTH = {"health_check_initial_delay_ms": 1000, "health_check_period_ms": 500}
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,8 @@ def nodes() -> Iterator[Any]:
     """Two nodes of one processor, and a head that has none."""
     from ray.cluster_utils import Cluster
 
-    quiet = {"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False}
+    quiet = {"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False,
+             "_system_config": HEALTH}  # fmt: skip
     cluster = Cluster(initialize_head=True, head_node_args=quiet)
     try:
         for _ in range(2):

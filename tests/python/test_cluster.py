@@ -19,6 +19,8 @@ from veriray import cluster_worker
 from veriray.cli import main
 from veriray.cluster_worker import differences, digests
 
+# Ray reads it when it is imported; from 2.61 on it asks for a token anyway.
+os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "0123456789abcdef" * 4}
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install veriray[cluster]")
 
 SIZE: dict[str, Any] = {"width": 48, "height": 32}

@@ -24,6 +24,7 @@ class Page:
     def __init__(self, socket: ClientConnection, folder: Path, width: int, height: int) -> None:
         self.socket, self.number, self.session = socket, 0, ""
         self.errors: list[str] = []
+        self.touching = 0
         self.folder = folder
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
@@ -94,6 +95,20 @@ class Page:
             self.mouse("mouseMoved", x, y, button)
             time.sleep(pause)
         self.mouse("mouseReleased", *end, button)
+
+    def touch(self, *places: tuple[float, float]) -> None:
+        """The fingers that are down from now on; those that were down move there, in this order."""
+        down = self.touching
+        kind = (
+            "touchMove"
+            if len(places) == down
+            else "touchStart"
+            if len(places) > down
+            else "touchEnd"
+        )
+        points = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(places)]
+        self.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+        self.touching = len(places)
 
     def key(self, kind: str, code: str) -> None:
         self.call("Input.dispatchKeyEvent", type=kind, code=code, key=code[-1].lower())

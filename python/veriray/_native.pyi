@@ -358,7 +358,7 @@ def render_features(
     threads: int,
     all_features: bool = False,
     first_row: int = 0,  # of the scene's, at which the film begins
-    motion: npt.NDArray[np.float64],  # (2, 3, 4): veriray.features.pixel_rows of two cameras
+    motion: npt.NDArray[np.float64],  # (2, 3, 4): veriray.first_surface.pixel_rows of two
     poll: Callable[[float], object] | None,
 ) -> dict[str, Any]:
     """Adds samples to the planes of a film that are feature images (cpp/film/features.h).

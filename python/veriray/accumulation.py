@@ -85,10 +85,9 @@ class Accumulation:
         self, scene: Scene, *, first: int = 0, progress: Progress = None, **settings: Any
     ) -> None:
         given = RenderSettings(**settings)
-        if given.features or given.feature_spp is not None or given.light_groups:
-            raise ValueError(
-                "features, feature_spp and light_groups are settings of veriray.render alone"
-            )
+        alone = ("features", "feature_spp", "light_groups", "motion_to")
+        if any(getattr(given, name) not in (None, ()) for name in alone):
+            raise ValueError(f"{', '.join(alone)} are settings of veriray.render alone")
         self._begin(scene, given, progress, first)
 
     @classmethod

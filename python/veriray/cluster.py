@@ -83,7 +83,7 @@ class Cluster(Team):
         super().__init__([Place(device, (scene.film.width, scene.film.height))])
         self.settings, self._members = settings, dict[str, Member]()
         given = {**settings.__dict__, "cluster": "", "batches": 0, "target_error": None,
-                 "features": ()}  # fmt: skip
+                 "features": (), "motion_to": None}  # fmt: skip
         self._shipped = self._ray.put((scene, given, scene.sha256))
         self._pending: dict[Any, tuple[Member, float]] = {}
         self._looked, self._number = 0.0, 0

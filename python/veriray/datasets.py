@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .camera import Camera
 from .errors import ImageError
 from .files import check_writable, replacing
+from .first_surface import pixel_rows
 from .formats.cameras import View, load, transforms
 from .light_groups import layers
 from .numeric import number, path_text, shown, switch
@@ -41,6 +45,8 @@ def dataset(
 
     What is there already, whole and with the same scene and settings, is kept, so that a run that
     was stopped goes on. View k has the seed `seed` + k, so that no two pictures share their noise.
+    The feature "motion" is to the next view, unless `motion_to` says to which camera: the last view
+    then has none.
 
     Args:
         scene: seen by all cameras, each with the near and far plane, aperture, focus and medium of
@@ -65,13 +71,16 @@ def dataset(
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
     own = RenderSettings(**settings)
-    used, _ = settle(scene, own)
+    to_next = "motion" in own.features and own.motion_to is None
+    used, _ = settle(scene, own.with_checked({"motion_to": scene.camera}) if to_next else own)
     views = _views(used, cameras)
     described = transforms(views)  # refuses what it cannot hold before any work
     each = [
         dataclasses.replace(own, seed=(own.seed + k) % 2**64, width=None, height=None)
         for k in range(len(views))
     ]
+    if to_next:
+        each = _moving(each, views)
     root = Path(path_text("folder", folder))
     files = [root / f"{view.name}.exr" for view in views]
     for file in files:
@@ -94,6 +103,22 @@ def dataset(
     with replacing(root / "transforms.json") as out:
         out.write((json.dumps(described, indent=1) + "\n").encode())
     return [*files, root / "transforms.json"]
+
+
+def _moving(each: list[RenderSettings], views: list[View]) -> list[RenderSettings]:
+    """The settings of each view with its motion to the next one; the last view has none."""
+    if len(views) < 2:
+        raise ValueError('feature "motion" is to the next view, and there is one: set motion_to')
+    for one, other in itertools.pairwise(views):
+        if (one.width, one.height) != (other.width, other.height):
+            raise ValueError(
+                f'feature "motion": {one.name} has {one.width} x {one.height} pixels and the next '
+                f"view, {other.name}, {other.width} x {other.height}"
+            )
+    still = tuple(name for name in each[-1].features if name != "motion")
+    moving = [dataclasses.replace(settings, motion_to=view.camera)
+              for settings, view in zip(each, views[1:], strict=False)]  # fmt: skip
+    return [*moving, dataclasses.replace(each[-1], features=still)]
 
 
 def _seen(scene: Scene, view: View) -> Scene:
@@ -146,6 +171,12 @@ def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again:
             raise ImageError(
                 f"{file} is in the way: it lacks {', '.join(sorted(missing))} (again replaces it)"
             )
+        if settled.motion_to is not None:
+            rows = pixel_rows(settled.motion_to, view.width, view.height)
+            if not np.array_equal(np.asarray(old.features.motion_to), rows):
+                raise ImageError(
+                    f"{file} is in the way: its motion is to another camera (again replaces it)"
+                )
         if settled.light_groups and old.features.lamps != layers(used, [*settled.light_groups]):
             raise ImageError(f"{file} is in the way: it has other light groups (again replaces it)")
         wanted = {"scene_sha256": used.sha256, **_deciding(settled)}

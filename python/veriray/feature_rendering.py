@@ -44,27 +44,24 @@ def feature_images(
         names: of `veriray.features.OF_SURFACES`, as a tuple or with commas between them.
         spp: samples per pixel, 1 to 2^40; numbers are of one ray, whatever it is.
         seed, device, sampler, width, height, threads, progress: as of `veriray.render`.
-        motion_to: the second camera, for "motion".
+        motion_to: the second camera, of "motion".
 
     Raises as `veriray.render`.
     """
+    wanted: tuple[str, ...] = SETTINGS["features"].checked("names", names, ValueError)
     settings = RenderSettings(
         spp=whole("spp", spp, 1, MAX_SPP, error=ValueError), seed=seed, device=device,
-        sampler=sampler, width=width, height=height, threads=threads,
+        sampler=sampler, width=width, height=height, threads=threads, features=wanted,
+        motion_to=motion_to,
     )  # fmt: skip
-    wanted: tuple[str, ...] = SETTINGS["features"].checked("names", names, ValueError)
     if wrong := [name for name in wanted if name in PARTS]:
         raise ValueError(
             f"names: {', '.join(wrong)} are parts of a picture: render(scene, features=...)"
         )
-    if motion_to is not None and not isinstance(motion_to, Camera):
-        raise ValueError(f"motion_to = {shown(motion_to)} is not a Camera")
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
     if not wanted:
         raise ValueError(f"names = {shown(names)} is empty; allowed: {', '.join(OF_SURFACES)}")
-    if "motion" in wanted and motion_to is None:
-        raise ValueError('"motion" needs a second camera: motion_to=Camera(...)')
     used, settings = settle(scene, settings)
     chosen, _ = device_module.select(device, fresh=False)
     with device_module.native_errors():
@@ -83,7 +80,8 @@ def beside(render: Render, scene: Scene, used: Scene, settings: RenderSettings) 
         chosen, _ = device_module.select_all(drew, fresh=False)[0]
         begin = 0 if settings.target_error is None else first_sample(used.spp)
         with device_module.native_errors():
-            made = look(chosen, scene, used, of_surfaces, spp, settings.native(), begin=begin)
+            made = look(chosen, scene, used, of_surfaces, spp, settings.native(),
+                        settings.motion_to, begin=begin)  # fmt: skip
     depth = used.max_depth
     if "direct" in names:
         made._add("direct", _part(scene, settings, max_depth=min(2, depth) if depth >= 0 else 2))
@@ -100,7 +98,7 @@ def beside(render: Render, scene: Scene, used: Scene, settings: RenderSettings) 
 
 def _part(scene: Scene, settings: RenderSettings, **changes: Any) -> Render:
     """Another picture with the same samples."""
-    plain = {"batches": 0, "features": (), "light_groups": (), **changes}
+    plain = {"batches": 0, "features": (), "light_groups": (), "motion_to": None, **changes}
     work = Accumulation._of(scene, settings.with_checked(plain), None)
     with contextlib.closing(work):
         while work.left:

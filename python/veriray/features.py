@@ -52,7 +52,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from .numeric import shown, texts, whole
+from .numeric import array, shown, texts, whole
 from .settings import FEATURES
 
 if TYPE_CHECKING:
@@ -112,7 +112,9 @@ class FeatureImages(Mapping[str, Array]):
 
     images: those of `veriray.features`. stderr: standard errors of the means among them, by name;
     0 where fewer than two samples met a surface. spp: samples of a pixel that the means are of.
-    lamps: the lamps of each light group, by the image's name.
+    lamps: the lamps of each light group, by the image's name. motion_to: of the second camera of
+    `motion`, (3, 4) float64: takes a point (x, y, z, 1) of the world to x w, y w and w, where x and
+    y are its place on the film in pixels from the top left.
 
     What was rendered stays in memory of its device: each array is made when it is first asked for,
     and belongs to the caller.
@@ -120,7 +122,7 @@ class FeatureImages(Mapping[str, Array]):
 
     def __init__(
         self, images: Mapping[str, Array] = {}, stderr: Mapping[str, Array] = {}, spp: int = 0,
-        lamps: Mapping[str, Sequence[str]] = {},
+        lamps: Mapping[str, Sequence[str]] = {}, motion_to: Array | None = None,
     ) -> None:  # fmt: skip
         for what, given in (("images", images), ("stderr", stderr)):
             if not isinstance(given, Mapping):
@@ -134,6 +136,9 @@ class FeatureImages(Mapping[str, Array]):
         if not isinstance(lamps, Mapping):
             raise ValueError(f"lamps = {shown(lamps)} is not a mapping of names to lists")
         self.lamps = {str(k): texts(f"lamps[{k}]", v, ValueError) for k, v in lamps.items()}
+        if motion_to is not None:
+            motion_to = array("motion_to", motion_to, np.float64, (3, 4))
+        self.motion_to = motion_to
 
     @classmethod
     def _of(cls, images: Mapping[str, Any], means: Iterable[str], spp: int) -> FeatureImages:
@@ -179,8 +184,9 @@ class FeatureImages(Mapping[str, Array]):
 
     @classmethod
     def _of_channels(
-        cls, channels: Mapping[str, Array], spp: int, lamps: Mapping[str, Sequence[str]]
-    ) -> FeatureImages:
+        cls, channels: Mapping[str, Array], spp: int, lamps: Mapping[str, Sequence[str]],
+        motion_to: Array | None,
+    ) -> FeatureImages:  # fmt: skip
         """The inverse of `channels`, from all channels of a file."""
         found: dict[str, dict[str, Array]] = {"": {}, "stderr.": {}}
         lights = [name[:-2] for name in channels if name.endswith(".R") and _letters(name[:-2])]
@@ -192,7 +198,7 @@ class FeatureImages(Mapping[str, Array]):
                     kind = np.uint32 if name in NUMBERS else np.float32
                     values = np.stack(planes, axis=-1).astype(kind)  # type: ignore[arg-type]
                     images[name] = values[..., 0] if len(letters) == 1 else values
-        return cls(found[""], found["stderr."], spp, lamps)
+        return cls(found[""], found["stderr."], spp, lamps, motion_to)
 
     def save(self, path: Any) -> None:
         """Write these images alone as an EXR file, whose channels are `channels()`.
@@ -207,8 +213,12 @@ class FeatureImages(Mapping[str, Array]):
         """Attributes of the header of an EXR file with these images."""
         if not self.images:
             return {}
-        groups = {"veriray.light_groups": json.dumps(self.lamps)} if self.lamps else {}
-        return {"veriray.feature_spp": str(self.spp), **groups}
+        out = {"veriray.feature_spp": str(self.spp)}
+        if self.lamps:
+            out["veriray.light_groups"] = json.dumps(self.lamps)
+        if self.motion_to is not None:
+            out["veriray.motion_to"] = json.dumps(self.motion_to.tolist())
+        return out
 
 
 def _letters(name: str) -> str:

@@ -39,7 +39,7 @@ def look(  # noqa: PLR0913
 
     Warns by RefusedSamplesWarning of numbers that a film cannot hold, which count as 0.
     """
-    check(scene, names)
+    check(scene, names, motion_to)
     means = [name for name in _MEANS if name in names]
     numbers = [name for name in NUMBERS if name in names]
     kinds = {"alpha": "integers", **dict.fromkeys(means, "sums and squares")}
@@ -111,7 +111,9 @@ def look(  # noqa: PLR0913
         seen = _Seen(scene, held.input_index, parts["primitive"])
         made |= {name: _Number(seen, name) for name in numbers}
     order = {name: made[name] for name in (*_MEANS, "alpha", *numbers) if name in made}
-    return FeatureImages._of(order, [name for name in order if name not in NUMBERS], spp)
+    images = FeatureImages._of(order, [name for name in order if name not in NUMBERS], spp)
+    images.motion_to = None if motion_to is None else motion[1]
+    return images
 
 
 class _Mean:
@@ -170,8 +172,17 @@ def band(device: Device, width: int, threads: int) -> int:
     return max(1, pixels // width)
 
 
-def check(scene: Scene, names: tuple[str, ...]) -> None:
+def check(scene: Scene, names: tuple[str, ...], motion_to: Camera | None) -> None:
     """Raises ValueError for what a scene cannot have."""
+    if "motion" in names and motion_to is None:
+        raise ValueError(
+            'feature "motion" needs a second camera: motion_to, on the command line --motion-to N '
+            "or --motion-to FILE:NAME"
+        )
+    if "motion" not in names and motion_to is not None:
+        raise ValueError('motion_to is for the feature "motion", which is not asked for')
+    if motion_to is not None and motion_to.measures:
+        raise ValueError(f"motion_to: a camera of projection {motion_to.projection} sees no image")
     if names and scene.camera.measures:
         raise ValueError(
             f"feature images are not of cameras of projection {scene.camera.projection}"

@@ -33,6 +33,7 @@ Header attributes, all of them strings, each optional (a missing one reads as em
 - `veriray.feature_spp`: decimal integer, samples of the feature images' means; then channels
   `LAYER.X` and `stderr.LAYER.X` (`veriray.features.LAYERS`): FLOAT, but UINT for numbers
 - `veriray.light_groups`: JSON object, layer `light.NAME` -> list of the names of its lamps
+- `veriray.motion_to`: JSON list of 3 lists of 4 numbers: `FeatureImages.motion_to`
 - `veriray.regions`: JSON list of names; entry k names the value k + 1 of channel `region`
 - `veriray.stats`: JSON object, whatever else `Render.stats` holds
 """

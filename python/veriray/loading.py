@@ -186,7 +186,11 @@ def _features(
     if not all(isinstance(v, list) and all(isinstance(x, str) for x in v) for v in lamps.values()):
         raise ImageError(f"{where}: veriray.light_groups is not lists of names")
     spp = _integer(text, "veriray.feature_spp", where)
-    return FeatureImages._of_channels(channels, spp, lamps)
+    rows = _json(header, "veriray.motion_to", list, where) or None
+    try:
+        return FeatureImages._of_channels(channels, spp, lamps, rows)
+    except ValueError as error:
+        raise ImageError(f"{where}: veriray.{error}") from None
 
 
 def _stats(header: dict[str, Any], where: str) -> dict[str, Any]:

@@ -58,9 +58,7 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
             raise ValueError("light_groups: not together with target_error")
     if settings.light_groups:
         resolved(used, [*settings.light_groups])
-    check(used, (*settings.features,))
-    if "motion" in settings.features:
-        raise ValueError('features: "motion" needs a second camera: veriray.feature_images')
+    check(used, (*settings.features,), settings.motion_to)
     return used, settings
 
 

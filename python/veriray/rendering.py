@@ -53,6 +53,7 @@ def render(
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
     light_groups: str | Sequence[str] | Mapping[str, Any] = (),
+    motion_to: Camera | None = None,
     cluster: str = "",
     cameras: None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -85,6 +86,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
     features: str | tuple[str, ...] = (),
     feature_spp: int | None = None,
     light_groups: str | Sequence[str] | Mapping[str, Any] = (),
+    motion_to: Camera | None = None,
     cluster: str = "",
     cameras: Sequence[Camera] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -133,15 +135,15 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
             `veriray.native_scene`).
         features: feature images of the first surface that the camera sees (`veriray.features`), in
             a tuple or with commas between them: "depth", "depth_axis", "position", "normal",
-            "geo_normal", "albedo", "uv", "alpha", the numbers "object", "material", "primitive",
-            and the parts "direct" and "indirect" of the picture ("motion":
-            `veriray.feature_images`).
+            "geo_normal", "albedo", "uv", "motion", "alpha", the numbers "object", "material",
+            "primitive", and the parts "direct" and "indirect" of the picture.
         feature_spp: samples per pixel of feature images, the picture's first ones; None takes 8,
             or spp if that is less. Parts of the picture have all of its samples.
         light_groups: lamps by group, as {"key": "lamp_*", "fill": ["window", "sky"]}, texts
             "key=lamp_*" in a list or with commas between them, or "*" for a group of each lamp
             (`veriray.light_groups`): the feature images "light.key" and so on, each of which costs
             another picture; "light.rest" is of lamps in no group.
+        motion_to: the second camera, of the feature "motion".
         cluster: "", or the address of a Ray cluster whose nodes render (docs/clusters.md): "auto",
             "local", "HOST:PORT" or "ray://HOST:PORT". device is then that of each node, and "auto"
             all its GPUs.
@@ -195,7 +197,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         rr_depth=rr_depth, sampler=sampler, width=width, height=height, threads=threads,
         batches=batches, batch_size=batch_size, all_features=all_features,
         target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
-        light_groups=light_groups, cluster=cluster,
+        light_groups=light_groups, motion_to=motion_to, cluster=cluster,
     )  # fmt: skip
     course = None
     if checkpoint is not None or time is not None or on_pass is not None:

@@ -12,9 +12,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .errors import SceneError
+
+if TYPE_CHECKING:
+    from .camera import Camera
 
 #: Ways in which scheduler `thrust` closes the gaps of ended paths; the 2016 report's is remove_if.
 COMPACTIONS = {
@@ -59,7 +62,8 @@ class Setting:
     scene has if it states nothing, for settings that None takes from the scene; none: what None
     stands for otherwise. native: its name in the native modules, "" if they do not take it. path:
     paths depend on it. kept: HEADER, STATS, or "" where no file has it. joined: a list of texts is
-    one text with commas. groups: texts of `veriray.light_groups.entries`.
+    one text with commas. groups: texts of `veriray.light_groups.entries`. camera: a Camera, which
+    the command line reads from a text.
     """
 
     default: Any
@@ -75,11 +79,13 @@ class Setting:
     kept: str = ""
     joined: bool = False
     groups: bool = False
+    camera: bool = False
 
     @property
     def is_text(self) -> bool:
         """Whether its values are texts."""
-        return bool(self.choices or self.several or self.groups) or isinstance(self.default, str)
+        named = self.choices or self.several or self.groups or self.camera
+        return bool(named) or isinstance(self.default, str)
 
     @property
     def help(self) -> str:
@@ -104,6 +110,8 @@ class Setting:
             from .light_groups import entries
 
             return entries(name, value, error)
+        if self.camera:
+            return _camera(name, value, error)
         if self.several:
             names = tuple(value.split(",")) if isinstance(value, str) else texts(name, value, error)
             each = [choice(name, one.strip(), self.several, error=error) for one in names]
@@ -117,6 +125,15 @@ class Setting:
         if self.joined and isinstance(value, (list, tuple)):
             return ",".join(texts(name, value, error))
         return switch(name, value, error=error) if self.default is False else value
+
+
+def _camera(name: str, value: Any, error: type[ValueError]) -> Camera:
+    from .camera import Camera
+    from .numeric import shown
+
+    if not isinstance(value, Camera):
+        raise error(f"{name} = {shown(value)} is not a Camera")
+    return value
 
 
 def _power(number: int) -> str:
@@ -177,8 +194,7 @@ class RenderSettings:
     builder: str = _setting("auto", "who builds the tree", choices=BUILDERS)
     features: str | tuple[str, ...] = _setting(
         (),
-        "feature images beside the picture, with commas between them; motion by "
-        "veriray.feature_images alone, which takes its second camera",
+        "feature images beside the picture, with commas between them; motion with --motion-to",
         several=FEATURES,
     )
     feature_spp: int | None = _setting(
@@ -187,6 +203,10 @@ class RenderSettings:
     light_groups: str | Sequence[str] | Mapping[str, Any] = _setting(
         (), "pictures by the light of some lamps each, as GROUP=LAMP with commas between them, or "
         '"*" for one of each lamp', groups=True,
+    )  # fmt: skip
+    motion_to: Camera | None = _setting(
+        None, "second camera of the image motion: the number of another sensor, or FILE[:NAME] "
+        "with a camera of a list as `dataset` takes it", camera=True,
     )  # fmt: skip
     cluster: str = _setting(
         "", "address of a Ray cluster that renders: auto, local, HOST:PORT or ray://HOST:PORT"

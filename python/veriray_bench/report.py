@@ -67,8 +67,8 @@ def save(results: Sequence[Result], path: str | os.PathLike[str]) -> None:
 
 
 def sections(results: Sequence[Result]) -> list[Section]:
-    """The report's parts."""
-    return [
+    """The report's parts; of one device its name is in the verdict and in the last part alone."""
+    parts = [
         part
         for part in (
             *matrix_sections(results), _targets(results), _void(results), _speed(results),
@@ -79,6 +79,10 @@ def sections(results: Sequence[Result]) -> list[Section]:
         )
         if part.tables or part.plots
     ]  # fmt: skip
+    if len({result["device"]["name"] for result in results}) == 1:
+        for part in parts[:-1]:
+            part.tables = [table.without("device") for table in part.tables]
+    return parts
 
 
 def _targets(results: Sequence[Result]) -> Section:

@@ -20,6 +20,12 @@ class Table:
     columns: Sequence[str]
     rows: list[list[str]]
 
+    def without(self, column: str) -> Table:
+        """The table without a column of that name; as it is if there is none."""
+        kept = [k for k, name in enumerate(self.columns) if name != column]
+        columns = [self.columns[k] for k in kept]
+        return Table(columns, [[row[k] for k in kept] for row in self.rows])
+
 
 @dataclass
 class Section:

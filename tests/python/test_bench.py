@@ -456,6 +456,17 @@ def test_report_has_the_rows(folder: Path, suffix: str) -> None:
     assert suffix == ".md" or text.count("data:image/svg+xml;base64,") == 5
 
 
+def test_the_device_is_named_in_each_row_where_there_are_several() -> None:
+    one, other = canned(), canned()
+    other["device"] = {**other["device"], "name": "cpu:avx2"}
+    for results in ([one], [one, other]):
+        *parts, facts = report.sections(results)
+        named = {"device" in table.columns for part in parts for table in part.tables}
+        assert named == {len(results) == 2} and facts.tables[0].columns[0] == "device"
+        for table in (table for part in parts for table in part.tables):
+            assert {len(row) for row in table.rows} == {len(table.columns)}
+
+
 # ---- the command ----
 
 

@@ -19,12 +19,16 @@ from veriray import cluster_worker
 from veriray.cli import main
 from veriray.cluster_worker import differences, digests
 
+# Ray reads it when it is imported; from 2.61 on it asks for a token anyway.
+os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "0123456789abcdef" * 4}
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install veriray[cluster]")
 
 SIZE: dict[str, Any] = {"width": 48, "height": 32}
 SAME = ("ledger", "live_rays", "rays", "paths", "nonfinite_samples", "spp", "scene_sha256",
         "mean_stderr", "features", "primitives")  # fmt: skip
 STORE = 80 << 20
+#: How soon Ray notices that a node is gone: after so many calls that fail, not after 15 s.
+HEALTH = {"health_check_initial_delay_ms": 1000, "health_check_period_ms": 500}
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +36,8 @@ def nodes() -> Iterator[Any]:
     """Two nodes of one processor, and a head that has none."""
     from ray.cluster_utils import Cluster
 
-    quiet = {"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False}
+    quiet = {"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False,
+             "_system_config": HEALTH}  # fmt: skip
     cluster = Cluster(initialize_head=True, head_node_args=quiet)
     try:
         for _ in range(2):

@@ -351,6 +351,34 @@ def test_feature_images_of_views(tmp_path: Path, cornell: vr.Scene) -> None:
         vr.dataset(cornell, tmp_path, **small, features="albedo")
 
 
+def test_motion_to_the_next_view(
+    tmp_path: Path, cornell: vr.Scene, turning: list[vr.Camera]
+) -> None:
+    """The last view has none; a file whose motion is to another camera is in the way."""
+    settings: dict[str, Any] = {"spp": 2, "device": "cpu", "features": ("motion", "depth")}
+    files = vr.dataset(cornell, tmp_path, turning, **settings)
+    for k in range(2):
+        here = cornell.with_(camera=turning[k])
+        alone = vr.feature_images(here, "motion", 2, seed=k, motion_to=turning[k + 1])
+        assert np.array_equal(vr.Render.load(files[k]).features["motion"], alone["motion"])
+    assert {*vr.Render.load(files[2]).features} == {"depth", "alpha"}
+    before = [file.stat().st_mtime_ns for file in files[:3]]
+    vr.dataset(cornell, tmp_path, turning, **settings)
+    assert [file.stat().st_mtime_ns for file in files[:3]] == before
+    with pytest.raises(ImageError, match="0000.exr is in the way: its motion is to another camera"):
+        vr.dataset(cornell, tmp_path, turning, motion_to=turning[2], **settings)
+    vr.dataset(cornell, tmp_path, turning, motion_to=turning[2], again=True, **settings)
+    assert not vr.Render.load(files[2]).features["motion"].any()
+    with pytest.raises(ValueError, match="is to the next view, and there is one"):
+        vr.dataset(cornell, tmp_path / "one", turning[:1], **settings)
+    size = {"K": K(), "matrix": np.eye(4).tolist(), "height": 8}
+    entries = [{"name": f"v{width}", "width": width, **size} for width in (8, 9)]
+    lists = tmp_path / "cameras.json"
+    lists.write_text(json.dumps({"convention": "opencv", "cameras": entries}))
+    with pytest.raises(ValueError, match="v8 has 8 x 8 pixels and the next view, v9, 9 x 8"):
+        vr.dataset(cornell, tmp_path / "two", lists, **settings)
+
+
 def test_damaged_files_are_in_the_way(tmp_path: Path, cornell: vr.Scene) -> None:
     (tmp_path / "0000.exr").write_bytes(b"text")
     with pytest.raises(ImageError, match="not an OpenEXR file"):

@@ -7,6 +7,7 @@ import re
 import shlex
 import shutil
 import sys
+import urllib.parse
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,6 +22,9 @@ from veriray import cli
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
          ROOT / "cpp/README.md", *sorted((ROOT / "benchmarks").glob("*.md"))]  # fmt: skip
+#: All that has links.
+LINKED = [*PAGES, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.ipynb")),
+          *sorted((ROOT / "scenes").rglob("*.md"))]  # fmt: skip
 #: Written by `make docs`.
 MADE = ("generated/scene-reference.md", "generated/api.md")
 
@@ -40,7 +44,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", t.lower()).strip().replace(" ", "-") for t in titles}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     wrong = []
     for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
@@ -51,6 +55,21 @@ def test_links_lead_somewhere(page: Path) -> None:
         if not target.exists() or (anchor and anchor not in anchors(target)):
             wrong.append(link)
     assert not wrong
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_addresses_are_well_formed(page: Path) -> None:
+    """Other sites are not asked: the forms of their addresses are checked."""
+    text = page.read_text("utf-8")
+    links = re.findall(r"\]\((\w+:[^)\s]*)\)", prose(page))
+    for address in [*links, *re.findall(r"\bhttps?://[^\s)>\"'`\\]*", text)]:
+        parts = urllib.parse.urlsplit(address)
+        if parts.hostname == "127.0.0.1":  # the viewer's
+            continue
+        assert parts.scheme == "https" and parts.port is None, address
+        assert re.fullmatch(r"([a-z0-9-]+\.)+[a-z]{2,}", parts.netloc), address
+        assert re.fullmatch(r"(/[\w.~%-]+)*/?", parts.path), address
+        assert address[-1] not in ".,;:", address
 
 
 def name_of(page: Path) -> str:

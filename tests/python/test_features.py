@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -169,6 +170,26 @@ def test_motion(device: str) -> None:
         assert np.abs(got["motion"][..., k] - moved).max() < 1e-4
     same = vr.feature_images(scene, ("motion",), spp=4, device=device, motion_to=scene.camera)
     assert not same["motion"].any()
+
+
+def test_motion_beside_a_picture(tmp_path: Path, device: str) -> None:
+    """The bits of `feature_images`; the file says where the second camera sees a point."""
+    scene = scene_of({"near": plane(4.0)})
+    other = vr.Camera.look_at((0.5, -0.25, 0), (0, 0, 4), fov=50.0)
+    settings: dict[str, Any] = {"spp": 8, "device": device, "motion_to": other}
+    apart = vr.feature_images(scene, "motion,position", **settings)
+    got = vr.render(scene, features="motion,position", **settings)
+    got.save(tmp_path / "a.exr")
+    read = image.load(tmp_path / "a.exr").features
+    for found in (got.features, read):
+        assert np.array_equal(found["motion"], apart["motion"])
+        assert np.array_equal(found.motion_to, apart.motion_to)
+    assert read.motion_to is not None
+    points = np.concatenate([read["position"], np.ones((16, 24, 1))], axis=-1)
+    x, y, w = np.einsum("ij,hwj->ihw", read.motion_to, points)
+    here = np.stack(np.meshgrid(np.arange(24) + 0.5, np.arange(16) + 0.5), axis=-1)
+    there = np.stack([x / w, y / w], axis=-1)  # the mean position is up to half a pixel off
+    assert np.abs(there - here - read["motion"]).max() < 0.5
 
 
 # ---- numbers ----
@@ -415,6 +436,53 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--features needs an output FILE.exr" in capsys.readouterr().err
 
 
+TWO_SENSORS = """<scene version="3.0.0"><emitter type="constant"/><shape type="rectangle">
+    <transform name="to_world"><rotate y="1" angle="180"/><translate z="3"/></transform></shape>
+    <sensor type="perspective"><float name="fov" value="20"/></sensor>
+    <sensor type="perspective"><float name="fov" value="20"/><transform name="to_world">
+    <translate x="0.125"/></transform></sensor></scene>"""
+
+
+def cameras_file(path: Path, *names: str) -> str:
+    """A list for Mitsuba whose cameras stand 0, 0.125, 0.25 ... beside the origin."""
+    entries = [{"name": name, "fov": 20, "matrix": [[1, 0, 0, k / 8], [0, 1, 0, 0], [0, 0, 1, 0],
+                                                    [0, 0, 0, 1]]}
+               for k, name in enumerate(names)]  # fmt: skip
+    path.write_text(json.dumps({"convention": "mitsuba", "cameras": entries}), "utf-8")
+    return str(path)
+
+
+def test_motion_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, out = tmp_path / "scene.xml", tmp_path / "a.exr"
+    scene.write_text(TWO_SENSORS, "utf-8")
+    three = cameras_file(tmp_path / "three.json", "a", "b/c", "d:e")
+    one = cameras_file(tmp_path / "one:0.json", "only")
+    words = ["render", str(scene), "--width", "8", "--height", "6", "--spp", "1", "-o", str(out),
+             "--device", "cpu", "--quiet", "--features", "motion"]  # fmt: skip
+    # a step to the camera's +x, which is the picture's left, moves what is seen to the right
+    step = 8 / 2 / math.tan(math.radians(10)) * 0.125 / 3
+    moves = {"0": 0.0, "1": 1.0, f"{three}:b/c": 1.0, f"{three}:a": 0.0, one: 0.0,
+             f"{one}:only": 0.0}  # fmt: skip
+    for second, steps in moves.items():
+        assert cli.main([*words, "--motion-to", second]) == 0, second
+        motion = image.load(out).features["motion"]
+        assert np.abs(motion - [steps * step, 0]).max() < 1e-4, second
+    capsys.readouterr()
+    refused = {
+        "2": f"--motion-to 2 is outside [0, 1]: {scene} has 2 sensors (or name a file of cameras)",
+        three: f"--motion-to {three}: expected {three}:NAME with one of a, b/c, d:e",
+        f"{three}:f": f"--motion-to {three}:f: expected {three}:NAME with one of a, b/c, d:e",
+        str(tmp_path / "none.json"): f"{tmp_path / 'none.json'}: No such file or directory",
+    }
+    for second, message in refused.items():
+        assert cli.main([*words, "--motion-to", second]) == 2
+        assert message in capsys.readouterr().err
+    assert cli.main(words) == 2
+    assert 'feature "motion" needs a second camera' in capsys.readouterr().err
+    assert cli.main([*words[:-2], "--motion-to", "1"]) == 2
+    assert 'motion_to is for the feature "motion", which is not asked' in capsys.readouterr().err
+
+
 def test_aov_in_a_scene_file(tmp_path: Path) -> None:
     """Its planes that are feature images are written; the others are noted."""
     text = (Path(vr.__file__).parent / "scenes" / "open.xml").read_text("utf-8")
@@ -474,7 +542,7 @@ def test_integrators_that_show_no_light(
         (("depth", "ids"), "names = 'ids' is unknown; allowed: "),
         (3, "names = 3 is not a list of strings"),
         ((), r"names = \(\) is empty; allowed: depth, "),
-        ("motion", '"motion" needs a second camera'),
+        ("motion", 'feature "motion" needs a second camera: motion_to, on the command line --mo'),
         ("direct", r"direct are parts of a picture: render\(scene, features=...\)"),
     ],
 )
@@ -485,9 +553,14 @@ def test_names_that_are_refused(names: Any, message: str) -> None:
 
 def test_what_a_render_refuses() -> None:
     scene = vr.cornell_box()
+    patch = [[0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0]]
+    meter = vr.Camera(np.eye(4), 90, projection="irradiance", patches=np.array(patch, float))
     for given, message in (
         ({"features": "dep"}, "features = 'dep' is unknown; allowed: depth, depth_axis"),
-        ({"features": "motion"}, '"motion" needs a second camera: veriray.feature_images'),
+        ({"features": "motion"}, 'feature "motion" needs a second camera: motion_to'),
+        ({"features": "depth", "motion_to": scene.camera}, 'motion_to is for the feature "motion"'),
+        ({"features": "motion", "motion_to": 1}, "motion_to = 1 is not a Camera"),
+        ({"features": "motion", "motion_to": meter}, "a camera of projection irradiance sees no"),
         ({"features": "direct", "target_error": 0.5, "spp": 16}, "with target_error no parts"),
         ({"features": "depth", "feature_spp": 0}, "feature_spp = 0 is outside"),
     ):

@@ -176,7 +176,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         vr.render,
         "scene spp seed device scheduler max_depth rr_depth sampler width height threads "
         "batches batch_size progress target_error builder all_features features feature_spp "
-        "cameras checkpoint every time on_pass",
+        "motion_to cameras checkpoint every time on_pass",
         scene=g["scene"],
         device="cpu",
         threads=1,
@@ -187,7 +187,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
     "settle": lambda g: _row(
         lambda scene, **given: settle(scene, RenderSettings(**given)),
         "scene spp seed max_depth rr_depth sampler scheduler threads batches batch_size "
-        "all_features target_error builder features feature_spp",
+        "all_features target_error builder features feature_spp motion_to",
         scene=g["scene"],
     ),
     "trace_path": lambda g: _row(
@@ -205,7 +205,7 @@ TABLE: dict[str, Callable[[dict[str, Any]], tuple[Any, list[str], Any]]] = {
         device="cpu",
         threads=1,
     ),
-    "FeatureImages": lambda g: _row(vr.FeatureImages, "images stderr spp"),
+    "FeatureImages": lambda g: _row(vr.FeatureImages, "images stderr spp motion_to"),
     "FeatureImages.save": lambda g: _row(g["features"].save, "path"),
     "lint": lambda g: _row(vr.lint, "scene", scene=g["scene"]),
     "dataset": lambda g: _row(

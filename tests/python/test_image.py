@@ -242,10 +242,14 @@ def header_with(tmp_path: Path, **attributes: str) -> Path:
         ("features", "{}"),
         ("stats", "7"),
         ("regions", "null"),
+        ("motion_to", "{}"),
+        ("motion_to", "[[1, 2, 3, 4], [5]]"),
+        ("motion_to", "[[1, 2, 3, 4]]"),
+        ("motion_to", '[["1"]]'),
     ],
 )
 def test_bad_headers(tmp_path: Path, key: str, value: str) -> None:
-    path = header_with(tmp_path, **{key: value})
+    path = header_with(tmp_path, feature_spp="1", **{key: value})
     with pytest.raises(ImageError, match=rf"bad\.exr.*{key}"):
         image.load(path)
 

@@ -223,8 +223,9 @@ def test_what_is_refused(given: Any, message: str) -> None:
 def test_other_refusals() -> None:
     with pytest.raises(ValueError, match="light_groups: not together with target_error"):
         vr.render(room(), 16, light_groups="*", target_error=0.1)
-    with pytest.raises(ValueError, match="light_groups are settings of veriray.render alone"):
-        vr.Accumulation(room(), light_groups="*")
+    for given in ({"light_groups": "*"}, {"motion_to": room().camera}):
+        with pytest.raises(ValueError, match="light_groups, motion_to are settings of veriray.re"):
+            vr.Accumulation(room(), **given)
     with pytest.raises(ValueError, match="images: 'light.a.b' is none of"):
         vr.FeatureImages({"light.a.b": np.ones((1, 1, 3), np.float32)})
     with pytest.raises(ValueError, match="lamps = 3 is not a mapping"):

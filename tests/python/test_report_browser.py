@@ -304,6 +304,49 @@ def test_contrast_and_widths(page: Page, pages: dict[str, Path], name: str, mode
     assert ground == {"light": "rgb(255, 255, 255)", "dark": "rgb(20, 23, 27)"}[mode]
 
 
+@pytest.fixture(scope="module")
+def wide(pages: dict[str, Path]) -> dict[str, Path]:
+    """The pages, and one with the widest tables of `veriray bench`."""
+    folder = pages["bench"].with_name("wide")
+    folder.mkdir()
+    results = ROOT / "benchmarks/results"
+    stored = json.loads((results / "bench_cuda.json").read_text("utf-8"))
+    stored["scenarios"] = {
+        name: row for name, row in stored["scenarios"].items()
+        if row["kind"] in ("variants", "error", "roulette")
+    }  # fmt: skip
+    (folder / "bench_cuda.json").write_text(json.dumps(stored))
+    found = bench_report.find([folder, results / "matrix_h200.json", results / "bench_cpu.json"])
+    for name, part in (("two devices", found), ("one device", found[:2])):
+        bench_report.save(part, folder / f"{name}.html")
+    return {**pages, **{file.stem: file for file in folder.glob("*.html")}}
+
+
+@pytest.mark.parametrize("name", ["compare", "one device", "two devices", "validate"])
+def test_tables_are_whole_or_say_that_they_go_on(
+    page: Page, wide: dict[str, Path], name: str
+) -> None:
+    tables = """
+    [...document.querySelectorAll(".scroll")].filter(e => e.checkVisibility()).map(e => {
+      const hint = getComputedStyle(e, "::before").height, more = e.scrollWidth - e.clientWidth;
+      const cell = e.querySelector("tr:nth-child(2) > :first-child");
+      e.scrollLeft = more;
+      const at = cell.getBoundingClientRect().left - e.getBoundingClientRect().left;
+      e.scrollLeft = 0;
+      return { more, hint, at };
+    })
+    """
+    opened(page, wide[name], 1400)
+    for table in page.value(tables):
+        assert table["more"] == 0 and table["hint"] == "0px"
+    opened(page, wide[name], 420)
+    found = page.value(tables)
+    assert any(table["more"] > 0 for table in found)
+    for table in found:
+        assert (table["hint"] == "0px") == (table["more"] == 0)
+        assert abs(table["at"]) < 1  # the first column stays
+
+
 @pytest.mark.parametrize("name", ["compare", "bench", "validate"])
 def test_plots_are_as_dark_as_the_page(page: Page, pages: dict[str, Path], name: str) -> None:
     """The least and the largest luminance of the first plot's pixels that are not clear."""

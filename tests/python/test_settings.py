@@ -79,8 +79,9 @@ def test_defaults_of_a_scene() -> None:
 def test_header_of_a_file() -> None:
     in_header = {name for name in SETTINGS if f"`veriray.{name}`" in str(image.__doc__)}
     own = {name for name, setting in SETTINGS.items() if setting.kept == HEADER}
-    # batches, feature_spp, light_groups: of what the file holds; features: those of the scene
-    assert in_header == {*own, "batches", "features", "feature_spp", "light_groups"}
+    # features: those of the scene; the others: of what the file holds
+    others = {"batches", "features", "feature_spp", "light_groups", "motion_to"}
+    assert in_header == {*own, *others}
 
 
 @pytest.mark.parametrize(

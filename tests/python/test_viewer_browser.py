@@ -121,6 +121,64 @@ def test_a_visit(page: Page) -> None:
     page.errors[:] = [error for error in page.errors if "ERR_CONNECTION_REFUSED" not in error]
 
 
+def test_fingers(page: Page) -> None:
+    """One orbits; two move sideways and zoom, and leave the direction as it is; a tap measures."""
+    with rendering("cornell-box", **SMALL) as renderer, serving(renderer) as (_, port):
+        page.resize(420, 850)
+        page.open(f"http://127.0.0.1:{port}/")
+        page.wait(f"{DATA}.done === 'true'")
+        first = vr.cornell_box().camera.to_world
+        x, y = middle(page)
+
+        def camera() -> Any:
+            view = renderer.view
+            return first if view.camera is None else view.camera.to_world
+
+        def rest() -> Any:
+            """Where the camera is once nothing moves it any more."""
+            page.value("new Promise(f => requestAnimationFrame(() => requestAnimationFrame(f)))")
+            done(renderer)
+            time.sleep(0.2)
+            return camera().copy()
+
+        page.touch((x - 20, y))
+        page.touch((x - 20, y), (x + 20, y))
+        for k in range(1, 9):  # apart, to twice the distance
+            page.touch((x - 20 - 2.5 * k, y), (x + 20 + 2.5 * k, y))
+        wait(lambda: camera()[2, 3] > first[2, 3] + 1)
+        near = rest()
+        assert np.allclose(near[:3, :3], first[:3, :3])
+        assert np.allclose(near[:2, 3], first[:2, 3], atol=1e-6)
+        distance = renderer.view.distance
+        assert distance == pytest.approx(near[2, 3] - first[2, 3], rel=1e-6)  # half of what it was
+        for k in range(1, 9):  # both to the right, and up
+            page.touch((x - 40 + 5 * k, y - 2 * k), (x + 40 + 5 * k, y - 2 * k))
+        wait(lambda: camera()[0, 3] > near[0, 3] + 1)
+        beside = rest()
+        assert np.allclose(beside[:3, :3], first[:3, :3])
+        height = page.value("canvas.clientHeight")
+        scale = 2 * distance * renderer.view.camera.tan_half_y(96, 72) / height
+        step = (beside - near)[:3, 3]  # the picture's left is the camera's +X, which is the world's
+        assert step == pytest.approx([40 * scale, -16 * scale, 0], rel=1e-3, abs=1e-3)
+        page.touch((x, y - 16))  # one finger is lifted: the other does nothing
+        page.touch((x + 60, y - 16))
+        page.touch()
+        assert np.array_equal(rest(), beside)
+
+        page.touch((x, y))
+        for k in range(1, 9):
+            page.touch((x + 5 * k, y))
+        page.touch()
+        wait(lambda: not np.allclose(camera()[:3, :3], first[:3, :3]))
+        turned = rest()
+        page.touch((x, y))  # a tap that slips a little
+        page.touch((x + 3, y + 3))
+        before = renderer.view.distance
+        page.touch()
+        wait(lambda: renderer.view.distance != before)
+        assert np.array_equal(rest(), turned)
+
+
 def test_it_connects_again(page: Page) -> None:
     """A server that comes back at the same port is found again."""
     with rendering("cornell-box", **SMALL) as renderer, serving(renderer) as (server, port):

@@ -112,6 +112,38 @@ def load(arguments: argparse.Namespace) -> Scene:
     return scene
 
 
+def set_second_camera(arguments: argparse.Namespace, scene: Scene) -> None:
+    """Makes a camera of the text of --motion-to."""
+    text: str | None = arguments.motion_to
+    if text is None:
+        return
+    if text.isdecimal():
+        cameras = scene.cameras
+        if int(text) >= len(cameras):
+            raise CommandError(
+                f"--motion-to {text} is outside [0, {len(cameras) - 1}]: {arguments.scene} has "
+                f"{len(cameras)} sensor{'s' * (len(cameras) > 1)} (or name a file of cameras)"
+            )
+        arguments.motion_to = cameras[int(text)]
+        return
+    from ..formats import cameras as lists
+
+    path, colon, name = text, "", ""
+    if not os.path.exists(path) and ":" in text:
+        path, colon, name = text.rpartition(":")
+    views = lists.load(
+        path, arguments.width or scene.film.width, arguments.height or scene.film.height
+    )
+    found = [view.camera for view in views if view.name == name or not colon]
+    if len(found) != 1:
+        names = [view.name for view in views]
+        more = f", ... ({len(names)})" if len(names) > 8 else ""
+        raise CommandError(
+            f"--motion-to {text}: expected {path}:NAME with one of {', '.join(names[:8])}{more}"
+        )
+    arguments.motion_to = found[0]
+
+
 def definitions(arguments: argparse.Namespace) -> dict[str, object]:
     """The values that -D gives."""
     parameters: dict[str, object] = {}

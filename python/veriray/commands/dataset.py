@@ -6,7 +6,16 @@ import argparse
 from typing import Any
 
 from ..settings import SETTINGS
-from .common import SCENE_SETTINGS, add_scene, add_settings, load, number, say, show_progress
+from .common import (
+    SCENE_SETTINGS,
+    add_scene,
+    add_settings,
+    load,
+    number,
+    say,
+    set_second_camera,
+    show_progress,
+)
 
 
 def add(commands: Any) -> None:
@@ -32,6 +41,7 @@ def _dataset(arguments: argparse.Namespace) -> int:
     from ..datasets import dataset
 
     scene = load(arguments)
+    set_second_camera(arguments, scene)
     settings = {name: getattr(arguments, name) for name in SETTINGS}
     with show_progress("rendering views", arguments.quiet) as progress:
         files = dataset(

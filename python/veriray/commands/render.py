@@ -23,6 +23,7 @@ from .common import (
     load,
     number,
     say,
+    set_second_camera,
     show_progress,
     write_json,
 )
@@ -113,6 +114,7 @@ def _render(arguments: argparse.Namespace) -> int:
     from ..rendering import choose_scheduler, prepare, render_with, settle
 
     scene = load(arguments)
+    set_second_camera(arguments, scene)
     if has_exr and not arguments.features:
         arguments.features = scene.features
     settings = RenderSettings(**{name: getattr(arguments, name) for name in SETTINGS})
@@ -200,12 +202,12 @@ def _draw_range(arguments: argparse.Namespace) -> int:
         raise CommandError(f"--samples {arguments.samples}: expected A:B with 0 <= A < B <= 2^40")
     pictures = (
         arguments.output, arguments.stats, arguments.features, arguments.light_groups,
-        arguments.preview,
+        arguments.preview, arguments.motion_to,
     )  # fmt: skip
     if not arguments.checkpoint or any(pictures):
         raise CommandError(
             "--samples draws into --checkpoint FILE alone: "
-            "without -o, --stats, --features, --light-groups and --preview"
+            "without -o, --stats, --features, --light-groups, --motion-to and --preview"
         )
     if arguments.spp is not None or arguments.batches or arguments.target_error is not None:
         raise CommandError("--samples: not together with --spp, --batches or --target-error")

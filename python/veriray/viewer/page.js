@@ -240,6 +240,7 @@ speed.oninput = () => { speed.nextElementSibling.textContent = `${digits(reach()
 
 const gathered = {};
 const keys = new Set();
+const fingers = new Map(); // what is down: id to place
 let drag = null, last = 0, running = false;
 
 function gather(what, ...numbers) {
@@ -277,18 +278,37 @@ function tick(now) {
 stage.addEventListener("pointerdown", (event) => {
   stage.focus();
   stage.setPointerCapture(event.pointerId);
+  fingers.set(event.pointerId, [event.clientX, event.clientY]);
+  stage.classList.add("busy", "used");
+  if (fingers.size > 1) {
+    drag = fingers.size === 2 ? { what: "pinch", far: Infinity, ...pinch() } : null;
+    return;
+  }
   const pan = event.shiftKey || event.button === 1;
   const look = event.button === 2 || event.ctrlKey || event.metaKey;
-  drag = { x: event.clientX, y: event.clientY, far: 0, what: pan ? "pan" : look ? "look" : "orbit" };
-  stage.classList.add("busy");
+  const least = event.pointerType === "touch" ? 10 : 4;
+  drag = { x: event.clientX, y: event.clientY, far: 0, least, what: pan ? "pan" : look ? "look" : "orbit" };
 });
+/** The middle of two fingers, and how far apart they are. */
+function pinch() {
+  const [[x, y], [u, v]] = fingers.values();
+  return { x: (x + u) / 2, y: (y + v) / 2, apart: Math.max(1, Math.hypot(x - u, y - v)) };
+}
 stage.addEventListener("pointermove", (event) => {
+  if (fingers.has(event.pointerId)) fingers.set(event.pointerId, [event.clientX, event.clientY]);
   if (!drag || !facts) return;
   const height = canvas.clientHeight || 1;
+  if (drag.what === "pinch") {
+    const now = pinch();
+    gather("pan", (now.x - drag.x) / height, (now.y - drag.y) / height);
+    gather("zoom", Math.log(drag.apart / now.apart));
+    Object.assign(drag, now);
+    return;
+  }
   const dx = (event.clientX - drag.x) / height, dy = (event.clientY - drag.y) / height;
   drag.far += Math.hypot(event.clientX - drag.x, event.clientY - drag.y);
   [drag.x, drag.y] = [event.clientX, event.clientY];
-  if (drag.far < 4) return;
+  if (drag.far < drag.least) return;
   if (drag.what === "orbit") gather("orbit", -Math.PI * dx, -Math.PI * dy);
   else if (drag.what === "look") {
     const angle = ((state ? state.fov : 40) * Math.PI) / 180;
@@ -296,8 +316,9 @@ stage.addEventListener("pointermove", (event) => {
   } else gather("pan", dx, dy);
 });
 function release(event) {
-  stage.classList.remove("busy");
-  if (drag && drag.far < 4 && event.type === "pointerup" && event.button === 0) {
+  fingers.delete(event.pointerId);
+  if (!fingers.size) stage.classList.remove("busy");
+  if (drag && drag.far < drag.least && event.type === "pointerup" && event.button === 0) {
     const box = canvas.getBoundingClientRect();
     const x = (event.clientX - box.left) / box.width, y = (event.clientY - box.top) / box.height;
     if (x >= 0 && x <= 1 && y >= 0 && y <= 1) {

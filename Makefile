@@ -6,13 +6,15 @@
 #
 # Variables: PYTHON (default: the first python3.13 ... python3 that is at least 3.10 and has venv and
 # the C headers), SPP, PYTEST (further arguments), VERIRAY_CPU, VERIRAY_CUDA, VERIRAY_CUDA_ARCH,
-# VERIRAY_JOBS, PYTHONS ("python3.10 python3.11").
+# VERIRAY_JOBS, PYTHONS ("python3.10 python3.11"), EXTRA (packages to install with it: test, or ci,
+# which adds half a gigabyte for notebooks, denoising and clusters).
 # Development builds compile for this machine: the widest instruction set that it runs, and CUDA code
 # for its GPUs, or for 90 alone where there is none. Wheels hold all instruction sets and WHEEL_ARCH,
 # packed as small as nvcc can, which takes nvcc 12.8.
 
 SPP ?= 256
 PYTEST ?=
+EXTRA ?= test
 VENV := .venv
 BIN := $(VENV)/bin
 PROBE := import sys, os, sysconfig, venv, ensurepip; \
@@ -26,7 +28,7 @@ LINT_TOOLS := ruff==0.17.5 clang-format==23.1.5 mypy==2.4.1 lxml-stubs==0.5.1 \
   codespell[toml]==2.4.3
 # Whose own types mypy reads; any release, so that an installed one stays.
 LINT_TYPES := numpy pillow rich websockets
-SETTINGS = CPU=$(VERIRAY_CPU) CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX)
+SETTINGS = CPU=$(VERIRAY_CPU) CUDA=$(VERIRAY_CUDA) ARCH=$(VERIRAY_CUDA_ARCH) CCCL=$(VERIRAY_CCCL_DIR) CXX=$(CXX) EXTRA=$(EXTRA)
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 CPP_FILES = $$(find cpp python/bindings -name '*.h' -o -name '*.cpp' -o -name "*.cu" -o -name "*.cuh")
 
@@ -95,7 +97,7 @@ clean:
 # The build requirements stand in the environment itself, so that the second build is incremental.
 $(VENV)/installed: $(VENV)/build-tools $(VENV)/settings $(SOURCES)
 	@echo "veriray: building (the first time takes minutes)"
-	@$(PIP) --no-build-isolation ".[test]"
+	@$(PIP) --no-build-isolation ".[$(EXTRA)]"
 	@cat build/temp.*/cmake/summary.txt
 	@touch $@
 

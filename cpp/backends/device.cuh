@@ -68,7 +68,12 @@ class Buffer {
         check(status, what);
     }
     Buffer(const T* from, size_t n, const char* what) : Buffer(n, what) {
-        if (n) check(cudaMemcpy(p_, from, n * sizeof(T), cudaMemcpyHostToDevice), what);
+        const size_t bytes = n * sizeof(T);
+        if (bytes >= Staging::kLeast &&
+            Staging::send(current_device(), reinterpret_cast<char*>(p_),
+                          reinterpret_cast<const char*>(from), bytes))
+            return;
+        if (n) check(cudaMemcpy(p_, from, bytes, cudaMemcpyHostToDevice), what);
     }
     template <class Memory>
     Buffer(const std::vector<T, Memory>& v, const char* what) : Buffer(v.data(), v.size(), what) {}

@@ -132,24 +132,28 @@ class DevicePool {
     }
 };
 
-// Copies to the host's memory by way of page-locked memory, from which several threads copy on: a
-// GPU's link is faster than one thread.
+// Copies between the host's memory and the device's by way of page-locked memory, which several
+// threads fill or empty: a GPU's link is faster than one thread.
 class Staging {
    public:
+    // Bytes from which on it is worth its threads.
+    static constexpr size_t kLeast = 2 << 20;
     static constexpr size_t kPart = 1 << 20, kParts = 16;
 
-    // False: there is no page-locked memory to be had, and nothing was copied. The device's work on
-    // `from` is done.
-    static bool copy(int device, char* out, const char* from, size_t bytes) {
-        std::unique_ptr<Staging> s = take(device);
-        if (!s) return false;
-        cudaError_t status = cudaSuccess;
-        for (size_t at = 0; at < bytes && status == cudaSuccess; at += kPart * kParts)
-            status = s->window(device, out + at, from + at, std::min(bytes - at, kPart * kParts));
-        if (status != cudaSuccess) return cudaGetLastError(), false;
-        const std::lock_guard lock(mutex());
-        idle().push_back(std::move(s));
-        return true;
+    // To the host. False: there is no page-locked memory to be had, or the device failed, and what
+    // is in `out` is of no use. The device's work on `from` is done.
+    static bool fetch(int device, char* out, const char* from, size_t bytes) {
+        return with_one(device, [&](Staging& s) {
+            cudaError_t status = cudaSuccess;
+            for (size_t at = 0; at < bytes && status == cudaSuccess; at += kPart * kParts)
+                status =
+                    s.window(device, out + at, from + at, std::min(bytes - at, kPart * kParts));
+            return status;
+        });
+    }
+    // To the device, likewise; what is there is complete when it returns.
+    static bool send(int device, char* out, const char* from, size_t bytes) {
+        return with_one(device, [&](Staging& s) { return s.stream(device, out, from, bytes); });
     }
     ~Staging() {
         if (stream_) cudaStreamDestroy(stream_);
@@ -164,6 +168,26 @@ class Staging {
     cudaStream_t stream_ = nullptr;
     cudaEvent_t events_[kParts] = {};
 
+    // Whether there is one and use(it) succeeds; then others may use it.
+    template <class Use>
+    static bool with_one(int device, Use use) {
+        std::unique_ptr<Staging> s = take(device);
+        if (!s) return false;
+        if (use(*s) != cudaSuccess) return cudaGetLastError(), false;
+        const std::lock_guard lock(mutex());
+        idle().push_back(std::move(s));
+        return true;
+    }
+    // move(any, k) for k in [0, parts) on several threads, which begin in this order.
+    template <class Move>
+    static void each(size_t parts, uint32_t most, Move move) {
+        try {
+            const uint32_t threads = std::clamp(std::thread::hardware_concurrency(), 1u, most);
+            parallel(static_cast<uint32_t>(std::min<size_t>(threads, parts)), parts, {}, move);
+        } catch (const NoThreads&) {
+            for (size_t k = 0; k < parts; ++k) move(0, k);
+        }
+    }
     static std::mutex& mutex() {
         static std::mutex m;
         return m;
@@ -211,12 +235,33 @@ class Staging {
             if (done != cudaSuccess) status = done;
             std::memcpy(out + k * kPart, at_ + k * kPart, size(k));
         };
-        try {
-            const uint32_t threads = std::clamp(std::thread::hardware_concurrency(), 1u, 4u);
-            parallel(static_cast<uint32_t>(std::min<size_t>(threads, parts)), parts, {}, move);
-        } catch (const NoThreads&) {
-            for (size_t k = 0; k < parts; ++k) move(0, k);
-        }
+        each(parts, 4, move);
+        return status;
+    }
+    // Parts take the page-locked memory in turns: each waits until the one before it there has been
+    // handed to the device, and for the device's copy of that.
+    cudaError_t stream(int device, char* out, const char* from, size_t bytes) {
+        const size_t parts = (bytes + kPart - 1) / kPart;
+        std::atomic<size_t> turns[kParts] = {};
+        std::atomic<cudaError_t> status{cudaSuccess};
+        const auto note = [&](cudaError_t one) {
+            if (one != cudaSuccess) status = one;
+        };
+        each(parts, 8, [&](uint32_t, uint64_t k) {
+            const size_t place = k % kParts, turn = k / kParts;
+            while (turns[place] != turn) std::this_thread::yield();
+            if (status == cudaSuccess) {
+                cudaSetDevice(device);
+                if (turn) note(cudaEventSynchronize(events_[place]));
+                const size_t size = std::min(kPart, bytes - k * kPart);
+                std::memcpy(at_ + place * kPart, from + k * kPart, size);
+                note(cudaMemcpyAsync(out + k * kPart, at_ + place * kPart, size,
+                                     cudaMemcpyHostToDevice, stream_));
+                note(cudaEventRecord(events_[place], stream_));
+            }
+            turns[place] = turn + 1;
+        });
+        note(cudaStreamSynchronize(stream_));
         return status;
     }
 };

@@ -86,11 +86,13 @@ SceneBounds::SceneBounds(const SceneInput& in)
       all_(kNothing) {
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
     parallel(threads, groups_.size(), {}, [&](uint32_t, uint64_t g) {
-        const size_t end = std::min(count_, (g + 1) * kGroup * kRun);
-        for (size_t i = g * kGroup * kRun; i < end; ++i)
-            runs_[i / kRun] = around(runs_[i / kRun], box_of(in, primitive(in, i)));
-        for (size_t r = g * kGroup; r < std::min(runs_.size(), (g + 1) * kGroup); ++r)
-            groups_[g] = around(groups_[g], runs_[r]);
+        for (size_t r = g * kGroup; r < std::min(runs_.size(), (g + 1) * kGroup); ++r) {
+            Box box = kNothing;
+            for (size_t i = r * kRun; i < std::min(count_, (r + 1) * kRun); ++i)
+                box = around(box, box_of(in, primitive(in, i)));
+            runs_[r] = box;
+            groups_[g] = around(groups_[g], box);
+        }
     });
     for (const Box& group : groups_) all_ = around(all_, group);
 }

@@ -1,7 +1,8 @@
 // Rejects values that a scene's arrays must not hold. Python checks more, with better messages;
 // this keeps the native module safe on its own.
 #include <algorithm>
-#include <atomic>
+#include <limits>
+#include <type_traits>
 
 #include "scene/scene.h"
 #include "scene/thread_pool.h"
@@ -26,19 +27,6 @@ constexpr size_t product(std::initializer_list<size_t> numbers) {
     return all;
 }
 
-// Whether fits(i) holds for all of [0, n); without branches and by threads, for tables of many
-// millions.
-template <class Fits>
-bool all_fit(size_t n, Fits fits) {
-    std::atomic<bool> all{true};
-    in_chunks(n < 1 << 18 ? 1 : kAllThreads, n, [&](size_t first, size_t last) {
-        bool good = true;
-        for (size_t i = first; i < last; ++i) good = good & fits(i);
-        if (!good) all = false;
-    });
-    return all;
-}
-
 template <class T>
 void within(const char* name, const Rows<T>& rows, size_t width, double low, double high,
             bool open) {
@@ -59,9 +47,13 @@ void within(const char* name, const Rows<T>& rows, size_t width, double low, dou
 
 template <class T>
 void indexes(const char* name, const Rows<T>& rows, size_t width, int64_t least, size_t size) {
-    if (all_fit(rows.count * width, [&](size_t i) {
-            const int64_t x = static_cast<int64_t>(rows.data[i]);
-            return (x >= least) & (x < static_cast<int64_t>(size));
+    // From `least` on: one comparison, of numbers as wide as the column's.
+    using Width = std::make_unsigned_t<T>;
+    const uint64_t known = size - static_cast<uint64_t>(least);
+    const Width base = static_cast<Width>(least), last = static_cast<Width>(known - 1);
+    if (known > 0 && known - 1 < std::numeric_limits<Width>::max() &&
+        all_fit(rows.count * width, [&](size_t i) {
+            return static_cast<Width>(static_cast<Width>(rows.data[i]) - base) <= last;
         }))
         return;
     for (size_t i = 0; i < rows.count * width; ++i) {

@@ -22,12 +22,6 @@ bool convex(const Flat& f) {
 
 }  // namespace
 
-Box around(const Box& a, const Box& b) {
-    const auto low = [&](int k) { return std::min(a.low[k], b.low[k]); };
-    const auto high = [&](int k) { return std::max(a.high[k], b.high[k]); };
-    return {{low(0), low(1), low(2)}, {high(0), high(1), high(2)}};
-}
-
 Box box_of(const Flat& f) {
     Box box{f.v[0], f.v[0]};
     for (uint32_t k = 1; k < f.corners; ++k) {

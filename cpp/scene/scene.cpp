@@ -2,6 +2,7 @@
 #include "scene/scene.h"
 
 #include <algorithm>
+#include <atomic>
 #include <numeric>
 
 #include "scene/bounds.h"
@@ -72,8 +73,8 @@ uint32_t padded(size_t n) {
 
 HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.height) {
     check_input(in, nullptr);
-    for (size_t i = 0; i < in.normals.count && !has_normals_; ++i)
-        has_normals_ = length(row3(in.normals, i)) > 0;
+    has_normals_ = !all_fit(in.normals.count,
+                            [&](size_t i) { return !(length(row3(in.normals, i)) > 0); });
     if (in.primitives() > kMostSmall) bounds_ = std::make_shared<SceneBounds>(in);
     static_cast<Frame&>(*this) = frame_of(in);
     orient(in);
@@ -254,51 +255,72 @@ std::vector<uint32_t> HostScene::with_area(const SceneInput& in) const {
                  [&](size_t i) { return length(triangle(in, i).area_vector()) > 0; });
 }
 
-void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t row) {
+// False if it has no area.
+bool HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t row) {
     const Flat f = triangle(in, row);
     float plane[4];
     write_plane(f, plane);
     const bool local = uneven(plane, f);
     if (local) plane[3] = static_cast<float>(plane_at_origin(f));
     put_plane(primitive, f, plane, local ? kLocal : 0.f);
-    put_source(in, primitive, kTriangleGroup, row, length(f.area_vector()));
+    const double area = length(f.area_vector());
+    put_source(in, primitive, kTriangleGroup, row, area);
     if (!smooth.empty()) put_smooth(in, primitive, f);
     float* r = &records[primitive * kRecordFloats];
     for (int k = 0; k < 9; ++k) r[k] = static_cast<float>(f.v[k / 3][k % 3]);
     std::copy_n(plane, 4, r + kRecordPlane);
+    put_kind(primitive, kTriangleRecord);
+    return area > 0;
+}
+
+void HostScene::put_kind(size_t primitive, uint32_t kind) {
+    float* r = &records[primitive * kRecordFloats];
+    r[kRecordId] = bit_cast<float>(static_cast<uint32_t>(primitive));
+    r[kRecordKind] = bit_cast<float>(kind);
+}
+
+// Tables for a tree over `count` triangles, of these rows or null: of all, and what else there is,
+// with the triangles in them. False if one of them has no area.
+bool HostScene::put_triangles(const SceneInput& in, size_t count, const uint32_t* rows) {
+    const size_t round = in.disks.count + in.spheres.count;
+    allocate_primitives(count + round, in.spheres.count ? 12u : 8u);
+    view.first_sphere = static_cast<uint32_t>(count + in.disks.count);
+    if (has_normals_) smooth.resize(static_cast<size_t>(view.first_sphere) * kSmoothFloats);
+    records.resize((count + round) * kRecordFloats);
+    round_boxes.resize(6 * round);
+    std::atomic<bool> all{true};
+    in_chunks(kAllThreads, count, [&](size_t first, size_t last) {
+        bool good = true;
+        for (size_t i = first; i < last; ++i)
+            good &= put_triangle(in, i, rows ? rows[i] : static_cast<uint32_t>(i));
+        if (!good) all = false;
+    });
+    return all;
 }
 
 // Triangles, discs and spheres, in this order, for one tree.
 void HostScene::set_tree(const SceneInput& in) {
-    const std::vector<uint32_t> kept = with_area(in);
-    dropped = static_cast<uint32_t>(in.triangles.count - kept.size());
-    const size_t count = kept.size() + in.disks.count + in.spheres.count;
-    if (count >= 1u << 27) throw std::invalid_argument("more than 2^27 - 1 primitives");
-    allocate_primitives(count, in.spheres.count ? 12u : 8u);
-    view.first_sphere = static_cast<uint32_t>(kept.size() + in.disks.count);
-    if (has_normals_) smooth.resize(static_cast<size_t>(view.first_sphere) * kSmoothFloats);
-    if (count == 0) return;
+    constexpr size_t kMost = 1 << 27;
+    size_t triangles = in.triangles.count;
+    const size_t round = in.disks.count + in.spheres.count;
+    // Mostly all of them have an area; where not, those that have are put anew.
+    if (triangles + round >= kMost || !put_triangles(in, triangles, nullptr)) {
+        const std::vector<uint32_t> kept = with_area(in);
+        dropped = static_cast<uint32_t>(triangles - kept.size());
+        triangles = kept.size();
+        if (triangles + round >= kMost) throw std::invalid_argument("more than 2^27 - 1 primitives");
+        primitives = smooth = records = {};
+        put_triangles(in, triangles, kept.data());
+    }
+    if (triangles + round == 0) return;
 
-    records.resize(count * kRecordFloats);
-    const auto put_kind = [&](size_t primitive, uint32_t kind) {
-        float* r = &records[primitive * kRecordFloats];
-        r[kRecordId] = bit_cast<float>(static_cast<uint32_t>(primitive));
-        r[kRecordKind] = bit_cast<float>(kind);
-    };
-    round_boxes.resize(6 * (count - kept.size()));
-    in_chunks(kAllThreads, kept.size(), [&](size_t first, size_t last) {
-        for (size_t i = first; i < last; ++i) {
-            put_triangle(in, i, kept[i]);
-            put_kind(i, kTriangleRecord);
-        }
-    });
     const auto put_box = [&](size_t primitive, const Box& box) {
-        float* b = &round_boxes[6 * (primitive - kept.size())];
+        float* b = &round_boxes[6 * (primitive - triangles)];
         for (int k = 0; k < 3; ++k)
             b[k] = static_cast<float>(box.low[k]), b[3 + k] = static_cast<float>(box.high[k]);
     };
     for (uint32_t i = 0; i < in.disks.count; ++i) {
-        const size_t at = kept.size() + i;
+        const size_t at = triangles + i;
         put_disk(in, at, i, &records[at * kRecordFloats]);
         put_kind(at, kDiskRecord);
         put_box(at, round_box(in, kDiskGroup, i));

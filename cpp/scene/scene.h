@@ -131,7 +131,11 @@ struct Box {
     Double3 low, high;
 };
 Box box_of(const Flat& f);
-Box around(const Box& a, const Box& b);
+inline Box around(const Box& a, const Box& b) {
+    const auto low = [&](int k) { return std::min(a.low[k], b.low[k]); };
+    const auto high = [&](int k) { return std::max(a.high[k], b.high[k]); };
+    return {{low(0), low(1), low(2)}, {high(0), high(1), high(2)}};
+}
 // Largest |n.x p.x| + |n.y p.y| + |n.z p.z| over a box.
 double terms(const Box& b, Double3 n);
 // The squared distance between two boxes.
@@ -261,7 +265,9 @@ class HostScene : public Frame {
     void part_touching(const SceneInput& in);
     void part_concentric(const SceneInput& in);
     float* plane_record(uint32_t primitive);
-    void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
+    bool put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
+    bool put_triangles(const SceneInput& in, size_t count, const uint32_t* rows);
+    void put_kind(size_t primitive, uint32_t kind);
     void allocate_primitives(size_t count, uint32_t row);
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);
     void put_disk(const SceneInput& in, size_t primitive, uint32_t row, float* record);

@@ -118,17 +118,31 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
 
 inline constexpr uint32_t kAllThreads = 0;
 
-// Runs work(first, last) for pieces of [0, n) on `threads` threads; exceptions propagate.
+// Runs work(first, last) for pieces of [0, n) on at most `threads` threads, each of which has enough
+// to do to be worth its start; exceptions propagate.
 template <class Work>
 void in_chunks(uint32_t threads, size_t n, Work work) {
-    constexpr size_t kGrain = 4096;
+    constexpr size_t kGrain = 4096, kLeast = 2 * kGrain;
     if (threads == kAllThreads) threads = std::max(1u, std::thread::hardware_concurrency());
     if (n <= kGrain || threads == 1) return work(size_t{0}, n);
     const auto chunk = [&](uint32_t, uint64_t k) {
         work(static_cast<size_t>(k) * kGrain, std::min<size_t>(n, (k + 1) * kGrain));
     };
-    parallel(static_cast<uint32_t>(std::min<size_t>(threads, n / kGrain + 1)),
+    parallel(static_cast<uint32_t>(std::min<size_t>(threads, n / kLeast + 1)),
              (n + kGrain - 1) / kGrain, {}, chunk);
+}
+
+// Whether fits(i) holds for all of [0, n); without branches and by threads, for tables of many
+// millions.
+template <class Fits>
+bool all_fit(size_t n, Fits fits) {
+    std::atomic<bool> all{true};
+    in_chunks(n < 1 << 18 ? 1 : kAllThreads, n, [&](size_t first, size_t last) {
+        bool good = true;
+        for (size_t i = first; i < last; ++i) good = good & fits(i);
+        if (!good) all = false;
+    });
+    return all;
 }
 
 // The numbers i of [0, n), in order, of which fits(i) holds; calls it once for each.

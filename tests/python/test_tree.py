@@ -291,6 +291,24 @@ def test_films_are_those_of_the_sah_tree(device: str, name: str) -> None:
         assert film.stats["tree"]["cost"] > 0 and film.stats["tree"]["seconds"] > 0
 
 
+@pytest.mark.parametrize(
+    "others", [(), (sphere([0, 0, 0.2], 0.3), disk([0.1, 0, 0], [0.4, 0, 0], [0, 0.4, 0]))]
+)
+def test_triangles_without_area_are_as_if_not_there(device: str, others: tuple[Part, ...]) -> None:
+    corners = soup(3000).vertices.reshape(-1, 3, 3)
+    corners[1::5, 1] = corners[1::5, 0]
+    edges = corners[:, 1:] - corners[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+
+    def film(kept: Array) -> tuple[str, int]:
+        view = camera([0, 0.2, 4], [0, 0, 0], 40)
+        scene = make([triangles(kept), *others], view, 1.0, 32, 24)
+        render = vr.render(scene, device=device, spp=2)
+        return render.film_sha256, render.stats["primitives"]["dropped"]
+
+    assert film(corners) == (film(corners[area > 0])[0], int((area == 0).sum()))
+
+
 def test_progress_stops_the_build(device: str) -> None:
     scene = scene_of("soup")
     shares: list[float] = []

@@ -352,6 +352,7 @@ def _materials() -> None:
     def mapped(**more: Any) -> Dict:
         return {"type": "normalmap", "normalmap": colours, "inner": coat, **more}
 
+    PLAIN["normalmap", "normalmap"] = "one colour in place of the map tilts all normals alike"
     LOOKS["normalmap", ""] = Look("material", [("plain", coat), ("with a map of waves", mapped())])
     for name, made in (("bumpmap", lambda **m: bumpy(scale=0.4, **m)), ("normalmap", mapped)):
         for key in ("flip_invalid_normals", "use_shadowing_function"):

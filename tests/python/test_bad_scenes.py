@@ -44,6 +44,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 LINES = {
     "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: bsplinecurve, cube, cylinder, disk, instance, linearcurve, merge, mesh, obj, ply, rectangle, sdfgrid, serialized, shapegroup, sphere, stl", 'did you mean "rectangle"?'),
     "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: bsplinecurve, cube"),
+    "motion": ('<shape type="sphere"><animation name="to_world"><transform time="0"/></animation></shape>', "<animation>: nothing moves here", '<transform name="to_world">'),
     "unknown element": ("<shap/>", "unknown element <shap>", 'did you mean "shape"?'),
     "object without type": ("<shape/>", '<shape> lacks the attribute "type"'),
     "unknown attribute": ('<shape type="cube" name="x" colour="red"/>', "unknown attribute", '"colour" = "red"', "allowed: id, name, type"),

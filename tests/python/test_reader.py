@@ -918,3 +918,15 @@ def test_convert_keeps_spectra(tmp_path: Path) -> None:
     convert(str(tmp_path / "a.xml"), str(tmp_path / "b.xml"), {})
     both = [vr.load_file(tmp_path / name) for name in ("a.xml", "b.xml")]
     assert both[0].sha256 == both[1].sha256
+
+
+def test_types_in_other_letters(tmp_path: Path) -> None:
+    """As files have them that were written where file names have no case."""
+    small = '<shape type="rectangle"><bsdf type="diffuse"/></shape>'
+    large = '<shape type="Rectangle"><bsdf type="Diffuse"/></shape>'
+    made, same = loaded(tmp_path, VIEW, SKY, large), loaded(tmp_path, VIEW, SKY, small)
+    assert made.sha256 == same.sha256 and not same.notes
+    told = [str(note) for note in made.notes]
+    assert len(told) == 2 and 'shape "Rectangle" is read as "rectangle"' in told[0]
+    with pytest.raises(SceneError, match='unknown shape "Diffuse"'):
+        loaded(tmp_path, SKY, '<shape type="Diffuse"/>')

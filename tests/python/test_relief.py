@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -156,6 +157,37 @@ def test_from_behind() -> None:
         (both, np.eye(4), 1.0), (outer, np.eye(4), 1.0), (both, behind, 1.0), (outer, behind, 0.28)
     ):  # fmt: skip
         assert np.abs(lit(bsdf, light, to_world=place) - told).max() < 2e-6
+
+
+def test_one_colour_is_an_even_map(tmp_path: Path) -> None:
+    """As Mitsuba reads it; as a colour, and as the spectrum that holds one."""
+    white = {"type": "diffuse", "reflectance": 1.0}
+    own = normalmap(white, 0.6, 0, 0.8, **PLAIN)
+    own["normalmap"] = {"type": "rgb", "value": [0.8, 0.5, 0.9]}
+    assert np.abs(lit(own, [0.6, 0.0, 0.8]) - 1.0).max() < 2e-6
+    flat = {**own, "normalmap": {"type": "rgb", "value": [0.5, 0.5, 1.0]}}
+    for light, cosine in (([0.6, 0.0, 0.8], 0.8), ([0.0, 0.6, 0.8], 0.8), ([0.0, 0.0, 1.0], 1.0)):
+        assert np.abs(lit(flat, light) - cosine).max() < 2e-6
+    file = tmp_path / "scene.xml"
+    for inside in (
+        '<rgb name="normalmap" value="0.8 0.5 0.9"/>',
+        '<spectrum name="normalmap" type="srgb"><rgb name="color" value="0.8 0.5 0.9"/></spectrum>',
+    ):
+        file.write_text(
+            '<scene version="3.0.0"><emitter type="constant"/><shape type="sphere"><bsdf '
+            f'type="normalmap" id="n">{inside}<bsdf type="diffuse"/></bsdf></shape></scene>'
+        )
+        made = veriray.load_file(file)
+        board = made.relief_texture[0]
+        assert made.texture_color0[board].tolist() == made.texture_color1[board].tolist()
+        assert np.abs(made.texture_color0[board] - [0.8, 0.5, 0.9]).max() < 1e-7
+        assert not made.relief_heights[0]
+    bitmap = '<texture type="bitmap" name="normalmap"><string name="filename" value="x"/></texture>'
+    file.write_text(file.read_text().replace("<spectrum", f"{bitmap}<spectrum", 1))
+    with pytest.raises(veriray.SceneError, match="1 textures besides a colour, expected 1"):
+        veriray.load_file(file)
+    with pytest.raises(veriray.SceneError, match=r"\(0.5, 0.5, 1.5\) is outside \[0, 1\]"):
+        scene(SHAPES["disk"], {**own, "normalmap": {"type": "rgb", "value": [0.5, 0.5, 1.5]}})
 
 
 def test_what_files_say() -> None:

@@ -431,7 +431,7 @@ class _Builder:
                     text = f"{node} cannot hold another map; one map to a material"
                     raise SceneError(text, parts["bsdf"][0].where)
                 row = materials.changed(
-                    held[0], {**materials.filled(node, values), **self.relief(node)}
+                    held[0], {**materials.filled(node, values), **self.relief(node, values)}
                 )
             elif node.plugin == "hair":
                 row = fibres.row(node, values)
@@ -519,13 +519,20 @@ class _Builder:
             known[id(node)] = node, textures.copied(node, self.resolve, exchange)
         return known[id(node)][1]
 
-    def relief(self, node: Node) -> materials.Row:
-        """The columns of the texture that turns normals."""
+    def relief(self, node: Node, values: dict[str, Any]) -> materials.Row:
+        """The columns of the texture that turns normals; a colour is a texture of equal parts."""
         found = [self.resolve(item, node) if isinstance(item, Ref) else item
                  for item in node.children]  # fmt: skip
         found = [child for child in found if child.category == "texture"]
-        if len(found) != 1:
-            raise SceneError(f"{node} has {len(found)} textures, expected 1, a bitmap", node.where)
+        even = values.get("normalmap")
+        if even is not None and not found:
+            row = textures.even(even)  # of a node of its own, as the id is the material's
+            return {"relief_texture": self.tables.index("textures", replace(node, id=""), row)}
+        if len(found) != 1 or even is not None:
+            one = " besides a colour" if even is not None else ""
+            raise SceneError(
+                f"{node} has {len(found)} textures{one}, expected 1, a bitmap", node.where
+            )
         heights = node.plugin == "bumpmap"
         most = math.inf if heights else 1.0
         child = self.up_to(most, found[0]) if heights else found[0]

@@ -6,10 +6,11 @@ rotate, lookat, matrix, each applied after those before it); ref; alias; default
 folder in which files are looked for first. "$name" in an attribute is replaced by the parameter of
 that name, unless a backslash precedes it; one without a value leaves the default, with a note,
 where it changes no light: in a film, a sampler or a filter, and as the type of these and of an
-integrator. Versions below 2: see `upgrade`. As in Mitsuba, comments may hold anything but their
-end, "&" in an attribute may stand for itself, and text between elements counts for nothing. A file
-is UTF-8, UTF-16 or UTF-32, or ISO-8859-1 where it says so or is none of these. Limits: no DOCTYPE,
-no entities, 16 MiB a file, includes 8 deep and 256 in all.
+integrator. A type in other letters, as "Rectangle", is read with a note. Versions below 2: see
+`upgrade`. As in Mitsuba, comments may hold anything but their end, "&" in an attribute may stand
+for itself, and text between elements counts for nothing. A file is UTF-8, UTF-16 or UTF-32, or
+ISO-8859-1 where it says so or is none of these. Limits: no DOCTYPE, no entities, 16 MiB a file,
+includes 8 deep and 256 in all.
 """
 
 from __future__ import annotations
@@ -334,6 +335,12 @@ class _Reader:
                 self.add(node, name, value, where)
         elif (tag in CATEGORIES and tag != "scene") or tag in MITSUBA:
             node.children.append(self.object(child, path, chain, depth, where))
+        elif tag == "animation":
+            raise SceneError(
+                '<animation>: nothing moves here; write one <transform name="to_world"> in its '
+                "place, where it stands still",
+                where,
+            )
         else:
             names = (*CATEGORIES[1:], *_VALUE_TAGS, *_OTHER_TAGS)
             raise SceneError(f"unknown element <{tag[:64]}>{allowed(tag, names)}", where)
@@ -383,6 +390,11 @@ class _Reader:
             a = self.attributes(element, where, "type", optional)
             self.report.note(f"{error}; the {tag} is {default}", where)
         plugin = a["type"]
+        small = plugin.lower()
+        if plugin != small and small in PLUGINS and PLUGINS[small].category == tag:
+            text = f"{tag} {shorten(plugin)} is read as {shorten(small)}"
+            self.report.note(f"{text}, as by Mitsuba where file names have no case", where)
+            plugin = small
         node = Node(plugin, where, tag, a.get("id", ""), name=a.get("name", ""))
         supported = plugin in PLUGINS and PLUGINS[plugin].category == tag
         if not supported:  # what it holds is read, for what else is missing

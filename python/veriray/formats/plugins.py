@@ -793,7 +793,8 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "normalmap": _relief(
         "normals n by the colours (n + 1) / 2 of a bitmap, its texture normalmap: x along u, z the "
-        "surface's own"
+        "surface's own",
+        normalmap=Param(COLOUR, None, 0.0, 1.0, doc="one colour in place of the bitmap"),
     ),
     "bitmap": Plugin(
         "texture",

@@ -80,6 +80,12 @@ def copied(
     return replace(node, values=values, children=children)
 
 
+def even(colour: tuple[float, ...]) -> materials.Row:
+    """The row of a texture of one colour: a checkerboard of equal fields."""
+    fields = dict.fromkeys(("texture_color0", "texture_color1"), colour)
+    return {"texture_kind": TEXTURE_KINDS.index("checkerboard"), **fields}
+
+
 class Texels:
     """The texels of the textures that are used, each image once."""
 
@@ -112,12 +118,9 @@ class Texels:
                 found = _attribute(node, values, most)
             elif node.plugin == "volume" and "cells" in values:
                 found = self._volume(node, values, most, inverse)
-            elif node.plugin == "volume":  # a checkerboard of equal fields
+            elif node.plugin == "volume":
                 check_most(node, values["value"], most, values["where"])
-                found = {
-                    "texture_kind": TEXTURE_KINDS.index("checkerboard"),
-                    **dict.fromkeys(("texture_color0", "texture_color1"), values["value"]),
-                }
+                found = even(values["value"])
             else:
                 for name in node.values.keys() & {"color0", "color1"}:
                     check_most(node, values[name], most, node.values[name].where)

@@ -195,7 +195,10 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
     ++stats.launches;
     return parallel(
         stats.threads, pixel_runs * sample_runs, poll, [&](uint32_t worker, uint64_t unit) {
-            if (!tiles[worker]) tiles[worker] = std::make_unique<Tile>(variant.path);
+            if (!tiles[worker])
+                tiles[worker] = std::make_unique<Tile>(
+                    variant.path, static_cast<uint32_t>(std::min<uint64_t>(width, pixels)),
+                    samples);
             const uint64_t run = unit % pixel_runs;
             const uint32_t k = static_cast<uint32_t>(unit / pixel_runs) * samples;
             const auto [first, count] =

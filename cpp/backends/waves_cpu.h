@@ -42,6 +42,8 @@ struct HostExec {
     const Poll& on_poll;
     uint64_t* launches;
     double share = 0;
+    // Sooner moved on, on this thread, than another one starts; run_thrust polls between launches.
+    static constexpr uint64_t kFewBlocks = 16;
     bool stopped = false;
     std::chrono::steady_clock::time_point polled = std::chrono::steady_clock::now();
 
@@ -49,6 +51,11 @@ struct HostExec {
     void launch(uint32_t n, Body body) {
         ++*launches;
         const uint64_t blocks = (n + kThrustBlock - 1) / kThrustBlock;
+        if (blocks == 1 || (threads == 1 && blocks <= kFewBlocks)) {
+            for (uint32_t first = 0; first < n; first += kThrustBlock)
+                body(0u, first, std::min(n, first + kThrustBlock));
+            return;
+        }
         const Poll each = [&](double) { return poll_now(); };
         stopped |= !parallel(threads, blocks, each, [&](uint32_t worker, uint64_t block) {
             const uint32_t first = static_cast<uint32_t>(block) * kThrustBlock;

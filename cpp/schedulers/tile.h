@@ -25,22 +25,23 @@ inline constexpr uint32_t kTilePaths = 4096;
 
 class Tile {
    public:
-    explicit Tile(ColumnCount columns) : sums_(kTilePaths) {
-        floats_.resize(columns.floats, std::vector<float>(kTilePaths + Simd::kWidth));
-        uints_.resize(columns.uints, std::vector<uint32_t>(kTilePaths + Simd::kWidth));
-        for (auto& column : samples_) column.resize(2 * kTilePaths);
+    // For runs of so many pixels and samples of each, or less of either.
+    Tile(ColumnCount columns, uint32_t pixels, uint32_t samples) : sums_(pixels) {
+        const size_t paths = size_t{pixels} * samples;
+        floats_.resize(columns.floats, std::vector<float>(paths + Simd::kWidth));
+        uints_.resize(columns.uints, std::vector<uint32_t>(paths + Simd::kWidth));
+        for (auto& column : samples_) column.resize(2 * paths);  // rows in whole vectors
     }
 
-    // Pixels [pixel, pixel + pixels), samples [sample, sample + samples) of the job;
-    // pixels * samples <= kTilePaths.
+    // Pixels [pixel, pixel + pixels), samples [sample, sample + samples) of the job.
     template <class Tracer>
     void run(const SceneView& scene, const Job& job, uint32_t pixel, uint32_t pixels,
              uint32_t sample, uint32_t samples, LedgerRows& ledger) {
         uint32_t live = pixels * samples;
         // Sums by lanes pay from the third sample on. Their pixels come in whole vectors.
         constexpr uint32_t kLanes = Simd::kWidth;
-        const bool by_lanes =
-            kLanes > 1 && pixels >= kLanes && samples > 2 && !Tracer::kNegativeSamples;
+        const bool exact_in_lanes = kLanes > 1 && samples > 2 && !Tracer::kNegativeSamples;
+        const bool by_lanes = exact_in_lanes && pixels >= kLanes;
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
         first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
         uint32_t x = pixel % job.width, y = pixel / job.width, s = 0;
@@ -58,7 +59,10 @@ class Tile {
         for (uint32_t depth = 0; live; ++depth)
             live = bounce_all<Tracer>(scene, job, live, depth, ledger, begin);
         if (job.shared.numbers) return;
-        add_samples(pixels, samples, by_lanes);
+        if (exact_in_lanes && pixels == 1)
+            add_samples_of_one(samples);
+        else
+            add_samples(pixels, samples, by_lanes);
         for (uint32_t k = 0; k < pixels; ++k) flush(job.film, pixel + k, sums_[k]);
     }
 
@@ -171,6 +175,26 @@ class Tile {
         for (; bad; bad &= bad - 1) {
             const uint32_t k = static_cast<uint32_t>(__builtin_ctz(bad));
             log_fault(job.faults, pixel[k], sample[k], {{x[0][k], x[1][k], x[2][k]}});
+        }
+    }
+
+    // Adds the samples to the only pixel; each lane sums every kWidth-th of them.
+    void add_samples_of_one(uint32_t samples) {
+        constexpr uint32_t kWidth = Simd::kWidth;
+        const uint32_t whole = samples - samples % kWidth;
+        for (uint32_t c = 0; c < 3; ++c) {
+            const float* column = samples_[c].data();
+            for (uint32_t first = 0; first < whole; first += kLaneSamples * kWidth) {
+                LaneSums<Simd> sums;
+                const uint32_t last = std::min(whole, first + kLaneSamples * kWidth);
+                for (uint32_t s = first; s < last; s += kWidth) sums.add(load(column + s, F()));
+                sums.each(kWidth, [&](uint32_t, Fixed128 sum, Fixed128 square) {
+                    add(sums_[0].sum[c], sum);
+                    add(sums_[0].square[c], square);
+                });
+            }
+            for (uint32_t s = whole; s < samples; ++s)
+                add_sample(sums_[0], static_cast<int>(c), column[s]);
         }
     }
 

@@ -24,27 +24,52 @@ class Fibre:
     its surface reflects, scale of the logistic around it (radians), sine of the tilt of its scales.
     """
 
-    absorption: tuple[float, float, float] = (0.3, 0.6, 1.2)
+    absorption: tuple[float, ...] = (0.3, 0.6, 1.2)  # of each channel
     eta: float = 1.55
     along: float = 0.1
     around: float = 0.2
     tilt: float = 0.035
 
 
-def lobes(p: Fibre, wo: Array, wi: Array, off: float = 0.0) -> tuple[Array, Array]:
-    """F cos (N, 3) and density (N,) of directions wi (N, 3) as seen from wo (3,) or (N, 3).
-
-    off: what the cosine of Fresnel's reflectance has less, and the reflectance more.
+@dataclass(frozen=True)
+class Seen:
+    """What a direction wo (..., 3) makes of the lobes: shares of the light (4, ..., channels), and
+    chances (4, ...) that a sample is of one; azimuth of wo, its slope along the fibre and the
+    azimuth within, from its place on the surface.
     """
-    value, density = np.zeros((len(wi), 3)), np.zeros(len(wi))
+
+    shares: Array
+    chances: Array
+    out: Array
+    slope: Array
+    within: Array
+
+
+def seen_from(p: Fibre, wo: Array, off: float = 0.0) -> Seen:
+    """As `lobes` takes it."""
     shares = light(p, wo, off)
-    chances = shares.sum(axis=-1) / shares.sum(axis=(0, -1))
-    sine, cosine = wo[..., 1], np.hypot(wo[..., 0], wo[..., 2])
-    out = np.arctan2(wo[..., 0], wo[..., 2])
-    within = np.arcsin(np.clip(wo[..., 0] / _rest(p, wo), -1, 1))
+    return Seen(
+        shares,
+        shares.sum(axis=-1) / shares.sum(axis=(0, -1)),
+        np.arctan2(wo[..., 0], wo[..., 2]),
+        np.arctan2(wo[..., 1], np.hypot(wo[..., 0], wo[..., 2])),
+        np.arcsin(np.clip(wo[..., 0] / _rest(p, wo), -1, 1)),
+    )
+
+
+def lobes(p: Fibre, wo: Array, wi: Array, off: float = 0.0,
+          seen: Seen | None = None) -> tuple[Array, Array]:  # fmt: skip
+    """F cos (N, channels) and density (N,) of directions wi (N, 3) as seen from wo (3,) or (N, 3).
+
+    off: what the cosine of Fresnel's reflectance has less, and the reflectance more. seen: what
+    `seen_from` gives for wo, where it is known.
+    """
+    seen = seen or seen_from(p, wo, off)
+    shares, chances, out, slope, within = vars(seen).values()
+    value, density = np.zeros((len(wi), shares.shape[-1])), np.zeros(len(wi))
     about = np.arctan2(wi[:, 0], wi[:, 2]) - out
     up = np.hypot(wi[:, 0], wi[:, 2])
-    slope, tilt = np.arctan2(sine, cosine), np.arcsin(p.tilt)
+    tilt = np.arcsin(p.tilt)
     turns, widths = (-2, 1, 4, 0), (1, 0.25, 4, 4)
     for k in range(4):
         leans = slope + turns[k] * tilt
@@ -63,7 +88,7 @@ def lobes(p: Fibre, wo: Array, wi: Array, off: float = 0.0) -> tuple[Array, Arra
 
 
 def light(p: Fibre, wo: Array, off: float = 0.0) -> Array:
-    """Shares of the light that leave by each lobe (4, ..., 3), wo (..., 3)."""
+    """Shares of the light that leave by each lobe (4, ..., channels), wo (..., 3)."""
     rest = _rest(p, wo)
     path = 2 * np.sqrt(np.maximum(0.0, 1 - (wo[..., 0] / rest) ** 2)) * p.eta / rest
     t = np.exp(-np.array(p.absorption) * path[..., None])

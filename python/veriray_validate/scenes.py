@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -257,6 +259,11 @@ def checks() -> dict[str, Path]:
     return {}
 
 
+@functools.cache
+def _read(path: Path) -> Scene:
+    return load_file(path)
+
+
 def check_scene(name: str, size: int) -> Scene:
-    """A scene of scenes/checks, size x size pixels."""
-    return load_file(checks()[name]).with_(width=size, height=size)
+    """A scene of scenes/checks, size x size pixels: read once in a process, built every time."""
+    return copy.copy(_read(checks()[name])).with_(width=size, height=size)

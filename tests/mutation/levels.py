@@ -16,14 +16,17 @@ separately and do not count, because any change shows.
 
 After each bug, prints and writes as JSON which level catches it, by which case, after how many
 seconds. A stopped run can continue: --folder keeps the build and every answer until a source
-changes; --add keeps the JSON file's rows of bugs whose own text is unchanged, and judges the named
-bugs, or all others. Ends with status 1, before any bug is judged, if the unchanged copy fails.
+changes, also for other runs at the same time; --add keeps the JSON file's rows of bugs whose own
+text is unchanged, and judges the named bugs, or all others. Ends with status 1, before any bug is
+judged, if the unchanged copy fails.
 `python -m tests.mutation.table` makes a page of the result.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import fcntl
 import hashlib
 import json
 import math
@@ -70,18 +73,28 @@ class Stand:
     def __init__(self, folder: Path, bugs: Sequence[Mutant], limit: float | None = None) -> None:
         self.folder, self.build_seconds = folder, 0.0
         self.end = time.monotonic() + limit if limit else math.inf
+        folder.mkdir(parents=True, exist_ok=True)
+        self.packages = Path(tempfile.mkdtemp(prefix="packages-", dir=folder))  # of this run
         self.module = Path(device.select("cpu")[0].native.__file__)
         if built := any(m in BUILT for m in bugs):
-            shop = Workshop(folder)
+            with self.alone():
+                shop = Workshop(folder)
             self.module, self.build_seconds = shop.module, shop.build_seconds
         self.compiled = self._package("compiled", None)
         self.sources = _digest()
         self.answers = folder / "answers" / (self.sources + ("-built" if built else ""))
         self.answers.mkdir(parents=True, exist_ok=True)
 
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Within it, other runs that share the folder wait: what all of them need is made once."""
+        with open(self.folder / "lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
     def _package(self, name: str, bug: Mutant | None) -> Path:
         """A folder for PYTHONPATH: packages as links, the module that holds the bugs, `bug`."""
-        source, folder = ROOT / "python", self.folder / "packages" / name
+        source, folder = ROOT / "python", self.packages / name
         shutil.rmtree(folder, ignore_errors=True)
         for file in (f for package in PACKAGES for f in (source / package).rglob("*")):
             if file.is_file() and file.suffix not in (".so", ".pyc"):
@@ -108,8 +121,8 @@ class Stand:
             if bug and time.monotonic() > self.end:
                 return {"case": None, "verdict": UNJUDGED, "ran": 0, "seconds": 0.0}
             answer = self._judged(bug, level, mode, sound, times)
-            file.with_suffix(".part").write_text(json.dumps(answer))
-            file.with_suffix(".part").replace(file)
+            with replacing(file) as new:
+                new.write(json.dumps(answer).encode())
         kept: dict[str, Any] = json.loads(file.read_text("utf-8"))
         return kept
 
@@ -169,7 +182,8 @@ def run(stand: Stand, chosen: Sequence[Mutant], levels: Iterable[int], jobs: int
     asked = levels if first else [RECORDED, *levels]
     rows = {row["name"]: row for row in kept}
     with ThreadPoolExecutor(jobs) as pool:
-        quick = _sound(stand, pool, asked, "quick")
+        with stand.alone():
+            quick = _sound(stand, pool, asked, "quick")
         order = sorted(asked, key=lambda n: quick[n]["seconds"])
         print("unchanged:", {n: f"{a['verdict']}, {a['ran']} cases, {a['seconds']} s"
                              for n, a in quick.items()}, flush=True)  # fmt: skip
@@ -199,7 +213,7 @@ def _answers(stand: Stand, pool: ThreadPoolExecutor, bugs: Sequence[Mutant],
 
     groups: levels that run one after the other, up to the first that catches the bug.
     """
-    times = stand.folder / f"{mode}_times.json"
+    times = stand.packages / f"{mode}_times.json"
     times.write_text(json.dumps({k: v for a in sound.values() for k, v in a["times"].items()}))
 
     def until_caught(bug: Mutant, group: Sequence[int]) -> dict[int, dict[str, Any]]:
@@ -326,8 +340,11 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         stand = Stand((args.folder or Path(folder)).resolve(), chosen, args.limit)
         print(f"built in {stand.build_seconds} s", flush=True)
-        result = run(stand, chosen, args.levels, args.jobs, args.full_survivors, args.first,
-                     kept.values(), save)  # fmt: skip
+        try:
+            result = run(stand, chosen, args.levels, args.jobs, args.full_survivors, args.first,
+                         kept.values(), save)  # fmt: skip
+        finally:
+            shutil.rmtree(stand.packages, ignore_errors=True)
     save(result)
     left = ", ".join(result["survivors"]) or "none"
     print(f"{result['caught_quick']} of {result['planted']} bugs caught by the quick levels, "

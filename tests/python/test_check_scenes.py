@@ -13,7 +13,7 @@ import veriray
 from veriray_validate import references
 from veriray_validate.levels import stranger
 from veriray_validate.references import Reference, Run
-from veriray_validate.scenes import checks
+from veriray_validate.scenes import check_scene, checks
 
 FOLDER = Path(__file__).resolve().parents[2] / "scenes" / "checks"
 
@@ -32,6 +32,13 @@ def test_scenes_are_small_and_many() -> None:
         if path.suffix == ".xml":
             film = veriray.load_file(path).film
             assert max(film.width, film.height) <= 96, path.name
+
+
+def test_each_question_gets_a_check_scene_of_its_own() -> None:
+    a, b = check_scene("point_light", 16), check_scene("point_light", 16)
+    assert a.vertices is b.vertices and a.sha256 == b.sha256
+    veriray.render(a, 1, device="cpu")
+    assert a.native_forms and not b.native_forms
 
 
 def test_references_are_small() -> None:

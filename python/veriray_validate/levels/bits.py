@@ -310,11 +310,12 @@ def another_order_of_triangles(t: Trial, seed: int) -> None:
 
 @case(6)
 def many_samples_of_few_pixels(t: Trial) -> None:
-    """Films of 30, 37 and 16 pixels with 200, 7 and 257 samples: all schedulers agree.
+    """Films of 30, 37, 16 and 1 pixels with 200, 7, 257 and 1,100 samples: all schedulers agree.
 
-    A tile of a CPU sums 64 samples of a pixel at a time, side by side with other pixels.
+    A tile of a CPU sums 64 samples of a pixel at a time, side by side with other pixels; of one
+    pixel alone, samples are side by side.
     """
-    for width, height, spp in ((6, 5, 200), (37, 1, 7), (16, 1, 257)):
+    for width, height, spp in ((6, 5, 200), (37, 1, 7), (16, 1, 257), (1, 1, 1100)):
         scene = veriray.cornell_box().with_(width=width, height=height)
         films = {Host(t, scene).sha(spp, scheduler=scheduler) for scheduler in METHODS}
         t.check(len(films) == 1, f"{width} x {height}, {spp} samples")

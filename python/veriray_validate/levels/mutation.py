@@ -18,6 +18,9 @@ from veriray_validate.trial import Skipped, Trial, case
 
 CHOSEN = 10
 COMMAND = "python -m tests.mutation.levels"
+#: Variable of the environment: a folder in which runs of `COMMAND` keep the build and every answer
+#: for each other. What a bug's answer is does not depend on the seed, which only chooses bugs.
+FOLDER = "VERIRAY_BUGS_FOLDER"
 _RESULT = Path("benchmarks") / "results" / "mutants_levels.json"
 
 
@@ -79,6 +82,8 @@ def planted_bugs(t: Trial) -> None:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "result.json"
         jobs = t.threads or len(os.sched_getaffinity(0))
+        if kept := os.environ.get(FOLDER):
+            words += ["--folder", kept]
         done = subprocess.run(
             [*command, *words, "--first", "--jobs", str(jobs), "-o", str(output)],
             cwd=root, capture_output=True, text=True,

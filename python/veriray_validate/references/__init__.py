@@ -131,7 +131,7 @@ def read(path: Path) -> Reference:
     return Reference(about["name"], about["sha256"], runs, about["facts"])
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=128)  # all of them: 32 MB
 def load(name: str) -> Reference:
     """The reference's results for a scene of scenes/checks.
 

@@ -78,8 +78,8 @@ class DevicePicture final : public PictureMemory {
         use_device(device_);
         if (n * sizeof(float) < Staging::kLeast ||
             !Staging::fetch(device_, reinterpret_cast<char*>(out),
-                           reinterpret_cast<const char*>(numbers_.get() + first),
-                           n * sizeof(float)))
+                            reinterpret_cast<const char*>(numbers_.get() + first),
+                            n * sizeof(float)))
             numbers_.download(first, n, out);
     }
     void share() override { shared_ = true; }

@@ -73,8 +73,8 @@ uint32_t padded(size_t n) {
 
 HostScene::HostScene(const SceneInput& in) : view{}, width(in.width), height(in.height) {
     check_input(in, nullptr);
-    has_normals_ = !all_fit(in.normals.count,
-                            [&](size_t i) { return !(length(row3(in.normals, i)) > 0); });
+    has_normals_ =
+        !all_fit(in.normals.count, [&](size_t i) { return !(length(row3(in.normals, i)) > 0); });
     if (in.primitives() > kMostSmall) bounds_ = std::make_shared<SceneBounds>(in);
     static_cast<Frame&>(*this) = frame_of(in);
     orient(in);
@@ -308,7 +308,8 @@ void HostScene::set_tree(const SceneInput& in) {
         const std::vector<uint32_t> kept = with_area(in);
         dropped = static_cast<uint32_t>(triangles - kept.size());
         triangles = kept.size();
-        if (triangles + round >= kMost) throw std::invalid_argument("more than 2^27 - 1 primitives");
+        if (triangles + round >= kMost)
+            throw std::invalid_argument("more than 2^27 - 1 primitives");
         primitives = smooth = records = {};
         put_triangles(in, triangles, kept.data());
     }

@@ -118,8 +118,8 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
 
 inline constexpr uint32_t kAllThreads = 0;
 
-// Runs work(first, last) for pieces of [0, n) on at most `threads` threads, each of which has enough
-// to do to be worth its start; exceptions propagate.
+// Runs work(first, last) for pieces of [0, n) on at most `threads` threads, each of which has
+// enough to do to be worth its start; exceptions propagate.
 template <class Work>
 void in_chunks(uint32_t threads, size_t n, Work work) {
     constexpr size_t kGrain = 4096, kLeast = 2 * kGrain;

@@ -415,13 +415,15 @@ def load_file(
     *,
     sensor: int | None = None,
     strict: bool = False,
+    **names: object,
 ) -> Scene:
     """Reads a scene file, or a shipped scene by its name.
 
     scene: path of a file in the Mitsuba 3 XML subset (see veriray.formats), or a key of SHIPPED; a
     file that has such a name is reached as "./name". parameters: values for the file's $names, as
-    `-D key=value` gives them. sensor: the number of the file's sensor that sees the scene, from 0;
-    None takes the first. strict: what `Scene.notes` would list is an error.
+    `-D key=value` gives them; they may be keywords too, as Mitsuba takes them: load_file("a.xml",
+    spp=64). sensor: the number of the file's sensor that sees the scene, from 0; None takes the
+    first. strict: what `Scene.notes` would list is an error.
     Raises SceneError for anything that is missing, unknown or wrong; its `faults` lists all of it.
     """
     from . import formats
@@ -432,6 +434,9 @@ def load_file(
     parameters = {} if parameters is None else parameters
     if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
         raise SceneError(f"parameters = {shown(parameters)} is not a dictionary of names")
+    if twice := sorted(parameters.keys() & names.keys()):
+        raise SceneError(f"{twice[0]} is given twice: in parameters and as a keyword")
+    parameters = {**parameters, **names}
     path = find_shipped(text) if text in SHIPPED else Path(text)
     return _made(formats.load(path, parameters, *_options(sensor, strict)))
 

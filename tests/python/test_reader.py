@@ -165,6 +165,18 @@ def test_a_parameter_that_is_given_is_never_the_default(tmp_path: Path) -> None:
     assert (scene.spp, scene.sampler, scene.notes) == (9, "sobol", ())
 
 
+def test_parameters_are_keywords_too(tmp_path: Path) -> None:
+    view = VIEW.replace('value="8"', 'value="$size"')
+    assert view != VIEW
+    write(tmp_path / "scene.xml", view, SKY)
+    path = tmp_path / "scene.xml"
+    assert vr.load_file(path, size=5).sha256 == vr.load_file(path, {"size": "5"}).sha256
+    with pytest.raises(vr.SceneError, match="^size is given twice: in parameters and as a keyword"):
+        vr.load_file(path, {"size": 5}, size=5)
+    with pytest.raises(vr.SceneError, match="sise"):
+        vr.load_file(path, size=5, sise=6)
+
+
 def test_what_is_given_twice(tmp_path: Path) -> None:
     film = VIEW.replace("</film>", param("integer", "height", 7) + "</film>")
     scene = loaded(tmp_path, SKY, film)

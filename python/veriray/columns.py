@@ -647,7 +647,8 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
             f"blend_material[{row}] = {others[row]}, which is a blend itself; allowed: one that is "
             "none, or comes after it"
         )
-    metal = np.isin(kinds, [MATERIAL_KINDS.index(name) for name in METALS])
+    # Not np.isin, whose np.unique ends the process where the interpreter ends in a daemon thread.
+    metal = np.array([name in METALS for name in MATERIAL_KINDS])[kinds]
     for name in INDICES:
         row = _first((arrays[f"{name}_texture"] >= 0) & ~metal)
         if row is not None:

@@ -118,7 +118,9 @@ def test_what_stands_for_it(folder: Path, name: str) -> None:
     ],
 )  # fmt: skip
 def test_what_nothing_stands_for_is_refused_with_its_line(folder: Path, body: str) -> None:
-    with pytest.raises(SceneError, match=r"scene-0.6.0.xml:2: .*(unknown|not a number|bitmap)"):
+    with pytest.raises(
+        SceneError, match=r"scene-0.6.0.xml:2: .*(unknown|not a number|bitmap|nothing moves)"
+    ):
         read(folder, "0.6.0", body)
 
 

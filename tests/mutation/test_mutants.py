@@ -111,7 +111,7 @@ def test_every_bug_is_saved_and_old_ones_kept(tmp_path: Path, first: bool) -> No
     old, judged, late = levels.BUGS[:3]
     asked = {"1": {}, "3": {}}
     kept = {"name": old.name, "edits": [], "levels": asked, "recorded": True, "caught_by": [1]}
-    stand: Any = SimpleNamespace(judge=judge, folder=tmp_path, build_seconds=1.0, sources="now",
+    stand: Any = SimpleNamespace(judge=judge, packages=tmp_path, build_seconds=1.0, sources="now",
                                  alone=contextlib.nullcontext)  # fmt: skip
     saved: list[dict[str, Any]] = []
     result = levels.run(stand, [late, judged], [1, 3], 2, first=first, kept=[kept],

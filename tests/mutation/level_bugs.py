@@ -323,9 +323,8 @@ _PICTURE = (
     Mutant("film summed in float32", _TILE, _KEEP, _FLOAT_FILM),
     Mutant("samples beyond 64 read from another place", _TILE, "first * stride_",
            "first * pixels"),
-    Mutant("samples of an only pixel after whole vectors dropped", _TILE,
-           "for (uint32_t s = whole; s < samples; ++s)",
-           "for (uint32_t s = whole; s + 1 < samples; ++s)"),
+    Mutant("samples of an only pixel after whole vectors are the first of them", _TILE,
+           "column[s]", "column[whole]"),
     Mutant("parts of sums of too many bits", "film/lane_sums.h",
            "part_[0] = part_[0] + high; part_[1] = part_[1] + in_units<kSumScale>(x - high);",
            "const D more = nearest_multiple<40>(x); part_[0] = part_[0] + more; "

@@ -1,6 +1,7 @@
 // The scene on the host: converts world-space arrays to tables and a SceneView.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>

@@ -7,7 +7,7 @@ Local directions: z along the normal, y along the fibre.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +31,7 @@ class Fibre:
     tilt: float = 0.035
 
 
-@dataclass(frozen=True)
-class Seen:
+class Seen(NamedTuple):
     """What a direction wo (..., 3) makes of the lobes: shares of the light (4, ..., channels), and
     chances (4, ...) that a sample is of one; azimuth of wo, its slope along the fibre and the
     azimuth within, from its place on the surface.
@@ -65,7 +64,7 @@ def lobes(p: Fibre, wo: Array, wi: Array, off: float = 0.0,
     `seen_from` gives for wo, where it is known.
     """
     seen = seen or seen_from(p, wo, off)
-    shares, chances, out, slope, within = vars(seen).values()
+    shares, chances, out, slope, within = seen
     value, density = np.zeros((len(wi), shares.shape[-1])), np.zeros(len(wi))
     about = np.arctan2(wi[:, 0], wi[:, 2]) - out
     up = np.hypot(wi[:, 0], wi[:, 2])

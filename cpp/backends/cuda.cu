@@ -99,10 +99,8 @@ class CudaRunner final : public Runner {
         // Passes make more segments than max_depth counts.
         const bool bounded = s.max_depth >= 0 && !(view_.features & kGoOn);
         depths_ = (bounded ? std::max<int64_t>(1, s.max_depth) : kHardMaxDepth) + 1ull;
-        ledger_ = {std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns, "ledger"};
         faults_ = {1, "fault log"};
-        ledger_.zero();
-        wait_for_default("prepare");
+        ledger_ = empty_ledger();
     }
     // In half of the pool: each job ends when its longest path does.
     uint64_t shared_at_once(uint64_t numbers) const override {
@@ -114,12 +112,7 @@ class CudaRunner final : public Runner {
     }
     bool run(const Job& job, bool counted, const Poll& poll) override {
         RenderStats no_stats = stats_;
-        if (!counted && !no_ledger_.get()) {
-            no_ledger_ = {std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns,
-                          "ledger"};
-            no_ledger_.zero();
-            wait_for_default("prepare");
-        }
+        if (!counted && !no_ledger_.get()) no_ledger_ = empty_ledger();
         const Launches launches{scene_.device,
                                 view_,
                                 s_,
@@ -159,6 +152,13 @@ class CudaRunner final : public Runner {
     }
 
    private:
+    Scratch<uint64_t> empty_ledger() const {
+        Scratch<uint64_t> ledger{std::max<uint64_t>(depths_, kLedgerRowsShared) * kLedgerColumns,
+                                 "ledger"};
+        ledger.zero();
+        wait_for_default("prepare");
+        return ledger;
+    }
     static Scratch<uint32_t> list(const Job& job) {
         return {job.listed, job.listed_count, "pixel list"};
     }

@@ -76,8 +76,7 @@ class DevicePicture final : public PictureMemory {
     float* numbers() override { return numbers_.get(); }
     void read(size_t first, size_t n, float* out) const override {
         use_device(device_);
-        if (n * sizeof(float) < Staging::kLeast ||
-            !Staging::fetch(device_, reinterpret_cast<char*>(out),
+        if (!Staging::fetch(device_, reinterpret_cast<char*>(out),
                             reinterpret_cast<const char*>(numbers_.get() + first),
                             n * sizeof(float)))
             numbers_.download(first, n, out);

@@ -69,8 +69,8 @@ class Buffer {
     }
     Buffer(const T* from, size_t n, const char* what) : Buffer(n, what) {
         const size_t bytes = n * sizeof(T);
-        if (bytes >= Staging::kLeast && Staging::send(current_device(), reinterpret_cast<char*>(p_),
-                                                      reinterpret_cast<const char*>(from), bytes))
+        if (Staging::send(current_device(), reinterpret_cast<char*>(p_),
+                          reinterpret_cast<const char*>(from), bytes))
             return;
         if (n) check(cudaMemcpy(p_, from, bytes, cudaMemcpyHostToDevice), what);
     }

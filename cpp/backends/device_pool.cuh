@@ -136,14 +136,10 @@ class DevicePool {
 // threads fill or empty: a GPU's link is faster than one thread.
 class Staging {
    public:
-    // Bytes from which on it is worth its threads.
-    static constexpr size_t kLeast = 2 << 20;
-    static constexpr size_t kPart = 1 << 20, kParts = 16;
-
-    // To the host. False: there is no page-locked memory to be had, or the device failed, and what
-    // is in `out` is of no use. The device's work on `from` is done.
+    // To the host. False: it is not worth the threads, there is no page-locked memory to be had, or
+    // the device failed; what is in `out` is of no use. The device's work on `from` is done.
     static bool fetch(int device, char* out, const char* from, size_t bytes) {
-        return with_one(device, [&](Staging& s) {
+        return with_one(device, bytes, [&](Staging& s) {
             cudaError_t status = cudaSuccess;
             for (size_t at = 0; at < bytes && status == cudaSuccess; at += kPart * kParts)
                 status =
@@ -153,7 +149,8 @@ class Staging {
     }
     // To the device, likewise; what is there is complete when it returns.
     static bool send(int device, char* out, const char* from, size_t bytes) {
-        return with_one(device, [&](Staging& s) { return s.stream(device, out, from, bytes); });
+        return with_one(device, bytes,
+                        [&](Staging& s) { return s.stream(device, out, from, bytes); });
     }
     ~Staging() {
         if (stream_) cudaStreamDestroy(stream_);
@@ -163,14 +160,19 @@ class Staging {
     }
 
    private:
+    // Bytes from which on it is worth its threads.
+    static constexpr size_t kLeast = 2 << 20;
+    static constexpr size_t kPart = 1 << 20, kParts = 16;
+
     int device_ = 0;
     char* at_ = nullptr;
     cudaStream_t stream_ = nullptr;
     cudaEvent_t events_[kParts] = {};
 
-    // Whether there is one and use(it) succeeds; then others may use it.
+    // Whether so many bytes are worth it, there is one and use(it) succeeds; then it is for others.
     template <class Use>
-    static bool with_one(int device, Use use) {
+    static bool with_one(int device, size_t bytes, Use use) {
+        if (bytes < kLeast) return false;
         std::unique_ptr<Staging> s = take(device);
         if (!s) return false;
         if (use(*s) != cudaSuccess) return cudaGetLastError(), false;

@@ -613,6 +613,23 @@ def sheet_on_a_sheet(t: Trial, gap: float, tree: bool) -> None:
             t.check(np.isin(primitive, near), "the farther sheet is met")
 
 
+@case(8, each={"distance": [1e3, 1e4], "tree": [False, True]})
+def sheet_before_a_lamp_from_afar(t: Trial, distance: float, tree: bool) -> None:
+    """A black sheet 2e-5 before a lamp of width 2, seen from 1,000 and 10,000 away.
+
+    Exactly 0, though float32 lengths from the camera are off by 3e-5 and 5e-4 there. Of two equal
+    distances the lower number counts, which is the lamp's. Pixels are wider than 2^-17, so the view
+    is no narrow one.
+    """
+    lamp = quad([-1, -1, 0], [2, 0, 0], [0, 2, 0], 0.0, 1.0)
+    sheet = quad([-1.01, -1.01, 2e-5], [2.02, 0, 0], [0, 2.02, 0])
+    for _ in range(4):
+        way = np.append(t.rng.uniform(-0.3, 0.3, 2), 1.0)
+        eye = camera(distance * way, [0, 0, 0], 2 * math.degrees(math.atan(1 / distance)))
+        r = t.render(make([lamp, sheet, *behind(tree)], eye, width=8, height=8), 64)
+        t.check(not r.image.any(), f"the lamp shows, by up to {r.image.max()}")
+
+
 @case(8, each={"kind": ["winding", "isolated vertices", "three on an edge", "open"]})
 def meshes_that_are_no_solid(t: Trial, kind: str) -> None:
     """Mixed winding, isolated vertices, three faces on an edge, holes.

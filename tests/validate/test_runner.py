@@ -86,7 +86,7 @@ def test_the_fixture_leaves_no_trace() -> None:
 
 
 def test_false_alarm_rate_of_the_two_stages(suite: Suite) -> None:
-    """200,000 judgements of a sound case with three p values.
+    """60,000 judgements of a sound case with three p values.
 
     The second threshold is raised to 0.3, or none would ever fail.
     """
@@ -96,7 +96,7 @@ def test_false_alarm_rate_of_the_two_stages(suite: Suite) -> None:
         for p in t.rng.random(3):
             t.p(p)
 
-    n, second = 200_000, 0.3
+    n, second = 60_000, 0.3
     outcomes = [judge(only(), "cpu", seed=seed, second=second) for seed in range(n)]
     p = np.array([o.p for o in outcomes])
     first = int((p < FIRST).sum())

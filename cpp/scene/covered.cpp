@@ -5,8 +5,9 @@ namespace veriray {
 namespace {
 
 // A shadow ray ends before its lamp by the lamp's offset, 2^-20 at most, and by 2^-21 of its
-// length, which is below 4.
-constexpr double kNear = 0x1p-18;
+// length, which is below 4. The latter, with the rounding of lengths (6 units of 2^-24), is less
+// than kShortened of it.
+constexpr double kNear = 0x1p-18, kShortened = 0x1p-20;
 // Within this, the rounding of two corners, planes count as one, of which the first primitive is
 // met. Of others as close as the rounding of planes either may be met: rays tell which.
 constexpr double kOnePlane = 0x1p-23, kRounding = 0x1p-22;
@@ -102,6 +103,18 @@ void HostScene::part_backs(const SceneInput& in) {
         }
 }
 
+// The distance from a lamp, of normal n, within which a cover lets shadow rays through. A ray
+// across the cover ends as far from the lamp's plane as the lamp's offset and the shortened share
+// of its start's height over that plane, which coordinates below 1 bound, but not in a fog without
+// an end. Lamps of scenes without a tree are hundreds of times kNear wide (kMinFlat,
+// kMinBesideLocal): rays find them all the same.
+double HostScene::cover_distance(const SceneInput& in, const AreaLight& light, Double3 n) const {
+    if (records.empty() || in.camera_medium >= 0) return kNear;
+    const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
+    const double highest = std::abs(n.x) + std::abs(n.y) + std::abs(n.z) + terms(box, n);
+    return std::min(kNear, std::abs(lamp_offset(in, light)) + kShortened * highest + kRounding);
+}
+
 std::vector<uint8_t> HostScene::covered(const SceneInput& in,
                                         const std::vector<AreaLight>& lights) const {
     std::vector<uint8_t> hidden(lights.size());
@@ -141,7 +154,7 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
         const bool first =
             std::abs(before) <= kOnePlane && light.primitive < cover &&
             (sources[cover].group == kTriangleGroup || one_disk_plane(light.primitive, cover));
-        if (high <= kNear && before >= -kRounding && !first &&
+        if (high <= cover_distance(in, light, n) && before >= -kRounding && !first &&
             covered_share(lamp, other, n) > kSliver)
             found = 1;
         return true;

@@ -299,13 +299,32 @@ LightSource HostScene::light_source(const SceneInput& in, const AreaLight& light
     return s;
 }
 
-void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const {
-    const PrimitiveSource& source = sources[light.primitive];
+// Of a flat lamp: how far light starts off it and shadow rays end before it. Of a face that is left
+// by the point's own bound, the bound at its corners; negative if it touches what lets light
+// through.
+float HostScene::lamp_offset(const SceneInput& in, const AreaLight& light) const {
     const auto column_of = [&](uint32_t primitive, uint32_t c) {
         return primitives[static_cast<size_t>(primitive) * view.primitive_row +
                           static_cast<size_t>(c) * view.primitive_column];
     };
-    const auto prim = [&](uint32_t c) { return column_of(light.primitive, c); };
+    const auto n = [&](uint32_t k) {
+        return static_cast<double>(column_of(light.primitive, kPrimN + k));
+    };
+    const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
+    const float offsets[2] = {column_of(light.primitive, kPrimOffset),
+                              column_of(light.other, kPrimOffset)};
+    float offset = std::max(offsets[0], offsets[1]);
+    if (std::min(offsets[0], offsets[1]) < 0)
+        offset = static_cast<float>(terms(box, {n(0), n(1), n(2)})) * kLocalOffset;
+    return std::min(offsets[0], offsets[1]) <= kTouches ? -offset : offset;
+}
+
+void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const {
+    const PrimitiveSource& source = sources[light.primitive];
+    const auto prim = [&](uint32_t c) {
+        return primitives[static_cast<size_t>(light.primitive) * view.primitive_row +
+                          static_cast<size_t>(c) * view.primitive_column];
+    };
     if (source.group == kSphereGroup) {
         for (uint32_t k = 0; k < kSphereFloats; ++k) s.record[k] = prim(k);
         const bool inside = prim(kPrimSide) < 0;
@@ -323,13 +342,7 @@ void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSo
     }
     s.p = {p.x, p.y, p.z}, s.e1 = {e1.x, e1.y, e1.z}, s.e2 = {e2.x, e2.y, e2.z};
     s.n = {prim(kPrimN), prim(kPrimN + 1), prim(kPrimN + 2)};
-    // The offset of a face that is left by the point's own bound: the bound at its corners.
-    const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
-    const double most = terms(box, {s.n.x, s.n.y, s.n.z});
-    const float offsets[2] = {prim(kPrimOffset), column_of(light.other, kPrimOffset)};
-    s.offset = std::max(offsets[0], offsets[1]);
-    if (std::min(offsets[0], offsets[1]) < 0) s.offset = static_cast<float>(most) * kLocalOffset;
-    if (std::min(offsets[0], offsets[1]) <= kTouches) s.offset *= -1;
+    s.offset = lamp_offset(in, light);
 }
 
 // A light that no ray meets.

@@ -301,6 +301,7 @@ class HostScene : public Frame {
     std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
     bool back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const;
     void part_backs(const SceneInput& in);
+    double cover_distance(const SceneInput& in, const AreaLight& light, Double3 n) const;
     std::vector<uint8_t> covered(const SceneInput& in, const std::vector<AreaLight>& lights) const;
     std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights);
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;
@@ -315,6 +316,7 @@ class HostScene : public Frame {
     float most_of_texture(const SceneInput& in, int32_t texture) const;
     double most_intense(const SceneInput& in, size_t q) const;
     double mean_of_texture(const SceneInput& in, const AreaLight& light, int32_t texture) const;
+    float lamp_offset(const SceneInput& in, const AreaLight& light) const;
     void place_lamp(const SceneInput& in, const AreaLight& light, LightSource& s) const;
     void put_light(const LightSource& s, float* row, size_t stride);
     void set_first_occluder();

@@ -18,7 +18,7 @@ from scipy import stats
 
 import veriray
 from veriray_validate import dicts, leaks
-from veriray_validate.form_factors import cap
+from veriray_validate.form_factors import cap, rectangle_above_corner
 from veriray_validate.scenes import (
     Part,
     box,
@@ -628,6 +628,50 @@ def sheet_before_a_lamp_from_afar(t: Trial, distance: float, tree: bool) -> None
         eye = camera(distance * way, [0, 0, 0], 2 * math.degrees(math.atan(1 / distance)))
         r = t.render(make([lamp, sheet, *behind(tree)], eye, width=8, height=8), 64)
         t.check(not r.image.any(), f"the lamp shows, by up to {r.image.max()}")
+
+
+@case(8, each={"kind": ["quad", "disk"], "far": [4e4, 1e5, 2e5]})
+def small_lamp_over_a_ground_of_a_wide_scene(t: Trial, kind: str, far: float) -> None:
+    """A lamp 0.02 to 0.1 wide, 1 above a ground, a planet of radius `far` below: 0.5. Sees 1 %.
+
+    The lamp lights a wide scene from 2^-17, 2^-18 and 2^-19 of its size before the ground, which is
+    no cover of it: unless it is sampled, one path in thousands finds it. The patch is 2e-3 wide,
+    where pi L a^2 / (a^2 + h^2) and Lambert's rectangle are within 1e-4.
+    """
+    half = float(t.rng.uniform(0.01, 0.05))
+    if kind == "disk":
+        lamp = disk([0, 0, 1], [0, half, 0], [half, 0, 0], 0, 1 + half**-2)
+    else:
+        share = 4 * rectangle_above_corner(half, half)
+        lamp = quad([-half, -half, 1], [0, 2 * half, 0], [2 * half, 0, 0], 0, 1 / share)
+    ground = quad([-100, -100, 0], [200, 0, 0], [0, 200, 0], 0.5)
+    eye = camera([2, 0, 2.5], [0, 0, 0], math.degrees(2e-3 / math.hypot(2, 2.5)))
+    scene = make([ground, lamp, sphere([0, 0, -far - 0.5], far)], eye, width=4, height=4,
+                 max_depth=2)  # fmt: skip
+    t.agrees(scene, 0.5, 4096, 0.01, margin=1e-3)
+
+
+@case(8, each={"share": [0.5, 1.0, 1.5, 3.0]})
+def lamp_close_over_a_cover(t: Trial, share: float) -> None:
+    """A lamp `share` times 2^-20 before a wider black sheet, a white body far beyond it: exactly 0.
+
+    In a tree, turned any way, with the sheet through the middle of the scene or aside.
+    """
+    for k in range(16):
+        turn = np.linalg.qr(t.rng.normal(size=(3, 3)))[0] if k % 4 else np.eye(3)
+        turn *= np.linalg.det(turn)
+        up = float(t.rng.uniform(0, 0.3)) * (k % 2)
+        half = 10 ** float(t.rng.uniform(-3, -1))
+        lamp = quad([-half, -half, up + share * 2.0**-20], [0, 2 * half, 0], [2 * half, 0, 0], 0,
+                    half**-2)  # fmt: skip
+        sheet = quad([-0.5, -0.5, up], [1, 0, 0], [0, 1, 0])
+        body = quad([-0.5, -0.5, -0.55], [1, 0, 0], [0, 1, 0], 1.0)
+        parts = [lamp, sheet, body, quad([0, 0, -0.56], [1e-5, 0, 0], [0, 1e-5, 0])]
+        for part in parts:
+            part.vertices = part.vertices @ turn.T
+        eye = camera(turn @ [0.3, 0.4, -0.2], turn @ [0, 0, -0.55], 60, turn @ [1.0, 0, 0])
+        r = t.render(make(parts, eye, width=8, height=8), 256)
+        t.check(not r.image.any(), f"light comes through, up to {r.image.max()}")
 
 
 @case(8, each={"kind": ["winding", "isolated vertices", "three on an edge", "open"]})

@@ -46,7 +46,9 @@ def test_sidak() -> None:
 def test_corrections_are_exact(rng: np.random.Generator) -> None:
     smallest = [st.sidak(float(u.min()), 9) for u in rng.random((4000, 9))]
     largest = [st.max_z(z) for z in rng.standard_normal((4000, 25))]
-    for p in (smallest, largest):
+    student = stats.t(5)
+    wide = [st.max_z(z, student) for z in rng.standard_t(5, (4000, 25))]
+    for p in (smallest, largest, wide):
         assert stats.kstest(p, "uniform").pvalue > 1e-4
 
 
@@ -55,6 +57,10 @@ def test_smallest_bias_is_found_9_times_in_10(rng: np.random.Generator) -> None:
     bias = st.smallest_bias(error, mean)
     z = rng.normal(bias * mean / error, 1, 40_000)
     assert abs((2 * stats.norm.sf(np.abs(z)) < 1e-3).mean() - 0.9) < 4 * math.sqrt(0.09 / 40_000)
+    few = stats.t(19)
+    bias = st.smallest_bias(error, mean, law=few)
+    z = rng.normal(bias * mean / error, 1, 40_000) / np.sqrt(rng.chisquare(19, 40_000) / 19)
+    assert abs((2 * few.sf(np.abs(z)) < 1e-3).mean() - 0.878) < 0.01
     assert st.smallest_bias(1.0, 0.0) == math.inf
 
 

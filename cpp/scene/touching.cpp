@@ -38,6 +38,11 @@ static_assert(kLeastTerms >= 0x1p-22 * static_cast<double>(kLocalMove));
 constexpr double kParallel = 0x1p-10;
 // Beyond this difference, 45 degrees, rays that leave one plane do not reach the other.
 constexpr double kAcross = 0.75;
+// The largest sine between a face and an opaque ball below it, where they are closest, for the face
+// to move off the ball. Into the body, of light that comes along the ball up to a quarter of its
+// square meets what the face should cover; out of it, a strip by the distance over it lies in the
+// ball.
+constexpr double kOnBall = 0x1p-5;
 // The largest number of pairs that are examined; beyond it, each primitive that lets light through
 // is paired only with the largest of all.
 constexpr size_t kMostPairs = size_t{1} << 26;
@@ -117,6 +122,28 @@ Plane exact_plane(const SceneInput& in, Double3 centre, double unit, const Primi
     if (!(length(n) > 0)) return {front, -dot(front, p[0])};
     n = normalised(n) * (dot(n, front) < 0 ? -1.0 : 1.0);
     return {n, -dot(n, p[0])};
+}
+
+// The point of a convex face with normal n that is closest to a point p of its plane.
+Double3 nearest_on(const Flat& f, Double3 n, Double3 p) {
+    bool left = false, right = false;
+    Double3 best = p;
+    double least = INFINITY;
+    for (uint32_t k = 0; k < f.corners; ++k) {
+        const Double3 at = f.v[k], edge = f.v[(k + 1) % f.corners] - at;
+        const double side = dot(cross(edge, p - at), n);
+        left |= side > 0, right |= side < 0;
+        const Double3 q = at + edge * std::clamp(dot(p - at, edge) / dot(edge, edge), 0.0, 1.0);
+        if (const double off = length(p - q); off < least) least = off, best = q;
+    }
+    return left && right ? best : p;
+}
+
+// The same of a disk, whose half axes are a and b; of an ellipse, one towards its centre.
+Double3 nearest_on_disk(Double3 middle, Double3 a, Double3 b, Double3 p) {
+    const Double3 d = p - middle;
+    const double out = std::hypot(dot(d, a) / dot(a, a), dot(d, b) / dot(b, b));
+    return out > 1 ? middle + d * (1 / out) : p;
 }
 
 Double3 ball_centre(const SceneInput& in, size_t k, Double3 centre, double unit) {
@@ -432,6 +459,14 @@ void HostScene::part_touching(const SceneInput& in) {
     std::vector<bool> inward(planar, false);
     for (const Touch& t : touches)
         if (!t.out) inward[t.own] = true;
+    const auto nearest_point = [&](uint32_t i, Double3 n, Double3 p) {  // p: in the plane
+        const uint32_t row = sources[i].row;
+        if (sources[i].group != kDiskGroup)
+            return nearest_on(flat ? flats_[i] : triangle(in, row), n, p);
+        const auto row_of = [&](uint32_t k) { return row3(in.disks, 3 * row + k); };
+        return nearest_on_disk((row_of(0) - centre) * (1 / unit), row_of(1) * (1 / unit),
+                               row_of(2) * (1 / unit), p);
+    };
     // So does one off an opaque ball below the face, as a planet, where the face would move out.
     std::vector<uint32_t> outward;
     for (const Touch& t : touches)
@@ -447,11 +482,13 @@ void HostScene::part_touching(const SceneInput& in) {
             const Plane a = exact(own);
             const Double3 c = ball_centre(in, k, centre, unit);
             const double height = a.over(c);
-            const Double3 nearest = most(box.low, least(c - a.n * height, box.high));
+            const Double3 foot = c - a.n * height;
+            const Double3 nearest = nearest_point(own, a.n, foot);
             const double apart = length(c - nearest) - in.spheres.data[4 * k + 3] / unit;
             const double seen = std::min(0.5, 32 * size_of_body(own));
             const double want = kParted * (std::max(terms(box, a.n), kLeastTerms) + seen);
             if (height <= 0 || apart > 2 * want) return true;
+            if (length(nearest - foot) > kOnBall * length(c - nearest)) return true;
             const std::lock_guard lock(mutex);
             inward[own] = true;
             move[own] = std::max(std::min(move[own], apart - want), -kMostMoved);

@@ -428,6 +428,8 @@ _REPAIRED = (  # bugs that veriray had
            "std::max(size, kLeastTerms) + seen", "std::max(size, kLeastTerms)"),
     Mutant("faces pushed into balls that they stand on", "scene/touching.cpp",
            "height <= 0 || apart > 2 * want", "true"),
+    Mutant("faces taken off balls near the boxes around them", "scene/touching.cpp",
+           "nearest_point(own, a.n, foot)", "most(box.low, least(foot, box.high))"),
     Mutant("planes through the origin not parted", "scene/touching.cpp",
            "std::max(size, kLeastTerms) + seen", "size + seen"),
     Mutant("concentric spheres not parted", "scene/touching.cpp",

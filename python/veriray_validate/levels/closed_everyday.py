@@ -45,8 +45,9 @@ def bodies_within_bodies_are_not_seen(t: Trial, scenes: int) -> None:
 def round_bodies_that_touch_are_not_seen(t: Trial, lower: str, scenes: int) -> None:
     """Balls, meshes, cylinders, turned boxes on, against, in and within each other, walls of 1: 1.
 
-    On flat floors and on balls of radius 3 to 10,000. Margin 1e-4; sees 2 % in each scene. Nothing
-    leaves the room except for the stated leaks at edges.
+    On flat floors and on balls of radius 3 to 10,000. Margin 1e-4, of glass on a body of its form
+    what `everyday_forms.coat` says; sees 2 % in each scene. Nothing leaves the room except for the
+    stated leaks at edges.
     """
     for k in range(scenes):
         way = str(t.rng.choice(everyday_forms.WAYS))

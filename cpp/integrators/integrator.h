@@ -29,8 +29,8 @@ concept Integrator =
         // Lanes whose shadow ray arrives, and what it delivers.
         { T::unblocked(scene, request) } -> std::same_as<typename T::M>;
         { T::visible(path, request, active) };
-        // Where the path went through its pixel, x and y in [0, 1), if these share samples.
-        { T::place_in_pixel(s, path, at, at) };
+        // Where a sample's path goes through its pixel, x and y in [0, 1), if these share samples.
+        { T::place_in_pixel(s, word, word, at, at) };
         { T::columns(0u) } -> std::same_as<ColumnCount>;
         { T::request_columns(0u) } -> std::same_as<ColumnCount>;
     };

@@ -93,9 +93,8 @@ struct PathTracer : PathVertices<L, kFeatures> {
     }
 
     // Where a path went through its pixel, under a box.
-    static VR_HD void place_in_pixel(const PathSettings& s, const PathState<L>& path, F& x, F& y) {
-        const Block<U> r =
-            random_block(s.key, path.pixel, path.sample, dimension_block(0, kCamera));
+    static VR_HD void place_in_pixel(const PathSettings& s, U pixel, U sample, F& x, F& y) {
+        const Block<U> r = random_block(s.key, pixel, sample, dimension_block(0, kCamera));
         x = uniform(r.x), y = uniform(r.y);
     }
 

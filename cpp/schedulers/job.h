@@ -88,7 +88,7 @@ VR_HD LedgerColumn finish(const SceneView& scene, const Job& job,
     }
     if (job.shared.numbers) {
         float x, y;
-        Tracer::place_in_pixel(job.settings, path, x, y);
+        Tracer::place_in_pixel(job.settings, path.pixel, path.sample, x, y);
         job.share(path.pixel, path.sample, sample[0], sample[1], sample[2], x, y);
         sample = Spectrum<float>::all(0.f);
     }

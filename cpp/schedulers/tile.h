@@ -43,7 +43,8 @@ class Tile {
         const bool exact_in_lanes = kLanes > 1 && samples > 2 && !Tracer::kNegativeSamples;
         const bool by_lanes = exact_in_lanes && pixels >= kLanes;
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
-        first_pixel_ = pixel, first_sample_ = job.sample_begin + sample;
+        first_pixel_ = pixel + job.settings.first, first_sample_ = job.sample_begin + sample;
+        scale_ = job.film.scale * job.room();
         uint32_t x = pixel % job.width, y = pixel / job.width, s = 0;
         const auto begin = [&] {
             uint32_t xs[Simd::kWidth], ys[Simd::kWidth], ss[Simd::kWidth];
@@ -58,7 +59,7 @@ class Tile {
         };
         for (uint32_t depth = 0; live; ++depth)
             live = bounce_all<Tracer>(scene, job, live, depth, ledger, begin);
-        if (job.shared.numbers) return;
+        if (job.shared.numbers) return share<Tracer>(job, pixels, samples);
         if (exact_in_lanes && pixels == 1)
             add_samples_of_one(samples);
         else
@@ -76,6 +77,7 @@ class Tile {
     std::vector<float> samples_[3];  // [sample][pixel], times the film's scale
     std::vector<PixelSum> sums_;
     uint32_t first_pixel_ = 0, first_sample_ = 0, stride_ = 0;
+    float scale_ = 0;  // of radiances, for the film's limit
 
     template <class Tracer>
     typename Tracer::State load_path(uint32_t i) const {
@@ -126,15 +128,9 @@ class Tile {
     template <class Tracer>
     M end_paths(const SceneView& scene, const Job& job, const typename Tracer::State& path,
                 M ended) {
-        const M bad = ended & !film_accepts<Tracer::kNegativeSamples>(path.radiance,
-                                                                      job.film.scale * job.room());
+        const M bad = ended & !film_accepts<Tracer::kNegativeSamples>(path.radiance, scale_);
         const Spectrum<F> sample =
             select(bad, Spectrum<F>::all(F(0.f)), path.radiance * F(job.film.scale));
-        if (job.shared.numbers) {
-            share<Tracer>(job, path, sample, bits(ended));
-            if (any(bad)) log_faults(job, path, bits(bad));
-            return bad;
-        }
         const U place =
             (path.sample + U(0u - first_sample_)) * U(stride_) + path.pixel + U(0u - first_pixel_);
         float x[3][Simd::kWidth];
@@ -149,22 +145,6 @@ class Tile {
         return bad;
     }
 
-    template <class Tracer>
-    static void share(const Job& job, const typename Tracer::State& path, const Spectrum<F>& sample,
-                      uint32_t ended) {
-        F at_x, at_y;
-        Tracer::place_in_pixel(job.settings, path, at_x, at_y);
-        float x[5][Simd::kWidth];
-        uint32_t pixel[Simd::kWidth], number[Simd::kWidth];
-        for (uint32_t c = 0; c < 3; ++c) store(x[c], sample[c]);
-        store(x[3], at_x), store(x[4], at_y);
-        store(pixel, path.pixel), store(number, path.sample);
-        for (; ended; ended &= ended - 1) {
-            const uint32_t k = static_cast<uint32_t>(__builtin_ctz(ended));
-            job.share(pixel[k], number[k], x[0][k], x[1][k], x[2][k], x[3][k], x[4][k]);
-        }
-    }
-
     template <class Path>
     static void log_faults(const Job& job, const Path& path, uint32_t bad) {
         float x[3][Simd::kWidth];
@@ -176,6 +156,27 @@ class Tile {
             const uint32_t k = static_cast<uint32_t>(__builtin_ctz(bad));
             log_fault(job.faults, pixel[k], sample[k], {{x[0][k], x[1][k], x[2][k]}});
         }
+    }
+
+    // Hands the samples on, with where their paths went through the pixels.
+    template <class Tracer>
+    void share(const Job& job, uint32_t pixels, uint32_t samples) const {
+        constexpr uint32_t kWidth = Simd::kWidth;
+        for (uint32_t s = 0; s < samples; ++s)
+            for (uint32_t first = 0; first < pixels; first += kWidth) {
+                uint32_t pixel[kWidth];
+                for (uint32_t k = 0; k < kWidth; ++k) pixel[k] = first_pixel_ + first + k;
+                F at_x, at_y;
+                Tracer::place_in_pixel(job.settings, load(pixel, U()), U(first_sample_ + s), at_x,
+                                       at_y);
+                float x[kWidth], y[kWidth];
+                store(x, at_x), store(y, at_y);
+                for (uint32_t k = 0; k < std::min(kWidth, pixels - first); ++k) {
+                    const uint32_t at = s * stride_ + first + k;
+                    job.share(pixel[k], first_sample_ + s, samples_[0][at], samples_[1][at],
+                              samples_[2][at], x[k], y[k]);
+                }
+            }
     }
 
     // Adds the samples to the only pixel; each lane sums every kWidth-th of them.

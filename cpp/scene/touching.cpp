@@ -142,7 +142,8 @@ Double3 nearest_on(const Flat& f, Double3 n, Double3 p) {
 // The same of a disk, whose half axes are a and b; of an ellipse, one towards its centre.
 Double3 nearest_on_disk(Double3 middle, Double3 a, Double3 b, Double3 p) {
     const Double3 d = p - middle;
-    const double out = std::hypot(dot(d, a) / dot(a, a), dot(d, b) / dot(b, b));
+    const double u = dot(d, a) / dot(a, a), v = dot(d, b) / dot(b, b);
+    const double out = std::sqrt(u * u + v * v);
     return out > 1 ? middle + d * (1 / out) : p;
 }
 

@@ -39,6 +39,10 @@ inline void check(cudaError_t status, const char* what) {
 
 inline void check_launch(const char* what) { check(cudaGetLastError(), what); }
 
+// All work of the default stream, on which memory is cleared and filled; other streams do not wait
+// for it.
+inline void wait_for_default(const char* what) { check(cudaStreamSynchronize(nullptr), what); }
+
 // Device memory of one owner. kPooled: from the pool and back to it, so its owner has waited for
 // the work that uses it; the driver waits itself where an exception ends that work.
 template <class T, bool kPooled = false>
@@ -73,6 +77,9 @@ class Buffer {
                           reinterpret_cast<const char*>(from), bytes))
             return;
         if (n) check(cudaMemcpy(p_, from, bytes, cudaMemcpyHostToDevice), what);
+        // A small copy may still be under way when cudaMemcpy returns. Scratch memory is for work on
+        // streams that do not wait for the default one; scenes wait once for all their tables.
+        if (n && kPooled) wait_for_default(what);
     }
     template <class Memory>
     Buffer(const std::vector<T, Memory>& v, const char* what) : Buffer(v.data(), v.size(), what) {}
@@ -135,10 +142,6 @@ __global__ void each_of_kernel(const __grid_constant__ Body body, uint64_t n) {
     const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) body(i);
 }
-
-// All work of the default stream, on which memory is cleared and filled; other streams do not wait
-// for it.
-inline void wait_for_default(const char* what) { check(cudaStreamSynchronize(nullptr), what); }
 
 // body(i) for i in [0, n), which is done when it returns.
 template <class Body>

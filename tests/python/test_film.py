@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from typing import Any
 
@@ -282,6 +283,18 @@ def test_a_render_resumes_at_any_sample(filter: str, sampler: str, device: str) 
         assert second.samples == spp
         for a, b in zip(second.resolve(), whole.resolve(), strict=True):
             assert a.tobytes() == b.tobytes()
+
+
+def test_threads_on_one_device_draw_their_own_pixels(device: str) -> None:
+    """Lists of pixels, of a rim here, are on the device when the launch that reads them begins."""
+    scenes = [small(filter="mitchell").with_(width=9 + k, height=5 + k) for k in range(8)]
+    alone = [vr.render(scene, 2, device="cpu", seed=3).film_sha256 for scene in scenes]
+
+    def draw(scene: vr.Scene) -> set[str]:
+        return {vr.render(scene, 2, device=device, seed=3).film_sha256 for _ in range(40)}
+
+    with ThreadPoolExecutor(len(scenes)) as pool:
+        assert list(pool.map(draw, scenes)) == [{one} for one in alone]
 
 
 @pytest.mark.parametrize(("filter", "parameter", "share"), [

@@ -77,8 +77,8 @@ class Buffer {
                           reinterpret_cast<const char*>(from), bytes))
             return;
         if (n) check(cudaMemcpy(p_, from, bytes, cudaMemcpyHostToDevice), what);
-        // A small copy may still be under way when cudaMemcpy returns. Scratch memory is for work on
-        // streams that do not wait for the default one; scenes wait once for all their tables.
+        // A small copy may still be under way when cudaMemcpy returns. Scratch memory is for work
+        // on streams that do not wait for the default one; scenes wait once for all their tables.
         if (n && kPooled) wait_for_default(what);
     }
     template <class Memory>

@@ -108,15 +108,17 @@ class Tally:
         return sorted(rows, key=lambda r: (-r["not_passed"], r["chance_of_so_many"], r["case"]))
 
 
-def report(args: argparse.Namespace, tally: Tally, second: float, seconds: float) -> dict[str, Any]:
-    """The result as it stands."""
+def report(
+    args: argparse.Namespace, begun: dict[str, Any], tally: Tally, second: float, seconds: float
+) -> dict[str, Any]:
+    """The result as it stands; begun: header from before the workers started."""
     rows = tally.seeds()
     values = [a[1] for answers in tally.by_case.values() for a in answers.values()]
     p = [q for q in values if q is not None]
     failed = sum(not r["passed"] for r in rows)
     # what the suite promises of a run, and how likely so many failures are if it holds
     bound = tally.wanted * FIRST * second + MANY
-    result = header("seeds")
+    result = dict(begun)
     result["settings"] = {
         "device": args.device, "full": args.full, "levels": args.level, "case": args.case,
         "first_seed": args.first, "seeds": args.seeds, "cases": tally.wanted,
@@ -163,7 +165,7 @@ def main() -> int:
     order = [c.id for c in sorted(chosen, key=lambda c: c.quick)]
     kept = tempfile.TemporaryDirectory(prefix="bugs-")
     os.environ.setdefault(FOLDER, kept.name)
-    tally, begin = Tally(len(chosen)), time.perf_counter()
+    begun, tally, begin = header("seeds"), Tally(len(chosen)), time.perf_counter()
     saved = begin
     for part in range(2):
         if args.limit and time.perf_counter() - begin > args.limit:
@@ -185,13 +187,13 @@ def main() -> int:
             now = time.perf_counter()
             if now - saved > SAVE:
                 saved = now
-                now_known = report(args, tally, second, now - begin)
+                now_known = report(args, begun, tally, second, now - begin)
                 args.output.parent.mkdir(parents=True, exist_ok=True)
                 args.output.write_text(json.dumps(now_known, indent=1) + "\n")
             if args.limit and now - begin > args.limit:
                 break
     kept.cleanup()
-    result = report(args, tally, second, time.perf_counter() - begin)
+    result = report(args, begun, tally, second, time.perf_counter() - begin)
     write(result, args.output)
     print(f"{result['cases_done']} cases; {result['seeds_failed']} of {result['seeds_done']} whole "
           f"runs failed; promised: one in {1 / result['false_alarm_bound']:,.0f}")  # fmt: skip

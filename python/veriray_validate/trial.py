@@ -35,6 +35,8 @@ FIRST, SECOND = 1e-3, 1e-4
 #: by their number with p < FIRST in the first stage.
 FAMILY, MANY = 1e-3, 1e-4
 CONFIRM = 4  # times the samples
+#: Equal parts of a render whose means tell the error of a picture whose pixels share samples.
+BATCHES = 20
 #: Samples that must carry a mean for the normal law: (sum x)^2 / sum x^2.
 EFFECTIVE = 1000
 #: Share of segments that may pass an edge on its wrong side because a path's vertex lies within
@@ -306,11 +308,22 @@ class Trial:
 
         The statistics are the largest |z| over pixels and channels, and over the channels of the
         picture's mean, with Sidak's correction; pixels without noise must be within the margin.
-        sees: relative bias of the mean that must be found with 90 % power.
+        sees: relative bias of the mean that must be found with 90 % power. Pixels under other
+        filters than the box share samples, so the error of the mean of several is that of
+        BATCHES means of equal parts of spp, which is rounded up to a multiple.
         """
+        shared = scene.film.filter != "box" and scene.film.width * scene.film.height > 1
+        if shared:
+            spp, settings = BATCHES * -(-spp // BATCHES), {**settings, "batches": BATCHES}
         r = self.render(scene, spp, **settings)
         truth = np.broadcast_to(np.asarray(exact, np.float64), r.image.shape)
         mean, error = r.image.astype(np.float64), r.stderr.astype(np.float64)
+        total, law = np.sqrt((error**2).sum(axis=(0, 1))), stats.norm  # of all pixels together
+        if shared:
+            assert r.batch_means is not None
+            sums = r.batch_means.sum(axis=(1, 2))
+            total = sums.std(axis=0, ddof=1) / BATCHES**0.5
+            law = stats.t(BATCHES - 1)
         off = np.sign(mean - truth) * np.maximum(np.abs(mean - truth) - margin * truth, 0)
         still = error == 0
         self.check(off[still] == 0, f"{mean[still].ravel()[:3]} for {truth[still].ravel()[:3]}")
@@ -325,12 +338,11 @@ class Trial:
             # channels that share their noise count once
             self.p(sidak(max_z(z[np.abs(z).argmax()]), len(np.unique(z))), "pixels")
             if r.width * r.height > 1:
-                total = np.sqrt((error**2).sum(axis=(0, 1)))
-                self.p(max_z(off.sum(axis=(0, 1))[total > 0] / total[total > 0]), "picture")
+                self.p(max_z(off.sum(axis=(0, 1))[total > 0] / total[total > 0], law), "picture")
             self.figures.setdefault("z", []).extend(z.ravel()[:192].tolist())
         if truth.mean() > 0:
-            spread = float(np.sqrt((error**2).mean() / (error.size / 3)))
-            self.sees(smallest_bias(spread, float(truth.mean())) + margin, sees)
+            spread = float(np.sqrt((total**2).mean())) / (r.width * r.height)
+            self.sees(smallest_bias(spread, float(truth.mean()), law=law) + margin, sees)
         return r
 
 

@@ -126,7 +126,7 @@ void HostScene::tabulate_filter(Density density, double reach, double scale) {
     int i = 0;
     for (uint32_t e = 0; e <= kFilterTable; ++e) {
         const double want = cdf[kSteps] * e / kFilterTable;
-        while (i + 1 < kSteps && cdf[i + 1] < want) ++i;
+        while (i + 1 < kSteps && (cdf[i + 1] < want || cdf[i + 1] == 0)) ++i;  // 0: of no density
         const double z =
             -reach + 2 * reach * (i + (want - cdf[i]) / (cdf[i + 1] - cdf[i])) / kSteps;
         filter_edges[e] = static_cast<float>(z * scale);

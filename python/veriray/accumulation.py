@@ -358,6 +358,7 @@ class Accumulation:
                 **self._crew.stats(kept.films),
                 "spp": used.spp if complete else kept.spp,
                 "filter": used.film.filter,
+                "filter_parameter": used.film.filter_parameter,
                 "scene_sha256": used.sha256,
                 "version": _version(),
                 "mean_stderr": error if math.isfinite(error) else None,

@@ -165,7 +165,8 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         line through its box, seconds, memory; empty without one), nonfinite_samples, nonfinite (at
         most 64 of [x, y, sample, r, g, b]), seed, spp, max_depth, rr_depth, sampler, width, height,
         batches, batch_size, threads, launches, memory (bytes of scene and film), filter,
-        scene_sha256, version, mean_stderr. With target_error also target_error, pilot_spp,
+        filter_parameter, scene_sha256, version, mean_stderr. With target_error also
+        target_error, pilot_spp,
         first_sample (number of the picture's first sample), mean_spp, tiles, tiles_at_limit (which
         need more than spp), tiles_above_target and tile_error (median, nine tenths, largest) of the
         finished picture;

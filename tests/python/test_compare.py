@@ -11,11 +11,13 @@ import json
 import re
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
+import veriray as vr
 from veriray.cli import main
 from veriray.comparison import CompareError, Report, compare
 from veriray.comparison import statistics as st
@@ -242,8 +244,58 @@ def test_without_batches_z_tests_with_a_warning() -> None:
     b = dataclasses.replace(fake(2, size=64), batch_means=None)
     report = compare(fake(1, size=64), b)
     assert report.passed and "no batch means in B" in report.reason
-    assert any("independent pixels" in note for note in report.notes)
+    assert any("without batch means" in note for note in report.notes)
     assert compare(fake(1, box(64)[1] * 1.02), b).result == "fail"
+
+
+@pytest.mark.parametrize(("filter", "parameter", "least", "most"), [
+    ("box", 0.5, 1, 1), ("tent", 0.6, 1, 1), ("gaussian", 0.2, 1, 1), ("tent", 20.0, 1, 1),
+    ("tent", 1.0, 1 / 0.477, 2.2501), ("gaussian", 0.5, 1 / 0.3335, 3.15),
+    ("mitchell", [1 / 3, 1 / 3], 1 / 0.502, 2.2), ("mitchell", (0.0, 0.5), 1 / 0.74, 1.51),
+    ("lanczos", 3.0, 1 / 0.933, 1.26),
+])  # fmt: skip
+def test_errors_of_means_where_pixels_share_samples(
+    filter: str, parameter: Any, least: float, most: float
+) -> None:
+    """At least what test_film measures of noise that does not depend on place."""
+    assert least <= st.shared(filter, parameter) <= most
+
+
+def test_sound_pictures_without_batches_pass_under_a_wide_filter() -> None:
+    """25 pairs at alpha = 0.01: more than 3 fail with probability 1e-4 at most.
+
+    Of such pairs 65 % failed while pixels counted as independent.
+    """
+    scene = vr.cornell_box().with_(width=32, height=32, filter="gaussian", filter_parameter=1.0)
+    made = [vr.render(scene, 400, device="cpu", seed=seed) for seed in range(50)]
+    failed = [
+        compare(a, b, alpha=0.01).result == "fail"
+        for a, b in zip(made[::2], made[1::2], strict=True)
+    ]
+    assert sum(failed) <= 3
+
+
+def test_noise_that_hangs_together_is_flipped_together() -> None:
+    """Of 200 sound pictures whose noise is even over 15 pixels, more than 9 have p <= 0.01 in S3
+    with probability 1e-4; more have it where blocks are flipped alone.
+    """
+    rng, low = np.random.default_rng(5), {True: 0, False: 0}
+    for _ in range(200):
+        noise = rng.normal(size=(16, 46, 46, 1))
+        for axis in (1, 2):
+            noise = np.lib.stride_tricks.sliding_window_view(noise, 15, axis).mean(axis=-1)
+        d = np.repeat(noise, 3, axis=-1)
+        for whole in low:
+            low[whole] += st.energy(d, np.ones((32, 32, 3)), 999, rng, 0.01, whole)[1] <= 0.01
+    assert low[True] <= 9 < low[False]
+
+
+def test_a_filter_beyond_blocks_leaves_s4_out() -> None:
+    scene = vr.cornell_box().with_(width=16, height=16, filter="gaussian", filter_parameter=2.0)
+    a, b = (vr.render(scene, 32, device="cpu", seed=seed, batches=16) for seed in (1, 2))
+    report = compare(a, b, same_estimator=True)
+    assert report.effort == "equal" and test_of(report, "S3").p is not None
+    assert "share no samples" in dict(report.not_run)["S4 variance"]
 
 
 def test_noise_of_another_size_or_shape_leaves_the_pixels_out() -> None:

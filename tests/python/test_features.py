@@ -155,6 +155,12 @@ def test_shares_and_errors_over_seeds(device: str) -> None:
         assert np.abs(ratio - 1).max() < 5.5 * 0.09, (column, ratio)
 
 
+def test_a_filter_that_ends_in_zeros_loses_no_sample(device: str) -> None:
+    """Mitchell's of B = C = 0 is 0 beyond a pixel; 1 sample in 2,048 had no place."""
+    scene = scene_of({"wall": plane(5.0)}).with_(filter="mitchell", filter_parameter=(0.0, 0.0))
+    assert (vr.feature_images(scene, "alpha", spp=256, device=device)["alpha"] == 1).all()
+
+
 def test_motion(device: str) -> None:
     """A camera that steps aside by d sees a point at depth z move by f d / z pixels."""
     scene = scene_of({"near": plane(4.0)})

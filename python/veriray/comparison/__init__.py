@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from veriray.comparison import statistics as st
-from veriray.comparison.effort import equal_effort, unequal_effort
+from veriray.comparison.effort import equal_effort, together, unequal_effort
 from veriray.comparison.report import Maps, Report
 from veriray.comparison.sides import CompareError, Source, advice, alike, opened
 from veriray.comparison.statistics import Test
@@ -50,7 +50,9 @@ def compare(
       S3 of local bias of any sign; exact, no normal distribution assumed;
     - batch means on both sides otherwise: Welch t tests of the mean and of the blocks and
       objects that 10,000 effective samples carry;
-    - else the same as z tests from the standard errors, assuming independent pixels (weaker).
+    - else the same as z tests from the standard errors of pixels (weaker). Pixels of veriray under
+      a filter wider than one share samples: errors of means are then taken for as large as they
+      can be (`veriray.comparison.statistics.shared`). Others count as independent.
 
     Always: S0 invalid values, the identities of each ray ledger, and, when both have one and
     agree in max_depth and rr_depth, a test that paths end alike.
@@ -106,7 +108,7 @@ def compare(
         a=_facts(a, name_a),
         b=_facts(b, name_b),
         metrics=figures(a.image, b.image),
-        maps=Maps(a.image, b.image, a.stderr, b.stderr),
+        maps=Maps(a.image, b.image, a.stderr, b.stderr, together=(together(a), together(b))),
     )
     report.notes += _notes(a, b)
     _exact(report, a, b)
@@ -280,10 +282,11 @@ def _unequal(a: Render, b: Render, report: Report) -> str:
     )
     for letter, x in (("A", a), ("B", b)):
         ratio_sum = report.figures[f"independence_{letter.lower()}"]
-        if ratio_sum > 1 + 6 * (2 / (_batches(x) - 1)) ** 0.5:
+        most = together(x)
+        if ratio_sum > most * (1 + 6 * (2 / (_batches(x) - 1)) ** 0.5):
             report.notes.append(
-                f"pixels of {letter} are not independent: the variance of the "
-                f"picture's mean is {ratio_sum:.3g} times that of independent ones"
+                f"pixels of {letter} hang together: the variance of the picture's mean is "
+                f"{ratio_sum:.3g} times that of independent ones, the filter explains {most:.3g}"
             )
     batches = len(a.batch_means)
     if batches != len(b.batch_means) or a.spp != b.spp:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from veriray.camera import FILTER_DEFAULTS
 from veriray.comparison import statistics as st
 from veriray.comparison.statistics import Cells, Partition, Test
 
@@ -37,6 +39,11 @@ def equal_effort(
     _, height, width, _ = d.shape
     skew = report.figures["asymmetry"]
     pixels = same_estimator or abs(skew) <= st.MAX_ASYMMETRY
+    wide = max(st.reach(*filter_of(x)) for x in (a, b)) > st.MOST_IN_BLOCKS
+    if wide and same_estimator:
+        same_estimator = False
+        reason = f"needs blocks of pixels that share no samples: a filter of {st.MOST_IN_BLOCKS:g} "
+        report.not_run.append(("S4 variance", reason + "pixels at most"))
     plans = _plans(d, level, pixels, regions, labels)
     family = len(plans) + pixels + same_estimator + sum(t.p is not None for t in report.tests)
     flips, share = st.flips_needed(report.alpha, family), report.alpha / family
@@ -51,7 +58,7 @@ def equal_effort(
             if finds in (_OVERALL, _OBJECT):
                 report.add_means(c, error, len(d) - 1)
     if pixels:
-        z, p, bias, least = st.energy(d, level, flips, rng, share)
+        z, p, bias, least = st.energy(d, level, flips, rng, share, whole=wide)
         finds, where = "local bias of changing sign", f"rms relative bias {bias:.3%}"
         report.tests.append(Test("S3 local-bias energy", finds, "pass", z, p, where=where))
         report.add_power("rms local bias (S3)", np.array([least]))
@@ -122,8 +129,8 @@ def unequal_effort(
         report.tests.append(_t_test(report, a, b, share, *plan))
     if a.batch_means is None or b.batch_means is None:
         report.notes.append(
-            "without batch means the standard errors of the pixels are used, "
-            "which assume independent pixels: a weaker test"
+            "without batch means the errors of means follow from those of the pixels, as of "
+            "independent ones, or times what the filter makes of that at most: a weaker test"
         )
     report.not_run += [
         (
@@ -157,9 +164,11 @@ def _t_test(
     dofs: list[float] = []
     for x, image in zip((a, b), images, strict=True):
         n = x.spp if x.samples is None else x.samples[..., None].astype(np.float64)
-        enough &= st.effective_samples(image, _error(x), n, partition) >= st.MIN_EFFECTIVE_SAMPLES
+        # as of independent pixels with as large an error of their mean, at most
+        alone = _error(x) * math.sqrt(together(x))
+        enough &= st.effective_samples(image, alone, n, partition) >= st.MIN_EFFECTIVE_SAMPLES
         if x.batch_means is None:
-            errors.append(np.sqrt(partition.mean(_error(x) ** 2) / partition.pixels))
+            errors.append(np.sqrt(partition.mean(alone**2) / partition.pixels))
             dofs.append(math.inf)
         else:
             if finds != _OVERALL and len(x.batch_means) < st.MIN_BATCHES:
@@ -199,6 +208,18 @@ def _t_test(
     return Test(
         name, finds, "pass", float(abs(t[best])), min(1.0, float(p[best]) * tested), where=where
     )
+
+
+def filter_of(x: Render) -> tuple[str, float | Sequence[float]]:
+    """The filter and its parameter; a box for files that do not say."""
+    name = x.stats.get("filter")
+    name = name if name in FILTER_DEFAULTS else "box"
+    return name, x.stats.get("filter_parameter") or FILTER_DEFAULTS[name]
+
+
+def together(x: Render) -> float:
+    """Variance of a mean of pixels, at most, over that of independent ones (`st.shared`)."""
+    return st.shared(*filter_of(x))
 
 
 def _error(x: Render) -> Array:

@@ -4,7 +4,8 @@ The page holds the linear radiance itself, so that exposure and read-out do not 
 a pixel's channels as 16-bit integers under one exponent, within `VALUE_ERROR` of its largest
 channel, and standard errors as logarithms in 8 bits, within `Packed.stderr_error` of each. That is
 about 18 bytes a pixel in the file. Pictures of more than MOST_PIXELS are embedded as means of
-blocks, with the standard errors of these means for independent pixels.
+blocks, with the standard errors of these means: of independent pixels, or as large as those of
+pixels that share samples can be.
 """
 
 from __future__ import annotations
@@ -61,10 +62,11 @@ def packed(maps: Maps) -> Packed:
     height, width = maps.a.shape[:2]
     step = reduction(height, width)
     planes, codes = [], []
-    for picture, stderr in ((maps.a, maps.stderr_a), (maps.b, maps.stderr_b)):
+    sides = ((maps.a, maps.stderr_a), (maps.b, maps.stderr_b))
+    for (picture, stderr), together in zip(sides, maps.together, strict=True):
         planes.append(values(block_means(np.asarray(picture, np.float64), step)))
         error = np.full(picture.shape, np.nan) if stderr is None else np.asarray(stderr, float)
-        shown, low, interval = errors(_error_of_blocks(error, step))
+        shown, low, interval = errors(_error_of_blocks(error, step, together))
         planes.append(shown)
         codes.append([low, interval])
     about = {
@@ -112,15 +114,15 @@ def errors(stderr: Array) -> tuple[NDArray[np.uint8], float, float]:
     return np.moveaxis(code, -1, 0).astype(np.uint8), low, interval
 
 
-def _error_of_blocks(stderr: Array, step: int) -> Array:
-    """Standard errors of the means of blocks of independent pixels."""
+def _error_of_blocks(stderr: Array, step: int, together: float) -> Array:
+    """Standard errors of the means of blocks; together: of `Maps`."""
     if step == 1:
         return stderr
     height, width = stderr.shape[:2]
     tall = np.minimum(step, height - np.arange(0, height, step))
     wide = np.minimum(step, width - np.arange(0, width, step))
     count = (tall[:, None] * wide)[..., None]
-    error: Array = np.sqrt(block_means(stderr**2, step) / count)
+    error: Array = np.sqrt(together * block_means(stderr**2, step) / count)
     return error
 
 
@@ -160,8 +162,9 @@ def signed_maps(maps: Maps) -> list[Map]:
             "99th percentile", html.signed_picture(relative, limit), step, f"{limit:.3g} %")
     ]  # fmt: skip
     if maps.t is not None:
-        # blocks of independent pixels: the sum of the scores over the root of their number
+        # of blocks: the sum of the scores over the root of their number, as of independent pixels
         z = block_means(maps.t[..., None], step)[..., 0] * step
+        z /= math.sqrt(max(maps.together)) if step > 1 else 1
         of = "pixel" if step == 1 else f"block of {step}x{step} pixels"
         out.append(_z_map(z, step, f"z-score of the difference per {of}"))
     if maps.t_blocks is not None and min(maps.t_blocks.shape) > 1:

@@ -31,7 +31,8 @@ _SCRIPT = Path(__file__).with_name("pictures.js")
 @dataclass
 class Maps:
     """Pictures for the report: a, b (H, W, 3), their standard errors if they are known; t per pixel
-    and per 8x8 block; dof of t.
+    and per 8x8 block; dof of t; together: of a and b, the variance of a mean of pixels over that of
+    independent ones, at most.
     """
 
     a: Array
@@ -41,6 +42,7 @@ class Maps:
     t: Array | None = None
     t_blocks: Array | None = None
     dof: float = math.inf
+    together: tuple[float, float] = (1.0, 1.0)
 
 
 @dataclass
@@ -61,7 +63,8 @@ class Report:
         metrics: error measures (`veriray.comparison.metrics`); not part of the verdict.
         maps: the pictures, and z-scores of their difference.
         figures: variance_ratio (A over B, of one sample) and its standard error, independence
-            (variance of the picture's mean over that of independent pixels, about 1) of A and B,
+            (variance of the picture's mean over that of independent pixels: about 1 under a box,
+            and up to `statistics.shared` under wider filters) of A and B,
             correlation of their noise, asymmetry (skewness of A - B), number of flips.
         ledger: rows of `veriray.comparison.statistics.LedgerComparison`.
         notes: remarks. `a`, `b`: where the pictures come from.

@@ -37,6 +37,10 @@ MIN_EFFECTIVE_SAMPLES = 10_000
 #: Largest mean skewness of A - R at which pixels are tested. Measured with fireflies in A alone:
 #: at 0.35, S2 (pixels) and S3 raise 2 % false alarms at a nominal 1 %; at 0.9 they raise 7 %.
 MAX_ASYMMETRY = 0.3
+#: Pixels that a filter reaches at most where samples are shared (kMostRim in cpp/film/filter.h).
+MOST_SHARED = 16.5
+#: Pixels that a filter reaches at most for blocks of 8 x 8 pixels to count as independent.
+MOST_IN_BLOCKS = 4.0
 #: Batches needed for a t test of blocks against a picture of another effort.
 MIN_BATCHES = 64
 CHANNELS = "RGB"
@@ -284,14 +288,16 @@ def _tail(null: Array) -> float:
 
 
 def energy(
-    d: Array, level: Array, flips: int, rng: np.random.Generator, alpha: float
-) -> tuple[float, float, float, float]:
+    d: Array, level: Array, flips: int, rng: np.random.Generator, alpha: float,
+    whole: bool = False,
+) -> tuple[float, float, float, float]:  # fmt: skip
     """Local bias of any sign: U = sum over cells of [(sum_b x_b)^2 - sum_b x_b^2].
 
     x is d over its root mean square per cell, so that noisy pixels do not drown the others. U is
     an unbiased estimate of B (B - 1) x the summed squared bias in units of the noise. Signs are
-    flipped per batch and per block of 8x8 pixels (larger in pictures with over 1,024 of those):
-    for one block, sum over cells of (sum_b s_b x_b)^2 is s^T G s with G the B x B Gram matrix.
+    flipped per batch and per block of 8x8 pixels (larger in pictures with over 1,024 of those), or
+    if `whole` of all pixels alike, whose noise may then hang together. For one block, sum over
+    cells of (sum_b s_b x_b)^2 is s^T G s with G the B x B Gram matrix.
 
     Returns (z of U, p, estimate of the rms relative bias, smallest one found with 90 % power at
     level `alpha`).
@@ -299,7 +305,7 @@ def energy(
     from scipy.stats import norm
 
     batches, height, width, _ = d.shape
-    size = 8
+    size = max(height, width) if whole else 8
     while math.ceil(height / size) * math.ceil(width / size) > 1024:
         size *= 2
     shifted = within_margin(d, level)
@@ -388,6 +394,41 @@ def independence(x: Array) -> float:
     alone = x.var(axis=0, ddof=1).sum(axis=(0, 1))
     together = x.sum(axis=(1, 2)).var(axis=0, ddof=1)
     return float(np.mean(together[alone > 0] / alone[alone > 0])) if (alone > 0).any() else 1.0
+
+
+def reach(filter: str, parameter: float | Sequence[float]) -> float:
+    """Pixels from a pixel's centre to where its filter ends; 0.5 of a box."""
+    size = parameter[0] if isinstance(parameter, Sequence) else parameter
+    return {"tent": size, "gaussian": 4 * size, "mitchell": 2.0, "lanczos": size}.get(filter, 0.5)
+
+
+def shared(filter: str, parameter: float | Sequence[float]) -> float:
+    """Variance of a mean of pixels, at most, over the one that independent pixels give.
+
+    1, or where samples count in several pixels (cpp/film/shared.h) one over what a filter f of
+    integral 1 leaves of noise that does not depend on the place in a pixel, in both dimensions:
+    (integral of f^2)^2. A sample's weights in all pixels add up to 1, so means of many pixels have
+    all of that noise. Differences between pixels make the pixels' errors larger, not the mean's.
+    """
+    b, c = parameter if isinstance(parameter, Sequence) else (parameter, 0.0)
+    end = reach(filter, parameter)
+    if not 0.5 < end <= MOST_SHARED:
+        return 1.0
+    x = (np.arange(2**14) + 0.5) * (end / 2**14)
+    f = {
+        "tent": lambda: 1 - x / b,
+        "gaussian": lambda: np.exp(-((x / b) ** 2) / 2) - math.exp(-8),
+        "mitchell": lambda: np.where(
+            x < 1,
+            (12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b,
+            (((-b - 6 * c) * x + 6 * b + 30 * c) * x - 12 * b - 48 * c) * x + 8 * b + 24 * c,
+        ),
+        "lanczos": lambda: np.sinc(x) * np.sinc(x / b),
+    }[filter]()
+    square = (f**2).mean() / (2 * end)
+    if square**2 >= 0.8 * np.abs(f).mean() ** 4:  # samples are then drawn for each pixel alone
+        return 1.0
+    return float(f.mean() ** 4 / square**2)
 
 
 def correlation(a: Array, r: Array) -> float:

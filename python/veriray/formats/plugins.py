@@ -407,7 +407,7 @@ _IN_MEDIA: dict[str, tuple[tuple[str, ...], int, int]] = {
 }
 
 _WRITTEN = "the picture is written as render asks"
-_BORDER = "the filter needs no samples outside the film here"
+_BORDER = "samples outside the film are taken wherever the filter reaches there"
 
 
 def _film(name: str) -> Plugin:

@@ -415,16 +415,16 @@ def shared(filter: str, parameter: float | Sequence[float]) -> float:
     if not 0.5 < end <= MOST_SHARED:
         return 1.0
     x = (np.arange(2**14) + 0.5) * (end / 2**14)
-    f = {
-        "tent": lambda: 1 - x / b,
-        "gaussian": lambda: np.exp(-((x / b) ** 2) / 2) - math.exp(-8),
-        "mitchell": lambda: np.where(
-            x < 1,
-            (12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b,
-            (((-b - 6 * c) * x + 6 * b + 30 * c) * x - 12 * b - 48 * c) * x + 8 * b + 24 * c,
-        ),
-        "lanczos": lambda: np.sinc(x) * np.sinc(x / b),
-    }[filter]()
+    if filter == "tent":
+        f = 1 - x / b
+    elif filter == "gaussian":
+        f = np.exp(-((x / b) ** 2) / 2) - math.exp(-8)
+    elif filter == "mitchell":
+        near = (12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b
+        far = (((-b - 6 * c) * x + 6 * b + 30 * c) * x - 12 * b - 48 * c) * x + 8 * b + 24 * c
+        f = np.where(x < 1, near, far)
+    else:
+        f = np.sinc(x) * np.sinc(x / b)
     square = (f**2).mean() / (2 * end)
     if square**2 >= 0.8 * np.abs(f).mean() ** 4:  # samples are then drawn for each pixel alone
         return 1.0

@@ -21,6 +21,7 @@ import veriray as vr
 from veriray.cli import main
 from veriray.comparison import CompareError, Report, compare
 from veriray.comparison import statistics as st
+from veriray.comparison.effort import together
 from veriray.comparison.metrics import figures
 from veriray.image import ImageError, save
 from veriray.rendering import LEDGER_COLUMNS, Render
@@ -259,6 +260,17 @@ def test_errors_of_means_where_pixels_share_samples(
 ) -> None:
     """At least what test_film measures of noise that does not depend on place."""
     assert least <= st.shared(filter, parameter) <= most
+
+
+@pytest.mark.parametrize(("filter", "parameter", "times"), [
+    ("gaussian", None, 3.133), ("gaussian", 1.0, 12.53), ("mitchell", [0.0, 0.5], 1.508),
+    ("blackman-harris", 1.5, 1), ({"a": 1}, "b", 1), ("gaussian", "wide", 1), ("tent", [1], 1),
+    (None, None, 1), ("gaussian", float("nan"), 1),
+])  # fmt: skip
+def test_filters_that_headers_name(filter: Any, parameter: Any, times: float) -> None:
+    stats = {"filter": filter, "filter_parameter": parameter}
+    made = dataclasses.replace(fake(1), stats={**fake(1).stats, **stats})
+    assert together(made) == pytest.approx(times, rel=1e-3)
 
 
 def test_sound_pictures_without_batches_pass_under_a_wide_filter() -> None:

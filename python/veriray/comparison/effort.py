@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from veriray.camera import FILTER_DEFAULTS
+from veriray.camera import Film
 from veriray.comparison import statistics as st
 from veriray.comparison.statistics import Cells, Partition, Test
+from veriray.errors import SceneError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -211,10 +212,13 @@ def _t_test(
 
 
 def filter_of(x: Render) -> tuple[str, float | Sequence[float]]:
-    """The filter and its parameter; a box for files that do not say."""
-    name = x.stats.get("filter")
-    name = name if name in FILTER_DEFAULTS else "box"
-    return name, x.stats.get("filter_parameter") or FILTER_DEFAULTS[name]
+    """The filter and its parameter; a box for files that do not say, or nothing that is one."""
+    name, parameter = x.stats.get("filter", "box"), x.stats.get("filter_parameter")
+    try:
+        film = Film(1, 1, name, parameter)
+    except (SceneError, TypeError):
+        film = Film(1, 1, "box")
+    return film.filter, film.filter_parameter or 0.5
 
 
 def together(x: Render) -> float:

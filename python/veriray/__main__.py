@@ -98,10 +98,10 @@ def start_cuda() -> None:
     """
     with contextlib.suppress(Exception):
         native = importlib.import_module("veriray._cuda")
+        # not on the thread: Ctrl-C may end this one within an import, whose lock is then kept
+        from .device import native_errors
 
         def start() -> None:
-            from .device import native_errors
-
             with contextlib.suppress(Exception), native_errors():
                 native.status()  # makes the context, without the interpreter's lock
 

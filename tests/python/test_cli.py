@@ -392,3 +392,12 @@ def test_a_missing_package_is_named(
     assert capsys.readouterr().err.startswith(
         f"veriray: error: the package {package} is not installed"
     )
+
+
+@pytest.mark.parametrize("exposure", ["nan", "inf", "1e9", "-1001", "bright"])
+def test_a_bad_exposure_is_found_before_the_render(
+    exposure: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.png"
+    assert main(["render", "cornell-box", "-o", str(path), "--exposure", exposure]) == 2
+    assert exposure in capsys.readouterr().err and not path.exists()

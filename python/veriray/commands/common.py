@@ -95,6 +95,13 @@ def number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
 
 
+def stops(text: str) -> float:
+    """An argument that is an exposure in stops, as `Render.save` takes it."""
+    if not -1000 <= number(text) <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not within -1000 and 1000 stops")
+    return float(text)
+
+
 def load(arguments: argparse.Namespace) -> Scene:
     """The scene that the arguments of `add_scene` name; one line of warning about its notes."""
     from ..scene import load_file

@@ -11,10 +11,10 @@ from .common import (
     add_scene,
     add_settings,
     load,
-    number,
     say,
     set_second_camera,
     show_progress,
+    stops,
 )
 
 
@@ -31,7 +31,7 @@ def add(commands: Any) -> None:
     names = (name for name in SETTINGS if name not in SCENE_SETTINGS)
     add_settings(parser, *names)
     parser.add_argument("--png", action="store_true", help="write display copies too")
-    parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
+    parser.add_argument("--exposure", type=stops, default=0.0, help="stops, for PNG (0)")
     parser.add_argument("--again", action="store_true", help="replace files of other settings")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.set_defaults(handler=_dataset)

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from ..extras import need
-from .common import check_output, number, say
+from .common import check_output, say, stops
 
 
 def add(commands: Any) -> None:
@@ -14,7 +14,7 @@ def add(commands: Any) -> None:
     parser = commands.add_parser("denoise", help="a picture for eyes, by Open Image Denoise")
     parser.add_argument("input", metavar="IN.exr", help="a render")
     parser.add_argument("output", metavar="OUT", help="FILE.exr or FILE.png")
-    parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
+    parser.add_argument("--exposure", type=stops, default=0.0, help="stops, for PNG (0)")
     parser.set_defaults(handler=_denoise)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .common import CommandError, add_outputs, check_distinct, check_output, number, say
+from .common import CommandError, add_outputs, check_distinct, check_output, say, stops
 from .render import PICTURE_SUFFIXES, SUFFIX
 
 
@@ -16,7 +16,7 @@ def add(commands: Any) -> None:
         "checkpoints", metavar="FILE.film", nargs="+", help="of `render --samples A:B`, any order"
     )
     add_outputs(parser, "FILE.exr, FILE.png: the picture; FILE.film: a checkpoint")
-    parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
+    parser.add_argument("--exposure", type=stops, default=0.0, help="stops, for PNG (0)")
     parser.set_defaults(handler=_merge)
 
 

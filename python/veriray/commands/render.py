@@ -25,6 +25,7 @@ from .common import (
     say,
     set_second_camera,
     show_progress,
+    stops,
     write_json,
 )
 
@@ -44,7 +45,7 @@ def add(commands: Any) -> None:
     add_scene(parser)
     add_outputs(parser, "FILE.exr (everything) or FILE.png (display copy)")
     add_settings(parser, *(name for name in SETTINGS if name not in SCENE_SETTINGS))
-    parser.add_argument("--exposure", type=number, default=0.0, help="stops, for PNG (0)")
+    parser.add_argument("--exposure", type=stops, default=0.0, help="stops, for PNG (0)")
     parser.add_argument("--stats", metavar="FILE.json", help="write the statistics as JSON")
     parser.add_argument(
         "--checkpoint",

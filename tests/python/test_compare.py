@@ -18,6 +18,7 @@ import pytest
 from scipy import stats
 
 import veriray as vr
+from veriray.camera import Film
 from veriray.cli import main
 from veriray.comparison import CompareError, Report, compare
 from veriray.comparison import statistics as st
@@ -259,7 +260,7 @@ def test_errors_of_means_where_pixels_share_samples(
     filter: str, parameter: Any, least: float, most: float
 ) -> None:
     """At least what test_film measures of noise that does not depend on place."""
-    assert least <= st.shared(filter, parameter) <= most
+    assert least <= st.shared(Film(1, 1, filter, parameter)) <= most
 
 
 @pytest.mark.parametrize(("filter", "parameter", "times"), [

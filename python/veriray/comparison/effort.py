@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,7 +39,7 @@ def equal_effort(
     _, height, width, _ = d.shape
     skew = report.figures["asymmetry"]
     pixels = same_estimator or abs(skew) <= st.MAX_ASYMMETRY
-    wide = max(st.reach(*filter_of(x)) for x in (a, b)) > st.MOST_IN_BLOCKS
+    wide = max(st.reach(film_of(x)) for x in (a, b)) > st.MOST_IN_BLOCKS
     if wide and same_estimator:
         same_estimator = False
         reason = f"needs blocks of pixels that share no samples: a filter of {st.MOST_IN_BLOCKS:g} "
@@ -211,19 +210,18 @@ def _t_test(
     )
 
 
-def filter_of(x: Render) -> tuple[str, float | Sequence[float]]:
-    """The filter and its parameter; a box for files that do not say, or nothing that is one."""
+def film_of(x: Render) -> Film:
+    """Its filter; a box for files that do not say, or nothing that is one."""
     name, parameter = x.stats.get("filter", "box"), x.stats.get("filter_parameter")
     try:
-        film = Film(1, 1, name, parameter)
+        return Film(x.width, x.height, name, parameter)
     except (SceneError, TypeError):
-        film = Film(1, 1, "box")
-    return film.filter, film.filter_parameter or 0.5
+        return Film(x.width, x.height, "box")
 
 
 def together(x: Render) -> float:
     """Variance of a mean of pixels, at most, over that of independent ones (`st.shared`)."""
-    return st.shared(*filter_of(x))
+    return st.shared(film_of(x))
 
 
 def _error(x: Render) -> Array:

@@ -25,6 +25,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from veriray.camera import Film
+
     Array = NDArray[Any]
 
 #: Relative bias that does not count as a difference; absolute for fractions of the ledger.
@@ -396,13 +398,13 @@ def independence(x: Array) -> float:
     return float(np.mean(together[alone > 0] / alone[alone > 0])) if (alone > 0).any() else 1.0
 
 
-def reach(filter: str, parameter: float | Sequence[float]) -> float:
+def reach(film: Film) -> float:
     """Pixels from a pixel's centre to where its filter ends; 0.5 of a box."""
-    size = parameter[0] if isinstance(parameter, Sequence) else parameter
-    return {"tent": size, "gaussian": 4 * size, "mitchell": 2.0, "lanczos": size}.get(filter, 0.5)
+    size, _ = film.filter_parameters
+    return {"gaussian": 4 * size, "mitchell": 2.0}.get(film.filter, size)
 
 
-def shared(filter: str, parameter: float | Sequence[float]) -> float:
+def shared(film: Film) -> float:
     """Variance of a mean of pixels, at most, over the one that independent pixels give.
 
     1, or where samples count in several pixels (cpp/film/shared.h) one over what a filter f of
@@ -410,16 +412,16 @@ def shared(filter: str, parameter: float | Sequence[float]) -> float:
     (integral of f^2)^2. A sample's weights in all pixels add up to 1, so means of many pixels have
     all of that noise. Differences between pixels make the pixels' errors larger, not the mean's.
     """
-    b, c = parameter if isinstance(parameter, Sequence) else (parameter, 0.0)
-    end = reach(filter, parameter)
+    b, c = film.filter_parameters
+    end = reach(film)
     if not 0.5 < end <= MOST_SHARED:
         return 1.0
     x = (np.arange(2**14) + 0.5) * (end / 2**14)
-    if filter == "tent":
+    if film.filter == "tent":
         f = 1 - x / b
-    elif filter == "gaussian":
+    elif film.filter == "gaussian":
         f = np.exp(-((x / b) ** 2) / 2) - math.exp(-8)
-    elif filter == "mitchell":
+    elif film.filter == "mitchell":
         near = (12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b
         far = (((-b - 6 * c) * x + 6 * b + 30 * c) * x - 12 * b - 48 * c) * x + 8 * b + 24 * c
         f = np.where(x < 1, near, far)

@@ -36,7 +36,7 @@ Array = npt.NDArray[Any]
 MOVING_SECONDS = 0.045
 #: How long after a move the view counts as moving; and time of a sample that is long for a picture.
 SETTLE_SECONDS, SLOW_SECONDS = 0.25, 0.25
-#: How long a picture may take that was expected at once, before a newer view ends it.
+#: How long the first picture of a change may take at least, before a newer view ends it.
 PATIENCE_SECONDS = 1.0
 #: Time of a pass at rest: at first, and at most.
 PASS_SECONDS, LONGEST_PASS_SECONDS = 0.1, 1.0
@@ -293,12 +293,13 @@ class Renderer:
         return max(1, min(goal - work.spp, int(seconds * self._rate / pixels)))
 
     def _pass(self, work: Accumulation, n: int, shot: _Shot) -> None:
-        """Draws samples. The first ones of a change that are there soon are drawn to the end, or a
-        view that changes without a pause would never be seen."""
+        """Draws samples. The first ones of a change are drawn to the end unless they take far
+        longer than expected, or a view that changes without a pause would never be seen."""
         paths, done = work.paths_of(n), 0.0
-        start = time.perf_counter()
-        quick = self._unseen(shot) and paths <= SLOW_SECONDS * self._rate
-        patience = start + PATIENCE_SECONDS * quick
+        patience = start = time.perf_counter()
+        if self._unseen(shot):
+            expected = paths / self._rate if self._rate else 0.0
+            patience += max(PATIENCE_SECONDS, 2 * expected)
 
         def poll(share: float) -> None:
             nonlocal done

@@ -9,18 +9,26 @@ import sys
 import threading
 from typing import Any
 
+from . import interrupts
+
 
 def main() -> int:
     """Runs the command of `sys.argv`; returns its exit status.
 
     A failure to write to standard output or error stops no command; it is reported afterwards.
     """
-    open_standard_streams()
-    if may_use_cuda(sys.argv[1:]):
-        start_cuda()
-    from .cli import main
+    interrupts.install()
+    try:
+        open_standard_streams()
+        if may_use_cuda(sys.argv[1:]):
+            start_cuda()
+        from .cli import main
 
-    status = main()
+        status = main()
+        interrupts.remove()
+    except KeyboardInterrupt:  # before the command begins, or after its end
+        print("veriray: error: interrupted", file=sys.stderr)
+        return interrupts.status()
     gc.freeze()  # the process ends: no last search for cycles among all that was imported
     error = getattr(getattr(getattr(sys.stdout, "buffer", None), "raw", None), "error", None)
     if error is None or status:

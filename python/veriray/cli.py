@@ -4,7 +4,7 @@ gallery, view, bench, doctor.
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
 the pictures agree; validate: passed), 1 compare: they differ, validate: a case failed, lint: there
 are findings, doctor: the self-test failed, 2 error, 3 compare, validate: too little data for a
-verdict, 130 Ctrl-C.
+verdict, 130 Ctrl-C, 143 SIGTERM, which does what Ctrl-C does.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 
-from . import __version__
+from . import __version__, interrupts
 from .commands import (
     bench,
     compare,
@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        return _fail("interrupted", 130)
+        return _fail("interrupted", interrupts.status())
     except OSError as error:
         return _fail(_os_error_text(error))
     except MemoryError as error:

@@ -16,11 +16,13 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
 from . import device as device_module
+from . import interrupts
 from .cluster_worker import Worker, differences, digests
 from .crew import Drawn, Films, Place, Team, listed
 from .errors import DeviceError, DeviceWarning, OutOfMemoryError
@@ -365,10 +367,13 @@ def _connected(address: object) -> Any:
         options: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
         if address == "local":
             options["include_dashboard"] = False
+        before = signal.getsignal(signal.SIGTERM)
         try:
             ray.init(address, **options)
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
             raise DeviceError(f"cluster {address}: {_first_line(error)}") from error
+        if before is interrupts.interrupt:  # Ray takes SIGTERM for itself
+            signal.signal(signal.SIGTERM, before)
     return ray
 
 
@@ -380,21 +385,24 @@ def _first_line(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """The first Ctrl-C fills the list; the next raises KeyboardInterrupt. Only where Ctrl-C does
-    that now, on the main thread."""
+    """The first Ctrl-C or SIGTERM fills the list; the next raises KeyboardInterrupt. Only those
+    that raise it now, on the main thread."""
     asked: list[int] = []
     main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield asked
-        return
+    raising = (signal.default_int_handler, interrupts.interrupt)
+    before = {number: signal.getsignal(number) for number in interrupts.SIGNALS}
+    ours = [number for number, handler in before.items() if main and handler in raising]
 
-    def handle(number: int, frame: object) -> None:
+    def handle(number: int, frame: FrameType | None) -> None:
+        interrupts.last = number
         asked.append(number)
         if len(asked) > 1:
-            raise KeyboardInterrupt
+            interrupts.interrupt(number, frame)
 
-    signal.signal(signal.SIGINT, handle)
+    for number in ours:
+        signal.signal(number, handle)
     try:
         yield asked
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in ours:
+            signal.signal(number, before[number])

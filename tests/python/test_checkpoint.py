@@ -351,9 +351,12 @@ def test_full_disk(tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path)) == ["a.film", "a.png"]
 
 
-@pytest.mark.parametrize("more", [[], ["--checkpoint", "a.film"]])
+@pytest.mark.parametrize(
+    ("more", "number"),
+    [([], signal.SIGINT), (["--checkpoint", "a.film"], signal.SIGINT), ([], signal.SIGTERM)],
+)
 def test_interrupt_keeps_the_picture(
-    more: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    more: list[str], number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     process = subprocess.Popen(
@@ -364,11 +367,11 @@ def test_interrupt_keeps_the_picture(
     try:
         assert process.stdout is not None and process.stdout.readline().startswith("device")
         time.sleep(3)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, err = process.communicate(timeout=60)
     finally:
         process.kill()
-    assert process.returncode == 130, err
+    assert process.returncode == 128 + number, err
     made = vr.Render.load("a.exr")
     assert f"interrupted: the picture has {made.spp} of 1000000000 samples per pixel" in err
     assert made.stats["stopped"] == "interrupted" and made.stats["spp_asked"] == 1000000000

@@ -316,8 +316,9 @@ def test_closed_and_broken_streams_keep_the_picture(streams: str, status: int) -
         assert "veriray: error: standard output: No space left" in done.stderr
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("scheduler", METHODS)
-def test_interrupt_leaves_nothing(scheduler: str) -> None:
+def test_interrupt_leaves_nothing(scheduler: str, number: signal.Signals) -> None:
     endless = ["render", "cornell-box", "--device", "cpu", "--spp", "1000000000", "-o", "a.exr"]
     endless += ["--scheduler", scheduler, "--width", "64", "--height", "64", "--discard"]
     process = subprocess.Popen(
@@ -327,11 +328,11 @@ def test_interrupt_leaves_nothing(scheduler: str) -> None:
     try:
         assert process.stdout is not None and process.stdout.readline().startswith("device")
         time.sleep(1)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, err = process.communicate(timeout=60)
     finally:
         process.kill()
-    assert process.returncode == 130
+    assert process.returncode == 128 + number
     assert err.endswith("veriray: error: interrupted\n") and "Traceback" not in err
     assert os.listdir() == []
 

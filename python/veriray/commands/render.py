@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from .. import interrupts
 from ..settings import MAX_SPP, SETTINGS, RenderSettings
 from .common import (
     LARGE_MESH,
@@ -159,7 +160,7 @@ def _render(arguments: argparse.Namespace) -> int:
         say(f"veriray: {why}: {text}", file=sys.stderr)
     if course.failed is not None:
         raise course.failed
-    return 130 if stopped == "interrupted" else 0
+    return interrupts.status() if stopped == "interrupted" else 0
 
 
 def _course(arguments: argparse.Namespace, keeps: bool) -> Course:
@@ -232,7 +233,7 @@ def _draw_range(arguments: argparse.Namespace) -> int:
         say(
             f"samples    {first}:{int(first) + work.spp} of {first}:{end} in {arguments.checkpoint}"
         )
-    return 130 if stopped == "interrupted" else 0
+    return interrupts.status() if stopped == "interrupted" else 0
 
 
 def _print_result(result: Any, outputs: list[str]) -> None:

@@ -8,19 +8,46 @@ import fcntl
 import os
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO
+
+#: Of `read_files`.
+_records: list[set[tuple[int, int]]] = []
+
+
+@contextlib.contextmanager
+def read_files() -> Iterator[Callable[[str | os.PathLike[str]], bool]]:
+    """Tells of a path whether it is a file that `open_regular` opened in this block."""
+    files: set[tuple[int, int]] = set()
+
+    def has(path: str | os.PathLike[str]) -> bool:
+        with contextlib.suppress(OSError):
+            return _identity(os.stat(path)) in files
+        return False
+
+    _records.append(files)
+    try:
+        yield has
+    finally:
+        _records.remove(files)
+
+
+def _identity(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
 def open_regular(path: str | os.PathLike[str]) -> IO[bytes]:
     """A regular file opened for reading; anything else, even a pipe, raises OSError at once."""
     file = open(path, "rb", opener=_at_once)  # which owns the descriptor from the start
     try:
-        _must_be_regular(os.fstat(file.fileno()), os.fspath(path))
+        status = os.fstat(file.fileno())
+        _must_be_regular(status, os.fspath(path))
     except BaseException:
         file.close()
         raise
+    for files in _records:
+        files.add(_identity(status))
     return file
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .errors import ImageError
 from .files import replacing
 from .numeric import number, path_text, texts
-from .settings import HEADER, MAX_BATCHES, SETTINGS
+from .settings import HEADER, MAX_BATCHES, MAX_STOPS, SETTINGS
 
 _HEADER = [(name, setting.is_text) for name, setting in SETTINGS.items() if setting.kept == HEADER]
 TEXT_KEYS = (
@@ -37,7 +37,7 @@ def to_srgb8(image: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
     Multiplies by 2^exposure, clips to [0, 1], applies the sRGB curve (IEC 61966-2-1, 1999) and
     rounds. Pixels that are not finite become magenta, so that no display hides them.
     """
-    exposure = number("exposure", exposure, -1000, 1000, error=ImageError)
+    exposure = number("exposure", exposure, -MAX_STOPS, MAX_STOPS, error=ImageError)
     values = _numbers(image, "image").astype(np.float64)
     if values.shape[-1:] != (3,):
         raise ImageError(f"image: shape {values.shape}; expected (H, W, 3)")

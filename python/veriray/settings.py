@@ -43,6 +43,8 @@ DEVICES = "auto, cuda, cuda:N, cpu, cpu:avx512, cpu:avx2, cpu:portable"
 #: Segments of a path at most; -1 in a scene stands for this.
 MAX_PATH_DEPTH = 262143
 MAX_SPP = 2**40
+#: Of an exposure, both ways.
+MAX_STOPS = 1000
 MAX_BATCHES = 1000
 #: Columns of the ray ledger, in the native modules' order.
 LEDGER_COLUMNS = (

@@ -207,6 +207,7 @@ BAD: list[tuple[list[str], str]] = [
     ([*RENDER, "-o", "x" * 300 + ".exr"], "File name too long"),
     ([*RENDER, "-o", "loop.exr/a.exr"], "loop.exr/a.exr: Too many levels"),
     ([*RENDER, "-o", "a.exr", "-o", "./a.exr"], "the same output twice"),
+    ([*RENDER, "-o", "a.png", "--batches", "2"], "--batches needs an output FILE.exr: a PNG"),
     ([*RENDER, "-o", "a.exr", "--stats", "a.txt"], "a.txt: unknown suffix; expected .json"),
     ([*RENDER, "-o", "a.exr", "--spp", "0"], "spp = 0 is outside [1, "),
     ([*RENDER, "-o", "a.exr", "--spp", "many"], "argument --spp: 'many' is not an integer"),

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import veriray as vr
 from veriray.cli import main
@@ -858,9 +860,8 @@ def test_a_converted_scene_is_the_same(tmp_path: Path, name: str) -> None:
     assert convert(name, str(target), {}) == ()
     once = target.read_text("utf-8")
     assert vr.load_file(target).sha256 == vr.load_file(name).sha256
-    convert(str(target), str(target), {})
-    again = target.read_text("utf-8")
-    assert again == once
+    convert(str(target), str(tmp_path / "again.xml"), {})
+    assert (tmp_path / "again.xml").read_text("utf-8") == once
 
 
 def test_convert(tmp_path: Path, capsys: Any) -> None:
@@ -894,6 +895,29 @@ def test_convert_writes_the_sensor_and_the_integrator_that_are_not_there(tmp_pat
     scene = vr.load_file(tmp_path / "out.xml", strict=True)
     assert "no sensor" in note and scene.sha256 == vr.load_file(source).sha256
     assert '<integrator type="path"/>' in (tmp_path / "out.xml").read_text("utf-8")
+
+
+def test_outputs_replace_no_file_that_the_scene_reads(tmp_path: Path, capsys: Any) -> None:
+    """The scene, what it includes, and textures, by whatever name."""
+    Image.fromarray(np.full((2, 2, 3), 99, np.uint8)).save(tmp_path / "a.png")
+    os.link(tmp_path / "a.png", tmp_path / "same.png")
+    texture = '<texture name="reflectance" type="bitmap"><string name="filename" value="a.png"/></texture>'
+    part = f'<scene version="3.0.0"><shape type="sphere"><bsdf type="diffuse">{texture}'
+    (tmp_path / "part.xml").write_text(f"{part}</bsdf></shape></scene>")
+    whole = '<scene version="3.0.0"><include filename="part.xml"/></scene>'
+    (tmp_path / "whole.xml").write_text(whole)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    scene = str(tmp_path / "whole.xml")
+    small = ["--device", "cpu", "--width", "4", "--height", "4", "--spp", "1"]
+    for words, name in (
+        (["convert", scene], "whole.xml"), (["convert", scene], "part.xml"),
+        (["render", scene, *small, "-o"], "a.png"), (["render", scene, *small, "-o"], "same.png"),
+    ):  # fmt: skip
+        assert main([*words, str(tmp_path / name)]) == 2
+        said = capsys.readouterr().err.splitlines()[-1]
+        assert name in said and "the scene reads this file; write to another one" in said
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert main(["convert", scene, str(tmp_path / "new.xml")]) == 0
 
 
 def test_convert_writes_nothing_of_a_scene_with_faults(tmp_path: Path, capsys: Any) -> None:

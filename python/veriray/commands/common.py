@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from ..errors import visible
 from ..extras import has_bars
-from ..files import check_writable, replacing
+from ..files import check_writable, read_files, replacing
 from ..settings import DEVICES as DEVICES
-from ..settings import SETTINGS
+from ..settings import MAX_STOPS, SETTINGS
 from ..shipped import SHIPPED
 
 if TYPE_CHECKING:
@@ -97,13 +97,16 @@ def number(text: str) -> float:
 
 def stops(text: str) -> float:
     """An argument that is an exposure in stops, as `Render.save` takes it."""
-    if not -1000 <= number(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"{text} is not within -1000 and 1000 stops")
+    if not -MAX_STOPS <= number(text) <= MAX_STOPS:
+        raise argparse.ArgumentTypeError(f"{text} is not within {-MAX_STOPS} and {MAX_STOPS} stops")
     return float(text)
 
 
-def load(arguments: argparse.Namespace) -> Scene:
-    """The scene that the arguments of `add_scene` name; one line of warning about its notes."""
+def load(arguments: argparse.Namespace, outputs: Sequence[str] = ()) -> Scene:
+    """The scene that the arguments of `add_scene` name; one line of warning about its notes.
+
+    Raises CommandError where it reads a file that is in `outputs`.
+    """
     from ..scene import load_file
 
     parameters = definitions(arguments)
@@ -113,7 +116,10 @@ def load(arguments: argparse.Namespace) -> Scene:
             f"{name}: no such file, and no shipped scene of that name; shipped: "
             f"{', '.join(SHIPPED)}"
         )
-    scene = load_file(name, parameters, sensor=arguments.sensor, strict=arguments.strict)
+    with read_files() as used:
+        scene = load_file(name, parameters, sensor=arguments.sensor, strict=arguments.strict)
+    for path in filter(used, outputs):
+        raise CommandError(f"{path}: the scene reads this file; write to another one")
     if not getattr(arguments, "quiet", False):
         report_notes(scene.notes)
     return scene
@@ -177,10 +183,14 @@ def add_outputs(parser: argparse.ArgumentParser, text: str) -> None:
     )
 
 
-def check_distinct(paths: Sequence[str]) -> None:
-    """Raises CommandError where two paths are one file."""
-    if len({os.path.realpath(path) for path in paths}) < len(paths):
-        raise CommandError(f"the same output twice: {', '.join(paths)}")
+def check_distinct(outputs: Sequence[str], inputs: Sequence[str] = ()) -> None:
+    """Raises CommandError where two outputs are one file, or an output is an input."""
+    if len({os.path.realpath(path) for path in outputs}) < len(outputs):
+        raise CommandError(f"the same output twice: {', '.join(outputs)}")
+    read = {os.path.realpath(path) for path in inputs}
+    for path in outputs:
+        if os.path.realpath(path) in read:
+            raise CommandError(f"{path} is an input too; write to another file")
 
 
 def check_output(path: str, suffixes: Sequence[str]) -> None:

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from ..extras import need
-from .common import check_output, say, stops
+from .common import check_distinct, check_output, say, stops
 
 
 def add(commands: Any) -> None:
@@ -21,6 +21,7 @@ def add(commands: Any) -> None:
 def _denoise(arguments: argparse.Namespace) -> int:
     need("denoising", "denoise")
     check_output(arguments.output, (".exr", ".png"))
+    check_distinct([arguments.output], [arguments.input])
     from ..picture import Render
 
     made = Render.load(arguments.input).denoised()

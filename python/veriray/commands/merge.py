@@ -24,7 +24,7 @@ def _merge(arguments: argparse.Namespace) -> int:
     outputs = arguments.output
     if not outputs:
         raise CommandError("no output: add -o FILE.exr, -o FILE.png or -o FILE.film")
-    check_distinct([*outputs, *arguments.checkpoints])
+    check_distinct(outputs, arguments.checkpoints)
     for path in outputs:
         check_output(path, (*PICTURE_SUFFIXES, SUFFIX))
 

@@ -105,7 +105,7 @@ def _render(arguments: argparse.Namespace) -> int:
         check_output(arguments.checkpoint, (SUFFIX,))
 
     has_exr = any(path.lower().endswith(".exr") for path in arguments.output)
-    for name in ("features", "light_groups"):
+    for name in ("features", "light_groups", "batches"):
         if getattr(arguments, name) and not has_exr:
             option = f"--{name.replace('_', '-')}"
             raise CommandError(f"{option} needs an output FILE.exr: a PNG has the picture alone")
@@ -115,7 +115,7 @@ def _render(arguments: argparse.Namespace) -> int:
     from ..info import primitives_text, tree_text
     from ..rendering import choose_scheduler, prepare, render_with, settle
 
-    scene = load(arguments)
+    scene = load(arguments, arguments.output)
     set_second_camera(arguments, scene)
     if has_exr and not arguments.features:
         arguments.features = scene.features

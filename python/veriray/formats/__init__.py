@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import SceneError
-from ..files import replacing
+from ..files import read_files, replacing
 from ..shipped import SHIPPED, find_shipped
 from . import build, gltf, mitsuba_xml, obj_scene, write
 from .node import Tree, allowed, shorten
@@ -62,8 +62,10 @@ def convert(
         trees.append(reader(path, parameters, report))
         return trees[-1]
 
-    with _without_collector():
+    with _without_collector(), read_files() as used:
         built = build.build(read, None, strict)
+        if used(target):
+            raise SceneError(f"{shorten(target)}: the scene reads this file; write to another one")
         text = write.as_xml(trees[-1], Path(target).parent, built.cameras[0])
     with replacing(target) as file:
         file.write(text.encode())

@@ -205,15 +205,18 @@ def test_bad_files(tmp_path: Path, name: str) -> None:
     assert text in str(caught.value) and str(path) in str(caught.value)
 
 
+SEEN = "1 1 0 0 0 0 0 0 1 a.png"
+
+
 @pytest.mark.parametrize(
     ("camera", "image", "text"),
     [
-        ("1 FISHEYE 8 8 1", "", "model 'FISHEYE' is unknown; expected SIMPLE_PINHOLE"),
-        ("1 PINHOLE 8 8 1 1 4", "", "PINHOLE with 3 numbers; expected 4"),
-        ("1 PINHOLE 8 8 1 2 4 4", "", "pixels must be square"),
-        ("1 PINHOLE 8 x 1 1 4 4", "", "height = 'x' is not an integer"),
-        ("1 RADIAL 8 8 1 4 4 0.1 0", "", "no distortion"),
-        ("1 PINHOLE 8 8 1 1 4 nan", "", "nan is not finite"),
+        ("1 FISHEYE 8 8 1", SEEN, "model 'FISHEYE' is unknown; expected SIMPLE_PINHOLE"),
+        ("1 PINHOLE 8 8 1 1 4", SEEN, "PINHOLE with 3 numbers; expected 4"),
+        ("1 PINHOLE 8 8 1 2 4 4", SEEN, "pixels must be square"),
+        ("1 PINHOLE 8 x 1 1 4 4", SEEN, "height = 'x' is not an integer"),
+        ("1 RADIAL 8 8 1 4 4 0.1 0", SEEN, "[0.1, 0.0]: lenses have no distortion"),
+        ("1 PINHOLE 8 8 1 1 4 nan", SEEN, "nan is not finite"),
         ("1 PINHOLE 8 8 1 1 4 4", "1 1 0 0 0 0 0 0 2 a.png", "camera '2' is not in cameras.txt"),
         ("1 PINHOLE 8 8 1 1 4 4", "1 1 0 0 0 0 0", "7 words; expected ID QW"),
         ("1 PINHOLE 8 8 1 1 4 4", "1 2 0 0 0 0 0 0 1 a.png", "is not of length 1"),
@@ -234,6 +237,48 @@ def test_names_of_colmap_may_have_spaces_and_folders(tmp_path: Path) -> None:
     lines = [f"1 {row} 1 left/one two.png", "1 2 3", f"2 {row} 1 right/b.png", ""]
     (tmp_path / "images.txt").write_text("\n".join(lines) + "\n")
     assert [v.name for v in cameras.load(tmp_path, 1, 1)] == ["left/one two", "right/b"]
+
+
+def colmap(folder: Path, *lines: str, cameras: str = "1 SIMPLE_PINHOLE 8 6 9 4 3") -> Path:
+    """A folder of COLMAP's with these lines in images.txt."""
+    (folder / "cameras.txt").write_text(f"\ufeff# cameras\n{cameras}\n", "utf-8")
+    (folder / "images.txt").write_text("\ufeff# images\n" + "\n".join(lines) + "\n", "utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    "points", [[], [""], ["", ""], ["1 2 3"], ["1.5 2 -1 " * 40], ["1.5 2 1 " * 4]]
+)
+def test_lines_of_points_may_be_missing(tmp_path: Path, points: list[str]) -> None:
+    names = ["a.png", "0002", "one two", "a b c.png", "e"]
+    lines = [line for k, name in enumerate(names)
+             for line in (f"{k} 1 0 0 0 0 0 {k} 1 {name}", *points)]  # fmt: skip
+    views = cameras.load(colmap(tmp_path, *lines), 1, 1)
+    assert [v.name for v in views] == ["a", "0002", "one two", "a b c", "e"]
+    assert [v.camera.to_world[2, 3] for v in views] == [0, -1, -2, -3, -4]
+
+
+def test_cameras_of_colmap_that_no_image_uses(tmp_path: Path) -> None:
+    unused = "2 OPENCV_FISHEYE 8 6 9 9 4 3 0.1 0 0 0\n3 RADIAL 8 6 9 4 3 0.1 0"
+    used = f"1 SIMPLE_PINHOLE 8 6 9 4 3\n{unused}"
+    assert len(cameras.load(colmap(tmp_path, SEEN, cameras=used), 1, 1)) == 1
+
+
+def test_binary_files_of_colmap(tmp_path: Path) -> None:
+    for name in ("cameras.bin", "images.bin"):
+        (tmp_path / name).write_bytes(b"\1")
+    with pytest.raises(vr.SceneError, match="cameras.bin: .*model_converter --output_type TXT"):
+        cameras.load(tmp_path, 8, 8)
+    assert cameras.load(colmap(tmp_path, SEEN), 8, 8)
+    (tmp_path / "images.txt").unlink()
+    with pytest.raises(vr.SceneError, match="images.bin: .*expected images.txt"):
+        cameras.load(tmp_path, 8, 8)
+
+
+def test_byte_order_marks(tmp_path: Path) -> None:
+    path = written(tmp_path, "nerf", *pose(1))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(cameras.load(path, 7, 7)) == 1
 
 
 # ---- render(cameras=...) ----

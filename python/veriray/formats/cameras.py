@@ -7,7 +7,7 @@ Read are, each with its own axes and pixels (x right, y down; all without lens d
   `h` in pixels, for all frames or each; the picture's top left corner is (0, 0).
 - COLMAP, a folder with `cameras.txt` (SIMPLE_PINHOLE, PINHOLE, and models of distortion whose
   coefficients are 0) and `images.txt`: world to camera as quaternion (w, x, y, z) and translation
-  with OpenCV's axes; the picture's top left corner is (0, 0).
+  with OpenCV's axes; the picture's top left corner is (0, 0). The lines of points may be left out.
 - {"convention": "opencv", "cameras": [{"name", "K", "R", "t" or "matrix", "width", "height"}]}:
   world to camera, x right, y down, looks along +z; the centre of the top left pixel is (0, 0).
 - {"convention": "opengl", "cameras": [{"name", "matrix", "fov" or "K", "width", "height"}]}: camera
@@ -180,40 +180,26 @@ def _mitsuba(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Cam
 
 def _colmap(folder: Path, lens: dict[str, Any]) -> list[View]:
     """The views of `images.txt`, with the intrinsics of `cameras.txt`."""
-    cameras: dict[str, tuple[int, int, float, list[float]]] = {}
-    file = folder / "cameras.txt"
-    for place, words in _rows(file):
-        if len(words) < 4 or words[1] not in _MODELS:
-            model = words[1] if len(words) > 1 else ""
-            allowed = ", ".join(_MODELS)
-            raise SceneError(f"model {shown(model)} is unknown; expected {allowed}", place)
-        focals, count = _MODELS[words[1]]
-        try:
-            width, height = (
-                whole(name, int(x) if x.isdecimal() else x, 1, MAX_PIXELS)
-                for name, x in zip(("width", "height"), words[2:4], strict=True)
-            )
-        except SceneError as error:
-            raise SceneError(str(error), place) from None
-        values = _floats(words[4:], place)
-        if len(values) != count:
-            raise SceneError(f"{words[1]} with {len(values)} numbers; expected {count}", place)
-        if any(values[focals + 2 :]):
-            raise SceneError(f"{words[1]}: lenses have no distortion here", place)
-        if focals == 2:
-            _square(values[0], values[1], place)
-        cameras[words[0]] = width, height, values[0], values[focals : focals + 2]
+    for name in ("cameras", "images"):
+        binary = folder / f"{name}.bin"
+        if binary.exists() and not binary.with_suffix(".txt").exists():
+            raise SceneError(
+                f"binary files of COLMAP's are not read; expected {name}.txt, as "
+                "`colmap model_converter --output_type TXT` writes it", str(binary),
+            )  # fmt: skip
+    cameras = {row[1][0]: row for row in _rows(folder / "cameras.txt") if row[1]}
     views: list[View] = []
-    file = folder / "images.txt"
-    for k, (place, words) in enumerate(_rows(file)):
-        if k % 2:  # points seen in the picture
+    above = False  # whether the line above is an image's, and this one may hold its points
+    for place, words in _rows(folder / "images.txt"):
+        if not words or (above and _are_points(words)):
+            above = False
             continue
         if len(words) < 10:
             raise SceneError(f"{len(words)} words; expected ID QW QX QY QZ TX TY TZ CAMERA NAME",
                              place)  # fmt: skip
         if words[8] not in cameras:
             raise SceneError(f"camera {shown(words[8])} is not in cameras.txt", place)
-        width, height, focal, centre = cameras[words[8]]
+        width, height, focal, centre = _intrinsics(*cameras[words[8]])
         numbers = _floats(words[1:8], place)
 
         def make(
@@ -225,7 +211,43 @@ def _colmap(folder: Path, lens: dict[str, Any]) -> list[View]:
 
         entry = {"width": width, "height": height, "name": " ".join(words[9:])}
         views.append(_made(entry, len(views), make, lens, place))
+        above = True
     return views
+
+
+def _are_points(words: list[str]) -> bool:
+    """Whether a line of images.txt is of points (X Y ID each), not ID QW ... CAMERA NAME."""
+    try:
+        return len(words) % 3 == 0 and all(math.isfinite(float(word)) for word in words[:12])
+    except ValueError:
+        return False
+
+
+def _intrinsics(place: str, words: list[str]) -> tuple[int, int, float, list[float]]:
+    """Width, height, focal length and centre in pixels of a line of cameras.txt."""
+    if len(words) < 4 or words[1] not in _MODELS:
+        model = words[1] if len(words) > 1 else ""
+        allowed = ", ".join(_MODELS)
+        raise SceneError(f"model {shown(model)} is unknown; expected {allowed}", place)
+    focals, count = _MODELS[words[1]]
+    try:
+        width, height = (
+            whole(name, int(x) if x.isdecimal() else x, 1, MAX_PIXELS)
+            for name, x in zip(("width", "height"), words[2:4], strict=True)
+        )
+    except SceneError as error:
+        raise SceneError(str(error), place) from None
+    values = _floats(words[4:], place)
+    if len(values) != count:
+        raise SceneError(f"{words[1]} with {len(values)} numbers; expected {count}", place)
+    if any(values[focals + 2 :]):
+        raise SceneError(
+            f"{words[1]} with coefficients {values[focals + 2 :]}: lenses have no distortion here; "
+            "expected 0", place,
+        )  # fmt: skip
+    if focals == 2:
+        _square(values[0], values[1], place)
+    return width, height, values[0], values[focals : focals + 2]
 
 
 def _rotation(quaternion: list[float]) -> Array:
@@ -252,21 +274,16 @@ def _text(path: str) -> str:
     if len(data) > MAX_BYTES:
         raise SceneError(f"more than {MAX_BYTES} bytes", path)
     try:
-        return data.decode()
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SceneError(f"not UTF-8: {error.reason} at byte {error.start}", path) from None
 
 
 def _rows(file: Path) -> list[tuple[str, list[str]]]:
-    """Place and words of each line but comments; COLMAP has empty lines too, which count."""
+    """Place and words of each line but comments."""
     lines = _text(os.fspath(file)).split("\n")
-    rows = [(f"{file}:{k}", line.split()) for k, line in enumerate(lines, 1)
+    return [(f"{file}:{k}", line.split()) for k, line in enumerate(lines, 1)
             if not line.startswith("#")]  # fmt: skip
-    if file.name == "cameras.txt":
-        return [row for row in rows if row[1]]
-    while rows and not rows[-1][1]:
-        rows.pop()
-    return rows
 
 
 def _floats(words: list[str], place: str) -> list[float]:

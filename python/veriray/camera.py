@@ -18,8 +18,8 @@ from .numeric import (
     array,
     check_matrix,
     check_rigid,
+    check_rotation,
     choice,
-    determinant,
     in_range,
     number,
     tan_half_degrees,
@@ -298,9 +298,7 @@ class Camera:
             column = isinstance(t, np.ndarray) and t.shape == (3, 1)
             matrix[:3, 3] = array("t", t.ravel() if column else t, np.float64, (3,))
         view = check_matrix("matrix [R t]", matrix)
-        square = (view[:3, None, :3] * view[None, :3, :3]).sum(axis=2)
-        if np.abs(square - np.eye(3)).max() > 1e-3 or determinant(view) < 0:
-            raise SceneError(f"R = {view[:3, :3].tolist()} is not a rotation")
+        check_rotation("R", view)
         back = np.eye(4)
         back[:3, :3] = view[:3, :3].T
         position = transform.compose(back, transform.translate((-view[:3, 3]).tolist()))

@@ -290,6 +290,17 @@ def check_matrix(name: str, value: Any) -> Array:
     raise SceneError(f"{name} is singular: it flattens space (columns of length {lengths})")
 
 
+def check_rotation(name: str, matrix: Array) -> None:
+    """Raises SceneError if the upper left 3x3 block is not a rotation (to 1e-3)."""
+    block = matrix[:3, :3]
+    square = (block[:, None] * block[None]).sum(axis=2)
+    if np.abs(square - np.eye(3)).max() > 1e-3 or determinant(matrix) < 0:
+        raise SceneError(
+            f"{name} = {block.tolist()} is not a rotation: it scales, shears or mirrors "
+            f"(determinant {determinant(matrix):g}, expected 1)"
+        )
+
+
 def check_rigid(name: str, what: str, matrix: Array) -> None:
     """Raises SceneError if a column of the matrix's 3x3 block is not of unit length (to 1e-3)."""
     for squared in (matrix[:3, :3] ** 2).sum(axis=0).tolist():

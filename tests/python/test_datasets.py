@@ -173,6 +173,18 @@ BAD = {
     "no matrix": ({"frames": [{"fl_x": 3.0}]}, '"transform_matrix" is missing'),
     "a small matrix": ({"frames": [{"fl_x": 3.0, "transform_matrix": [1]}]}, '"transform_matrix"'),
     "no angle": ({"frames": [{"transform_matrix": GL}]}, 'neither "fl_x" nor "camera_angle_x"'),
+    "mirrored": ({"frames": [{"fl_x": 3.0, "transform_matrix": np.diag([1.0, 1, -1, 1]).tolist()}]},
+                 'frames[0]: "transform_matrix" = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, '
+                 "-1.0]] is not a rotation: it scales, shears or mirrors (determinant -1"),
+    "sheared": ({"frames": [{"fl_x": 3.0, "transform_matrix": [[1, 0.6, 0, 0], [0, 0.8, 0, 0],
+                                                               [0, 0, 1, 0], [0, 0, 0, 1]]}]},
+                "is not a rotation"),
+    "mirrored for OpenGL": ({"convention": "opengl", "cameras": [
+        {"fov": 40.0, "matrix": np.diag([-1.0, 1, 1, 1]).tolist()}]},
+        'cameras[0]: "matrix" = [[-1.0, '),
+    "mirrored for OpenCV": ({"convention": "opencv", "cameras": [
+        {"K": K(), "matrix": np.diag([-1.0, 1, 1, 1]).tolist()}]},
+        "cameras[0]: R = [[-1.0, 0.0, 0.0], "),
     "scaled": ({"frames": [{"fl_x": 3.0, "transform_matrix": np.diag([2.0, 2, 2, 1]).tolist()}]},
                "scale"),
     "distorted": ({"k1": 0.1, "frames": [{"fl_x": 3.0, "transform_matrix": GL}]},

@@ -36,7 +36,7 @@ from .. import transform
 from ..camera import MAX_PIXELS, Camera
 from ..errors import SceneError
 from ..files import open_regular
-from ..numeric import array, number, path_text, shown, view_angle, whole
+from ..numeric import check_matrix, check_rotation, number, path_text, shown, view_angle, whole
 
 Array = npt.NDArray[Any]
 Entry = Mapping[str, Any]
@@ -139,7 +139,7 @@ def _frame(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camer
     for key in _DISTORTION:
         if entry.get(key):
             raise SceneError(f'"{key}" = {shown(entry[key])}: lenses have no distortion here')
-    matrix = _matrix(entry, "transform_matrix")
+    matrix = _rigid(entry, "transform_matrix")
     if entry.get("fl_x") is not None:
         focal = _positive(entry, "fl_x")
         _square(focal, _positive(entry, "fl_y") if entry.get("fl_y") is not None else focal)
@@ -163,7 +163,7 @@ def _opencv(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Came
 
 
 def _opengl(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camera:
-    matrix = _matrix(entry, "matrix")
+    matrix = _rigid(entry, "matrix")
     if "K" in entry:
         found = Camera.from_opencv(
             entry["K"], width=width, height=height, matrix=np.eye(4), **lens
@@ -308,7 +308,14 @@ def _list(data: Entry, key: str, where: str) -> list[Any]:
 def _matrix(entry: Entry, key: str) -> Array:
     if key not in entry:
         raise SceneError(f'"{key}" is missing')
-    return array(f'"{key}"', entry[key], np.float64, (4, 4))
+    return check_matrix(f'"{key}"', entry[key])
+
+
+def _rigid(entry: Entry, key: str) -> Array:
+    """A matrix (4, 4) that turns and moves."""
+    matrix = _matrix(entry, key)
+    check_rotation(f'"{key}"', matrix)
+    return matrix
 
 
 def _positive(entry: Entry, key: str) -> float:

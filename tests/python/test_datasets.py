@@ -217,6 +217,71 @@ def test_bad_files(tmp_path: Path, name: str) -> None:
     assert text in str(caught.value) and str(path) in str(caught.value)
 
 
+DISTORTED = {
+    "k6": 0.1, "p2": -1e-3, "dist": [0, 0.1], "D": [[0.1, 0, 0, 0]], "distCoeffs": [0, 0, 0, 0, 1],
+    "distortion": {"k1": 0.2}, "distortion_params": [0.1], "is_fisheye": True, "fl_y": 90.0,
+    "camera_angle_x": 0.5, "camera_angle_y": 1.5, "cx": 9.0, "cy": 9.0, "fx": 9.0, "skew": 0.1,
+    "camera_model": "OPENCV_FISHEYE", "camera_type": "equirectangular", "shift_x": 0.2,
+    "principal_point_offset_x": 0.3, "aperture_radius": 0.5,
+}  # fmt: skip
+LISTS = ["nerf", "nerf each", "opencv", "opencv matrix", "opengl", "mitsuba"]
+
+
+def with_keys(folder: Path, kind: str, top: bool, keys: dict[str, Any]) -> Path:
+    """A list of one camera, of 70 pixels of focal length, with more keys for all or for itself."""
+    if kind == "mitsuba":
+        path = folder / "cameras.json"
+        fov = math.degrees(2 * math.atan(WIDTH / 2 / FOCAL))
+        entry = {"matrix": GL, "fov": fov, "width": WIDTH, "height": HEIGHT}
+        path.write_text(json.dumps({"convention": "mitsuba", "cameras": [entry]}))
+    else:
+        path = written(folder, kind, *pose(1))
+    data = json.loads(path.read_text())
+    (data if top else data["frames" if "frames" in data else "cameras"][0]).update(keys)
+    path.write_text(json.dumps(data))
+    return path
+
+
+@pytest.mark.parametrize("kind", LISTS)
+@pytest.mark.parametrize("key", DISTORTED)
+def test_lenses_that_are_not_there(tmp_path: Path, kind: str, key: str) -> None:
+    """All lists refuse them alike, or read them where the list has the key."""
+    own = ("principal_point_offset_x",) if kind == "mitsuba" else ("cx", "cy")
+    if key in own and kind in ("nerf", "nerf each", "mitsuba"):
+        (view,) = cameras.load(with_keys(tmp_path, kind, False, {key: DISTORTED[key]}), 7, 7)
+        assert view.camera.principal_point_offset.any()
+        return
+    for top in (False,) if kind == "nerf each" and key == "fl_y" else (False, True):
+        path = with_keys(tmp_path, kind, top, {key: DISTORTED[key]})
+        with pytest.raises(vr.SceneError, match="expected|pixels must be square") as caught:
+            cameras.load(path, 7, 7)
+        text = str(caught.value)
+        place = "frames[0]" if kind.startswith("nerf") else "cameras[0]"
+        assert f"{path}: {place}: " in text and "\n" not in text
+        assert f'"{key}" = ' in text or "focal lengths 70 and 90" in text
+
+
+@pytest.mark.parametrize("kind", LISTS)
+def test_lenses_without_distortion(tmp_path: Path, kind: str) -> None:
+    """Zeros, and the same thing said twice."""
+    keys: dict[str, Any] = {
+        "k1": 0, "k2": 0.0, "dist": [], "D": [[0, 0, 0, 0, 0.0]], "distCoeffs": None,
+        "distortion": {"k1": 0.0}, "is_fisheye": False, "camera_model": "pinhole", "fl_y": FOCAL,
+        "camera_angle_y": 2 * math.atan(HEIGHT / 2 / FOCAL), "aperture_radius": 0.0,
+    }  # fmt: skip
+    (view,) = cameras.load(with_keys(tmp_path, kind, True, keys), 7, 7)
+    assert math.isclose(view.camera.tan_half_x(WIDTH, HEIGHT), WIDTH / 2 / FOCAL, rel_tol=1e-6)
+
+
+def test_the_axis_of_an_angle(tmp_path: Path) -> None:
+    path = tmp_path / "c.json"
+    for name in ("opengl", "mitsuba"):
+        entry = {"matrix": GL, "fov": 40.0, "fov_axis": "y"}
+        path.write_text(json.dumps({"convention": name, "cameras": [entry]}))
+        (view,) = cameras.load(path, 40, 20)
+        assert math.isclose(view.camera.tan_half_y(40, 20), math.tan(math.radians(20)))
+
+
 SEEN = "1 1 0 0 0 0 0 0 1 a.png"
 
 

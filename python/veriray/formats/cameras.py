@@ -1,6 +1,6 @@
 """Cameras of other programs: lists of views for data sets, read and written.
 
-Read are, each with its own axes and pixels (x right, y down; all without lens distortion):
+Read are, each with its own axes and pixels (x right, y down):
 
 - NeRF `transforms.json` (key "frames"): `transform_matrix` is camera to world with OpenGL's axes
   (x right, y up, looks along -z); `camera_angle_x` in radians, or `fl_x`, `fl_y`, `cx`, `cy`, `w`,
@@ -10,10 +10,14 @@ Read are, each with its own axes and pixels (x right, y down; all without lens d
   with OpenCV's axes; the picture's top left corner is (0, 0). The lines of points may be left out.
 - {"convention": "opencv", "cameras": [{"name", "K", "R", "t" or "matrix", "width", "height"}]}:
   world to camera, x right, y down, looks along +z; the centre of the top left pixel is (0, 0).
-- {"convention": "opengl", "cameras": [{"name", "matrix", "fov" or "K", "width", "height"}]}: camera
-  to world, x right, y up, looks along -z; fov in degrees along x; K as above.
-- {"convention": "mitsuba", "cameras": [{"name", "matrix", "fov", "fov_axis"}]}: camera to world, x
-  left, y up, looks along +z.
+- {"convention": "opengl", "cameras": [{"name", "matrix", "fov", "fov_axis" or "K", "width",
+  "height"}]}: camera to world, x right, y up, looks along -z; fov in degrees; K as above.
+- {"convention": "mitsuba", "cameras": [{"name", "matrix", "fov", "fov_axis",
+  "principal_point_offset_x", "principal_point_offset_y"}]}: camera to world, x left, y up, looks
+  along +z.
+
+Lenses have no distortion: keys of it must be 0 or empty, whatever the list. What several keys say
+of a camera must agree.
 
 width and height may stand beside "cameras" for all of them, else they are the scene's. Names become
 file names; those without get numbers.
@@ -42,8 +46,14 @@ Array = npt.NDArray[Any]
 Entry = Mapping[str, Any]
 MAX_BYTES, MAX_VIEWS = 1 << 28, 1 << 20
 CONVENTIONS = ("opencv", "opengl", "mitsuba")
-_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2", "k5", "k6")
-_PLAIN = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL")
+#: What programs call distortion, in small letters without "_": it must be 0 or empty.
+_DISTORTION = (
+    "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "d", "dist", "distcoeffs", "distortion",
+    "distortionparams", "distortioncoeffs", "distortioncoefficients", "radialdistortion",
+    "tangentialdistortion", "isfisheye", "fisheye",
+)  # fmt: skip
+_PLAIN = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL",
+          "FULL_OPENCV")  # fmt: skip
 #: COLMAP's models: focal lengths, and numbers in all; the others after the centre must be 0.
 _MODELS = {"SIMPLE_PINHOLE": (1, 3), "PINHOLE": (2, 4), "SIMPLE_RADIAL": (1, 4), "RADIAL": (1, 5),
            "OPENCV": (2, 8), "FULL_OPENCV": (2, 12)}  # fmt: skip
@@ -127,18 +137,61 @@ def _made(
     try:
         width, height = (_size(entry, *names) for names in (("width", "w"), ("height", "h")))
         name = entry.get("file_path", entry.get("name", f"{k:04d}"))
-        return View(_file_name(name), make(entry, width, height, lens), width, height)
+        _check_plain(entry)
+        camera = make(entry, width, height, lens)
+        _check_stated(entry, camera, width, height)
+        return View(_file_name(name), camera, width, height)
     except SceneError as error:
         raise SceneError(str(error), place) from None
 
 
+def _check_plain(entry: Entry) -> None:
+    """Raises SceneError for a lens that distorts."""
+    for key in ("camera_model", "camera_type"):
+        model = entry.get(key)
+        if model is not None and str(model).upper() not in _PLAIN:
+            raise SceneError(f'"{key}" = {shown(model)}; expected {", ".join(_PLAIN)}')
+    for key, value in entry.items():
+        if key.lower().replace("_", "") in _DISTORTION and not _is_nothing(value):
+            raise SceneError(
+                f'"{key}" = {shown(value)}: lenses have no distortion here; expected 0'
+            )
+
+
+def _is_nothing(value: Any, levels: int = 3) -> bool:
+    """Whether a value is null, false, 0 or empty, or holds only such."""
+    if levels and isinstance(value, (list, dict)):
+        parts = value.values() if isinstance(value, dict) else value
+        return all(_is_nothing(part, levels - 1) for part in parts)
+    return not value
+
+
+def _check_stated(entry: Entry, camera: Camera, width: int, height: int) -> None:
+    """Raises SceneError for a key that says of the camera what it is not."""
+    focal = width / (2 * camera.tan_half_x(width, height))
+    x, y = camera.principal_point_offset.tolist()
+    angles = view_angle(width, focal), view_angle(height, focal)
+    stated = {  # and how far off a rounded number may be
+        **dict.fromkeys(("fl_x", "fl_y", "fx", "fy"), (focal, 1e-3 * focal)),
+        "camera_angle_x": (math.radians(angles[0]), 1e-3 * math.radians(angles[0])),
+        "camera_angle_y": (math.radians(angles[1]), 1e-3 * math.radians(angles[1])),
+        "cx": ((0.5 - x) * width, 0.501),  # from the picture's corner or the first pixel's middle
+        "cy": ((0.5 - y) * height, 0.501),
+        "principal_point_offset_x": (x, 1e-3), "principal_point_offset_y": (y, 1e-3),
+        "aperture_radius": (camera.aperture_radius, 1e-3 * camera.aperture_radius),
+        **dict.fromkeys(("skew", "shift_x", "shift_y"), (0.0, 0.0)),
+    }  # fmt: skip
+    if "K" in entry:
+        stated["fov"] = angles[0], 1e-3 * angles[0]
+    for key, (own, off) in stated.items():
+        given = entry.get(key)
+        if given is not None and abs(number(f'"{key}"', given, -1e9, 1e9) - own) > off:
+            raise SceneError(
+                f'"{key}" = {given:g}; expected {own:g}, as the other keys and the scene have it'
+            )
+
+
 def _frame(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camera:
-    model = entry.get("camera_model", "PINHOLE")
-    if model not in _PLAIN:
-        raise SceneError(f'"camera_model" = {shown(model)}; expected {", ".join(_PLAIN)}')
-    for key in _DISTORTION:
-        if entry.get(key):
-            raise SceneError(f'"{key}" = {shown(entry[key])}: lenses have no distortion here')
     matrix = _rigid(entry, "transform_matrix")
     if entry.get("fl_x") is not None:
         focal = _positive(entry, "fl_x")
@@ -170,12 +223,18 @@ def _opengl(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Came
         )  # for its field of view
         shift = {"principal_point_offset": found.principal_point_offset}
         return Camera.from_opengl(matrix, found.fov, **shift, **lens)
-    return Camera.from_opengl(matrix, _positive(entry, "fov"), **lens)
+    axis = entry.get("fov_axis", "x")
+    return Camera.from_opengl(matrix, _positive(entry, "fov"), fov_axis=axis, **lens)
 
 
 def _mitsuba(entry: Entry, width: int, height: int, lens: dict[str, Any]) -> Camera:
     axis = entry.get("fov_axis", "x")
-    return Camera(_matrix(entry, "matrix"), _positive(entry, "fov"), axis, **lens)
+    shift = [
+        number(f'"{key}"', entry.get(key, 0.0), -1e3, 1e3)
+        for key in ("principal_point_offset_x", "principal_point_offset_y")
+    ]
+    return Camera(_matrix(entry, "matrix"), _positive(entry, "fov"), axis,
+                  principal_point_offset=np.array(shift), **lens)  # fmt: skip
 
 
 def _colmap(folder: Path, lens: dict[str, Any]) -> list[View]:

@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .camera import Camera
-from .errors import ImageError
-from .files import check_writable, replacing
+from .errors import ImageError, SceneError
+from .files import check_writable, open_regular, replacing
 from .first_surface import pixel_rows
-from .formats.cameras import View, load, transforms
+from .formats.cameras import View, load, parsed, transforms
 from .light_groups import layers
 from .numeric import number, path_text, shown, switch
 from .picture import Render
 from .rendering import render_with, settle
+from .saving import save_png
 from .settings import SETTINGS, RenderSettings
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Settings that decide a picture, beside the scene's hash; others decide its time alone.
 DECIDING = ("spp", "seed", "sampler", "max_depth", "rr_depth", "target_error", "version")
+#: Stands in the PNG files and the transforms.json of data sets.
+MARK = "made by veriray dataset"
 
 
 def dataset(
@@ -44,9 +47,9 @@ def dataset(
     """Renders views of a scene to a folder: NAME.exr for each, and transforms.json.
 
     What is there already, whole and with the same scene and settings, is kept, so that a run that
-    was stopped goes on. View k has the seed `seed` + k, so that no two pictures share their noise.
-    The feature "motion" is to the next view, unless `motion_to` says to which camera: the last view
-    then has none.
+    was stopped goes on. Display copies follow their EXR file and the exposure. View k has the seed
+    `seed` + k, so that no two pictures share their noise. The feature "motion" is to the next view,
+    unless `motion_to` says to which camera: the last view then has none.
 
     Args:
         scene: seen by all cameras, each with the near and far plane, aperture, focus and medium of
@@ -55,7 +58,8 @@ def dataset(
         cameras: a file or folder (see `veriray.formats.cameras`), a list of cameras, or None for
             all of the scene's sensors.
         png: also writes display copies, with this exposure in stops.
-        again: replaces files of other settings, which otherwise are an error.
+        again: replaces files of other settings, and those that no data set made, which otherwise
+            are an error; never the file of cameras.
         progress: called with the fraction of all views that are not there yet.
         settings: as `render` takes them, but for width and height where the cameras state them.
 
@@ -64,7 +68,7 @@ def dataset(
 
     Raises:
         SceneError, ValueError: bad cameras or settings. ImageError: a file in the way that is
-        damaged or of other settings. OSError: a file that cannot be written.
+        damaged, of other settings or of another origin. OSError: a file that cannot be written.
     """
     png, again = (switch(name, x, error=ValueError) for name, x in (("png", png), ("again", again)))
     exposure = number("exposure", exposure, -1000, 1000, error=ValueError)
@@ -74,7 +78,7 @@ def dataset(
     to_next = "motion" in own.features and own.motion_to is None
     used, _ = settle(scene, own.with_checked({"motion_to": scene.camera}) if to_next else own)
     views = _views(used, cameras)
-    described = transforms(views)  # refuses what it cannot hold before any work
+    described = {"comment": MARK, **transforms(views)}  # refuses what it cannot hold
     each = [
         dataclasses.replace(own, seed=(own.seed + k) % 2**64, width=None, height=None)
         for k in range(len(views))
@@ -83,15 +87,25 @@ def dataset(
         each = _moving(each, views)
     root = Path(path_text("folder", folder))
     files = [root / f"{view.name}.exr" for view in views]
-    for file in files:
-        file.parent.mkdir(parents=True, exist_ok=True)
-    missing = []
+    listed = root / "transforms.json"
+    _check_origin(listed, described, cameras, again)
+    missing, stale = [], []
     for k, file in enumerate(files):
-        if not _kept(file, used, views[k], each[k], again):
-            check_writable(file)
+        old = _kept(file, used, views[k], each[k], again)
+        copy = _beginning(file.with_suffix(".png")) if png else None
+        if copy is not None and MARK.encode() not in copy and not again:
+            raise _foreign(file.with_suffix(".png"))
+        if old is None:
             missing.append(k)
-        elif png and not file.with_suffix(".png").exists():
-            Render.load(file).save(file.with_suffix(".png"), exposure=exposure)
+        elif png and (copy is None or _note(old, exposure).encode() not in copy):
+            stale.append(k)
+    root.mkdir(parents=True, exist_ok=True)
+    check_writable(listed)
+    for k in (*missing, *stale):
+        files[k].parent.mkdir(parents=True, exist_ok=True)
+        check_writable(files[k])
+    for k in stale:
+        _save_copy(Render.load(files[k]), files[k], exposure)
     for done, k in enumerate(missing):
 
         def part(fraction: float, done: int = done) -> None:
@@ -99,10 +113,55 @@ def dataset(
                 progress((done + fraction) / len(missing))
 
         render = render_with(_seen(used, views[k]), each[k], part)
-        _write(render, files[k], png, exposure)
-    with replacing(root / "transforms.json") as out:
+        if png:
+            _save_copy(render, files[k], exposure)
+        render.save(files[k])  # last: it says that all files of the view are there
+    with replacing(listed) as out:
         out.write((json.dumps(described, indent=1) + "\n").encode())
-    return [*files, root / "transforms.json"]
+    return [*files, listed]
+
+
+def _check_origin(listed: Path, described: dict[str, Any], cameras: Any, again: bool) -> None:
+    """Raises ImageError where transforms.json holds what no data set wrote, or the cameras."""
+    if not listed.exists():
+        return
+    if isinstance(cameras, (str, os.PathLike)) and os.path.samefile(cameras, listed):
+        raise ImageError(f"{listed} would replace the list of cameras: choose another folder (-o)")
+    if again:
+        return
+    try:
+        old = parsed(os.fspath(listed))
+    except SceneError:
+        old = {}
+    if old.keys() != described.keys() or old["comment"] != MARK:
+        raise _foreign(listed)
+
+
+def _foreign(file: Path) -> ImageError:
+    return ImageError(
+        f"{file} is in the way: veriray dataset did not write it, or it was changed since "
+        "(again replaces it)"
+    )
+
+
+def _beginning(file: Path) -> bytes | None:
+    """The bytes of a file among which its comment stands; None if there is no file."""
+    try:
+        with open_regular(file) as there:
+            return there.read(4096)
+    except FileNotFoundError:
+        return None
+
+
+def _note(render: Render, exposure: float) -> str:
+    """What the comment of a display copy says."""
+    return f"{MARK} of film {render.film_sha256} at exposure {exposure!r}."
+
+
+def _save_copy(render: Render, file: Path, exposure: float) -> None:
+    save_png(
+        render.image, file.with_suffix(".png"), exposure=exposure, note=_note(render, exposure)
+    )
 
 
 def _moving(each: list[RenderSettings], views: list[View]) -> list[RenderSettings]:
@@ -126,13 +185,6 @@ def _seen(scene: Scene, view: View) -> Scene:
     return scene.with_(camera=view.camera, width=view.width, height=view.height)
 
 
-def _write(render: Render, file: Path, png: bool, exposure: float) -> None:
-    """The files of one view. The EXR is last: it says that all of them are there."""
-    if png:
-        render.save(file.with_suffix(".png"), exposure=exposure)
-    render.save(file)
-
-
 def _views(scene: Scene, cameras: Any) -> list[View]:
     if cameras is None:
         cameras = scene.cameras
@@ -148,10 +200,12 @@ def _views(scene: Scene, cameras: Any) -> list[View]:
     return [View(f"{k:04d}", camera, *size) for k, camera in enumerate(cameras)]
 
 
-def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again: bool) -> bool:
-    """Whether a file holds this view. Raises ImageError where another one is in the way."""
+def _kept(
+    file: Path, scene: Scene, view: View, settings: RenderSettings, again: bool
+) -> Render | None:
+    """This view of a file, if it is there. Raises ImageError where another one is in the way."""
     if not file.exists():
-        return False
+        return None
     used, settled = settle(_seen(scene, view), settings)
     try:
         old = Render.load(file)
@@ -188,9 +242,9 @@ def _kept(file: Path, scene: Scene, view: View, settings: RenderSettings, again:
                 )
     except ImageError:
         if again:
-            return False
+            return None
         raise
-    return True
+    return old
 
 
 def _deciding(settings: RenderSettings) -> dict[str, Any]:

@@ -50,8 +50,12 @@ def to_srgb8(image: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
     return out
 
 
-def save_png(image: NDArray[Any], path: str | os.PathLike[str], *, exposure: float = 0.0) -> None:
+def save_png(
+    image: NDArray[Any], path: str | os.PathLike[str], *, exposure: float = 0.0, note: str = ""
+) -> None:
     """Write (H, W, 3) linear radiance as an 8-bit sRGB PNG: to look at, never to compare.
+
+    note: more of the file's comment, near its beginning.
 
     Raises:
         ImageError: the array is not (H, W, 3) with H, W >= 1, or the exposure is not finite.
@@ -60,10 +64,11 @@ def save_png(image: NDArray[Any], path: str | os.PathLike[str], *, exposure: flo
     from PIL import Image, PngImagePlugin
 
     picture = Image.fromarray(to_srgb8(_picture(image, "image", None), exposure))
-    note = PngImagePlugin.PngInfo()
-    note.add_text("Comment", f"veriray display copy, sRGB, exposure {exposure:g} stops")
+    info = PngImagePlugin.PngInfo()
+    comment = f"veriray display copy, sRGB, exposure {exposure:g} stops"
+    info.add_text("Comment", f"{comment}; {note}" if note else comment)
     with replacing(path_text("path", path, ImageError)) as file:
-        picture.save(file, format="png", pnginfo=note)
+        picture.save(file, format="png", pnginfo=info)
 
 
 def save_exr(

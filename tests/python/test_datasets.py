@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import veriray as vr
 from veriray.cli import main
 from veriray.errors import ImageError
 from veriray.formats import cameras
+from veriray.image import to_srgb8
 
 Array = np.ndarray[Any, Any]
 WIDTH, HEIGHT, FOCAL = 80, 60, 70.0
@@ -536,3 +538,81 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(["dataset", "cornell-box", "-o", str(out / "own"), "--width", "8", "--height",
                  "8", "--spp", "1", "--quiet"]) == 0  # fmt: skip
     assert (out / "own" / "0000.exr").exists()
+
+
+@pytest.mark.parametrize("name", ["r_0.png", "transforms.json"])
+def test_files_of_others_are_in_the_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Found before the render; display copies of other commands are not the data set's either."""
+    source, out = listed(tmp_path), tmp_path / "out"
+    out.mkdir()
+    words = ["dataset", "cornell-box", "--cameras", str(source), "-o", str(out), "--spp", "1",
+             "--png", "--quiet"]  # fmt: skip
+    if name == "r_0.png":
+        vr.render(vr.cornell_box(), 1, width=4, height=4, device="cpu").save(out / name)
+    else:
+        (out / name).write_text(json.dumps({"camera_angle_x": 0.7, "frames": [], "mine": 1}))
+    before = (out / name).read_bytes()
+    for _ in range(2):
+        assert main(words) == 2
+        error = capsys.readouterr().err
+        assert f"{out / name} is in the way: veriray dataset did not write it" in error
+        assert error.count("\n") == 1
+        assert [file.name for file in out.iterdir()] == [name]
+        assert (out / name).read_bytes() == before
+    assert main([*words, "--again"]) == 0 and main(words) == 0
+    changed = json.loads((out / "transforms.json").read_text()) | {"aabb_scale": 16}
+    (out / "transforms.json").write_text(json.dumps(changed))
+    assert main(words) == 2
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_the_list_of_cameras_is_never_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], link: bool
+) -> None:
+    source, out = listed(tmp_path), tmp_path / "out"
+    out.mkdir()
+    given = out / "transforms.json"
+    if link:
+        given.symlink_to(source)
+    else:
+        source.rename(given)
+    before = given.read_bytes()
+    words = ["dataset", "cornell-box", "-o", str(out), "--spp", "1", "--quiet"]
+    for more in ([], ["--again"]):
+        assert main([*words, "--cameras", str(source if link else given), *more]) == 2
+        error = capsys.readouterr().err
+        assert f"{given} would replace the list of cameras: choose another folder (-o)" in error
+        assert given.read_bytes() == before and [*out.iterdir()] == [given]
+
+
+def listed(folder: Path) -> Path:
+    """A transforms.json of one camera, with a key of another program's."""
+    path = folder / "transforms.json"
+    frame = {"transform_matrix": GL, "file_path": "r_0"}
+    sizes = {"w": 8, "h": 6, "aabb_scale": 4}
+    path.write_text(json.dumps({"camera_angle_x": 0.7, **sizes, "frames": [frame]}))
+    return path
+
+
+def test_display_copies_follow_picture_and_exposure(tmp_path: Path, cornell: vr.Scene) -> None:
+    small: dict[str, Any] = {"spp": 1, "width": 8, "height": 8, "device": "cpu"}
+    copy = tmp_path / "0000.png"
+
+    def is_of(exposure: float) -> bool:
+        picture = vr.Render.load(tmp_path / "0000.exr").image
+        shown = np.asarray(Image.open(copy).convert("RGB"))
+        return np.array_equal(shown, to_srgb8(picture, exposure))
+
+    vr.dataset(cornell, tmp_path, **small, png=True)
+    film = (tmp_path / "0000.exr").stat().st_mtime_ns
+    for exposure in (3.0, 3.0000001, -1.0, 0.0):
+        vr.dataset(cornell, tmp_path, **small, png=True, exposure=exposure)
+        assert is_of(exposure) and (tmp_path / "0000.exr").stat().st_mtime_ns == film
+    made = copy.stat().st_mtime_ns
+    vr.dataset(cornell, tmp_path, **small, png=True)
+    assert copy.stat().st_mtime_ns == made
+    vr.dataset(cornell, tmp_path, **small | {"spp": 4}, again=True)
+    vr.dataset(cornell, tmp_path, **small | {"spp": 4}, png=True)
+    assert is_of(0.0)

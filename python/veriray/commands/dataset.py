@@ -32,7 +32,9 @@ def add(commands: Any) -> None:
     add_settings(parser, *names)
     parser.add_argument("--png", action="store_true", help="write display copies too")
     parser.add_argument("--exposure", type=stops, default=0.0, help="stops, for PNG (0)")
-    parser.add_argument("--again", action="store_true", help="replace files of other settings")
+    parser.add_argument(
+        "--again", action="store_true", help="replace files of other settings or another origin"
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     parser.set_defaults(handler=_dataset)
 

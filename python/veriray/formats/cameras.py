@@ -80,12 +80,7 @@ def load(path: str | os.PathLike[str], width: int, height: int, **lens: Any) -> 
     where = path_text("cameras", path)
     if os.path.isdir(where):
         return _named(_colmap(Path(where), lens), where)
-    try:
-        data = json.loads(_text(where))
-    except (ValueError, RecursionError) as error:
-        raise SceneError(f"not JSON: {error}", where) from None
-    if not isinstance(data, dict):
-        raise SceneError(f"{shown(data)} is not an object", where)
+    data = parsed(where)
     size = {"width": width, "height": height}
     if "frames" in data:
         entries, make = _list(data, "frames", where), _frame
@@ -106,6 +101,17 @@ def load(path: str | os.PathLike[str], width: int, height: int, **lens: Any) -> 
             raise SceneError(f"{shown(entry)} is not an object", place)
         views.append(_made({**size, **data, **entry}, k, make, lens, place))
     return _named(views, where)
+
+
+def parsed(path: str) -> dict[str, Any]:
+    """What a JSON file holds. Raises SceneError unless it is an object."""
+    try:
+        data = json.loads(_text(path))
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"not JSON: {error}", path) from None
+    if not isinstance(data, dict):
+        raise SceneError(f"{shown(data)} is not an object", path)
+    return data
 
 
 def transforms(views: list[View], suffix: str = ".exr") -> dict[str, Any]:

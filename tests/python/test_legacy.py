@@ -20,7 +20,8 @@ SENSOR = '<sensor type="perspective"><float name="fov" value="40"/></sensor>'
 LIGHT = '<emitter type="constant"/>'
 BALL = SENSOR + LIGHT + '<shape type="sphere">{}</shape>'
 LENS = '{}<emitter type="constant"/><shape type="sphere"/>'
-FOG = BALL.format('<medium type="{}" name="interior">{}</medium>')
+FOG = BALL.format('<bsdf type="null"/><medium type="{}" name="interior">{}</medium>')
+SKIN = '<rgb name="sigma_s" value="0.74 0.88 1.01"/><rgb name="sigma_a" value="0.032 0.17 0.48"/>'
 DIFFUSE = BALL.format('<bsdf type="diffuse">{}</bsdf>')
 TEXTURE = DIFFUSE.format('<texture type="{}" name="reflectance">{}</texture>')
 FILE = '<string name="filename" value="{}"/>'
@@ -72,12 +73,16 @@ CASES = {
     "scale of a texture by id": ('<texture type="bitmap" id="t">' + FILE.format("a.png") + "</texture>" + TEXTURE.format("scale", '<ref id="t"/><float name="scale" value="0.5"/>'), TEXTURE.format("bitmap", FILE.format("a.png") + '<float name="scale" value="0.5"/>'), ""),
     "scale of a later texture": (TEXTURE.format("scale", '<ref id="t"/><float name="scale" value="0.5"/>') + '<texture type="bitmap" id="t"><string name="wrapMode" value="zero"/>' + FILE.format("a.png") + "</texture>", TEXTURE.format("bitmap", FILE.format("a.png") + '<float name="scale" value="0.5"/><string name="wrap_mode" value="clamp"/>'), "beyond its edge"),
     "wrap u and v": (TEXTURE.format("bitmap", FILE.format("a.png") + '<string name="wrapModeU" value="mirror"/><string name="wrapModeV" value="clamp"/>'), TEXTURE.format("bitmap", FILE.format("a.png") + '<string name="wrap_mode" value="mirror"/>'), "wrap mode mirror in u and v"),
+    "border": (BALL.format('<medium type="homogeneous" name="interior"/>'), FOG.format("homogeneous", SKIN), ""),
+    "border by id": ('<medium type="homogeneous" id="fog"/>' + BALL.format('<ref id="fog" name="exterior"/>'), BALL.format('<bsdf type="null"/><medium type="homogeneous" name="exterior">' + SKIN + "</medium>"), ""),
+    "border of a lamp": (BALL.format('<medium type="homogeneous" name="interior"/><emitter type="area"/>'), BALL.format('<medium type="homogeneous" name="interior">' + SKIN + '</medium><emitter type="area"/>'), ""),
+    "border with a bsdf by id": ('<bsdf type="plastic" id="b"/>' + BALL.format('<ref id="b"/><medium type="homogeneous" name="interior"/>'), BALL.format('<bsdf type="plastic"/><medium type="homogeneous" name="interior">' + SKIN + "</medium>"), ""),
     "rayleigh": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="rayleigh"/>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="rayleigh"/>'), ""),
     "microflake": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="microflake"><float name="stddev" value="0.1"/></phase>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="isotropic"/>'), "phase microflake is rendered as isotropic"),
     "mixturephase": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="mixturephase"><string name="weights" value="1, 3"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/></phase>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="blendphase"><float name="weight" value="0.75"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/></phase>'), ""),
     "mixture of three": (FOG.format("homogeneous", '<spectrum name="sigmaT" value="1"/><phase type="mixturephase"><string name="weights" value="0.5, 0.25, 0.25"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="isotropic"/><phase type="rayleigh"/></phase>'), FOG.format("homogeneous", '<spectrum name="sigma_t" value="1"/><phase type="blendphase"><float name="weight" value="0.5"/><phase type="hg"><float name="g" value="0.5"/></phase><phase type="blendphase"><float name="weight" value="0.5"/><phase type="isotropic"/><phase type="rayleigh"/></phase></phase>'), ""),
     "material": (FOG.format("homogeneous", '<string name="material" value="Ketchup"/><float name="scale" value="2"/>'), FOG.format("homogeneous", '<rgb name="sigma_s" value="0.18 0.07 0.03"/><rgb name="sigma_a" value="0.061 0.97 1.45"/><float name="scale" value="2"/>'), ""),
-    "no material": (FOG.format("homogeneous", ""), FOG.format("homogeneous", '<rgb name="sigma_s" value="0.74 0.88 1.01"/><rgb name="sigma_a" value="0.032 0.17 0.48"/>'), ""),
+    "no material": (FOG.format("homogeneous", ""), FOG.format("homogeneous", SKIN), ""),
     "no absorption": (FOG.format("homogeneous", '<rgb name="sigmaS" value="2"/>'), FOG.format("homogeneous", '<rgb name="sigma_s" value="2"/><rgb name="sigma_a" value="0"/>'), ""),
     "density": (FOG.format("heterogeneous", '<string name="method" value="woodcock"/>' + VOLUME.format("density") + '<float name="albedo" value="0.9"/><float name="scale" value="3"/>'), FOG.format("heterogeneous", VOLUME.format("sigma_t") + '<float name="albedo" value="0.9"/><float name="scale" value="3"/>'), ""),
     "volcache": (FOG.format("heterogeneous", '<volume type="volcache" name="density">' + VOLUME.format("a") + "</volume>"), FOG.format("heterogeneous", VOLUME.format("sigma_t")), ""),

@@ -237,14 +237,14 @@ def test_mitsuba_reads_what_is_upgraded(tmp_path: Path, case: str) -> None:
         mi.set_log_level(level)
 
 
-def test_texture_placement_is_mitsubas() -> None:
+def test_texture_placement_scales_first_as_mitsuba_0() -> None:
     text, notes = upgraded(
         '<scene><texture type="checkerboard"><float name="uscale" value="3"/>'
         '<float name="uoffset" value=".25"/></texture></scene>'
     )
     assert text == (
-        '<scene><texture type="checkerboard"><transform name="to_uv"><translate x=".25" y="0"/>'
-        '<scale x="3" y="1"/></transform></texture></scene>'
+        '<scene><texture type="checkerboard"><transform name="to_uv"><scale x="3" y="1"/>'
+        '<translate x=".25" y="0"/></transform></texture></scene>'
     )
     assert notes == [("uoffset, voffset, uscale and vscale are to_uv", "f.xml:1")]
 

@@ -3,7 +3,8 @@
 Without loss: `sky`, `sun` and `sunsky`, whose up is +y, as `sunsky`; `difftrans` as a
 `principledthin` that only lets through; `volcache` as what it holds; `density` of a medium as its
 `sigma_t`; materials by name as their numbers; samplers and films of any other name; a spectrum of
-30 numbers as bins from 360 to 830 nm.
+30 numbers as bins from 360 to 830 nm; a shape with a medium and nothing that says what its surface
+is as a `null` border.
 
 With a warning that names the line, as the light differs:
 
@@ -69,6 +70,8 @@ def parts(root: _Element, file: str, notes: Notes) -> None:
             _OBJECTS.get(key, _other)(element, where, notes)
             if element.tag == "medium":
                 legacy_media.medium(element, where, notes)
+            elif element.tag == "shape":
+                legacy_media.border(element, where, notes)
 
 
 def unread(root: _Element, file: str, notes: Notes) -> None:

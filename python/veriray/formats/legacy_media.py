@@ -35,6 +35,16 @@ MATERIALS = {
 }
 
 
+def border(element: _Element, where: str, notes: Notes) -> None:
+    """A shape between media without a BSDF; one with a lamp, a sensor or a subsurface is black."""
+    media = [c for c in element if c.get("name") in ("interior", "exterior")]
+    other = [c for c in element if c.tag in ("bsdf", "emitter", "sensor", "subsurface", "ref")]
+    if media and all(c in media for c in other):
+        bsdf = etree.SubElement(element, "bsdf", type="null")
+        bsdf.sourceline = element.sourceline
+        notes.add("a shape with a medium and no bsdf is a null border", where)
+
+
 def transmitter(element: _Element, where: str, notes: Notes) -> None:
     """A diffuse transmitter."""
     given = _named(element, "transmittance")

@@ -1,9 +1,9 @@
 """Scene files of Mitsuba 0.4 to 1.x in today's terms, element by element, before they are read.
 
-As Mitsuba 3 does for versions below 2: names of parameters in camelCase become snake_case,
-`diffuseReflectance` of a diffuse BSDF is its `reflectance`, and uoffset, voffset, uscale, vscale
-are the transform `to_uv` (translation, then scale). Mitsuba 3 refuses the rest of what those
-versions had; where today's terms say the same, they are used:
+As Mitsuba 3 does for versions below 2: names of parameters in camelCase become snake_case, and
+`diffuseReflectance` of a diffuse BSDF is its `reflectance`; uoffset, voffset, uscale, vscale are
+the transform `to_uv`, here scale, then translation, as in 0.x (Mitsuba 3 exchanges them). Mitsuba 3
+refuses the rest of what those versions had; where today's terms say the same, they are used:
 
 - <lookAt>, <blackbody>, and spectra of three numbers, which are RGB; `intent` is left out;
 - film `ldrfilm`, `mfilm`, `tiledhdrfilm`: `hdrfilm` of the same size and filter;
@@ -292,7 +292,7 @@ def _texture(element: _Element, plugin: str, where: str, notes: Notes) -> None:
     if found:
         transform = _made(element, "transform", {"name": "to_uv"})
         element.append(transform)
-        for tag, u, v in (("translate", "uoffset", "voffset"), ("scale", "uscale", "vscale")):
+        for tag, u, v in (("scale", "uscale", "vscale"), ("translate", "uoffset", "voffset")):
             axes = {"x": numbers[u], "y": numbers[v]}
             transform.append(_made(element, tag, axes))
         notes.add("uoffset, voffset, uscale and vscale are to_uv", where)

@@ -53,7 +53,10 @@ def changed(scene: Scene, changes: Mapping[str, Any]) -> dict[str, Array]:
             array = arrays.setdefault(column, getattr(scene, column).astype(np.float64))
             place = array if row is None else array[row]
             try:
-                place = np.broadcast_to(np.asarray(value, np.float64), place.shape)
+                given = np.asarray(value)
+                if given.dtype.kind not in "iufb":
+                    raise TypeError
+                place = np.broadcast_to(given.astype(np.float64), place.shape)
             except (TypeError, ValueError):
                 wanted = "a number" + " or three" * (place.ndim > 0)
                 raise SceneError(f'"{name}" = {shown(value)}, expected {wanted}') from None

@@ -119,6 +119,8 @@ def test_scenes_without_some_kinds_of_shapes(kinds: tuple[str, ...]) -> None:
         ({"teapot.bsdf.roughness": (1, 2, 3)}, r"\(1, 2, 3\), expected a number$"),
         ({"teapot.bsdf.base_color": (1, 2)}, "expected a number or three"),
         ({"teapot.bsdf.base_color": "red"}, "expected a number or three"),
+        ({"teapot.bsdf.base_color": None}, "None, expected a number or three"),
+        ({"teapot.bsdf.base_color": (1, None, 0)}, r"\(1, None, 0\), expected a number or three"),
         ({3: 1}, "3 is not the name of a parameter"),
         ([("white.alpha", 1)], "is not a dictionary of names"),
     ],

@@ -180,8 +180,9 @@ class _Builder:
         for category, (names_, fewest, most) in rules.items():
             found = result[category]
             if len(found) < fewest and not faulty:
-                what = f"{node} has no {category}"
-                raise SceneError(f"{what}; allowed: {', '.join(names_)}", node.where)
+                what = f"{len(found)} of the {fewest} {category}s that it needs"
+                what = what if found else f"no {category}"
+                raise SceneError(f"{node} has {what}; allowed: {', '.join(names_)}", node.where)
             if len(found) > most:
                 raise SceneError(
                     f"{node} has {len(found)} objects of category {category}, at most {most} "

@@ -612,6 +612,16 @@ def test_textures_in_a_file(tmp_path: Path) -> None:
     assert scene.opacity_texture.tolist() == [-1, -1, 2] and scene.two_sided.tolist()[0]
 
 
+@pytest.mark.parametrize("kind", ["f2", "f4", "f8"])
+def test_arrays_of_the_other_byte_order(kind: str) -> None:
+    array = RNG.random((3, 5, 3)).astype(f"<{kind}")
+    one, other = (
+        loaded({"type": "sphere", "bsdf": diffuse(bitmap(given))})
+        for given in (array, array.astype(f">{kind}"))
+    )
+    assert one.sha256 == other.sha256
+
+
 def test_refusals(tmp_path: Path) -> None:
     one = np.ones((2, 2, 3), np.float32)
     board = {"type": "checkerboard"}

@@ -99,6 +99,7 @@ def from_array(values: object, where: str, *, raw: bool = False, kept: bool = Tr
     """The image of an array (H, W) or (H, W, C), C 1, 3 or 4: uint8 is sRGB unless raw, floats are
     linear. kept: else it may share the array's memory, which is not ours. Raises SceneError."""
     texels = np.asarray(values)
+    texels = texels.astype(texels.dtype.newbyteorder("="), copy=False)
     texels = texels[:, :, None] if texels.ndim == 2 else texels
     if texels.ndim != 3 or texels.shape[2] not in (1, 3, 4) or texels.dtype.kind not in "uf":
         raise SceneError(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .camera import Camera
-from .errors import ImageError, SceneError
+from .errors import ImageError, SceneError, printable
 from .files import check_writable, open_regular, replacing
 from .first_surface import pixel_rows
 from .formats.cameras import View, load, parsed, transforms
@@ -170,10 +170,10 @@ def _moving(each: list[RenderSettings], views: list[View]) -> list[RenderSetting
         raise ValueError('feature "motion" is to the next view, and there is one: set motion_to')
     for one, other in itertools.pairwise(views):
         if (one.width, one.height) != (other.width, other.height):
-            raise ValueError(
-                f'feature "motion": {one.name} has {one.width} x {one.height} pixels and the next '
-                f"view, {other.name}, {other.width} x {other.height}"
+            text = (
+                f"{one.name} has {one.width} x {one.height} pixels and the next view, {other.name}"
             )
+            raise ValueError(printable(f'feature "motion": {text}, {other.width} x {other.height}'))
     still = tuple(name for name in each[-1].features if name != "motion")
     moving = [dataclasses.replace(settings, motion_to=view.camera)
               for settings, view in zip(each, views[1:], strict=False)]  # fmt: skip

@@ -17,6 +17,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from .errors import printable
 from .numeric import distinct, shown, texts
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def resolved(scene: Scene, given: Sequence[str]) -> dict[str, list[Lamp]]:
             from .formats.node import allowed
 
             known = allowed(pattern, (lamp.names[0] for lamp in every), "there are")
-            raise ValueError(f"light_groups: no lamp is called {shown(pattern)}{known}")
+            raise ValueError(printable(f"light_groups: no lamp is called {shown(pattern)}{known}"))
         left = [lamp for lamp in left if lamp not in taken]
         if sign:
             groups.setdefault(group, []).extend(taken)

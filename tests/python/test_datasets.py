@@ -200,6 +200,8 @@ BAD = {
               "two views are named 'a'"),
     "out": ({"fl_x": 3.0, "frames": [{"transform_matrix": GL, "file_path": "../a"}]},
             "leads out of the folder"),
+    "no file's": ({"fl_x": 3.0, "frames": [{"transform_matrix": GL, "file_path": "a\ud800"}]},
+                  r"frames[0]: name 'a\ud800' is none of a file"),
     "absolute": ({"fl_x": 3.0, "frames": [{"transform_matrix": GL, "file_path": "/a"}]},
                  "leads out of the folder"),
     "size": ({"fl_x": 3.0, "w": 0, "frames": [{"transform_matrix": GL}]}, "width = 0 is outside"),
@@ -496,10 +498,10 @@ def test_motion_to_the_next_view(
     with pytest.raises(ValueError, match="is to the next view, and there is one"):
         vr.dataset(cornell, tmp_path / "one", turning[:1], **settings)
     size = {"K": K(), "matrix": np.eye(4).tolist(), "height": 8}
-    entries = [{"name": f"v{width}", "width": width, **size} for width in (8, 9)]
+    entries = [{"name": f"v\udc80{width}", "width": width, **size} for width in (8, 9)]
     lists = tmp_path / "cameras.json"
     lists.write_text(json.dumps({"convention": "opencv", "cameras": entries}))
-    with pytest.raises(ValueError, match="v8 has 8 x 8 pixels and the next view, v9, 9 x 8"):
+    with pytest.raises(ValueError, match=r"v\\udc808 has 8 x 8 pixels and .*v\\udc809, 9 x 8"):
         vr.dataset(cornell, tmp_path / "two", lists, **settings)
 
 

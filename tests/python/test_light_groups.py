@@ -221,6 +221,9 @@ def test_what_is_refused(given: Any, message: str) -> None:
 
 
 def test_other_refusals() -> None:
+    lamp = {"type": "sphere", "emitter": {"type": "area"}}
+    with pytest.raises(ValueError, match=r"no lamp is called 'x'; there are: a\\udc80$"):
+        vr.render(vr.load_dict({"type": "scene", "a\udc80": lamp}), 1, light_groups=["x"])
     with pytest.raises(ValueError, match="light_groups: not together with target_error"):
         vr.render(room(), 16, light_groups="*", target_error=0.1)
     for given in ({"light_groups": "*"}, {"motion_to": room().camera}):

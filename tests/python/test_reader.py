@@ -16,9 +16,10 @@ from PIL import Image
 import veriray as vr
 from veriray.cli import main
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import convert, known
+from veriray.formats import convert, known, mitsuba_dict
 from veriray.formats.plugins import CATEGORIES, PLUGINS
 from veriray.formats.report import MAX_FAULTS
+from veriray.formats.write import as_xml
 from veriray.shipped import SHIPPED
 from veriray.transform import any_up, look_at
 
@@ -918,6 +919,17 @@ def test_outputs_replace_no_file_that_the_scene_reads(tmp_path: Path, capsys: An
         assert name in said and "the scene reads this file; write to another one" in said
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert main(["convert", scene, str(tmp_path / "new.xml")]) == 0
+
+
+def test_convert_writes_names_that_xml_cannot_hold_as_escapes(tmp_path: Path) -> None:
+    tree = mitsuba_dict.read(
+        {"type": "scene", "a\udc80\1": {"type": "sphere"}, "l": {"type": "constant"}}
+    )
+    text = as_xml(tree, tmp_path, vr.Camera(np.eye(4), 40.0))
+    scene = vr.load_file(
+        write(tmp_path / "out.xml", text[text.index("<shape") : -len("</scene>\n")])
+    )
+    assert scene.shape_names == ("a\\udc80\\x01",)
 
 
 def test_convert_writes_nothing_of_a_scene_with_faults(tmp_path: Path, capsys: Any) -> None:

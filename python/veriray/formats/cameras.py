@@ -411,7 +411,11 @@ def _centred(centre: list[Any], width: int, height: int) -> dict[str, Any]:
 
 def _file_name(name: Any) -> str:
     """A name without its suffix, below the folder of the data set."""
-    if not isinstance(name, str) or not name or "\0" in name or "\\" in name:
+    try:
+        good = bool(os.fsencode(name)) and not {"\0", "\\"} & set(name)
+    except (TypeError, UnicodeEncodeError):
+        good = False
+    if not good or not isinstance(name, str):
         raise SceneError(f"name {shown(name)} is none of a file")
     path = PurePosixPath(name)
     parts = [part for part in path.parts if part != "."]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from lxml import etree
@@ -12,6 +13,8 @@ from ..errors import SceneError
 from .node import Node, Ref, Tree, Value
 from .plugins import FILMS, PLUGINS
 from .spectra import Spectrum
+
+_FOREIGN = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def as_xml(tree: Tree, folder: Path, camera: Camera) -> str:
@@ -99,5 +102,5 @@ def _number(number: float) -> str:
 
 
 def _text(text: str) -> str:
-    """Text in which a dollar names no parameter."""
-    return text.replace("$", "\\$")
+    """Text in which a dollar names no parameter, and what XML cannot hold is an escape."""
+    return _FOREIGN.sub(lambda m: ascii(m[0])[1:-1], text.replace("$", "\\$"))

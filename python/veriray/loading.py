@@ -40,7 +40,12 @@ def read(
         raise ImageError(f"{where}: no channels R, G, B; found {found}")
     for name, values in channels.items():
         whole_ones = name in _WHOLE or name in _NUMBERS
-        channels[name] = values.astype(np.uint32 if whole_ones else np.float32)
+        with np.errstate(invalid="ignore"):
+            channels[name] = values.astype(np.uint32 if whole_ones else np.float32)
+        other = values[channels[name] != values] if whole_ones else values[:0]
+        if other.size:
+            raise ImageError(f"{where}: channel {name!r} holds {other.flat[0]}; expected integers "
+                             "from 0 to 2^32 - 1")  # fmt: skip
     image = _group(channels, "", where)
     assert image is not None
     stderr = _group(channels, "stderr.", where)

@@ -6,6 +6,7 @@ import dataclasses
 import errno
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -275,6 +276,20 @@ def test_bad_channels(tmp_path: Path) -> None:
     batches = {f"batch.{k:03d}.{c}": plane for k in range(3) for c in "RGB"}
     OpenEXR.File({"veriray.spp": "8"}, {c: plane for c in "RGB"} | batches).write(str(path))
     with pytest.raises(ImageError, match="do not divide"):
+        image.load(path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e20, -1.0, 2.5])
+@pytest.mark.parametrize("name", ["region", "samples", "object.I"])
+def test_channels_of_integers_hold_integers(tmp_path: Path, name: str, value: float) -> None:
+    path = tmp_path / "x.exr"
+    for last in (3, value):
+        plane = np.array([[0, last], [7, 1]], np.float32)
+        OpenEXR.File({}, {c: plane for c in ("R", "G", "B", name)}).write(str(path))
+        if last == 3:
+            image.load(path)
+    shown = re.escape(f"x.exr: channel '{name}' holds {np.float32(value)}; expected integers from")
+    with pytest.raises(ImageError, match=shown):
         image.load(path)
 
 

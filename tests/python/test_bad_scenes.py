@@ -89,7 +89,7 @@ LINES = {
     "unknown reference": (RECTANGLE.format('<ref id="wite"/>') + '<bsdf type="diffuse" id="white"/>', 'no object with the id "wite"', 'did you mean "white"?'),
     "reference of another kind": ('<shape type="cube" id="c"/>' + RECTANGLE.format('<ref id="c"/>'), 'rectangle cannot hold a shape "cube"'),
     "id twice": ('<bsdf type="diffuse" id="w"/><shape type="cube" id="w"/>', 'id "w" is already used at ', "scene.xml:3"),
-    "point that Mitsuba never samples": ('<emitter type="spot"><float name="sampling_weight" value="0"/></emitter>', 'spot: "sampling_weight" = 0.0 is outside (0, inf)'),
+    "sampling weight": ('<emitter type="spot"><float name="sampling_weight" value="-1"/></emitter>', 'spot: "sampling_weight" = -1.0 is outside [0, inf]'),
     "parameter twice": (DIFFUSE.format('<float name="reflectance" value="1"/><float name="reflectance" value="0"/>'), '"reflectance" is given twice'),
     "undefined parameter": (DIFFUSE.format('<rgb name="reflectance" value="$albedo"/>'), 'parameter "$albedo" has no value', "-D albedo=..."),
     "lone dollar": (DIFFUSE.format('<rgb name="reflectance" value="5$"/>'), '"$" must be followed by the name'),

@@ -492,6 +492,22 @@ TAKEN = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("plugin", ["point", "spot", "directional", "projector"])
+def test_a_light_that_no_sample_finds_is_dark(tmp_path: Path, plugin: str) -> None:
+    weight = param("float", "sampling_weight", 0)
+    lamp = f'<emitter type="{plugin}"><spectrum name="{{}}" value="1"/>{weight}</emitter>'
+    lamp = lamp.format("intensity" if plugin in ("point", "spot") else "irradiance")
+    told = f"{plugin}: by sampling_weight 0 it is never sampled: no light, as in Mitsuba"
+    with pytest.warns(SceneWarning, match=told):
+        scene = loaded(tmp_path, VIEW, SKY, lamp)
+    assert scene.sha256 == loaded(tmp_path, VIEW, SKY).sha256
+    path = write(tmp_path / "dark.xml", VIEW, SKY, lamp)
+    with pytest.warns(SceneWarning, match=told):
+        convert(str(path), str(path), {})
+    with pytest.warns(SceneWarning, match=told):
+        assert vr.load_file(path).sha256 == scene.sha256
+
+
 @pytest.mark.parametrize("name", TAKEN)
 def test_taken_with_a_note(tmp_path: Path, name: str) -> None:
     line, fragment = TAKEN[name]

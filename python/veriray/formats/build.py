@@ -689,6 +689,10 @@ class _Builder:
     def light(self, node: Node) -> None:
         """Adds a light that is not on a shape."""
         _, values = self.check(node)
+        if values["sampling_weight"] == 0:
+            text = f"{node}: by sampling_weight 0 it is never sampled: no light, as in Mitsuba"
+            self.report.warn(text, node.values["sampling_weight"].where)
+            return
         row = {"light_kind": LIGHT_KINDS.index(node.plugin), **materials.filled(node, values)}
         if node.plugin == "projector":
             colour = values["irradiance"] or (1.0, 1.0, 1.0)

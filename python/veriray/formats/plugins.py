@@ -1080,11 +1080,9 @@ PLUGINS["timed_sunsky"] = Plugin(
     doc="the mean of skies while the first sensor's shutter is open, 0 being the start of the "
     "first day and 1 that of the last one; a closed shutter sees one sunsky",
 )
-for _name, _plugin in PLUGINS.items():
-    if _plugin.category == "emitter":  # Mitsuba finds the light of points by samples of it alone
-        _plugin.params["sampling_weight"] = Param(
-            "float", 1.0, 0.0, open=_name in LIGHT_KINDS, note=_SAMPLED
-        )
+for _plugin in PLUGINS.values():
+    if _plugin.category == "emitter":
+        _plugin.params["sampling_weight"] = Param("float", 1.0, 0.0, note=_SAMPLED)
     elif _plugin.category == "shape":
         _plugin.noted["silhouette_sampling_weight"] = _DERIVATIVES
 CATEGORIES = tuple(dict.fromkeys(plugin.category for plugin in PLUGINS.values()))

@@ -43,7 +43,8 @@ def as_xml(tree: Tree, folder: Path, camera: Camera) -> str:
 def _fill(element: etree._Element, node: Node, tree: Tree, folder: Path) -> None:
     params = PLUGINS[node.plugin].params
     for name, value in node.values.items():
-        if name in params and not params[name].note:
+        dark = (name, value.value) == ("sampling_weight", 0)
+        if name in params and (dark or not params[name].note):
             element.append(_value(name, value, node, folder))
     held = {id(item) for item in node.children}
     for item in node.children:

@@ -1,6 +1,7 @@
 """OBJ files as scenes: shapes by material, and what MTL files say."""
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -126,7 +127,7 @@ def test_it_renders(tmp_path):
     ("mtl", "obj", "message"),
     [
         (MTL, OBJ, 'a.obj:15: there is no material "one # again"; known: one, two words'),
-        (MTL, OBJ.replace("a.mtl", "no.mtl"), 'a.obj:1: cannot read ".*no.mtl"'),
+        (MTL, OBJ.replace("a.mtl", "."), "a.obj:1: cannot read "),
         ("Kd 1 1 1\n", None, 'a.mtl:1: "Kd" stands before the first newmtl'),
         ("newmtl one\nKd 1 2\n", None, 'a.mtl:2: Kd = "1 2" is not 1 or 3 numbers in'),
         ("newmtl one\nKd 1 2 1\n", None, "a.mtl:2: Kd = "),
@@ -144,6 +145,22 @@ def test_it_renders(tmp_path):
 def test_bad_files(tmp_path, mtl, obj, message):
     with pytest.raises(SceneError, match=message):
         load(tmp_path, mtl, obj or OBJ.split("usemtl two")[0])
+
+
+@pytest.mark.parametrize(
+    ("first", "told"),
+    [
+        ("mtllib no.mtl", r"a\.obj:1: \S*no\.mtl\" is not there; its materials are grey"),
+        (f"mtllib {'b' * 999}.mtl", r"a\.obj:1: \S*\.mtl\" is not there; its materials are grey"),
+        ("mtllib no.mtl a.mtl", r"a\.obj:1: \S*no\.mtl\" is not there; its materials are grey"),
+        ("", r"a\.obj:11: no mtllib before this usemtl; its materials are grey"),
+    ],
+)
+def test_materials_that_are_not_there_are_grey(tmp_path, first, told):
+    obj = PLAIN.replace("mtllib a.mtl", first)
+    scene, text = load(tmp_path, "newmtl two words\nKe 1 1 1\n", obj)
+    assert re.search(told, text) and text.count("grey") == 1
+    assert (scene.reflectance == 0.5).all() and ("sky" in text) == ("a.mtl" not in first)
 
 
 def test_parameters_are_not_used(tmp_path):

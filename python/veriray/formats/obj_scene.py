@@ -6,11 +6,13 @@ sqrt(2 / (Ns + 2)) of a Phong lobe; metal with the colour Ks if Kd is black or i
 glass of index Ni if illum is 4, 6, 7 or 9; `principled` if Pr or Pm give roughness and metal. All
 but glass reflect on both sides. d, Tr and map_d are opacity, Ke is emitted by the front. map_Kd is
 taken times Kd, unless that is black. A scene without light gets a white sky; a face without a
-material is grey. A camera is placed that frames it from its front, at +z with y up.
+material, or with one of an MTL file that is not there, is grey. A camera is placed that frames it
+from its front, at +z with y up.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -57,7 +59,7 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
     report = Report() if report is None else report
     data = read_bytes(path, mesh.MAX_BYTES, "")
     found = mesh.read(path, "obj", where, files={path: data})
-    materials, names, of = _faces(data, path)
+    materials, names, of = _faces(data, path, report)
     tree = Tree(Node("scene", where, "scene"), report=report)
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
     tree.scene.children.append(gltf.framing(low, high, where))
@@ -78,10 +80,12 @@ def read(path: Path, parameters: Mapping[str, object], report: Report | None = N
     return tree
 
 
-def _faces(data: bytes, path: Path) -> tuple[dict[str, _Material], list[str], Array]:
+def _faces(
+    data: bytes, path: Path, report: Report
+) -> tuple[dict[str, _Material], list[str], Array]:
     """The materials, the names of those used, and which of these each triangle has; "" for none."""
     materials: dict[str, _Material] = {}
-    names, current = [""], 0
+    names, current, lost = [""], 0, False
     of: list[int] = []
     counts: list[int] = []
     text = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
@@ -95,12 +99,21 @@ def _faces(data: bytes, path: Path) -> tuple[dict[str, _Material], list[str], Ar
             place = f"{path}:{number}"
             word = line.strip()[6:].strip().decode("utf-8", "replace")
             if kind == b"mtllib":
-                for name in [word] if (path.parent / word).is_file() else word.split():
-                    materials |= _materials(path.parent / name.replace("\\", "/"), place)
+                for name in [word] if os.path.isfile(path.parent / word) else word.split():
+                    file = path.parent / name.replace("\\", "/")
+                    if os.path.exists(file):
+                        materials |= _materials(file, place)
+                    else:
+                        lost = True
+                        report.warn(f"{shorten(file)} is not there; its materials are grey", place)
                 continue
-            if word not in materials:
+            if word not in materials and materials and not lost:
                 known = allowed(word, materials, "known")
                 raise SceneError(f"there is no material {shorten(word)}{known}", place)
+            if word not in materials:
+                if not lost:
+                    report.warn("no mtllib before this usemtl; its materials are grey", place)
+                lost, word = True, ""
             if word not in names:
                 names.append(word)
             current = names.index(word)

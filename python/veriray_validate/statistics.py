@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from veriray.rendering import Render
+
 Array = npt.NDArray[Any]
 
 
@@ -119,6 +121,15 @@ def welch(a: Array, b: Array) -> float:
         return 0.0
     p = stats.ttest_ind(x[:, ~same], y[:, ~same], equal_var=False).pvalue
     return sidak(float(p.min()), p.size) if p.size else 1.0
+
+
+def error_of_sum(r: Render) -> tuple[Array, Any]:
+    """Standard errors (3,) of the sums over a picture's pixels, and their law: of batch means where
+    the render has them, as pixels may share samples, else of pixels that are independent."""
+    if r.batch_means is None:
+        return np.sqrt((r.stderr.astype(np.float64) ** 2).sum(axis=(0, 1))), stats.norm
+    sums, count = r.batch_means.sum(axis=(1, 2)), len(r.batch_means)
+    return sums.std(axis=0, ddof=1) / count**0.5, stats.t(count - 1)
 
 
 def smallest_bias(

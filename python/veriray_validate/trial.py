@@ -26,7 +26,7 @@ from veriray.comparison.statistics import MARGIN, ledger_problems
 from veriray.native_scene import native_scene_arguments
 from veriray.rendering import Render, render
 from veriray.scene import Scene
-from veriray_validate.statistics import max_z, sidak, smallest_bias
+from veriray_validate.statistics import error_of_sum, max_z, sidak, smallest_bias
 
 Array = npt.NDArray[Any]
 
@@ -318,12 +318,7 @@ class Trial:
         r = self.render(scene, spp, **settings)
         truth = np.broadcast_to(np.asarray(exact, np.float64), r.image.shape)
         mean, error = r.image.astype(np.float64), r.stderr.astype(np.float64)
-        total, law = np.sqrt((error**2).sum(axis=(0, 1))), stats.norm  # of all pixels together
-        if shared:
-            assert r.batch_means is not None
-            sums = r.batch_means.sum(axis=(1, 2))
-            total = sums.std(axis=0, ddof=1) / BATCHES**0.5
-            law = stats.t(BATCHES - 1)
+        total, law = error_of_sum(r)
         off = np.sign(mean - truth) * np.maximum(np.abs(mean - truth) - margin * truth, 0)
         still = error == 0
         self.check(off[still] == 0, f"{mean[still].ravel()[:3]} for {truth[still].ravel()[:3]}")

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from scipy import stats
 
 import veriray
 from veriray.comparison.statistics import MARGIN
@@ -25,7 +24,7 @@ from veriray_validate.levels.closed_analytic.direct import FIVE
 from veriray_validate.levels.closed_analytic.parts import DOWN, ceiling, floor, lamp
 from veriray_validate.levels.closed_lights import hundred_lights
 from veriray_validate.scenes import Part, camera, furnace, make
-from veriray_validate.statistics import max_z, smallest_bias
+from veriray_validate.statistics import error_of_sum, max_z, smallest_bias
 from veriray_validate.transfer import adding_doubling
 from veriray_validate.trial import Trial, case
 
@@ -157,12 +156,8 @@ def scheduler(t: Trial, name: str, scheduler: str) -> None:
                  batches=batches)  # fmt: skip
     truth = np.broadcast_to(np.asarray(exact, np.float64), 3)
     mean = r.image.mean(axis=(0, 1), dtype=np.float64)
-    law = stats.norm
-    if r.batch_means is None:
-        error = np.sqrt((r.stderr.astype(np.float64) ** 2).sum(axis=(0, 1))) / SIDE**2
-    else:
-        means = r.batch_means.mean(axis=(1, 2))
-        error, law = means.std(axis=0, ddof=1) / math.sqrt(batches), stats.t(batches - 1)
+    error, law = error_of_sum(r)
+    error /= SIDE**2
     off = np.sign(mean - truth) * np.maximum(np.abs(mean - truth) - margin * truth, 0)
     t.check(r.stats["scheduler"] == scheduler)
     t.check((off == 0) | (error > 0), f"{mean} for {truth}")

@@ -208,6 +208,9 @@ def test_pictures_that_do_not_fit_are_refused(cornell: vr.Scene, cpu: str) -> No
 
 
 @pytest.mark.gpu
+@pytest.mark.skipif(
+    "PYTEST_XDIST_WORKER" in os.environ, reason="others use the GPU: run without -n"
+)
 def test_repeated_calls_take_no_memory(cornell: vr.Scene) -> None:
     free, total = ctypes.c_size_t(), ctypes.c_size_t()
 

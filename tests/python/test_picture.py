@@ -301,6 +301,9 @@ def test_pictures_of_any_size_reach_the_host(cornell: vr.Scene, size: int) -> No
 
 
 @pytest.mark.gpu
+@pytest.mark.skipif(
+    "PYTEST_XDIST_WORKER" in os.environ, reason="others use the GPU: run without -n"
+)
 def test_repeated_renders_take_no_memory(cornell: vr.Scene) -> None:
     free, total = ctypes.c_size_t(), ctypes.c_size_t()
 

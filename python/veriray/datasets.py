@@ -22,7 +22,7 @@ from .numeric import number, path_text, shown, switch
 from .picture import Render
 from .rendering import render_with, settle
 from .saving import save_png
-from .settings import SETTINGS, RenderSettings
+from .settings import MAX_STOPS, SETTINGS, RenderSettings
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -71,7 +71,7 @@ def dataset(
         damaged, of other settings or of another origin. OSError: a file that cannot be written.
     """
     png, again = (switch(name, x, error=ValueError) for name, x in (("png", png), ("again", again)))
-    exposure = number("exposure", exposure, -1000, 1000, error=ValueError)
+    exposure = number("exposure", exposure, -MAX_STOPS, MAX_STOPS, error=ValueError)
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
     own = RenderSettings(**settings)

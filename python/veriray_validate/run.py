@@ -213,15 +213,15 @@ def validate(
 
     if workers is None:
         workers = min(len(os.sched_getaffinity(0)), MAX_WORKERS)
-    # the longest cases belong to the full run only: at the end they would run alone
-    order = jobs if workers < 1 else sorted(jobs, key=lambda job: CASES[job[0]].quick)
+    order = jobs if workers < 1 else _longest_first(jobs)
     try:
         if workers < 1:
             for job in order:
                 add(job, _work(*job, seed, effort, second, None))
         else:
-            work = [(*job, seed, effort, second, 1) for job in order]
-            holds = [held_by(device) for _, device in order]
+            threads = [workers if _has_processes(name) else 1 for name, _ in order]
+            work = [(*job, seed, effort, second, n) for job, n in zip(order, threads, strict=True)]
+            holds = [None if _has_processes(name) else held_by(device) for name, device in order]
             with contextlib.closing(pool.results(_work, work, workers, holds)) as answers:
                 for k, answer in answers:
                     if isinstance(answer, pool.Died):
@@ -235,6 +235,16 @@ def validate(
     if result.missing:
         raise Stopped(result)
     return result
+
+
+def _has_processes(name: str) -> bool:
+    """Whether a case is itself a run of the suite on CPUs, in many processes: planted bugs."""
+    return CASES[name].level == 9
+
+
+def _longest_first(jobs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Planted bugs, then what belongs to the full run only: at the end they would run alone."""
+    return sorted(jobs, key=lambda job: (not _has_processes(job[0]), CASES[job[0]].quick))
 
 
 def held_by(device: str) -> str | None:

@@ -480,6 +480,36 @@ def test_processes_share_a_gpu_where_cuda_lets_them(
     assert held_by("cuda:1") is None
 
 
+def test_planted_bugs_come_first_with_all_processes_and_no_gpu(
+    suite: Suite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They take minutes on CPUs, one after another with one process."""
+    given = []
+
+    def results(function: Any, jobs: Any, workers: int, holds: Any) -> Any:
+        given.extend(
+            (job[0].split(".")[-1], job[-1], held) for job, held in zip(jobs, holds, strict=True)
+        )
+        yield from ((k, Outcome(job[0], 1, "", "cpu", "pass", "")) for k, job in enumerate(jobs))
+
+    @case(2)
+    def quick(t: Trial) -> None:
+        """Quick."""
+
+    @case(3, quick=False)
+    def full(t: Trial) -> None:
+        """Full."""
+
+    @case(9, quick=False, once=True)
+    def bugs(t: Trial) -> None:
+        """Bugs."""
+
+    monkeypatch.setattr(pool, "results", results)
+    monkeypatch.setattr("veriray_validate.run.held_by", lambda device: "it")
+    validate(["cpu"], full=True, workers=5)
+    assert given == [("bugs", 5, None), ("full", 1, "it"), ("quick", 1, "it")]
+
+
 def test_pool_that_is_left_early_leaves_no_process() -> None:
     import multiprocessing
 

@@ -33,7 +33,7 @@ sys.path.insert(0, str(ROOT))
 
 import reference  # noqa: E402
 import veriray  # noqa: E402
-from veriray.comparison import statistics as st  # noqa: E402
+from veriray.comparison.ledgers import ledger_problems  # noqa: E402
 from veriray_validate import references as store  # noqa: E402
 from veriray_validate.levels.stranger import power  # noqa: E402
 from veriray_validate.scenes import checks  # noqa: E402
@@ -179,7 +179,7 @@ def main() -> int:
         for run, pieces in plan[name].items():
             runs[run], seconds = collect(pieces)
             paths = store.SIZE**2 * store.BATCHES * runs[run].spp
-            problems = st.ledger_problems(runs[run].ledger, paths)
+            problems = ledger_problems(runs[run].ledger, paths)
             if problems or any(runs[run].ledger["invalid"]):
                 raise RuntimeError(f"{name}, {run}: {problems or 'invalid samples'}")
             spent += seconds

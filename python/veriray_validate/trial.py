@@ -22,7 +22,8 @@ import numpy.typing as npt
 from scipy import stats
 
 from veriray import device as device_module
-from veriray.comparison.statistics import MARGIN, ledger_problems
+from veriray.comparison.ledgers import ledger_problems
+from veriray.comparison.statistics import MARGIN
 from veriray.native_scene import native_scene_arguments
 from veriray.rendering import Render, render
 from veriray.scene import Scene

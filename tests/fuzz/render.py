@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.fuzz.contract import Target
 from tests.fuzz.xml import TARGET as XML
-from veriray.comparison.statistics import ledger_problems
+from veriray.comparison.ledgers import ledger_problems
 from veriray.errors import DeviceError, OutOfMemoryError
 from veriray.rendering import Render, render
 from veriray.scene import load_file

@@ -23,7 +23,9 @@ from veriray.cli import main
 from veriray.comparison import CompareError, Report, compare
 from veriray.comparison import statistics as st
 from veriray.comparison.effort import together
+from veriray.comparison.ledgers import ledger_test
 from veriray.comparison.metrics import figures
+from veriray.comparison.sharing import shared
 from veriray.image import ImageError, save
 from veriray.rendering import LEDGER_COLUMNS, Render
 
@@ -260,7 +262,7 @@ def test_errors_of_means_where_pixels_share_samples(
     filter: str, parameter: Any, least: float, most: float
 ) -> None:
     """At least what test_film measures of noise that does not depend on place."""
-    assert least <= st.shared(Film(1, 1, filter, parameter)) <= most
+    assert least <= shared(Film(1, 1, filter, parameter)) <= most
 
 
 @pytest.mark.parametrize(("filter", "parameter", "times"), [
@@ -376,10 +378,10 @@ def test_invalid_samples_and_lost_paths_fail(pair: tuple[Render, Render]) -> Non
 def test_ledger_false_alarms_and_power() -> None:
     rng = np.random.default_rng(5)
     fails = sum(
-        st.ledger_test(ledger(rng, 10**9), ledger(rng, 10**8), 1e-3).p < 0.01 for _ in range(200)
+        ledger_test(ledger(rng, 10**9), ledger(rng, 10**8), 1e-3).p < 0.01 for _ in range(200)
     )
     assert fails <= stats.binom.isf(1e-4, 200, 0.01)
-    result = st.ledger_test(ledger(rng, 10**7, 0.602), ledger(rng, 10**7), 1e-3)
+    result = ledger_test(ledger(rng, 10**7, 0.602), ledger(rng, 10**7), 1e-3)
     assert result.p < 1e-6 and "depth 4" in result.where
     assert {row["depth"] for row in result.rows if row["named"]} >= {4}
 
@@ -389,8 +391,8 @@ def test_ledger_margin() -> None:
     one = {name: [0] for name in LEDGER_COLUMNS} | {"live": [10**13], "escaped": [10**13]}
     two = {**one, "escaped": [10**13 - 9 * 10**7], "absorbed": [9 * 10**7]}
     three = {**one, "escaped": [10**13 - 2 * 10**8], "absorbed": [2 * 10**8]}
-    assert st.ledger_test(two, one, 1e-3).p == 1
-    assert st.ledger_test(three, one, 1e-3).p < 1e-6
+    assert ledger_test(two, one, 1e-3).p == 1
+    assert ledger_test(three, one, 1e-3).p < 1e-6
 
 
 def test_ledgers_of_other_settings_are_not_tested(pair: tuple[Render, Render]) -> None:

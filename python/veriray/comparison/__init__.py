@@ -12,6 +12,7 @@ import numpy as np
 
 from veriray.comparison import statistics as st
 from veriray.comparison.effort import equal_effort, together, unequal_effort
+from veriray.comparison.ledgers import ENDS, ledger_problems, ledger_test
 from veriray.comparison.report import Maps, Report
 from veriray.comparison.sides import CompareError, Source, advice, alike, opened
 from veriray.comparison.statistics import Test
@@ -52,7 +53,7 @@ def compare(
       objects that 10,000 effective samples carry;
     - else the same as z tests from the standard errors of pixels (weaker). Pixels of veriray under
       a filter wider than one share samples: errors of means are then taken for as large as they
-      can be (`veriray.comparison.statistics.shared`). Others count as independent.
+      can be (`veriray.comparison.sharing.shared`). Others count as independent.
 
     Always: S0 invalid values, the identities of each ray ledger, and, when both have one and
     agree in max_depth and rr_depth, a test that paths end alike.
@@ -217,11 +218,11 @@ def _exact(report: Report, a: Render, b: Render) -> None:
     invalid = any(t.result == "fail" for t in report.tests)
     ledgers = [x.stats.get("ledger") or {} for x in (a, b)]
     for x, ledger, letter in zip((a, b), ledgers, "AB", strict=True):
-        if all(ledger.get(column) for column in ("live", *st.ENDS, "invalid")):
+        if all(ledger.get(column) for column in ("live", *ENDS, "invalid")):
             paths = a.image.shape[0] * a.image.shape[1] * x.spp
             if x.samples is not None:
                 paths = x.stats.get("paths", paths)
-            problems = st.ledger_problems(ledger, paths)
+            problems = ledger_problems(ledger, paths)
             report.tests.append(
                 _condition(f"L1 ledger of {letter} adds up", "lost or invented paths", problems)
             )
@@ -322,7 +323,7 @@ def _ledger(report: Report, a: Render, b: Render, same_estimator: bool) -> None:
     if not all(x.get(c) for x in (ledger_a, ledger_b) for c in LEDGER_COLUMNS):
         report.not_run.append((name, "no complete ray ledger on both sides"))
         return
-    result = st.ledger_test(ledger_a, ledger_b, report.alpha)
+    result = ledger_test(ledger_a, ledger_b, report.alpha)
     report.ledger = result.rows
     for key in ("max_depth", "rr_depth"):
         if a.stats.get(key) != b.stats.get(key):

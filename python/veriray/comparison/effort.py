@@ -9,6 +9,7 @@ import numpy as np
 
 from veriray.camera import Film
 from veriray.comparison import statistics as st
+from veriray.comparison.sharing import reach, shared
 from veriray.comparison.statistics import Cells, Partition, Test
 from veriray.errors import SceneError
 
@@ -39,7 +40,7 @@ def equal_effort(
     _, height, width, _ = d.shape
     skew = report.figures["asymmetry"]
     pixels = same_estimator or abs(skew) <= st.MAX_ASYMMETRY
-    wide = max(st.reach(film_of(x)) for x in (a, b)) > st.MOST_IN_BLOCKS
+    wide = max(reach(film_of(x)) for x in (a, b)) > st.MOST_IN_BLOCKS
     if wide and same_estimator:
         same_estimator = False
         reason = f"needs blocks of pixels that share no samples: a filter of {st.MOST_IN_BLOCKS:g} "
@@ -220,8 +221,8 @@ def film_of(x: Render) -> Film:
 
 
 def together(x: Render) -> float:
-    """Variance of a mean of pixels, at most, over that of independent ones (`st.shared`)."""
-    return st.shared(film_of(x))
+    """Variance of a mean of pixels, at most, over that of independent ones (`sharing.shared`)."""
+    return shared(film_of(x))
 
 
 def _error(x: Render) -> Array:

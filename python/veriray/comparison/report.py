@@ -66,7 +66,7 @@ class Report:
             (variance of the picture's mean over that of independent pixels: about 1 under a box,
             and up to `statistics.shared` under wider filters) of A and B,
             correlation of their noise, asymmetry (skewness of A - B), number of flips.
-        ledger: rows of `veriray.comparison.statistics.LedgerComparison`.
+        ledger: rows of `veriray.comparison.ledgers.LedgerComparison`.
         notes: remarks. `a`, `b`: where the pictures come from.
     """
 

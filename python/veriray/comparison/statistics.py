@@ -25,8 +25,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from veriray.camera import Film
-
     Array = NDArray[Any]
 
 #: Relative bias that does not count as a difference; absolute for fractions of the ledger.
@@ -39,14 +37,11 @@ MIN_EFFECTIVE_SAMPLES = 10_000
 #: Largest mean skewness of A - R at which pixels are tested. Measured with fireflies in A alone:
 #: at 0.35, S2 (pixels) and S3 raise 2 % false alarms at a nominal 1 %; at 0.9 they raise 7 %.
 MAX_ASYMMETRY = 0.3
-#: Pixels that a filter reaches at most where samples are shared (kMostRim in cpp/film/filter.h).
-MOST_SHARED = 16.5
 #: Pixels that a filter reaches at most for blocks of 8 x 8 pixels to count as independent.
 MOST_IN_BLOCKS = 4.0
 #: Batches needed for a t test of blocks against a picture of another effort.
 MIN_BATCHES = 64
 CHANNELS = "RGB"
-ENDS = ("escaped", "emitter_end", "absorbed", "rr_killed", "depth_cut")
 _POWER_Z = 1.2815515655446004  # 90 % power
 MAX_CELLS = 200_000  # of one scale: bounds the time of the flips
 
@@ -398,41 +393,6 @@ def independence(x: Array) -> float:
     return float(np.mean(together[alone > 0] / alone[alone > 0])) if (alone > 0).any() else 1.0
 
 
-def reach(film: Film) -> float:
-    """Pixels from a pixel's centre to where its filter ends; 0.5 of a box."""
-    size, _ = film.filter_parameters
-    return {"gaussian": 4 * size, "mitchell": 2.0}.get(film.filter, size)
-
-
-def shared(film: Film) -> float:
-    """Variance of a mean of pixels, at most, over the one that independent pixels give.
-
-    1, or where samples count in several pixels (cpp/film/shared.h) one over what a filter f of
-    integral 1 leaves of noise that does not depend on the place in a pixel, in both dimensions:
-    (integral of f^2)^2. A sample's weights in all pixels add up to 1, so means of many pixels have
-    all of that noise. Differences between pixels make the pixels' errors larger, not the mean's.
-    """
-    b, c = film.filter_parameters
-    end = reach(film)
-    if not 0.5 < end <= MOST_SHARED:
-        return 1.0
-    x = (np.arange(2**14) + 0.5) * (end / 2**14)
-    if film.filter == "tent":
-        f = 1 - x / b
-    elif film.filter == "gaussian":
-        f = np.exp(-((x / b) ** 2) / 2) - math.exp(-8)
-    elif film.filter == "mitchell":
-        near = (12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + 6 - 2 * b
-        far = (((-b - 6 * c) * x + 6 * b + 30 * c) * x - 12 * b - 48 * c) * x + 8 * b + 24 * c
-        f = np.where(x < 1, near, far)
-    else:
-        f = np.sinc(x) * np.sinc(x / b)
-    square = (f**2).mean() / (2 * end)
-    if square**2 >= 0.8 * np.abs(f).mean() ** 4:  # samples are then drawn for each pixel alone
-        return 1.0
-    return float(f.mean() ** 4 / square**2)
-
-
 def correlation(a: Array, r: Array) -> float:
     """Mean over pixels and channels of the correlation between batches of A and of R."""
     x, y = a - a.mean(axis=0), r - r.mean(axis=0)
@@ -481,113 +441,3 @@ def welch(
         dof = variance**2 / (error_a**4 / dof_a + error_r**4 / dof_r)
     dof = np.where(np.isfinite(dof), dof, 1e12)
     return t, 2 * student.sf(np.abs(t), dof), dof
-
-
-def ledger_problems(ledger: dict[str, list[int]], paths: int) -> list[str]:
-    """Violated identities: live[0] = paths, live[d] = sum of the ends + live[d+1]."""
-    live = ledger["live"]
-    out = [] if live[0] == paths else [f"live[0] = {live[0]}, expected {paths} paths"]
-    columns = (ledger[c][: len(live)] for c in (*ENDS, "invalid"))
-    rows = zip(live, map(sum, zip(*columns, strict=True)), [*live[1:], 0], strict=True)
-    for d, (count, ends, following) in enumerate(rows):
-        if count != ends + following:
-            out.append(f"depth {d}: live {count}, ends {ends} + next {following}")
-    return out
-
-
-@dataclass(frozen=True)
-class LedgerComparison:
-    """Two ledgers side by side.
-
-    Attributes:
-        statistic, p, where: chi-square over its degrees of freedom, p, and the first cells that
-            Holm names (or the most unusual one) for the ends of paths.
-        shadow_p, shadow_where: the same for shadow rays, by the largest |z|.
-        rows: per depth and column: depth, column, counts a and b, their fractions of all paths,
-            z of the difference (margin subtracted), and whether Holm over the cells names it.
-    """
-
-    statistic: float
-    p: float
-    where: str
-    shadow_p: float
-    shadow_where: str
-    rows: list[dict[str, Any]]
-
-
-def ledger_test(a: dict[str, list[int]], r: dict[str, list[int]], alpha: float) -> LedgerComparison:
-    """Do paths end alike? Two-sample test of the counts per (depth, end).
-
-    Chi-square over the cells (those that expect fewer than 10 are pooled) and, for a tail that
-    drifts the same way at every depth, the largest |z| of the fractions that reach each depth; p is
-    twice the smaller one. A difference of `MARGIN` in a fraction of all paths does not count.
-    """
-    from scipy.stats import chi2, norm
-
-    names = ("live", *ENDS, "shadow_visible", "shadow_occluded")
-    depths = max(len(a["live"]), len(r["live"]))
-    count = np.array([[x[c] + [0] * (depths - len(x[c])) for c in names] for x in (a, r)], float)
-    paths = count[:, 0, 0]
-    share = count / paths[:, None, None]
-    pooled = count.sum(axis=0) / paths.sum()
-    known = pooled * paths.min() >= 10
-    known[0, 0] = False  # all paths
-    noise = np.sqrt(np.clip(pooled * (1 - pooled), 0, 1) * (1 / paths).sum())
-    difference = share[0] - share[1]
-    excess = np.sign(difference) * np.maximum(np.abs(difference) - MARGIN, 0)
-    z = np.where(excess == 0, 0.0, excess / np.maximum(noise, 1e-300))
-
-    ends = slice(1, 1 + len(ENDS))
-    used = known[ends]
-    terms = excess[ends][used] ** 2 / pooled[ends][used]
-    rare = float(pooled[ends][~used].sum())
-    if rare * paths.min() >= 10:
-        rest = max(abs(float(difference[ends][~used].sum())) - MARGIN, 0.0)
-        terms = np.append(terms, rest**2 / rare)
-    statistic = float(terms.sum() / (1 / paths).sum())
-    dof = max(len(terms) - 1, 1)
-
-    def place(column: int, depth: int) -> str:
-        x, y = share[:, column, depth]
-        return (
-            f"{names[column]} at depth {depth}: {x:.6f} against {y:.6f} of all paths, "
-            f"z = {z[column, depth]:+.2f}"
-        )
-
-    def largest(rows: slice) -> tuple[float, str]:
-        score = np.where(known, np.abs(z), -1)[rows]
-        column, depth = np.unravel_index(np.argmax(score), score.shape)
-        p = 2 * float(norm.sf(max(score.max(), 0))) * max(int(known[rows].sum()), 1)
-        return min(1.0, p), place(int(column) + (rows.start or 0), int(depth))
-
-    p = min(1.0, 2 * min(float(chi2.sf(statistic, dof)), largest(slice(0, 1))[0]))
-    body = slice(0, 1 + len(ENDS))
-    tails = np.where(known[body], 2 * norm.sf(np.abs(z[body])), 2.0)
-    order = np.argsort(tails, axis=None)[: int(known[body].sum())]
-    named: list[tuple[int, int]] = []
-    for rank, k in enumerate(order):
-        if tails.flat[k] > alpha / (len(order) - rank):
-            break
-        named.append(divmod(int(k), depths))
-    named.sort(key=lambda cell: cell[1])
-    rows = [
-        {
-            "depth": d,
-            "column": name,
-            "a": int(count[0, c, d]),
-            "b": int(count[1, c, d]),
-            "share_a": float(share[0, c, d]),
-            "share_b": float(share[1, c, d]),
-            "z": float(z[c, d]),
-            "named": (c, d) in named,
-        }
-        for d in range(depths)
-        for c, name in enumerate(names)
-    ]
-    return LedgerComparison(
-        statistic / dof,
-        p,
-        "; ".join(place(*cell) for cell in named[:3]) or largest(body)[1],
-        *largest(slice(1 + len(ENDS), None)),
-        rows,
-    )

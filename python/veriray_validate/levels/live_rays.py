@@ -23,7 +23,7 @@ from scipy import stats
 
 import veriray
 from veriray import depths
-from veriray.comparison import statistics as st
+from veriray.comparison import ledgers
 from veriray.rendering import LEDGER_COLUMNS, METHODS, Render
 from veriray.scene import Scene
 from veriray_validate import dicts, references
@@ -56,7 +56,7 @@ QUICK = {
     "spheres_300",
     "smooth_normals", "spot_light", "thindielectric", "touching_media",
 }  # fmt: skip
-ENDS = (*st.ENDS, "invalid")
+ENDS = (*ledgers.ENDS, "invalid")
 
 
 def column(r: Render, name: str) -> Array:
@@ -384,12 +384,12 @@ def against(scene: Scene, r: Render, ledger: dict[str, list[int]]) -> list[tuple
     p = []
     for d in range(min(len(own["live"]), len(theirs["live"]))):
         rows = [
-            [x[c][d] for c in st.ENDS] + [x["live"][d + 1] if d + 1 < len(x["live"]) else 0]
+            [x[c][d] for c in ledgers.ENDS] + [x["live"][d + 1] if d + 1 < len(x["live"]) else 0]
             for x in (own, theirs)
         ]
         p.append((homogeneous(np.array(rows)), f"ends at depth {d}"))
     worst, where = min(p)
-    all_ = st.ledger_test(r.stats["ledger"], ledger, FIRST)
+    all_ = ledgers.ledger_test(r.stats["ledger"], ledger, FIRST)
     out = [(sidak(worst, len(p)), where), (all_.p, all_.where)]
     if "plastic" not in r.stats["features"] and np.all(np.asarray(scene.albedo) > 0):
         out.append((all_.shadow_p, f"shadow rays: {all_.shadow_where}"))

@@ -43,6 +43,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from veriray.columns import MATERIAL_KINDS
+from veriray.comparison import ledgers
 from veriray.comparison import statistics as st
 from veriray.scene import Scene
 from veriray_validate import references
@@ -113,7 +114,7 @@ def comparison(a: Run, r: Run, parts: Parts, rng: np.random.Generator, *,
                 (batches, "S5: noise of batches hangs together")]  # fmt: skip
         tails = [np.log(effective(x, level)[noisy]) for x in (a, r)]
         out.append((float(stats.ks_2samp(*tails, method="asymp").pvalue), "S6: effective samples"))
-    ends = st.ledger_test(a.ledger, r.ledger, FIRST)
+    ends = ledgers.ledger_test(a.ledger, r.ledger, FIRST)
     out.append((ends.p, f"L4: {ends.where}"))
     return out
 

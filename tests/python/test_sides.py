@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -241,6 +243,29 @@ def test_refused_sides(tmp_path: Path, cornell: vr.Scene) -> None:
     for side in ([], [3]):
         with pytest.raises(TypeError, match="expected a Render"):
             vr.compare(side, good)  # type: ignore[arg-type]
+
+
+def test_a_list_keeps_the_filter(cornell: vr.Scene) -> None:
+    one = vr.render(cornell, 2, width=8, height=6, device="cpu")
+    made = []
+    for k in range(4):
+        image = one.image + np.float32(k)
+        image[0, 0] = -1 - k  # a weight of the filter below 0 beside a bright pixel
+        stats = {**one.stats, "filter": "gaussian", "filter_parameter": 0.5}
+        made.append(replace(one, image=image, stats=stats))
+    side, _, _ = sides.opened(made, "A")
+    assert (side.stats["filter"], side.stats["filter_parameter"]) == ("gaussian", 0.5)
+    report = vr.compare(made[:2], made[2:])
+    assert all(test.result == "pass" for test in report.tests if test.name.startswith("S0"))
+
+
+def test_infinite_values_in_a_list_are_found(cornell: vr.Scene) -> None:
+    made = [vr.render(cornell, 2, seed=k, width=8, height=6, device="cpu") for k in range(4)]
+    bad = [replace(one, image=np.full_like(one.image, np.inf)) for one in made[:1]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        report = vr.compare([*bad, made[1]], made[2:])
+    assert report.result == "fail" and "S0" in report.verdict
 
 
 def test_a_list_of_one_is_that_one(cornell: vr.Scene) -> None:

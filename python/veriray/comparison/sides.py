@@ -159,9 +159,13 @@ def _many(
             listed = ", ".join(sorted(map(str, values))[:3])
             raise CompareError(f"{letter} holds pictures of different {what}: {listed}")
     means = np.stack([render.image.astype(np.float64) for render in renders])
-    error = means.std(axis=0, ddof=1) / math.sqrt(len(means))
+    with np.errstate(invalid="ignore"):  # infinite values: S0 finds them
+        error = means.std(axis=0, ddof=1) / math.sqrt(len(means))
     first, (each,) = renders[0], counts
-    kept = ("renderer", "half", "luminance", "scene_sha256", "max_depth", "rr_depth", "features")
+    kept = (
+        "renderer", "half", "luminance", "scene_sha256", "max_depth", "rr_depth", "features",
+        "filter", "filter_parameter",
+    )  # fmt: skip
     stats = {name: first.stats[name] for name in kept if name in first.stats}
     stats |= {"pictures": len(means), "spp_unknown": not each}
     made = Render(

@@ -128,6 +128,23 @@ def test_variance_channels_need_samples(tmp_path: Path) -> None:
     assert found.renderer == "pbrt" and np.allclose(found.stderr, 0.3 / 6)
 
 
+def test_parts_of_a_picture_that_lie_apart(tmp_path: Path) -> None:
+    def cut(name: str, k: int, x: int, y: int, side: int = 99) -> Path:
+        corners = [(x, y), (x + 47, y + 39)], [(0, 0), (side, side)]
+        windows = [tuple(np.array(c, np.int32) for c in two) for two in corners]
+        header = dict(zip(("dataWindow", "displayWindow"), windows, strict=True))
+        return write(tmp_path / name, rgb(images[k]), header)
+
+    images = pictures(4)
+    here, too = cut("here.exr", 0, 10, 5), cut("too.exr", 1, 10, 5)
+    there, own = cut("there.exr", 2, 20, 5), cut("own.exr", 3, 0, 0, 47)
+    apart = r"of 100 x 100: .*here.exr begins at pixel \(10, 5\), .*there.exr at \(20, 5\)"
+    for a, b in ((here, there), ([here, there], own)):
+        with pytest.raises(CompareError, match=apart):
+            vr.compare(a, b)
+    assert vr.compare(here, too).result and vr.compare(here, own).result
+
+
 # ---- verdicts ----
 
 

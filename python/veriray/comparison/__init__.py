@@ -14,7 +14,14 @@ from veriray.comparison import statistics as st
 from veriray.comparison.effort import equal_effort, together, unequal_effort
 from veriray.comparison.ledgers import ENDS, ledger_problems, ledger_test
 from veriray.comparison.report import Maps, Report
-from veriray.comparison.sides import CompareError, Source, advice, alike, opened
+from veriray.comparison.sides import (
+    CompareError,
+    Source,
+    advice,
+    alike,
+    check_windows,
+    opened,
+)
 from veriray.comparison.statistics import Test
 from veriray.errors import printable
 from veriray.extras import need
@@ -93,6 +100,7 @@ def compare(
     b, name_b, mask_b = opened(b, "B", layers[1], counts[1])
     if a.image.shape != b.image.shape:
         raise CompareError(f"different sizes: {name_a} is {_size(a)}, {name_b} is {_size(b)}")
+    check_windows(((a, name_a), (b, name_b)))
     a, b = alike(a, b)
     if regions is None:
         regions, names = mask_a if mask_a[0] is not None else mask_b

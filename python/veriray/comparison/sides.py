@@ -105,11 +105,13 @@ def _one(
         render = source
     elif isinstance(source, (str, os.PathLike)):
         name = path_text(letter, source, CompareError)
-        if channels is None and _is_ours(source):
+        header, names = read_header(source)
+        if channels is None and _is_ours(header, names):
             render, mask, labels = load_with_regions(source)
             masks = mask, labels
         else:
             render = _rendered(read(source, channels, spp))
+        render = replace(render, stats={**render.stats, "window": _window(header)})
     else:
         raise TypeError(f"{letter} is {type(source).__name__}; expected a Render or a path")
     if render.stats.get("denoiser"):
@@ -152,6 +154,7 @@ def _many(
             )
         renders.append(render)
         names.append(name)
+    check_windows([*zip(renders, names, strict=True)])
     counts = {render.spp for render in renders}
     hashes = {str(render.stats.get("scene_sha256") or "") for render in renders}
     for what, values in (("samples per pixel", counts), ("scenes", hashes)):
@@ -164,7 +167,7 @@ def _many(
     first, (each,) = renders[0], counts
     kept = (
         "renderer", "half", "luminance", "scene_sha256", "max_depth", "rr_depth", "features",
-        "filter", "filter_parameter",
+        "filter", "filter_parameter", "window",
     )  # fmt: skip
     stats = {name: first.stats[name] for name in kept if name in first.stats}
     stats |= {"pictures": len(means), "spp_unknown": not each}
@@ -223,10 +226,35 @@ def _seeds(program: str) -> str:
 # ---- files ----
 
 
-def _is_ours(path: Path) -> bool:
+def _is_ours(header: dict[str, Any], names: list[str]) -> bool:
     """Whether a file has our layout."""
-    header, names = read_header(path)
     return "veriray.format" in header or "stderr.R" in names
+
+
+def _window(header: dict[str, Any]) -> tuple[int, ...]:
+    """Where the first pixel lies in the whole picture, and the size of that."""
+    low, high = (np.asarray(corner, np.int64) for corner in header["displayWindow"])
+    first = np.asarray(header["dataWindow"][0], np.int64)
+    return *map(int, first - low), *map(int, high - low + 1)
+
+
+def check_windows(sides: Sequence[tuple[Render, str]]) -> None:
+    """Raises CompareError for two parts of a picture, of one size, that lie apart.
+
+    sides: renders with their names. Whole pictures of different sizes say nothing of where the one
+    lies in the other: a cut-out that is a picture of its own may be compared with a part.
+    """
+    seen: dict[tuple[int, ...], tuple[tuple[int, ...], str]] = {}
+    for render, name in sides:
+        x, y, *whole = render.stats.get("window") or (0, 0)
+        if not whole:
+            continue
+        (other_x, other_y), other = seen.setdefault((*whole,), ((x, y), name))
+        if (x, y) != (other_x, other_y):
+            raise CompareError(
+                f"different parts of a picture of {whole[0]} x {whole[1]}: {other} begins at pixel "
+                f"({other_x}, {other_y}), {name} at ({x}, {y})"
+            )
 
 
 def read(path: Path, channels: str | None = None, spp: int | None = None) -> Foreign:

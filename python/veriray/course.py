@@ -29,8 +29,9 @@ class Course:
     checkpoint: a file; if it exists the render goes on from it. It is written about every `every`
     seconds, and at the end. seconds: of sampling at most, as far as whole passes allow, and at
     least until there is a picture. on_pass: called with the picture after each pass. keeps: Ctrl-C
-    ends the render with what is there, if that is a picture. failed: why the last write of the
-    checkpoint failed, None if it did not.
+    ends the render with what is there, if that is a picture, and leaves out feature images while
+    they are drawn. on_stop: called after Ctrl-C with the picture before feature images are drawn.
+    failed: why the last write of the checkpoint failed, None if it did not.
 
     Raises ValueError, OSError for a checkpoint that cannot be written.
     """
@@ -40,6 +41,7 @@ class Course:
     seconds: float | None = None
     on_pass: Callable[[Render], object] | None = None
     keeps: bool = False
+    on_stop: Callable[[Render], object] | None = None
     failed: OSError | None = None
 
     def __post_init__(self) -> None:

@@ -283,7 +283,14 @@ def _finished(
         made.stats.update(stopped=stopped, spp_asked=used.spp)
         used = used.with_checked({"spp": made.spp, "batches": 0, "target_error": None})
     if used.features or used.light_groups:
-        made.__dict__["features"] = beside(made, scene, work._scene, used)
+        try:
+            if course is not None and course.on_stop is not None and stopped == "interrupted":
+                course.on_stop(made)
+            made.__dict__["features"] = beside(made, scene, work._scene, used)
+        except KeyboardInterrupt:
+            if course is None or not course.keeps:
+                raise
+            made.stats.update(stopped="interrupted", spp_asked=work.settings.spp)
     if progress is not None:
         progress(1.0)
     return made

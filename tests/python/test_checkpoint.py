@@ -382,6 +382,37 @@ def test_interrupt_keeps_the_picture(
         assert vr.Checkpoint.load("a.film").spp == made.spp
 
 
+@pytest.mark.parametrize(("spp", "times"), [("1000000000", 2), ("1", 1)])
+def test_interrupt_leaves_feature_images_out(
+    spp: str, times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a picture that Ctrl-C stopped, they are drawn once that is written."""
+    monkeypatch.chdir(tmp_path)
+    more = ["--features", "normal", "--feature-spp", "1000000000", "-o", "a.exr"]
+    process = subprocess.Popen(
+        [*COMMAND, *SMALL, "--spp", spp, *more], text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None and process.stdout.readline().startswith("device")
+        time.sleep(3)
+        process.send_signal(signal.SIGINT)
+        end = time.monotonic() + 30
+        while times == 2 and not os.path.exists("a.exr") and time.monotonic() < end:
+            time.sleep(0.05)
+        if times == 2:
+            assert vr.Render.load("a.exr").stats["stopped"] == "interrupted"
+            process.send_signal(signal.SIGINT)
+        err = process.communicate(timeout=30)[1]
+    finally:
+        process.kill()
+    assert process.returncode == 130, err
+    made = vr.Render.load("a.exr")
+    assert f"has {made.spp} of {spp} samples per pixel, and no feature images" in err
+    assert made.stats["stopped"] == "interrupted" and not made.features
+
+
 def test_previews(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """Outputs appear while the render goes on; one that cannot be written costs nothing else."""
     monkeypatch.chdir(tmp_path)

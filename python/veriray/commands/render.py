@@ -144,6 +144,7 @@ def _render(arguments: argparse.Namespace) -> int:
             scheduler, why = choose_scheduler(settled, backend, facts)
             say(f"scheduler  {scheduler} ({why})")
     course = _course(arguments, keeps=not arguments.discard)
+    course.on_stop = _stop_shown(arguments)
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
         result = render_with(scene, settings, progress, course)
@@ -157,6 +158,8 @@ def _render(arguments: argparse.Namespace) -> int:
     if stopped:
         why = "--time is over" if stopped == "time" else stopped
         text = f"the picture has {result.spp} of {result.stats['spp_asked']} samples per pixel"
+        if (settled.features or settled.light_groups) and not result.features:
+            text += ", and no feature images"
         say(f"veriray: {why}: {text}", file=sys.stderr)
     if course.failed is not None:
         raise course.failed
@@ -196,6 +199,19 @@ def _previews(arguments: argparse.Namespace) -> Callable[[Render], None]:
         written = time.monotonic()
 
     return of_pass
+
+
+def _stop_shown(arguments: argparse.Namespace) -> Callable[[Render], None]:
+    """Called after Ctrl-C: writes the outputs before feature images, which may take long."""
+    from ..image import save
+
+    def of_stop(picture: Render) -> None:
+        for path in arguments.output:
+            save(picture, path, exposure=arguments.exposure)
+        text = "the picture is written; its feature images are drawn (once more leaves them out)"
+        say(f"veriray: interrupted: {text}", file=sys.stderr)
+
+    return of_stop
 
 
 def _draw_range(arguments: argparse.Namespace) -> int:

@@ -45,7 +45,8 @@ def denoised(image: Array, albedo: Array | None, normal: Array | None) -> tuple[
         if array.dtype.kind not in "fiu" or array.shape != image.shape:
             raise ValueError(f"{name} is {shown(values)}, expected numbers {image.shape}")
         if not np.isfinite(array).all():
-            raise ValueError(f"{name} holds numbers that are not finite")
+            at = [int(k) for k in np.argwhere(~np.isfinite(array))[0]]
+            raise ValueError(f"{name}{at} = {array[tuple(at)]}; expected finite numbers")
         arrays[name] = np.ascontiguousarray(array, np.float32)
     need("denoising", "denoise")
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import types
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ def test_arrays_beside_the_picture(cornell: vr.Scene, calls: list[dict[str, Any]
         ((None, albedo), "normal without albedo"),
         ((albedo[:3],), "albedo is"),
         (("red",), "albedo is 'red'"),
-        ((albedo * np.nan,), "albedo holds numbers that are not finite"),
+        ((albedo * np.nan,), r"albedo\[0, 0, 0\] = nan; expected finite numbers"),
     ):
         with pytest.raises(ValueError, match=text):
             noisy.denoised(*arguments)  # type: ignore[arg-type]
@@ -94,6 +95,23 @@ def test_the_command(
     assert main(["denoise", str(tmp_path / "a.exr"), str(tmp_path / "b.exr")]) == 0
     assert "denoised by Open Image Denoise 2.5.1" in capsys.readouterr().out
     assert vr.Render.load(tmp_path / "b.exr").stats["denoiser"]
+
+
+def test_the_command_names_the_file_and_the_pixel(
+    tmp_path: Path, cornell: vr.Scene, calls: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.exr"
+    made = vr.render(cornell, 2, device="cpu")
+    image = made.image.copy()
+    image[3, 4, 1] = np.inf
+    replace(made, image=image, film_sha256="").save(path)
+    assert main(["denoise", str(path), str(tmp_path / "b.exr")]) == 2
+    wanted = f"{path}: image[3, 4, 1] = inf; expected finite numbers"
+    assert capsys.readouterr().err == f"veriray: error: {wanted}\n"
+    made.denoised().save(path)
+    assert main(["denoise", str(path), str(tmp_path / "b.exr")]) == 2
+    assert f"{path}: the picture is denoised already" in capsys.readouterr().err
+    assert not (tmp_path / "b.exr").exists()
 
 
 def test_the_package_itself(cornell: vr.Scene) -> None:

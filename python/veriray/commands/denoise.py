@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from ..extras import need
-from .common import check_distinct, check_output, say, stops
+from .common import CommandError, check_distinct, check_output, say, stops
 
 
 def add(commands: Any) -> None:
@@ -24,7 +24,11 @@ def _denoise(arguments: argparse.Namespace) -> int:
     check_distinct([arguments.output], [arguments.input])
     from ..picture import Render
 
-    made = Render.load(arguments.input).denoised()
+    noisy = Render.load(arguments.input)
+    try:
+        made = noisy.denoised()
+    except ValueError as error:
+        raise CommandError(f"{arguments.input}: {error}") from None
     made.save(arguments.output, exposure=arguments.exposure)
     say(f"written    {arguments.output}, denoised by {made.stats['denoiser']}")
     return 0

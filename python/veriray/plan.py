@@ -7,6 +7,7 @@ from typing import Any
 
 from . import kernels
 from .columns import MATERIAL_KINDS, SCATTERING_KINDS
+from .features import PARTS
 from .first_surface import check
 from .light_groups import resolved
 from .sampling import PILOT
@@ -48,12 +49,13 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
     if batches == 1 or (batches and spp % batches):
         raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
     if settings.target_error is not None:
+        beside = f"beside target_error = {settings.target_error:g}"
         if not PILOT <= spp <= 2**31:
-            raise ValueError(f"spp = {spp}; with target_error {PILOT} to {2**31}")
+            raise ValueError(f"spp = {spp}; expected {PILOT} to {2**31} {beside}")
         if batches:
-            raise ValueError(f"batches = {batches}; with target_error 0")
-        if {"direct", "indirect"} & {*settings.features}:
-            raise ValueError(f"features = {settings.features}; with target_error no parts")
+            raise ValueError(f"batches = {batches}; expected 0 {beside}")
+        if parts := [name for name in PARTS if name in settings.features]:
+            raise ValueError(f"features: {', '.join(parts)} not together with target_error")
         if settings.light_groups:
             raise ValueError("light_groups: not together with target_error")
     if settings.light_groups:

@@ -91,8 +91,8 @@ def test_compared_with_uniform_samples() -> None:
         ({"target_error": 1}, "target_error = 1 is outside (0, 1)"),
         ({"target_error": float("nan")}, "target_error = nan"),
         ({"target_error": "small"}, "target_error = 'small' is not a number"),
-        ({"spp": 15}, "spp = 15; with target_error 16 to"),
-        ({"batches": 4}, "batches = 4; with target_error 0"),
+        ({"spp": 15}, "spp = 15; expected 16 to 2147483648 beside target_error = "),
+        ({"batches": 4}, "batches = 4; expected 0 beside target_error = "),
     ],
 )
 def test_errors(settings: dict[str, Any], words: str) -> None:

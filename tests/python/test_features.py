@@ -567,7 +567,10 @@ def test_what_a_render_refuses() -> None:
         ({"features": "depth", "motion_to": scene.camera}, 'motion_to is for the feature "motion"'),
         ({"features": "motion", "motion_to": 1}, "motion_to = 1 is not a Camera"),
         ({"features": "motion", "motion_to": meter}, "a camera of projection irradiance sees no"),
-        ({"features": "direct", "target_error": 0.5, "spp": 16}, "with target_error no parts"),
+        (
+            {"features": "direct", "target_error": 0.5, "spp": 16},
+            "direct not together with target_error",
+        ),
         ({"features": "depth", "feature_spp": 0}, "feature_spp = 0 is outside"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -119,6 +119,16 @@ def test_parts(tmp_path: Path) -> None:
     assert np.array_equal(sides.read(path, "beauty").image, one)
 
 
+def test_the_first_part_by_name(tmp_path: Path) -> None:
+    one, two = (x.astype(np.float32) for x in pictures(2))
+    path = write(tmp_path / "x.exr", rgb(one), None, right=rgb(two))
+    assert np.array_equal(sides.read(path, "first").image, one)
+    assert np.array_equal(sides.read(path, "right").image, two)
+    layers = rgb(one, "A.Combined.") | rgb(two, "B.Combined.")
+    with pytest.raises(ImageError, match=r"\(several: A.Combined, B.Combined\)"):
+        sides.read(write(tmp_path / "y.exr", layers), "Combined")
+
+
 def test_variance_channels_need_samples(tmp_path: Path) -> None:
     image = pictures(1)[0]
     variance = rgb(np.full_like(image, 0.09), "Variance.") | rgb(image, "RelativeVariance.")

@@ -265,7 +265,7 @@ def read(path: Path, channels: str | None = None, spp: int | None = None) -> For
     where = os.fspath(path)
     header, layers = read_exr(path, MAX_BYTES, every_part=True)
     renderer = _renderer(header, layers)
-    names = _chosen(layers, channels, str(where))
+    names = _chosen(layers, channels, str(where), str(header.get("name", "")))
     pixels = [layers[name] for name in names]
     if len({values.shape for values in pixels}) > 1:
         raise ImageError(f"{where}: {', '.join(names)} have different sizes")
@@ -282,8 +282,11 @@ def read(path: Path, channels: str | None = None, spp: int | None = None) -> For
     return Foreign(image, stderr, spp, renderer, half, luminance)
 
 
-def _chosen(layers: dict[str, Array], channels: str | None, where: str) -> list[str]:
-    """The names of the three channels, or of the one, that hold the picture."""
+def _chosen(layers: dict[str, Array], channels: str | None, where: str, part: str) -> list[str]:
+    """The names of the three channels, or of the one, that hold the picture.
+
+    part: the name of the first part, whose channels do not bear it.
+    """
     wholes = [name[:-1] for name in layers if name.endswith("R")
               and (name == "R" or name.endswith(".R"))
               and all(name[:-1] + letter in layers for letter in "GB")]  # fmt: skip
@@ -296,7 +299,9 @@ def _chosen(layers: dict[str, Array], channels: str | None, where: str) -> list[
         ends = [x for x in wholes if x == f"{channels}." or x.endswith(f".{channels}.")]
         if len(ends) == 1:
             return [ends[0] + letter for letter in "RGB"]
-        several = f" (several: {', '.join(ends)})" if ends else ""
+        if channels == part and "" in wholes:
+            return ["R", "G", "B"]
+        several = f" (several: {', '.join(x.rstrip('.') for x in ends)})" if ends else ""
         raise ImageError(f"{where}: no layer or channels {channels!r}{several}; {_listed(layers)}")
     if "" in wholes:
         return ["R", "G", "B"]

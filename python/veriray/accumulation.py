@@ -16,7 +16,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -113,6 +113,17 @@ class Accumulation:
         self._size = used.film.width, used.film.height
         self._kept = Kept()
         self._means: Array | None = None
+
+    def __repr__(self) -> str:
+        width, height = self._size
+        asked, seed = self._scene.spp, self.settings.seed
+        return (
+            f"<Accumulation {width} x {height}, {self.spp} of {asked} spp, seed {seed}, "
+            f"on {self.settings.device}>"
+        )
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("an Accumulation is not copied: keep its checkpoint() and resume another")
 
     @property
     def device(self) -> device_module.Device:

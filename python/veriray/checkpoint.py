@@ -58,6 +58,10 @@ class Checkpoint:
     machine: dict[str, str] = field(default_factory=dict)
     where: str = ""
 
+    def __repr__(self) -> str:
+        width, height, seed = (self.render.get(name) for name in ("width", "height", "seed"))
+        return f"<Checkpoint {width} x {height}, samples {self.first}:{self.end}, seed {seed}>"
+
     @property
     def end(self) -> int:
         """Number after that of the last sample."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import random
 import signal
 import time
@@ -62,6 +64,20 @@ def test_every_state_is_a_picture() -> None:
         assert work.left == max(10 - work.spp, 0)
         once = vr.render(vr.cornell_box(), work.spp, device="cpu", **SIZE)
         assert r.film_sha256 == once.film_sha256
+
+
+def test_short_texts_and_no_copies() -> None:
+    work = accumulated([])
+    device = work.settings.device
+    assert repr(work) == f"<Accumulation 24 x 18, 0 of 64 spp, seed 0, on {device}>"
+    work.add(3)
+    assert repr(work) == f"<Accumulation 24 x 18, 3 of 64 spp, seed 0, on {device}>"
+    kept = work.checkpoint()
+    assert repr(kept) == "<Checkpoint 24 x 18, samples 0:3, seed 0>"
+    for copied in (pickle.dumps, copy.deepcopy):
+        with pytest.raises(TypeError, match="keep its checkpoint"):
+            copied(work)
+        copied(kept)
 
 
 def test_pictures_stay_as_they_are() -> None:

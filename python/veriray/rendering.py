@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, overload
@@ -15,7 +16,7 @@ from .course import EVERY, Course
 from .feature_rendering import beside
 from .held import with_room
 from .native_scene import native_scene, scene_facts
-from .numeric import shown, whole
+from .numeric import number, shown, whole
 from .picture import LEDGER_COLUMNS as LEDGER_COLUMNS
 from .picture import Render
 from .plan import choose_scheduler as choose_scheduler
@@ -200,6 +201,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         target_error=target_error, builder=builder, features=features, feature_spp=feature_spp,
         light_groups=light_groups, motion_to=motion_to, cluster=cluster,
     )  # fmt: skip
+    number("every", every, 0, math.inf, error=ValueError)
     course = None
     if checkpoint is not None or time is not None or on_pass is not None:
         if cameras is not None:

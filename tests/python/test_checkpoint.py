@@ -413,6 +413,12 @@ def test_interrupt_leaves_feature_images_out(
     assert made.stats["stopped"] == "interrupted" and not made.features
 
 
+def test_every_is_checked_without_a_checkpoint() -> None:
+    for every in (-1, float("nan"), "x"):
+        with pytest.raises(ValueError, match="every = "):
+            vr.render(vr.cornell_box(), 1, every=every, width=8, height=6, device="cpu")  # type: ignore[arg-type]
+
+
 def test_previews(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """Outputs appear while the render goes on; one that cannot be written costs nothing else."""
     monkeypatch.chdir(tmp_path)

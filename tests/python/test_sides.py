@@ -295,6 +295,12 @@ def test_infinite_values_in_a_list_are_found(cornell: vr.Scene) -> None:
     assert report.result == "fail" and "S0" in report.verdict
 
 
+def test_an_empty_list(cornell: vr.Scene) -> None:
+    one = vr.render(cornell, 2, width=8, height=6, device="cpu")
+    with pytest.raises(TypeError, match="A is an empty list; expected a Render or a path"):
+        vr.compare([], one)
+
+
 def test_a_list_of_one_is_that_one(cornell: vr.Scene) -> None:
     one = vr.render(cornell, 32, batches=16, device="cpu")
     assert vr.compare([one], one).effort == "identical"

@@ -86,7 +86,11 @@ def opened(
         if render.batch_means is not None and len(render.batch_means) < 2:
             render = replace(render, batch_means=None)
         return render, name, masks
-    if not isinstance(source, Sequence) or not source:
+    if isinstance(source, Sequence) and not source:
+        raise TypeError(
+            f"{letter} is an empty list; expected a Render or a path, or a list of these"
+        )
+    if not isinstance(source, Sequence):
         kind = type(source).__name__
         raise TypeError(f"{letter} is {kind}; expected a Render or a path, or a list of these")
     if len(source) == 1:

@@ -472,6 +472,7 @@ def _shapes() -> None:
     LOOKS["instance", "to_world"] = Look(
         "shape", [("three of one group", {"type": "shapegroup", "objects": several})]
     )
+    PLAIN["rectangle", "face_normals"] = PLAIN["cube", "face_normals"] = "without effect"
     PLAIN["", "flip_normals"] = "swaps front and back: see `twosided`"
     PLAIN["", "flip_tex_coords"] = "turns textures upside down"
     PLAIN["", "shape_index"] = "which mesh of a file"
@@ -780,6 +781,7 @@ def _cameras() -> None:
             [(t, {**pinhole, key: v}) for t, v in (("-0.25", -0.25), ("0", 0.0), ("0.25", 0.25))],
         )
     PLAIN["perspective", "focus_distance"] = "without effect"
+    PLAIN["orthographic", "focus_distance"] = "without effect"
     LOOKS["thinlens", "aperture_radius"] = Look(
         "camera",
         [

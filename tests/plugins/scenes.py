@@ -47,7 +47,6 @@ NEEDED = {
     ("sensor", "thinlens"): {
         "fov": _floats(("fov", 40)),
         "aperture_radius": _floats(("aperture_radius", 0.1)),
-        "focus_distance": _floats(("focus_distance", 3)),
     },
     ("emitter", "projector"): {"fov": _floats(("fov", 40))},
     ("emitter", "sunsky"): {"sun_direction": '<vector name="sun_direction" value="0 1 1"/>'},

@@ -17,7 +17,7 @@ _RUN = "samples_per_pass:integer timeout:float block_size:integer"
 _DEPTH = "max_depth:integer rr_depth:integer hide_emitters:boolean"
 _DEPTHS = f"{_DEPTH} {_RUN}"
 _SHUTTER = "shutter_close:shutter srf:spectrum"
-_CLIP = "near_clip:float far_clip:far"
+_CLIP = "near_clip:float far_clip:far focus_distance:float"
 _LENS = (
     "fov:float focal_length:focal fov_axis:string=x,string=y,string=diagonal,string=smaller,string=larger "
     f"to_world:transform {_CLIP} {_SHUTTER}"
@@ -117,9 +117,9 @@ sensor irradiancemeter
 sensor orthographic to_world:transform {_CLIP} {_SHUTTER}
 sensor perspective {_LENS} principal_point_offset_x:float principal_point_offset_y:float
 sensor radiancemeter origin:ray to_world:transform {_SHUTTER}
-sensor thinlens aperture_radius:required focus_distance:float {_LENS}
+sensor thinlens aperture_radius:required {_LENS}
 shape bsplinecurve filename:file to_world:transform silhouette_sampling_weight:float
-shape cube to_world:transform flip_normals:boolean bsdf:bsdf emitter:area interior:medium exterior:medium
+shape cube to_world:transform flip_normals:boolean face_normals:boolean bsdf:bsdf emitter:area interior:medium exterior:medium
 shape cylinder p0:point p1:point radius:float flip_normals:boolean to_world:transform silhouette_sampling_weight:float emitter:area
 shape disk flip_normals:boolean to_world:transform silhouette_sampling_weight:float
 shape ellipsoids {_GAUSSIANS}
@@ -129,7 +129,7 @@ shape linearcurve filename:file to_world:transform silhouette_sampling_weight:fl
 shape merge +shape
 shape obj {_MESH} flip_tex_coords:boolean
 shape ply {_MESH} flip_tex_coords:boolean
-shape rectangle flip_normals:boolean to_world:transform silhouette_sampling_weight:float
+shape rectangle flip_normals:boolean face_normals:boolean to_world:transform silhouette_sampling_weight:float
 shape sdfgrid filename:file to_world:transform normals:string=smooth,string=analytic silhouette_sampling_weight:float
 shape serialized {_MESH} shape_index:zero
 shape shapegroup +shape

@@ -286,6 +286,48 @@ def test_thin_lens_mitchell_and_volpath(tmp_path):
     assert scene.film == Film(768, 576, "mitchell", (0, 0.5)) and scene.max_depth == 7
 
 
+@pytest.mark.parametrize(
+    ("clip", "distance"), [("", 1e4), ('<float name="far_clip" value="6"/>', 6)]
+)
+def test_a_lens_without_focus_distance_has_its_far_plane_in_focus(tmp_path, clip, distance):
+    """As in Mitsuba, whose far plane is 10,000 away if none is given."""
+    head = (
+        f'<scene version="3.0.0"><sensor type="thinlens"><float name="fov" value="40"/>{clip}'
+        '<float name="aperture_radius" value="0.25"/></sensor>'
+    )
+    scene = load(tmp_path, '<shape type="cube"><emitter type="area"/></shape>', head)
+    assert (scene.camera.aperture_radius, scene.camera.focus_distance) == (0.25, distance)
+
+
+def test_the_focus_of_parallel_rays_has_no_effect(tmp_path):
+    head = '<scene version="3.0.0"><sensor type="orthographic">{}</sensor>'
+    body = '<shape type="cube"><emitter type="area"/></shape>'
+    scenes = [
+        load(tmp_path, body, head.format(given))
+        for given in ("", '<float name="focus_distance" value="3"/>')
+    ]
+    assert scenes[0].sha256 == scenes[1].sha256
+
+
+@pytest.mark.parametrize("shape", ["rectangle", "cube"])
+@pytest.mark.parametrize("flat", ["true", "false"])
+def test_flat_shapes_take_face_normals(tmp_path, shape, flat):
+    """As in Mitsuba, where they are meshes; their faces are flat anyway."""
+    body = f'<shape type="{shape}">{{}}<emitter type="area"/></shape>'
+    given = f'<boolean name="face_normals" value="{flat}"/>'
+    assert load(tmp_path, body.format(given)).sha256 == load(tmp_path, body.format("")).sha256
+
+
+def test_a_projector_without_irradiance_has_one_of_1(tmp_path):
+    lights = [
+        f'<emitter type="projector"><float name="scale" value="2"/>{given}</emitter>'
+        for given in ("", '<rgb name="irradiance" value="1"/>')
+    ]
+    scenes = [load(tmp_path, f'<shape type="cube"/>{light}') for light in lights]
+    assert scenes[0].sha256 == scenes[1].sha256
+    assert np.allclose(scenes[0].light_intensity, 2 * np.pi)
+
+
 def lobes_of(phase):
     scene = load_dict(scene_dict(ball={
         "type": "sphere", "bsdf": {"type": "null"},

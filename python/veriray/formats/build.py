@@ -787,8 +787,6 @@ class _Builder:
     def projector_image(self, node: Node, values: dict[str, Any], matrix: Array) -> dict[str, Any]:
         """The columns of a projector but for its place and direction."""
         image, size, _ = self.light_texture(node, "irradiance")
-        if image < 0 and values["irradiance"] is None:
-            raise SceneError(f'{node}: "irradiance" ({COLOUR} or texture) is missing', node.where)
         fov, axis = field_of_view(node, values)
         view = located(node, lambda: Camera(matrix, fov, axis))
         # Mitsuba's images have two rows and two columns at least.

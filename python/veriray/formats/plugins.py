@@ -119,6 +119,8 @@ _PLACED = {
     "to_world": _TO_WORLD,
     "flip_normals": Param("boolean", False, doc="swap front and back"),
 }
+#: Of shapes that are meshes without smooth normals.
+_FLAT = {"face_normals": Param("boolean", False, doc="without effect: its faces are flat")}
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
 _TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
 _OPAQUE = (*OPAQUE_KINDS, "pplastic")
@@ -483,7 +485,12 @@ PLUGINS: dict[str, Plugin] = {
             **_PERSPECTIVE,
             "aperture_radius": Param("float", REQUIRED, 0.0, MAX_COORDINATE, doc="0: pinhole"),
             "focus_distance": Param(
-                "float", REQUIRED, 0.0, MAX_COORDINATE, open=True, doc="to the plane in focus"
+                "float",
+                None,
+                0.0,
+                MAX_COORDINATE,
+                open=True,
+                doc="to the plane in focus; default far_clip, or 10,000 without one",
             ),
         },
         _ON_SENSORS,
@@ -503,7 +510,10 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "orthographic": Plugin(
         "sensor",
-        {name: _PERSPECTIVE[name] for name in ("near_clip", "far_clip", "to_world")},
+        {
+            **{name: _PERSPECTIVE[name] for name in ("near_clip", "far_clip", "to_world")},
+            "focus_distance": Param("float", None, 0.0, doc="without effect on parallel rays"),
+        },
         _ON_SENSORS,
         doc="parallel rays; x in [-1, 1] of to_world, which may scale, is the film's width",
         noted=_SHUTTER,
@@ -568,9 +578,11 @@ PLUGINS: dict[str, Plugin] = {
         name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol", lenient=_SAMPLED)
         for name in STRATIFIED
     },
-    "rectangle": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^2 at z = 0, front towards +z"),
+    "rectangle": Plugin(
+        "shape", _PLACED | _FLAT, _ON_SHAPES, doc="[-1, 1]^2 at z = 0, front towards +z"
+    ),
     "disk": Plugin("shape", _PLACED, _ON_SHAPES, doc="unit disc at z = 0, front towards +z"),
-    "cube": Plugin("shape", _PLACED, _ON_SHAPES, doc="[-1, 1]^3, front outside"),
+    "cube": Plugin("shape", _PLACED | _FLAT, _ON_SHAPES, doc="[-1, 1]^3, front outside"),
     "sphere": Plugin(
         "shape",
         {
@@ -1034,7 +1046,8 @@ PLUGINS: dict[str, Plugin] = {
                 0.0,
                 beyond="light",
                 light_texture=True,
-                doc="on a plane across the axis at distance 1, over pi; its top is at local +y",
+                doc="on a plane across the axis at distance 1, over pi; its top is at local +y; "
+                "default 1",
             ),
             "scale": Param("float", 1.0, 0.0, doc="factor on the irradiance"),
             **{name: _PERSPECTIVE[name] for name in ("fov", "fov_axis", "focal_length")},

@@ -24,6 +24,7 @@ Array = npt.NDArray[Any]
 Parts = dict[str, list[Node]]
 View = tuple[Camera, Film, dict[str, Any]]
 _DIAGONAL_35_MM = 43.266615305567875  # sqrt(36^2 + 24^2)
+_FAR_CLIP = 1e4  # Mitsuba's, which is infinite here
 
 
 class Sensors:
@@ -119,7 +120,7 @@ class Sensors:
                 values["far_clip"],
                 np.array(offset),
                 values.get("aperture_radius", 0.0),
-                values["focus_distance"] or 1.0 if node.plugin == "thinlens" else 1.0,
+                focus(values) if node.plugin == "thinlens" else 1.0,
                 self.medium(parts["medium"][0]) if parts["medium"] else -1,
             ),
         )
@@ -154,6 +155,13 @@ class Sensors:
         _, given = self.check(node)
         kind = "sobol" if node.plugin in STRATIFIED else node.plugin
         return {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
+
+
+def focus(values: dict[str, Any]) -> float:
+    """The distance from a lens to the plane in focus; without one, Mitsuba's far plane."""
+    far = values["far_clip"]
+    distance: float = values["focus_distance"] or (_FAR_CLIP if math.isinf(far) else far)
+    return distance
 
 
 def field_of_view(node: Node, values: dict[str, Any]) -> tuple[float, str]:

@@ -303,6 +303,26 @@ def test_stl(tmp_path):
     assert len(scene.triangles) == 2 and not scene.normals.any()
 
 
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (str, ""), (str, " vertex 1"), (str, " facet normal"), (str, " endfacet solid"),
+        (str.upper, " part"), (lambda text: "\ufeff" + text, ""),
+        (lambda text: text.replace("\n", "\r"), ""), (lambda text: text.replace("\n", "\r\n"), ""),
+    ],
+)  # fmt: skip
+def test_stl_files_of_several_solids(tmp_path, change, name):
+    corners = np.array(CORNERS, float)[[[0, 1, 2], [0, 2, 3]]]
+    text = "".join(
+        f"solid{name}\nfacet normal 0 0 1\nouter loop\n"
+        + "".join("vertex {:.1e} {:.1e} {:.1e}\n".format(*v) for v in triangle)
+        + f"endloop\nendfacet\nendsolid{name}\n"
+        for triangle in corners
+    )
+    got = read(tmp_path, "a.stl", change(text).encode())
+    assert (got.vertices[got.triangles] == corners).all()
+
+
 # ---- serialized files ----
 
 FLAGS = {"normals": 1, "uv": 2, "colours": 8, "f4": 0x1000, "f8": 0x2000}

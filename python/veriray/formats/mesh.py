@@ -9,6 +9,7 @@ polygons with 3 or 4 corners. Polygons become fans, or what `polygons` makes of 
 
 from __future__ import annotations
 
+import codecs
 import io
 import logging
 import re
@@ -386,11 +387,21 @@ def _stl(data: bytes) -> _Arrays:
     return _stl_text(data, count, binary)
 
 
+def _plain_stl(data: bytes) -> bytes:
+    """Text in small letters and lines that end as Unix's, without a byte order mark and names.
+
+    Names of solids may be words of the format, which trimesh would take for its own.
+    """
+    text = data.removeprefix(codecs.BOM_UTF8).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return re.sub(rb"(?m)^[ \t]*((?:end)?solid)\b.*$", rb"\1", text.lower())
+
+
 def _stl_text(data: bytes, count: int, binary: bool) -> _Arrays:
     need("an STL file of text", "formats", "trimesh")
     import trimesh  # slow to import, and rarely needed
 
     if not binary:
+        data = _plain_stl(data)
         if not data.lstrip().startswith(b"solid") or b"endsolid" not in data:
             raise MeshFileError(
                 " is not STL: neither binary of the stated size nor solid ... endsolid"

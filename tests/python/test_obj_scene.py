@@ -60,6 +60,18 @@ def test_faces_by_material(tmp_path):
     assert any("placed that frames the file" in note for note in scene.notes)
 
 
+@pytest.mark.parametrize("marked", ["obj", "mtl", "both"])
+@pytest.mark.parametrize("first", ["mtllib", "v"])
+def test_byte_order_marks_are_read_over(tmp_path, marked, first):
+    library, rest = PLAIN.split("\n", 1)
+    assert library.startswith("mtllib")
+    obj = PLAIN if first == "mtllib" else rest.replace("usemtl", f"{library}\nusemtl", 1)
+    files = {"obj": obj, "mtl": MTL}
+    plain = load(tmp_path, **files)[0].sha256
+    marks = {key: "\ufeff" + files[key] for key in files if marked in (key, "both")}
+    assert load(tmp_path, **files | marks)[0].sha256 == plain
+
+
 def one(folder, lines, obj=None):
     """The columns of the only material of an OBJ file, and what it warns of."""
     obj = obj or OBJ.split("usemtl two")[0].replace("f 1/1 2/2 3/3\n", "", 1)

@@ -207,7 +207,8 @@ def _within(mesh: Mesh, what: str, values: Array, least: float, most: float) -> 
 
 
 def _obj(data: bytes) -> _Arrays:
-    text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    text = data.removeprefix(codecs.BOM_UTF8)
+    text = text.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
     tables, corners, triangles, parts = _obj_tables(text) or _obj_lines(text)
     vertices, *others = tables
     if parts.max(initial=1) > 1:

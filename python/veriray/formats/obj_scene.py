@@ -12,6 +12,7 @@ from its front, at +z with y up.
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 from collections.abc import Mapping
@@ -88,7 +89,8 @@ def _faces(
     names, current, lost = [""], 0, False
     of: list[int] = []
     counts: list[int] = []
-    text = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    text = data.removeprefix(codecs.BOM_UTF8)
+    text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     for number, line in enumerate(text.splitlines(), 1):
         words = line.split(b"#", 1)[0].split() if line.lstrip()[:1] in (b"f", b"m", b"u") else [b""]
         kind = words[0]
@@ -125,7 +127,7 @@ def _materials(path: Path, place: str) -> dict[str, _Material]:
     found: dict[str, _Material] = {}
     now = None
     data = read_bytes(path, mesh.MAX_BYTES, place)
-    for number, line in enumerate(data.decode("utf-8", "replace").splitlines(), 1):
+    for number, line in enumerate(data.decode("utf-8-sig", "replace").splitlines(), 1):
         words = line.split("#", 1)[0].split()
         if not words:
             continue

@@ -4,7 +4,7 @@ gallery, view, bench, doctor.
 Results go to standard output, progress and errors to standard error. Exit status: 0 done (compare:
 the pictures agree; validate: passed), 1 compare: they differ, validate: a case failed, lint: there
 are findings, doctor: the self-test failed, 2 error, 3 compare, validate: too little data for a
-verdict, 130 Ctrl-C, 143 SIGTERM, which does what Ctrl-C does.
+verdict, 130 Ctrl-C, 143 SIGTERM and 129 SIGHUP, which do what Ctrl-C does.
 """
 
 from __future__ import annotations

@@ -385,7 +385,7 @@ def _first_line(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """The first Ctrl-C or SIGTERM fills the list; the next raises KeyboardInterrupt. Only those
+    """The first of `interrupts.SIGNALS` fills the list; the next raises KeyboardInterrupt. Only those
     that raise it now, on the main thread."""
     asked: list[int] = []
     main = threading.current_thread() is threading.main_thread()
@@ -394,7 +394,7 @@ def _interrupts() -> Iterator[list[int]]:
     ours = [number for number, handler in before.items() if main and handler in raising]
 
     def handle(number: int, frame: FrameType | None) -> None:
-        interrupts.last = number
+        interrupts.heard(number)
         asked.append(number)
         if len(asked) > 1:
             interrupts.interrupt(number, frame)

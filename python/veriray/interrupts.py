@@ -1,4 +1,5 @@
-"""How Ctrl-C and SIGTERM end a command: as KeyboardInterrupt, which `cli.main` turns into a status.
+"""How Ctrl-C, SIGTERM and a closed terminal end a command: as KeyboardInterrupt, which `cli.main`
+turns into a status.
 
 Within an import they wait for its end: half an import comes out as another error, or as a traceback
 that native code prints.
@@ -11,14 +12,16 @@ from types import FrameType
 from typing import NoReturn
 
 #: What ends a command, and the last of these that came.
-SIGNALS, last = (signal.SIGINT, signal.SIGTERM), int(signal.SIGINT)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+last = int(signal.SIGINT)
 #: Whether one waits, and how often it looks whether it may go on.
 _waits, _LOOK_SECONDS = False, 0.005
 
 
 def install() -> None:
-    """From now on both raise KeyboardInterrupt on the main thread, which must call this. One that
-    is ignored, as SIGINT is in a job that a script put into the background, stays ignored."""
+    """From now on they raise KeyboardInterrupt on the main thread, which must call this. One that
+    is ignored stays so, as SIGINT is in a job that a script put into the background, and SIGHUP
+    under nohup."""
     signal.signal(signal.SIGALRM, _look)
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -26,21 +29,29 @@ def install() -> None:
 
 
 def remove() -> None:
-    """From now on both end the process at once: its work is done."""
+    """From now on they end the process at once: its work is done."""
     for number in SIGNALS:
         if signal.getsignal(number) is interrupt:
             signal.signal(number, signal.SIG_DFL)
 
 
 def status() -> int:
-    """Exit status of an interrupted command: 130 after Ctrl-C, 143 after SIGTERM."""
+    """Exit status of an interrupted command: 130 after Ctrl-C, 143 SIGTERM, 129 SIGHUP."""
     return 128 + last
+
+
+def heard(number: int) -> None:
+    """Notes a signal for `status`. A terminal that closes may send several: the first one counts."""
+    global last
+    last = number
+    if number == signal.SIGHUP:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
     """The handler. The second signal does not wait."""
-    global last, _waits
-    last = number
+    global _waits
+    heard(number)
     if _waits or not _imports(frame):
         _end()
     _waits = True

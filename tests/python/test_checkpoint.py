@@ -5,6 +5,8 @@ Files that are damaged, hostile or of another render are refused, and stay as th
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import hashlib
 import json
 import os
@@ -14,6 +16,7 @@ import signal
 import struct
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -380,6 +383,33 @@ def test_interrupt_keeps_the_picture(
     assert made.film_sha256 == one.film_sha256
     if more:
         assert vr.Checkpoint.load("a.film").spp == made.spp
+
+
+def test_a_terminal_that_closes_costs_no_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It sends SIGHUP, its shell once more, and what is said then is lost."""
+    monkeypatch.chdir(tmp_path)
+    terminal, end = os.openpty()
+    process = subprocess.Popen(
+        [*COMMAND, *SMALL, "--spp", "1000000000", "-o", "a.exr"], stdin=end, stdout=end,
+        stderr=end, start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )  # fmt: skip
+    os.close(end)
+    try:
+        assert os.read(terminal, 6) == b"device"
+        time.sleep(3)
+        os.close(terminal)
+        time.sleep(0.02)
+        with contextlib.suppress(ProcessLookupError):
+            process.send_signal(signal.SIGHUP)
+        assert process.wait(60) == 128 + signal.SIGHUP
+    finally:
+        process.kill()
+    made = vr.Render.load("a.exr")
+    one = vr.render(vr.cornell_box(), made.spp, device="cpu", width=32, height=24)
+    assert made.film_sha256 == one.film_sha256
 
 
 @pytest.mark.parametrize(("spp", "times"), [("1000000000", 2), ("1", 1)])

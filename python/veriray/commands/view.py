@@ -9,6 +9,7 @@ import os
 import signal
 from typing import Any
 
+from .. import interrupts
 from ..extras import need
 from .common import (
     SCENE_SETTINGS,
@@ -72,12 +73,14 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 async def _serve(renderer: Any, serving: Any, host: str, port: int) -> None:
-    """Serves until Ctrl-C or SIGTERM."""
+    """Serves until Ctrl-C, SIGTERM or the end of the terminal."""
     from ..viewer.server import is_loopback
 
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in interrupts.SIGNALS:
+        if signal.getsignal(number) is signal.SIG_IGN:
+            continue
         with contextlib.suppress(ValueError, RuntimeError):  # not the main thread
             loop.add_signal_handler(number, stop.set)
     async with contextlib.AsyncExitStack() as stack:

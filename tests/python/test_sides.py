@@ -67,6 +67,26 @@ def files(
             for k, x in enumerate(images)]  # fmt: skip
 
 
+def test_values_below_0_of_other_programs_are_no_faults(tmp_path: Path) -> None:
+    """Their filters may have negative lobes; what is not finite is found, with its pixel."""
+    sides = []
+    for side in range(2):
+        images = pictures(64, side)
+        for image in images:
+            image[3, 4] -= 2.5
+        sides.append([write(tmp_path / f"{side}{k}.exr", rgb(v)) for k, v in enumerate(images)])
+    report = vr.compare(*sides)
+    assert report.passed, report.verdict
+    assert any("values below 0, as filters with negative lobes give" in n for n in report.notes)
+    worse = images[0]
+    worse[7, 9, 1] = np.inf
+    write(sides[1][0], rgb(worse))
+    said = vr.compare(*sides).verdict
+    assert (
+        "1 pixels hold values that are NaN or infinite; 0 such samples; the first at (9, 7)" in said
+    )
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_layouts(tmp_path: Path, layout: str) -> None:
     header, prefix, renderer = LAYOUTS[layout]

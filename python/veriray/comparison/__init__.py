@@ -206,6 +206,10 @@ def _notes(a: Render, b: Render) -> list[str]:
                 f"{letter} holds half floats, rounded by up to {st.HALF:.2g} of a value: smaller "
                 "differences do not count; write 32 bits for a sharper test"
             )
+        if x.stats.get("filter", "") is None and (below := int(np.count_nonzero(x.image < 0))):
+            out.append(
+                f"{letter} holds {below} values below 0, as filters with negative lobes give"
+            )
         if x.stats.get("luminance"):
             out.append(f"{letter} holds luminance alone: R, G and B stand for it")
     one = _program(a) == _program(b)
@@ -255,14 +259,24 @@ def _condition(name: str, finds: str, problems: list[str]) -> Test:
 
 
 def _valid(x: Render, letter: str) -> Test:
-    """S0: pictures and samples are finite, and >= 0 unless weights of the filter may lie below."""
+    """S0: pictures and samples are finite, and >= 0 unless weights of the filter may lie below.
+
+    The filter of other programs' pictures is not known: `_notes` says what lies below 0 there.
+    """
     signed = x.stats.get("filter", "box") != "box"
-    arrays = [x.image] + ([] if x.batch_means is None else [x.batch_means])
-    bad = sum(int(np.count_nonzero(~(np.isfinite(v) & (signed | (v >= 0))))) for v in arrays)
+    arrays = [x.image[None]] + ([] if x.batch_means is None else [x.batch_means])
+    wrong = np.zeros(x.image.shape[:2], bool)
+    for values in arrays:
+        wrong |= ~(np.isfinite(values) & (signed | (values >= 0))).all(axis=(0, 3))
+    bad = int(np.count_nonzero(wrong))
     samples = int(x.stats.get("nonfinite_samples") or 0)
     invalid = sum((x.stats.get("ledger") or {}).get("invalid") or [])
     count = max(samples, invalid)
-    problem = f"{bad} values that are negative, NaN or infinite; {count} such samples"
+    kinds = "NaN or infinite" if signed else "negative, NaN or infinite"
+    problem = f"{bad} pixels hold values that are {kinds}; {count} such samples"
+    if bad:
+        row, column = np.argwhere(wrong)[0]
+        problem += f"; the first at ({column}, {row})"
     return _condition(
         f"S0 valid values in {letter}", "invalid samples", [problem] * (bad + count > 0)
     )

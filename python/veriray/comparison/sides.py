@@ -131,7 +131,10 @@ def _rendered(found: Foreign) -> Render:
     image = found.image.astype(np.float32)
     error = np.full_like(image, np.nan) if found.stderr is None else found.stderr
     height, width, _ = image.shape
-    stats = {"renderer": found.renderer, "half": found.half, "luminance": found.luminance}
+    stats = {
+        "renderer": found.renderer, "half": found.half, "luminance": found.luminance,
+        "filter": None,
+    }  # fmt: skip
     spp = found.spp or 0
     return Render(image, error.astype(np.float32), None, "", stats, width, height, spp, 0)
 

@@ -385,8 +385,8 @@ def _first_line(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """The first of `interrupts.SIGNALS` fills the list; the next raises KeyboardInterrupt. Only those
-    that raise it now, on the main thread."""
+    """The first of `interrupts.SIGNALS` fills the list; the next raises KeyboardInterrupt. Only
+    those that raise it now, on the main thread."""
     asked: list[int] = []
     main = threading.current_thread() is threading.main_thread()
     raising = (signal.default_int_handler, interrupts.interrupt)

@@ -207,9 +207,7 @@ def _notes(a: Render, b: Render) -> list[str]:
                 "differences do not count; write 32 bits for a sharper test"
             )
         if x.stats.get("filter", "") is None and (below := int(np.count_nonzero(x.image < 0))):
-            out.append(
-                f"{letter} holds {below} values below 0, as filters with negative lobes give"
-            )
+            out.append(f"{letter} holds {below} values below 0, as filters with such weights give")
         if x.stats.get("luminance"):
             out.append(f"{letter} holds luminance alone: R, G and B stand for it")
     one = _program(a) == _program(b)

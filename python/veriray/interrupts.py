@@ -41,7 +41,7 @@ def status() -> int:
 
 
 def heard(number: int) -> None:
-    """Notes a signal for `status`. A terminal that closes may send several: the first one counts."""
+    """Notes a signal for `status`. Of those of a terminal that closes the first one counts."""
     global last
     last = number
     if number == signal.SIGHUP:

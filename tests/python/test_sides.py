@@ -77,14 +77,12 @@ def test_values_below_0_of_other_programs_are_no_faults(tmp_path: Path) -> None:
         sides.append([write(tmp_path / f"{side}{k}.exr", rgb(v)) for k, v in enumerate(images)])
     report = vr.compare(*sides)
     assert report.passed, report.verdict
-    assert any("values below 0, as filters with negative lobes give" in n for n in report.notes)
+    assert any("values below 0, as filters with such weights give" in n for n in report.notes)
     worse = images[0]
     worse[7, 9, 1] = np.inf
     write(sides[1][0], rgb(worse))
     said = vr.compare(*sides).verdict
-    assert (
-        "1 pixels hold values that are NaN or infinite; 0 such samples; the first at (9, 7)" in said
-    )
+    assert "1 pixels hold values that are NaN or infinite" in said and "at (9, 7)" in said
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -149,7 +149,15 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
             "local", "HOST:PORT" or "ray://HOST:PORT". device is then that of each node, and "auto"
             all its GPUs.
         cameras: None, or the cameras of several views, in place of the scene's: a list of renders,
-            each as of `scene.with_(camera=camera)`. Geometry and tree are made once.
+            each as of `scene.with_(camera=camera)`. Geometry and tree are made once. Not together
+            with checkpoint, time or on_pass.
+        checkpoint: None, or a file that keeps the exact sums: if it exists the render goes on from
+            it (docs/stop-and-go-on.md).
+        every: about how many seconds lie between two writes of it; 0 writes after every sample per
+            pixel.
+        time: None, or the seconds of sampling after which the render ends with the picture that is
+            there, after a whole pass.
+        on_pass: called with the picture so far after each pass.
 
     Returns:
         Render, or with cameras a list of them, whose picture stays in the device's memory until it

@@ -419,11 +419,12 @@ def load_file(
 ) -> Scene:
     """Reads a scene file, or a shipped scene by its name.
 
-    scene: path of a file in the Mitsuba 3 XML subset (see veriray.formats), or a key of SHIPPED; a
-    file that has such a name is reached as "./name". parameters: values for the file's $names, as
-    `-D key=value` gives them; they may be keywords too, as Mitsuba takes them: load_file("a.xml",
-    spp=64). sensor: the number of the file's sensor that sees the scene, from 0; None takes the
-    first. strict: what `Scene.notes` would list is an error.
+    scene: path of a Mitsuba XML, glTF or OBJ file (docs/scene-files.md), or the name of a shipped
+    scene: "cornell-box", "cornell-box-mitsuba" or "open"; a file that has such a name is reached as
+    "./name". parameters: values for the file's $names, as `-D key=value` gives them; they may be
+    keywords too, as Mitsuba takes them: load_file("a.xml", spp=64). sensor: the number of the
+    file's sensor that sees the scene, from 0; None takes the first. strict: what `Scene.notes`
+    would list is an error.
     Raises SceneError for anything that is missing, unknown or wrong; its `faults` lists all of it.
     """
     from . import formats

@@ -148,10 +148,8 @@ def _bench_matrix(arguments: argparse.Namespace) -> int:
 
 
 def _add_report(kinds: Any) -> None:
-    parser = kinds.add_parser("report", help="a page of the results of `bench all`")
-    parser.add_argument(
-        "results", metavar="PATH", nargs="+", help="folders or files of `bench all`"
-    )
+    parser = kinds.add_parser("report", help="a page of results of `bench all` and `matrix`")
+    parser.add_argument("results", metavar="PATH", nargs="+", help="folders or files of these")
     add_outputs(parser, "FILE.html or FILE.md")
     parser.set_defaults(handler=_bench_report)
 

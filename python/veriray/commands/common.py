@@ -43,7 +43,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scene",
         metavar="SCENE",
-        help=f"a Mitsuba 3 XML file, or a shipped scene: {', '.join(SHIPPED)}",
+        help=f"a Mitsuba XML, glTF or OBJ file, or a shipped scene: {', '.join(SHIPPED)}",
     )
     parser.add_argument(
         "--sensor", type=integer, metavar="N", help="which of the file's sensors sees it, from 0"

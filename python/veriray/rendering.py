@@ -170,9 +170,10 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         `wavefront` stores its hit and shadow ray besides), kernel (of the
         one that traces paths on CUDA: registers and local_bytes of a thread, resident_threads on a
         multiprocessor; empty on a CPU), primitives (count by kind; dropped: triangles without
-        area), tree (builder, width, nodes, references, depth, cost: expected visits and tests of a
-        line through its box, seconds, memory; empty without one), nonfinite_samples, nonfinite (at
-        most 64 of [x, y, sample, r, g, b]), seed, spp, max_depth, rr_depth, sampler, width, height,
+        area), lights (from which a light sample chooses), tree (builder, width, nodes, references,
+        depth, cost: expected visits and tests of a line through its box, seconds, memory; empty
+        without one), nonfinite_samples, nonfinite (at most 64 of [x, y, sample, r, g, b]), seed,
+        spp, max_depth, rr_depth, sampler, width, height,
         batches, batch_size, threads, launches, memory (bytes of scene and film), filter,
         filter_parameter, scene_sha256, version, mean_stderr. With target_error also
         target_error, pilot_spp,

@@ -140,11 +140,13 @@ def api_page() -> str:
         "What `import veriray as vr` offers. Units, shapes and errors are stated.\n",
     ]
     for title, names in (
-        ("Functions", ["render", "compare", "load_file", "load_dict", "cornell_box", "trace_path",
-                       "devices", "film_hash"]),
-        ("Classes", ["Scene", "Camera", "Film", "Render", "Report", "Device"]),
-        ("Errors and warnings", ["SceneError", "ImageError", "DeviceError", "OutOfMemoryError",
-                                 "SceneWarning", "RefusedSamplesWarning"]),
+        ("Functions", ["render", "compare", "load_file", "load_dict", "cornell_box", "dataset",
+                       "feature_images", "lint", "trace_path", "devices", "film_hash"]),
+        ("Classes", ["Scene", "Camera", "Film", "Render", "FeatureImages", "Accumulation",
+                     "Checkpoint", "Report", "Device"]),
+        ("Errors and warnings", ["SceneError", "ImageError", "CheckpointError", "DeviceError",
+                                 "OutOfMemoryError", "MissingPackageError", "SceneWarning",
+                                 "RefusedSamplesWarning", "CheckpointWarning", "DeviceWarning"]),
     ):  # fmt: skip
         parts.append(f"## {title}\n\n```{{eval-rst}}")
         for name in names:

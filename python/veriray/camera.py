@@ -55,6 +55,7 @@ class Film:
     abs(x) < 4 s), "mitchell" (filter_parameter = (B, C) of Mitchell and Netravali, 1988, each in
     [0, 1]; 4 pixels wide, with negative lobes) or "lanczos" (filter_parameter = a, a whole number
     of lobes from 1 to 16: sinc(x) sinc(x / a) where abs(x) < a, sinc(x) = sin(pi x) / (pi x)).
+    What scene files call "catmullrom" is "mitchell" with (0, 0.5).
     filter_parameter None takes the filter's default: 0.5, 1.0, 0.5, (1/3, 1/3) and 3.
     Raises SceneError for a size below 1 or above 2^31 pixels, or an unknown filter.
     """

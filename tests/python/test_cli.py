@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -245,6 +246,11 @@ BAD: list[tuple[list[str], str]] = [
     (["info", "missing.xml"], "missing.xml"),
     (["info", "cornell-box", "--width", "0"], "width = 0 is outside"),
     (["info", "cornell-box", "--device", "gpu"], "device = 'gpu' is unknown"),
+    (
+        ["info", "cornell-box", "--device", "cpu,cpu"],
+        "'cpu,cpu' names several; this command takes one",
+    ),
+    (["bench", "live-rays", "cornell-box", "--device", "cpu,cpu"], "names several"),
     (["info", "cornell-box", "--sensor", "1"], "sensor = 1 is outside [0, 0]"),
     (["convert", "cornell-box"], "required: OUT.xml"),
     (["convert", "missing.xml", "out.xml"], "cannot read"),
@@ -403,3 +409,18 @@ def test_a_bad_exposure_is_found_before_the_render(
     path = tmp_path / "a.png"
     assert main(["render", "cornell-box", "-o", str(path), "--exposure", exposure]) == 2
     assert exposure in capsys.readouterr().err and not path.exists()
+
+
+def test_a_warning_that_is_a_note_too_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    size = "".join(f'<integer name="{name}" value="8"/>' for name in ("width", "height"))
+    film = f'<film type="hdrfilm">{size}</film>'
+    beam = '<float name="cutoff_angle" value="10"/><float name="beam_width" value="20"/>'
+    body = f'<sensor type="perspective">{film}</sensor><emitter type="spot">{beam}</emitter>'
+    Path("s.xml").write_text(f'<scene version="3.0.0">{body}</scene>')
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert main(["render", "s.xml", "-o", "a.exr", "--device", "cpu", "--spp", "1"]) == 0
+    assert capsys.readouterr().err.count("beam_width = 20 is rendered as") == 1

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
@@ -38,8 +39,11 @@ class Parser(argparse.ArgumentParser):
         raise CommandError(f"{message} (see {self.prog} --help)")
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of commands that read a scene; `load` takes them."""
+def add_scene(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Adds the arguments of commands that read a scene; `load` takes them.
+
+    several: whether the command takes several devices.
+    """
     parser.add_argument(
         "scene",
         metavar="SCENE",
@@ -49,7 +53,12 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         "--sensor", type=integer, metavar="N", help="which of the file's sensors sees it, from 0"
     )
     add_definitions(parser)
-    add_settings(parser, *SCENE_SETTINGS)
+    add_settings(parser, *SCENE_SETTINGS[0 if several else 1 :])
+    if not several:
+        about = f"{DEVICES} (default: {SETTINGS['device'].default})"
+        parser.add_argument(
+            "--device", type=one_device, default=SETTINGS["device"].default, help=about
+        )
 
 
 def add_definitions(parser: argparse.ArgumentParser) -> None:
@@ -77,6 +86,13 @@ def add_settings(parser: argparse.ArgumentParser, *names: str) -> None:
         elif not setting.is_text:
             options["type"] = number if isinstance(setting.low, float) else integer
         parser.add_argument(f"--{name.replace('_', '-')}", **options)
+
+
+def one_device(text: str) -> str:
+    """An argument that names one device."""
+    if "," in text:
+        raise argparse.ArgumentTypeError(f"{text!r} names several; this command takes one")
+    return text
 
 
 def integer(text: str) -> int:
@@ -116,13 +132,30 @@ def load(arguments: argparse.Namespace, outputs: Sequence[str] = ()) -> Scene:
             f"{name}: no such file, and no shipped scene of that name; shipped: "
             f"{', '.join(SHIPPED)}"
         )
-    with read_files() as used:
+    with _told() as told, read_files() as used:
         scene = load_file(name, parameters, sensor=arguments.sensor, strict=arguments.strict)
     for path in filter(used, outputs):
         raise CommandError(f"{path}: the scene reads this file; write to another one")
     if not getattr(arguments, "quiet", False):
-        report_notes(scene.notes)
+        report_notes([note for note in scene.notes if note not in told])
     return scene
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[list[str]]:
+    """Warnings of the block, which are shown, as a list of texts; some are notes on a scene too."""
+    texts: list[str] = []
+    shown = warnings.showwarning
+
+    def show(message: Warning | str, *more: Any, **named: Any) -> None:
+        texts.append(str(message))
+        shown(message, *more, **named)
+
+    warnings.showwarning = show
+    try:
+        yield texts
+    finally:
+        warnings.showwarning = shown
 
 
 def set_second_camera(arguments: argparse.Namespace, scene: Scene) -> None:

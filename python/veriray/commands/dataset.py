@@ -21,7 +21,7 @@ from .common import (
 def add(commands: Any) -> None:
     """Adds `dataset` to the parser."""
     parser = commands.add_parser("dataset", help="render many views of a scene, resumable")
-    add_scene(parser)
+    add_scene(parser, several=True)
     parser.add_argument(
         "--cameras", metavar="FILE",
         help="transforms.json, a folder of COLMAP's, or a list for OpenCV, OpenGL or Mitsuba; "

@@ -43,7 +43,7 @@ SUFFIX = ".film"
 def add(commands: Any) -> None:
     """Adds `render` to the parser."""
     parser = commands.add_parser("render", help="render a scene")
-    add_scene(parser)
+    add_scene(parser, several=True)
     add_outputs(parser, "FILE.exr (everything) or FILE.png (display copy)")
     add_settings(parser, *(name for name in SETTINGS if name not in SCENE_SETTINGS))
     parser.add_argument("--exposure", type=stops, default=0.0, help="stops, for PNG (0)")

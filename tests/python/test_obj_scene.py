@@ -37,8 +37,8 @@ PLAIN = OBJ.replace(" # again", "")
 
 
 def load(folder, mtl=MTL, obj=PLAIN):
-    (folder / "a.mtl").write_text(mtl)
-    (folder / "a.obj").write_text(obj)
+    (folder / "a.mtl").write_text(mtl, "utf-8")
+    (folder / "a.obj").write_text(obj, "utf-8")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scene = veriray.load_file(folder / "a.obj")

@@ -79,7 +79,7 @@ async def _serve(renderer: Any, serving: Any, host: str, port: int) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in interrupts.SIGNALS:
-        if signal.getsignal(number) is signal.SIG_IGN:
+        if number == signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:  # nohup
             continue
         with contextlib.suppress(ValueError, RuntimeError):  # not the main thread
             loop.add_signal_handler(number, stop.set)

@@ -355,6 +355,17 @@ def test_full_disk(tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path)) == ["a.film", "a.png"]
 
 
+def sampling(*words: str) -> subprocess.Popen[str]:
+    """A `veriray render` that has drawn samples for some seconds, and hears Ctrl-C."""
+    process = subprocess.Popen(
+        [*COMMAND, *SMALL, *words], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    assert process.stdout is not None and process.stdout.readline().startswith("device")
+    time.sleep(3)
+    return process
+
+
 @pytest.mark.parametrize(
     ("more", "number"),
     [([], signal.SIGINT), (["--checkpoint", "a.film"], signal.SIGINT), ([], signal.SIGTERM)],
@@ -363,14 +374,8 @@ def test_interrupt_keeps_the_picture(
     more: list[str], number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    process = subprocess.Popen(
-        [*COMMAND, *SMALL, "--spp", "1000000000", "-o", "a.exr", *more], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    process = sampling("--spp", "1000000000", "-o", "a.exr", *more)
     try:
-        assert process.stdout is not None and process.stdout.readline().startswith("device")
-        time.sleep(3)
         process.send_signal(number)
         _, err = process.communicate(timeout=60)
     finally:
@@ -419,14 +424,8 @@ def test_interrupt_leaves_feature_images_out(
     """Of a picture that Ctrl-C stopped, they are drawn once that is written."""
     monkeypatch.chdir(tmp_path)
     more = ["--features", "normal", "--feature-spp", "1000000000", "-o", "a.exr"]
-    process = subprocess.Popen(
-        [*COMMAND, *SMALL, "--spp", spp, *more], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    process = sampling("--spp", spp, *more)
     try:
-        assert process.stdout is not None and process.stdout.readline().startswith("device")
-        time.sleep(3)
         process.send_signal(signal.SIGINT)
         end = time.monotonic() + 30
         while times == 2 and not os.path.exists("a.exr") and time.monotonic() < end:

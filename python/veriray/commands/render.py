@@ -111,7 +111,6 @@ def _render(arguments: argparse.Namespace) -> int:
             raise CommandError(f"{option} needs an output FILE.exr: a PNG has the picture alone")
 
     from .. import device as device_module
-    from ..image import save
     from ..info import primitives_text, tree_text
     from ..rendering import choose_scheduler, prepare, render_with, settle
 
@@ -148,8 +147,7 @@ def _render(arguments: argparse.Namespace) -> int:
     title = f"rendering {used.film.width} x {used.film.height}, {used.spp} spp"
     with show_progress(title, arguments.quiet) as progress:
         result = render_with(scene, settings, progress, course)
-    for path in arguments.output:
-        save(result, path, exposure=arguments.exposure)
+    _save(result, arguments)
     if arguments.stats:
         write_json(arguments.stats, {**result.stats, "film_sha256": result.film_sha256})
     if not arguments.quiet:
@@ -201,13 +199,19 @@ def _previews(arguments: argparse.Namespace) -> Callable[[Render], None]:
     return of_pass
 
 
-def _stop_shown(arguments: argparse.Namespace) -> Callable[[Render], None]:
-    """Called after Ctrl-C: writes the outputs before feature images, which may take long."""
+def _save(picture: Render, arguments: argparse.Namespace) -> None:
+    """Writes all outputs."""
     from ..image import save
 
+    for path in arguments.output:
+        save(picture, path, exposure=arguments.exposure)
+
+
+def _stop_shown(arguments: argparse.Namespace) -> Callable[[Render], None]:
+    """Called after Ctrl-C: writes the outputs before feature images, which may take long."""
+
     def of_stop(picture: Render) -> None:
-        for path in arguments.output:
-            save(picture, path, exposure=arguments.exposure)
+        _save(picture, arguments)
         text = "the picture is written; its feature images are drawn (once more leaves them out)"
         say(f"veriray: interrupted: {text}", file=sys.stderr)
 

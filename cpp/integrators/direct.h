@@ -1,45 +1,38 @@
 // Light samples at a vertex, and their shadow rays through media and passes.
 #pragma once
 
+#include "integrators/blend.h"
 #include "integrators/called.h"
-#include "integrators/surface.h"
-#include "integrators/tangents.h"
 #include "integrators/volumes.h"
 
 namespace veriray {
 
 template <class L, FeatureMask kFeatures>
-struct DirectLight : SurfaceReader<L, kFeatures> {
+struct DirectLight : Blends<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
+    using Blend = Blends<L, kFeatures>;
+    using Blend::blend_weight, Blend::light_from, Blend::no_lanes, Blend::other_row;
     using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::passed,
         Reader::surface_at, Reader::surface_column;
+    using typename Blend::Answer, typename Blend::PhaseFunction, typename Blend::Place,
+        typename Blend::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
 
     using Sampler = Lights<L, shapes_of(kFeatures), has(kRefraction | kPass | kMedia)>;
-    using PhaseFunction = Phase<L, has(kPhases)>;
 
-    // A vertex: where and how light is scattered.
-    struct Vertex {
-        V p;        // shadow rays start here
-        V ng, ns;   // on wo's side; surfaces only
-        M surface;  // else a collision in a medium
-        V behind;   // with kTransmits: where shadow rays to the other side of a surface start,
-        U beyond;   // and the medium there
-        U facing;   // with kManyLights
-        PhaseFunction phase;  // with kMedia
-    };
     // What of a vertex the choice of a light depends on, but for its place.
-    static VR_HD U facing_of(const Vertex& at, const Material& material) {
+    static VR_HD U facing_of(const SceneView& scene, V wo, const Place& place) {
         const V any{F(0.f), F(0.f), F(1.f)};
+        Vertex at = place.vertex;
         M both = no_lanes(at.surface);
-        if constexpr (Material::kTransmits) both = material.transmits();
+        if constexpr (Material::kTransmits) both = place.bsdf.transmits();
+        if constexpr (has(kBlend)) Blend::face_all(scene, wo, place, at.ns, both);
         const U sides = select(both, U(kBothSides), U(kOneSide));
         return select(at.surface, facing(select(at.surface, at.ns, any), sides), U(kAllSides));
     }
 
-    static VR_HD M no_lanes(M m) { return m & !m; }
     static VR_HD S black() { return S::all(F(0.f)); }
     static VR_HD S white() { return S::all(F(1.f)); }
 
@@ -134,26 +127,20 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         return pdf;
     }
 
-    // ---- request: what the light sample would add, as a shadow ray ----
+    // ---- request: what the light sample would add, as a shadow ray. Of blends, weighs the next
+    // direction, too, which has been drawn ----
     static VR_HD void request(const SceneView& scene, const PathSettings& s,
-                              const PathState<L>& path, const Vertex& at, const Material& material,
-                              uint32_t segment, Block<U> scatter, M active,
+                              const PathState<L>& path, const Place& place, uint32_t segment,
+                              Block<U> scatter, M active, [[maybe_unused]] BsdfSample<L>& next,
                               ShadowRequest<L>& shadow) {
+        const Vertex& at = place.vertex;
         const LightSample<L> light = sample_light(scene, s, path, at, segment, scatter, active);
-        const F cos_i = dot(at.ns, light.wi);
-        BsdfValue<F> value = material.eval(-path.ray.d, light.wi, cos_i);
-        M lit = active & (cos_i > F(0.f)), either = no_lanes(active), behind = either;
-        if constexpr (has(kSmooth)) {
-            if constexpr (Material::kEitherSide) either = active & material.either_side();
-            lit = (lit | either) & (dot(at.ng, light.wi) > F(0.f));
-        }
-        if constexpr (Material::kTransmits) {
-            behind = active & material.transmits() & ((cos_i < F(0.f)) | either) &
-                     (value.pdf_sa > F(0.f));
-            if constexpr (has(kSmooth)) behind = behind & (dot(at.ng, light.wi) < F(0.f));
-            if constexpr (has(kMedia)) behind = behind & at.surface;
-            lit = lit | behind;
-        }
+        Answer found = light_from(light.wi, -path.ray.d, at, place.bsdf, active);
+        if constexpr (has(kBlend))
+            Blend::mix(scene, -path.ray.d, place, light.wi, active & place.choice.mixed, found,
+                       next);
+        BsdfValue<F>& value = found.value;
+        M &lit = found.lit, &behind = found.behind;
         if constexpr (has(kMedia)) {
             const auto phase =
                 at.phase.eval(scene.phases, path.ray.d, light.wi, active & !at.surface);
@@ -256,46 +243,14 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         return free;
     }
 
-    // A number of the material that a texture may give.
-    static VR_HD F number(const SceneView& scene, const Surface<L>& at, SurfaceColumn c,
-                          SurfaceColumn texture) {
-        const auto column = [&](uint32_t k) VR_INLINED { return surface_column(scene, at.row, k); };
-        if constexpr (has(kTextures))
-            return Reader::Texturing::number(scene, column, c, texture, at.uv);
-        return column(c);
-    }
-    static VR_HD F opacity(const SceneView& scene, const Surface<L>& at) {
-        return number(scene, at, kSurface_opacity, kSurface_opacity_texture);
-    }
-    // The other row of a blend, for lanes that have one; `blended` tells these.
-    static VR_HD U other_row(const SceneView& scene, const Surface<L>& at, M lanes, M& blended) {
-        const U other = as_uint(surface_column(scene, at.row, kSurfaceOther));
-        blended = lanes & !(other == U(~0u));
-        return select(blended, other, at.row);
-    }
-    // The chance of a blend's other material, which may be all that is seen from behind.
-    static VR_HD F blend_weight(const SceneView& scene, const Surface<L>& at) {
-        const F w = number(scene, at, kSurface_blend_weight, kSurface_blend_weight_texture);
-        const F sides = surface_column(scene, at.row, kSurfaceTwoSided);
-        return select((sides < F(2.f)) | at.front, w, F(1.f));
-    }
-
     // The share of light that goes straight through a surface.
     static VR_HD S let_through(const SceneView& scene, const Ray<L>& ray, U primitive,
                                const Surface<L>& at, M lanes) {
         Material bsdf = material(scene, at);
-        const V wo = -ray.d;
         const F side = select(at.front, F(1.f), F(-1.f));
         V ns = at.ns * side;
-        if constexpr (has(kTangents))
-            if (scene.tangents) {
-                using Along = Tangents<L>;
-                const auto along = Along::template partials<Reader>(scene, primitive, at, lanes);
-                Along::template relieve<Reader>(scene, along, at, wo, lanes, bsdf, ns);
-            }
-        F cosine = dot(ns, wo);
-        Reader::face_viewer(bsdf, wo, at.ng * side, ns, cosine);
-        bsdf.set_view(ns, cosine, at.front);
+        F cosine;
+        Blend::look(scene, primitive, at, -ray.d, at.ng * side, lanes, bsdf, ns, cosine);
         const F opacity = DirectLight::opacity(scene, at);
         return fma(bsdf.pass_through(), opacity, S::all(F(1.f) - opacity));
     }

@@ -74,8 +74,10 @@ struct FirstSurface : PathTracer<L, kFeatures> {
             const M valid = meet(scene, path, segment, active, hit, at);
             if (none(valid)) break;
             Material bsdf;
-            if constexpr (has(kBlend))
-                Vertices::choose_material(scene, s, path, segment, valid, at);
+            if constexpr (has(kBlend)) {
+                typename Tracer::Choice choice;
+                Vertices::choose_material(scene, s, path, segment, valid, at, choice);
+            }
             if (colours)
                 bsdf = Reader::material(scene, at);
             else if constexpr (!Material::kOneKind)

@@ -20,7 +20,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
     using Direct::black, Direct::medium_beyond, Direct::no_lanes, Direct::request,
         Direct::unblocked, Direct::white;
     using Reader::has;
-    using typename Direct::Vertex, typename Vertices::Place;
+    using typename Direct::Place, typename Direct::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
@@ -146,23 +146,40 @@ struct PathTracer : PathVertices<L, kFeatures> {
                 return e;
             }
         }
-        if (none(place.scatters | place.pass)) return e;
+        [[maybe_unused]] M mixed;  // lanes of blends, whose light samples no choice decides on
+        if constexpr (has(kBlend)) {
+            mixed = place.choice.mixed & !beyond_depth(s, path, segment, place.choice.mixed);
+            if (none(place.scatters | place.pass | mixed)) return e;
+        } else if (none(place.scatters | place.pass))
+            return e;
 
         if constexpr (has(kManyLights))
             if (scene.lights.count > 1)
-                place.vertex.facing = Direct::facing_of(place.vertex, place.bsdf);
-        // Light samples, then the direction to go on.
+                place.vertex.facing = Direct::facing_of(scene, -path.ray.d, place);
+        // Light samples, and the direction to go on, which comes first in blends: these weigh both.
         const Block<U> random =
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter));
+        [[maybe_unused]] BsdfSample<L> drawn;
+        [[maybe_unused]] bool weighed = false;
         if constexpr (has(kAnyLight)) {
             M receives = ((place.scatters & place.bsdf.scatters()) | place.collided) & !deep;
+            if constexpr (has(kBlend)) receives = receives | mixed;
             if (scene.muted_segments)  // a light sample is one segment more
                 receives = deeper(scene.muted_segments, path, segment, receives);
-            if (scene.lights.count && any(receives))
-                request(scene, s, path, place.vertex, place.bsdf, segment, random, receives,
-                        shadow);
+            if constexpr (has(kBlend))
+                drawn = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
+            if (scene.lights.count && any(receives)) {
+                request(scene, s, path, place, segment, random, receives, drawn, shadow);
+                weighed = true;
+            }
         }
-        BsdfSample<L> next = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
+        BsdfSample<L> next;
+        if constexpr (!has(kBlend) || !has(kAnyLight))
+            next = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
+        else
+            next = drawn;
+        if constexpr (has(kBlend))
+            if (!weighed) Direct::weigh(scene, -path.ray.d, place, next);
         if constexpr (has(kMedia))
             if (any(place.collided))
                 scatter_in_medium(scene, s, path, segment, place, random, next);

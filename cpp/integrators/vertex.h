@@ -13,13 +13,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Direct = DirectLight<L, kFeatures>;
     using Near = Beside<L, kFeatures>;
-    using Along = Tangents<L>;
     using Rim = Rims<L, kFeatures>;
     using Direct::leave_closed, Direct::medium_column, Direct::medium_spectrum, Direct::no_lanes,
         Direct::white, Direct::black;
     using Reader::has, Reader::material, Reader::surface_at, Reader::surface_column,
         Reader::surface_spectrum;
-    using typename Direct::Sampler, typename Direct::Vertex;
+    using typename Direct::Place, typename Direct::Sampler, typename Direct::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
@@ -133,17 +132,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
         return select(camera, depth / cosine, F(kInfinity));
     }
 
-    // Where a path scatters: at a surface, or at a collision in a medium.
-    struct Place {
-        Hit<L> hit;
-        Surface<L> at;
-        Vertex vertex;
-        Material bsdf;
-        M collided, scatters;  // of these, in a medium; all
-        M pass;                // goes on straight through the surface
-        M hidden;              // kHidden: of these, lamps, which are not there for the camera
-    };
-
     // ---- arrive: what ends the segment. Returns the lanes at a surface; those of place.collided
     // are at a collision, the others have escaped ----
     static VR_HD M arrive(const SceneView& scene, const PathSettings& s, PathState<L>& path, F far,
@@ -190,7 +178,8 @@ struct PathVertices : DirectLight<L, kFeatures> {
     static VR_HD void surface_vertex(const SceneView& scene, const PathSettings& s,
                                      PathState<L>& path, uint32_t segment, M valid, Place& place,
                                      Events<L>& e) {
-        if constexpr (has(kBlend)) choose_material(scene, s, path, segment, valid, place.at);
+        if constexpr (has(kBlend))
+            Direct::choose_material(scene, s, path, segment, valid, place.at, place.choice);
         const Surface<L>& at = place.at;
         M covered = valid;
         if constexpr (has(kHidden)) {
@@ -215,23 +204,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
             if constexpr (has(kMedia))
                 vertex.beyond = Direct::medium_beyond(scene, path, place.hit, at, valid);
         }
-        [[maybe_unused]] typename Along::Partials along;
-        if constexpr (has(kTangents))
-            if (scene.tangents) {
-                along = Along::template partials<Reader>(scene, place.hit.primitive, at, valid);
-                Along::template relieve<Reader>(scene, along, at, wo, valid, place.bsdf, vertex.ns);
-            }
-        F cos_o = dot(vertex.ns, wo);
-        if constexpr (has(kSmooth))
-            Reader::face_viewer(place.bsdf, wo, vertex.ng, vertex.ns, cos_o);
-        place.bsdf.set_view(vertex.ns, cos_o, at.front);
-        if constexpr (has(kTangents))
-            if (scene.tangents) {
-                place.bsdf.view.tangents = true;
-                place.bsdf.view.tangent = Along::across(Along::across(along.u, at.ns), vertex.ns);
-            }
+        F cos_o;
+        Direct::look(scene, place.hit.primitive, at, wo, vertex.ng, valid, place.bsdf, vertex.ns,
+                     cos_o);
         place.pass = no_lanes(valid);
         if constexpr (has(kHidden)) place.pass = place.hidden;
+        if constexpr (has(kBlend)) place.choice.mixed = place.choice.mixed & covered;
         if constexpr (has(kPass)) {
             const F opacity = Direct::opacity(scene, at);
             const M thin = covered & (opacity < F(1.f));
@@ -243,7 +221,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
                 covered = valid & !place.pass;
             }
         }
-        const M dark = covered & is_dark(scene, at, place.bsdf, cos_o);
+        M dark = covered & is_dark(scene, at, place.bsdf, cos_o);
+        if constexpr (has(kBlend))
+            if (any(place.choice.mixed)) {  // what is black in a blend sends paths on for the rest
+                Direct::show(scene, at, place.bsdf, cos_o, place.choice);
+                dark = dark & (place.choice.away | !place.choice.mixed);
+            }
         e.emitter_end = lit & dark;
         e.absorbed = dark & !e.emitter_end;
         place.scatters = (covered & !dark) | place.collided;
@@ -323,26 +306,6 @@ struct PathVertices : DirectLight<L, kFeatures> {
         return place.pass;
     }
 
-    // Of a blend, the row of the one of its materials that a random number chooses; the other one
-    // may be a blend, for which what is left of the number counts. What the path then meets is that
-    // one alone, so that densities and values belong together.
-    static VR_HD void choose_material(const SceneView& scene, const PathSettings& s,
-                                      const PathState<L>& path, uint32_t segment, M valid,
-                                      Surface<L>& at) {
-        if (!(scene.features & kBlend)) return;
-        M blended;
-        U other = Direct::other_row(scene, at, valid, blended);
-        if (none(blended)) return;
-        F u = uniform(
-            random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross)).w);
-        while (any(blended)) {
-            const F weight = Direct::blend_weight(scene, at);
-            const M second = blended & (u < weight);
-            u = select(second, u / weight, u);
-            at.row = select(second, other, at.row);
-            other = Direct::other_row(scene, at, second, blended);
-        }
-    }
     // Rays of the camera, on the way to their first scattering, which do not see light.
     static VR_HD M unseeing(const SceneView& scene, const PathState<L>& path) {
         static_assert(!has(kHidden) || has(kPass));
@@ -356,14 +319,9 @@ struct PathVertices : DirectLight<L, kFeatures> {
         const U met = select(unseen, hit.primitive, U(0u));
         return unseen & !(lookup(scene.light_chance, met, scene.primitive_count) == F(0.f));
     }
-    // Reflects nothing: black, the back of a one-sided material, or seen from below the shading
-    // normal's horizon.
     static VR_HD M is_dark(const SceneView& scene, const Surface<L>& at, const Material& bsdf,
                            F cos_o) {
-        M dark = (!at.front) & (surface_column(scene, at.row, kSurfaceTwoSided) <= F(0.f));
-        if constexpr (has(kSmooth)) dark = dark | !(cos_o > F(0.f));
-        if constexpr (has(kPass)) dark = dark & !bsdf.only_passes();
-        return dark | bsdf.black();
+        return Direct::looks_away(scene, at, bsdf, cos_o) | bsdf.black();
     }
 
    private:

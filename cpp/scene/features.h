@@ -28,7 +28,7 @@ enum Feature : FeatureMask {
     kTextures = 1u << 13,       // textures on surfaces
     kAlbedoGrids = 1u << 14,    // a medium whose albedo a grid gives
     kUnevenMedia = 1u << 15,    // a medium whose extinction a grid gives
-    kBlend = 1u << 16,          // a material that is one of two at each hit
+    kBlend = 1u << 16,          // a material that is several in one
     kAttributes = 1u << 17,     // a texture of numbers that meshes have, or one in another
     kTangents = 1u << 18,       // slopes that depend on the direction, normal and bump maps
     kHidden = 1u << 19,         // light that the camera does not see directly

@@ -124,7 +124,9 @@ CASES = {
     "two floors": Case("checks/smooth_normals.xml", _CHECK, hidden=(("</scene>", _SECOND_FLOOR),)),
 }  # fmt: skip
 
-_PATH, _VERTEX, _DIRECT = (f"integrators/{n}.h" for n in ("path", "vertex", "direct"))
+_PATH, _VERTEX, _DIRECT, _BLEND = (
+    f"integrators/{n}.h" for n in ("path", "vertex", "direct", "blend")
+)
 _SURFACE, _BSDF = "integrators/surface.h", "bsdfs/bsdf.h"
 _DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic"))
 _THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
@@ -316,8 +318,8 @@ _ROUGH = (
            "to_uint(max(x - F(1.f), F(0.f)))", "rough_plastic"),
     Mutant("nothing sent back inside a rough coat", _TABLES, "sum / (kCoatCells + 1)", "0.0",
            "rough_plastic"),
-    Mutant("light behind rough glass left out", _DIRECT, "lit = lit | behind;", "lit = lit;",
-           "rough_glass"),
+    Mutant("light behind rough glass left out", _BLEND, "a.lit = a.lit | a.behind;",
+           "a.lit = a.lit;", "rough_glass"),
     Mutant("light behind rough glass not compressed", _ROUGH_GLASS,
            "(squared(view) * compression(view))", "(squared(view))", "rough_glass"),
     Mutant("refraction at small mirrors not compressed", _ROUGH_GLASS,
@@ -544,11 +546,15 @@ _TEXTURES = (
 )  # fmt: skip
 
 _BLENDS = (
-    Mutant("blend's weight inverted", _VERTEX, "blended & (u < weight)",
+    Mutant("blend's weight inverted", _BLEND, "blended & (u < weight)",
            "blended & (u >= weight)", "blends"),
     Mutant("blend's weight inverted for shadows", _DIRECT,
            "left * (F(1.f) - weight)", "left * weight", "blends"),
-    Mutant("blend by the number that the mask takes", _VERTEX,
+    Mutant("density of a blend without its other materials", _BLEND,
+           "fma(one.value.pdf_sa, share, all.value.pdf_sa)", "all.value.pdf_sa", "blends"),
+    Mutant("light on a blend by its chosen material alone", _BLEND,
+           "fma(one.value.f_cos, share, all.value.f_cos)", "all.value.f_cos", "blends"),
+    Mutant("blend by the number that the mask takes", _BLEND,
            "blended & (u < weight)",
            "blended & (uniform(random_block(s.key, path.pixel, path.sample, "
            "dimension_block(segment, kCross)).z) < weight)", "blends"),
@@ -572,11 +578,11 @@ _GEOMETRY = (
            "narrow * wide / (away * away)", "narrow * F(f.slope * 2.f * kPi) / away", "lanczos"),
     Mutant("mitchell's lobes of the wrong weight", "scene/camera.cpp", "sum += parts[i];",
            "sum += std::abs(parts[i]);", "mitchell"),
-    Mutant("cosine to the geometric normal in light samples", _DIRECT, "dot(at.ns, light.wi)",
-           "dot(at.ng, light.wi)", "smooth_normals"),
-    Mutant("smooth lobe about the geometric normal", _VERTEX,
-           "place.bsdf.set_view(vertex.ns, cos_o, at.front);",
-           "place.bsdf.set_view(vertex.ng, cos_o, at.front);", "smooth_normals"),
+    Mutant("cosine to the geometric normal in light samples", _BLEND, "dot(at.ns, wi)",
+           "dot(at.ng, wi)", "smooth_normals"),
+    Mutant("smooth lobe about the geometric normal", _BLEND,
+           "bsdf.set_view(ns, cos_o, at.front);",
+           "bsdf.set_view(at.ng * side, cos_o, at.front);", "smooth_normals"),
     Mutant("interpolated normal not normalised", _SURFACE, "ns * (F(1.f) / sqrt(d2))", "ns",
            "bent glass"),
     Mutant("front told by the shading normal", _SURFACE, "dot(at.ng, ray.d) < F(0.f)",

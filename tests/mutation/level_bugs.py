@@ -7,6 +7,7 @@ EXPLAINED: why a bug may survive.
 from __future__ import annotations
 
 from tests.mutation.bugs import (
+    _BLEND,
     _BSDF,
     _CAMERA,
     _DIFFUSE,
@@ -45,7 +46,6 @@ _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
 _METER = "camera/meter.h"
-_TO_LIGHT = "-path.ray.d, light.wi"
 _IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "core/intervals.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
@@ -96,9 +96,8 @@ _SCATTERING = (
            "[&] { BsdfSample<L> n = place.bsdf.sample(wo, {uniform(random.z),"
            " uniform(random.w), uniform(lobe)});"
            " if (segment == 0) n.weight = n.weight * n.weight; return n; }()"),
-    Mutant("light from below the horizon", _DIRECT, "active & (cos_i > F(0.f))", "active",
-           also=((f"material.eval({_TO_LIGHT}, cos_i)",
-                  f"material.eval({_TO_LIGHT}, abs(cos_i))"),)),
+    Mutant("light from below the horizon", _BLEND, "active & (cos_i > F(0.f))", "active",
+           also=(("material.eval(wo, wi, cos_i)", "material.eval(wo, wi, abs(cos_i))"),)),
     Mutant("Schlick for Fresnel", _FRESNEL, _R,
            "[&] { const F q = (F(1.f) - eta) / (F(1.f) + eta), r0 = q * q,"
            " m = F(1.f) - select(eta < F(1.f), cos_t, cos_i);"
@@ -514,7 +513,7 @@ MORE = (
     *_REPAIRED,
     Mutant(
         "second choice of a blend by the first's number",
-        _VERTEX,
+        _BLEND,
         "select(second, u / weight, u)",
         "select(second, u, u)",
     ),
@@ -525,8 +524,14 @@ MORE = (
         "left = weight;",
     ),
     Mutant(
-        "back of two sides on the front",
+        "lights on a blend by its chosen material",
         _DIRECT,
+        "Blend::face_all(scene, wo, place, at.ns, both);",
+        "both = both;",
+    ),
+    Mutant(
+        "back of two sides on the front",
+        _BLEND,
         "(sides < F(2.f)) | at.front",
         "(sides < F(2.f)) | !at.front",
     ),

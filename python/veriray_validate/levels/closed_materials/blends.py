@@ -164,3 +164,31 @@ def furnace_of_two(t: Trial) -> None:
     ground = flat("rectangle", [0, 0, -1], [0, 0, 1], 50, blend(diffuse(1.0), MIRROR, 0.5))
     parts = (ground, sphere([0, 0, 0], 1, blend(MIRROR, diffuse(1.0))), sky(1))
     t.agrees(scene(view([4, 0, 3], [0, 0, 0], 30, 8), *parts), 1.0, 4_000, sees=0.001)
+
+
+SHEETS = {
+    "two": lambda a, b: (blend(diffuse(a), diffuse(b), 0.3), 0.7 * a + 0.3 * b),
+    "three": lambda a, b: (blend(diffuse(a), blend(diffuse(b), BLACK, 0.2), 0.3),
+                           0.7 * a + 0.3 * 0.8 * b),
+}  # fmt: skip
+
+
+@case(3, each={"of": SHEETS, "lit": LIT})
+def matt_in_matt(t: Trial, of: str, lit: str) -> None:
+    """A blend of matt surfaces is the matt one of their mean: the same picture, noise and all.
+
+    All of its materials count in light samples and in densities, so that by the same random numbers
+    each sample is the same, but for rounding: 2^-16 of a pixel. Of the material that is chosen
+    alone, the variance would be 2 to 20 times this.
+    """
+    bsdf, mean = SHEETS[of](0.02, 0.9)
+    seed, pictures = t.fresh(), []
+    for one in (bsdf, diffuse(mean)):
+        ground = flat("rectangle", [0, 0, -1], [0, 0, 1], 5, one)
+        light = sky(1) if lit == "sky" else sphere([0, 3, 3], 0.5, BLACK, 50.0)
+        parts = (ground, sphere([0, 0, 0], 1, one), light)
+        scene_of_one = scene(view([4, 0, 3], [0, 0, 0], 30, 8), *parts, max_depth=4)
+        pictures.append(t.render(scene_of_one, 64, seed=seed).image.astype(float))
+    blended, plain = pictures
+    t.check(plain.mean() > 0.05, "no light")
+    t.check(abs(blended - plain) <= plain * 2.0**-16, "another picture than of their mean")

@@ -144,6 +144,18 @@ def _thin(d: Draw, colour: Three) -> str:
                     x.number("ext_ior", 1))  # fmt: skip
 
 
+def _blend(d: Draw, colour: Three) -> str:
+    # by turns: rough metal of little roughness, plastic
+    second = _plastic(d, colour)
+    if d.rng.random() < 0.5:
+        second = x.plugin(
+            "bsdf", "roughconductor", x.string("material", "none"), x.string("distribution", "ggx"),
+            x.number("alpha", 0.05 + 0.2 * colour[0]), x.rgb("specular_reflectance", *colour),
+        )  # fmt: skip
+    return x.plugin("bsdf", "blendbsdf", x.number("weight", d.between(0.3, 0.7)),
+                    x.diffuse(d.colour(0.05, 0.9)), second)  # fmt: skip
+
+
 # ---- places ----
 
 
@@ -431,6 +443,8 @@ RULES: tuple[Rule, ...] = (
          partial(_room, things=_plastic, shapes="balls"), group="balls"),
     Rule("principled", "principled balls in a room",
          partial(_room, things=_principled, shapes="balls"), group="balls"),
+    Rule("blend", "boxes of matt surfaces blended with rough metal or plastic in a room",
+         partial(_room, things=_blend)),
     Rule("fog-thin", "boxes in thin fog", partial(_fog, sigma=(0.1, 0.3), chromatic=False),
          integrator="volpath", max_depth=32),
     Rule("fog-dense", "a dense cloud", _cloud, integrator="volpath", max_depth=64, rr_depth=16),

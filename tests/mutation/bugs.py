@@ -582,7 +582,7 @@ _GEOMETRY = (
            "dot(at.ng, wi)", "smooth_normals"),
     Mutant("smooth lobe about the geometric normal", _BLEND,
            "bsdf.set_view(ns, cos_o, at.front);",
-           "bsdf.set_view(at.ng * side, cos_o, at.front);", "smooth_normals"),
+           "bsdf.set_view(ng, cos_o, at.front);", "smooth_normals"),
     Mutant("interpolated normal not normalised", _SURFACE, "ns * (F(1.f) / sqrt(d2))", "ns",
            "bent glass"),
     Mutant("front told by the shading normal", _SURFACE, "dot(at.ng, ray.d) < F(0.f)",

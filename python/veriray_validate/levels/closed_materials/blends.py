@@ -6,6 +6,7 @@ import functools
 import math
 from typing import Any
 
+import veriray
 from veriray_validate.dicts import (
     BLACK,
     MIRROR,
@@ -192,3 +193,25 @@ def matt_in_matt(t: Trial, of: str, lit: str) -> None:
     blended, plain = pictures
     t.check(plain.mean() > 0.05, "no light")
     t.check(abs(blended - plain) <= plain * 2.0**-16, "another picture than of their mean")
+
+
+@case(3)
+def lamps_on_both_sides(t: Trial) -> None:
+    """Matt and rough glass in one between three lamps: the sum of what each shows. Sees 2.5 %.
+
+    One of the lamps is chosen for a light sample, and behind the matt part none is. The parts alone
+    have 64 times the samples.
+    """
+    parts = diffuse(0.6), rough(0.5, True, glass(ETA))
+    lamps = [
+        sphere([x, y, z], 0.5, BLACK, radiance)
+        for x, y, z, radiance in ((1, 0, 1.5, 10.0), (-1, 0.5, -1.5, 10.0), (0, -1, -1.2, 6.0))
+    ]
+
+    def between(bsdf: Dict) -> veriray.Scene:
+        sheet = flat("rectangle", [0, 0, 0], [0, 0, 1], 9, bsdf)
+        return scene(view([0, 4, 3], [0, 0, 0]), sheet, *lamps, max_depth=2)
+
+    alone = [t.render(between(part), 2_560_000).image.astype(float) for part in parts]
+    exact = (1 - WEIGHT) * alone[0] + WEIGHT * alone[1]
+    t.agrees(between(blend(*parts)), exact, 40_000, sees=0.025)

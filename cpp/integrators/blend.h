@@ -187,7 +187,7 @@ struct Blends : SurfaceReader<L, kFeatures> {
             }
             left = select(leave, left * weight, left);
             at.row = select(leave & blended, next, at.row);
-            lanes = lanes & (!leave | (blended & (weight > F(0.f))));
+            lanes = lanes & ((blended & (weight > F(0.f))) | !leave);
         }
     }
 

@@ -104,7 +104,8 @@ struct Blends : SurfaceReader<L, kFeatures> {
     static VR_HD Answer light_from(V wi, V wo, const Vertex& at, const Material& material,
                                    M active) {
         const F cos_i = dot(at.ns, wi);
-        Answer a{material.eval(wo, wi, cos_i), active & (cos_i > F(0.f)), no_lanes(active)};
+        const M ahead = active & (cos_i > F(0.f));
+        Answer a{material.eval(wo, wi, cos_i), ahead, no_lanes(active)};
         M either = a.behind;
         if constexpr (has(kSmooth)) {
             if constexpr (Material::kEitherSide) either = active & material.either_side();
@@ -246,15 +247,15 @@ struct Blends : SurfaceReader<L, kFeatures> {
         const M sound = drawn & ((under & next.transmitted) | (over & !next.transmitted));
 
         const F share = place.choice.share;
-        const M lit = light.lit & lanes & !place.choice.away;
+        const M lit = light.lit & lanes & !place.choice.away, behind = light.behind & lit;
+        const M beyond = under & sound;
         const auto part = [&](M m, const S& f_cos, F pdf) -> BsdfValue<F> {
             return {select(m, f_cos * share, S::all(F(0.f))), select(m, pdf * share, F(0.f))};
         };
-        const Sums own{
-            {wi, next.wi},
-            {lanes, sound},
-            {{part(lit, light.value.f_cos, light.value.pdf_sa), lit, light.behind & lit},
-             {part(sound, next.weight * next.pdf_sa, next.pdf_sa), sound, under & sound}}};
+        const Sums own{{wi, next.wi},
+                       {lanes, sound},
+                       {{part(lit, light.value.f_cos, light.value.pdf_sa), lit, behind},
+                        {part(sound, next.weight * next.pdf_sa, next.pdf_sa), sound, beyond}}};
         const Sums sums =
             with_others(scene, wo, place.hit.primitive, place.at, place.choice.first, own);
         const Answer &all = sums.all[kLight], &ahead = sums.all[kNext];

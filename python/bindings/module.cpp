@@ -313,7 +313,15 @@ py::array_t<T> copied(const Picture& p, void (Picture::*read)(float*) const) {
 
 py::array image_of(const Picture& p) {
     if (p.integers()) return copied<uint32_t>(p, &Picture::read_mean);
-    return copied(p, &Picture::read_mean);
+    std::unique_ptr<Large<float>> mean;
+    {
+        py::gil_scoped_release release;
+        mean = std::make_unique<Large<float>>(p.mean());
+    }
+    float* const numbers = mean->data();
+    const py::capsule owner(mean.get(), [](void* all) { delete static_cast<Large<float>*>(all); });
+    mean.release();
+    return py::array_t<float>(picture_shape(p), numbers, owner);
 }
 
 // A table of the scene's form, without a copy.

@@ -11,8 +11,8 @@ namespace veriray {
 template <class L, FeatureMask kFeatures>
 struct DirectLight : SurfaceReader<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
-    using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::passed,
-        Reader::surface_at, Reader::surface_column;
+    using Reader::closest, Reader::has, Reader::uses, Reader::material, Reader::occluded,
+        Reader::passed, Reader::surface_at, Reader::surface_column;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
@@ -143,7 +143,7 @@ struct DirectLight : SurfaceReader<L, kFeatures> {
         const F cos_i = dot(at.ns, light.wi);
         BsdfValue<F> value = material.eval(-path.ray.d, light.wi, cos_i);
         M lit = active & (cos_i > F(0.f)), either = no_lanes(active), behind = either;
-        if constexpr (has(kSmooth)) {
+        if (uses(scene, kSmooth)) {
             if constexpr (Material::kEitherSide) either = active & material.either_side();
             lit = (lit | either) & (dot(at.ng, light.wi) > F(0.f));
         }

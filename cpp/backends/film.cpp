@@ -202,6 +202,11 @@ Large<float> Picture::mean() const {
     read_mean(out.data());
     return out;
 }
+Large<float> Picture::error() const {
+    Large<float> out = impl->memory->on_host(impl->size());
+    read_error(out.data());
+    return out;
+}
 void Picture::read_error(float* out) const {
     if (!integers()) impl->memory->read(impl->size(), impl->size(), out);
 }

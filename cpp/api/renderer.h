@@ -151,6 +151,8 @@ class Picture {
     double mean_error() const;
     // Of integers their bits.
     void read_mean(float* out) const;
+    // The same, of pictures that have errors, in memory for them.
+    Large<float> mean() const, error() const;
     void read_error(float* out) const;
     // The means where the device has them, for others to read: their memory then waits for all
     // work on the device before it is used again.

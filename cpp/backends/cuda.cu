@@ -121,6 +121,7 @@ class CudaRunner final : public Runner {
                                 work_,
                                 side_,
                                 counted ? ledger_ : no_ledger_,
+                                3 * size_t{job.film.width} * job.film.height,
                                 poll};
         const Scratch<uint32_t> listed = list(job);
         check(cudaMemsetAsync(faults_.get(), 0, sizeof(FaultLog), work_.s), "prepare");

@@ -3,6 +3,7 @@
 
 #include "backends/film_memory.h"
 #include "backends/instances.h"
+#include "backends/spare.h"
 #include "backends/tree.cuh"
 
 namespace veriray {
@@ -81,6 +82,7 @@ class DevicePicture final : public PictureMemory {
                             n * sizeof(float)))
             numbers_.download(first, n, out);
     }
+    Large<float> on_host(size_t n) const override { return Spare::common().take(n); }
     void share() override { shared_ = true; }
 
    private:

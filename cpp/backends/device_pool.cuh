@@ -139,7 +139,7 @@ class Staging {
     // To the host. False: it is not worth the threads, there is no page-locked memory to be had, or
     // the device failed; what is in `out` is of no use. The device's work on `from` is done.
     static bool fetch(int device, char* out, const char* from, size_t bytes) {
-        return with_one(device, bytes, [&](Staging& s) {
+        return with_one(device, bytes, kLeastFetched, [&](Staging& s) {
             cudaError_t status = cudaSuccess;
             for (size_t at = 0; at < bytes && status == cudaSuccess; at += kPart * kParts)
                 status =
@@ -149,7 +149,7 @@ class Staging {
     }
     // To the device, likewise; what is there is complete when it returns.
     static bool send(int device, char* out, const char* from, size_t bytes) {
-        return with_one(device, bytes,
+        return with_one(device, bytes, kLeastSent,
                         [&](Staging& s) { return s.stream(device, out, from, bytes); });
     }
     ~Staging() {
@@ -160,8 +160,8 @@ class Staging {
     }
 
    private:
-    // Bytes from which on it is worth its threads.
-    static constexpr size_t kLeast = 2 << 20;
+    // Bytes from which on it is worth its threads. What is fetched has its pages (spare.h).
+    static constexpr size_t kLeastSent = 2 << 20, kLeastFetched = 8 << 20;
     static constexpr size_t kPart = 1 << 20, kParts = 16;
 
     int device_ = 0;
@@ -171,8 +171,8 @@ class Staging {
 
     // Whether so many bytes are worth it, there is one and use(it) succeeds; then it is for others.
     template <class Use>
-    static bool with_one(int device, size_t bytes, Use use) {
-        if (bytes < kLeast) return false;
+    static bool with_one(int device, size_t bytes, size_t least, Use use) {
+        if (bytes < least) return false;
         std::unique_ptr<Staging> s = take(device);
         if (!s) return false;
         if (use(*s) != cudaSuccess) return cudaGetLastError(), false;

@@ -2,6 +2,7 @@
 #include <thread>
 
 #include "backends/features.h"
+#include "backends/render.h"
 #include "film/lane_sums.h"
 #include "integrators/features.h"
 #include "scene/thread_pool.h"
@@ -85,7 +86,8 @@ void look_at(const SceneView& scene, const FeatureJob& job, uint32_t pixel, cons
     }
 }
 
-constexpr uint32_t kRun = 256;  // pixels of a unit of work
+// Pixels and samples of a unit of work, which no poll interrupts.
+constexpr uint32_t kRun = 256, kAtOnce = 4096;
 static_assert(kRun % Simd::kWidth == 0);
 
 // Without calls, which pass vectors through memory: half of the time.
@@ -110,20 +112,30 @@ template <class Looker>
 
 bool run_features(const Scene& scene, const FeatureJob& job, const std::vector<float>& maps,
                   const RenderSettings& s, RenderStats& stats, const Poll& poll) {
-    SceneView view = scene.host().view;
+    SceneView view = traced_view(scene.host().view);
     if (!maps.empty()) view.uv = maps.data();
     stats.threads = s.threads ? s.threads : std::max(1u, std::thread::hardware_concurrency());
     stats.device = "cpu";
     ++stats.launches;
-    return parallel(stats.threads, (uint64_t{job.pixels} + kRun - 1) / kRun, poll,
-                    [&](uint32_t, uint64_t unit) {
-                        const auto begin = static_cast<uint32_t>(unit * kRun);
-                        with_feature_variant(
-                            needed(view), s.all_features, [&]<uint32_t kVariant>() {
-                                look_at_run<FeatureImages<Simd, kVariant>>(
-                                    view, job, begin, std::min(job.pixels - begin, kRun) + begin);
-                            });
-                    });
+    FeatureJob part = job;
+    const auto look = [&](uint32_t, uint64_t unit) {
+        const auto begin = static_cast<uint32_t>(unit * kRun);
+        with_feature_variant(needed(view), s.all_features, [&]<uint32_t kVariant>() {
+            look_at_run<FeatureImages<Simd, kVariant>>(view, part, begin,
+                                                       std::min(job.pixels - begin, kRun) + begin);
+        });
+    };
+    for (uint32_t first = 0; first < job.samples; first += part.samples) {
+        part.sample_begin = job.sample_begin + first;
+        part.samples = std::min(job.samples - first, kAtOnce);
+        part.centres = job.centres && !first;
+        const auto share = [&](double of_part) {
+            return !poll || poll((first + of_part * part.samples) / job.samples);
+        };
+        if (!parallel(stats.threads, (uint64_t{job.pixels} + kRun - 1) / kRun, share, look))
+            return false;
+    }
+    return true;
 }
 
 }  // namespace veriray

@@ -197,6 +197,16 @@ int Picture::device() const { return impl->device; }
 size_t Picture::memory() const { return (integers() ? 1 : 2) * impl->size() * sizeof(float); }
 double Picture::mean_error() const { return impl->mean_error; }
 void Picture::read_mean(float* out) const { impl->memory->read(0, impl->size(), out); }
+Large<float> Picture::mean() const {
+    Large<float> out = impl->memory->on_host(impl->size());
+    read_mean(out.data());
+    return out;
+}
+Large<float> Picture::error() const {
+    Large<float> out = impl->memory->on_host(impl->size());
+    read_error(out.data());
+    return out;
+}
 void Picture::read_error(float* out) const {
     if (!integers()) impl->memory->read(impl->size(), impl->size(), out);
 }

@@ -12,6 +12,7 @@
 #include "backends/block_ledger.cuh"
 #include "backends/device.cuh"
 #include "backends/instances.h"
+#include "backends/spare.h"
 #include "integrators/integrators.h"
 #include "scene/thread_pool.h"
 
@@ -51,6 +52,7 @@ struct Launches {
     Stream& work;
     Stream& side;
     Scratch<uint64_t>& ledger;
+    size_t picture;  // numbers of the film's means
     const Poll& poll;
 };
 
@@ -96,8 +98,8 @@ T read_word(const T* word, const Stream& side) {
     return value;
 }
 
-// Asks poll every kPollPause while the device works; where it stops the render, the device's word
-// *cancel is raised.
+// Asks poll every kPollPause while the device works, and gets memory for the picture ready; where
+// poll stops the render, the device's word *cancel is raised.
 class Watch {
    public:
     Watch(const Launches& l, uint32_t* cancel) : l_(l), cancel_(cancel) {}
@@ -112,7 +114,7 @@ class Watch {
             cudaGetLastError();  // not ready is no error of a later launch
             if (l_.poll && !stopped_ && Clock::now() - last_ > kPollPause)
                 ask(share());
-            else
+            else if (!Spare::common().touch(l_.picture))
                 std::this_thread::yield();
         }
     }

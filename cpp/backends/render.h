@@ -9,10 +9,17 @@
 
 namespace veriray {
 
-// A scene as pictures sample it: evenly in pixels where these share samples.
+// A scene as its stages see it, with what follows from its features.
+inline SceneView traced_view(SceneView view) {
+    view.parameters = 0;
+    for (uint32_t kind = 0; kind < kMaterialCount; ++kind)
+        if (kinds_of(view.features) >> kind & 1u) view.parameters |= closure_traits(kind).reads;
+    return view;
+}
+// Likewise as pictures sample it: evenly in pixels where these share samples.
 inline SceneView sampled_view(SceneView view) {
     if (view.filter.rim) view.filter.kind = FilterKind::kBox;
-    return view;
+    return traced_view(view);
 }
 
 class Runner {

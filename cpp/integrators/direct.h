@@ -13,7 +13,7 @@ struct DirectLight : Blends<L, kFeatures> {
     using Blend = Blends<L, kFeatures>;
     using Blend::blend_weight, Blend::light_from, Blend::no_lanes, Blend::other_row;
     using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::passed,
-        Reader::surface_at, Reader::surface_column;
+        Reader::surface_at, Reader::surface_column, Reader::uses;
     using typename Blend::Answer, typename Blend::PhaseFunction, typename Blend::Place,
         typename Blend::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,

@@ -19,7 +19,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
     using Vertices = PathVertices<L, kFeatures>;
     using Direct::black, Direct::medium_beyond, Direct::no_lanes, Direct::request,
         Direct::unblocked, Direct::white;
-    using Reader::has;
+    using Reader::has, Reader::uses;
     using typename Direct::Place, typename Direct::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
@@ -68,10 +68,11 @@ struct PathTracer : PathVertices<L, kFeatures> {
         if constexpr (has(kLens))
             if (scene.features & kLens)
                 path.ray = lens_ray<L>(scene.camera, at, uniform(r.z), uniform(r.w));
-        if constexpr (has(kClip)) {
-            const F cosine = dot(path.ray.d, broadcast<F>(scene.camera.forward));
-            path.ray.o = fma(path.ray.d, F(scene.camera.near_clip) / cosine, path.ray.o);
-        }
+        if constexpr (has(kClip))
+            if (uses(scene, kClip)) {
+                const F cosine = dot(path.ray.d, broadcast<F>(scene.camera.forward));
+                path.ray.o = fma(path.ray.d, F(scene.camera.near_clip) / cosine, path.ray.o);
+            }
         path.throughput = white();
         if constexpr (has(kLens))
             if (scene.camera.meter.kind != MeterKind::kNone) {
@@ -100,14 +101,15 @@ struct PathTracer : PathVertices<L, kFeatures> {
 
     // ---- roulette: survive with q = min(1, max throughput), rounded up to a multiple of 2^-24 so
     // that the division is exact in expectation; returns the survivors ----
-    static VR_HD M roulette(const PathSettings& s, PathState<L>& path, uint32_t segment, M active) {
+    static VR_HD M roulette(const SceneView& scene, const PathSettings& s, PathState<L>& path,
+                            uint32_t segment, M active) {
         M plays = active;
-        if constexpr (has(kPass))
+        if (uses(scene, kGoOn))
             plays = plays & !(path.vertices < U(s.rr_depth));
         else if (segment + 1 < s.rr_depth)
             return active;
         F most = max_channel(path.throughput);
-        if constexpr (has(kRefraction)) most = most * path.scale;
+        if (uses(scene, kRefraction)) most = most * path.scale;
         plays = plays & (most < F(1.f));
         if (none(plays)) return active;
         const F q =
@@ -139,16 +141,14 @@ struct PathTracer : PathVertices<L, kFeatures> {
         reach(scene, path, far, valid, place, e);
         surface_vertex(scene, s, path, segment, valid, place, e);
         mute(scene, path, segment, active);
-        const M deep = beyond_depth(s, path, segment, place.scatters);
-        if constexpr (!has(kPass)) {
-            if (any(deep)) {
-                e.depth_cut = deep;
-                return e;
-            }
+        const M deep = beyond_depth(scene, s, path, segment, place.scatters);
+        if (!uses(scene, kGoOn) && any(deep)) {
+            e.depth_cut = deep;
+            return e;
         }
         [[maybe_unused]] M mixed;  // lanes of blends, whose light samples no choice decides on
         if constexpr (has(kBlend)) {
-            mixed = place.choice.mixed & !beyond_depth(s, path, segment, place.choice.mixed);
+            mixed = place.choice.mixed & !beyond_depth(scene, s, path, segment, place.choice.mixed);
             if (none(place.scatters | place.pass | mixed)) return e;
         } else if (none(place.scatters | place.pass))
             return e;
@@ -165,9 +165,9 @@ struct PathTracer : PathVertices<L, kFeatures> {
             M receives = ((place.scatters & place.bsdf.scatters()) | place.collided) & !deep;
             if constexpr (has(kBlend)) receives = receives | mixed;
             if (scene.muted_segments)  // a light sample is one segment more
-                receives = deeper(scene.muted_segments, path, segment, receives);
+                receives = deeper(scene, scene.muted_segments, path, segment, receives);
             if constexpr (has(kBlend))
-                drawn = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
+                drawn = scatter_at_surface(scene, s, path, segment, random, deep, valid, place, e);
             if (scene.lights.count && any(receives)) {
                 request(scene, s, path, place, segment, random, receives, drawn, shadow);
                 weighed = true;
@@ -175,7 +175,7 @@ struct PathTracer : PathVertices<L, kFeatures> {
         }
         BsdfSample<L> next;
         if constexpr (!has(kBlend) || !has(kAnyLight))
-            next = scatter_at_surface(s, path, segment, random, deep, valid, place, e);
+            next = scatter_at_surface(scene, s, path, segment, random, deep, valid, place, e);
         else
             next = drawn;
         if constexpr (has(kBlend))
@@ -184,17 +184,17 @@ struct PathTracer : PathVertices<L, kFeatures> {
             if (any(place.collided))
                 scatter_in_medium(scene, s, path, segment, place, random, next);
         advance(scene, path, place, next);
-        end_here(s, path, segment, place, e);
+        end_here(scene, s, path, segment, place, e);
         return e;
     }
 
     // ---- end: absorption and roulette ----
-    static VR_HD void end_here(const PathSettings& s, PathState<L>& path, uint32_t segment,
-                               const Place& place, Events<L>& e) {
+    static VR_HD void end_here(const SceneView& scene, const PathSettings& s, PathState<L>& path,
+                               uint32_t segment, const Place& place, Events<L>& e) {
         const M black = place.scatters & !(max_channel(path.throughput) > F(0.f));
         e.absorbed = e.absorbed | black;
         const M scatters = place.scatters & !black;
-        const M survivors = roulette(s, path, segment, scatters);
+        const M survivors = roulette(scene, s, path, segment, scatters);
         e.rr_killed = scatters & !survivors;
         e.alive = survivors | place.pass;
     }
@@ -207,22 +207,22 @@ struct PathTracer : PathVertices<L, kFeatures> {
         const Vertex& vertex = place.vertex;
         const M pass = place.pass;
         path.throughput = path.throughput * next.weight;
-        if constexpr (has(kRefraction | kPass)) {
+        if (uses(scene, kRefraction | kPass)) {
             const M through = next.transmitted | Vertices::crossing(place);
             if constexpr (has(kMedia)) path.medium = medium_beyond(scene, path, hit, at, through);
         }
         V from = vertex.p;
-        if constexpr (has(kRefraction))
+        if (uses(scene, kRefraction))
             from = select(next.transmitted, fma(vertex.ng, -at.offset, at.p), from);
         path.ray.o = select(pass, path.ray.o, from);
-        if constexpr (has(kRefraction))
+        if (uses(scene, kRefraction))
             path.scale = select(next.transmitted,
                                 path.scale * (place.bsdf.view.relative * place.bsdf.view.relative),
                                 path.scale);
         path.ray.d = next.wi;
         path.pdf_sa = select(pass, path.pdf_sa, next.pdf_sa);
         if constexpr (has(kManyLights)) path.facing = select(pass, path.facing, vertex.facing);
-        if constexpr (has(kPass)) {
+        if (uses(scene, kGoOn)) {
             path.travelled = select(pass, hit.t, F(0.f));
             path.passed = select(pass, hit.primitive, U(~0u));
             path.vertices = select(pass, path.vertices, path.vertices + U(1u));
@@ -236,22 +236,21 @@ struct PathTracer : PathVertices<L, kFeatures> {
 
    private:
     // Lanes that may not scatter again.
-    static VR_HD M beyond_depth(const PathSettings& s, const PathState<L>& path, uint32_t segment,
-                                M scatters) {
+    static VR_HD M beyond_depth(const SceneView& scene, const PathSettings& s,
+                                const PathState<L>& path, uint32_t segment, M scatters) {
         if (segment + 1 >= kHardMaxDepth) return scatters;
-        return deeper(s.max_depth, path, segment, scatters);
+        return deeper(scene, s.max_depth, path, segment, scatters);
     }
     // Those of the lanes whose paths have at least so many segments, passes not counted.
-    static VR_HD M deeper(uint32_t segments, const PathState<L>& path, uint32_t segment, M lanes) {
-        if constexpr (has(kPass))
-            return lanes & !(path.vertices + U(1u) < U(segments));
-        else
-            return segment + 1 >= segments ? lanes : no_lanes(lanes);
+    static VR_HD M deeper(const SceneView& scene, uint32_t segments, const PathState<L>& path,
+                          uint32_t segment, M lanes) {
+        if (uses(scene, kGoOn)) return lanes & !(path.vertices + U(1u) < U(segments));
+        return segment + 1 >= segments ? lanes : no_lanes(lanes);
     }
     // Takes from paths of few segments, in scenes that leave these out, the light they have met.
     static VR_HD void mute(const SceneView& scene, PathState<L>& path, uint32_t segment, M active) {
         if (!scene.muted_segments) return;
-        const M counts = deeper(scene.muted_segments + 1, path, segment, active);
+        const M counts = deeper(scene, scene.muted_segments + 1, path, segment, active);
         path.radiance = select(active & !counts, black(), path.radiance);
     }
 };

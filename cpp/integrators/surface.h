@@ -1,163 +1,30 @@
 // From a ray and its hit to the surface there: closest hits, points, normals, materials.
 #pragma once
 
-#include <type_traits>
-
 #include "bsdfs/bsdf.h"
-#include "integrators/path_state.h"
+#include "integrators/flat_primitives.h"
 #include "integrators/texturing.h"
 #include "lights/light.h"
 
 namespace veriray {
 
-#if VR_CUDA
-// A block's copy of the scene's quads: a record takes three loads here, seven from the constant
-// bank, which was a tenth of the Cornell box's time (H200). Kernels that trace fill it first, and
-// wait for each other.
-__device__ inline QuadRecord* block_quads() {
-    __shared__ QuadRecord copy[kMaxFlat];
-    return copy;
-}
-
-template <FeatureMask kFeatures>
-__device__ void fill_block_quads(const SceneView& scene) {
-    if constexpr ((kFeatures & kQuads) != 0) {
-        float* const copy = block_quads()->v;
-        for (uint32_t i = threadIdx.x; i < scene.quad_count * kQuadFloats; i += blockDim.x)
-            copy[i] = scene.quads[i];
-    }
-}
-#endif
-
 template <class L, FeatureMask kFeatures>
-struct SurfaceReader {
-    using F = typename L::F;
-    using U = typename L::U;
-    using M = typename L::M;
+struct SurfaceReader : FlatPrimitives<L, kFeatures> {
+    using Flat = FlatPrimitives<L, kFeatures>;
+    using Flat::each_flat, Flat::has, Flat::kOneLane, Flat::quad;
+    using typename Flat::F, typename Flat::U, typename Flat::M;
     using V = Vec3<F>;
     using S = Spectrum<F>;
 
-    static constexpr bool has(FeatureMask features) { return (kFeatures & features) != 0; }
     static constexpr uint32_t kTreeKinds =
         kTreeTriangles | (has(kSpheres) ? kTreeSpheres : 0u) | (has(kDisks) ? kTreeDisks : 0u);
     using Material = Bsdf<L, kinds_of(kFeatures)>;
     using Texturing = veriray::Texturing<L, has(kAttributes)>;
 
-    static constexpr bool kOneLane = std::is_same_v<F, float>;
-
-    // The record of quad i: on a CPU laid out for lanes, on CUDA from the block's copy.
-    static VR_HD auto quad(const SceneView& scene, uint32_t i) {
-        if constexpr (!kOneLane) {
-            return static_cast<const typename L::Uniform*>(scene.uniform_quads) + i * kQuadFloats;
-        } else {
-#if VR_DEVICE_CODE
-            return block_quads()[i];
-#else
-            QuadRecord record;
-            memcpy(record.v, scene.quads + i * kQuadFloats, sizeof record.v);
-            return record;
-#endif
-        }
-    }
-
-    // Tests the quads of a run from i on.
-    template <uint32_t kWay, class Test>
-    static VR_HD void each_of_run(const SceneView& scene, const Ray<L>& ray, uint32_t i,
-                                  uint32_t end, Test test) {
-        VR_ROLLED
-        for (; i < end; ++i)
-            test(
-                [&](F t_max, F& t) {
-                    if constexpr (kWay == kAnyWay) {
-                        const auto record = quad(scene, i);
-                        return meets_flat<L, 2>(&record[0], ray, t_max, t);
-                    } else
-                        return meets_short<L, kWay>(
-                            static_cast<const typename L::Uniform*>(scene.uniform_shorts) +
-                                i * kShortFloats,
-                            ray, t_max, t);
-                },
-                i);
-    }
-
-    // Quads from i on, run by run. With one lane the runs of a box are too short to pay.
-    template <class Test>
-    static VR_HD void each_quad_by_runs(const SceneView& scene, const Ray<L>& ray, uint32_t i,
-                                        Test test) {
-        for (uint32_t k = 0; k < scene.run_count; ++k) {
-            const QuadRun run = scene.runs[k];
-            if (run.end <= i) continue;
-            switch (run.way) {
-                case 0:
-                    each_of_run<0>(scene, ray, i, run.end, test);
-                    break;
-                case 1:
-                    each_of_run<1>(scene, ray, i, run.end, test);
-                    break;
-                case 2:
-                    each_of_run<2>(scene, ray, i, run.end, test);
-                    break;
-                case kAlong:
-                    each_of_run<kAlong>(scene, ray, i, run.end, test);
-                    break;
-                case kAlong + 1:
-                    each_of_run<kAlong + 1>(scene, ray, i, run.end, test);
-                    break;
-                case kAlong + 2:
-                    each_of_run<kAlong + 2>(scene, ray, i, run.end, test);
-                    break;
-                default:
-                    each_of_run<kAnyWay>(scene, ray, i, run.end, test);
-            }
-            i = run.end;
-        }
-    }
-
-    // Calls test(meets, primitive) for every primitive from `first` (a quad) on of a scene without
-    // a tree in ascending order; meets(t_max, t) tells whether the ray meets it at 0 < t < t_max,
-    // where first, and a sphere beyond `last`.
-    // On CUDA a block's copy of the quads must have been filled.
-    template <class Test>
-    static VR_HD void each_flat(const SceneView& scene, const Ray<L>& ray, const Hit<L>& last,
-                                uint32_t first, Test test) {
-        uint32_t primitive = 0;
-        if constexpr (has(kQuads)) {
-            if constexpr (kOneLane)
-                each_of_run<kAnyWay>(scene, ray, first, scene.quad_count, test);
-            else
-                each_quad_by_runs(scene, ray, first, test);
-            primitive = scene.quad_count;
-        }
-        if constexpr (has(kPolygons)) {
-            VR_ROLLED
-            for (uint32_t i = 0; i < scene.polygon_count; ++i)
-                test(
-                    [&](F t_max, F& t) {
-                        return meets_flat<L, 4>(scene.polygons + i * kPolygonFloats, ray, t_max, t);
-                    },
-                    primitive + i);
-            primitive += scene.polygon_count;
-        }
-        if constexpr (has(kDisks)) {
-            VR_ROLLED
-            for (uint32_t i = 0; i < scene.disk_count; ++i)
-                test(
-                    [&](F t_max, F& t) {
-                        return meets_disk<L>(scene.disks + i * kDiskFloats, ray, t_max, t);
-                    },
-                    primitive + i);
-            primitive += scene.disk_count;
-        }
-        if constexpr (has(kSpheres)) {
-            VR_ROLLED
-            for (uint32_t i = 0; i < scene.sphere_count; ++i)
-                test(
-                    [&](F t_max, F& t) {
-                        return meets_sphere<L>(scene.spheres + i * kSphereFloats, ray, last,
-                                               U(primitive + i), t_max, t);
-                    },
-                    primitive + i);
-        }
+    // Whether there is something to do for one of the features: code for lanes covers many scenes,
+    // and what a scene does without is skipped.
+    static VR_HD bool uses(const SceneView& scene, FeatureMask features) {
+        return has(features) && (kOneLane || (scene.features & features) != 0);
     }
 
     // How far the ray of a path or shadow request has come.
@@ -177,13 +44,19 @@ struct SurfaceReader {
                 closest_in_bvh<L, kTreeKinds>(scene.bvh, ray, last, active, hit);
                 return hit;
             }
-        each_flat(scene, ray, last, 0, [&](auto meets, uint32_t primitive) {
-            F t;
-            M take = meets(hit.t, t);
-            if constexpr (has(kPass)) take = take & beyond<L>(last, t, U(primitive));
-            hit.t = select(take, t, hit.t);
-            hit.primitive = select(take, U(primitive), hit.primitive);
-        });
+        const auto look = [&]<bool kGoesOn>() VR_INLINED {
+            each_flat(scene, ray, last, 0, [&](auto meets, uint32_t primitive) {
+                F t;
+                M take = meets(hit.t, t);
+                if constexpr (kGoesOn) take = take & beyond<L>(last, t, U(primitive));
+                hit.t = select(take, t, hit.t);
+                hit.primitive = select(take, U(primitive), hit.primitive);
+            });
+        };
+        if (uses(scene, kGoOn))
+            look.template operator()<has(kGoOn)>();
+        else
+            look.template operator()<false>();
         return hit;
     }
 
@@ -275,13 +148,26 @@ struct SurfaceReader {
             if (scene.features & kBvh) return gather(column, primitive * U(scene.primitive_row));
         return lookup(column, primitive, scene.primitive_count);
     }
+    // Four columns from a multiple of four on.
+    static VR_HD void primitive_columns(const SceneView& scene, U primitive, uint32_t c,
+                                        F (&columns)[4]) {
+        if constexpr (has(kBvh))
+            if (scene.features & kBvh)
+                return gather4(scene.primitives + c, primitive * U(scene.primitive_row), columns);
+        for (uint32_t k = 0; k < 4; ++k) columns[k] = primitive_column(scene, primitive, c + k);
+    }
     static VR_HD V primitive_column3(const SceneView& scene, U primitive, uint32_t c) {
         return {primitive_column(scene, primitive, c), primitive_column(scene, primitive, c + 1),
                 primitive_column(scene, primitive, c + 2)};
     }
-    static VR_HD void sphere_record(const SceneView& scene, U primitive, F record[kSphereFloats]) {
-        for (uint32_t c = 0; c < kSphereFloats; ++c)
-            record[c] = primitive_column(scene, primitive, c);
+    static VR_HD void sphere_record(const SceneView& scene, U primitive,
+                                    F (&record)[kSphereFloats]) {
+        static_assert(kSphereFloats == 8);
+        for (uint32_t c = 0; c < kSphereFloats; c += 4) {
+            F four[4];
+            primitive_columns(scene, primitive, c, four);
+            for (uint32_t k = 0; k < 4; ++k) record[c + k] = four[k];
+        }
     }
 
     // Clear surfaces, not to be black, take the geometric normal where the other looks away.
@@ -303,10 +189,13 @@ struct SurfaceReader {
                                        M valid) {
         const U prim = select(valid, hit.primitive, U(0u));
         Surface<L> at;
-        at.ng = primitive_column3(scene, prim, kPrimN);
+        static_assert(kPrimN == 0 && kPrimPlane == 3);
+        F plane[4];
+        primitive_columns(scene, prim, kPrimN, plane);
+        at.ng = {plane[0], plane[1], plane[2]};
         at.offset = primitive_column(scene, prim, kPrimOffset);
         at.p = ray.at(hit.t);
-        const F off = primitive_column(scene, prim, kPrimPlane) - dot(at.ng, at.p);
+        const F off = plane[3] - dot(at.ng, at.p);
         at.p = fma(at.ng, off, at.p);
         if constexpr (has(kLocalOffsets)) {
             const M local = at.offset < F(0.f);
@@ -347,8 +236,9 @@ struct SurfaceReader {
         const U row = select(flat, U(0u), prim) * U(kSmoothFloats);
         F n[3];
         for (uint32_t k = 0; k < 3; ++k) {
-            const auto g = [&](uint32_t c) { return gather(scene.smooth + 4 * k + c, row); };
-            n[k] = fma(g(2), at.p.z, fma(g(1), at.p.y, fma(g(0), at.p.x, g(3))));
+            F g[4];
+            gather4(scene.smooth + 4 * k, row, g);
+            n[k] = fma(g[2], at.p.z, fma(g[1], at.p.y, fma(g[0], at.p.x, g[3])));
         }
         const V ns{n[0], n[1], n[2]};
         const F d2 = dot(ns, ns);
@@ -376,9 +266,14 @@ struct SurfaceReader {
         m.kind = U(only_kind(kinds_of(kFeatures)));
         if constexpr (!Material::kOneKind)
             m.kind = to_uint(surface_column(scene, row, kSurfaceKind));
-#define VR_PARAMETER(name, width)                     \
-    if constexpr (Material::reads(kParameter_##name)) \
-        read(scene, row, kSurface_##name, m.parameters.name);
+        m.present = kinds_of(scene.features);
+#define VR_PARAMETER(name, width)                                                    \
+    if constexpr (Material::reads(kParameter_##name)) {                              \
+        if (Material::kFew || (scene.parameters & parameter_bit(kParameter_##name))) \
+            read(scene, row, kSurface_##name, m.parameters.name);                    \
+        else                                                                         \
+            m.parameters.name = {};                                                  \
+    }
 #include "schema/materials.def"
         if constexpr (has(kTextures)) {
             const auto column = [&](uint32_t c)

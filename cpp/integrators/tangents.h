@@ -23,9 +23,10 @@ struct Tangents {
     static VR_HD Partials partials(const SceneView& scene, U prim, const Surface<L>& at, M lanes) {
         prim = select(lanes, prim, U(0u));
         const U row = prim * U(kTangentFloats);
-        const auto number = [&](uint32_t c) { return gather(scene.tangents + c, row); };
-        const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
-        Partials d{a, b, number(3), number(7)};
+        F of_u[4], of_v[4];
+        gather4(scene.tangents, row, of_u), gather4(scene.tangents + 4, row, of_v);
+        const V a{of_u[0], of_u[1], of_u[2]}, b{of_v[0], of_v[1], of_v[2]};
+        Partials d{a, b, of_u[3], of_v[3]};
         if constexpr (Reader::has(kDisks)) {
             const M round = !(prim < U(scene.first_sphere - scene.disk_count));
             if (any(round)) {
@@ -48,14 +49,14 @@ struct Tangents {
         if constexpr (Reader::has(kSpheres)) {
             const M round = !(prim < U(scene.first_sphere));
             if (any(round)) {
-                const V y_axis = cross(b, a) * number(7);
+                const V y_axis = cross(b, a) * of_v[3];
                 const V outward = at.ng * Reader::primitive_column(scene, prim, kPrimSide);
                 F cosine, sine, radius;
                 turn(dot(a, outward), dot(y_axis, outward), cosine, sine, radius);
                 const V away = fma(a, cosine, y_axis * sine);
                 d.u = select(round, fma(y_axis, cosine, -a * sine), d.u);
                 d.v = select(round, fma(away, dot(b, outward), -b * radius), d.v);
-                const F per_radius = number(3) * F(kInvPi);
+                const F per_radius = of_u[3] * F(kInvPi);
                 d.per_u = select(round, F(0.5f) * per_radius / radius, d.per_u);
                 d.per_v = select(round, per_radius, d.per_v);
             }

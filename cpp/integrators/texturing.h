@@ -23,10 +23,11 @@ struct Texturing {
         uv.u = uv.v = F(0.f);
         if (!scene.uv) return uv;
         const U row = prim * U(kUvFloats);
-        const auto number = [&](uint32_t c) { return gather(scene.uv + c, row); };
-        const V a{number(0), number(1), number(2)}, b{number(4), number(5), number(6)};
-        const F last = number(3);
-        uv.u = dot(a, p) + last, uv.v = dot(b, p) + number(7);
+        F of_u[4], of_v[4];
+        gather4(scene.uv, row, of_u), gather4(scene.uv + 4, row, of_v);
+        const V a{of_u[0], of_u[1], of_u[2]}, b{of_v[0], of_v[1], of_v[2]};
+        const F last = of_u[3];
+        uv.u = dot(a, p) + last, uv.v = dot(b, p) + of_v[3];
         if constexpr (kWithAttributes) uv.p = p, uv.primitive = prim;
         if constexpr ((kFeatures & kDisks) != 0) {
             const M round = !(prim < U(scene.first_sphere - scene.disk_count));

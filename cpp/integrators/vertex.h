@@ -16,7 +16,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
     using Rim = Rims<L, kFeatures>;
     using Direct::leave_closed, Direct::medium_column, Direct::medium_spectrum, Direct::no_lanes,
         Direct::white, Direct::black;
-    using Reader::has, Reader::material, Reader::surface_at, Reader::surface_column,
+    using Reader::has, Reader::uses, Reader::material, Reader::surface_at, Reader::surface_column,
         Reader::surface_spectrum;
     using typename Direct::Place, typename Direct::Sampler, typename Direct::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
@@ -96,7 +96,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
     static VR_HD M hit_emitter(const SceneView& scene, PathState<L>& path, const Hit<L>& hit,
                                const Surface<L>& at, M valid) {
         M lit = no_lanes(valid);
-        if constexpr (has(kLamps)) {
+        if (uses(scene, kLamps)) {
             const U prim = select(valid, hit.primitive, U(0u));
             const F chance = lookup(scene.light_chance, prim, scene.primitive_count);
             lit = valid & at.front & (chance > F(0.f));
@@ -123,7 +123,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         if constexpr (!has(kClip)) return F(kInfinity);
         if (!(scene.camera.far_clip < kInfinity)) return F(kInfinity);
         M camera = path.pdf_sa >= F(0.f);
-        if constexpr (has(kPass))
+        if (uses(scene, kGoOn))
             camera = path.vertices == U(0u);
         else if (segment)
             return F(kInfinity);
@@ -182,7 +182,8 @@ struct PathVertices : DirectLight<L, kFeatures> {
             Direct::choose_material(scene, s, path, segment, valid, place.at, place.choice);
         const Surface<L>& at = place.at;
         M covered = valid;
-        if constexpr (has(kHidden)) {
+        place.hidden = no_lanes(valid);
+        if (uses(scene, kHidden)) {
             place.hidden = hidden_lamp(scene, path, place.hit, valid);
             covered = valid & !place.hidden;
         }
@@ -210,7 +211,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
         place.pass = no_lanes(valid);
         if constexpr (has(kHidden)) place.pass = place.hidden;
         if constexpr (has(kBlend)) place.choice.mixed = place.choice.mixed & covered;
-        if constexpr (has(kPass)) {
+        if (uses(scene, kPass)) {
             const F opacity = Direct::opacity(scene, at);
             const M thin = covered & (opacity < F(1.f));
             if (any(thin)) {
@@ -237,9 +238,10 @@ struct PathVertices : DirectLight<L, kFeatures> {
     }
 
     // ---- surface vertex: the next direction. Lanes that pass leave `scatters` ----
-    static VR_HD BsdfSample<L> scatter_at_surface(const PathSettings& s, const PathState<L>& path,
-                                                  uint32_t segment, Block<U> random, M deep,
-                                                  M valid, Place& place, Events<L>& e) {
+    static VR_HD BsdfSample<L> scatter_at_surface(const SceneView& scene, const PathSettings& s,
+                                                  const PathState<L>& path, uint32_t segment,
+                                                  Block<U> random, M deep, M valid, Place& place,
+                                                  Events<L>& e) {
         const V wo = -path.ray.d;
         U lobe(0u);
         if constexpr (Material::kChooses)
@@ -247,7 +249,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
                 random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).z;
         BsdfSample<L> next =
             place.bsdf.sample(wo, {uniform(random.z), uniform(random.w), uniform(lobe)});
-        if constexpr (has(kPass)) {
+        if (uses(scene, kGoOn)) {
             next.pass = (next.pass & place.scatters & valid) | place.pass;
             next.transmitted = next.transmitted & !place.pass;
             next.wi = select(place.pass, path.ray.d, next.wi);
@@ -260,7 +262,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
             }
             place.scatters = place.scatters & !(place.pass | e.depth_cut);
         }
-        if constexpr (has(kSmooth)) {  // both normals must agree on the side
+        if (uses(scene, kSmooth)) {  // both normals must agree on the side
             const F up = dot(place.vertex.ng, next.wi);
             if constexpr (Material::kEitherSide) {  // the face says on which
                 const M either = place.bsdf.either_side() & !place.pass;

@@ -45,9 +45,8 @@ struct ImageSky : LightShape<L> {
         F s, t, sine;
     };
 
-    static VR_HD void read(const SkyMap& map, U index, F texel[kSkyFloats]) {
-        for (uint32_t c = 0; c < kSkyFloats; ++c)
-            texel[c] = gather(map.texels, index * U(kSkyFloats) + U(c));
+    static VR_HD void read(const SkyMap& map, U index, F (&texel)[kSkyFloats]) {
+        gather3(map.texels, index * U(kSkyFloats), texel);
     }
     static VR_HD Intervals<L> rows(const SkyMap& map) { return {map.ends, U(0u)}; }
     static VR_HD Intervals<L> columns(const SkyMap& map, U row) {

@@ -19,6 +19,19 @@ VR_HD F cosine_less(F cosine, F less_cosine, F less_sine) {
     return select(cosine >= less_cosine, one, fma(cosine, less_cosine, sine * less_sine));
 }
 
+// What of a branch `importance` reads, by lane.
+template <class F>
+struct BranchRecord {
+    F columns[3][4];
+
+    template <class U>
+    VR_HD BranchRecord(const float* branches, U at) {
+        static_assert(kBranchStrength == 11 && kBranchFloats % 4 == 0);
+        for (uint32_t k = 0; k < 3; ++k) gather4(branches + 4 * k, at, columns[k]);
+    }
+    VR_HD F operator()(uint32_t c) const { return columns[c / 4][c % 4]; }
+};
+
 template <class L>
 struct LightTree {
     using F = typename L::F;
@@ -71,13 +84,13 @@ struct LightTree {
         U positive;  // how many have a share
         uint32_t n;  // of all lanes
 
-        // read(k, c): column c of branch k; has(k): the lanes that have it.
-        template <class Read, class Has>
-        VR_HD Shares(uint32_t most, Read read, Has has, const Place& at) : n(most) {
+        // record(k): reads the columns of branch k; has(k): the lanes that have it.
+        template <class Record, class Has>
+        VR_HD Shares(uint32_t most, Record record, Has has, const Place& at) : n(most) {
             total = F(0.f);
             VR_ROLLED
             for (uint32_t k = 0; k < n; ++k) {
-                const F w = importance([&](uint32_t c) VR_INLINED { return read(k, c); }, at);
+                const F w = importance(record(k), at);
                 weight[k] = select(has(k) & (w > F(0.f)), w, F(0.f));
                 total = total + weight[k];
             }
@@ -115,8 +128,10 @@ struct LightTree {
     static VR_HD Shares root_shares(const LightTreeView& tree, const Place& at, M lanes) {
         return Shares(
             tree.root,
-            [&](uint32_t k, uint32_t c)
-                VR_INLINED { return F(tree.branches[k * kBranchFloats + c]); },
+            [&](uint32_t k) VR_INLINED {
+                const float* columns = tree.branches + k * kBranchFloats;
+                return [columns](uint32_t c) VR_INLINED { return F(columns[c]); };
+            },
             [&](uint32_t) VR_INLINED { return lanes | !lanes; }, at);
     }
     static VR_HD Shares shares(const LightTreeView& tree, U first, U count, const Place& at,
@@ -125,9 +140,9 @@ struct LightTree {
         while (any(lanes & (U(most) < count))) ++most;
         return Shares(
             most,
-            [&](uint32_t k, uint32_t c) VR_INLINED {
-                return gather(tree.branches + c,
-                              (first + select(U(k) < count, U(k), U(0u))) * U(kBranchFloats));
+            [&](uint32_t k) VR_INLINED {
+                const U branch = first + select(U(k) < count, U(k), U(0u));
+                return BranchRecord<F>(tree.branches, branch * U(kBranchFloats));
             },
             [&](uint32_t k) VR_INLINED { return U(k) < count; }, at);
     }

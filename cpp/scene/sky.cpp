@@ -14,8 +14,8 @@ double HostScene::set_sky_map(const SceneInput& in) {
     SkyMap& map = view.lights.map;
     const uint32_t width = in.sky_size.data[0], rows = in.sky_size.data[1];
     map.width = width, map.height = std::max(rows, 3u);
-    const uint32_t cells = map.height - 1;  // rows of them
-    sky_texels.resize(size_t{kSkyFloats} * width * map.height);
+    const uint32_t cells = map.height - 1;                           // rows of them
+    sky_texels.resize(size_t{kSkyFloats} * width * map.height + 1);  // gather3
     sky_ends.resize(size_t{cells} * (width + 1));
     sky_sines.resize(map.height);
     map.row_bits = guide_bits(cells), map.column_bits = guide_bits(width);

@@ -93,6 +93,7 @@ inline constexpr uint32_t kSurfaceFirstTexture = kSurface_reflectance_texture;
 
 struct SceneView {
     FeatureMask features;
+    uint32_t parameters = ~0u;  // of materials: a bit for each that they read
     // Primitives without a tree come in this order; with a tree: triangles, disks, spheres.
     uint32_t quad_count, polygon_count, disk_count, sphere_count;
     uint32_t first_occluder;  // quads before this one have all light samples in front of them

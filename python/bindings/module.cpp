@@ -311,9 +311,27 @@ py::array_t<T> copied(const Picture& p, void (Picture::*read)(float*) const) {
     return out;
 }
 
+// An array of the picture's size in memory that `read` gives.
+py::array_t<float> given(const Picture& p, Large<float> (Picture::*read)() const) {
+    std::unique_ptr<Large<float>> all;
+    {
+        py::gil_scoped_release release;
+        all = std::make_unique<Large<float>>((p.*read)());
+    }
+    float* const numbers = all->data();
+    const py::capsule owner(all.get(), [](void* x) { delete static_cast<Large<float>*>(x); });
+    all.release();
+    return py::array_t<float>(picture_shape(p), numbers, owner);
+}
+
 py::array image_of(const Picture& p) {
     if (p.integers()) return copied<uint32_t>(p, &Picture::read_mean);
-    return copied(p, &Picture::read_mean);
+    return given(p, &Picture::mean);
+}
+
+py::array error_of(const Picture& p) {
+    if (p.integers()) return copied(p, &Picture::read_error);
+    return given(p, &Picture::error);
 }
 
 // A table of the scene's form, without a copy.
@@ -439,7 +457,7 @@ void bind_renderer(py::module_& m) {
         .def_property_readonly("memory", &Picture::memory)
         .def_property_readonly("mean_stderr", &Picture::mean_error)
         .def("image", &image_of)
-        .def("stderr", [](const Picture& p) { return copied(p, &Picture::read_error); })
+        .def("stderr", &error_of)
         .def("view", &picture_view)
         .def("pointer", [](Picture& p) { return reinterpret_cast<uintptr_t>(p.share()); })
         .def("dlpack_device", &dlpack_device)

@@ -151,7 +151,7 @@ _PDF = "row(kLightInverse) * (inverse * inverse) * cos_light"
 _Q = "min(F(1.f), to_float(to_uint(min(most, F(1.f)) * F(0x1p24f)) + U(1u)) * F(0x1p-24f))"
 _DIVIDE = "path.throughput * (F(1.f) / q)"
 _SURVIVE = "plays & (uniform(u) < q)"
-_CUT = "deeper(s.max_depth, path, segment, scatters)"
+_CUT = "deeper(scene, s.max_depth, path, segment, scatters)"
 _HIT = "emitted * mis_weight(path.pdf_sa, ratio)"
 _NEE = "light.inverse_pdf / fma(ratio, ratio, F(1.f))"
 _SKY = "Sampler::sky(Direct::sky_row(scene), path.ray.d, weight)"
@@ -197,9 +197,9 @@ _CORNELL = (
     Mutant("albedo +1 % in the weight only", _DIFFUSE, "s.weight = p.reflectance;",
            "s.weight = p.reflectance * F(1.01f);"),
     Mutant("one segment more", _PATH, _CUT,
-           "deeper(s.max_depth + 1, path, segment, scatters)", "depth 3"),
+           "deeper(scene, s.max_depth + 1, path, segment, scatters)", "depth 3"),
     Mutant("one segment less", _PATH, _CUT,
-           "deeper(s.max_depth - 1, path, segment, scatters)", "depth 3"),
+           "deeper(scene, s.max_depth - 1, path, segment, scatters)", "depth 3"),
     Mutant("no light sample at the last vertex", _DIRECT, _T_MAX,
            _T_MAX + " if (segment + 2 >= s.max_depth) shadow.wanted = no_lanes(shadow.wanted);",
            "depth 3"),
@@ -344,7 +344,7 @@ _BRUSHED = (
     Mutant("normal map's y the other way", _TANGENTS, "cross(ns, s)", "cross(s, ns)", "relief"),
     Mutant("heights twice as steep along u", _TANGENTS, "tilted(d.u, d.per_u, slope_u)",
            "tilted(d.u, F(2.f) * d.per_u, slope_u)", "relief"),
-    Mutant("heights of spheres not by their radius", _TANGENTS, "number(3) * F(kInvPi)",
+    Mutant("heights of spheres not by their radius", _TANGENTS, "of_u[3] * F(kInvPi)",
            "F(kInvPi)", "relief"),
     Mutant("no shadows at grazing angles", _TANGENTS, "min(slope, F(1.f))", "F(0.f)", "relief"),
     Mutant("turned normals see below the surface", _BSDF,

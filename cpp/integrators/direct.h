@@ -1,21 +1,21 @@
 // Light samples at a vertex, and their shadow rays through media and passes.
 #pragma once
 
-#include "integrators/blend.h"
 #include "integrators/called.h"
-#include "integrators/volumes.h"
+#include "integrators/ray_media.h"
 
 namespace veriray {
 
 template <class L, FeatureMask kFeatures>
-struct DirectLight : Blends<L, kFeatures> {
+struct DirectLight : RayMedia<L, kFeatures> {
     using Reader = SurfaceReader<L, kFeatures>;
     using Blend = Blends<L, kFeatures>;
+    using Media = RayMedia<L, kFeatures>;
     using Blend::blend_weight, Blend::light_from, Blend::no_lanes, Blend::other_row;
+    using Media::attenuate, Media::medium_beyond;
     using Reader::closest, Reader::has, Reader::material, Reader::occluded, Reader::passed,
         Reader::surface_at, Reader::surface_column, Reader::uses;
-    using typename Blend::Answer, typename Blend::PhaseFunction, typename Blend::Place,
-        typename Blend::Vertex;
+    using typename Blend::Answer, typename Blend::Place, typename Blend::Vertex;
     using typename Reader::F, typename Reader::U, typename Reader::M, typename Reader::V,
         typename Reader::S;
     using typename Reader::Material;
@@ -39,9 +39,8 @@ struct DirectLight : Blends<L, kFeatures> {
     // ---- light sample: one light as seen from p ----
     static VR_HD LightSample<L> sample_light(const SceneView& scene, const PathSettings& s,
                                              const PathState<L>& path, const Vertex& at,
-                                             uint32_t segment, Block<U> scatter, M active) {
+                                             uint32_t segment, F u, F v, M active) {
         const LightView& lights = scene.lights;
-        const F u = uniform(scatter.x), v = uniform(scatter.y);
         const M nobody = no_lanes(active);
         U row(0u);
         F chance(1.f);
@@ -127,20 +126,23 @@ struct DirectLight : Blends<L, kFeatures> {
         return pdf;
     }
 
-    // ---- request: what the light sample would add, as a shadow ray. Of blends, weighs the next
-    // direction, too, which has been drawn ----
-    static VR_HD void request(const SceneView& scene, const PathSettings& s,
-                              const PathState<L>& path, const Place& place, uint32_t segment,
-                              Block<U> scatter, M active, [[maybe_unused]] BsdfSample<L>& next,
-                              ShadowRequest<L>& shadow) {
+    // A light sample: what it adds if it is free.
+    struct Candidate {
+        LightSample<L> light;
+        S radiance;
+        M wanted, behind;
+    };
+    static VR_HD Candidate candidate(const SceneView& scene, const PathSettings& s,
+                                     const PathState<L>& path, const Place& place, uint32_t segment,
+                                     F u, F v, M active, [[maybe_unused]] BsdfSample<L>& next) {
         const Vertex& at = place.vertex;
-        const LightSample<L> light = sample_light(scene, s, path, at, segment, scatter, active);
+        const LightSample<L> light = sample_light(scene, s, path, at, segment, u, v, active);
         Answer found = light_from(light.wi, -path.ray.d, at, place.bsdf, active);
         if constexpr (has(kBlend))
             Blend::mix(scene, -path.ray.d, place, light.wi, active & place.choice.mixed, found,
                        next);
         BsdfValue<F>& value = found.value;
-        M &lit = found.lit, &behind = found.behind;
+        M& lit = found.lit;
         if constexpr (has(kMedia)) {
             const auto phase =
                 at.phase.eval(scene.phases, path.ray.d, light.wi, active & !at.surface);
@@ -154,18 +156,76 @@ struct DirectLight : Blends<L, kFeatures> {
         if constexpr (has(kDeltaLights)) weight = select(light.delta, light.inverse_pdf, weight);
         // From nearer than 2^-64 the inverse overflows; its weight would be 0.
         lit = lit & (light.inverse_pdf < F(kInfinity));
-        shadow.wanted = lit & (max_channel(light.radiance) > F(0.f));
-        shadow.ray = {at.p, light.wi};
-        shadow.t_max = light.distance;
-        shadow.radiance = path.throughput * light.radiance * value.f_cos * weight;
-        shadow.skip = light.skip;
+        return {light, path.throughput * light.radiance * value.f_cos * weight,
+                lit & (max_channel(light.radiance) > F(0.f)), found.behind};
+    }
+
+    // Where an image of a sky is the only light that is sampled, light samples of vertices that the
+    // camera sees, directly or by way of mirrors and glass, are one of kCandidates: chosen in
+    // proportion to what they add if they are free, whose mean it then stands for (J. Talbot, D.
+    // Cline, P. Egbert, "Importance Resampling for Global Illumination", EGSR 2005). The
+    // heuristic's weight is part of what they add. Beside other lights the parts of a picture by
+    // lights would not add up: muted ones would change the choice. With `sobol`, whose light
+    // samples cover the sky together, one is better.
+    static constexpr uint32_t kCandidates = 4;
+    static constexpr FeatureMask kResampled = lights(shape_bit(kImageSky));
+    static VR_HD void resample(const SceneView& scene, const PathSettings& s,
+                               const PathState<L>& path, const Place& place, uint32_t segment,
+                               M active, Candidate& best) {
+        const M again = active & (path.pdf_sa == F(0.f));
+        if (!(scene.features & kResampled) || scene.lights.count != 1 || none(again) ||
+            s.key.sampler != veriray::Sampler::kIndependent)
+            return;
+        const F zero(0.f);
+        const M nobody = no_lanes(active);
+        const auto size = [&](const Candidate& c) {
+            return select(c.wanted, c.radiance[0] + c.radiance[1] + c.radiance[2], zero);
+        };
+        F own = size(best), total = own;
+        VR_ROLLED
+        for (uint32_t k = 1; k < kCandidates; ++k) {
+            const Block<U> r = random_block(s.key, path.pixel, path.sample,
+                                            dimension_block(segment, kScatter, kLightSteps - k));
+            BsdfSample<L> none_drawn{{zero, zero, zero}, S::all(zero), zero, nobody, nobody};
+            const Candidate other = candidate(scene, s, path, place, segment, uniform(r.x),
+                                              uniform(r.y), again, none_drawn);
+            const F more = size(other);
+            total = total + more;
+            // By the middle of the places that the number stands for, so never for nothing.
+            const M take = again & ((uniform(r.z) + F(0x1p-25f)) * total < more);
+            own = select(take, more, own);
+            Sampler::merge(best.light, take, other.light);
+            best.radiance = select(take, other.radiance, best.radiance);
+            best.wanted = (take & other.wanted) | (!take & best.wanted);
+            best.behind = (take & other.behind) | (!take & best.behind);
+        }
+        const F scale = total / (own * F(static_cast<float>(kCandidates)));
+        best.radiance = select(again & (own > zero), best.radiance * scale, best.radiance);
+    }
+
+    // ---- request: what the light sample would add, as a shadow ray. Of blends, weighs the next
+    // direction, too, which has been drawn ----
+    static VR_HD void request(const SceneView& scene, const PathSettings& s,
+                              const PathState<L>& path, const Place& place, uint32_t segment,
+                              Block<U> scatter, M active, BsdfSample<L>& next,
+                              ShadowRequest<L>& shadow) {
+        const Vertex& at = place.vertex;
+        Candidate best = candidate(scene, s, path, place, segment, uniform(scatter.x),
+                                   uniform(scatter.y), active, next);
+        if constexpr (has(kResampled)) resample(scene, s, path, place, segment, active, best);
+        shadow.wanted = best.wanted;
+        shadow.ray = {at.p, best.light.wi};
+        shadow.t_max = best.light.distance;
+        shadow.radiance = best.radiance;
+        shadow.skip = best.light.skip;
         if constexpr (has(kMedia)) shadow.medium = path.medium;
         if constexpr (has(kUnevenMedia))
             shadow.random = random_stream(s.key, path.pixel, path.sample,
                                           dimension_block(segment, kCross, kShadowSteps));
         shadow.travelled = F(0.f), shadow.passed = U(~0u);
         if constexpr (Material::kTransmits)
-            if (any(behind)) shadow.wanted = shadow.wanted & start_behind(at, behind, shadow);
+            if (any(best.behind))
+                shadow.wanted = shadow.wanted & start_behind(at, best.behind, shadow);
     }
 
     // From the other side of the surface to the same point, or the same way if that is far away.
@@ -253,101 +313,6 @@ struct DirectLight : Blends<L, kFeatures> {
         Blend::look(scene, primitive, at, -ray.d, at.ng * side, lanes, bsdf, ns, cosine);
         const F opacity = DirectLight::opacity(scene, at);
         return fma(bsdf.pass_through(), opacity, S::all(F(1.f) - opacity));
-    }
-
-    static VR_HD F medium_column(const SceneView& scene, U medium, uint32_t c) {
-        return gather(scene.media + c * scene.medium_stride, medium);
-    }
-    static VR_HD S medium_spectrum(const SceneView& scene, U medium, uint32_t c) {
-        return S::of([&](uint32_t k) { return medium_column(scene, medium, c + k); });
-    }
-
-    static VR_HD PhaseFunction phase_function(const SceneView& scene, U medium) {
-        const U none(0u);
-        const F g = medium_column(scene, medium, kMediumG);
-        if (!has(kPhases) || !scene.phases.most) return {g, none, none, none};
-        return {g, medium, to_uint(medium_column(scene, medium, kMediumLobe)),
-                to_uint(medium_column(scene, medium, kMediumLobes))};
-    }
-
-    static constexpr float kSwappedWithin = 0x1p-14f, kParallelFaces = 0.999f;
-
-    // The medium on the other side, for lanes that go `through`. Carrier: path or shadow request.
-    template <class Carrier>
-    static VR_HD U medium_beyond(const SceneView& scene, const Carrier& c, const Hit<L>& hit,
-                                 const Surface<L>& at, M through) {
-        const F inside = surface_column(scene, at.row, kSurfaceInside);
-        const F outside = surface_column(scene, at.row, kSurfaceOutside);
-        M border = through & (inside >= F(0.f));
-        if constexpr (has(kPass)) border = border & !swapped(scene, c, hit, at, border);
-        const F beyond = max(select(at.front, inside, outside), F(0.f));
-        return select(border, to_uint(beyond), c.medium);
-    }
-
-    // Borders that lie before the parallel one that the ray has just passed: from far away,
-    // rounding may swap them. The medium there is that beyond the other one. Only hits that close
-    // are looked at, and faces that enclose less than 2 degrees: others cannot be swapped.
-    template <class Carrier>
-    static VR_HD M swapped(const SceneView& scene, const Carrier& c, const Hit<L>& hit,
-                           const Surface<L>& at, M border) {
-        M close =
-            border & (c.travelled > F(0.f)) & (hit.t - c.travelled <= hit.t * F(kSwappedWithin));
-        if constexpr (has(kSpheres))
-            close = close & (c.passed < U(scene.first_sphere)) &
-                    (hit.primitive < U(scene.first_sphere));
-        if (none(close)) return close;
-        const U passed = select(close, c.passed, U(0u)), row = Reader::surface_row(scene, passed);
-        const V n = Reader::primitive_column3(scene, passed, kPrimN);
-        const F over = dot(n, at.p) - Reader::primitive_column(scene, passed, kPrimPlane);
-        const F turn = dot(n, at.ng);
-        return close & (over * dot(n, c.ray.d) < F(0.f)) & (turn * turn > F(kParallelFaces)) &
-               (surface_column(scene, row, kSurfaceInside) >= F(0.f));
-    }
-
-    // Rays in a medium that meet nothing have left it, at an edge within rounding, if its boundary
-    // is closed.
-    template <class Carrier>
-    static VR_HD void leave_closed(const SceneView& scene, Carrier& c, M endless) {
-        if (none(endless)) return;
-        const U beyond = to_uint(medium_column(scene, c.medium, kMediumBeyond));
-        c.medium = select(endless, beyond, c.medium);
-    }
-
-    // Lanes in a medium whose extinction a grid gives.
-    static VR_HD M uneven_medium(const SceneView& scene, U medium) {
-        return medium_column(scene, medium, kMediumSigmaGrid) >= F(0.f);
-    }
-    // Their way through it, `limit` long, from where a ray has passed all.
-    template <class Carrier>
-    static VR_HD auto passage(const SceneView& scene, const Carrier& c, F limit, M uneven) {
-        const F row = medium_column(scene, c.medium, kMediumSigmaGrid);
-        return Volumes<L>::passage(scene, to_uint(select(uneven, row, F(0.f))),
-                                   c.ray.at(passed(c).t), c.ray.d, limit);
-    }
-
-    // Replaces the transmittance of lanes in uneven media.
-    static VR_HD void thin_out(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
-                               M inside, S& t) {
-        const M uneven =
-            inside & uneven_medium(scene, shadow.medium) & (max_channel(shadow.radiance) > F(0.f));
-        if (none(uneven)) return;
-        const auto way = passage(scene, shadow, distance, uneven);
-        const F sigma = medium_column(scene, shadow.medium, kMediumSigma);
-        RandomStream<U> random = shadow.random;
-        t = select(uneven, Volumes<L>::transmittance(scene, way, sigma, random, uneven), t);
-        shadow.random = random;
-    }
-
-    static VR_HD void attenuate(const SceneView& scene, ShadowRequest<L>& shadow, F distance,
-                                M active) {
-        M inside = active & !(shadow.medium == U(0u));
-        leave_closed(scene, shadow, inside & !(distance < F(kInfinity)));
-        inside = inside & !(shadow.medium == U(0u));
-        if (none(inside)) return;
-        S t = transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance);
-        if constexpr (has(kUnevenMedia))
-            if (scene.features & kUnevenMedia) thin_out(scene, shadow, distance, inside, t);
-        shadow.radiance = select(inside, shadow.radiance * t, shadow.radiance);
     }
 };
 

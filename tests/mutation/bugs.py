@@ -124,8 +124,8 @@ CASES = {
     "two floors": Case("checks/smooth_normals.xml", _CHECK, hidden=(("</scene>", _SECOND_FLOOR),)),
 }  # fmt: skip
 
-_PATH, _VERTEX, _DIRECT, _BLEND = (
-    f"integrators/{n}.h" for n in ("path", "vertex", "direct", "blend")
+_PATH, _VERTEX, _DIRECT, _BLEND, _RAY_MEDIA = (
+    f"integrators/{n}.h" for n in ("path", "vertex", "direct", "blend", "ray_media")
 )
 _SURFACE, _BSDF = "integrators/surface.h", "bsdfs/bsdf.h"
 _DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic"))
@@ -158,7 +158,7 @@ _SKY = "Sampler::sky(Direct::sky_row(scene), path.ray.d, weight)"
 _MET = "Direct::light_pdf(scene, path, prim, {path.ray.o, hit.t, cos_light, chance}, lit)"
 _FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
 _LIT = "hit_emitter(scene, path, place.hit, at, covered)"
-_T_MAX = "shadow.t_max = light.distance;"
+_T_MAX = "shadow.t_max = best.light.distance;"
 _ALBEDO = "m.parameters.reflectance"
 _READ = "return m;"
 _KEEP = "samples_[c][at[k]] = x[c][k];"
@@ -223,7 +223,7 @@ _CORNELL = (
            "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter)).z",
            "quick"),
     Mutant("shadow rays meet nothing", _DIRECT, _T_MAX, "shadow.t_max = F(0.f);", "quick"),
-    Mutant("shadow rays half as long", _DIRECT, _T_MAX, "shadow.t_max = light.distance * F(.5f);",
+    Mutant("shadow rays half as long", _DIRECT, _T_MAX, "shadow.t_max = best.light.distance * F(.5f);",
            "quick"),
     Mutant("roulette one vertex early", _PATH, "segment + 1 < s.rr_depth",
            "segment + 2 < s.rr_depth", "quick"),
@@ -422,10 +422,10 @@ _MEDIA = (
            "select(collided, drawn.pdf_sa, next.pdf_sa)",
            "select(collided, F(0.25f * kInvPi), next.pdf_sa)",
            "hg_forward"),
-    Mutant("no transmittance to the light", _DIRECT,
+    Mutant("no transmittance to the light", _RAY_MEDIA,
            "transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance)",
            "white()", "null_medium"),
-    Mutant("medium of the wrong side", _DIRECT, "select(at.front, inside, outside)",
+    Mutant("medium of the wrong side", _RAY_MEDIA, "select(at.front, inside, outside)",
            "select(at.front, outside, inside)", "null_medium"),
     Mutant("medium kept on refraction", _PATH, "medium_beyond(scene, path, hit, at, through)",
            "medium_beyond(scene, path, hit, at, pass)", "medium_in_glass"),

@@ -191,10 +191,14 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
         Surface<L> at;
         static_assert(kPrimN == 0 && kPrimPlane == 3);
         F plane[4];
-        primitive_columns(scene, prim, kPrimN, plane);
+        if constexpr (has(kBvh))
+            primitive_columns(scene, prim, kPrimN, plane);
+        else  // the last one when it is needed: eight registers less on CUDA
+            for (uint32_t k = 0; k < 3; ++k) plane[k] = primitive_column(scene, prim, k);
         at.ng = {plane[0], plane[1], plane[2]};
         at.offset = primitive_column(scene, prim, kPrimOffset);
         at.p = ray.at(hit.t);
+        if constexpr (!has(kBvh)) plane[3] = primitive_column(scene, prim, kPrimPlane);
         const F off = plane[3] - dot(at.ng, at.p);
         at.p = fma(at.ng, off, at.p);
         if constexpr (has(kLocalOffsets)) {

@@ -168,7 +168,7 @@ struct DirectLight : RayMedia<L, kFeatures> {
     // lights would not add up: muted ones would change the choice. With `sobol`, whose light
     // samples cover the sky together, one is better.
     static constexpr uint32_t kCandidates = 4;
-    static constexpr FeatureMask kResampled = lights(shape_bit(kImageSky));
+    static constexpr FeatureMask kResampled = lights(kSkyShapes & kSampledShapes);
     static VR_HD void resample(const SceneView& scene, const PathSettings& s,
                                const PathState<L>& path, const Place& place, uint32_t segment,
                                M active, Candidate& best) {

@@ -19,19 +19,6 @@ VR_HD F cosine_less(F cosine, F less_cosine, F less_sine) {
     return select(cosine >= less_cosine, one, fma(cosine, less_cosine, sine * less_sine));
 }
 
-// What of a branch `importance` reads, by lane.
-template <class F>
-struct BranchRecord {
-    F columns[3][4];
-
-    template <class U>
-    VR_HD BranchRecord(const float* branches, U at) {
-        static_assert(kBranchStrength == 11 && kBranchFloats % 4 == 0);
-        for (uint32_t k = 0; k < 3; ++k) gather4(branches + 4 * k, at, columns[k]);
-    }
-    VR_HD F operator()(uint32_t c) const { return columns[c / 4][c % 4]; }
-};
-
 template <class L>
 struct LightTree {
     using F = typename L::F;

@@ -1,7 +1,7 @@
 // The records of a light tree.
 #pragma once
 
-#include <cstdint>
+#include "core/lane.h"
 
 namespace veriray {
 
@@ -33,6 +33,19 @@ inline constexpr float kFromFar = -1.f, kFarOff = -1.5f, kFromAllAround = -2.f;
 struct LightTreeView {
     const float* branches;  // [branch][kBranchFloats]; those of the root come first
     uint32_t root;          // how many
+};
+
+// The columns of a branch up to its strength, by lane.
+template <class F>
+struct BranchRecord {
+    F columns[3][4];
+
+    template <class U>
+    VR_HD BranchRecord(const float* branches, U at) {
+        static_assert(kBranchStrength == 11 && kBranchFloats % 4 == 0);
+        for (uint32_t k = 0; k < 3; ++k) gather4(branches + 4 * k, at, columns[k]);
+    }
+    VR_HD F operator()(uint32_t c) const { return columns[c / 4][c % 4]; }
 };
 
 }  // namespace veriray

@@ -347,7 +347,7 @@ _BRUSHED = (
     Mutant("heights of spheres not by their radius", _TANGENTS, "of_u[3] * F(kInvPi)",
            "F(kInvPi)", "relief"),
     Mutant("no shadows at grazing angles", _TANGENTS, "min(slope, F(1.f))", "F(0.f)", "relief"),
-    Mutant("turned normals see below the surface", _BSDF,
+    Mutant("turned normals see below the surface", "bsdfs/relief.h",
            "select(both, left, F(0.f))", "left", "relief"),
     Mutant("mirror image from behind left out", _TANGENTS,
            "behind & has(kReliefMirrored)", "behind & !behind", "relief"),

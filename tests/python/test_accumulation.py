@@ -161,7 +161,7 @@ def test_a_pass_that_fails_leaves_no_trace(device: str) -> None:
 def test_progress_may_ask_for_the_picture(device: str) -> None:
     seen = []
     work = accumulated([2], device)
-    longer = 100_000 if device.startswith("cuda") else 2000  # than the first call of progress
+    longer = 1_000_000 if device.startswith("cuda") else 2000  # than the first call of progress
     work.add(longer, lambda share: seen.append((share, work.spp, work.render().film_sha256)))
     wanted = vr.render(vr.cornell_box(), 2, device=device, **SIZE).film_sha256
     assert {(spp, sha) for _, spp, sha in seen} == {(2, wanted)}

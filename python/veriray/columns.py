@@ -327,11 +327,11 @@ _HASHED_IF_SET: dict[str, Column] = {
     ),
     "blend_material": _index(
         "materials", "materials", -1,
-        doc="a hit is of this material by the chance blend_weight; a blend only if it comes after; "
-        "-1: none",
+        doc="a surface is of this material too, by the share blend_weight; a blend only if it "
+        "comes after; -1: none",
     ),
     "blend_weight": Column(
-        "materials", np.float32, (), 0.0, 0.0, 1.0, doc="the chance of blend_material"
+        "materials", np.float32, (), 0.0, 0.0, 1.0, doc="the share of blend_material"
     ),
     "blend_sides": Column(
         "materials", np.bool_, (), False,

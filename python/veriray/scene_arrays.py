@@ -98,9 +98,9 @@ class SceneArrays:
     texels (W,) uint32: texels row by row, packed from the lowest bits; each texture begins a row
     attribute_values (A, 3) float32: numbers of vertices or triangles, zero for meshes without; one
         alone stands there three times (in [0, infinity))
-    blend_material (M,) int32: a hit is of this material by the chance blend_weight; a blend only if
-        it comes after; -1: none (index of materials, default -1)
-    blend_weight (M,) float32: the chance of blend_material (in [0, 1], default 0.0)
+    blend_material (M,) int32: a surface is of this material too, by the share blend_weight; a blend
+        only if it comes after; -1: none (index of materials, default -1)
+    blend_weight (M,) float32: the share of blend_material (in [0, 1], default 0.0)
     blend_sides (M,) bool: blend_material is all that is seen from behind; blend_weight counts in
         front (default False)
     reflectance_texture (M,) int32: gives reflectance; -1: none does (index of textures, default -1)

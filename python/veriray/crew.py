@@ -21,7 +21,7 @@ from . import kernels
 from .device import Device, polled
 from .held import with_room
 from .native_scene import native_scene, scene_facts
-from .plan import choose_scheduler
+from .plan import choose_scheduler, compiled_choice
 from .reports import added
 from .scene import Scene
 from .settings import RenderSettings
@@ -165,6 +165,8 @@ class Hand(Place):
         self.facts = scene_facts(self.native)
         scheduler, self.why = choose_scheduler(settings, device.backend, self.facts)
         self.settings = settings.with_checked({"scheduler": scheduler, "device": device.name})
+        self._auto = settings.scheduler == "auto"
+        self._drew: list[str] = []  # schedulers that drew
         self._awaits_kernel(self.paths_of(None) * scene.spp)
         self.rate, self.trials, self.paths, self.seconds = 0.0, 0, 0, 0.0
         self.said: Report | None = None
@@ -183,11 +185,15 @@ class Hand(Place):
             if n > size and self._awaits_kernel():
                 n = int(size)
             since = time.perf_counter()
+            scheduler = self._scheduler(n * self.paths_of(pixels))
             part: Report = self.device.native.render(
                 self.native, film, sample_begin=begin, sample_end=begin + n, pixels=pixels,
                 poll=polled(_share(progress, (begin - first) / (end - first), n / (end - first))),
-                **self.settings.native(),
+                **{**self.settings.native(), "scheduler": scheduler},
             )  # fmt: skip
+            if scheduler != self.settings.scheduler:  # what it alone counts would be of a part
+                for name in ("blocks", "depth_seconds", "compaction_seconds"):
+                    part[name] = part[name][:0]
             report, begin = added(report, part), begin + n
             size = max(1.0, min(GROWTH * n, n * PART_SECONDS / (time.perf_counter() - since)))
         assert report is not None
@@ -200,6 +206,21 @@ class Hand(Place):
             return False
         return kernels.offer(self.device, self.native, str(self.settings.scheduler), paths)
 
+    def _scheduler(self, paths: int) -> str:
+        """What draws so many paths: until the scene has kernels, the faster compiled one."""
+        chosen = str(self.settings.scheduler)
+        if self._auto and self.device.backend == "cuda" and not self.settings.all_features:
+            if not kernels.made(self.device, self.native, chosen):
+                chosen = compiled_choice(self.facts, paths)
+        if chosen not in self._drew:
+            self._drew.append(chosen)
+        return chosen
+
+    @property
+    def drew(self) -> list[str]:
+        """The schedulers that drew, in order; the one that will, if none did."""
+        return self._drew or [str(self.settings.scheduler)]
+
     def stats(self) -> dict[str, Any]:
         """What it did, for `Render.stats`."""
         said = self.said
@@ -207,7 +228,7 @@ class Hand(Place):
             "device": self.device.name,
             "device_name": self.device.description,
             "device_reason": self.reason,
-            "scheduler": self.settings.scheduler,
+            "scheduler": listed(self.drew),
             "scheduler_reason": self.why,
             "threads": 0 if said is None else int(said["threads"]),
             "variant": self.facts["variant"],
@@ -257,7 +278,7 @@ class Crew(Team):
         return {
             "device": str(self.settings.device),
             "device_name": listed(hand.device.description for hand in self.hands),
-            "scheduler": str(self.settings.scheduler),
+            "scheduler": listed(name for hand in self.hands for name in hand.drew),
         }
 
     def stats(self, films: Films) -> dict[str, Any]:

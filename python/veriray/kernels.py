@@ -48,6 +48,7 @@ _log = logging.getLogger("veriray")
 _lock = threading.Lock()
 _paths: Counter[Key] = Counter()
 _settled: set[Key] = set()  # added, or not to be had
+_added: set[Key] = set()
 _children: dict[Key, subprocess.Popen[bytes]] = {}
 
 
@@ -154,6 +155,11 @@ def offer(device: Device, native: NativeScene, method: str, paths: int) -> bool:
         return key in _children
 
 
+def made(device: Device, native: NativeScene, method: str) -> bool:
+    """Whether renders of the scene with this method run kernels of its own."""
+    return (device.index, int(native.feature_mask), method) in _added
+
+
 def _advance(device: Device, key: Key, wait: bool) -> None:
     """Adds the kernels if they exist, else starts their compilation, or looks how far it is."""
     architecture = "sm_" + str(device.details["compute_capability"]).replace(".", "")
@@ -169,6 +175,7 @@ def _advance(device: Device, key: Key, wait: bool) -> None:
     if key not in _settled and file.exists():
         device.native.add_kernels(*key[:2], file.read_bytes())
         _settled.add(key)
+        _added.add(key)
 
 
 def _finish(key: Key) -> None:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from . import kernels
-from .columns import MATERIAL_KINDS, SCATTERING_KINDS
+from .columns import MATERIAL_KINDS
 from .features import PARTS
 from .first_surface import check
 from .light_groups import resolved
@@ -16,6 +16,9 @@ from .settings import RenderSettings
 
 #: Paths of one launch up to which a step's launches slow `wavefront`.
 WAVE_PATHS = 1 << 24
+#: Paths of one launch from which on `wavefront` is faster in the compiled variants that hold these.
+RICH_PATHS, RICH = 1 << 19, {"blend", "tangents"}
+_PAYS = math.log(10 / 9)
 #: Features whose code makes one kernel for everything slow.
 SLOW_IN_ONE_KERNEL = {"uneven_media", "principled", "principled_open"} | {
     name for name in MATERIAL_KINDS if name.startswith("rough")
@@ -68,9 +71,10 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
     """Logarithm of the expected time of `fused` over that of `wavefront` on CUDA.
 
     Both with kernels made for the scene. facts: those of `scene_facts`; paths: of one launch.
-    A fit to 59 scenes of 2^24 paths, 23 of them with 2^22 and 2^20 too (H200); root
-    of the mean squared error 0.22. In one kernel, lanes wait for those at other materials or at
-    more lamps, and for walks through trees; a wave pays with traffic and launches.
+    A fit to 59 scenes of 2^24 paths, 23 of them with 2^22 and 2^20 too (H200), with a root of the
+    mean squared error of 0.22; for image skies and more than 100 lamps to 41 others of 2^24, 2^21
+    and 2^18 (H100). In one kernel, lanes wait for those at other materials, at more lamps or at
+    other texels of the sky, and for walks through trees; a wave pays with traffic and launches.
     """
     features, primitives = {*facts["features"]}, dict(facts["primitives"])
     primitives.pop("dropped", None)
@@ -79,10 +83,27 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
         (-0.4 if facts["tree"] else -1.0)
         + 0.5 * spheres
         + 0.16 * (len({*MATERIAL_KINDS} & features) - 1)
-        + 0.2 * math.log(max(1, facts["lights"]))
+        + 0.2 * math.log(min(100, max(1, facts["lights"])))
+        + 0.45 * ("image_sky" in features)
         + 0.43 * bool(SLOW_IN_ONE_KERNEL & features)
         - 0.1 * max(0.0, math.log2(WAVE_PATHS / max(1, paths)))
     )
+
+
+def compiled_choice(facts: dict[str, Any], paths: int) -> str:
+    """The faster of `fused` and `wavefront` on CUDA without kernels made for the scene.
+
+    One kernel for every feature has 218 registers: it takes 1.0 to 5.8 times as long as `wavefront`
+    in a tree and, if there are several materials, without one (24 scenes of 2^21 and 2^24 paths,
+    H100), but 0.7 to 1.1 times for one material without a tree. The other variants follow
+    `wave_gain`.
+    """
+    if RICH & {*facts["variant"]}:
+        several = len({*MATERIAL_KINDS} & {*facts["features"]}) > 1
+        pays = paths >= RICH_PATHS and (bool(facts["tree"]) or several)
+    else:
+        pays = wave_gain(facts, paths) > _PAYS
+    return "wavefront" if pays else "fused"
 
 
 def choose_scheduler(
@@ -91,9 +112,8 @@ def choose_scheduler(
     """The scheduler that runs and why. settings: settled; facts: those of `scene_facts`.
 
     Rule of "auto": `fused`, but `wavefront` on CUDA where it is expected to take at most nine
-    tenths of the time (`wave_gain`). Without kernels made at run time (`kernels`): from WAVE_PATHS
-    paths per launch on, for scenes with a tree and a material that is not made of delta lobes, if
-    several kinds are in the compiled variant, whose one kernel is then slow (docs/speed.md).
+    tenths of the time: by `wave_gain` with kernels made for the scene, and until these are there,
+    or where none are made (`kernels`), by `compiled_choice`.
     """
     if settings.scheduler != "auto":
         return settings.scheduler, "asked for"
@@ -101,12 +121,10 @@ def choose_scheduler(
     paths = 0 if settings.target_error else width * height * spp // max(1, settings.batches)
     if backend != "cuda" or not paths:
         return "fused", "auto"
-    if not kernels.available():
-        if wave_gain(facts, paths) > math.log(10 / 9):
-            return "wavefront", "auto expects it to be faster with such lamps and materials"
-        return "fused", "auto"
-    several = len({*MATERIAL_KINDS} & {*facts["variant"]}) > 1
-    if facts["tree"] and several and {*SCATTERING_KINDS} & {*facts["features"]}:
-        if paths >= WAVE_PATHS:
-            return "wavefront", "auto takes it for many paths among such materials in a tree"
-    return "fused", "auto"
+    if kernels.available():  # why there are none
+        chosen = compiled_choice(facts, paths)
+    else:
+        chosen = "wavefront" if wave_gain(facts, paths) > _PAYS else "fused"
+    if chosen == "fused":
+        return chosen, "auto"
+    return chosen, "auto expects it to be faster with such lamps and materials"

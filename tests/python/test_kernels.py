@@ -40,13 +40,13 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNam
     """Nothing known of any kernel, an empty folder, and a device that takes what it is given."""
     monkeypatch.setenv("VERIRAY_CACHE", str(tmp_path))
     monkeypatch.setenv("VERIRAY_KERNELS", "wait")
-    for name in ("_settled", "_paths", "_children"):
+    for name in ("_settled", "_added", "_paths", "_children"):
         getattr(kernels, name).clear()
     native = Native()
     yield SimpleNamespace(
         index=0, details={"compute_capability": "9.0"}, native=native, folder=tmp_path / "kernels"
     )
-    for name in ("_settled", "_paths", "_children"):
+    for name in ("_settled", "_added", "_paths", "_children"):
         getattr(kernels, name).clear()
 
 
@@ -213,6 +213,27 @@ def test_a_render_takes_up_its_kernel_when_it_is_there(
     assert parts.film_sha256 == whole.film_sha256
     assert parts.stats["live_rays"] == whole.stats["live_rays"]
     assert shares == sorted(shares) and shares[-1] == 1
+
+
+@pytest.mark.gpu
+def test_wavefront_draws_until_the_kernel_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The compiled kernel for every feature is slow, so scenes that need it do not wait in it."""
+    scene = vr.load_file(next(path for path in SCENES if path.stem == "attributes"))
+    film: dict[str, Any] = {"width": 256, "height": 256, "spp": 16, "device": "cuda:0"}
+    fused = vr.render(scene, scheduler="fused", **film)
+    monkeypatch.setenv("VERIRAY_CACHE", str(tmp_path))
+    for name in ("_settled", "_added", "_paths", "_children"):
+        monkeypatch.setattr(kernels, name, type(getattr(kernels, name))())
+    first = vr.render(scene, **film)
+    assert kernels.available() or first.stats["scheduler"] in ("wavefront", "wavefront,fused")
+    assert first.stats["blocks"] == [] and first.film_sha256 == fused.film_sha256
+    assert first.stats["live_rays"] == fused.stats["live_rays"]
+    monkeypatch.setenv("VERIRAY_KERNELS", "wait")
+    last = vr.render(scene, **film)
+    assert kernels.available() or last.stats["scheduler"] in kernels.METHODS
+    assert last.film_sha256 == fused.film_sha256
 
 
 def test_devices_say_what_they_are() -> None:

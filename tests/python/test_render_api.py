@@ -481,34 +481,37 @@ def test_auto_takes_wavefront_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> 
     """The rule of `choose_scheduler`, on what scenes say of themselves."""
     monkeypatch.setattr(kernels, "available", lambda: "no compiler")
     many = RenderSettings(width=1024, height=1024, spp=16)
-    kinds = ["bvh", "diffuse", "plastic"]
-    tree = {"tree": {"width": 4}, "features": ["bvh", "diffuse"], "variant": kinds}
-    plain = {**tree, "variant": ["bvh", "diffuse"]}
-    flat = {**tree, "tree": {}}
-    glass = {**tree, "features": ["bvh", "dielectric"]}
+    balls = {
+        "tree": {"width": 4}, "features": ["bvh", "diffuse"], "variant": ["bvh", "diffuse"],
+        "primitives": {"spheres": 100, "triangles": 2, "dropped": 7}, "lights": 1,
+    }  # fmt: skip
+    mesh = {**balls, "primitives": {"triangles": 20_000, "dropped": 0}}
+    rich = {**mesh, "variant": ["bvh", "blend", "tangents", "diffuse", "plastic"]}
+    flat = {**rich, "tree": {}}
+    mixed = {**flat, "features": ["diffuse", "plastic"]}
 
-    def chosen(settings: RenderSettings = many, backend: str = "cuda", facts: Any = tree) -> str:
+    def chosen(settings: RenderSettings = many, backend: str = "cuda", facts: Any = rich) -> str:
         return choose_scheduler(settings, backend, facts)[0]
 
-    assert chosen() == "wavefront"
-    others = {chosen(facts=facts) for facts in (plain, flat, glass)}
-    assert others | {chosen(backend="cpu")} == {"fused"}
-    few = dataclasses.replace(many, spp=15)
-    by_batch = dataclasses.replace(many, batches=2)
+    lamps = {**mesh, "lights": 100}
+    assert {chosen(), chosen(facts=mixed), chosen(facts=lamps)} == {"wavefront"}
+    assert {chosen(facts=mesh), chosen(facts=flat), chosen(backend="cpu")} == {"fused"}
+    few = dataclasses.replace(many, width=512, height=256, spp=4)
+    assert chosen(few) == "wavefront"
+    few = dataclasses.replace(few, spp=3)
+    by_batch = dataclasses.replace(few, spp=4, batches=2)
     until = dataclasses.replace(many, target_error=0.1)
     assert {chosen(few), chosen(by_batch), chosen(until)} == {"fused"}
     asked = dataclasses.replace(few, scheduler="thrust")
-    assert choose_scheduler(asked, "cuda", tree) == ("thrust", "asked for")
+    assert choose_scheduler(asked, "cuda", rich) == ("thrust", "asked for")
     monkeypatch.setattr(kernels, "available", lambda: "")  # kernels are made at run time
-    balls = {**plain, "primitives": {"spheres": 100, "triangles": 2, "dropped": 7}, "lights": 1}
-    mesh = {**balls, "primitives": {"triangles": 20_000, "dropped": 0}}
-    mixed = [*balls["features"], "conductor", "dielectric", "plastic"]
+    kinds = [*balls["features"], "conductor", "dielectric", "plastic"]
     by_measurement = {  # as measured, fused / wavefront
         "mesh under a lamp, 0.64": (mesh, "fused"),
         "two materials, 0.74": ({**mesh, "features": ["diffuse", "conductor"]}, "fused"),
         "100 lamps, 1.9": ({**mesh, "lights": 100}, "wavefront"),
         "16 lamps that are balls, 2": ({**balls, "lights": 16}, "wavefront"),
-        "balls of four materials, 1.8": ({**balls, "features": mixed}, "wavefront"),
+        "balls of four materials, 1.8": ({**balls, "features": kinds}, "wavefront"),
         "20 balls without a tree, 0.5": ({**balls, "tree": {}}, "fused"),
     }  # fmt: skip
     assert {k: chosen(facts=f) for k, (f, _) in by_measurement.items()} == {

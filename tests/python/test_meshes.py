@@ -14,7 +14,7 @@ import veriray
 from veriray import transform
 from veriray.columns import COLUMNS
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh, mitsuba_dict, ply, ply_pieces
+from veriray.formats import mesh, mitsuba_dict, obj_columns, ply, ply_pieces
 from veriray.formats.node import Node, Value
 from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
@@ -241,22 +241,61 @@ def test_obj(tmp_path):
     assert got.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4], [5, 6, 7]]
 
 
-@pytest.mark.parametrize("corner", ["{0}", "{0}/{1}", "{0}//{2}", "{0}/{1}/{2}"])
-@pytest.mark.parametrize("sides", [3, 4])
-def test_obj_column_by_column_is_obj_line_by_line(corner, sides):
-    rng = np.random.default_rng(1)
-    text = "# c\no x\n"
-    for kind, width in (("v", 3), ("vt", 2), ("vn", 3)):
-        text += "".join(
-            f"{kind} {' '.join(map(repr, row))}\n" for row in rng.normal(size=(9, width)).tolist()
-        )
-    for face in rng.integers(1, 10, (20, sides, 3)).tolist():
-        text += f"f {' '.join(corner.format(*c) for c in face)}\n"
-    fast, slow = mesh._obj_tables(text.encode()), mesh._obj_lines(text.encode())
-    for a, b in zip([*fast[0], *fast[1:]], [*slow[0], *slow[1:]], strict=True):
-        assert a.shape == b.shape and (a == b).all()
-    for odd in ("f 1 2 10", "f 0 1 2", "f 1 2", "f 1 2 -1", "v 1 nan 2", "v 1 2", " v 1 2 3"):
-        assert mesh._obj_tables(f"{text}{odd}\n".encode()) is None
+OBJ_CORNERS = ["{0}", "{0}/{1}", "{0}//{2}", "{0}/{1}/{2}"]
+
+
+def obj_file(rng, corner, sides, blocks):
+    """Blocks of 9 lines of each kind and 20 faces that use those so far."""
+    text = "# c\n"
+    for block in range(1, blocks + 1):
+        text += f"o x{block}\n\n"
+        for kind, width in (("v", 3), ("vt", 2), ("vn", 3)):
+            rows = (10.0 ** rng.integers(-9, 9) * rng.normal(size=(9, width))).tolist()
+            text += "".join(f"{kind} {' '.join(map(repr, row))}\n" for row in rows)
+        for face in rng.integers(1, 9 * block + 1, (20, max(sides), 3)).tolist():
+            used = face[: rng.choice(sides)]
+            text += f"f {' '.join(corner.format(*c) for c in used)}\n"
+    return text
+
+
+def same_obj(fast, slow):
+    """Whether two readings are the same arrays, numbers of one kind."""
+    pairs = zip([*fast[0], *fast[1:]], [*slow[0], *slow[1:]], strict=True)
+    return all(a.shape == b.shape and a.dtype == b.dtype and (a == b).all() for a, b in pairs)
+
+
+@pytest.mark.parametrize("corner", OBJ_CORNERS)
+@pytest.mark.parametrize("sides", [(3,), (4,), (3, 4, 7)])
+@pytest.mark.parametrize("piece", [1, 300, 1 << 23])
+def test_obj_column_by_column_is_obj_line_by_line(corner, sides, piece, monkeypatch):
+    monkeypatch.setattr(obj_columns, "_PIECE", piece)
+    text = obj_file(np.random.default_rng(1), corner, sides, 3)
+    for given in (text, text.rstrip("\n")):
+        assert same_obj(obj_columns.tables(given.encode()), mesh._obj_lines(given.encode()))
+    for odd in (
+        "f 1 2 28", "f 0 1 2", "f 1 2", "f 1 2 -1", "f 1/1 2/2 3", "f 1/ 2/ 3/", "f 1 2 3#",
+        "f 9999999999999999999 1 2", "f 1//1 2//2 3/3/3", "f 1///1 2///1 3///1", "v 1 nan 2",
+        "v 1 2", "v 1.2.3 4", "v 1-2 3", "v 1 2 3 4 5 6 7", "v 1 2 .", "v 1 2 1e", "v 1 2 e5",
+        "v 1 2 +-1", "v 1 2 1e5e3", "v 1 2 1e5.5", "v 1 2 -", "v 1 2 0x1", "v 1 2 1_0", "vt 1",
+        "v 1 2 3 # c", " v 1 2 3", "vp 1 2", "v\t1 2 3", "f\t1 2 3",
+    ):  # fmt: skip
+        assert obj_columns.tables(f"{text}{odd}\n".encode()) is None, odd
+    fine = text + "v +1 .5 5.e-3\n# v\ng v f\n"
+    assert same_obj(obj_columns.tables(fine.encode()), mesh._obj_lines(fine.encode()))
+
+
+def test_obj_column_by_column_accepts_nothing_else():
+    """Files with bytes changed at random: left alone, or read as line by line."""
+    rng, read_both = np.random.default_rng(2), 0
+    for k in range(2000):
+        text = bytearray(obj_file(rng, OBJ_CORNERS[k % 4], (3, 4), 1).encode())
+        for place in rng.integers(0, len(text), rng.integers(1, 4)):
+            text[place] = rng.choice(list(b"0123456789 /.-+e#vtnf\n\t"))
+        fast = obj_columns.tables(bytes(text))
+        if fast is not None:
+            read_both += 1
+            assert same_obj(fast, mesh._obj_lines(bytes(text))), bytes(text)
+    assert 200 < read_both < 1900
 
 
 def test_obj_agrees_with_trimesh(tmp_path):

@@ -28,7 +28,7 @@ from ..device import select
 from ..errors import DeviceError, SceneError
 from ..extras import need
 from ..numeric import MAX_COORDINATE
-from . import ply, ply_pieces, polygons, serialized
+from . import obj_columns, ply, ply_pieces, polygons, serialized
 from .node import Node, quoted, read_bytes, shorten
 from .plugins import mesh_attribute
 from .ply import MeshFileError
@@ -209,7 +209,7 @@ def _within(mesh: Mesh, what: str, values: Array, least: float, most: float) -> 
 def _obj(data: bytes) -> _Arrays:
     text = data.removeprefix(codecs.BOM_UTF8)
     text = text.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
-    tables, corners, triangles, parts = _obj_tables(text) or _obj_lines(text)
+    tables, corners, triangles, parts = obj_columns.tables(text) or _obj_lines(text)
     vertices, *others = tables
     if parts.max(initial=1) > 1:
         triangles = polygons.unfolded(vertices[corners[:, 0]], triangles, parts)
@@ -241,71 +241,13 @@ def _distinct(corners: Array) -> tuple[Array, Array]:
     return corners[first], inverse
 
 
-_KINDS = {b"v": 3, b"vt": 2, b"vn": 3}  # line -> numbers kept
 #: Tables of v, vt, vn; corners (C, 3) or -1; fans of corners, and the triangles of each.
 _Obj = tuple[list[Array], Array, Array, Array]
 
 
-def _obj_tables(text: bytes) -> _Obj | None:
-    """A file of the usual form, a column at a time: all faces alike, after all that they use.
-
-    None for any other form, and for a file with an error.
-    """
-    lines = text.split(b"\n")
-    first = next((k for k, line in enumerate(lines) if line.startswith(b"f ")), len(lines))
-    groups: dict[bytes, list[bytes]] = {b"v ": [], b"vt": [], b"vn": [], b"f ": []}
-    for k, line in enumerate(lines):
-        kind = line[:2]
-        if kind in groups:
-            groups[kind].append(line)
-            if (kind == b"f ") != (k >= first):
-                return None
-        elif line.lstrip()[:1] in (b"v", b"f"):
-            return None
-    tables = []
-    for kind, kept in _KINDS.items():
-        table = _matched(groups[kind.ljust(2)], rb"(?:%s)" % _NUMBER.pattern, kept, np.float64)
-        if table is None:
-            return None
-        tables.append(table[:, :kept])
-    faces = groups[b"f "]
-    words = faces[0].split() if faces else []
-    if len(words) < 4:
-        return None
-    sample, width = words[1].split(b"/"), len(words) - 1
-    token = rb"/".join(rb"[0-9]{1,18}" if part else b"" for part in sample)
-    given = [k for k, part in enumerate(sample) if part]
-    numbers = _matched(faces, token, 3, np.int64)
-    if numbers is None or len(sample) > 3:
-        return None
-    corners = np.full((len(faces) * width, 3), -1, np.int64)
-    corners[:, given] = numbers.reshape(len(corners), len(given)) - 1
-    counts = np.array([len(table) for table in tables])
-    if (corners[:, given] < 0).any() or (corners >= counts).any():
-        return None
-    fans = np.array([(0, k, k + 1) for k in range(1, width - 1)])
-    triangles = (np.arange(len(faces))[:, None, None] * width + fans).reshape(-1, 3)
-    return tables, corners, triangles, np.full(len(faces), width - 2)
-
-
-def _matched(lines: list[bytes], token: bytes, least: int, dtype: Any) -> Array | None:
-    """Numbers (N, columns) of lines "kind token token ..." with equally many tokens each.
-
-    None if a line has another form, or fewer than `least` tokens. Slashes separate numbers too.
-    """
-    if not lines:
-        return np.zeros((0, least), dtype)
-    count = len(lines[0].split()) - 1
-    form = re.compile(rb"\w+(?:[ \t]+%s){%d}[ \t]*" % (token, count))
-    if count < least or not all(map(form.fullmatch, lines)):
-        return None
-    joined = b" ".join([line.split(None, 1)[1] for line in lines]).replace(b"/", b" ")
-    return np.fromstring(joined, dtype, sep=" ").reshape(len(lines), -1)
-
-
 def _obj_lines(text: bytes) -> _Obj:
     """Any file, line by line."""
-    tables: dict[bytes, list[Any]] = {kind: [] for kind in _KINDS}
+    tables: dict[bytes, list[Any]] = {kind: [] for kind in obj_columns.KINDS}
     corners: list[tuple[int, int, int]] = []  # v, vt, vn of each; -1 for none
     faces: list[tuple[int, int, int]] = []  # into corners
     parts: list[int] = []
@@ -330,7 +272,7 @@ def _obj_lines(text: bytes) -> _Obj:
         elif kind in tables:
             tables[kind].append(_row(kind, tokens, number))
     return (
-        [np.array(tables[k], np.float64).reshape(-1, n) for k, n in _KINDS.items()],
+        [np.array(tables[k], np.float64).reshape(-1, n) for k, n in obj_columns.KINDS.items()],
         np.array(corners, np.int64).reshape(-1, 3),
         np.array(faces, np.int64).reshape(-1, 3),
         np.array(parts, np.int64),

@@ -31,10 +31,10 @@ inline void put_intervals(const std::vector<double>& sums, float* ends, uint32_t
     }
 }
 
-// Of guides for n intervals: one part for 32 of them.
+// Of guides for n intervals: one part for 4 of them.
 inline uint32_t guide_bits(uint32_t n) {
     uint32_t bits = 0;
-    while (n >> (bits + 6)) ++bits;
+    while (n >> (bits + 3)) ++bits;
     return bits;
 }
 

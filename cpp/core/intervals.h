@@ -24,8 +24,9 @@ struct Intervals {
     }
     VR_HD F size(U k) const { return end(k) - start(k); }
 
-    // The interval that holds u. rest: where in it, in the middle of the places that u stands for.
-    VR_HD U choose(const uint32_t* guides, U guide, uint32_t bits, F u, F& rest) const {
+    // The interval that holds u, and its size. rest: where in it, in the middle of the places that
+    // u stands for.
+    VR_HD U choose(const uint32_t* guides, U guide, uint32_t bits, F u, F& rest, F& size) const {
         const F u24 = u * F(0x1p24f);
         const U part = guide + to_uint(u * F(static_cast<float>(1u << bits)));
         U low = gather(guides, part), high = gather(guides, part + U(1u));
@@ -36,8 +37,13 @@ struct Intervals {
             low = select(above, middle + U(1u), low);
         }
         const F from = start(low);
-        rest = (u24 - from + F(0.5f)) / (end(low) - from);
+        size = end(low) - from;
+        rest = (u24 - from + F(0.5f)) / size;
         return low;
+    }
+    VR_HD U choose(const uint32_t* guides, U guide, uint32_t bits, F u, F& rest) const {
+        F size;
+        return choose(guides, guide, bits, u, rest, size);
     }
 };
 

@@ -53,7 +53,8 @@ struct ImageSky : LightShape<L> {
         return {map.ends, row * U(map.width) + U(map.height - 1u)};
     }
 
-    static VR_HD Cell cell(const SkyMap& map, U column, U row) {
+    // across, down: the sizes of the intervals of the cell in its row, and of the row.
+    static VR_HD Cell cell(const SkyMap& map, U column, U row, F across, F down) {
         Cell c;
         const U beside = select(column + U(1u) < U(map.width), column + U(1u), U(0u));
         const U upper = row * U(map.width), lower = upper + U(map.width);
@@ -68,7 +69,6 @@ struct ImageSky : LightShape<L> {
             c.weight[2 + k] = select(north, a + b, b) * sine_lower;
         }
         c.mean = (c.weight[0] + c.weight[1] + (c.weight[2] + c.weight[3])) * F(0.25f);
-        const F across = columns(map, row).size(column), down = rows(map).size(row);
         c.chance = (across * F(0x1p-24f)) * (down * F(0x1p-24f));
         return c;
     }
@@ -96,13 +96,15 @@ struct ImageSky : LightShape<L> {
     template <class Row>
     static VR_HD S radiance(const Row& row, V d) {
         const Place at = place_of(row, d);
-        return cell(row.map, at.column, at.row).radiance(at.s, at.t) * F(row.map.shown);
+        return cell(row.map, at.column, at.row, F(0.f), F(0.f)).radiance(at.s, at.t) *
+               F(row.map.shown);
     }
     // At the very poles, which are never drawn, it is 0.
     template <class Row>
     static VR_HD Pdf pdf_li(const Row& row, V d) {
         const Place at = place_of(row, d);
-        const Cell c = cell(row.map, at.column, at.row);
+        const Cell c = cell(row.map, at.column, at.row, columns(row.map, at.row).size(at.column),
+                            rows(row.map).size(at.row));
         const auto pole = at.sine == F(0.f);
         return {select(pole, F(0.f), c.density(at.s, at.t) * c.chance),
                 select(pole, F(1.f), row(kLightInverse) * F(row.map.cell) * at.sine)};
@@ -111,20 +113,20 @@ struct ImageSky : LightShape<L> {
     static VR_HD Sample sample_li(const Row& row, V, F u, F v, M, M nobody) {
         const SkyMap& map = row.map;
         Place at;
-        F s, t;
-        at.row = rows(map).choose(map.guides, U(0u), map.row_bits, v, t);
+        F s, t, across, down;
+        at.row = rows(map).choose(map.guides, U(0u), map.row_bits, v, t, down);
         const U guide = at.row * U((1u << map.column_bits) + 1u) + U((1u << map.row_bits) + 1u);
-        at.column = columns(map, at.row).choose(map.guides, guide, map.column_bits, u, s);
-        const Cell c = cell(map, at.column, at.row);
+        at.column = columns(map, at.row).choose(map.guides, guide, map.column_bits, u, s, across);
+        const Cell c = cell(map, at.column, at.row, across, down);
         at.t = linear_place(c.weight[0] + c.weight[1], c.weight[2] + c.weight[3], t);
         at.s = linear_place(between(c.weight[0], c.weight[2], at.t),
                             between(c.weight[1], c.weight[3], at.t), s);
         const F x = (to_float(at.column) + (at.s + F(0.5f))) / F(static_cast<float>(map.width));
         const F y = (to_float(at.row) + at.t) / F(static_cast<float>(2u * (map.height - 1u)));
-        F sine, cosine, across, along;
+        F sine, cosine, right, along;
         sincos_2pi(y, sine, cosine);
-        sincos_2pi(select(x < F(1.f), x, x - F(1.f)), across, along);
-        const V wi = fma(row.vector(kLightP), sine * across,
+        sincos_2pi(select(x < F(1.f), x, x - F(1.f)), right, along);
+        const V wi = fma(row.vector(kLightP), sine * right,
                          fma(row.vector(kLightE1), cosine, row.vector(kLightE2) * -(sine * along)));
         const F inverse = row(kLightInverse) * F(map.cell) * sine;
         return {c.radiance(at.s, at.t) * F(map.shown),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..chunks import in_chunks
 from ..errors import SceneError
 from ..numeric import sin_cos_degrees
 from . import sky_model
@@ -25,6 +26,7 @@ TIME = {
 #: Columns of the image, without and with a sun that is narrower than 2 degrees; half as many rows
 #: and the one at the horizon.
 WIDTH, FINE = 1024, 2048
+_ROWS = 16  # that a thread makes at a time
 _PARTS = 16  # of a texel's sides, to find what the sun covers of it
 #: From axes of the image, y up, to those of the sky, z up.
 UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -48,8 +50,11 @@ def sunsky(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]
     texels = np.zeros(across.shape)
     if values["sky_scale"] > 0:
         sky = sky_model.Sky(turbidity, values["albedo"], sun)
-        for row in range(half):
-            texels[row] = values["sky_scale"] * sky.radiance(across[row])
+
+        def put(first: int, last: int) -> None:
+            texels[first:last] = values["sky_scale"] * sky.radiance(across[first:last])
+
+        in_chunks(put, half, _ROWS)
         texels[half - 1] /= 2  # of the row at the horizon, half is below
     if shines:
         light = values["sun_scale"] * sky_model.sun_radiance(turbidity, sun)

@@ -13,6 +13,7 @@
 #include "film/plane.h"
 #include "integrators/path_state.h"
 #include "scene/normals.h"
+#include "scene/obj_text.h"
 #include "scene/scene.h"
 
 namespace veriray {

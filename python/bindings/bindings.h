@@ -83,3 +83,11 @@ template <class T>
 std::vector<T> to_vector(const Array<T>& a) {
     return {a.data(), a.data() + a.size()};
 }
+
+// Without a copy.
+template <class T>
+py::array_t<T> moved_array(std::vector<T>&& v, std::vector<py::ssize_t> shape) {
+    auto* const kept = new std::vector<T>(std::move(v));
+    const py::capsule owner(kept, [](void* p) { delete static_cast<std::vector<T>*>(p); });
+    return py::array_t<T>(std::move(shape), kept->data(), owner);
+}

@@ -522,6 +522,26 @@ void bind_renderer(py::module_& m) {
         },
         "vertices"_a, "triangles"_a);
     m.def(
+        "read_obj",
+        [](const py::bytes& text) -> py::object {
+            ObjTables tables;
+            const std::string_view view = text;
+            {
+                py::gil_scoped_release release;
+                if (!read_obj(view, tables)) return py::none();
+            }
+            const auto rows = [](auto&& numbers, py::ssize_t width) {
+                const auto n = static_cast<py::ssize_t>(numbers.size()) / width;
+                return moved_array(std::move(numbers), {n, width});
+            };
+            const auto faces = static_cast<py::ssize_t>(tables.sides.size());
+            return py::make_tuple(
+                rows(std::move(tables.lines[0]), 3), rows(std::move(tables.lines[1]), 2),
+                rows(std::move(tables.lines[2]), 3), rows(std::move(tables.corners), 3),
+                moved_array(std::move(tables.sides), {faces}));
+        },
+        "text"_a);
+    m.def(
         "shading_of",
         [=](const Rows3& vertices, const Array<uint32_t>& triangles, const Rows3& normals) {
             const MeshView mesh = mesh_view(vertices, triangles);

@@ -324,6 +324,18 @@ def vertex_normals(
     vertices: npt.NDArray[np.float64],  # (V, 3), within [-1e100, 1e100]
     triangles: npt.NDArray[np.uint32],  # (T, 3)
 ) -> npt.NDArray[np.float64]: ...  # (V, 3), as veriray.formats.mesh
+def read_obj(
+    text: bytes,
+) -> (
+    tuple[
+        npt.NDArray[np.float64],  # (V, 3)
+        npt.NDArray[np.float64],  # (VT, 2)
+        npt.NDArray[np.float64],  # (VN, 3)
+        npt.NDArray[np.int64],  # (C, 3), rows of these, or -1
+        npt.NDArray[np.int64],  # (F,), corners of each face
+    ]
+    | None
+): ...  # None: as cpp/scene/obj_text.h
 def shading_of(
     vertices: npt.NDArray[np.float64],  # (V, 3)
     triangles: npt.NDArray[np.uint32],  # (T, 3)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import struct
 import warnings
 import zlib
@@ -14,7 +15,7 @@ import veriray
 from veriray import transform
 from veriray.columns import COLUMNS
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh, mitsuba_dict, obj_columns, ply, ply_pieces
+from veriray.formats import mesh, mitsuba_dict, ply, ply_pieces
 from veriray.formats.node import Node, Value
 from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
@@ -266,35 +267,48 @@ def same_obj(fast, slow):
 
 @pytest.mark.parametrize("corner", OBJ_CORNERS)
 @pytest.mark.parametrize("sides", [(3,), (4,), (3, 4, 7)])
-@pytest.mark.parametrize("piece", [1, 300, 1 << 23])
-def test_obj_column_by_column_is_obj_line_by_line(corner, sides, piece, monkeypatch):
-    monkeypatch.setattr(obj_columns, "_PIECE", piece)
+def test_obj_by_the_native_module_is_obj_line_by_line(corner, sides):
     text = obj_file(np.random.default_rng(1), corner, sides, 3)
-    for given in (text, text.rstrip("\n")):
-        assert same_obj(obj_columns.tables(given.encode()), mesh._obj_lines(given.encode()))
-    for odd in (
-        "f 1 2 28", "f 0 1 2", "f 1 2", "f 1 2 -1", "f 1/1 2/2 3", "f 1/ 2/ 3/", "f 1 2 3#",
-        "f 9999999999999999999 1 2", "f 1//1 2//2 3/3/3", "f 1///1 2///1 3///1", "v 1 nan 2",
-        "v 1 2", "v 1.2.3 4", "v 1-2 3", "v 1 2 3 4 5 6 7", "v 1 2 .", "v 1 2 1e", "v 1 2 e5",
-        "v 1 2 +-1", "v 1 2 1e5e3", "v 1 2 1e5.5", "v 1 2 -", "v 1 2 0x1", "v 1 2 1_0", "vt 1",
-        "v 1 2 3 # c", " v 1 2 3", "vp 1 2", "v\t1 2 3", "f\t1 2 3",
+    for given in (text, text.rstrip("\n"), text.replace("\n", "\r\n"), ""):
+        assert same_obj(mesh._obj_native(given.encode()), mesh._obj_lines(given.encode()))
+    for fine in (
+        "f 1 2 -1", "f 1/1 2/2 3", "f -1/-2/-3 2 3", "f +1 2 3", "f 1 2 3#", "f\t1\v2\f3 ",
+        "f 1/ 2// 3", "v +1 .5 5.e-3", "v 1 2 3 4 x", "v -0 1E5 1e+5", "v 1 2 3 # c", " v 1 2 3",
+        "v\t1 2 3",
+        "vt 1", "vt 1 2 3", "vp 1 2", "# v", "g v f", "vn 1 2 3\rv 4 5 6\n\r",
     ):  # fmt: skip
-        assert obj_columns.tables(f"{text}{odd}\n".encode()) is None, odd
-    fine = text + "v +1 .5 5.e-3\n# v\ng v f\n"
-    assert same_obj(obj_columns.tables(fine.encode()), mesh._obj_lines(fine.encode()))
+        given = f"{text}{fine}\n".encode()
+        assert same_obj(mesh._obj_native(given), mesh._obj_lines(given)), fine
+    for odd in (
+        "f 1 2 28", "f 0 1 2", "f 1 2", "f 1 2 -28", "f 1/1/1/1 2 3", "f / 1 2", "f 1.0 2 3",
+        "f 9999999999999999999 1 2", "f 1///1 2///1 3///1", "f +-1 2 3", "v 1 nan 2", "v 1 2", "v",
+        "v 1.2.3 4 5", "v 1-2 3 4", "v 1 2 .", "v 1 2 1e", "v 1 2 e5", "v 1 2 +-1", "v 1 2 1e5e3",
+        "v 1 2 1e5.5", "v 1 2 -", "v 1 2 0x1", "v 1 2 1_0", "v 1 2 inf", "vt", "vn 1 2",
+    ):  # fmt: skip
+        given = f"{text}{odd}\n".encode()
+        assert mesh._obj_native(given) is None, odd
+        with pytest.raises(mesh.MeshFileError):
+            mesh._obj_lines(given)
 
 
-def test_obj_column_by_column_accepts_nothing_else():
-    """Files with bytes changed at random: left alone, or read as line by line."""
+def test_obj_by_the_native_module_accepts_nothing_else():
+    """Files with bytes changed at random: refused by both readers, or the same for both."""
     rng, read_both = np.random.default_rng(2), 0
     for k in range(2000):
         text = bytearray(obj_file(rng, OBJ_CORNERS[k % 4], (3, 4), 1).encode())
         for place in rng.integers(0, len(text), rng.integers(1, 4)):
-            text[place] = rng.choice(list(b"0123456789 /.-+e#vtnf\n\t"))
-        fast = obj_columns.tables(bytes(text))
-        if fast is not None:
-            read_both += 1
-            assert same_obj(fast, mesh._obj_lines(bytes(text))), bytes(text)
+            text[place] = rng.choice(list(b"0123456789 /.-+e#vtnf\n\t\r\x0b\x0c\x00"))
+        fast = mesh._obj_native(bytes(text))
+        try:
+            slow = mesh._obj_lines(bytes(text))
+        except mesh.MeshFileError:
+            assert fast is None, bytes(text)
+            continue
+        if fast is None:  # infinite or 0 line by line
+            assert re.search(rb"[eE][+-]?[0-9]{3}", text), bytes(text)
+            continue
+        read_both += 1
+        assert same_obj(fast, slow), bytes(text)
     assert 200 < read_both < 1900
 
 

@@ -28,7 +28,7 @@ from ..device import select
 from ..errors import DeviceError, SceneError
 from ..extras import need
 from ..numeric import MAX_COORDINATE
-from . import obj_columns, ply, ply_pieces, polygons, serialized
+from . import ply, ply_pieces, polygons, serialized
 from .node import Node, quoted, read_bytes, shorten
 from .plugins import mesh_attribute
 from .ply import MeshFileError
@@ -208,8 +208,9 @@ def _within(mesh: Mesh, what: str, values: Array, least: float, most: float) -> 
 
 def _obj(data: bytes) -> _Arrays:
     text = data.removeprefix(codecs.BOM_UTF8)
-    text = text.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
-    tables, corners, triangles, parts = obj_columns.tables(text) or _obj_lines(text)
+    if b"\\" in text:
+        text = text.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    tables, corners, triangles, parts = _obj_native(text) or _obj_lines(text)
     vertices, *others = tables
     if parts.max(initial=1) > 1:
         triangles = polygons.unfolded(vertices[corners[:, 0]], triangles, parts)
@@ -241,13 +242,33 @@ def _distinct(corners: Array) -> tuple[Array, Array]:
     return corners[first], inverse
 
 
+_KINDS = {b"v": 3, b"vt": 2, b"vn": 3}  # line -> numbers kept
 #: Tables of v, vt, vn; corners (C, 3) or -1; fans of corners, and the triangles of each.
 _Obj = tuple[list[Array], Array, Array, Array]
 
 
+def _obj_native(text: bytes) -> _Obj | None:
+    """As `_obj_lines`; None for a file with an error, or without a native module."""
+    native = _module()
+    found = None if native is None else native.read_obj(text)
+    if found is None:
+        return None
+    *tables, corners, sides = found
+    return tables, corners, _fans(sides), sides - 2
+
+
+def _fans(sides: Array) -> Array:
+    """Triangles (T, 3) of consecutive corners of faces with so many sides: a fan for each."""
+    parts, first = sides - 2, np.cumsum(sides) - sides
+    triangles: Array = np.repeat(first, parts)[:, None] + np.arange(3)
+    k = np.arange(len(triangles)) - np.repeat(np.cumsum(parts) - parts, parts)
+    triangles[:, 1:] += k[:, None]
+    return triangles
+
+
 def _obj_lines(text: bytes) -> _Obj:
-    """Any file, line by line."""
-    tables: dict[bytes, list[Any]] = {kind: [] for kind in obj_columns.KINDS}
+    """Line by line, with errors that name the line."""
+    tables: dict[bytes, list[Any]] = {kind: [] for kind in _KINDS}
     corners: list[tuple[int, int, int]] = []  # v, vt, vn of each; -1 for none
     faces: list[tuple[int, int, int]] = []  # into corners
     parts: list[int] = []
@@ -272,7 +293,7 @@ def _obj_lines(text: bytes) -> _Obj:
         elif kind in tables:
             tables[kind].append(_row(kind, tokens, number))
     return (
-        [np.array(tables[k], np.float64).reshape(-1, n) for k, n in obj_columns.KINDS.items()],
+        [np.array(tables[k], np.float64).reshape(-1, n) for k, n in _KINDS.items()],
         np.array(corners, np.int64).reshape(-1, 3),
         np.array(faces, np.int64).reshape(-1, 3),
         np.array(parts, np.int64),
@@ -430,8 +451,11 @@ def angles(a: Array, b: Array) -> Array:
 def _native(triangles: Array) -> Any:
     """The module that does the same for many triangles, with the same bits; None for few, and where
     there is none."""
-    if len(triangles) < NATIVE:
-        return None
+    return None if len(triangles) < NATIVE else _module()
+
+
+def _module() -> Any:
+    """The module of the CPU; None where there is none."""
     try:
         return select("cpu")[0].native
     except (DeviceError, ValueError):  # of VERIRAY_ISA

@@ -14,6 +14,7 @@
 #include "integrators/path_state.h"
 #include "scene/normals.h"
 #include "scene/obj_text.h"
+#include "scene/rgbe.h"
 #include "scene/scene.h"
 
 namespace veriray {

@@ -1,6 +1,7 @@
 // Tables of surfaces (material, emission, media) and of media.
 #include <algorithm>
 #include <map>
+#include <thread>
 #include <tuple>
 
 #include "bsdfs/rough_coat.h"
@@ -41,17 +42,18 @@ struct RoughCoat {
 };
 RoughCoat rough_coat(float eta, float alpha, bool ggx, bool smooth) {
     RoughCoat coat;
+    double sent[kCoatCells + 1] = {};
+    parallel(smooth ? 1u : std::max(1u, std::thread::hardware_concurrency()), kCoatCells + 1, {},
+             [&](uint32_t, uint64_t k) {
+                 const double place = static_cast<double>(k) / kCoatCells;
+                 const float cosine = static_cast<float>(k) / kCoatCells;
+                 coat.transmittance[k] =
+                     static_cast<float>(smooth ? 1 - smooth_reflectance(place, double{eta})
+                                               : rough_share(true, cosine, eta, alpha, ggx));
+                 if (!smooth) sent[k] = 2 * place * rough_share(false, cosine, 1 / eta, alpha, ggx);
+             });
     double sum = 0;
-    for (uint32_t k = 0; k <= kCoatCells; ++k) {
-        const float cosine = static_cast<float>(k) / kCoatCells;
-        if (smooth) {
-            coat.transmittance[k] = static_cast<float>(
-                1 - smooth_reflectance(static_cast<double>(k) / kCoatCells, double{eta}));
-            continue;
-        }
-        coat.transmittance[k] = static_cast<float>(rough_share(true, cosine, eta, alpha, ggx));
-        sum += 2.0 * k / kCoatCells * rough_share(false, cosine, 1 / eta, alpha, ggx);
-    }
+    for (const double one : sent) sum += one;
     coat.inside = sum / (kCoatCells + 1);
     return coat;
 }
@@ -130,7 +132,7 @@ void HostScene::set_surfaces(const SceneInput& in) {
     });
     surfaces.assign((kSurfaceColumns + (coats ? kCoatCells + 1 : size_t{0})) * view.surface_stride,
                     0.f);
-    std::map<uint32_t, RoughCoat> made;  // by material
+    std::map<std::tuple<float, float, bool, bool>, RoughCoat> made;  // by arguments
     for (size_t r = 0; r < rows.size(); ++r) {
         const auto [m, emission, boundary] = rows[r];
         const auto put = [&](uint32_t c, float x) {
@@ -155,10 +157,10 @@ void HostScene::set_surfaces(const SceneInput& in) {
             const bool once = in.k.data[3 * m] > 0;
             double inside;
             if (closure.reads_coat) {
-                const auto [at, fresh] = made.try_emplace(m);
-                if (fresh)
-                    at->second = rough_coat(in.eta.data[3 * m], in.alpha_u.data[m],
-                                            in.distribution.data[m] != 0, once);
+                const float index = in.eta.data[3 * m], alpha = in.alpha_u.data[m];
+                const bool ggx = in.distribution.data[m] != 0;
+                const auto [at, fresh] = made.try_emplace({index, alpha, ggx, once});
+                if (fresh) at->second = rough_coat(index, alpha, ggx, once);
                 for (uint32_t k = 0; k <= kCoatCells; ++k)
                     put(kSurfaceColumns + k, at->second.transmittance[k]);
                 inside = at->second.inside;

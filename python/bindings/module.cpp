@@ -542,6 +542,18 @@ void bind_renderer(py::module_& m) {
         },
         "text"_a);
     m.def(
+        "read_rgbe",
+        [](const py::bytes& lines, uint32_t width, uint32_t height) -> py::object {
+            py::array_t<float> out(std::vector<py::ssize_t>{height, width, 3});
+            float* const values = out.mutable_data();
+            const std::string_view view = lines;
+            py::gil_scoped_release release;
+            const bool whole = read_rgbe(view, width, height, values);
+            py::gil_scoped_acquire acquire;
+            return whole ? py::object(std::move(out)) : py::none();
+        },
+        "lines"_a, "width"_a, "height"_a);
+    m.def(
         "shading_of",
         [=](const Rows3& vertices, const Array<uint32_t>& triangles, const Rows3& normals) {
             const MeshView mesh = mesh_view(vertices, triangles);

@@ -336,6 +336,9 @@ def read_obj(
     ]
     | None
 ): ...  # None: as cpp/scene/obj_text.h
+def read_rgbe(
+    lines: bytes, width: int, height: int
+) -> npt.NDArray[np.float32] | None: ...  # (height, width, 3); None: as cpp/scene/rgbe.h
 def shading_of(
     vertices: npt.NDArray[np.float64],  # (V, 3)
     triangles: npt.NDArray[np.uint32],  # (T, 3)

@@ -287,6 +287,14 @@ def select(device: str = "auto", *, fresh: bool = True) -> tuple[Device, str]:
     )
 
 
+def cpu_module() -> Any:
+    """The native module of the CPU, for what it does beside rendering; None where there is none."""
+    try:
+        return select("cpu", fresh=False)[0].native
+    except (DeviceError, ValueError):  # of VERIRAY_ISA
+        return None
+
+
 def select_all(
     device: str | Sequence[str] = "auto", *, fresh: bool = True
 ) -> list[tuple[Device, str]]:

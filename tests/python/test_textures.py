@@ -21,6 +21,7 @@ from PIL import Image as Pillow
 import veriray
 from veriray import transform as tf
 from veriray.columns import PRINCIPLED
+from veriray.device import cpu_module
 from veriray.errors import SceneError, SceneWarning
 from veriray.formats import images
 from veriray_validate.scenes import camera
@@ -521,11 +522,17 @@ def test_image_files(tmp_path: Path) -> None:
         assert (images.read(path, "").texels == texels).all()
 
 
+@pytest.mark.parametrize("native", [False, True])
 @pytest.mark.parametrize("runs", [False, True])
-def test_radiance_hdr(runs: bool, tmp_path: Path) -> None:
+def test_radiance_hdr(
+    runs: bool, native: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not native:
+        monkeypatch.setattr(images, "cpu_module", lambda: None)
     width, height = 19, 7
     codes = RNG.integers(0, 256, (height, width, 4), dtype=np.uint8)
     codes[..., 3] = RNG.integers(120, 140, (height, width))
+    codes[5, :, 3] = RNG.integers(0, 12, width)  # below the normal float32
     codes[2], codes[3, 4:] = 0, codes[3, 4]
     body = b""
     for line in codes:
@@ -546,6 +553,30 @@ def test_radiance_hdr(runs: bool, tmp_path: Path) -> None:
         path.write_bytes((head + body)[:cut])
         with pytest.raises(SceneError, match="damaged|known kind"):
             images.read(path, "")
+
+
+def test_damaged_runs_of_radiance_hdr(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines with bytes changed at random: the same for the native reader, or damaged for both."""
+    rng, damaged = np.random.default_rng(3), 0
+    head = b"#?RADIANCE\n\n-Y 3 +X 9\n"
+    for _ in range(2000):
+        body = bytearray()
+        for _ in range(3):
+            body += bytes((2, 2, 0, 9))
+            for _ in range(4):
+                body += bytes((128 + 5, rng.integers(256), 4, *rng.integers(256, size=4)))
+        for place in rng.integers(0, len(body), rng.integers(3)):
+            body[place] = rng.choice([0, 1, 2, 9, 127, 128, 129, 130, 255])
+        found: list[Any] = []
+        for module in (cpu_module, lambda: None):
+            monkeypatch.setattr(images, "cpu_module", module)
+            try:
+                found.append(images._hdr(head + body).tobytes())
+            except SceneError as error:
+                found.append(str(error))
+        damaged += isinstance(found[0], str)
+        assert found[0] == found[1]
+    assert 200 < damaged < 1800
 
 
 def test_damaged_and_foreign_images(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..chunks import in_chunks
+from ..device import cpu_module
 from ..errors import ImageError, SceneError
 from ..files import open_regular
 from ..image import read_exr
@@ -370,6 +371,11 @@ def _hdr(data: bytes) -> Array:
     at = head.end() + size.end()
     mark = bytes((2, 2, width >> 8, width & 255))
     if 8 <= width < 1 << 15 and data[at : at + 4] == mark:
+        native = cpu_module()
+        if native is not None:
+            values: Array | None = native.read_rgbe(data[at:], width, height)
+            if values is not None:
+                return values
         codes = _hdr_runs(data, at, width, height, mark)
     else:
         if len(data) - at < 4 * width * height:

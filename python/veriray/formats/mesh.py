@@ -24,8 +24,8 @@ import numpy.typing as npt
 
 from .. import numeric
 from ..chunks import in_chunks
-from ..device import select
-from ..errors import DeviceError, SceneError
+from ..device import cpu_module
+from ..errors import SceneError
 from ..extras import need
 from ..numeric import MAX_COORDINATE
 from . import ply, ply_pieces, polygons, serialized
@@ -249,7 +249,7 @@ _Obj = tuple[list[Array], Array, Array, Array]
 
 def _obj_native(text: bytes) -> _Obj | None:
     """As `_obj_lines`; None for a file with an error, or without a native module."""
-    native = _module()
+    native = cpu_module()
     found = None if native is None else native.read_obj(text)
     if found is None:
         return None
@@ -451,15 +451,7 @@ def angles(a: Array, b: Array) -> Array:
 def _native(triangles: Array) -> Any:
     """The module that does the same for many triangles, with the same bits; None for few, and where
     there is none."""
-    return None if len(triangles) < NATIVE else _module()
-
-
-def _module() -> Any:
-    """The module of the CPU; None where there is none."""
-    try:
-        return select("cpu")[0].native
-    except (DeviceError, ValueError):  # of VERIRAY_ISA
-        return None
+    return None if len(triangles) < NATIVE else cpu_module()
 
 
 def vertex_normals(vertices: Array, triangles: Array) -> Array:

@@ -250,6 +250,37 @@ def _image_sky(d: Draw) -> str:
     return _stage(d, _some_boxes(d), "") + x.image_sky(path.name)
 
 
+def _interior(d: Draw) -> str:
+    """A closed room with six meshes of several materials, lit by an image through a window."""
+    w, h, e, half = d.between(1.6, 2.2), d.between(1.2, 1.5), d.between(1.8, 2.4), 0.6
+    right = x.turn("y", -90)
+    aside, above = (e - half) / 2, (h - half) / 2
+    places = (
+        ((w, e), (x.turn("x", 90), x.move(0, h, 0))),
+        ((w, h), (x.move(0, 0, -e),)),
+        ((w, h), (x.turn("y", 180), x.move(0, 0, e))),
+        ((e, h), (x.turn("y", 90), x.move(-w, 0, 0))),
+        ((aside, h), (right, x.move(w, 0, -half - aside))),
+        ((aside, h), (right, x.move(w, 0, half + aside))),
+        ((half, above), (right, x.move(w, half + above, 0))),
+        ((half, above), (right, x.move(w, -half - above, 0))),
+    )
+    parts = [x.camera((-0.8 * w, 0.2 * h, 0.85 * e), d.around((0.2 * w, -0.4 * h, 0), 0.1), 65)]
+    parts += [x.rectangle(*place, x.diffuse(d.colour(0.5, 0.8))) for place in places]
+    parts.append(x.rectangle((w, e), (x.turn("x", -90), x.move(0, -h, 0)), _board(d, d.colour())))
+    surfaces = (_rough_plastic, _rough_metal, _bitmap, _plastic, _diffuse, _rough_plastic)
+    for k, surface in enumerate(surfaces):
+        path = d.file(f"-{k}.ply")
+        x.write_blob(path, d.rng, 4, 0.2, True)
+        size = d.between(0.25, 0.4)
+        at = ((-0.5 + 0.5 * (k % 3)) * w, 1.2 * size - h, (-0.5 + 0.6 * (k // 3)) * e)
+        place = x.to_world(x.scale(size), x.turn("y", d.between(0, 90)), x.move(*at))
+        parts.append(x.mesh(path.name, True, place, surface(d, d.colour(0.3, 0.8))))
+    path = d.file(".pfm")
+    x.write_sky(path, d.rng, 1024)
+    return "".join(parts) + x.image_sky(path.name)
+
+
 def _many_spheres(d: Draw) -> str:
     parts = []
     for k in range(400):
@@ -420,6 +451,8 @@ RULES: tuple[Rule, ...] = (
     Rule("mesh-large", "mesh of 1,310,720 triangles (CPU: 81,920)", _large_mesh),
     Rule("mesh-image-sky", "smooth mesh under an image of 4096 x 2048 texels (CPU: 1024 x 512)",
          _mesh_under_image),
+    Rule("interior", "room of meshes of several materials, lit by an image through a window",
+         _interior),
     Rule("spheres-few", "matt, mirroring and glass balls in a room", _few_spheres),
     Rule("spheres-many", "400 balls on a floor", _many_spheres),
     Rule("lamp-ball", "boxes under one small ball that shines", _bulb_alone),

@@ -164,7 +164,8 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         is asked for. Its stats:
         live_rays (rays per depth), ledger (column -> list, one entry per depth),
         blocks (thread blocks per depth), depth_seconds and of these compaction_seconds, rays,
-        paths, seconds, samples_per_second, device, device_name, device_reason, scheduler,
+        paths, seconds, samples_per_second, device, device_name, device_reason, scheduler (on CUDA
+        "wavefront,fused" where the first drew until the scene's kernels were made),
         scheduler_reason, features (what the scene needs), variant (what the code that ran was
         compiled with), path_bytes (stored for each path in flight, in that code;
         `wavefront` stores its hit and shadow ray besides), kernel (of the

@@ -526,10 +526,12 @@ void bind_renderer(py::module_& m) {
         [](const py::bytes& text) -> py::object {
             ObjTables tables;
             const std::string_view view = text;
+            bool whole;
             {
                 py::gil_scoped_release release;
-                if (!read_obj(view, tables)) return py::none();
+                whole = read_obj(view, tables);
             }
+            if (!whole) return py::none();
             const auto rows = [](auto&& numbers, py::ssize_t width) {
                 const auto n = static_cast<py::ssize_t>(numbers.size()) / width;
                 return moved_array(std::move(numbers), {n, width});
@@ -547,9 +549,11 @@ void bind_renderer(py::module_& m) {
             py::array_t<float> out(std::vector<py::ssize_t>{height, width, 3});
             float* const values = out.mutable_data();
             const std::string_view view = lines;
-            py::gil_scoped_release release;
-            const bool whole = read_rgbe(view, width, height, values);
-            py::gil_scoped_acquire acquire;
+            bool whole;
+            {
+                py::gil_scoped_release release;
+                whole = read_rgbe(view, width, height, values);
+            }
             return whole ? py::object(std::move(out)) : py::none();
         },
         "lines"_a, "width"_a, "height"_a);

@@ -20,13 +20,8 @@ import numpy as np
 from common import Array, header, parser, write
 
 import veriray as vr
+from veriray_bench.matrix import variance
 from veriray_bench.mitsuba import start
-
-
-def variance(pictures: Array, mean: Array) -> float:
-    """Of a pixel, relative, as veriray_bench.matrix."""
-    weight = 1 / (mean**2 + 0.01 * mean.mean() ** 2)
-    return float((pictures.var(axis=0, ddof=1) * weight).mean())
 
 
 def measured(path: Path, mi: Any, a: Any) -> dict[str, Any]:
@@ -60,7 +55,7 @@ def measured(path: Path, mi: Any, a: Any) -> dict[str, Any]:
     mean = (stacks[0].mean(axis=0) + stacks[1].mean(axis=0)) / 2
     seconds = [median(w) for w in walls]
     wall = seconds[1] / seconds[0]
-    noise = variance(stacks[1], mean) / variance(stacks[0], mean)
+    noise = variance(stacks[1], mean)[0] / variance(stacks[0], mean)[0]
     row = {
         "file": f"{path.parent.name}/{path.name}", "size": [a.width, height],
         "load_seconds": [part[1] for part in loads], "wall_seconds": seconds,

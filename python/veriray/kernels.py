@@ -47,8 +47,7 @@ Key = tuple[int, int, str]
 _log = logging.getLogger("veriray")
 _lock = threading.Lock()
 _paths: Counter[Key] = Counter()
-_settled: set[Key] = set()  # added, or not to be had
-_added: set[Key] = set()
+_settled: dict[Key, bool] = {}  # whether added; False: not to be had
 _children: dict[Key, subprocess.Popen[bytes]] = {}
 
 
@@ -147,7 +146,7 @@ def offer(device: Device, native: NativeScene, method: str, paths: int) -> bool:
             return False
         try:
             if available():
-                _settled.add(key)
+                _settled[key] = False
             else:
                 _advance(device, key, how == "wait")
         except (OSError, RuntimeError, subprocess.SubprocessError) as error:
@@ -157,7 +156,7 @@ def offer(device: Device, native: NativeScene, method: str, paths: int) -> bool:
 
 def made(device: Device, native: NativeScene, method: str) -> bool:
     """Whether renders of the scene with this method run kernels of its own."""
-    return (device.index, int(native.feature_mask), method) in _added
+    return _settled.get((device.index, int(native.feature_mask), method), False)
 
 
 def _advance(device: Device, key: Key, wait: bool) -> None:
@@ -174,8 +173,7 @@ def _advance(device: Device, key: Key, wait: bool) -> None:
             _finish(key)
     if key not in _settled and file.exists():
         device.native.add_kernels(*key[:2], file.read_bytes())
-        _settled.add(key)
-        _added.add(key)
+        _settled[key] = True
 
 
 def _finish(key: Key) -> None:
@@ -200,5 +198,5 @@ def _start(file: Path, architecture: str, key: Key) -> subprocess.Popen[bytes]:
 
 
 def _give_up(key: Key, why: str) -> None:
-    _settled.add(key)
+    _settled[key] = False
     _log.info("no kernel for features %x: %s", key[1], why)

@@ -40,13 +40,13 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNam
     """Nothing known of any kernel, an empty folder, and a device that takes what it is given."""
     monkeypatch.setenv("VERIRAY_CACHE", str(tmp_path))
     monkeypatch.setenv("VERIRAY_KERNELS", "wait")
-    for name in ("_settled", "_added", "_paths", "_children"):
+    for name in ("_settled", "_paths", "_children"):
         getattr(kernels, name).clear()
     native = Native()
     yield SimpleNamespace(
         index=0, details={"compute_capability": "9.0"}, native=native, folder=tmp_path / "kernels"
     )
-    for name in ("_settled", "_added", "_paths", "_children"):
+    for name in ("_settled", "_paths", "_children"):
         getattr(kernels, name).clear()
 
 
@@ -224,7 +224,7 @@ def test_wavefront_draws_until_the_kernel_is_there(
     film: dict[str, Any] = {"width": 256, "height": 256, "spp": 16, "device": "cuda:0"}
     fused = vr.render(scene, scheduler="fused", **film)
     monkeypatch.setenv("VERIRAY_CACHE", str(tmp_path))
-    for name in ("_settled", "_added", "_paths", "_children"):
+    for name in ("_settled", "_paths", "_children"):
         monkeypatch.setattr(kernels, name, type(getattr(kernels, name))())
     first = vr.render(scene, **film)
     assert kernels.available() or first.stats["scheduler"] in ("wavefront", "wavefront,fused")

@@ -11,7 +11,10 @@ namespace veriray {
 inline constexpr uint32_t kFusedBlock = 128;
 // Blocks that a multiprocessor is to hold; 0: as many as it can.
 template <FeatureMask kMask>
-inline constexpr uint32_t kFusedBlocks = kSlim<kMask> ? kWalkBlocks : 0;
+inline constexpr uint32_t kFusedBlocks =
+    kSlim<kMask>                                                       ? kWalkBlocks
+    : few_kinds(kinds_of(kMask)) && !(kMask & (kBvh | kMedia | kWide)) ? kFlatBlocks
+                                                                       : 0;
 
 // kExact: the scene has all features of the tracer.
 template <class Tracer, bool kExact = false>

@@ -37,7 +37,7 @@ VR_HD FresnelSplit<F> fresnel_of_mirror(F here, F there, F eta, M through) {
 
 // Reflectance of a conductor of complex index eta + ik, one channel.
 template <class F>
-VR_HD F fresnel_conductor(F cos_i, F eta, F k) {
+VR_ONCE F fresnel_conductor(F cos_i, F eta, F k) {
     const F c2 = cos_i * cos_i, s2 = F(1.f) - c2;
     const F e2 = eta * eta, k2 = k * k;
     const F d = e2 - k2 - s2;
@@ -46,7 +46,9 @@ VR_HD F fresnel_conductor(F cos_i, F eta, F k) {
     const F a =
         sqrt(select(d > F(0.f), F(0.5f) * (ab + d), F(2.f) * e2 * k2 / max(ab - d, F(1e-30f))));
     const F t = F(2.f) * a * cos_i;
-    const F s = (ab + c2 - t) / (ab + c2 + t);
+    // b^2 + (a - cos)^2, which rounding may leave below 0
+    const F apart = ab + c2 - t;
+    const F s = select(apart < F(0.f), F(0.f), apart) / (ab + c2 + t);
     const F u = fma(c2, ab, s2 * s2), v = t * s2;
     // u = v = 0: an index of 0 at normal incidence reflects everything.
     const F p = select(u + v > F(0.f), (u - v) / (u + v), F(1.f));

@@ -42,8 +42,9 @@ struct Microfacets {
     VR_HD V world(V w) const { return renormalised(fma(a, w.x, fma(b, w.y, n * w.z))); }
 
     // D: area of the mirrors of normal m, per area of the surface and solid angle.
-    VR_HD F density(V m) const {
-        const F x = m.x / alpha_u, y = m.y / alpha_v, z2 = m.z * m.z;
+    VR_HD F density(V m) const { return density_of(m.x, m.y, m.z, alpha_u, alpha_v, ggx); }
+    static VR_ONCE F density_of(F mx, F my, F mz, F alpha_u, F alpha_v, M ggx) {
+        const F x = mx / alpha_u, y = my / alpha_v, z2 = mz * mz;
         const F slope2 = fma(x, x, y * y);
         const F q = slope2 + z2;
         const F falls = exp_minus(slope2 / z2);  // 0 where z2 is
@@ -54,8 +55,11 @@ struct Microfacets {
     // Smith's G1 over the cosine: the share of the mirrors' area seen along w, of either side, that
     // is not hidden. Beckmann's by Mitsuba's fraction, within 0.35 % of the exact one.
     VR_HD F seen(V w) const {
-        const F x = alpha_u * w.x, y = alpha_v * w.y, c = abs(w.z);
-        const F s2 = fma(x, x, y * y), s = sqrt(s2);
+        const F x = alpha_u * w.x, y = alpha_v * w.y;
+        return seen_of(abs(w.z), fma(x, x, y * y), ggx);
+    }
+    static VR_ONCE F seen_of(F c, F s2, M ggx) {
+        const F s = sqrt(s2);
         const F smooth = F(2.f) / (c + sqrt(fma(c, c, s2)));
         const F over = fma(F(3.535f), s, F(2.181f) * c);
         const F under = fma(F(2.577f) * c, c, fma(F(2.276f) * s, c, s2));

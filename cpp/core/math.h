@@ -119,7 +119,7 @@ VR_HD F scaled_bessel(F x) {
 // Computed as the arc tangent of the smaller over the larger. At most 1.5 ulp. The polynomial's
 // relative error is 2.7e-9.
 template <class F>
-VR_HD F angle(F x, F y) {
+VR_ONCE F angle(F x, F y) {
     constexpr float c[] = {-0x1.55553ep-2f, 0x1.9991e4p-3f,  -0x1.242086p-3f,
                            0x1.c08c48p-4f,  -0x1.5808c4p-4f, 0x1.da272ep-5f,
                            -0x1.fd73aep-6f, 0x1.641384p-7f,  -0x1.d32e8ap-10f};

@@ -54,6 +54,14 @@
 #define VR_LONG __attribute__((noinline))
 #endif
 
+// A function of a few numbers with many callers, of which CUDA kernels have one copy
+// (cpp/README.md, "Kernels stay within the instruction cache").
+#if VR_CUDA
+#define VR_ONCE __host__ __device__ __noinline__
+#else
+#define VR_ONCE VR_HD
+#endif
+
 // Before a loop that the device compiler must not unroll.
 #if VR_CUDA
 #define VR_ROLLED _Pragma("unroll 1")

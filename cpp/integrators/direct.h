@@ -169,38 +169,55 @@ struct DirectLight : RayMedia<L, kFeatures> {
     // samples cover the sky together, one is better.
     static constexpr uint32_t kCandidates = 4;
     static constexpr FeatureMask kResampled = lights(kSkyShapes & kSampledShapes);
-    static VR_HD void resample(const SceneView& scene, const PathSettings& s,
-                               const PathState<L>& path, const Place& place, uint32_t segment,
-                               M active, Candidate& best) {
-        const M again = active & (path.pdf_sa == F(0.f));
-        if (!(scene.features & kResampled) || scene.lights.count != 1 || none(again) ||
+    static VR_HD M resampled(const SceneView& scene, const PathSettings& s,
+                             const PathState<L>& path, M active) {
+        if constexpr (!has(kResampled)) return no_lanes(active);
+        if (!(scene.features & kResampled) || scene.lights.count != 1 ||
             s.key.sampler != veriray::Sampler::kIndependent)
-            return;
+            return no_lanes(active);
+        return active & (path.pdf_sa == F(0.f));
+    }
+    // The light sample that goes on. scatter: its numbers, or those of the first candidate. One
+    // call of `candidate`, which is long.
+    static VR_HD Candidate choose_candidate(const SceneView& scene, const PathSettings& s,
+                                            const PathState<L>& path, const Place& place,
+                                            uint32_t segment, Block<U> scatter, M active,
+                                            BsdfSample<L>& next) {
+        const M again = resampled(scene, s, path, active);
+        const uint32_t count = has(kResampled) && any(again) ? kCandidates : 1;
         const F zero(0.f);
         const M nobody = no_lanes(active);
-        const auto size = [&](const Candidate& c) {
-            return select(c.wanted, c.radiance[0] + c.radiance[1] + c.radiance[2], zero);
-        };
-        F own = size(best), total = own;
+        Candidate best{{}, black(), nobody, nobody};
+        F own = zero, total = zero;
         VR_ROLLED
-        for (uint32_t k = 1; k < kCandidates; ++k) {
-            const Block<U> r = random_block(s.key, path.pixel, path.sample,
-                                            dimension_block(segment, kScatter, kLightSteps - k));
-            BsdfSample<L> none_drawn{{zero, zero, zero}, S::all(zero), zero, nobody, nobody};
-            const Candidate other = candidate(scene, s, path, place, segment, uniform(r.x),
-                                              uniform(r.y), again, none_drawn);
-            const F more = size(other);
+        for (uint32_t k = 0; k < count; ++k) {
+            Block<U> r = scatter;
+            BsdfSample<L> weighed = next;
+            if (k > 0)
+                r = random_block(s.key, path.pixel, path.sample,
+                                 dimension_block(segment, kScatter, kLightSteps - k));
+            const M lanes = k > 0 ? again : active;
+            const Candidate one = candidate(scene, s, path, place, segment, uniform(r.x),
+                                            uniform(r.y), lanes, weighed);
+            const F more =
+                select(one.wanted, one.radiance[0] + one.radiance[1] + one.radiance[2], zero);
             total = total + more;
+            if (k == 0) {
+                next = weighed, best = one, own = more;
+                continue;
+            }
             // By the middle of the places that the number stands for, so never for nothing.
             const M take = again & ((uniform(r.z) + F(0x1p-25f)) * total < more);
             own = select(take, more, own);
-            Sampler::merge(best.light, take, other.light);
-            best.radiance = select(take, other.radiance, best.radiance);
-            best.wanted = (take & other.wanted) | (!take & best.wanted);
-            best.behind = (take & other.behind) | (!take & best.behind);
+            Sampler::merge(best.light, take, one.light);
+            best.radiance = select(take, one.radiance, best.radiance);
+            best.wanted = (take & one.wanted) | (!take & best.wanted);
+            best.behind = (take & one.behind) | (!take & best.behind);
         }
+        if (count == 1) return best;
         const F scale = total / (own * F(static_cast<float>(kCandidates)));
         best.radiance = select(again & (own > zero), best.radiance * scale, best.radiance);
+        return best;
     }
 
     // ---- request: what the light sample would add, as a shadow ray. Of blends, weighs the next
@@ -210,9 +227,8 @@ struct DirectLight : RayMedia<L, kFeatures> {
                               Block<U> scatter, M active, BsdfSample<L>& next,
                               ShadowRequest<L>& shadow) {
         const Vertex& at = place.vertex;
-        Candidate best = candidate(scene, s, path, place, segment, uniform(scatter.x),
-                                   uniform(scatter.y), active, next);
-        if constexpr (has(kResampled)) resample(scene, s, path, place, segment, active, best);
+        const Candidate best =
+            choose_candidate(scene, s, path, place, segment, scatter, active, next);
         shadow.wanted = best.wanted;
         shadow.ray = {at.p, best.light.wi};
         shadow.t_max = best.light.distance;

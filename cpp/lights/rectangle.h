@@ -34,8 +34,8 @@ struct RectangleView {
         height = shape[2];
         y1 = y0 + height;
         inverse_area = shape[3];
-        first = strip(x0);
-        solid_angle = strip(x0 + F(1.f)) - first;
+        first = strip(x0, y0, y1, z);
+        solid_angle = strip(x0 + F(1.f), y0, y1, z) - first;
     }
 
     // At distances whose fourth powers overflow, solid_angle is 0 or NaN.
@@ -44,7 +44,7 @@ struct RectangleView {
 
     // Signed solid angle of the strip between 0 and x: the difference of two angles, asin(s b1) and
     // asin(s b0), with s = x / sqrt(x^2 + z^2) and b = y / sqrt(y^2 + z^2).
-    VR_HD F strip(F x) const {
+    static VR_ONCE F strip(F x, F y0, F y1, F z) {
         const F zz = z * z, square = fma(x, x, zz);
         const F r0 = sqrt(fma(y0, y0, square)), r1 = sqrt(fma(y1, y1, square));
         return angle(fma(x * x, y0 * y1, zz * r0 * r1), x * z * fma(y1, r0, -(y0 * r1)));

@@ -20,12 +20,31 @@ inline constexpr FeatureMask kWide = kTangents | kBlend | kAttributes | kUnevenM
 // Walks wait for memory and for instructions, so where little is spilled, kernels are compiled for
 // this number of blocks of 128 threads a multiprocessor (80 registers of compute capability 9.0).
 inline constexpr uint32_t kWalkBlocks = 6;
+// Without a tree and media (102 registers).
+inline constexpr uint32_t kFlatBlocks = 5;
 constexpr bool few_kinds(uint32_t kinds) {
-    kinds &= kinds - 1, kinds &= kinds - 1;
-    return (kinds & (kinds - 1)) == 0;  // three at most
+    kinds &= kinds - 1, kinds &= kinds - 1, kinds &= kinds - 1;
+    return (kinds & (kinds - 1)) == 0;  // four at most
 }
 template <FeatureMask kMask>
 inline constexpr bool kSlim = (kMask & kBvh) && !(kMask & kWide) && few_kinds(kinds_of(kMask));
+
+// The lanes of a warp walk until at most `enough` are on their way; on_way: how many are. Between
+// steps, between() may send lanes on their way that have arrived.
+template <class Tracer, class Between>
+VR_HD void walk_on(const SceneView& scene, const RayFrame& f, const WalkAim& look, uint32_t on_way,
+                   uint32_t enough, Hit<Scalar>& hit, WalkPlace<kDeviceWidth>& place,
+                   Between between) {
+    while (on_way > enough) {
+        do {
+            if (place.at_node()) walk_node(scene.bvh, f.slabs, look.last.t, hit.t, place);
+        } while (8 * lanes_with(place.at_node()) > kNodePart * on_way);
+        if (place.at_leaf())
+            walk_leaf<kDeviceWidth, Tracer::kTreeKinds>(scene.bvh, f, look, hit, place);
+        between();
+        on_way = lanes_with(place.walking());
+    }
+}
 
 // As run_fused, in step.
 template <class Tracer, class Take, class Add, class Record>
@@ -108,13 +127,7 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
         // All walk.
         set_out();
         const uint32_t enough = lanes_with(!idle) * kStayPart / 8;
-        uint32_t on_way = lanes_with(place.walking());
-        while (on_way > enough) {
-            do {
-                if (place.at_node()) walk_node(scene.bvh, f.slabs, look.last.t, hit.t, place);
-            } while (8 * lanes_with(place.at_node()) > kNodePart * on_way);
-            if (place.at_leaf())
-                walk_leaf<kDeviceWidth, Tracer::kTreeKinds>(scene.bvh, f, look, hit, place);
+        walk_on<Tracer>(scene, f, look, lanes_with(place.walking()), enough, hit, place, [&] {
             if constexpr (kSlim<Tracer::kMask> && !Tracer::has(kPass | kMedia)) {
                 // Shadow rays that have arrived are followed by the next rays: lanes come to shade
                 // once a bounce.
@@ -130,8 +143,51 @@ VR_HD void run_walking(const SceneView& scene, const Job& job, const FusedItems&
                     place.begin();
                 }
             }
-            on_way = lanes_with(place.walking());
+        });
+    }
+}
+
+// A ray, what it looks for and what it has met so far.
+struct WalkTask {
+    Ray<Scalar> ray;
+    WalkAim look;
+    Hit<Scalar> hit;
+};
+
+// The n rays of a queue, by warps that share the count of those `taken`, at first 0. Lanes that
+// have arrived take the next rays once kIdle of a warp wait. start(k, task) gives ray k; arrive(k,
+// task) takes what it has met, and is true where it sets the ray out again.
+inline constexpr uint32_t kIdle = 16;
+template <class Tracer, class Start, class Arrive>
+VR_HD void walk_queue(const SceneView& scene, uint32_t n, uint32_t* taken, Start start,
+                      Arrive arrive) {
+    WalkPlace<kDeviceWidth> place;
+    place.node = kWalkEnd;
+    WalkTask task;
+    RayFrame f;
+    uint32_t k = n;
+    bool more = true;  // rays may be left
+    for (;;) {
+        if (!place.walking()) {
+            bool on = k < n && arrive(k, task);
+            if (!on && more) {
+                k = atomic_next(taken);
+                on = more = k < n;
+                if (on) start(k, task);
+            } else if (!on) {
+                k = n;
+            }
+            if (on) {
+                f = frame_of(scene.bvh, task.ray);
+                place.begin();
+            }
         }
+        rejoin_warp();
+        const uint32_t on_way = lanes_with(place.walking());
+        if (on_way == 0) return;
+        const bool all = lanes_with(!more) || on_way <= kIdle;
+        walk_on<Tracer>(scene, f, task.look, on_way, all ? 0 : on_way - kIdle, task.hit, place,
+                        [] {});
     }
 }
 

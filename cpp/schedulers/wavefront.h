@@ -20,7 +20,6 @@
 
 namespace veriray {
 
-inline constexpr uint32_t kTileSlots = 512;
 inline constexpr uint32_t kHitKinds = 1 + kMaterialCount;  // nothing, or a material
 inline constexpr uint32_t kKindPlaces = 32;  // of a kind side by side: no warp mixes them
 
@@ -42,7 +41,7 @@ struct Wave {
     uint32_t *live, *ended, *shadows, *hits;  // slots; a tile's from its first slot on; [kind]
     TileQueues* queues;                       // by tile
     WaveControl* control;
-    uint32_t capacity, kinds;  // slots; kHitKinds, or 1: not sorted
+    uint32_t capacity, tile, kinds;  // slots; of a tile; kHitKinds, or 1: not sorted
 
     // The state of a slot: its path's segment, and the cause of its end where that waits for a
     // shadow ray; or kFree.
@@ -50,12 +49,12 @@ struct Wave {
     static_assert(kHardMaxDepth >> kCauseShift == 0);
 
     VR_HD uint32_t slots(uint32_t first) const {
-        return capacity - first < kTileSlots ? capacity - first : kTileSlots;
+        return capacity - first < tile ? capacity - first : tile;
     }
 };
 
-constexpr uint32_t tile_count(uint32_t capacity) {
-    return (capacity + kTileSlots - 1) / kTileSlots;
+constexpr uint32_t tile_count(uint32_t capacity, uint32_t tile) {
+    return (capacity + tile - 1) / tile;
 }
 // Columns that a wave needs, by slot.
 constexpr ColumnCount wave_columns(ColumnCount path, ColumnCount request, uint32_t kinds) {
@@ -64,7 +63,8 @@ constexpr ColumnCount wave_columns(ColumnCount path, ColumnCount request, uint32
 
 // Lays a wave out in memory of that many columns. States must become kFree, queues and control 0.
 inline Wave make_wave(ColumnCount path, ColumnCount request, uint32_t kinds, uint32_t capacity,
-                      float* floats, uint32_t* uints, TileQueues* queues, WaveControl* control) {
+                      uint32_t tile, float* floats, uint32_t* uints, TileQueues* queues,
+                      WaveControl* control) {
     const auto take = [&](auto*& from, size_t columns) {
         return std::exchange(from, from + columns * capacity);
     };
@@ -78,6 +78,7 @@ inline Wave make_wave(ColumnCount path, ColumnCount request, uint32_t kinds, uin
     w.queues = queues;
     w.control = control;
     w.capacity = capacity;
+    w.tile = tile;
     w.kinds = kinds;
     return w;
 }
@@ -123,17 +124,23 @@ VR_HD void wave_begin(const SceneView& scene, const Job& job, const Wave& w, con
 }
 
 // ---- trace: place k of `live` ----
+// What the path of slot i has met.
 template <class Tracer>
-VR_HD void wave_trace(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
-                      uint32_t k) {
-    const uint32_t i = w.live[first + k];
-    const typename Tracer::State path = load_path<Tracer, kAhead>(w.paths, i);
-    const Hit<Scalar> hit = Tracer::next_hit(scene, path, kInfinity, true);
+VR_HD void wave_meets(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
+                      uint32_t i, const Hit<Scalar>& hit) {
     w.distance[i] = hit.t;
     w.primitive[i] = hit.primitive;
     const uint32_t kind = w.kinds == 1 ? 0 : Tracer::kind_of(scene, hit);
     const uint32_t place = first + atomic_next(q.hits, kind);
     w.hits[static_cast<uint64_t>(kind) * w.capacity + place] = i;
+}
+// Walker: the tracer that looks for the hit.
+template <class Tracer, class Walker = Tracer>
+VR_HD void wave_trace(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
+                      uint32_t k) {
+    const uint32_t i = w.live[first + k];
+    const typename Tracer::State path = load_path<Tracer, kAhead>(w.paths, i);
+    wave_meets<Tracer>(scene, w, q, first, i, Walker::next_hit(scene, path, kInfinity, true));
 }
 
 // ---- scatter: place k of a kind's queue of hits ----
@@ -180,15 +187,20 @@ VR_HD void wave_scatter(const SceneView& scene, const Job& job, const Wave& w, T
 }
 
 // ---- shadow: place k of `shadows` ----
-template <class Tracer, class Record>
-VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, uint32_t first,
-                       uint32_t k, Record record) {
+template <class Tracer>
+VR_HD typename Tracer::Request wave_request(const Wave& w, uint32_t first, uint32_t k) {
     typename Tracer::Request shadow = Tracer::no_request(true);
     Tracer::each_request_field(
         shadow, [&](uint64_t c, float& x) { x = w.requests.f(c, first + k); },
         [&](uint64_t c, uint32_t& x) { x = w.requests.u(c, first + k); });
     shadow.wanted = true;
-    const bool free = Tracer::unblocked(scene, shadow);
+    return shadow;
+}
+// Delivers it where it is free, and finishes its path if that has ended.
+template <class Tracer, class Record>
+VR_HD void wave_deliver(const SceneView& scene, const Job& job, const Wave& w, uint32_t first,
+                        uint32_t k, const typename Tracer::Request& shadow, bool free,
+                        Record record) {
     const uint32_t i = w.shadows[first + k], state = w.state[i];
     const uint32_t segment = state & ((1u << Wave::kCauseShift) - 1);
     const LedgerColumn cause = static_cast<LedgerColumn>(state >> Wave::kCauseShift);
@@ -205,11 +217,19 @@ VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, ui
     }
 }
 
+template <class Tracer, class Walker = Tracer, class Record>
+VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, uint32_t first,
+                       uint32_t k, Record record) {
+    typename Tracer::Request shadow = wave_request<Tracer>(w, first, k);
+    const bool free = Walker::unblocked(scene, shadow);
+    wave_deliver<Tracer>(scene, job, w, first, k, shadow, free, record);
+}
+
 // All steps of a tile: what CUDA does by launches.
 template <class Tracer, class Record>
 void run_wave_tile(const SceneView& scene, const Job& job, const Wave& w, uint32_t tile,
                    Record record) {
-    const uint32_t first = tile * kTileSlots, slots = w.slots(first);
+    const uint32_t first = tile * w.tile, slots = w.slots(first);
     for (;;) {
         TileQueues q{};
         for (uint32_t k = 0; k < slots; ++k) wave_sweep(w, q, first, first + k);

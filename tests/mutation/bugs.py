@@ -217,7 +217,7 @@ _CORNELL = (
            "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};",
            "sincos_2pi(v * F(.5f), s, c); const F r = sqrt(u); "
            "return {r * c, r * s, sqrt(F(1.f) - u)};", "quick"),
-    Mutant("u = v on the lamp", _DIRECT, "uniform(scatter.y)", "uniform(scatter.x)", "quick"),
+    Mutant("u = v on the lamp", _DIRECT, "uniform(r.y), lanes", "uniform(r.x), lanes", "quick"),
     Mutant("roulette and direction share a number", _PATH,
            "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).y",
            "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter)).z",
@@ -470,8 +470,9 @@ _LIGHTS = (
            "return {select(by_angle, F(1.f), by_area.over),"
            " select(by_angle, row(kLightInverse) * view.share(), by_area.under)};",
            "return by_area;", "near_lamps"),
-    Mutant("rectangle's solid angle 2 % too large", _RECTANGLE, "strip(x0 + F(1.f)) - first",
-           "F(1.02f) * (strip(x0 + F(1.f)) - first)", "near_lamps"),
+    Mutant("rectangle's solid angle 2 % too large", _RECTANGLE,
+           "strip(x0 + F(1.f), y0, y1, z) - first",
+           "F(1.02f) * (strip(x0 + F(1.f), y0, y1, z) - first)", "near_lamps"),
     Mutant("rectangle uniform along its second edge", _RECTANGLE,
            "h * sqrt(square / ((one - h) * (one + h)))", "fma(v, height, y0)", "near_lamps"),
     Mutant("rectangle with the area of its half", "scene/rectangles.cpp",

@@ -158,7 +158,7 @@ _LIGHTS = (
     Mutant("the best of several light samples stands for itself", _DIRECT,
            "total / (own * F(static_cast<float>(kCandidates)))", "F(1.f)"),
     Mutant("the best of several light samples stands for one too many", _DIRECT,
-           "k < kCandidates", "k + 1u < kCandidates"),
+           "kCandidates : 1", "kCandidates - 1u : 1"),
     Mutant("light samples are chosen evenly, but weighed by their share", _DIRECT,
            "(uniform(r.z) + F(0x1p-25f)) * total < more",
            "(uniform(r.z) * F(static_cast<float>(k + 1u)) < F(1.f)) & (more > F(0.f))"),
@@ -357,7 +357,7 @@ _PICTURE = (
            "Tracer::visible(path, shadow, free);",
            "Tracer::visible(path, shadow, free & (cause == kLive));"),
     Mutant("last paths of a wave lost", "schedulers/wavefront.h", "r.path < job.paths()",
-           "r.path + kTileSlots < job.paths()"),
+           "r.path + w.tile < job.paths()"),
     Mutant("wave skips every second segment", "schedulers/wavefront.h", "w.state[i] = state + 1;",
            "w.state[i] = state == Wave::kFree ? 0u : state + 2u;"),
 )  # fmt: skip

@@ -21,23 +21,25 @@ __global__ void __launch_bounds__(kWaveBlock)
                    const __grid_constant__ Wave w) {
     block_refills<RunTimeTracer>(scene, job, w);
 }
-__global__ void __launch_bounds__(kWaveBlock)
+__global__ void __launch_bounds__(kWaveBlock, kTraceBlocks)
     veriray_trace(const __grid_constant__ SceneView scene, const __grid_constant__ Wave w) {
-    block_traces<RunTimeTracer>(scene, w);
+    block_traces<RunTimeTracer, true>(scene, w);
 }
-__global__ void __launch_bounds__(kWaveBlock)
+__global__ void __launch_bounds__(kWaveBlock, kTraceBlocks)
     veriray_shadow(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                    const __grid_constant__ Wave w, uint64_t* ledger) {
-    block_shadows<RunTimeTracer>(scene, job, w, ledger);
+    block_shadows<RunTimeTracer, true>(scene, job, w, ledger);
 }
 
 __global__ void __launch_bounds__(kWaveBlock)
     veriray_scatter(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                     const __grid_constant__ Wave w, uint32_t kind, bool misses, uint64_t* ledger) {
-    block_scatters<RunTimeTracer>(scene, job, w, kind, misses, ledger);
+    if constexpr (!by_kind(VR_FEATURES, kHitKinds))
+        block_scatters<RunTimeTracer>(scene, job, w, kind, misses, ledger);
 }
 
-// Likewise, of one kind of material each; empty where the scene has none of it.
+// Likewise, of one kind of material each; empty where the scene has none of it or one launch does
+// all.
 #define VR_SCATTER(name)                                                                     \
     __global__ void __launch_bounds__(kWaveBlock) veriray_scatter_##name(                    \
         const __grid_constant__ SceneView scene, const __grid_constant__ Job job,            \

@@ -545,7 +545,7 @@ def _lights() -> None:
         ],
     )
     PLAIN["envmap", "filename"] = PLAIN["envmap", "bitmap"] = "the image"
-    PLAIN["envmap", "mis_compensation"] = "without effect"
+    PLAIN["envmap", "mis_compensation"] = "changes noise alone"
     upright = turn((1, 0, 0), -90)
     sun = {"type": "sunsky", "to_world": upright, "sun_direction": (-2, 2, 1.5)}
     for key, values in {

@@ -726,7 +726,7 @@ class _Reader(Document):
             filename=lambda e: self.folder / self.text(e, "value"),
             scale=self.number(0),
             to_world=self.transform,
-            mis_compensation=self.ignore,
+            mis_compensation=self.boolean,
         )
         path = values.get("filename")
         if path is None:
@@ -741,7 +741,8 @@ class _Reader(Document):
         turn = values.get("to_world", np.eye(4))[:3, :3]
         if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-3:
             raise self.error(element, "to_world scales or shears")
-        return Sky(texels * values.get("scale", 1.0), turn)
+        scale, compensated = values.get("scale", 1.0), values.get("mis_compensation", False)
+        return Sky(texels * scale, turn, compensated)
 
     def area(self, element: etree._Element) -> tuple[np.ndarray, textures.Texture | None]:
         self.plugin(element, "area")

@@ -4,7 +4,8 @@ The first row is at the local pole +y and the last at -y; columns have their cen
 from the seam at -z, and +x is a quarter further. Radiance is bilinear in the angles. A sample is
 drawn, by rejection within a cell of four texels, in proportion to what is bilinear between weights
 at the cell's corners: the sum over channels times the sine of the polar angle. At a pole, where the
-sine is 0, a texel's sum counts for its neighbour away from the pole.
+sine is 0, a texel's sum counts for its neighbour away from the pole. Compensated, what a sum
+exceeds the mean over the sphere by takes its place, if something does.
 """
 
 from __future__ import annotations
@@ -25,27 +26,39 @@ def read_texels(path: Path) -> np.ndarray:
 
 class Sky:
     """texels (H, W, 3); turn (3, 3) takes local directions to the world. Of fewer than three rows
-    the last is repeated."""
+    the last is repeated. compensated: for light samples, what is below the mean does not count."""
 
-    def __init__(self, texels: np.ndarray, turn: np.ndarray) -> None:
+    def __init__(self, texels: np.ndarray, turn: np.ndarray, compensated: bool = False) -> None:
         rows = np.minimum(np.arange(max(len(texels), 3)), len(texels) - 1)
         self.texels, self.turn = texels[rows].astype(np.float64), turn
         height, self.width, _ = self.texels.shape
         self.cells = height - 1
+        self.area = 2 * math.pi / self.width * math.pi / self.cells
         light = self.texels.sum(axis=2)
+        #: Light across a unit disc, about.
+        self.power = math.pi * self.area * self._corners(light).mean(axis=0).sum()
+        if compensated:
+            # The sine's integral with a tent of width h about a row, of the poles half of one.
+            h = math.pi / self.cells
+            share = 2 * (1 - math.cos(h)) / h * np.sin(h * np.arange(height))
+            share[[0, -1]] = 1 - math.sin(h) / h
+            above = np.maximum(light - share @ light.mean(axis=1) / 2, 0)
+            if above.max() > 1e-6 * light.max():
+                light = above
+        self.corners = self._corners(light)
+        weight = self.corners.mean(axis=0)
+        self.scale = 1 / max(weight.sum() * self.area, 1e-300)
+        self.cdf = np.cumsum(weight) / max(weight.sum(), 1e-300)
+
+    def _corners(self, light: np.ndarray) -> np.ndarray:
+        """Weights by corner: upper left, upper right, lower left, lower right."""
+        height = self.cells + 1
         sine = np.sin(math.pi * np.arange(height) / self.cells)[:, None]
         upper, lower = light[:-1] * sine[:-1], light[1:] * sine[1:]
         lower[0] += light[0] * sine[1]
         upper[-1] += light[-1] * sine[-2]
-        #: By corner: upper left, upper right, lower left, lower right.
         rolled = [np.roll(x, -1, axis=1) for x in (upper, lower)]
-        self.corners = np.stack([upper, rolled[0], lower, rolled[1]])
-        weight = self.corners.mean(axis=0)
-        self.area = 2 * math.pi / self.width * math.pi / self.cells
-        #: Light across a unit disc, about.
-        self.power = math.pi * self.area * weight.sum()
-        self.scale = 1 / max(weight.sum() * self.area, 1e-300)
-        self.cdf = np.cumsum(weight) / max(weight.sum(), 1e-300)
+        return np.stack([upper, rolled[0], lower, rolled[1]])
 
     def _place(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Row, column and place in the cell of world directions (3, n)."""

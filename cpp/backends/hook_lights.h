@@ -26,7 +26,8 @@ struct HookSky {
         }
     }
     VR_HD SkyMap map() const {
-        return {texels, ends, sines, guides, 4, 3, 0, 0, 2 / kPi, 2 / kPi, 0.25f * kPi * kPi, 1.f};
+        return {texels, ends, sines, guides, 4, 3, 0, 0, 2 / kPi, 2 / kPi, 0.25f * kPi * kPi,
+                1.f,    0.f};
     }
 };
 

@@ -7,6 +7,11 @@
 // interpolation of its corners' weights: the sum of the channels times the sine of the polar angle.
 // At the poles the sine is 0, so that a pole's texel gives its sum to its neighbour away from the
 // pole. The density is then positive where the radiance is, and hardly less than in proportion.
+//
+// With `less` the weights are of what a texel's sum exceeds it by. Where nothing does, the density
+// is 0, and directions that closures and phase functions draw find the light, with weight 1: they
+// can draw every direction in which they scatter (O. Karlik et al., "MIS Compensation", SIGGRAPH
+// Asia 2019).
 #pragma once
 
 #include "core/math.h"
@@ -63,8 +68,9 @@ struct ImageSky : LightShape<L> {
         const auto north = row == U(0u), south = row + U(2u) == U(map.height);
         const F sine_upper = gather(map.sines, row), sine_lower = gather(map.sines, row + U(1u));
         for (uint32_t k = 0; k < 2; ++k) {
-            const F a = c.texel[k][0] + c.texel[k][1] + c.texel[k][2];
-            const F b = c.texel[2 + k][0] + c.texel[2 + k][1] + c.texel[2 + k][2];
+            F a = c.texel[k][0] + c.texel[k][1] + c.texel[k][2];
+            F b = c.texel[2 + k][0] + c.texel[2 + k][1] + c.texel[2 + k][2];
+            if (map.less > 0.f) a = max(a - F(map.less), F(0.f)), b = max(b - F(map.less), F(0.f));
             c.weight[k] = select(south, a + b, a) * sine_upper;
             c.weight[2 + k] = select(north, a + b, b) * sine_lower;
         }

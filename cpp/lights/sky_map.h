@@ -17,6 +17,7 @@ struct SkyMap {
     float rows_per_radian, columns_per_radian;
     float cell;   // the size of a cell in square radians
     float shown;  // 1; 0 if its light is left out
+    float less;   // what the density leaves out of a texel's sum of channels; 0: nothing
 };
 
 }  // namespace veriray

@@ -27,6 +27,7 @@ uint32_t depend_on(const char* name) {
         {"lobe_g", kOnMedia},
         {"phase_values", kOnMedia},
         {"environment", kOnLights},
+        {"sky_compensated", kOnLights},
         {"sky_muted", kOnLights},
         {"muted_segments", kOnLights},
         {"light_muted", kOnLights},

@@ -34,7 +34,43 @@ double HostScene::set_sky_map(const SceneInput& in) {
         const float* t = texel(i, j);
         return double{t[0]} + double{t[1]} + double{t[2]};
     };
+    const auto channels = [&](uint32_t i, uint32_t j) {
+        const float* t = texel(i, j);
+        return t[0] + t[1] + t[2];
+    };
+    const double across = 2 * kPiDouble / width, down = kPiDouble / cells;
     std::vector<double> weight(cells), sum(map.height);
+    const uint32_t threads =
+        in.sky_texels.count < 1 << 16 ? 1 : std::max(1u, std::thread::hardware_concurrency());
+    // The mean over the sphere: Simpson's rule for the sine times the share of a row's texels.
+    const auto mean = [&] {
+        double strength = 0;
+        for (uint32_t j = 0; j < cells; ++j) {
+            float middle, cosine;
+            sincos_2pi((static_cast<float>(j) + 0.5f) / static_cast<float>(2 * cells), middle,
+                       cosine);
+            for (uint32_t end = 0; end < 2; ++end)
+                strength += sum[j + end] * (sky_sines[j + end] + 2 * middle);
+        }
+        return strength * down / 6 * across / (4 * kPiDouble);
+    };
+    map.less = 0;
+    if (in.sky_compensated.data[0]) {
+        std::vector<float> most(map.height);
+        parallel(threads, map.height, {}, [&](uint32_t, uint64_t at) {
+            const uint32_t j = static_cast<uint32_t>(at);
+            for (uint32_t i = 0; i < width; ++i)
+                sum[j] += light(i, j), most[j] = std::max(most[j], channels(i, j));
+        });
+        const float less = static_cast<float>(mean());
+        // Of an even sky nothing would be left but rounding.
+        if (*std::max_element(most.begin(), most.end()) > less * (1 + 0x1p-20f)) map.less = less;
+        std::fill(sum.begin(), sum.end(), 0.);
+    }
+    // What ImageSky gives a texel's corner of a cell, in its arithmetic if something is left out.
+    const auto wanted = [&](uint32_t i, uint32_t j) {
+        return map.less > 0 ? double{std::max(channels(i, j) - map.less, 0.f)} : light(i, j);
+    };
     const auto row = [&](uint32_t, uint64_t at) {
         const uint32_t j = static_cast<uint32_t>(at);
         float* out = sky_texels.data() + size_t{kSkyFloats} * width * j;
@@ -43,11 +79,13 @@ double HostScene::set_sky_map(const SceneInput& in) {
         for (uint32_t i = 0; i < width; ++i) here[i] = light(i, j);
         for (uint32_t i = 0; i < width; ++i) sum[j] += here[i];
         if (j == cells) return;
+        if (map.less > 0)
+            for (uint32_t i = 0; i < width; ++i) here[i] = wanted(i, j);
         // As ImageSky's weights: a pole gives its light to its neighbour.
         const double upper = sky_sines[j], lower = sky_sines[j + 1];
         const double first = upper + (j == 0 ? lower : 0),
                      second = lower + (j + 1 == cells ? upper : 0);
-        for (uint32_t i = 0; i < width; ++i) here[i] = here[i] * first + light(i, j + 1) * second;
+        for (uint32_t i = 0; i < width; ++i) here[i] = here[i] * first + wanted(i, j + 1) * second;
         double before = 0;
         for (uint32_t i = 0; i < width; ++i)
             sums[i] = before += here[i] + here[i + 1 < width ? i + 1 : 0];
@@ -55,8 +93,7 @@ double HostScene::set_sky_map(const SceneInput& in) {
         put_intervals(sums, sky_ends.data() + cells + size_t{width} * j,
                       sky_guides.data() + row_guide + guide * j, map.column_bits);
     };
-    parallel(in.sky_texels.count < 1 << 16 ? 1 : std::max(1u, std::thread::hardware_concurrency()),
-             map.height, {}, row);
+    parallel(threads, map.height, {}, row);
     std::vector<double> sums(cells);
     double before = 0;
     for (uint32_t j = 0; j < cells; ++j) sums[j] = before += weight[j];
@@ -64,20 +101,11 @@ double HostScene::set_sky_map(const SceneInput& in) {
 
     map.texels = sky_texels.data(), map.ends = sky_ends.data();
     map.sines = sky_sines.data(), map.guides = sky_guides.data();
-    const double across = 2 * kPiDouble / width, down = kPiDouble / cells;
     map.columns_per_radian = static_cast<float>(1 / across);
     map.rows_per_radian = static_cast<float>(1 / down);
     map.cell = static_cast<float>(across * down);
     map.shown = in.sky_muted.data[0] ? 0.f : 1.f;
-    // Simpson's rule for the sine times the share of a row's texels.
-    double strength = 0;
-    for (uint32_t j = 0; j < cells; ++j) {
-        float middle, cosine;
-        sincos_2pi((static_cast<float>(j) + 0.5f) / static_cast<float>(2 * cells), middle, cosine);
-        for (uint32_t end = 0; end < 2; ++end)
-            strength += sum[j + end] * (sky_sines[j + end] + 2 * middle);
-    }
-    return strength * down / 6 * across / (4 * kPiDouble);
+    return mean();
 }
 
 }  // namespace veriray

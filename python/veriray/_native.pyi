@@ -127,6 +127,7 @@ class SceneArrays(TypedDict):
     sky_texels: npt.NDArray[np.float32]  # (Y, 3)
     sky_size: npt.NDArray[np.uint32]  # (2,)
     sky_to_world: npt.NDArray[np.float64]  # (3, 3)
+    sky_compensated: npt.NDArray[np.uint8]  # (1,)
     grid_size: npt.NDArray[np.uint32]  # (G, 3)
     grid_first: npt.NDArray[np.uint32]  # (G,)
     grid_grey: npt.NDArray[np.uint8]  # (G,)

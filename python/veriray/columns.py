@@ -418,6 +418,10 @@ _HASHED_IF_SET: dict[str, Column] = {
         "", np.float64, (3, 3), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), -2.0, 2.0,
         doc="rotation or reflection of the image, acting on column vectors",
     ),
+    "sky_compensated": Column(
+        "", np.bool_, (1,), False,
+        doc="light samples are drawn by what the radiance exceeds its mean by; noise alone changes",
+    ),
     "grid_size": Column(
         "grids", np.uint32, (3,), low=1, high=1 << 15,
         doc="cells along x, y and z; cell k of n has its centre at (k + 1/2) / n",

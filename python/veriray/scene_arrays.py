@@ -181,6 +181,8 @@ class SceneArrays:
     sky_size (2,) uint32: width and height of the image, 0 for none (in [0, 32768], default 0)
     sky_to_world (3, 3) float64: rotation or reflection of the image, acting on column vectors (in
         [-2, 2], default ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    sky_compensated (1,) bool: light samples are drawn by what the radiance exceeds its mean by;
+        noise alone changes (default False)
     grid_size (G, 3) uint32: cells along x, y and z; cell k of n has its centre at (k + 1/2) / n (in
         [1, 32768])
     grid_first (G,) uint32: its first row of cells (default 0)
@@ -322,6 +324,7 @@ class SceneArrays:
     sky_texels: Array = _NONE
     sky_size: Array = _NONE
     sky_to_world: Array = _NONE
+    sky_compensated: Array = _NONE
     grid_size: Array = _NONE
     grid_first: Array = _NONE
     grid_grey: Array = _NONE

@@ -329,6 +329,20 @@ def image_sky() -> str:
     )  # fmt: skip
 
 
+@scene
+def compensated_sky() -> str:
+    """The sky with the sun, whose light samples leave out what is below its mean."""
+    return (
+        sensor() + floor(0.5, 0.6, 0.5)
+        + sphere(-1.1, 0.8, 0, 0.8, bsdf("roughplastic", number("alpha", 0.2)))
+        + sphere(1.1, 0.7, 0.2, 0.7, bsdf("null"), inside((1, 1.5, 2), (0.9, 0.8, 0.6), 0.4))
+        + shape("rectangle", transform(scale(2, 1, 1), translate(0, 1, -2)),
+                bsdf("roughconductor", text("material", "none"), number("alpha", 0.1)))
+        + emitter("envmap", text("filename", "skies/sun.exr"), number("scale", 0.8),
+                  transform(rotate("y", 60)), flag("mis_compensation"))
+    )  # fmt: skip
+
+
 # ---- shapes ----
 
 

@@ -206,6 +206,15 @@ _LIGHTS = (
     Mutant("density of an image's cell taken as even where it is met", _IMAGE,
            "select(pole, F(0.f), c.density(at.s, at.t) * c.chance)",
            "select(pole, F(0.f), c.chance)"),
+    Mutant("weight by all of a sky where light samples leave some out", _IMAGE,
+           "select(pole, F(0.f), c.density(at.s, at.t) * c.chance)",
+           "row.map.less > 0.f ? (c.texel[0][0] + c.texel[0][1] + c.texel[0][2]) * at.sine *"
+           " row(kLightInverse) * F(0.25f * kInvPi * row.map.cell / row.map.less) :"
+           " select(pole, F(0.f), c.density(at.s, at.t) * c.chance)"),
+    Mutant("light that a sky's samples leave out lost in part", _IMAGE,
+           "select(pole, F(0.f), c.density(at.s, at.t) * c.chance)",
+           "select(pole, F(0.f), select(c.mean > F(0.f), c.density(at.s, at.t) * c.chance,"
+           " F(0x1p-10f)))"),
     Mutant("chance of an image's cell from its upper end alone", _TABLE_OF_SKY,
            "end(k) - start(k)", "end(k)"),
     Mutant("image of a sky sampled, but met without its chance", _VERTEX,

@@ -38,6 +38,20 @@ def test_the_arrays_of_an_image() -> None:
     assert (found.scaled(8).sky_texels == found.sky_texels).all()
 
 
+def test_compensation_is_in_the_hash_and_even_skies_have_none() -> None:
+    plain, other = scene(), scene(mis_compensation=True)
+    assert other.sky_compensated.tolist() == [True] and not plain.sky_compensated.any()
+    assert scene(mis_compensation=False).sha256 == plain.sha256 != other.sha256
+    floor = {"type": "sphere", "center": [0, 0, 4]}
+    pictures = []
+    for texels in (TEXELS, np.full_like(TEXELS, 0.3)):
+        for value in (False, True):
+            sky = {"type": "envmap", "bitmap": texels, "mis_compensation": value}
+            out = veriray.load_dict({"type": "scene", "view": VIEW, "ball": floor, "sky": sky})
+            pictures.append(veriray.render(out, 4, device="cpu", seed=1).image)
+    assert (pictures[0] != pictures[1]).any() and (pictures[2] == pictures[3]).all()
+
+
 def test_the_hash_is_of_texels_and_turn() -> None:
     hashes = [s.sha256 for s in (scene(), scene(scale=2.0), scene(to_world=TURN),
               scene(bitmap=TEXELS[:, ::-1]), scene(bitmap=TEXELS.reshape(8, 5, 3)))]  # fmt: skip

@@ -963,7 +963,9 @@ PLUGINS: dict[str, Plugin] = {
             "bitmap": Param("array", None, doc="instead, in a dictionary: (H, W, 3) radiances"),
             "scale": Param("float", 1.0, 0.0, doc="factor on the radiance"),
             "to_world": Param("transform", doc="no scale; the upper edge is at local +y"),
-            "mis_compensation": Param("boolean", False, doc="changes noise alone; ignored"),
+            "mis_compensation": Param(
+                "boolean", False, doc="light samples only where it is brighter than its mean"
+            ),
         },
         doc="radiance by direction: latitudes and longitudes; the middle column is at local +z",
     ),

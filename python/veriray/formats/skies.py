@@ -63,6 +63,7 @@ def envmap(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]
         "sky_texels": sky,
         "sky_size": np.array([width, height]),
         "sky_to_world": rotation(node, values),
+        "sky_compensated": np.array([values["mis_compensation"]]),
     }
 
 

@@ -730,6 +730,20 @@ def _media() -> None:
     LOOKS["rayleigh", ""] = Look(
         "medium", [(name, cloud({"type": name})) for name in ("isotropic", "rayleigh")]
     )
+
+    def flakes(*areas: float) -> Dict:
+        numbers = np.array([a * a for a in areas] + [0.0] * 3, np.float32)
+        cells = np.broadcast_to(numbers, (2, 2, 2, 6))
+        return {"type": "sggx", "S": {"type": "gridvolume", "grid": cells}}
+
+    LOOKS["sggx", ""] = Look(
+        "medium",
+        [
+            ("round", cloud(flakes(1, 1, 1))),
+            ("discs that lie", cloud(flakes(0.1, 1, 0.1))),
+            ("needles that stand", cloud(flakes(1, 0.1, 1))),
+        ],
+    )
     LOOKS["blendphase", "weight"] = Look(
         "medium", [(t, cloud(mixed(float(t)))) for t in ("0", "0.5", "1")]
     )

@@ -115,8 +115,8 @@ def read_vol(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Cells (Z, Y, X, C) and the box (2, 3) of a .vol file of version 3."""
     data = path.read_bytes()
     magic, version, encoding, x, y, z, channels = struct.unpack_from("<3sB5i", data)
-    if (magic, version, encoding) != (b"VOL", 3, 1) or channels not in (1, 3):
-        raise ValueError("no .vol file of version 3 with 1 or 3 float32 a cell")
+    if (magic, version, encoding) != (b"VOL", 3, 1) or channels not in (1, 3, 6):
+        raise ValueError("no .vol file of version 3 with 1, 3 or 6 float32 a cell")
     box = np.frombuffer(data, "<f4", 6, 24).reshape(2, 3).astype(float)
     cells = np.frombuffer(data, "<f4", x * y * z * channels, 48).astype(float)
     return cells.reshape(z, y, x, channels), box

@@ -299,8 +299,8 @@ class Integrator:
         if len(coated := np.flatnonzero(event == COATED)):
             share[coated] *= self.materials.coat(v.material[at[coated]], cosine[coated])
         if len(inside := np.flatnonzero(event == PHASE)):
-            ahead = dot(live.direction[:, at[inside]], sample.direction[:, inside])
-            pdf[inside] = self.media.phase(live.medium[at[inside]], ahead)
+            old, new = live.direction[:, at[inside]], sample.direction[:, inside]
+            pdf[inside] = self.media.phase(live.medium[at[inside]], dot(old, new), old, new)
             share[inside], use[inside] = pdf[inside], True
         colour = None
         if len(rough := np.flatnonzero(event == ROUGH)):

@@ -4,7 +4,8 @@ A flight in a chromatic medium takes one channel's free path, the channel chosen
 proportional to its throughput, and is weighted by the balance heuristic over the three channels
 (one-sample model, Veach and Guibas 1995): unbiased, and the sum of the throughputs never grows. In
 a grey medium that is the usual flight, with weight 1 or albedo. Where a grid gives the extinction,
-the optical depth along the ray is integrated and inverted (``grids``).
+the optical depth along the ray is integrated and inverted (``grids``). Where a medium scatters by
+flakes alone, its extinction is that of the area which the ray sees of them.
 """
 
 from __future__ import annotations
@@ -14,7 +15,15 @@ import math
 import numpy as np
 
 from reference.grids import integral
-from reference.phases import HenyeyGreenstein, henyey_greenstein, henyey_greenstein_turn
+from reference.phases import (
+    Flakes,
+    HenyeyGreenstein,
+    between,
+    has_flakes,
+    henyey_greenstein,
+    henyey_greenstein_turn,
+    onward,
+)
 from reference.scene import Medium
 from reference.vectors import about, dot, unit_sphere
 
@@ -30,6 +39,7 @@ class Media:
         self.lobed = [
             m for m, phase in enumerate(self.phases) if not isinstance(phase, HenyeyGreenstein)
         ]
+        self.flakes = [m for m in self.lobed if has_flakes(self.phases[m])]
         self.black = (self.albedo == 0).all(axis=0)
         self.extinction = [m.extinction_grid for m in media]
         self.albedo_grids = [m.albedo_grid for m in media]
@@ -49,7 +59,8 @@ class Media:
         direction: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(distance flown (n,), scattered (n,) bool, weight (3, n)); ``limit`` is the surface's."""
-        distance, scattered, weight = self._flight(rng, medium, limit, throughput)
+        sigma = self.sigma(medium, direction)
+        distance, scattered, weight = self._flight(rng, medium, limit, throughput, sigma)
         for m, grid in enumerate(self.extinction):
             if grid is not None and len(at := np.flatnonzero(medium == m)):
                 distance[at], scattered[at], weight[:, at] = self._uneven_flight(
@@ -59,6 +70,15 @@ class Media:
             if grid is not None and len(at := np.flatnonzero(scattered & (medium == m))):
                 weight[:, at] *= grid.at(origin[:, at] + direction[:, at] * distance[at])
         return distance, scattered, weight
+
+    def sigma(self, medium: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Extinction (3, n) along directions (3, n), where no grid says more."""
+        sigma = self.sigma_t.take(medium, axis=1)
+        for m in self.flakes:
+            phase = self.phases[m]
+            if isinstance(phase, Flakes) and len(at := np.flatnonzero(medium == m)):
+                sigma[:, at] *= phase.area(direction[:, at])
+        return sigma
 
     def _uneven_flight(
         self,
@@ -105,10 +125,10 @@ class Media:
         medium: np.ndarray,
         limit: np.ndarray,
         throughput: np.ndarray,
+        sigma: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As ``flight``, in homogeneous media."""
         n = len(medium)
-        sigma = self.sigma_t.take(medium, axis=1)
         if self.grey:
             with np.errstate(divide="ignore"):
                 free = rng.standard_exponential(n) / sigma[0]
@@ -133,7 +153,7 @@ class Media:
         self, medium: np.ndarray, distance: np.ndarray, origin: np.ndarray, direction: np.ndarray
     ) -> np.ndarray:
         """exp(-sigma_t distance) (3, n), or what stands for it along uneven ways."""
-        out = attenuation(self.sigma_t.take(medium, axis=1), distance)
+        out = attenuation(self.sigma(medium, direction), distance)
         for m, grid in enumerate(self.extinction):
             if grid is not None and len(at := np.flatnonzero(medium == m)):
                 knots, powers = grid.along(origin[:, at], direction[:, at], distance[at])
@@ -141,14 +161,19 @@ class Media:
                 out[:, at] = np.exp(-depth * self.sigma_t[:, m, None])
         return out
 
-    def phase(self, medium: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-        """Value (n,) per steradian; cosine of the turn, 1 is straight on."""
+    def phase(
+        self, medium: np.ndarray, cosine: np.ndarray, direction: np.ndarray, new: np.ndarray
+    ) -> np.ndarray:
+        """Value (n,) per steradian; cosine of the turn from direction to new, 1 is straight on."""
         if self.isotropic:
             return np.full(len(medium), 1 / (4 * math.pi))
         value = henyey_greenstein(self.g.take(medium), cosine)
         for m in self.lobed:
             at = np.flatnonzero(medium == m)
-            value[at] = self.phases[m].value(cosine[at])
+            if m in self.flakes:
+                value[at] = between(self.phases[m], direction[:, at], new[:, at])
+            else:
+                value[at] = self.phases[m].value(cosine[at])
         return value
 
     def scatter(
@@ -157,12 +182,17 @@ class Media:
         """New directions (3, n) drawn from the phase function, and its value."""
         u, v = rng.random(len(medium)), rng.random(len(medium))
         if self.isotropic:
-            return unit_sphere(u, v), self.phase(medium, u)
+            return unit_sphere(u, v), np.full(len(medium), 1 / (4 * math.pi))
         cosine = henyey_greenstein_turn(self.g.take(medium), u)
         for m in self.lobed:
+            if m not in self.flakes:
+                at = np.flatnonzero(medium == m)
+                cosine[at] = self.phases[m].draw(rng, len(at))
+        new = about(direction, cosine, 2 * math.pi * v)
+        for m in self.flakes:
             at = np.flatnonzero(medium == m)
-            cosine[at] = self.phases[m].draw(rng, len(at))
-        return about(direction, cosine, 2 * math.pi * v), self.phase(medium, cosine)
+            new[:, at] = onward(self.phases[m], rng, direction[:, at])
+        return new, self.phase(medium, cosine, direction, new)
 
 
 def attenuation(sigma: np.ndarray, distance: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from lxml import etree
 from reference import shapes, textures
 from reference.grids import Grid, read_vol
 from reference.hair import EUMELANIN, PHEOMELANIN
-from reference.phases import Blend, HenyeyGreenstein, Phase, Rayleigh, Tabulated
+from reference.phases import Blend, Flakes, HenyeyGreenstein, Phase, Rayleigh, Tabulated
 from reference.principled import SHARES
 from reference.principled_thin import SHARES as SHEET_SHARES
 from reference.relief import Relief
@@ -554,6 +554,8 @@ class _Reader(Document):
         if isinstance(albedo, Grid):
             grids["albedo_grid"], albedo = albedo, np.ones(3)
         sigma_t = sigma_t * values.get("scale", 1.0)
+        if "extinction_grid" in grids and isinstance(values.get("phase"), Flakes):
+            raise self.error(element, "uneven flakes are not implemented")
         self.media.append(
             Medium(sigma_t, albedo, values.get("phase", HenyeyGreenstein(0.0)), **grids)
         )
@@ -597,7 +599,9 @@ class _Reader(Document):
         return read
 
     def phase(self, element: etree._Element) -> Phase:
-        kind = self.plugin(element, "isotropic", "hg", "rayleigh", "tabphase", "blendphase")
+        kind = self.plugin(element, "isotropic", "hg", "rayleigh", "tabphase", "sggx", "blendphase")
+        if kind == "sggx":
+            return self.sggx(element)
         if kind == "blendphase":
             return self.blendphase(element)
         if kind == "tabphase":
@@ -619,6 +623,17 @@ class _Reader(Document):
                 element, "tabphase needs two or more values, none negative, some not 0"
             )
         return Tabulated(values)
+
+    def sggx(self, element: etree._Element) -> Flakes:
+        grid = self.parameters(element, S=self.volume(self.colour())).get("S")
+        numbers = grid.cells.reshape(-1, grid.cells.shape[3]) if isinstance(grid, Grid) else None
+        if numbers is None or numbers.shape[1] != 6 or (numbers != numbers[0]).any():
+            raise self.error(element, "sggx needs a grid S of six numbers, the same in all cells")
+        xx, yy, zz, xy, xz, yz = numbers[0]
+        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if np.linalg.eigvalsh(matrix)[0] <= 0:
+            raise self.error(element, "S of an sggx has an eigenvalue that is not above 0")
+        return Flakes(matrix)
 
     def blendphase(self, element: etree._Element) -> Blend:
         values = self.parameters(

@@ -43,6 +43,7 @@ enum class Function : uint32_t {
     kHenyeyGreenstein,   // d, g, u, v -> direction, pdf
     kHenyeyGreensteinP,  // d, w, g -> pdf
     kRayleigh,           // d, u, v -> direction, pdf
+    kFlakes,             // d, w, u, v, a lobe's flakes -> direction, pdf; pdf of w, area along d
     kSphere,             // record, o, d, t_max -> t (infinite: missed), p, n, offset
     kConeOfSphere,       // record, p, u, v -> wi, pdf, distance, cos_light, pdf again
     kFresnelDielectric,  // cos_i, eta -> reflected, cos_t
@@ -87,6 +88,7 @@ inline constexpr FunctionInfo kFunctions[] = {
     {"henyey_greenstein", 6, 4},
     {"henyey_greenstein_pdf", 7, 1},
     {"rayleigh", 5, 4},
+    {"flakes", 8 + kFlakeFloats, 6},
     {"sphere", 15, 8},
     {"sphere_light", 13, 7},
     {"fresnel_dielectric", 2, 2},
@@ -187,6 +189,15 @@ VR_HD void evaluate_mapping(Function which, const F* x, F* y) {
         case Function::kHenyeyGreensteinP:
             y[0] = henyey_greenstein_pdf({x[0], x[1], x[2]}, {x[3], x[4], x[5]}, x[6]);
             break;
+        case Function::kFlakes: {
+            Flakes<F> facets;
+            for (uint32_t k = 0; k < kFlakeFloats; ++k) facets.m[k] = x[8 + k];
+            const Vec3<F> d{x[0], x[1], x[2]}, wi = facets.draw(d, x[6], x[7]);
+            put(y, wi);
+            y[3] = facets.value(d, wi), y[4] = facets.value(d, {x[3], x[4], x[5]});
+            y[5] = facets.area(d);
+            break;
+        }
         default: {
             const Vec3<F> d{x[0], x[1], x[2]}, wi = turned(d, rayleigh(x[3]), x[4]);
             put(y, wi);
@@ -302,7 +313,7 @@ VR_HD void evaluate(uint32_t which, const typename L::F* x, typename L::F* y) {
     const Function f = static_cast<Function>(which);
     if (f <= Function::kScaledBessel) {
         y[0] = evaluate_elementary(f, x[0]);
-    } else if (f <= Function::kRayleigh) {
+    } else if (f <= Function::kFlakes) {
         evaluate_mapping(f, x, y);
     } else if (f == Function::kSphere) {
         evaluate_sphere<L>(x, y);

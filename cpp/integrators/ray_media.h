@@ -31,6 +31,22 @@ struct RayMedia : Blends<L, kFeatures> {
                 to_uint(medium_column(scene, medium, kMediumLobes))};
     }
 
+    // The share of a medium's extinction that rays along d meet.
+    static VR_HD F met_along(const SceneView& scene, U medium, V d) {
+        const F lobe = medium_column(scene, medium, kMediumFlakes);
+        const M facets = lobe >= F(0.f);
+        if (none(facets)) return F(1.f);
+        const U row = to_uint(select(facets, lobe, F(0.f)));
+        return select(facets, PhaseFunction::flakes(scene.phases, row).area(d), F(1.f));
+    }
+    static VR_HD bool has_flakes(const SceneView& scene) {
+        return has(kPhases) && scene.phases.flakes;
+    }
+    static VR_HD S extinction(const SceneView& scene, U medium, V d) {
+        const S sigma = medium_spectrum(scene, medium, kMediumSigma);
+        return has_flakes(scene) ? sigma * met_along(scene, medium, d) : sigma;
+    }
+
     static constexpr float kSwappedWithin = 0x1p-14f, kParallelFaces = 0.999f;
 
     // The medium on the other side, for lanes that go `through`. Carrier: path or shadow request.
@@ -93,7 +109,8 @@ struct RayMedia : Blends<L, kFeatures> {
             inside & uneven_medium(scene, shadow.medium) & (max_channel(shadow.radiance) > F(0.f));
         if (none(uneven)) return;
         const auto way = passage(scene, shadow, distance, uneven);
-        const F sigma = medium_column(scene, shadow.medium, kMediumSigma);
+        F sigma = medium_column(scene, shadow.medium, kMediumSigma);
+        if (has_flakes(scene)) sigma = sigma * met_along(scene, shadow.medium, shadow.ray.d);
         RandomStream<U> random = shadow.random;
         t = select(uneven, Volumes<L>::transmittance(scene, way, sigma, random, uneven), t);
         shadow.random = random;
@@ -105,7 +122,7 @@ struct RayMedia : Blends<L, kFeatures> {
         leave_closed(scene, shadow, inside & !(distance < F(kInfinity)));
         inside = inside & !(shadow.medium == U(0u));
         if (none(inside)) return;
-        S t = transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance);
+        S t = transmittance(extinction(scene, shadow.medium, shadow.ray.d), distance);
         if constexpr (has(kUnevenMedia))
             if (scene.features & kUnevenMedia) thin_out(scene, shadow, distance, inside, t);
         shadow.radiance = select(inside, shadow.radiance * t, shadow.radiance);

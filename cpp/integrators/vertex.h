@@ -48,7 +48,7 @@ struct PathVertices : DirectLight<L, kFeatures> {
             random_block(s.key, path.pixel, path.sample, dimension_block(segment, kCross));
         const F limit = min(hit.t, far) - Reader::passed(path).t;
         Flight<F> flight =
-            free_flight(medium_spectrum(scene, path.medium, kMediumSigma),
+            free_flight(Direct::extinction(scene, path.medium, path.ray.d),
                         medium_spectrum(scene, path.medium, kMediumAlbedo), path.throughput, limit,
                         uniform(r.y), r.x, has(kChromatic) && (scene.features & kChromatic) != 0);
         if constexpr (has(kUnevenMedia))
@@ -82,10 +82,12 @@ struct PathVertices : DirectLight<L, kFeatures> {
         const RandomStream<U> random = random_stream(
             s.key, path.pixel, path.sample, dimension_block(segment, kCross, kFlightSteps));
         S throughput = path.throughput;  // a copy, so that the path stays in registers
-        const F t =
-            Volumes<L>::flight(scene, Direct::passage(scene, path, limit, uneven),
-                               medium_column(scene, path.medium, kMediumSigma), random, throughput,
-                               has(kChromatic) && (scene.features & kChromatic) != 0, uneven);
+        F sigma = medium_column(scene, path.medium, kMediumSigma);
+        if (Direct::has_flakes(scene))
+            sigma = sigma * Direct::met_along(scene, path.medium, path.ray.d);
+        const F t = Volumes<L>::flight(
+            scene, Direct::passage(scene, path, limit, uneven), sigma, random, throughput,
+            has(kChromatic) && (scene.features & kChromatic) != 0, uneven);
         path.throughput = throughput;
         flight.t = select(uneven, t, flight.t);
         const S albedo = medium_spectrum(scene, path.medium, kMediumAlbedo);

@@ -17,6 +17,7 @@ enum MediumColumn : uint32_t {
     kMediumG = kMediumAlbedo + 3,      // mean cosine of Henyey and Greenstein's phase function
     kMediumLobe,                       // with kPhases: the first lobe of the phase function
     kMediumLobes,                      // and how many it has
+    kMediumFlakes,                     // with kPhases: the lobe whose flakes it is of; -1: none
     kMediumBeyond,                     // medium for a ray that meets nothing; itself if unbounded
     kMediumAlbedoGrid,                 // a factor on the albedo; -1: none
     kMediumSigmaGrid,                  // the share of the extinction that is there; -1: none

@@ -7,20 +7,22 @@
 
 #include "core/intervals.h"
 #include "core/mapping.h"
+#include "media/flakes.h"
 
 namespace veriray {
 
 // Kinds of lobes, in the order of PHASE_KINDS in columns.py.
-enum PhaseKind : uint32_t { kHenyeyGreenstein, kRayleigh, kTabulated };
+enum PhaseKind : uint32_t { kHenyeyGreenstein, kRayleigh, kTabulated, kFlakes };
 
 enum LobeColumn : uint32_t {
-    kLobeKind,   // PhaseKind
-    kLobeShare,  // of the phase function
-    kLobeG,      // Henyey and Greenstein's
-    kLobeCells,  // of a table: pieces between its values
-    kLobeFirst,  // of a table: where its values and its intervals begin; bits
-    kLobeGuide,  // of a table: where its guide begins; bits
-    kLobeColumns,
+    kLobeKind,    // PhaseKind
+    kLobeShare,   // of the phase function
+    kLobeG,       // Henyey and Greenstein's
+    kLobeCells,   // of a table: pieces between its values
+    kLobeFirst,   // of a table: where its values and its intervals begin; bits
+    kLobeGuide,   // of a table: where its guide begins; bits
+    kLobeFlakes,  // kFlakeFloats columns
+    kLobeColumns = kLobeFlakes + kFlakeFloats,
 };
 
 // A table holds values at cosines from -1 to 1 in equal steps, per solid angle, and for each piece
@@ -33,6 +35,7 @@ struct PhaseView {
     const uint32_t* guides;        // by medium 2, of no bits, then of the tables
     uint32_t stride, count, most;  // most: lobes of one medium
     uint32_t bits;                 // of the tables' guides
+    uint32_t flakes;               // whether there are any
 };
 
 // A turn from one direction of travel to another.
@@ -131,6 +134,13 @@ struct Phase {
             F pdf = value;
             const M tables = m & is(kind, kTabulated);
             if (any(tables)) tabulated(view, lobe, cosine, tables, value, pdf);
+            if (view.flakes) {
+                const M facets = m & is(kind, kFlakes);
+                if (any(facets)) {
+                    value = select(facets, flakes(view, lobe).value(d, wi), value);
+                    pdf = select(facets, value, pdf);
+                }
+            }
             const F chance = intervals(view, first).size(select(m, U(i), U(0u)));
             sum.value = select(m, fma(column(view, lobe, kLobeShare), value, sum.value), sum.value);
             sum.pdf_sa = select(m, fma(chance * F(0x1p-24f), pdf, sum.pdf_sa), sum.pdf_sa);
@@ -149,7 +159,19 @@ struct Phase {
         const M round = lanes & is(kind, kRayleigh), tables = lanes & is(kind, kTabulated);
         if (any(round)) turn = chosen(round, rayleigh(u), turn);
         if (any(tables)) turn = chosen(tables, tabulated(view, lobe, u, tables), turn);
-        return turned(d, turn, v);
+        V wi = turned(d, turn, v);
+        if (view.flakes) {
+            const M facets = lanes & is(kind, kFlakes);
+            if (any(facets)) wi = select(facets, flakes(view, lobe).draw(d, u, v), wi);
+        }
+        return wi;
+    }
+
+    static VR_HD Flakes<F> flakes(const PhaseView& view, U lobe) {
+        Flakes<F> facets;
+        for (uint32_t k = 0; k < kFlakeFloats; ++k)
+            facets.m[k] = column(view, lobe, kLobeFlakes + k);
+        return facets;
     }
 
    private:

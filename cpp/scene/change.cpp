@@ -25,6 +25,7 @@ uint32_t depend_on(const char* name) {
         {"phase_g", kOnMedia},
         {"lobe_share", kOnMedia},
         {"lobe_g", kOnMedia},
+        {"lobe_flakes", kOnMedia},
         {"phase_values", kOnMedia},
         {"environment", kOnLights},
         {"sky_compensated", kOnLights},

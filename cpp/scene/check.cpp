@@ -163,6 +163,14 @@ void check_input(const SceneInput& in, const SceneInput* known) {
                      std::to_string(in.cells.count) + ", and at most 2^31 - 512 are allowed");
     }
     for (size_t k = 0; k < in.lobes_rows(); ++k) {
+        if (in.lobe_kind.data[k] == kFlakes) {
+            const double* s = in.lobe_flakes.data + 6 * k;
+            const double two = s[0] * s[1] - s[3] * s[3];
+            const double three =
+                s[2] * two - s[0] * s[5] * s[5] - s[1] * s[4] * s[4] + 2 * s[3] * s[4] * s[5];
+            if (!(s[0] > 0 && two > 0 && three > 0))
+                fail("lobe_flakes", k, "is no matrix of a positive area in every direction");
+        }
         if (in.lobe_kind.data[k] != kTabulated) continue;
         const uint64_t first = in.lobe_values.data[k], last = first + in.lobe_size.data[k];
         if (last > in.phase_values.count)

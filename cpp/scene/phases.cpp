@@ -1,8 +1,34 @@
 // The table of phase functions' lobes.
+#include <cmath>
+
 #include "scene/intervals.h"
 #include "scene/scene.h"
 
 namespace veriray {
+namespace {
+
+// S = M M^T by A. Cholesky: M by rows, its inverse, and 1 / (4 pi det(M)).
+void put_flakes(const double* s, float* out, size_t stride) {
+    const double a = std::sqrt(s[0]), b = s[3] / a, d = s[4] / a;
+    const double c = std::sqrt(s[1] - b * b), e = (s[5] - b * d) / c;
+    const double f = std::sqrt(s[2] - d * d - e * e);
+    const double values[kFlakeFloats] = {a,
+                                         b,
+                                         c,
+                                         d,
+                                         e,
+                                         f,
+                                         1 / a,
+                                         -b / (a * c),
+                                         1 / c,
+                                         (b * e - c * d) / (a * c * f),
+                                         -e / (c * f),
+                                         1 / f,
+                                         1 / (4 * kPiDouble * (a * c * f))};
+    for (uint32_t k = 0; k < kFlakeFloats; ++k) out[k * stride] = static_cast<float>(values[k]);
+}
+
+}  // namespace
 
 // Each medium gets its lobes one after another: those of Henyey and Greenstein alone one of their
 // own, so that stages look at one table.
@@ -21,11 +47,15 @@ void HostScene::set_phases(const SceneInput& in) {
         return media[static_cast<size_t>(c) * view.medium_stride + m];
     };
     size_t most_cells = 1, values = 0;
+    medium_column(kMediumFlakes, 0) = -1;
     for (size_t m = 1; m <= given; ++m) {
         const int32_t first = in.phase_lobe.data[m - 1];
         const uint32_t count = first < 0 ? 1 : in.phase_lobes.data[m - 1];
         medium_column(kMediumLobe, m) = static_cast<float>(all.size());
         medium_column(kMediumLobes, m) = static_cast<float>(count);
+        const bool facets =
+            first >= 0 && count == 1 && in.lobe_kind.data[static_cast<uint32_t>(first)] == kFlakes;
+        medium_column(kMediumFlakes, m) = facets ? static_cast<float>(all.size()) : -1.f;
         phases.most = std::max(phases.most, count);
         if (first < 0) {
             all.push_back({kHenyeyGreenstein, 0, 1, static_cast<double>(in.phase_g.data[m - 1])});
@@ -39,6 +69,7 @@ void HostScene::set_phases(const SceneInput& in) {
             all.push_back({in.lobe_kind.data[row], row,
                            static_cast<double>(in.lobe_share.data[row]) / total,
                            static_cast<double>(in.lobe_g.data[row])});
+            if (all.back().kind == kFlakes) phases.flakes = 1;
             if (all.back().kind != kTabulated) continue;
             most_cells = std::max<size_t>(most_cells, in.lobe_size.data[row] - 1);
             values += in.lobe_size.data[row];
@@ -68,6 +99,9 @@ void HostScene::set_phases(const SceneInput& in) {
         put(kLobeKind, static_cast<float>(lobe.kind));
         put(kLobeShare, static_cast<float>(lobe.share));
         put(kLobeG, static_cast<float>(lobe.g));
+        if (lobe.kind == kFlakes)
+            put_flakes(in.lobe_flakes.data + 6 * size_t{lobe.row},
+                       lobes.data() + size_t{kLobeFlakes} * phases.stride + k, phases.stride);
         if (lobe.kind != kTabulated) continue;
         const uint32_t cells = in.lobe_size.data[lobe.row] - 1;
         put(kLobeCells, static_cast<float>(cells));

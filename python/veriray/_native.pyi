@@ -138,6 +138,7 @@ class SceneArrays(TypedDict):
     lobe_kind: npt.NDArray[np.uint32]  # (L,)
     lobe_share: npt.NDArray[np.float32]  # (L,)
     lobe_g: npt.NDArray[np.float32]  # (L,)
+    lobe_flakes: npt.NDArray[np.float64]  # (L, 6)
     lobe_values: npt.NDArray[np.uint32]  # (L,)
     lobe_size: npt.NDArray[np.uint32]  # (L,)
     phase_values: npt.NDArray[np.float32]  # (P,)

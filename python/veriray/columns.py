@@ -87,7 +87,7 @@ TEXTURABLE = (
 INDICES = ("eta", "k")
 METALS = ("conductor", "roughconductor")
 #: Names of the values of `lobe_kind`.
-PHASE_KINDS = ("hg", "rayleigh", "tabphase")
+PHASE_KINDS = ("hg", "rayleigh", "tabphase", "sggx")
 MAX_LOBES = 64  # of a medium
 MAX_PHASE_VALUES = 1 << 16  # of a lobe
 MAX_UV = 1e30  # of a texture coordinate: float32
@@ -451,6 +451,11 @@ _HASHED_IF_SET: dict[str, Column] = {
     ),
     "lobe_g": Column(
         "lobes", np.float32, (), 0.0, -1.0, 1.0, open=True, doc="of an hg; as phase_g"
+    ),
+    "lobe_flakes": Column(
+        "lobes", np.float64, (6,), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0), -1.0, 1.0,
+        doc="of an sggx: xx, yy, zz, xy, xz, yz of the matrix S of its flakes; where it is a "
+        "medium's only lobe, the extinction along d is sigma_t times the root of d S d",
     ),
     "lobe_values": Column(
         "lobes", np.uint32, (), 0, doc="of a tabphase: its first row of phase_values"
@@ -847,6 +852,15 @@ def _check_phases(arrays: Mapping[str, Array]) -> None:
             )
         if not values[first : first + size].any():
             raise SceneError(f"phase_values[{first}:{first + size}] of lobe {row} are all 0")
+    for row in np.flatnonzero(arrays["lobe_kind"] == PHASE_KINDS.index("sggx")).tolist():
+        xx, yy, zz, xy, xz, yz = arrays["lobe_flakes"][row].tolist()
+        areas = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if not 0.99e-6 * areas[2] <= areas[0] or not 0 < areas[2] <= 1 + 1e-6:
+            raise SceneError(
+                f"lobe_flakes[{row}] is of a matrix of eigenvalues from {areas[0]:.3g} to "
+                f"{areas[2]:.3g}; expected numbers up to 1, the least a millionth of the greatest "
+                "or more"
+            )
     for row in np.flatnonzero(arrays["phase_lobe"] >= 0).tolist():
         first, count = int(arrays["phase_lobe"][row]), int(arrays["phase_lobes"][row])
         if first + count > len(shares):

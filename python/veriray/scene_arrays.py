@@ -197,6 +197,9 @@ class SceneArrays:
     lobe_share (L,) float32: of its medium's phase function; those of a medium add up to 1 (in [0,
         1], default 1.0)
     lobe_g (L,) float32: of an hg; as phase_g (in (-1, 1), default 0.0)
+    lobe_flakes (L, 6) float64: of an sggx: xx, yy, zz, xy, xz, yz of the matrix S of its flakes;
+        where it is a medium's only lobe, the extinction along d is sigma_t times the root of d S d
+        (in [-1, 1], default (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     lobe_values (L,) uint32: of a tabphase: its first row of phase_values (default 0)
     lobe_size (L,) uint32: and how many it has (in [2, 65536], default 2)
     phase_values (P,) float32: at cosines of the turn from -1 (backward) to 1 in equal steps, linear
@@ -335,6 +338,7 @@ class SceneArrays:
     lobe_kind: Array = _NONE
     lobe_share: Array = _NONE
     lobe_g: Array = _NONE
+    lobe_flakes: Array = _NONE
     lobe_values: Array = _NONE
     lobe_size: Array = _NONE
     phase_values: Array = _NONE

@@ -1446,6 +1446,33 @@ def smoke() -> str:
     )  # fmt: skip
 
 
+@scene
+def flakes() -> str:
+    """Flakes: flat ones aslant in a ball, needles blended with haze in glass, under a low sun."""
+    flat, needles = (
+        phase_function("sggx", gridvolume("S", f"volumes/{name}.vol", "", flag("raw")), name=to)
+        for name, to in (("flat", ""), ("needles", "first"))
+    )
+    haze = phase_function("hg", number("g", 0.5), name="second")
+    blend = phase_function("blendphase", number("weight", 0.3), needles, haze)
+    return (
+        sensor() + floor(0.4, 0.35, 0.3) + sky(0.2, 0.25, 0.3)
+        + sphere(-1, 1, 0.2, 0.95, NULL, inside((2.5, 1.8, 1.2), (0.95, 0.9, 0.8), flat))
+        + sphere(1, 0.9, 0.3, 0.8, bsdf("dielectric", number("int_ior", 1.2)),
+                 inside((1.8,), (0.8, 0.9, 0.95), blend))
+        + emitter("directional", vector("direction", 0.8, -0.6, -0.4),
+                  rgb("irradiance", 3, 2.7, 2.4))
+    )  # fmt: skip
+
+
+def matrix_cells(axis: tuple[float, ...], along: float, across: float) -> Array:
+    """2 x 2 x 2 cells of the matrix of flakes whose areas are these along and across an axis."""
+    n = np.array(axis) / np.linalg.norm(axis)
+    s = along**2 * np.outer(n, n) + across**2 * (np.eye(3) - np.outer(n, n))
+    numbers = [s[0, 0], s[1, 1], s[2, 2], s[0, 1], s[0, 2], s[1, 2]]
+    return np.broadcast_to(np.array(numbers, np.float32), (2, 2, 2, 6))
+
+
 def vol(cells: Array, low: tuple[float, ...], high: tuple[float, ...]) -> bytes:
     """A .vol file of cells (Z, Y, X, C), whose box is low to high."""
     z, y, x, channels = cells.shape
@@ -1615,6 +1642,8 @@ def files() -> dict[str, str | bytes]:
         "images/weave.png": png(weave()),
         "volumes/colours.vol": vol(colours(), (-0.7, -0.8, -0.7), (0.7, 0.5, 0.8)),
         "volumes/smoke.vol": vol(puff(), (0, 0, 0), (1, 1, 1)),
+        "volumes/flat.vol": vol(matrix_cells((1, 2, 0.5), 1, 0.25), (0, 0, 0), (1, 1, 1)),
+        "volumes/needles.vol": vol(matrix_cells((1, -1, 2), 0.2, 0.9), (0, 0, 0), (1, 1, 1)),
         "meshes/zigzag.txt": ZIGZAG,
         "meshes/ring.vol": ring(),
         "meshes/hooks.txt": HOOKS,

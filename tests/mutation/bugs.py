@@ -423,7 +423,7 @@ _MEDIA = (
            "select(collided, F(0.25f * kInvPi), next.pdf_sa)",
            "hg_forward"),
     Mutant("no transmittance to the light", _RAY_MEDIA,
-           "transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance)",
+           "transmittance(extinction(scene, shadow.medium, shadow.ray.d), distance)",
            "white()", "null_medium"),
     Mutant("medium of the wrong side", _RAY_MEDIA, "select(at.front, inside, outside)",
            "select(at.front, outside, inside)", "null_medium"),

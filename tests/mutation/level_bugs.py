@@ -46,6 +46,7 @@ _JOBS, _TRIANGLE, _SPHERE = "backends/instances.h", "geometry/triangle.h", "geom
 _SOBOL = "core/sobol.h"
 _FLAT, _BOXES, _SCENE = "geometry/polygon.h", "scene/wide_row.h", "scene/scene.cpp"
 _RAY = "geometry/ray.h"
+_FLAKES = "media/flakes.h"
 _METER = "camera/meter.h"
 _IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "core/intervals.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
@@ -222,6 +223,18 @@ _LIGHTS = (
 )  # fmt: skip
 
 _MEDIA = (
+    Mutant("flakes hide evenly on shadow rays", _RAY_MEDIA,
+           "transmittance(extinction(scene, shadow.medium, shadow.ray.d), distance)",
+           "transmittance(medium_spectrum(scene, shadow.medium, kMediumSigma), distance)"),
+    Mutant("flakes hide evenly on flights", _VERTEX,
+           "Direct::extinction(scene, path.medium, path.ray.d)",
+           "medium_spectrum(scene, path.medium, kMediumSigma)"),
+    Mutant("flakes scatter without their area", _FLAKES,
+           "m[12] * (share * share) / area(d)", "m[12] * (share * share)"),
+    Mutant("flakes' normals drawn without xy of their matrix", _FLAKES,
+           "fma(m[1], q.x, m[2] * q.y)", "m[2] * q.y"),
+    Mutant("flakes of a blend hide by their area", "scene/phases.cpp",
+           "first >= 0 && count == 1", "first >= 0"),
     Mutant("absorption for extinction", _TABLES, _SIGMA,
            "put(kMediumSigma + k, scaled * (1 - static_cast<double>(in.albedo.data[3 * (m - 1) +"
            " k])));"),

@@ -28,6 +28,7 @@ _NUMBERS = {"float": "0.3", "far": "100", "angle": "30", "index": "1.3", "turbid
 _WHOLE = {"integer": 3, "zero": 0, "one": 1, "square": 16}
 _BITMAP = '<texture type="bitmap" name="{}"><string name="filename" value="a.png"/></texture>'
 _GRID = '<volume type="gridvolume" name="{}"><string name="filename" value="a.vol"/></volume>'
+_MATRIX_GRID = _GRID.replace("a.vol", "s.vol")
 _INTEGER = '<integer name="{}" value="{}"/>'
 _FLOAT = '<float name="{}" value="{}"/>'
 _TEXT = '<string name="{}" value="{}"/>'
@@ -179,7 +180,8 @@ def element(case: Case) -> str:
     for number, word in enumerate(w for w in line.split()[2:] if w.startswith("+")):
         name, _, made = word[1:].partition("=")
         if made:
-            parts.append((_BITMAP if made == "texture.bitmap" else _GRID).format(name))
+            grid = _MATRIX_GRID if name == "S" else _GRID
+            parts.append((_BITMAP if made == "texture.bitmap" else grid).format(name))
         elif name == "sensor":
             parts.append(_OWN[name])
         else:
@@ -259,6 +261,9 @@ def files(folder: Path) -> None:
     cells = np.abs(np.linspace(-0.5, 0.5, 27)).astype("<f4")
     box = b"VOL\3" + struct.pack("<5i6f", 1, 3, 3, 3, 1, 0, 0, 0, 1, 1, 1)
     (folder / "a.vol").write_bytes(box + cells.tobytes())
+    six = np.broadcast_to(np.array([1, 0.5, 0.25, 0, 0, 0], "<f4"), (8, 6))
+    box = b"VOL\3" + struct.pack("<5i6f", 1, 2, 2, 2, 6, 0, 0, 0, 1, 1, 1)
+    (folder / "s.vol").write_bytes(box + six.tobytes())
     (folder / "a.bsdf").write_bytes(b"tensor_file")
     (folder / "a.pbsdf").write_bytes(b"tensor_file")
 

@@ -425,6 +425,7 @@ CHANGES = {
     "grid_filter": (0, 1), "grid_to_world": ((0, 0, 3), 0.5), "cells": (0, 0.25),
     "albedo_grid": (0, -1), "sigma_t_grid": (0, 0),
     "lobe_kind": (0, 1), "lobe_share": (slice(0, 2), (0.5, 0.5)), "lobe_g": (1, 0.5),
+    "lobe_flakes": ((0, 5), 0.25),
     "lobe_values": (0, 1), "lobe_size": (0, 2), "phase_values": (0, 7), "phase_lobe": (0, -1),
     "phase_lobes": (1, 2),
     "attribute_values": ((0, 1), 0.25), "blend_material": (0, 1), "blend_weight": (0, 0.25),

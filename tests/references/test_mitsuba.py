@@ -24,7 +24,7 @@ CHECKS = ("chromatic_medium", "nested_dielectrics", "thinlens", "sphere_light", 
           "camera_in_medium", "conductor_metal", "rough_metal", "rough_plastic",
           "rough_glass", "principled_surfaces", "principled_glass", "thin_sheets", "polarisers",
           "albedo_grid", "smoke", "attributes", "blends", "orthographic",
-          "hidden_light", "blended_fog", "hair")  # fmt: skip
+          "hidden_light", "blended_fog", "hair", "compensated_sky")  # fmt: skip
 
 
 def verdict(

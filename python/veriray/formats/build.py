@@ -572,24 +572,31 @@ class _Builder:
         parts, values = self.check(node)
         filled: materials.Row = {}
         lobes: list[phases.Lobe] = []
+        area = 1.0
         for phase in parts["phase"]:
             if phase.plugin in ("isotropic", "hg"):
                 filled = materials.filled(phase, self.check(phase)[1])
             else:
-                lobes = phases.lobes(phase, self.check)
+                lobes, area = phases.lobes(phase, self.check, self.numbers)
+        values = {**values, "scale": values["scale"] * area}
         return *volumes.medium(node, values, filled, self.volumes(node), self.grids), lobes
 
-    def volumes(self, node: Node) -> volumes.Given:
-        """The volumes of a medium by the parameter that they give."""
+    def numbers(self, node: Node, count: int) -> list[float] | None:
+        """So many numbers of the one grid of a phase function, if all its cells hold the same."""
+        given = self.volumes(node, ("S",)).get("S")
+        return None if given is None else self.grids.numbers_of(*given, count, "S")
+
+    def volumes(self, node: Node, names: tuple[str, ...] = ("albedo", "sigma_t")) -> volumes.Given:
+        """The volumes of a medium or phase function by the parameter that they give."""
         given: volumes.Given = {}
         for item in node.children:
             child = self.resolve(item, node) if isinstance(item, Ref) else item
             if child.category != "volume":
                 continue
-            if item.name not in ("albedo", "sigma_t"):
+            if item.name not in names:
                 raise SceneError(
-                    f"{node}: a volume of a medium is named {shorten(item.name)}"
-                    + allowed(item.name, ("albedo", "sigma_t")),
+                    f"{node}: a volume of a {node.category} is named {shorten(item.name)}"
+                    + allowed(item.name, names),
                     item.where,
                 )
             if item.name in given or item.name in node.values:

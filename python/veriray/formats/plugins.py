@@ -127,7 +127,7 @@ _OPAQUE = (*OPAQUE_KINDS, "pplastic")
 _MEDIA = ("homogeneous", "heterogeneous")
 _VOLUMES = ("gridvolume", "constvolume")
 CHANNELS = ("r", "g", "b", "a", "x", "y", "z")
-_PHASES = ("isotropic", "hg", "rayleigh", "tabphase", "blendphase")
+_PHASES = ("isotropic", "hg", "rayleigh", "tabphase", "sggx", "blendphase")
 VOLUME_FILTERS = ("trilinear", "nearest")
 _UNMASKED = (
     *_OPAQUE,
@@ -901,7 +901,7 @@ PLUGINS: dict[str, Plugin] = {
             "accel": Param("boolean", True, doc="without effect: the filter is exact"),
             "max_value": Param("float", None, note="the grid's own largest number is taken"),
         },
-        doc="1 or 3 numbers a cell",
+        doc="1 or 3 numbers a cell; 6 as S of an sggx",
     ),
     "constvolume": Plugin(
         "volume",
@@ -933,6 +933,13 @@ PLUGINS: dict[str, Plugin] = {
             )
         },
         doc="by a table, in proportion to its values",
+    ),
+    "sggx": Plugin(
+        "phase",
+        {},
+        {"volume": (("gridvolume",), 0, 1)},
+        doc="mirror flakes: S, a gridvolume of xx, yy, zz, xy, xz, yz, the same in all cells; the "
+        "extinction along d is sigma_t times the root of d S d, not within a blendphase",
     ),
     "blendphase": Plugin(
         "phase",

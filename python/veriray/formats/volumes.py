@@ -105,6 +105,24 @@ class Grids:
             raise SceneError(f"{node}: {channels} numbers a cell; {use} takes 1 or 3", node.where)
         return cells, matrix
 
+    def numbers_of(self, node: Node, values: dict[str, Any], count: int, use: str) -> list[float]:
+        """The numbers of a gridvolume whose cells all hold the same."""
+        cells = self._read(node, values)[0]
+        if cells.shape[3] != count:
+            raise SceneError(
+                f"{node}: {cells.shape[3]} numbers a cell; {use} takes {count}", node.where
+            )
+        first = cells[0, 0, 0]
+        other = np.argwhere((cells != first).any(axis=-1))
+        if len(other):
+            k, j, i = (int(n) for n in other[0])
+            raise SceneError(
+                f"{node}: the cell (x {i}, y {j}, z {k}) is unlike the first; {use} by place is "
+                "not supported",
+                node.where,
+            )
+        return [float(x) for x in first]
+
     def _read(self, node: Node, values: dict[str, Any]) -> tuple[Array, Array]:
         given = [name for name in _SOURCES if values[name] is not None]
         if len(given) != 1:

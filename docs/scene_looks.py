@@ -458,6 +458,33 @@ def _shapes() -> None:
     )
     field = {"type": "sdfgrid", "grid": ball_field[..., None],
              "to_world": at(move(-0.5, -0.5, -0.5), scale(2), up)}  # fmt: skip
+    few = {
+        "centers": np.array([[-0.4, 0.5, 0], [0.3, 0.7, 0.2], [0.1, 1.2, -0.3]]),
+        "scales": np.array([[0.15, 0.08, 0.1], [0.06, 0.16, 0.08], [0.1, 0.05, 0.12]]),
+        "quaternions": np.array([[0, 0, 0, 1], [0, 0, 0.6, 0.8], [0.48, 0.64, 0, 0.6]]),
+        "opacities": np.array([[0.1], [0.5], [0.9]]),
+    }
+    for name in ("ellipsoids", "ellipsoidsmesh"):
+        some = {"type": name, **few}
+        LOOKS[name, "extent"] = Look(
+            "shape", [(t, {**some, "extent": float(t)}) for t in ("1", "2", "3")]
+        )
+        LOOKS[name, "extent_adaptive_clamping"] = Look(
+            "shape", [(t, {**some, "extent_adaptive_clamping": v}) for t, v in _SWITCH]
+        )
+        for key in ("filename", "data", "centers", "scales", "quaternions", "scale_factor"):
+            PLAIN[name, key] = "where they are, and how large"
+        PLAIN[name, "to_world"] = "as of other shapes"
+        PLAIN[name, "opacities"] = "see `extent_adaptive_clamping`"
+        PLAIN[name, "sh_coeffs"] = "without effect"
+    PLAIN["ellipsoidsmesh", "face_normals"] = "without effect"
+    LOOKS["ellipsoidsmesh", "shell"] = Look(
+        "shape",
+        [
+            (t, {"type": "ellipsoidsmesh", **few, "shell": t})
+            for t in ("box", "ico_sphere", "uv_sphere")
+        ],
+    )
     LOOKS["sdfgrid", "normals"] = Look(
         "shape", [(n, {**field, "normals": n}) for n in ("smooth", "analytic")]
     )

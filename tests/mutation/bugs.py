@@ -424,7 +424,7 @@ _MEDIA = (
            "hg_forward"),
     Mutant("no transmittance to the light", _RAY_MEDIA,
            "transmittance(extinction(scene, shadow.medium, shadow.ray.d), distance)",
-           "white()", "null_medium"),
+           "S::all(F(1.f))", "null_medium"),
     Mutant("medium of the wrong side", _RAY_MEDIA, "select(at.front, inside, outside)",
            "select(at.front, outside, inside)", "null_medium"),
     Mutant("medium kept on refraction", _PATH, "medium_beyond(scene, path, hit, at, through)",

@@ -62,8 +62,8 @@ NEEDED = {
 }
 _SUFFIX = {"obj": "obj", "ply": "ply", "serialized": "serialized", "bsplinecurve": "txt",
            "linearcurve": "txt", "sdfgrid": "vol", "gridvolume": "vol", "envmap": "png",
-           "bitmap": "png", "ellipsoids": "ply", "ellipsoidsmesh": "ply", "measured": "bsdf",
-           "measured_polarized": "pbsdf"}  # fmt: skip
+           "bitmap": "png", "ellipsoids": "gaussians.ply", "ellipsoidsmesh": "gaussians.ply",
+           "measured": "bsdf", "measured_polarized": "pbsdf"}  # fmt: skip
 #: Values of single parameters.
 _SPECIAL = {
     ("blackbody", "temperature"): _floats(("temperature", 4000)),
@@ -253,6 +253,12 @@ def files(folder: Path) -> None:
     head += "".join(f"property float {a}\n" for a in "rgb") + "end_header\n"
     rows = "0 0 0 0 0 .1 .2 .3\n1 0 0 1 0 .1 .2 .3\n0 1 0 0 1 .1 .2 .3\n3 0 1 2 .4 .5 .6\n"
     (folder / "a.ply").write_text(head + rows)
+    names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3)), "opacity"]
+    names += [*(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+    head += "".join(f"property float {name}\n" for name in names) + "end_header\n"
+    numbers = struct.pack("<17f", *([0] * 9), 1, -1, -2, -3, 1, 0, 0, 0)
+    (folder / "a.gaussians.ply").write_bytes(head.encode() + numbers)
     corners = struct.pack("<9f3I", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 2)
     body = zlib.compress(struct.pack("<I", 0x1000) + b"m\0" + struct.pack("<QQ", 3, 1) + corners)
     part = struct.pack("<HH", 0x041C, 4) + body

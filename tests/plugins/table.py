@@ -36,9 +36,7 @@ _SUN = (
     "sky_scale:float sun_aperture:float complex_sun:boolean to_world:transform sampling_weight:float"
 )
 _PROJECTIVE = "sppc:integer sppp:integer sppi:integer guiding:string=grid,string=octree,string=none guiding_proj:boolean guiding_rounds:integer"
-_GAUSSIANS = (
-    "filename:file scale:float extent:float extent_adaptive_clamping:boolean to_world:transform"
-)
+_GAUSSIANS = "filename:file scale_factor:float extent:float extent_adaptive_clamping:boolean to_world:transform"
 _RANGE = "wavelength_min:range"
 
 TABLE = f"""
@@ -123,7 +121,7 @@ shape cube to_world:transform flip_normals:boolean face_normals:boolean bsdf:bsd
 shape cylinder p0:point p1:point radius:float flip_normals:boolean to_world:transform silhouette_sampling_weight:float emitter:area
 shape disk flip_normals:boolean to_world:transform silhouette_sampling_weight:float
 shape ellipsoids {_GAUSSIANS}
-shape ellipsoidsmesh {_GAUSSIANS} shell:string=box,string=ico_sphere
+shape ellipsoidsmesh {_GAUSSIANS} shell:string=box,string=ico_sphere,string=uv_sphere
 shape instance +group to_world:transform
 shape linearcurve filename:file to_world:transform silhouette_sampling_weight:float
 shape merge +shape

@@ -42,7 +42,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 # Line 3 of scene.xml -> fragments of the message. Every message begins with "scene.xml:3: " unless
 # a file name is among the fragments. Line 1 is <scene>, line 2 the sky; a sensor is on line 4.
 LINES = {
-    "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: bsplinecurve, cube, cylinder, disk, instance, linearcurve, merge, mesh, obj, ply, rectangle, sdfgrid, serialized, shapegroup, sphere, stl", 'did you mean "rectangle"?'),
+    "unknown plugin": ('<shape type="rectangel"/>', 'unknown shape "rectangel"', "allowed: bsplinecurve, cube, cylinder, disk, ellipsoids, ellipsoidsmesh, instance, linearcurve, merge, mesh, obj, ply, rectangle, sdfgrid, serialized, shapegroup, sphere, stl", 'did you mean "rectangle"?'),
     "plugin of another category": ('<shape type="diffuse"/>', 'unknown shape "diffuse"', "allowed: bsplinecurve, cube"),
     "motion": ('<shape type="sphere"><animation name="to_world"><transform time="0"/></animation></shape>', "<animation>: nothing moves here", '<transform name="to_world">'),
     "unknown element": ("<shap/>", "unknown element <shap>", 'did you mean "shape"?'),

@@ -13,9 +13,9 @@ from veriray.formats.known import MITSUBA
 
 CASES = list(scenes.cases())
 #: What Mitsuba's scalar_rgb variant does not load, as it needs another variant, a file of
-#: measurements or of Gaussians, or another parameter beside.
+#: measurements, or another parameter beside.
 _NOT_THERE = (
-    "measured", "measured_polarized", "ellipsoids", "ellipsoidsmesh", "specfilm", "stokes", "prb",
+    "measured", "measured_polarized", "specfilm", "stokes", "prb",
     "prb_basic", "prb_projective", "prbvolpath", "direct_projective", "volprim_rf_basic",
 )  # fmt: skip
 _NOT_LOADED = re.compile(

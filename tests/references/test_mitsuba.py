@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import veriray
@@ -59,6 +60,52 @@ def test_sees_one_more_bounce(root: Path) -> None:
 def test_checks_agree_with_mitsuba(root: Path, name: str) -> None:
     """By Welch tests where one's noise is far below the other's."""
     report = verdict(root, f"checks/{name}.xml", 64, 64, 24)
+    assert report.passed, report.verdict
+
+
+ELLIPSOIDS = """<scene version="3.0.0">
+<default name="spp" value="16"/><default name="width" value="24"/>
+<default name="height" value="24"/>
+<default name="max_depth" value="8"/><default name="rr_depth" value="5"/>
+<integrator type="path"><integer name="max_depth" value="$max_depth"/>
+<integer name="rr_depth" value="$rr_depth"/></integrator>
+<sensor type="perspective"><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="2.5, 2, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
+<film type="hdrfilm"><integer name="width" value="$width"/><integer name="height" value="$height"/>
+<rfilter type="box"/></film><sampler type="independent"><integer name="sample_count" value="$spp"/>
+</sampler></sensor><emitter type="constant"/><emitter type="directional">
+<vector name="direction" x="-1" y="-2" z="-0.5"/><rgb name="irradiance" value="2, 1.5, 1"/>
+</emitter>
+<shape type="{}"><string name="filename" value="a.ply"/><float name="scale_factor" value="0.8"/>
+<boolean name="extent_adaptive_clamping" value="true"/>{}
+<transform name="to_world"><rotate y="1" angle="50"/><translate x="0.1"/></transform>
+<bsdf type="diffuse"><rgb name="reflectance" value="0.7, 0.5, 0.3"/></bsdf></shape></scene>"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "shell"),
+    [
+        ("ellipsoids", ""),
+        ("ellipsoidsmesh", ""),
+        ("ellipsoidsmesh", "box"),
+        ("ellipsoidsmesh", "uv_sphere"),
+    ],
+)
+def test_ellipsoids_agree_with_mitsuba(root: Path, tmp_path: Path, kind: str, shell: str) -> None:
+    """40 Gaussians of a file, by their opacities."""
+    rng, count = np.random.default_rng(3), 40
+    turns = rng.normal(size=(count, 4))
+    names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3)), "opacity"]
+    names += [*(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
+    rows = np.concatenate([rng.uniform(-1, 1, (count, 3)), np.zeros((count, 6)),
+                           rng.normal(size=(count, 1)),
+                           rng.uniform(-3, -1.5, (count, 3)), turns], axis=1)  # fmt: skip
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
+    head += "".join(f"property float {name}\n" for name in names) + "end_header\n"
+    (tmp_path / "a.ply").write_bytes(head.encode() + rows.astype("<f4").tobytes())
+    more = f'<string name="shell" value="{shell}"/>' if shell else ""
+    (tmp_path / "a.xml").write_text(ELLIPSOIDS.format(kind, more))
+    report = verdict(root, str(tmp_path / "a.xml"), 8, 8, 24)
     assert report.passed, report.verdict
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
-from . import spectra
+from . import ellipsoids, spectra
 from .known import category, missing
 from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS, mesh_attribute
@@ -34,6 +34,7 @@ _ARRAYS = {
     "bitmap": ("bitmap", "data"),
     "gridvolume": ("grid", "data"),
     "sdfgrid": ("grid",),
+    **dict.fromkeys(ellipsoids.KINDS, ellipsoids.ARRAYS),
 }
 
 

@@ -121,6 +121,23 @@ _PLACED = {
 }
 #: Of shapes that are meshes without smooth normals.
 _FLAT = {"face_normals": Param("boolean", False, doc="without effect: its faces are flat")}
+#: What stands for an ellipsoid of an ellipsoidsmesh.
+SHELLS = ("box", "ico_sphere", "uv_sphere")
+#: Of ellipsoids.
+_ELLIPSOIDS = {
+    "filename": Param("string", None, doc="PLY of Gaussians; or data or centers"),
+    "data": Param("array", None, doc="in a dictionary: (N, 10) centers, scales and quaternions"),
+    "centers": Param("array", None, doc="likewise (N, 3), with"),
+    "scales": Param("array", None, doc="(N, 3) half axes over extent, and"),
+    "quaternions": Param("array", None, doc="(N, 4) unit quaternions, the real part last"),
+    "opacities": Param("array", None, doc="(N, 1), for extent_adaptive_clamping alone"),
+    "sh_coeffs": Param("array", None, doc="without effect: the bsdf says the colour"),
+    "scale_factor": Param("float", 1.0, 0.0, MAX_COORDINATE, open=True, doc="of a file's scales"),
+    "extent": Param("float", 3.0, 0.0, MAX_COORDINATE, open=True, doc="half axes over scales"),
+    "extent_adaptive_clamping": Param(
+        "boolean", False, doc="extent: the root of 2 log(opacity / .01); none up to .01"
+    ),
+}
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
 _TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
 _OPAQUE = (*OPAQUE_KINDS, "pplastic")
@@ -155,6 +172,8 @@ _SHAPES = (
     "linearcurve",
     "bsplinecurve",
     "sdfgrid",
+    "ellipsoids",
+    "ellipsoidsmesh",
 )
 _ON_SHAPES: dict[str, tuple[tuple[str, ...], int, int]] = {
     "bsdf": ((*_BSDFS, "hair"), 0, 1),
@@ -629,6 +648,24 @@ PLUGINS: dict[str, Plugin] = {
         _ON_SHAPES,
         doc="where the trilinear function of a grid over [0, 1]^3 is 0, front where it is above; "
         "a mesh, finer than the grid",
+    ),
+    "ellipsoids": Plugin(
+        "shape",
+        {**_ELLIPSOIDS, **_PLACED},
+        _ON_SHAPES,
+        doc="those of 3D Gaussians, with a bsdf; meshes with smooth normals, which are finer for "
+        "fewer of them",
+    ),
+    "ellipsoidsmesh": Plugin(
+        "shape",
+        {
+            **_ELLIPSOIDS,
+            "shell": Param("string", "ico_sphere", choices=SHELLS, doc="what stands for each"),
+            **_PLACED,
+            **_FLAT,
+        },
+        _ON_SHAPES,
+        doc="a flat shell about each ellipsoid",
     ),
     "obj": Plugin("shape", {**_MESH, **_flip_uv(True)}, _ON_SHAPES, doc="Wavefront OBJ"),
     "ply": Plugin(

@@ -57,17 +57,7 @@ def read(
     Raises MeshFileError for anything but a header with vertex x, y, z and face vertex_indices (or
     vertex_index) and exactly the data that it states.
     """
-    elements, order, body = header(data)
-    rows = sum(element.rows for element in elements)
-    if order == "":
-        head = data[: len(data) - len(body)]
-        content: Any = _Text(body, rows, head.count(b"\n") + 1)
-    elif rows > len(body):
-        raise MeshFileError(f" is damaged: {rows} elements in {len(body)} bytes")
-    else:
-        content = _Binary(body, order)
-    found = {element.name: content.element(element) for element in elements}
-    content.end()
+    found = elements(data)
     vertex, face = found.get("vertex", {}), found.get("face", {})
     vertices, normals = _columns(vertex, "x", "y", "z"), _columns(vertex, "nx", "ny", "nz")
     if vertices is None:
@@ -89,6 +79,25 @@ def read(
         for key, values in _attributes(face).items():
             more[f"face_{key}"] = np.repeat(values, parts, axis=0)
     return vertices, triangles, normals, uv, more
+
+
+def elements(data: bytes) -> dict[str, dict[str, Any]]:
+    """What a file holds: elements by name, of columns by name.
+
+    Raises MeshFileError for anything but a header and exactly the data that it states.
+    """
+    rows_of, order, body = header(data)
+    rows = sum(element.rows for element in rows_of)
+    if order == "":
+        head = data[: len(data) - len(body)]
+        content: Any = _Text(body, rows, head.count(b"\n") + 1)
+    elif rows > len(body):
+        raise MeshFileError(f" is damaged: {rows} elements in {len(body)} bytes")
+    else:
+        content = _Binary(body, order)
+    found = {element.name: content.element(element) for element in rows_of}
+    content.end()
+    return found
 
 
 def _attributes(element: dict[str, Any]) -> dict[str, Array]:

@@ -15,7 +15,7 @@ from ..chunks import in_chunks
 from ..columns import MATERIAL_KINDS
 from ..errors import SceneError, SceneWarning
 from ..numeric import MAX_COORDINATE, Fresh, determinant, fresh, mirrors, repeated
-from . import creases, curves, cylinder, mesh, sdf, spheres
+from . import creases, curves, cylinder, ellipsoids, mesh, sdf, spheres
 from .node import Node, shorten
 from .textures import Attribute
 
@@ -356,6 +356,7 @@ class Shapes:
         faces = loaded.triangles
         flat, angle = values.get("face_normals", False), values.get("max_smooth_angle")
         flat = flat or values.get("disable_vertex_normals", False)
+        flat = flat or node.plugin == "ellipsoidsmesh"
         if angle is not None:
             if flat:
                 raise SceneError(
@@ -409,6 +410,16 @@ class Shapes:
         if node.plugin == "sdfgrid":
             loaded, text = sdf.surface(node, values)
             self.made.append((f"{node}: {text}", node.where))
+            return loaded, (node.where, "")
+        if node.plugin in ellipsoids.KINDS:
+            loaded, text = ellipsoids.surface(node, values)
+            if ellipsoids.uneven(values["to_world"]):
+                told = (
+                    f"{node}: to_world scales unevenly; Mitsuba scales its ellipsoids by the mean"
+                )
+                self.warned.append((told, node.values["to_world"].where))
+            if text:
+                self.made.append((f"{node}: {text}", node.where))
             return loaded, (node.where, "")
         where = node.values["filename"].where
         path = Path(node.folder) / values["filename"]

@@ -19,8 +19,9 @@ VR_HD void put(F* y, const Spectrum<F>& s) {
 // transmittance, eta, k, alpha_u, alpha_v, distribution, the 10 shares of a principled one as the
 // schema has them and diff_trans, n (on wo's side), wo. Of hair its three numbers stand in the
 // places of alpha_u, alpha_v and distribution. The tangent lies across n and (0, 1, 0.2). table: of
-// a rough coat, which lets in what a smooth one does.
-inline constexpr uint32_t kBsdfInputs = 27;
+// a rough coat, which lets in what a smooth one does, or of mirrors, which lose cosine / 4, of an
+// interface cosine / 16 in front and cosine / 8 from behind.
+inline constexpr uint32_t kBsdfInputs = 27, kHookColumns = kLostBehind + kLostCells + 1;
 template <class L>
 VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     using F = typename L::F;
@@ -40,15 +41,27 @@ VR_HD Bsdf<L, kAllKinds> bsdf_of(const typename L::F* x, float* table) {
     p.hair_along = x[7], p.hair_around = x[8], p.hair_tilt = x[9];
     const Vec3<F> along = cross(n, Vec3<F>{F(0.f), F(1.f), F(0.2f)});
     b.view.tangents = true, b.view.tangent = along * (F(1.f) / sqrt(dot(along, along)));
-    if (any(b.template any_of<kCoatTables>())) {
+    if (any(b.template any_of<kTables>())) {
         uint32_t lane[L::kWidth];
         for (uint32_t k = 0; k < L::kWidth; ++k) lane[k] = k;
-        for (uint32_t k = 0; k <= kCoatCells; ++k) {
-            const F cosine(static_cast<float>(k) / kCoatCells);
+        const auto whole = b.template any_of<kWholeKinds>();
+        const auto metal = b.template any_of<kMetalKinds>();
+        const F through = F(0.25f) * x[5] * x[5];
+        const F numbers[kLostAtCosine] = {
+            select(metal, F(1.f / 6.f), F(1.f / 24.f)), select(metal, F(0.5f), through),
+            select(metal, F(0.5f), F(1.f / 12.f)), select(metal, F(0.5f), F(0.125f))};
+        for (uint32_t k = 0; k < kHookColumns; ++k) {
+            const F cosine(static_cast<float>(k % (kCoatCells + 1)) / kCoatCells);
             const F entering = F(1.f) - fresnel_dielectric(cosine, x[5]).reflected;
-            store(table + k * L::kWidth, entering);
+            const uint32_t cell = (k + kLostCells + 1 - kLostAtCosine) % (kLostCells + 1);
+            const float t = static_cast<float>(cell) / kLostCells;
+            const F q = F((1.f - t) / t * ((1.f - t) / t)) / p.alpha_u;  // tangent of the angle
+            const F share = select(metal, F(0.25f), F(k < kLostBehind ? 0.0625f : 0.125f));
+            const F lost = share / sqrt(fma(q, q, F(1.f)));
+            store(table + k * L::kWidth,
+                  select(whole, k < kLostAtCosine ? numbers[k] : lost, entering));
         }
-        b.view.coat = {table, L::kWidth, load(lane, typename L::U())};
+        b.view.table = {table, L::kWidth, load(lane, typename L::U())};
     }
     b.set_view(n, dot(n, wo), x[1] > F(0.f));
     return b;
@@ -59,7 +72,7 @@ template <class L>
 VR_HD void evaluate_bsdf(bool sample, bool importance, const typename L::F* x, typename L::F* y) {
     using F = typename L::F;
     const F one(1.f), none(0.f);
-    float table[(kCoatCells + 1) * L::kWidth];
+    float table[kHookColumns * L::kWidth];
     const auto b = bsdf_of<L>(x, table);
     const Vec3<F> wo{x[24], x[25], x[26]};
     const auto from_front = x[1] > none;

@@ -49,23 +49,31 @@ struct BsdfSample {
 // simulation", 1997, section 5.2.
 enum class Transport : uint32_t { kRadiance, kImportance };
 
-// Transmittances of coats from outside, tabulated over the cosine; see scene/surfaces.cpp.
+// A table of a surface's own, which the host makes; see scene/surfaces.cpp.
 template <class L>
-struct CoatTable {
+struct SurfaceTable {
     using F = typename L::F;
     using U = typename L::U;
 
-    const float* columns = nullptr;  // for kCoatCells + 1 cosines from 0 to 1; null: no coats
+    const float* columns = nullptr;  // null: no surface has one
     uint32_t stride;
     U row;
 
+    VR_HD F number(U column) const {
+        return columns ? gather(columns, column * U(stride) + row) : F(0.f);
+    }
+    // Linear from a column to the next.
+    VR_HD F between(U column, F part) const {
+        const U at = column * U(stride) + row;
+        const F low = gather(columns, at), high = gather(columns, at + U(stride));
+        return fma(part, high - low, low);
+    }
+    // Of a coat from outside, tabulated over kCoatCells + 1 cosines from 0 to 1.
     VR_HD F transmittance(F cosine) const {
         if (!columns) return F(1.f);
         const F x = max(min(cosine, F(1.f)), F(0.f)) * F(float{kCoatCells});
         const U cell = to_uint(min(x, F(kCoatCells - 1.f)));
-        const U at = cell * U(stride) + row;
-        const F low = gather(columns, at), high = gather(columns, at + U(stride));
-        return fma(x - to_float(cell), high - low, low);
+        return between(cell, x - to_float(cell));
     }
 };
 
@@ -77,7 +85,7 @@ struct ClosureView {
     typename L::F cos_o;                  // between wo and n, positive
     FresnelSplit<typename L::F> fresnel;  // for closures with an index
     typename L::F relative;               // for these: index beyond over index on wo's side
-    CoatTable<L> coat;                    // for rough coats
+    SurfaceTable<L> table;                // for closures that have one
     bool tangents = false;                // whether the tangent is set
     Vec3<typename L::F> tangent;          // unit, perpendicular to n; alpha_u is along it
 };
@@ -110,7 +118,7 @@ struct Closure {
     static constexpr bool kIndexed = false;   // splits light by Fresnel's equations and index()
     static constexpr bool kTransmits = false;    // lobes of eval and sample behind the surface, too
     static constexpr bool kThirdNumber = false;  // reads Numbers::lobe without an index
-    static constexpr bool kReadsCoat = false;    // reads View::coat
+    static constexpr uint32_t kTable = 0;        // columns that it reads of View::table
     static constexpr bool kFollows = false;      // reads View::tangent, isotropic or not
     static constexpr bool kEitherSide = false;   // light may be on the other side of the face than
                                                  // of the normal: what is within lets it pass

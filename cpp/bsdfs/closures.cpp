@@ -9,9 +9,12 @@ const ClosureTraits& closure_traits(uint32_t kind) { return kClosures[kind]; }
 
 // The mean weight of mirrors that are drawn at the middles of cells: for GGX the visible ones; for
 // Beckmann all of them, those of large slopes in smaller cells. By symmetry half of the azimuths.
-double rough_share(bool through, float cosine, float eta, float alpha, bool ggx) {
+// Where shadows are correlated by height, a cosine of 0 has no limit that is soon reached, and
+// Mitsuba's 1e-6 stands for it.
+double rough_share(bool through, float cosine, float eta, float alpha, bool ggx, bool correlated) {
     using V = Vec3<float>;
     constexpr uint32_t kCells = 48;
+    if (correlated) cosine = max(cosine, 1e-6f);
     Microfacets<Scalar> facets{{}, {}, {}, alpha, alpha, ggx};
     const V o{sqrt(1.f - cosine * cosine), 0.f, cosine};
     const float masking = facets.seen(o);
@@ -31,7 +34,8 @@ double rough_share(bool through, float cosine, float eta, float alpha, bool ggx)
             const float up = through ? -i.z : i.z, area = ggx ? 1.f : masking * om / m.z;
             if (!(om > 0.f) || !(up > 0.f)) continue;
             const float share = through ? 1.f - split.reflected : split.reflected;
-            sum += static_cast<double>(share * facets.seen(i) * up * area * 2.f * rest);
+            const float common = facets.in_common(correlated, o, i, !through);
+            sum += static_cast<double>(share * facets.seen(i) * up * area * 2.f * rest * common);
         }
     return sum / (kCells * kCells);
 }

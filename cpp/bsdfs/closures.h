@@ -9,10 +9,10 @@
 namespace veriray {
 
 inline constexpr ClosureTraits kClosures[] = {
-#define VR_TRAITS_OF(C)                                                                          \
-    {C<Scalar>::kName,      C<Scalar>::kReads,       C<Scalar>::kScatters,  C<Scalar>::kClear,   \
-     C<Scalar>::kRefracts,  C<Scalar>::kPasses,      C<Scalar>::kReflects,  C<Scalar>::kIndexed, \
-     C<Scalar>::kTransmits, C<Scalar>::kThirdNumber, C<Scalar>::kReadsCoat, C<Scalar>::kFollows, \
+#define VR_TRAITS_OF(C)                                                                           \
+    {C<Scalar>::kName,      C<Scalar>::kReads,     C<Scalar>::kTable,       C<Scalar>::kScatters, \
+     C<Scalar>::kClear,     C<Scalar>::kRefracts,  C<Scalar>::kPasses,      C<Scalar>::kReflects, \
+     C<Scalar>::kIndexed,   C<Scalar>::kTransmits, C<Scalar>::kThirdNumber, C<Scalar>::kFollows,  \
      C<Scalar>::kEitherSide},
     VR_CLOSURES(VR_TRAITS_OF)
 #undef VR_TRAITS_OF
@@ -42,6 +42,6 @@ inline constexpr uint32_t kTransmittingKinds = kinds_with([](auto& c) { return c
 inline constexpr uint32_t kEitherSideKinds = kinds_with([](auto& c) { return c.either_side; });
 inline constexpr uint32_t kChoosingKinds =
     kIndexedKinds | kinds_with([](auto& c) { return c.third_number; });
-inline constexpr uint32_t kCoatTables = kinds_with([](auto& c) { return c.reads_coat; });
+inline constexpr uint32_t kTables = kinds_with([](auto& c) { return c.table > 0; });
 
 }  // namespace veriray

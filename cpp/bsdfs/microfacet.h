@@ -1,6 +1,6 @@
 // Rough interfaces: sheets of small mirrors, whose normals m are spread about n. Directions are
 // local: n = +z. B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR
-// 2007; shadowing by Smith's separable function, as Mitsuba 3 has it.
+// 2007; shadowing by Smith's functions: separable, as Mitsuba 3 has it, or correlated by height.
 #pragma once
 
 #include "bsdfs/closure.h"
@@ -25,6 +25,10 @@ struct Microfacets {
 
     static VR_HD Microfacets of(const MaterialParameters<F>& p, const ClosureView<L>& view) {
         return of(view, p.alpha_u, p.alpha_v, p.distribution > F(0.f));
+    }
+    // Whose heights count (slopes_number).
+    static VR_HD M correlated(const MaterialParameters<F>& p) {
+        return abs(p.distribution) > F(1.f);
     }
     static VR_HD Microfacets of(const ClosureView<L>& view, F alpha_u, F alpha_v, M ggx) {
         Microfacets f;
@@ -67,6 +71,33 @@ struct Microfacets {
         return select(ggx, smooth, beckmann);
     }
 
+    // Smith's G2 over the product of both G1, for directions on one side: 1 if it is separable.
+    // Correlated by height, G2 = 1 / (1 + Lambda_o + Lambda_i), G1 = 1 / (1 + Lambda). E. Heitz,
+    // "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs", JCGT 3(2), 2014.
+    VR_HD F in_common(M correlated, V o, V i) const {
+        const F one(1.f);
+        if (none(correlated)) return one;
+        const F a = seen(o) * abs(o.z), b = seen(i) * abs(i.z);
+        return select(correlated, one / fma(b, one - a, a), one);
+    }
+    // Likewise, and for directions on both sides where `mirror` is not set. A height that wo sees
+    // by the chance h^Lambda_o is open to the other side by (1 - h)^Lambda_i, so that G2 is Euler's
+    // beta function B(1 + Lambda_o, 1 + Lambda_i): E. Heitz et al., "Multiple-Scattering
+    // Microfacet BSDFs with the Smith Model", SIGGRAPH 2016. By Stirling's series for large
+    // numbers, whose rest is fitted within 9e-8 for those from 1 on.
+    VR_HD F in_common(M correlated, V o, V i, M mirror) const {
+        const F one(1.f);
+        if (none(correlated)) return one;
+        const F a = seen(o) * abs(o.z), b = seen(i) * abs(i.z), sum = a + b;
+        const F same = one / fma(b, one - a, a);
+        const F most(0.125f);  // above the sum of the series' rests
+        const F falls = most - (rest(a) + rest(b) - rest(a * b / sum)) -
+                        fma((one - a) / a, log_of_share(b, a), (one - b) / b * log_of_share(a, b));
+        const F root_2_pi(2.5066283f * 1.1331485f);  // times e^most
+        const F other = root_2_pi * exp_minus(falls) / (sum * sqrt(sum));
+        return select(correlated, select(mirror, same, other), one);
+    }
+
     // The density of `draw` is D (wo.m) times this; `masking` is seen(wo). GGX: of the visible
     // normals. Beckmann: of all normals, each with its opposite slope, of which one is taken in
     // proportion to the area that wo sees of both.
@@ -103,6 +134,19 @@ struct Microfacets {
         const V m{alpha_u * h.x, alpha_v * h.y, h.z};
         return m * (F(1.f) / sqrt(dot(m, m)));
     }
+
+   private:
+    // ln(x / (x + y)), accurate where that is almost 1.
+    static VR_HD F log_of_share(F x, F y) {
+        const F over = F(1.f) / (x + y);
+        return select(y < F(0.25f) * x, log_of_parts(-(y * over), F(0.f)), log(x * over));
+    }
+    // ln(x!) - (x + 1/2) ln x + x - ln(2 pi) / 2 for x = 1 / w, w in [0, 1].
+    static VR_HD F rest(F w) {
+        constexpr float c[] = {8.33332043e-2f, -2.77048576e-3f, 7.22026465e-4f, -3.00266983e-4f,
+                               7.70738280e-5f};
+        return w * polynomial(w * w, c);
+    }
 };
 
 // A lobe of the mirrors' reflections.
@@ -120,7 +164,9 @@ struct RoughMirror : Closure<L> {
         const V o = facets.local(wo, view.cos_o), i = facets.local(wi, cos_i);
         const V h = o + i, m = h * (F(1.f) / sqrt(dot(h, h)));
         const F d = F(0.25f) * facets.density(m), masking = facets.seen(o);
-        return {d * masking * facets.seen(i) * cos_i, d * facets.drawn(o, m, masking), dot(o, m)};
+        const F f_cos = d * masking * facets.seen(i) * cos_i;
+        return {f_cos * facets.in_common(Facets::correlated(p), o, i),
+                d * facets.drawn(o, m, masking), dot(o, m)};
     }
     // Reflects wo at a mirror; the weight is without the Fresnel factor, and 0 below the horizon.
     struct Drawn {
@@ -132,7 +178,8 @@ struct RoughMirror : Closure<L> {
         const V o = facets.local(wo, view.cos_o), m = facets.draw(o, r.u, r.v, r.lobe);
         const F c = dot(o, m), masking = facets.seen(o), chance = facets.drawn(o, m, masking);
         const V i = reflected(o, m, c);
-        const F up = facets.seen(i) * i.z * masking / chance;
+        const F up =
+            facets.seen(i) * i.z * masking / chance * facets.in_common(Facets::correlated(p), o, i);
         return {facets.world(i), select(i.z > F(0.f), up, F(0.f)),
                 F(0.25f) * facets.density(m) * chance, c};
     }

@@ -14,7 +14,7 @@ struct RoughCoat : RoughMirror<L> {
     static constexpr bool kDelta = false;
 
     static VR_HD F share(const Parameters&, const View& view) {
-        return F(1.f) - view.coat.transmittance(view.cos_o);
+        return F(1.f) - view.table.transmittance(view.cos_o);
     }
     static VR_HD F reflectance(const View& view, F cosine) {
         return fresnel_dielectric(min(cosine, F(1.f)), view.relative).reflected;
@@ -36,13 +36,14 @@ struct RoughCoat : RoughMirror<L> {
 template <class L>
 struct RoughInterface : Closure<L> {
     VR_CLOSURE(L);
-    static VR_HD F entering(const View& view, F cos_i) { return view.coat.transmittance(cos_i); }
+    static VR_HD F entering(const View& view, F cos_i) { return view.table.transmittance(cos_i); }
 };
 
 template <class L>
 struct RoughPlastic : LobeSum<L, RoughCoat<L>, CoatedBase<L, RoughInterface<L>>> {
     static constexpr const char* kName = "roughplastic";
-    static constexpr bool kIndexed = true, kReadsCoat = true;
+    static constexpr bool kIndexed = true;
+    static constexpr uint32_t kTable = kCoatCells + 1;
     static constexpr uint32_t kReads = parameter_bit(kParameter_reflectance) |
                                        parameter_bit(kParameter_specular_reflectance) |
                                        parameter_bit(kParameter_eta) | kReadsRoughness;

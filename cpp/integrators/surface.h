@@ -284,11 +284,10 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
                                     VR_INLINED { return surface_column(scene, row, c); };
             Texturing::replace(scene, column, at.uv, m);
         }
-        if constexpr (Material::has(kCoatTables)) {
+        if constexpr (Material::has(kTables)) {
             const uint64_t first = static_cast<uint64_t>(kSurfaceColumns) * scene.surface_stride;
-            if (scene.features & materials(kCoatTables))
-                m.view.coat.columns = scene.surfaces + first;
-            m.view.coat.stride = scene.surface_stride, m.view.coat.row = row;
+            if (scene.features & materials(kTables)) m.view.table.columns = scene.surfaces + first;
+            m.view.table.stride = scene.surface_stride, m.view.table.row = row;
         }
         return m;
     }

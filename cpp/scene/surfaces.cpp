@@ -6,6 +6,7 @@
 
 #include "bsdfs/rough_coat.h"
 #include "scene/edge_hash.h"
+#include "scene/lost_light.h"
 #include "scene/thread_pool.h"
 
 namespace veriray {
@@ -40,18 +41,20 @@ struct RoughCoat {
     float transmittance[kCoatCells + 1];
     double inside;
 };
-RoughCoat rough_coat(float eta, float alpha, bool ggx, bool smooth) {
+RoughCoat rough_coat(float eta, float alpha, bool ggx, bool correlated, bool smooth) {
     RoughCoat coat;
     double sent[kCoatCells + 1] = {};
-    parallel(smooth ? 1u : std::max(1u, std::thread::hardware_concurrency()), kCoatCells + 1, {},
-             [&](uint32_t, uint64_t k) {
-                 const double place = static_cast<double>(k) / kCoatCells;
-                 const float cosine = static_cast<float>(k) / kCoatCells;
-                 coat.transmittance[k] =
-                     static_cast<float>(smooth ? 1 - smooth_reflectance(place, double{eta})
-                                               : rough_share(true, cosine, eta, alpha, ggx));
-                 if (!smooth) sent[k] = 2 * place * rough_share(false, cosine, 1 / eta, alpha, ggx);
-             });
+    parallel(
+        smooth ? 1u : std::max(1u, std::thread::hardware_concurrency()), kCoatCells + 1, {},
+        [&](uint32_t, uint64_t k) {
+            const double place = static_cast<double>(k) / kCoatCells;
+            const float cosine = static_cast<float>(k) / kCoatCells;
+            coat.transmittance[k] =
+                static_cast<float>(smooth ? 1 - smooth_reflectance(place, double{eta})
+                                          : rough_share(true, cosine, eta, alpha, ggx, correlated));
+            if (!smooth)
+                sent[k] = 2 * place * rough_share(false, cosine, 1 / eta, alpha, ggx, correlated);
+        });
     double sum = 0;
     for (const double one : sent) sum += one;
     coat.inside = sum / (kCoatCells + 1);
@@ -127,12 +130,13 @@ void HostScene::set_surfaces(const SceneInput& in) {
             others[r] = static_cast<uint32_t>(other++), view.features |= kBlend;
     view.surface_count = static_cast<uint32_t>(rows.size());
     view.surface_stride = padded(rows.size());
-    const bool coats = std::any_of(rows.begin(), rows.end(), [&](const SurfaceKey& row) {
-        return closure_traits(in.material_kind.data[std::get<0>(row)]).reads_coat;
-    });
-    surfaces.assign((kSurfaceColumns + (coats ? kCoatCells + 1 : size_t{0})) * view.surface_stride,
-                    0.f);
-    std::map<std::tuple<float, float, bool, bool>, RoughCoat> made;  // by arguments
+    size_t columns = 0;
+    for (const SurfaceKey& row : rows.rows())
+        columns = std::max(columns,
+                           size_t{closure_traits(in.material_kind.data[std::get<0>(row)]).table});
+    surfaces.assign((kSurfaceColumns + columns) * view.surface_stride, 0.f);
+    std::map<std::tuple<float, float, bool, bool, bool>, RoughCoat> made;  // by arguments
+    std::map<std::tuple<float, double, bool, bool>, LostLightTable> lost;  // likewise
     for (size_t r = 0; r < rows.size(); ++r) {
         const auto [m, emission, boundary] = rows[r];
         const auto put = [&](uint32_t c, float x) {
@@ -145,6 +149,8 @@ void HostScene::set_surfaces(const SceneInput& in) {
         put(kSurface_##name + k,         \
             static_cast<float>(in.name.data[static_cast<size_t>(width) * m + k]));
 #include "schema/materials.def"
+        const bool ggx = in.distribution.data[m] != 0, correlated = in.shadowing.data[m] != 0;
+        put(kSurface_distribution, slopes_number(ggx, correlated));
         uint32_t given = 0;
 #define VR_TEXTURABLE(name)                                                        \
     put(kSurface_##name##_texture, static_cast<float>(in.name##_texture.data[m])); \
@@ -156,11 +162,10 @@ void HostScene::set_surfaces(const SceneInput& in) {
             const double eta = static_cast<double>(in.eta.data[3 * m]);
             const bool once = in.k.data[3 * m] > 0;
             double inside;
-            if (closure.reads_coat) {
+            if (closure.table) {
                 const float index = in.eta.data[3 * m], alpha = in.alpha_u.data[m];
-                const bool ggx = in.distribution.data[m] != 0;
-                const auto [at, fresh] = made.try_emplace({index, alpha, ggx, once});
-                if (fresh) at->second = rough_coat(index, alpha, ggx, once);
+                const auto [at, fresh] = made.try_emplace({index, alpha, ggx, correlated, once});
+                if (fresh) at->second = rough_coat(index, alpha, ggx, correlated, once);
                 for (uint32_t k = 0; k <= kCoatCells; ++k)
                     put(kSurfaceColumns + k, at->second.transmittance[k]);
                 inside = at->second.inside;
@@ -179,6 +184,40 @@ void HostScene::set_surfaces(const SceneInput& in) {
                 put(kSurface_reflectance + k,
                     static_cast<float>(rho / (1 - (in.nonlinear.data[m] ? rho : 1) * inside) /
                                        squared));
+            }
+        }
+        if (kWholeKinds >> kind & 1u) {
+            const auto put_own = [&](uint32_t c, double x) {
+                put(kSurfaceColumns + c, static_cast<float>(x));
+            };
+            // The light lost at each cosine for one side; returns its mean.
+            const auto put_lost = [&](uint32_t first, double eta) {
+                const auto [at, fresh] =
+                    lost.try_emplace({in.alpha_u.data[m], eta, ggx, correlated});
+                if (fresh)
+                    at->second = lost_light(double{in.alpha_u.data[m]}, ggx, correlated, eta);
+                for (uint32_t k = 0; k <= kLostCells; ++k)
+                    put_own(first + k, double{at->second.at_cosine[k]});
+                return at->second.mean;
+            };
+            const float *eta = in.eta.data + 3 * m, *absorbed = in.k.data + 3 * m;
+            if (kMetalKinds >> kind & 1u) {
+                put_own(kLostMean, put_lost(kLostAtCosine, 0));
+                for (uint32_t k = 0; k < 3; ++k)
+                    put_own(kReflectedMean + k,
+                            mean_reflectance(double{eta[k]}, double{absorbed[k]}));
+            } else {
+                // f is reciprocal if the shares that cross are in proportion to the squared index
+                // of the side they go to, times the mean lost there: the largest such that are at
+                // most what a smooth interface lets through.
+                const double front = put_lost(kLostAtCosine, double{eta[0]});
+                const double behind = put_lost(kLostBehind, 1 / double{eta[0]});
+                const double enters = 1 - mean_reflectance(double{eta[0]});
+                const double leaves = enters / (double{eta[0]} * double{eta[0]});
+                put_own(kLostMean, front);
+                put_own(kThrough, enters * std::min(1., behind / front));
+                put_own(kLostMeanBehind, behind);
+                put_own(kThroughBehind, leaves * std::min(1., front / behind));
             }
         }
         if (has_tangents(in, m)) view.features |= kTangents;

@@ -86,7 +86,7 @@ enum SurfaceColumn : uint32_t {
     kSurfaceInside,    // medium behind; -1: no change of medium
     kSurfaceOutside,   // medium in front
     kSurfaceOther,     // row of the other material of a blend; bits, ~0: none
-    kSurfaceColumns,   // then, where a material has a rough coat, kCoatCells + 1 of its table
+    kSurfaceColumns,   // then, where a material has a table, its columns (bsdfs/rough_coat.h)
 };
 
 inline constexpr uint32_t kSurfaceFirstTexture = kSurface_reflectance_texture;

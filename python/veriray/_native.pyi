@@ -104,6 +104,7 @@ class SceneArrays(TypedDict):
     alpha_u: npt.NDArray[np.float32]  # (M,)
     alpha_v: npt.NDArray[np.float32]  # (M,)
     distribution: npt.NDArray[np.uint32]  # (M,)
+    shadowing: npt.NDArray[np.uint32]  # (M,)
     roughness: npt.NDArray[np.float32]  # (M,)
     metallic: npt.NDArray[np.float32]  # (M,)
     spec_trans: npt.NDArray[np.float32]  # (M,)

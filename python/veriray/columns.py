@@ -46,11 +46,19 @@ _MATERIAL_KINDS = {
     "principled_open": MaterialKind(refracts=True, scatters=True),
     "principledthin": MaterialKind(refracts=True, scatters=True),
     "hair": MaterialKind(refracts=True, scatters=True),
+    "roughconductor_whole": MaterialKind(opaque=True, scatters=True),
+    "roughdielectric_whole": MaterialKind(refracts=True, scatters=True),
 }
 #: Kinds that a parameter of a plugin makes of its own kind.
 OPEN_KINDS = {"principled": "principled_open"}
-#: Values of `distribution`.
+#: Likewise, of rough surfaces that lose no light.
+WHOLE_KINDS = {
+    "roughconductor": "roughconductor_whole",
+    "roughdielectric": "roughdielectric_whole",
+}
+#: Values of `distribution` and `shadowing`.
 DISTRIBUTIONS = ("beckmann", "ggx")
+SHADOWINGS = ("separable", "height_correlated")
 MIN_ALPHA, MAX_ALPHA = 5e-5, 10.0
 #: Shares of a principled surface: default and meaning.
 PRINCIPLED = {
@@ -364,6 +372,10 @@ _HASHED_IF_SET: dict[str, Column] = {
         "materials", np.uint32, (), 0, indexes="distributions",
         doc="of the slopes; of DISTRIBUTIONS",
     ),
+    "shadowing": Column(
+        "materials", np.uint32, (), 0, indexes="shadowings",
+        doc="of small mirrors by each other, Smith's; of SHADOWINGS",
+    ),
     **{
         name: Column("materials", np.float32, (), default, 0.0, 1.0, doc=f"of a principled: {doc}")
         for name, (default, doc) in PRINCIPLED.items()
@@ -501,6 +513,7 @@ KINDS = {
     "texture filters": len(TEXTURE_FILTERS),
     "texture formats": len(TEXTURE_FORMATS),
     "distributions": len(DISTRIBUTIONS),
+    "shadowings": len(SHADOWINGS),
     "phase kinds": len(PHASE_KINDS),
 }
 
@@ -644,7 +657,7 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
                 f"eta[{row}] = {eta[row].tolist()} of a {MATERIAL_KINDS[kinds[row]]}; expected one "
                 f"number in [{1 / MAX_IOR:g}, {MAX_IOR:g}] three times"
             )
-    for name in ("roughdielectric", "principled_open"):
+    for name in ("roughdielectric", "roughdielectric_whole", "principled_open"):
         row = _first((kinds == MATERIAL_KINDS.index(name)) & (eta[:, 0] == 1))
         if row is not None:
             raise SceneError(f"eta[{row}] is 1 on a {name}; equal indices have no small mirrors")
@@ -672,6 +685,18 @@ def _check_materials(arrays: Mapping[str, Array]) -> None:
             f"alpha_u[{row}] = {u[row]:g} and alpha_v[{row}] = {v[row]:g}: the coat of a "
             "roughplastic has one alpha"
         )
+    textured = (arrays["alpha_u_texture"] >= 0) | (arrays["alpha_v_texture"] >= 0)
+    for name in WHOLE_KINDS.values():
+        row = _first((kinds == MATERIAL_KINDS.index(name)) & (textured | (u != v)))
+        if row is not None:
+            given = (
+                "has a texture"
+                if textured[row]
+                else f"= {u[row]:g} and alpha_v[{row}] = {v[row]:g}"
+            )
+            raise SceneError(
+                f"alpha_u[{row}] {given}: energy compensation of a {name} is for one alpha"
+            )
 
 
 def _check_lights(arrays: Mapping[str, Array]) -> None:

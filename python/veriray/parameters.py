@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from .columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TEXTURE_KINDS
+from .columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TEXTURE_KINDS, WHOLE_KINDS
 from .errors import SceneError
 from .numeric import distinct, shown
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 _KINDS = ("triangle", "sphere", "disk")
-_CLOSED = {kind: name for name, kind in OPEN_KINDS.items()}
+_CLOSED = {kind: name for name, kind in (OPEN_KINDS | WHOLE_KINDS).items()}
 
 
 def listed(scene: Scene) -> dict[str, float | tuple[float, ...]]:

@@ -138,6 +138,7 @@ class SceneArrays:
         10], default 0.1)
     alpha_v (M,) float32: likewise, across its tangent (in [5e-05, 10], default 0.1)
     distribution (M,) uint32: of the slopes; of DISTRIBUTIONS (default 0)
+    shadowing (M,) uint32: of small mirrors by each other, Smith's; of SHADOWINGS (default 0)
     roughness (M,) float32: of a principled: root of the slope of its mirrors, which is 0.001 at
         least (in [0, 1], default 0.5)
     metallic (M,) float32: of a principled: share of a metal of the base colour (in [0, 1], default
@@ -304,6 +305,7 @@ class SceneArrays:
     alpha_u: Array = _NONE
     alpha_v: Array = _NONE
     distribution: Array = _NONE
+    shadowing: Array = _NONE
     roughness: Array = _NONE
     metallic: Array = _NONE
     spec_trans: Array = _NONE

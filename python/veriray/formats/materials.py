@@ -8,7 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from ..columns import DISTRIBUTIONS, INDICES, MATERIAL_KINDS, OPEN_KINDS, TEXTURABLE, blank_row
+from ..columns import (
+    DISTRIBUTIONS,
+    INDICES,
+    MATERIAL_KINDS,
+    OPEN_KINDS,
+    SHADOWINGS,
+    TEXTURABLE,
+    WHOLE_KINDS,
+    blank_row,
+)
 from ..errors import SceneError
 from . import metals
 from .node import Node
@@ -71,7 +80,11 @@ def material(node: Node, values: dict[str, Any], report: Report) -> Row:
                 node.where,
             )
         row["distribution"] = DISTRIBUTIONS.index(values["distribution"])
+        row["shadowing"] = SHADOWINGS.index(values.get("shadowing", SHADOWINGS[0]))
         row["alpha_u"], row["alpha_v"] = _roughness(node, values)
+    if values.get("energy_compensation"):
+        _one_alpha(node, row)
+        row["material_kind"] = MATERIAL_KINDS.index(WHOLE_KINDS[node.plugin])
     if node.plugin == "pplastic":
         row["k"] = (1.0,) * 3
         if not any(values["specular_reflectance"]):
@@ -162,7 +175,7 @@ _GROWS = {
         ("reflectance",): ("diffuse",),
         ("specular_reflectance",): ("conductor", "roughconductor"),
         ("specular_reflectance", "specular_transmittance"): (
-            "dielectric", "thindielectric", "roughdielectric",
+            "dielectric", "thindielectric", "roughdielectric", "roughdielectric_whole",
         ),
     }.items()
     for kind in kinds
@@ -272,6 +285,25 @@ def _roughness(node: Node, values: dict[str, Any]) -> tuple[float, float]:
     u, v = (both if x is None else x for x in (u, v))
     u, v = (0.1 if x is None else max(x, _LEAST_ALPHA) for x in (u, v))
     return u, v
+
+
+def _one_alpha(node: Node, row: Row) -> None:
+    """What energy compensation has tables for."""
+    where = node.values["energy_compensation"].where
+    u, v = row["alpha_u"], row["alpha_v"]
+    if u != v:
+        raise SceneError(
+            f"{node}: energy_compensation = true with alpha_u = {u:g} and alpha_v = {v:g}; "
+            "allowed: with one alpha",
+            where,
+        )
+    for item in node.children:
+        if item.name in (*_ALPHAS, *INDICES):
+            raise SceneError(
+                f"{node}: energy_compensation = true with a texture as {item.name}; allowed: with "
+                "a number",
+                where,
+            )
 
 
 def textured_alpha(columns: Row, rows: Row) -> Row:

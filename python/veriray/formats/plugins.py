@@ -22,9 +22,11 @@ from ..columns import (
     OPEN_KINDS,
     PRINCIPLED,
     PRINCIPLED_THIN,
+    SHADOWINGS,
     TEXTURABLE,
     TEXTURE_FILTERS,
     TEXTURE_WRAPS,
+    WHOLE_KINDS,
 )
 from ..numeric import MAX_COORDINATE
 from ..settings import SETTINGS
@@ -140,7 +142,9 @@ _ELLIPSOIDS = {
 }
 _TO_UV = Param("transform", doc="of u and v, to the texture's own; default the identity")
 _TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
-_OPAQUE = (*OPAQUE_KINDS, "pplastic")
+#: Kinds that are no plugins but what a parameter makes of one.
+_MADE = (*OPEN_KINDS.values(), *WHOLE_KINDS.values())
+_OPAQUE = (*(k for k in OPAQUE_KINDS if k not in _MADE), "pplastic")
 _MEDIA = ("homogeneous", "heterogeneous")
 _VOLUMES = ("gridvolume", "constvolume")
 CHANNELS = ("r", "g", "b", "a", "x", "y", "z")
@@ -149,7 +153,7 @@ VOLUME_FILTERS = ("trilinear", "nearest")
 _UNMASKED = (
     *_OPAQUE,
     "twosided",
-    *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *OPEN_KINDS.values(), "hair")),
+    *(k for k in MATERIAL_KINDS if k not in (*OPAQUE_KINDS, *_MADE, "hair")),
     "polarizer",
     "circular",
     "retarder",
@@ -263,8 +267,12 @@ _PLASTIC = {
     ),
 }
 _ROUGH = {
-    "distribution": Param(
-        "string", "beckmann", choices=DISTRIBUTIONS, doc="of the slopes; Smith's G, separable"
+    "distribution": Param("string", "beckmann", choices=DISTRIBUTIONS, doc="of the slopes"),
+    "shadowing": Param(
+        "string",
+        "separable",
+        choices=SHADOWINGS,
+        doc="Smith's G; not in Mitsuba, which has the first",
     ),
     "alpha": Param(
         "float", None, 0.0, MAX_ALPHA, doc="root mean square slope; 0.1; below 1e-4 as 1e-4"
@@ -272,6 +280,11 @@ _ROUGH = {
     "alpha_u": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_v, for alpha: along u"),
     "alpha_v": Param("float", None, 0.0, MAX_ALPHA, doc="with alpha_u: across u"),
     "sample_visible": Param("boolean", True, doc="changes no expectation and nothing here"),
+}
+_WHOLE = {
+    "energy_compensation": Param(
+        "boolean", False, doc="for light that meets several mirrors; one alpha; not in Mitsuba"
+    )
 }
 #: A rough coat has tables for its one alpha.
 _TEXTURED_ALPHA = {
@@ -739,12 +752,16 @@ PLUGINS: dict[str, Plugin] = {
         _PLASTIC,
         doc="smooth clear coat on a diffuse base",
     ),
-    "roughconductor": Plugin("bsdf", {**_METAL, **_ROUGH, **_TEXTURED_ALPHA}, doc="rough metal"),
+    "roughconductor": Plugin(
+        "bsdf", {**_METAL, **_ROUGH, **_TEXTURED_ALPHA, **_WHOLE}, doc="rough metal"
+    ),
     "roughplastic": Plugin(
         "bsdf", {**_PLASTIC, **_ROUGH}, doc="rough clear coat on a diffuse base"
     ),
     "roughdielectric": Plugin(
-        "bsdf", {**_GLASS, **_ROUGH, **_TEXTURED_ALPHA}, doc="rough boundary of a clear material"
+        "bsdf",
+        {**_GLASS, **_ROUGH, **_TEXTURED_ALPHA, **_WHOLE},
+        doc="rough boundary of a clear material",
     ),
     "principled": Plugin(
         "bsdf",
@@ -777,7 +794,11 @@ PLUGINS: dict[str, Plugin] = {
     ),
     "pplastic": Plugin(
         "bsdf",
-        {name: param for name, param in {**_PLASTIC, **_ROUGH}.items() if name != "nonlinear"},
+        {
+            name: param
+            for name, param in {**_PLASTIC, **_ROUGH}.items()
+            if name not in ("nonlinear", "shadowing")
+        },
         doc="as Mitsuba's without polarisation: a rough coat's mirrors on a base that light enters "
         "and leaves once, as through a smooth coat",
     ),

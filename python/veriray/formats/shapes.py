@@ -21,7 +21,8 @@ from .textures import Attribute
 
 Array = npt.NDArray[Any]
 _DIELECTRICS = [
-    MATERIAL_KINDS.index(name) for name in ("dielectric", "roughdielectric", "principled_open")
+    MATERIAL_KINDS.index(name)
+    for name in ("dielectric", "roughdielectric", "roughdielectric_whole", "principled_open")
 ]
 _QUAD = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
 _QUAD_FACES = np.array([[0, 1, 2], [0, 2, 3]])

@@ -14,7 +14,7 @@ MOST_FACES = 1 << 22
 WELD = 2.0**-20
 #: Most boundaries on a ray that are followed; share of pairs of them that may disagree.
 STEPS, DISAGREE = 12, 0.01
-_SOLID = ("dielectric", "roughdielectric", "principled_open")
+_SOLID = ("dielectric", "roughdielectric", "roughdielectric_whole", "principled_open")
 
 
 def _meshes(look: Look) -> Iterator[tuple[int, Array]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import limits
 from ..camera import Camera
-from ..columns import COLUMNS, SCATTERING_KINDS, TEXTURE_FORMATS, TEXTURE_KINDS
+from ..columns import COLUMNS, SCATTERING_KINDS, TEXTURE_FORMATS, TEXTURE_KINDS, WHOLE_KINDS
 from ..scene import Scene
 from .look import Array, Finding, Look
 
@@ -41,9 +41,11 @@ def black(look: Look) -> list[Finding]:
     used = set(look.material[look.emission < 0].tolist())
     for row in sorted(used):
         names: tuple[str, ...] = _KEEP[:1]
-        if look.kind[row] in ("conductor", "roughconductor"):
+        if look.kind[row] in ("conductor", "roughconductor", "roughconductor_whole"):
             names = ("specular_reflectance",)
-        elif look.kind[row] in ("dielectric", "roughdielectric", "thindielectric"):
+        elif look.kind[row] in (
+            "dielectric", "roughdielectric", "roughdielectric_whole", "thindielectric",
+        ):  # fmt: skip
             names = _KEEP[1:]
         elif look.kind[row] not in ("diffuse", "plastic", "roughplastic"):
             continue
@@ -97,7 +99,7 @@ def albedo(look: Look) -> list[Finding]:
     )
     for row in np.unique(look.material[look.emission < 0]).tolist():
         if look.kind[row] not in SCATTERING_KINDS or look.kind[row] in (
-            "roughconductor", "roughdielectric",
+            "roughconductor", "roughdielectric", *WHOLE_KINDS.values(),
         ):  # fmt: skip
             continue
         if scene.metallic[row] or scene.spec_trans[row]:

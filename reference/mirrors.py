@@ -6,6 +6,7 @@ alpha (2, n): along x and y.
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import beta
 
 from reference.vectors import dot
 
@@ -18,6 +19,20 @@ def unhidden(w: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
         a = np.minimum(slope, 1.6)
         rational = (3.535 * a + 2.181 * a * a) / (1 + 2.276 * a + 2.577 * a * a)
     return np.where(ggx, smooth, np.where(slope < 1.6, rational, 1.0))
+
+
+def both_unhidden(
+    wo: np.ndarray, wi: np.ndarray, alpha: np.ndarray, ggx: np.ndarray, heights: np.ndarray
+) -> np.ndarray:
+    """Smith's G2 (n,): separable, or where `heights` is set correlated by height (E. Heitz, 2014;
+    across the surface E. Heitz et al., 2016)."""
+    own, other = unhidden(wo, alpha, ggx), unhidden(wi, alpha, ggx)
+    if not heights.any():
+        return own * other
+    with np.errstate(all="ignore"):
+        a, b = 1 / own - 1, 1 / other - 1
+        shared = np.where(wo[2] * wi[2] > 0, 1 / (1 + a + b), beta(1 + a, 1 + b))
+    return np.where(heights, np.where(own * other > 0, shared, 0), own * other)
 
 
 def spread(m: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:

@@ -393,10 +393,19 @@ class _Reader(Document):
         """The parameters of rough materials."""
         alphas = dict.fromkeys(("alpha", "alpha_u", "alpha_v"), self.number(0))
         return {**alphas, "distribution": self.choice("beckmann", "ggx"),
+                "shadowing": self.choice("separable", "height_correlated"),
                 "sample_visible": self.boolean}  # fmt: skip
 
+    def whole(self, element: etree._Element, values: dict) -> dict:
+        """Energy compensation, of one alpha."""
+        whole = values.pop("energy_compensation", False)
+        if whole and values["alpha"][0] != values["alpha"][1]:
+            raise self.error(element, "energy_compensation is for one alpha")
+        return {**values, "whole": whole}
+
     def roughconductor(self, element: etree._Element) -> dict:
-        return self.roughness(element, self.conductor(element, **self.rough()))
+        rough = {**self.rough(), "energy_compensation": self.boolean}
+        return self.whole(element, self.roughness(element, self.conductor(element, **rough)))
 
     def roughplastic(self, element: etree._Element) -> dict:
         values = self.roughness(element, self.plastic(element, **self.rough()))
@@ -405,7 +414,8 @@ class _Reader(Document):
         return values
 
     def roughdielectric(self, element: etree._Element) -> dict:
-        return self.roughness(element, self.dielectric(element, **self.rough()))
+        rough = {**self.rough(), "energy_compensation": self.boolean}
+        return self.whole(element, self.roughness(element, self.dielectric(element, **rough)))
 
     def principled(self, element: etree._Element) -> dict:
         numbers = dict.fromkeys(SHARES, self.number(0, 1))

@@ -5,7 +5,7 @@ is of radiance, with the cosine of wi; densities are per solid angle.
 
 =============== ==================================================================================
 mirrors         D of the slopes; what others hide of them by Smith's G1 for either direction
-                (separable; of Beckmann by Mitsuba's rational function)
+                (separable, or correlated by height; of Beckmann by Mitsuba's rational function)
 chosen          GGX: of those that wo sees, by E. Heitz, JCGT 7(4), 2018; Beckmann: of all, and
                 then it or the one of opposite slope, in proportion to what wo sees of either
 roughconductor  reflects, weight F of the complex index, per channel
@@ -13,6 +13,7 @@ roughplastic    reflects with probability 1 - T(wo), else as a matt base: rho / 
                 T(wo) T(wi) over pi; the density is that of both. T: what enters, Fi: what comes
                 back from inside, both of single steps, Mitsuba's tables
 roughdielectric reflects with probability F, else refracts
+compensation    of both: drawn evenly with the probability of what is lost (``reference/lost.py``)
 =============== ==================================================================================
 """
 
@@ -24,6 +25,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from reference.hair import Fibre
+from reference.lost import COSINES, Lost
 from reference.materials import (
     HAIR,
     OPEN,
@@ -37,7 +39,7 @@ from reference.materials import (
     mirrored,
     refracted,
 )
-from reference.mirrors import any_normal, chance, normals, spread, unhidden, visible
+from reference.mirrors import any_normal, both_unhidden, chance, normals, spread, unhidden, visible
 from reference.principled import Principled
 from reference.principled_thin import Sheet
 from reference.scene import Material
@@ -47,18 +49,26 @@ STEPS = 64  # of Mitsuba's tables for rough coats
 
 
 @functools.cache
-def coat(eta: float, alpha: float, ggx: bool) -> tuple[np.ndarray, float]:
+def coat(eta: float, alpha: float, ggx: bool, heights: bool) -> tuple[np.ndarray, float]:
     """What a rough coat lets in at STEPS cosines from 0 to 1, and what it sends back inside.
 
     The latter is Mitsuba's mean over the same cosines. Gauss-Legendre in the radius, even in angle.
     """
     cosine = np.maximum(np.linspace(0, 1, STEPS), 1e-6)
-    through = _share(True, cosine, eta, alpha, ggx)
-    inside = _share(False, cosine, 1 / eta, alpha, ggx)
+    through = _share(True, cosine, eta, alpha, ggx, heights)
+    inside = _share(False, cosine, 1 / eta, alpha, ggx, heights)
     return through, float(2 * (inside * cosine).mean())
 
 
-def _share(through: bool, cosines: np.ndarray, eta: float, alpha: float, ggx: bool) -> np.ndarray:
+@functools.cache
+def sent(through: bool, eta: float | None, alpha: float, ggx: bool, heights: bool) -> np.ndarray:
+    """What mirrors send on at COSINES; eta: as in `Share`."""
+    return _share(through, np.maximum(COSINES, 1e-7), eta, alpha, ggx, heights)
+
+
+def _share(
+    through: bool, cosines: np.ndarray, eta: float | None, alpha: float, ggx: bool, heights: bool
+) -> np.ndarray:
     x, w = np.polynomial.legendre.leggauss(320)
     if ggx:
         u, weight = ((x + 1) / 2) ** 2, w * (x + 1) / 2
@@ -78,10 +88,12 @@ def _share(through: bool, cosines: np.ndarray, eta: float, alpha: float, ggx: bo
             m = any_normal(rough, u, v)
             area = dot(wo, m) / m[2] / cosine * unhidden(wo, rough, smooth)
         om = dot(wo, m)
-        f = fresnel(np.clip(om, 0, 1), eta)
+        f = 1.0 if eta is None else fresnel(np.clip(om, 0, 1), eta)
         wi = refracted(-wo, m, np.full(len(u), eta)) if through else mirrored(-wo, m)
         side = wi[2] < 0 if through else wi[2] > 0
-        share = (1 - f if through else f) * unhidden(wi, rough, smooth) * area
+        own = unhidden(wo, rough, smooth)
+        lit = both_unhidden(wo, wi, rough, smooth, np.full(len(u), heights)) / own
+        share = (1 - f if through else f) * lit * area
         out.append((weight * share * (side & (om > 0))).sum())
     return np.array(out)
 
@@ -96,6 +108,12 @@ class Rough:
         self.smooth = smooth
         self.alpha = np.array([m.alpha for m in materials]).T.copy()
         self.ggx = np.array([m.distribution == "ggx" for m in materials])
+        self.heights = np.array([m.shadowing == "height_correlated" for m in materials])
+        self.whole = {
+            k: Lost(m, functools.partial(
+                sent, alpha=m.alpha[0], ggx=bool(self.ggx[k]), heights=bool(self.heights[k])))
+            for k, m in enumerate(materials) if m.whole
+        }  # fmt: skip
         self.principled = {
             k: Principled(m)
             for k, m in enumerate(materials)
@@ -107,7 +125,9 @@ class Rough:
         for k, m in enumerate(materials):
             if m.kind == "roughplastic":
                 eta, rho = float(m.eta[0]), m.reflectance
-                self.coats[k], inside = coat(eta, m.alpha[0], m.distribution == "ggx")
+                self.coats[k], inside = coat(
+                    eta, m.alpha[0], bool(self.ggx[k]), bool(self.heights[k])
+                )
                 self.base[:, k] = rho / (1 - (rho * inside if m.nonlinear else inside)) / eta**2
 
     def eta(self, m: np.ndarray, facing: np.ndarray) -> np.ndarray:
@@ -129,6 +149,10 @@ class Rough:
     ) -> tuple[np.ndarray, np.ndarray]:
         """F (3, n) times the cosine of wi, and the density (n,); 0 where nothing goes."""
         value, density = self._evaluate(m, eta, wo, wi)
+        for whole, at, front in self._whole(m, eta):
+            more, share, even = whole.evaluate(front, wo[:, at], wi[:, at])
+            value[:, at] += more
+            density[at] += share * (even - density[at])
         for one, at, front in self._principled(m, eta):
             value[:, at], density[at] = one.evaluate(front, wo[:, at], wi[:, at])
         for sheet, at in self._sheets(m):
@@ -140,6 +164,15 @@ class Rough:
         for number, sheet in (*self.sheets.items(), *self.fibres.items()):
             if len(at := np.flatnonzero(m == number)):
                 yield sheet, at
+
+    def _whole(self, m: np.ndarray, eta: np.ndarray) -> Iterator[tuple]:
+        """Each that loses no light with where it is seen, and from which side."""
+        for number, one in self.whole.items():
+            for front in (True,) if one.metal else (True, False):
+                side = one.metal or (eta > 1) == ((one.eta > 1) == front)
+                at = np.flatnonzero((m == number) & side)
+                if len(at):
+                    yield one, at, front
 
     def _principled(self, m: np.ndarray, eta: np.ndarray) -> Iterator[tuple]:
         """Each principled material with where it is seen, and from which side."""
@@ -167,7 +200,7 @@ class Rough:
                 mirror, 1 / (4 * om), eta**2 * np.abs(im) / (om + eta * im) ** 2
             )
             density = slopes * om * chance(wo, h, alpha, ggx)
-            both = unhidden(wo, alpha, ggx) * unhidden(wi, alpha, ggx)
+            both = both_unhidden(wo, wi, alpha, ggx, self.heights[m])
             value = slopes * om / wo[2] * both
         f = fresnel(np.clip(om, 0, 1), eta)
         colour = self.smooth.specular_reflectance[:, m] * f
@@ -202,6 +235,11 @@ class Rough:
         # a mirror's refraction or reflection that leaves on the other side is lost
         lost = ~matt & ((wi[2] > 0) == through)
         wi = np.where(lost, 0.0, np.where(matt, even, wi))
+        for whole, at, front in self._whole(m, eta):
+            again = rng.random(len(at)) < whole.at(front, wo[2, at])
+            across = rng.random(len(at)) < whole.crossing(front)
+            turned = even[:, at] * np.where(across, [[1], [1], [-1]], 1)
+            wi[:, at] = np.where(again, turned, wi[:, at])
         for one, at, front in self._principled(m, eta):
             wi[:, at] = one.sample(rng, front, wo[:, at])
         for sheet, at in self._sheets(m):

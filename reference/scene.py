@@ -94,8 +94,9 @@ class Material:
 
     reflectance: of diffuse, or of plastic's base. eta: refractive index inside over outside, equal
     in all channels but for a conductor, whose extinction is k (relative to the outside, too).
-    opacity: of a mask around the material, 1 without one. alpha, distribution: of rough ones; alpha
-    along and across the growth of u. relief: what turns normals, by relief_texture. texture: in
+    opacity: of a mask around the material, 1 without one. alpha, distribution, shadowing: of rough
+    ones; alpha along and across the growth of u. whole: a rough one that loses no light. relief:
+    what turns normals, by relief_texture. texture: in
     place of a diffuse reflectance. other: what a blend shows instead with the probability
     weight; by_side: from behind, and the material itself from the front. shares: of principled
     ones, of which the open let light through; their base colour is `reflectance`. fibre: of hair
@@ -118,6 +119,8 @@ class Material:
     by_side: bool = False
     alpha: tuple[float, float] = (0.1, 0.1)
     distribution: str = "beckmann"
+    shadowing: str = "separable"
+    whole: bool = False
     shares: Mapping[str, float] = field(default_factory=dict)
     fibre: tuple[float, float, float] = (0.3, 0.3, 2.0)
     relief: Relief | None = None

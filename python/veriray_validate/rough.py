@@ -1,6 +1,7 @@
 """Rough interfaces by quadrature: what small mirrors send back, or through, in one step.
 
-Slopes follow GGX or Beckmann, and what Smith's G1 hides is lost, as in Mitsuba 3.9.
+Slopes follow GGX or Beckmann, and what Smith's G hides is lost: separable as in Mitsuba 3.9, or
+correlated by height.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import beta
 
-from veriray_validate.fresnel import fresnel
+from veriray_validate.fresnel import fresnel, fresnel_conductor
 
 Array = npt.NDArray[Any]
 N = 96
@@ -36,12 +38,13 @@ def unhidden(w: Array, alpha: Alpha, ggx: bool) -> Array:
 
 
 def share(mu: float, alpha: Alpha, ggx: bool, reflectance: Callable[[Array], Array],
-          eta: float | None = None, azimuth: float = 0.0) -> float:  # fmt: skip
+          eta: float | None = None, azimuth: float = 0.0,
+          heights: bool = False) -> float:  # fmt: skip
     """The mean over the slopes that wo sees at a cosine mu, of what goes where wi is not hidden.
 
     reflectance: of a mirror by its cosine to wo. Through the interface if eta, beyond over here, is
-    given, else back. azimuth: of wo, from x towards y. In polar coordinates of the slopes over
-    alpha: Gauss-Legendre in their share, even in angle.
+    given, else back. azimuth: of wo, from x towards y. heights: shadows are correlated by them. In
+    polar coordinates of the slopes over alpha: Gauss-Legendre in their share, even in angle.
     """
     x, w = np.polynomial.legendre.leggauss(N)
     if ggx:  # of slopes (p, q): 1 / (pi (1 + p^2 + q^2)^2); tangent of an angle to pi / 2
@@ -67,17 +70,44 @@ def share(mu: float, alpha: Alpha, ggx: bool, reflectance: Callable[[Array], Arr
         beyond = np.sqrt(np.maximum(1 - (1 - om * om) / eta**2, 0))
         wi = (om / eta - beyond) * m - wo[:, None, None] / eta
         sent = np.where((wi[2] < 0) & (beyond > 0), 1 - f, 0)
-    value = seen * sent * unhidden(wi, alpha, ggx)
+    lit = unhidden(wi, alpha, ggx)
+    if heights:
+        own = unhidden(wo[:, None, None], alpha, ggx)
+        lit = np.where(sent > 0, lit, 1)
+        both = lit / (own + lit - own * lit) if eta is None else beta(1 / own, 1 / lit) / own
+        lit = np.where(sent > 0, both, 0)
+    value = seen * sent * lit
     return float((weight[:, None] * value).sum() / (2 * N))
 
 
+def returned(
+    mu: float, alpha: float, ggx: bool, heights: bool, eta: complex, colour: float
+) -> float:
+    """What a metal sends on if light that meets several mirrors is not lost (Kulla and Conty).
+
+    eta: its index; colour: a factor on each reflection.
+    """
+
+    def white(c: float) -> float:
+        return share(c, alpha, ggx, np.ones_like, heights=heights)
+
+    x, w = (a / 2 for a in np.polynomial.legendre.leggauss(64))
+    c = x + 0.5
+    kept = float((2 * c * w * [white(float(one)) for one in c]).sum())
+    once = colour * float((2 * c * w * fresnel_conductor(c, eta)).sum())
+    first = colour * share(mu, alpha, ggx, lambda c: fresnel_conductor(c, eta), heights=heights)
+    return first + (1 - white(mu)) * once**2 * kept / (1 - once * (1 - kept))
+
+
 @functools.cache
-def coat(eta: float, alpha: float, ggx: bool) -> tuple[Array, float]:
+def coat(eta: float, alpha: float, ggx: bool, heights: bool = False) -> tuple[Array, float]:
     """Mitsuba's tables of a rough coat, at 64 cosines: what it lets in; what it sends back inside.
 
     The latter is the mean over those cosines.
     """
     cosines = np.maximum(np.linspace(0, 1, 64), 1e-6)
-    through = [share(c, alpha, ggx, lambda x: fresnel(x, eta), eta) for c in cosines]
-    inside = [share(c, alpha, ggx, lambda x: fresnel(x, 1 / eta)) for c in cosines]
+    through = [share(c, alpha, ggx, lambda x: fresnel(x, eta), eta, 0, heights) for c in cosines]
+    inside = [
+        share(c, alpha, ggx, lambda x: fresnel(x, 1 / eta), None, 0, heights) for c in cosines
+    ]
     return np.array(through), float(2 * (np.array(inside) * cosines).mean())

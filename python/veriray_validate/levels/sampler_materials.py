@@ -39,7 +39,8 @@ Array = npt.NDArray[Any]
 class Grey:
     """A grey material; kind: of MATERIAL_KINDS, eta: inside over outside or of a conductor.
 
-    albedo: of a diffuse material; of plastic, of its base within the coat.
+    albedo: of a diffuse material; of plastic, of its base within the coat. heights: shadows of
+    small mirrors are correlated by height.
     """
 
     kind: str
@@ -54,10 +55,13 @@ class Grey:
     shares: tuple[float, ...] = tuple(
         default for default, _ in (PRINCIPLED | PRINCIPLED_THIN).values()
     )
+    heights: bool = False
 
     def columns(self, front: bool = True) -> tuple[float, ...]:
         """As the hooks take them."""
-        kind, *rest, shares = astuple(replace(self, across=self.across or self.alpha))
+        slopes = (2.0 if self.ggx else -2.0) if self.heights else self.ggx  # slopes_number
+        all_ = astuple(replace(self, across=self.across or self.alpha, ggx=slopes))
+        kind, *rest, shares, _ = all_
         return (MATERIAL_KINDS.index(kind), float(front), *rest, *shares)
 
     @property
@@ -68,7 +72,9 @@ class Grey:
     def relative(self, front: bool) -> float:
         """Index beyond over index on the side of wo."""
         eta = float(single(self.eta))
-        two_sided = self.kind in ("dielectric", "roughdielectric", "principled_open")
+        two_sided = self.kind in (
+            "dielectric", "roughdielectric", "roughdielectric_whole", "principled_open",
+        )  # fmt: skip
         return 1 / eta if two_sided and not front else eta
 
     def mirror(self, cos_o: float, front: bool) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from veriray.columns import SHADOWINGS
 from veriray.formats.plugins import PLUGINS
 from veriray.transform import compose, look_at, translate
 from veriray.transform import rotate as turn
@@ -244,6 +245,8 @@ _MATERIAL: dict[str, list[tuple[str, Any]]] = {
     "k": [("1", 1.0), ("3", 3.0), ("rgb 4, 2.5, 2", rgb(4, 2.5, 2))],
     "ext_eta": [("1", 1.0), ("1.33", 1.33), ("2", 2.0)],
     "distribution": [("beckmann", "beckmann"), ("ggx", "ggx")],
+    "shadowing": [(name, name) for name in SHADOWINGS],
+    "energy_compensation": _SWITCH,
     "nonlinear": _SWITCH,
     "alpha_u": [("0.02", (0.02, 0.3)), ("0.1", (0.1, 0.3)), ("0.3", (0.3, 0.3))],
     "alpha_v": [("0.02", (0.3, 0.02)), ("0.1", (0.3, 0.1)), ("0.3", (0.3, 0.3))],
@@ -275,6 +278,11 @@ _WITH: dict[tuple[str, str], Dict] = {
     ("principled", "specular"): {"base_color": rgb(0.3, 0.05, 0.05), "roughness": 0.2},
     ("plastic", "nonlinear"): {"diffuse_reflectance": rgb(0.8, 0.4, 0.15)},
     ("roughplastic", "nonlinear"): {"diffuse_reflectance": rgb(0.8, 0.4, 0.15)},
+    **{
+        (name, key): {"alpha": 1.0, "distribution": "ggx"}
+        for name in ("roughconductor", "roughdielectric", "roughplastic")
+        for key in ("shadowing", "energy_compensation")
+    },
     ("conductor", "eta"): {"k": 1.0},
     ("conductor", "k"): {"eta": 0.5},
     ("roughconductor", "eta"): {"k": 1.0},

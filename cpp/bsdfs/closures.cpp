@@ -34,8 +34,9 @@ double rough_share(bool through, float cosine, float eta, float alpha, bool ggx,
             const float up = through ? -i.z : i.z, area = ggx ? 1.f : masking * om / m.z;
             if (!(om > 0.f) || !(up > 0.f)) continue;
             const float share = through ? 1.f - split.reflected : split.reflected;
-            const float common = facets.in_common(correlated, o, i, !through);
-            sum += static_cast<double>(share * facets.seen(i) * up * area * 2.f * rest * common);
+            const float lit = facets.seen(i) * up;
+            const float both = facets.in_common(correlated, masking * cosine, lit, !through);
+            sum += static_cast<double>(share * lit * area * 2.f * rest * both);
         }
     return sum / (kCells * kCells);
 }

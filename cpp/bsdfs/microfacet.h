@@ -71,13 +71,13 @@ struct Microfacets {
         return select(ggx, smooth, beckmann);
     }
 
-    // Smith's G2 over the product of both G1, for directions on one side: 1 if it is separable.
-    // Correlated by height, G2 = 1 / (1 + Lambda_o + Lambda_i), G1 = 1 / (1 + Lambda). E. Heitz,
-    // "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs", JCGT 3(2), 2014.
-    VR_HD F in_common(M correlated, V o, V i) const {
+    // Smith's G2 over the product of both G1, a and b, for directions on one side: 1 if it is
+    // separable. Correlated by height, G2 = 1 / (1 + Lambda_o + Lambda_i), G1 = 1 / (1 + Lambda).
+    // E. Heitz, "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs", JCGT
+    // 3(2), 2014.
+    static VR_HD F in_common(M correlated, F a, F b) {
         const F one(1.f);
         if (none(correlated)) return one;
-        const F a = seen(o) * abs(o.z), b = seen(i) * abs(i.z);
         return select(correlated, one / fma(b, one - a, a), one);
     }
     // Likewise, and for directions on both sides where `mirror` is not set. A height that wo sees
@@ -85,17 +85,16 @@ struct Microfacets {
     // beta function B(1 + Lambda_o, 1 + Lambda_i): E. Heitz et al., "Multiple-Scattering
     // Microfacet BSDFs with the Smith Model", SIGGRAPH 2016. By Stirling's series for large
     // numbers, whose rest is fitted within 9e-8 for those from 1 on.
-    VR_HD F in_common(M correlated, V o, V i, M mirror) const {
+    static VR_HD F in_common(M correlated, F a, F b, M mirror) {
         const F one(1.f);
         if (none(correlated)) return one;
-        const F a = seen(o) * abs(o.z), b = seen(i) * abs(i.z), sum = a + b;
-        const F same = one / fma(b, one - a, a);
-        const F most(0.125f);  // above the sum of the series' rests
-        const F falls = most - (rest(a) + rest(b) - rest(a * b / sum)) -
-                        fma((one - a) / a, log_of_share(b, a), (one - b) / b * log_of_share(a, b));
+        const F sum = a + b, over = one / sum, most(0.125f);  // above the sum of the rests
+        const F falls =
+            most - (rest(a) + rest(b) - rest(a * b * over)) -
+            fma((one - a) / a, log_of_share(b, a, over), (one - b) / b * log_of_share(a, b, over));
         const F root_2_pi(2.5066283f * 1.1331485f);  // times e^most
-        const F other = root_2_pi * exp_minus(falls) / (sum * sqrt(sum));
-        return select(correlated, select(mirror, same, other), one);
+        const F other = root_2_pi * exp_minus(falls) * over * sqrt(over);
+        return select(correlated, select(mirror, one / fma(b, one - a, a), other), one);
     }
 
     // The density of `draw` is D (wo.m) times this; `masking` is seen(wo). GGX: of the visible
@@ -136,9 +135,8 @@ struct Microfacets {
     }
 
    private:
-    // ln(x / (x + y)), accurate where that is almost 1.
-    static VR_HD F log_of_share(F x, F y) {
-        const F over = F(1.f) / (x + y);
+    // ln(x / (x + y)), accurate where that is almost 1; over: 1 / (x + y).
+    static VR_HD F log_of_share(F x, F y, F over) {
         return select(y < F(0.25f) * x, log_of_parts(-(y * over), F(0.f)), log(x * over));
     }
     // ln(x!) - (x + 1/2) ln x + x - ln(2 pi) / 2 for x = 1 / w, w in [0, 1].
@@ -164,9 +162,9 @@ struct RoughMirror : Closure<L> {
         const V o = facets.local(wo, view.cos_o), i = facets.local(wi, cos_i);
         const V h = o + i, m = h * (F(1.f) / sqrt(dot(h, h)));
         const F d = F(0.25f) * facets.density(m), masking = facets.seen(o);
-        const F f_cos = d * masking * facets.seen(i) * cos_i;
-        return {f_cos * facets.in_common(Facets::correlated(p), o, i),
-                d * facets.drawn(o, m, masking), dot(o, m)};
+        const F lit = facets.seen(i);
+        const F both = Facets::in_common(Facets::correlated(p), masking * o.z, lit * cos_i);
+        return {d * masking * lit * cos_i * both, d * facets.drawn(o, m, masking), dot(o, m)};
     }
     // Reflects wo at a mirror; the weight is without the Fresnel factor, and 0 below the horizon.
     struct Drawn {
@@ -178,8 +176,9 @@ struct RoughMirror : Closure<L> {
         const V o = facets.local(wo, view.cos_o), m = facets.draw(o, r.u, r.v, r.lobe);
         const F c = dot(o, m), masking = facets.seen(o), chance = facets.drawn(o, m, masking);
         const V i = reflected(o, m, c);
-        const F up =
-            facets.seen(i) * i.z * masking / chance * facets.in_common(Facets::correlated(p), o, i);
+        const F lit = facets.seen(i) * i.z;
+        const F both = Facets::in_common(Facets::correlated(p), masking * o.z, lit);
+        const F up = lit * masking / chance * both;
         return {facets.world(i), select(i.z > F(0.f), up, F(0.f)),
                 F(0.25f) * facets.density(m) * chance, c};
     }

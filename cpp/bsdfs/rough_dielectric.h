@@ -44,8 +44,8 @@ struct RoughDielectric : Closure<L> {
         const F masking = facets.seen(o), lit = facets.seen(i) * abs(cos_i);
         const S colour = select(mirror, p.specular_reflectance,
                                 p.specular_transmittance * (squared(view) * compression(view)));
-        const F common = facets.in_common(Facets::correlated(p), o, i, mirror);
-        return {colour * (d * masking * lit * common),
+        const F both = Facets::in_common(Facets::correlated(p), masking * o.z, lit, mirror);
+        return {colour * (d * masking * lit * both),
                 d * facets.drawn(o, m, masking) * select(mirror, F(1.f), squared(view))};
     }
 
@@ -59,9 +59,9 @@ struct RoughDielectric : Closure<L> {
             select(mirror, reflected(o, m, om), refracted(o, m, om, split.cos_t, view.relative));
         const F masking = facets.seen(o), chance = facets.drawn(o, m, masking);
         const F up = select(mirror, i.z, -i.z);
-        const F lit = facets.seen(i) * up * masking / chance *
-                      facets.in_common(Facets::correlated(p), o, i, mirror);
-        const F share = select(up > F(0.f), lit, F(0.f));
+        const F lit = facets.seen(i) * up;
+        const F both = Facets::in_common(Facets::correlated(p), masking * o.z, lit, mirror);
+        const F share = select(up > F(0.f), lit * masking / chance * both, F(0.f));
         const F across = fma(-view.relative, split.cos_t, om);
         const F through = (F(1.f) - split.reflected) * om * split.cos_t / (across * across);
         const F spread = select(mirror, F(0.25f) * split.reflected, through * squared(view));

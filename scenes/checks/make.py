@@ -4,7 +4,8 @@
     python scenes/checks/make.py [--check]
 
 --check compares with the files that are there and writes nothing (exit status 1 if they differ).
-Every file is valid for Mitsuba 3.9 (volpath) as it stands. Needs numpy, OpenEXR and trimesh.
+Every file but rough_shadows and rough_whole is valid for Mitsuba 3.9 (volpath) as it stands. Needs
+numpy, OpenEXR and trimesh.
 """
 
 from __future__ import annotations
@@ -824,6 +825,50 @@ def rough_glass() -> str:
     )  # fmt: skip
 
 
+HEIGHTS, WHOLE = text("shadowing", "height_correlated"), flag("energy_compensation")
+
+
+@scene
+def rough_shadows() -> str:
+    """Shadows of small mirrors correlated by height: metal, plastic and glass, GGX and Beckmann."""
+    gold = rgb("eta", 0.2, 0.5, 1.4), rgb("k", 3.9, 2.4, 1.7)
+    red = rgb("diffuse_reflectance", 0.8, 0.3, 0.1)
+    block = transform(scale(0.5, 0.6, 0.3), rotate("y", 30), translate(1.4, 0.61, 0.2))
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.8, 0.2, 0.7, bsdf("roughdielectric", *rough(0.6, HEIGHTS, ggx=True)))
+        + sphere(0.4, 0.5, 1, 0.45, bsdf("roughconductor", *gold, *rough(0.8, HEIGHTS)))
+        + shape("cube", block,
+                bsdf("roughdielectric", *rough(0.5, number("int_ior", 1.8), HEIGHTS)))
+        + shape("ply", text("filename", "meshes/bumps.ply"),
+                transform(scale(0.4), translate(-0.4, 0.5, 1.3)),
+                bsdf("roughplastic", red, *rough(0.5, HEIGHTS, ggx=True)))
+        + sphere(0.4, 1.5, -0.4, 0.45,
+                 bsdf("roughconductor", *rough(0.7, HEIGHTS, ggx=True)))
+    )  # fmt: skip
+
+
+@scene
+def rough_whole() -> str:
+    """Rough metal and glass with energy compensation, by either kind of shadows."""
+    gold = rgb("eta", 0.2, 0.5, 1.4), rgb("k", 3.9, 2.4, 1.7)
+    tints = rgb("specular_reflectance", 0.7, 0.8, 0.9), rgb("specular_transmittance", 0.9, 0.8, 0.7)
+    straw = rgb("specular_reflectance", 0.9, 0.8, 0.5)
+    pane = transform(scale(0.7), rotate("y", -35), rotate("x", -10), translate(1.7, 0.9, -0.8))
+    block = transform(scale(0.4, 0.5, 0.3), rotate("y", 30), translate(1.3, 0.51, 0.7))
+    return (
+        sensor() + striped()
+        + sphere(-0.9, 0.8, 0.2, 0.7,
+                 bsdf("roughconductor", *gold, *rough(0.7, WHOLE, ggx=True)))
+        + sphere(0.3, 0.5, 1.1, 0.45,
+                 bsdf("roughdielectric", *rough(0.6, WHOLE, HEIGHTS, ggx=True)))
+        + shape("rectangle", pane, bsdf("twosided", bsdf(
+            "roughconductor", *rough(1, WHOLE, HEIGHTS, straw))))
+        + shape("cube", block, bsdf("roughdielectric", *tints,
+                                    *rough(0.5, number("int_ior", 1.8), WHOLE)))
+    )  # fmt: skip
+
+
 @scene
 def medium_in_rough_glass() -> str:
     """A scattering medium in a ball of rough glass."""
@@ -1625,8 +1670,9 @@ def xml(about: str, body: str, hides: str = "") -> str:
 README = """# Checks
 
 Small bright scenes, each about one thing, in which every shape, material, medium, camera, light and
-filter occurs. Mitsuba 3 reads the same files. `make.py` makes them all, meshes, a sky and random
-spheres too (`--check` compares). Parameters: `spp`, `width`, `height`, `max_depth`, `rr_depth`.
+filter occurs. Mitsuba 3 reads the same files, but `rough_shadows` and `rough_whole`. `make.py`
+makes them all, meshes, a sky and random spheres too (`--check` compares). Parameters: `spp`,
+`width`, `height`, `max_depth`, `rr_depth`.
 
 | scene | what it is about |
 |---|---|

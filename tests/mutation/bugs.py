@@ -58,6 +58,7 @@ _CHECKS = (
     "hg_forward", "lamp_in_medium", "mask", "medium_in_glass", "near_lamps", "null_medium",
     "plastic",
     "plastic_nonlinear", "rough_glass", "rough_metal", "rough_plastic", "medium_in_rough_glass",
+    "rough_shadows", "rough_whole",
     "principled_surfaces", "principled_glass", "thin_sheets", "albedo_grid", "smoke",
     "brushed", "relief",
     "point_in_medium", "point_light", "projected_images", "smooth_normals", "sphere_light",
@@ -132,6 +133,9 @@ _DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectr
 _THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
 _ROUGH_METAL, _ROUGH_PLASTIC, _ROUGH_GLASS = (
     f"bsdfs/rough_{n}.h" for n in ("conductor", "plastic", "dielectric")
+)
+_LOST, _WHOLE_METAL, _WHOLE_GLASS = (
+    f"bsdfs/{n}.h" for n in ("lost_light", "whole_conductor", "whole_dielectric")
 )
 _PRINCIPLED, _COAT = "bsdfs/principled.h", "bsdfs/clear_coat.h"
 _HAIR = "bsdfs/hair.h"
@@ -294,9 +298,9 @@ _ROUGH = (
     Mutant("slopes of Beckmann half as steep", _FACETS, "exp_minus(slope2 / z2)",
            "exp_minus(F(4.f) * slope2 / z2)", "rough_metal"),
     Mutant("light not hidden by small mirrors", _FACETS,
-           "d * masking * facets.seen(i) * cos_i", "d * masking", "rough_metal"),
+           "d * masking * lit * cos_i", "d * masking", "rough_metal"),
     Mutant("sampled light not hidden by small mirrors", _FACETS,
-           "facets.seen(i) * i.z * masking / chance", "masking / chance", "rough_metal"),
+           "lit * masking / chance", "masking / chance", "rough_metal"),
     Mutant("opposite slopes at even chances", _FACETS, "(at < one_way) | !(other > none)",
            "coin < F(0.5f)", "rough_metal"),
     Mutant("density of visible slopes for Beckmann", _FACETS,
@@ -308,7 +312,7 @@ _ROUGH = (
     Mutant("density of light samples for rough metal doubled", _FACETS,
            "d * facets.drawn(o, m, masking)", "F(2.f) * d * facets.drawn(o, m, masking)",
            "rough_metal"),
-    Mutant("rough base seen through no coat", _ROUGH_PLASTIC, "view.coat.transmittance(cos_i)",
+    Mutant("rough base seen through no coat", _ROUGH_PLASTIC, "view.table.transmittance(cos_i)",
            "F(1.f)", "rough_plastic"),
     Mutant("rough coat chosen without its density", _ROUGH_PLASTIC, "one.pdf_sa * share",
            "one.pdf_sa", "rough_plastic"),
@@ -318,6 +322,19 @@ _ROUGH = (
            "to_uint(max(x - F(1.f), F(0.f)))", "rough_plastic"),
     Mutant("nothing sent back inside a rough coat", _TABLES, "sum / (kCoatCells + 1)", "0.0",
            "rough_plastic"),
+    Mutant("heights of small mirrors without effect", _FACETS, "abs(p.distribution) > F(1.f)",
+           "abs(p.distribution) > F(2.f)", "rough_shadows"),
+    Mutant("shadows across rough glass as on one side", _FACETS,
+           "select(mirror, one / fma(b, one - a, a), other)", "one / fma(b, one - a, a)",
+           "rough_shadows"),
+    Mutant("light lost by a rough metal tinted once", _WHOLE_METAL, "once * once * (F(1.f) - mean)",
+           "once * (F(1.f) - mean)", "rough_whole"),
+    Mutant("light lost by a rough metal drawn evenly", _LOST,
+           "cosine = sqrt(c2)", "cosine = sqrt(F(1.f) - u)", "rough_whole"),
+    Mutant("light lost by rough glass counted as from in front", _WHOLE_GLASS,
+           "select(front, U(kLostAtCosine), U(kLostBehind))", "U(kLostAtCosine)", "rough_whole"),
+    Mutant("mean of lost light without its cosine", "scene/lost_light.cpp", "* 2 * c * slope",
+           "* slope", "rough_whole"),
     Mutant("light behind rough glass left out", _BLEND, "a.lit = a.lit | a.behind;",
            "a.lit = a.lit;", "rough_glass"),
     Mutant("light behind rough glass not compressed", _ROUGH_GLASS,

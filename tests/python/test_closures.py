@@ -50,6 +50,7 @@ QUESTIONS: Mapping[str, tuple[str, ...]] = {
     "samples fall as the density says": (
         "sampler_materials.material_directions", "sampler_materials.lobe_choice",
         "sampler_rough.rough_directions", "sampler_rough.weak_white_furnace",
+        "sampler_rough.whole_directions",
         "sampler_principled.principled_directions", "sampler_thin.thin_directions",
         "sampler_hair.hair_directions",
     ),

@@ -67,6 +67,7 @@ def test_parameters_fill_columns() -> None:
     tables = {"bsdf": "materials", "phase": "media", "emitter": "lights", "texture": "textures"}
     # by what they hold, or computed
     filled = {"two_sided", "material_kind", "eta", "k", "alpha_u", "alpha_v", "distribution"}
+    filled |= {"shadowing"}
     filled |= {"blend_material", *(f"{name}_texture" for name in (*TEXTURABLE, "relief"))}
     filled |= {"relief_heights", "relief_mirrored", "blend_sides"}
     filled |= {"hair_along", "hair_around", "hair_tilt"}
@@ -77,7 +78,7 @@ def test_parameters_fill_columns() -> None:
                 filled.add(param.column)
     assert {name for name, column in COLUMNS.items() if column.table == "materials"} <= filled
     unpolarised = {"polarizer", "circular", "retarder", "pplastic"}
-    own = set(MATERIAL_KINDS) - set(columns.OPEN_KINDS.values())
+    own = set(MATERIAL_KINDS) - {*columns.OPEN_KINDS.values(), *columns.WHOLE_KINDS.values()}
     assert own | {"twosided", "mask", "blendbsdf", "bumpmap", "normalmap", *unpolarised} == set(
         of_category("bsdf")
     )

@@ -756,7 +756,12 @@ PLUGINS: dict[str, Plugin] = {
         "bsdf", {**_METAL, **_ROUGH, **_TEXTURED_ALPHA, **_WHOLE}, doc="rough metal"
     ),
     "roughplastic": Plugin(
-        "bsdf", {**_PLASTIC, **_ROUGH}, doc="rough clear coat on a diffuse base"
+        "bsdf",
+        {**_PLASTIC, **_ROUGH},
+        doc="rough clear coat on a diffuse base",
+        unsupported={
+            "energy_compensation": "not supported; allowed: on roughconductor, roughdielectric"
+        },
     ),
     "roughdielectric": Plugin(
         "bsdf",

@@ -62,7 +62,8 @@ NAMES = tuple(checks())
 QUICK = {
     "blended_fog", "camera_in_medium", "conductor_metal", "directional_light", "disk_ellipse",
     "glass_cube", "hair", "hg_forward", "mask", "medium_in_glass", "mitchell", "plastic_nonlinear",
-    "point_light", "rectangle_sheared", "rough_metal", "rough_plastic", "smooth_normals",
+    "point_light", "rectangle_sheared", "rough_metal", "rough_plastic", "rough_shadows",
+    "rough_whole", "smooth_normals",
     "sphere_light", "spot_light", "tent", "thindielectric", "thinlens", "twosided",
 }  # fmt: skip
 #: p values of one comparison, at most.

@@ -36,7 +36,7 @@ double rough_share(bool through, float cosine, float eta, float alpha, bool ggx,
             const float share = through ? 1.f - split.reflected : split.reflected;
             const float lit = facets.seen(i) * up;
             const float both = facets.in_common(correlated, masking * cosine, lit, !through);
-            sum += static_cast<double>(share * lit * area * 2.f * rest * both);
+            sum += static_cast<double>(share * facets.seen(i) * up * area * 2.f * rest * both);
         }
     return sum / (kCells * kCells);
 }

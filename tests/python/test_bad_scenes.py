@@ -537,7 +537,7 @@ ARRAYS = {
     "flat disk": ({"disks": [[[0, 0, 0], [1, 0, 0], [2, 0, 0]]], "disk_material": [0]}, "disks[0] is flat"),
     "disk of a point": ({"disks": np.zeros((1, 3, 3)), "disk_material": [0]}, "disks[0] is flat"),
     "disk's shape": ({"disks": [[0, 0, 0]]}, "disks has shape (1, 3), expected (n, 3, 3)"),
-    "material kind": ({"material_kind": [13]}, "material_kind[0] = 13 is outside [0, 12] (there are 13 material kinds)"),
+    "material kind": ({"material_kind": [15]}, "material_kind[0] = 15 is outside [0, 14] (there are 15 material kinds)"),
     "kinds missing": ({"material_kind": [0, 0]}, "material_kind has shape (2,), expected (1)"),
     "specular": ({"specular_reflectance": [[0, 0, 2]]}, "specular_reflectance[0][2] = 2.0 is outside [0, 1]"),
     "index 0": ({"material_kind": [2], "eta": [[0, 0, 0]]}, "eta[0] = [0.0, 0.0, 0.0] of a dielectric; expected one number in [0.001, 1000]"),

@@ -405,7 +405,7 @@ CHANGES = {
     "sigma_t": ((0, 2), 7), "albedo": ((0, 1), 0.5), "phase_g": (0, 0.5), "light_kind": (0, 1),
     "light_position": ((0, 0), 7), "light_direction": (0, (1, 0, 0)),
     "light_intensity": ((0, 0), 7), "light_angles": ((2, 1), 7),
-    "alpha_u": (0, 0.5), "alpha_v": (0, 0.5), "distribution": (0, 1),
+    "alpha_u": (0, 0.5), "alpha_v": (0, 0.5), "distribution": (0, 1), "shadowing": (0, 1),
     **{name: (0, 0.25) for name in (*PRINCIPLED, "diff_trans")},
     "sky_texels": ((1, 2), 7), "sky_size": (slice(None), (1, 2)),
     "sky_to_world": (slice(None), -np.eye(3)), "sky_compensated": (0, True),

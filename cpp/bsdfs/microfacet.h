@@ -88,13 +88,17 @@ struct Microfacets {
     static VR_HD F in_common(M correlated, F a, F b, M mirror) {
         const F one(1.f);
         if (none(correlated)) return one;
-        const F sum = a + b, over = one / sum, most(0.125f);  // above the sum of the rests
+        return select(correlated, select(mirror, one / fma(b, one - a, a), open_both_ways(a, b)),
+                      one);
+    }
+    static VR_ONCE F open_both_ways(F a, F b) {
+        const F one(1.f), sum = a + b, over = one / sum,
+                          most(0.125f);  // above the sum of the rests
         const F falls =
             most - (rest(a) + rest(b) - rest(a * b * over)) -
             fma((one - a) / a, log_of_share(b, a, over), (one - b) / b * log_of_share(a, b, over));
         const F root_2_pi(2.5066283f * 1.1331485f);  // times e^most
-        const F other = root_2_pi * exp_minus(falls) * over * sqrt(over);
-        return select(correlated, select(mirror, one / fma(b, one - a, a), other), one);
+        return root_2_pi * exp_minus(falls) * over * sqrt(over);
     }
 
     // The density of `draw` is D (wo.m) times this; `masking` is seen(wo). GGX: of the visible

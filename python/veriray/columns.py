@@ -431,7 +431,7 @@ _HASHED_IF_SET: dict[str, Column] = {
         doc="rotation or reflection of the image, acting on column vectors",
     ),
     "sky_compensated": Column(
-        "", np.bool_, (1,), False,
+        "", np.bool_, (1,), True,
         doc="light samples are drawn by what the radiance exceeds its mean by; noise alone changes",
     ),
     "grid_size": Column(

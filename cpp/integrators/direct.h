@@ -39,8 +39,9 @@ struct DirectLight : RayMedia<L, kFeatures> {
     // ---- light sample: one light as seen from p ----
     static VR_HD LightSample<L> sample_light(const SceneView& scene, const PathSettings& s,
                                              const PathState<L>& path, const Vertex& at,
-                                             uint32_t segment, F u, F v, M active) {
+                                             uint32_t segment, Block<U> scatter, M active) {
         const LightView& lights = scene.lights;
+        const F u = uniform(scatter.x), v = uniform(scatter.y);
         const M nobody = no_lanes(active);
         U row(0u);
         F chance(1.f);
@@ -126,23 +127,20 @@ struct DirectLight : RayMedia<L, kFeatures> {
         return pdf;
     }
 
-    // A light sample: what it adds if it is free.
-    struct Candidate {
-        LightSample<L> light;
-        S radiance;
-        M wanted, behind;
-    };
-    static VR_HD Candidate candidate(const SceneView& scene, const PathSettings& s,
-                                     const PathState<L>& path, const Place& place, uint32_t segment,
-                                     F u, F v, M active, [[maybe_unused]] BsdfSample<L>& next) {
+    // ---- request: what the light sample would add, as a shadow ray. Of blends, weighs the next
+    // direction, too, which has been drawn ----
+    static VR_HD void request(const SceneView& scene, const PathSettings& s,
+                              const PathState<L>& path, const Place& place, uint32_t segment,
+                              Block<U> scatter, M active, [[maybe_unused]] BsdfSample<L>& next,
+                              ShadowRequest<L>& shadow) {
         const Vertex& at = place.vertex;
-        const LightSample<L> light = sample_light(scene, s, path, at, segment, u, v, active);
+        const LightSample<L> light = sample_light(scene, s, path, at, segment, scatter, active);
         Answer found = light_from(light.wi, -path.ray.d, at, place.bsdf, active);
         if constexpr (has(kBlend))
             Blend::mix(scene, -path.ray.d, place, light.wi, active & place.choice.mixed, found,
                        next);
         BsdfValue<F>& value = found.value;
-        M& lit = found.lit;
+        M &lit = found.lit, &behind = found.behind;
         if constexpr (has(kMedia)) {
             const auto phase =
                 at.phase.eval(scene.phases, path.ray.d, light.wi, active & !at.surface);
@@ -156,92 +154,18 @@ struct DirectLight : RayMedia<L, kFeatures> {
         if constexpr (has(kDeltaLights)) weight = select(light.delta, light.inverse_pdf, weight);
         // From nearer than 2^-64 the inverse overflows; its weight would be 0.
         lit = lit & (light.inverse_pdf < F(kInfinity));
-        return {light, path.throughput * light.radiance * value.f_cos * weight,
-                lit & (max_channel(light.radiance) > F(0.f)), found.behind};
-    }
-
-    // Where an image of a sky is the only light that is sampled, light samples of vertices that the
-    // camera sees, directly or by way of mirrors and glass, are one of kCandidates: chosen in
-    // proportion to what they add if they are free, whose mean it then stands for (J. Talbot, D.
-    // Cline, P. Egbert, "Importance Resampling for Global Illumination", EGSR 2005). The
-    // heuristic's weight is part of what they add. Beside other lights the parts of a picture by
-    // lights would not add up: muted ones would change the choice. With `sobol`, whose light
-    // samples cover the sky together, one is better.
-    static constexpr uint32_t kCandidates = 4;
-    static constexpr FeatureMask kResampled = lights(kSkyShapes & kSampledShapes);
-    static VR_HD M resampled(const SceneView& scene, const PathSettings& s,
-                             const PathState<L>& path, M active) {
-        if constexpr (!has(kResampled)) return no_lanes(active);
-        if (!(scene.features & kResampled) || scene.lights.count != 1 ||
-            s.key.sampler != veriray::Sampler::kIndependent)
-            return no_lanes(active);
-        return active & (path.pdf_sa == F(0.f));
-    }
-    // The light sample that goes on. scatter: its numbers, or those of the first candidate. One
-    // call of `candidate`, which is long.
-    static VR_HD Candidate choose_candidate(const SceneView& scene, const PathSettings& s,
-                                            const PathState<L>& path, const Place& place,
-                                            uint32_t segment, Block<U> scatter, M active,
-                                            BsdfSample<L>& next) {
-        const M again = resampled(scene, s, path, active);
-        const uint32_t count = has(kResampled) && any(again) ? kCandidates : 1;
-        const F zero(0.f);
-        const M nobody = no_lanes(active);
-        Candidate best{{}, black(), nobody, nobody};
-        F own = zero, total = zero;
-        VR_ROLLED
-        for (uint32_t k = 0; k < count; ++k) {
-            Block<U> r = scatter;
-            BsdfSample<L> weighed = next;
-            if (k > 0)
-                r = random_block(s.key, path.pixel, path.sample,
-                                 dimension_block(segment, kScatter, kLightSteps - k));
-            const M lanes = k > 0 ? again : active;
-            const Candidate one = candidate(scene, s, path, place, segment, uniform(r.x),
-                                            uniform(r.y), lanes, weighed);
-            const F more =
-                select(one.wanted, one.radiance[0] + one.radiance[1] + one.radiance[2], zero);
-            total = total + more;
-            if (k == 0) {
-                next = weighed, best = one, own = more;
-                continue;
-            }
-            // By the middle of the places that the number stands for, so never for nothing.
-            const M take = again & ((uniform(r.z) + F(0x1p-25f)) * total < more);
-            own = select(take, more, own);
-            Sampler::merge(best.light, take, one.light);
-            best.radiance = select(take, one.radiance, best.radiance);
-            best.wanted = (take & one.wanted) | (!take & best.wanted);
-            best.behind = (take & one.behind) | (!take & best.behind);
-        }
-        if (count == 1) return best;
-        const F scale = total / (own * F(static_cast<float>(kCandidates)));
-        best.radiance = select(again & (own > zero), best.radiance * scale, best.radiance);
-        return best;
-    }
-
-    // ---- request: what the light sample would add, as a shadow ray. Of blends, weighs the next
-    // direction, too, which has been drawn ----
-    static VR_HD void request(const SceneView& scene, const PathSettings& s,
-                              const PathState<L>& path, const Place& place, uint32_t segment,
-                              Block<U> scatter, M active, BsdfSample<L>& next,
-                              ShadowRequest<L>& shadow) {
-        const Vertex& at = place.vertex;
-        const Candidate best =
-            choose_candidate(scene, s, path, place, segment, scatter, active, next);
-        shadow.wanted = best.wanted;
-        shadow.ray = {at.p, best.light.wi};
-        shadow.t_max = best.light.distance;
-        shadow.radiance = best.radiance;
-        shadow.skip = best.light.skip;
+        shadow.wanted = lit & (max_channel(light.radiance) > F(0.f));
+        shadow.ray = {at.p, light.wi};
+        shadow.t_max = light.distance;
+        shadow.radiance = path.throughput * light.radiance * value.f_cos * weight;
+        shadow.skip = light.skip;
         if constexpr (has(kMedia)) shadow.medium = path.medium;
         if constexpr (has(kUnevenMedia))
             shadow.random = random_stream(s.key, path.pixel, path.sample,
                                           dimension_block(segment, kCross, kShadowSteps));
         shadow.travelled = F(0.f), shadow.passed = U(~0u);
         if constexpr (Material::kTransmits)
-            if (any(best.behind))
-                shadow.wanted = shadow.wanted & start_behind(at, best.behind, shadow);
+            if (any(behind)) shadow.wanted = shadow.wanted & start_behind(at, behind, shadow);
     }
 
     // From the other side of the surface to the same point, or the same way if that is far away.

@@ -183,7 +183,7 @@ class SceneArrays:
     sky_to_world (3, 3) float64: rotation or reflection of the image, acting on column vectors (in
         [-2, 2], default ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     sky_compensated (1,) bool: light samples are drawn by what the radiance exceeds its mean by;
-        noise alone changes (default False)
+        noise alone changes (default True)
     grid_size (G, 3) uint32: cells along x, y and z; cell k of n has its centre at (k + 1/2) / n (in
         [1, 32768])
     grid_first (G,) uint32: its first row of cells (default 0)

@@ -162,7 +162,7 @@ _SKY = "Sampler::sky(Direct::sky_row(scene), path.ray.d, weight)"
 _MET = "Direct::light_pdf(scene, path, prim, {path.ray.o, hit.t, cos_light, chance}, lit)"
 _FLIGHT = "select(t < limit, albedo, Spectrum<F>::all(F(1.f)))"
 _LIT = "hit_emitter(scene, path, place.hit, at, covered)"
-_T_MAX = "shadow.t_max = best.light.distance;"
+_T_MAX = "shadow.t_max = light.distance;"
 _ALBEDO = "m.parameters.reflectance"
 _READ = "return m;"
 _KEEP = "samples_[c][at[k]] = x[c][k];"
@@ -221,14 +221,14 @@ _CORNELL = (
            "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};",
            "sincos_2pi(v * F(.5f), s, c); const F r = sqrt(u); "
            "return {r * c, r * s, sqrt(F(1.f) - u)};", "quick"),
-    Mutant("u = v on the lamp", _DIRECT, "uniform(r.y), lanes", "uniform(r.x), lanes", "quick"),
+    Mutant("u = v on the lamp", _DIRECT, "uniform(scatter.y)", "uniform(scatter.x)", "quick"),
     Mutant("roulette and direction share a number", _PATH,
            "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).y",
            "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kScatter)).z",
            "quick"),
     Mutant("shadow rays meet nothing", _DIRECT, _T_MAX, "shadow.t_max = F(0.f);", "quick"),
     Mutant("shadow rays half as long", _DIRECT, _T_MAX,
-           "shadow.t_max = best.light.distance * F(.5f);", "quick"),
+           "shadow.t_max = light.distance * F(.5f);", "quick"),
     Mutant("roulette one vertex early", _PATH, "segment + 1 < s.rr_depth",
            "segment + 2 < s.rr_depth", "quick"),
     Mutant("roulette capped at 0.5", _PATH, _Q, _Q.replace("min(F(1.f), to", "min(F(.5f), to"),

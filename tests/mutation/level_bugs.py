@@ -156,13 +156,6 @@ _LIGHTS = (
     Mutant("light chosen and sampled by one number", _DIRECT,
            "random_block(s.key, path.pixel, path.sample, dimension_block(segment, kDecide)).x >> 8",
            "to_uint(u * F(0x1p24f))"),
-    Mutant("the best of several light samples stands for itself", _DIRECT,
-           "total / (own * F(static_cast<float>(kCandidates)))", "F(1.f)"),
-    Mutant("the best of several light samples stands for one too many", _DIRECT,
-           "kCandidates : 1", "kCandidates - 1u : 1"),
-    Mutant("light samples are chosen evenly, but weighed by their share", _DIRECT,
-           "(uniform(r.z) + F(0x1p-25f)) * total < more",
-           "(uniform(r.z) * F(static_cast<float>(k + 1u)) < F(1.f)) & (more > F(0.f))"),
     Mutant("lamp sampled on 98 % of its side", _LAMP,
            "fma(row.vector(kLightE1), at.u, fma(row.vector(kLightE2), at.v, row.vector(kLightP)))",
            "fma(row.vector(kLightE1), at.u * F(.98f),"

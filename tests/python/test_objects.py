@@ -408,7 +408,7 @@ CHANGES = {
     "alpha_u": (0, 0.5), "alpha_v": (0, 0.5), "distribution": (0, 1), "shadowing": (0, 1),
     **{name: (0, 0.25) for name in (*PRINCIPLED, "diff_trans")},
     "sky_texels": ((1, 2), 7), "sky_size": (slice(None), (1, 2)),
-    "sky_to_world": (slice(None), -np.eye(3)), "sky_compensated": (0, True),
+    "sky_to_world": (slice(None), -np.eye(3)), "sky_compensated": (0, False),
     "uv": ((0, 1), 7), "sphere_frame": (0, np.eye(3)[[1, 0, 2]]), "disk_turned": (0, True),
     "texture_kind": (0, 1), "texture_to_uv": ((0, 0, 2), 7), "texture_color0": ((1, 0), 0.25),
     "texture_color1": ((1, 1), 0.25), "texture_wrap": (0, 1), "texture_filter": (0, 1),

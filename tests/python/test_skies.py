@@ -39,9 +39,9 @@ def test_the_arrays_of_an_image() -> None:
 
 
 def test_compensation_is_in_the_hash_and_even_skies_have_none() -> None:
-    plain, other = scene(), scene(mis_compensation=True)
+    plain, other = scene(mis_compensation=False), scene()
     assert other.sky_compensated.tolist() == [True] and not plain.sky_compensated.any()
-    assert scene(mis_compensation=False).sha256 == plain.sha256 != other.sha256
+    assert scene(mis_compensation=True).sha256 == other.sha256 != plain.sha256
     floor = {"type": "sphere", "center": [0, 0, 4]}
     pictures = []
     for texels in (TEXELS, np.full_like(TEXELS, 0.3)):

@@ -1034,7 +1034,7 @@ PLUGINS: dict[str, Plugin] = {
             "scale": Param("float", 1.0, 0.0, doc="factor on the radiance"),
             "to_world": Param("transform", doc="no scale; the upper edge is at local +y"),
             "mis_compensation": Param(
-                "boolean", False, doc="light samples only where it is brighter than its mean"
+                "boolean", True, doc="light samples only where it is brighter than its mean"
             ),
         },
         doc="radiance by direction: latitudes and longitudes; the middle column is at local +z",

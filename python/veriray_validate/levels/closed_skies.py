@@ -30,10 +30,11 @@ COLOUR = np.array([1.0, 2.0, 0.5])
 
 
 def image(texels: Array, turn: Any = None, **more: Any) -> Dict:
-    """An image around the scene; turn (3, 3)."""
+    """An image around the scene; turn (3, 3). Its light samples are of all of it."""
     place = np.eye(4)
     place[:3, :3] = np.eye(3) if turn is None else turn
-    return {"type": "envmap", "bitmap": texels.astype(np.float32), "to_world": place, **more}
+    sky = {"type": "envmap", "bitmap": texels.astype(np.float32), "to_world": place}
+    return {**sky, "mis_compensation": False, **more}
 
 
 def irradiance(texels: Array, normal: Any) -> Array:

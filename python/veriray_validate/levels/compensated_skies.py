@@ -1,4 +1,4 @@
-"""Skies whose light samples leave out what is below their mean (`mis_compensation`).
+"""Skies whose light samples leave out what is below their mean, as is the default.
 
 Light there is found by directions of closures and phase functions alone, with weight 1: so these
 cases ask each way on which light of a sky arrives.

@@ -7,6 +7,8 @@ namespace veriray {
 
 const ClosureTraits& closure_traits(uint32_t kind) { return kClosures[kind]; }
 
+float common_shadows(float a, float b) { return Microfacets<Scalar>::in_common(true, a, b, false); }
+
 // The mean weight of mirrors that are drawn at the middles of cells: for GGX the visible ones; for
 // Beckmann all of them, those of large slopes in smaller cells. By symmetry half of the azimuths.
 // Where shadows are correlated by height, a cosine of 0 has no limit that is soon reached, and

@@ -11,6 +11,9 @@ inline constexpr uint32_t kCoatCells = 63;  // of the table of what a rough coat
 // in one step and past Smith's shadows. eta: index beyond over index here.
 double rough_share(bool through, float cosine, float eta, float alpha, bool ggx, bool correlated);
 
+// Smith's G2 across a surface over the product of both G1, where heights count.
+float common_shadows(float a, float b);
+
 // How closures are told a distribution of slopes and its shadows: above 0 for GGX, else Beckmann's;
 // beyond 1 on either side if the shadows are correlated by height.
 constexpr float slopes_number(bool ggx, bool correlated) {

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "bsdfs/rough_coat.h"
+#include "core/math.h"
 #include "scene/thread_pool.h"
 
 namespace veriray {
@@ -19,7 +20,9 @@ struct Rule {
     std::vector<double> x, w;
     explicit Rule(int n) {
         for (int i = 0; i < n; ++i) {
-            double z = std::cos(kRound * (i + 0.75) / (n + 0.5)), slope = 0;
+            float sine, first;
+            sincos_2pi(static_cast<float>(0.5 * (i + 0.75) / (n + 0.5)), sine, first);
+            double z = double{first}, slope = 0;
             for (int step = 0; step < 8; ++step) {
                 double p = 1, before = 0;
                 for (int k = 0; k < n; ++k) {
@@ -48,19 +51,7 @@ Split split(double c, double eta) {
     return {0.5 * (s * s + p * p), t};
 }
 
-// As Microfacets::in_common for directions on both sides, with G1 of both.
-double across(double a, double b) {
-    const auto rest = [](double w) {
-        const double x = w * w;
-        return w * (8.33332043e-2 +
-                    x * (-2.77048576e-3 +
-                         x * (7.22026465e-4 + x * (-3.00266983e-4 + x * 7.70738280e-5))));
-    };
-    const double sum = a + b;
-    const double grows = rest(a) + rest(b) - rest(a * b / sum) + (1 - a) / a * std::log(b / sum) +
-                         (1 - b) / b * std::log1p(-b / sum);
-    return std::sqrt(2 * kRound / sum) / sum * std::exp(grows);
-}
+double exponential(double x) { return double{exp_minus(static_cast<float>(x))}; }
 
 struct Mirrors {
     double alpha;
@@ -74,13 +65,17 @@ struct Mirrors {
         if (c >= 1.6 * s) return 1 / c;
         return (3.535 * s + 2.181 * c) / (2.577 * c * c + 2.276 * s * c + s * s);
     }
-    // The mean projected area of all mirrors on the side of a direction: c (1 + Lambda), exactly.
+    // The mean projected area of all mirrors on the side of a direction: c (1 + Lambda), of
+    // Beckmann's by M. Abramowitz, I. A. Stegun, "Handbook of Mathematical Functions", 7.1.26.
     double area(double sine, double c) const {
         const double s = alpha * sine;
         if (ggx) return 0.5 * (c + std::sqrt(c * c + s * s));
         if (!(s > 0)) return c;
-        const double a = c / s;
-        return c * (1 - 0.5 * std::erfc(a)) + s * std::exp(-a * a) / (2 * std::sqrt(kRound));
+        const double a = c / s, t = 1 / (1 + 0.3275911 * a);
+        const double erfc_over =
+            t * (0.254829592 +
+                 t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
+        return c + exponential(a * a) * 0.5 * (s / std::sqrt(kRound) - c * erfc_over);
     }
 
     // G2 over that of wo alone, `masking`, for another direction's cosine.
@@ -88,7 +83,8 @@ struct Mirrors {
         const double sine = std::sqrt(std::max(1 - cosine * cosine, 0.));
         const double lit = seen(sine, cosine) * cosine;
         if (!correlated) return lit;
-        return through ? lit * across(masking, lit) : lit / (masking + lit * (1 - masking));
+        if (!through) return lit / (masking + lit * (1 - masking));
+        return lit * double{common_shadows(static_cast<float>(masking), static_cast<float>(lit))};
     }
     // What a mirror sends on to where it is seen; om: from wo to it, of length sqrt(m2).
     double sent(double c, double masking, double om, double m2, bool above) const {
@@ -110,45 +106,50 @@ struct Mirrors {
     double lost(double c, const Rule& rule) const {
         const double s = std::sqrt(1 - c * c), own = seen(s, c), right = 0.5 * kRound;
         const double first = eta > 0 ? 1 - eta * eta - c * c : 0;
-        const double met = first > 0 ? std::asin(std::min(std::sqrt(first) / s, 1.)) : 0;
+        const double met_x = first > 0 ? std::min(std::sqrt(first) / s, 1.) : 0;
+        const double met = std::min(double{angle(static_cast<float>(std::sqrt(1 - met_x * met_x)),
+                                                 static_cast<float>(met_x))},
+                                    right);
         double sum = 0;
         for (const double side : {-s, s})
             for (const auto& [from, to] : {std::array{0., met}, std::array{met, right}})
                 for (size_t j = 0; j < rule.x.size() && to > from; ++j) {
                     const double v = rule.x[j], wide = to - from;
                     const double turn = from + wide * v * v * (3 - 2 * v);
+                    float sine, cosine;
+                    sincos_2pi(static_cast<float>(0.25 * turn / right), sine, cosine);
                     sum += rule.w[j] * wide * 6 * v * (1 - v) / right *
-                           ray(c, own * c, side * std::sin(turn), rule);
+                           ray(c, own * c, side * double{sine}, rule);
                 }
         return std::max(1 - own * area(s, c) + own * sum, 0.);
     }
-    // Along a ray of slopes, x of whose tangent is towards wo. The radius is that of the slopes
-    // over alpha, for GGX its arc tangent, in parts that end at the circle and where total
-    // reflection begins.
+    // Along a ray of slopes, x of whose tangent is towards wo. Places on it are r, the slopes over
+    // alpha, for GGX 1 / sqrt(1 + r^2), in parts that end at the circle and where total reflection
+    // begins.
     double ray(double c, double masking, double x, const Rule& rule) const {
-        const double end = ggx ? 0.5 * kRound : 7, root = std::sqrt(x * x + c * c);
-        const auto radius = [&](double slope) {
+        const double end = ggx ? 0 : 7, root = std::sqrt(x * x + c * c);
+        const auto place_of = [&](double slope) {
             const double r = slope / alpha;
-            return ggx ? std::atan(r) : std::min(r, end);
+            return ggx ? 1 / std::sqrt(1 + r * r) : std::min(r, end);
         };
-        const double edge = radius(x > 0 ? c / (root + x) : (root - x) / c);
-        const double limit = x > 0 ? radius(c / x) : end;
-        std::array<double, 5> ends{0, edge, limit, limit, limit};
+        const double edge = place_of(x > 0 ? c / (root + x) : (root - x) / c);
+        const double limit = x > 0 ? place_of(c / x) : end;
+        std::array<double, 5> ends{ggx ? 1. : 0., edge, limit, limit, limit};
         for (size_t k = 0; k < 2; ++k)
-            if (const double slope = total_from(c, x)[k]; slope > 0)
-                ends[3 + k] = std::min(radius(slope), limit);
+            if (const double slope = total_from(c, x)[k]; slope > 0 && slope * x < c)
+                ends[3 + k] = place_of(slope);
         std::sort(ends.begin(), ends.end());
         double sum = 0;
         for (size_t part = 0; part + 1 < ends.size(); ++part) {
             const double wide = ends[part + 1] - ends[part];
             for (size_t i = 0; i < rule.x.size() && wide > 0; ++i) {
                 const double u = rule.x[i], place = ends[part] + wide * u * u * (3 - 2 * u);
-                const double r = ggx ? std::tan(place) : place;
-                const double density =
-                    ggx ? std::sin(place) * std::cos(place) : r * std::exp(-r * r);
+                const double r = ggx ? std::sqrt(1 - place * place) / place : place;
+                const double density = ggx ? place : r * exponential(r * r);
                 const double slope = alpha * r, om = c - slope * x;
                 if (!(om > 0)) continue;
-                const double kept = sent(c, masking, om, 1 + slope * slope, place < edge);
+                const bool above = ggx ? place > edge : place < edge;
+                const double kept = sent(c, masking, om, 1 + slope * slope, above);
                 sum += rule.w[i] * wide * 6 * u * (1 - u) * density * om * (1 - kept);
             }
         }

@@ -322,8 +322,6 @@ _ROUGH = (
            "to_uint(max(x - F(1.f), F(0.f)))", "rough_plastic"),
     Mutant("nothing sent back inside a rough coat", _TABLES, "sum / (kCoatCells + 1)", "0.0",
            "rough_plastic"),
-    Mutant("heights of small mirrors without effect", _FACETS, "abs(p.distribution) > F(1.f)",
-           "abs(p.distribution) > F(2.f)", "rough_shadows"),
     Mutant("shadows across rough glass as on one side", _FACETS,
            "select(mirror, one / fma(b, one - a, a), open_both_ways(a, b))",
            "one / fma(b, one - a, a)",

@@ -14,6 +14,7 @@ from tests.mutation.bugs import (
     _DIRECT,
     _DIVIDE,
     _EVAL,
+    _FACETS,
     _FRESNEL,
     _HAIR,
     _HIT,
@@ -105,6 +106,8 @@ _SCATTERING = (
            " m = F(1.f) - select(eta < F(1.f), cos_t, cos_i);"
            " return fma(F(1.f) - r0, m * m * m * m * m, r0); }()"),
     Mutant("Fresnel +2 %", _FRESNEL, _R, "F(0.51f) * fma(s, s, p * p)"),
+    Mutant("heights of small mirrors without effect", _FACETS, "abs(p.distribution) > F(1.f)",
+           "abs(p.distribution) > F(2.f)"),
     Mutant("refraction at small mirrors by the cosine in the denser medium", _FRESNEL,
            "through & (eta < F(1.f))", "through & (eta < F(0.f))"),
     Mutant("total reflection from outside", _FRESNEL, "sin2_t >= F(1.f)",

@@ -610,6 +610,8 @@ PYTHON = (
     # transforms and meshes
     _python("polygons are fans", "formats/polygons.py",
             "_covered(vertices, cut) < _covered(vertices, fan)", "False"),
+    _python("concave polygons are any other fan", "formats/polygons.py",
+            ".sum(axis=2) >= 0).all(axis=1)", ".sum(axis=2) >= 0).any(axis=1)"),
     _python("bridges to holes end at either corner", "formats/polygons.py",
             "int(far[int(sees.argmax())])", "int(far[-1])"),
     _python("rotation clockwise", "transform.py", "s, c = sin_cos_degrees(angle)",

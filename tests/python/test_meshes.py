@@ -6,6 +6,7 @@ import re
 import struct
 import warnings
 import zlib
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ import veriray
 from veriray import transform
 from veriray.columns import COLUMNS
 from veriray.errors import SceneError, SceneWarning
-from veriray.formats import mesh, mitsuba_dict, ply, ply_pieces
+from veriray.formats import mesh, mitsuba_dict, ply, ply_pieces, polygons
 from veriray.formats.node import Node, Value
 from veriray.formats.plugins import PLUGINS
 from veriray.formats.shapes import Shapes
@@ -184,6 +185,99 @@ def test_corners_of_polygons_that_are_not_convex_keep_their_numbers(tmp_path):
     assert (got.uv[:, :2] == got.vertices[:, :2]).all()
     assert len(got.triangles) == 4
     assert np.linalg.norm(area(got), axis=1).sum() == 2
+
+
+#: Outlines whose corners lie on each other's diagonals.
+OUTLINES = {
+    "stairs": [(0, 0), (5, 0), (5, 5), (4, 5), (4, 4), (3, 4), (3, 3), (2, 3), (2, 2), (1, 2),
+               (1, 1), (0, 1)],
+    "plus": [(1, -3), (1, -1), (3, -1), (3, 1), (1, 1), (1, 3), (-1, 3), (-1, 1), (-3, 1),
+             (-3, -1), (-1, -1), (-1, -3)],
+    "arrow": [(0, -1), (4, -1), (4, -3), (7, 0), (4, 3), (4, 1), (0, 1)],
+    "L": [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)],
+    "H": [(0, 0), (1, 0), (1, 2), (3, 2), (3, 0), (4, 0), (4, 5), (3, 5), (3, 3), (1, 3), (1, 5),
+          (0, 5)],
+    "zigzag": [(0, 0), (6, 0), (6, 3), (5, 2), (4, 3), (3, 2), (2, 3), (1, 2), (0, 3)],
+    **{
+        name: [(r * math.cos(math.pi * k / n), r * math.sin(math.pi * k / n))
+               for k, r in enumerate([1, inner] * n)]
+        for name, n, inner in (("hexagram", 6, 1 / math.sqrt(3)), ("pentagram", 5, 0.381966))
+    },
+}  # fmt: skip
+
+
+def exact_area(corners):
+    """Twice the area of an outline of floats, counter-clockwise above 0."""
+    x, y = ([Fraction(float(value)) for value in column] for column in np.transpose(corners))
+    return sum(x[k - 1] * y[k] - x[k] * y[k - 1] for k in range(len(x)))
+
+
+def grid_polygon(rng):
+    """Corners (N, 2) of a grid of integers, in an order in which no two edges meet; or None."""
+    p = np.unique(rng.integers(0, 9, (int(rng.integers(5, 13)), 2)), axis=0)
+    rng.shuffle(p)
+
+    def left(a, b, c):
+        return (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+
+    def within(a, b, c):
+        return (
+            left(a, b, c) == 0 and (np.minimum(a, b) <= c).all() and (c <= np.maximum(a, b)).all()
+        )
+
+    def meet(i, j):
+        a, b, c, d = p[i], p[i + 1], p[j], p[(j + 1) % len(p)]
+        if left(a, b, c) * left(a, b, d) < 0 and left(c, d, a) * left(c, d, b) < 0:
+            return True
+        return within(a, b, c) or within(a, b, d) or within(c, d, a) or within(c, d, b)
+
+    pairs = [(i, j) for i in range(len(p)) for j in range(i + 2, len(p) - (i == 0))]
+    for _ in range(60):
+        found = next((pair for pair in pairs if meet(*pair)), None)
+        if found is None:
+            break
+        p[found[0] + 1 : found[1] + 1] = p[found[0] + 1 : found[1] + 1][::-1].copy()
+    else:
+        return None
+    back, on = p - np.roll(p, 1, axis=0), np.roll(p, -1, axis=0) - p
+    turns_round = (back[:, 0] * on[:, 1] == back[:, 1] * on[:, 0]) & ((back * on).sum(axis=1) <= 0)
+    return None if turns_round.any() else p
+
+
+def outlines(rng):
+    """Simple outlines (N, 2) whose corners lie within rounding of each other's diagonals."""
+    for _ in range(150):
+        p = grid_polygon(rng)
+        if p is not None:
+            yield np.array([[float(f"{x / 10:.1f}") for x in corner] for corner in p.tolist()])
+    for p in OUTLINES.values():
+        for _ in range(10):
+            size, angle = rng.choice([1, 0.1, 0.3, 2.54]), rng.choice([0, 0.5, 1 / 3, rng.random()])
+            c, s = math.cos(math.pi * angle), math.sin(math.pi * angle)
+            yield size * np.array(p) @ [[c, s], [-s, c]] + rng.choice([0, 5.3])
+
+
+def test_cuts_of_polygons_are_exact():
+    rng = np.random.default_rng(3)
+    for outline in outlines(rng):
+        outline = np.roll(outline, rng.integers(len(outline)), axis=0)
+        outline = outline if exact_area(outline) > 0 else outline[::-1]
+        cut = polygons._cut(*outline.T)
+        areas = [exact_area(outline[list(corners)]) for corners in cut]
+        assert len(cut) == len(outline) - 2
+        assert min(areas) >= 0
+        assert sum(areas) == exact_area(outline)
+
+
+def test_obj_polygons_with_corners_on_diagonals(tmp_path):
+    rng = np.random.default_rng(4)
+    for outline in outlines(rng):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] if rng.random() < 0.5 else np.eye(3)
+        places = [np.c_[np.roll(outline, k, axis=0), np.zeros(len(outline))] @ turn
+                  for k in range(len(outline))]  # fmt: skip
+        rows = np.arange(len(outline)) + len(outline) * np.arange(len(outline))[:, None]
+        got = read(tmp_path, "a.obj", polygon_file(np.concatenate(places), rows))
+        covers_once(got, places)
 
 
 @pytest.mark.parametrize("pieces", [False, True])

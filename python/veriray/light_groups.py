@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .errors import printable
+from .named import objects
 from .numeric import distinct, shown, texts
 
 if TYPE_CHECKING:
@@ -76,9 +77,7 @@ def lamps(scene: Scene) -> list[Lamp]:
         _, first = np.unique(rows[lit].astype(np.int64) << 32 | of[lit], return_index=True)
         for at in lit[np.sort(first)]:
             shapes.setdefault(int(rows[at]), []).append(scene.shape_names[of[at]])
-    ids: dict[tuple[str, int], list[str]] = {}
-    for name, item in scene.__dict__.get("_ids", {}).items():
-        ids.setdefault(item, []).append(name)
+    ids = objects(scene).names()
 
     def lamp(table: str, row: int, *more: str) -> Lamp:
         names = (*ids.get((f"{table}s", row), ()), *more, f"{table}_{row}")

@@ -3,8 +3,9 @@
 A name is that of an object and of its parameter: the id of a bsdf, a lamp, a medium or a texture
 ("white.reflectance"), or a shape's name and what it is for it ("teapot.bsdf.reflectance",
 "lamp.emitter.radiance", "ball.interior.sigma_t"). A lamp without shape and id is "light_0" by its
-number. Names within `twosided` and `mask` are those of the material that they hold; "eta" of glass
-and of coats is the index inside over that outside.
+number. Numbers within `twosided`, `mask` and maps of normals are named by the material that they
+hold, and by what holds it if it has no id; so is the "weight" of a blend, and its first material.
+"eta" of glass and of coats is the index inside over that outside.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy.typing as npt
 
 from .columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPEN_KINDS, TEXTURE_KINDS, WHOLE_KINDS
 from .errors import SceneError
+from .named import Object, Use, objects
 from .numeric import distinct, shown
 
 if TYPE_CHECKING:
@@ -30,12 +32,16 @@ _CLOSED = {kind: name for name, kind in (OPEN_KINDS | WHOLE_KINDS).items()}
 def listed(scene: Scene) -> dict[str, float | tuple[float, ...]]:
     """The numbers of a scene by name. What a texture gives is left out."""
     result: dict[str, float | tuple[float, ...]] = {}
-    for name, table, row in _objects(scene):
-        known = _columns(scene, table, row)
+    for name, use in _all(scene):
+        known = _columns(scene, use)
         for key, columns in known.items():
-            if key == "opacity" and scene.opacity[row] == 1 or _textured(scene, columns, row):
+            if _part(scene, use, key) != use.part or _textured(scene, columns, use.row):
                 continue
-            value = getattr(scene, columns[0])[row].tolist()
+            if key == "opacity" and scene.opacity[use.row] == 1:
+                continue
+            value = getattr(scene, columns[0])[use.row].tolist()
+            if use.form == "rest":
+                value = [1 - x for x in value] if isinstance(value, list) else 1 - value
             if key == "eta" and "k" not in known:
                 value = value[0]
             result[f"{name}.{key}"] = tuple(value) if isinstance(value, list) else value
@@ -48,46 +54,77 @@ def changed(scene: Scene, changes: Mapping[str, Any]) -> dict[str, Array]:
     """The arrays of a scene in which numbers have changed. Raises SceneError naming the name."""
     arrays: dict[str, Array] = {}
     for name, value in changes.items():
-        columns, row = _found(scene, name)
-        for column in columns:
-            array = arrays.setdefault(column, getattr(scene, column).astype(np.float64))
-            place = array if row is None else array[row]
-            try:
-                given = np.asarray(value)
-                if given.dtype.kind not in "iufb":
-                    raise TypeError
-                place = np.broadcast_to(given.astype(np.float64), place.shape)
-            except (TypeError, ValueError):
-                wanted = "a number" + " or three" * (place.ndim > 0)
-                raise SceneError(f'"{name}" = {shown(value)}, expected {wanted}') from None
-            array[... if row is None else row] = place
+        for columns, use in _found(scene, name):
+            for column in columns:
+                array = arrays.setdefault(column, getattr(scene, column).astype(np.float64))
+                place = array if use is None else array[use.row]
+                try:
+                    given = np.asarray(value)
+                    if given.dtype.kind not in "iufb":
+                        raise TypeError
+                    place = np.broadcast_to(given.astype(np.float64), place.shape)
+                except (TypeError, ValueError):
+                    wanted = "a number" + " or three" * (place.ndim > 0)
+                    raise SceneError(f'"{name}" = {shown(value)}, expected {wanted}') from None
+                if use is None:
+                    array[...] = place
+                else:
+                    array[use.row] = _stored(place, use.form)
     return arrays
 
 
-def _found(scene: Scene, name: object) -> tuple[tuple[str, ...], int | None]:
-    """The columns that hold a number, and its row; None if they are no tables."""
+def _stored(value: Array, form: str) -> Any:
+    """A number as the rows of a use hold it."""
+    if form and value.ndim:
+        mean = sum(value.tolist()) / 3
+        return 1 - mean if form == "rest" else mean
+    return 1 - value if form == "rest" else value
+
+
+def _found(scene: Scene, name: object) -> list[tuple[tuple[str, ...], Use | None]]:
+    """The columns that hold a number, and where they do; None if they are no tables."""
     if not isinstance(name, str):
         raise SceneError(f"changes: {shown(name)} is not the name of a parameter")
     if name == "environment.radiance" and not scene.sky_size.any():
-        return ("environment",), None
+        return [(("environment",), None)]
     holder, _, key = name.rpartition(".")
-    for table, row in _meant(scene, holder):
-        columns = _columns(scene, table, row).get(key)
-        if columns is None:
+    known = objects(scene)
+    for use, parts in _meant(scene, holder):
+        if key not in _columns(scene, use):
             continue
-        if _textured(scene, columns, row):
+        part = _part(scene, use, key)
+        if parts and part not in parts:
+            continue
+        owner = known.of(use.table, use.row, part)
+        uses = owner.uses if owner else (use,)
+        if key == "opacity" and part != key and any(_part(scene, one, key) == key for one in uses):
+            continue
+        if owner and owner.name in known.merged:
+            raise _merged(name)
+        found = [(_columns(scene, one)[key], one) for one in uses]
+        if any(_textured(scene, columns, one.row) for columns, one in found):
             raise SceneError(f'"{name}" is given by a texture')
-        return columns, row
+        return [*found]
+    if holder in known.merged:
+        raise _merged(name)
     from .formats.node import allowed
 
     raise SceneError(f'there is no parameter "{name}"{allowed(name, listed(scene), "there is")}')
 
 
-def _meant(scene: Scene, holder: str) -> Iterator[tuple[str, int]]:
-    """The table and row of what a name means: none, one, or an object and a shape of one name."""
-    ids = _ids(scene)
-    if holder in ids:
-        yield ids[holder]
+def _merged(name: str) -> SceneError:
+    text = f'"{name}" is also a number of a blend of more than two bsdfs, some of which became one'
+    return SceneError(text)
+
+
+def _meant(scene: Scene, holder: str) -> Iterator[tuple[Use, tuple[str, ...]]]:
+    """What a name may mean: a use of an object, and the parts of its row, () for all: none, one, or
+    an object and a shape of one name."""
+    known = objects(scene)
+    for one in known.named(holder):
+        yield one.uses[0], (one.uses[0].part,)
+    if holder in known.holders:
+        yield Use("materials", known.holders[holder]), ()
     shape, _, part = holder.rpartition(".")
     if shape in scene.shape_names:
         index = scene.shape_names.index(shape)
@@ -95,10 +132,18 @@ def _meant(scene: Scene, holder: str) -> Iterator[tuple[str, int]]:
             first = _first_of(scene, kind, index)
             for name, table, rows in _parts(scene, kind, slice(first, first + 1)):
                 if name == part and len(rows) and rows[0] >= 0:
-                    yield table, int(rows[0])
+                    yield Use(table, int(rows[0])), ()
     for row in range(len(scene.light_kind)):
         if holder == f"light_{row}":
-            yield "lights", row
+            yield Use("lights", row), ()
+
+
+def _part(scene: Scene, use: Use, key: str) -> str:
+    """The part of a row of materials whose number this is; "" in other tables."""
+    if use.table != "materials":
+        return ""
+    apart = key == "weight" or key == "opacity" and objects(scene).of("materials", use.row, key)
+    return key if apart else "bsdf"
 
 
 def _first_of(scene: Scene, kind: str, index: int) -> int:
@@ -120,12 +165,19 @@ def _parts(scene: Scene, kind: str, of: slice = slice(None)) -> Iterator[tuple[s
     yield "exterior", "media", media[:, 1]
 
 
-def _objects(scene: Scene) -> Iterator[tuple[str, str, int]]:
-    """Every object once: its name, its table and its row there."""
-    named: set[tuple[str, int]] = set()
-    for name, item in _ids(scene).items():
-        named.add(item)
-        yield name, *item
+def _all(scene: Scene) -> Iterator[tuple[str, Use]]:
+    """Every object once: its name, and the first of its uses, rather of its numbers as they are."""
+    known = objects(scene)
+    seen: set[tuple[str, int, str]] = set()
+
+    def see(one: Object) -> None:
+        seen.update((use.table, use.row, use.part) for use in one.uses)
+
+    for one in known.objects:
+        if one.name:
+            see(one)
+            if one.name not in known.merged:
+                yield one.name, min(one.uses, key=lambda use: use.form != "")
     for kind in _KINDS:
         shapes = getattr(scene, f"{kind}_shape")
         for part, table, rows in _parts(scene, kind):
@@ -133,21 +185,22 @@ def _objects(scene: Scene) -> Iterator[tuple[str, str, int]]:
             for row, at in sorted(
                 zip(found.tolist(), first.tolist(), strict=True), key=lambda x: x[1]
             ):
-                if row >= 0 and (table, row) not in named:
-                    named.add((table, row))
-                    yield f"{scene.shape_names[shapes[at]]}.{part}", table, row
+                for own in ("bsdf", "opacity", "weight") if table == "materials" else ("",):
+                    place = table, row, own
+                    if row < 0 or place in seen or own not in ("", "bsdf") and not known.of(*place):
+                        continue
+                    seen.add(place)
+                    if (owner := known.of(*place)) is not None:
+                        see(owner)
+                    yield f"{scene.shape_names[shapes[at]]}.{part}", known.use(*place)
     for row in range(len(scene.light_kind)):
-        if ("lights", row) not in named:
-            yield f"light_{row}", "lights", row
+        if ("lights", row, "") not in seen:
+            yield f"light_{row}", Use("lights", row)
 
 
-def _ids(scene: Scene) -> dict[str, tuple[str, int]]:
-    ids: dict[str, tuple[str, int]] = scene.__dict__.get("_ids", {})
-    return ids
-
-
-def _columns(scene: Scene, table: str, row: int) -> dict[str, tuple[str, ...]]:
+def _columns(scene: Scene, use: Use) -> dict[str, tuple[str, ...]]:
     """The parameters of an object, and the columns that hold each."""
+    table, row = use.table, use.row
     if table == "emissions":
         return {"radiance": ("emissions",)}
     if table == "media":
@@ -163,8 +216,10 @@ def _columns(scene: Scene, table: str, row: int) -> dict[str, tuple[str, ...]]:
             return {}
         fields = (getattr(scene, f"texture_field{i}")[row] for i in range(2))
         own = [i for i, field in enumerate(fields) if field < 0]
-        return {f"color{i}": (f"texture_color{i}",) for i in own}
-    return _of_material(scene, row)
+        return {f"color{1 - i if use.form else i}": (f"texture_color{i}",) for i in sorted(
+            own, reverse=use.form != "")}  # fmt: skip
+    weight = objects(scene).of("materials", row, "weight")
+    return _of_material(scene, row) | ({"weight": ("blend_weight",)} if weight else {})
 
 
 def _of_material(scene: Scene, row: int) -> dict[str, tuple[str, ...]]:
@@ -192,7 +247,6 @@ def _of_material(scene: Scene, row: int) -> dict[str, tuple[str, ...]]:
 
 
 def _textured(scene: Scene, columns: tuple[str, ...], row: int) -> bool:
-    return any(
-        f"{column}_texture" in COLUMNS and getattr(scene, f"{column}_texture")[row] >= 0
-        for column in columns
-    )
+    """Whether a texture gives what columns hold."""
+    names = [f"{'emission' if column == 'emissions' else column}_texture" for column in columns]
+    return any(name in COLUMNS and getattr(scene, name)[row] >= 0 for name in names)

@@ -469,7 +469,8 @@ def _made(built: Built) -> Scene:
     except SceneError as error:
         raise SceneError(str(error), built.places["scene"][0]) from None
     scene.__dict__.update(
-        _places=built.places, _cameras=built.cameras, _notes=built.notes, _ids=built.ids,
+        _places=built.places, _cameras=built.cameras, _notes=built.notes,
+        _objects=built.objects,
         _features=built.features,
         _warned=built.warned,
     )  # fmt: skip

@@ -201,3 +201,168 @@ def test_a_thread_hashes_large_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(vr.Scene, "_hash", failing)
     other.hash_ahead()
     assert other.sha256 == known and not faults
+
+
+def ball(x: float, bsdf: Any = None, **more: Any) -> dict[str, Any]:
+    held = {} if bsdf is None else {"bsdf": bsdf}
+    return {"type": "sphere", "center": [x, 0, 0], **held, **more}
+
+
+def diffuse(*value: float) -> dict[str, Any]:
+    return {"type": "diffuse", "reflectance": rgb(*value)}
+
+
+AA, BOARD_REF = {"type": "ref", "id": "aa"}, {"type": "ref", "id": "c"}
+GREY = {"type": "diffuse", "id": "bb"}
+TWO = {"type": "blendbsdf", "weight": 0.25, "a": diffuse(0.25, 0, 0), "b": {"type": "plastic"}}
+BUMPS = {"type": "bitmap", "raw": True, "bitmap": np.full((2, 2, 3), 0.6, np.float32)}
+#: Objects that hold a material.
+AROUND: dict[str, Any] = {
+    "first of a blend": {"type": "blendbsdf", "weight": 0.5, "a": AA, "b": GREY},
+    "second of a blend": {"type": "blendbsdf", "id": "bl", "weight": 0.5, "a": GREY, "b": AA},
+    "mask": {"type": "mask", "opacity": 0.25, "held": AA},
+    "mask with an id": {"type": "mask", "id": "mm", "opacity": 0.25, "held": AA},
+    "twosided": {"type": "twosided", "held": AA},
+    "front": {"type": "twosided", "held": AA, "other": diffuse(0)},
+    "back": {"type": "twosided", "held": diffuse(0), "other": AA},
+    "both": {"type": "twosided", "held": AA, "other": {"type": "twosided", "held": AA}},
+    "map": {"type": "normalmap", "normalmap": BUMPS, "held": AA},
+    "blend of blends": {"type": "blendbsdf", "weight": 0.5, "a": TWO, "b": AA},
+    "mask of a blend": {
+        "type": "mask", "held": {"type": "blendbsdf", "weight": 0.5, "a": AA, "b": GREY},
+    },
+    "nothing": AA,
+}  # fmt: skip
+
+
+def with_all(**parts: Any) -> dict[str, Any]:
+    return {"type": "scene", "view": {"type": "perspective"}, "sky": {"type": "constant"}, **parts}
+
+
+@pytest.mark.parametrize("around", AROUND)
+@pytest.mark.parametrize("first", [False, True])
+def test_materials_of_several_rows_change_in_all(around: str, first: bool) -> None:
+    def file(value: float) -> dict[str, Any]:
+        shapes = {"l": ball(-1, AA), "r": ball(1, AROUND[around])}
+        shapes = shapes if first else dict(reversed(shapes.items()))
+        aa = {"type": "roughplastic", "id": "aa", "diffuse_reflectance": rgb(value, 0.5, value)}
+        return with_all(aa=aa, **shapes)
+
+    scene, other = vr.load_dict(file(0.75)), vr.load_dict(file(0.25))
+    assert other.sha256 != scene.sha256
+    names = [name for name in scene.parameters() if name.endswith("diffuse_reflectance")]
+    assert names == ["aa.diffuse_reflectance"]
+    for name in ("aa.diffuse_reflectance", "l.bsdf.diffuse_reflectance"):
+        assert scene.with_({name: (0.25, 0.5, 0.25)}).sha256 == other.sha256
+    for name, value in scene.parameters().items():
+        assert scene.with_({name: value}).sha256 == scene.sha256
+
+
+#: A scene by one number, a name for it, and its values before and after.
+USES: dict[str, Any] = {
+    "opacity of all of a blend": (
+        lambda v: {"l": ball(0, {"type": "mask", "opacity": v, "held": TWO})},
+        "l.bsdf.opacity", 0.25, 0.75,
+    ),
+    "opacity by the id of a mask": (
+        lambda v: {
+            "aa": {"type": "diffuse", "id": "aa"},
+            "mm": {"type": "mask", "id": "mm", "opacity": v, "held": AA},
+            "l": ball(0, {"type": "ref", "id": "mm"}), "r": ball(1, AA),
+        },
+        "mm.opacity", 0.25, 0.75,
+    ),
+    "weight": (
+        lambda v: {"l": ball(0, {"type": "blendbsdf", "id": "bl", "weight": v, "a": GREY,
+                                 "b": diffuse(0.25)})},
+        "bl.weight", 0.25, 0.7,
+    ),
+    "weight by a shape": (
+        lambda v: {"l": ball(0, {"type": "twosided", "held": {**TWO, "weight": v}})},
+        "l.bsdf.weight", 0.25, 0.7,
+    ),
+    "colour and opacity": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": rgb(v, 0.5, 0.1), "color1": 0.25},
+            "l": ball(-1, {"type": "diffuse", "reflectance": BOARD_REF}),
+            "r": ball(1, {"type": "mask", "opacity": BOARD_REF, "held": diffuse(0)}),
+        },
+        "c.color0", (0.75, 0.5, 0.1), (0.3, 0.5, 0.1),
+    ),
+    "opacity alone": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": v, "color1": 0.25},
+            "r": ball(1, {"type": "mask", "opacity": BOARD_REF, "held": diffuse(0)}),
+        },
+        "c.color0", 0.75, 0.5,
+    ),
+    "weight of a blend that is turned round": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": v, "color1": 0.25},
+            "r": ball(1, {"type": "blendbsdf", "weight": BOARD_REF, "a": TWO, "b": diffuse(0)}),
+        },
+        "c.color0", 0.75, 0.5,
+    ),
+    "colour and lamp": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": v, "color1": 0.25},
+            "l": ball(-1, {"type": "diffuse", "reflectance": BOARD_REF}),
+            "r": {"type": "rectangle", "e": {"type": "area", "radiance": BOARD_REF}},
+        },
+        "c.color0", 0.75, 0.5,
+    ),
+    "colours of two materials": (
+        lambda v: {
+            "c": {"type": "checkerboard", "id": "c", "color0": 0.25, "color1": v},
+            "l": ball(-1, {"type": "diffuse", "reflectance": BOARD_REF}),
+            "r": ball(1, {"type": "roughplastic", "diffuse_reflectance": BOARD_REF}),
+        },
+        "c.color1", 0.75, 0.5,
+    ),
+    "inside of two shapes": (
+        lambda v: {
+            "m": {"type": "homogeneous", "id": "m", "sigma_t": v},
+            "l": ball(-1, {"type": "null"}, interior={"type": "ref", "id": "m"}),
+            "r": ball(1, {"type": "dielectric"}, interior={"type": "ref", "id": "m"}),
+        },
+        "m.sigma_t", 1.0, 0.25,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("use", USES)
+def test_objects_of_several_rows_change_in_all(use: str) -> None:
+    make, name, old, new = USES[use]
+    one = (lambda v: v[0]) if np.ndim(old) else (lambda v: v)
+    scene, other = (vr.load_dict(with_all(**make(one(value)))) for value in (old, new))
+    assert scene.with_({name: new}).sha256 == other.sha256 != scene.sha256
+    listed = scene.parameters()
+    assert np.allclose(listed[name], old, rtol=1e-6)
+    for key, value in listed.items():
+        assert scene.with_({key: value}).sha256 == scene.sha256
+
+
+def test_numbers_that_have_no_name() -> None:
+    lamp = {"type": "area", "radiance": {"type": "checkerboard"}}
+    scene = vr.load_dict(with_all(l={"type": "rectangle", "e": lamp}))
+    assert "l.emitter.radiance" not in scene.parameters()
+    with pytest.raises(SceneError, match="given by a texture"):
+        scene.with_({"l.emitter.radiance": 1})
+    three = {"type": "blendbsdf", "weight": 0.5, "b": AA,
+             "a": {"type": "blendbsdf", "weight": 0.5, "a": diffuse(0.25), "b": {"type": "plastic"}}}  # fmt: skip
+    scene = vr.load_dict(
+        with_all(aa={"type": "diffuse", "id": "aa"}, l=ball(0, three), r=ball(1, AA))
+    )
+    assert "aa.reflectance" not in scene.parameters()
+    for name in ("aa.reflectance", "r.bsdf.reflectance"):
+        with pytest.raises(SceneError, match="a blend of more than two"):
+            scene.with_({name: 0.25})
+    masks = {
+        "type": "mask",
+        "id": "out",
+        "opacity": 0.5,
+        "held": {"type": "mask", "id": "in", "held": GREY},
+    }
+    scene = vr.load_dict(with_all(l=ball(0, masks)))
+    assert scene.parameters()["l.bsdf.opacity"] == 0.25
+    assert not {"in.opacity", "out.opacity"} & scene.parameters().keys()

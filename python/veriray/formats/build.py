@@ -16,6 +16,7 @@ from .. import transform
 from ..camera import Camera
 from ..columns import COLUMNS, LIGHT_KINDS, MATERIAL_KINDS, OPAQUE_KINDS, TABLES, blank_row
 from ..errors import SceneError, SceneWarning
+from ..named import Object, Objects, Use
 from ..numeric import check_rigid, tan_half_degrees
 from . import fibres, integrators, materials, meters, phases, textures, views, volumes
 from .curves import KINDS
@@ -41,14 +42,14 @@ _IDLE = ("film", "sampler", "rfilter", "phase")
 @dataclass(frozen=True)
 class Built:
     """The arguments of a Scene, where in the file the rows of its tables come from, the cameras of
-    all sensors, notes on what has no effect, the table and row of each id, the feature images that
+    all sensors, notes on what has no effect, which rows its objects became, the feature images that
     the file asks for, and place and text of what is rendered with other numbers."""
 
     arguments: dict[str, Any]
     places: dict[str, list[str]]
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...]
-    ids: dict[str, tuple[str, int]]
+    objects: Objects
     features: tuple[str, ...]
     warned: tuple[tuple[str, str], ...]
 
@@ -315,7 +316,7 @@ class _Builder:
             {**places, **self.tables.places()},
             tuple(camera for camera, _, _ in seen_by),
             tuple(self.report.notes),
-            self.tables.ids(),
+            self.tables.objects(),
             features,
             tuple(self.report.warned),
         )
@@ -424,7 +425,7 @@ class _Builder:
                         "are the opacity of all",
                         parts["bsdf"][0].where,
                     )
-                row = materials.masked(held[0], {**materials.filled(node, values), **given})
+                row = materials.masked(held[0], {**materials.filled(node, values), **given}, node)
             elif node.plugin == "blendbsdf":
                 row = materials.blend(node, values, parts["bsdf"], held, given)
             elif node.plugin in RELIEFS:
@@ -436,9 +437,11 @@ class _Builder:
                 )
             elif node.plugin == "hair":
                 row = fibres.row(node, values)
-                row |= {"blend_sides": True, "other": (replace(node), fibres.INSIDE)}
+                row |= {"blend_sides": True, "other": (replace(node), fibres.INSIDE), "bsdf": node}
             else:
-                row = {**materials.material(node, values, self.report), **given}
+                row = {**materials.material(node, values, self.report), **given, "bsdf": node}
+            if held and node.id:
+                row = materials.held_by(row, node.id)
             row["attributes"] = [
                 attribute for one in (*held, given) for attribute in one.get("attributes", ())
             ]
@@ -494,6 +497,8 @@ class _Builder:
             values = self.volume(parts["volume"][0])
         known = id(node) in self.texels.rows
         row = self.texels.row(node, values, most=most, inverse=inverse)
+        if number:
+            row["form"] = "rest" if inverse else "mean"
         for name in ("texture_color0", "texture_color1"):
             if number and name in row and not known:
                 mean = sum(row[name]) / 3
@@ -835,14 +840,30 @@ class _Tables:
             if table != "boundaries"
         }
 
-    def ids(self) -> dict[str, tuple[str, int]]:
-        """The table and row of each object that has an id."""
-        return {
-            key.id: (table, row)
-            for table, rows in self.rows.items()
-            for row, key, _ in rows.values()
-            if isinstance(key, Node) and key.id
-        }
+    def objects(self) -> Objects:
+        """Which rows the objects became: those that have an id, and all that materials are of."""
+        uses: dict[Any, tuple[str, list[Use]]] = {}
+
+        def add(key: Any, name: str, use: Use) -> None:
+            uses.setdefault(key, (name, []))[1].append(use)
+
+        for table in ("media", "lights", "emissions", "textures"):
+            for number, key, row in self.rows[table].values():
+                if isinstance(key, Node) and key.id:  # copies of textures have the same
+                    add((table, key.id), key.id, Use(table, number, form=row.get("form", "")))
+        holders: dict[str, int] = {}
+        merged: set[str] = set()
+        for number, _, row in self.rows["materials"].values():
+            names = row.get("names", {})
+            for part, (nodes, form) in materials.objects(row).items():
+                key = part, *map(id, nodes)  # rows hold the nodes, and so their ids
+                name = "" if len(nodes) > 1 else nodes[0].id or names.get(part, "")
+                add(key, name, Use("materials", number, part, form))
+            for name in row.get("holders", ()):
+                holders.setdefault(name, number)
+            merged.update(row.get("merged", ()))
+        found = (Object(name, tuple(places)) for name, places in uses.values())
+        return Objects(found, holders, merged)
 
     def arrays(self) -> dict[str, Any]:
         """The arguments of Scene; None for the columns of an empty table."""

@@ -36,6 +36,10 @@ class _Part:
     share: float
 
 
+#: Keys of a row that say whose numbers it holds: its bsdf, the masks around it, the blend whose
+#: weight it has and whether that is 1 less; names of those that have no id, by part, from objects
+#: around them; ids of these; ids of bsdfs of which it was put together.
+_WHOSE = ("bsdf", "masks", "weighs", "names", "holders", "merged")
 BLACK: Row = blank_row("materials")
 _ALPHAS = ("alpha", "alpha_u", "alpha_v")
 _LEAST_ALPHA = 1e-4  # smaller ones are taken for it, as by Mitsuba
@@ -92,6 +96,29 @@ def material(node: Node, values: dict[str, Any], report: Report) -> Row:
     return row
 
 
+def objects(row: Row) -> dict[str, tuple[tuple[Node, ...], str]]:
+    """The objects whose numbers a row holds by the part that they are of it, and how (`named.Use`);
+    of several masks, whose numbers multiply, all."""
+    found: dict[str, tuple[tuple[Node, ...], str]] = {}
+    if "bsdf" in row:
+        found["bsdf"] = (row["bsdf"],), ""
+    if row.get("masks"):
+        found["opacity"] = row["masks"], ""
+    if "weighs" in row:
+        node, rest = row["weighs"]
+        found["weight"] = (node,), "rest" if rest else ""
+    return found
+
+
+def held_by(row: Row, name: str) -> Row:
+    """A row with the id of an object around its bsdf, which names what has no id of its own."""
+    names = dict(row.get("names", {}))
+    for part, (nodes, _) in objects(row).items():
+        if not nodes[-1].id:
+            names.setdefault(part, name)
+    return {**row, "names": names, "holders": (*row.get("holders", ()), name)}
+
+
 def two_sided(row: Row) -> Row:
     """A bsdf's row, and that of a blend's other, for a bsdf that reflects on both sides."""
     row = {**row, "two_sided": True, "relief_mirrored": row["relief_texture"] >= 0}
@@ -130,12 +157,13 @@ def changed(row: Row, columns: Row) -> Row:
     return row
 
 
-def masked(row: Row, columns: Row) -> Row:
+def masked(row: Row, columns: Row, mask: Node) -> Row:
     """A bsdf's row with the columns of a mask around it; numbers of several masks multiply."""
     result = {**row, **columns, "opacity": columns["opacity"] * row["opacity"]}
+    result["masks"] = (*row.get("masks", ()), mask)
     if "other" in row:
         node, other = row["other"]
-        result["other"] = replace(node), masked(other, columns)
+        result["other"] = replace(node), masked(other, columns, mask)
     return result
 
 
@@ -159,13 +187,15 @@ def blend(
         parts = [_parts(*one) for one in zip(nodes, rows, shares, strict=True)]
         return _of_all([part for of_one in parts for part in of_one])
     first, second = zip(nodes, rows, strict=True)
-    if "other" in first[1]:  # then the second comes first
+    swapped = "other" in first[1]
+    if swapped:  # then the second comes first
         if "other" in second[1]:
             text = "holds two blends; allowed: one of two, or numbers are all weights"
             raise SceneError(f"{node} {text}", node.where)
         first, second, weight = second, first, 1 - weight
     other = replace(second[0]), second[1]
-    return {**first[1], "blend_weight": weight, "other": other, **given}
+    weighs = node, swapped
+    return {**first[1], "blend_weight": weight, "other": other, "weighs": weighs, **given}
 
 
 #: Columns by which all that a material of a kind reflects and lets through grows.
@@ -188,6 +218,7 @@ def _parts(node: Node, row: Row, share: float) -> list[_Part]:
     if "other" not in row:
         return [_Part(replace(node), row, share)]
     first = {**row, "blend_weight": BLACK["blend_weight"]}
+    first.pop("weighs", None)
     second, other = first.pop("other")
     weight = row["blend_weight"]
     return [
@@ -225,19 +256,26 @@ def _together(one: _Part, other: _Part) -> _Part | None:
             return None
         if row["opacity"] < 1:
             return None
-    if {**one.row, "reflectance": ()} == {**other.row, "reflectance": ()}:
-        if one.row["reflectance"] == other.row["reflectance"]:
-            return replace(one, share=share)
-        if one.row["material_kind"] == _DIFFUSE:
-            pairs = zip(one.row["reflectance"], other.row["reflectance"], strict=True)
-            mean = tuple((one.share * a + other.share * b) / share for a, b in pairs)
-            return replace(one, row={**one.row, "reflectance": mean}, share=share)
-    for lit, dark in ((one, other), (other, one)):
-        if dark.row["material_kind"] == _DIFFUSE and not any(dark.row["reflectance"]):
-            columns = _GROWS.get(lit.row["material_kind"], ())
-            less = {name: tuple(lit.share * x / share for x in lit.row[name]) for name in columns}
+    a, b = ({k: x for k, x in part.row.items() if k not in _WHOSE} for part in (one, other))
+    merged: set[str] = set()
+    for row in (one.row, other.row):
+        merged |= {node.id for nodes, _ in objects(row).values() for node in nodes if node.id}
+        merged |= {*row.get("holders", ()), *row.get("merged", ())}
+    if {**a, "reflectance": ()} == {**b, "reflectance": ()}:
+        if a["reflectance"] == b["reflectance"]:
+            if objects(one.row) == objects(other.row):
+                return replace(one, share=share)
+            return _Part(one.node, {**a, "merged": merged}, share)
+        if a["material_kind"] == _DIFFUSE:
+            pairs = zip(a["reflectance"], b["reflectance"], strict=True)
+            mean = tuple((one.share * x + other.share * y) / share for x, y in pairs)
+            return _Part(one.node, {**a, "reflectance": mean, "merged": merged}, share)
+    for lit, row, dark in ((one, a, b), (other, b, a)):
+        if dark["material_kind"] == _DIFFUSE and not any(dark["reflectance"]):
+            columns = _GROWS.get(row["material_kind"], ())
+            less = {name: tuple(lit.share * x / share for x in row[name]) for name in columns}
             if less:
-                return replace(lit, row={**lit.row, **less}, share=share)
+                return _Part(lit.node, {**row, **less, "merged": merged}, share)
     return None
 
 

@@ -13,6 +13,7 @@ from .. import device as device_module
 from ..camera import PATCH_KINDS
 from ..columns import MATERIAL_KINDS, OPAQUE_KINDS
 from ..errors import printable
+from ..named import objects
 from ..native_scene import native_scene
 from ..scene import Scene
 
@@ -64,7 +65,7 @@ class Look:
         while (blend >= 0).any():
             self.opaque = self.opaque & np.where(blend >= 0, opaque[blend], True)
             blend = np.where(blend >= 0, np.asarray(scene.blend_material)[blend], -1)
-        self._ids = {place: name for name, place in scene.__dict__.get("_ids", {}).items()}
+        self._ids = {place: names[0] for place, names in objects(scene).names().items()}
         self._device = device_module.select("cpu")[0]
         with device_module.native_errors():
             self._native = native_scene(scene, scene, self._device)

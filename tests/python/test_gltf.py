@@ -496,6 +496,56 @@ def test_emission_of_textures(tmp_path):
     assert (found == expected).all()
 
 
+def lamp_texels(scene, shape=(4, 6, 3)):
+    """The texels of the texture of the first triangle's emission."""
+    at = int(scene.emission_texture[scene.triangle_emission[0]])
+    first = int(scene.texture_first[at])
+    count = math.prod(shape)
+    return scene.texels[first : first + count].view(np.float32).reshape(shape)
+
+
+@pytest.mark.parametrize("mode", ["MASK", "BLEND", "OPAQUE"])
+@pytest.mark.parametrize("emissive", [False, True])
+def test_what_alpha_cuts_away_does_not_shine(tmp_path, mode, emissive):
+    factor = [1, 0.5, 0.25]
+    more = {"emissiveFactor": factor, "alphaMode": mode}
+    more |= {"emissiveTexture": {"index": 0}} if emissive else {}
+    share = images.BYTE_TO_SHARE[TEXELS[..., 3:]] * np.float32(0.75)
+    share = {"MASK": (share >= 0.5) * 1.0, "BLEND": share, "OPAQUE": share * 0 + 1}[mode]
+    light = images.SRGB_TO_LINEAR[TEXELS[..., :3]] if emissive else np.ones((4, 6, 3))
+    rough = {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 1, 1, 0.75]}
+    scene, text = load(tmp_path, textured(rough, **more))
+    assert "shines" not in text
+    if mode == "OPAQUE" and not emissive:
+        assert scene.emission_texture.tolist() == [-1]
+        return
+    assert np.allclose(lamp_texels(scene), light * factor * share, rtol=1e-6, atol=0)
+
+
+def test_alpha_of_one_number_scales_emission(tmp_path):
+    for mode, alpha, share in (("BLEND", 0.25, 0.25), ("MASK", 0.25, None), ("MASK", 0.75, 1.0),
+                               ("BLEND", 0.0, None), ("OPAQUE", 0.25, 1.0)):  # fmt: skip
+        more = {"alphaMode": mode, "emissiveFactor": [1, 0.5, 0.25]}
+        rough = {"baseColorFactor": [1, 1, 1, alpha]}
+        scene, text = load(tmp_path, textured(rough, **more))
+        lit = [] if share is None else [[share, share / 2, share / 4]]
+        assert scene.emissions.tolist() == lit
+        assert ("a white sky was added" in text) == (share is None)
+    more = {"alphaMode": "BLEND", "emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}}
+    scene, _ = load(tmp_path, textured({"baseColorFactor": [1, 1, 1, 0.25]}, **more))
+    light = images.SRGB_TO_LINEAR[TEXELS[..., :3]] * np.float32(0.25)
+    assert (lamp_texels(scene) == light).all()
+
+
+def test_alpha_of_another_place_than_the_emission_is_said(tmp_path):
+    moved = {"KHR_texture_transform": {"offset": [0.5, 0]}}
+    more = {"alphaMode": "BLEND", "emissiveFactor": [1, 1, 1],
+            "emissiveTexture": {"index": 0, "extensions": moved}}  # fmt: skip
+    scene, text = load(tmp_path, textured({"baseColorTexture": {"index": 0}}, **more))
+    assert "what alpha cuts away still shines" in text
+    assert any("still shines" in note for note in scene.notes)
+
+
 def test_textures_that_are_left_out_are_said(tmp_path):
     info = {"normalTexture": {"index": 0}, "emissiveTexture": {"index": 0}}
     text = load(tmp_path, textured({}, **info, emissiveFactor=[1, 1, 1]))[1]

@@ -126,6 +126,21 @@ def test_textures(tmp_path):
     assert scene.opacity_texture[row] >= 0 and scene.reflectance_texture[row] >= 0
 
 
+def test_what_is_cut_away_does_not_shine(tmp_path):
+    texels = np.random.default_rng(2).integers(0, 256, (3, 5)).astype(np.uint8)
+    Image.fromarray(texels).save(tmp_path / "a.png")
+    for mtl, lit in (("Ke 1 2 4", [[1, 2, 4]]), ("Ke 1 2 4\nd 0.25", [[0.25, 0.5, 1]]),
+                     ("Ke 1 2 4\nTr 0.5", [[0.5, 1, 2]]), ("Ke 1 2 4\nd 0", []),
+                     ("Ke 1 2 4\nd 0.25\nillum 4", [[1, 2, 4]])):  # fmt: skip
+        scene, _, text = one(tmp_path, mtl)
+        assert scene.emissions.tolist() == lit
+        assert ("a white sky was added" in text) == (not lit)
+    scene, _, _ = one(tmp_path, "Ke 1 2 4\nmap_d a.png")
+    first = int(scene.texture_first[scene.emission_texture[0]])
+    found = scene.texels[first : first + 45].view(np.float32).reshape(3, 5, 3)
+    assert (found == images.BYTE_TO_SHARE[texels][..., None] * np.float32([1, 2, 4])).all()
+
+
 def test_it_renders(tmp_path):
     """Under a white sky a white square sends back all that it gets."""
     scene, _, text = one(tmp_path, "Kd 1 1 1")

@@ -210,8 +210,10 @@ class _Reader:
         texturable = PLUGINS["area"].params["radiance"].texturable
         if not factor.any() or "emissiveTexture" in about.content and not texturable:
             return None
-        self.shines = True
         radiance = self.looks.radiance(about, tuple(factor.tolist()))
+        if radiance is None:
+            return None
+        self.shines = True
         if isinstance(radiance, Node):
             return Node("area", about.where, "emitter", children=[named(radiance, "radiance")])
         values = {"radiance": Value("rgb", radiance, about.where)}

@@ -7,7 +7,8 @@ which are others: a coat of 1 is a quarter as strong. Transmission is that of a 
 KHR_materials_volume gives it a thickness, else of a pane (`thindielectric`). A material without
 transmission reflects on both sides. KHR_materials_unlit is diffuse, and so is a mesh without a
 material, in white. A texture keeps its 8 bits unless a factor scales it; one that is the same
-everywhere is a number. Alpha that is masked is cut at the texels. What else there is, is named.
+everywhere is a number. Alpha that is masked is cut at the texels; what is cut away does not shine.
+What else there is, is named.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..numeric import sin_cos_degrees
-from . import images
+from . import cutaway, images
 from .gltf_json import File, Json
 from .node import Node, Value, shorten
 from .report import Report
@@ -45,6 +46,7 @@ class Materials:
         self.nodes: dict[tuple[Any, ...], Node | float | tuple[float, ...]] = {}
         self.sets: dict[str, int] = {}  # by the material's place
         self.place = ""  # of the material in the making
+        self.opacities: dict[str, Any] = {}  # by the material's place
 
     def bsdf(self, about: Json) -> Node:
         """What a material reflects and lets through; of an empty one diffuse white."""
@@ -54,24 +56,30 @@ class Materials:
         more = {name.removeprefix("KHR_materials_"): self.extension(about, name) for name in _KNOWN}
         rough = self.rough(about, more["pbrSpecularGlossiness"])
         self.unused(about, rough)
-        *colour, alpha = rough.numbers("baseColorFactor", (1.0,) * 4, 0.0, 1.0).tolist()
+        colour = rough.numbers("baseColorFactor", (1.0,) * 4, 0.0, 1.0).tolist()[:3]
         base = self.taken(rough, _BASE, "rgb", tuple(colour))
         if more["unlit"] is not None:
             self.report.warn("an unlit material is shown as diffuse", about.where)
             result = _twosided(_node("diffuse", about, reflectance=base))
         else:
             result = self.lit(about, rough, base, more)
+        opacity = self.opacities[about.where] = self.opacity(about, rough)
+        if opacity != 1.0:
+            mask = _node("mask", about, opacity=opacity)
+            mask.children.append(result)
+            result = mask
+        return result
+
+    def opacity(self, about: Json, rough: Json) -> Any:
+        """A number or a texture, by the mode of alpha."""
         mode = about.text("alphaMode", "OPAQUE")
         if mode not in ("OPAQUE", "MASK", "BLEND"):
             raise about.fail(f'"alphaMode" = {shorten(mode)}, expected OPAQUE, MASK or BLEND')
-        if mode != "OPAQUE":
-            cut = about.number("alphaCutoff", 0.5, 0.0) if mode == "MASK" else None
-            opacity = self.taken(rough, _BASE, "a", (alpha,), cut)
-            if opacity != 1.0:
-                mask = _node("mask", about, opacity=opacity)
-                mask.children.append(result)
-                result = mask
-        return result
+        if mode == "OPAQUE":
+            return 1.0
+        alpha = rough.numbers("baseColorFactor", (1.0,) * 4, 0.0, 1.0).tolist()[3]
+        cut = about.number("alphaCutoff", 0.5, 0.0) if mode == "MASK" else None
+        return self.taken(rough, _BASE, "a", (alpha,), cut)
 
     def lit(self, about: Json, rough: Json, base: Any, more: dict[str, Json | None]) -> Node:
         """A material that reflects light."""
@@ -125,8 +133,11 @@ class Materials:
         return result
 
     def radiance(self, about: Json, factor: tuple[float, ...]) -> Any:
-        """What a material emits: a colour or a texture."""
-        return self.taken(about, "emissiveTexture", "rgb", factor)
+        """What a material emits, where alpha leaves it: a colour or a texture; None for nothing."""
+        found = self.taken(about, "emissiveTexture", "rgb", factor)
+        return cutaway.emitted(
+            found, self.opacities.get(about.where, 1.0), about.where, self.report
+        )
 
     def extension(self, about: Json, name: str) -> Json | None:
         """An extension of a material; its textures are named as not applied."""

@@ -4,10 +4,10 @@ Faces of one material are one shape. A material is diffuse in Kd; with Ks, unles
 a rough coat (`roughplastic`) with Ks as the factor on its reflection and the slope
 sqrt(2 / (Ns + 2)) of a Phong lobe; metal with the colour Ks if Kd is black or illum is 3, 5 or 8;
 glass of index Ni if illum is 4, 6, 7 or 9; `principled` if Pr or Pm give roughness and metal. All
-but glass reflect on both sides. d, Tr and map_d are opacity, Ke is emitted by the front. map_Kd is
-taken times Kd, unless that is black. A scene without light gets a white sky; a face without a
-material, or with one of an MTL file that is not there, is grey. A camera is placed that frames it
-from its front, at +z with y up.
+but glass reflect on both sides. d, Tr and map_d are opacity (not of glass), Ke times that is
+emitted by the front. map_Kd is taken times Kd, unless that is black. A scene without light gets a
+white sky; a face without a material, or with one of an MTL file that is not there, is grey. A
+camera is placed that frames it from its front, at +z with y up.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from .. import transform
 from ..errors import SceneError
-from . import gltf, images, mesh
+from . import cutaway, gltf, images, mesh
 from .node import Node, Tree, Value, allowed, parse_float, quoted, read_bytes, shorten
 from .report import Report
 
@@ -222,15 +222,16 @@ def _objects(material: _Material, report: Report) -> list[Node]:
     opacity: Any = numbers.get("d", 1.0 - numbers.get("Tr", 0.0))
     if "map_d" in material.maps:
         opacity = _texture(material.maps["map_d"], (opacity,) * 3, "opacity")
+    radiance: Any = colours["Ke"] if any(colours["Ke"]) else None
     if opacity != 1.0 and result.plugin != "dielectric":
         result, inner = _node("mask", where, opacity=opacity), result
         result.children.append(inner)
-    if not any(colours["Ke"]):
+        radiance = radiance and cutaway.emitted(radiance, opacity, where, report)
+    if radiance is None:
         return [result]
-    return [
-        result,
-        Node("area", where, "emitter", values={"radiance": Value("rgb", colours["Ke"], where)}),
-    ]
+    lamp = _node("area", where, radiance=radiance)
+    lamp.category = "emitter"
+    return [result, lamp]
 
 
 def _texture(given: tuple[Path, Array, bool, str], factor: tuple[float, ...], name: str) -> Node:

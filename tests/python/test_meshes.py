@@ -336,6 +336,51 @@ def test_obj(tmp_path):
     assert got.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4], [5, 6, 7]]
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize(
+    "before",
+    ["# from C:\\models\\", "g C:\\models\\", "o part\\", "s \\", "usemtl \\", "vp 1\\", "fx \\",
+     "\\", "vt 0 0 # C:\\", " # \\", "# a\rg b\\", "vt 0 \\\n0 # \\"],
+)  # fmt: skip
+def test_obj_lines_without_numbers_end_at_a_backslash(tmp_path, before, end):
+    square = "v 5 5 5\nv 0 0 0\nv 1 0 0\nv 1 1 0\n"
+    for native in (True, False):
+        text = f"{before}\n{square}{before}\nf 1 2 \\\n 3 \\\n4\n{before}\nf\\\n-3 -2 -1\n"
+        data = text.replace("\n", end).encode()
+        joined = mesh.obj_text(data)
+        reader = mesh._obj_native if native else mesh._obj_lines
+        tables, corners, triangles, parts = reader(joined)
+        assert tables[0].tolist() == [[5, 5, 5], [0, 0, 0], [1, 0, 0], [1, 1, 0]]
+        assert corners[:, 0].tolist() == [0, 1, 2, 3, 1, 2, 3]
+        assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], [4, 5, 6]] and parts.tolist() == [2, 1]
+    assert read(tmp_path, "a.obj", data).triangles.tolist() == [[0, 1, 2], [0, 2, 3], [1, 2, 3]]
+
+
+def test_obj_backslashes_mean_the_same_to_both_readers():
+    """Files with backslashes at random: refused by both readers, or the same for both."""
+    rng, read_both = np.random.default_rng(5), 0
+    for k in range(300):
+        text = obj_file(rng, OBJ_CORNERS[k % 4], (3, 4), 1)
+        ends = [at for at, letter in enumerate(text) if letter in "\n "]
+        for at in sorted(rng.choice(ends, rng.integers(1, 4)).tolist(), reverse=True):
+            text = (
+                text[:at]
+                + str(rng.choice(["\\\n", "\\\r\n", "#\\\n", "\\", "\\\r"]))
+                + text[at + 1 :]
+            )
+        given = mesh.obj_text(text.encode())
+        fast = mesh._obj_native(given)
+        try:
+            slow = mesh._obj_lines(given)
+        except mesh.MeshFileError:
+            assert fast is None, given
+            continue
+        assert fast is not None, given
+        assert same_obj(fast, slow), given
+        read_both += 1
+    assert read_both > 30
+
+
 OBJ_CORNERS = ["{0}", "{0}/{1}", "{0}//{2}", "{0}/{1}/{2}"]
 
 

@@ -141,6 +141,14 @@ def test_what_is_cut_away_does_not_shine(tmp_path):
     assert (found == images.BYTE_TO_SHARE[texels][..., None] * np.float32([1, 2, 4])).all()
 
 
+def test_a_backslash_ends_no_line_of_names(tmp_path):
+    plain = load(tmp_path)[0]
+    marked = PLAIN.replace("usemtl one\n", "g C:\\a\\\nusemtl one\n# C:\\\n", 1)
+    marked = marked.replace("f 1/1 2/2 3/3 4/4", "f 1/1 2/2 \\\n3/3 4/4", 1)
+    assert marked.count("\\") == 4
+    assert load(tmp_path, obj=marked)[0].sha256 == plain.sha256
+
+
 def test_it_renders(tmp_path):
     """Under a white sky a white square sends back all that it gets."""
     scene, _, text = one(tmp_path, "Kd 1 1 1")

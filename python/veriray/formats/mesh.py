@@ -206,10 +206,28 @@ def _within(mesh: Mesh, what: str, values: Array, least: float, most: float) -> 
     return bool(least <= low and high <= most)
 
 
-def _obj(data: bytes) -> _Arrays:
+#: Lines v, vt, vn and f up to the last that a backslash continues; none has a comment.
+_CONTINUED = re.compile(rb"(?<![^\r\n])[ \t\v\f]*(?:v[tn]?|f)(?=[ \t\v\f\\])(?:[^\r\n#]*\\\r?\n)+")
+
+
+def obj_text(data: bytes) -> bytes:
+    """The text of an OBJ file without byte order mark, and with continued lines as one.
+
+    A backslash at the end of other lines, and of comments, is a part of them: of a path in them,
+    perhaps.
+    """
     text = data.removeprefix(codecs.BOM_UTF8)
-    if b"\\" in text:
-        text = text.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    if b"\\\n" not in text and b"\\\r\n" not in text:
+        return text
+
+    def join(found: re.Match[bytes]) -> bytes:
+        return found[0].replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+
+    return _CONTINUED.sub(join, text)
+
+
+def _obj(data: bytes) -> _Arrays:
+    text = obj_text(data)
     tables, corners, triangles, parts = _obj_native(text) or _obj_lines(text)
     vertices, *others = tables
     if parts.max(initial=1) > 1:

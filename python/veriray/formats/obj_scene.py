@@ -12,7 +12,6 @@ camera is placed that frames it from its front, at +z with y up.
 
 from __future__ import annotations
 
-import codecs
 import os
 import re
 from collections.abc import Mapping
@@ -89,9 +88,7 @@ def _faces(
     names, current, lost = [""], 0, False
     of: list[int] = []
     counts: list[int] = []
-    text = data.removeprefix(codecs.BOM_UTF8)
-    text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(mesh.obj_text(data).splitlines(), 1):
         words = line.split(b"#", 1)[0].split() if line.lstrip()[:1] in (b"f", b"m", b"u") else [b""]
         kind = words[0]
         if kind == b"f":

@@ -1,7 +1,5 @@
 // Scheduler `wavefront` on CUDA: a launch a stage, a block a tile. A CUDA graph launches kSteps
 // steps at once; the host keeps one graph ahead and ends when all tiles are idle.
-#include <algorithm>
-
 #include "backends/kernels.cuh"
 #include "backends/launches.cuh"
 #include "backends/wavefront_kernels.cuh"
@@ -9,8 +7,6 @@
 namespace veriray {
 namespace {
 
-// Slots of a tile: the more rays a block has, the less it waits for the last of them.
-constexpr uint32_t kTileSlots = 1024, kLeastTile = 512;
 constexpr uint32_t kSteps = 8;  // those after the job's end are four idle launches each
 
 template <class Tracer>
@@ -20,7 +16,7 @@ __global__ void __launch_bounds__(kWaveBlock)
     block_refills<Tracer>(scene, job, w);
 }
 template <class Tracer>
-__global__ void __launch_bounds__(kWaveBlock, kTraceBlocks)
+__global__ void __launch_bounds__(kWaveBlock)
     trace_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Wave w) {
     block_traces<Tracer>(scene, w);
 }
@@ -31,7 +27,7 @@ __global__ void __launch_bounds__(kWaveBlock)
     block_scatters<Tracer>(scene, job, w, kind, misses, ledger);
 }
 template <class Tracer>
-__global__ void __launch_bounds__(kWaveBlock, kTraceBlocks)
+__global__ void __launch_bounds__(kWaveBlock)
     shadow_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                   const __grid_constant__ Wave w, uint64_t* ledger) {
     block_shadows<Tracer>(scene, job, w, ledger);
@@ -128,7 +124,7 @@ Graph record_steps(const WaveKernels& kernels, const Launches& l, const Job& job
     each_scatter(kernels, l.scene, w, [&](const void* kernel, uint32_t, bool) {
         check(cudaFuncGetAttributes(&loaded, kernel), "kernels");
     });
-    const uint32_t tiles = tile_count(w.capacity, w.tile);
+    const uint32_t tiles = tile_count(w.capacity);
     uint64_t* const ledger = l.ledger.get();
     return Graph(l.work, [&] {
         for (uint32_t step = 0; step < kSteps; ++step) {
@@ -146,12 +142,9 @@ Graph record_steps(const WaveKernels& kernels, const Launches& l, const Job& job
 
 bool render_wavefront(const Launches& l, const Job& job) {
     const uint32_t kinds = find_scheduler(l.s.scheduler)->sorted ? kHitKinds : 1;
-    // By default each block that a device holds where it traces rays has a tile of kTileSlots.
-    const uint64_t blocks = uint64_t{kTraceBlocks} * l.multiprocessors;
-    const uint64_t wanted = l.s.batch ? l.s.batch : blocks * kTileSlots;
+    // By default 16 tiles a multiprocessor, whose blocks fill one that holds 2,048 threads.
+    const uint64_t wanted = l.s.batch ? l.s.batch : 16ull * kTileSlots * l.multiprocessors;
     const uint32_t capacity = static_cast<uint32_t>(std::min(wanted, job.paths()));
-    const uint32_t tile =
-        std::clamp(static_cast<uint32_t>(capacity / blocks), kLeastTile, kTileSlots);
     const FeatureMask features = l.scene.features;
     WaveKernels kernels;
     // Those of a scene have no scatter stage for hits that are left unsorted.
@@ -170,9 +163,9 @@ bool render_wavefront(const Launches& l, const Job& job) {
     const ColumnCount all = wave_columns(path, request, kinds);
     Scratch<float> floats(static_cast<size_t>(all.floats) * capacity, "wave");
     Scratch<uint32_t> uints(static_cast<size_t>(all.uints) * capacity, "wave");
-    Scratch<TileQueues> queues(tile_count(capacity, tile), "wave");
+    Scratch<TileQueues> queues(tile_count(capacity), "wave");
     Scratch<WaveControl> control(1, "wave");
-    const Wave w = make_wave(path, request, kinds, capacity, tile, floats.get(), uints.get(),
+    const Wave w = make_wave(path, request, kinds, capacity, floats.get(), uints.get(),
                              queues.get(), control.get());
     check(cudaMemsetAsync(w.state, 0xff, capacity * sizeof(uint32_t), l.work.s), "wave");
     check(cudaMemsetAsync(w.queues, 0, queues.size() * sizeof(TileQueues), l.work.s), "wave");

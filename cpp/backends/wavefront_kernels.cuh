@@ -10,8 +10,6 @@
 namespace veriray {
 
 inline constexpr uint32_t kWaveBlock = 128;
-// Blocks that a multiprocessor is to hold where rays are traced (64 registers).
-inline constexpr uint32_t kTraceBlocks = 8;
 
 // Calls body(k) for k < n; the threads of the block share.
 template <class Body>
@@ -25,7 +23,7 @@ __device__ __forceinline__ void block_refills(const SceneView& scene, const Job&
     if (w.queues[blockIdx.x].idle) return;
     __shared__ TileQueues q;
     __shared__ Refill r;
-    const uint32_t first = blockIdx.x * w.tile;
+    const uint32_t first = blockIdx.x * kTileSlots;
     if (threadIdx.x == 0) q = {};
     __syncthreads();
     each_in_block(w.slots(first), [&](uint32_t k) { wave_sweep(w, q, first, first + k); });
@@ -67,7 +65,7 @@ __device__ __forceinline__ void block_traces(const SceneView& scene, const Wave&
     if (threadIdx.x == 0) q = w.queues[blockIdx.x], taken = 0;
     fill_block_quads<Tracer::kMask>(scene);
     __syncthreads();
-    const uint32_t first = blockIdx.x * w.tile;
+    const uint32_t first = blockIdx.x * kTileSlots;
     if (in_tree<Tracer, kExact>(scene)) {
         const auto start = [&](uint32_t k, WalkTask& task) {
             const auto path = load_path<Tracer, kAhead>(w.paths, w.live[first + k]);
@@ -101,7 +99,7 @@ __device__ __forceinline__ void block_scatters(const SceneView& scene, const Job
     __syncthreads();
     const auto scatter = [&](uint32_t of, uint32_t k) {
         wave_scatter<Tracer>(
-            scene, job, w, q, blockIdx.x * w.tile, of, k,
+            scene, job, w, q, blockIdx.x * kTileSlots, of, k,
             [&](uint32_t depth, uint32_t column) { counts.record(ledger, depth, column); });
     };
     const uint32_t missed = misses ? hit_places(q, 0) : 0;
@@ -133,7 +131,7 @@ __device__ __forceinline__ void block_shadows(const SceneView& scene, const Job&
     counts.clear();
     fill_block_quads<Tracer::kMask>(scene);
     __syncthreads();
-    const uint32_t first = blockIdx.x * w.tile;
+    const uint32_t first = blockIdx.x * kTileSlots;
     const auto record = [&](uint32_t depth, uint32_t column) {
         counts.record(ledger, depth, column);
     };

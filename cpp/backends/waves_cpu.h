@@ -15,8 +15,6 @@
 namespace veriray {
 namespace {
 
-constexpr uint32_t kTileSlots = 512;  // what stays in a core's cache
-
 template <class T>
 std::vector<T> pool_memory(size_t n, const char* what) {
     try {
@@ -123,8 +121,8 @@ bool render_wavefront(const SceneView& view, const Job& job, const RenderSetting
     auto floats = pool_memory<float>(static_cast<size_t>(columns.floats) * capacity, "wave");
     auto uints = pool_memory<uint32_t>(static_cast<size_t>(columns.uints) * capacity, "wave");
     WaveControl control{};
-    const Wave w = make_wave(variant.path, variant.request, kinds, capacity, kTileSlots,
-                             floats.data(), uints.data(), nullptr, &control);
+    const Wave w = make_wave(variant.path, variant.request, kinds, capacity, floats.data(),
+                             uints.data(), nullptr, &control);
     std::fill_n(w.state, capacity, Wave::kFree);
     const Poll watch = [&](double) {
         const double share =
@@ -139,16 +137,15 @@ bool render_wavefront(const SceneView& view, const Job& job, const RenderSetting
         return false;
     };
     ++stats.launches;
-    return parallel(stats.threads, tile_count(capacity, kTileSlots), watch,
-                    [&](uint32_t worker, uint64_t tile) {
-                        try {
-                            variant.wave_tile(view, job, w, static_cast<uint32_t>(tile),
-                                              ledgers[worker]);
-                        } catch (...) {
-                            atomic_next(&control.stopped);
-                            throw;
-                        }
-                    });
+    return parallel(
+        stats.threads, tile_count(capacity), watch, [&](uint32_t worker, uint64_t tile) {
+            try {
+                variant.wave_tile(view, job, w, static_cast<uint32_t>(tile), ledgers[worker]);
+            } catch (...) {
+                atomic_next(&control.stopped);
+                throw;
+            }
+        });
 }
 
 }  // namespace

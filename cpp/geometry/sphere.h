@@ -47,7 +47,7 @@ struct Chord {
 };
 
 template <class F, class Record>
-VR_ONCE Chord<F> chord(const Record* record, Vec3<F> o, Vec3<F> d) {
+VR_HD Chord<F> chord(const Record* record, Vec3<F> o, Vec3<F> d) {
     const TwoVec3<F> f = from_centre(record, o);
     const Two<F> b = add_dot({F(0.f), F(0.f)}, f, d);
     Chord<F> c;

@@ -20,6 +20,7 @@
 
 namespace veriray {
 
+inline constexpr uint32_t kTileSlots = 512;
 inline constexpr uint32_t kHitKinds = 1 + kMaterialCount;  // nothing, or a material
 inline constexpr uint32_t kKindPlaces = 32;  // of a kind side by side: no warp mixes them
 
@@ -41,7 +42,7 @@ struct Wave {
     uint32_t *live, *ended, *shadows, *hits;  // slots; a tile's from its first slot on; [kind]
     TileQueues* queues;                       // by tile
     WaveControl* control;
-    uint32_t capacity, tile, kinds;  // slots; of a tile; kHitKinds, or 1: not sorted
+    uint32_t capacity, kinds;  // slots; kHitKinds, or 1: not sorted
 
     // The state of a slot: its path's segment, and the cause of its end where that waits for a
     // shadow ray; or kFree.
@@ -49,12 +50,12 @@ struct Wave {
     static_assert(kHardMaxDepth >> kCauseShift == 0);
 
     VR_HD uint32_t slots(uint32_t first) const {
-        return capacity - first < tile ? capacity - first : tile;
+        return capacity - first < kTileSlots ? capacity - first : kTileSlots;
     }
 };
 
-constexpr uint32_t tile_count(uint32_t capacity, uint32_t tile) {
-    return (capacity + tile - 1) / tile;
+constexpr uint32_t tile_count(uint32_t capacity) {
+    return (capacity + kTileSlots - 1) / kTileSlots;
 }
 // Columns that a wave needs, by slot.
 constexpr ColumnCount wave_columns(ColumnCount path, ColumnCount request, uint32_t kinds) {
@@ -63,8 +64,7 @@ constexpr ColumnCount wave_columns(ColumnCount path, ColumnCount request, uint32
 
 // Lays a wave out in memory of that many columns. States must become kFree, queues and control 0.
 inline Wave make_wave(ColumnCount path, ColumnCount request, uint32_t kinds, uint32_t capacity,
-                      uint32_t tile, float* floats, uint32_t* uints, TileQueues* queues,
-                      WaveControl* control) {
+                      float* floats, uint32_t* uints, TileQueues* queues, WaveControl* control) {
     const auto take = [&](auto*& from, size_t columns) {
         return std::exchange(from, from + columns * capacity);
     };
@@ -78,7 +78,6 @@ inline Wave make_wave(ColumnCount path, ColumnCount request, uint32_t kinds, uin
     w.queues = queues;
     w.control = control;
     w.capacity = capacity;
-    w.tile = tile;
     w.kinds = kinds;
     return w;
 }
@@ -229,7 +228,7 @@ VR_HD void wave_shadow(const SceneView& scene, const Job& job, const Wave& w, ui
 template <class Tracer, class Record>
 void run_wave_tile(const SceneView& scene, const Job& job, const Wave& w, uint32_t tile,
                    Record record) {
-    const uint32_t first = tile * w.tile, slots = w.slots(first);
+    const uint32_t first = tile * kTileSlots, slots = w.slots(first);
     for (;;) {
         TileQueues q{};
         for (uint32_t k = 0; k < slots; ++k) wave_sweep(w, q, first, first + k);

@@ -375,7 +375,7 @@ _PICTURE = (
            "Tracer::visible(path, shadow, free);",
            "Tracer::visible(path, shadow, free & (cause == kLive));"),
     Mutant("last paths of a wave lost", "schedulers/wavefront.h", "r.path < job.paths()",
-           "r.path + w.tile < job.paths()"),
+           "r.path + kTileSlots < job.paths()"),
     Mutant("wave skips every second segment", "schedulers/wavefront.h", "w.state[i] = state + 1;",
            "w.state[i] = state == Wave::kFree ? 0u : state + 2u;"),
 )  # fmt: skip

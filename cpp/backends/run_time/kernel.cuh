@@ -21,11 +21,11 @@ __global__ void __launch_bounds__(kWaveBlock)
                    const __grid_constant__ Wave w) {
     block_refills<RunTimeTracer>(scene, job, w);
 }
-__global__ void __launch_bounds__(kWaveBlock, kTraceBlocks)
+__global__ void __launch_bounds__(kWaveBlock)
     veriray_trace(const __grid_constant__ SceneView scene, const __grid_constant__ Wave w) {
     block_traces<RunTimeTracer, true>(scene, w);
 }
-__global__ void __launch_bounds__(kWaveBlock, kTraceBlocks)
+__global__ void __launch_bounds__(kWaveBlock)
     veriray_shadow(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                    const __grid_constant__ Wave w, uint64_t* ledger) {
     block_shadows<RunTimeTracer, true>(scene, job, w, ledger);

@@ -56,8 +56,26 @@ def test_in_a_blend_the_extinction_is_even() -> None:
         assert found.sigma_t.tolist() == [[3.0] * 3]
         assert [PHASE_KINDS[k] for k in found.lobe_kind] == kinds
         assert sum(found.lobe_share) == 1
-        picture = veriray.render(found, 4, device="cpu").image
-        assert np.isfinite(picture).all()
+
+
+@pytest.mark.parametrize("blended", [False, True])
+def test_light_through_flakes(blended: bool) -> None:
+    """Along z they absorb by the root of S_zz, and in a blend as in all directions."""
+    phase: Any = flakes((0.5, 1, 0.0625, 0, 0, 0))
+    if blended:
+        phase = {"type": "blendphase", "weight": 1.0, "a": HAZE, "b": phase}
+    found = scene(phase, sigma_t=0.5, albedo=0.0)
+    found = dataclasses.replace(found, camera=dataclasses.replace(found.camera, fov=0.5))
+    mean = float(veriray.render(found, 4096, device="cpu").image.mean())
+    assert abs(mean - np.exp(-2 * 0.5 * (1 if blended else 0.25))) < 0.01
+
+
+def test_the_older_name_of_scale() -> None:
+    fog = {"type": "heterogeneous", "sigma_t": 2.0, "phase": flakes(np.array(SIX) / 4)}
+    found = [scene(**{**fog, name: 3.0}) for name in ("scale", "density_scale")]
+    assert found[0].sha256 == found[1].sha256
+    assert found[0].sigma_t.tolist() == [[3.0] * 3]
+    assert scene(**fog).sigma_t.tolist() == [[1.0] * 3]
 
 
 def test_a_file(tmp_path: Path) -> None:

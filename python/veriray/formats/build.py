@@ -583,7 +583,8 @@ class _Builder:
                 filled = materials.filled(phase, self.check(phase)[1])
             else:
                 lobes, area = phases.lobes(phase, self.check, self.numbers)
-        values = {**values, "scale": values["scale"] * area}
+        given = "scale" if values.get("density_scale") is None else "density_scale"
+        values = {**values, given: values[given] * area}
         return *volumes.medium(node, values, filled, self.volumes(node), self.grids), lobes
 
     def numbers(self, node: Node, count: int) -> list[float] | None:

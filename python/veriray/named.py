@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Use:
     """A row that holds numbers of an object; part: which, of a row of materials "bsdf", "opacity"
-    or "weight". form: how they are stored: "" as they are, "mean" of a checkerboard that gives one
-    number the means of its colours, in each other's place, "rest" 1 less that; of a weight, "rest"
-    is 1 less it."""
+    or "weight". form: "" as they are; "mean": a checkerboard that gives one number holds the means
+    of its two colours, exchanged; "rest": likewise, but 1 minus each mean. Of a weight, "rest"
+    means that the row holds 1 minus it."""
 
     table: str
     row: int
@@ -38,7 +38,8 @@ class Object:
 
 class Objects:
     """The objects of a scene; holders: by the ids of objects that hold a material, as `twosided`
-    does, its row; merged: names of materials that blends of more than two put together."""
+    does, its row; merged: names of materials that blends of more than two put together, and
+    names of numbers, as "NAME.opacity", that are factors of other numbers."""
 
     def __init__(
         self,

@@ -39,6 +39,8 @@ def listed(scene: Scene) -> dict[str, float | tuple[float, ...]]:
                 continue
             if key == "opacity" and scene.opacity[use.row] == 1:
                 continue
+            if f"{name}.{key}" in objects(scene).merged:
+                continue
             value = getattr(scene, columns[0])[use.row].tolist()
             if use.form == "rest":
                 value = [1 - x for x in value] if isinstance(value, list) else 1 - value
@@ -89,6 +91,8 @@ def _found(scene: Scene, name: object) -> list[tuple[tuple[str, ...], Use | None
         return [(("environment",), None)]
     holder, _, key = name.rpartition(".")
     known = objects(scene)
+    if name in known.merged:
+        raise _merged(name, True)
     for use, parts in _meant(scene, holder):
         if key not in _columns(scene, use):
             continue
@@ -99,22 +103,24 @@ def _found(scene: Scene, name: object) -> list[tuple[tuple[str, ...], Use | None
         uses = owner.uses if owner else (use,)
         if key == "opacity" and part != key and any(_part(scene, one, key) == key for one in uses):
             continue
-        if owner and owner.name in known.merged:
-            raise _merged(name)
+        if owner and {owner.name, f"{owner.name}.{key}"} & known.merged:
+            raise _merged(name, owner.name not in known.merged)
         found = [(_columns(scene, one)[key], one) for one in uses]
         if any(_textured(scene, columns, one.row) for columns, one in found):
             raise SceneError(f'"{name}" is given by a texture')
         return [*found]
     if holder in known.merged:
-        raise _merged(name)
+        raise _merged(name, False)
     from .formats.node import allowed
 
     raise SceneError(f'there is no parameter "{name}"{allowed(name, listed(scene), "there is")}')
 
 
-def _merged(name: str) -> SceneError:
-    text = f'"{name}" is also a number of a blend of more than two bsdfs, some of which became one'
-    return SceneError(text)
+def _merged(name: str, factor: bool) -> SceneError:
+    text = "number of a blend of more than two bsdfs, some of which became one"
+    if factor:
+        text = "factor of other numbers: of nested masks, or of a blend of more than two bsdfs"
+    return SceneError(f'"{name}" is also a {text}')
 
 
 def _meant(scene: Scene, holder: str) -> Iterator[tuple[Use, tuple[str, ...]]]:

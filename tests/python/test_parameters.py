@@ -6,6 +6,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -366,3 +367,95 @@ def test_numbers_that_have_no_name() -> None:
     scene = vr.load_dict(with_all(l=ball(0, masks)))
     assert scene.parameters()["l.bsdf.opacity"] == 0.25
     assert not {"in.opacity", "out.opacity"} & scene.parameters().keys()
+
+
+def ref(name: str) -> dict[str, Any]:
+    return {"type": "ref", "id": name}
+
+
+#: Factors of other numbers, which hold a name: scenes by one number, and that name.
+MASK = {"type": "mask", "id": "mm", "held": diffuse(0.25)}
+FACTORS: dict[str, Any] = {
+    "mask in a mask": (
+        lambda v: {
+            "mm": {**MASK, "opacity": v},
+            "l": ball(0, ref("mm")),
+            "r": ball(1, {"type": "mask", "opacity": 0.5, "held": ref("mm")}),
+        },
+        "mm.opacity",
+    ),
+    "mask around a mask": (
+        lambda v: {
+            "r": ball(1, {"type": "mask", "id": "out", "opacity": v, "held": MASK}),
+        },
+        "out.opacity",
+    ),
+    "mask without an id": (
+        lambda v: {
+            "bm": {"type": "bumpmap", "id": "bm", "height": {"type": "bitmap", "raw": True,
+                                                                  "data": np.zeros((2, 2, 1), np.float32)},
+                   "held": {"type": "mask", "opacity": v, "held": diffuse(0.25)}},
+            "l": ball(0, ref("bm")),
+            "r": ball(1, {"type": "mask", "opacity": 0.5, "held": ref("bm")}),
+        },
+        "bm.opacity",
+    ),
+    "blend without an id": (
+        lambda v: {
+            "ts": {"type": "twosided", "id": "ts", "held": {**TWO, "weight": v}},
+            "l": ball(0, ref("ts")),
+            "r": ball(1, {"type": "blendbsdf", "weight": 0.3, "a": {"type": "conductor"},
+                          "b": ref("ts")}),
+        },
+        "ts.weight",
+    ),
+    **{
+        f"blend of weight {weight} in a blend, {'first' if first else 'second'}": (
+            lambda v, weight=weight, first=first: {
+                "bl": {"type": "blendbsdf", "id": "bl", "weight": weight if v == 0.5 else v,
+                       "a": diffuse(0.25), "b": {"type": "plastic"}},
+                "l": ball(0, ref("bl")),
+                "r": ball(1, {
+                    "type": "blendbsdf", "weight": 0.3,
+                    **({"a": ref("bl"), "b": {"type": "conductor"}} if first else
+                       {"a": {"type": "conductor"}, "b": ref("bl")}),
+                }),
+            },
+            "bl.weight",
+        )
+        for weight, first in ((0.5, True), (0.5, False), (0.0, True), (1.0, True))
+    },
+    "blend twice in a blend": (
+        lambda v: {
+            "aa": {"type": "diffuse", "id": "aa"},
+            "bl": {"type": "blendbsdf", "id": "bl", "weight": v, "a": AA, "b": {"type": "plastic"}},
+            "l": ball(0, ref("bl")),
+            "r": ball(1, {"type": "blendbsdf", "weight": 0.3, "a": AA, "b": ref("bl")}),
+        },
+        "bl.weight",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("use", FACTORS)
+def test_factors_of_other_numbers_have_no_name(use: str) -> None:
+    make, name = FACTORS[use]
+    scene = vr.load_dict(with_all(**make(0.5)))
+    assert vr.load_dict(with_all(**make(0.75))).sha256 != scene.sha256
+    assert name not in scene.parameters()
+    words = "a factor of other numbers: of nested masks, or of a blend of more than two bsdfs"
+    with pytest.raises(SceneError, match=f'"{name}" is also {words}'):
+        scene.with_({name: 0.75})
+    for key, value in scene.parameters().items():
+        assert scene.with_({key: value}).sha256 == scene.sha256
+
+
+def test_colours_within_factors_keep_their_names() -> None:
+    make, _ = FACTORS["mask in a mask"]
+    scene = vr.load_dict(with_all(**make(0.5)))
+    assert scene.parameters()["mm.reflectance"] == (0.25, 0.25, 0.25)
+    changed = scene.with_({"mm.reflectance": 0.75})
+    assert np.count_nonzero(changed.reflectance == 0.75) == 6
+    for shape in ("l", "r"):
+        with pytest.raises(SceneError, match="factor") if shape == "l" else nullcontext():
+            scene.with_({f"{shape}.bsdf.opacity": 0.75})

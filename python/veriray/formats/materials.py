@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
@@ -36,9 +37,10 @@ class _Part:
     share: float
 
 
-#: Keys of a row that say whose numbers it holds: its bsdf, the masks around it, the blend whose
-#: weight it has and whether that is 1 less; names of those that have no id, by part, from objects
-#: around them; ids of these; ids of bsdfs of which it was put together.
+#: Keys of a row that say whose numbers it holds: its bsdf; the masks around it; the blend whose
+#: weight it has, and whether it holds 1 minus that; by part, a name from an object around it for
+#: what has no id; the ids of these objects; the ids of what was merged into it, and with ".opacity"
+#: or ".weight" the names of factors of its numbers.
 _WHOSE = ("bsdf", "masks", "weighs", "names", "holders", "merged")
 BLACK: Row = blank_row("materials")
 _ALPHAS = ("alpha", "alpha_u", "alpha_v")
@@ -160,7 +162,11 @@ def changed(row: Row, columns: Row) -> Row:
 def masked(row: Row, columns: Row, mask: Node) -> Row:
     """A bsdf's row with the columns of a mask around it; numbers of several masks multiply."""
     result = {**row, **columns, "opacity": columns["opacity"] * row["opacity"]}
-    result["masks"] = (*row.get("masks", ()), mask)
+    inside = row.get("masks", ())
+    result["masks"] = (*inside, mask)
+    if inside:
+        names = {one.id or row.get("names", {}).get("opacity") for one in result["masks"]}
+        result["merged"] = {*row.get("merged", ()), *(f"{name}.opacity" for name in names if name)}
     if "other" in row:
         node, other = row["other"]
         result["other"] = replace(node), masked(other, columns, mask)
@@ -218,13 +224,22 @@ def _parts(node: Node, row: Row, share: float) -> list[_Part]:
     if "other" not in row:
         return [_Part(replace(node), row, share)]
     first = {**row, "blend_weight": BLACK["blend_weight"]}
-    first.pop("weighs", None)
+    weighs = first.pop("weighs", None)
     second, other = first.pop("other")
     weight = row["blend_weight"]
-    return [
+    parts = [
         _Part(replace(node), first, share * (1 - weight)),
         *_parts(second, other, share * weight),
     ]
+    name = weighs and (weighs[0].id or row.get("names", {}).get("weight"))
+    if not name:
+        return parts
+    return [_with_merged(part, {f"{name}.weight"}) for part in parts]
+
+
+def _with_merged(part: _Part, names: Iterable[str]) -> _Part:
+    merged = {*part.row.get("merged", ()), *names}
+    return replace(part, row={**part.row, "merged": merged} if merged else part.row)
 
 
 def _of_all(parts: list[_Part]) -> Row:
@@ -264,7 +279,7 @@ def _together(one: _Part, other: _Part) -> _Part | None:
     if {**a, "reflectance": ()} == {**b, "reflectance": ()}:
         if a["reflectance"] == b["reflectance"]:
             if objects(one.row) == objects(other.row):
-                return replace(one, share=share)
+                return _with_merged(replace(one, share=share), other.row.get("merged", ()))
             return _Part(one.node, {**a, "merged": merged}, share)
         if a["material_kind"] == _DIFFUSE:
             pairs = zip(a["reflectance"], b["reflectance"], strict=True)

@@ -109,6 +109,24 @@ def test_adaptive_clamping() -> None:
         assert abs(extent - np.sqrt(2 * np.log(OPACITIES[k, 0] / 0.01))) < 1e-6
 
 
+@pytest.mark.parametrize("kind", ["ellipsoids", "ellipsoidsmesh"])
+def test_all_left_out(kind: str) -> None:
+    found = scene(kind, **ARRAYS, opacities=0 * OPACITIES, extent_adaptive_clamping=True)
+    assert not len(found.triangles)
+    assert any("5 of 5 ellipsoids are left out, by their opacity" in note for note in found.notes)
+    assert not any("0 ellipsoids" in note for note in found.notes)
+
+
+def test_opacities_of_a_file_are_checked(tmp_path: Path) -> None:
+    gaussians(tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes()
+    start = data.index(b"end_header\n") + 11 + 4 * 9  # after the centre, normal and colour
+    bad = data[:start] + np.float32(np.nan).tobytes() + data[start + 4 :]
+    (tmp_path / "a.ply").write_bytes(bad)
+    with pytest.raises(SceneError, match=r"a\.ply.*opacity 0 is nan; expected a finite number"):
+        scene("ellipsoidsmesh", filename=str(tmp_path / "a.ply"))
+
+
 def gaussians(path: Path, text: bool = False) -> None:
     """A file like those of 3D Gaussians."""
     opacity = np.clip(OPACITIES[:, 0], 0, 1 - 1e-6)
@@ -176,6 +194,9 @@ def test_they_have_bsdfs_and_shine() -> None:
         ({**ARRAYS, "centers": CENTERS * np.nan}, "ellipsoid 0 has the center"),
         ({**ARRAYS, "extent_adaptive_clamping": True}, "clamping without opacities"),
         ({**ARRAYS, "opacities": OPACITIES[:2]}, "2 opacities of 5 ellipsoids"),
+        ({**ARRAYS, "opacities": OPACITIES * np.nan}, "opacity 0 is nan; expected a finite number"),
+        ({**ARRAYS, "opacities": [[1], [1], [-1], [1], [1]]}, "opacity 2 is -1; expected"),
+        ({**ARRAYS, "opacities": [[1], [np.inf], [1], [1], [1]]}, "opacity 1 is inf; expected"),
         ({**ARRAYS, "scale_factor": 2.0}, "scale_factor is of files alone"),
         ({**ARRAYS, "extent": 0.0}, '"extent" = 0.0 is outside'),
         ({**ARRAYS, "shell": "box"}, 'unknown parameter "shell"'),

@@ -73,7 +73,7 @@ def surface(node: Node, values: dict[str, Any]) -> tuple[Mesh, str]:
         raise SceneError(text, node.where)
     mesh = _placed(centers, scales * extents[:, None], turns, points, faces, level is not None)
     note = f"{gone} of {count} ellipsoids are left out, by their opacity" if gone else ""
-    if level is not None:
+    if level is not None and len(centers):
         plural = "s" * (len(centers) != 1)
         text = f"{len(centers)} ellipsoid{plural} rendered as meshes of {len(faces)} triangles, "
         text += (
@@ -122,10 +122,11 @@ def _given(node: Node, values: dict[str, Any]) -> tuple[Array, Array, Array, Arr
     opacities = None
     if values["opacities"] is not None:
         opacities = _array(node, "opacities", values["opacities"], 1)[:, 0]
+        where = node.values["opacities"].where
         if len(opacities) != len(found[0]):
-            where = node.values["opacities"].where
             text = f"{len(opacities)} opacities of {len(found[0])} ellipsoids"
             raise SceneError(f"{node}: {text}", where)
+        _check_opacities(str(node), opacities, where)
     off = np.abs(np.sqrt((found[2] * found[2]).sum(axis=1)) - 1) > _OFF
     if off.any():
         k = int(np.argmax(off))
@@ -175,7 +176,19 @@ def _file(path: Path, where: str) -> tuple[Array, Array, Array, Array | None]:
         if "opacity" in vertex:
             logits = np.asarray(vertex["opacity"], np.float64)
             opacities = (1 / (1 + np.exp(-logits))).astype(np.float32).astype(np.float64)
+    if opacities is not None:
+        _check_opacities(name, opacities, where)
     return centers, scales, turns, opacities
+
+
+def _check_opacities(label: str, opacities: Array, where: str) -> None:
+    good = np.isfinite(opacities) & (opacities >= 0)
+    if not good.all():
+        k = int(np.argmin(good))
+        raise SceneError(
+            f"{label}: opacity {k} is {opacities[k]:g}; expected a finite number of at least 0",
+            where,
+        )
 
 
 def _check(node: Node, centers: Array, scales: Array, turns: Array) -> None:

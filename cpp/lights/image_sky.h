@@ -6,12 +6,13 @@
 // probabilities that are multiples of 2^-24, and a place in the cell in proportion to the bilinear
 // interpolation of its corners' weights: the sum of the channels times the sine of the polar angle.
 // At the poles the sine is 0, so that a pole's texel gives its sum to its neighbour away from the
-// pole. The density is then positive where the radiance is, and hardly less than in proportion.
+// pole. Without `less`, the density is then positive where the radiance is, and hardly less than in
+// proportion.
 //
-// With `less` the weights are of what a texel's sum exceeds it by. Where nothing does, the density
-// is 0, and directions that closures and phase functions draw find the light, with weight 1: they
-// can draw every direction in which they scatter (O. Karlik et al., "MIS Compensation", SIGGRAPH
-// Asia 2019).
+// With it, the default, a weight is what a texel's sum of channels exceeds `less` by, or 0. Where
+// all weights are 0, the density is 0, and directions that closures and phase functions draw find
+// the light, with weight 1: they can draw every direction in which they scatter (O. Karlik et al.,
+// "MIS Compensation", SIGGRAPH Asia 2019).
 #pragma once
 
 #include "core/math.h"

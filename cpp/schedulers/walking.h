@@ -1,7 +1,9 @@
-// Scheduler `fused` for CUDA and scenes with a tree. Rays of a warp take walks of very different
+// Walks of a warp through the tree in step: the scheduler `fused` for CUDA and scenes with a tree,
+// and `walk_queue`, by which `wavefront` traces there. Rays of a warp take walks of very different
 // length, so a lane that has arrived does not wait for the last: the walk stops when most of the
-// warp have arrived, those shade and set out again, by a shadow ray or the next one, and all walk
-// on. T. Aila and S. Laine, "Understanding the efficiency of ray traversal on GPUs", 2009.
+// warp have arrived, those set out again, and all walk on. In `fused` they shade first, and set out
+// by a shadow ray or the next one; in `walk_queue` they take the next rays of a queue. T. Aila and
+// S. Laine, "Understanding the efficiency of ray traversal on GPUs", 2009.
 #pragma once
 
 #include "schedulers/fused.h"

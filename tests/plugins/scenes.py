@@ -52,6 +52,7 @@ NEEDED = {
     ("emitter", "projector"): {"fov": _floats(("fov", 40))},
     ("emitter", "sunsky"): {"sun_direction": '<vector name="sun_direction" value="0 1 1"/>'},
     ("phase", "blendphase"): {"weight": _floats(("weight", 0.5))},
+    ("phase", "sggx"): {"S": _MATRIX_GRID.format("S")},
     ("texture", "mesh_attribute"): {"name": _TEXT.format("name", "vertex_color")},
     ("texture", "volume"): {"volume": _EVEN},
     ("volume", "constvolume"): {"value": _floats(("value", 0.5))},
@@ -70,6 +71,7 @@ _SPECIAL = {
     ("irregular", "wavelengths"): _TEXT.format("wavelengths", "400 700") + _TEXT.format("values", ".1 .2"),
     ("regular", "wavelength_min"): _floats(("wavelength_min", 400), ("wavelength_max", 700)) + _TEXT.format("values", ".1 .2"),
     ("tabphase", "values"): _TEXT.format("values", "0.5, 1.0"),
+    ("sggx", "S"): _MATRIX_GRID.format("S"),
     ("mesh_attribute", "name"): _TEXT.format("name", "face_color"),
     ("rawconstant", "value"): _floats(("value", 0.3)),
     ("sunsky", "sun_aperture"): _floats(("sun_aperture", 3)),
@@ -180,8 +182,7 @@ def element(case: Case) -> str:
     for number, word in enumerate(w for w in line.split()[2:] if w.startswith("+")):
         name, _, made = word[1:].partition("=")
         if made:
-            grid = _MATRIX_GRID if name == "S" else _GRID
-            parts.append((_BITMAP if made == "texture.bitmap" else grid).format(name))
+            parts.append((_BITMAP if made == "texture.bitmap" else _GRID).format(name))
         elif name == "sensor":
             parts.append(_OWN[name])
         else:

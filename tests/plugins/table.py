@@ -96,7 +96,7 @@ phase blendphase +phase +phase weight:required
 phase hg g:float
 phase isotropic
 phase rayleigh
-phase sggx +S=volume.gridvolume
+phase sggx S:gridvolume
 phase tabphase values:values
 rfilter box
 rfilter catmullrom

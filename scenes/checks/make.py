@@ -1670,7 +1670,7 @@ def xml(about: str, body: str, hides: str = "") -> str:
 README = """# Checks
 
 Small bright scenes, each about one thing, in which every shape, material, medium, camera, light and
-filter occurs. Mitsuba 3 reads the same files, but `rough_shadows` and `rough_whole`. `make.py`
+filter occurs. Mitsuba 3 reads the same files, except `rough_shadows` and `rough_whole`. `make.py`
 makes them all, meshes, a sky and random spheres too (`--check` compares). Parameters: `spp`,
 `width`, `height`, `max_depth`, `rr_depth`.
 

@@ -425,12 +425,16 @@ FACTORS: dict[str, Any] = {
         )
         for weight, first in ((0.5, True), (0.5, False), (0.0, True), (1.0, True))
     },
-    "blend twice in a blend": (
+    "what is left of a blend becomes one with the same bsdf": (
         lambda v: {
             "aa": {"type": "diffuse", "id": "aa"},
-            "bl": {"type": "blendbsdf", "id": "bl", "weight": v, "a": AA, "b": {"type": "plastic"}},
+            "bl": {"type": "blendbsdf", "id": "bl", "weight": 0.0 if v == 0.5 else v, "a": AA,
+                   "b": {"type": "plastic"}},
             "l": ball(0, ref("bl")),
-            "r": ball(1, {"type": "blendbsdf", "weight": 0.3, "a": AA, "b": ref("bl")}),
+            "r": ball(1, {"type": "blendbsdf", "weight": 0.3,
+                          "a": {"type": "blendbsdf", "weight": 0.5, "a": AA,
+                                "b": {"type": "conductor"}},
+                          "b": ref("bl")}),
         },
         "bl.weight",
     ),

@@ -4,6 +4,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -27,6 +28,31 @@ py::tuple dlpack_device(const Picture& picture);
 py::capsule dlpack(const std::shared_ptr<Picture>& picture, bool versioned);
 // Nodes (n, 7 * width) and primitives by slot, both uint32.
 py::tuple tree_arrays(const TreeWords& tree, uint32_t width);
+
+// While it lives, the thread runs without the interpreter's lock. If the interpreter ends
+// meanwhile, a thread other than the main one waits here for the end of the process: the
+// interpreter would unwind its stack, and end the process by an abort at the first destructor that
+// does not allow it.
+class Unlocked {
+   public:
+    Unlocked() : state_(PyEval_SaveThread()) {}
+    Unlocked(const Unlocked&) = delete;
+    Unlocked& operator=(const Unlocked&) = delete;
+    ~Unlocked() noexcept(false) {
+        while (ending() && gettid() != getpid()) pause();
+        PyEval_RestoreThread(state_);
+    }
+
+   private:
+    static bool ending() {
+#if PY_VERSION_HEX >= 0x030d0000
+        return Py_IsFinalizing();
+#else
+        return _Py_IsFinalizing();
+#endif
+    }
+    PyThreadState* state_;
+};
 
 template <class T>
 using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;

@@ -9,7 +9,7 @@ PYBIND11_MODULE(_cuda, m) {
         "add_kernels",
         [](int device, uint64_t features, const py::bytes& code) {
             const std::string text = code;
-            py::gil_scoped_release release;
+            Unlocked unlocked;
             add_kernels(device, features, text);
         },
         "device"_a, "features"_a, "code"_a);

@@ -102,7 +102,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
         if (!progress.is_none()) progress(share);
         return true;
     };
-    py::gil_scoped_release release;
+    Unlocked unlocked;
     return with_memory(in,
                        [&] { return std::make_unique<Scene>(in, kept, device, builder, poll); });
 }
@@ -115,7 +115,7 @@ std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
     read_arrays(arrays, in, *kept);
     read_camera(camera, film, in, *kept);
     const std::shared_ptr<const void> owner = kept;
-    py::gil_scoped_release release;
+    Unlocked unlocked;
     return with_memory(in, [&] { return base.changed(in, owner, rough); });
 }
 
@@ -166,7 +166,7 @@ py::dict features_dict(const Scene& scene, Film& film, const FeatureSettings& s,
                        const py::object& poll) {
     RenderStats stats;
     {
-        py::gil_scoped_release release;
+        Unlocked unlocked;
         stats = render_features(scene, film, s, poll_of(poll));
     }
     using namespace py::literals;
@@ -178,7 +178,7 @@ py::dict render_dict(const Scene& scene, Film& film, const RenderSettings& s,
                      const py::object& poll) {
     RenderStats stats;
     {
-        py::gil_scoped_release release;
+        Unlocked unlocked;
         stats = render(scene, film, s, poll_of(poll));
     }
     const py::ssize_t depths = static_cast<py::ssize_t>(stats.ledger.size() / kLedgerColumns);
@@ -249,7 +249,7 @@ std::vector<py::ssize_t> words_shape(const Film& film, const PlaneInfo& p) {
 py::array_t<uint64_t> words_of(const Film& film, size_t plane) {
     py::array_t<uint64_t> out(words_shape(film, film.planes()[plane]));
     uint64_t* words = out.mutable_data();
-    py::gil_scoped_release release;
+    Unlocked unlocked;
     film.words(plane, words);
     return out;
 }
@@ -282,7 +282,7 @@ void add_state(Film& film, const py::dict& state) {
                    keep.push_back(array);
                    planes.push_back({info, value_of<float>(plane, where, "scale"), array.data()});
                });
-    py::gil_scoped_release release;
+    Unlocked unlocked;
     film.add(samples, planes);
 }
 
@@ -291,7 +291,7 @@ std::shared_ptr<Picture> make_picture(const Film& film,
                                       uint32_t threads, size_t plane) {
     if (counts) need_shape(*counts, "counts", {film.height(), film.width()});
     const uint64_t* n = counts ? counts->data() : nullptr;
-    py::gil_scoped_release release;
+    Unlocked unlocked;
     return std::make_shared<Picture>(film, n, threads, plane);
 }
 
@@ -306,7 +306,7 @@ py::array_t<T> copied(const Picture& p, void (Picture::*read)(float*) const) {
     if (p.integers() && read == &Picture::read_error) shape[2] = 0;
     py::array_t<T> out(shape);
     auto* numbers = reinterpret_cast<float*>(out.mutable_data());
-    py::gil_scoped_release release;
+    Unlocked unlocked;
     (p.*read)(numbers);
     return out;
 }
@@ -315,7 +315,7 @@ py::array_t<T> copied(const Picture& p, void (Picture::*read)(float*) const) {
 py::array_t<float> given(const Picture& p, Large<float> (Picture::*read)() const) {
     std::unique_ptr<Large<float>> all;
     {
-        py::gil_scoped_release release;
+        Unlocked unlocked;
         all = std::make_unique<Large<float>>((p.*read)());
     }
     float* const numbers = all->data();
@@ -380,7 +380,7 @@ void bind_renderer(py::module_& m) {
     m.def("status", [] {
         // Without the lock: a GPU's first answer takes a good part of a second.
         const std::string why = [] {
-            py::gil_scoped_release release;
+            Unlocked unlocked;
             return why_unusable();
         }();
         return py::make_tuple(why.empty(), why);
@@ -469,9 +469,9 @@ void bind_renderer(py::module_& m) {
         .def_property_readonly("height", &Film::height)
         .def_property_readonly("samples", &Film::samples)
         .def_property_readonly("memory", &Film::memory)
-        .def("clear", &Film::clear, py::call_guard<py::gil_scoped_release>())
+        .def("clear", &Film::clear, py::call_guard<Unlocked>())
         .def("add", py::overload_cast<const Film&>(&Film::add), "other"_a,
-             py::call_guard<py::gil_scoped_release>())
+             py::call_guard<Unlocked>())
         .def("state", &state_of)
         .def("add_state", &add_state, "state"_a)
         .def(
@@ -488,7 +488,7 @@ void bind_renderer(py::module_& m) {
                  py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});
                  double* sums = out.mutable_data();
                  {
-                     py::gil_scoped_release release;
+                     Unlocked unlocked;
                      f.sums(sums);
                  }
                  return out;
@@ -515,7 +515,7 @@ void bind_renderer(py::module_& m) {
             py::array_t<double> out(std::vector<py::ssize_t>{vertices.shape(0), 3});
             double* normals = out.mutable_data();
             {
-                py::gil_scoped_release release;
+                Unlocked unlocked;
                 vertex_normals(mesh, normals);
             }
             return out;
@@ -528,7 +528,7 @@ void bind_renderer(py::module_& m) {
             const std::string_view view = text;
             bool whole;
             {
-                py::gil_scoped_release release;
+                Unlocked unlocked;
                 whole = read_obj(view, tables);
             }
             if (!whole) return py::none();
@@ -551,7 +551,7 @@ void bind_renderer(py::module_& m) {
             const std::string_view view = lines;
             bool whole;
             {
-                py::gil_scoped_release release;
+                Unlocked unlocked;
                 whole = read_rgbe(view, width, height, values);
             }
             return whole ? py::object(std::move(out)) : py::none();
@@ -563,7 +563,7 @@ void bind_renderer(py::module_& m) {
             const MeshView mesh = mesh_view(vertices, triangles);
             need_shape(normals, "normals", {vertices.shape(0), 3});
             const double* given = normals.data();
-            py::gil_scoped_release release;
+            Unlocked unlocked;
             const Shading found = shading_of(mesh, given);
             return std::pair(found.behind, found.flat);
         },
@@ -615,5 +615,5 @@ void bind_renderer(py::module_& m) {
         "sampler"_a = "independent", "threads"_a = 0, "all_features"_a = false, "first_row"_a = 0,
         "motion"_a, "poll"_a = py::none());
     m.def("put_features", &put_features, "scene"_a, "film"_a, py::kw_only(), "pictures"_a,
-          "first_row"_a, "samples"_a, "threads"_a = 0, py::call_guard<py::gil_scoped_release>());
+          "first_row"_a, "samples"_a, "threads"_a = 0, py::call_guard<Unlocked>());
 }

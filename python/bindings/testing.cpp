@@ -85,7 +85,7 @@ void bind_testing(py::module_& m) {
     m.def("count_leaks", [](const Scene& scene, const Array<double>& origins, uint64_t first,
                             uint64_t n) {
         need_shape(origins, "origins", {-1, 3});
-        py::gil_scoped_release release;
+        Unlocked unlocked;
         return count_leaks(scene, origins.data(), static_cast<size_t>(origins.shape(0)), first, n);
     });
     m.def(

@@ -92,6 +92,15 @@ def rotate_as_given(axis: Sequence[float], angle: float) -> Array:
     return matrix
 
 
+def turned(x: Any, y: Any, z: Any, w: Any) -> Array:
+    """The rotations (3, 3, ...) of unit quaternions, numbers or arrays (...); w: real parts."""
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
 def unit(v: Sequence[float], message: str, where: str = "") -> list[float]:
     """V divided by its length; SceneError(message, where) if that is 0 or not finite."""
     length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])

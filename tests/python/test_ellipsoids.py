@@ -31,14 +31,7 @@ def scene(kind: str = "ellipsoids", **values: Any) -> veriray.Scene:
 
 def local(found: veriray.Scene, k: int, count: int) -> np.ndarray:
     """The vertices of ellipsoid k of `count` in units of its scales."""
-    x, y, z, w = TURNS[k]
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-    own = found.vertices.reshape(count, -1, 3)[k]
-    return np.asarray((own - CENTERS[k]) @ turn / SCALES[k])
+    return local_of(found.vertices.reshape(count, -1, 3)[k] - CENTERS[k], k)
 
 
 def test_corners_are_on_the_ellipsoids() -> None:

@@ -321,13 +321,7 @@ def _rotation(quaternion: list[float]) -> Array:
     if not abs(norm - 1) < 1e-2:
         raise SceneError(f"quaternion {quaternion} is not of length 1")
     w, x, y, z = (q / norm for q in quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return transform.turned(x, y, z, w)
 
 
 # ---- parts ----

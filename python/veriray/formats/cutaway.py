@@ -18,7 +18,6 @@ from .report import Report
 
 Array = npt.NDArray[Any]
 Colour = tuple[float, float, float]
-_LUMINANCE = np.array([0.212671, 0.71516, 0.072169])  # as a bitmap gives one number
 _PLACED = ("to_uv", "wrap_mode", "filter_type")
 
 
@@ -35,10 +34,7 @@ def emitted(radiance: Any, opacity: Any, where: str, report: Report) -> Any:
         if opacity == 1.0:
             return radiance
         return _bitmap(radiance, _texels(radiance) * np.float32(opacity)) if opacity else None
-    shares = _texels(opacity)
-    if shares.shape[2] == 3:
-        shares = (shares @ _LUMINANCE)[..., None]
-    shares = np.clip(shares, 0, 1)
+    shares = np.clip(images.one_number(_texels(opacity)), 0, 1)
     if not isinstance(radiance, Node):
         return _bitmap(opacity, shares * np.array(radiance)) if shares.any() else None
     texels = _texels(radiance)

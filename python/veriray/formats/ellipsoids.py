@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from ..errors import SceneError
 from ..numeric import MAX_COORDINATE, sin_cos_degrees
+from ..transform import turned
 from . import ply
 from .mesh import MAX_BYTES, Mesh, unit
 from .node import Node, read_bytes, shorten
@@ -212,18 +213,13 @@ def _placed(
     centers: Array, scales: Array, turns: Array, points: Array, faces: Array, smooth: bool
 ) -> Mesh:
     """The images of one mesh."""
-    x, y, z, w = (turns / np.sqrt((turns * turns).sum(axis=1))[:, None]).T
-    columns = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],
-        [2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)],
-        [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    rotations = turned(*(turns / np.sqrt((turns * turns).sum(axis=1))[:, None]).T)
     count, many = len(centers), len(points)
     vertices = np.empty((count, many, 3))
     vertices[:] = centers[:, None]
     normals = np.zeros((count, many, 3)) if smooth else None
-    for k, column in enumerate(columns):
-        axis = np.stack(column, axis=1)[:, None]
+    for k in range(3):
+        axis = rotations[:, k].T[:, None]
         vertices += scales[:, k, None, None] * axis * points[:, k, None]
         if normals is not None:
             # n ~ R (u / s), by the least scale so that nothing overflows

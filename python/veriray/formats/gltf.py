@@ -310,11 +310,7 @@ def _local(node: Json) -> Array:
         raise node.fail(f'"rotation" has the length {math.sqrt(square):g}, expected 1')
     x, y, z, w = (part / math.sqrt(square) for part in (x, y, z, w))
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = transform.turned(x, y, z, w)
     matrix[:3, :3] *= node.numbers("scale", (1.0,) * 3)
     matrix[:3, 3] = node.numbers("translation", (0.0,) * 3)
     return matrix

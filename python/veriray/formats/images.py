@@ -59,6 +59,14 @@ class Image:
         return self.texels.astype(np.float32)
 
 
+def one_number(texels: Array) -> Array:
+    """Of texels (H, W, C) what a bitmap gives as a number (H, W, 1): of three, the luminance."""
+    if texels.shape[2] == 1:
+        return texels
+    luminance: Array = texels @ np.array([0.212671, 0.71516, 0.072169])
+    return luminance[..., None]
+
+
 def read(path: Path, where: str, *, raw: bool = False, channel: str | None = None) -> Image:
     """An image file. raw: its numbers as they are; else files other than EXR, HDR and PFM are sRGB.
     channel: "r", "g", "b" (or "x", "y", "z"), "a" for one of them as a grey image; alpha is linear,

@@ -311,9 +311,7 @@ def _within(node: Node, texels: Array, name: str, where: str, report: Report, mo
 
 def _inverse(image: images.Image) -> images.Image:
     """1 less the luminance, in one float32 a texel."""
-    texels = image.linear().astype(np.float32)
-    if texels.shape[2] == 3:
-        texels = (texels @ np.array([0.212671, 0.71516, 0.072169]))[..., None]
+    texels = images.one_number(image.linear())
     return images.Image(np.clip(1 - texels, 0, 1).astype(np.float32))
 
 

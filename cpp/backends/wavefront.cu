@@ -20,11 +20,11 @@ __global__ void __launch_bounds__(kWaveBlock)
     trace_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Wave w) {
     block_traces<Tracer>(scene, w);
 }
-template <class Tracer>
+template <class Tracer, class Sorter = Tracer>
 __global__ void __launch_bounds__(kWaveBlock)
     scatter_kernel(const __grid_constant__ SceneView scene, const __grid_constant__ Job job,
                    const __grid_constant__ Wave w, uint32_t kind, bool misses, uint64_t* ledger) {
-    block_scatters<Tracer>(scene, job, w, kind, misses, ledger);
+    block_scatters<Tracer, Sorter>(scene, job, w, kind, misses, ledger);
 }
 template <class Tracer>
 __global__ void __launch_bounds__(kWaveBlock)
@@ -79,7 +79,7 @@ void put_scatters(FeatureMask features, WaveKernels& kernels) {
         if constexpr ((Tracer::kMask & kBit) != 0)
             if (features & kBit)
                 kernels.scatter[kKind] =
-                    reinterpret_cast<const void*>(scatter_kernel<OneKind<Tracer, kKind>>);
+                    reinterpret_cast<const void*>(scatter_kernel<OneKind<Tracer, kKind>, Tracer>);
         put_scatters<Tracer, kKind + 1>(features, kernels);
     }
 }
@@ -128,6 +128,7 @@ Graph record_steps(const WaveKernels& kernels, const Launches& l, const Job& job
     uint64_t* const ledger = l.ledger.get();
     return Graph(l.work, [&] {
         for (uint32_t step = 0; step < kSteps; ++step) {
+            check(cudaMemsetAsync(&w.control->parts, 0, 3 * sizeof(uint32_t), l.work.s), "wave");
             launch("refill", kernels.refill, tiles, l.work.s, l.scene, job, w);
             launch("trace", kernels.trace, tiles, l.work.s, l.scene, w);
             each_scatter(kernels, l.scene, w, [&](const void* kernel, uint32_t kind, bool misses) {
@@ -138,13 +139,21 @@ Graph record_steps(const WaveKernels& kernels, const Launches& l, const Job& job
     });
 }
 
+// At each launch's end warps wait for the last rays, so a wave is as large as pays: 64 tiles a
+// multiprocessor, if that is a quarter of the job's paths and half of the memory that is kept for
+// the next render; 16 tiles, which fill a multiprocessor, at least.
+uint32_t wave_slots(const Launches& l, const Job& job, size_t slot_bytes) {
+    const uint64_t tile = static_cast<uint64_t>(kTileSlots) * l.multiprocessors;
+    const uint64_t kept = DevicePool::of(l.device).most() / 2 / slot_bytes;
+    const uint64_t pays = std::min({64 * tile, job.paths() / 4, kept});
+    const uint64_t wanted = l.s.batch ? l.s.batch : std::max(16 * tile, pays);
+    return static_cast<uint32_t>(std::min(wanted, job.paths()));
+}
+
 }  // namespace
 
 bool render_wavefront(const Launches& l, const Job& job) {
     const uint32_t kinds = find_scheduler(l.s.scheduler)->sorted ? kHitKinds : 1;
-    // By default 16 tiles a multiprocessor, whose blocks fill one that holds 2,048 threads.
-    const uint64_t wanted = l.s.batch ? l.s.batch : 16ull * kTileSlots * l.multiprocessors;
-    const uint32_t capacity = static_cast<uint32_t>(std::min(wanted, job.paths()));
     const FeatureMask features = l.scene.features;
     WaveKernels kernels;
     // Those of a scene have no scatter stage for hits that are left unsorted.
@@ -161,12 +170,15 @@ bool render_wavefront(const Launches& l, const Job& job) {
     });
     l.stats.features = kernels.features;
     const ColumnCount all = wave_columns(path, request, kinds);
+    const uint32_t capacity = wave_slots(l, job, 4 * (all.floats + all.uints));
     Scratch<float> floats(static_cast<size_t>(all.floats) * capacity, "wave");
     Scratch<uint32_t> uints(static_cast<size_t>(all.uints) * capacity, "wave");
+    Scratch<uint32_t> parts(static_cast<size_t>(tile_count(capacity)) * kTileParts, "wave");
     Scratch<TileQueues> queues(tile_count(capacity), "wave");
     Scratch<WaveControl> control(1, "wave");
-    const Wave w = make_wave(path, request, kinds, capacity, floats.get(), uints.get(),
-                             queues.get(), control.get());
+    Wave w = make_wave(path, request, kinds, capacity, floats.get(), uints.get(), queues.get(),
+                       control.get());
+    w.parts = parts.get();
     check(cudaMemsetAsync(w.state, 0xff, capacity * sizeof(uint32_t), l.work.s), "wave");
     check(cudaMemsetAsync(w.queues, 0, queues.size() * sizeof(TileQueues), l.work.s), "wave");
     check(cudaMemsetAsync(w.control, 0, sizeof(WaveControl), l.work.s), "wave");

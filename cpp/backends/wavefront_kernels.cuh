@@ -31,6 +31,9 @@ __device__ __forceinline__ void block_refills(const SceneView& scene, const Job&
     if (threadIdx.x == 0) {
         r = wave_take(job, w, q);
         w.queues[blockIdx.x] = q;
+        const uint32_t parts = (q.live + kPart - 1) / kPart;
+        uint32_t* const list = w.parts + atomicAdd(&w.control->parts, parts);
+        for (uint32_t part = 0; part < parts; ++part) list[part] = first + part * kPart;
     }
     __syncthreads();
     each_in_block(r.begins, [&](uint32_t k) { wave_begin<Tracer>(scene, job, w, r, first, k); });
@@ -56,47 +59,90 @@ __device__ bool again(const SceneView& scene, WalkTask& task, float t_max) {
     return false;
 }
 
+// One queue of all tiles. A warp takes a part of a tile's at a time and goes on without waiting for
+// the rays that it has, so that lanes idle only at the end of the launch. size(tile): of a tile's
+// queue; `taken`: parts that warps have.
+template <class Size>
+class SharedQueue {
+   public:
+    __device__ SharedQueue(const Wave& w, uint32_t* taken, Size size)
+        : w_(w), taken_(taken), size_(size) {}
+
+    __device__ bool more() const { return more_; }
+    __device__ uint32_t take(bool wants) {
+        const uint32_t lane = threadIdx.x & 31u;
+        uint32_t place = kNoPlace;
+        while (const uint32_t lanes = more_ ? __ballot_sync(~0u, wants) : 0) {
+            if (next_ == end_) {
+                uint32_t part = 0;
+                if (lane == 0) part = atomicAdd(taken_, 1u);
+                part = __shfl_sync(~0u, part, 0);
+                more_ = part < w_.control->parts;
+                if (!more_) break;
+                next_ = w_.parts[part];
+                const uint32_t tile = next_ / kTileSlots, end = tile * kTileSlots + size_(tile);
+                end_ = max(next_, min(end, next_ + kPart));
+            }
+            const uint32_t before = lanes & ((1u << lane) - 1u);
+            const uint32_t mine = next_ + static_cast<uint32_t>(__popc(before));
+            if (wants && mine < end_) place = mine, wants = false;
+            next_ = min(end_, next_ + static_cast<uint32_t>(__popc(lanes)));
+        }
+        return place;
+    }
+
+   private:
+    const Wave& w_;
+    uint32_t* const taken_;
+    const Size size_;
+    uint32_t next_ = 0, end_ = 0;
+    bool more_ = true;
+};
+
 template <class Tracer, bool kExact = false>
 __device__ __forceinline__ void block_traces(const SceneView& scene, const Wave& w) {
+    if (in_tree<Tracer, kExact>(scene)) {
+        const auto size = [&](uint32_t tile) { return w.queues[tile].live; };
+        const auto start = [&](uint32_t k, WalkTask& task) {
+            const auto path = load_path<Tracer, kAhead>(w.paths, w.live[k]);
+            task = {path.ray, {false, ~0u, Tracer::passed(path)}, {kInfinity, ~0u}};
+        };
+        const auto arrive = [&](uint32_t k, WalkTask& task) {
+            if (again<Tracer>(scene, task, kInfinity)) return true;
+            wave_meets(w, w.live[k], task.hit);
+            return false;
+        };
+        walk_queue<Tracer>(scene, SharedQueue(w, &w.control->traced, size), start, arrive);
+        return;
+    }
     const uint32_t live = w.queues[blockIdx.x].live;
     if (live == 0) return;
-    __shared__ TileQueues q;
-    __shared__ uint32_t taken;
-    if (threadIdx.x == 0) q = w.queues[blockIdx.x], taken = 0;
     fill_block_quads<Tracer::kMask>(scene);
     __syncthreads();
     const uint32_t first = blockIdx.x * kTileSlots;
-    if (in_tree<Tracer, kExact>(scene)) {
-        const auto start = [&](uint32_t k, WalkTask& task) {
-            const auto path = load_path<Tracer, kAhead>(w.paths, w.live[first + k]);
-            task = {path.ray, {false, ~0u, Tracer::passed(path)}, {kInfinity, ~0u}};
-        };
-        walk_queue<Tracer>(scene, live, &taken, start, [&](uint32_t k, WalkTask& task) {
-            if (again<Tracer>(scene, task, kInfinity)) return true;
-            wave_meets<Tracer>(scene, w, q, first, w.live[first + k], task.hit);
-            return false;
-        });
-    } else {
-        each_in_block(live, [&](uint32_t k) {
-            wave_trace<Tracer, WithoutTree<Tracer>>(scene, w, q, first, k);
-        });
-    }
-    __syncthreads();
-    if (threadIdx.x == 0) w.queues[blockIdx.x] = q;
+    each_in_block(live,
+                  [&](uint32_t k) { wave_trace<Tracer, WithoutTree<Tracer>>(scene, w, first, k); });
 }
 
-// All hits; kind: those of one queue alone, and with `misses` those of queue 0.
+// All hits; kind: those of one queue alone, and with `misses` those of queue 0. The first of these
+// launches sorts, by Sorter, the tracer for all kinds.
 inline constexpr uint32_t kEveryKind = ~0u;
-template <class Tracer>
+template <class Tracer, class Sorter = Tracer>
 __device__ __forceinline__ void block_scatters(const SceneView& scene, const Job& job,
                                                const Wave& w, uint32_t kind, bool misses,
                                                uint64_t* ledger) {
-    if (w.queues[blockIdx.x].live == 0) return;
+    const uint32_t live = w.queues[blockIdx.x].live;
+    if (live == 0) return;
     __shared__ TileQueues q;
     __shared__ BlockLedger counts;
     if (threadIdx.x == 0) q = w.queues[blockIdx.x];
     counts.clear();
     __syncthreads();
+    if (kind == kEveryKind || misses) {
+        each_in_block(
+            live, [&](uint32_t k) { wave_sort<Sorter>(scene, w, q, blockIdx.x * kTileSlots, k); });
+        __syncthreads();
+    }
     const auto scatter = [&](uint32_t of, uint32_t k) {
         wave_scatter<Tracer>(
             scene, job, w, q, blockIdx.x * kTileSlots, of, k,
@@ -123,27 +169,26 @@ __device__ __forceinline__ void block_scatters(const SceneView& scene, const Job
 template <class Tracer, bool kExact = false>
 __device__ __forceinline__ void block_shadows(const SceneView& scene, const Job& job, const Wave& w,
                                               uint64_t* ledger) {
+    const bool tree = in_tree<Tracer, kExact>(scene);
     const uint32_t shadows = w.queues[blockIdx.x].shadows;
-    if (shadows == 0) return;
+    if (!tree && shadows == 0) return;
     __shared__ BlockLedger counts;
-    __shared__ uint32_t taken;
-    if (threadIdx.x == 0) taken = 0;
     counts.clear();
     fill_block_quads<Tracer::kMask>(scene);
     __syncthreads();
-    const uint32_t first = blockIdx.x * kTileSlots;
     const auto record = [&](uint32_t depth, uint32_t column) {
         counts.record(ledger, depth, column);
     };
-    if (in_tree<Tracer, kExact>(scene)) {
+    if (tree) {
+        const auto size = [&](uint32_t tile) { return w.queues[tile].shadows; };
         const bool through = Tracer::shadows_pass(scene);
         typename Tracer::Request shadow;
         const auto start = [&](uint32_t k, WalkTask& task) {
-            shadow = wave_request<Tracer>(w, first, k);
+            shadow = wave_request<Tracer>(w, 0, k);
             task = {
                 shadow.ray, {!through, shadow.skip, Tracer::passed(shadow)}, {shadow.t_max, ~0u}};
         };
-        walk_queue<Tracer>(scene, shadows, &taken, start, [&](uint32_t k, WalkTask& task) {
+        const auto arrive = [&](uint32_t k, WalkTask& task) {
             bool free, goes_on = through;
             if (through) {
                 if (again<Tracer>(scene, task, shadow.t_max)) return true;
@@ -154,14 +199,17 @@ __device__ __forceinline__ void block_shadows(const SceneView& scene, const Job&
                     return true;
                 }
             } else {
+                shadow = wave_request<Tracer>(w, 0, k);  // not held in registers on the way
                 free = !(task.hit.t < shadow.t_max);
                 if constexpr (Tracer::has(kMedia))
                     Tracer::attenuate(scene, shadow, shadow.t_max, free);
             }
-            wave_deliver<Tracer>(scene, job, w, first, k, shadow, free, record);
+            wave_deliver<Tracer>(scene, job, w, 0, k, shadow, free, record);
             return false;
-        });
+        };
+        walk_queue<Tracer>(scene, SharedQueue(w, &w.control->shadowed, size), start, arrive);
     } else {
+        const uint32_t first = blockIdx.x * kTileSlots;
         each_in_block(shadows, [&](uint32_t k) {
             wave_shadow<Tracer, WithoutTree<Tracer>>(scene, job, w, first, k, record);
         });

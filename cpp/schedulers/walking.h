@@ -156,38 +156,36 @@ struct WalkTask {
     Hit<Scalar> hit;
 };
 
-// The n rays of a queue, by warps that share the count of those `taken`, at first 0. Lanes that
-// have arrived take the next rays once kIdle of a warp wait. start(k, task) gives ray k; arrive(k,
-// task) takes what it has met, and is true where it sets the ray out again.
-inline constexpr uint32_t kIdle = 16;
-template <class Tracer, class Start, class Arrive>
-VR_HD void walk_queue(const SceneView& scene, uint32_t n, uint32_t* taken, Start start,
-                      Arrive arrive) {
+// The rays of a queue. Lanes that have arrived take the next rays once kIdle of a warp wait.
+// queue.take(wants) gives each lane that wants one a ray's place, or kNoPlace; queue.more(): some
+// may be left; all lanes call both. start(k, task) gives the ray at place k; arrive(k, task) takes
+// what it has met, and is true where it sets the ray out again.
+inline constexpr uint32_t kIdle = 16, kNoPlace = ~0u;
+template <class Tracer, class Queue, class Start, class Arrive>
+VR_HD void walk_queue(const SceneView& scene, Queue queue, Start start, Arrive arrive) {
     WalkPlace<kDeviceWidth> place;
     place.node = kWalkEnd;
     WalkTask task;
     RayFrame f;
-    uint32_t k = n;
-    bool more = true;  // rays may be left
+    uint32_t k = kNoPlace;
     for (;;) {
-        if (!place.walking()) {
-            bool on = k < n && arrive(k, task);
-            if (!on && more) {
-                k = atomic_next(taken);
-                on = more = k < n;
-                if (on) start(k, task);
-            } else if (!on) {
-                k = n;
-            }
-            if (on) {
-                f = frame_of(scene.bvh, task.ray);
-                place.begin();
-            }
+        bool on = !place.walking() && k != kNoPlace && arrive(k, task);
+        rejoin_warp();
+        const bool wants = !place.walking() && !on;
+        const uint32_t next = queue.take(wants);
+        if (wants) {
+            k = next;
+            on = k != kNoPlace;
+            if (on) start(k, task);
+        }
+        if (on) {
+            f = frame_of(scene.bvh, task.ray);
+            place.begin();
         }
         rejoin_warp();
         const uint32_t on_way = lanes_with(place.walking());
         if (on_way == 0) return;
-        const bool all = lanes_with(!more) || on_way <= kIdle;
+        const bool all = !queue.more() || on_way <= kIdle;
         walk_on<Tracer>(scene, f, task.look, on_way, all ? 0 : on_way - kIdle, task.hit, place,
                         [] {});
     }

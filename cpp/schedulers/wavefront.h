@@ -21,6 +21,8 @@
 namespace veriray {
 
 inline constexpr uint32_t kTileSlots = 512;
+inline constexpr uint32_t kPart = 128;  // places of a tile that a warp takes at once
+inline constexpr uint32_t kTileParts = kTileSlots / kPart;
 inline constexpr uint32_t kHitKinds = 1 + kMaterialCount;  // nothing, or a material
 inline constexpr uint32_t kKindPlaces = 32;  // of a kind side by side: no warp mixes them
 
@@ -32,6 +34,9 @@ struct TileQueues {
 struct WaveControl {
     uint64_t begun;          // paths of the job; may pass their number
     uint32_t idle, stopped;  // tiles that are; by the host: no path goes on
+    // Of this step, where warps share the queues of all tiles: parts that hold paths, and those of
+    // them that have been taken to be traced and for shadow rays.
+    uint32_t parts, traced, shadowed;
 };
 
 struct Wave {
@@ -40,6 +45,7 @@ struct Wave {
     float* distance;                          // of hits, by slot
     uint32_t *primitive, *state;              // by slot
     uint32_t *live, *ended, *shadows, *hits;  // slots; a tile's from its first slot on; [kind]
+    uint32_t* parts;                          // CUDA: first places in `live`, kTileParts a tile
     TileQueues* queues;                       // by tile
     WaveControl* control;
     uint32_t capacity, kinds;  // slots; kHitKinds, or 1: not sorted
@@ -124,22 +130,27 @@ VR_HD void wave_begin(const SceneView& scene, const Job& job, const Wave& w, con
 
 // ---- trace: place k of `live` ----
 // What the path of slot i has met.
-template <class Tracer>
-VR_HD void wave_meets(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
-                      uint32_t i, const Hit<Scalar>& hit) {
+VR_HD void wave_meets(const Wave& w, uint32_t i, const Hit<Scalar>& hit) {
     w.distance[i] = hit.t;
     w.primitive[i] = hit.primitive;
-    const uint32_t kind = w.kinds == 1 ? 0 : Tracer::kind_of(scene, hit);
-    const uint32_t place = first + atomic_next(q.hits, kind);
-    w.hits[static_cast<uint64_t>(kind) * w.capacity + place] = i;
 }
 // Walker: the tracer that looks for the hit.
 template <class Tracer, class Walker = Tracer>
-VR_HD void wave_trace(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
-                      uint32_t k) {
+VR_HD void wave_trace(const SceneView& scene, const Wave& w, uint32_t first, uint32_t k) {
     const uint32_t i = w.live[first + k];
     const typename Tracer::State path = load_path<Tracer, kAhead>(w.paths, i);
-    wave_meets<Tracer>(scene, w, q, first, i, Walker::next_hit(scene, path, kInfinity, true));
+    wave_meets(w, i, Walker::next_hit(scene, path, kInfinity, true));
+}
+
+// ---- sort: place k of `live` ----
+template <class Tracer>
+VR_HD void wave_sort(const SceneView& scene, const Wave& w, TileQueues& q, uint32_t first,
+                     uint32_t k) {
+    const uint32_t i = w.live[first + k];
+    const uint32_t kind =
+        w.kinds == 1 ? 0 : Tracer::kind_of(scene, {w.distance[i], w.primitive[i]});
+    const uint32_t place = first + atomic_next(q.hits, kind);
+    w.hits[static_cast<uint64_t>(kind) * w.capacity + place] = i;
 }
 
 // ---- scatter: place k of a kind's queue of hits ----
@@ -235,7 +246,8 @@ void run_wave_tile(const SceneView& scene, const Job& job, const Wave& w, uint32
         const Refill r = wave_take(job, w, q);
         if (q.idle) return;
         for (uint32_t k = 0; k < r.begins; ++k) wave_begin<Tracer>(scene, job, w, r, first, k);
-        for (uint32_t k = 0; k < q.live; ++k) wave_trace<Tracer>(scene, w, q, first, k);
+        for (uint32_t k = 0; k < q.live; ++k) wave_trace<Tracer>(scene, w, first, k);
+        for (uint32_t k = 0; k < q.live; ++k) wave_sort<Tracer>(scene, w, q, first, k);
         for (uint32_t kind = 0; kind < w.kinds; ++kind)
             for (uint32_t k = 0; k < q.hits[kind]; ++k)
                 wave_scatter<Tracer>(scene, job, w, q, first, kind, k, record);

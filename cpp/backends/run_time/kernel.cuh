@@ -40,14 +40,14 @@ __global__ void __launch_bounds__(kWaveBlock)
 
 // Likewise, of one kind of material each; empty where the scene has none of it or one launch does
 // all.
-#define VR_SCATTER(name)                                                                     \
-    __global__ void __launch_bounds__(kWaveBlock) veriray_scatter_##name(                    \
-        const __grid_constant__ SceneView scene, const __grid_constant__ Job job,            \
-        const __grid_constant__ Wave w, uint32_t kind, bool misses, uint64_t* ledger) {      \
-        if constexpr (by_kind(VR_FEATURES, kHitKinds) &&                                     \
-                      ((VR_FEATURES) & materials(kind_bit(kKind##name))) != 0)               \
-            block_scatters<OneKind<RunTimeTracer, kKind##name>>(scene, job, w, kind, misses, \
-                                                                ledger);                     \
+#define VR_SCATTER(name)                                                                \
+    __global__ void __launch_bounds__(kWaveBlock) veriray_scatter_##name(               \
+        const __grid_constant__ SceneView scene, const __grid_constant__ Job job,       \
+        const __grid_constant__ Wave w, uint32_t kind, bool misses, uint64_t* ledger) { \
+        if constexpr (by_kind(VR_FEATURES, kHitKinds) &&                                \
+                      ((VR_FEATURES) & materials(kind_bit(kKind##name))) != 0)          \
+            block_scatters<OneKind<RunTimeTracer, kKind##name>, RunTimeTracer>(         \
+                scene, job, w, kind, misses, ledger);                                   \
     }
 VR_CLOSURES(VR_SCATTER)
 #undef VR_SCATTER

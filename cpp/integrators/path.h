@@ -132,15 +132,19 @@ struct PathTracer : PathVertices<L, kFeatures> {
         e.visible = e.occluded = e.collided = shadow.wanted = nobody;
         Place place;
         place.hit = hit;
+        // What the path has met so far: of few segments, only light samples at blends whose lane
+        // went straight on.
+        S met = black();
+        if constexpr (has(kBlend)) met = path.radiance;
         const F far = Vertices::far_end(scene, path, segment);
         M valid = arrive(scene, s, path, far, segment, active, place, e);
         if (none(valid | place.collided)) {
-            mute(scene, path, segment, active);
+            mute(scene, path, segment, active, met);
             return e;
         }
         reach(scene, path, far, valid, place, e);
         surface_vertex(scene, s, path, segment, valid, place, e);
-        mute(scene, path, segment, active);
+        mute(scene, path, segment, active, met);
         const M deep = beyond_depth(scene, s, path, segment, place.scatters);
         if (!uses(scene, kGoOn) && any(deep)) {
             e.depth_cut = deep;
@@ -247,11 +251,13 @@ struct PathTracer : PathVertices<L, kFeatures> {
         if (uses(scene, kGoOn)) return lanes & !(path.vertices + U(1u) < U(segments));
         return segment + 1 >= segments ? lanes : no_lanes(lanes);
     }
-    // Takes from paths of few segments, in scenes that leave these out, the light they have met.
-    static VR_HD void mute(const SceneView& scene, PathState<L>& path, uint32_t segment, M active) {
+    // Takes from paths of few segments, in scenes that leave these out, the light that this one has
+    // met.
+    static VR_HD void mute(const SceneView& scene, PathState<L>& path, uint32_t segment, M active,
+                           const S& before) {
         if (!scene.muted_segments) return;
         const M counts = deeper(scene, scene.muted_segments + 1, path, segment, active);
-        path.radiance = select(active & !counts, black(), path.radiance);
+        path.radiance = select(active & !counts, before, path.radiance);
     }
 };
 

@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import DeviceError, OutOfMemoryError
+from .numeric import shown
 
 #: Instruction set -> native module, widest first.
 CPU_MODULES = {"avx512": "_cpu_v4", "avx2": "_cpu_v3", "portable": "_cpu"}
@@ -258,8 +259,6 @@ def select(device: str = "auto", *, fresh: bool = True) -> tuple[Device, str]:
     be used here.
     """
     if not isinstance(device, str):
-        from .numeric import shown
-
         raise ValueError(f"device = {shown(device)}; expected a string such as 'auto'")
     backend, _, detail = device.partition(":")
     if device == "auto":
@@ -280,9 +279,9 @@ def select(device: str = "auto", *, fresh: bool = True) -> tuple[Device, str]:
         chosen, why = _cpu_device(detail, fresh)
         return chosen, f"asked for; {why}" if why else "asked for"
     if "," in device:
-        raise ValueError(f"device = {device!r} names several; one is expected here")
+        raise ValueError(f"device = {shown(device)} names several; one is expected here")
     raise ValueError(
-        f"device = {device!r} is unknown; allowed: auto, cuda, cuda:N, cpu, "
+        f"device = {shown(device)} is unknown; allowed: auto, cuda, cuda:N, cpu, "
         f"{', '.join(f'cpu:{isa}' for isa in CPU_MODULES)}"
     )
 
@@ -307,7 +306,7 @@ def select_all(
         return [select(text, fresh=fresh)]
     names = [name.strip() for name in text.split(",")]
     if not all(names):
-        raise ValueError(f"device = {device!r}: a name is empty")
+        raise ValueError(f"device = {shown(device)}: a name is empty")
     if "auto" in names:
         raise ValueError(f"device = {device!r}: auto stands alone")
     chosen = [select(name, fresh=fresh) for name in names]

@@ -39,17 +39,20 @@ class Object:
 class Objects:
     """The objects of a scene; holders: by the ids of objects that hold a material, as `twosided`
     does, its row; merged: names of materials that blends of more than two put together, and
-    names of numbers, as "NAME.opacity", that are factors of other numbers."""
+    names of numbers, as "NAME.opacity", that are factors of other numbers; products: rows of
+    materials and parts of them ("bsdf" or "opacity") whose numbers are made of several."""
 
     def __init__(
         self,
         objects: Iterable[Object] = (),
         holders: Mapping[str, int] | None = None,
         merged: Iterable[str] = (),
+        products: Iterable[tuple[int, str]] = (),
     ) -> None:
         self.objects = tuple(objects)
         self.holders = dict(holders or {})
         self.merged = frozenset(merged)
+        self.products = frozenset(products)
         self._by_name: dict[str, list[Object]] = {}
         self._by_place: dict[tuple[str, int, str], Object] = {}
         for one in self.objects:

@@ -83,7 +83,7 @@ def _view_arguments(scene: Scene) -> dict[str, Any]:
             "principal_y": float(camera.principal_point_offset[1]),
             "aperture_radius": camera.aperture_radius,
             "focus_distance": camera.focus_distance,
-            "hides_light": scene.hide_emitters,
+            "hides_light": scene.hides,
             "medium": camera.medium,
             "patches": camera.patches,
             "distant": camera.projection == "distant",

@@ -235,13 +235,15 @@ def switch(name: str, value: Any, *, error: type[ValueError] = SceneError) -> bo
 
 def texts(name: str, value: Any, error: type[ValueError] = SceneError) -> tuple[str, ...]:
     """A list, tuple or array of strings."""
-    if isinstance(value, (list, tuple, np.ndarray)) and all(isinstance(x, str) for x in value):
+    several = isinstance(value, (list, tuple)) or isinstance(value, np.ndarray) and value.ndim
+    if several and all(isinstance(x, str) for x in value):
         return tuple(value)
     raise error(f"{name} = {shown(value)} is not a list of strings")
 
 
 def path_text(name: str, value: Any, error: type[ValueError] = SceneError) -> str:
-    """A path as text. Raises TypeError if it is not a path, `error` for a null character."""
+    """A path as text. Raises TypeError if it is not a path, `error` for characters that none
+    has."""
     try:
         text = os.fspath(value)
     except Exception:
@@ -250,6 +252,11 @@ def path_text(name: str, value: Any, error: type[ValueError] = SceneError) -> st
         raise TypeError(f"{name} is {type(value).__name__}, expected str or os.PathLike")
     if "\0" in text:
         raise error(f"{name}: cannot read {shown(text)}: it holds a null character")
+    try:
+        os.fsencode(text)
+    except UnicodeEncodeError:
+        text = shown(text.encode("utf-8", "backslashreplace").decode())
+        raise error(f"{name}: cannot read {text}: it holds a lone surrogate") from None
     return text
 
 

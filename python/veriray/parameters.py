@@ -105,6 +105,8 @@ def _found(scene: Scene, name: object) -> list[tuple[tuple[str, ...], Use | None
             continue
         if owner and {owner.name, f"{owner.name}.{key}"} & known.merged:
             raise _merged(name, owner.name not in known.merged)
+        if any(one.table == "materials" and (one.row, part) in known.products for one in uses):
+            raise _merged(name, part != "bsdf")
         found = [(_columns(scene, one)[key], one) for one in uses]
         if any(_textured(scene, columns, one.row) for columns, one in found):
             raise SceneError(f'"{name}" is given by a texture')
@@ -198,6 +200,8 @@ def _all(scene: Scene) -> Iterator[tuple[str, Use]]:
                     seen.add(place)
                     if (owner := known.of(*place)) is not None:
                         see(owner)
+                    if table == "materials" and (row, own) in known.products:
+                        continue
                     yield f"{scene.shape_names[shapes[at]]}.{part}", known.use(*place)
     for row in range(len(scene.light_kind)):
         if ("lights", row, "") not in seen:

@@ -263,6 +263,12 @@ class Scene(SceneArrays):
         return features
 
     @property
+    def hides(self) -> bool:
+        """Whether rays of the camera go through something: `hide_emitters`, with lamps or a sky."""
+        seen = len(self.emissions) or self.sky_size.any() or self.environment.any()
+        return self.hide_emitters and bool(seen)
+
+    @property
     def sha256(self) -> str:
         """Hash (hex) of all that changes the expected picture: not names, sampler, spp or seed.
 
@@ -294,7 +300,7 @@ class Scene(SceneArrays):
         digest.update(" ".join(float(x).hex() for x in numbers).encode())
         settings = (film.width, film.height, film.filter, self.max_depth, self.rr_depth)
         digest.update(f"\n{(*settings, camera.medium)}\n".encode())
-        if self.hide_emitters:
+        if self.hides:
             digest.update(b"hide_emitters\n")
         return digest.hexdigest()
 

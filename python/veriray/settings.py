@@ -106,7 +106,7 @@ class Setting:
 
     def checked(self, name: str, value: Any, error: type[ValueError]) -> Any:
         """`value` as a plain one. Raises `error` if it is not allowed."""
-        from .numeric import choice, number, switch, texts, whole
+        from .numeric import choice, number, shown, switch, texts, whole
 
         if self.groups:
             from .light_groups import entries
@@ -126,6 +126,8 @@ class Setting:
             return whole(name, value, int(self.low), int(self.high), error=error)
         if self.joined and isinstance(value, (list, tuple)):
             return ",".join(texts(name, value, error))
+        if self.default == "" and not self.joined and not isinstance(value, str):
+            raise error(f"{name} = {shown(value)} is not text")
         return switch(name, value, error=error) if self.default is False else value
 
 

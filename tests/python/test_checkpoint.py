@@ -503,6 +503,7 @@ def test_time_and_passes(tmp_path: Path) -> None:
         ({"time": -1}, r"time = -1 is outside"),
         ({"time": np.nan}, "time = nan is outside"),
         ({"checkpoint": "a\0"}, "null character"),
+        ({"checkpoint": "a\ud800"}, "checkpoint: cannot read .* lone surrogate"),
         ({"on_pass": 3}, "on_pass = 3 is not callable"),
         ({"time": 1, "every": "x"}, "every = 'x' is not a number"),
         ({"time": 1, "cameras": []}, "cameras: not together with"),

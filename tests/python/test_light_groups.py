@@ -83,6 +83,20 @@ def test_groups_add_up_to_the_picture(name: str, device: str) -> None:
         assert (got.features[name] >= 0).all() and got.features[name].any()
 
 
+@pytest.mark.parametrize("weight", [0.9, 0.1])
+def test_parts_of_what_light_passes_straight_on(weight: float, device: str) -> None:
+    """Light samples at a blend count for the path, also where it goes straight on after them."""
+    veil = {
+        "type": "blendbsdf", "weight": weight, "a": {"type": "null"},
+        "b": {"type": "twosided", "inner": {"type": "diffuse"}},
+    }  # fmt: skip
+    scene = room(veil={"type": "sphere", "center": [-1.0, 0.0, -1.0], "bsdf": veil})
+    given = {**SIZE, "spp": 64, "device": device, "seed": 3}
+    got = vr.render(scene, **given, features="direct,indirect", light_groups="*")
+    close([got.features["direct"], got.features["indirect"]], got.image)
+    close([got.features[name] for name in got.features if name[:6] == "light."], got.image)
+
+
 def test_each_group_is_the_scene_without_the_other_lamps() -> None:
     """Means over the picture against scenes whose other lamps are black, which choose lights in
     other ways: 6 numbers within 5 standard errors, a false alarm in 290,000 seeds. The smallest

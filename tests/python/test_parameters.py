@@ -6,7 +6,6 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
-from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -365,8 +364,57 @@ def test_numbers_that_have_no_name() -> None:
         "held": {"type": "mask", "id": "in", "held": GREY},
     }
     scene = vr.load_dict(with_all(l=ball(0, masks)))
-    assert scene.parameters()["l.bsdf.opacity"] == 0.25
-    assert not {"in.opacity", "out.opacity"} & scene.parameters().keys()
+    assert not {"in.opacity", "out.opacity", "l.bsdf.opacity"} & scene.parameters().keys()
+
+
+#: What a shape shows, without an id, and a number of it that is made of several.
+PRODUCTS: dict[str, Any] = {
+    "mask in a mask": (
+        lambda v: {"type": "mask", "opacity": v,
+                   "held": {"type": "mask", "opacity": 0.25, "held": GREY}},
+        "opacity",
+    ),
+    "mask in a blend in a mask": (
+        lambda v: {"type": "mask", "opacity": v,
+                   "held": {"type": "blendbsdf", "weight": 0.5,
+                            "a": {"type": "mask", "opacity": 0.25, "held": GREY},
+                            "b": diffuse(0.125)}},
+        "opacity",
+    ),
+    "mean of two": (
+        lambda v: {"type": "blendbsdf", "weight": 0.5,
+                   "a": {"type": "blendbsdf", "weight": 0.5, "a": diffuse(v),
+                         "b": diffuse(0.125)},
+                   "b": {"type": "conductor"}},
+        "reflectance",
+    ),
+    "metal and black": (
+        lambda v: {"type": "blendbsdf", "weight": 0.5,
+                   "a": {"type": "blendbsdf", "weight": 0.5,
+                         "a": {"type": "conductor", "specular_reflectance": v},
+                         "b": diffuse(0.0)},
+                   "b": diffuse(0.5)},
+        "specular_reflectance",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("use", PRODUCTS)
+@pytest.mark.parametrize("named", [False, True], ids=["held", "by id"])
+def test_numbers_made_of_several_have_no_name(use: str, named: bool) -> None:
+    make, key = PRODUCTS[use]
+    one, other = (
+        vr.load_dict(with_all(**({"m": make(v), "l": ball(0, ref("m"))} if named
+                                 else {"l": ball(0, make(v))})))
+        for v in (0.5, 0.75)
+    )  # fmt: skip
+    assert one.sha256 != other.sha256
+    name = f"l.bsdf.{key}"
+    assert name not in one.parameters()
+    with pytest.raises(SceneError, match=f'"{name}" is also a '):
+        one.with_({name: 0.75})
+    for key, value in one.parameters().items():
+        assert one.with_({key: value}).sha256 == one.sha256
 
 
 def ref(name: str) -> dict[str, Any]:
@@ -461,5 +509,33 @@ def test_colours_within_factors_keep_their_names() -> None:
     changed = scene.with_({"mm.reflectance": 0.75})
     assert np.count_nonzero(changed.reflectance == 0.75) == 6
     for shape in ("l", "r"):
-        with pytest.raises(SceneError, match="factor") if shape == "l" else nullcontext():
+        with pytest.raises(SceneError, match="factor"):
             scene.with_({f"{shape}.bsdf.opacity": 0.75})
+
+
+@pytest.mark.parametrize("shape", ["cube", "rectangle", "sphere", "disk", "cylinder"])
+def test_anisotropy_from_none(shape: str) -> None:
+    """It depends on texture coordinates, which are there although nothing reads them before."""
+    one, other = (
+        vr.load_dict(with_all(s={"type": shape, "bsdf": {"type": "principled", "anisotropic": x}}))
+        for x in (0.0, 0.75)
+    )
+    changed = one.with_({"s.bsdf.anisotropic": 0.75})
+    assert changed.sha256 == other.sha256 != one.sha256
+    given: dict[str, Any] = {"width": 4, "height": 4, "spp": 1, "device": "cpu"}
+    assert vr.render(changed, **given).film_sha256 == vr.render(other, **given).film_sha256
+
+
+def test_a_sky_from_none_is_hidden() -> None:
+    def file(radiance: float) -> vr.Scene:
+        return vr.load_dict({
+            "type": "scene", "integrator": {"type": "path", "hide_emitters": True},
+            "view": {"type": "perspective"}, "bulb": {"type": "point"},
+            "sky": {"type": "constant", "radiance": radiance}, "l": ball(3),
+        })  # fmt: skip
+
+    dark = file(0.0)
+    changed = dark.with_({"environment.radiance": 0.5})
+    assert changed.sha256 == file(0.5).sha256
+    assert not vr.render(changed, 4, width=2, height=2, device="cpu").image.any()
+    assert dark.with_(hide_emitters=False).sha256 == dark.sha256  # there is nothing to hide

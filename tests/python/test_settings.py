@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import veriray
@@ -101,6 +102,9 @@ def test_header_of_a_file() -> None:
         ({"all_features": "yes"}, "all_features = 'yes' is not a bool"),
         ({"target_error": 1}, "target_error = 1 is outside (0, 1)"),
         ({"builder": "kd"}, "builder = 'kd' is unknown; allowed: auto, sah, ploc"),
+        ({"features": np.array(3)}, "features = array(3) is not a list of strings"),
+        ({"light_groups": np.array(3)}, "light_groups = array(3) is not a list of strings"),
+        ({"cluster": 3}, "cluster = 3 is not text"),
     ],
 )  # fmt: skip
 def test_what_is_not_allowed(given: dict[str, Any], message: str) -> None:

@@ -282,7 +282,6 @@ class _Builder:
                 SceneWarning,
                 stacklevel=4,
             )
-        depths["hide_emitters"] = depths["hide_emitters"] and seen
         integrators.check_scene(integrator, self.check, self.report, seen, arrays, self.beams)
         for node, coloured in self.media:
             integrators.check_medium(node, coloured, self.report, arrays["light_kind"] is not None)
@@ -854,6 +853,7 @@ class _Tables:
                     add((table, key.id), key.id, Use(table, number, form=row.get("form", "")))
         holders: dict[str, int] = {}
         merged: set[str] = set()
+        products: set[tuple[int, str]] = set()
         for number, _, row in self.rows["materials"].values():
             names = row.get("names", {})
             for part, (nodes, form) in materials.objects(row).items():
@@ -863,8 +863,9 @@ class _Tables:
             for name in row.get("holders", ()):
                 holders.setdefault(name, number)
             merged.update(row.get("merged", ()))
+            products.update((number, part) for part in row.get("products", ()))
         found = (Object(name, tuple(places)) for name, places in uses.values())
-        return Objects(found, holders, merged)
+        return Objects(found, holders, merged, products)
 
     def arrays(self) -> dict[str, Any]:
         """The arguments of Scene; None for the columns of an empty table."""

@@ -40,8 +40,8 @@ class _Part:
 #: Keys of a row that say whose numbers it holds: its bsdf; the masks around it; the blend whose
 #: weight it has, and whether it holds 1 minus that; by part, a name from an object around it for
 #: what has no id; the ids of these objects; the ids of what was merged into it, and with ".opacity"
-#: or ".weight" the names of factors of its numbers.
-_WHOSE = ("bsdf", "masks", "weighs", "names", "holders", "merged")
+#: or ".weight" the names of factors of its numbers; the parts whose numbers are none of the file's.
+_WHOSE = ("bsdf", "masks", "weighs", "names", "holders", "merged", "products")
 BLACK: Row = blank_row("materials")
 _ALPHAS = ("alpha", "alpha_u", "alpha_v")
 _LEAST_ALPHA = 1e-4  # smaller ones are taken for it, as by Mitsuba
@@ -167,6 +167,7 @@ def masked(row: Row, columns: Row, mask: Node) -> Row:
     if inside:
         names = {one.id or row.get("names", {}).get("opacity") for one in result["masks"]}
         result["merged"] = {*row.get("merged", ()), *(f"{name}.opacity" for name in names if name)}
+        result["products"] = {*row.get("products", ()), "opacity"}
     if "other" in row:
         node, other = row["other"]
         result["other"] = replace(node), masked(other, columns, mask)
@@ -216,7 +217,11 @@ _GROWS = {
     }.items()
     for kind in kinds
 }  # fmt: skip
-_DIFFUSE, _HAIR = (MATERIAL_KINDS.index(name) for name in ("diffuse", "hair"))
+_DIFFUSE = MATERIAL_KINDS.index("diffuse")
+#: Kinds with a direction along the surface, whatever their numbers are.
+_DIRECTED = [
+    i for i, name in enumerate(MATERIAL_KINDS) if name.startswith(("hair", "principled"))
+]  # fmt: skip
 
 
 def _parts(node: Node, row: Row, share: float) -> list[_Part]:
@@ -276,21 +281,22 @@ def _together(one: _Part, other: _Part) -> _Part | None:
     for row in (one.row, other.row):
         merged |= {node.id for nodes, _ in objects(row).values() for node in nodes if node.id}
         merged |= {*row.get("holders", ()), *row.get("merged", ())}
+    whose = {"merged": merged, "products": {"bsdf"}}
     if {**a, "reflectance": ()} == {**b, "reflectance": ()}:
         if a["reflectance"] == b["reflectance"]:
             if objects(one.row) == objects(other.row):
                 return _with_merged(replace(one, share=share), other.row.get("merged", ()))
-            return _Part(one.node, {**a, "merged": merged}, share)
+            return _Part(one.node, a | whose, share)
         if a["material_kind"] == _DIFFUSE:
             pairs = zip(a["reflectance"], b["reflectance"], strict=True)
             mean = tuple((one.share * x + other.share * y) / share for x, y in pairs)
-            return _Part(one.node, {**a, "reflectance": mean, "merged": merged}, share)
+            return _Part(one.node, {**a, "reflectance": mean, **whose}, share)
     for lit, row, dark in ((one, a, b), (other, b, a)):
         if dark["material_kind"] == _DIFFUSE and not any(dark["reflectance"]):
             columns = _GROWS.get(row["material_kind"], ())
             less = {name: tuple(lit.share * x / share for x in row[name]) for name in columns}
             if less:
-                return _Part(lit.node, {**row, **less, "merged": merged}, share)
+                return _Part(lit.node, {**row, **less, **whose}, share)
     return None
 
 
@@ -368,12 +374,12 @@ def textured_alpha(columns: Row, rows: Row) -> Row:
 
 def reads_uv(row: Row) -> bool:
     """Whether texture coordinates matter on surfaces of a material: it has textures, or depends on
-    the direction in which u grows."""
-    if row["material_kind"] == _HAIR:
+    the direction in which u grows, or would if its `anisotropic` changed."""
+    if row["material_kind"] in _DIRECTED:
         return True
     names = (*TEXTURABLE, "relief")
     textures = [row.get(f"{name}_texture", -1) for name in names]
-    return bool(max(textures) >= 0 or row["alpha_u"] != row["alpha_v"] or row["anisotropic"] > 0)
+    return bool(max(textures) >= 0 or row["alpha_u"] != row["alpha_v"])
 
 
 def _conductor(node: Node, values: dict[str, Any]) -> tuple[Any, Any]:

@@ -70,9 +70,13 @@ def scene_of(t: Trial, n: int, kinds: tuple[str, ...] = KINDS) -> tuple[Scene, l
 
 
 def receivers(t: Trial, n: int) -> tuple[Array, Array, Array]:
-    """Points, normals and sides."""
+    """Points, normals that are not between two which the renderer keeps, and sides."""
     p = t.rng.uniform(-3, 3, (n, 3)) + [0, 0, 2.5]
-    return p, normalised(t.rng.normal(size=(n, 3))), t.rng.integers(0, 3, n).astype(np.uint32)
+    return (
+        p,
+        rounded_normal(normalised(t.rng.normal(size=(n, 3)))),
+        t.rng.integers(0, 3, n).astype(np.uint32),
+    )
 
 
 def answers(t: Trial, held: Any, p: Array, n: Array, sides: Array, u24: Array, row: Array) -> Any:

@@ -419,9 +419,10 @@ class _Builder:
                 inside = materials.both(held[0])
                 shares = not given and all(one.get("opacity_texture", -1) < 0 for one in inside)
                 if any(map(_masked, inside)) and not shares:
+                    what = parts["bsdf"][0].plugin
+                    what = what if what == "mask" else f"{what} of masks"
                     raise SceneError(
-                        f"{node} cannot hold a {parts['bsdf'][0].plugin} of masks, unless numbers "
-                        "are the opacity of all",
+                        f"{node} cannot hold a {what}, unless numbers are the opacity of all",
                         parts["bsdf"][0].where,
                     )
                 row = materials.masked(held[0], {**materials.filled(node, values), **given}, node)

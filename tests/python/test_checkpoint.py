@@ -396,10 +396,15 @@ def test_a_terminal_that_closes_costs_no_picture(
     """It sends SIGHUP, its shell once more, and what is said then is lost."""
     monkeypatch.chdir(tmp_path)
     terminal, end = os.openpty()
+
+    def begin() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
     process = subprocess.Popen(
         [*COMMAND, *SMALL, "--spp", "1000000000", "-o", "a.exr"], stdin=end, stdout=end,
         stderr=end, start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        preexec_fn=begin,
     )  # fmt: skip
     os.close(end)
     try:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 _KINDS = ("triangle", "sphere", "disk")
+_SLOPES = ("alpha_u", "alpha_v")  # or "alpha" for both: listed where they are equal
 _CLOSED = {kind: name for name, kind in (OPEN_KINDS | WHOLE_KINDS).items()}
 
 
@@ -38,6 +39,10 @@ def listed(scene: Scene) -> dict[str, float | tuple[float, ...]]:
             if _part(scene, use, key) != use.part or _textured(scene, columns, use.row):
                 continue
             if key == "opacity" and scene.opacity[use.row] == 1:
+                continue
+            if use.table == "materials" and key in (
+                _SLOPES if scene.alpha_u[use.row] == scene.alpha_v[use.row] else ("alpha",)
+            ):
                 continue
             if f"{name}.{key}" in objects(scene).merged:
                 continue
@@ -243,10 +248,7 @@ def _of_material(scene: Scene, row: int) -> dict[str, tuple[str, ...]]:
         if param.column and COLUMNS[param.column].dtype == np.float32
     }
     if "distribution" in params:
-        slopes = ("alpha_u", "alpha_v")
-        alike = scene.alpha_u[row] == scene.alpha_v[row]
-        result = {name: columns for name, columns in result.items() if "alpha" not in name}
-        result |= {"alpha": slopes} if alike else {name: (name,) for name in slopes}
+        result |= {name: (name,) for name in _SLOPES} | {"alpha": _SLOPES}
     if "k" in params:
         result |= {"eta": ("eta",), "k": ("k",)}
     elif "int_ior" in params or "eta" in params:

@@ -539,3 +539,12 @@ def test_a_sky_from_none_is_hidden() -> None:
     assert changed.sha256 == file(0.5).sha256
     assert not vr.render(changed, 4, width=2, height=2, device="cpu").image.any()
     assert dark.with_(hide_emitters=False).sha256 == dark.sha256  # there is nothing to hide
+
+
+def test_the_same_names_after_a_change_of_anisotropy(scene: vr.Scene) -> None:
+    """Either alpha or both of its axes are listed; all three are names."""
+    brushed = scene.with_({"white.alpha_u": 0.5})
+    assert "white.alpha" not in brushed.parameters()
+    assert brushed.parameters()["white.alpha_v"] == scene.parameters()["white.alpha"]
+    assert brushed.with_(scene.parameters()).sha256 == scene.sha256
+    assert scene.with_(brushed.parameters()).sha256 == brushed.sha256

@@ -17,6 +17,9 @@ constexpr double kMinFlat = 0x1p-8, kMinBeside = 0x1p-6;
 // The least radius or distance if rays leave faces by the rounding at their point. Then only
 // kPlaneSlack matters, which shifts hits along the ray.
 constexpr double kMinBesideLocal = 0x1p-11;
+// The least distance of the pinhole and of point lights from faces: their rays go on by kPlaneSlack
+// more, which is 2^-15 of that, and what they see and light is shifted by as much.
+constexpr double kMinNear = 0x1p-7;
 // The largest extinction for which kPlaneSlack is negligible.
 constexpr double kMostFlatSigma = 0x1p8;
 
@@ -151,6 +154,24 @@ double HostScene::smallest_beside(const SceneInput& in, const std::vector<Flat>&
     return smallest;
 }
 
+// A lower bound of the distance of the pinhole and of point lights from faces.
+double HostScene::nearest_point(const SceneInput& in, const std::vector<Flat>& flats) const {
+    std::vector<Double3> points;
+    if (!in.parallel) points.push_back((eye - centre) * (1 / unit));
+    for (size_t i = 0; i < in.light_kind.count; ++i)
+        if (in.light_has_place(i))
+            points.push_back((row3(in.light_position, i) - centre) * (1 / unit));
+    double nearest = INFINITY;
+    for (const Flat& f : flats) {
+        if (lets_through(in, kTriangleGroup, f.triangle)) continue;  // it has no slack
+        const Double3 n = normalised(f.area_vector());
+        for (const Double3& p : points)
+            nearest = std::min(nearest, std::max(std::abs(dot(n, p - f.v[0])),
+                                                 std::sqrt(squared_gap({p, p}, box_of(f)))));
+    }
+    return nearest;
+}
+
 // Whether a flat face may lie in a medium dense enough for kPlaneSlack to show. It may unless all
 // that such media fill are spheres that meet no face.
 bool HostScene::dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const {
@@ -211,7 +232,9 @@ bool HostScene::set_flat(const SceneInput& in) {
         if (clear(flats[i])) shared[i].fill(false);
     const bool rims = rims_stick_out(flats, shared);
     const double beside = smallest_beside(in, flats, rims ? 2 : 1);
-    if (beside < (rims ? kMinBeside : kMinBesideLocal) || dense_beside(in, flats)) return give_up();
+    if (beside < (rims ? kMinBeside : kMinBesideLocal) || nearest_point(in, flats) < kMinNear ||
+        dense_beside(in, flats))
+        return give_up();
     allocate_primitives(flats.size() + round, 1);
     for (size_t i = 0; i < flats.size(); ++i) {
         const Flat& f = flats[i];

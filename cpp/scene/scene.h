@@ -257,6 +257,7 @@ class HostScene : public Frame {
     void orient(const SceneInput& in);
     Flat triangle(const SceneInput& in, size_t i) const;
     double smallest_beside(const SceneInput& in, const std::vector<Flat>& flats, int radii) const;
+    double nearest_point(const SceneInput& in, const std::vector<Flat>& flats) const;
     bool dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
     bool set_flat(const SceneInput& in);
     void set_tree(const SceneInput& in);

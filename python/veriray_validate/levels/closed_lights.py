@@ -113,6 +113,24 @@ def inside_a_shining_sphere(t: Trial) -> None:
     t.agrees(scene(view([1.5, 2, 3], [2, 2.2, 3.5], 60), room), exact, 800_000, sees=0.01)
 
 
+@case(3, each={"half": (20, 100, 150, 1_000, 1_900, 1e5)})
+def lamp_at_a_camera_close_to_a_wide_ground(t: Trial, half: float) -> None:
+    """A point light at a camera 1 above a ground, which it sees 140 degrees wide: rho / pi I cos^3.
+
+    Of a pixel, the mean over x, y of the ground at distance 1: differences of arctan(x y / sqrt(1 +
+    x^2 + y^2)). Hits that go on by a share of the ground would show.
+    """
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], half, diffuse(0.5))
+    lamp = {"type": "point", "position": [0, 0, 1], "intensity": rgb(20)}
+    edge = math.tan(math.radians(70)) * np.linspace(-1, 1, 65)
+    x, y = np.meshgrid(edge, edge)
+    inside = np.diff(np.diff(np.arctan(x * y / np.sqrt(1 + x * x + y * y)), axis=0), axis=1)
+    exact = 0.5 / math.pi * 20 * inside / (edge[1] - edge[0]) ** 2
+    eye = view([0, 0, 1], [0, 0, 0], 140, 64)
+    asked = scene(eye, ground, lamp, max_depth=2)
+    t.agrees(asked, exact[..., None], 2_000, sees=1e-3, margin=1e-4)
+
+
 @case(3, each={"far": ("sun", "sky"), "half": (5, 100, 10_000)})
 def lamp_beside_faint_light_from_far_away(t: Trial, far: str, half: float) -> None:
     """A point light of 20, one above a ground that a sun or an even sky of 0.1 lights as a whole.

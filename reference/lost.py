@@ -28,6 +28,7 @@ class Lost:
 
     def __init__(self, material: Material, share: Share) -> None:
         self.metal = material.kind == "roughconductor"
+        self.width = min(float(material.alpha[0]), 1.0)
         eta = float(material.eta[0])
         self.lost = {}
         for front in (True,) if self.metal else (True, False):
@@ -62,6 +63,12 @@ class Lost:
         """Share of what is lost that goes to the other side."""
         return 0.0 if self.metal else self.through[front]
 
+    def directions(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Upwards (3, n), with a density in proportion to c / (c^2 + width^2)."""
+        cosine = self.width * np.sqrt(np.expm1(u * np.log1p(self.width**-2)))
+        sine, turn = np.sqrt(np.maximum(1 - cosine**2, 0)), 2 * np.pi * v
+        return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine])
+
     def evaluate(self, front: bool, wo: np.ndarray, wi: np.ndarray) -> tuple:
         """F (3, n) of radiance times the cosine of wi; the share (n,) of directions that are drawn
         here, and their density (n,)."""
@@ -70,7 +77,8 @@ class Lost:
         across = self.crossing(front)
         value = self.colours[0][:, None] * (own * (1 - across) * even)
         value = value * self.at(front, cosine) / self.mean[front]
-        density = np.where(up, 1 - across, across) * even
+        drawn = even / ((cosine**2 + self.width**2) * np.log1p(self.width**-2))
+        density = np.where(up, 1 - across, across) * drawn
         if not self.metal:
             squared = self.eta**2 if front else 1 / self.eta**2
             beyond = self.colours[1][:, None] * (own * across * even / squared)

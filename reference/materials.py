@@ -1,15 +1,16 @@
 """Materials: which event a path takes at a surface, with which weight, and where it goes.
 
 Directions point away from the surface; wo to the camera's side, wi onwards. One lobe is chosen by
-roulette, with the probability that makes its weight a colour (section 3.4 of the 2016 report); the
-expectation is that of following all lobes.
+roulette, with the probability that makes its weight a colour (section 3.4 of the 2016 report), of
+plastic in proportion to what lobes send on; the expectation is that of following all lobes.
 
 =============== ==================================================================================
 diffuse         LAMBERT
 conductor       MIRROR, weight F of the complex index, per channel
 dielectric      MIRROR with probability F, else REFRACT with 1 / eta^2: radiance is scaled
-plastic         MIRROR with probability F(wo), else COATED: rho / (1 - Fi) / eta^2 (1 - F(wi)) over
-                pi, with rho Fi for Fi if nonlinear; Fi: diffuse reflectance from inside
+plastic         MIRROR or COATED, whose parts are F(wo) and 1 - F(wo): rho / (1 - Fi) / eta^2
+                (1 - F(wi)) over pi, with rho Fi for Fi if nonlinear; Fi: diffuse reflectance from
+                inside
 thindielectric  MIRROR with probability 2F / (1 + F) (all inter-reflections), else PASS
 null            PASS
 blendbsdf       one of two, the second with probability weight
@@ -27,6 +28,8 @@ side of ng. F is Fresnel's reflectance of unpolarised light.
 """
 
 from __future__ import annotations
+
+import functools
 
 import numpy as np
 
@@ -150,7 +153,7 @@ class Materials:
             for number, choose in (
                 (_CONDUCTOR, self._conductor),
                 (_DIELECTRIC, self._dielectric),
-                (_PLASTIC, self._plastic),
+                (_PLASTIC, functools.partial(self._plastic, base=base)),
                 (_THIN, self._thin),
                 (_NULL, self._null),
                 (ROUGH_METAL, self._rough),
@@ -186,10 +189,13 @@ class Materials:
         )
         return np.where(mirror, MIRROR, REFRACT)
 
-    def _plastic(self, rng, m, cosine, throughput, at) -> np.ndarray:  # noqa: ANN001
-        mirror = rng.random(len(m)) < fresnel(cosine, self.index.take(m))
-        shiny = np.flatnonzero(mirror)
-        throughput[:, at[shiny]] *= self.specular_reflectance.take(m[shiny], axis=1)
+    def _plastic(self, rng, m, cosine, throughput, at, base) -> np.ndarray:  # noqa: ANN001
+        f, colour = fresnel(cosine, self.index.take(m)), self.specular_reflectance.take(m, axis=1)
+        chance = of_coat(f, colour, self.base.take(m, axis=1) if base is None else base[:, at])
+        mirror = rng.random(len(m)) < chance
+        with np.errstate(divide="ignore", invalid="ignore"):
+            coat, beneath = colour * (f / chance), (1 - f) / (1 - chance)
+        throughput[:, at] *= np.where(mirror, coat, beneath)
         return np.where(mirror, MIRROR, COATED)
 
     def _thin(self, rng, m, cosine, throughput, at) -> np.ndarray:  # noqa: ANN001
@@ -304,6 +310,14 @@ def _base(material: Material) -> np.ndarray:
         inside = diffuse_fresnel(1 / eta)
         return rho / (1 - (rho * inside if material.nonlinear else inside)) / eta**2
     return rho if material.kind == "diffuse" else np.zeros(3)
+
+
+def of_coat(part: np.ndarray, colour: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """The probability (n,) of a coat that reflects ``part`` (n,) in this colour (3, n), over a base
+    (3, n) of which it lets 0.9 out."""
+    coat, beneath = part * colour.mean(axis=0), 0.9 * (1 - part) * base.mean(axis=0)
+    both = coat + beneath
+    return np.divide(coat, both, out=np.zeros_like(both), where=both > 0)
 
 
 def mirrored(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:

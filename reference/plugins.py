@@ -766,7 +766,7 @@ class _Reader(Document):
         turn = values.get("to_world", np.eye(4))[:3, :3]
         if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-3:
             raise self.error(element, "to_world scales or shears")
-        scale, compensated = values.get("scale", 1.0), values.get("mis_compensation", False)
+        scale, compensated = values.get("scale", 1.0), values.get("mis_compensation", True)
         return Sky(texels * scale, turn, compensated)
 
     def area(self, element: etree._Element) -> tuple[np.ndarray, textures.Texture | None]:

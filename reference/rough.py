@@ -9,11 +9,11 @@ mirrors         D of the slopes; what others hide of them by Smith's G1 for eith
 chosen          GGX: of those that wo sees, by E. Heitz, JCGT 7(4), 2018; Beckmann: of all, and
                 then it or the one of opposite slope, in proportion to what wo sees of either
 roughconductor  reflects, weight F of the complex index, per channel
-roughplastic    reflects with probability 1 - T(wo), else as a matt base: rho / (1 - Fi) / eta^2
-                T(wo) T(wi) over pi; the density is that of both. T: what enters, Fi: what comes
-                back from inside, both of single steps, Mitsuba's tables
+roughplastic    reflects, or is a matt base of rho / (1 - Fi) / eta^2 T(wo) T(wi) over pi, with the
+                probabilities of smooth plastic of F = 1 - T(wo); the density is that of both. T:
+                what enters, Fi: what comes back from inside, both of single steps, Mitsuba's tables
 roughdielectric reflects with probability F, else refracts
-compensation    of both: drawn evenly with the probability of what is lost (``reference/lost.py``)
+compensation    of both: drawn with the probability of what is lost (``reference/lost.py``)
 =============== ==================================================================================
 """
 
@@ -37,6 +37,7 @@ from reference.materials import (
     fresnel,
     fresnel_conductor,
     mirrored,
+    of_coat,
     refracted,
 )
 from reference.mirrors import any_normal, both_unhidden, chance, normals, spread, unhidden, visible
@@ -144,15 +145,20 @@ class Rough:
         low, high = self.coats[m, cell], self.coats[m, cell + 1]
         return low + (at - cell) * (high - low)
 
+    def coated(self, m: np.ndarray, through: np.ndarray) -> np.ndarray:
+        """The probability (n,) of rough plastic's base, below a coat that lets this through."""
+        colour = self.smooth.specular_reflectance[:, m]
+        return 1 - of_coat(1 - through, colour, self.base[:, m])
+
     def evaluate(
         self, m: np.ndarray, eta: np.ndarray, wo: np.ndarray, wi: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """F (3, n) times the cosine of wi, and the density (n,); 0 where nothing goes."""
         value, density = self._evaluate(m, eta, wo, wi)
         for whole, at, front in self._whole(m, eta):
-            more, share, even = whole.evaluate(front, wo[:, at], wi[:, at])
+            more, share, own = whole.evaluate(front, wo[:, at], wi[:, at])
             value[:, at] += more
-            density[at] += share * (even - density[at])
+            density[at] += share * (own - density[at])
         for one, at, front in self._principled(m, eta):
             value[:, at], density[at] = one.evaluate(front, wo[:, at], wi[:, at])
         for sheet, at in self._sheets(m):
@@ -216,7 +222,7 @@ class Rough:
         at = (kind == ROUGH_PLASTIC) & mirror
         through, matt = self.entering(m[at], wo[2, at]), wi[2, at] / np.pi
         value[:, at] += self.base[:, m[at]] * (through * self.entering(m[at], wi[2, at]) * matt)
-        density[at] = (1 - through) * density[at] + through * matt
+        density[at] += self.coated(m[at], through) * (matt - density[at])
         return value, density
 
     def sample(
@@ -229,7 +235,7 @@ class Rough:
         wi = mirrored(-wo, h)
         through = (kind == ROUGH_GLASS) & (lobe >= fresnel(np.clip(dot(wo, h), 0, 1), eta))
         wi = np.where(through, refracted(-wo, h, eta), wi)
-        matt = (kind == ROUGH_PLASTIC) & (lobe < self.entering(m, wo[2]))
+        matt = (kind == ROUGH_PLASTIC) & (lobe < self.coated(m, self.entering(m, wo[2])))
         r, turn = np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
         even = np.stack([r * np.cos(turn), r * np.sin(turn), np.sqrt(1 - r * r)])
         # a mirror's refraction or reflection that leaves on the other side is lost
@@ -238,7 +244,8 @@ class Rough:
         for whole, at, front in self._whole(m, eta):
             again = rng.random(len(at)) < whole.at(front, wo[2, at])
             across = rng.random(len(at)) < whole.crossing(front)
-            turned = even[:, at] * np.where(across, [[1], [1], [-1]], 1)
+            turned = whole.directions(*rng.random((2, len(at))))
+            turned = turned * np.where(across, [[1], [1], [-1]], 1)
             wi[:, at] = np.where(again, turned, wi[:, at])
         for one, at, front in self._principled(m, eta):
             wi[:, at] = one.sample(rng, front, wo[:, at])

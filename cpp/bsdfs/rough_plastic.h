@@ -1,5 +1,4 @@
-// A diffuse base within a rough coat: mirrors of the coat or base, selected by what the coat
-// reflects.
+// A diffuse base within a rough coat: mirrors of the coat or base, selected by what they reflect.
 #pragma once
 
 #include "bsdfs/microfacet.h"
@@ -13,21 +12,23 @@ struct RoughCoat : RoughMirror<L> {
     using RoughMirror<L>::lobe, RoughMirror<L>::drawn;
     static constexpr bool kDelta = false;
 
-    static VR_HD F share(const Parameters&, const View& view) {
-        return F(1.f) - view.table.transmittance(view.cos_o);
+    static VR_HD LobePart<F> part(const Parameters& p, const View& view) {
+        return part_of_coat(p, F(1.f) - view.table.transmittance(view.cos_o));
     }
     static VR_HD F reflectance(const View& view, F cosine) {
         return fresnel_dielectric(min(cosine, F(1.f)), view.relative).reflected;
     }
     static VR_HD S albedo(const Parameters& p, const View&) { return p.specular_reflectance; }
-    static VR_HD Value eval(const Parameters& p, const View& view, V wo, V wi, F cos_i, F share) {
+    static VR_HD Value eval(const Parameters& p, const View& view, V wo, V wi, F cos_i,
+                            LobePart<F> part) {
         const auto one = lobe(p, view, wo, wi, cos_i);
         return {p.specular_reflectance * (one.f_cos * reflectance(view, one.cosine)),
-                one.pdf_sa * share};
+                one.pdf_sa * part.chance};
     }
     // The sum weighs it, unless it goes below the horizon.
-    static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, M nobody) {
-        r.lobe = min(r.lobe / share(p, view), F(1.f));
+    static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, F chance,
+                               M nobody) {
+        r.lobe = min(r.lobe / chance, F(1.f));
         const auto one = drawn(p, view, wo, r);
         return {one.wi, S::all(F(0.f)), one.pdf_sa, nobody, nobody};
     }

@@ -15,15 +15,18 @@ struct MirroredOnce : RoughConductor<L> {
     using U = typename L::U;
     static constexpr bool kDelta = false;
 
-    static VR_HD F share(const Parameters& p, const View& view) {
-        return F(1.f) - LostLight<L>::lost(p, view, view.cos_o, U(kLostAtCosine));
+    static VR_HD LobePart<F> part(const Parameters& p, const View& view) {
+        const F share = F(1.f) - LostLight<L>::lost(p, view, view.cos_o, U(kLostAtCosine));
+        return {share, share};
     }
-    static VR_HD Value eval(const Parameters& p, const View& view, V wo, V wi, F cos_i, F share) {
+    static VR_HD Value eval(const Parameters& p, const View& view, V wo, V wi, F cos_i,
+                            LobePart<F> part) {
         const Value one = RoughConductor<L>::eval(p, view, wo, wi, cos_i);
-        return {one.f_cos, one.pdf_sa * share};
+        return {one.f_cos, one.pdf_sa * part.chance};
     }
-    static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, M nobody) {
-        r.lobe = min(r.lobe / share(p, view), F(1.f));
+    static VR_HD Sample sample(const Parameters& p, const View& view, V wo, Numbers r, F chance,
+                               M nobody) {
+        r.lobe = min(r.lobe / chance, F(1.f));
         return RoughConductor<L>::sample(p, view, wo, r, nobody);
     }
 };
@@ -44,14 +47,15 @@ struct MirroredAgain : LostLight<L> {
             return once * once * (F(1.f) - mean) / fma(-mean, once, F(1.f));
         });
     }
-    static VR_HD Value eval(const Parameters& p, const View& view, V, V, F cos_i, F share) {
+    static VR_HD Value eval(const Parameters& p, const View& view, V, V, F cos_i,
+                            LobePart<F> part) {
         const U first(kLostAtCosine);
         const F both = lost(p, view, view.cos_o, first) * lost(p, view, cos_i, first);
         const F even = cosine_hemisphere_pdf_sa(cos_i) / view.table.number(U(kLostMean));
-        return {albedo(p, view) * (both * even), pdf_sa(p, cos_i) * share};
+        return {albedo(p, view) * (both * even), pdf_sa(p, cos_i) * part.chance};
     }
     // The sum of lobes weighs it.
-    static VR_HD Sample sample(const Parameters& p, const View& view, V, Numbers r, M nobody) {
+    static VR_HD Sample sample(const Parameters& p, const View& view, V, Numbers r, F, M nobody) {
         F cosine;
         const V wi = direction(p, view, r.u, r.v, cosine);
         return {wi, S::all(F(0.f)), pdf_sa(p, cosine), nobody, nobody};

@@ -129,7 +129,9 @@ _PATH, _VERTEX, _DIRECT, _BLEND, _RAY_MEDIA = (
     f"integrators/{n}.h" for n in ("path", "vertex", "direct", "blend", "ray_media")
 )
 _SURFACE, _BSDF = "integrators/surface.h", "bsdfs/bsdf.h"
-_DIFFUSE, _DIELECTRIC, _PLASTIC = (f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic"))
+_DIFFUSE, _DIELECTRIC, _PLASTIC, _SUM = (
+    f"bsdfs/{n}.h" for n in ("diffuse", "dielectric", "plastic", "sum")
+)
 _THIN, _METAL = "bsdfs/thin_dielectric.h", "bsdfs/conductor.h"
 _ROUGH_METAL, _ROUGH_PLASTIC, _ROUGH_GLASS = (
     f"bsdfs/rough_{n}.h" for n in ("conductor", "plastic", "dielectric")
@@ -257,11 +259,14 @@ _MATERIALS = (
            "p.specular_transmittance * (F(1.f) - view.fresnel.reflected)", "S::all(F(1.f))",
            "thindielectric"),
     Mutant("plastic's base lit through no coat", _PLASTIC,
-           "(entering(view, cos_i) * share)", "(share)", "plastic"),
+           "(entering(view, cos_i) * part.share)", "(part.share)", "plastic"),
     Mutant("plastic's base seen through no coat", _PLASTIC,
-           "(entering(view, cos_i) * share)", "(entering(view, cos_i))", "plastic"),
-    Mutant("choice of plastic's base left out of its density", _PLASTIC, "pdf * share", "pdf",
-           "plastic of high index"),
+           "(entering(view, cos_i) * part.share)", "(entering(view, cos_i))", "plastic"),
+    Mutant("choice of plastic's base left out of its density", _PLASTIC, "pdf * part.chance",
+           "pdf", "plastic of high index"),
+    Mutant("lobes not weighed by how often they are chosen", _SUM,
+           "one.weight = one.weight * (part.share / part.chance)", "one.weight = one.weight",
+           "plastic"),
     Mutant("plastic's base sampled through no coat", _PLASTIC,
            "p.reflectance * entering(view, cos_i)", "p.reflectance",
            "plastic"),
@@ -314,8 +319,8 @@ _ROUGH = (
            "rough_metal"),
     Mutant("rough base seen through no coat", _ROUGH_PLASTIC, "view.table.transmittance(cos_i)",
            "F(1.f)", "rough_plastic"),
-    Mutant("rough coat chosen without its density", _ROUGH_PLASTIC, "one.pdf_sa * share",
-           "one.pdf_sa", "rough_plastic"),
+    Mutant("rough coat chosen without its density", _ROUGH_PLASTIC,
+           "one.pdf_sa * part.chance", "one.pdf_sa", "rough_plastic"),
     Mutant("rough coat reflects without Fresnel", _ROUGH_PLASTIC,
            "one.f_cos * reflectance(view, one.cosine)", "one.f_cos", "rough_plastic"),
     Mutant("table of rough coats one step off", _CLOSURE, "to_uint(min(x, F(kCoatCells - 1.f)))",

@@ -307,7 +307,8 @@ def coated(wo: Array, wi: Array, off: float, grey: Grey, eta: float) -> Array:
     lobe = slopes(m, grey) / 4
     value = lobe * grey.reflection * reflectance(om, eta, 0.0, off)
     value *= masking(wo, grey) * masking(wi, grey) / wo[:, 2] * in_common(wo, wi, grey)
-    density = (1 - out) * lobe * drawn(wo, m, grey) + out * wi[:, 2] / np.pi
+    chosen = grey.chosen(1 - out)
+    density = chosen * lobe * drawn(wo, m, grey) + (1 - chosen) * wi[:, 2] / np.pi
     return np.stack([value + grey.albedo * out * into * wi[:, 2] / np.pi, density])
 
 

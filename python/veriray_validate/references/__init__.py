@@ -77,10 +77,11 @@ def lights_alike(features: Collection[str]) -> bool:
     """Whether the reference samples a scene's lights as veriray does; features: of the scene.
 
     Of several lights it chooses by power, veriray by where the point is. Rectangles that are near
-    to nothing it samples by area, veriray in a tree by solid angle.
+    to nothing it samples by area, veriray in a tree by solid angle. Of a blend it takes one bsdf,
+    veriray all for light samples.
     """
     by_angle = "bvh" in features and "rectangle_lights" in features
-    return "many_lights" not in features and not by_angle
+    return "many_lights" not in features and "blend" not in features and not by_angle
 
 
 def added(ledgers: list[dict[str, list[int]]]) -> dict[str, list[int]]:

@@ -17,9 +17,9 @@ constexpr double kMinFlat = 0x1p-8, kMinBeside = 0x1p-6;
 // The least radius or distance if rays leave faces by the rounding at their point. Then only
 // kPlaneSlack matters, which shifts hits along the ray.
 constexpr double kMinBesideLocal = 0x1p-11;
-// The least distance of the pinhole and of point lights from faces: their rays go on by kPlaneSlack
-// more, which is 2^-15 of that, and what they see and light is shifted by as much.
-constexpr double kMinNear = 0x1p-7;
+// The least distance of the pinhole and of point lights from faces: planes are up to 2 kPlaneSlack
+// behind, which is 2^-15 of it, and radiance at a cosine c, like c^3, is off by 3 times that.
+constexpr double kMinNear = 0x1p-6;
 // The largest extinction for which kPlaneSlack is negligible.
 constexpr double kMostFlatSigma = 0x1p8;
 

@@ -14,7 +14,7 @@ import trimesh
 
 from veriray.scene import load_file
 from veriray_validate.oracles import directions, normalised
-from veriray_validate.scenes import Part, box, make, quad
+from veriray_validate.scenes import Part, box, camera, make, quad
 from veriray_validate.trial import Inconclusive, Trial, case
 
 Array = npt.NDArray[Any]
@@ -89,7 +89,9 @@ def triangles_against_brute_force(t: Trial, triangles: int) -> None:
     the rounding of its origin counts and, without a tree, so do the 2^-22 of the scene's size by
     which planes stand back: 1e-6 / cos and 1.5e-6 size / cos.
     """
-    scene = make([soup(t.rng, triangles, SOUPS[triangles], 0.02 * (triangles <= 64))])
+    parallel = camera([0, 0, 0], [0, 0, 1], projection="orthographic")  # close to no face
+    mesh = soup(t.rng, triangles, SOUPS[triangles], 0.02 * (triangles <= 64))
+    scene = make([mesh], parallel)
     host = t.native_scene(scene)
     t.check(("bvh" in host.features) == (triangles > 64), "tree")
     o, d = random_rays(t.rng, 2000)
@@ -267,7 +269,7 @@ def degenerate_triangles_are_dropped(t: Trial) -> None:
     floor = quad([-1, -1, 0], [2, 0, 0], [0, 2, 0], 0.5)
     bad = Part([[0, 0, 1], [1, 0, 1], [2, 0, 1]], [[0, 1, 2], [0, 0, 1], [1, 1, 1]], 0, 1e6)
     lamp = quad([0.5, -0.5, 1], [-1, 0, 0], [0, 1, 0], 0, 1)
-    host = t.native_scene(make([floor, bad, lamp]))
+    host = t.native_scene(make([floor, bad, lamp], camera([0, 0, 3], [0, 0, 0])))
     found = {k: n for k, n in host.primitives.items() if n}
     t.check(found == {"quads": 2, "dropped": 3}, f"{found}")
     view, seed = {"width": 8, "height": 8}, t.fresh()
@@ -288,7 +290,8 @@ def coincident_surfaces_show_the_first(t: Trial, tree: bool) -> None:
     second = quad([-1, -1, 0], [2, 0, 0], [0, 2, 0], 0.9)
     far = [quad([k / 100, 0, -1], [0.005, 0, 0], [0, 0.5, 0]) for k in range(70)] if tree else []
     o, d = random_rays(t.rng, 20_000 * t.effort)
-    both, alone = (t.native_scene(make([*p, *far])) for p in ([first, second], [first]))
+    eye = camera([0.3, 0.2, 2], [0, 0, 0])
+    both, alone = (t.native_scene(make([*p, *far], eye)) for p in ([first, second], [first]))
     t2, k2 = t.native.intersect(both, o, d)
     t1, k1 = t.native.intersect(alone, o, d)
     t.check(("bvh" in both.features) == tree, "tree")

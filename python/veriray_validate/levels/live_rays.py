@@ -377,18 +377,22 @@ def against(scene: Scene, r: Render, ledger: dict[str, list[int]]) -> list[tuple
     """How the paths that reach each depth end; then all together, and shadow rays.
 
     The shadow rays of plastics and black media are left out: each program decides which of those
-    that carry nothing it casts.
+    that carry nothing it casts. Where roulette is not alike, depths before it alone are compared.
     """
     theirs = {c: np.array(ledger[c], np.int64) for c in LEDGER_COLUMNS}
     own = {c: column(r, c) for c in LEDGER_COLUMNS}
     p = []
-    for d in range(min(len(own["live"]), len(theirs["live"]))):
+    alike = references.roulette_alike(r.stats["features"])
+    depths_known = min(len(own["live"]), len(theirs["live"]))
+    for d in range(depths_known if alike else min(depths_known, scene.rr_depth - 1)):
         rows = [
             [x[c][d] for c in ledgers.ENDS] + [x["live"][d + 1] if d + 1 < len(x["live"]) else 0]
             for x in (own, theirs)
         ]
         p.append((homogeneous(np.array(rows)), f"ends at depth {d}"))
     worst, where = min(p)
+    if not alike:
+        return [(sidak(worst, len(p)), where)]
     all_ = ledgers.ledger_test(r.stats["ledger"], ledger, FIRST)
     out = [(sidak(worst, len(p)), where), (all_.p, all_.where)]
     if "plastic" not in r.stats["features"] and np.all(np.asarray(scene.albedo) > 0):

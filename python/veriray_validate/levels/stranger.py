@@ -285,8 +285,10 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
     own, parts = ours(t, scene, run), materials(t, scene, run.block)
     # Under other filters than the box our pixels share samples, and have less noise.
     shared = scene.film.filter != "box"
-    alike = not shared and references.lights_alike(t.native_scene(scene).features)
-    left_out = ("L4",) * (name in TUBES) + ("S4", "S6") * (not alike)
+    features = t.native_scene(scene).features
+    alike = not shared and references.lights_alike(features)
+    ends = name not in TUBES and references.roulette_alike(features)
+    left_out = ("L4",) * (not ends) + ("S4", "S6") * (not alike)
     left_out += ("S5: noise of blocks",) * shared
     for p, what in comparison(own, run, parts, t.rng):
         if not what.startswith(left_out):

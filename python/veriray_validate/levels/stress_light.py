@@ -187,11 +187,12 @@ def ten_thousand_bounces(t: Trial, room: str) -> None:
 def glass_that_is_almost_air(t: Trial, eta: float) -> None:
     """Indices of 1, 1 +- 1e-7 and close to these: a lamp seen through a ball.
 
-    Continuous: within 1e-3 of the lamp itself.
+    Continuous: the mean within 1e-3 of the lamp itself. At the rim any glass reflects, which a
+    pixel's mean may show: one path in 10^6 meets it at a cosine of 5e-4.
     """
     ball = dicts.sphere([0, 0, 0], 1, dicts.glass(eta))
     r = t.render(dicts.scene(dicts.view([0, 0.3, 5], [0, 0, 0], 20, 6), ball, LAMP_BELOW), 200)
-    off = np.abs(r.image / np.float32([1, 2, 3]) - 1).max()
+    off = np.abs(r.image.astype(float).mean(axis=(0, 1)) / [1, 2, 3] - 1).max()
     t.check(off < 1e-3, f"off by {off:.2g}")
 
 

@@ -84,6 +84,14 @@ def lights_alike(features: Collection[str]) -> bool:
     return "many_lights" not in features and "blend" not in features and not by_angle
 
 
+def roulette_alike(features: Collection[str]) -> bool:
+    """Whether roulette ends as many paths in both; features: of the scene.
+
+    It goes by weights, which at blends are those of one bsdf in the reference, of all in veriray.
+    """
+    return "blend" not in features
+
+
 def added(ledgers: list[dict[str, list[int]]]) -> dict[str, list[int]]:
     """The sum of ledgers, the longest one's depths."""
     depths = max(len(ledger["live"]) for ledger in ledgers)

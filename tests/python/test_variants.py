@@ -120,7 +120,7 @@ def test_rectangles_to_sample_by_solid_angle_are_found(
     corners, height, near = LAMPS[name]
     lamp = size * np.array(corners, float)
     faces = [[0, 2, 1], [0, 3, 2]]  # shines down
-    parts = [Part(lamp, faces, 0.1, 1.0), quad([-9, -9, -height * size], [18, 0, 0], [0, 18, 0])]
+    parts = [Part(lamp, faces, 0.1, 1.0), quad([-2, -2, -height * size], [4, 0, 0], [0, 4, 0])]
     if tree:  # far away and too small for a scene without
         parts.append(quad([100, 0, -1], [1e-4, 0, 0], [0, 1e-4, 0]))
     scene = make(parts, camera([0, 0, -0.1 * size], [0, 0, 1], 40), 0, 8, 8)

@@ -165,9 +165,10 @@ double HostScene::nearest_point(const SceneInput& in, const std::vector<Flat>& f
     for (const Flat& f : flats) {
         if (lets_through(in, kTriangleGroup, f.triangle)) continue;  // it has no slack
         const Double3 n = normalised(f.area_vector());
+        const Box box = box_of(f);
         for (const Double3& p : points)
             nearest = std::min(nearest, std::max(std::abs(dot(n, p - f.v[0])),
-                                                 std::sqrt(squared_gap({p, p}, box_of(f)))));
+                                                 std::sqrt(squared_gap({p, p}, box))));
     }
     return nearest;
 }

@@ -27,6 +27,7 @@ from veriray.comparison import ledgers
 from veriray.rendering import LEDGER_COLUMNS, METHODS, Render
 from veriray.scene import Scene
 from veriray_validate import dicts, references
+from veriray_validate.levels.stranger import theirs
 from veriray_validate.scenes import (
     MIRROR,
     TUBES,
@@ -403,11 +404,7 @@ def against(scene: Scene, r: Render, ledger: dict[str, list[int]]) -> list[tuple
 def reference_ledger(t: Trial, name: str) -> tuple[Scene, dict[str, list[int]]]:
     """A scene of scenes/checks and the reference's counts of it."""
     scene = check_scene(name, references.SIZE)
-    path = references.FOLDER / f"{name}.npz"
-    t.check(path.is_file(), f"no results of the reference: {path.name} is missing")
-    kept = references.load(name)
-    t.check(kept.sha256 == scene.sha256, "the scene has changed since the reference rendered it")
-    return scene, kept.run(t.effort).ledger
+    return scene, theirs(t, name, scene).ledger
 
 
 @case(4, each={"name": tuple(name for name in NAMES if name not in TUBES)},

@@ -46,7 +46,7 @@ from reference.rough import Rough
 from reference.scene import Scene
 from reference.shadows import Shadows
 from reference.tracer import Start, Tracer
-from reference.vectors import cross, dot, unit_sphere
+from reference.vectors import cross, dot, unit, unit_sphere
 
 SEGMENTS = 262143
 
@@ -178,8 +178,19 @@ class Integrator:
         if self.materials.reliefs:
             self.turn_normals(live, v)
         if self.any_smooth:
-            away = self.materials.clear.take(v.material) & (v.cosine * v.facing <= 0)
-            v.normal[:, away], v.cosine[away] = v.front[:, away], v.facing[away]
+            self.face_viewer(live, v)
+
+    def face_viewer(self, live: Paths, v: Vertices) -> None:
+        """Normals of clear surfaces that look away: ng, or, of round ones, bent to cosine 2^-6."""
+        away = self.materials.clear.take(v.material) & (v.cosine * v.facing <= 0)
+        if not len(at := np.flatnonzero(away)):
+            return
+        side, wo = np.where(v.facing[at] < 0, -1.0, 1.0), -live.direction[:, at]
+        front, normal = v.front[:, at] * side, v.normal[:, at] * side
+        bent = unit(normal + (2**-6 - dot(normal, wo)) * wo)
+        rounded = self.materials.refracts_as_round(v.material[at], normal, front)
+        v.normal[:, at] = np.where(rounded, bent, front) * side
+        v.cosine[at] = dot(v.normal[:, at], wo)
 
     def turn_normals(self, live: Paths, v: Vertices) -> None:
         """By the textures that do so."""
@@ -368,7 +379,11 @@ class Integrator:
             if v.own is not None:
                 clear &= v.low < 0
             if len(at := np.flatnonzero(clear)):
-                self.turn_flat(live, v, at, front[:, at], old[:, at])
+                rounded = self.materials.refracts_as_round(
+                    v.material[at], normal[:, at], front[:, at]
+                )
+                self.turn_along(live, v, at[rounded], front)
+                self.turn_flat(live, v, at[~rounded], front[:, at[~rounded]], old[:, at[~rounded]])
                 ahead[at] = dot(front[:, at], live.direction[:, at])
             below &= ~clear
             tally.cause[live.path[below]] = ABSORBED
@@ -451,6 +466,12 @@ class Integrator:
         live.direction[:, at], live.pdf[at] = wi[0] * x + wi[1] * y + wi[2] * z, density
         if live.eta2 is not None:
             live.eta2[at] *= np.where(wi[2] < 0, eta * eta, 1)
+
+    def turn_along(self, live: Paths, v: Vertices, at: np.ndarray, front: np.ndarray) -> None:
+        """Directions of paths ``at`` onto the right side of their faces, 2^-10 from the plane."""
+        normal, d = front[:, at], live.direction[:, at]
+        rise = np.where(v.event[at] == REFRACT, -(2**-10), 2**-10)
+        live.direction[:, at] = unit(d + (rise - dot(normal, d)) * normal)
 
     def turn_flat(
         self, live: Paths, v: Vertices, at: np.ndarray, normal: np.ndarray, old: np.ndarray

@@ -104,6 +104,7 @@ class Materials:
         self.two_sided = np.array([m.two_sided for m in materials])
         self.one_sided = _ONE_SIDED[self.kind]
         self.clear = np.isin(self.kind, _TWO_SIDED)
+        self.refracts = self.kind == _DIELECTRIC
         self.base = np.array([_base(m) for m in materials]).T.copy()
         lobes = [
             (self.base, (_DIFFUSE, _PLASTIC)),
@@ -217,6 +218,10 @@ class Materials:
         """N beyond / n on wo's side (n,), for wo on the side that the cosine's sign tells."""
         eta = self.index.take(m)
         return np.where(cosine > 0, eta, 1 / eta)
+
+    def refracts_as_round(self, m: np.ndarray, ns: np.ndarray, ng: np.ndarray) -> np.ndarray:
+        """(n,) whether smooth glass of these normals (3, n) stands for a round shape there."""
+        return self.refracts.take(m) & (dot(ns, ng) > np.sqrt(0.5))
 
     def pane(self, m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """Reflectance (n,) of a thin pane with all its inter-reflections."""

@@ -20,6 +20,11 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
+def unit(a: np.ndarray) -> np.ndarray:
+    """Vectors of length 1."""
+    return a / np.sqrt(dot(a, a))
+
+
 def unit_sphere(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Uniform unit vectors (3, n) from uniform numbers in [0, 1)."""
     z = 1 - 2 * u

@@ -68,6 +68,10 @@ struct Bsdf {
     VR_HD M scatters() const { return any_of<kScattering>(); }          // light samples reach it
     VR_HD M transmits() const { return any_of<kTransmittingKinds>(); }  // from behind, too
     VR_HD M either_side() const { return any_of<kEitherSideKinds>(); }
+    // Smooth glass of a mesh that is round there: its normals are within 45 degrees.
+    VR_HD M refracts_as_round(V ns, V ng) const {
+        return any_of<kClearKinds & kRefracting>() & (dot(ns, ng) > F(0.7071068f));
+    }
     VR_HD M only_passes() const { return any_of<kAllKinds & ~kReflecting>(); }
     VR_HD M black() const {
         M found = nobody();
@@ -157,21 +161,28 @@ struct Bsdf {
         return s;
     }
 
-    // Replaces directions on the wrong side of a smooth surface, for clear lanes of `wrong`, by the
-    // selected lobe about the geometric normal, or by the mirror under total reflection.
+    // Directions on the wrong side of a smooth surface: black; of clear lanes along the face, 2^-10
+    // above it, if the mesh is round, or else the same lobe, or the mirror it leaves, about ng.
     VR_HD void sample_flat(BsdfSample<L>& s, V wo, V ng, M from_front, M wrong) const {
+        BsdfSample<L> along = s;
+        s.weight = select(wrong, S::all(F(0.f)), s.weight);
         if constexpr (has(kClearKinds & kReflecting)) {
             wrong = wrong & any_of<kClearKinds>();
             if (relief.some) wrong = wrong & !relief.lanes;
             if (none(wrong)) return;
+            const M round = refracts_as_round(view.n, ng);
             Bsdf flat = *this;
             flat.set_view(ng, dot(ng, wo), from_front);
             each<kClearKinds & kReflecting>([&](auto closure, M m) {
                 const M through = s.transmitted & (flat.view.fresnel.cos_t > F(0.f));
                 const BsdfSample<L> one =
                     closure.sample_again(parameters, flat.view, wo, m & through);
-                s = Closure<L>::chosen(wrong & m, one, s);
+                s = Closure<L>::chosen(wrong & m & !round, one, s);
             });
+            const F rise = select(s.transmitted, F(-0x1p-10f), F(0x1p-10f)) - dot(ng, along.wi);
+            along.wi = fma(ng, rise, along.wi);
+            along.wi = along.wi * (F(1.f) / sqrt(dot(along.wi, along.wi)));
+            s = Closure<L>::chosen(wrong & round, along, s);
         }
     }
 

@@ -175,8 +175,10 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
         if constexpr (Material::kClear) {
             const M away = bsdf.clear() & !(cosine > F(0.f));
             if (none(away)) return;
-            ns = select(away, ng, ns);
-            cosine = select(away, dot(ng, wo), cosine);
+            V seen = fma(wo, F(0x1p-6f) - cosine, ns);
+            seen = seen * (F(1.f) / sqrt(dot(seen, seen)));
+            ns = select(away, select(bsdf.refracts_as_round(ns, ng), seen, ng), ns);
+            cosine = select(away, dot(ns, wo), cosine);
         }
     }
 

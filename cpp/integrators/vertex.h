@@ -273,10 +273,8 @@ struct PathVertices : DirectLight<L, kFeatures> {
             const M wrong =
                 ((next.transmitted & (up > F(0.f))) | ((!next.transmitted) & (up < F(0.f)))) &
                 !place.pass;
-            if (any(wrong)) {
-                next.weight = select(wrong, black(), next.weight);
+            if (any(wrong))
                 place.bsdf.sample_flat(next, wo, place.vertex.ng, place.at.front, wrong);
-            }
         }
         return next;
     }

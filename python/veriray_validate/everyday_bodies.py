@@ -15,6 +15,7 @@ from trimesh.transformations import random_rotation_matrix
 from veriray_validate import dicts
 from veriray_validate.everyday import Question, gridded, moved
 from veriray_validate.everyday_scale import chosen, decades, framed, square
+from veriray_validate.fresnel import fresnel
 from veriray_validate.scenes import NULL, Medium, Part, camera, disk, make, material, quad, sphere
 
 Array = npt.NDArray[Any]
@@ -141,6 +142,32 @@ def smooth(rng: np.random.Generator, name: str) -> Question:
     view = camera([0, -4.0, 1.5], [0, 0, 0], 25, [0, 0, 1])
     seen = make([part], view, 1.0, width=16, height=16, max_depth=-1)
     return Question(f"{name}, {form}", seen, 1.0)
+
+
+def past_the_horizon(rng: np.random.Generator) -> Question:
+    """Smooth glass whose normals are turned away from who looks: it mirrors along its face.
+
+    A square with one normal for all of it, up to 40 degrees off its own, which shows a lamp that
+    stands on its plane and ends below the mirror image that the square's own normal would show.
+    The truth is Fresnel's reflectance at the normal's cosine to the view, at least 2^-6 before the
+    normal bent to that has length 1 again.
+    """
+    rise = math.radians(rng.uniform(6, 35))
+    turn = rise * (rng.uniform(1.1, 1.5) if rng.random() < 0.5 else rng.uniform(0.6, 0.9))
+    turn = min(turn, math.radians(40))
+    cosine = math.sin(rise - turn)
+    if cosine <= 0:
+        cosine = 2**-6 / math.sqrt(1 - cosine**2 + 2**-12)
+    eta = rng.uniform(1.3, 1.8)
+    plate = quad([-1, -1, 0], [2, 0, 0], [0, 2, 0], material=material("dielectric", eta=eta))
+    lamp = quad([8, 40, 0], [0, -80, 0], [0, 0, 4 * math.tan(rise)], emission=1.0)
+    whole = random_rotation_matrix(rng.random(3))
+    moved([plate, lamp], whole)
+    plate.normals = np.tile(whole[:3, :3] @ [math.sin(turn), 0, math.cos(turn)], (4, 1))
+    eye = whole[:3, :3] @ [-10 * math.cos(rise), 0, 10 * math.sin(rise)]
+    seen = make([plate, lamp], camera(eye, [0, 0, 0], 0.02), width=16, height=16, max_depth=4)
+    told = f"rise {rise:.4g}, normal turned by {turn:.4g}, index {eta:.4g}"
+    return Question(told, seen, float(fresnel(cosine, eta)), margin=2e-3, blocks=5e-3)
 
 
 def folded(rng: np.random.Generator) -> Question:

@@ -151,7 +151,7 @@ std::unique_ptr<FilmMemory> film_memory(size_t words, int) {
 
 Scene::Scene(const SceneInput& in, std::shared_ptr<const void> keeps, int,
              const std::string& builder, const BuildPoll& poll)
-    : impl(std::make_unique<Impl>(in, find_builder(builder), poll)),
+    : impl(with_team([&] { return std::make_unique<Impl>(in, find_builder(builder), poll); })),
       input(in),
       owner(std::move(keeps)) {}
 Scene::Scene(std::unique_ptr<Impl> made, const SceneInput& in, std::shared_ptr<const void> keeps)

@@ -10,9 +10,9 @@ namespace veriray {
 
 DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const BuildPoll& poll) {
     DeviceTree out;
-    const Buffer<float> records(host.records.rows(), "tree"),
+    const Scratch<float> records(host.records.rows(), "tree"),
         boxes(host.round_boxes.rows(), "tree");
-    Buffer<uint32_t> order;
+    Scratch<uint32_t> order;
     TreeInput in = host.tree_input();
     if (builder == TreeBuilder::kPloc) {
         in.records = records.get(), in.round_boxes = boxes.get();
@@ -182,7 +182,8 @@ std::unique_ptr<FilmMemory> film_memory(size_t words, int device) {
 
 Scene::Scene(const SceneInput& in, std::shared_ptr<const void> keeps, int device,
              const std::string& builder, const BuildPoll& poll)
-    : impl(std::make_unique<Impl>(in, device, find_builder(builder), poll)),
+    : impl(with_team(
+          [&] { return std::make_unique<Impl>(in, device, find_builder(builder), poll); })),
       input(in),
       owner(std::move(keeps)) {}
 Scene::Scene(std::unique_ptr<Impl> made, const SceneInput& in, std::shared_ptr<const void> keeps)

@@ -1,7 +1,9 @@
 // Films and scenes on the device.
 #pragma once
 
+#include <cstring>
 #include <memory>
+#include <vector>
 
 #include "backends/device.cuh"
 #include "scene/tree_layout.h"
@@ -17,19 +19,56 @@ struct DeviceTree {
 // From the host's records, by either builder; launches in cuda_objects.cu.
 DeviceTree build_tree_of(const HostScene& host, TreeBuilder builder, const BuildPoll& poll);
 
+// The small tables of a scene, in one block and one copy: a camera that moves in a small scene
+// makes a dozen of them. They are packed, sent, and handed out in the same order.
+class Parcel {
+   public:
+    static bool takes(size_t bytes) { return bytes <= size_t{1} << 16; }
+    bool sent() const { return block_ != nullptr; }
+    void pack(const void* from, size_t bytes) {
+        const size_t at = bytes_.size();
+        bytes_.resize(at + rounded(bytes));
+        std::memcpy(bytes_.data() + at, from, bytes);
+    }
+    void send() { block_ = std::make_shared<Scratch<char>>(bytes_.data(), bytes_.size(), "scene"); }
+    template <class T>
+    std::shared_ptr<const T> next(size_t bytes) {
+        const char* at = block_->get() + handed_;
+        handed_ += rounded(bytes);
+        return {block_, reinterpret_cast<const T*>(at)};
+    }
+
+   private:
+    std::vector<char> bytes_;
+    std::shared_ptr<Scratch<char>> block_;
+    size_t handed_ = 0;
+
+    static size_t rounded(size_t bytes) { return (bytes + 255) / 256 * 256; }
+};
+
 // A table on the device, shared by all scenes that have it.
 template <class T>
 class DeviceTable {
    public:
     // The one of `host`, which is that of `was` if both hosts' tables are one; null: none. pointer:
-    // to the host's rows if they are used.
-    void put(const Table<T>& host, const Table<T>* was, const T*& pointer) {
-        if (!was || !host.shares(*was)) rows_ = std::make_shared<Buffer<T>>(host.rows(), "scene");
-        if (pointer) pointer = rows_->get();
+    // to the host's rows if they are used. Called before and after the parcel is sent.
+    void put(const Table<T>& host, const Table<T>* was, const T*& pointer, Parcel& parcel) {
+        const size_t bytes = host.size() * sizeof(T);
+        if (!was || !host.shares(*was)) {
+            if (!parcel.sent()) {
+                rows_ = nullptr;
+                if (Parcel::takes(bytes)) return parcel.pack(host.data(), bytes);
+                const auto own = std::make_shared<Buffer<T>>(host.rows(), "scene");
+                rows_ = {own, own->get()};
+            } else if (bytes && Parcel::takes(bytes)) {
+                rows_ = parcel.next<T>(bytes);
+            }
+        }
+        if (pointer) pointer = rows_.get();
     }
 
    private:
-    std::shared_ptr<const Buffer<T>> rows_;
+    std::shared_ptr<const T> rows_;
 };
 
 struct Scene::Impl {
@@ -64,7 +103,13 @@ struct Scene::Impl {
 
     void put_tables(const HostScene* was) {
         view = host.view;
-#define VR_PUT(name, pointer) name.put(host.name, was ? &was->name : nullptr, view.pointer)
+        Parcel parcel;
+        put_tables(was, parcel);
+        parcel.send();
+        put_tables(was, parcel);
+    }
+    void put_tables(const HostScene* was, Parcel& parcel) {
+#define VR_PUT(name, pointer) name.put(host.name, was ? &was->name : nullptr, view.pointer, parcel)
         VR_PUT(primitives, primitives);
         VR_PUT(smooth, smooth);
         VR_PUT(uv, uv);

@@ -40,7 +40,7 @@ class TreeExec {
     explicit TreeExec(const BuildPoll& poll) : poll_(poll) {}
 
     void* memory(size_t bytes) {
-        memory_ = Buffer<char>(bytes, "tree");
+        memory_ = Scratch<char>(bytes, "tree");
         return memory_.get();
     }
     template <class Body>
@@ -90,12 +90,15 @@ class TreeExec {
     void with_scratch(Call call) {
         size_t bytes = 0;
         check(call(nullptr, bytes), "tree");
-        if (bytes > scratch_.size()) scratch_ = Buffer<char>(bytes, "tree");
+        if (bytes > scratch_.size()) {
+            wait_for_default("tree");  // for what still uses the smaller one
+            scratch_ = Scratch<char>(bytes, "tree");
+        }
         check(call(scratch_.get(), bytes), "tree");
     }
 
     const BuildPoll& poll_;
-    Buffer<char> memory_, scratch_;
+    Scratch<char> memory_, scratch_;
 };
 
 // out[slot] = in[order[slot]], records of kRecordFloats, a quarter a thread.
@@ -110,7 +113,7 @@ struct GatherStep {
 
 // in: on the device.
 inline DeviceTree build_on_device(const TreeInput& in, const BuildPoll& poll,
-                                  Buffer<uint32_t>& order) {
+                                  Scratch<uint32_t>& order) {
     DeviceTree out;
     check(cudaDeviceSynchronize(), "tree");
     const auto start = std::chrono::steady_clock::now();

@@ -10,9 +10,11 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <new>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace veriray {
@@ -51,6 +53,85 @@ class Reserve {
     void* at_ = MAP_FAILED;
 };
 
+// Threads of one loop, or of one task after another: those wait in between, as starting 16 takes as
+// long as many a loop of a scene's.
+class Team {
+   public:
+    explicit Team(bool stays) : stays_(stays) {}
+    Team(const Team&) = delete;
+    Team& operator=(const Team&) = delete;
+    ~Team() {
+        {
+            const std::lock_guard lock(mutex_);
+            stays_ = false;
+        }
+        wake_.notify_all();
+        for (std::thread& t : threads_) t.join();
+    }
+    // Lets threads run body(k) once for k from 0 on, at most that many, fewer if the system gives
+    // no more; returns how many. body has ended in all of them before the next start().
+    uint32_t start(uint32_t most, const std::function<void(uint32_t)>& body) {
+        const uint32_t waiting = std::min(most, static_cast<uint32_t>(threads_.size()));
+        if (waiting) {
+            {
+                const std::lock_guard lock(mutex_);
+                body_ = &body, count_ = waiting, ++round_;
+            }
+            wake_.notify_all();
+        }
+        try {
+            reserves_.reserve(most), threads_.reserve(most);
+            while (threads_.size() < most) {
+                auto reserve = std::make_unique<Reserve>();
+                if (!reserve->take()) break;
+                reserves_.push_back(std::move(reserve));
+                threads_.emplace_back(&Team::work, this, static_cast<uint32_t>(threads_.size()),
+                                      round_, &body, reserves_.back().get());
+            }
+        } catch (const std::exception&) {  // of resources or of memory
+        }
+        return std::min(most, static_cast<uint32_t>(threads_.size()));
+    }
+
+   private:
+    std::mutex mutex_;
+    std::condition_variable wake_;
+    std::vector<std::thread> threads_;
+    std::vector<std::unique_ptr<Reserve>> reserves_;
+    const std::function<void(uint32_t)>* body_ = nullptr;
+    uint32_t count_ = 0;
+    uint64_t round_ = 0;
+    bool stays_;
+
+    void work(uint32_t k, uint64_t seen, const std::function<void(uint32_t)>* body,
+              Reserve* reserve) {
+        reserve->release();
+        throw_once();
+        for (;;) {
+            (*body)(k);
+            std::unique_lock lock(mutex_);
+            wake_.wait(lock, [&] { return !stays_ || (round_ != seen && k < count_); });
+            if (!stays_) return;
+            seen = round_, body = body_;
+        }
+    }
+};
+
+// The team of this thread while make() runs; its loops then start no threads of their own.
+inline Team*& team_here() {
+    static thread_local Team* team = nullptr;
+    return team;
+}
+template <class Make>
+auto with_team(Make make) {
+    struct Here {
+        Team team{true};
+        Team* const before = std::exchange(team_here(), &team);
+        ~Here() { team_here() = before; }
+    } here;
+    return make();
+}
+
 // How often work asks whether to go on.
 inline constexpr std::chrono::milliseconds kPollPause{10};
 
@@ -65,38 +146,31 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
     std::atomic<bool> stop{false};
     std::mutex mutex;
     std::condition_variable done;
-    uint32_t running = 0;
+    uint32_t ended = 0;
     std::exception_ptr error;
-    std::vector<std::thread> pool;
-    const uint32_t most = static_cast<uint32_t>(std::min<uint64_t>(threads, units));
-    std::vector<Reserve> reserve(most);
-    throw_once();
-    const auto body = [&](uint32_t worker) {
-        reserve[worker].release();
-        throw_once();
+    const auto fail = [&] {
+        const std::lock_guard lock(mutex);
+        if (!error) error = std::current_exception();
+        stop = true;
+    };
+    const std::function<void(uint32_t)> body = [&](uint32_t worker) {
         try {
             for (uint64_t unit; !stop && (unit = next++) < units;) work(worker, unit);
         } catch (...) {
-            const std::lock_guard lock(mutex);
-            if (!error) error = std::current_exception();
-            stop = true;
+            fail();
         }
         const std::lock_guard lock(mutex);
-        --running;
+        ++ended;
         done.notify_one();
     };
-    {
-        pool.reserve(most);
+    throw_once();
+    Team own(false);
+    Team* const kept = std::exchange(team_here(), nullptr);  // not for what poll begins
+    const uint32_t most = static_cast<uint32_t>(std::min<uint64_t>(threads, units)),
+                   running = (kept ? kept : &own)->start(most, body);
+    if (running) {
         std::unique_lock lock(mutex);
-        try {
-            for (uint32_t k = 0; k < most && reserve[k].take(); ++k) {
-                pool.emplace_back(body, k);
-                ++running;
-            }
-        } catch (const std::exception&) {  // of resources or of memory
-        }
-        if (pool.empty() && most) throw NoThreads();
-        while (!done.wait_for(lock, kPollPause, [&] { return running == 0; })) {
+        while (!done.wait_for(lock, kPollPause, [&] { return ended == running; })) {
             if (!poll) continue;
             lock.unlock();
             const double share =
@@ -104,14 +178,13 @@ bool parallel(uint32_t threads, uint64_t units, const std::function<bool(double)
             try {
                 if (!poll(share)) stop = true;
             } catch (...) {
-                const std::lock_guard guard(mutex);
-                if (!error) error = std::current_exception();
-                stop = true;
+                fail();
             }
             lock.lock();
         }
     }
-    for (std::thread& t : pool) t.join();
+    team_here() = kept;
+    if (most && !running) throw NoThreads();
     if (error) std::rethrow_exception(error);
     return !stop;
 }

@@ -6,6 +6,7 @@ import functools
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, overload
 
 from . import bars
@@ -28,6 +29,9 @@ from .settings import METHODS as METHODS
 from .settings import SCHEDULERS as SCHEDULERS
 
 BUILD_SHARE = 0.1
+#: Of several cameras, so many pictures are rendered at a time on a GPU if they have fewer samples
+#: than BRIEF: what a call costs beside the device's work overlaps with that of others.
+AT_ONCE, BRIEF = 2, 1 << 24
 
 _whole = functools.partial(whole, error=ValueError)
 
@@ -228,8 +232,22 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
             bar.done(done[-1].stats["mean_stderr"])
     else:
         callback = None if isinstance(progress, bool) else progress
-        done = [render_with(*view) for view in _turns(views, settings, callback)]
+        turns = _turns(views, settings, callback)
+        if callback is None and len(views) > 1 and _brief(used, settings):
+            with ThreadPoolExecutor(AT_ONCE) as pool:  # an exception cancels those that wait
+                done = list(pool.map(lambda view: render_with(*view), turns))
+        else:
+            done = [render_with(*view) for view in turns]
     return done[0] if cameras is None else done
+
+
+def _brief(used: Scene, settings: RenderSettings) -> bool:
+    """Whether the device has a picture as soon as Python has prepared the next one."""
+    if settings.target_error is not None or settings.cluster:
+        return False
+    chosen = device_module.select_all(settings.device, fresh=False)
+    samples = used.film.width * used.film.height * used.spp
+    return len(chosen) == 1 and chosen[0][0].backend == "cuda" and samples < BRIEF
 
 
 def _views(scene: Scene, cameras: Sequence[Camera]) -> list[Scene]:

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 import veriray as vr
+from veriray import rendering
 from veriray.cli import main
 from veriray.errors import ImageError
 from veriray.formats import cameras
@@ -371,6 +372,25 @@ def test_views_have_the_bits_of_single_renders(device: str, cornell: vr.Scene) -
     alone = [vr.render(cornell.with_(camera=c), 4, seed=3, device=device) for c in around]
     assert [r.film_sha256 for r in found] == [r.film_sha256 for r in alone]
     assert len({r.film_sha256 for r in found}) == 3
+
+
+def test_views_rendered_at_a_time(cornell: vr.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a GPU: pictures in the order of the cameras; an error ends the rest."""
+    around = [cornell.camera.orbit(5 * k, centre=(278, 273, 280)) for k in range(9)]
+    apart = vr.render(cornell, 4, seed=3, device="cpu", cameras=around)
+    monkeypatch.setattr(rendering, "_brief", lambda *_: True)
+    found = vr.render(cornell, 4, seed=3, device="cpu", cameras=around)
+    assert [r.film_sha256 for r in found] == [r.film_sha256 for r in apart]
+    begun: list[vr.Scene] = []
+
+    def failing(scene: vr.Scene, *rest: object) -> None:
+        begun.append(scene)
+        raise vr.OutOfMemoryError("no memory")
+
+    monkeypatch.setattr(rendering, "render_with", failing)
+    with pytest.raises(vr.OutOfMemoryError, match="no memory"):
+        vr.render(cornell, 4, device="cpu", cameras=around * 100)
+    assert len(begun) < 900
 
 
 def test_views_share_a_tree(cornell: vr.Scene) -> None:

@@ -186,6 +186,8 @@ class Scene {
     // (HostScene::change).
     std::unique_ptr<Scene> changed(const SceneInput& in, std::shared_ptr<const void> owner,
                                    bool rough) const;
+    // This scene with a tree by another builder; they share the rest.
+    std::unique_ptr<Scene> rebuilt(const std::string& tree_builder, const BuildPoll& poll) const;
 
     const HostScene& host() const;
     TreeInfo tree() const;

@@ -54,8 +54,11 @@ struct Scene::Impl {
     HostScene host;
     std::shared_ptr<const CpuTables> tables;
 
-    Impl(const SceneInput& in, TreeBuilder builder, const BuildPoll& poll)
-        : host(in), tables(std::make_shared<CpuTables>(host, builder, poll)) {
+    Impl(const SceneInput& in, TreeBuilder builder, const BuildPoll& poll) : host(in) {
+        put_tables(builder, poll);
+    }
+    void put_tables(TreeBuilder builder, const BuildPoll& poll) {
+        tables = std::make_shared<CpuTables>(host, builder, poll);
         SceneView& view = host.view;
         view.uniform_quads = tables->quads.data();
         view.uniform_shorts = tables->shorts.data();
@@ -162,6 +165,12 @@ std::unique_ptr<Scene> Scene::changed(const SceneInput& in, std::shared_ptr<cons
     auto made = std::make_unique<Impl>(*impl);
     if (!made->host.change(input, in, rough)) return nullptr;
     return std::unique_ptr<Scene>(new Scene(std::move(made), in, std::move(keeps)));
+}
+std::unique_ptr<Scene> Scene::rebuilt(const std::string& tree_builder,
+                                      const BuildPoll& poll) const {
+    auto made = std::make_unique<Impl>(*impl);
+    with_team([&] { made->put_tables(find_builder(tree_builder), poll); });
+    return std::unique_ptr<Scene>(new Scene(std::move(made), input, owner));
 }
 const void* Scene::family() const { return impl->tables.get(); }
 const HostScene& Scene::host() const { return impl->host; }

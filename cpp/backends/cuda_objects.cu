@@ -196,6 +196,12 @@ std::unique_ptr<Scene> Scene::changed(const SceneInput& in, std::shared_ptr<cons
     auto made = std::make_unique<Impl>(*impl, std::move(host));
     return std::unique_ptr<Scene>(new Scene(std::move(made), in, std::move(keeps)));
 }
+std::unique_ptr<Scene> Scene::rebuilt(const std::string& tree_builder,
+                                      const BuildPoll& poll) const {
+    auto made =
+        with_team([&] { return std::make_unique<Impl>(*impl, find_builder(tree_builder), poll); });
+    return std::unique_ptr<Scene>(new Scene(std::move(made), input, owner));
+}
 const void* Scene::family() const { return impl->tree.get(); }
 const HostScene& Scene::host() const { return impl->host; }
 TreeInfo Scene::tree() const { return impl->tree->info; }

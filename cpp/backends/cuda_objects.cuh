@@ -86,9 +86,13 @@ struct Scene::Impl {
         : device(dev), host(in), builder(tree_builder) {
         use_device(dev);
         put_tables(nullptr);
-        if (!(host.view.features & kBvh)) return;
-        tree = std::make_shared<DeviceTree>(build_tree_of(host, builder, poll));
-        put_tree();
+        build_tree(poll);
+    }
+    // The same scene with a tree by another builder.
+    Impl(const Impl& base, TreeBuilder tree_builder, const BuildPoll& poll) : Impl(base) {
+        use_device(device);
+        builder = tree_builder;
+        build_tree(poll);
     }
     // The same primitives with other tables.
     Impl(const Impl& base, HostScene made) : Impl(base) {
@@ -138,6 +142,11 @@ struct Scene::Impl {
         VR_PUT(sky_sines, lights.map.sines);
         VR_PUT(sky_guides, lights.map.guides);
 #undef VR_PUT
+    }
+    void build_tree(const BuildPoll& poll) {
+        if (!(host.view.features & kBvh)) return;
+        tree = std::make_shared<DeviceTree>(build_tree_of(host, builder, poll));
+        put_tree();
     }
     void put_tree() {
         if (view.features & kBvh)

@@ -89,6 +89,16 @@ auto with_memory(const SceneInput& in, Make make) {
     }
 }
 
+// Tells a callback, or None, of the build's progress, and lets signals end it.
+BuildPoll told(const py::object& progress) {
+    return [&progress](double share) {
+        py::gil_scoped_acquire acquire;
+        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        if (!progress.is_none()) progress(share);
+        return true;
+    };
+}
+
 std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera,
                                   const py::dict& film, int device, const py::object& progress,
                                   const std::string& builder) {
@@ -96,15 +106,17 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     const auto kept = std::make_shared<Arrays>();
     read_arrays(arrays, in, *kept);
     read_camera(camera, film, in, *kept);
-    const BuildPoll poll = [&](double share) {
-        py::gil_scoped_acquire acquire;
-        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        if (!progress.is_none()) progress(share);
-        return true;
-    };
+    const BuildPoll poll = told(progress);
     Unlocked unlocked;
     return with_memory(in,
                        [&] { return std::make_unique<Scene>(in, kept, device, builder, poll); });
+}
+
+std::unique_ptr<Scene> rebuilt_scene(const Scene& base, const std::string& builder,
+                                     const py::object& progress) {
+    const BuildPoll poll = told(progress);
+    Unlocked unlocked;
+    return with_memory(base.input, [&] { return base.rebuilt(builder, poll); });
 }
 
 // arrays: those that differ. None where primitives differ; rough: see HostScene::change.
@@ -406,6 +418,7 @@ void bind_renderer(py::module_& m) {
         .def(py::init(&make_scene), "arrays"_a, "camera"_a, "film"_a, "device"_a = 0,
              "progress"_a = py::none(), "builder"_a = "sah")
         .def("changed", &changed_scene, "arrays"_a, "camera"_a, "film"_a, "rough"_a = false)
+        .def("rebuilt", &rebuilt_scene, "builder"_a, "progress"_a = py::none())
         .def_property_readonly(
             "family", [](const Scene& s) { return reinterpret_cast<uintptr_t>(s.family()); })
         .def_property_readonly("features",

@@ -216,6 +216,8 @@ class Scene:
         film: FilmArguments,
         rough: bool = False,
     ) -> Scene | None: ...  # rough: the bits of its pictures may differ from those of one made anew
+    # With a tree by another builder: shares the rest.
+    def rebuilt(self, builder: str, progress: Callable[[float], object] | None = None) -> Scene: ...
     @property
     def family(self) -> int: ...  # the same for scenes that share primitives and tree
     @property

@@ -111,10 +111,11 @@ def _around_patches(camera: Camera) -> dict[str, Any]:
 def choose_builder(backend: str, triangles: int, paths: int) -> str:
     """The builder that "auto" takes: `sah` on a CPU; on CUDA `ploc`, until `sah` pays.
 
-    On CUDA a tree by `ploc` is built almost at once, and one by `sah` is traversed faster: from
-    CATCH_UP paths per triangle on that is worth its build time, and below 2^14 triangles the build
-    takes hardly any. `sah` is also taken if its tree exists already, or if the device has too
-    little memory to build by `ploc`: 216 bytes more per primitive.
+    paths: of this render and of those before it with the same tree. On CUDA a tree by `ploc` is
+    built almost at once, and one by `sah` is traversed faster: from CATCH_UP paths per triangle on
+    that is worth its build time, and below 2^14 triangles the build takes hardly any. `sah` is also
+    taken if its tree exists already, or if the device has too little memory to build by `ploc`: 216
+    bytes more per primitive.
     """
     early = backend == "cuda" and triangles >= 1 << 14 and paths < CATCH_UP * triangles
     return "ploc" if early else "sah"
@@ -131,6 +132,7 @@ class NativeForm(NamedTuple):
     view: dict[str, Any]  # camera and film, as the native scene takes them
     native: NativeScene
     scene: weakref.ref[Scene]  # the last one that it served; scenes do not change
+    traced: list[int]  # one number for a family: the paths of the renders that it was for
 
     def shows(self, view: dict[str, Any]) -> bool:
         """Whether its camera and film are these."""
@@ -160,20 +162,28 @@ def native_scene(
     with _building:
         kept: list[NativeForm] = owner.native_forms
         auto = builder == "auto"
-        if auto:
-            builder = choose_builder(device.backend, len(scene.triangles), paths)
-        for name in ("sah", builder) if auto else (builder,):
+
+        def wanted(traced: int) -> str:
+            return choose_builder(device.backend, len(scene.triangles), traced + paths)
+
+        for name in ("sah", "ploc") if auto else (builder,):
             for form in kept:
                 if form.scene() is scene and form.place == (*where, name):
+                    if auto and name == "ploc" != wanted(form.traced[0]):
+                        break
+                    form.traced[0] += paths
                     return form.native
         arrays, view = _arrays(scene), _view_arguments(scene)
         found = _found(kept, where, arrays, view)
-        tried = [builder]
         if auto:
-            tried = ["sah"] if "sah" in found or builder == "sah" else [builder, "sah"]
+            if "ploc" in found and "sah" not in found:
+                _improve(kept, found, device, progress, wanted)
+            builder = next((name for name in ("sah", "ploc") if name in found), wanted(0))
+        tried = [builder, "sah"] if auto and builder != "sah" else [builder]
         known = found.get(tried[0])
         if known is not None and known.shows(view):
             served = known._replace(scene=weakref.ref(scene))
+            served.traced[0] += paths
             kept[:] = [*(other for other in kept if other is not known), served]
             return known.native
         del found, known  # which hold memory
@@ -188,8 +198,34 @@ def native_scene(
                     raise
             kept.clear()
         if exact:
-            kept[:] = _recent([*kept, NativeForm(place, arrays, view, native, weakref.ref(scene))])
+            family = (form.traced for form in kept if form.native.family == native.family)
+            traced = next(family, [0])
+            traced[0] += paths
+            made = NativeForm(place, arrays, view, native, weakref.ref(scene), traced)
+            kept[:] = _recent([*kept, made])
         return native
+
+
+def _improve(
+    kept: list[NativeForm],
+    found: dict[str, NativeForm],
+    device: Device,
+    progress: Callable[[float], object] | None,
+    wanted: Callable[[int], str],
+) -> None:
+    """Replaces a tree by `ploc` with one by `sah` once its renders are wanted to have that."""
+    old = found["ploc"]
+    if _rough.get() or wanted(old.traced[0]) == "ploc":
+        return
+    try:
+        native = old.native.rebuilt("sah", polled(progress))
+    except device.native.OutOfMemoryError:
+        old.traced[0] = -(1 << 62)  # not tried again
+        return
+    new = old._replace(place=(*old.place[:-1], "sah"), native=native)
+    family = old.native.family
+    kept[:] = [*(form for form in kept if form.native.family != family), new]
+    found["sah"] = new
 
 
 def _found(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from typing import Any
 
 from . import kernels
@@ -18,7 +19,9 @@ from .settings import RenderSettings
 WAVE_PATHS = 1 << 24
 #: Paths of one launch from which on `wavefront` is faster in the compiled variants that hold these.
 RICH_PATHS, RICH = 1 << 19, {"blend", "tangents"}
-_PAYS = math.log(10 / 9)
+#: Of `wave_gain`: what its terms are worth.
+_FLAT = (-1.0, 0.5, 0.16, 0.2, 0.45, 0.43, -0.1)
+_IN_A_TREE = (-0.05, 0.27, 0.1, 0.15, 0.26, 0.22, -0.13)
 #: Features whose code makes one kernel for everything slow.
 SLOW_IN_ONE_KERNEL = {"uneven_media", "principled", "principled_open"} | {
     name for name in MATERIAL_KINDS if name.startswith("rough")
@@ -71,23 +74,28 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
     """Logarithm of the expected time of `fused` over that of `wavefront` on CUDA.
 
     Both with kernels made for the scene. facts: those of `scene_facts`; paths: of one launch.
-    A fit to 59 scenes of 2^24 paths, 23 of them with 2^22 and 2^20 too (H200), with a root of the
-    mean squared error of 0.22; for image skies and more than 100 lamps to 41 others of 2^24, 2^21
-    and 2^18 (H100). In one kernel, lanes wait for those at other materials, at more lamps or at
+    Without a tree a fit to 59 scenes of 2^24 paths, 23 of them with 2^22 and 2^20 too (H200), with
+    a root of the mean squared error of 0.22. In a tree one to 17 scenes of 2^24, 2^21 and 2^18
+    (H200), of 0.09. In one kernel, lanes wait for those at other materials, at more lamps or at
     other texels of the sky, and for walks through trees; a wave pays with traffic and launches.
     """
     features, primitives = {*facts["features"]}, dict(facts["primitives"])
     primitives.pop("dropped", None)
-    spheres = float(primitives.get("spheres", 0) / max(1, sum(primitives.values())))
-    return (
-        (-0.4 if facts["tree"] else -1.0)
-        + 0.5 * spheres
-        + 0.16 * (len({*MATERIAL_KINDS} & features) - 1)
-        + 0.2 * math.log(min(100, max(1, facts["lights"])))
-        + 0.45 * ("image_sky" in features)
-        + 0.43 * bool(SLOW_IN_ONE_KERNEL & features)
-        - 0.1 * max(0.0, math.log2(WAVE_PATHS / max(1, paths)))
+    terms = (
+        1.0,
+        float(primitives.get("spheres", 0) / max(1, sum(primitives.values()))),
+        len({*MATERIAL_KINDS} & features) - 1,
+        math.log(min(100, max(1, facts["lights"]))),
+        "image_sky" in features,
+        bool(SLOW_IN_ONE_KERNEL & features),
+        max(0.0, math.log2(WAVE_PATHS / max(1, paths))),
     )
+    return float(sum(map(operator.mul, _IN_A_TREE if facts["tree"] else _FLAT, terms)))
+
+
+def _pays(facts: dict[str, Any], paths: int) -> bool:
+    """Whether `wavefront` is expected to be clearly faster, by what the fit is worth."""
+    return wave_gain(facts, paths) > (0.02 if facts["tree"] else math.log(10 / 9))
 
 
 def compiled_choice(facts: dict[str, Any], paths: int) -> str:
@@ -102,7 +110,7 @@ def compiled_choice(facts: dict[str, Any], paths: int) -> str:
         several = len({*MATERIAL_KINDS} & {*facts["features"]}) > 1
         pays = paths >= RICH_PATHS and (bool(facts["tree"]) or several)
     else:
-        pays = wave_gain(facts, paths) > _PAYS
+        pays = _pays(facts, paths)
     return "wavefront" if pays else "fused"
 
 
@@ -111,9 +119,9 @@ def choose_scheduler(
 ) -> tuple[str, str]:
     """The scheduler that runs and why. settings: settled; facts: those of `scene_facts`.
 
-    Rule of "auto": `fused`, but `wavefront` on CUDA where it is expected to take at most nine
-    tenths of the time: by `wave_gain` with kernels made for the scene, and until these are there,
-    or where none are made (`kernels`), by `compiled_choice`.
+    Rule of "auto": `fused`, but `wavefront` on CUDA where it is expected to be faster, by 2 % in a
+    tree and 11 % without one: by `wave_gain` with kernels made for the scene, and until these are
+    there, or where none are made (`kernels`), by `compiled_choice`.
     """
     if settings.scheduler != "auto":
         return settings.scheduler, "asked for"
@@ -124,7 +132,7 @@ def choose_scheduler(
     if kernels.available():  # why there are none
         chosen = compiled_choice(facts, paths)
     else:
-        chosen = "wavefront" if wave_gain(facts, paths) > _PAYS else "fused"
+        chosen = "wavefront" if _pays(facts, paths) else "fused"
     if chosen == "fused":
         return chosen, "auto"
-    return chosen, "auto expects it to be faster with such lamps and materials"
+    return chosen, "auto expects it to be faster for such a scene"

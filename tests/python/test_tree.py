@@ -441,6 +441,55 @@ def test_a_better_tree_that_is_there_is_taken(device: str) -> None:
     assert vr.render(scene, 1, device=device).stats["tree"]["builder"] == "sah"
 
 
+def _paid_after(monkeypatch: pytest.MonkeyPatch, paths: int) -> None:
+    def chosen(_backend: str, _triangles: int, traced: int) -> str:
+        return "ploc" if traced < paths else "sah"
+
+    monkeypatch.setattr(sys.modules["veriray.native_scene"], "choose_builder", chosen)
+
+
+def test_renders_pay_for_a_better_tree(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the third on, other cameras counted; it is made once, of what is there."""
+
+    def drawn() -> list[vr.Render]:
+        scene = mesh_scene(*displaced_icosphere(5), vr.Camera.look_at([0, 0, 4], [0, 0, 0]))
+        scene = scene.with_(width=16, height=16)
+        near = scene.with_(camera=scene.camera.dolly(0.01))
+        made = [vr.render(which, 4, device=device) for which in (scene, near, scene, near, scene)]
+        assert len({form.native.family for form in scene.native_forms}) == 1
+        return made
+
+    _paid_after(monkeypatch, 1 << 60)
+    plain = drawn()
+    _paid_after(monkeypatch, 3 * 16 * 16 * 4)
+    better = drawn()
+    assert [r.stats["tree"]["builder"] for r in plain] == ["ploc"] * 5
+    assert [r.stats["tree"]["builder"] for r in better] == ["ploc"] * 2 + ["sah"] * 3
+    assert [r.film_sha256 for r in better] == [r.film_sha256 for r in plain]
+
+
+def test_a_better_tree_without_memory_is_not_tried_again(
+    cpu: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = vr.device.select(cpu)[0].native
+    scene = mesh_scene(*displaced_icosphere(3), vr.Camera.look_at([0, 0, 4], [0, 0, 0]))
+    _paid_after(monkeypatch, 2)
+    prepare(scene, cpu, spp=1)
+    real, tried = scene.native_forms[0], []
+
+    class Short:
+        def __getattr__(self, name: str) -> Any:
+            if name == "rebuilt":
+                tried.append(name)
+                raise module.OutOfMemoryError("tree: needs 9 bytes")
+            return getattr(real.native, name)
+
+    scene.native_forms[0] = real._replace(native=Short())  # type: ignore[arg-type]
+    for _ in range(3):
+        assert prepare(scene, cpu, spp=1)["tree"]["builder"] == "ploc"
+    assert tried == ["rebuilt"]
+
+
 def test_unknown_builders_are_refused(cpu: str) -> None:
     scene = scene_of("one")
     for call in (vr.render, prepare):

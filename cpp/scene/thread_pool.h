@@ -53,8 +53,8 @@ class Reserve {
     void* at_ = MAP_FAILED;
 };
 
-// Threads of one loop, or of one task after another: those wait in between, as starting 16 takes as
-// long as many a loop of a scene's.
+// Threads for one loop, or for many loops one after another, between which they wait: to start 16
+// threads takes as long as the work of many a loop.
 class Team {
    public:
     explicit Team(bool stays) : stays_(stays) {}

@@ -507,8 +507,8 @@ def test_auto_takes_wavefront_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(kernels, "available", lambda: "")  # kernels are made at run time
     kinds = [*balls["features"], "conductor", "dielectric", "plastic"]
     by_measurement = {  # as measured, fused / wavefront
-        "mesh under a lamp, 0.64": (mesh, "fused"),
-        "two materials, 0.74": ({**mesh, "features": ["diffuse", "conductor"]}, "fused"),
+        "mesh under a lamp, 0.96": (mesh, "fused"),
+        "two materials, 1.08": ({**mesh, "features": ["diffuse", "conductor"]}, "wavefront"),
         "100 lamps, 1.9": ({**mesh, "lights": 100}, "wavefront"),
         "16 lamps that are balls, 2": ({**balls, "lights": 16}, "wavefront"),
         "balls of four materials, 1.8": ({**balls, "features": kinds}, "wavefront"),

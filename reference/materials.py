@@ -35,7 +35,7 @@ import numpy as np
 
 from reference.scene import MATERIAL_KINDS, Geometry, Material
 from reference.textures import Texture
-from reference.vectors import dot
+from reference.vectors import dot, unit
 
 LAMBERT, COATED, ROUGH, PHASE, MIRROR, REFRACT, PASS, BLACK = range(8)
 _DIFFUSE, _CONDUCTOR, _DIELECTRIC, _PLASTIC, _THIN, _NULL = range(6)
@@ -328,7 +328,7 @@ def of_coat(part: np.ndarray, colour: np.ndarray, base: np.ndarray) -> np.ndarra
 def mirrored(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """``direction`` (3, n) reflected by planes with unit normals."""
     out = direction - 2 * dot(direction, normal) * normal
-    return out / np.sqrt(dot(out, out))
+    return unit(out)
 
 
 def refracted(direction: np.ndarray, normal: np.ndarray, eta: np.ndarray) -> np.ndarray:
@@ -341,4 +341,4 @@ def refracted(direction: np.ndarray, normal: np.ndarray, eta: np.ndarray) -> np.
     cosine = np.abs(cosine)
     beyond = np.sqrt(np.maximum(1 - (1 - cosine * cosine) / (eta * eta), 0))
     out = direction / eta + (cosine / eta - beyond) * normal
-    return out / np.sqrt(dot(out, out))
+    return unit(out)

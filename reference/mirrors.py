@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import beta
 
-from reference.vectors import dot
+from reference.vectors import dot, unit
 
 
 def unhidden(w: np.ndarray, alpha: np.ndarray, ggx: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ def any_normal(alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     radius, turn = np.sqrt(-np.log1p(-u)), 2 * np.pi * v
     x, y = alpha * radius * [np.cos(turn), np.sin(turn)]
     m = np.stack([x, y, np.ones_like(u)])
-    return m / np.sqrt(dot(m, m))
+    return unit(m)
 
 
 def visible(wo: np.ndarray, alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -85,4 +85,4 @@ def visible(wo: np.ndarray, alpha: np.ndarray, u: np.ndarray, v: np.ndarray) -> 
     b = (1 - share) * np.sqrt(np.maximum(1 - a * a, 0)) + share * b
     m = a * x + b * y + np.sqrt(np.maximum(1 - a * a - b * b, 0)) * z
     m = np.stack([alpha[0] * m[0], alpha[1] * m[1], np.maximum(m[2], 0)])
-    return m / np.sqrt(dot(m, m))
+    return unit(m)

@@ -17,7 +17,7 @@ from reference.materials import fresnel, mirrored
 from reference.mirrors import normals, spread, unhidden
 from reference.principled import _LUMINANCE, _schlick
 from reference.scene import Material
-from reference.vectors import dot
+from reference.vectors import dot, unit
 
 #: Parameters and their defaults; diff_trans is up to 2, the others up to 1.
 SHARES = {
@@ -48,7 +48,7 @@ class Sheet:
         folded = np.where(through, wi * _FOLD, wi)
         with np.errstate(all="ignore"):
             h = wo + folded
-            h = h / np.sqrt(dot(h, h))
+            h = unit(h)
             alpha, ggx = np.where(through, self.far, self.near), np.ones(len(through), bool)
             slopes = spread(h, alpha, ggx) * unhidden(wo, alpha, ggx) / (4 * wo[2])
             lobe = slopes * unhidden(folded, alpha, ggx)

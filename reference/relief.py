@@ -23,7 +23,7 @@ import numpy as np
 
 from reference.scene import Geometry, Material
 from reference.textures import coordinates
-from reference.vectors import cross, dot
+from reference.vectors import cross, dot, unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +50,8 @@ def derivatives(
     out[:, :, at[good]] = np.linalg.solve(steps[good], edges[good]).transpose(1, 2, 0)
     if not good.all():
         normal = np.cross(*edges[~good].transpose(1, 0, 2)).T
-        x = any_tangent(normal / np.sqrt(dot(normal, normal)))
-        out[:, :, at[~good]] = x, cross(normal / np.sqrt(dot(normal, normal)), x)
+        x = any_tangent(unit(normal))
+        out[:, :, at[~good]] = x, cross(unit(normal), x)
     at = np.flatnonzero((primitive >= triangles) & (primitive < triangles + spheres))
     number = primitive[at] - triangles
     turn = geometry.frames[number]

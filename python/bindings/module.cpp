@@ -89,12 +89,13 @@ auto with_memory(const SceneInput& in, Make make) {
     }
 }
 
-// Tells a callback, or None, of the build's progress, and lets signals end it.
-BuildPoll told(const py::object& progress) {
-    return [&progress](double share) {
+// Ctrl-C and the callback are looked at on the calling thread; what they raise stops
+// the render, or the build of a tree.
+Poll poll_of(const py::object& poll) {
+    return [&poll](double share) {
         py::gil_scoped_acquire acquire;
         if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        if (!progress.is_none()) progress(share);
+        if (!poll.is_none()) poll(share);
         return true;
     };
 }
@@ -106,7 +107,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
     const auto kept = std::make_shared<Arrays>();
     read_arrays(arrays, in, *kept);
     read_camera(camera, film, in, *kept);
-    const BuildPoll poll = told(progress);
+    const BuildPoll poll = poll_of(progress);
     Unlocked unlocked;
     return with_memory(in,
                        [&] { return std::make_unique<Scene>(in, kept, device, builder, poll); });
@@ -114,7 +115,7 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
 
 std::unique_ptr<Scene> rebuilt_scene(const Scene& base, const std::string& builder,
                                      const py::object& progress) {
-    const BuildPoll poll = told(progress);
+    const BuildPoll poll = poll_of(progress);
     Unlocked unlocked;
     return with_memory(base.input, [&] { return base.rebuilt(builder, poll); });
 }
@@ -154,16 +155,6 @@ py::dict kernel_dict(const KernelUse& use) {
     using namespace py::literals;
     return py::dict("registers"_a = use.registers, "local_bytes"_a = use.local_bytes,
                     "resident_threads"_a = use.resident_threads);
-}
-
-// Ctrl-C and the callback are looked at on the calling thread; what they raise stops the render.
-Poll poll_of(const py::object& poll) {
-    return [&poll](double share) {
-        py::gil_scoped_acquire acquire;
-        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        if (!poll.is_none()) poll(share);
-        return true;
-    };
 }
 
 py::list faults_of(const RenderStats& stats) {

@@ -169,8 +169,8 @@ def native_scene(
         for name in ("sah", "ploc") if auto else (builder,):
             for form in kept:
                 if form.scene() is scene and form.place == (*where, name):
-                    if auto and name == "ploc" != wanted(form.traced[0]):
-                        break
+                    if auto and name == "ploc" and wanted(form.traced[0]) == "sah":
+                        break  # which `_improve` makes
                     form.traced[0] += paths
                     return form.native
         arrays, view = _arrays(scene), _view_arguments(scene)
@@ -213,7 +213,7 @@ def _improve(
     progress: Callable[[float], object] | None,
     wanted: Callable[[int], str],
 ) -> None:
-    """Replaces a tree by `ploc` with one by `sah` once its renders are wanted to have that."""
+    """Replaces a tree by `ploc` with one by `sah` once renders have paid for that."""
     old = found["ploc"]
     if _rough.get() or wanted(old.traced[0]) == "ploc":
         return

@@ -5,10 +5,11 @@
 
 Seed s gives each case the very run of `veriray validate [--full] --seed s`: both stages, the same
 thresholds. The JSON holds, for each case that ever failed, gave no verdict or was rejected in the
-first stage more often than chance explains: its seeds, p values of both stages and messages; and
-for each seed the verdict of the whole run. A case that is rejected with p < 0.001 in the first
-stage by k of n seeds is listed as fragile where the binomial probability of k or more is below
-0.001 over the number of cases: its margin or its truth is off by little, and a longer run fails.
+first stage more often than chance explains: its seeds, p values of both stages and messages; each
+rejection of the first stage; and for each seed the verdict of the whole run. A case that is
+rejected with p < 0.001 in the first stage by k of n seeds is listed as fragile where the binomial
+probability of k or more is below 0.001 over the number of cases: its margin or its truth is off by
+little, and a longer run fails.
 
 Cases that draw no random numbers are asked with the first seed alone; their answer is every seed's.
 What a planted bug does is the same with every seed, so those that several seeds choose are judged
@@ -135,8 +136,11 @@ def report(
     result["seeds_done"], result["seeds_failed"] = len(rows), failed
     result["false_alarm_bound"] = bound
     result["chance_of_so_many"] = float(stats.binom.sf(failed - 1, len(rows), bound))
+    low = [(a[1], name, seed) for name, answers in tally.by_case.items()
+           for seed, a in answers.items() if a[1] is not None and a[1] < FIRST]  # fmt: skip
     result["first_stage"] = {
-        "of": len(p), "low": sum(q < FIRST for q in p), "expected": len(p) * FIRST,
+        "of": len(p), "low": len(low), "expected": len(p) * FIRST,
+        "those": [{"case": name, "seed": seed, "p": q} for q, name, seed in sorted(low)],
     }  # fmt: skip
     result["cases"] = tally.cases()
     result["runs"] = rows

@@ -226,7 +226,7 @@ VR_HD void evaluate_light(Function which, const typename L::F* x, typename L::F*
     if (which == Function::kLight) {
         const LightSample<L> s =
             AllLights<L>::sample_li(light_of<L>(x, x[13], x[14], sky.map()), {x[15], x[16], x[17]},
-                                    x[18], x[19], one < none);
+                                    {x[15], x[16], x[17]}, x[18], x[19], one < none);
         put(y, s.wi);
         y[3] = one / s.inverse_pdf, y[4] = s.distance, y[5] = s.radiance[0];
         y[6] = select(s.delta, one, none);

@@ -36,9 +36,9 @@ struct DirectLight : RayMedia<L, kFeatures> {
     static VR_HD S black() { return S::all(F(0.f)); }
     static VR_HD S white() { return S::all(F(1.f)); }
 
-    // ---- light sample: one light as seen from p ----
+    // ---- light sample: one light as seen from a vertex, whose point itself is `point` ----
     static VR_HD LightSample<L> sample_light(const SceneView& scene, const PathSettings& s,
-                                             const PathState<L>& path, const Vertex& at,
+                                             const PathState<L>& path, const Vertex& at, V point,
                                              uint32_t segment, Block<U> scatter, M active) {
         const LightView& lights = scene.lights;
         const F u = uniform(scatter.x), v = uniform(scatter.y);
@@ -57,7 +57,7 @@ struct DirectLight : RayMedia<L, kFeatures> {
                 LightTree<L>::choose(lights.tree, {at.p, at.facing}, u24, random, active);
             row = choice.row, chance = choice.chance;
         }
-        LightSample<L> light = Sampler::sample_li(row_of(scene, row), at.p, u, v, nobody);
+        LightSample<L> light = Sampler::sample_li(row_of(scene, row), point, at.p, u, v, nobody);
         if (has(kManyLights) && lights.count > 1) light.inverse_pdf = light.inverse_pdf / chance;
         if constexpr (has(kLightTextures))
             if (scene.features & kLightTextures) apply_texture(scene, row_of(scene, row), light);
@@ -134,7 +134,10 @@ struct DirectLight : RayMedia<L, kFeatures> {
                               Block<U> scatter, M active, [[maybe_unused]] BsdfSample<L>& next,
                               ShadowRequest<L>& shadow) {
         const Vertex& at = place.vertex;
-        const LightSample<L> light = sample_light(scene, s, path, at, segment, scatter, active);
+        V point = place.at.p;
+        if constexpr (has(kMedia)) point = select(at.surface, point, at.p);
+        const LightSample<L> light =
+            sample_light(scene, s, path, at, point, segment, scatter, active);
         Answer found = light_from(light.wi, -path.ray.d, at, place.bsdf, active);
         if constexpr (has(kBlend))
             Blend::mix(scene, -path.ray.d, place, light.wi, active & place.choice.mixed, found,
@@ -155,7 +158,7 @@ struct DirectLight : RayMedia<L, kFeatures> {
         // From nearer than 2^-64 the inverse overflows; its weight would be 0.
         lit = lit & (light.inverse_pdf < F(kInfinity));
         shadow.wanted = lit & (max_channel(light.radiance) > F(0.f));
-        shadow.ray = {at.p, light.wi};
+        shadow.ray = {at.p, light.aim};
         shadow.t_max = light.distance;
         shadow.radiance = path.throughput * light.radiance * value.f_cos * weight;
         shadow.skip = light.skip;

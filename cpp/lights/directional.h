@@ -14,7 +14,7 @@ struct DirectionalLight : LightShape<L> {
     static constexpr bool kAimed = true;
 
     template <class Row>
-    static VR_HD Sample sample_li(const Row& row, V, F, F, M lanes, M) {
+    static VR_HD Sample sample_li(const Row& row, V, V, F, F, M lanes, M) {
         return {row.radiance(), row(kLightInverse), F(kInfinity), -row.vector(kLightN), lanes,
                 U(~0u)};
     }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "lights/shape.h"
+#include "lights/true_way.h"
 
 namespace veriray {
 
@@ -65,15 +66,16 @@ struct FlatLight : LightShape<L> {
     }
 };
 
-// A shadow ray must end before the light itself: the point is moved off the light by the bound on
-// the absolute rounding of its plane's distance, and the ray shortened by a bound on the relative
-// one (plane distance, length and their division: below 6 units of 2^-24). By solid angle, and on a
-// light that touches something, the point stays, as moving it would change the density of
-// directions near to the light, and the ray ends before the moved plane.
-// kByAngle: some places are by solid angle. kTouching: some lights touch what lets light through.
+// p: the receiver; from: where its shadow rays start. They must end before the light itself: the
+// point is moved off the light by the bound on the absolute rounding of its plane's distance, and
+// the ray shortened by a bound on the relative one (plane distance, length and their division:
+// below 6 units of 2^-24). By solid angle, and on a light that touches something, the point stays,
+// as moving it would change the density of directions near to the light, and the ray ends before
+// the moved plane. kByAngle: some places are by solid angle. kTouching: some lights touch what lets
+// light through.
 template <class L, bool kByAngle, bool kTouching, class Row>
-VR_HD LightSample<L> sample_flat(const Row& row, Vec3<typename L::F> p, const FlatPlace<L>& at,
-                                 typename L::M nobody) {
+VR_HD LightSample<L> sample_flat(const Row& row, Vec3<typename L::F> p, Vec3<typename L::F> from,
+                                 const FlatPlace<L>& at, typename L::M nobody) {
     using F = typename L::F;
     using V = Vec3<F>;
     LightSample<L> s;
@@ -88,11 +90,13 @@ VR_HD LightSample<L> sample_flat(const Row& row, Vec3<typename L::F> p, const Fl
     const V n = row.vector(kLightN);
     V q = fma(row.vector(kLightE1), at.u, fma(row.vector(kLightE2), at.v, row.vector(kLightP)));
     s.place = q;
-    q = fma(n, select(stays, F(0.f), offset), q);
-    const V to = q - p;
-    const F distance = sqrt(dot(to, to)), inverse = F(1.f) / distance;
+    const F off = select(stays, F(0.f), offset);
+    const V to = fma(n, off, q) - from;
+    const F distance = sqrt(dot(to, to));
+    F inverse = F(1.f) / distance;
     s.distance = distance * F(kShadowShorten);
-    s.wi = to * inverse;
+    s.aim = to * inverse;
+    s.wi = true_way(to, from - p - n * off, inverse);
     const F cos_light = -dot(n, s.wi);
     s.radiance = select(cos_light > F(0.f), row.radiance(), Spectrum<F>::all(F(0.f)));
     s.inverse_pdf = row(kLightInverse) * (inverse * inverse) * cos_light;

@@ -117,7 +117,7 @@ struct ImageSky : LightShape<L> {
                 select(pole, F(1.f), row(kLightInverse) * F(row.map.cell) * at.sine)};
     }
     template <class Row>
-    static VR_HD Sample sample_li(const Row& row, V, F u, F v, M, M nobody) {
+    static VR_HD Sample sample_li(const Row& row, V, V, F u, F v, M, M nobody) {
         const SkyMap& map = row.map;
         Place at;
         F s, t, across, down;
@@ -146,7 +146,8 @@ struct ImageSky : LightShape<L> {
     template <class Row>
     static VR_HD Emission emit(const Row& row, Numbers r) {
         const M nobody = r.s < F(0.f);
-        const Sample s = sample_li(row, {r.s, r.s, r.s}, r.s, r.t, nobody, nobody);
+        const V any{r.s, r.s, r.s};
+        const Sample s = sample_li(row, any, any, r.s, r.t, nobody, nobody);
         const F chance = F(1.f) / row(kLightInverse);
         return {
             Base::before_scene(-s.wi, r.u, r.v), -s.wi, s.radiance, F(1.f), chance / F(kSceneArea),

@@ -33,9 +33,9 @@ struct Lights {
         return found;
     }
 
-    // A light as seen from p; u, v in [0, 1).
+    // A light as seen from the receiver p, whose shadow rays start at `from`; u, v in [0, 1).
     template <class Row>
-    static VR_HD LightSample<L> sample_li(const Row& row, V p, F u, F v, M nobody) {
+    static VR_HD LightSample<L> sample_li(const Row& row, V p, V from, F u, F v, M nobody) {
         LightSample<L> s;
         s.delta = nobody;
         s.skip = U(~0u);
@@ -53,15 +53,18 @@ struct Lights {
             each<kPairedShapes>(row, [&](auto, M m) VR_INLINED {
                 at.skip = select(m & (at.u >= at.v), as_uint(row(kLightOther)), at.skip);
             });
-            s = sample_flat<L, has(kByAngleShapes), kTouching>(row, p, at, nobody);
+            s = sample_flat<L, has(kByAngleShapes), kTouching>(row, p, from, at, nobody);
         }
         each<kSampledShapes & ~(kFlatShapes | kPointShapes)>(row, [&](auto shape, M m) VR_INLINED {
-            if (any(m)) merge(s, m, shape.sample_li(row, p, u, v, m, nobody));
+            if (none(m)) return;
+            LightSample<L> one = shape.sample_li(row, p, from, u, v, m, nobody);
+            if constexpr (shape.kSite != kOnSurface) one.aim = one.wi;
+            merge(s, m, one);
         });
         if constexpr (has(kPointShapes)) {
             const M point = any_of<kPointShapes>(row, nobody);
             if (any(point)) {
-                LightSample<L> one = PointLight<L>::sample_li(row, p, u, v, point, nobody);
+                LightSample<L> one = PointLight<L>::sample_li(row, p, from, point);
                 each<kConeShapes>(row, [&](auto shape, M m) VR_INLINED {
                     if (any(m))
                         one.radiance =
@@ -94,6 +97,7 @@ struct Lights {
         s.skip = select(m, other.skip, s.skip);
         s.on = select(m, other.on, s.on);
         s.place = select(m, other.place, s.place);
+        s.aim = select(m, other.aim, s.aim);
     }
 
     // The density of light samples where a ray meets a lamp.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "lights/shape.h"
+#include "lights/true_way.h"
 
 namespace veriray {
 
@@ -11,14 +12,17 @@ struct PointLight : LightShape<L> {
     static constexpr const char *kName = "point", *kFeature = "delta_lights";
     static constexpr LightSite kSite = kAtPoint;
 
-    // Intensity over squared distance.
+    // Intensity over squared distance, for the receiver p whose shadow rays start at `from`.
     template <class Row>
-    static VR_HD Sample sample_li(const Row& row, V p, F, F, M lanes, M) {
-        const V to = row.vector(kLightP) - p;
-        const F d2 = dot(to, to), distance = sqrt(d2);
-        const V wi = to * (F(1.f) / distance);
-        const S radiance = row.radiance() * (F(1.f) / d2);
-        return {radiance, row(kLightInverse), distance * F(kShadowShorten), wi, lanes, U(~0u)};
+    static VR_HD Sample sample_li(const Row& row, V p, V from, M lanes) {
+        const V to = row.vector(kLightP) - from;
+        const F distance = sqrt(dot(to, to));
+        F inverse = F(1.f) / distance;
+        const V aim = to * inverse, wi = true_way(to, from - p, inverse);
+        const S radiance = row.radiance() * (inverse * inverse);
+        return {
+            radiance, row(kLightInverse), distance * F(kShadowShorten), wi, lanes, U(~0u), U(), V(),
+            aim};
     }
     template <class Row>
     static VR_HD Emission emit(const Row& row, Numbers r) {

@@ -71,11 +71,12 @@ struct LightSample {
     Spectrum<F> radiance;  // towards the receiver; 0 from the back
     F inverse_pdf;         // per solid angle; of a delta light 1; the choice comes later
     F distance;            // a shadow ray's length; infinity for directional lights
-    Vec3<F> wi;            // unit
+    Vec3<F> wi;            // unit; from the receiver's point itself
     typename L::M delta;   // no ray can meet the light
     typename L::U skip;    // primitive that does not block: the light, which the ray meets once
     typename L::U on{};    // of lamps, for textures: the primitive
     Vec3<F> place{};       // the point on it, or of a sphere its outward normal there
+    Vec3<F> aim{};         // unit: of the shadow ray, which starts beside the point
 };
 
 // A density per solid angle, without the choice, as a fraction: who divides by another one divides
@@ -124,7 +125,8 @@ enum LightSite : uint32_t {
 };
 
 // Defaults: a lamp. Nothing else has a default, so that nothing is forgotten:
-//   sample_li(row, p, u, v, lanes, nobody): the light as seen from p
+//   sample_li(row, p, from, u, v, lanes, nobody): the light as seen from p, with a shadow ray that
+//     starts at `from`
 //   pdf_li(row, hit): the density of these samples where a ray meets a lamp; of a sky
 //     pdf_li(row, d)
 //   emit(row, numbers): light that leaves it

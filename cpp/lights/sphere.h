@@ -86,21 +86,28 @@ struct SphereLight : LightShape<L> {
     }
 
     template <class Row>
-    static VR_HD Sample sample_li(const Row& row, V p, F u, F v, M, M nobody) {
+    static VR_HD Sample sample_li(const Row& row, V p, V from, F u, F v, M, M nobody) {
         F record[kSphereFloats];
         record_of(row, record);
-        const SphereLightSample<F> at = sample_sphere_light(record, p, u, v);
+        // Of what is so near that it may be on the sphere, `from` alone tells the side.
+        const V apart = from - p, middle = V{record[0], record[1], record[2]} - from;
+        const F height = abs(sqrt(dot(middle, middle)) - record[6]) * F(0x1p-7f);
+        const V seen = select(dot(apart, apart) < height * height, p, from);
+        const SphereLightSample<F> at = sample_sphere_light(record, seen, u, v);
         const F side = row(kLightN);
         const M across = (side < F(-1.f)) & (at.cos_light > F(0.f));
         const M lit = across | ((at.cos_light * side) > F(0.f));
+        const V to = fma(at.wi, select(across, at.far, at.distance), seen - from);
+        const F distance = sqrt(dot(to, to));
         return {select(lit, row.radiance(), S::all(F(0.f))),
                 row(kLightInverse) * at.inverse_pdf,
-                select(across, at.far * F(kShadowShorten), at.distance),
+                distance * select(across, F(kShadowShorten), F(1.f)),
                 at.wi,
                 nobody,
                 select(across, U(~0u), as_uint(row(kLightPrimitive))),
                 as_uint(row(kLightPrimitive)),
-                fma(at.wi, select(across, at.cos_light, -at.cos_light), at.across)};
+                fma(at.wi, select(across, at.cos_light, -at.cos_light), at.across),
+                to * (F(1.f) / distance)};
     }
     template <class Row>
     static VR_HD Pdf pdf_li(const Row& row, const Hit& at) {

@@ -505,7 +505,7 @@ _LIGHTS = (
            "(row(kSpotCutoff) - off) * row(kSpotInverse)",
            "(row(kSpotCutoff) * row(kSpotCutoff) - off * off) * row(kSpotInverse) /"
            " (F(2.f) * row(kSpotCutoff) - F(1.f) / row(kSpotInverse))", "spot_light"),
-    Mutant("point light by 1/r", _POINT, "row.radiance() * (F(1.f) / d2)",
+    Mutant("point light by 1/r", _POINT, "row.radiance() * (inverse * inverse)",
            "row.radiance() * (F(1.f) / distance)", "point_light"),
     Mutant("light without its chance", _DIRECT, "light.inverse_pdf / chance", "light.inverse_pdf",
            "spot_light"),

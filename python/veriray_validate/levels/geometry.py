@@ -71,13 +71,17 @@ def random_rays(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
 
 
 def soup(rng: np.random.Generator, triangles: int, size: float, least: float = 0.0) -> Part:
-    """Triangles with corners about points of [-1, 1]^3; least: height (small ones need a tree)."""
+    """Triangles with corners about points of [-1, 1]^3; least: height.
+
+    Below 2^-8 of the soup's size, which is 8 at most, they need a tree.
+    """
     v = rng.uniform(-1, 1, (4 * triangles, 1, 3)) + rng.normal(0, size, (4 * triangles, 3, 3))
     longest = np.max([np.linalg.norm(v[:, k] - v[:, k - 1], axis=1) for k in range(3)], axis=0)
     height = np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1) / longest
     return Part(v[height >= least][:triangles], np.arange(3 * triangles))
 
 
+CLOSE_TO_NO_FACE = camera([0, 0, 0], [0, 0, 1], projection="orthographic")
 SOUPS = {12: 0.6, 60: 0.3, 100: 0.3, 2000: 0.1}
 
 
@@ -89,9 +93,8 @@ def triangles_against_brute_force(t: Trial, triangles: int) -> None:
     the rounding of its origin counts and, without a tree, so do the 2^-22 of the scene's size by
     which planes stand back: 1e-6 / cos and 1.5e-6 size / cos.
     """
-    parallel = camera([0, 0, 0], [0, 0, 1], projection="orthographic")  # close to no face
-    mesh = soup(t.rng, triangles, SOUPS[triangles], 0.02 * (triangles <= 64))
-    scene = make([mesh], parallel)
+    mesh = soup(t.rng, triangles, SOUPS[triangles], 0.04 * (triangles <= 64))
+    scene = make([mesh], CLOSE_TO_NO_FACE)
     host = t.native_scene(scene)
     t.check(("bvh" in host.features) == (triangles > 64), "tree")
     o, d = random_rays(t.rng, 2000)
@@ -116,10 +119,11 @@ def flat_and_tree_agree(t: Trial) -> None:
 
     The same triangle if the answer is clear, and the plane's distance within 4e-6.
     """
-    few = soup(t.rng, 40, 0.4, 0.02)
+    few = soup(t.rng, 40, 0.4, 0.04)
     scatter = quad([1e-3, 5, 5], [1e-3, 0, 0], [0, 1e-3, 0])
     o, d = random_rays(t.rng, 5_000)
-    flat, tree = t.native_scene(make([few])), t.native_scene(make([few, scatter]))
+    flat = t.native_scene(make([few], CLOSE_TO_NO_FACE))
+    tree = t.native_scene(make([few, scatter], CLOSE_TO_NO_FACE))
     t.check("bvh" in tree.features and "bvh" not in flat.features, "tree")
     t1, k1 = t.native.intersect(flat, o, d)
     t2, k2 = t.native.intersect(tree, o, d)

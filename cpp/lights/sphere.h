@@ -91,8 +91,9 @@ struct SphereLight : LightShape<L> {
         record_of(row, record);
         // Of what is so near that it may be on the sphere, `from` alone tells the side.
         const V apart = from - p, middle = V{record[0], record[1], record[2]} - from;
-        const F height = abs(sqrt(dot(middle, middle)) - record[6]) * F(0x1p-7f);
-        const V seen = select(dot(apart, apart) < height * height, p, from);
+        const F height = abs(sqrt(dot(middle, middle)) - record[6]);
+        const F resolved = max(fma(record[6], F(-0x1p-20f), height), F(0.f)) * F(0x1p-7f);
+        const V seen = select(dot(apart, apart) < resolved * resolved, p, from);
         const SphereLightSample<F> at = sample_sphere_light(record, seen, u, v);
         const F side = row(kLightN);
         const M across = (side < F(-1.f)) & (at.cos_light > F(0.f));

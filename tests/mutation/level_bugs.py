@@ -495,7 +495,7 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("light by the way of the shadow ray", "lights/true_way.h", "abs(z) < F(0x1p-6f)",
            "z < z"),
     Mutant("light of a ball by the way of the shadow ray", _ROUND_LIGHT,
-           "select(dot(apart, apart) < height * height, p, from)", "from"),
+           "select(dot(apart, apart) < resolved * resolved, p, from)", "from"),
     Mutant("inward lamp unseen through its own surface", "scene/lights.cpp",
            "inside && lets_through(in, kSphereGroup, source.row) ? -2.f : prim(kPrimSide)",
            "prim(kPrimSide)"),

@@ -147,7 +147,8 @@ def in_cells(t: Trial, local: Array, n: int, shares: Array, signs: tuple[int, ..
     for sign in signs:
         here = local[np.sign(local[:, 2]) == sign]
         azimuth = np.arctan2(here[:, 1], here[:, 0]) % (2 * np.pi)
-        grid, _, _ = np.histogram2d(np.abs(here[:, 2]), azimuth / (2 * np.pi), (edges, edges))
+        height = np.minimum(np.abs(here[:, 2]), 1)  # past rounding
+        grid, _, _ = np.histogram2d(height, azimuth / (2 * np.pi), (edges, edges))
         counts.append(grid.ravel())
     told, seen = shares * n, np.concatenate(counts)
     many = told >= 20

@@ -365,7 +365,8 @@ def whole_directions(t: Trial, name: str, angle: float, front: bool) -> None:
     for side in sides:
         here = local[kept & (side * local[:, 2] > 0)]
         turn = np.arctan2(here[:, 1], here[:, 0]) % (2 * np.pi)
-        found.append(np.histogram2d(np.abs(here[:, 2]), turn, bins=cells,
+        height = np.minimum(np.abs(here[:, 2]), 1)  # past rounding
+        found.append(np.histogram2d(height, turn, bins=cells,
                                     range=((0, 1), (0, 2 * np.pi)))[0])  # fmt: skip
         rules = []
         for fine in (12, 24):

@@ -110,12 +110,17 @@ std::vector<std::array<bool, 4>> shared_edges(const std::vector<Flat>& flats) {
         return dot(inward(f, k), inward(g, m)) > 1 - kFlatTolerance;
     };
     std::vector<std::array<bool, 4>> shared(flats.size(), {false, false, false, false});
+    std::vector<Box> boxes;
+    for (const Flat& f : flats) boxes.push_back(box_of(f));
+    constexpr double kApart = 8 * kFlatTolerance;  // of boxes: no edges along each other
     for (size_t i = 0; i < flats.size(); ++i)
         for (uint32_t k = 0; k < flats[i].corners; ++k) {
             const Double3 a = flats[i].v[k], b = flats[i].v[(k + 1) % flats[i].corners];
+            const Box edge = around({a, a}, {b, b});
             for (size_t j = 0; j < flats.size() && !shared[i][k]; ++j) {
                 // A light keeps its area if the neighbour alone can close the gap.
                 if (j == i || (flats[i].emission >= 0 && flats[j].emission < 0)) continue;
+                if (squared_gap(edge, boxes[j]) > kApart * kApart) continue;
                 for (uint32_t m = 0; m < flats[j].corners; ++m) {
                     const Double3 c = flats[j].v[m], d = flats[j].v[(m + 1) % flats[j].corners];
                     if (((on(a, c, d) && on(b, c, d)) || (on(c, a, b) && on(d, a, b))) &&

@@ -9,8 +9,12 @@
 
 namespace {
 
-// The arrays that a scene's input points to, by name.
+// The arrays that a scene's input points to, by name; those of its camera change with that.
 using Arrays = std::map<std::string, py::object>;
+struct Kept {
+    std::shared_ptr<const Arrays> arrays;
+    py::object patches;
+};
 
 // Rows of given[name], which are kept alive, or else those that the input has.
 struct Reader {
@@ -44,7 +48,7 @@ void read_arrays(const py::dict& arrays, SceneInput& in, Arrays& kept) {
 #include "schema/columns.def"
 }
 
-void read_camera(const py::dict& camera, const py::dict& film, SceneInput& in, Arrays& kept) {
+void read_camera(const py::dict& camera, const py::dict& film, SceneInput& in, Kept& kept) {
     const auto numbers = [&]<class T>(const py::dict& from, const char* name, T* out,
                                       const std::vector<py::ssize_t>& shape) {
         const auto a = from[name].cast<Array<T>>();
@@ -65,7 +69,7 @@ void read_camera(const py::dict& camera, const py::dict& film, SceneInput& in, A
     in.camera_medium = camera["medium"].cast<int32_t>();
     const auto patches = camera["patches"].cast<Array<double>>();
     need_shape(patches, "patches", {-1, kPatchColumns});
-    kept["patches"] = patches;
+    kept.patches = patches;
     in.meter_patches = {patches.data(), static_cast<size_t>(patches.shape(0))};
     in.meter_distant = camera["distant"].cast<bool>();
     in.width = film["width"].cast<uint32_t>();
@@ -104,8 +108,9 @@ std::unique_ptr<Scene> make_scene(const py::dict& arrays, const py::dict& camera
                                   const py::dict& film, int device, const py::object& progress,
                                   const std::string& builder) {
     SceneInput in{};
-    const auto kept = std::make_shared<Arrays>();
-    read_arrays(arrays, in, *kept);
+    const auto columns = std::make_shared<Arrays>();
+    read_arrays(arrays, in, *columns);
+    const std::shared_ptr<Kept> kept(new Kept{columns, {}});
     read_camera(camera, film, in, *kept);
     const BuildPoll poll = poll_of(progress);
     Unlocked unlocked;
@@ -120,16 +125,27 @@ std::unique_ptr<Scene> rebuilt_scene(const Scene& base, const std::string& build
     return with_memory(base.input, [&] { return base.rebuilt(builder, poll); });
 }
 
-// arrays: those that differ. None where primitives differ; rough: see HostScene::change.
+// arrays: those that differ. Where primitives differ made anew by the builder, or None if that is
+// empty; rough: see HostScene::change.
 std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
-                                     const py::dict& camera, const py::dict& film, bool rough) {
+                                     const py::dict& camera, const py::dict& film, bool rough,
+                                     int device, const std::string& builder) {
     SceneInput in = base.input;
-    const auto kept = std::make_shared<Arrays>(*static_cast<const Arrays*>(base.owner.get()));
-    read_arrays(arrays, in, *kept);
+    const auto kept = std::make_shared<Kept>(*static_cast<const Kept*>(base.owner.get()));
+    if (!arrays.empty()) {
+        const auto columns = std::make_shared<Arrays>(*kept->arrays);
+        read_arrays(arrays, in, *columns);
+        kept->arrays = columns;
+    }
     read_camera(camera, film, in, *kept);
     const std::shared_ptr<const void> owner = kept;
     Unlocked unlocked;
-    return with_memory(in, [&] { return base.changed(in, owner, rough); });
+    return with_memory(in, [&] {
+        auto made = base.changed(in, owner, rough);
+        if (!made && !builder.empty())
+            made = std::make_unique<Scene>(in, owner, device, builder, [](double) { return true; });
+        return made;
+    });
 }
 
 std::vector<std::string> feature_names(FeatureMask mask) {
@@ -408,7 +424,8 @@ void bind_renderer(py::module_& m) {
     py::class_<Scene>(m, "Scene", py::module_local())
         .def(py::init(&make_scene), "arrays"_a, "camera"_a, "film"_a, "device"_a = 0,
              "progress"_a = py::none(), "builder"_a = "sah")
-        .def("changed", &changed_scene, "arrays"_a, "camera"_a, "film"_a, "rough"_a = false)
+        .def("changed", &changed_scene, "arrays"_a, "camera"_a, "film"_a, "rough"_a = false,
+             "device"_a = 0, "builder"_a = "")
         .def("rebuilt", &rebuilt_scene, "builder"_a, "progress"_a = py::none())
         .def_property_readonly(
             "family", [](const Scene& s) { return reinterpret_cast<uintptr_t>(s.family()); })

@@ -208,13 +208,16 @@ class Scene:
         builder: str = "sah",
     ) -> None: ...
     # With other arrays (those that differ), another camera or film: shares what does not change;
-    # None where the primitives change. The scene keeps its arrays, so they must stay as they are.
+    # None where the primitives change, or anew by `builder`. The scene keeps its arrays, so they
+    # must stay as they are.
     def changed(
         self,
         arrays: Mapping[str, Any],
         camera: CameraArguments,
         film: FilmArguments,
         rough: bool = False,
+        device: int = 0,
+        builder: str = "",
     ) -> Scene | None: ...  # rough: the bits of its pictures may differ from those of one made anew
     # With a tree by another builder: shares the rest.
     def rebuilt(self, builder: str, progress: Callable[[float], object] | None = None) -> Scene: ...

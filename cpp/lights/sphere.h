@@ -89,7 +89,8 @@ struct SphereLight : LightShape<L> {
     static VR_HD Sample sample_li(const Row& row, V p, V from, F u, F v, M, M nobody) {
         F record[kSphereFloats];
         record_of(row, record);
-        // Of what is so near that it may be on the sphere, `from` alone tells the side.
+        // Of what is so near that it may be on the sphere, `from` alone tells the side. 2^-20: of
+        // the distance from the middle, which is a radius there, four times the rounding.
         const V apart = from - p, middle = V{record[0], record[1], record[2]} - from;
         const F height = abs(sqrt(dot(middle, middle)) - record[6]);
         const F resolved = max(fma(record[6], F(-0x1p-20f), height), F(0.f)) * F(0x1p-7f);

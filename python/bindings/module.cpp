@@ -125,8 +125,9 @@ std::unique_ptr<Scene> rebuilt_scene(const Scene& base, const std::string& build
     return with_memory(base.input, [&] { return base.rebuilt(builder, poll); });
 }
 
-// arrays: those that differ. Where primitives differ made anew by the builder, or None if that is
-// empty; rough: see HostScene::change.
+// arrays: those that differ. Where primitives differ, small scenes are made anew by the builder;
+// None if that is empty or the scene is large, as its arrays' memory may be wanted first. rough:
+// see HostScene::change.
 std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
                                      const py::dict& camera, const py::dict& film, bool rough,
                                      int device, const std::string& builder) {
@@ -142,7 +143,7 @@ std::unique_ptr<Scene> changed_scene(const Scene& base, const py::dict& arrays,
     Unlocked unlocked;
     return with_memory(in, [&] {
         auto made = base.changed(in, owner, rough);
-        if (!made && !builder.empty())
+        if (!made && !builder.empty() && in.primitives() <= kMostSmall)
             made = std::make_unique<Scene>(in, owner, device, builder, [](double) { return true; });
         return made;
     });

@@ -208,8 +208,8 @@ class Scene:
         builder: str = "sah",
     ) -> None: ...
     # With other arrays (those that differ), another camera or film: shares what does not change;
-    # None where the primitives change, or anew by `builder`. The scene keeps its arrays, so they
-    # must stay as they are.
+    # None where the primitives change; a small scene is then made anew by `builder`, if that is
+    # stated. The scene keeps its arrays, so they must stay as they are.
     def changed(
         self,
         arrays: Mapping[str, Any],

@@ -29,8 +29,6 @@ CATCH_UP = 2000
 
 #: Native forms that a device keeps of a scene and its copies, and families of them.
 _KEPT_FORMS, _KEPT_PER_SCENE = 8, 2
-#: Primitives of scenes that are made anew beside a kept one, without reading their arrays again.
-_SMALL = 1 << 10
 _building = threading.RLock()
 _rough = contextvars.ContextVar("rough", default=False)
 
@@ -269,11 +267,10 @@ def _make(
     try:
         families = {form.native.family: form for form in kept if form.place == place}
         beside = list(reversed(families.values()))
-        primitives = len(scene.triangles) + len(scene.spheres) + len(scene.disks)
         for form in beside:
             pairs = zip(arrays.items(), form.arrays.values(), strict=True)
             other = _native_arrays({name: a for (name, a), old in pairs if a is not old})
-            anew = form is beside[-1] and primitives <= _SMALL and not rough
+            anew = form is beside[-1] and not rough  # of a small scene
             changed = form.native.changed(
                 other, **view, rough=rough, device=device.index, builder=place[-1] if anew else ""
             )

@@ -299,7 +299,7 @@ def agrees_with_the_reference(t: Trial, name: str) -> None:
     t.figure("samples of a pixel", run.spp * len(run.means))
     seen = power(d, level, run.block, parts)
     t.figure("sees", {scale: round(bias, 6) for scale, bias in seen.items()})
-    t.sees(seen["whole picture"], 2.5e-3 if references.full(t.effort) else 2e-2)
+    t.sees(seen["whole picture"], 2e-3 if references.full(t.effort) else 2e-2)
 
 
 @case(5, each={"name": ("cube_affine", "gaussian", "point_light", "rectangle_sheared",

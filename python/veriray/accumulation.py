@@ -370,7 +370,7 @@ class Accumulation:
                 "spp": used.spp if complete else kept.spp,
                 "filter": used.film.filter,
                 "filter_parameter": used.film.filter_parameter,
-                "scene_sha256": used.sha256,
+                "scene_sha256": None if (waits := used.hash_awaited) else used.sha256,
                 "version": _version(),
                 "mean_stderr": error if math.isfinite(error) else None,
             }
@@ -381,6 +381,7 @@ class Accumulation:
             warnings.warn(refused_text(stats), RefusedSamplesWarning, stacklevel=level)
         return Render._of(
             picture,
+            used if waits else None,
             batch_means=self._batch_means(),
             stats=stats,
             width=self._size[0],

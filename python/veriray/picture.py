@@ -25,6 +25,7 @@ from .settings import LEDGER_COLUMNS as LEDGER_COLUMNS
 
 if TYPE_CHECKING:
     from ._native import Picture
+    from .scene import Scene
 
 Array = npt.NDArray[Any]
 _whole = functools.partial(whole, error=ValueError)
@@ -35,7 +36,8 @@ class Render:
     """A finished picture with its error bars.
 
     What `veriray.render` returns stays in the memory of its device: `image`, `stderr` and
-    `film_sha256` are made when they are first asked for, and belong to the caller. The picture
+    `film_sha256` are made when they are first asked for, and belong to the caller. So are `stats`
+    where the hash of a large scene is not there yet. The picture
     itself is lent without a copy: `numpy.asarray(render)` on a CPU (read-only), and
     `torch.from_dlpack(render)`, `cupy.asarray(render)` and the like on either, as long as they
     need it. Who writes to it changes what is made later.
@@ -86,9 +88,14 @@ class Render:
             raise ValueError(f"features = {shown(self.features)} is not a FeatureImages")
 
     @classmethod
-    def _of(cls, held: Picture, **fields: Any) -> Render:
-        """The render whose picture a native module holds; fields: the others."""
+    def _of(cls, held: Picture, hashed: Scene | None = None, **fields: Any) -> Render:
+        """The render whose picture a native module holds; fields: the others.
+
+        hashed: the scene whose hash `stats` still lacks.
+        """
         made = object.__new__(cls)
+        if hashed is not None:
+            fields["_unhashed"] = hashed, fields.pop("stats")
         made.__dict__.update({"features": FeatureImages(), **fields}, _held=held)
         keep(made)
         return made
@@ -266,13 +273,26 @@ def _hash_of(render: Render, held: Picture | OnHost) -> str:
     return _digest(image, held.stderr(), render.spp, render.samples)
 
 
+def _whole_stats(render: Render, _: object) -> dict[str, Any]:
+    """Statistics with the hash of the scene, which `render` then no longer holds."""
+    waiting = render.__dict__.get("_unhashed")
+    if waiting is not None:
+        scene, stats = waiting
+        stats["scene_sha256"] = scene.sha256
+        render.__dict__.setdefault("stats", stats)
+        render.__dict__.pop("_unhashed", None)
+    made: dict[str, Any] = render.__dict__["stats"]
+    return made
+
+
 #: What `Render` makes when it is asked for, and what it keeps for that.
 _MADE: dict[str, Callable[[Render, Any], Any]] = {
+    "stats": _whole_stats,
     "image": lambda _, held: held.image(),
     "stderr": lambda _, held: held.stderr(),
     "film_sha256": _hash_of,
 }
-_OWN = ("_held", "_lent", "_for_child")
+_OWN = ("_held", "_lent", "_for_child", "_unhashed")
 
 
 def film_hash(image: Array, stderr: Array, spp: int, samples: Array | None = None) -> str:

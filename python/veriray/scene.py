@@ -186,6 +186,13 @@ class Scene(SceneArrays):
                 thread.start()
                 cell.maker = thread
 
+    @property
+    def hash_awaited(self) -> bool:
+        """Whether `sha256` would wait for the thread of `hash_ahead`."""
+        own = self._hashes_kept
+        makers = [cell.maker for cell in (own, own.first) if cell]
+        return any(maker is not None and maker.is_alive() for maker in makers)
+
     def _hash_in_thread(self) -> None:
         with contextlib.suppress(Exception):  # `sha256` then raises it itself
             _ = self._hashed_columns

@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import gc
 import pickle
+import threading
+import weakref
 from typing import Any
 
 import numpy as np
@@ -201,6 +204,31 @@ def test_a_thread_hashes_large_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(vr.Scene, "_hash", failing)
     other.hash_ahead()
     assert other.sha256 == known and not faults
+
+
+def test_a_picture_does_not_wait_for_the_hash(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is there before; statistics wait for the hash, and hold the scene no longer than that."""
+    scene, seen = vr.load_dict(SCENE), threading.Event()
+    known, of = vr.load_dict(SCENE).sha256, vr.Scene._hash
+
+    def late(*arguments: Any) -> None:
+        assert seen.wait(60)
+        of(*arguments)
+
+    monkeypatch.setattr("veriray.scene._LARGE", 0)
+    monkeypatch.setattr(vr.Scene, "_hash", late)
+    made = vr.render(scene, width=8, height=8, spp=1, device="cpu")
+    assert made.image.shape == (8, 8, 3)
+    assert scene.hash_awaited
+    seen.set()
+    kept = weakref.ref(scene)
+    del scene
+    copied = pickle.loads(pickle.dumps(made))
+    assert made.stats["scene_sha256"] == copied.stats["scene_sha256"]
+    assert made.stats is made.stats and list(made.stats) == list(copied.stats)
+    assert len(made.stats["scene_sha256"]) == len(known)
+    gc.collect()
+    assert kept() is None
 
 
 def ball(x: float, bsdf: Any = None, **more: Any) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 #include "scene/scene.h"
 
 #include <algorithm>
-#include <atomic>
 #include <numeric>
 
 #include "scene/bounds.h"
@@ -273,28 +272,19 @@ bool HostScene::set_flat(const SceneInput& in) {
     return true;
 }
 
-// The triangles that have an area, in order.
-std::vector<uint32_t> HostScene::with_area(const SceneInput& in) const {
-    return where(in.triangles.count,
-                 [&](size_t i) { return length(triangle(in, i).area_vector()) > 0; });
-}
-
-// False if it has no area.
-bool HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t row) {
+void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t row) {
     const Flat f = triangle(in, row);
     float plane[4];
     write_plane(f, plane);
     const bool local = uneven(plane, f);
     if (local) plane[3] = static_cast<float>(plane_at_origin(f));
     put_plane(primitive, f, plane, local ? kLocal : 0.f);
-    const double area = length(f.area_vector());
-    put_source(in, primitive, kTriangleGroup, row, area);
+    put_source(in, primitive, kTriangleGroup, row, length(f.area_vector()));
     if (!smooth.empty()) put_smooth(in, primitive, f);
     float* r = &records[primitive * kRecordFloats];
     for (int k = 0; k < 9; ++k) r[k] = static_cast<float>(f.v[k / 3][k % 3]);
     std::copy_n(plane, 4, r + kRecordPlane);
     put_kind(primitive, kTriangleRecord);
-    return area > 0;
 }
 
 void HostScene::put_kind(size_t primitive, uint32_t kind) {
@@ -304,22 +294,18 @@ void HostScene::put_kind(size_t primitive, uint32_t kind) {
 }
 
 // Tables for a tree over `count` triangles, of these rows or null: of all, and what else there is,
-// with the triangles in them. False if one of them has no area.
-bool HostScene::put_triangles(const SceneInput& in, size_t count, const uint32_t* rows) {
+// with the triangles in them.
+void HostScene::put_triangles(const SceneInput& in, size_t count, const uint32_t* rows) {
     const size_t round = in.disks.count + in.spheres.count;
     allocate_primitives(count + round, in.spheres.count ? 12u : 8u);
     view.first_sphere = static_cast<uint32_t>(count + in.disks.count);
     if (has_normals_) smooth.resize(static_cast<size_t>(view.first_sphere) * kSmoothFloats);
     records.resize((count + round) * kRecordFloats);
     round_boxes.resize(6 * round);
-    std::atomic<bool> all{true};
     in_chunks(kAllThreads, count, [&](size_t first, size_t last) {
-        bool good = true;
         for (size_t i = first; i < last; ++i)
-            good &= put_triangle(in, i, rows ? rows[i] : static_cast<uint32_t>(i));
-        if (!good) all = false;
+            put_triangle(in, i, rows ? rows[i] : static_cast<uint32_t>(i));
     });
-    return all;
 }
 
 // Triangles, discs and spheres, in this order, for one tree.
@@ -327,16 +313,13 @@ void HostScene::set_tree(const SceneInput& in) {
     constexpr size_t kMost = 1 << 27;
     size_t triangles = in.triangles.count;
     const size_t round = in.disks.count + in.spheres.count;
-    // Mostly all of them have an area; where not, those that have are put anew.
-    if (triangles + round >= kMost || !put_triangles(in, triangles, nullptr)) {
-        const std::vector<uint32_t> kept = with_area(in);
-        dropped = static_cast<uint32_t>(triangles - kept.size());
-        triangles = kept.size();
-        if (triangles + round >= kMost)
-            throw std::invalid_argument("more than 2^27 - 1 primitives");
-        primitives = smooth = records = {};
-        put_triangles(in, triangles, kept.data());
-    }
+    const auto has_area = [&](size_t i) { return length(triangle(in, i).area_vector()) > 0; };
+    const bool all = all_fit(triangles, has_area);
+    const std::vector<uint32_t> kept = all ? std::vector<uint32_t>{} : where(triangles, has_area);
+    if (!all) triangles = kept.size();
+    dropped = static_cast<uint32_t>(in.triangles.count - triangles);
+    if (triangles + round >= kMost) throw std::invalid_argument("more than 2^27 - 1 primitives");
+    put_triangles(in, triangles, all ? nullptr : kept.data());
     if (triangles + round == 0) return;
 
     const auto put_box = [&](size_t primitive, const Box& box) {

@@ -261,14 +261,13 @@ class HostScene : public Frame {
     bool dense_beside(const SceneInput& in, const std::vector<Flat>& flats) const;
     bool set_flat(const SceneInput& in);
     void set_tree(const SceneInput& in);
-    std::vector<uint32_t> with_area(const SceneInput& in) const;
     bool lets_through(const SceneInput& in, ShapeGroup group, uint32_t row) const;
     std::vector<uint32_t> largest_faces(const SceneInput& in, size_t planar, size_t count) const;
     void part_touching(const SceneInput& in);
     void part_concentric(const SceneInput& in);
     float* plane_record(uint32_t primitive);
-    bool put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
-    bool put_triangles(const SceneInput& in, size_t count, const uint32_t* rows);
+    void put_triangle(const SceneInput& in, size_t primitive, uint32_t row);
+    void put_triangles(const SceneInput& in, size_t count, const uint32_t* rows);
     void put_kind(size_t primitive, uint32_t kind);
     void allocate_primitives(size_t count, uint32_t row);
     void put_plane(size_t primitive, const Flat& f, const float* plane, float least);

@@ -6,7 +6,7 @@ A drawn scene comes as a `Question` with its truth: an exact mean, or a scene wi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,8 +22,9 @@ from veriray_validate.statistics import sidak, smallest_bias
 from veriray_validate.trial import EFFECTIVE, Inconclusive, Trial
 
 Array = npt.NDArray[Any]
-BATCHES = 32
 BLOCKS = 4  # of the picture's side
+#: Where blocks have fewer pixels than LEAST, or other means, two scenes differ by batches.
+LEAST, BATCHES = 16, 32
 
 
 # ---- questions ----
@@ -51,48 +52,58 @@ class Question:
     ends: bool = True
 
 
-def blocks(x: Array) -> Array:
-    """(..., H, W, 3) to the first channel's means: of the picture, then of its blocks."""
+def parts(x: Array) -> list[Array]:
+    """The first channel of (..., H, W, 3): of the picture, then of its blocks, (..., pixels)."""
     grey = np.asarray(x, np.float64)[..., 0]
     *more, height, width = grey.shape
-    h, w = height // BLOCKS, width // BLOCKS
-    parts = grey.reshape(*more, BLOCKS, h, BLOCKS, w).mean(axis=(-3, -1))
-    return np.concatenate([grey.mean(axis=(-2, -1))[..., None], parts.reshape(*more, -1)], axis=-1)
+    split = grey.reshape(*more, BLOCKS, height // BLOCKS, BLOCKS, width // BLOCKS)
+    split = split.swapaxes(-3, -2).reshape(*more, BLOCKS**2, -1)
+    return [grey.reshape(*more, -1), *np.moveaxis(split, -2, 0)]
+
+
+def means(x: Array) -> Array:
+    """Of `parts`: (..., 1 + BLOCKS^2)."""
+    return np.stack([part.mean(axis=-1) for part in parts(x)], axis=-1)
 
 
 def against_value(r: Render, truth: float, margin: Array) -> tuple[float, float, float]:
     """Smallest p of mean and blocks, their number and the bias of the mean that is seen."""
-    h = r.height // BLOCKS * (r.width // BLOCKS)  # pixels of a block
-    mean = blocks(r.image)
-    error = np.sqrt(blocks(np.square(r.stderr, dtype=np.float64)))
-    error /= np.sqrt([r.width * r.height, *[h] * BLOCKS**2])
+    pixels = np.array([part.size for part in parts(r.image)])
+    mean = means(r.image)
+    error = np.sqrt(means(np.square(r.stderr, dtype=np.float64)) / pixels)
     off = np.maximum(np.abs(mean - truth) - margin * truth, 0)
     # too few samples carry the mean or a block for the normal law: judged with more of them
-    n = r.spp * np.array([r.width * r.height, *[h] * BLOCKS**2])
+    n = r.spp * pixels
     off[n * truth**2 < EFFECTIVE * (n * error**2 + truth**2)] = 0
-    return _judged(off, error, truth, lambda z: stats.norm.sf(z))
+    return _judged(off, error, truth, np.full(len(off), math.inf))
 
 
 def against_scene(a: Render, b: Render, margin: Array) -> tuple[float, float, float]:
-    """The same for two renders of equal batches and one seed: t tests of the batches' differences.
+    """The same for two renders of one seed: t tests of differences, by batches or else by pixels.
 
     If paths use the same random numbers, most of the noise cancels. Under the null hypothesis a
-    difference is as likely as its negative, so heavy tails make the test safer, not wrong.
+    difference is as likely as its negative, so heavy tails make the test safer, not wrong; so do
+    pixels of a part whose means differ from each other's.
     """
-    x, y = (blocks(r.batch_means) for r in (a, b))
-    d, level = x - y, float((x[:, 0].mean() + y[:, 0].mean()) / 2)
-    error = d.std(axis=0, ddof=1) / math.sqrt(len(d))
-    off = np.maximum(np.abs(d.mean(axis=0)) - margin * level, 0)
-    return _judged(off, error, level, lambda t: stats.t.sf(t, len(d) - 1))
+    if a.batch_means is None or b.batch_means is None:
+        each = parts(a.image.astype(np.float64) - b.image)
+    else:
+        each = list((means(a.batch_means) - means(b.batch_means)).T)
+    n = np.array([len(d) for d in each])
+    error = np.array([d.std(ddof=1) for d in each]) / np.sqrt(n)
+    level = float(np.mean([r.image[..., 0].mean(dtype=np.float64) for r in (a, b)]))
+    off = np.maximum(np.abs([d.mean() for d in each]) - margin * level, 0)
+    return _judged(off, error, level, n - 1)
 
 
-def _judged(off: Array, error: Array, level: float,
-            tail: Callable[[Array], Array]) -> tuple[float, float, float]:  # fmt: skip
+def _judged(off: Array, error: Array, level: float, freedom: Array) -> tuple[float, float, float]:
+    """Student's tests (freedom: infinite for the normal law) of what is off beyond its margin."""
     quiet = error <= 1e-7 * level
     tests = int(np.isfinite(off).sum())
     if (off[quiet] > 0).any():
         return 0.0, tests, 0.0
-    p = 2 * tail(off[~quiet] / error[~quiet]) if not quiet.all() else np.ones(1)
+    loud = ~quiet
+    p = 2 * stats.t.sf(off[loud] / error[loud], freedom[loud]) if loud.any() else np.ones(1)
     return min(1.0, float(p.min())), tests, smallest_bias(float(error[0]), level)
 
 
@@ -131,7 +142,9 @@ def _answer(t: Trial, q: Question, factor: int) -> tuple[float, float, str]:
     margin = np.array([q.margin, *[math.inf if q.blocks is None else q.blocks] * BLOCKS**2])
     seed = t.fresh()
     spp = q.spp * factor // math.gcd(t.effort, 4)  # full runs draw more scenes instead
-    r = t.render(q.scene, spp, seed=seed, batches=BATCHES)
+    few = q.scene.film.width * q.scene.film.height < LEAST * BLOCKS**2
+    batches = BATCHES if isinstance(q.truth, Scene) and (few or q.blocks is None) else 0
+    r = t.render(q.scene, spp, seed=seed, batches=batches)
     if q.sealed:
         t.sealed(r, q.drawn)
     if q.backs:
@@ -139,7 +152,7 @@ def _answer(t: Trial, q: Question, factor: int) -> tuple[float, float, str]:
     if q.ends:
         t.rare(sum(r.stats["ledger"]["depth_cut"]), r, f"paths do not end: {q.drawn}")
     if isinstance(q.truth, Scene):
-        other = t.render(q.truth, spp, seed=seed, batches=BATCHES)
+        other = t.render(q.truth, spp, seed=seed, batches=batches)
         p, tests, seen = against_scene(r, other, margin)
         want = float(other.image[..., 0].mean(dtype=np.float64))
     else:

@@ -199,11 +199,14 @@ def mean_path_in_a_lossless_box(t: Trial, body: str, made: str, g: float) -> Non
         part = box(-size / 2, size / 2, False, **fog)
     else:
         part = Part(mesh.vertices, mesh.faces, **fog)
+
+    def seen_from(d: Array) -> Any:
+        return camera(distance * d / np.linalg.norm(d), [0, 0, 0], fov)
+
+    scene = make([part], seen_from(np.ones(3)), 1.0, max_depth=2000, rr_depth=10**6)
     hits, turns = [], []
     for _ in range(200 * t.effort):
-        d = t.rng.normal(size=3)
-        eye = camera(distance * d / np.linalg.norm(d), [0, 0, 0], fov)
-        far = make([part], eye, 1.0, max_depth=2000, rr_depth=10**6)
+        far = scene.with_(camera=seen_from(t.rng.normal(size=3)))
         r = t.render(far, 1000 // t.effort)
         escaped = np.array(r.stats["ledger"]["escaped"], np.float64)[2:]  # after n scatterings
         t.check(not any(r.stats["ledger"]["depth_cut"]), "rays never leave the medium")

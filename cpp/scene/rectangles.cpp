@@ -59,6 +59,20 @@ Flat HostScene::shape_of(const SceneInput& in, const AreaLight& light) const {
     return joined;
 }
 
+// Normalised.
+double HostScene::area_of(const SceneInput& in, size_t primitive) const {
+    constexpr double kPi = 3.14159265358979323846;
+    const PrimitiveSource& s = sources[primitive];
+    if (primitive < flats_.size()) return length(flats_[primitive].area_vector());
+    if (s.group == kTriangleGroup) return length(triangle(in, s.row).area_vector());
+    const double r = 1 / unit;
+    if (s.group == kDiskGroup)
+        return kPi *
+               length(cross(row3(in.disks, 3 * s.row + 1) * r, row3(in.disks, 3 * s.row + 2) * r));
+    const double radius = in.spheres.data[4 * s.row + 3] / unit;
+    return 4 * kPi * radius * radius;
+}
+
 std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
     std::vector<uint32_t> lit;
     std::vector<uint8_t> shines;  // by surface, of which there are few in a tree
@@ -69,7 +83,7 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
     std::vector<AreaLight> lights;
     for (size_t k = 0; k < lit.size(); ++k) {
         const uint32_t i = lit[k], next = k + 1 < lit.size() ? lit[k + 1] : i;
-        AreaLight light{i, i, false, sources[i].area};
+        AreaLight light{i, i, false, area_of(in, i)};
         if (sources[i].group == kTriangleGroup) {
             const Flat own = light_shape(in, i);
             Flat joined{};
@@ -81,7 +95,7 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
             light.rectangle = rectangular(whole) && (flats_.empty() || lights_closely(in, whole));
             if (pair && (light.rectangle || closes(whole, kClosed))) {
                 light.other = next;
-                light.area += sources[next].area;
+                light.area += area_of(in, next);
                 ++k;
             }
         }

@@ -238,7 +238,7 @@ bool HostScene::set_flat(const SceneInput& in) {
     allocate_primitives(flats.size() + round, 1);
     for (size_t i = 0; i < flats.size(); ++i) {
         const Flat& f = flats[i];
-        put_source(in, i, kTriangleGroup, f.triangle, length(f.area_vector()));
+        put_source(in, i, kTriangleGroup, f.triangle);
         float plane[4];
         write_plane(f, plane);
         bool widened = false;
@@ -279,7 +279,7 @@ void HostScene::put_triangle(const SceneInput& in, size_t primitive, uint32_t ro
     const bool local = uneven(plane, f);
     if (local) plane[3] = static_cast<float>(plane_at_origin(f));
     put_plane(primitive, f, plane, local ? kLocal : 0.f);
-    put_source(in, primitive, kTriangleGroup, row, length(f.area_vector()));
+    put_source(in, primitive, kTriangleGroup, row);
     if (!smooth.empty()) put_smooth(in, primitive, f);
     float* r = &records[primitive * kRecordFloats];
     for (int k = 0; k < 9; ++k) r[k] = static_cast<float>(f.v[k / 3][k % 3]);
@@ -314,7 +314,7 @@ void HostScene::set_tree(const SceneInput& in) {
     size_t triangles = in.triangles.count;
     const size_t round = in.disks.count + in.spheres.count;
     const auto has_area = [&](size_t i) { return length(triangle(in, i).area_vector()) > 0; };
-    const bool all = all_fit(triangles, has_area);
+    const bool all = all_fit(triangles, has_area, 1);
     const std::vector<uint32_t> kept = all ? std::vector<uint32_t>{} : where(triangles, has_area);
     if (!all) triangles = kept.size();
     dropped = static_cast<uint32_t>(in.triangles.count - triangles);
@@ -420,7 +420,7 @@ void HostScene::put_disk(const SceneInput& in, size_t primitive, uint32_t row, f
     }
     record[7] = static_cast<float>(-dot(u, c));
     record[11] = static_cast<float>(-dot(v, c));
-    put_source(in, primitive, kDiskGroup, row, 3.14159265358979323846 * area);
+    put_source(in, primitive, kDiskGroup, row);
 }
 
 void HostScene::put_sphere(const SceneInput& in, size_t primitive, uint32_t row, float* record) {
@@ -432,8 +432,7 @@ void HostScene::put_sphere(const SceneInput& in, size_t primitive, uint32_t row,
                                     number(s[3]) + ", too small beside the scene");
     for (uint32_t k = 0; k < kSphereFloats; ++k) at(primitives, view, primitive, k) = record[k];
     at(primitives, view, primitive, kPrimSide) = in.sphere_inward.data[row] ? -1.f : 1.f;
-    const double r = s[3] / unit;
-    put_source(in, primitive, kSphereGroup, row, 4 * 3.14159265358979323846 * r * r);
+    put_source(in, primitive, kSphereGroup, row);
 }
 
 // Normals at the corners as an affine function of the point; a flat triangle's is constant.
@@ -456,15 +455,14 @@ void HostScene::put_smooth(const SceneInput& in, size_t primitive, const Flat& f
     }
 }
 
-void HostScene::put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
-                           double area) {
+void HostScene::put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row) {
     int32_t emission = in.emission(group).data[row];
     if (emission >= 0) {
         const float* e = in.emissions.data + 3 * emission;
         if (!(e[0] > 0 || e[1] > 0 || e[2] > 0)) emission = -1;
     }
-    sources[primitive] = {
-        group, row, in.material(group).data[row], emission, in.boundary(group).data[row], area};
+    sources[primitive] = {group, row, in.material(group).data[row], emission,
+                          in.boundary(group).data[row]};
     const size_t before[3] = {0, in.triangles.count, in.triangles.count + in.spheres.count};
     input_index[primitive] = static_cast<uint32_t>(before[group] + row);
 }

@@ -183,7 +183,6 @@ struct PrimitiveSource {
     uint32_t row;
     uint32_t material;
     int32_t emission, boundary;
-    double area;  // normalised
 
     bool same_surface(const PrimitiveSource& b) const {
         return material == b.material && emission == b.emission && boundary == b.boundary;
@@ -286,8 +285,7 @@ class HostScene : public Frame {
     void put_attribute(const SceneInput& in, size_t t, size_t primitive, uint32_t* out) const;
     void set_attributes(const SceneInput& in);
     void put_tangents(const SceneInput& in, size_t primitive);
-    void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row,
-                    double area);
+    void put_source(const SceneInput& in, size_t primitive, ShapeGroup group, uint32_t row);
     void list_surfaces(const SceneInput& in);
     void set_surfaces(const SceneInput& in);
     void set_media(const SceneInput& in);
@@ -297,6 +295,7 @@ class HostScene : public Frame {
         return flats_.empty() ? triangle(in, sources[primitive].row) : flats_[primitive];
     }
     bool lights_closely(const SceneInput& in, const Flat& light) const;
+    double area_of(const SceneInput& in, size_t primitive) const;
     std::vector<AreaLight> area_lights(const SceneInput& in) const;
     std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
     bool back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const;

@@ -205,12 +205,11 @@ void in_chunks(uint32_t threads, size_t n, Work work) {
              (n + kGrain - 1) / kGrain, {}, chunk);
 }
 
-// Whether fits(i) holds for all of [0, n); without branches and by threads, for tables of many
-// millions.
+// Whether fits(i) holds for all of [0, n); without branches and, from `many` on, by threads.
 template <class Fits>
-bool all_fit(size_t n, Fits fits) {
+bool all_fit(size_t n, Fits fits, size_t many = 1 << 18) {
     std::atomic<bool> all{true};
-    in_chunks(n < 1 << 18 ? 1 : kAllThreads, n, [&](size_t first, size_t last) {
+    in_chunks(n < many ? 1 : kAllThreads, n, [&](size_t first, size_t last) {
         bool good = true;
         for (size_t i = first; i < last; ++i) good = good & fits(i);
         if (!good) all = false;
@@ -221,7 +220,7 @@ bool all_fit(size_t n, Fits fits) {
 // The numbers i of [0, n), in order, of which fits(i) holds; calls it once for each.
 template <class Fits>
 std::vector<uint32_t> where(size_t n, Fits fits) {
-    constexpr size_t kPart = 1 << 16;
+    constexpr size_t kPart = 1 << 13;
     std::vector<std::vector<uint32_t>> parts((n + kPart - 1) / kPart);
     const auto look = [&](uint32_t, uint64_t part) {
         const size_t first = part * kPart, last = std::min(n, first + kPart);

@@ -54,7 +54,7 @@ _DERIVED = ("_hashes", "_sha256", "_native_forms", "_settled")
 
 
 #: Bytes of arrays that take a good part of a frame's time to hash.
-_LARGE = 1 << 24
+_LARGE = 1 << 18
 
 
 class _Hashes:

@@ -5,6 +5,7 @@
 #include <thrust/iterator/transform_iterator.h>
 
 #include <chrono>
+#include <cub/block/block_scan.cuh>
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_reduce.cuh>
 #include <cub/device/device_scan.cuh>
@@ -32,10 +33,32 @@ void each_on_device(uint32_t n, const Body& body) {
     check_launch("tree");
 }
 
+// The rounds that are left for the clusters of one block, one a thread: most rounds merge a few
+// hundred. The last cluster ends at the front of the first table.
+constexpr uint32_t kFewClusters = 512;
+template <uint32_t N>
+__global__ void __launch_bounds__(kFewClusters)
+    last_rounds_kernel(const __grid_constant__ ploc::Rounds<N> all, uint32_t number) {
+    using Scan = cub::BlockScan<uint32_t, kFewClusters>;
+    __shared__ typename Scan::TempStorage scratch;
+    const uint32_t i = threadIdx.x;
+    for (; all.counts[number] > 1; ++number) {
+        const ploc::Round round = all.round(number);
+        ploc::NearestStep{round}(i);
+        __syncthreads();
+        uint32_t before;
+        Scan(scratch).ExclusiveSum(ploc::KeptFlag{round}(i), before);
+        if (i < *round.count) all.offset[i] = before;
+        all.merge(number)(i);
+        __syncthreads();
+    }
+    if (i == 0) all.clusters[0][0] = all.clusters[number % 2][0];
+}
+
 // Executor of scene/ploc.h, on the default stream.
 class TreeExec {
    public:
-    static constexpr uint32_t kRounds = 4;
+    static constexpr uint32_t kRounds = 4, kFew = kFewClusters;
 
     explicit TreeExec(const BuildPoll& poll) : poll_(poll) {}
 
@@ -70,6 +93,12 @@ class TreeExec {
             return cub::DeviceScan::ExclusiveSum(scratch, bytes, results_of(flag), out,
                                                  static_cast<int>(n));
         });
+    }
+    template <uint32_t N>
+    const ploc::Cluster* last(const ploc::Rounds<N>& all, uint32_t number) {
+        last_rounds_kernel<<<1, kFewClusters>>>(all, number);
+        check_launch("tree");
+        return all.clusters[0];
     }
     void clear(uint32_t* p, size_t n) { check(cudaMemset(p, 0, n * sizeof *p), "tree"); }
     template <class T>

@@ -13,7 +13,7 @@ namespace {
 
 class HostExec {
    public:
-    static constexpr uint32_t kRounds = 1;
+    static constexpr uint32_t kRounds = 1, kFew = 0;
 
     HostExec(uint32_t threads, const BuildPoll& poll) : threads_(threads), poll_(poll) {}
 

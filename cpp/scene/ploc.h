@@ -9,6 +9,8 @@
 // pairs from the round on where halving their number in each round just suffices.
 #pragma once
 
+#include <algorithm>
+
 #include "scene/wide_row.h"
 
 namespace veriray::ploc {
@@ -207,6 +209,24 @@ struct MergeStep : Round {
     }
 };
 
+// What all rounds share.
+template <uint32_t N>
+struct Rounds {
+    Cluster* clusters[2];  // before even rounds, and before odd ones
+    uint32_t *counts, *nearest, *offset;
+    Node<N>* nodes;
+    uint32_t leaves;
+    WalkCost walk;
+
+    VR_HD Round round(uint32_t number) const {
+        return {clusters[number % 2], counts + number, number, nearest};
+    }
+    VR_HD MergeStep<N> merge(uint32_t number) const {
+        return {round(number), offset, clusters[(number + 1) % 2], counts + number + 1, nodes,
+                leaves,        walk};
+    }
+};
+
 // One level of the wide tree: writes its nodes to their places, in any order.
 template <uint32_t N>
 struct EmitStep {
@@ -283,6 +303,8 @@ struct Memory {
 //   clear(p, n)                    zeros
 //   read(p)                        *p, once all before is done
 //   kRounds                        rounds begun between two reads of the number of clusters
+//   kFew, last(rounds, number)     all rounds from `number` on, for at most so many clusters; where
+//                                  the last cluster then is. kFew = 0: not used
 //   progress(share)                may throw
 template <uint32_t N, class Exec>
 class Builder {
@@ -305,21 +327,26 @@ class Builder {
         exec_.each(n, LeafStep<N>{in_, walk_, order, m.nodes, m.clusters[0]});
         exec_.clear(m.counts, 2 * Memory<N>::kCounts);
         exec_.each(1, SetStep{m.counts, n});
-        uint32_t* const nearest = reinterpret_cast<uint32_t*>(m.keys[0]);
-        uint32_t* const offset = reinterpret_cast<uint32_t*>(m.keys[1]);
+        const Rounds<N> all{{m.clusters[0], m.clusters[1]},
+                            m.counts,
+                            reinterpret_cast<uint32_t*>(m.keys[0]),
+                            reinterpret_cast<uint32_t*>(m.keys[1]),
+                            m.nodes,
+                            n,
+                            walk_};
         uint32_t bound = n, number = 0;
-        for (; bound > 1; ++number) {
-            const Round round{m.clusters[number % 2], m.counts + number, number, nearest};
-            exec_.each(bound, NearestStep{round});
-            exec_.sum(bound, KeptFlag{round}, offset);
-            exec_.each(bound, MergeStep<N>{round, offset, m.clusters[(number + 1) % 2],
-                                           m.counts + number + 1, m.nodes, n, walk_});
+        for (; bound > std::max(1u, Exec::kFew); ++number) {
+            exec_.each(bound, NearestStep{all.round(number)});
+            exec_.sum(bound, KeptFlag{all.round(number)}, all.offset);
+            exec_.each(bound, all.merge(number));
             if (number + 1 == kMaxBvhDepth || (number + 1) % Exec::kRounds == 0) {
                 bound = exec_.read(m.counts + number + 1);
                 exec_.progress(1 - static_cast<double>(bound) / n);
             }
         }
-        root_ = exec_.read(m.clusters[number % 2]).node;
+        const Cluster* last = m.clusters[number % 2];
+        if constexpr (Exec::kFew > 0) last = exec_.last(all, number);
+        root_ = exec_.read(last).node;
         return exec_.read(m.nodes + root_);
     }
 

@@ -165,7 +165,33 @@ double HostScene::share_filter(FilterForm form, Density density, double reach) {
     return 1 / sum;
 }
 
+namespace {
+// The filter that this thread tabulated last: its numbers take milliseconds, and most scenes have
+// the same one.
+struct KnownFilter {
+    std::string name;
+    double parameters[2];
+    FilterView view;
+    Table<float> edges;
+};
+thread_local KnownFilter known_filter;
+}  // namespace
+
 void HostScene::set_filter(const SceneInput& in) {
+    KnownFilter& known = known_filter;
+    if (known.name != in.filter ||
+        !std::equal(known.parameters, known.parameters + 2, std::begin(in.filter_parameters))) {
+        known.name.clear();
+        make_filter(in);
+        known.view = view.filter, known.edges = filter_edges;
+        std::copy_n(std::begin(in.filter_parameters), 2, known.parameters);
+        known.name = in.filter;
+    }
+    view.filter = known.view, filter_edges = known.edges;
+    view.filter.edges = filter_edges.data();
+}
+
+void HostScene::make_filter(const SceneInput& in) {
     FilterView& f = view.filter;
     filter_edges.assign(kFilterTable + 1, 0.f);
     f = {};
@@ -179,12 +205,13 @@ void HostScene::set_filter(const SceneInput& in) {
         f.size = static_cast<float>(unit), f.slope = static_cast<float>(unit / a);
     } else if (in.filter == "gaussian") {
         // exp(-x^2 / 2 s^2) - exp(-8) on |x| < 4 s, as Mitsuba's.
-        const auto bell = [](double z) { return exp_series(z * z / 2) - exp_series(8); };
+        const double end = exp_series(8);
+        const auto bell = [=](double z) { return exp_series(z * z / 2) - end; };
         tabulate_filter(bell, 4, a);
         const double unit =
             share_filter(FilterForm::kGaussian, [=](double x) { return bell(x / a); }, 4 * a);
         f.size = static_cast<float>(unit), f.slope = static_cast<float>(1 / (2 * a * a));
-        f.end = static_cast<float>(exp_series(8));
+        f.end = static_cast<float>(end);
     } else if (in.filter == "mitchell") {
         const Cubics cubics(a, b);
         tabulate_filter(cubics, 2, 1);

@@ -324,6 +324,7 @@ class HostScene : public Frame {
     template <class Density>
     double share_filter(FilterForm form, Density density, double reach);
     void set_filter(const SceneInput& in);
+    void make_filter(const SceneInput& in);
     template <class Density>
     void tabulate_filter(Density density, double reach, double scale);
 

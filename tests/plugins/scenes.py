@@ -238,7 +238,8 @@ def scene(case: Case) -> str:
     else:
         rest = made
     if category != "integrator":
-        rest = '<integrator type="path"/>' + rest
+        integrator = "volpath" if "<medium" in rest else "path"
+        rest = f'<integrator type="{integrator}"/>' + rest
     return f'<scene version="3.0.0">\n{sensor}{light}{rest}</scene>'
 
 

@@ -494,6 +494,37 @@ def test_file_and_dictionary_give_the_same_scene(tmp_path):
     assert a.sha256 == b.sha256 and a.shape_names == b.shape_names == ("box", "lamp")
 
 
+def test_vectors_and_transforms_of_drjit():
+    """Its vectors have any attribute by swizzling; those of a JIT have a last axis of one lane."""
+
+    class Vector:
+        def __init__(self, numbers):
+            self.numbers = np.array(numbers, np.float32)
+            self.matrix = np.ones(6)
+
+        def __array__(self, dtype=None, copy=None):
+            return self.numbers
+
+    class Transform:
+        def __init__(self, matrix):
+            self.matrix = matrix
+
+    moved = np.eye(4)
+    moved[:3, 3] = 1, 2, 3
+    for given in (
+        {"center": Vector([1, 2, 3])}, {"center": Vector([[1], [2], [3]])},
+        {"to_world": Transform(moved)}, {"to_world": Transform(moved[..., None])},
+    ):  # fmt: skip
+        scene = load_dict(
+            {"type": "scene", "s": {"type": "sphere", **given}, "l": {"type": "constant"}}
+        )
+        assert scene.spheres.tolist() == [[1, 2, 3, 1]]
+    colour = {"type": "rgb", "value": Vector([0.25, 0.5, 0.75])}
+    light = {"type": "constant", "radiance": colour}
+    scene = load_dict({"type": "scene", "s": {"type": "sphere"}, "l": light})
+    assert scene.environment.tolist() == [0.25, 0.5, 0.75]
+
+
 def test_dictionary_values():
     class Matrix:
         matrix = [[1, 0, 0, 5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]

@@ -783,6 +783,31 @@ def test_lights_of_points_behind_masks(tmp_path: Path) -> None:
         assert sum("shine through masks" in text for text in said) == count
 
 
+def test_media_by_integrators_that_have_none(tmp_path: Path) -> None:
+    """Mitsuba's path leaves them out: a warning, but not where a scene names no integrator."""
+    fog = (
+        '<shape type="sphere"><bsdf type="null"/><medium type="homogeneous" name="interior"/>'
+        "</shape>"
+    )
+    for integrator, count in (("path", 1), ("direct", 1), ("volpath", 0), ("", 0)):
+        line = f'<integrator type="{integrator}"/>' if integrator else ""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            loaded(tmp_path, VIEW, SKY, fog + line)
+        assert sum("media count, as by volpath" in str(one.message) for one in caught) == count
+
+
+def test_grey_roughness(tmp_path: Path) -> None:
+    """Of metal and glass, as in Mitsuba; its rough plastic takes a number alone."""
+    rough = '<shape type="cube"><bsdf type="rough{}">{}</bsdf></shape>'
+    for name in ("conductor", "dielectric"):
+        for kind in ("float", "rgb", "spectrum"):
+            given = rough.format(name, param(kind, "alpha", 0.25))
+            assert loaded(tmp_path, VIEW, SKY, given).alpha_u.tolist() == [0.25]
+    text = str(fault(tmp_path, VIEW, SKY, rough.format("plastic", param("rgb", "alpha", 0.25))))
+    assert "is of type rgb, expected float" in text
+
+
 def test_grey_opacity(tmp_path: Path) -> None:
     mask = '<shape type="cube"><bsdf type="mask">{}<bsdf type="diffuse"/></bsdf></shape>'
     for kind in ("float", "rgb", "spectrum"):

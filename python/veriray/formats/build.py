@@ -282,7 +282,10 @@ class _Builder:
                 SceneWarning,
                 stacklevel=4,
             )
-        integrators.check_scene(integrator, self.check, self.report, seen, arrays, self.beams)
+        stated = bool(parts["integrator"])
+        integrators.check_scene(
+            integrator, self.check, self.report, seen, arrays, self.beams, stated
+        )
         for node, coloured in self.media:
             integrators.check_medium(node, coloured, self.report, arrays["light_kind"] is not None)
         features = self.report.features

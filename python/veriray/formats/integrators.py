@@ -95,12 +95,14 @@ def check_scene(
     seen: bool,
     arrays: dict[str, Any],
     beams: Node | None = None,
+    stated: bool = True,
 ) -> None:
     """Raises SceneError for what an integrator asks for and a scene with these arrays does not
-    allow; seen: something shines that a camera can see; beams: a directionalarea."""
+    allow; seen: something shines that a camera can see; beams: a directionalarea; stated: the
+    scene names the integrator."""
     parts, values = check(node)
     for inner in parts.get("integrator", [])[:1]:
-        check_scene(inner, check, report, seen, arrays, beams)
+        check_scene(inner, check, report, seen, arrays, beams, stated)
         return
     lamps = arrays["light_kind"] is not None
     if beams is not None:
@@ -141,6 +143,8 @@ def check_scene(
             "thin glass, as by volpath; not by it in Mitsuba",
             node.where,
         )
+    if stated and node.plugin not in _GOES_ON and arrays["sigma_t"] is not None:
+        report.warn(f"{node}: media count, as by volpath; not by it in Mitsuba", node.where)
     other, text = _OTHER_IN_MITSUBA.get(node.plugin, (set(), ""))
     if kinds & other:
         report.warn(f"{node}: {text}", node.where)

@@ -230,6 +230,10 @@ def _spectrum_plugin(kind: str, content: Mapping[str, Any], where: str, tree: Tr
 def _numbers(value: Any, where: str) -> npt.NDArray[np.float64]:
     try:
         array = np.array(getattr(value, "matrix", value))
+        if array.shape[:2] != (4, 4):  # Dr.Jit's vectors have any attribute, by swizzling
+            array = np.array(value)
+        if array.shape in ((3, 1), (4, 4, 1)):  # its vectors of one lane
+            array = array[..., 0]
         if array.dtype.kind not in "iuf":
             raise TypeError
         return array.astype(np.float64)

@@ -288,7 +288,7 @@ _WHOLE = {
 }
 #: A rough coat has tables for its one alpha.
 _TEXTURED_ALPHA = {
-    name: replace(_ROUGH[name], column=column)
+    name: replace(_ROUGH[name], kind=GREY, column=column)
     for name, column in (("alpha", "alpha_u"), ("alpha_u", "alpha_u"), ("alpha_v", "alpha_v"))
 }
 _PRINCIPLED = {

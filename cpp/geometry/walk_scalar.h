@@ -32,31 +32,20 @@ VR_HD RayFrame frame_of(const BvhView& bvh, const Ray<Scalar>& ray) {
     return {ray, slabs_of<Scalar>(ray, bvh.slack), shear_of<Scalar>(ray.d)};
 }
 
-struct WaitingNode {
-    float entry;
-    uint32_t node;
-};
-
-// The state of a traversal: the next node, or kWalkEnd, and the stack of nodes that wait.
+// The state of a traversal: the next node, or kWalkEnd, and the stack of nodes that wait. Their
+// distances do not wait with them: to test the few nodes that have come to lie beyond the hit takes
+// less time than a stack of twice the size.
 inline constexpr uint32_t kWalkEnd = ~0u;
 template <uint32_t N>
 struct WalkPlace {
     uint32_t node, size;
-    WaitingNode stack[kWalkStack<N>];
+    uint32_t stack[kWalkStack<N>];
 
     VR_HD void begin() { node = size = 0; }
     VR_HD bool walking() const { return node != kWalkEnd; }
     VR_HD bool at_node() const { return !(node & kLeafFlag); }
     VR_HD bool at_leaf() const { return !at_node() && walking(); }
-    VR_HD void next_waiting(float t) {
-        do {
-            if (size == 0) {
-                node = kWalkEnd;
-                return;
-            }
-            node = stack[--size].node;
-        } while (stack[size].entry > t);
-    }
+    VR_HD void next_waiting() { node = size ? stack[--size] : kWalkEnd; }
 };
 
 // Goes from a node to its nearest child that the ray reaches within t; the others wait.
@@ -99,9 +88,9 @@ VR_HD void walk_node(const BvhView& bvh, const Slabs<Scalar>& s, float after, fl
         order(1, 4), order(3, 6);
         order(1, 2), order(3, 4), order(5, 6);
     }
-    if (!(entry[0] < kInfinity)) return place.next_waiting(t);
+    if (!(entry[0] < kInfinity)) return place.next_waiting();
     for (uint32_t k = N - 1; k > 0; --k)
-        if (entry[k] < kInfinity) place.stack[place.size++] = {entry[k], as_uint(child[k])};
+        if (entry[k] < kInfinity) place.stack[place.size++] = as_uint(child[k]);
     place.node = as_uint(child[0]);
 }
 
@@ -155,7 +144,7 @@ VR_HD void walk_leaf(const BvhView& bvh, const RayFrame& f, WalkAim aim, Hit<Sca
             return;
         }
     }
-    place.next_waiting(hit.t);
+    place.next_waiting();
 }
 
 template <uint32_t N, uint32_t kKinds>

@@ -65,10 +65,11 @@ double HostScene::area_of(const SceneInput& in, size_t primitive) const {
     const PrimitiveSource& s = sources[primitive];
     if (primitive < flats_.size()) return length(flats_[primitive].area_vector());
     if (s.group == kTriangleGroup) return length(triangle(in, s.row).area_vector());
-    const double r = 1 / unit;
-    if (s.group == kDiskGroup)
-        return kPi *
-               length(cross(row3(in.disks, 3 * s.row + 1) * r, row3(in.disks, 3 * s.row + 2) * r));
+    if (s.group == kDiskGroup) {
+        const Double3 a = row3(in.disks, 3 * s.row + 1) * (1 / unit),
+                      b = row3(in.disks, 3 * s.row + 2) * (1 / unit);
+        return kPi * length(cross(a, b));
+    }
     const double radius = in.spheres.data[4 * s.row + 3] / unit;
     return 4 * kPi * radius * radius;
 }

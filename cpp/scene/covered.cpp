@@ -14,6 +14,8 @@ constexpr double kOnePlane = 0x1p-23, kRounding = 0x1p-22;
 // The share of a lamp that may be covered and is sampled all the same: neighbours whose edges
 // differ by rounding overlap. So much of its light may come through the cover.
 constexpr double kSliver = 1e-6;
+// Of more primitives it is not asked which of them can see a lamp.
+constexpr size_t kManyReceivers = 1 << 14;
 // Of a polygon around a disk, over the disk's: corners are at most 1/16 rad apart.
 constexpr double kAround = 1 + 0x1p-10;
 
@@ -103,16 +105,49 @@ void HostScene::part_backs(const SceneInput& in) {
         }
 }
 
-// The distance from a lamp, of normal n, within which a cover lets shadow rays through. A ray
-// across the cover ends as far from the lamp's plane as the lamp's offset and the shortened share
-// of its start's height over that plane, which coordinates below 1 bound, but not in a fog without
-// an end. Lamps of scenes without a tree are hundreds of times kNear wide (kMinFlat,
-// kMinBesideLocal): rays find them all the same.
-double HostScene::cover_distance(const SceneInput& in, const AreaLight& light, Double3 n) const {
-    if (records.empty() || in.camera_medium >= 0) return kNear;
-    const Box box = around(box_around(in, light.primitive), box_around(in, light.other));
-    const double highest = std::abs(n.x) + std::abs(n.y) + std::abs(n.z) + terms(box, n);
-    return std::min(kNear, std::abs(lamp_offset(in, light)) + kShortened * highest + kRounding);
+// Whether shadow rays from somewhere may end before a cover `gap` from a lamp of normal n, both in
+// the box `pair`, whose coordinates bound the rounding of their planes. A ray across the cover ends
+// as far from the lamp's plane as the lamp's offset and the shortened share of its start's height
+// over that plane, so the heights of what can see the lamp decide. Of a fog without an end they
+// have no bound. Lamps beside flat faces without a tree are hundreds of times
+// kNear wide (kMinFlat, kMinBesideLocal): rays find them all the same.
+bool HostScene::ends_before(const SceneInput& in, const AreaLight& light, Double3 n, double gap,
+                            const Box& pair) const {
+    if (!flats_.empty() || in.camera_medium >= 0) return gap <= kNear;
+    const Box lamp = around(box_around(in, light.primitive), box_around(in, light.other));
+    double size = 0;
+    for (int k = 0; k < 3; ++k) size = std::max({size, -pair.low[k], pair.high[k]});
+    const double offset = std::abs(lamp_offset(in, light)) + kRounding * size;
+    const double most = (gap - offset) / kShortened;
+    const double above = reach(lamp, n), below = reach(lamp, n * -1);
+    const auto beyond = [&](const Box& b) {
+        return std::max(reach(b, n) + below, reach(b, n * -1) + above) > most;
+    };
+    if (!beyond({{-1, -1, -1}, {1, 1, 1}})) return false;
+    if (sources.size() > kManyReceivers) return true;
+    const auto sees = [&](size_t i) {
+        if (!beyond(box_around(in, i))) return false;
+        const AreaLight one{static_cast<uint32_t>(i), static_cast<uint32_t>(i), false, 0};
+        const Polygon corners = outline(in, one);
+        const PrimitiveSource& s = sources[i];
+        if (!corners.empty())
+            return std::any_of(corners.begin(), corners.end(),
+                               [&](Double3 p) { return beyond({p, p}); });
+        // Of a ball the lamp sees from outside what lies no farther than along tangents.
+        const double* ball = in.spheres.data + 4 * s.row;
+        const Double3 c = (Double3{ball[0], ball[1], ball[2]} - centre) * (1 / unit);
+        const double r2 = ball[3] / unit * (ball[3] / unit);
+        double far2 = -r2;
+        for (int k = 0; k < 3; ++k) {
+            const double far = std::max(lamp.high[k] - c[k], c[k] - lamp.low[k]);
+            far2 += far * far;
+        }
+        return lets_through(in, s.group, s.row) || squared_gap({c, c}, lamp) < r2 ||
+               far2 > most * most;
+    };
+    for (size_t i = 0; i < sources.size(); ++i)
+        if (sees(i)) return true;
+    return false;
 }
 
 std::vector<uint8_t> HostScene::covered(const SceneInput& in,
@@ -154,8 +189,9 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
         const bool first =
             std::abs(before) <= kOnePlane && light.primitive < cover &&
             (sources[cover].group == kTriangleGroup || one_disk_plane(light.primitive, cover));
-        if (high <= cover_distance(in, light, n) && before >= -kRounding && !first &&
-            covered_share(lamp, other, n) > kSliver)
+        if (high <= kNear && before >= -kRounding && !first &&
+            covered_share(lamp, other, n) > kSliver &&
+            ends_before(in, light, n, high, around(around_lamp(k), box_around(in, i))))
             found = 1;
         return true;
     };

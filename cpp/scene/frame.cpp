@@ -17,10 +17,16 @@ constexpr double kCoarse = 0x1p7;
 // the second they are lost, as their corners are off by half of their sizes.
 constexpr double kCoarseShape = 0x1p12, kLostShape = 0x1p22;
 
-// Calls f(point, extent by axis) for every vertex, sphere and disk.
+// Calls f(point, extent by axis) for every corner of triangles with an area, sphere and disk: other
+// vertices are nowhere in the picture.
 template <class Visit>
 void each_extent(const SceneInput& in, Visit f) {
-    for (size_t i = 0; i < in.vertices.count; ++i) f(row3(in.vertices, i), Double3{0, 0, 0});
+    for (size_t i = 0; i < in.triangles.count; ++i) {
+        Double3 v[3];
+        for (size_t k = 0; k < 3; ++k) v[k] = row3(in.vertices, in.triangles.data[3 * i + k]);
+        if (length(cross(v[1] - v[0], v[2] - v[0])) > 0)
+            for (const Double3 p : v) f(p, Double3{0, 0, 0});
+    }
     for (size_t i = 0; i < in.spheres.count; ++i) {
         const double* s = in.spheres.data + 4 * i;
         f(Double3{s[0], s[1], s[2]}, Double3{s[3], s[3], s[3]});

@@ -16,13 +16,6 @@ constexpr double kClosed = 0x1p-20;
 // Near: the squared gap is less than this share of the area.
 constexpr double kNear = 0.24;
 
-// n.p of the box's corner that lies farthest along n.
-double reach(const Box& box, Double3 n) {
-    double sum = 0;
-    for (int k = 0; k < 3; ++k) sum += std::max(n[k] * box.low[k], n[k] * box.high[k]);
-    return sum;
-}
-
 // Whether the fourth corner is where a parallelogram has it, to a share of the shorter edge.
 bool closes(const Flat& f, double share) {
     if (f.corners != 4) return false;

@@ -137,6 +137,12 @@ inline Box around(const Box& a, const Box& b) {
     const auto high = [&](int k) { return std::max(a.high[k], b.high[k]); };
     return {{low(0), low(1), low(2)}, {high(0), high(1), high(2)}};
 }
+// n.p of the box's corner that lies farthest along n.
+inline double reach(const Box& box, Double3 n) {
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) sum += std::max(n[k] * box.low[k], n[k] * box.high[k]);
+    return sum;
+}
 // Largest |n.x p.x| + |n.y p.y| + |n.z p.z| over a box.
 double terms(const Box& b, Double3 n);
 // The squared distance between two boxes.
@@ -300,7 +306,8 @@ class HostScene : public Frame {
     std::vector<Double3> outline(const SceneInput& in, const AreaLight& flat) const;
     bool back_to_back(const SceneInput& in, uint32_t a, uint32_t b) const;
     void part_backs(const SceneInput& in);
-    double cover_distance(const SceneInput& in, const AreaLight& light, Double3 n) const;
+    bool ends_before(const SceneInput& in, const AreaLight& light, Double3 n, double gap,
+                     const Box& pair) const;
     std::vector<uint8_t> covered(const SceneInput& in, const std::vector<AreaLight>& lights) const;
     std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights);
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;

@@ -125,6 +125,28 @@ def foot_of_a_lamp(rng: np.random.Generator) -> Question:
     return Question(drawn, seen, truth, margin, margin, spp=1024)
 
 
+def lamp_over_a_world(rng: np.random.Generator) -> Question:
+    """A lamp's foot as above, on a ground half a unit over a ball up to 1e7 times as large as high.
+
+    The lamp is closer to the ground than the rounding of the world's far side.
+    """
+    size, half, radius = decades(rng, -3, -1), decades(rng, 0.5, 3), decades(rng, 3, 7)
+    # corners are rounded by 2^-24 of their distance from the eye
+    tilt, eye = float(rng.uniform(0.3, 0.9)), decades(rng, -0.5, math.log10(2e3 * size))
+    kind, ground = chosen(rng, ("disk", "square")), chosen(rng, ("disk", "square"))
+    floor = square(half, reflectance=0.5)
+    if ground == "disk":
+        floor = disk([0, 0, 0], [half, 0, 0], [0, half, 0], 0.5)
+    lamp = disk([0, 0, 1], [0, size, 0], [size, 0, 0], 0, 1 + size**-2)
+    if kind == "square":
+        share = 4 * rectangle_above_corner(size, size)
+        lamp = quad([-size, -size, 1], [0, 2 * size, 0], [2 * size, 0, 0], 0, 1 / share)
+    world = sphere([0, 0, -radius - 0.5], radius, 0.5)
+    seen = make([floor, lamp, world], framed(1e-3, eye, tilt=tilt), width=4, height=4, max_depth=2)
+    drawn = f"{kind} {size:g} above {ground} {half:g}, eye {eye:g} away, ball {radius:g}"
+    return Question(drawn, seen, 0.5, 1e-3, 1e-3, spp=1024)
+
+
 def sun(rng: np.random.Generator) -> Question:
     """The ground near a small box, in the light of a ball 10 to 1e8 away: L sin^2(a) cos(t).
 
@@ -491,6 +513,7 @@ def telephoto(rng: np.random.Generator) -> Question:
 #: Generators by name: with an exact mean, and pairs of one mean.
 CLOSED: dict[str, Generator] = {
     "foot of a lamp": foot_of_a_lamp,
+    "lamp over a world": lamp_over_a_world,
     "sun": sun,
     "lamp by a wall": lamp_by_a_wall,
     "spot": spot,

@@ -613,3 +613,25 @@ def test_the_first_bad_sphere_of_many_is_named(tmp_path):
     with pytest.raises(SceneError, match="centre or radius exceeds") as caught:
         load(tmp_path, body + ball.format(6, "") + ball.format(7, huge))
     assert 'sphere "s5"' in str(caught.value) and caught.value.where.endswith("scene.xml:9")
+
+
+def test_unused_vertices_change_no_picture() -> None:
+    """Nor do those of triangles without an area: the extent of a scene is that of what is in it."""
+    corners = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    to_world = transform.look_at((0, -4, 3), (0, 0, 0), (0, 0, 1))
+    view = {"type": "perspective", "to_world": to_world}
+
+    def film(vertices: list[list[float]], faces: list[list[int]]) -> str:
+        mesh = {"type": "mesh", "vertices": np.array(vertices), "faces": np.array(faces)}
+        light = {
+            "type": "rectangle",
+            "to_world": np.diag([0.1, 0.1, -1, 1.0]),
+            "emitter": {"type": "area"},
+        }
+        scene = veriray.load_dict({"type": "scene", "v": view, "m": mesh, "l": light})
+        return veriray.render(scene, width=8, height=8, spp=4, device="cpu").film_sha256
+
+    faces, far = [[0, 1, 2], [0, 2, 3]], [1e8, 0.0, 0.0]
+    known = film(corners, faces)
+    assert film([*corners, far], faces) == known
+    assert film([*corners, far], [*faces, [4, 4, 4]]) == known

@@ -620,16 +620,20 @@ def test_unused_vertices_change_no_picture() -> None:
     corners = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
     to_world = transform.look_at((0, -4, 3), (0, 0, 0), (0, 0, 1))
     view = {"type": "perspective", "to_world": to_world}
+    above = np.diag([0.1, 0.1, -1.0, 1.0])
+    above[2, 3] = 1
 
     def film(vertices: list[list[float]], faces: list[list[int]]) -> str:
         mesh = {"type": "mesh", "vertices": np.array(vertices), "faces": np.array(faces)}
         light = {
             "type": "rectangle",
-            "to_world": np.diag([0.1, 0.1, -1, 1.0]),
+            "to_world": above,
             "emitter": {"type": "area"},
         }
         scene = veriray.load_dict({"type": "scene", "v": view, "m": mesh, "l": light})
-        return veriray.render(scene, width=8, height=8, spp=4, device="cpu").film_sha256
+        made = veriray.render(scene, width=8, height=8, spp=4, device="cpu")
+        assert made.image.mean() > 0.001
+        return made.film_sha256
 
     faces, far = [[0, 1, 2], [0, 2, 3]], [1e8, 0.0, 0.0]
     known = film(corners, faces)

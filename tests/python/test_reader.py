@@ -928,7 +928,8 @@ def test_convert(tmp_path: Path, capsys: Any) -> None:
     scene = vr.load_file(target)
     assert scene.sha256 == vr.load_file(source, {"g": 0.7}).sha256
     assert scene.shape_names == vr.load_file(source, {"g": 0.7}).shape_names
-    assert [note.split(": ", 1)[1][:19] for note in scene.notes] == ["moment renders path"]
+    said = [note.split(": ", 1)[1][:19] for note in scene.notes]
+    assert said == ["moment renders path", "path: media count, "]
 
 
 def test_convert_writes_the_sensor_and_the_integrator_that_are_not_there(tmp_path: Path) -> None:

@@ -938,6 +938,9 @@ def test_convert_writes_the_sensor_and_the_integrator_that_are_not_there(tmp_pat
     scene = vr.load_file(tmp_path / "out.xml", strict=True)
     assert "no sensor" in note and scene.sha256 == vr.load_file(source).sha256
     assert '<integrator type="path"/>' in (tmp_path / "out.xml").read_text("utf-8")
+    fog = '<shape type="cube"><medium type="homogeneous" name="interior"/></shape>'
+    convert(str(write(tmp_path / "fog.xml", SKY, fog)), str(tmp_path / "out.xml"), {})
+    assert '<integrator type="volpath"/>' in (tmp_path / "out.xml").read_text("utf-8")
 
 
 def test_outputs_replace_no_file_that_the_scene_reads(

@@ -21,14 +21,15 @@ def as_xml(tree: Tree, folder: Path, camera: Camera) -> str:
     """The text of a scene file in `folder` that means the same as the tree of a scene.
 
     What has no effect is left out, and numbers are written exactly. If there is no sensor, `camera`
-    becomes one; if there is no integrator, `path` does.
+    becomes one; if there is no integrator, `path` does, or `volpath` where there are media.
     """
     root = etree.Element("scene", version="3.0.0")
     _fill(root, tree.scene, tree, folder)
     items = (tree.ids[i.id] if isinstance(i, Ref) else i for i in tree.scene.children)
     given = {item.category for item in items}
     if "integrator" not in given:
-        root.insert(0, etree.Element("integrator", type="path"))
+        kind = "path" if root.find(".//medium") is None else "volpath"
+        root.insert(0, etree.Element("integrator", type=kind))
     if "sensor" not in given:
         view = {
             "fov": Value("float", camera.fov, ""),

@@ -109,8 +109,8 @@ void HostScene::part_backs(const SceneInput& in) {
 // the box `pair`, whose coordinates bound the rounding of their planes. A ray across the cover ends
 // as far from the lamp's plane as the lamp's offset and the shortened share of its start's height
 // over that plane, so the heights of what can see the lamp decide. Of a fog without an end they
-// have no bound. Lamps beside flat faces without a tree are hundreds of times
-// kNear wide (kMinFlat, kMinBesideLocal): rays find them all the same.
+// have no bound. Lamps beside flat faces without a tree are hundreds of times kNear wide (kMinFlat,
+// kMinBesideLocal): rays find them all the same.
 bool HostScene::ends_before(const SceneInput& in, const AreaLight& light, Double3 n, double gap,
                             const Box& pair) const {
     if (!flats_.empty() || in.camera_medium >= 0) return gap <= kNear;
@@ -126,23 +126,22 @@ bool HostScene::ends_before(const SceneInput& in, const AreaLight& light, Double
     if (!beyond({{-1, -1, -1}, {1, 1, 1}})) return false;
     if (sources.size() > kManyReceivers) return true;
     const auto sees = [&](size_t i) {
-        if (!beyond(box_around(in, i))) return false;
+        const Box box = box_around(in, i);
+        if (!beyond(box)) return false;
         const AreaLight one{static_cast<uint32_t>(i), static_cast<uint32_t>(i), false, 0};
         const Polygon corners = outline(in, one);
-        const PrimitiveSource& s = sources[i];
         if (!corners.empty())
             return std::any_of(corners.begin(), corners.end(),
                                [&](Double3 p) { return beyond({p, p}); });
         // Of a ball the lamp sees from outside what lies no farther than along tangents.
-        const double* ball = in.spheres.data + 4 * s.row;
-        const Double3 c = (Double3{ball[0], ball[1], ball[2]} - centre) * (1 / unit);
-        const double r2 = ball[3] / unit * (ball[3] / unit);
+        const Double3 c = (box.low + box.high) * 0.5;
+        const double r2 = 0.25 * (box.high.x - box.low.x) * (box.high.x - box.low.x);
         double far2 = -r2;
         for (int k = 0; k < 3; ++k) {
             const double far = std::max(lamp.high[k] - c[k], c[k] - lamp.low[k]);
             far2 += far * far;
         }
-        return lets_through(in, s.group, s.row) || squared_gap({c, c}, lamp) < r2 ||
+        return lets_through(in, kSphereGroup, sources[i].row) || squared_gap({c, c}, lamp) < r2 ||
                far2 > most * most;
     };
     for (size_t i = 0; i < sources.size(); ++i)

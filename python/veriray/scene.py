@@ -76,6 +76,10 @@ class _Hashes:
         first = self.first
         return self.made or (first.known()[: self.same] if first else [])
 
+    def makers(self) -> list[threading.Thread]:
+        """Threads that work, or worked, on what this needs."""
+        return [cell.maker for cell in (self, self.first) if cell and cell.maker]
+
     def keep(self, made: list[hashlib._Hash]) -> None:
         """Takes all of them, and tells `first` what it may not know; no longer needs it."""
         first = self.first
@@ -164,9 +168,9 @@ class Scene(SceneArrays):
     def _hashed_columns(self) -> list[hashlib._Hash]:
         """The hash after each column, in order."""
         own = self._hashes_kept
-        for cell in (own, own.first):
-            if cell and cell.maker not in (None, threading.current_thread()):
-                cell.maker.join()  # at once in a child process, which has no such thread
+        for maker in own.makers():
+            if maker is not threading.current_thread():
+                maker.join()  # at once in a child process, which has no such thread
         made = list(own.known())
         digest = made[-1].copy() if made else hashlib.sha256(b"veriray scene 2\n")
         for name in tuple(COLUMNS)[len(made) :]:
@@ -189,9 +193,7 @@ class Scene(SceneArrays):
     @property
     def hash_awaited(self) -> bool:
         """Whether `sha256` would wait for the thread of `hash_ahead`."""
-        own = self._hashes_kept
-        makers = [cell.maker for cell in (own, own.first) if cell]
-        return any(maker is not None and maker.is_alive() for maker in makers)
+        return any(maker.is_alive() for maker in self._hashes_kept.makers())
 
     def _hash_in_thread(self) -> None:
         with contextlib.suppress(Exception):  # `sha256` then raises it itself

@@ -50,11 +50,12 @@ struct RenderSettings {
     uint64_t seed = 0, sample_begin = 0, sample_end = 1;
     int64_t max_depth = -1;  // -1: unlimited (kHardMaxDepth)
     uint32_t rr_depth = 5;
-    Sampler sampler = Sampler::kIndependent;
+    Sampler sampler = Sampler::kSobol;
     std::string scheduler = "fused";
     uint32_t threads = 0;  // 0: all; CPU only
     uint32_t batch = 0;    // paths in flight; 0: the scheduler's choice
     bool all_features = false;
+    bool units = false;            // of groups of samples (film/units.h), not each alone
     std::vector<uint32_t> pixels;  // row-major indices, ascending; empty: all
 };
 
@@ -114,12 +115,15 @@ class Film {
     uint32_t width() const;
     uint32_t height() const;
     uint64_t samples() const;  // of every pixel; renders of listed pixels do not count
+    uint64_t units() const;    // of these samples (film/units.h)
     size_t memory() const;
     void clear();
     void add(const Film& other);  // exact: independent of the order of additions
-    // The same for what a film held, on any device: its samples() and its planes in order. Adds
-    // nothing where that does not fit (std::invalid_argument).
-    void add(uint64_t samples, const std::vector<PlaneState>& planes);
+    // The same for what a film held, on any device: its samples(), units() and planes in
+    // order. Adds nothing where that does not fit (std::invalid_argument).
+    void add(uint64_t samples, uint64_t units, const std::vector<PlaneState>& planes);
+    // All samples of radiance become one unit, of n samples of each pixel that has some.
+    void end_unit(uint32_t n);
     const std::vector<PlaneInfo>& planes() const;
     float scale(size_t plane) const;
     void words(size_t plane, uint64_t* out) const;
@@ -134,8 +138,9 @@ class Film {
 class Picture {
    public:
     // counts: samples by pixel; null: samples() of each. threads: as of RenderSettings. plane: one
-    // with squares; 0 is radiance.
-    Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane = 0);
+    // with squares; 0 is radiance. units: the samples by pixel are in units of kGroupSamples.
+    Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane = 0,
+            bool units = false);
     // Without numbers yet: see put_features.
     Picture(uint32_t width, uint32_t height, uint32_t channels, bool integers, int device);
     ~Picture();

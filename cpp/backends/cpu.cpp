@@ -102,13 +102,20 @@ class HostFilm final : public FilmMemory {
         const AddNumbers add_one{words_.data() + first, from};
         for (size_t i = 0; i < n / 2; ++i) add_one(i);
     }
-    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels, uint64_t n,
-                                           const uint64_t* counts, uint32_t threads,
+    void end_unit(const FilmView& film, uint32_t n) override {
+        const EndUnit end_one{film, n};
+        const size_t size = size_t{film.width} * film.height;
+        in_chunks(3 * size < kFew ? 1 : kAllThreads, size, [&](size_t first, size_t last) {
+            for (size_t i = first; i < last; ++i) end_one(i);
+        });
+    }
+    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels,
+                                           const SampleCount& count, uint32_t threads,
                                            ErrorSum& sum) const override {
         const uint64_t size = uint64_t{channels} * film.width * film.height;
         auto out = picture_memory(2 * size, 0);
-        const ResolveChannels resolve_one{film,   channels,       n,
-                                          counts, out->numbers(), out->numbers() + size};
+        const ResolveChannels resolve_one{film, channels, count, out->numbers(),
+                                          out->numbers() + size};
         std::mutex mutex;
         in_chunks(size < kFew ? 1 : threads, size, [&](size_t first, size_t last) {
             ErrorSum part{};
@@ -180,14 +187,22 @@ namespace {
 
 bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s,
                   std::vector<LedgerRows>& ledgers, RenderStats& stats, const Poll& poll) {
-    const uint32_t tile = s.batch ? std::min(s.batch, kTilePaths) : kTilePaths;
+    const bool by_units = job.squares == Squares::kOfUnits;
+    const uint32_t least = by_units ? kGroupSamples : 1;
+    const uint32_t tile = s.batch ? std::clamp(s.batch, least, kTilePaths) : kTilePaths;
     const uint64_t pixels = job.pixels();
     // Listed pixels come in runs side by side.
     std::vector<std::pair<uint32_t, uint32_t>> runs;
-    // A tile holds as many samples of a pixel as it can once its pixels run out, 64 before.
-    const uint32_t samples = static_cast<uint32_t>(std::min<uint64_t>(
+    // A tile holds as many samples of a pixel as it can once its pixels run out, 64 before; whole
+    // units.
+    uint32_t samples = static_cast<uint32_t>(std::min<uint64_t>(
         {job.samples, tile, std::max<uint64_t>(64, tile / std::min<uint64_t>(pixels, tile))}));
     const uint32_t width = std::max(1u, tile / samples);
+    uint32_t ahead = 0;  // samples that the first run lacks, so that the others begin with a unit
+    if (by_units && samples < job.samples) {
+        samples -= samples % kGroupSamples;
+        ahead = job.sample_begin % samples;
+    }
     for (uint32_t i = 0; i < job.listed_count; ++i) {
         const uint32_t pixel = job.listed[i];
         const bool next = !runs.empty() && runs.back().first + runs.back().second == pixel &&
@@ -198,7 +213,7 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
             runs.push_back({pixel, 1});
     }
     const uint64_t pixel_runs = job.listed ? runs.size() : (pixels + width - 1) / width;
-    const uint64_t sample_runs = (job.samples + samples - 1) / samples;
+    const uint64_t sample_runs = (uint64_t{ahead} + job.samples + samples - 1) / samples;
     std::vector<std::unique_ptr<Tile>> tiles(stats.threads);
     const CpuVariant& variant = cpu_variant(kIntegrator, choose_variant(view, s));
     ++stats.launches;
@@ -209,7 +224,8 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
                     variant.path, static_cast<uint32_t>(std::min<uint64_t>(width, pixels)),
                     samples);
             const uint64_t run = unit % pixel_runs;
-            const uint32_t k = static_cast<uint32_t>(unit / pixel_runs) * samples;
+            const uint64_t end = (unit / pixel_runs + 1) * samples - ahead;
+            const uint32_t k = end > samples ? static_cast<uint32_t>(end - samples) : 0;
             const auto [first, count] =
                 job.listed
                     ? runs[run]
@@ -217,7 +233,8 @@ bool render_tiles(const SceneView& view, const Job& job, const RenderSettings& s
                           static_cast<uint32_t>(run * width),
                           static_cast<uint32_t>(std::min<uint64_t>(width, pixels - run * width)));
             variant.tile(*tiles[worker], view, job, first, count, k,
-                         std::min(samples, job.samples - k), ledgers[worker]);
+                         static_cast<uint32_t>(std::min<uint64_t>(end, job.samples)) - k,
+                         ledgers[worker]);
         });
 }
 
@@ -253,7 +270,28 @@ class CpuRunner final : public Runner {
                          render_wavefront)(scene_, job, s_, counted ? ledgers_ : no_ledgers,
                                            counted ? stats_ : no_stats, poll);
     }
+    uint64_t* units(uint64_t pixels) override {
+        if (units_.empty()) try {
+                units_.resize(pixels * kUnitWords);
+            } catch (const std::bad_alloc&) {
+                throw OutOfMemoryError("sums of samples: needs " +
+                                       std::to_string(pixels * kUnitWords * sizeof(uint64_t)) +
+                                       " bytes");
+            }
+        return units_.data();
+    }
+    bool adds_units() const override {
+        return find_scheduler(s_.scheduler)->method == Method::kFused;
+    }
     bool add_shared(const Job& job, const Poll& poll) override;
+    void end_units(const Job& job, uint32_t n) override {
+        constexpr uint64_t kFew = 1 << 16;
+        in_chunks(job.pixels() < kFew ? 1 : stats_.threads, job.pixels(),
+                  [&](size_t first, size_t last) {
+                      for (size_t i = first; i < last; ++i)
+                          job.end_unit_of(job.pixel(static_cast<uint32_t>(i)), n);
+                  });
+    }
     std::vector<uint64_t> ledger(uint64_t first) override {
         std::vector<uint64_t> sum;
         if (first) return sum;
@@ -270,6 +308,7 @@ class CpuRunner final : public Runner {
     RenderStats& stats_;
     std::vector<LedgerRows> ledgers_;
     Large<float> shared_;
+    Large<uint64_t> units_;
 };
 
 bool CpuRunner::add_shared(const Job& job, const Poll& poll) {
@@ -277,6 +316,7 @@ bool CpuRunner::add_shared(const Job& job, const Poll& poll) {
     constexpr uint64_t kRows = 4096;
     const uint64_t rows = job.shared.rows();
     const auto weigh = [&](uint32_t, uint64_t unit) {
+        if (!job.shared.reach) return;
         uint64_t row = unit * kRows;
         const uint64_t end = std::min(rows, row + kRows);
         for (; row + Simd::kWidth <= end; row += Simd::kWidth)
@@ -286,15 +326,31 @@ bool CpuRunner::add_shared(const Job& job, const Poll& poll) {
     // `count` pixels from (x, y) on, of a row.
     const auto add = [&]<class L>(uint32_t x, uint32_t y, uint32_t count) {
         PixelSum pixels[L::kWidth] = {};
-        for (uint32_t first = 0; first < job.samples; first += kLaneSamples) {
-            LaneSums<L> sums[3];
-            for (uint32_t k = first; k < std::min(first + kLaneSamples, job.samples); ++k) {
-                const auto sample = shared_sample<L>(filter, job.shared, x, y, k);
-                for (uint32_t c = 0; c < 3; ++c) sums[c].add_signed(sample[c]);
+        const auto at = [&](uint32_t i) { return y * job.film.width + x + i; };
+        if (job.squares == Squares::kOfSamples) {
+            for (uint32_t first = 0; first < job.samples; first += kLaneSamples) {
+                LaneSums<L> sums[3];
+                for (uint32_t k = first; k < std::min(first + kLaneSamples, job.samples); ++k) {
+                    const auto sample = shared_sample<L>(filter, job.shared, x, y, k);
+                    for (uint32_t c = 0; c < 3; ++c) sums[c].add_signed(sample[c]);
+                }
+                for (uint32_t c = 0; c < 3; ++c) sums[c].flush(pixels, c, count);
             }
-            for (uint32_t c = 0; c < 3; ++c) sums[c].flush(pixels, c, count);
+            for (uint32_t i = 0; i < count; ++i) flush(job.film, at(i), pixels[i]);
+            return;
         }
-        for (uint32_t i = 0; i < count; ++i) flush(job.film, y * job.film.width + x + i, pixels[i]);
+        for (uint32_t unit = 0; unit < job.units(); ++unit) {
+            const SampleRun run = job.samples_of_unit(unit);
+            LaneSums<L> sums[3];
+            for (uint32_t k = run.begin; k < run.end; ++k) {
+                const auto sample = shared_sample<L>(filter, job.shared, x, y, k);
+                for (uint32_t c = 0; c < 3; ++c) sums[c].template add_signed<false>(sample[c]);
+            }
+            for (uint32_t c = 0; c < 3; ++c)
+                sums[c].each_sum(count, [&](uint32_t i, Fixed128 sum) { pixels[i].sum[c] = sum; });
+            for (uint32_t i = 0; i < count; ++i)
+                job.add_unit(at(i), pixels[i], run.end - run.begin);
+        }
     };
     // Blocks that go down the film, so that rows of samples stay in the cache until all have used
     // them.
@@ -336,8 +392,8 @@ std::vector<PathVertex> trace_path(const Scene& scene, const RenderSettings& s, 
     one.sample_end = sample + 1;
     std::vector<PathVertex> out;
     for_sample_ranges(
-        one, 1, {},
-        [&](const PathSettings& settings, uint32_t low, uint32_t, uint32_t, const Poll&) {
+        one, 1, 1, {},
+        [&](const PathSettings& settings, uint32_t low, SamplePart, uint32_t, const Poll&) {
             cpu_waves(kIntegrator, kVariantCount - 1).trace(host, settings, x, y, low, out);
         });
     return out;

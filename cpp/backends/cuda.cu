@@ -73,19 +73,33 @@ __global__ void weigh_kernel(const FilterView filter, const SharedSamples sample
     if (row < rows) weigh_sample<Scalar>(filter, samples, row);
 }
 
-// Threads by pixel, blocks in y by run of samples.
+// Threads by pixel, blocks in y by units or runs of samples.
 constexpr uint32_t kSharedRun = 16, kSharedBlock = 128;
 __global__ void __launch_bounds__(kSharedBlock)
-    shared_kernel(const FilterView filter, const __grid_constant__ Job job) {
+    shared_kernel(const FilterView filter, const __grid_constant__ Job job, uint32_t runs) {
     const uint64_t place = blockIdx.x * static_cast<uint64_t>(blockDim.x) + threadIdx.x;
     if (place >= job.pixels()) return;
     const uint32_t pixel = job.pixel(static_cast<uint32_t>(place));
     const uint32_t x = pixel % job.film.width, y = pixel / job.film.width;
-    PixelSum sum{};
-    const uint32_t first = blockIdx.y * kSharedRun;
-    for (uint32_t k = first; k < job.samples && k < first + kSharedRun; ++k)
-        add_sample(sum, shared_sample<Scalar>(filter, job.shared, x, y, k));
-    flush(job.film, pixel, sum);
+    const bool alone = job.squares == Squares::kOfSamples;
+    for (uint32_t r = blockIdx.y; r < runs; r += gridDim.y) {
+        PixelSum sum{};
+        const SampleRun run =
+            job.squares == Squares::kOfUnits
+                ? job.samples_of_unit(r)
+                : SampleRun{r * kSharedRun, min((r + 1) * kSharedRun, job.samples)};
+        for (uint32_t k = run.begin; k < run.end; ++k)
+            add_sample(sum, shared_sample<Scalar>(filter, job.shared, x, y, k), alone);
+        if (alone)
+            flush(job.film, pixel, sum);
+        else
+            job.add_unit(pixel, sum, run.end - run.begin);
+    }
+}
+
+__global__ void end_units_kernel(const __grid_constant__ Job job, uint32_t n) {
+    const uint64_t place = blockIdx.x * static_cast<uint64_t>(blockDim.x) + threadIdx.x;
+    if (place < job.pixels()) job.end_unit_of(job.pixel(static_cast<uint32_t>(place)), n);
 }
 
 class CudaRunner final : public Runner {
@@ -137,13 +151,34 @@ class CudaRunner final : public Runner {
         Job there = job;
         there.listed = listed.get();
         const uint64_t rows = job.shared.rows();
-        weigh_kernel<<<blocks_for(rows, 256), 256, 0, work_.s>>>(view_.filter, job.shared, rows);
-        const dim3 blocks(blocks_for(job.pixels(), kSharedBlock),
-                          (job.samples + kSharedRun - 1) / kSharedRun);
-        shared_kernel<<<blocks, kSharedBlock, 0, work_.s>>>(view_.filter, there);
+        if (job.shared.reach)
+            weigh_kernel<<<blocks_for(rows, 256), 256, 0, work_.s>>>(view_.filter, job.shared,
+                                                                     rows);
+        const uint32_t runs = job.squares == Squares::kOfUnits
+                                  ? job.units()
+                                  : (job.samples + kSharedRun - 1) / kSharedRun;
+        const dim3 blocks(blocks_for(job.pixels(), kSharedBlock), std::min(runs, 65535u));
+        shared_kernel<<<blocks, kSharedBlock, 0, work_.s>>>(view_.filter, there, runs);
         check(cudaGetLastError(), "shared samples");
         check(cudaStreamSynchronize(work_.s), "shared samples");
         return true;
+    }
+    uint64_t* units(uint64_t pixels) override {
+        if (!units_.get()) {
+            units_ = {pixels * kUnitWords, "sums of samples"};
+            units_.zero();
+            wait_for_default("prepare");
+        }
+        return units_.get();
+    }
+    bool adds_units() const override { return false; }
+    void end_units(const Job& job, uint32_t n) override {
+        const Scratch<uint32_t> listed = list(job);
+        Job there = job;
+        there.listed = listed.get();
+        end_units_kernel<<<blocks_for(job.pixels(), 256), 256, 0, work_.s>>>(there, n);
+        check(cudaGetLastError(), "units");
+        check(cudaStreamSynchronize(work_.s), "units");
     }
     // Rows beyond the last path's end stay on the device.
     std::vector<uint64_t> ledger(uint64_t first) override {
@@ -174,6 +209,7 @@ class CudaRunner final : public Runner {
     Scratch<uint64_t> ledger_, no_ledger_;
     Scratch<FaultLog> faults_;
     Scratch<float> shared_;
+    Scratch<uint64_t> units_;
 };
 
 }  // namespace

@@ -132,21 +132,27 @@ class DeviceFilm final : public FilmMemory {
         use_device(device_);
         add_words(first, Scratch<uint64_t>(from, n, "film").get(), n);
     }
-    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels, uint64_t n,
-                                           const uint64_t* counts, uint32_t,
+    void end_unit(const FilmView& film, uint32_t n) override {
+        use_device(device_);
+        each_of(static_cast<uint64_t>(film.width) * film.height, EndUnit{film, n}, "units");
+        wait_for_default("units");
+    }
+    std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels,
+                                           const SampleCount& count, uint32_t,
                                            ErrorSum& sum) const override {
         const uint64_t pixels = static_cast<uint64_t>(film.width) * film.height,
                        size = pixels * channels;
         auto out = std::make_unique<DevicePicture>(2 * size + sizeof sum / sizeof(float), device_);
         float* numbers = out->numbers();
-        const Scratch<uint64_t> by_pixel(counts, counts ? pixels : 0, "picture");
+        const Scratch<uint64_t> by_pixel(count.by_pixel, count.by_pixel ? pixels : 0, "picture");
+        SampleCount there_counted = count;
+        there_counted.by_pixel = by_pixel.get();
         // of 8 bytes a channel, so it is aligned
         auto* there = reinterpret_cast<ErrorSum*>(numbers + 2 * size);
         check(cudaMemsetAsync(there, 0, sizeof sum), "resolve film");
         resolve_kernel<<<std::min(blocks_for(size, kResolveBlock), kResolveBlocks),
                          kResolveBlock>>>(
-            ResolveChannels{film, channels, n, by_pixel.get(), numbers, numbers + size}, size,
-            there);
+            ResolveChannels{film, channels, there_counted, numbers, numbers + size}, size, there);
         check_launch("resolve film");
         check(cudaMemcpy(&sum, there, sizeof sum, cudaMemcpyDeviceToHost), "resolve film");
         return out;

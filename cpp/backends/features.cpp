@@ -83,15 +83,16 @@ RenderStats render_features(const Scene& scene, Film& film, const FeatureSetting
     RenderStats stats;
     const auto start = std::chrono::steady_clock::now();
     bool complete = true;
-    for_sample_ranges(s, job.pixels, poll,
-                      [&](const PathSettings& settings, uint32_t begin, uint32_t count,
-                          uint32_t upper, const Poll& part) {
+    for_sample_ranges(s, job.pixels, ~0ull, poll,
+                      [&](const PathSettings& settings, uint32_t begin, SamplePart part,
+                          uint32_t upper, const Poll& poll_part) {
                           if (!complete) return;
                           FaultLog faults{};
                           job.settings = settings, job.faults = &faults;
-                          job.sample_begin = begin, job.samples = count;
-                          job.centres = job.primitive.words && !begin && !upper && count;
-                          complete = run_features(scene, job, maps, s, stats, part);
+                          job.sample_begin = begin;
+                          job.samples = static_cast<uint32_t>(part.samples);
+                          job.centres = job.primitive.words && !begin && !upper && job.samples;
+                          complete = run_features(scene, job, maps, s, stats, poll_part);
                           add_faults(stats, faults, settings, film.width(), upper);
                       });
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");

@@ -69,11 +69,10 @@ void Film::Impl::check_scale(size_t plane, float scale) const {
                : "the film holds samples of a scene of another brightness");
 }
 
-uint64_t Film::Impl::with_more(uint64_t n) const {
+void Film::Impl::with_more(uint64_t n) const {
     if (n > ~0ull - samples)
         fail(std::to_string(n) + " samples more than the film's " + std::to_string(samples) +
              "; allowed: 2^64 - 1 in all");
-    return samples + n;
 }
 
 Film::Film(uint32_t width, uint32_t height, int device, const std::vector<PlaneInfo>& more)
@@ -94,12 +93,13 @@ Film::~Film() = default;
 uint32_t Film::width() const { return impl->width; }
 uint32_t Film::height() const { return impl->height; }
 uint64_t Film::samples() const { return impl->samples; }
+uint64_t Film::units() const { return impl->units; }
 size_t Film::memory() const { return impl->first.back() * sizeof(uint64_t); }
 const std::vector<PlaneInfo>& Film::planes() const { return impl->planes; }
 float Film::scale(size_t plane) const { return impl->scales[plane]; }
 void Film::clear() {
     impl->memory->clear();
-    impl->samples = 0;
+    impl->samples = impl->units = 0;
     std::fill(impl->scales.begin(), impl->scales.end(), 0.f);
 }
 
@@ -107,18 +107,22 @@ void Film::add(const Film& other) {
     if (other.width() != width() || other.height() != height())
         fail("films of different sizes cannot be added");
     if (other.planes() != planes()) fail("films of different planes cannot be added");
-    const uint64_t samples = impl->with_more(other.samples());
+    impl->with_more(other.samples());
     for (size_t i = 0; i < planes().size(); ++i) impl->check_scale(i, other.scale(i));
     impl->memory->add(*other.impl->memory);
     for (size_t i = 0; i < planes().size(); ++i) impl->match_scale(i, other.scale(i));
-    impl->samples = samples;
+    impl->samples += other.samples();
+    impl->units += other.units();
 }
 
-void Film::add(uint64_t samples, const std::vector<PlaneState>& state) {
+void Film::add(uint64_t samples, uint64_t units, const std::vector<PlaneState>& state) {
     if (state.size() != planes().size())
         fail("a state of " + std::to_string(state.size()) + " planes, the film has " +
              std::to_string(planes().size()));
-    const uint64_t all = impl->with_more(samples);
+    impl->with_more(samples);
+    if (units > samples)
+        fail("units = " + std::to_string(units) + " of " + std::to_string(samples) +
+             " samples; allowed: as many at most");
     const auto size = [&](size_t i) { return impl->first[i + 1] - impl->first[i]; };
     for (size_t i = 0; i < state.size(); ++i) {
         const PlaneInfo& p = planes()[i];
@@ -138,7 +142,16 @@ void Film::add(uint64_t samples, const std::vector<PlaneState>& state) {
         impl->memory->add(impl->first[i], size(i), state[i].words);
         impl->match_scale(i, state[i].scale);
     }
-    impl->samples = all;
+    impl->samples += samples;
+    impl->units += units;
+}
+
+void Film::end_unit(uint32_t n) {
+    if (n < 1 || n > kGroupSamples)
+        fail("a unit of " + std::to_string(n) + " samples; allowed: 1 to " +
+             std::to_string(kGroupSamples));
+    impl->memory->end_unit(impl->view(), n);
+    impl->units = samples() ? 1 : 0;
 }
 
 void Film::sums(double* out) const {
@@ -158,7 +171,8 @@ void Film::words(size_t plane, uint64_t* out) const {
     impl->memory->read(impl->first[plane], impl->first[plane + 1] - impl->first[plane], out);
 }
 
-Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane)
+Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane,
+                 bool units)
     : impl(std::make_unique<Impl>()) {
     if (plane >= film.planes().size())
         fail("plane " + std::to_string(plane) + " of a film of " +
@@ -172,8 +186,8 @@ Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, siz
     impl->width = film.width(), impl->height = film.height(), impl->device = film.impl->device;
     impl->channels = info.channels, impl->integers = false;
     ErrorSum sum{};
-    impl->memory =
-        film.impl->memory->resolve(view, info.channels, film.samples(), counts, threads, sum);
+    const SampleCount count{film.samples(), plane ? film.samples() : film.units(), counts, units};
+    impl->memory = film.impl->memory->resolve(view, info.channels, count, threads, sum);
     impl->mean_error = sum.not_finite
                            ? std::numeric_limits<double>::quiet_NaN()
                            : to_double(sum.sum, kSumScale) / static_cast<double>(impl->size()) /

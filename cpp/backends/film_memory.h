@@ -36,6 +36,19 @@ std::unique_ptr<PictureMemory> picture_memory(size_t n, int device);
 
 struct PutFeature;
 
+// The samples of pixels, and their units.
+struct SampleCount {
+    uint64_t samples, units;
+    const uint64_t* by_pixel;  // or null: all have the same number
+    bool groups;               // those by pixel are in units of kGroupSamples, not alone
+
+    VR_HD uint64_t of(uint64_t pixel, uint64_t& of_units) const {
+        const uint64_t n = by_pixel ? by_pixel[pixel] : samples;
+        of_units = !by_pixel ? units : groups && n ? unit_count(0, n) : n;
+        return n;
+    }
+};
+
 // The words of a film.
 class FilmMemory {
    public:
@@ -47,11 +60,13 @@ class FilmMemory {
     // host's from `first` on.
     virtual void add(const FilmMemory& other) = 0;
     virtual void add(size_t first, size_t n, const uint64_t* from) = 0;
-    // See Picture; n: samples() of the film. Its radiance, or another plane with squares of some
-    // channels, which has the film's layout.
+    // See Picture. The film's radiance, or another plane with squares of some channels, which has
+    // the film's layout.
     virtual std::unique_ptr<PictureMemory> resolve(const FilmView& film, uint32_t channels,
-                                                   uint64_t n, const uint64_t* counts,
-                                                   uint32_t threads, ErrorSum& sum) const = 0;
+                                                   const SampleCount& count, uint32_t threads,
+                                                   ErrorSum& sum) const = 0;
+    // Makes the sums of the radiance those of one unit of n samples.
+    virtual void end_unit(const FilmView& film, uint32_t n) = 0;
     // Makes what is asked for of each of the first pixels.
     virtual void put(const std::vector<PutFeature>& parts, uint64_t pixels,
                      uint32_t threads) const = 0;
@@ -70,15 +85,27 @@ struct AddNumbers {
         a[2 * i + 1] = x.hi;
     }
 };
+struct EndUnit {
+    FilmView film;
+    uint32_t n;
+    VR_HD void operator()(uint64_t i) const {
+        uint64_t* w = film.words + i * kFilmWords;
+        PixelSum p{};
+        for (uint32_t c = 0; c < 3; ++c) p.sum[c] = {w[4 * c], w[4 * c + 1]};
+        veriray::end_unit(p, n);
+        for (uint32_t c = 0; c < 3; ++c)
+            w[4 * c + 2] = p.square[c].lo, w[4 * c + 3] = p.square[c].hi;
+    }
+};
 struct ResolveChannels {
     FilmView film;
     uint32_t channels;
-    uint64_t n;
-    const uint64_t* counts;
+    SampleCount count;
     float *mean, *error;
     VR_HD void operator()(uint64_t i, ErrorSum& sum) const {
-        resolve(film.words + 4 * i, 0, film.scale, counts ? counts[i / channels] : n, mean[i],
-                error[i]);
+        uint64_t units;
+        const uint64_t n = count.of(i / channels, units);
+        resolve(film.words + 4 * i, 0, film.scale, n, units, mean[i], error[i]);
         const uint32_t bits = bit_cast<uint32_t>(error[i] * film.scale);
         if (bits == 0) return;
         const uint32_t exponent = bits >> 23;
@@ -115,7 +142,7 @@ struct PutFeature {
             for (uint32_t c = 0; c < channels; ++c) {
                 const uint64_t i = pixel * channels + c;
                 float m, e;
-                resolve(words + 4 * i, 0, scale, n, m, e);
+                resolve(words + 4 * i, 0, scale, n, n, m, e);
                 m *= unit;
                 if (point) m = static_cast<float>(static_cast<double>(m) + origin[c]);
                 mean[i] = n ? m : nothing;
@@ -132,7 +159,7 @@ struct Film::Impl {
     std::vector<float> scales;  // by plane
     std::vector<size_t> first;  // word by plane, and their number
     std::unique_ptr<FilmMemory> memory;
-    uint64_t samples = 0;
+    uint64_t samples = 0, units = 0;
 
     FilmView view() const { return {memory->words(), width, height, scales[0]}; }
     // The plane of that name, to which samples of a scale are added; of integers: 0.
@@ -143,8 +170,8 @@ struct Film::Impl {
         check_scale(plane, scale);
         if (scale != 0) scales[plane] = scale;
     }
-    // `samples` once there are n more; throws where there is no such number.
-    uint64_t with_more(uint64_t n) const;
+    // Throws where there is no number for `samples` with so many more.
+    void with_more(uint64_t n) const;
 };
 
 struct Picture::Impl {

@@ -35,7 +35,8 @@ __device__ __forceinline__ void trace_fused(const SceneView& scene, const Job& j
     __syncthreads();
     const auto take = [&](bool asks) { return take_items(stock, control, items.count, asks); };
     const auto add = [&](bool ended, const Spectrum<float>& sample) {
-        add_together(sums + warp * 32, ended_samples + warp * 32, ended, sample);
+        if (!job.shared.numbers)
+            add_together(sums + warp * 32, ended_samples + warp * 32, ended, sample);
     };
     const auto record = [&](uint32_t depth, uint32_t column) {
         counts.record(ledger, depth, column);
@@ -53,7 +54,7 @@ __device__ __forceinline__ void trace_fused(const SceneView& scene, const Job& j
     else
         run_flat([&](bool asks) { return asks ? take_item(control, items.count) : items.count; },
                  [&](bool ended, const Spectrum<float>& sample) {
-                     if (ended) add_sample(sum, sample);
+                     if (ended && !job.shared.numbers) add_sample(sum, sample);
                  });
     __syncthreads();
     counts.add_to(ledger);

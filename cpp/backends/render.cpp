@@ -130,26 +130,32 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
     uint64_t all = 0;
     for (const Sampled& part : parts) all += part.pixels(film);
     const uint64_t of_all = s.pixels.empty() ? samples : 0;
+    const uint64_t units = s.units && of_all ? unit_count(s.sample_begin, s.sample_end) : of_all;
     film.impl->with_more(of_all);
     RenderStats stats;
     stats.features = kVariants[choose_variant(sampled_view(host.view), s)];
     const std::unique_ptr<Runner> runner = make_runner(scene, film, s, stats);
     film.impl->match_scale(0, host.view.emission_scale);
-    SharedSamples shared{nullptr,     film.width() + 2 * rim, film.height() + 2 * rim, 1,
-                         2 * rim + 1, host.view.filter.room};
+    SharedSamples shared{nullptr, film.width() + 2 * rim, film.height() + 2 * rim,
+                         1,       rim ? 2 * rim + 1 : 0,  rim ? host.view.filter.room : 1.f};
+    const bool shares = rim || (s.units && !runner->adds_units());
     const uint64_t at_once =
-        rim ? std::max<uint64_t>(1, runner->shared_at_once(shared.columns() * shared.rows()))
-            : ~0ull;
+        shares ? std::max<uint64_t>(1, runner->shared_at_once(shared.columns() * shared.rows()))
+               : ~0ull;
     const auto start = std::chrono::steady_clock::now();
     bool complete = true;
     // One job of each part.
-    const auto run_parts = [&](PathSettings settings, uint32_t begin, uint32_t count,
+    const auto run_parts = [&](const PathSettings& settings, uint32_t begin, SamplePart now,
                                uint32_t upper, const Poll& poll_part) {
+        if (!complete) return;
         Job job{};
         job.film = film.impl->view();
-        job.sample_begin = begin, job.samples = count;
-        if (rim) {
-            shared.samples = count;
+        job.sample_begin = begin, job.samples = static_cast<uint32_t>(now.samples);
+        job.squares = now.squares;
+        if (now.squares == Squares::kLater)
+            job.unit = runner->units(uint64_t{film.width()} * film.height());
+        if (shares) {
+            shared.samples = job.samples;
             shared.numbers = runner->share(shared.columns() * shared.rows());
             job.shared = shared;
         }
@@ -170,25 +176,15 @@ RenderStats render(const Scene& scene, Film& film, const RenderSettings& s, cons
         }
         job.listed = s.pixels.empty() ? nullptr : s.pixels.data();
         job.listed_count = static_cast<uint32_t>(s.pixels.size());
-        complete =
-            complete && (!rim || runner->add_shared(job, [&](double) { return poll_part(done); }));
+        complete = complete &&
+                   (!shares || runner->add_shared(job, [&](double) { return poll_part(done); }));
+        if (complete && now.ends) runner->end_units(job, now.ends);
     };
-    for_sample_ranges(s, pixels, poll,
-                      [&](const PathSettings& settings, uint32_t begin, uint32_t count,
-                          uint32_t upper, const Poll& poll_range) {
-                          for (uint64_t done = 0; complete && done < count; done += at_once) {
-                              const uint64_t now = std::min(at_once, count - done);
-                              run_parts(settings, static_cast<uint32_t>(begin + done),
-                                        static_cast<uint32_t>(now), upper, [&](double share) {
-                                            return poll_range((static_cast<double>(done) +
-                                                               share * static_cast<double>(now)) /
-                                                              count);
-                                        });
-                          }
-                      });
+    for_sample_ranges(s, pixels, at_once, poll, run_parts);
     if (!complete) throw std::runtime_error("the render was stopped; its film is incomplete");
     stats.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     film.impl->samples += of_all;
+    film.impl->units += units;
     for (uint64_t live = samples * pixels; live;) {
         const std::vector<uint64_t> rows = runner->ledger(stats.ledger.size() / kLedgerColumns);
         if (rows.empty()) break;

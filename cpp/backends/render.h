@@ -35,6 +35,13 @@ class Runner {
     // Adds what a job's film makes of the samples that it shares; its listed pixels, or all.
     // Returns false if poll stopped it; on a GPU it takes milliseconds, and does not poll.
     virtual bool add_shared(const Job& job, const Poll& poll) = 0;
+    // Whether its schedulers add units to the film where no filter shares samples; else they are
+    // handed on as shared ones.
+    virtual bool adds_units() const = 0;
+    // Room for the sums of units of all pixels that are cut by jobs; 0 when it is made.
+    virtual uint64_t* units(uint64_t pixels) = 0;
+    // The units of the job's pixels are complete; n: their samples.
+    virtual void end_units(const Job& job, uint32_t n) = 0;
     // Rows of the ledger, all jobs' sums, from `first` on, some at a time; none after the last.
     virtual std::vector<uint64_t> ledger(uint64_t first) = 0;
 };

@@ -48,6 +48,7 @@ VR_HD M8 operator>(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GT_OQ)}; }
 VR_HD M8 operator>=(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GE_OQ)}; }
 VR_HD M8 operator==(F8 a, F8 b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_EQ_OQ)}; }
 VR_HD U8 operator+(U8 a, U8 b) { return _mm256_add_epi32(a.v, b.v); }
+VR_HD U8 operator-(U8 a, U8 b) { return {_mm256_sub_epi32(a.v, b.v)}; }
 VR_HD U8 operator*(U8 a, U8 b) { return _mm256_mullo_epi32(a.v, b.v); }
 VR_HD U8 operator&(U8 a, U8 b) { return _mm256_and_si256(a.v, b.v); }
 VR_HD U8 operator|(U8 a, U8 b) { return _mm256_or_si256(a.v, b.v); }

@@ -52,6 +52,7 @@ VR_HD M16 operator>(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GT
 VR_HD M16 operator>=(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GE_OQ)}; }
 VR_HD M16 operator==(F16 a, F16 b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_EQ_OQ)}; }
 VR_HD U16 operator+(U16 a, U16 b) { return _mm512_add_epi32(a.v, b.v); }
+VR_HD U16 operator-(U16 a, U16 b) { return {_mm512_sub_epi32(a.v, b.v)}; }
 VR_HD U16 operator*(U16 a, U16 b) { return _mm512_mullo_epi32(a.v, b.v); }
 VR_HD U16 operator&(U16 a, U16 b) { return _mm512_and_si512(a.v, b.v); }
 VR_HD U16 operator|(U16 a, U16 b) { return _mm512_or_si512(a.v, b.v); }

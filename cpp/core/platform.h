@@ -199,6 +199,22 @@ VR_HD double ieee_sqrt(double a) {
 #endif
 }
 
+// The upper word of a product, and the number of zeros above the first one, for a > 0.
+VR_HD uint64_t upper_product(uint64_t a, uint64_t b) {
+#if VR_DEVICE_CODE
+    return __umul64hi(a, b);
+#else
+    return static_cast<uint64_t>(static_cast<unsigned __int128>(a) * b >> 64);
+#endif
+}
+VR_HD int leading_zeros(uint64_t a) {
+#if VR_DEVICE_CODE
+    return __clzll(static_cast<long long>(a));
+#else
+    return __builtin_clzll(a);
+#endif
+}
+
 VR_HD uint32_t reverse_bits(uint32_t a) {
 #if VR_DEVICE_CODE
     return __brev(a);

@@ -61,17 +61,21 @@ VR_HD uint32_t dimension_block(uint32_t segment, Dimension d, uint32_t subpath =
 // Vertices from the seventh on take independent numbers: they cause little of a picture's noise.
 inline constexpr uint32_t kSobolBlocks = 6 * kBlocksPerSegment + 1;
 
-// Four words: independent, or two pairs of a Sobol sequence. Unused words cost nothing.
+// Four independent words; of Sobol's, their leading digits are those of groups of samples. Unused
+// words cost nothing.
 template <class U>
 VR_HD Block<U> random_block(RandomKey key, U pixel, U sample, uint32_t block) {
-    const bool alone = key.sampler == Sampler::kIndependent || block >= kSobolBlocks;
-    const U all(~0u);
-    Block<U> r = hash(Block<U>{pixel + U(key.k0), alone ? sample : all, U(block), U(key.k1)});
-    if (alone) return r;
-    const Block<U> seed = r;
-    sobol_pair(sample, seed.x, seed.z, seed.w, r.x, r.y);
-    sobol_pair(sample, seed.y, seed.z, seed.w, r.z, r.w);
-    return r;
+    const U first = pixel + U(key.k0);
+    Block<U> r = hash(Block<U>{first, sample, U(block), U(key.k1)});
+    if (key.sampler == Sampler::kIndependent || block >= kSobolBlocks) return r;
+    const Block<U> g = hash(Block<U>{first, sample >> kGroupDigits, U(block), U(~key.k1)});
+    const U digits = group_digits(g.x, g.y, sample);
+    const auto lead = [&](U word, U at_top) {
+        constexpr uint32_t kTop = ~0u << (32 - kGroupDigits);
+        return (word & U(~kTop)) | (at_top & U(kTop));
+    };
+    return {lead(r.x, digits << 28), lead(r.y, digits << 20), lead(r.z, digits << 12),
+            lead(r.w, digits << 4)};
 }
 
 // An unbounded run of blocks, for what takes a number of steps that is not known beforehand.

@@ -1,45 +1,37 @@
-// Padded Owen-scrambled Sobol points: every pair of dimensions is its own (0,2)-sequence in base 2,
-// in a shuffled order, so pairs are independent of each other. Any 2^m samples that start at a
-// multiple of 2^m have one point in each of the 2^m cells of every dyadic partition of the square.
+// Leading digits of four numbers in [0, 1) over a group of 16 samples: two pairs, each the first 16
+// points of Sobol's sequence, shifted and in an order of its own. So a pair has one sample of a
+// group in each of the 16 cells of every dyadic partition of the square; the aligned runs of 2, 4
+// and 8 samples likewise.
 //
-// B. Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; A. Owen, "Scrambled Net
-// Variance for Integrals of Smooth Functions", 1997.
+// The order is by a random linear map over bits that is triangular, as A. Owen's scrambling is
+// nested ("Randomly Permuted (t,m,s)-Nets", 1995), with the same joint laws of two samples; the
+// shift is a digital one. J. Matousek, "On the L2-Discrepancy for Anchored Boxes", 1998, section 6.
 #pragma once
 
 #include "core/lane.h"
 
 namespace veriray {
 
-// A bijection in which each bit depends only on the seed and on lower bits: Owen's scrambling of
-// words with reversed bits. S. Laine, T. Karras, "Stratified Sampling for Stochastic Transparency",
-// 2011; the constants are N. Vegdahl's (2021).
-template <class U>
-VR_HD U scramble_reversed(U x, U seed) {
-    x = x ^ x * U(0x3d20adeau);
-    x = x + seed;
-    x = x * ((seed >> 16) | U(1u));
-    x = x ^ x * U(0x05526c56u);
-    return x ^ x * U(0x53a22864u);
-}
+// The samples of a group, and the binary digits of each number that it settles.
+inline constexpr uint32_t kGroupSamples = 16, kGroupDigits = 4;
 
-// The second dimension from the index, with bits reversed: its generator is the Pascal matrix
-// modulo 2, which maps the polynomial i(x) to i(x + 1).
+// order, shift: random words, the same for all samples of a group. Byte k of the result, in its
+// lower half, has the digits of number k, the first one highest.
 template <class U>
-VR_HD U second_dimension_reversed(U i) {
-    i = i ^ (i >> 16);
-    i = i ^ ((i & U(0xff00ff00u)) >> 8);
-    i = i ^ ((i & U(0xf0f0f0f0u)) >> 4);
-    i = i ^ ((i & U(0xccccccccu)) >> 2);
-    return i ^ ((i & U(0xaaaaaaaau)) >> 1);
-}
-
-// The pair (x, y) of a sample in units of 2^-32. Pairs may share seed_x and seed_y: different
-// orders suffice to make them independent.
-template <class U>
-VR_HD void sobol_pair(U sample, U seed_order, U seed_x, U seed_y, U& x, U& y) {
-    const U i = reverse_bits(scramble_reversed(reverse_bits(sample), seed_order));
-    x = reverse_bits(scramble_reversed(i, seed_x));
-    y = reverse_bits(scramble_reversed(second_dimension_reversed(i), seed_y));
+VR_HD U group_digits(U order, U shift, U sample) {
+    const auto all_if = [](U bit) { return U(0u) - (bit & U(1u)); };
+    // The place in each pair's sequence, with bits reversed, in bytes 0 and 2: bits of the sample
+    // from the last to the first, each of which changes those before it at random.
+    U x = order & U(0x000f000fu);
+    x = x ^ (all_if(sample) & U(0x00080008u));
+    x = x ^ (all_if(sample >> 1) & (U(0x00040004u) | (order >> 12 & U(0x00080008u))));
+    x = x ^ (all_if(sample >> 2) & (U(0x00020002u) | (order >> 8 & U(0x000c000cu))));
+    x = x ^ (all_if(sample >> 3) & (U(0x00010001u) | (order >> 4 & U(0x000e000eu))));
+    // These are the first dimension's digits. The second one's generator is the Pascal matrix
+    // modulo 2, which maps the polynomial i(t) to i(t + 1).
+    U y = x ^ (x & U(0x00030003u)) << 2;
+    y = y ^ (y & U(0x00050005u)) << 1;
+    return (x | y << 8) ^ (shift & U(0x0f0f0f0fu));
 }
 
 }  // namespace veriray

@@ -1,4 +1,5 @@
-// Radiance in the film: per pixel and channel, the exact sums of the samples and of their squares.
+// Radiance in the film: per pixel and channel, the exact sums of the samples and of the squares of
+// their units' sums (film/units.h) over their numbers of samples; a unit may be one sample.
 //
 // A sample x (radiance) is added as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit
 // integers, where e is the binary exponent of the scene's largest radiance. Integer addition is
@@ -11,6 +12,7 @@
 #pragma once
 
 #include "core/fixed.h"
+#include "film/units.h"
 #include "spectrum/spectrum.h"
 
 namespace veriray {
@@ -43,35 +45,64 @@ VR_HD auto film_accepts(const Spectrum<F>& radiance, float scale) {
 }
 
 // x: a channel of a sample that the film accepts, times the filter's weight and the scale.
-VR_HD void add_sample(PixelSum& p, int channel, float x) {
+// square: it is a unit of its own.
+VR_HD void add_sample(PixelSum& p, int channel, float x, bool square = true) {
     const uint32_t bits = bit_cast<uint32_t>(x) & 0x7fffffffu;
     const uint64_t m = (bits & 0x7fffffu) | 0x800000u;  // |x| = m 2^exponent; 2^-126 counts as 0
     const int exponent = static_cast<int>(bits >> 23) - 150;
     const Fixed128 size = to_fixed(m, exponent + kSumScale);
     add(p.sum[channel], x < 0 ? negated(size) : size);
-    add(p.square[channel], to_fixed(m * m, 2 * exponent + kSquareScale));
+    if (square) add(p.square[channel], to_fixed(m * m, 2 * exponent + kSquareScale));
 }
-VR_HD void add_sample(PixelSum& p, const Spectrum<float>& x) {
-    add_sample(p, 0, x[0]);
-    add_sample(p, 1, x[1]);
-    add_sample(p, 2, x[2]);
+VR_HD void add_sample(PixelSum& p, const Spectrum<float>& x, bool square = true) {
+    add_sample(p, 0, x[0], square);
+    add_sample(p, 1, x[1], square);
+    add_sample(p, 2, x[2], square);
+}
+// Sums of a unit of n samples get their squares over n.
+static_assert(2 * kSumScale - kSquareScale == 68);
+VR_HD void end_unit(PixelSum& p, uint32_t n) {
+    for (int c = 0; c < 3; ++c) {
+        const Fixed128 square = squared(p.sum[c]);
+        p.square[c] = n == kGroupSamples
+                          ? Fixed128{square.lo >> kGroupDigits | square.hi << (64 - kGroupDigits),
+                                     square.hi >> kGroupDigits}
+                          : divided(square, n);
+    }
 }
 
-// Several threads may flush to one pixel at once. Three additions at a time return their carries;
-// six would take 8 more registers.
+// Several threads may add to one pixel at once. Three additions at a time return their carries; six
+// would take 8 more registers.
+VR_HD void add_three(uint64_t* out, uint32_t stride, const Fixed128* part) {
+    uint64_t before[3];
+    for (uint32_t k = 0; k < 3; ++k) before[k] = atomic_add(out + stride * k, part[k].lo);
+    for (uint32_t k = 0; k < 3; ++k) {
+        const uint64_t high = part[k].hi + (before[k] + part[k].lo < part[k].lo ? 1u : 0u);
+        if (high) atomic_add(out + stride * k + 1, high);
+    }
+}
 VR_HD void flush(const FilmView& film, uint32_t pixel, PixelSum& p) {
     uint64_t* w = film.words + static_cast<uint64_t>(pixel) * kFilmWords;
-    const auto add = [](uint64_t* out, const Fixed128* part) {
-        uint64_t before[3];
-        for (int k = 0; k < 3; ++k) before[k] = atomic_add(out + 4 * k, part[k].lo);
-        for (int k = 0; k < 3; ++k) {
-            const uint64_t high = part[k].hi + (before[k] + part[k].lo < part[k].lo ? 1u : 0u);
-            if (high) atomic_add(out + 4 * k + 1, high);
-        }
-    };
-    add(w, p.sum);
-    add(w + 2, p.square);
+    add_three(w, 4, p.sum);
+    add_three(w + 2, 4, p.square);
     p = {};
+}
+
+// Units that are not complete: their sums by pixel and channel, low word first.
+inline constexpr uint32_t kUnitWords = 6;
+VR_HD void add_to_unit(uint64_t* units, uint32_t pixel, PixelSum& p) {
+    add_three(units + static_cast<uint64_t>(pixel) * kUnitWords, 2, p.sum);
+    p = {};
+}
+// The sums of a pixel's unit, of which nothing is left.
+VR_HD PixelSum take_unit(uint64_t* units, uint32_t pixel) {
+    uint64_t* w = units + static_cast<uint64_t>(pixel) * kUnitWords;
+    PixelSum p{};
+    for (uint32_t c = 0; c < 3; ++c) {
+        p.sum[c] = {w[2 * c], w[2 * c + 1]};
+        w[2 * c] = w[2 * c + 1] = 0;
+    }
+    return p;
 }
 
 VR_HD double film_sum(const uint64_t* words, uint32_t channel, float scale) {
@@ -79,19 +110,22 @@ VR_HD double film_sum(const uint64_t* words, uint32_t channel, float scale) {
            static_cast<double>(scale);
 }
 
-// Mean and standard error of the mean of one channel over n samples, in radiance.
+// Mean and standard error of the mean of one channel over n samples in k independent units, in
+// radiance. Of units of n_j samples and sums S_j, with the mean m of all samples,
+//     sum_j (S_j - n_j m)^2 / n_j = sum_j S_j^2 / n_j - n m^2
+// has the mean (k - 1) v, where v is n times the variance of m.
 // The variance is a difference of two numbers. If all samples are equal, rounding (2^-52 of the
 // square) may make it negative; it is then set to 0.
-VR_HD void resolve(const uint64_t* words, uint32_t channel, float scale, uint64_t n, float& mean,
-                   float& standard_error) {
+VR_HD void resolve(const uint64_t* words, uint32_t channel, float scale, uint64_t n, uint64_t k,
+                   float& mean, float& standard_error) {
     const uint64_t* w = words + 4 * channel;
     const double count = static_cast<double>(n), unit = 1.0 / static_cast<double>(scale);
     const double m = n ? to_double({w[0], w[1]}, kSumScale) / count : 0.0;
     mean = static_cast<float>(m * unit);
     standard_error = 0;
-    if (n < 2) return;
+    if (k < 2) return;
     const double variance = to_double({w[2], w[3]}, kSquareScale) / count - m * m;
-    const double root = variance > 0 ? ieee_sqrt(variance / (count - 1.0)) : 0.0;
+    const double root = variance > 0 ? ieee_sqrt(variance / (static_cast<double>(k) - 1.0)) : 0.0;
     standard_error = static_cast<float>(root * unit);
 }
 

@@ -29,21 +29,41 @@ VR_HD D in_units(D x) {
 template <class L>
 class LaneSums {
    public:
-    // sample: a channel that the film accepts, not negative, times the scale.
+    // sample: a channel that the film accepts, not negative, times the scale. kSquare: it is a unit
+    // of its own.
+    template <bool kSquare = true>
     void add(typename L::F sample) {
         const D x = to_double(sample), high = nearest_multiple<kHigh>(x);
         part_[0] = part_[0] + high;
         part_[1] = part_[1] + in_units<kSumScale>(x - high);
-        add_square(x);
+        if constexpr (kSquare) add_square(x);
     }
     // The same for samples of either sign.
+    template <bool kSquare = true>
     void add_signed(typename L::F sample) {
         using F = typename L::F;
         const D x = to_double(abs(sample)), high = nearest_multiple<kHigh>(x);
         const D sign = to_double(select(sample < F(0.f), F(-1.f), F(1.f)));
         part_[0] = part_[0] + high * sign;
         part_[1] = part_[1] + in_units<kSumScale>(x - high) * sign;
-        add_square(x);
+        if constexpr (kSquare) add_square(x);
+    }
+
+    // Calls put(k, sum) for the first `count` lanes, and starts anew.
+    template <class Put>
+    void each_sum(uint32_t count, Put put) {
+        double part[2][L::kWidth];
+        for (uint32_t i = 0; i < 2; ++i) store(part[i], part_[i]), part_[i] = D(0.);
+        for (uint32_t k = 0; k < count; ++k) put(k, sum_of(part[0][k], part[1][k]));
+    }
+    // The sum of all lanes, of which each has added one sample; starts anew.
+    Fixed128 sum_of_lanes() {
+        double part[2][L::kWidth], sum[2] = {};
+        for (uint32_t i = 0; i < 2; ++i) {
+            store(part[i], part_[i]), part_[i] = D(0.);
+            for (double x : part[i]) sum[i] += x;
+        }
+        return sum_of(sum[0], sum[1]);
     }
 
     // Calls put(k, sum, sum of the squares) for the first `count` lanes.
@@ -52,8 +72,7 @@ class LaneSums {
         double part[5][L::kWidth];
         for (uint32_t i = 0; i < 5; ++i) store(part[i], part_[i]);
         for (uint32_t k = 0; k < count; ++k) {
-            Fixed128 sum = multiple<kHigh, kSumScale>(part[0][k]);
-            veriray::add(sum, multiple<0, 0>(part[1][k]));
+            const Fixed128 sum = sum_of(part[0][k], part[1][k]);
             Fixed128 square = multiple<kTop, kSquareScale>(part[2][k]);
             veriray::add(square, multiple<kMiddle, kSquareScale>(part[3][k]));
             veriray::add(square, multiple<0, 0>(part[4][k]));
@@ -83,6 +102,12 @@ class LaneSums {
     // A sample is below 2^20, and its first part leaves at most 2^-28. A square is below 2^40, and
     // its parts leave at most 2^-8 and 2^-56.
     static constexpr int kHigh = 27, kTop = 7, kMiddle = 55;
+
+    static Fixed128 sum_of(double high, double low) {
+        Fixed128 sum = multiple<kHigh, kSumScale>(high);
+        veriray::add(sum, multiple<0, 0>(low));
+        return sum;
+    }
 
     // A multiple of 2^-bits as fixed point.
     template <int kBits, int kScale>

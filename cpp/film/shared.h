@@ -30,7 +30,7 @@ inline constexpr float kSharedRoom = 8.f, kLanczosRoom = 32.f;
 struct SharedSamples {
     float* numbers;  // null: samples are not shared
     uint32_t width, height, samples;
-    uint32_t reach;  // pixels along an axis in which a sample counts
+    uint32_t reach;  // pixels along an axis in which a sample counts; 0: one, and colours alone
     float room;      // of the filter
 
     VR_HD uint32_t columns() const { return 3 + 2 * reach; }
@@ -66,6 +66,7 @@ VR_HD Spectrum<typename L::F> shared_sample(const FilterView& f, const SharedSam
         return Spectrum<F>::of([&](uint32_t c) { return load(s.number(c, at), F()); });
     };
     const Spectrum<F> middle = colour(row(f.rim, f.rim));
+    if (!s.reach) return middle;
     Spectrum<F> even = Spectrum<F>::all(F(0.f)), rest = even;
     F sum(0.f);
     for (uint32_t j = 0; j < s.reach; ++j)

@@ -7,6 +7,10 @@
 
 namespace veriray {
 
+struct SampleRun {
+    uint32_t begin, end;
+};
+
 struct Job {
     PathSettings settings;
     FilmView film;
@@ -16,6 +20,8 @@ struct Job {
     uint32_t listed_count;
     uint32_t width;        // of the pixels: the film's, or the settings' with a rim
     SharedSamples shared;  // takes the samples, where there is room for them, instead of the film
+    Squares squares;
+    uint64_t* unit;  // kLater: sums of the unfinished units, [pixel][channel][sum lo, hi]
 
     VR_HD uint64_t pixels() const {
         return listed ? listed_count : static_cast<uint64_t>(film.width) * film.height;
@@ -32,13 +38,35 @@ struct Job {
                                    ? at - settings.first
                                    : (at / film.width + rim) * shared.width + at % film.width + rim;
         const uint64_t row = shared.row(sample - sample_begin, place);
-        const float numbers[] = {red, green, blue, x};
-        for (uint32_t c = 0; c < 4; ++c) *shared.number(c, row) = numbers[c];
+        const float colour[] = {red, green, blue};
+        for (uint32_t c = 0; c < 3; ++c) *shared.number(c, row) = colour[c];
+        if (!shared.reach) return;
+        *shared.number(3, row) = x;
         *shared.number(3 + shared.reach, row) = y;
     }
-    // Adds the sum of a pixel's samples to the film.
+    VR_HD uint32_t units() const {
+        return static_cast<uint32_t>(unit_count(sample_begin, uint64_t{sample_begin} + samples));
+    }
+    // The samples of the job's k-th unit, from the job's first on.
+    VR_HD SampleRun samples_of_unit(uint32_t k) const {
+        const uint32_t cut = sample_begin % kGroupSamples, end = (k + 1) * kGroupSamples - cut;
+        return {k ? end - kGroupSamples : 0, end < samples ? end : samples};
+    }
+    // Adds the sums of a pixel's samples and of their squares to the film.
     VR_HD void add(uint32_t at, PixelSum& sum) const {
         if (!shared.numbers) flush(film, at, sum);
+    }
+    // Adds the sum of n samples of a pixel: those of a unit, or of a part of one.
+    VR_HD void add_unit(uint32_t at, PixelSum& sum, uint32_t n) const {
+        if (squares == Squares::kLater) return add_to_unit(unit, at, sum);
+        end_unit(sum, n);
+        flush(film, at, sum);
+    }
+    // A pixel's unit of n samples is complete.
+    VR_HD void end_unit_of(uint32_t at, uint32_t n) const {
+        PixelSum sum = take_unit(unit, at);
+        end_unit(sum, n);
+        flush(film, at, sum);
     }
 };
 
@@ -87,8 +115,8 @@ VR_HD LedgerColumn finish(const SceneView& scene, const Job& job,
         cause = kInvalid;
     }
     if (job.shared.numbers) {
-        float x, y;
-        Tracer::place_in_pixel(job.settings, path.pixel, path.sample, x, y);
+        float x = 0.f, y = 0.f;
+        if (job.shared.reach) Tracer::place_in_pixel(job.settings, path.pixel, path.sample, x, y);
         job.share(path.pixel, path.sample, sample[0], sample[1], sample[2], x, y);
         sample = Spectrum<float>::all(0.f);
     }

@@ -41,7 +41,8 @@ class Tile {
         // Sums by lanes pay from the third sample on. Their pixels come in whole vectors.
         constexpr uint32_t kLanes = Simd::kWidth;
         const bool exact_in_lanes = kLanes > 1 && samples > 2 && !Tracer::kNegativeSamples;
-        const bool by_lanes = exact_in_lanes && pixels >= kLanes;
+        const bool by_units = job.squares != Squares::kOfSamples;
+        const bool by_lanes = (exact_in_lanes || by_units) && pixels >= kLanes;
         stride_ = by_lanes ? (pixels + kLanes - 1) / kLanes * kLanes : pixels;
         first_pixel_ = pixel + job.settings.first, first_sample_ = job.sample_begin + sample;
         scale_ = job.film.scale * job.room();
@@ -60,6 +61,10 @@ class Tile {
         for (uint32_t depth = 0; live; ++depth)
             live = bounce_all<Tracer>(scene, job, live, depth, ledger, begin);
         if (job.shared.numbers) return share<Tracer>(job, pixels, samples);
+        if (by_units) {
+            add_units<Tracer::kNegativeSamples>(job, pixel, pixels, samples);
+            return;
+        }
         if (exact_in_lanes && pixels == 1)
             add_samples_of_one(samples);
         else
@@ -177,6 +182,47 @@ class Tile {
                               samples_[2][at], x[k], y[k]);
                 }
             }
+    }
+
+    // Adds units, or a part of one, to the film.
+    template <bool kNegative>
+    void add_units(const Job& job, uint32_t pixel, uint32_t pixels, uint32_t samples) {
+        constexpr uint32_t kWidth = Simd::kWidth;
+        const auto put = [](LaneSums<Simd>& sums, const float* x) {
+            if constexpr (kNegative)
+                sums.template add_signed<false>(load(x, F()));
+            else
+                sums.template add<false>(load(x, F()));
+        };
+        for (uint32_t first = 0; first < samples;) {
+            const uint32_t from = first_sample_ + first;
+            const uint32_t n =
+                std::min(static_cast<uint32_t>(unit_end(from) - from), samples - first);
+            for (uint32_t c = 0; c < 3; ++c) {
+                const float* column = samples_[c].data() + first * stride_;
+                LaneSums<Simd> sums;
+                if (stride_ % kWidth == 0) {
+                    for (uint32_t k = 0; k < pixels; k += kWidth) {
+                        for (uint32_t s = 0; s < n; ++s) put(sums, column + s * stride_ + k);
+                        sums.each_sum(std::min(pixels - k, kWidth), [&](uint32_t i, Fixed128 sum) {
+                            add(sums_[k + i].sum[c], sum);
+                        });
+                    }
+                    continue;
+                }
+                // Of one pixel each lane takes every kWidth-th sample.
+                const uint32_t whole = pixels == 1 ? n - n % kWidth : 0;
+                for (uint32_t s = 0; s < whole; s += kWidth) {
+                    put(sums, column + s);
+                    add(sums_[0].sum[c], sums.sum_of_lanes());
+                }
+                for (uint32_t s = whole; s < n; ++s)
+                    for (uint32_t k = 0; k < pixels; ++k)
+                        add_sample(sums_[k], static_cast<int>(c), column[s * stride_ + k], false);
+            }
+            for (uint32_t k = 0; k < pixels; ++k) job.add_unit(pixel + k, sums_[k], n);
+            first += n;
+        }
     }
 
     // Adds the samples to the only pixel; each lane sums every kWidth-th of them.

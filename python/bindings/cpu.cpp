@@ -30,7 +30,7 @@ void bind_cpu(py::module_& m) {
     bind_renderer(m);
     bind_testing(m);
     m.def("trace_path", &trace_list, "scene"_a, py::kw_only(), "seed"_a = 0, "x"_a = 0, "y"_a = 0,
-          "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent");
+          "sample"_a = 0, "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "sobol");
 }
 
 }  // namespace

@@ -284,11 +284,12 @@ py::dict state_of(const Film& film) {
                                "channels"_a = p.channels, "negative"_a = p.negative,
                                "scale"_a = film.scale(i), "words"_a = words_of(film, i)));
     }
-    return py::dict("samples"_a = film.samples(), "planes"_a = planes);
+    return py::dict("samples"_a = film.samples(), "units"_a = film.units(), "planes"_a = planes);
 }
 
 void add_state(Film& film, const py::dict& state) {
     const auto samples = value_of<uint64_t>(state, "the state", "samples");
+    const auto units = value_of<uint64_t>(state, "the state", "units");
     std::vector<PlaneState> planes;
     std::vector<py::object> keep;
     each_plane(value_of<py::list>(state, "the state", "planes"),
@@ -303,16 +304,16 @@ void add_state(Film& film, const py::dict& state) {
                    planes.push_back({info, value_of<float>(plane, where, "scale"), array.data()});
                });
     Unlocked unlocked;
-    film.add(samples, planes);
+    film.add(samples, units, planes);
 }
 
 std::shared_ptr<Picture> make_picture(const Film& film,
                                       const std::optional<Array<uint64_t>>& counts,
-                                      uint32_t threads, size_t plane) {
+                                      uint32_t threads, size_t plane, bool units) {
     if (counts) need_shape(*counts, "counts", {film.height(), film.width()});
     const uint64_t* n = counts ? counts->data() : nullptr;
     Unlocked unlocked;
-    return std::make_shared<Picture>(film, n, threads, plane);
+    return std::make_shared<Picture>(film, n, threads, plane, units);
 }
 
 std::vector<py::ssize_t> picture_shape(const Picture& p) {
@@ -490,21 +491,24 @@ void bind_renderer(py::module_& m) {
         .def_property_readonly("width", &Film::width)
         .def_property_readonly("height", &Film::height)
         .def_property_readonly("samples", &Film::samples)
+        .def_property_readonly("units", &Film::units)
         .def_property_readonly("memory", &Film::memory)
         .def("clear", &Film::clear, py::call_guard<Unlocked>())
         .def("add", py::overload_cast<const Film&>(&Film::add), "other"_a,
              py::call_guard<Unlocked>())
+        .def("end_unit", &Film::end_unit, "samples"_a, py::call_guard<Unlocked>())
         .def("state", &state_of)
         .def("add_state", &add_state, "state"_a)
         .def(
             "resolve",
-            [](const Film& f, const std::optional<Array<uint64_t>>& counts) {
-                const auto p = make_picture(f, counts, 0, 0);
+            [](const Film& f, const std::optional<Array<uint64_t>>& counts, bool units) {
+                const auto p = make_picture(f, counts, 0, 0, units);
                 return py::make_tuple(copied(*p, &Picture::read_mean),
                                       copied(*p, &Picture::read_error));
             },
-            "counts"_a = py::none())
-        .def("picture", &make_picture, "counts"_a = py::none(), "threads"_a = 0, "plane"_a = 0)
+            "counts"_a = py::none(), "units"_a = false)
+        .def("picture", &make_picture, "counts"_a = py::none(), "threads"_a = 0, "plane"_a = 0,
+             "units"_a = false)
         .def("sums",
              [](const Film& f) {
                  py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});
@@ -596,7 +600,7 @@ void bind_renderer(py::module_& m) {
         [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,
            uint64_t sample_end, int64_t max_depth, uint32_t rr_depth, const std::string& sampler,
            const std::string& scheduler, uint32_t threads, uint32_t batch, bool all_features,
-           const py::object& poll, const std::optional<Array<uint32_t>>& pixels) {
+           const py::object& poll, const std::optional<Array<uint32_t>>& pixels, bool units) {
             RenderSettings s;
             s.seed = seed;
             s.sample_begin = sample_begin;
@@ -608,14 +612,15 @@ void bind_renderer(py::module_& m) {
             s.threads = threads;
             s.batch = batch;
             s.all_features = all_features;
+            s.units = units;
             if (pixels) s.pixels = to_vector(*pixels);
             if (pixels && s.pixels.empty()) throw py::value_error("pixels is empty");
             return render_dict(scene, film, s, poll);
         },
         "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
-        "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "independent", "scheduler"_a = "fused",
+        "max_depth"_a = -1, "rr_depth"_a = 5, "sampler"_a = "sobol", "scheduler"_a = "fused",
         "threads"_a = 0, "batch"_a = 0, "all_features"_a = false, "poll"_a = py::none(),
-        "pixels"_a = py::none());
+        "pixels"_a = py::none(), "units"_a = false);
     m.def(
         "render_features",
         [](const Scene& scene, Film& film, uint64_t seed, uint64_t sample_begin,
@@ -634,7 +639,7 @@ void bind_renderer(py::module_& m) {
             return features_dict(scene, film, s, poll);
         },
         "scene"_a, "film"_a, py::kw_only(), "seed"_a = 0, "sample_begin"_a = 0, "sample_end"_a = 1,
-        "sampler"_a = "independent", "threads"_a = 0, "all_features"_a = false, "first_row"_a = 0,
+        "sampler"_a = "sobol", "threads"_a = 0, "all_features"_a = false, "first_row"_a = 0,
         "motion"_a, "poll"_a = py::none());
     m.def("put_features", &put_features, "scene"_a, "film"_a, py::kw_only(), "pictures"_a,
           "first_row"_a, "samples"_a, "threads"_a = 0, py::call_guard<Unlocked>());

@@ -255,14 +255,18 @@ class Plane(TypedDict):
 
 class PlaneState(Plane):
     """words: (H, W, C, 4 for sums and squares, else 2), row 0 on top: a 128-bit sum, its lower half
-    first, then that of squares; two's complement, of multiples of 2^-72 / scale, of squares
-    2^-76 / scale^2. scale: a power of two; 0 where there are no samples yet, and of integers."""
+    first, then that of squares, of radiance those of units' sums over their samples; two's
+    complement, of multiples of 2^-72 / scale, of squares 2^-76 / scale^2. scale: a power of two; 0
+    where there are no samples yet, and of integers."""
 
     scale: float
     words: npt.NDArray[np.uint64]
 
 class FilmState(TypedDict):
+    """units: of the samples, independent of each other (`veriray.units`)."""
+
     samples: int
+    units: int
     planes: list[PlaneState]
 
 class Film:
@@ -276,20 +280,27 @@ class Film:
     @property
     def samples(self) -> int: ...
     @property
+    def units(self) -> int: ...  # as in FilmState
+    @property
     def memory(self) -> int: ...
     @property
     def width(self) -> int: ...
     @property
     def height(self) -> int: ...
     def picture(
-        self, counts: npt.NDArray[np.uint64] | None = None, threads: int = 0, plane: int = 0
-    ) -> Picture: ...  # counts: samples by pixel, else `samples` of each; plane: one with squares
+        self,
+        counts: npt.NDArray[np.uint64] | None = None,  # samples by pixel, else `samples` of each
+        threads: int = 0,
+        plane: int = 0,  # one with squares
+        units: bool = False,  # the counted samples are in units of `veriray.units.GROUP`
+    ) -> Picture: ...
     def resolve(
-        self, counts: npt.NDArray[np.uint64] | None = None
+        self, counts: npt.NDArray[np.uint64] | None = None, units: bool = False
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]: ...
     def words(self, plane: int = 0) -> npt.NDArray[np.uint64]: ...  # as in PlaneState
     def sums(self) -> npt.NDArray[np.float64]: ...
     def add(self, other: Film) -> None: ...  # of the same device
+    def end_unit(self, samples: int) -> None: ...  # all of radiance becomes one, of so many
     def state(self) -> FilmState: ...
     def add_state(self, state: FilmState) -> None:
         """Adds what a film of any device held, of the same size and planes; adds nothing where it
@@ -369,6 +380,7 @@ def render(
     all_features: bool,
     poll: Callable[[float], object] | None,
     pixels: npt.NDArray[np.uint32] | None = None,
+    units: bool = False,  # squares are those of groups of samples (`veriray.units`)
 ) -> Report: ...
 def render_features(
     scene: Scene,

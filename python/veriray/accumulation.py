@@ -12,6 +12,7 @@ is that of `veriray.render` with N samples (see `veriray.sampling` for `target_e
 
 from __future__ import annotations
 
+import functools
 import math
 import warnings
 from collections.abc import Callable
@@ -30,12 +31,13 @@ from .numeric import shown, whole
 from .picture import Render
 from .plan import settle
 from .reports import added, refused_text, statistics
-from .sampling import PILOT, facts_of, first_sample, per_pixel, samples_of_tiles
+from .sampling import PILOTS, facts_of, first_sample, per_pixel, samples_of_tiles
 from .scene import Scene
 from .settings import MAX_SPP, RenderSettings
+from .units import GROUP, LATE, unit_begin
 
 if TYPE_CHECKING:
-    from ._native import Report
+    from ._native import Film, FilmState, Report
     from .cluster import Cluster
 
 Array = npt.NDArray[Any]
@@ -48,12 +50,17 @@ class Kept:
     leaves the state before or after one.
 
     films: exact sums, of each place of the crew (`veriray.crew`); () without samples. spp: samples
-    of each pixel in them, or less where `tiles` wants less.
+    of each pixel in them and in `tail`, or less where `tiles` wants less.
+    tail: of sampler sobol, those of a group that is not complete (`veriray.units`). Before there
+    are LATE samples, all of them are in `films`, squared one by one, and again in groups: in
+    `groups`, and in `tail`.
     paths, report: of all that was done. tiles: samples that each tile gets, None where all pixels
     have the same number, and until the pilot is complete; beyond: how many of them want more.
     """
 
     films: Films = ()
+    groups: Films = ()
+    tail: Films = ()
     spp: int = 0
     paths: int = 0
     report: Report | None = None
@@ -67,7 +74,8 @@ class Accumulation:
     Args:
         scene: from `load_file`, `load_dict` or `cornell_box`.
         first: number of its first sample: of a range of a picture's samples, which `checkpoint`
-            then gives (`Checkpoint.merged`). 0 with batches and with target_error.
+            then gives (`Checkpoint.merged`). 0 with batches and with target_error; with sampler
+            sobol a multiple of 16.
         progress: called while a tree is built over a large mesh, with the fraction done.
         settings: as of `veriray.render`. spp says how many samples a pixel `left` counts to, and
             helps "auto" to choose a scheduler and a builder; None takes the scene's.
@@ -76,7 +84,8 @@ class Accumulation:
     trace: the next one draws its samples again; but on a cluster the first Ctrl-C ends a pass with
     the samples that were given out, before KeyboardInterrupt is raised. One thread at a time may
     use an accumulation; the progress callback may ask it for its picture. Memory: a film for each
-    device, and another one from the second pass on until `left` is 0.
+    device, and another one from the second pass on until `left` is 0; with sampler sobol up to
+    three more, before there are 64 samples and while a group of 16 is not complete.
 
     Raises as `veriray.render`, before any sample is drawn.
     """
@@ -92,26 +101,33 @@ class Accumulation:
 
     @classmethod
     def _of(
-        cls, scene: Scene, settings: RenderSettings, progress: Progress, first: int = 0
-    ) -> Accumulation:
+        cls, scene: Scene, settings: RenderSettings, progress: Progress, first: int = 0,
+        last: bool = False,
+    ) -> Accumulation:  # fmt: skip
+        """last: all samples that are `left` are drawn at once, and no more."""
         made = object.__new__(cls)
-        made._begin(scene, settings, progress, first)
+        made._begin(scene, settings, progress, first, last)
         return made
 
     def _begin(
-        self, scene: Scene, settings: RenderSettings, progress: Progress, first: int
-    ) -> None:
+        self, scene: Scene, settings: RenderSettings, progress: Progress, first: int,
+        last: bool = False,
+    ) -> None:  # fmt: skip
         if progress is not None and not callable(progress):
             raise ValueError(f"progress = {shown(progress)} is not callable")
         used, settings = settle(scene, settings)
         bound = settings.batches or settings.target_error is not None
         most = 0 if bound else MAX_SPP - used.spp
         self._first = whole("first", first, 0, most, error=ValueError)
+        self._units = settings.sampler == "sobol"
+        if self._units and unit_begin(first) != first:
+            raise ValueError(f"first = {first}; with sampler sobol it is a multiple of 16")
         with device_module.native_errors():
             self._crew = _crew(scene, used, settings, progress)
         self._scene = used
         self._size = used.film.width, used.film.height
         self._kept = Kept()
+        self._last = last
         self._means: Array | None = None
 
     def __repr__(self) -> str:
@@ -165,7 +181,7 @@ class Accumulation:
         it is reached. Less than all that are missing with batches and with target_error."""
         kept, settings = self._kept, self.settings
         if self._deciding:
-            return PILOT - kept.spp
+            return self._pilot - kept.spp
         if kept.tiles is not None:
             larger = kept.tiles[kept.tiles > kept.spp]
             return int(larger.min()) - kept.spp if larger.size else 0
@@ -179,7 +195,7 @@ class Accumulation:
         kept = self._kept
         if kept.tiles is not None:
             return int(np.maximum(self._counts - kept.spp, 0).sum(dtype=np.int64))
-        goal = 2 * PILOT if self._deciding else self._scene.spp
+        goal = 2 * self._pilot if self._deciding else self._scene.spp
         return self.paths_of(max(goal - kept.spp, 0))
 
     def paths_of(self, n: int) -> int:
@@ -199,6 +215,11 @@ class Accumulation:
     def _deciding(self) -> bool:
         """Whether samples decide about their number, and do not go into the picture."""
         return self.settings.target_error is not None and self._kept.tiles is None
+
+    @property
+    def _pilot(self) -> int:
+        """Samples per pixel that decide, with target_error."""
+        return PILOTS[str(self.settings.sampler)]
 
     @property
     def _bound(self) -> bool:
@@ -226,50 +247,96 @@ class Accumulation:
             raise ValueError(f"n = {n}; with batches = {settings.batches} it is {self._batch}")
         if progress is not None and not callable(progress):
             raise ValueError(f"progress = {shown(progress)} is not callable")
-        begin, pixels = self._first + kept.spp, None
+        origin, pixels = self._first, None
         if kept.tiles is not None:
-            begin += first_sample(self._scene.spp)
+            origin += first_sample(self._scene.spp)
             pixels = np.flatnonzero(self._counts > kept.spp).astype(np.uint32)
-        crew = self._crew
+        crew, after, stopped = self._crew, kept, False
+        sums = list[Array]()
+        late = self._late(kept.spp + n)
+        if late and kept.films and not self._late(kept.spp) and self._units:
+            after = replace(kept, films=kept.groups, groups=())
+        used = list[Films]()
         with device_module.native_errors():
-            films, report, drawn, stopped = crew.draw(begin, n, pixels, progress)
-            if settings.batches and drawn < n:
-                raise KeyboardInterrupt
-            n = drawn
+            for low, high in self._parts(kept.spp, kept.spp + n, late):
+                part = _part(progress, low - kept.spp, high - low, n)
+                films, report, drawn, stopped = crew.draw(
+                    origin + low, high - low, pixels, late and self._units, part
+                )
+                if settings.batches:
+                    if drawn < high - low:
+                        raise KeyboardInterrupt
+                    batch = crew.merged(films)
+                    assert batch is not None
+                    sums.append(batch.sums())
+                used.append(films)
+                after = replace(
+                    self._joined(after, films, low + drawn, late), paths=after.paths
+                    + drawn * crew.paths_of(pixels), report=added(after.report, report),
+                )  # fmt: skip
+                if drawn < high - low:
+                    break
             if settings.batches:
-                films = self._keep_mean(films, kept.spp // n)
+                self._keep_mean(kept.spp // n, sum(sums[1:], sums[0]) / n)
             if self._kept is not kept:
                 raise RuntimeError("a pass was added while another one ran")
-            after = replace(
-                kept, films=crew.added(kept.films, films), spp=kept.spp + n,
-                paths=kept.paths + n * crew.paths_of(pixels), report=added(kept.report, report),
-            )  # fmt: skip
             target = settings.target_error
-            if target is not None and kept.tiles is None and after.spp == PILOT:
+            if target is not None and kept.tiles is None and after.spp == self._pilot:
                 pilot = crew.merged(after.films)
                 assert pilot is not None
                 tiles, beyond = samples_of_tiles(pilot, target, self._scene.spp)
-                films = after.films
                 after = replace(after, films=(), spp=0, tiles=tiles, beyond=beyond)
         self._kept = after  # an interrupt before this leaves all films of `kept` as they are
-        for unused in (films, kept.films):
-            crew.reuse(unused, after.films)
+        for unused in (*used, kept.films, kept.groups, kept.tail):
+            crew.reuse(unused, (*after.films, *after.groups, *after.tail))
         if not self.left:  # two films are more than a finished picture needs
             crew.release()
         if stopped:
             raise KeyboardInterrupt
 
-    def _keep_mean(self, films: Films, k: int) -> Films:
-        """Keeps the mean of batch k; its samples in one film, where several devices drew them."""
-        batch = self._crew.merged(films)
-        assert batch is not None
+    def _late(self, spp: int) -> bool:
+        """Whether errors of pictures with so many samples follow from groups."""
+        return spp >= LATE or self.settings.target_error is not None
+
+    def _parts(self, begin: int, end: int, late: bool) -> list[tuple[int, int]]:
+        """Ranges of samples that are drawn each into a film of its own: whole groups together."""
+        cuts = [begin, end]
+        if self._units and not self._last:
+            first, last = unit_begin(begin + GROUP - 1), unit_begin(end)
+            cuts += (first, last) if late else range(first, last + 1, GROUP)
+        cuts = sorted({cut for cut in cuts if begin <= cut <= end})
+        return list(zip(cuts, cuts[1:], strict=False))
+
+    def _joined(self, kept: Kept, films: Films, spp: int, late: bool) -> Kept:
+        """With the samples up to spp, which are in these films: whole groups, or of one."""
+        crew = self._crew
+        if not self._units or self._last or (late and unit_begin(kept.spp) == kept.spp
+                                             and unit_begin(spp) == spp):  # fmt: skip
+            return replace(kept, films=crew.added(kept.films, films), spp=spp)
+        group = crew.merged(films, kept.tail, new=True)
+        assert group is not None
+        begin = unit_begin(spp - 1)
+        group.end_unit(spp - begin)
+        tail, groups = crew.films(group), kept.films if late else kept.groups
+        if spp == begin + GROUP:
+            tail, groups = (), crew.added(groups, tail)
+        if late:
+            return replace(kept, films=groups, tail=tail, spp=spp)
+        films = crew.added(kept.films, films)
+        return replace(kept, films=films, groups=groups, tail=tail, spp=spp)
+
+    def _film(self, kept: Kept) -> Film:
+        """All samples."""
+        late = self._late(kept.spp) and self._units
+        film = self._crew.merged(kept.films, kept.tail if late else ())
+        assert film is not None
+        return film
+
+    def _keep_mean(self, k: int, mean: Array) -> None:
+        """Keeps the mean of batch k."""
         if self._means is None:
-            width, height = self._size
-            self._means = np.empty((self.settings.batches, height, width, 3))
-        self._means[k] = batch.sums() / batch.samples
-        whole = films if any(batch is film for film in films) else self._crew.films(batch)
-        self._crew.reuse(films, whole)
-        return whole
+            self._means = np.empty((self.settings.batches, *mean.shape))
+        self._means[k] = mean
 
     def _identity(self) -> dict[str, Any]:
         """What the samples depend on (`Checkpoint.render`)."""
@@ -290,16 +357,16 @@ class Accumulation:
         if kept.report is None:
             raise ValueError("no samples to keep yet: add some first")
         with device_module.native_errors():
-            film = self._crew.merged(kept.films)
-            state = None if film is None else film.state()
+            films = [self._crew.merged(one) for one in (kept.films, kept.groups, kept.tail)]
+            states = [None if film is None else film.state() for film in films]
         means = None
         if self.settings.batches:
             assert self._means is not None
             means = self._means[: kept.spp // self._batch].copy()
         return Checkpoint(
             render=self._identity(), first=self._first, spp=kept.spp, paths=kept.paths,
-            report=kept.report, film=state, tiles=kept.tiles, beyond=kept.beyond, means=means,
-            machine=self._crew.machine,
+            report=kept.report, film=states[0], groups=states[1], tail=states[2],
+            tiles=kept.tiles, beyond=kept.beyond, means=means, machine=self._crew.machine,
         )  # fmt: skip
 
     def resume(self, checkpoint: Checkpoint) -> None:
@@ -323,18 +390,26 @@ class Accumulation:
                 f"{given}: it has {given.spp} samples per pixel, more than spp = {self._scene.spp}"
             )
         with device_module.native_errors():
-            film = with_room(self.device, lambda: given._film_on(self.device))
+            films, groups, tail = map(
+                functools.partial(self._taken, given), (given.film, given.groups, given.tail)
+            )
         if given.means is not None:
             self._means = np.empty((self.settings.batches, *given.means.shape[1:]))
             self._means[: len(given.means)] = given.means
         self._kept = Kept(
-            films=() if film is None else self._crew.films(film),
+            films=films,
+            groups=groups,
+            tail=tail,
             spp=given.spp,
             paths=given.paths,
             report=given.report,
             tiles=given.tiles,
             beyond=given.beyond,
         )
+
+    def _taken(self, given: Checkpoint, state: FilmState | None) -> Films:
+        film = with_room(self.device, lambda: given._film_on(self.device, state))
+        return () if film is None else self._crew.films(film)
 
     def render(self) -> Render:
         """The picture of the samples that are there, as `veriray.render` gives it.
@@ -348,7 +423,7 @@ class Accumulation:
         """`render`; level: of the stack whose line a warning names, None for no warning."""
         kept, settings, used = self._kept, self.settings, self._scene
         report = kept.report
-        if not kept.films or report is None or self._deciding:
+        if not kept.spp or report is None or self._deciding:
             raise ValueError("the picture has no samples yet: add some first")
         if self._first:
             raise ValueError(f"samples 0:{self._first} are missing: merge checkpoints of all")
@@ -357,9 +432,10 @@ class Accumulation:
             counts = np.minimum(self._counts, kept.spp).astype(np.uint64)
         with device_module.native_errors():
             threads = settings.native()["threads"]
-            film = self._crew.merged(kept.films)
-            assert film is not None
-            picture = with_room(self.device, lambda: film.picture(counts, threads))
+            film = with_room(self.device, lambda: self._film(kept))
+            picture = with_room(
+                self.device, lambda: film.picture(counts, threads, units=self._units)
+            )
             error = float(picture.mean_stderr)
             complete = kept.tiles is not None and not self.left
             stats = {
@@ -376,7 +452,9 @@ class Accumulation:
             }
             if counts is not None and settings.target_error is not None:
                 first = first_sample(used.spp)
-                stats |= facts_of(picture, counts, settings.target_error, first, kept.beyond)
+                stats |= facts_of(
+                    picture, counts, settings.target_error, self._pilot, first, kept.beyond
+                )
         if level is not None and stats["nonfinite_samples"]:
             warnings.warn(refused_text(stats), RefusedSamplesWarning, stacklevel=level)
         return Render._of(
@@ -406,6 +484,13 @@ def _crew(
     from .cluster import Cluster
 
     return Cluster(owner, scene, settings, progress)
+
+
+def _part(progress: Progress, before: int, n: int, of: int) -> Progress:
+    """A callback for n samples after `before` others that reports the fraction of `of`."""
+    if progress is None or n == of:
+        return progress
+    return lambda share: progress((before + share * n) / of)
 
 
 def _version() -> str:

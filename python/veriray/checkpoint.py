@@ -19,6 +19,7 @@ from .errors import CheckpointError
 from .numeric import path_text, shown, whole
 from .picture import Render
 from .reports import added, statistics
+from .units import GROUP, LATE, unit_begin
 
 if TYPE_CHECKING:
     from ._native import Film, FilmState, Report
@@ -39,7 +40,8 @@ class Checkpoint:
     (else None).
     first, spp: the samples are [first, first + spp) of every pixel; of the pixels that want them
     with target_error, or of the pilot while tiles is None.
-    paths, report: of all that was done. film: exact sums, None at the end of the pilot.
+    paths, report: of all that was done. film: exact sums, None at the end of the pilot; groups,
+    tail: with sampler sobol those of `veriray.accumulation.Kept`.
     tiles: samples that each tile gets, with target_error; beyond: how many of them want more.
     means: of the batches that are complete. machine: device, device_name and scheduler that drew
     the last samples. where: the file that it came from. Those who make one themselves answer for
@@ -52,6 +54,8 @@ class Checkpoint:
     paths: int
     report: Report
     film: FilmState | None = None
+    groups: FilmState | None = None
+    tail: FilmState | None = None
     tiles: Array | None = None
     beyond: int = 0
     means: Array | None = None
@@ -90,16 +94,28 @@ class Checkpoint:
             names = [name for name in names if name != "scene_sha256"]  # it covers these
         return "; ".join(f"{n} is {_short(self.render[n])}, not {_short(render[n])}" for n in names)
 
-    def _film_on(self, device: device_module.Device) -> Film | None:
-        """A film of a device with these sums. Raises ValueError if they are none."""
-        if self.film is None:
+    def _film_on(self, device: device_module.Device, *states: FilmState | None) -> Film | None:
+        """A film of a device with the sums of all of these. Raises ValueError if they are none."""
+        there = [state for state in states if state is not None]
+        if not there:
             return None
         planes = [{k: plane[k] for k in ("name", "kind", "channels", "negative")}
-                  for plane in self.film["planes"][1:]]  # fmt: skip
+                  for plane in there[0]["planes"][1:]]  # fmt: skip
         size = self.render["width"], self.render["height"]
         film: Film = device.native.Film(*size, device=device.index, planes=planes)
-        film.add_state(self.film)
+        for state in there:
+            film.add_state(state)
         return film
+
+    @property
+    def _late(self) -> bool:
+        """As of the accumulation."""
+        return self.spp >= LATE or self.render["target_error"] is not None
+
+    @property
+    def _cut(self) -> bool:
+        """Whether samples of the last group may follow."""
+        return self.render["sampler"] == "sobol" and unit_begin(self.end) != self.end
 
     @classmethod
     def merged(cls, parts: Sequence[Checkpoint]) -> Checkpoint:
@@ -130,16 +146,31 @@ class Checkpoint:
             for (low, high), what in ((gap, "missing"), (twice, "there twice")):
                 if low < high:
                     raise CheckpointError(f"{last} and {part}: samples {low}:{high} are {what}")
+        for part in parts[:-1]:
+            if part._cut:
+                raise CheckpointError(
+                    f"{part}: sample {part.end} is within a group; with sampler sobol, parts end "
+                    f"at multiples of {GROUP}"
+                )
         device, _ = device_module.select("cpu")
         with device_module.native_errors():
-            film, report, paths = one._film_on(device), one.report, one.paths
-            assert film is not None  # there are samples
+            report, paths = one.report, one.paths
             for part in parts[1:]:
-                assert part.film is not None
-                film.add_state(part.film)
                 report, paths = added(report, part.report), paths + part.paths
-            spp = parts[-1].end - one.first
-            return replace(one, spp=spp, paths=paths, report=report, film=film.state(), where="")
+            whole = replace(
+                one, spp=parts[-1].end - one.first, paths=paths, report=report, where="",
+                tail=parts[-1].tail, groups=None,
+            )  # fmt: skip
+
+            def sums(early: bool) -> FilmState | None:
+                films = (part.film if early or part._late else part.groups for part in parts)
+                film = one._film_on(device, *films)
+                return None if film is None else film.state()
+
+            grouped = one.render["sampler"] == "sobol"
+            if grouped and not whole._late:
+                return replace(whole, film=sums(True), groups=sums(False))
+            return replace(whole, film=sums(not grouped))
 
     def __str__(self) -> str:
         return f"{self.where or 'a checkpoint'} ({self.first}:{self.end})"
@@ -157,7 +188,7 @@ class Checkpoint:
             raise CheckpointError(f"{self}: samples 0:{self.first} are missing")
         chosen, _ = device_module.select(device)
         with device_module.native_errors():
-            film = self._film_on(chosen)
+            film = self._film_on(chosen, self.film, self.tail if self._late else None)
             assert film is not None  # `Accumulation` makes none without samples but a pilot's
             stats = statistics(self.report, self.paths)
             stats |= {k: v for k, v in self.render.items() if k != "target_error"} | self.machine

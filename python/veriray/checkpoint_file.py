@@ -1,15 +1,17 @@
 r"""Files of checkpoints (`veriray.checkpoint`).
 
-Layout of a file, format 1; all numbers are little-endian
+Layout of a file, format 2; all numbers are little-endian
 ---------------------------------------------------------
-- the bytes "veriray checkpoint 1\n"
+- the bytes "veriray checkpoint 2\n"
 - the length of the header in bytes, uint64; at most 2^20
 - the header, a JSON object: `render`, `first`, `spp`, `paths`, `beyond` and `machine` as in
-  `Checkpoint`; `planes`: name, kind, channels, negative and scale of each plane of the film;
+  `Checkpoint`; `units`: those of the samples in each of the films `film`, `groups` and `tail` that
+  are there; `planes`: name, kind, channels, negative and scale of each plane of these films;
   `report`: what the native renders said in words and numbers; `arrays`: a list of [name, dtype,
   shape]
-- the arrays in that order, in C order, without gaps: `words NAME` of each plane (exact sums: see
-  `PlaneState` in `_native.pyi`), `tiles` and `means` where they are, and the arrays of the report
+- the arrays in that order, in C order, without gaps: `FILM NAME` of each film and plane (exact
+  sums: see `PlaneState` in `_native.pyi`), `tiles` and `means` where they are, and the arrays of
+  the report
 - the SHA-256 of all bytes before it
 
 Nothing in a file is trusted: all sizes follow from the header and must give the size of the file
@@ -31,11 +33,12 @@ import numpy.typing as npt
 from .errors import CheckpointError
 from .files import open_regular, replacing
 from .numeric import shown
-from .sampling import PILOT, TILE
+from .sampling import PILOTS, TILE
+from .units import GROUP, LATE
 
 Array = npt.NDArray[Any]
 
-_MAGIC, _FORMAT = b"veriray checkpoint ", b"1\n"
+_MAGIC, _FORMAT = b"veriray checkpoint ", b"2\n"
 _MAX_HEADER = 1 << 20
 _MAX_SIDE, _MAX_COUNT, _MAX_DEPTHS = 2**31 - 1, 2**64 - 1, 1 << 20
 #: Arrays and numbers of a `Report`.
@@ -45,6 +48,7 @@ _SCALARS: dict[str, type] = {
     "features": list, "threads": int, "path_bytes": int, "kernel": dict,
 }  # fmt: skip
 _NUMBERS = ("first", "spp", "paths", "beyond")
+FILMS = ("film", "groups", "tail")
 #: Kinds of planes and the words of a number.
 _KINDS = {"sums and squares": 4, "sums": 2, "integers": 2}
 
@@ -52,10 +56,11 @@ _KINDS = {"sums and squares": 4, "sums": 2, "integers": 2}
 def write(path: str, fields: dict[str, Any]) -> None:
     """Writes the fields of a `Checkpoint`, whole or not at all. Raises OSError naming the path."""
     arrays = _arrays(fields)
-    film, report = fields["film"], fields["report"]
-    planes = [] if film is None else film["planes"]
+    films, report = _films(fields), fields["report"]
+    planes = next(iter(films.values()))["planes"] if films else []
     header = {
         **{name: fields[name] for name in ("render", *_NUMBERS, "machine")},
+        "units": {name: film["units"] for name, film in films.items()},
         "planes": [{k: v for k, v in plane.items() if k != "words"} for plane in planes],
         "report": {name: report[name] for name in _SCALARS},
         "arrays": [[name, a.dtype.str, a.shape] for name, a in arrays.items()],
@@ -70,11 +75,16 @@ def write(path: str, fields: dict[str, Any]) -> None:
         file.write(digest.digest())
 
 
+def _films(fields: dict[str, Any]) -> dict[str, Any]:
+    return {name: fields[name] for name in FILMS if fields[name] is not None}
+
+
 def _arrays(fields: dict[str, Any]) -> dict[str, Array]:
     found: dict[str, Array] = {}
-    film, report = fields["film"], fields["report"]
-    for plane in [] if film is None else film["planes"]:
-        found[f"words {plane['name']}"] = plane["words"].astype("<u8", copy=False)
+    report = fields["report"]
+    for name, film in _films(fields).items():
+        for plane in film["planes"]:
+            found[f"{name} {plane['name']}"] = plane["words"].astype("<u8", copy=False)
     for name, dtype in (("tiles", "<i8"), ("means", "<f8")):
         if fields[name] is not None:
             found[name] = fields[name].astype(dtype, copy=False)
@@ -111,7 +121,7 @@ def _read(file: IO[bytes], size: int) -> dict[str, Any]:
     number = head[len(_MAGIC) : len(_MAGIC) + len(_FORMAT)]
     if number != _FORMAT[: len(number)]:
         text = number.split(b"\n")[0].decode("ascii", "backslashreplace")
-        raise _BadError(f"a checkpoint of format {text}; this veriray reads format 1")
+        raise _BadError(f"a checkpoint of format {text}; this veriray reads format 2")
     if len(head) < len(_MAGIC) + len(_FORMAT) + 8:
         raise _BadError("damaged: it ends early")
     (length,) = struct.unpack("<Q", head[-8:])
@@ -203,13 +213,18 @@ class _Fields:
         """Name, dtype, shape, numbers and bytes of a number of each array."""
         width, height = self.render["width"], self.render["height"]
         wanted: dict[str, tuple[str, tuple[int | None, ...]]] = {}
+        self.units = self._typed("units", self.header.get("units"), dict)
+        for film, units in self.units.items():
+            if film not in FILMS:
+                raise _BadError(f"damaged: units of {shown(film)}")
+            self._whole(f"units of {film}", units, 0, self.numbers["spp"])
         self.planes = [
             self._plane(p) for p in self._typed("planes", self.header.get("planes"), list)
         ]
         for plane in self.planes:
             shape = height, width, plane["channels"], _KINDS[plane["kind"]]
-            wanted[f"words {plane['name']}"] = "<u8", shape
-        if len(wanted) != len(self.planes):
+            wanted |= {f"{film} {plane['name']}": ("<u8", shape) for film in self.units}
+        if len(wanted) != len(self.planes) * len(self.units):
             raise _BadError("damaged: two planes of one name")
         listed = self._typed("arrays", self.header.get("arrays"), list)
         names = [entry[0] for entry in listed if type(entry) is list and entry]
@@ -256,15 +271,19 @@ class _Fields:
         """The fields with these arrays."""
         header, spp, tiles = self.header, self.numbers["spp"], arrays.get("tiles")
         if tiles is not None and not (
-            PILOT <= int(tiles.min()) <= int(tiles.max()) <= self.render["spp"]
+            min(PILOTS.values()) <= int(tiles.min()) <= int(tiles.max()) <= self.render["spp"]
         ):
             raise _BadError(f"damaged: tiles of {tiles.min()} to {tiles.max()} samples")
-        if bool(self.planes) != bool(spp) or not (spp or tiles is not None):
+        if not (bool(self.planes) == bool(spp) == bool(self.units)) or not (
+            spp or tiles is not None
+        ):
             raise _BadError(f"damaged: {spp} samples, and {len(self.planes)} planes")
-        film: dict[str, Any] | None = None
-        if self.planes:
-            words = [{**p, "words": arrays[f"words {p['name']}"]} for p in self.planes]
-            film = {"samples": 0 if tiles is not None else spp, "planes": words}
+        films: dict[str, dict[str, Any] | None] = dict.fromkeys(FILMS)
+        for film, samples in self._samples(tiles is not None).items():
+            words = [{**p, "words": arrays[f"{film} {p['name']}"]} for p in self.planes]
+            films[film] = {"samples": samples, "units": self.units[film], "planes": words}
+            if self.units[film] > samples:
+                raise _BadError(f"damaged: {self.units[film]} units of {samples} samples")
         machine = self._typed("machine", header.get("machine"), dict)
         for name, value in machine.items():
             self._typed(f"machine: {name}", value, str)
@@ -272,11 +291,19 @@ class _Fields:
             "render": self.render,
             **self.numbers,
             "report": self._report(arrays),
-            "film": film,
+            **films,
             "tiles": tiles,
             "means": arrays.get("means"),
             "machine": machine,
         }
+
+    def _samples(self, listed: bool) -> dict[str, int]:
+        """Samples of every pixel in each film."""
+        spp = self.numbers["spp"]
+        cut = spp % GROUP if "tail" in self.units else 0
+        late = spp >= LATE or self.adaptive
+        samples = {"film": spp - cut if late else spp, "groups": spp - cut, "tail": cut}
+        return {film: 0 if listed else samples[film] for film in self.units}
 
     def _report(self, arrays: dict[str, Array]) -> dict[str, Any]:
         given = self._typed("report", self.header.get("report"), dict)

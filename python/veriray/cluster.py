@@ -135,13 +135,15 @@ class Cluster(Team):
             "devices": each,
         }
 
-    def draw(self, begin: int, n: int, pixels: Array | None, progress: Progress) -> Drawn:
+    def draw(
+        self, begin: int, n: int, pixels: Array | None, units: bool, progress: Progress
+    ) -> Drawn:
         """A pass. Ctrl-C gives out no more, and ends it with what was given out; Ctrl-C again drops
         it."""
         start, self._number = time.perf_counter(), self._number + 1
-        self._wanted, self._paths = n, self.paths_of(pixels)
+        self._wanted, self._paths, self._units = n, self.paths_of(pixels), units
         self._pixels = None if pixels is None else self._ray.put(pixels)
-        split = self._split = Split(begin, begin + n, {}, LONGEST)
+        split = self._split = Split(begin, begin + n, {}, LONGEST, units)
         for member in self._able():
             member.said = []
             split.join(member.node, member.rate / self._paths)
@@ -167,7 +169,8 @@ class Cluster(Team):
             self._look()
             for member in self._able():
                 if member.state == "ready" and (piece := split.take(member.node)) is not None:
-                    self._ask(member, "drawing", "draw", self._number, *piece, self._pixels)
+                    self._ask(member, "drawing", "draw", self._number, *piece, self._pixels,
+                              self._units)  # fmt: skip
             self._turn()
             if asked:
                 split.close()

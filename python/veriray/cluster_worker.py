@@ -76,7 +76,7 @@ class Worker:
             self._crew = Crew(scene, used, settings, None)
         return {"facts": self._crew.facts, "about": self._crew.stats(())}
 
-    def draw(self, number: int, begin: int, end: int, pixels: Any) -> Report:
+    def draw(self, number: int, begin: int, end: int, pixels: Any, units: bool) -> Report:
         """Samples of a pass, into this node's films of it."""
         crew = self._crew
         assert crew is not None
@@ -85,7 +85,7 @@ class Worker:
             crew.reuse(old, ())
         try:
             with device_module.native_errors():
-                films, report, _, _ = crew.draw(begin, end - begin, pixels, None)
+                films, report, _, _ = crew.draw(begin, end - begin, pixels, units, None)
                 old, self._films = self._films, crew.added(self._films, films)
                 crew.reuse(old, self._films)
         except BaseException:

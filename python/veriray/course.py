@@ -15,6 +15,7 @@ from .errors import CheckpointError, CheckpointWarning
 from .files import check_writable
 from .numeric import number, path_text, shown
 from .picture import Render
+from .units import rounded
 
 #: The factor by which passes grow at most.
 GROWTH = 8
@@ -105,7 +106,8 @@ class Course:
         if self.seconds is not None and work.spp:
             target = min(target, self.seconds - spent)
         paths = min(rate * target, GROWTH * last)
-        return max(1, min(n, max(work.least, int(paths / work.paths_of(1)))))
+        wanted = max(1, min(n, max(work.least, int(paths / work.paths_of(1)))))
+        return rounded(work.spp, wanted, n)
 
     def _write(self, work: Accumulation) -> None:
         assert self.checkpoint is not None

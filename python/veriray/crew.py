@@ -27,6 +27,7 @@ from .scene import Scene
 from .settings import RenderSettings
 from .splitting import GROWTH
 from .together import Pass, warn_of
+from .units import whole
 
 if TYPE_CHECKING:
     from ._native import Film, Report
@@ -124,18 +125,17 @@ class Team:
         for place in self._places:
             place.spares.clear()
 
-    def merged(self, films: Films) -> Film | None:
-        """All samples in one film, of `device` if there are several; these stay as they are."""
-        there = [k for k, film in enumerate(films) if film is not None]
-        if len(there) < 2:
-            return films[there[0]] if there else None
+    def merged(self, *films: Films, new: bool = False) -> Film | None:
+        """All samples in one film, of `device` if there are several; these stay as they are. new:
+        it is none of these."""
+        there = [(k, film) for one in films for k, film in enumerate(one) if film is not None]
+        if not there or (len(there) == 1 and not new):
+            return there[0][1] if there else None
         first = self._places[self._lead]
 
         def merge() -> Film:
             whole = first.blank()
-            for k in there:
-                film = films[k]
-                assert film is not None
+            for k, film in there:
                 if self._places[k].device.native is first.device.native:
                     whole.add(film)
                 else:
@@ -172,9 +172,10 @@ class Hand(Place):
         self.said: Report | None = None
 
     def draw(
-        self, film: Film, begin: int, end: int, pixels: Array | None, progress: Progress
-    ) -> Report:
-        """Adds these samples of these pixels to a film.
+        self, film: Film, begin: int, end: int, pixels: Array | None, units: bool,
+        progress: Progress,
+    ) -> Report:  # fmt: skip
+        """Adds these samples of these pixels to a film. units: in groups (`veriray.units`).
 
         In parts while a kernel for the scene is being compiled, so that it takes over once it is.
         """
@@ -183,11 +184,12 @@ class Hand(Place):
         while begin < end:
             n = end - begin
             if n > size and self._awaits_kernel():
-                n = int(size)
+                n = min(n, whole(begin, int(size))) if units else int(size)
             since = time.perf_counter()
             scheduler = self._scheduler(n * self.paths_of(pixels))
             part: Report = self.device.native.render(
                 self.native, film, sample_begin=begin, sample_end=begin + n, pixels=pixels,
+                units=units,
                 poll=polled(_share(progress, (begin - first) / (end - first), n / (end - first))),
                 **{**self.settings.native(), "scheduler": scheduler},
             )  # fmt: skip
@@ -297,14 +299,17 @@ class Crew(Team):
         threads = sum(hand["threads"] for hand in each)
         return one | {"devices": each} | ({"threads": threads} if threads else {})
 
-    def draw(self, begin: int, n: int, pixels: Array | None, progress: Progress) -> Drawn:
+    def draw(
+        self, begin: int, n: int, pixels: Array | None, units: bool, progress: Progress
+    ) -> Drawn:
         """A pass: n samples of these pixels, in films of their own."""
         if len(self.hands) > 1:
-            films, report = Pass(self.hands, begin, n, pixels, self.paths_of(pixels)).run(progress)
+            work = Pass(self.hands, begin, n, pixels, units, self.paths_of(pixels))
+            films, report = work.run(progress)
             return Drawn(tuple(films), report, n)
         hand = self.hands[0]
         film = hand.blank()
-        draw = functools.partial(hand.draw, film, begin, begin + n, pixels, progress)
+        draw = functools.partial(hand.draw, film, begin, begin + n, pixels, units, progress)
         return Drawn((film,), with_room(hand.device, draw, film.clear), n)
 
 

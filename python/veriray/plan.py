@@ -11,7 +11,7 @@ from .columns import MATERIAL_KINDS
 from .features import PARTS
 from .first_surface import check
 from .light_groups import resolved
-from .sampling import PILOT
+from .sampling import PILOTS
 from .scene import Scene
 from .settings import RenderSettings
 
@@ -56,8 +56,9 @@ def settle(scene: Scene, settings: RenderSettings) -> tuple[Scene, RenderSetting
         raise ValueError(f"batches = {batches}; expected 0 or a divisor of spp = {spp} above 1")
     if settings.target_error is not None:
         beside = f"beside target_error = {settings.target_error:g}"
-        if not PILOT <= spp <= 2**31:
-            raise ValueError(f"spp = {spp}; expected {PILOT} to {2**31} {beside}")
+        least = PILOTS[str(settings.sampler)]
+        if not least <= spp <= 2**31:
+            raise ValueError(f"spp = {spp}; expected {least} to {2**31} {beside}")
         if batches:
             raise ValueError(f"batches = {batches}; expected 0 {beside}")
         if parts := [name for name in PARTS if name in settings.features]:

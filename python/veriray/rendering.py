@@ -283,7 +283,8 @@ def render_with(
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {shown(progress)} is not callable")
     building, sampling = _shares(progress)
-    work = Accumulation._of(scene, settings, building)
+    alone = course is None and not settings.batches and settings.target_error is None
+    work = Accumulation._of(scene, settings, building, last=alone and not settings.cluster)
     used = work.settings
     if course is None and used.cluster:
         course = Course()  # whose passes bound what a worker's death costs

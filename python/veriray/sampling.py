@@ -2,7 +2,7 @@
 
 It follows D. Kirk and J. Arvo, "Unbiased Sampling Techniques for Image Synthesis" (1991): samples
 that decide how many more are drawn would bias the picture, since a tile that was dark by chance
-stops early. So `PILOT` samples per pixel decide the number for each tile, and none of them is in
+stops early. So `PILOTS` samples per pixel decide the number for each tile, and none of them is in
 the picture: that number and the samples of the picture are independent.
 """
 
@@ -14,13 +14,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from .units import LATE
+
 if TYPE_CHECKING:
     from ._native import Film, Picture
 
 Array = npt.NDArray[Any]
 
-#: Samples per pixel that decide, and the side in pixels of the tiles that they decide about.
-PILOT, TILE = 16, 16
+#: Samples per pixel that decide, by sampler; these of sobol are four groups (`veriray.units`).
+PILOTS = {"independent": 16, "sobol": LATE}
+#: Side in pixels of the tiles that they decide about.
+TILE = 16
 #: Factor on the samples that the pilot's variance asks for, which is off by a tenth, and by more
 #: for rare light.
 HEADROOM = 1.2
@@ -35,9 +39,11 @@ def first_sample(spp: int) -> int:
 
 
 def samples_of_tiles(pilot: Film, target: float, spp: int) -> tuple[Array, int]:
-    """Samples for each tile (int64), `PILOT` to spp, and how many tiles want more than spp."""
-    wanted = tile_errors(*pilot.resolve()) * (HEADROOM * PILOT / target**2)
-    return np.minimum(_round_up(wanted), spp), int((wanted > spp).sum())
+    """Samples for each tile (int64), as many as the pilot's to spp, and how many tiles want more
+    than spp."""
+    least = pilot.samples
+    wanted = tile_errors(*pilot.resolve()) * (HEADROOM * least / target**2)
+    return np.minimum(_round_up(wanted, least), spp), int((wanted > spp).sum())
 
 
 def per_pixel(tiles: Array, width: int, height: int) -> Array:
@@ -47,14 +53,14 @@ def per_pixel(tiles: Array, width: int, height: int) -> Array:
 
 
 def facts_of(
-    picture: Picture, counts: Array, target: float, first: int, beyond: int
+    picture: Picture, counts: Array, target: float, pilot: int, first: int, beyond: int
 ) -> dict[str, Any]:
-    """For `Render.stats` (see `veriray.render`). counts: samples by pixel; beyond: of
-    `samples_of_tiles`."""
+    """For `Render.stats` (see `veriray.render`). counts: samples by pixel; pilot: those of
+    its pixels; beyond: of `samples_of_tiles`."""
     reached = np.sqrt(tile_errors(picture.image(), picture.stderr()))
     return {
         "target_error": target,
-        "pilot_spp": PILOT,
+        "pilot_spp": pilot,
         "first_sample": first,
         "mean_spp": float(counts.mean(dtype=np.float64)),
         "tiles": int(reached.size),
@@ -85,10 +91,10 @@ def tile_errors(image: Array, stderr: Array) -> Array:
     return tiles
 
 
-def _round_up(wanted: Array) -> Array:
-    """The next number 2^k or 3 2^k from `PILOT` on; int64."""
-    part, exponent = np.frexp(np.clip(wanted, PILOT, 2.0**61))  # part in [1/2, 1)
+def _round_up(wanted: Array, least: int) -> Array:
+    """The next number 2^k or 3 2^k from `least`, a power of two, on; int64."""
+    part, exponent = np.frexp(np.clip(wanted, least, 2.0**61))  # part in [1/2, 1)
     power = np.ldexp(np.where(part == 0.5, 0.5, 1.0), exponent)
-    return np.where((wanted <= 0.75 * power) & (power > PILOT), 0.75 * power, power).astype(
+    return np.where((wanted <= 0.75 * power) & (power > least), 0.75 * power, power).astype(
         np.int64
     )

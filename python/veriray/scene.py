@@ -109,7 +109,7 @@ class Scene(SceneArrays):
     max_depth: int = -1
     rr_depth: int = 5
     hide_emitters: bool = False
-    sampler: str = "independent"
+    sampler: str = "sobol"
     spp: int = 4
     seed: int = 0
     triangle_shape: Array = _NONE

@@ -181,7 +181,7 @@ class RenderSettings:
         path=True, kept=HEADER,
     )  # fmt: skip
     sampler: str | None = _setting(
-        None, "where random numbers come from", choices=SAMPLERS, scene="independent",
+        None, "where random numbers come from", choices=SAMPLERS, scene="sobol",
         native="sampler", path=True, kept=HEADER,
     )  # fmt: skip
     width: int | None = _setting(None, "film width in pixels", scene=768, path=True, kept=STATS)

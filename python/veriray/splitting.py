@@ -12,6 +12,8 @@ import math
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field
 
+from .units import whole
+
 Range = tuple[int, int]
 
 #: Ranges grow by this factor at most while a worker's speed is learnt; the first has 1 sample.
@@ -38,13 +40,15 @@ class Split:
     """The samples [begin, end), each given to one worker.
 
     rates: the workers, and what is known of their samples a second (0: nothing). longest: seconds
-    that a range takes at most, as far as its worker's rate tells. Not for several threads at once.
+    that a range takes at most, as far as its worker's rate tells. groups: ranges end with groups
+    (`veriray.units`). Not for several threads at once.
     """
 
     def __init__(
-        self, begin: int, end: int, rates: dict[Hashable, float], longest: float = math.inf
-    ) -> None:
-        self.end = end
+        self, begin: int, end: int, rates: dict[Hashable, float], longest: float = math.inf,
+        groups: bool = False,
+    ) -> None:  # fmt: skip
+        self.end, self._groups = end, groups
         self._next, self._again, self._longest = begin, list[Range](), longest
         self._workers: dict[Hashable, _Worker] = {}
         for worker, rate in rates.items():
@@ -95,15 +99,13 @@ class Split:
         return own.busy
 
     def _cut(self, size: int) -> Range:
-        if not self._again:
-            begin = self._next
-            self._next = min(begin + size, self.end)
-            return begin, self._next
-        begin, end = self._again.pop(0)
-        if begin + size < end:
-            self._again.insert(0, (begin + size, end))
-            end = begin + size
-        return begin, end
+        begin, end = self._again.pop(0) if self._again else (self._next, self.end)
+        cut = min(begin + (whole(begin, size) if self._groups else size), end)
+        if begin == self._next:
+            self._next = cut
+        elif cut < end:
+            self._again.insert(0, (cut, end))
+        return begin, cut
 
     def finished(self, worker: Hashable, seconds: float) -> None:
         """The worker holds the range that it took; seconds: that it needed."""

@@ -37,14 +37,17 @@ class Pass:
     memory: the others then draw it. Any other error ends the pass."""
 
     def __init__(
-        self, hands: Sequence[Hand], begin: int, n: int, pixels: Array | None, paths: int
-    ) -> None:
+        self, hands: Sequence[Hand], begin: int, n: int, pixels: Array | None, units: bool,
+        paths: int,
+    ) -> None:  # fmt: skip
         self._hands, self._pixels, self._n, self._paths = hands, pixels, n, paths
+        self._units = units
         if all(hand.out for hand in hands):
             for hand in hands:
                 hand.out = ""
         there = [k for k, hand in enumerate(hands) if not hand.out]
-        self._split = Split(begin, begin + n, {k: hands[k].rate / paths for k in there})
+        self._split = Split(begin, begin + n, {k: hands[k].rate / paths for k in there},
+                            groups=units)  # fmt: skip
         self._there = there
         self._films: list[Film | None] = [None] * len(hands)
         self._reports: list[Report | None] = [None] * len(hands)
@@ -150,7 +153,7 @@ class Pass:
             film = self._films[k]
             if film is None:
                 film = self._films[k] = hand.blank()
-            report = hand.draw(film, begin, end, self._pixels, poll)
+            report = hand.draw(film, begin, end, self._pixels, self._units, poll)
         except MemoryError as error:
             self._films[k], self._reports[k], self._parts[k] = None, None, 0.0
             again = k not in self._short and move_to_host()

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from veriray.rendering import Render, render
-from veriray.sampling import PILOT, tile_errors
+from veriray.sampling import PILOTS, tile_errors
 from veriray.scene import load_file
 
 from .compaction import STRATEGIES, study
@@ -103,7 +103,7 @@ def adaptive(bench: Bench, scenario: Scenario, settings: Settings) -> Result:
     step()
     worst = _worst(first)
     predicted = _worst(render(scene, spp=_TRY, **common)) ** 2 / worst**2
-    spp = min(LIMIT, max(PILOT, math.ceil(_TRY * predicted)))
+    spp = min(LIMIT, max(max(PILOTS.values()), math.ceil(_TRY * predicted)))
     step()
     runs: dict[str, list[Render]] = {"adaptive": [], "uniform": []}
     for _ in range(settings["rounds"]):

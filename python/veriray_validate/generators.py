@@ -50,44 +50,43 @@ def expected(
     independent = np.stack(words, axis=1).astype(np.uint32)
     if sampler == "independent":
         return independent
+    group = [place, (sample & U32) >> np.uint64(4), block.astype(np.uint64), key[1] ^ U32]
+    digits = np.stack(group_digits(pcg4d(group), sample), axis=1).astype(np.uint32)
+    led = independent & np.uint32(0x0FFFFFFF) | digits << np.uint32(28)
+    return np.where(block[:, None] < SOBOL_BLOCKS, led, independent)
+
+
+def group_digits(random: Sequence[Array], sample: Array) -> list[Array]:
+    """The leading 4 binary digits of 4 numbers of a sample, as integers below 16: Sobol's first 16
+    points, by direction numbers, in an order by a random linear map of bits (J. Matousek 1998) and
+    with a random digital shift."""
+
+    def bits(words: Array, k: int) -> Array:
+        return words.astype(np.uint64) >> np.uint64(k) & np.uint64(1)
+
+    order, shift = random[:2]
     columns = []
-    seeds = pcg4d([place, shape + U32, block.astype(np.uint64), key[1]])
-    for order in seeds[:2]:
-        index = owen(sample & U32, order)
-        for scramble, dimension in zip(seeds[2:], sobol(index), strict=True):
-            columns.append(owen(dimension, scramble))
-    points = np.stack(columns, axis=1).astype(np.uint32)
-    return np.where(block[:, None] < SOBOL_BLOCKS, points, independent)
-
-
-def reverse_bits(x: Array) -> Array:
-    """32-bit words held in uint64, bit 0 to bit 31."""
-    bits = x.astype("<u4")[:, None].view(np.uint8)
-    return (
-        np.packbits(np.unpackbits(bits, axis=1, bitorder="little"), axis=1)
-        .view(">u4")[:, 0]
-        .astype(np.uint64)
-    )
-
-
-def owen(x: Array, seed: Array) -> Array:
-    """Owen's scrambling by the hash of Laine and Karras (2011) with N. Vegdahl's constants."""
-    x = reverse_bits(x)
-    x ^= x * np.uint64(0x3D20ADEA) & U32
-    x = (x + seed) & U32
-    x = x * (seed >> np.uint64(16) | np.uint64(1)) & U32
-    for factor in (0x05526C56, 0x53A22864):
-        x ^= x * np.uint64(factor) & U32
-    return reverse_bits(x)
-
-
-def sobol(index: Array) -> tuple[Array, Array]:
-    """The first two dimensions, by direction numbers: 2^31-k and v_k = v_k-1 xor v_k-1 / 2."""
-    second, v = np.zeros_like(index), 1 << 31
-    for k in range(32):
-        second ^= np.uint64(v) * (index >> np.uint64(k) & np.uint64(1))
-        v ^= v >> 1
-    return reverse_bits(index), second
+    for pair in (0, 1):
+        # Bit k of the place: that of the sample, random ones of the higher bits, and a shift.
+        place = []
+        for k in range(4):
+            bit = bits(sample, k) ^ bits(order, 16 * pair + 3 - k)
+            for high in range(k + 1, 4):
+                first = {3: 4, 2: 8, 1: 12}[high]
+                bit = bit ^ bits(sample, high) & bits(order, 16 * pair + first + 3 - k)
+            place.append(bit)
+        for dimension in (0, 1):
+            byte, v = 16 * pair + 8 * dimension, 8
+            digit = [np.zeros_like(place[0]) for _ in range(4)]  # the first one highest
+            for k in range(4):
+                for d in range(4):
+                    digit[d] = digit[d] ^ (place[k] if v >> (3 - d) & 1 else np.uint64(0))
+                v = v ^ v >> 1 if dimension else v >> 1
+            number = np.zeros_like(place[0])
+            for d in range(4):
+                number |= (digit[d] ^ bits(shift, byte + 3 - d)) << np.uint64(3 - d)
+            columns.append(number)
+    return columns
 
 
 def native_words(native: Any, sampler: str = "independent") -> Words:

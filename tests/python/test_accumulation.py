@@ -16,7 +16,7 @@ import pytest
 import veriray as vr
 from veriray.accumulation import Accumulation
 from veriray.rendering import METHODS
-from veriray.sampling import PILOT
+from veriray.sampling import PILOTS
 
 SIZE: dict[str, Any] = {"width": 24, "height": 18}
 #: Statistics that do not depend on passes and time.
@@ -41,11 +41,14 @@ def split(total: int, seed: int) -> list[int]:
 
 @pytest.mark.parametrize("sampler", vr.SAMPLERS)
 @pytest.mark.parametrize("scheduler", METHODS)
-def test_any_passes_give_the_bits_of_one_render(device: str, sampler: str, scheduler: str) -> None:
+@pytest.mark.parametrize("spp", [21, 90])
+def test_any_passes_give_the_bits_of_one_render(
+    device: str, sampler: str, scheduler: str, spp: int
+) -> None:
     ways: dict[str, Any] = {"sampler": sampler, "scheduler": scheduler, "seed": 7}
-    whole = vr.render(vr.cornell_box(), 21, device=device, **SIZE, **ways)
+    whole = vr.render(vr.cornell_box(), spp, device=device, **SIZE, **ways)
     for seed in range(3):
-        made = accumulated(split(21, seed), device, **ways).render()
+        made = accumulated(split(spp, seed), device, **ways).render()
         assert made.film_sha256 == whole.film_sha256
         assert {k: made.stats[k] for k in SAME} == {k: whole.stats[k] for k in SAME}
     assert made.stats.keys() == whole.stats.keys()
@@ -56,7 +59,7 @@ def test_every_state_is_a_picture() -> None:
     assert (work.spp, work.paths, work.left, work.paths_left) == (0, 0, 10, 10 * 24 * 18)
     with pytest.raises(ValueError, match="has no samples yet"):
         work.render()
-    for n in (1, 4, 5, 3):
+    for n in (1, 4, 5, 3, 3, 10, 45, 9, 7):
         work.add(n)
         r = work.render()
         assert r.spp == r.stats["spp"] == work.spp
@@ -111,16 +114,16 @@ def test_batches() -> None:
 
 
 def test_target_error_in_any_passes(device: str) -> None:
-    settings: dict[str, Any] = {"spp": 512, "target_error": 0.2, "width": 40, "height": 36}
+    settings: dict[str, Any] = {"spp": 512, "target_error": 0.05, "width": 40, "height": 36}
     whole = vr.render(vr.cornell_box(), device=device, **settings)
     rng = random.Random(3)
     work = accumulated([], device, **settings)
-    assert work.left == PILOT
-    with pytest.raises(ValueError, match=r"n = 17 is outside \[1, 16\]"):
-        work.add(17)
+    assert work.left == PILOTS["sobol"]
+    with pytest.raises(ValueError, match=r"n = 65 is outside \[1, 64\]"):
+        work.add(65)
     states = 0
     while left := work.left:
-        if work.paths < PILOT * 40 * 36:
+        if work.paths < PILOTS["sobol"] * 40 * 36:
             assert work.spp == 0
             with pytest.raises(ValueError, match="has no samples yet"):
                 work.render()

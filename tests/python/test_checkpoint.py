@@ -6,6 +6,7 @@ Files that are damaged, hostile or of another render are refused, and stay as th
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import fcntl
 import hashlib
 import json
@@ -29,7 +30,7 @@ import veriray as vr
 from veriray import image
 from veriray.cli import main
 from veriray.rendering import METHODS
-from veriray.sampling import PILOT
+from veriray.sampling import PILOTS
 
 SIZE: dict[str, Any] = {"width": 24, "height": 18}
 SAME = ("ledger", "rays", "paths", "nonfinite_samples", "spp", "scene_sha256", "mean_stderr")
@@ -78,7 +79,7 @@ def test_goes_on_with_batches_and_target(device: str, tmp_path: Path) -> None:
         while work.left:
             work = again(work, tmp_path / "a.film", device=device, **settings)
             work.add(work.left)
-            if "batches" not in settings and work.paths <= PILOT * 40 * 36:
+            if "batches" not in settings and work.paths <= PILOTS["sobol"] * 40 * 36:
                 assert work.spp == 0
         made = again(work, tmp_path / "a.film", device=device, **settings).render()
         assert made.film_sha256 == one.film_sha256
@@ -88,42 +89,67 @@ def test_goes_on_with_batches_and_target(device: str, tmp_path: Path) -> None:
             assert made.batch_means.tobytes() == one.batch_means.tobytes()
 
 
-def test_ranges_merge_to_the_bits_of_one_render(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("cuts", "sampler"),
+    [
+        ((0, 4, 7, 12, 13), "independent"), ((0, 16, 32, 48, 49), "sobol"),
+        ((0, 16, 32, 48, 70), "sobol"), ((0, 64, 112, 192, 197), "sobol"),
+    ],
+)  # fmt: skip
+def test_ranges_merge_to_the_bits_of_one_render(
+    tmp_path: Path, cuts: tuple[int, ...], sampler: str
+) -> None:
     parts = []
-    for first, n in ((7, 5), (0, 4), (12, 1), (4, 3)):
-        started(n, first=first).checkpoint().save(tmp_path / f"{first}.film")
-        parts.append(vr.Checkpoint.load(tmp_path / f"{first}.film"))
-    made = vr.Checkpoint.merged(parts).picture()
-    one = vr.render(vr.cornell_box(), 13, device="cpu", **SIZE)
-    assert made.film_sha256 == one.film_sha256 and made.spp == 13
+    for k in (2, 0, 3, 1):
+        work = started(cuts[k + 1] - cuts[k], first=cuts[k], sampler=sampler)
+        work.checkpoint().save(tmp_path / f"{k}.film")
+        parts.append(vr.Checkpoint.load(tmp_path / f"{k}.film"))
+    whole = vr.Checkpoint.merged(parts)
+    made = whole.picture()
+    one = vr.render(vr.cornell_box(), cuts[-1], device="cpu", sampler=sampler, **SIZE)
+    assert made.film_sha256 == one.film_sha256 and made.spp == cuts[-1]
+    work = vr.Accumulation(vr.cornell_box(), spp=250, device="cpu", sampler=sampler, **SIZE)
+    work.resume(whole)
+    work.add(250 - cuts[-1])
+    more = vr.render(vr.cornell_box(), 250, device="cpu", sampler=sampler, **SIZE)
+    assert work.render().film_sha256 == more.film_sha256
     assert {k: made.stats[k] for k in SAME} == {k: one.stats[k] for k in SAME}
     made.save(tmp_path / "a.exr")
     assert vr.Render.load(tmp_path / "a.exr").film_sha256 == one.film_sha256
     wrong: list[tuple[list[Any], str]] = [
-        (parts[:1] + parts[1:3], r"samples 4:7 are missing"),
-        ([*parts, parts[3]], r"samples 4:7 are there twice"),
+        (parts[:3], f"samples {cuts[1]}:{cuts[2]} are missing"),
+        ([*parts, parts[3]], f"samples {cuts[1]}:{cuts[2]} are there twice"),
         ([], "no checkpoints to merge"),
-        ([*parts, started(2, first=13, seed=4).checkpoint()], "seed is 4, not 0"),
+        ([*parts, started(2, first=208, seed=4, sampler=sampler).checkpoint()], "seed is 4, not 0"),
     ]
     for given, message in wrong:
         with pytest.raises(vr.CheckpointError, match=message):
             vr.Checkpoint.merged(given)
-    with pytest.raises(vr.CheckpointError, match="samples 0:4 are missing"):
+    with pytest.raises(vr.CheckpointError, match=f"samples 0:{cuts[1]} are missing"):
         parts[3].picture()
+
+
+def test_groups_are_not_cut() -> None:
+    with pytest.raises(ValueError, match="first = 8; with sampler sobol it is a multiple of 16"):
+        started(4, first=8)
+    parts = [started(5).checkpoint(), started(5, first=16).checkpoint()]
+    parts[1] = dataclasses.replace(parts[1], first=5)
+    with pytest.raises(vr.CheckpointError, match="parts end at multiples of 16"):
+        vr.Checkpoint.merged(parts)
 
 
 @pytest.mark.parametrize(
     ("other", "message"),
     [
         ({"seed": 1}, "seed is 0, not 1"),
-        ({"sampler": "sobol"}, "sampler is independent, not sobol"),
+        ({"sampler": "independent"}, "sampler is sobol, not independent"),
         ({"width": 25}, "width is 24, not 25"),
         ({"max_depth": 3}, "max_depth is .*, not 3"),
         ({"rr_depth": 9}, "rr_depth is .*, not 9"),
         ({"target_error": 0.1, "spp": 64}, "target_error is None, not 0.1"),
         ({"batches": 2, "spp": 10}, "batches is 0, not 2"),
         ({"spp": 3}, "it has 5 samples per pixel, more than spp = 3"),
-        ({"first": 2}, "its first sample is 0, not 2"),
+        ({"first": 16}, "its first sample is 0, not 16"),
     ],
 )  # fmt: skip
 def test_of_another_render(other: dict[str, Any], message: str) -> None:
@@ -166,7 +192,7 @@ def test_torn_and_changed_files(tmp_path: Path) -> None:
     good = path.read_bytes()
     rng = random.Random(3)
     bad = [good[:n] for n in (0, 5, HEAD, HEAD + 4, HEAD + 8, 500, len(good) // 2, len(good) - 1)]
-    bad += [good + b"x", b"veriray checkpoint 2\n" + good[HEAD:]]
+    bad += [good + b"x", b"veriray checkpoint 3\n" + good[HEAD:]]
     for _ in range(60):
         k = rng.randrange(len(good))
         bad.append(good[:k] + bytes([good[k] ^ 1 << rng.randrange(8)]) + good[k + 1 :])
@@ -219,11 +245,11 @@ def test_sizes_that_the_file_has_not(side: int, tmp_path: Path) -> None:
 
     def enlarge(h: dict[str, Any]) -> None:
         h["render"].update(width=side, height=side)
-        (words,) = (entry for entry in h["arrays"] if entry[0] == "words radiance")
+        (words,) = (entry for entry in h["arrays"] if entry[0] == "film radiance")
         words[2][:2] = side, side
 
     path = tmp_path / "a.film"
-    started().checkpoint().save(path)
+    started(sampler="independent").checkpoint().save(path)
     path.write_bytes(rewritten(path.read_bytes(), enlarge))
     need = side * side * 3 * 4 * 8
     with pytest.raises(vr.CheckpointError, match=r"bytes, where its header says (\d+)") as caught:
@@ -306,28 +332,29 @@ def test_ranges_by_commands(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     render = [*COMMAND[3:], *SMALL]
-    for samples, name in (("0:3", "a.film"), ("7:10", "c.film"), ("3:7", "b.film")):
+    for samples, name in (("0:16", "a.film"), ("48:70", "c.film"), ("16:48", "b.film")):
         assert main([*render, "--samples", samples, "--checkpoint", name]) == 0
         assert f"{samples} of {samples} in {name}" in capsys.readouterr().out
-    one = vr.render(vr.cornell_box(), 10, device="cpu", width=32, height=24)
+    one = vr.render(vr.cornell_box(), 70, device="cpu", width=32, height=24)
     assert main(["merge", "c.film", "a.film", "b.film", "-o", "a.exr", "-o", "d.film"]) == 0
     assert f"SHA-256    {one.film_sha256}" in capsys.readouterr().out
     assert vr.Render.load("a.exr").film_sha256 == one.film_sha256
-    assert main([*render, "--spp", "10", "--checkpoint", "d.film", "-o", "b.png"]) == 0
+    assert main([*render, "--spp", "70", "--checkpoint", "d.film", "-o", "b.png"]) == 0
     assert one.film_sha256 in capsys.readouterr().out
     out, film = ["-o", "x.exr"], ["--checkpoint", "x.film"]
     wrong = [
-        (["merge", "a.film", "c.film", *out], "a.film (0:3) and c.film (7:10): samples 3:7 are m"),
-        (["merge", "d.film", "b.film", *out], "samples 3:7 are there twice"),
-        (["merge", "b.film", *out], "b.film (3:7): samples 0:3 are missing"),
+        (["merge", "a.film", "c.film", *out], "(0:16) and c.film (48:70): samples 16:48 are m"),
+        (["merge", "d.film", "b.film", *out], "samples 16:48 are there twice"),
+        (["merge", "b.film", *out], "b.film (16:48): samples 0:16 are missing"),
         (["merge", "a.film"], "no output"),
         (["merge", "a.film", "-o", "./a.film"], "./a.film is an input too; write to another file"),
-        (["merge", "a.film", "a.film", *out], "samples 0:3 are there twice"),
+        (["merge", "a.film", "a.film", *out], "samples 0:16 are there twice"),
         ([*render, "--samples", "3:3", *film], "expected A:B with"),
         ([*render, "--samples", "3", *film], "expected A:B with"),
         ([*render, "--samples", "0:3"], "into --checkpoint FILE alone"),
         ([*render, "--samples", "0:3", *film, "--spp", "3"], "not together with --spp"),
-        ([*render, "--samples", "0:4", "--checkpoint", "b.film"], "first sample is 3, not 0"),
+        ([*render, "--samples", "0:4", "--checkpoint", "b.film"], "first sample is 16, not 0"),
+        ([*render, "--samples", "3:7", *film], "with sampler sobol it is a multiple of 16"),
     ]  # fmt: skip
     for arguments, message in wrong:
         assert main(arguments) == 2

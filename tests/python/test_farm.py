@@ -47,10 +47,10 @@ def test_slurm_scripts(tmp_path: Path) -> None:
     (tmp_path / "merge.sh").write_text(merge)
     assert "SPP=8192" in submit and "--array=0-7" in render
     (tmp_path / "submit.sh").write_text(
-        submit.replace("SPP=8192", "SPP=45").replace("scene.xml", "cornell-box")
+        submit.replace("SPP=8192", "SPP=120").replace("scene.xml", "cornell-box")
     )
     environment = {**os.environ, "PATH": f"{tools}:{os.environ['PATH']}", "AGAIN": "2"}
     subprocess.run(["sh", "-eu", "submit.sh"], cwd=tmp_path, env=environment, check=True)
     assert len([*tmp_path.glob("part-*.film")]) == 4
-    right = vr.render(vr.cornell_box(), 45, width=24, height=18, device="cpu").film_sha256
+    right = vr.render(vr.cornell_box(), 120, width=24, height=18, device="cpu").film_sha256
     assert vr.Render.load(tmp_path / "out.exr").film_sha256 == right

@@ -136,8 +136,8 @@ def test_shares_and_errors_over_seeds(device: str) -> None:
     wall = {"type": "rectangle", "to_world": to_world, "bsdf": GREY}
     scene = scene_of({"wall": wall}, width=5, height=4)
     seeds, spp = 400, 16
-    runs = [vr.feature_images(scene, ("position", "alpha"), spp=spp, seed=k, device=device)
-            for k in range(seeds)]  # fmt: skip
+    runs = [vr.feature_images(scene, ("position", "alpha"), spp=spp, seed=k, device=device,
+                              sampler="independent") for k in range(seeds)]  # fmt: skip
     alpha = np.array([r["alpha"] for r in runs], float)
     assert (alpha[:, :, :2] == 1).all() and not alpha[:, :, 3:].any()
     middle = alpha[:, :, 2]
@@ -568,7 +568,7 @@ def test_what_a_render_refuses() -> None:
         ({"features": "motion", "motion_to": 1}, "motion_to = 1 is not a Camera"),
         ({"features": "motion", "motion_to": meter}, "a camera of projection irradiance sees no"),
         (
-            {"features": "direct", "target_error": 0.5, "spp": 16},
+            {"features": "direct", "target_error": 0.5, "spp": 64},
             "direct not together with target_error",
         ),
         ({"features": "depth", "feature_spp": 0}, "feature_spp = 0 is outside"),

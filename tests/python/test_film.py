@@ -316,7 +316,7 @@ def test_filters_leave_their_share_of_noise(
                    "to_world": vr.transform.look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])},
         "veil": {"type": "rectangle", "bsdf": veil, "to_world": vr.transform.scale([9, 9, 1])},
     }).with_(width=40, height=30, filter=filter, filter_parameter=parameter)  # fmt: skip
-    made = vr.render(scene, spp=256, device=device)
+    made = vr.render(scene, spp=256, device=device, sampler="independent")
     variance = float((made.stderr[..., 0].astype(np.float64) ** 2).mean()) * 256
     assert abs(variance / (share / 4) - 1) < 0.02
     assert abs(made.image[..., 0].mean() - 0.5) < 5 * 0.5 / (256 * 40 * 30) ** 0.5

@@ -198,7 +198,7 @@ def test_a_render_takes_up_its_kernel_when_it_is_there(
     cornell: vr.Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While a kernel is being compiled a render goes on in parts; picture and counts do not."""
-    whole = vr.render(cornell, spp=64, device="cpu")
+    whole = vr.render(cornell, spp=96, device="cpu")
     asked: list[int] = []
 
     def awaits(hand: crew.Hand, paths: int = 0) -> bool:
@@ -206,10 +206,11 @@ def test_a_render_takes_up_its_kernel_when_it_is_there(
         return len(asked) < 4
 
     monkeypatch.setattr(crew.Hand, "_awaits_kernel", awaits)
-    monkeypatch.setattr(crew, "FIRST_PART", 1500)
+    monkeypatch.setattr(crew, "FIRST_PART", 1500)  # a group of samples
+    monkeypatch.setattr(crew, "GROWTH", 1)
     shares: list[float] = []
-    parts = vr.render(cornell, spp=64, device="cpu", progress=shares.append)
-    assert asked[:3] == [64 * 32 * 32, 0, 0]  # of the scene, then of parts
+    parts = vr.render(cornell, spp=96, device="cpu", progress=shares.append)
+    assert asked[:3] == [96 * 32 * 32, 0, 0]  # of the scene, then of parts
     assert parts.film_sha256 == whole.film_sha256
     assert parts.stats["live_rays"] == whole.stats["live_rays"]
     assert shares == sorted(shares) and shares[-1] == 1

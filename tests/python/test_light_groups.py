@@ -120,7 +120,7 @@ def test_errors_are_those_over_seeds() -> None:
     limit that picture and direct light give for `indirect` is off by more than 2."""
     scene = room().with_(width=4, height=4)
     names = ("light.key", "light.fill", "indirect")
-    runs = [vr.render(scene, 16, seed, device="cpu", features="direct,indirect",
+    runs = [vr.render(scene, 64, seed, device="cpu", features="direct,indirect",
                       light_groups=GROUPS) for seed in range(400)]  # fmt: skip
     for name in names:
         spread = np.array([r.features[name] for r in runs], float).var(0, ddof=1)
@@ -239,7 +239,7 @@ def test_other_refusals() -> None:
     with pytest.raises(ValueError, match=r"no lamp is called 'x'; there are: a\\udc80$"):
         vr.render(vr.load_dict({"type": "scene", "a\udc80": lamp}), 1, light_groups=["x"])
     with pytest.raises(ValueError, match="light_groups: not together with target_error"):
-        vr.render(room(), 16, light_groups="*", target_error=0.1)
+        vr.render(room(), 64, light_groups="*", target_error=0.1)
     for given in ({"light_groups": "*"}, {"motion_to": room().camera}):
         with pytest.raises(ValueError, match="light_groups, motion_to are settings of veriray.re"):
             vr.Accumulation(room(), **given)

@@ -123,7 +123,7 @@ UNSET = "$none"
         (VIEW.replace('"8"', f'"{UNSET}"'), {"film.width": 768}, '"width" of hdrfilm takes its default'),
         (SENSOR.format(f'<rfilter type="tent">{param("float", "radius", UNSET)}</rfilter>', ""), {"film.filter_parameter": 1.0}, '"radius" of tent takes its default'),
         (SENSOR.format(f'<rfilter type="{UNSET}"/>', ""), {"film.filter": "gaussian"}, "the rfilter is gaussian"),
-        (SENSOR.format("", f'<sampler type="a{UNSET}"/>'), {"sampler": "independent"}, "the sampler is independent"),
+        (SENSOR.format("", f'<sampler type="a{UNSET}"/>'), {"sampler": "sobol"}, "the sampler is independent"),
         (VIEW.replace("hdrfilm", UNSET), {"film.width": 8}, "the film is hdrfilm"),
         (VIEW + f'<integrator type="{UNSET}">{param("integer", "max_depth", 3)}</integrator>', {"max_depth": 3}, "the integrator is path"),
     ],
@@ -537,7 +537,7 @@ def test_samplers(tmp_path: Path) -> None:
         sampler = f'<sampler type="{name}">{param("integer", "sample_count", 3)}</sampler>'
         scene = loaded(tmp_path, SKY, SENSOR.format("", sampler))
         assert scene.spp == 3
-        assert scene.sampler == ("independent" if name == "independent" else "sobol")
+        assert scene.sampler == "sobol"
 
 
 @pytest.mark.parametrize(

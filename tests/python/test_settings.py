@@ -163,8 +163,8 @@ def bound(name: str) -> dict[str, Any]:
 
 
 def test_stub_and_bindings() -> None:
-    assert stub("render") == {*native_defaults(), *RANGE, "poll"}
-    assert bound("render") == {**native_defaults(), **RANGE, "poll": None}
+    assert stub("render") == {*native_defaults(), *RANGE, "units", "poll"}
+    assert bound("render") == {**native_defaults(), **RANGE, "units": False, "poll": None}
     place = {"x": 0, "y": 0, "sample": 0}
     assert stub("trace_path") == {*native_defaults(path=True), *place}
     assert bound("trace_path") == {**native_defaults(path=True), **place}
@@ -180,7 +180,7 @@ def test_struct() -> None:
         for part in declared.split(","):
             name, _, value = part.partition("=")
             found[name.strip()] = literal(value) if value else None
-    assert found == {**native_defaults(), **RANGE}
+    assert found == {**native_defaults(), **RANGE, "units": False}
 
 
 def test_native_call(monkeypatch: pytest.MonkeyPatch) -> None:

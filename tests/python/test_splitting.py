@@ -96,3 +96,19 @@ def test_closed_early() -> None:
     assert split.take("b") == (0, 125) and not split.done
     split.finished("b", 1.0)
     assert split.take("b") == (125, 187)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_groups_are_whole(seed: int) -> None:
+    """Ranges end with groups of 16 samples, or with the pass."""
+    rng = random.Random(seed)
+    split = Split(64, 64 + 1007, {k: 10 ** rng.uniform(1, 4) for k in range(4)}, groups=True)
+    ranges = []
+    while not split.done:
+        for worker in range(4):
+            if (piece := split.take(worker)) is not None:
+                ranges.append(piece)
+                split.finished(worker, rng.random())
+    ends = sorted(ranges)
+    assert [begin for begin, _ in ends[1:]] == [end for _, end in ends[:-1]]
+    assert all(begin % 16 == 0 for begin, _ in ends) and ends[-1][1] == 1071

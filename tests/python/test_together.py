@@ -45,10 +45,10 @@ def paces(monkeypatch: pytest.MonkeyPatch) -> dict[int, float]:
     numbers: dict[int, int] = {}
     draw = Hand.draw
 
-    def slow(self: Hand, film: Any, begin: int, end: int, pixels: Any, progress: Any) -> Any:
+    def slow(self: Hand, film: Any, begin: int, end: int, *rest: Any) -> Any:
         k = numbers.setdefault(id(self), len(numbers))
         time.sleep(waits.get(k, 0.0) * (end - begin))
-        report = draw(self, film, begin, end, pixels, progress)
+        report = draw(self, film, begin, end, *rest)
         report["seconds"] += waits.get(k, 0.0) * (end - begin)
         return report
 
@@ -192,15 +192,15 @@ def test_others_draw_for_one_without_memory(which: int, monkeypatch: pytest.Monk
         time.sleep(0.02)  # so that this one gets a range
 
     failing(monkeypatch, fails)
-    work = vr.Accumulation(scene, device="cpu,cpu,cpu", spp=200, **SIZE)
-    work.add(100)
+    work = vr.Accumulation(scene, device="cpu,cpu,cpu", spp=600, **SIZE)
+    work.add(96)
     with pytest.warns(vr.DeviceWarning, match="cpu:.* takes no part: no room for this"):
-        while work.left > 4 and not work._crew.hands[which].out:
+        while work.left > 48 and not work._crew.hands[which].out:
             for hand in work._crew.hands:
                 hand.rate = 0.0  # so that all begin with a range
-            work.add(4)
+            work.add(48)
     work.add(work.left)
-    same(work.render(), vr.render(scene, 200, device="cpu", **SIZE))
+    same(work.render(), vr.render(scene, 600, device="cpu", **SIZE))
 
     work = vr.Accumulation(scene, device="cpu,cpu", spp=200, **SIZE)
 

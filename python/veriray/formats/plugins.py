@@ -414,8 +414,9 @@ _PERSPECTIVE = {
     "far_clip": Param("float", inf, 0.0, MAX_COORDINATE, open=True, doc="default none"),
     "to_world": _TO_WORLD,
 }
-#: Mitsuba's stratified samplers.
-STRATIFIED = ("stratified", "multijitter", "orthogonal", "ldsampler")
+#: Mitsuba's samplers. They say how many samples there are; how these are drawn changes no expected
+#: picture, and is a setting of the render.
+SAMPLERS = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
 #: Films; all but the first and the last are of version 0.x.
 FILMS = ("hdrfilm", "ldrfilm", "tiledhdrfilm", "mfilm", "specfilm")
 _SAMPLED = "it chooses samples, not what they are an estimate of"
@@ -426,7 +427,7 @@ _SAMPLER: dict[str, Any] = {
 _SENSORS = ("perspective", "thinlens", "orthographic", "radiancemeter")
 _ON_SENSORS: dict[str, tuple[tuple[str, ...], int, int]] = {
     "film": (FILMS, 0, 1),
-    "sampler": (("independent", *STRATIFIED), 0, 1),
+    "sampler": (SAMPLERS, 0, 1),
     "medium": (_MEDIA, 0, 1),
 }
 _COEFFICIENT: dict[str, Any] = {"low": 0.0, "high": MAX_COORDINATE}
@@ -534,7 +535,7 @@ PLUGINS: dict[str, Plugin] = {
         {},
         {
             "film": (FILMS, 0, 1),
-            "sampler": (("independent", *STRATIFIED), 0, 1),
+            "sampler": (SAMPLERS, 0, 1),
             "sensor": (_SENSORS, 1, _MANY),
         },
         doc="stands for its sensors, each with its share of the film's width",
@@ -605,10 +606,14 @@ PLUGINS: dict[str, Plugin] = {
         {"lobes": Param("integer", 3, 1, MOST_LOBES)},
         doc="sinc(x) sinc(x / lobes), 2 lobes pixels wide, with negative lobes",
     ),
-    "independent": Plugin("sampler", _SAMPLER, lenient=_SAMPLED),
     **{
-        name: Plugin("sampler", _SAMPLER, doc="runs as sampler sobol", lenient=_SAMPLED)
-        for name in STRATIFIED
+        name: Plugin(
+            "sampler",
+            _SAMPLER,
+            doc="the render's setting says how samples are drawn: sobol",
+            lenient=_SAMPLED,
+        )
+        for name in SAMPLERS
     },
     "rectangle": Plugin(
         "shape", _PLACED | _FLAT, _ON_SHAPES, doc="[-1, 1]^2 at z = 0, front towards +z"

@@ -16,7 +16,7 @@ from ..errors import SceneError
 from ..numeric import view_angle
 from . import meters, views
 from .node import Node, Ref, parse_float, shorten
-from .plugins import SHUTTER, STRATIFIED
+from .plugins import SHUTTER
 from .report import Report
 from .values import located
 
@@ -151,10 +151,9 @@ class Sensors:
         return camera
 
     def sampling(self, node: Node) -> dict[str, Any]:
-        """The settings that a sampler gives."""
+        """The settings that a sampler gives, of whatever kind it is."""
         _, given = self.check(node)
-        kind = "sobol" if node.plugin in STRATIFIED else node.plugin
-        return {"sampler": kind, "spp": given["sample_count"], "seed": given["seed"]}
+        return {"spp": given["sample_count"], "seed": given["seed"]}
 
 
 def focus(values: dict[str, Any]) -> float:

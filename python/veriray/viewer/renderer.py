@@ -25,6 +25,7 @@ from ..errors import printable
 from ..native_scene import native_scene, roughly
 from ..picture import Render
 from ..scene import Scene
+from ..units import rounded
 from . import moves
 from .controls import Action, View, applied, reach
 from .display import CHANNELS
@@ -290,7 +291,8 @@ class Renderer:
         else:
             spent = self.frame.render.stats["seconds"] if self.frame and work.spp else 0.0
             seconds = min(LONGEST_PASS_SECONDS, PASS_SECONDS + 0.1 * spent)
-        return max(1, min(goal - work.spp, int(seconds * self._rate / pixels)))
+        left = goal - work.spp
+        return rounded(work.spp, max(1, min(left, int(seconds * self._rate / pixels))), left)
 
     def _pass(self, work: Accumulation, n: int, shot: _Shot) -> None:
         """Draws samples. The first ones of a change are drawn to the end unless they take far

@@ -63,8 +63,8 @@ def turned_boxes() -> Scene:
 
 LARGER: Mapping[str, Callable[[], Scene]] = {
     "cornell-box": lambda: veriray.cornell_box().with_(width=24, height=20),
-    "cornell-box by sobol": lambda: veriray.cornell_box().with_(
-        width=24, height=20, sampler="sobol"
+    "cornell-box by independent": lambda: veriray.cornell_box().with_(
+        width=24, height=20, sampler="independent"
     ),
     "open": lambda: veriray.load_file("open").with_(width=24, height=20),
     "turned boxes": turned_boxes,
@@ -456,13 +456,13 @@ def moved_by_a_million(t: Trial) -> None:
 
 #: Largest depth of recorded films. In glass_mesh total reflection traps paths for ever.
 DEPTHS = {"checks/glass_mesh": 64}
-BY_SOBOL = " by sobol"
+ALONE = " by independent"
 
 
 def recorded_scene(name: str, width: int) -> Scene:
     """A scene as recorded.json names it, its depth as in DEPTHS, else without a limit."""
-    if name.endswith(BY_SOBOL):
-        return recorded_scene(name.removesuffix(BY_SOBOL), width).with_(sampler="sobol")
+    if name.endswith(ALONE):
+        return recorded_scene(name.removesuffix(ALONE), width).with_(sampler="independent")
     if name in SHIPPED:
         scene = veriray.load_file(name).with_(width=width, height=width)
     else:
@@ -542,7 +542,8 @@ def recorded_films(t: Trial, entry: str) -> None:
 def write() -> None:
     """Regenerates recorded.json with the fastest CPU device."""
     lines = [("cornell-box", 32, 16), ("open", 32, 16), ("cornell-box", 128, 64)]
-    lines += [("cornell-box" + BY_SOBOL, 32, 64), ("checks/thinlens" + BY_SOBOL, 24, 16)]
+    lines += [("cornell-box" + ALONE, 32, 16), ("checks/gaussian" + ALONE, 24, 4),
+              ("cornell-box" + ALONE, 128, 64), ("checks/thinlens", 24, 80)]  # fmt: skip
     lines += [(f"checks/{name}", 24, 4) for name in CHECKS]
     rows = ",\n".join(
         json.dumps(record("cpu", recorded_scene(name, width), name, spp))

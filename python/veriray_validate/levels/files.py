@@ -22,7 +22,7 @@ SPP = 16
 def rendered(t: Trial, what: str) -> Render:
     """A picture with batches, or one whose tiles have different numbers of samples."""
     scene = veriray.cornell_box().with_(width=40, height=24)
-    more = {"batches": 4} if what == "batches" else {"target_error": 0.2}
+    more = {"batches": 4} if what == "batches" else {"target_error": 0.05}
     r = t.render(scene, SPP if what == "batches" else 64 * SPP, **more)
     t.check((r.image[..., 0] != r.image[..., 2]).mean() > 0.9, "red and blue are alike")
     return r

@@ -213,7 +213,7 @@ def ours(t: Trial, scene: Scene, run: Run) -> Run:
     """Our own run of the same effort; S0 is checked."""
     batches = len(run.means)
     once = Trial(t.device, t.fresh(), 1, t.threads)  # the effort is the run's
-    r = once.render(scene, batches * run.spp, batches=batches)
+    r = once.render(scene, batches * run.spp, batches=batches, sampler="independent")
     t.checks, t.samples = t.checks + once.checks, t.samples + once.samples
     t.check(
         scene.film.filter in ("mitchell", "lanczos") or (r.image >= 0).all(), "S0: negative values"

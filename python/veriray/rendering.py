@@ -119,9 +119,10 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         max_depth: longest path in segments, as Mitsuba counts: 1 is emission alone, 2 adds direct
             light, -1 is unlimited; None takes the scene's.
         rr_depth: first depth of Russian roulette, >= 1; None takes the scene's.
-        sampler: "independent" or "sobol" (Owen-scrambled, padded pairs; Burley 2020), which lowers
-            the error of pictures with many samples; its `stderr` is that of as many independent
-            samples, an upper estimate. None takes the scene's.
+        sampler: "sobol" (groups of 16 samples, each a scrambled net in every pair of numbers;
+            cpp/core/sobol.h) or "independent". `stderr` is right on average; with sobol, below 64
+            samples and for feature images, it is that of as many independent samples, an upper
+            estimate. None takes the scene's, which is sobol.
         width, height: film size in pixels; None takes the scene's.
         threads: CPU threads, 1 to 1024; None takes all processors. Ignored on CUDA.
         batches: 0, or the number 2 to 1000 of equal sample ranges whose means are kept in
@@ -135,7 +136,7 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         all_features: use the variant compiled for everything even if the scene needs less.
         target_error: None, or the relative standard error in (0, 1) at which tiles of 16 x 16
             pixels stop: adaptive sampling without bias (see `veriray.sampling`), of spp samples a
-            pixel at most (at least 16). Not together with batches.
+            pixel at most (at least 64, with independent 16). Not together with batches.
         builder: of the tree, where the scene needs one: "auto", "sah" or "ploc" (see
             `veriray.native_scene`).
         features: feature images of the first surface that the camera sees (`veriray.features`), in

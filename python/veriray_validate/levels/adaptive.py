@@ -50,7 +50,7 @@ def adaptive_tiles_agree(t: Trial) -> None:
     """
     view = camera([0, 0, 4], [0.5, 0.4, 0], 40)
     scene = make([sphere([0, 0, 0], 1, 0.5, 0.5)], view, 1.0, 48, 48, rr_depth=1)
-    r = t.render(scene, 2048, target_error=0.007)
+    r = t.render(scene, 2048, target_error=0.003)
     t.check(r.samples is not None and len(np.unique(r.samples)) > 2, "all tiles get as many")
     starts = np.arange(0, 48, TILE)
     off, square = (

@@ -99,7 +99,8 @@ def beside(render: Render, scene: Scene, used: Scene, settings: RenderSettings) 
 def _part(scene: Scene, settings: RenderSettings, **changes: Any) -> Render:
     """Another picture with the same samples."""
     plain = {"batches": 0, "features": (), "light_groups": (), "motion_to": None, **changes}
-    work = Accumulation._of(scene, settings.with_checked(plain), None)
+    once = settings.target_error is None
+    work = Accumulation._of(scene, settings.with_checked(plain), None, last=once)
     with contextlib.closing(work):
         while work.left:
             work.add(work.left)

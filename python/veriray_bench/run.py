@@ -131,7 +131,7 @@ def _header(name: str, chosen: Any, crew: Crew, quick: bool) -> dict[str, Any]:
     }  # fmt: skip
     if name == "matrix":
         result["settings"] |= {
-            "sampler": "independent",
+            "sampler": f"{matrix_kind.SAMPLER} (veriray), independent (peers)",
             "alarms": matrix_kind.ALARMS,
             "variance": "sum_k (I_k - I)^2 / (K - 1) / (r^2 + 0.01 R^2)",
         }

@@ -39,7 +39,7 @@ def verdict(
     )
     ours = veriray.render(
         veriray.load_file(path), spp=BATCHES * SPP, seed=1, batches=BATCHES, device="cpu",
-        max_depth=ours_max_depth, rr_depth=5, **sizes,
+        max_depth=ours_max_depth, rr_depth=5, sampler="independent", **sizes,
     )  # fmt: skip
     return veriray.compare(ours, peer)
 

@@ -415,12 +415,10 @@ _RANDOM = (
     Mutant("Sobol points not shifted", _SOBOL, "shift & U(0x0f0f0f0fu)", "shift & U(0u)"),
     Mutant("Sobol's second dimension is the first", _SOBOL,
            "y = y ^ (y & U(0x00050005u)) << 1;", "y = x;"),
-    Mutant("Sobol's second dimension lacks a step", _SOBOL, "y & U(0x00050005u)", "y & U(0u)"),
+    Mutant("Sobol's second dimension lacks a step", _SOBOL, "x & U(0x00030003u)", "x & U(0u)"),
     Mutant("Sobol pairs of a block alike", _RNG, "digits << 12", "digits << 28"),
-    Mutant("Sobol points alike in all pixels", _RNG,
-           "Block<U>{first, sample >> kGroupDigits", "Block<U>{U(key.k0), sample >> kGroupDigits"),
-    Mutant("Sobol groups alike", _RNG, "Block<U>{first, sample >> kGroupDigits",
-           "Block<U>{first, U(7u)"),
+    Mutant("Sobol points alike in all pixels and groups", _RNG, "group_digits(g.x, g.y, sample)",
+           "group_digits(U(0x12345678u), U(0x9abcdef0u), sample)"),
 )  # fmt: skip
 
 _COUNTS = (

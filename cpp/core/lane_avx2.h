@@ -139,18 +139,6 @@ VR_HD U8 load(const uint32_t* p, U8) {
 }
 VR_HD void store(float* p, F8 a) { _mm256_storeu_ps(p, a.v); }
 VR_HD void store(uint32_t* p, U8 a) { _mm256_storeu_si256(reinterpret_cast<__m256i*>(p), a.v); }
-VR_HD U8 reverse_bits(U8 a) {
-    const __m256i low = _mm256_set1_epi8(0x0f);
-    const __m256i nibble = _mm256_broadcastsi128_si256(
-        _mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15));
-    const __m256i bytes = _mm256_broadcastsi128_si256(
-        _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12));
-    const __m256i v = _mm256_shuffle_epi8(a.v, bytes);
-    const __m256i upper = _mm256_and_si256(_mm256_srli_epi16(v, 4), low);
-    const __m256i lower =
-        _mm256_slli_epi16(_mm256_shuffle_epi8(nibble, _mm256_and_si256(v, low)), 4);
-    return _mm256_or_si256(lower, _mm256_shuffle_epi8(nibble, upper));
-}
 VR_HD M8 first_lanes(uint32_t n, M8) {
     return U8(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)) < U8(n);
 }

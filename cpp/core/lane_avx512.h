@@ -126,18 +126,6 @@ VR_HD U16 load(const uint32_t* p, U16) { return _mm512_loadu_si512(p); }
 VR_HD void store(float* p, F16 a) { _mm512_storeu_ps(p, a.v); }
 VR_HD void store(uint32_t* p, U16 a) { _mm512_storeu_si512(p, a.v); }
 VR_HD M16 mask_of(uint32_t m, M16) { return {static_cast<__mmask16>(m)}; }
-VR_HD U16 reverse_bits(U16 a) {
-    const __m512i low = _mm512_set1_epi8(0x0f);
-    const __m512i nibble =
-        _mm512_broadcast_i32x4(_mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15));
-    const __m512i bytes =
-        _mm512_broadcast_i32x4(_mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12));
-    const __m512i v = _mm512_shuffle_epi8(a.v, bytes);
-    const __m512i upper = _mm512_and_si512(_mm512_srli_epi16(v, 4), low);
-    const __m512i lower =
-        _mm512_slli_epi16(_mm512_shuffle_epi8(nibble, _mm512_and_si512(v, low)), 4);
-    return _mm512_or_si512(lower, _mm512_shuffle_epi8(nibble, upper));
-}
 VR_HD M16 first_lanes(uint32_t n, M16) {
     return {static_cast<__mmask16>(n >= 16 ? 0xffffu : (1u << n) - 1u)};
 }

@@ -215,17 +215,6 @@ VR_HD int leading_zeros(uint64_t a) {
 #endif
 }
 
-VR_HD uint32_t reverse_bits(uint32_t a) {
-#if VR_DEVICE_CODE
-    return __brev(a);
-#else
-    a = (a >> 1 & 0x55555555u) | (a & 0x55555555u) << 1;
-    a = (a >> 2 & 0x33333333u) | (a & 0x33333333u) << 2;
-    a = (a >> 4 & 0x0f0f0f0fu) | (a & 0x0f0f0f0fu) << 4;
-    return __builtin_bswap32(a);
-#endif
-}
-
 template <class To, class From>
 VR_HD To bit_cast(From from) {
     static_assert(sizeof(To) == sizeof(From));

@@ -75,17 +75,11 @@ def replayed(t: Trial, scene: Any, n: int, max_depth: int) -> list[list[dict[str
     t.samples += n
     return [
         native.trace_path(
-            host,
-            seed=seed,
-            x=0,
-            y=0,
-            sample=k,
-            max_depth=max_depth,
-            rr_depth=10_000,
+            host, seed=seed, x=0, y=0, sample=k, max_depth=max_depth, rr_depth=10_000,
             sampler="independent",
-        )  # fmt: skip
+        )
         for k in range(n)
-    ]
+    ]  # fmt: skip
 
 
 # ---- mappings ----

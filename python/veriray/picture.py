@@ -44,7 +44,8 @@ class Render:
 
     image: (H, W, 3) float32, mean linear radiance; row 0 is the top of the picture.
     stderr: (H, W, 3) float32, standard error of that mean, per pixel and channel.
-    batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None.
+    batch_means: (B, H, W, 3) float64, means of B runs of spp / B samples each, or None. With
+        sampler sobol they are independent of each other where spp / B is a multiple of 16.
     samples: (H, W) uint32, the samples of each pixel, or None where all have spp.
     features: feature images by name, if they were asked for (`veriray.features`).
     film_sha256: see `film_hash`; equal hashes mean equal bytes.

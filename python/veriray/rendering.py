@@ -120,13 +120,14 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
             light, -1 is unlimited; None takes the scene's.
         rr_depth: first depth of Russian roulette, >= 1; None takes the scene's.
         sampler: "sobol" (groups of 16 samples, each a scrambled net in every pair of numbers;
-            cpp/core/sobol.h) or "independent". `stderr` is right on average; with sobol, below 64
-            samples and for feature images, it is that of as many independent samples, an upper
-            estimate. None takes the scene's, which is sobol.
+            cpp/core/sobol.h) or "independent". `stderr` is right on average; with sobol it is an
+            upper estimate for feature images, below 64 samples, and where 16 does not divide spp.
+            None takes the scene's, which is sobol.
         width, height: film size in pixels; None takes the scene's.
         threads: CPU threads, 1 to 1024; None takes all processors. Ignored on CUDA.
         batches: 0, or the number 2 to 1000 of equal sample ranges whose means are kept in
-            `batch_means`; must divide spp.
+            `batch_means`; must divide spp. With sobol take a multiple of 16 samples for each
+            (`Render.batch_means`).
         batch_size: paths in flight; 0 lets the back end choose. Sets memory, not the picture.
         progress: called on this thread about every 10 ms with the fraction done in [0, 1]; where a
             tree is built over a large mesh, that is the first tenth. An exception that it raises

@@ -27,6 +27,7 @@ from veriray.comparison.statistics import MARGIN
 from veriray.native_scene import native_scene_arguments
 from veriray.rendering import Render, render
 from veriray.scene import Scene
+from veriray.units import GROUP
 from veriray_validate.statistics import error_of_sum, max_z, sidak, smallest_bias
 
 Array = npt.NDArray[Any]
@@ -267,11 +268,17 @@ class Trial:
     def render(self, scene: Scene, spp: int, **settings: Any) -> Render:
         """`veriray.render` on the trial's device, spp times effort, a fresh seed unless given.
 
-        Checks that no sample is non-finite and that the ledger adds up.
+        Samples are independent where batches would cut the groups that sobol draws, because tests
+        take batches for independent. Checks that no sample is non-finite and that the ledger adds
+        up.
         """
         settings = {"device": self.device, "threads": self.threads, **settings}
         settings.setdefault("seed", self.fresh())
-        result = render(scene, spp=spp * self.effort, **settings)
+        spp *= self.effort
+        batches = settings.get("batches", 0)
+        if batches and spp % (GROUP * batches):
+            settings.setdefault("sampler", "independent")
+        result = render(scene, spp=spp, **settings)
         paths = result.width * result.height * result.spp
         if result.samples is not None:
             pilot = result.stats["pilot_spp"] * result.samples.size
@@ -315,7 +322,8 @@ class Trial:
         """
         shared = scene.film.filter != "box" and scene.film.width * scene.film.height > 1
         if shared:
-            spp, settings = BATCHES * -(-spp // BATCHES), {**settings, "batches": BATCHES}
+            whole = BATCHES * (1 if spp < BATCHES * GROUP else GROUP)
+            spp, settings = whole * -(-spp // whole), {**settings, "batches": BATCHES}
         r = self.render(scene, spp, **settings)
         truth = np.broadcast_to(np.asarray(exact, np.float64), r.image.shape)
         mean, error = r.image.astype(np.float64), r.stderr.astype(np.float64)

@@ -307,7 +307,7 @@ def test_noise_that_hangs_together_is_flipped_together() -> None:
 
 def test_a_filter_beyond_blocks_leaves_s4_out() -> None:
     scene = vr.cornell_box().with_(width=16, height=16, filter="gaussian", filter_parameter=2.0)
-    a, b = (vr.render(scene, 32, device="cpu", seed=seed, batches=16) for seed in (1, 2))
+    a, b = (vr.render(scene, 256, device="cpu", seed=seed, batches=16) for seed in (1, 2))
     report = compare(a, b, same_estimator=True)
     assert report.effort == "equal" and test_of(report, "S3").p is not None
     assert "share no samples" in dict(report.not_run)["S4 variance"]

@@ -270,6 +270,17 @@ def test_alias(tmp_path: Path) -> None:
     assert loaded(tmp_path, *lines).reflectance.tolist() == [[0.5, 0.0, 0.0]]
 
 
+def test_a_key_of_a_dictionary_is_a_second_name() -> None:
+    """As in Mitsuba, whose references to objects with an id of their own take either."""
+    grey = {"type": "diffuse", "id": "own", "reflectance": 0.25}
+    for name in ("own", "key"):
+        ball = {"type": "sphere", "bsdf": {"type": "ref", "id": name}}
+        scene = vr.load_dict(
+            {"type": "scene", "key": grey, "ball": ball, "sky": {"type": "constant"}}
+        )
+        assert np.allclose(scene.albedo, 0.25), name
+
+
 def test_references_at_top_level(tmp_path: Path) -> None:
     """One to what the scene holds already counts once, one to a part of something adds it."""
     cube = '<shape type="cube" id="box"><bsdf type="diffuse" id="grey"/></shape>'
@@ -488,6 +499,7 @@ TAKEN = {
     "lamp": (VIEW + f'<emitter type="point">{param("float", "sampling_weight", 0.5)}</emitter>', "it chooses samples"),
     "dark lamp": (VIEW + f'<shape type="cube"><emitter type="area">{param("float", "sampling_weight", 0)}</emitter></shape>', "it chooses samples"),
     "silhouette": (VIEW + f'<shape type="cube">{param("float", "silhouette_sampling_weight", 2)}</shape>', "it concerns derivatives"),
+    "other derivatives": (VIEW + f'<integrator type="prb_reparam">{param("integer", "reparam_rays", 4)}</integrator>', "it concerns derivatives"),
     "derivatives": (VIEW + f'<integrator type="prb_projective">{param("integer", "sppi", 4)}</integrator>', "it concerns derivatives"),
 }  # fmt: skip
 
@@ -581,6 +593,7 @@ def test_notes_on_the_command_line(tmp_path: Path, capsys: Any) -> None:
 DEPTHS = {
     "path": -1, "volpath": -1, "volpathmis": -1, "ptracer": -1, "prb": 6, "prb_basic": 6,
     "prbvolpath": 6, "prb_projective": 6, "direct": 2, "direct_projective": 2,
+    "prb_reparam": 6, "direct_reparam": 2, "emission_reparam": 1,
 }  # fmt: skip
 
 
@@ -589,7 +602,7 @@ def test_integrators_that_render_paths(tmp_path: Path, name: str) -> None:
     line = f'<integrator type="{name}">{{}}</integrator>'
     scene = loaded(tmp_path, VIEW, SKY, line.format(""))
     assert (scene.max_depth, scene.rr_depth, scene.notes) == (DEPTHS[name], 5, ())
-    if DEPTHS[name] != 2:
+    if DEPTHS[name] not in (1, 2):
         given = param("integer", "max_depth", 9) + param("integer", "rr_depth", 3)
         scene = loaded(tmp_path, VIEW, SKY, line.format(given))
         assert (scene.max_depth, scene.rr_depth) == (9, 3)

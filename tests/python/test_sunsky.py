@@ -45,6 +45,13 @@ def texels(scene: Any) -> tuple[Any, Any, Any]:
     return image, local @ scene.sky_to_world.T, share * 2 * np.pi / width
 
 
+def test_albedo_of_the_ground_is_a_reflectance() -> None:
+    """Its spectra are converted as those of surfaces, not as light."""
+    for value, albedo in ((0.5, 0.5), ([(300, 0.25), (900, 0.25)], 0.25)):
+        one, other = (made(albedo=a) for a in ({"type": "spectrum", "value": value}, albedo))
+        assert np.allclose(one.sky_texels, other.sky_texels, rtol=1e-3)
+
+
 def test_the_sky_is_that_of_mitsuba() -> None:
     """Within 2e-5 at 20 directions of five skies."""
     directions = np.array(RECORD["directions"])

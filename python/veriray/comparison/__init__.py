@@ -208,6 +208,8 @@ def _notes(a: Render, b: Render) -> list[str]:
             )
         if x.stats.get("filter", "") is None and (below := int(np.count_nonzero(x.image < 0))):
             out.append(f"{letter} holds {below} values below 0, as filters with such weights give")
+        if cut := x.stats.get("batches_cut"):
+            out.append(f"{letter}: {cut}")
         if x.stats.get("luminance"):
             out.append(f"{letter} holds luminance alone: R, G and B stand for it")
     one = _program(a) == _program(b)

@@ -32,6 +32,7 @@ from veriray.loading import MAX_BYTES, read_exr, read_header
 from veriray.numeric import path_text, whole
 from veriray.picture import Render
 from veriray.settings import MAX_BATCHES, MAX_SPP
+from veriray.units import GROUP
 
 Array = NDArray[Any]
 Path = str | os.PathLike[str]
@@ -83,6 +84,7 @@ def opened(
         spp = whole(f"spp of {letter}", spp, 1, MAX_SPP, error=CompareError)
     if isinstance(source, (Render, str, os.PathLike)):
         render, name, masks = _one(source, letter, channels, spp)
+        render = _of_whole_groups(render)
         if render.batch_means is not None and len(render.batch_means) < 2:
             render = replace(render, batch_means=None)
         return render, name, masks
@@ -98,6 +100,27 @@ def opened(
     if len(source) > MAX_BATCHES:
         raise CompareError(f"{letter}: {len(source)} pictures; expected at most {MAX_BATCHES}")
     return _many(source, letter, channels, spp)
+
+
+def _of_whole_groups(render: Render) -> Render:
+    """The render with batches that are independent of each other: of whole groups of samples.
+
+    Means of batches that cut the groups of `veriray.units` spread more than that of all does, so
+    that tests would find less than they state. The batches that fill groups together become one;
+    all go where they do not come out even.
+    """
+    means = render.batch_means
+    if means is None or render.stats.get("sampler") != "sobol":
+        return render
+    each = render.spp // len(means)
+    joined = GROUP // math.gcd(each, GROUP)
+    if joined == 1:
+        return render
+    kept, left = divmod(len(means), joined)
+    told = f"{joined} are tested as one" if not left else "none is tested"
+    note = f"batches of {each} samples cut the groups of {GROUP} that sobol draws: {told}"
+    batches = None if left else means.reshape(kept, joined, *means.shape[1:]).mean(axis=1)
+    return replace(render, batch_means=batches, stats={**render.stats, "batches_cut": note})
 
 
 def _one(

@@ -72,9 +72,10 @@ def depths(
             )
         if not values["emitter_samples"] + values["bsdf_samples"]:
             raise SceneError(f"{node}: emitter_samples and bsdf_samples are 0", node.where)
-    default = {"max_depth": 2, "rr_depth": PLUGINS["path"].params["rr_depth"].default}
-    depth = {name: values.get(name, default[name]) for name in default}
-    return depth | {"hide_emitters": values["hide_emitters"]}
+    depth = 1 if node.plugin == "emission_reparam" else 2
+    default = {"max_depth": depth, "rr_depth": PLUGINS["path"].params["rr_depth"].default}
+    given = {name: values.get(name, default[name]) for name in default}
+    return given | {"hide_emitters": values["hide_emitters"]}
 
 
 def _add_features(node: Node, aovs: str, report: Report) -> None:

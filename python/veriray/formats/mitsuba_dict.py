@@ -3,8 +3,8 @@
 An object is {"type": name, parameter: value, child: object}. Values: bool, int, float, str, 4x4
 arrays or objects with a `matrix` attribute, images as arrays (H, W, C), {"type": "rgb", "value":
 ...}, {"type": "spectrum", "value": number or pairs} and the plugins of `spectra`, {"type": "ref",
-"id": name}. A key of the scene is the id of its object. Places in messages are key paths,
-"scene.white.reflectance".
+"id": name}. A key of the scene is the id of its object, beside one that it states itself. Places
+in messages are key paths, "scene.white.reflectance".
 
 Beyond Mitsuba: {"type": "mesh", "vertices": (V, 3), "faces": (T, 3)} with "uv": (V, 2) and
 "normals": (V, 3) if wanted, and attributes "vertex_...": (V, 1 or 3) and "face_...": (T, 1 or 3).
@@ -90,6 +90,8 @@ def _add(key: Any, content: Mapping[str, Any], node: Node, tree: Tree, depth: in
         item.id = named if isinstance(named, str) else ""
         if item.id:
             tree.add_id(item)
+            if depth == 0 and key != item.id:
+                tree.add_id(item, key)
         _fill(value, item, tree, depth + 1)
         if not item.plugin:
             tree.orphans += [child for child in item.children if isinstance(child, Node)]
@@ -238,7 +240,7 @@ def _numbers(value: Any, where: str) -> npt.NDArray[np.float64]:
             raise TypeError
         return array.astype(np.float64)
     except Exception:  # any object may be given, and its conversion may raise anything
-        raise SceneError(
-            f"{shorten(value)} ({type(value).__name__}) is not a value that a scene can hold",
-            where,
-        ) from None
+        text = f"{shorten(value)} ({type(value).__name__}) is not a value that a scene can hold"
+        if type(value).__module__.partition(".")[0] == "mitsuba":
+            text += ": give the dictionary that Mitsuba made it from, or {'type': 'mesh', ...}"
+        raise SceneError(text, where) from None

@@ -368,6 +368,10 @@ _PROJECTIVE = dict.fromkeys(
     ),
     _DERIVATIVES,
 )  # fmt: skip
+_REPARAM = {
+    f"reparam_{name}": _DERIVATIVES
+    for name in ("max_depth", "rays", "kappa", "exp", "antithetic", "unroll")
+}
 _COUNT = Param("integer", 1, 0, 2**31 - 1, note="the sampler's sample_count alone counts here")
 _DIRECT = {
     "shading_samples": replace(_COUNT, low=1, doc="stands for both of the next"),
@@ -384,6 +388,9 @@ _PATHS = {
     "prbvolpath": _integrator(6, _SAME),
     "prb_projective": _integrator(6, _SAME, **_PROJECTIVE),
     "direct_projective": _integrator(None, "path with max_depth 2", **_PROJECTIVE),
+    "prb_reparam": _integrator(6, _SAME, **_REPARAM),
+    "direct_reparam": _integrator(None, "path with max_depth 2", **_REPARAM),
+    "emission_reparam": _integrator(None, "path with max_depth 1", **_REPARAM),
     "ptracer": _integrator(-1, "by light from the lamps in Mitsuba, which misses mirror images"),
     "direct": Plugin(
         "integrator", {**_DIRECT, "hide_emitters": _HIDE}, doc="path with max_depth 2", noted=_RUN

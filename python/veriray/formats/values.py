@@ -111,9 +111,10 @@ def _parameter(node: Node, name: str, param: Param, report: Report) -> Any:
             raise SceneError(f"{label} is unknown{allowed(value.lower(), IORS)}", given.where)
         value = IORS[value.lower()]
     if given.kind == "spectrum":
-        emitter = PLUGINS[node.plugin].category == "emitter"
+        share = param.high == 1.0  # the albedo of a sunsky's ground too
+        emitter = PLUGINS[node.plugin].category == "emitter" and not share
         shown = f'{node}: "{name}"'
-        value = spectra.to_rgb(value, emitter, param.high == 1.0, shown, given.where, report.warn)
+        value = spectra.to_rgb(value, emitter, share, shown, given.where, report.warn)
     if param.kind == GREY and isinstance(value, tuple):
         if len(set(value)) > 1:
             told = f"{label}: one number counts, the mean of these, as in Mitsuba"

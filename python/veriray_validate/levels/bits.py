@@ -223,7 +223,7 @@ def batches_of_a_render(t: Trial) -> None:
     scene, spp = scene_of("cornell-box")
     seed, host = t.fresh(), Host(t, scene)
     for batches in (0, 2, 3, 24):
-        r = t.render(scene, spp, seed=seed, batches=batches, batch_size=77)
+        r = t.render(scene, spp, seed=seed, batches=batches, batch_size=77, sampler=scene.sampler)
         film, ledger = host.render(0, r.spp, seed=seed)
         whole = zip((r.image, r.stderr), film.resolve(), strict=True)
         t.check(all(np.array_equal(a, b) for a, b in whole), f"another film, {batches} batches")

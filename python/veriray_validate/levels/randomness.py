@@ -280,7 +280,7 @@ def batches_are_independent(t: Trial) -> None:
     Lag 1 of 64 batches in 16 x 16 pixels: sees a correlation of 0.04. Error bars from batches
     against those from samples: sees a ratio of the variances of 1.05.
     """
-    r = t.render(furnace(0.5, 0.5, width=16, height=16), 256, batches=64)
+    r = t.render(furnace(0.5, 0.5, width=16, height=16), 1024, batches=64)
     means = np.asarray(r.batch_means, np.float64)[..., 0]
     off = means - means.mean(axis=0)
     lag = (off[1:] * off[:-1]).sum(axis=0) / (off**2).sum(axis=0)  # E = -1/B, variance 1/B

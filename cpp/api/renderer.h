@@ -139,8 +139,9 @@ class Picture {
    public:
     // counts: samples by pixel; null: samples() of each. threads: as of RenderSettings. plane: one
     // with squares; 0 is radiance. units: the samples by pixel are in units of kGroupSamples.
+    // tail: or null; what the film lacks of the last unit of each pixel, which is cut there.
     Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane = 0,
-            bool units = false);
+            bool units = false, const Film* tail = nullptr);
     // Without numbers yet: see put_features.
     Picture(uint32_t width, uint32_t height, uint32_t channels, bool integers, int device);
     ~Picture();

@@ -172,8 +172,11 @@ void Film::words(size_t plane, uint64_t* out) const {
 }
 
 Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, size_t plane,
-                 bool units)
+                 bool units, const Film* tail)
     : impl(std::make_unique<Impl>()) {
+    if (tail && (plane || tail->width() != film.width() || tail->height() != film.height() ||
+                 tail->impl->device != film.impl->device))
+        fail("a tail is the radiance of a film of the same size and device");
     if (plane >= film.planes().size())
         fail("plane " + std::to_string(plane) + " of a film of " +
              std::to_string(film.planes().size()));
@@ -186,7 +189,10 @@ Picture::Picture(const Film& film, const uint64_t* counts, uint32_t threads, siz
     impl->width = film.width(), impl->height = film.height(), impl->device = film.impl->device;
     impl->channels = info.channels, impl->integers = false;
     ErrorSum sum{};
-    const SampleCount count{film.samples(), plane ? film.samples() : film.units(), counts, units};
+    if (tail) film.impl->check_scale(0, tail->scale(0));
+    const SampleCount count{film.samples() + (tail ? tail->samples() : 0),
+                            plane ? film.samples() : film.units(), counts, units,
+                            tail ? tail->impl->view().words : nullptr};
     impl->memory = film.impl->memory->resolve(view, info.channels, count, threads, sum);
     impl->mean_error = sum.not_finite
                            ? std::numeric_limits<double>::quiet_NaN()

@@ -41,6 +41,7 @@ struct SampleCount {
     uint64_t samples, units;
     const uint64_t* by_pixel;  // or null: all have the same number
     bool groups;               // those by pixel are in units of kGroupSamples, not alone
+    const uint64_t* tail;      // or null: sums of each pixel's last unit, which is cut
 
     VR_HD uint64_t of(uint64_t pixel, uint64_t& of_units) const {
         const uint64_t n = by_pixel ? by_pixel[pixel] : samples;
@@ -105,7 +106,12 @@ struct ResolveChannels {
     VR_HD void operator()(uint64_t i, ErrorSum& sum) const {
         uint64_t units;
         const uint64_t n = count.of(i / channels, units);
-        resolve(film.words + 4 * i, 0, film.scale, n, units, mean[i], error[i]);
+        const PixelSum all = channel_of(film.words + 4 * i);
+        const uint64_t cut = count.tail ? n % kGroupSamples : 0;
+        resolve(
+            cut ? estimate_cut(all, channel_of(count.tail + 4 * i), n - cut, cut, n / kGroupSamples)
+                : estimate(all, n, units),
+            film.scale, mean[i], error[i]);
         const uint32_t bits = bit_cast<uint32_t>(error[i] * film.scale);
         if (bits == 0) return;
         const uint32_t exponent = bits >> 23;
@@ -142,7 +148,7 @@ struct PutFeature {
             for (uint32_t c = 0; c < channels; ++c) {
                 const uint64_t i = pixel * channels + c;
                 float m, e;
-                resolve(words + 4 * i, 0, scale, n, n, m, e);
+                resolve(estimate(channel_of(words + 4 * i), n, n), scale, m, e);
                 m *= unit;
                 if (point) m = static_cast<float>(static_cast<double>(m) + origin[c]);
                 mean[i] = n ? m : nothing;

@@ -110,23 +110,49 @@ VR_HD double film_sum(const uint64_t* words, uint32_t channel, float scale) {
            static_cast<double>(scale);
 }
 
-// Mean and standard error of the mean of one channel over n samples in k independent units, in
-// radiance. Of units of n_j samples and sums S_j, with the mean m of all samples,
+struct Estimate {
+    double mean, squared_error;  // times the film's scale
+};
+
+// Mean and squared error of the mean of the first channel over n samples in k independent
+// units. Of units of n_j samples and sums S_j, with the mean m of all samples,
 //     sum_j (S_j - n_j m)^2 / n_j = sum_j S_j^2 / n_j - n m^2
 // has the mean (k - 1) v, where v is n times the variance of m.
 // The variance is a difference of two numbers. If all samples are equal, rounding (2^-52 of the
 // square) may make it negative; it is then set to 0.
-VR_HD void resolve(const uint64_t* words, uint32_t channel, float scale, uint64_t n, uint64_t k,
-                   float& mean, float& standard_error) {
-    const uint64_t* w = words + 4 * channel;
-    const double count = static_cast<double>(n), unit = 1.0 / static_cast<double>(scale);
-    const double m = n ? to_double({w[0], w[1]}, kSumScale) / count : 0.0;
-    mean = static_cast<float>(m * unit);
-    standard_error = 0;
-    if (k < 2) return;
-    const double variance = to_double({w[2], w[3]}, kSquareScale) / count - m * m;
-    const double root = variance > 0 ? ieee_sqrt(variance / (static_cast<double>(k) - 1.0)) : 0.0;
-    standard_error = static_cast<float>(root * unit);
+VR_HD Estimate estimate(const PixelSum& p, uint64_t n, uint64_t k) {
+    const double count = static_cast<double>(n);
+    const double m = n ? to_double(p.sum[0], kSumScale) / count : 0.0;
+    if (k < 2) return {m, 0.0};
+    const double variance = to_double(p.square[0], kSquareScale) / count - m * m;
+    return {m, variance > 0 ? variance / (static_cast<double>(k) - 1.0) : 0.0};
+}
+// One channel of a pixel's words, as the first of three.
+VR_HD PixelSum channel_of(const uint64_t* words) {
+    return {{{words[0], words[1]}}, {{words[2], words[3]}}};
+}
+// In radiance.
+VR_HD void resolve(const Estimate& e, float scale, float& mean, float& standard_error) {
+    const double unit = 1.0 / static_cast<double>(scale);
+    mean = static_cast<float>(e.mean * unit);
+    standard_error = static_cast<float>(ieee_sqrt(e.squared_error) * unit);
+}
+
+// The same of k whole units of w samples together, and t more of a unit that is cut, which may
+// spread more or less than the others. With the mean M of the whole units, its squared error s^2,
+// the mean m of all n samples and the sum T of the t, m - M = (T - t M) / n, so
+//     n^2 E (m - M)^2 = var T + t^2 s^2 and n^2 var m = w^2 s^2 + var T:
+// (w^2 - t^2) s^2 / n^2 + (m - M)^2 has the mean var m. With one whole unit both count as whole.
+VR_HD Estimate estimate_cut(PixelSum all, const PixelSum& tail, uint64_t w, uint64_t t,
+                            uint64_t k) {
+    const Estimate whole = estimate(all, w, k);
+    add(all.sum[0], tail.sum[0]);
+    add(all.square[0], tail.square[0]);
+    const Estimate both = estimate(all, w + t, k + 1);
+    if (k < 2) return both;
+    const double n = static_cast<double>(w + t), a = static_cast<double>(w) / n,
+                 b = static_cast<double>(t) / n, off = both.mean - whole.mean;
+    return {both.mean, (a * a - b * b) * whole.squared_error + off * off};
 }
 
 // A sample that the film refused: enough to replay it.

@@ -49,7 +49,7 @@ struct LightTree {
         const V where{read(kBranchP), read(kBranchP + 1), read(kBranchP + 2)};
         const V to = select(far, where, where - at.p);
         const F r = max(radius, zero), r2 = r * r, d2 = dot(to, to);
-        const M within = !(d2 > r2) | (radius < F(kFarOff));
+        const M within = (!(d2 > r2)) | (radius < F(kFarOff));
         const F inverse = one / sqrt(d2);
         // The ball's half angle; rounding of cosines is within kAngleSlack.
         const F sine = min(r * inverse, one), cosine = sqrt(max(one - sine * sine, zero));

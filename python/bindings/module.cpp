@@ -309,11 +309,12 @@ void add_state(Film& film, const py::dict& state) {
 
 std::shared_ptr<Picture> make_picture(const Film& film,
                                       const std::optional<Array<uint64_t>>& counts,
-                                      uint32_t threads, size_t plane, bool units) {
+                                      uint32_t threads, size_t plane, bool units,
+                                      const Film* tail) {
     if (counts) need_shape(*counts, "counts", {film.height(), film.width()});
     const uint64_t* n = counts ? counts->data() : nullptr;
     Unlocked unlocked;
-    return std::make_shared<Picture>(film, n, threads, plane, units);
+    return std::make_shared<Picture>(film, n, threads, plane, units, tail);
 }
 
 std::vector<py::ssize_t> picture_shape(const Picture& p) {
@@ -502,13 +503,13 @@ void bind_renderer(py::module_& m) {
         .def(
             "resolve",
             [](const Film& f, const std::optional<Array<uint64_t>>& counts, bool units) {
-                const auto p = make_picture(f, counts, 0, 0, units);
+                const auto p = make_picture(f, counts, 0, 0, units, nullptr);
                 return py::make_tuple(copied(*p, &Picture::read_mean),
                                       copied(*p, &Picture::read_error));
             },
             "counts"_a = py::none(), "units"_a = false)
         .def("picture", &make_picture, "counts"_a = py::none(), "threads"_a = 0, "plane"_a = 0,
-             "units"_a = false)
+             "units"_a = false, "tail"_a = py::none())
         .def("sums",
              [](const Film& f) {
                  py::array_t<double> out(std::vector<py::ssize_t>{f.height(), f.width(), 3});

@@ -293,6 +293,7 @@ class Film:
         threads: int = 0,
         plane: int = 0,  # one with squares
         units: bool = False,  # the counted samples are in units of `veriray.units.GROUP`
+        tail: Film | None = None,  # the last group of each pixel that has not all of it
     ) -> Picture: ...
     def resolve(
         self, counts: npt.NDArray[np.uint64] | None = None, units: bool = False

@@ -301,7 +301,7 @@ class Accumulation:
     def _parts(self, begin: int, end: int, late: bool) -> list[tuple[int, int]]:
         """Ranges of samples that are drawn each into a film of its own: whole groups together."""
         cuts = [begin, end]
-        if self._units and not self._last:
+        if self._units and (late or not self._last):
             first, last = unit_begin(begin + GROUP - 1), unit_begin(end)
             cuts += (first, last) if late else range(first, last + 1, GROUP)
         cuts = sorted({cut for cut in cuts if begin <= cut <= end})
@@ -310,8 +310,8 @@ class Accumulation:
     def _joined(self, kept: Kept, films: Films, spp: int, late: bool) -> Kept:
         """With the samples up to spp, which are in these films: whole groups, or of one."""
         crew = self._crew
-        if not self._units or self._last or (late and unit_begin(kept.spp) == kept.spp
-                                             and unit_begin(spp) == spp):  # fmt: skip
+        whole = unit_begin(kept.spp) == kept.spp and unit_begin(spp) == spp
+        if not self._units or (whole if late else self._last):
             return replace(kept, films=crew.added(kept.films, films), spp=spp)
         group = crew.merged(films, kept.tail, new=True)
         assert group is not None
@@ -325,12 +325,14 @@ class Accumulation:
         films = crew.added(kept.films, films)
         return replace(kept, films=films, groups=groups, tail=tail, spp=spp)
 
-    def _film(self, kept: Kept) -> Film:
-        """All samples."""
-        late = self._late(kept.spp) and self._units
-        film = self._crew.merged(kept.films, kept.tail if late else ())
+    def _film(self, kept: Kept) -> tuple[Film, Film | None]:
+        """All samples but those of a group that is not complete, and these, on one device."""
+        tail = None
+        if self._late(kept.spp) and self._units and kept.films:
+            tail = self._crew.merged(kept.tail)
+        film = self._crew.merged(kept.films or kept.tail, new=bool(tail and len(kept.films) > 1))
         assert film is not None
-        return film
+        return film, tail
 
     def _keep_mean(self, k: int, mean: Array) -> None:
         """Keeps the mean of batch k."""
@@ -432,9 +434,9 @@ class Accumulation:
             counts = np.minimum(self._counts, kept.spp).astype(np.uint64)
         with device_module.native_errors():
             threads = settings.native()["threads"]
-            film = with_room(self.device, lambda: self._film(kept))
+            film, tail = with_room(self.device, lambda: self._film(kept))
             picture = with_room(
-                self.device, lambda: film.picture(counts, threads, units=self._units)
+                self.device, lambda: film.picture(counts, threads, units=self._units, tail=tail)
             )
             error = float(picture.mean_stderr)
             complete = kept.tiles is not None and not self.left

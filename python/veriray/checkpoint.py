@@ -188,12 +188,13 @@ class Checkpoint:
             raise CheckpointError(f"{self}: samples 0:{self.first} are missing")
         chosen, _ = device_module.select(device)
         with device_module.native_errors():
-            film = self._film_on(chosen, self.film, self.tail if self._late else None)
+            film = self._film_on(chosen, self.film)
+            tail = self._film_on(chosen, self.tail) if self._late else None
             assert film is not None  # `Accumulation` makes none without samples but a pilot's
             stats = statistics(self.report, self.paths)
             stats |= {k: v for k, v in self.render.items() if k != "target_error"} | self.machine
             stats |= {"spp": self.spp, "memory": int(film.memory)}
-            picture = film.picture(None, 0)
+            picture = film.picture(None, 0, tail=tail)
             error = float(picture.mean_stderr)
         stats["mean_stderr"] = error if math.isfinite(error) else None
         means = self.means if self.means is not None and len(self.means) > 1 else None

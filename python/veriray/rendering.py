@@ -121,8 +121,8 @@ def render(  # type: ignore[misc]  # the list of settings is that of the first
         rr_depth: first depth of Russian roulette, >= 1; None takes the scene's.
         sampler: "sobol" (groups of 16 samples, each a scrambled net in every pair of numbers;
             cpp/core/sobol.h) or "independent". `stderr` is right on average; with sobol it is an
-            upper estimate for feature images, below 64 samples, and where 16 does not divide spp.
-            None takes the scene's, which is sobol.
+            upper estimate for feature images and below 64 samples. None takes the scene's, which
+            is sobol.
         width, height: film size in pixels; None takes the scene's.
         threads: CPU threads, 1 to 1024; None takes all processors. Ignored on CUDA.
         batches: 0, or the number 2 to 1000 of equal sample ranges whose means are kept in

@@ -608,9 +608,9 @@ PYTHON = (
     _python("samples that decide are in the picture", "sampling.py",
             "return 1 << (spp - 1).bit_length()", "return 0"),
     _python("largest number of samples for all pixels", "accumulation.py",
-            "film.picture(counts, threads, units=self._units)",
+            "film.picture(counts, threads, units=self._units, tail=tail)",
             "film.picture(counts * 0 + counts.max() if counts is not None else None, threads, "
-            "units=self._units)"),
+            "units=self._units, tail=tail)"),
     # camera and film
     _python("degrees of the whole field of view", "numeric.py", "sin_cos_degrees(0.5 * angle)",
             "sin_cos_degrees(angle)"),

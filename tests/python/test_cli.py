@@ -172,9 +172,11 @@ def test_doctor(capsys: Any) -> None:
 
 def test_compare(capsys: Any) -> None:
     for seed in "12":
-        arguments = ["--seed", seed, "--spp", "64", "--batches", "32", "-o", f"{seed}.exr"]
+        arguments = ["--seed", seed, "--spp", "512", "--batches", "32", "-o", f"{seed}.exr"]
         assert main(["render", "cornell-box", *SMALL, "--quiet", *arguments]) == 0
-    dim = vr.render(vr.cornell_box().with_emission_scaled(0.8), 64, width=16, height=16, batches=32)
+    dim = vr.render(
+        vr.cornell_box().with_emission_scaled(0.8), 512, width=16, height=16, batches=32
+    )
     dim.save("dim.exr")
     assert main(["compare", "1.exr", "2.exr", "-o", "r.html"]) == 0
     assert Path("r.html").read_text("utf-8").lstrip().lower().startswith("<!doctype html")

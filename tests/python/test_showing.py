@@ -44,14 +44,14 @@ class Tags(HTMLParser):
 
 @pytest.fixture(scope="module")
 def pair(cornell: vr.Scene) -> tuple[vr.Render, vr.Render]:
-    a, b = (vr.render(cornell, 64, seed=k, batches=16, device="cpu") for k in (1, 2))
+    a, b = (vr.render(cornell, 256, seed=k, batches=16, device="cpu") for k in (1, 2))
     return a, b
 
 
 def test_texts_are_short(cornell: vr.Scene, pair: tuple[vr.Render, vr.Render]) -> None:
     assert repr(cornell) == "<Scene 32 x 32: 38 triangles, 4 materials, 1 lamp>"
     assert re.fullmatch(
-        r"<Render 32 x 32, 64 spp, seed 1, 16 batches, mean stderr [\d.e-]+, [\d.e-]+ s, on "
+        r"<Render 32 x 32, 256 spp, seed 1, 16 batches, mean stderr [\d.e-]+, [\d.e-]+ s, on "
         r"cpu:\w+>",
         repr(pair[0]),
     )

@@ -327,9 +327,8 @@ class Accumulation:
 
     def _film(self, kept: Kept) -> tuple[Film, Film | None]:
         """All samples but those of a group that is not complete, and these, on one device."""
-        tail = None
-        if self._late(kept.spp) and self._units and kept.films:
-            tail = self._crew.merged(kept.tail)
+        late = self._late(kept.spp) and self._units and kept.films
+        tail = self._crew.merged(kept.tail) if late else None
         film = self._crew.merged(kept.films or kept.tail, new=bool(tail and len(kept.films) > 1))
         assert film is not None
         return film, tail

@@ -11,6 +11,9 @@ rejected with p < 0.001 in the first stage by k of n seeds is listed as fragile 
 probability of k or more is below 0.001 over the number of cases: its margin or its truth is off by
 little, and a longer run fails.
 
+Kernels are not made at run time unless VERIRAY_KERNELS says so: small cases differ in what they
+need, and compilers took most of the processors' time. Bits do not depend on them.
+
 Cases that draw no random numbers are asked with the first seed alone; their answer is every seed's.
 What a planted bug does is the same with every seed, so those that several seeds choose are judged
 once, on one build.
@@ -124,6 +127,7 @@ def report(
         "device": args.device, "full": args.full, "levels": args.level, "case": args.case,
         "first_seed": args.first, "seeds": args.seeds, "cases": tally.wanted,
         "first": FIRST, "second": second, "jobs": args.jobs, "seconds": seconds,
+        "kernels": os.environ["VERIRAY_KERNELS"],
     }  # fmt: skip
     result["cases_done"] = sum(map(len, tally.by_case.values()))
     result["cases_without_random_numbers"] = len(tally.constant)
@@ -167,6 +171,7 @@ def main() -> int:
     effort = FULL_EFFORT if args.full else 1
     seeds = range(args.first, args.first + args.seeds)
     order = [c.id for c in sorted(chosen, key=lambda c: c.quick)]
+    os.environ.setdefault("VERIRAY_KERNELS", "off")
     kept = tempfile.TemporaryDirectory(prefix="bugs-")
     os.environ.setdefault(FOLDER, kept.name)
     begun, tally, begin = header("seeds"), Tally(len(chosen)), time.perf_counter()

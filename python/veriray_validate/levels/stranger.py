@@ -113,7 +113,7 @@ def comparison(a: Run, r: Run, parts: Parts, rng: np.random.Generator, *,
         blocks, batches = independence(a.means, noisy.any(axis=-1), rng)
         out += [(blocks, "S5: noise of blocks hangs together"),
                 (batches, "S5: noise of batches hangs together")]  # fmt: skip
-        tails = [np.log(effective(x, level)[noisy]) for x in (a, r)]
+        tails = [effective(x, level)[noisy] for x in (a, r)]
         out.append((float(stats.ks_2samp(*tails, method="asymp").pvalue), "S6: effective samples"))
     ends = ledgers.ledger_test(a.ledger, r.ledger, FIRST)
     out.append((ends.p, f"L4: {ends.where}"))

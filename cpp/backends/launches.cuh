@@ -99,7 +99,7 @@ T read_word(const T* word, const Stream& side) {
 }
 
 // Asks poll every kPollPause while the device works, and gets memory for the picture ready; where
-// poll stops the render, the device's word *cancel is raised. It sleeps ever longer, for a 256th of
+// poll stops the render, the device's word *cancel is raised. It sleeps ever longer, for a 512th of
 // the time that it has waited, so that long renders leave the processor to others.
 class Watch {
    public:
@@ -116,7 +116,7 @@ class Watch {
             if (l_.poll && !stopped_ && Clock::now() - last_ > kPollPause)
                 ask(share());
             else if (!Spare::common().touch(l_.picture))
-                rest((Clock::now() - start) / 256);
+                rest((Clock::now() - start) / 512);
         }
     }
     bool stopped() const { return stopped_; }
@@ -135,7 +135,7 @@ class Watch {
 
     // Sleeps are not made shorter than what it takes to fall asleep and to wake up.
     static void rest(Clock::duration length) {
-        constexpr Clock::duration kLeast = std::chrono::microseconds(50), kMost = kPollPause / 10;
+        constexpr Clock::duration kLeast = std::chrono::microseconds(50), kMost = kPollPause / 2;
         if (length < kLeast)
             std::this_thread::yield();
         else

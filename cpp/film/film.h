@@ -4,10 +4,10 @@
 // A sample x (radiance) is added as round(x 2^-e 2^72) and round((x 2^-e)^2 2^76) in 128-bit
 // integers, where e is the binary exponent of the scene's largest radiance. Integer addition is
 // associative, so any order, split, merge or resume gives the same film, no sum drifts, and threads
-// need no order. The resolution per sample is 2^-72 of the largest radiance (2^-76 for its square,
-// so the standard error of pixels below 2^-38 of the largest radiance reads 0). A sample that is at
-// or above 2^20 times the largest radiance, not finite, or negative although its integrator gives
-// no such samples, is not added, but counted and reported (SampleFault). Sums are signed, because a
+// need no order. The resolution per sample is 2^-72 of the largest radiance, and 2^-76 for its
+// square: the standard error of pixels below kDim of it is an upper bound. A sample that is at or
+// above 2^20 times the largest radiance, not finite, or negative although its integrator gives no
+// such samples, is not added, but counted and reported (SampleFault). Sums are signed, because a
 // filter with negative lobes subtracts.
 #pragma once
 
@@ -20,6 +20,7 @@ namespace veriray {
 inline constexpr int kSumScale = 72;
 inline constexpr int kSquareScale = 76;
 inline constexpr float kSampleLimit = 0x1p20f;
+inline constexpr double kDim = 0x1p-28;
 inline constexpr uint32_t kFilmWords = 12;  // sum lo, hi and square lo, hi of three channels
 
 struct FilmView {
@@ -125,7 +126,8 @@ VR_HD Estimate estimate(const PixelSum& p, uint64_t n, uint64_t k) {
     const double m = n ? to_double(p.sum[0], kSumScale) / count : 0.0;
     if (k < 2) return {m, 0.0};
     const double variance = to_double(p.square[0], kSquareScale) / count - m * m;
-    return {m, variance > 0 ? variance / (static_cast<double>(k) - 1.0) : 0.0};
+    const double lost = m != 0.0 && m < kDim && m > -kDim ? 0x1p-76 : 0.0;
+    return {m, ((variance > 0 ? variance : 0.0) + lost) / (static_cast<double>(k) - 1.0)};
 }
 // One channel of a pixel's words, as the first of three.
 VR_HD PixelSum channel_of(const uint64_t* words) {

@@ -205,10 +205,11 @@ struct SurfaceReader : FlatPrimitives<L, kFeatures> {
         at.p = fma(at.ng, off, at.p);
         if constexpr (has(kLocalOffsets)) {
             const M local = at.offset < F(0.f);
-            if (any(local))
-                at.offset = select(
-                    local, max(terms(at.ng, at.p), abs(off) * F(kLocalMove)) * F(kLocalOffset),
-                    at.offset);
+            if (any(local)) {
+                const F least = max(abs(off) * F(kLocalMove), F(kLocalTerms));
+                at.offset =
+                    select(local, max(terms(at.ng, at.p), least) * F(kLocalOffset), at.offset);
+            }
         }
         at.ns = at.ng;
         if constexpr (has(kSmooth))

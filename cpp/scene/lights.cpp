@@ -76,7 +76,10 @@ double HostScene::receiver_distance(const SceneInput& in, size_t primitive, Doub
 // The largest radiance that point lights and spots cause at a receiver, divided by 2^19; at least
 // `least`. It follows from lower bounds of distances: from primitives; in media, 2^-14 of the
 // shortest mean free path, within which 2^-14 of the singly scattered light is lost (SampleFault);
-// and from the rounding of points. Only primitives near enough to exceed `least` are examined.
+// and from the rounding of points. Only primitives near enough to exceed `least` are examined. A
+// lamp that all but touches something counts as kMostNear times `least`, or light of all else would
+// be below the film's resolution; the samples that are refused then are next to none.
+constexpr float kMostNear = 0x1p22f;
 float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
                                     float least) const {
     struct Lamp {
@@ -88,10 +91,11 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
         if (const double sigma = static_cast<double>(in.sigma_t.data[k]) * unit; sigma > 0)
             path = std::min(path, 0x1p-14 / sigma);
     float brightest = least;
+    const double highest = static_cast<double>(least) * kMostNear;
     const auto add = [&](const Lamp& lamp) {
         const double near = unit * std::min(std::max(lamp.nearest, lamp.rounding), 1.0);
         const double most = lamp.intensity / (near * near) * 0x1p-19;
-        brightest = std::max(brightest, static_cast<float>(most));
+        brightest = std::max(brightest, static_cast<float>(std::min(most, highest)));
     };
     std::vector<Lamp> lamps;
     for (const uint32_t q : lights) {
@@ -126,6 +130,42 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
         add(lamp);
     }
     return brightest;
+}
+
+// The radiance that the film's resolution goes by; samples of 2^20 times as much are refused.
+float HostScene::brightest_light(const SceneInput& in, const std::vector<AreaLight>& lamps,
+                                 const std::vector<uint32_t>& lights) const {
+    float brightest =
+        std::max({in.environment.data[0], in.environment.data[1], in.environment.data[2]});
+    brightest = std::max(brightest, largest(in.sky_texels.data, 3 * in.sky_texels.count));
+    // A lamp counts as what it is a 64th of the scene's size away, at least as a share of its own
+    // radiance that leaves room for where it is seen.
+    std::vector<double> areas(in.emissions.count);  // normalised
+    for (const AreaLight& a : lamps) areas[sources[a.primitive].emission] += a.area;
+    for (size_t e = 0; e < areas.size(); ++e) {
+        if (areas[e] == 0) continue;
+        const float share = static_cast<float>(std::clamp(64. * 64 * areas[e], 0x1p-12, 1.)),
+                    most = share * most_of_texture(in, in.emission_texture.data[e]);
+        for (int k = 0; k < 3; ++k)
+            brightest = std::max(brightest, in.emissions.data[3 * e + k] * most);
+    }
+    // A delta light's radiance at a receiver has no bound. It counts as the radiance at a 64th of
+    // the scene's size, or at all that it can light if that is farther; in media that is anywhere.
+    for (const uint32_t q : lights) {
+        double far = 1;
+        if (in.light_has_place(q)) {
+            const Double3 p = row3(in.light_position, q);
+            const auto gap = [](double x, double least, double most) {
+                return std::max({least - x, x - most, 0.});
+            };
+            const Double3 way{gap(p.x, low.x, high.x), gap(p.y, low.y, high.y),
+                              gap(p.z, low.z, high.z)};
+            far = unit / 64;
+            if (!in.sigma_t.count && low.x <= high.x) far = std::max(far, length(way));
+        }
+        brightest = std::max(brightest, static_cast<float>(most_intense(in, q) / (far * far)));
+    }
+    return brightest_receiver(in, lights, brightest);
 }
 
 // The largest number that the radiance of a light with that texture is multiplied by.
@@ -237,24 +277,8 @@ void HostScene::set_lights(const SceneInput& in) {
     if (delta.empty() && !sky_sampled) set_first_occluder();
     view.features |= l.count > 1 ? kManyLights : 0u;
 
-    // A delta light's radiance at a receiver has no bound. It counts as the radiance at a 64th of
-    // the scene's size, or more, so that at the nearest receiver it is below the film's limit of
-    // 2^20.
-    float brightest =
-        std::max({in.environment.data[0], in.environment.data[1], in.environment.data[2]});
-    brightest = std::max(brightest, largest(in.sky_texels.data, 3 * in.sky_texels.count));
     lit.insert(lit.end(), found.begin(), found.end());
-    for (const AreaLight& a : lit)
-        for (int k = 0; k < 3; ++k)
-            brightest = std::max(
-                brightest,
-                in.emissions.data[3 * sources[a.primitive].emission + k] *
-                    most_of_texture(in, in.emission_texture.data[sources[a.primitive].emission]));
-    for (const uint32_t q : delta) {
-        const double far = in.light_has_place(q) ? unit / 64 : 1;
-        brightest = std::max(brightest, static_cast<float>(most_intense(in, q) / (far * far)));
-    }
-    brightest = brightest_receiver(in, delta, brightest);
+    const float brightest = brightest_light(in, lit, delta);
     int exponent = 0;
     if (brightest > 0) std::frexp(brightest, &exponent);
     if (exponent < -100 || exponent > 100)
@@ -339,6 +363,10 @@ void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSo
     } else {
         const Flat f = shape_of(in, light);
         p = f.v[0], e1 = f.v[1] - f.v[0], e2 = f.v[f.corners - 1] - f.v[0];
+        if (light.rectangle) {  // by its axes: rounded corners shear a long one by their share of
+            Double3 &axis = dot(e1, e1) < dot(e2, e2) ? e2 : e1, &other = &axis == &e1 ? e2 : e1;
+            other = other - axis * (dot(axis, other) / dot(axis, axis));  // its short edge
+        }
     }
     s.p = {p.x, p.y, p.z}, s.e1 = {e1.x, e1.y, e1.z}, s.e2 = {e2.x, e2.y, e2.z};
     s.n = {prim(kPrimN), prim(kPrimN + 1), prim(kPrimN + 2)};

@@ -1,6 +1,7 @@
 // Views so narrow that float32 directions from the camera do not resolve their pixels, and parallel
 // views of a small part of the scene.
 #include <algorithm>
+#include <array>
 #include <vector>
 
 #include "scene/scene.h"
@@ -62,10 +63,13 @@ struct View {
         : in(input), eye(from), planes{{{0, 0, 1}, in.parallel ? -in.near_clip : 0}} {
         const double widens = in.parallel ? 0 : 1;  // the view, with the depth
         double least_width = 0;  // of a parallel view, for the rounding of what is clipped
-        for (size_t i = 0; i < in.vertices.count && in.parallel; ++i) {
-            const Double3 p = seen(row3(in.vertices, i));
+        const auto reach = [&](Double3 at) {
+            const Double3 p = seen(at);
             least_width = std::max({least_width, std::abs(p.x), std::abs(p.y)});
-        }
+        };
+        for (size_t i = 0; i < in.vertices.count && in.parallel; ++i) reach(row3(in.vertices, i));
+        for (size_t i = 0; i < in.disks.count && in.parallel; ++i)
+            for (const Double3 p : around_disk(i)) reach(p);
         least_width *= 0x1p-40;
         const auto between = [&](Double3 axis, double tan, double principal, double pixels) {
             const double margin = std::max(2 * tan * kReach / pixels, least_width);
@@ -85,6 +89,13 @@ struct View {
                 m[2] * q.x + m[6] * q.y + m[10] * q.z};
     }
 
+    // Corners of a parallelogram around a disk.
+    std::array<Double3, 4> around_disk(size_t i) const {
+        const Double3 c = row3(in.disks, 3 * i), a = row3(in.disks, 3 * i + 1),
+                      b = row3(in.disks, 3 * i + 2);
+        return {c + a + b, c + a - b, c - a - b, c - a + b};
+    }
+
     // Calls f(least depth, three corners or more) for each triangle and disk in the view.
     template <class Visit>
     void each_face(Visit f) const {
@@ -98,9 +109,9 @@ struct View {
                    seen(row3(in.vertices, index[2]))});
         }
         for (size_t i = 0; i < in.disks.count; ++i) {
-            const Double3 c = row3(in.disks, 3 * i), a = row3(in.disks, 3 * i + 1),
-                          b = row3(in.disks, 3 * i + 2);
-            visit({seen(c + a + b), seen(c + a - b), seen(c - a - b), seen(c - a + b)});
+            std::vector<Double3> corners;
+            for (const Double3 p : around_disk(i)) corners.push_back(seen(p));
+            visit(std::move(corners));
         }
     }
 

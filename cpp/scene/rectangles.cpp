@@ -8,24 +8,30 @@
 namespace veriray {
 namespace {
 
-// Tolerance for the angles and (in units of edges) the corners of a rectangle: the rounding of
-// vertices.
-constexpr double kSquare = 0x1p-15;
-// The same of a pair that is sampled as a parallelogram: by this share at most, its light moves.
+// Tolerances for the corners of a rectangle: in units of the root of its area, and what rounding
+// moves them by, as far as that is below the second. What is lit by solid angle from a thousandth
+// of the root away is off by the first times 1000.
+constexpr double kSquare = 0x1p-18, kRoundSquare = 0x1p-15, kRoundCorners = 0x1p-22;
+// Of a pair that is sampled as a parallelogram, in units of its shorter edge: by this share at most
+// its light moves.
 constexpr double kClosed = 0x1p-20;
 // Near: the squared gap is less than this share of the area.
 constexpr double kNear = 0.24;
 
-// Whether the fourth corner is where a parallelogram has it, to a share of the shorter edge.
-bool closes(const Flat& f, double share) {
-    if (f.corners != 4) return false;
-    const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0], gap = f.v[0] + a + b - f.v[2];
-    return length(gap) <= share * std::min(length(a), length(b));
+// How far the fourth corner is from where a parallelogram has it.
+double gap_of(const Flat& f) { return length(f.v[1] - f.v[0] + f.v[3] - f.v[2]); }
+
+bool closes(const Flat& f) {
+    const double shorter = std::min(length(f.v[1] - f.v[0]), length(f.v[3] - f.v[0]));
+    return f.corners == 4 && gap_of(f) <= kClosed * shorter;
 }
 
 bool rectangular(const Flat& f) {
+    if (f.corners != 4) return false;
     const Double3 a = f.v[1] - f.v[0], b = f.v[3] - f.v[0];
-    return closes(f, kSquare) && std::abs(dot(a, b)) <= kSquare * length(a) * length(b);
+    const double longer = std::max(length(a), length(b)), root = std::sqrt(length(cross(a, b))),
+                 most = std::clamp(kRoundCorners, kSquare * root, kRoundSquare * root);
+    return gap_of(f) <= most && std::abs(dot(a, b)) <= most * longer;
 }
 
 }  // namespace
@@ -87,7 +93,7 @@ std::vector<AreaLight> HostScene::area_lights(const SceneInput& in) const {
                               join_coplanar(own, light_shape(in, next), joined);
             const Flat& whole = pair ? joined : own;
             light.rectangle = rectangular(whole) && (flats_.empty() || lights_closely(in, whole));
-            if (pair && (light.rectangle || closes(whole, kClosed))) {
+            if (pair && (light.rectangle || closes(whole))) {
                 light.other = next;
                 light.area += area_of(in, next);
                 ++k;

@@ -214,6 +214,7 @@ struct Frame {
     Double3 centre, eye;  // world: the origin; the camera
     double unit;          // world length of 1 normalised; a power of two
     double before;        // camera rays start this far before the origin; 0: at the camera
+    Double3 low, high;    // world: the box around what rays meet; low > high where there is nothing
 };
 
 // Copies share their tables.
@@ -312,6 +313,8 @@ class HostScene : public Frame {
     std::vector<AreaLight> take_covered(const SceneInput& in, std::vector<AreaLight>& lights);
     Flat shape_of(const SceneInput& in, const AreaLight& light) const;
     double receiver_distance(const SceneInput& in, size_t primitive, Double3 p) const;
+    float brightest_light(const SceneInput& in, const std::vector<AreaLight>& lamps,
+                          const std::vector<uint32_t>& lights) const;
     float brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
                              float least) const;
     LightSource light_source(const SceneInput& in, const AreaLight& light) const;

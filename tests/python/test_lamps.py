@@ -106,3 +106,66 @@ def test_of_balls_in_one_place_the_first_is_seen(order: tuple[str, ...]) -> None
     })  # fmt: skip
     seen = order.index("lamp") < order.index("black")
     assert (vr.render(scene, spp=16, device="cpu").image == float(seen)).all()
+
+
+def two_balls(**lamp: Any) -> vr.Render:
+    """Two balls of 0.1 under a lamp."""
+    ball = {"type": "sphere", "radius": 0.05, "bsdf": {"type": "diffuse", "reflectance": 0.8}}
+    film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}
+    scene = vr.load_dict({
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 6},
+        "sensor": {
+            "type": "perspective", "fov": 30, "film": film,
+            "to_world": look_at([0, 0, 0.5], [0, 0, 0], [0, 1, 0]),
+        },
+        "a": {**ball, "center": [-0.06, 0, 0]},
+        "b": {**ball, "center": [0.06, 0, 0]},
+        "lamp": lamp,
+    })  # fmt: skip
+    return vr.render(scene, spp=64, device="cpu")
+
+
+@pytest.mark.parametrize("distance", [1e3, 1e6, 1e9])
+def test_a_point_light_far_away_is_a_sun_with_its_error(distance: float) -> None:
+    way = np.array([0.4, 0.5, 0.768])
+    sun = two_balls(type="directional", direction=(-way).tolist(), irradiance=3.0)
+    lamp = two_balls(
+        type="point", position=(distance * way).tolist(), intensity=3.0 * distance**2 * way @ way
+    )
+    assert lamp.image.mean() == pytest.approx(sun.image.mean(), rel=2e-3)
+    assert lamp.stderr.mean() == pytest.approx(sun.stderr.mean(), rel=0.02)
+    assert ((lamp.stderr == 0) == (sun.stderr == 0)).mean() > 0.95
+
+
+@pytest.mark.parametrize("radius", [1e-4, 1e-5, 1e-6])
+def test_a_small_lamp_has_the_error_of_a_larger_one(radius: float) -> None:
+    def lit(r: float) -> vr.Render:
+        emitter = {"type": "area", "radiance": 1e-2 / r**2}
+        return two_balls(type="sphere", center=[0.4, 0.5, 0.77], radius=r, emitter=emitter)
+
+    small, large = lit(radius), lit(1e-3)
+    assert small.image.mean() == pytest.approx(large.image.mean(), rel=1e-3)
+    assert 0.99 < small.stderr.mean() / large.stderr.mean() < 1.05
+
+
+def test_errors_below_the_resolution_are_upper_bounds() -> None:
+    """Under a sky, a lamp that all but touches the floor, whose radiance there exceeds the film."""
+
+    def floor(height: float) -> vr.Render:
+        film = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
+        place = look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
+        scene = vr.load_dict({
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 3},
+            "sensor": {"type": "perspective", "fov": 40, "to_world": place, "film": film},
+            "floor": {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}},
+            "sky": {"type": "constant", "radiance": 1.0},
+            "ball": {"type": "sphere", "center": [0.4, -0.4, 0.2], "radius": 0.2},
+            "lamp": {"type": "point", "position": [0.9, 0.9, height], "intensity": 1.0},
+        })  # fmt: skip
+        return vr.render(scene, spp=256, device="cpu")
+
+    apart, close = floor(1e-3), floor(1e-12)
+    assert close.image.mean() == pytest.approx(apart.image.mean(), rel=5e-3)
+    assert (close.stderr >= 0.5 * apart.stderr).all()

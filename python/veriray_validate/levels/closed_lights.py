@@ -171,6 +171,34 @@ def lamps_seen_from_far(t: Trial, kind: str) -> None:
     t.agrees(asked, exact, 1_000_000, sees=4e-4, margin=margin)
 
 
+@case(3, each={"aspect": (1, 20, 500, 2_000), "scenes": (10, 60)},
+      quick=lambda aspect, scenes: scenes == 10)  # fmt: skip
+def long_lamps_beside_a_surface(t: Trial, aspect: float, scenes: int) -> None:
+    """Rectangular lamps of length 1, turned, a thousandth to a half beside a patch.
+
+    J. H. Lambert's form factor. Corners are rounded to 2^-25 of the length, so the margin is 2^-21
+    of it over the distance.
+    """
+    for _ in range(scenes):
+        turn = look([0, 0, 0], t.rng.normal(size=3), t.rng.normal(size=3))[:3, :3]
+        half = np.array([0.5 / aspect, 0.5, 1])
+        gap = 10 ** t.rng.uniform(-3, -0.3, 2)
+        place = turn @ [-half[0] - gap[0], t.rng.uniform(-0.4, 0.4), gap[1]]
+        normal, up = turn @ [0.6, 0, -0.8], turn @ [0.3, 0.8, 0.1]
+        corners = [turn @ (half * [x, y, 0]) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        exact = lambert(place, normal, corners)
+        size = 0.02 * float(gap.min())
+        patch, lamp = np.eye(4), np.eye(4)
+        patch[:3] = look(place, place + normal, up)[:3] @ np.diag([size, size, 1, 1])
+        lamp[:3, :3] = turn * half
+        eye = view(place + size * normal, place, up=up, near_clip=1e-9)
+        shown = scene(eye, {"type": "rectangle", "to_world": patch, "bsdf": diffuse(1)},
+                      {"type": "rectangle", "to_world": lamp, "bsdf": BLACK, "emitter": area(1)},
+                      max_depth=2)  # fmt: skip
+        margin = MARGIN + 2**-21 / float(np.hypot(*gap))
+        t.agrees(shown, exact, 65_536, sees=0.1, margin=margin)
+
+
 @case(3, each={"far": ("sun", "sky"), "half": (5, 100, 10_000)})
 def lamp_beside_faint_light_from_far_away(t: Trial, far: str, half: float) -> None:
     """A point light of 20, one above a ground that a sun or an even sky of 0.1 lights as a whole.

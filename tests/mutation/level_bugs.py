@@ -519,7 +519,15 @@ _REPAIRED = (  # bugs that veriray had
            "angle(-dot(wi, axis), sqrt(dot(across, across)))",
            "angle(-dot(wi, axis), sqrt(max(F(1.f) - dot(wi, axis) * dot(wi, axis), F(0.f))))"),
     Mutant("film blind to near point lights", "scene/lights.cpp",
-           "brightest_receiver(in, delta, brightest)", "brightest"),
+           "brightest_receiver(in, lights, brightest)", "brightest"),
+    Mutant("film goes by far lights as if they were near", "scene/lights.cpp",
+           "far = std::max(far, length(way))", "far = std::max(far, 0 * length(way))"),
+    Mutant("lamps sheared by rounded corners", "scene/lights.cpp",
+           "other = other - axis * (dot(axis, other) / dot(axis, axis))", "other = other"),
+    Mutant("points on planes through the origin are not off them", "integrators/surface.h",
+           "F(kLocalTerms)", "F(0.f)"),
+    Mutant("one ray misses disks before something", "scene/narrow.cpp",
+           "i < in.disks.count && in.parallel", "i < in.disks.count && !in.parallel"),
 )  # fmt: skip
 
 #: Further bugs in C++, found by levels of `veriray validate` if at all.

@@ -171,6 +171,18 @@ def lamps_seen_from_far(t: Trial, kind: str) -> None:
     t.agrees(asked, exact, 1_000_000, sees=4e-4, margin=margin)
 
 
+@case(3, each={"distance": (1e4, 1e7, 1e12)})
+def a_point_light_far_away_is_a_sun(t: Trial, distance: float) -> None:
+    """A white floor of half size 1 under a sky of 1 and a lamp of intensity pi d^2 at d: 2.
+
+    The film's resolution must go by what the lamp gives the floor, errors too.
+    """
+    ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 1, diffuse(1))
+    lamp = {"type": "point", "position": [0, 0, distance], "intensity": rgb(math.pi * distance**2)}
+    eye = view([0.3, 0.2, 2], [0, 0, 0], 10, 4)
+    t.agrees(scene(eye, ground, lamp, sky(1), max_depth=2), 2, 10_000, sees=0.01)
+
+
 @case(3, each={"aspect": (1, 20, 500, 2_000), "scenes": (10, 60)},
       quick=lambda aspect, scenes: scenes == 10)  # fmt: skip
 def long_lamps_beside_a_surface(t: Trial, aspect: float, scenes: int) -> None:

@@ -158,14 +158,15 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
             around(box_around(in, lights[k].primitive), box_around(in, lights[k].other));
         return Box{box.low - near, box.high + near};
     };
-    // Rays meet disks of different rounded planes in either order.
-    const auto one_disk_plane = [&](uint32_t a, uint32_t b) {
+    // Rays meet disks, and lamps, of different rounded planes in either order: a lamp that they
+    // find would count beside samples of the other.
+    const auto one_plane = [&](uint32_t a, uint32_t b) {
         const auto column = [&](uint32_t i, uint32_t c) {
             return primitives[size_t{i} * view.primitive_row + size_t{c} * view.primitive_column];
         };
         for (uint32_t c = kPrimN; c <= kPrimPlane; ++c)
             if (column(a, c) != column(b, c)) return false;
-        return sources[a].group == kDiskGroup;
+        return true;
     };
     const auto look = [&](size_t k, size_t i) {
         const AreaLight& light = lights[k];
@@ -185,9 +186,11 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
         }
         const double size = static_cast<double>(lamp.size());
         const double before = -sum / size * (dot(m, n) < 0 ? -1 : 1);
-        const bool first =
-            std::abs(before) <= kOnePlane && light.primitive < cover &&
-            (sources[cover].group == kTriangleGroup || one_disk_plane(light.primitive, cover));
+        const bool same = one_plane(light.primitive, cover);
+        const bool first = std::abs(before) <= kOnePlane && light.primitive < cover &&
+                           (sources[cover].group == kTriangleGroup
+                                ? same || sources[cover].emission < 0
+                                : same && sources[light.primitive].group == kDiskGroup);
         if (high <= kNear && before >= -kRounding && !first &&
             covered_share(lamp, other, n) > kSliver &&
             ends_before(in, light, n, high, around(around_lamp(k), box_around(in, i))))

@@ -79,7 +79,7 @@ double HostScene::receiver_distance(const SceneInput& in, size_t primitive, Doub
 // and from the rounding of points. Only primitives near enough to exceed `least` are examined. A
 // lamp that all but touches something counts as kMostNear times `least`, or light of all else would
 // be below the film's resolution; the samples that are refused then are next to none.
-constexpr float kMostNear = 0x1p22f;
+constexpr float kMostNear = 0x1p36f;
 float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
                                     float least) const {
     struct Lamp {

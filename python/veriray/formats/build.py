@@ -732,7 +732,8 @@ class _Builder:
         elif given is not None:
             row["light_position"] = given
         if node.plugin in ("spot", "projector"):
-            located(node, lambda: check_rigid(f"{node} to_world", f"a {node.plugin}", matrix))
+            what = f"a {node.plugin} may be scaled evenly, which is left out; else it"
+            located(node, lambda: check_rigid(f"{node} to_world", what, matrix))
         if node.plugin == "spot":
             cutoff, beam = values["cutoff_angle"], values["beam_width"]
             beam = 0.75 * cutoff if beam is None else beam

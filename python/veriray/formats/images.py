@@ -27,6 +27,7 @@ from ..errors import ImageError, SceneError
 from ..files import open_regular
 from ..image import read_exr
 from . import spectra
+from .mitsuba_objects import Bitmap
 from .node import NOT_FETCHED, POINTER, shorten
 
 Array = npt.NDArray[Any]
@@ -106,7 +107,11 @@ def read(path: Path, where: str, *, raw: bool = False, channel: str | None = Non
 
 def from_array(values: object, where: str, *, raw: bool = False, kept: bool = True) -> Image:
     """The image of an array (H, W) or (H, W, C), C 1, 3 or 4: uint8 is sRGB unless raw, floats are
-    linear. kept: else it may share the array's memory, which is not ours. Raises SceneError."""
+    linear; or of a Bitmap. kept: else it may share the array's memory, which is not ours. Raises
+    SceneError."""
+    encoded = not raw
+    if isinstance(values, Bitmap):
+        values, encoded = values.plain(raw)
     texels = np.asarray(values)
     texels = texels.astype(texels.dtype.newbyteorder("="), copy=False)
     texels = texels[:, :, None] if texels.ndim == 2 else texels
@@ -128,7 +133,7 @@ def from_array(values: object, where: str, *, raw: bool = False, kept: bool = Tr
     if texels.dtype not in (np.uint8, np.float16, np.float32):
         raise SceneError(f"an image of {texels.dtype}; expected float16, float32 or uint8", where)
     texels = np.array(texels[:, :, :3]) if kept else texels[:, :, :3]
-    return _checked(Image(texels, texels.dtype == np.uint8 and not raw), "the image", where)
+    return _checked(Image(texels, texels.dtype == np.uint8 and encoded), "the image", where)
 
 
 def rgba(data: bytes, name: str, where: str) -> Array:

@@ -9,7 +9,8 @@ in messages are key paths, "scene.white.reflectance".
 Beyond Mitsuba: {"type": "mesh", "vertices": (V, 3), "faces": (T, 3)} with "uv": (V, 2) and
 "normals": (V, 3) if wanted, and attributes "vertex_...": (V, 1 or 3) and "face_...": (T, 1 or 3).
 A trimesh.Trimesh stands for such a dictionary with its vertices, faces
-and texture coordinates; "mesh": a trimesh.Trimesh stands for these arrays in one.
+and texture coordinates; "mesh": a trimesh.Trimesh stands for these arrays in one. So does a
+mitsuba.Mesh, with its normals and attributes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SceneError
-from . import ellipsoids, spectra
+from . import ellipsoids, mitsuba_objects, spectra
 from .known import category, missing
 from .node import MAX_DEPTH, Node, Ref, Tree, Value, allowed, shorten
 from .plugins import PLUGINS, mesh_attribute
@@ -32,6 +33,7 @@ from .report import Report
 _ARRAYS = {
     "mesh": ("vertices", "faces", "uv", "normals"),
     "bitmap": ("bitmap", "data"),
+    "envmap": ("bitmap",),
     "gridvolume": ("grid", "data"),
     "sdfgrid": ("grid",),
     **dict.fromkeys(ellipsoids.KINDS, ellipsoids.ARRAYS),
@@ -66,18 +68,22 @@ def _add(key: Any, content: Mapping[str, Any], node: Node, tree: Tree, depth: in
     if not isinstance(key, str):
         raise SceneError(f"the key {shorten(key)} is not a string", node.where)
     where = f"{node.where}.{key}"
-    value = _described(content[key])
+    within = node.plugin == "mesh" and key == "mesh"
+    value = _described(content[key], where, content if within else {})
     if key == "type":
         return
     if key == "id":
         if not isinstance(value, str):
             raise SceneError(f"{shorten(value)} is not a string", where)
         return
-    if node.plugin == "mesh" and key == "mesh" and isinstance(value, Mapping):
+    if within and isinstance(value, Mapping):
         _fill({k: v for k, v in value.items() if k not in content}, node, tree, depth)
         return
-    if key in _ARRAYS.get(node.plugin, ()) or mesh_attribute(node, key):
-        node.values[key] = Value("array", _array(value, where), where)
+    array = key in _ARRAYS.get(node.plugin, ()) or mesh_attribute(node, key)
+    if array and (node.plugin == "mesh" or not isinstance(value, (str, int, float))):
+        node.values[key] = Value(
+            "array", _array(value, where, node.plugin, "use_grid_bbox" in content), where
+        )
         return
     item = _convert(value, where, tree)
     if isinstance(item, Value):
@@ -97,10 +103,13 @@ def _add(key: Any, content: Mapping[str, Any], node: Node, tree: Tree, depth: in
             tree.orphans += [child for child in item.children if isinstance(child, Node)]
 
 
-def _described(value: Any) -> Any:
-    """A trimesh.Trimesh as a dictionary; anything else as it is."""
+def _described(value: Any, where: str = "", around: Mapping[str, Any] | None = None) -> Any:
+    """A trimesh.Trimesh or mitsuba.Mesh as a dictionary; anything else as it is. around: the
+    dictionary that it is the "mesh" of. Raises SceneError as `mitsuba_objects.mesh`."""
     if isinstance(value, Mapping):
         return value
+    if mitsuba_objects.kind(value) == "Mesh":
+        return mitsuba_objects.mesh(value, where, around or {})
     try:
         found = {"type": "mesh", "vertices": value.vertices, "faces": value.faces}
         uv = getattr(value.visual, "uv", None)
@@ -122,14 +131,20 @@ def _convert(value: Any, where: str, tree: Tree) -> Value | Ref | Node:
         return Value("float", float(value), where)
     if isinstance(value, (str, os.PathLike)):
         return Value("string", str(value), where)
-    if hasattr(value, "__array_interface__") and np.asarray(value).ndim == 3:  # mitsuba.Bitmap too
+    kind = mitsuba_objects.kind(value)
+    if kind == "Bitmap" or hasattr(value, "__array_interface__") and np.asarray(value).ndim == 3:
         return Value("array", np.asarray(value), where)
-    numbers = _numbers(value, where)
+    numbers, in_plane = _numbers(value, where), where.endswith(".to_uv")
+    if numbers.shape == (3, 3) and in_plane:
+        found = np.eye(4)
+        found[np.ix_((0, 1, 3), (0, 1, 3))] = numbers
+        return Value("transform", found, where)
     if numbers.shape == (4, 4):
         return Value("transform", numbers, where)
     if numbers.shape == (3,):
-        return Value("vector", tuple(numbers.tolist()), where)
-    raise SceneError(f"an array of shape {numbers.shape}, expected (4, 4) or (3,)", where)
+        return Value("rgb" if "Color3" in kind else "vector", tuple(numbers.tolist()), where)
+    expected = "(4, 4) or (3, 3)" if in_plane else "(4, 4) or (3,)"
+    raise SceneError(f"an array of shape {numbers.shape}, expected {expected}", where)
 
 
 def _mapping(value: Mapping[str, Any], where: str, tree: Tree) -> Value | Ref | Node:
@@ -170,9 +185,16 @@ def _mapping(value: Mapping[str, Any], where: str, tree: Tree) -> Value | Ref | 
     return Value(kind, tuple(numbers.tolist()) * (3 // len(numbers)), where)
 
 
-def _array(value: Any, where: str) -> npt.NDArray[Any]:
+def _array(value: Any, where: str, plugin: str, boxed: bool) -> Any:
+    """An array of a plugin, which of a sky shares the memory of `value`; of an image a Bitmap of a
+    mitsuba.Bitmap. boxed: of a mitsuba.VolumeGrid its cells and box."""
+    kind = mitsuba_objects.kind(value)
+    if kind == "Bitmap" and plugin in ("bitmap", "envmap"):
+        return mitsuba_objects.bitmap(value, where)
+    if kind == "VolumeGrid" and boxed:
+        return mitsuba_objects.volume(value, where)
     try:
-        return np.array(value)
+        return np.asarray(value) if plugin == "envmap" else np.array(value)
     except Exception:  # as below
         raise SceneError(f"{shorten(value)} is not an array", where) from None
 
@@ -232,15 +254,18 @@ def _spectrum_plugin(kind: str, content: Mapping[str, Any], where: str, tree: Tr
 def _numbers(value: Any, where: str) -> npt.NDArray[np.float64]:
     try:
         array = np.array(getattr(value, "matrix", value))
-        if array.shape[:2] != (4, 4):  # Dr.Jit's vectors have any attribute, by swizzling
-            array = np.array(value)
-        if array.shape in ((3, 1), (4, 4, 1)):  # its vectors of one lane
+        if array.shape[:2] not in ((4, 4), (3, 3)):
+            array = np.array(value)  # Dr.Jit's vectors have any attribute, by swizzling
+        if array.shape in ((3, 1), (4, 4, 1), (3, 3, 1)):  # its vectors of one lane
             array = array[..., 0]
         if array.dtype.kind not in "iuf":
             raise TypeError
         return array.astype(np.float64)
     except Exception:  # any object may be given, and its conversion may raise anything
         text = f"{shorten(value)} ({type(value).__name__}) is not a value that a scene can hold"
-        if type(value).__module__.partition(".")[0] == "mitsuba":
-            text += ": give the dictionary that Mitsuba made it from, or {'type': 'mesh', ...}"
+        kind = mitsuba_objects.kind(value)
+        if "Transform" in kind:
+            text += ": give a 4x4 array, or a 3x3 one as to_uv"
+        elif kind:
+            text += ": give the dictionary that Mitsuba made it from"
         raise SceneError(text, where) from None

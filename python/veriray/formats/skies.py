@@ -18,9 +18,9 @@ from .report import Report
 def envmap(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]:
     """The columns sky_* from the checked parameters of an envmap; none of a black image.
 
-    Numbers below 0 of a file count as 0, with a warning. Raises SceneError for a file or array that
-    is no image of radiances, and for a to_world that does more than rotate and mirror, with which
-    Mitsuba distorts the image.
+    Numbers below 0 of a file or a Bitmap count as 0, with a warning. Raises SceneError for a file
+    or array that is no image of radiances, and for a to_world that does more than rotate and
+    mirror, with which Mitsuba distorts the image.
     """
     if (values["filename"] is None) == (values["bitmap"] is None):
         both = "neither filename nor bitmap" if values["bitmap"] is None else "both"
@@ -50,7 +50,7 @@ def envmap(node: Node, values: dict[str, Any], report: Report) -> dict[str, Any]
         plain = image.linear()
         y, x, c = (int(i) for i in np.unravel_index(int(np.argmin(plain)), plain.shape))
         told = f"{node}: texel (x {x}, y {y}) is {plain[y, x, c]:g}; radiance is not negative"
-        if source == "bitmap":
+        if isinstance(values["bitmap"], np.ndarray):
             raise SceneError(told, where)
         report.warn(f"{told}: 0 is rendered for it, and for all below 0", where)
     extremes = float(lows.min()), float(highs.max())
@@ -75,7 +75,7 @@ def rotation(node: Node, values: dict[str, Any]) -> Any:
     if not off <= 1e-3:
         raise SceneError(
             f"{node}: to_world scales or shears (by {off:.3g}); its image may only be "
-            "rotated, mirrored and moved",
+            "rotated, mirrored, moved and scaled evenly",
             node.values["to_world"].where,
         )
     return turn

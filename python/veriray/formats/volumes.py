@@ -132,8 +132,17 @@ class Grids:
                 node.where,
             )
         where = node.values[given[0]].where
+        found = values[given[0]]
+        if isinstance(found, tuple):  # of a mitsuba.VolumeGrid
+            return found
         if given[0] != "filename":
-            return volume_grid.from_array(values[given[0]], where), _UNIT
+            if values["use_grid_bbox"]:
+                raise SceneError(
+                    f"{node}: use_grid_bbox = true, but an array has no box; give to_world, or a "
+                    ".vol file or mitsuba.VolumeGrid",
+                    where,
+                )
+            return volume_grid.from_array(found, where), _UNIT
         path = str(Path(node.folder) / values["filename"])
         if path not in self.files:
             self.files[path] = volume_grid.read_vol(path, where)

@@ -73,13 +73,14 @@ double HostScene::receiver_distance(const SceneInput& in, size_t primitive, Doub
     return std::max(std::sqrt(squared_gap({p, p}, box_around(in, primitive))), std::abs(height));
 }
 
+// What a lamp that all but touches something counts as at most, in units of the largest radiance
+// elsewhere: more, and the film would not resolve that. Next to no samples are refused for it.
+constexpr float kMostNear = 0x1p36f;
+
 // The largest radiance that point lights and spots cause at a receiver, divided by 2^19; at least
 // `least`. It follows from lower bounds of distances: from primitives; in media, 2^-14 of the
 // shortest mean free path, within which 2^-14 of the singly scattered light is lost (SampleFault);
-// and from the rounding of points. Only primitives near enough to exceed `least` are examined. A
-// lamp that all but touches something counts as kMostNear times `least`, or light of all else would
-// be below the film's resolution; the samples that are refused then are next to none.
-constexpr float kMostNear = 0x1p36f;
+// and from the rounding of points. Only primitives near enough to exceed `least` are examined.
 float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint32_t>& lights,
                                     float least) const {
     struct Lamp {
@@ -363,9 +364,9 @@ void HostScene::place_lamp(const SceneInput& in, const AreaLight& light, LightSo
     } else {
         const Flat f = shape_of(in, light);
         p = f.v[0], e1 = f.v[1] - f.v[0], e2 = f.v[f.corners - 1] - f.v[0];
-        if (light.rectangle) {  // by its axes: rounded corners shear a long one by their share of
+        if (light.rectangle) {  // the rounding of corners shears the short edge
             Double3 &axis = dot(e1, e1) < dot(e2, e2) ? e2 : e1, &other = &axis == &e1 ? e2 : e1;
-            other = other - axis * (dot(axis, other) / dot(axis, axis));  // its short edge
+            other = other - axis * (dot(axis, other) / dot(axis, axis));
         }
     }
     s.p = {p.x, p.y, p.z}, s.e1 = {e1.x, e1.y, e1.z}, s.e2 = {e2.x, e2.y, e2.z};

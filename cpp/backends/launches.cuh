@@ -99,8 +99,7 @@ T read_word(const T* word, const Stream& side) {
 }
 
 // Asks poll every kPollPause while the device works, and gets memory for the picture ready; where
-// poll stops the render, the device's word *cancel is raised. It sleeps ever longer, for a 512th of
-// the time that it has waited, so that long renders leave the processor to others.
+// poll stops the render, the device's word *cancel is raised.
 class Watch {
    public:
     Watch(const Launches& l, uint32_t* cancel) : l_(l), cancel_(cancel) {}
@@ -108,7 +107,7 @@ class Watch {
     // query() until what it asks for is done; share() is the part of the work that is.
     template <class Query, class Share>
     void wait(Query query, Share share) {
-        for (const auto start = Clock::now();;) {
+        for (;;) {
             const cudaError_t status = query();
             if (status == cudaSuccess) return;
             if (status != cudaErrorNotReady) check(status, "render");
@@ -116,7 +115,7 @@ class Watch {
             if (l_.poll && !stopped_ && Clock::now() - last_ > kPollPause)
                 ask(share());
             else if (!Spare::common().touch(l_.picture))
-                rest((Clock::now() - start) / 512);
+                std::this_thread::yield();
         }
     }
     bool stopped() const { return stopped_; }
@@ -133,14 +132,6 @@ class Watch {
     bool stopped_ = false;
     std::exception_ptr error_;
 
-    // Sleeps are not made shorter than what it takes to fall asleep and to wake up.
-    static void rest(Clock::duration length) {
-        constexpr Clock::duration kLeast = std::chrono::microseconds(50), kMost = kPollPause / 2;
-        if (length < kLeast)
-            std::this_thread::yield();
-        else
-            std::this_thread::sleep_for(std::min(length, kMost));
-    }
     void ask(double share) {
         try {
             stopped_ = !l_.poll(std::min(1.0, share));

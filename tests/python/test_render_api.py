@@ -11,7 +11,6 @@ import pickle
 import struct
 import sys
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
@@ -290,18 +289,6 @@ def test_other_threads_run_while_rendering(cornell: vr.Scene) -> None:
     done.set()
     thread.join()
     assert during > 3
-
-
-@pytest.mark.gpu
-def test_processors_rest_while_a_gpu_works(
-    cornell: vr.Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("VERIRAY_KERNELS", "off")
-    settings: dict[str, Any] = {"width": 512, "height": 512, "device": "cuda", "scheduler": "fused"}
-    vr.render(cornell, spp=1, **settings)
-    begin = time.process_time()
-    seconds = vr.render(cornell, spp=2**14, **settings).stats["seconds"]
-    assert time.process_time() - begin < seconds / 2, f"of {seconds:.2f} s"
 
 
 def test_threads_render_the_same_scene_at_once(cornell: vr.Scene, picture: vr.Render) -> None:

@@ -180,7 +180,7 @@ def a_point_light_far_away_is_a_sun(t: Trial, distance: float) -> None:
     ground = flat("rectangle", [0, 0, 0], [0, 0, 1], 1, diffuse(1))
     lamp = {"type": "point", "position": [0, 0, distance], "intensity": rgb(math.pi * distance**2)}
     eye = view([0.3, 0.2, 2], [0, 0, 0], 10, 4)
-    t.agrees(scene(eye, ground, lamp, sky(1), max_depth=2), 2, 10_000, sees=0.01)
+    t.agrees(scene(eye, ground, lamp, sky(1), max_depth=2), 2, 40_000, sees=0.01)
 
 
 @case(3, each={"aspect": (1, 20, 500, 2_000), "scenes": (10, 60)},

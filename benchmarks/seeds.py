@@ -11,8 +11,9 @@ rejected with p < 0.001 in the first stage by k of n seeds is listed as fragile 
 probability of k or more is below 0.001 over the number of cases: its margin or its truth is off by
 little, and a longer run fails.
 
-Kernels are not made at run time unless VERIRAY_KERNELS says so: small cases differ in what they
-need, and compilers took most of the processors' time. Bits do not depend on them.
+On a GPU, start CUDA's Multi-Process Service first (nvidia-cuda-mps-control -d): without it cases
+take turns. Kernels are not made at run time unless VERIRAY_KERNELS says so: small cases differ in
+what they need, and compilers took over half of the time. Bits do not depend on them.
 
 Cases that draw no random numbers are asked with the first seed alone; their answer is every seed's.
 What a planted bug does is the same with every seed, so those that several seeds choose are judged

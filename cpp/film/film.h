@@ -120,14 +120,16 @@ struct Estimate {
 //     sum_j (S_j - n_j m)^2 / n_j = sum_j S_j^2 / n_j - n m^2
 // has the mean (k - 1) v, where v is n times the variance of m.
 // The variance is a difference of two numbers. If all samples are equal, rounding (2^-52 of the
-// square) may make it negative; it is then set to 0.
+// square) may make it negative; it is then set to 0. What is not far above the rounding of the
+// samples' squares gets a bound on that.
 VR_HD Estimate estimate(const PixelSum& p, uint64_t n, uint64_t k) {
     const double count = static_cast<double>(n);
     const double m = n ? to_double(p.sum[0], kSumScale) / count : 0.0;
     if (k < 2) return {m, 0.0};
     const double variance = to_double(p.square[0], kSquareScale) / count - m * m;
-    const double lost = m != 0.0 && m < kDim && m > -kDim ? 0x1p-76 : 0.0;
-    return {m, ((variance > 0 ? variance : 0.0) + lost) / (static_cast<double>(k) - 1.0)};
+    const bool dim = m != 0.0 && m < kDim && m > -kDim && variance < 0x1p-70;
+    const double known = (variance > 0 ? variance : 0.0) + (dim ? 0x1p-76 : 0.0);
+    return {m, known / (static_cast<double>(k) - 1.0)};
 }
 // One channel of a pixel's words, as the first of three.
 VR_HD PixelSum channel_of(const uint64_t* words) {

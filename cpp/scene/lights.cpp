@@ -94,7 +94,7 @@ float HostScene::brightest_receiver(const SceneInput& in, const std::vector<uint
     float brightest = least;
     const double highest = static_cast<double>(least) * kMostNear;
     const auto add = [&](const Lamp& lamp) {
-        const double near = unit * std::min(std::max(lamp.nearest, lamp.rounding), 1.0);
+        const double near = unit * std::max(lamp.nearest, lamp.rounding);
         const double most = lamp.intensity / (near * near) * 0x1p-19;
         brightest = std::max(brightest, static_cast<float>(std::min(most, highest)));
     };

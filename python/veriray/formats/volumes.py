@@ -135,13 +135,14 @@ class Grids:
         found = values[given[0]]
         if isinstance(found, tuple):  # of a mitsuba.VolumeGrid
             return found
-        if given[0] != "filename":
-            if values["use_grid_bbox"]:
-                raise SceneError(
-                    f"{node}: use_grid_bbox = true, but an array has no box; give to_world, or a "
-                    ".vol file or mitsuba.VolumeGrid",
-                    where,
-                )
+        array = given[0] != "filename"
+        if array and values["use_grid_bbox"]:
+            raise SceneError(
+                f"{node}: use_grid_bbox = true, but an array has no box; give to_world, or a .vol "
+                "file or mitsuba.VolumeGrid",
+                where,
+            )
+        if array:
             return volume_grid.from_array(found, where), _UNIT
         path = str(Path(node.folder) / values["filename"])
         if path not in self.files:

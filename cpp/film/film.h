@@ -5,7 +5,7 @@
 // integers, where e is the binary exponent of the scene's largest radiance. Integer addition is
 // associative, so any order, split, merge or resume gives the same film, no sum drifts, and threads
 // need no order. The resolution per sample is 2^-72 of the largest radiance, and 2^-76 for its
-// square: the standard error of pixels below kDim of it is an upper bound. A sample that is at or
+// square: small standard errors of pixels below kDim of it are upper bounds. A sample that is at or
 // above 2^20 times the largest radiance, not finite, or negative although its integrator gives no
 // such samples, is not added, but counted and reported (SampleFault). Sums are signed, because a
 // filter with negative lobes subtracts.
@@ -121,11 +121,13 @@ struct Estimate {
 // has the mean (k - 1) v, where v is n times the variance of m.
 // The variance is a difference of two numbers. If all samples are equal, rounding (2^-52 of the
 // square) may make it negative; it is then set to 0. What is not far above the rounding of the
-// samples' squares gets a bound on that.
+// samples' squares gets a bound on that. Sums of squares of more than 2^51 times the square of the
+// largest radiance do not fit: then it is infinite.
 VR_HD Estimate estimate(const PixelSum& p, uint64_t n, uint64_t k) {
     const double count = static_cast<double>(n);
     const double m = n ? to_double(p.sum[0], kSumScale) / count : 0.0;
     if (k < 2) return {m, 0.0};
+    if (p.square[0].hi >> 63) return {m, bit_cast<double>(uint64_t{0x7ff} << 52)};
     const double variance = to_double(p.square[0], kSquareScale) / count - m * m;
     const bool dim = m != 0.0 && m < kDim && m > -kDim && variance < 0x1p-70;
     const double known = (variance > 0 ? variance : 0.0) + (dim ? 0x1p-76 : 0.0);

@@ -186,7 +186,7 @@ std::vector<uint8_t> HostScene::covered(const SceneInput& in,
         }
         const double size = static_cast<double>(lamp.size());
         const double before = -sum / size * (dot(m, n) < 0 ? -1 : 1);
-        const bool same = one_plane(light.primitive, cover);
+        const bool same = one_plane(light.primitive, cover) || one_plane(light.other, cover);
         const bool first = std::abs(before) <= kOnePlane && light.primitive < cover &&
                            (sources[cover].group == kTriangleGroup
                                 ? same || sources[cover].emission < 0

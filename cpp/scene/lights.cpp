@@ -140,18 +140,19 @@ float HostScene::brightest_light(const SceneInput& in, const std::vector<AreaLig
         std::max({in.environment.data[0], in.environment.data[1], in.environment.data[2]});
     brightest = std::max(brightest, largest(in.sky_texels.data, 3 * in.sky_texels.count));
     // A lamp counts as what it is a 64th of the scene's size away, at least as a share of its own
-    // radiance that leaves room for where it is seen.
+    // radiance that leaves room for where it is seen, and for the squares of that.
     std::vector<double> areas(in.emissions.count);  // normalised
     for (const AreaLight& a : lamps) areas[sources[a.primitive].emission] += a.area;
     for (size_t e = 0; e < areas.size(); ++e) {
         if (areas[e] == 0) continue;
-        const float share = static_cast<float>(std::clamp(64. * 64 * areas[e], 0x1p-12, 1.)),
+        const float share = static_cast<float>(std::clamp(64. * 64 * areas[e], 0x1p-8, 1.)),
                     most = share * most_of_texture(in, in.emission_texture.data[e]);
         for (int k = 0; k < 3; ++k)
             brightest = std::max(brightest, in.emissions.data[3 * e + k] * most);
     }
-    // A delta light's radiance at a receiver has no bound. It counts as the radiance at a 64th of
-    // the scene's size, or at all that it can light if that is farther; in media that is anywhere.
+    // A delta light's radiance at a receiver has no bound, as rough metals concentrate it. It
+    // counts as 2^12 times that at the scene's size away, or at all that it can light if that is
+    // farther; in media that is anywhere.
     for (const uint32_t q : lights) {
         double far = 1;
         if (in.light_has_place(q)) {
@@ -161,8 +162,9 @@ float HostScene::brightest_light(const SceneInput& in, const std::vector<AreaLig
             };
             const Double3 way{gap(p.x, low.x, high.x), gap(p.y, low.y, high.y),
                               gap(p.z, low.z, high.z)};
-            far = unit / 64;
+            far = unit;
             if (!in.sigma_t.count && low.x <= high.x) far = std::max(far, length(way));
+            far /= 64;
         }
         brightest = std::max(brightest, static_cast<float>(most_intense(in, q) / (far * far)));
     }

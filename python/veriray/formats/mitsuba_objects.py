@@ -89,10 +89,13 @@ def volume(value: Any, where: str) -> tuple[Array, Array]:
     """The cells and the box of a mitsuba.VolumeGrid, as `volume_grid.read_vol`; only the files that
     it writes tell its box."""
     cells = volume_grid.from_array(value, where)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "grid.vol"
-        value.write(str(path))
-        return cells, volume_grid.read_vol(path, where)[1]
+    try:
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "grid.vol"
+            value.write(str(path))
+            return cells, volume_grid.read_vol(path, where)[1]
+    except OSError as error:
+        raise SceneError(f"no box of a mitsuba.VolumeGrid: {error}", where) from None
 
 
 def mesh(value: Any, where: str, around: Mapping[str, Any]) -> dict[str, Any]:

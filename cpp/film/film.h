@@ -20,7 +20,7 @@ namespace veriray {
 inline constexpr int kSumScale = 72;
 inline constexpr int kSquareScale = 76;
 inline constexpr float kSampleLimit = 0x1p20f;
-inline constexpr double kDim = 0x1p-28;     // of the largest radiance; then squares are rounded
+inline constexpr double kDim = 0x1p-28;     // of the largest radiance: squares below are rounded
 inline constexpr uint32_t kFilmWords = 12;  // sum lo, hi and square lo, hi of three channels
 
 struct FilmView {

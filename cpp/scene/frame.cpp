@@ -179,7 +179,7 @@ Frame HostScene::frame_of(const SceneInput& in) const {
             for (int k = 0; k < 3; ++k)
                 low[k] = std::min(low[k], p[k] - r[k]), high[k] = std::max(high[k], p[k] + r[k]);
         });
-    f.low = {low[0], low[1], low[2]}, f.high = {high[0], high[1], high[2]};
+    f.extent = {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
     bool far = false;
     double size = 0, gap = 0, middle[3], depth[2] = {0, 0};
     for (int k = 0; k < 3; ++k) {

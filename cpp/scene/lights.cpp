@@ -157,13 +157,9 @@ float HostScene::brightest_light(const SceneInput& in, const std::vector<AreaLig
         double far = 1;
         if (in.light_has_place(q)) {
             const Double3 p = row3(in.light_position, q);
-            const auto gap = [](double x, double least, double most) {
-                return std::max({least - x, x - most, 0.});
-            };
-            const Double3 way{gap(p.x, low.x, high.x), gap(p.y, low.y, high.y),
-                              gap(p.z, low.z, high.z)};
             far = unit;
-            if (!in.sigma_t.count && low.x <= high.x) far = std::max(far, length(way));
+            if (!in.sigma_t.count && extent.low.x <= extent.high.x)
+                far = std::max(far, std::sqrt(squared_gap({p, p}, extent)));
             far /= 64;
         }
         brightest = std::max(brightest, static_cast<float>(most_intense(in, q) / (far * far)));

@@ -214,7 +214,7 @@ struct Frame {
     Double3 centre, eye;  // world: the origin; the camera
     double unit;          // world length of 1 normalised; a power of two
     double before;        // camera rays start this far before the origin; 0: at the camera
-    Double3 low, high;    // world: the box around what rays meet; low > high where there is nothing
+    Box extent;           // world: around what rays meet; low > high where there is nothing
 };
 
 // Copies share their tables.

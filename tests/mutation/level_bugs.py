@@ -521,7 +521,7 @@ _REPAIRED = (  # bugs that veriray had
     Mutant("film blind to near point lights", "scene/lights.cpp",
            "brightest_receiver(in, lights, brightest)", "brightest"),
     Mutant("film goes by far lights as if they were near", "scene/lights.cpp",
-           "far = std::max(far, length(way))", "far = std::max(far, 0 * length(way))"),
+           "std::max(far, std::sqrt(squared_gap({p, p}, extent)))", "std::max(far, 0.)"),
     Mutant("lamps sheared by rounded corners", "scene/lights.cpp",
            "other = other - axis * (dot(axis, other) / dot(axis, axis))", "other = other"),
     Mutant("points on planes through the origin are not off them", "integrators/surface.h",

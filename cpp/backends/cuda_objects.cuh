@@ -75,8 +75,9 @@ struct Scene::Impl {
     int device;
     HostScene host;
     DeviceTable<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
-        cells, lobes, phase_values, phase_drawn, phase_ends, meter_patches;
+        light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines,
+        sky_places, sky_rows, grids, cells, lobes, phase_values, phase_drawn, phase_ends,
+        meter_patches;
     DeviceTable<uint32_t> surface_of, texels, sky_guides, phase_guides, meter_guides;
     TreeBuilder builder;
     std::shared_ptr<const DeviceTree> tree = std::make_shared<DeviceTree>();
@@ -140,6 +141,8 @@ struct Scene::Impl {
         VR_PUT(sky_texels, lights.map.texels);
         VR_PUT(sky_ends, lights.map.ends);
         VR_PUT(sky_sines, lights.map.sines);
+        VR_PUT(sky_places, lights.map.guide.places);
+        VR_PUT(sky_rows, lights.map.guide.rows);
         VR_PUT(sky_guides, lights.map.guides);
 #undef VR_PUT
     }

@@ -9,7 +9,10 @@ namespace veriray {
 template <class L>
 using AllLights = Lights<L, kAllShapes, false>;
 
-// A sky of 4 x 3 texels of radiance a b, with a 1, 0, 3, 0 in a row and b 2, 1, 0 by rows.
+// A sky of 4 x 3 texels of radiance a b, with a 1, 0, 3, 0 in a row and b 2, 1, 0 by rows. Guided,
+// its left and right halves are patches, the right one with chances of 3/4 from x in [-1, 0), 1/4
+// from [0, 1), both with y and z in [-1, 1), and 1/2 from elsewhere; of the left half the upper row
+// has 3/4, of the right one 1/2.
 struct HookSky {
     float texels[12 * kSkyFloats];
     float ends[10] = {0x1.8p23f, 0x1p24f,                      // rows
@@ -17,6 +20,9 @@ struct HookSky {
                       0x1p21f,   0x1p23f, 0x1.cp23f, 0x1p24f};
     float sines[3] = {0, 1, 0};
     uint32_t guides[6] = {0, 1, 0, 3, 0, 3};
+    float places[9] = {0x1p24f, 0x1p22f, 0x1p24f, 0x1p24f, 0x1.8p23f,
+                       0x1p24f, 0x1p24f, 0x1p23f, 0x1p24f};
+    float rows[4] = {0x1.8p23f, 0x1p24f, 0x1p23f, 0x1p24f};
 
     VR_HD HookSky() {
         for (uint32_t k = 0; k < 12 * kSkyFloats; ++k) {
@@ -26,8 +32,10 @@ struct HookSky {
         }
     }
     VR_HD SkyMap map() const {
-        return {texels, ends, sines, guides, 4, 3, 0, 0, 2 / kPi, 2 / kPi, 0.25f * kPi * kPi,
-                1.f,    0.f};
+        SkyMap map{texels, ends, sines, guides, 4, 3, 0, 0, 2 / kPi, 2 / kPi, 0.25f * kPi * kPi,
+                   1.f,    0.f,  {}};
+        map.guide = {places, rows, {-1, -1, -1}, {1, 0.5f, 0.5f}, {2, 1, 1}, 1, 2, 1, 1};
+        return map;
     }
 };
 

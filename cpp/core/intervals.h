@@ -27,9 +27,11 @@ struct Intervals {
     // The interval that holds u, and its size. rest: where in it, in the middle of the places that
     // u stands for.
     VR_HD U choose(const uint32_t* guides, U guide, uint32_t bits, F u, F& rest, F& size) const {
-        const F u24 = u * F(0x1p24f);
         const U part = guide + to_uint(u * F(static_cast<float>(1u << bits)));
-        U low = gather(guides, part), high = gather(guides, part + U(1u));
+        return find(gather(guides, part), gather(guides, part + U(1u)), u * F(0x1p24f), rest, size);
+    }
+    // The same for u in units of 2^-24, of the intervals from low to high.
+    VR_HD U find(U low, U high, F u24, F& rest, F& size) const {
         for (auto open = low < high; any(open); open = low < high) {
             const U middle = (low + high) >> 1;
             const auto above = open & !(u24 < end(middle));

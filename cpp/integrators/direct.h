@@ -60,15 +60,17 @@ struct DirectLight : RayMedia<L, kFeatures> {
         LightSample<L> light = Sampler::sample_li(row_of(scene, row), point, at.p, u, v, nobody);
         if (has(kManyLights) && lights.count > 1) light.inverse_pdf = light.inverse_pdf / chance;
         if constexpr (has(kLightTextures))
-            if (scene.features & kLightTextures) apply_texture(scene, row_of(scene, row), light);
+            if (scene.features & kLightTextures)
+                apply_texture(scene, row_of(scene, row), active, light);
         return light;
     }
 
     // Multiplies the radiance of a light by its texture.
     template <class Row>
-    static VR_HD void apply_texture(const SceneView& scene, const Row& row, LightSample<L>& light) {
+    static VR_HD void apply_texture(const SceneView& scene, const Row& row, M active,
+                                    LightSample<L>& light) {
         const F index = row(kLightTexture);
-        const M lanes = (index >= F(0.f)) & (max_channel(light.radiance) > F(0.f));
+        const M lanes = active & (index >= F(0.f)) & (max_channel(light.radiance) > F(0.f));
         if (none(lanes)) return;
         TexturePoint<L> at;
         at.u = at.v = F(0.f);

@@ -32,7 +32,8 @@ struct PathVertices : DirectLight<L, kFeatures> {
                 pdf.over = pdf.over * Direct::chance(scene, path, leaf, escaped);
                 return mis_weight(path.pdf_sa, pdf.over / (pdf.under * path.pdf_sa));
             };
-            add_radiance(path, escaped, Sampler::sky(Direct::sky_row(scene), path.ray.d, weight));
+            add_radiance(path, escaped,
+                         Sampler::sky(Direct::sky_row(scene), path.ray.d, path.ray.o, weight));
         }
     }
 

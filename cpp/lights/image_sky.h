@@ -108,10 +108,14 @@ struct ImageSky : LightShape<L> {
     }
     // At the very poles, which are never drawn, it is 0.
     template <class Row>
-    static VR_HD Pdf pdf_li(const Row& row, V d) {
+    static VR_HD Pdf pdf_li(const Row& row, V d, V) {
         const Place at = place_of(row, d);
-        const Cell c = cell(row.map, at.column, at.row, columns(row.map, at.row).size(at.column),
-                            rows(row.map).size(at.row));
+        return pdf_at(row, at, columns(row.map, at.row).size(at.column),
+                      rows(row.map).size(at.row));
+    }
+    template <class Row>
+    static VR_HD Pdf pdf_at(const Row& row, const Place& at, F across, F down) {
+        const Cell c = cell(row.map, at.column, at.row, across, down);
         const auto pole = at.sine == F(0.f);
         return {select(pole, F(0.f), c.density(at.s, at.t) * c.chance),
                 select(pole, F(1.f), row(kLightInverse) * F(row.map.cell) * at.sine)};
@@ -124,6 +128,12 @@ struct ImageSky : LightShape<L> {
         at.row = rows(map).choose(map.guides, U(0u), map.row_bits, v, t, down);
         const U guide = at.row * U((1u << map.column_bits) + 1u) + U((1u << map.row_bits) + 1u);
         at.column = columns(map, at.row).choose(map.guides, guide, map.column_bits, u, s, across);
+        return sample_at(row, at, s, t, across, down, nobody);
+    }
+    // In a cell; s, t: random numbers.
+    template <class Row>
+    static VR_HD Sample sample_at(const Row& row, Place at, F s, F t, F across, F down, M nobody) {
+        const SkyMap& map = row.map;
         const Cell c = cell(map, at.column, at.row, across, down);
         at.t = linear_place(c.weight[0] + c.weight[1], c.weight[2] + c.weight[3], t);
         at.s = linear_place(between(c.weight[0], c.weight[2], at.t),
@@ -158,7 +168,7 @@ struct ImageSky : LightShape<L> {
         return 4 * kPiDouble * kPiDouble * s.strength;
     }
     static LightBound bound(const LightSource& s) {
-        return {{0, 0, 1}, kFromAllAround, {0, 0, 0}, -1, 0, kPiDouble * s.strength};
+        return {{0, 0, 1}, kFromAllAround, {0, 0, 0}, -1, 0, kPiDouble * s.strength * s.seen};
     }
     // The images of the local axes.
     template <class At>

@@ -114,16 +114,17 @@ struct Lights {
         return pdf;
     }
 
-    // The sky's radiance along d; weight(pdf) is that of a direction against its light samples.
+    // The sky's radiance along d; weight(pdf) is that of a direction against its light samples, as
+    // seen from the place where it was drawn.
     template <class Row, class Weight>
-    static VR_HD S sky(const Row& row, V d, Weight weight) {
+    static VR_HD S sky(const Row& row, V d, V from, Weight weight) {
         S light = S::all(F(0.f));
         each<kSkyShapes>(row, [&](auto shape, M m) VR_INLINED {
             constexpr uint32_t kSkies = kShapes & kSkyShapes;
             constexpr bool kOnly = (kSkies & (kSkies - 1u)) == 0;
             if (!kOnly && none(m)) return;  // an image that is not there
             S one = shape.radiance(row, d);
-            if constexpr (decltype(shape)::kSampled) one = one * weight(shape.pdf_li(row, d));
+            if constexpr (decltype(shape)::kSampled) one = one * weight(shape.pdf_li(row, d, from));
             light = kOnly ? one : select(m, one, light);
         });
         return light;

@@ -128,7 +128,7 @@ enum LightSite : uint32_t {
 //   sample_li(row, p, from, u, v, lanes, nobody): the light as seen from p, with a shadow ray that
 //     starts at `from`
 //   pdf_li(row, hit): the density of these samples where a ray meets a lamp; of a sky
-//     pdf_li(row, d)
+//     pdf_li(row, d, from), of those as seen from there
 //   emit(row, numbers): light that leaves it
 //   power(source): the flux that it emits, all channels, by which the tree of lights is built
 //   bound(source): what it can give to a receiver

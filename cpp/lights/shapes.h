@@ -7,7 +7,7 @@
 #include "lights/constant_sky.h"
 #include "lights/directional.h"
 #include "lights/disk.h"
-#include "lights/image_sky.h"
+#include "lights/guided_sky.h"
 #include "lights/parallelogram.h"
 #include "lights/point.h"
 #include "lights/projector.h"
@@ -29,6 +29,7 @@
     X(RectangleLight)     \
     X(ConstantSky)        \
     X(ImageSky)           \
+    X(GuidedSky)          \
     X(ProjectorLight)
 
 namespace veriray {
@@ -85,7 +86,8 @@ inline constexpr uint32_t kPlainShapes = shape_bit(kParallelogramLight);
 inline constexpr uint32_t kMeshShapes = kPlainShapes | shape_bit(kTriangleLight);
 inline constexpr uint32_t kNearShapes = shape_bit(kRectangleLight);
 // Scenes without these do not pay for their code.
-inline constexpr uint32_t kRichShapes = shape_bit(kImageSky) | shape_bit(kProjectorLight);
+inline constexpr uint32_t kRichShapes =
+    shape_bit(kImageSky) | shape_bit(kGuidedSky) | shape_bit(kProjectorLight);
 
 // Features of scenes: the place of a shape's in the order of the list; how many there are.
 constexpr uint32_t light_feature(uint32_t shape) {

@@ -7,12 +7,13 @@ namespace veriray {
 
 struct LightSource {
     uint32_t shape;
-    double area;                    // of lamps
-    double cutoff, beam;            // degrees
-    float radiance[3];              // intensity over squared length, or irradiance across the beam
-    bool muted;                     // its radiance is left out; all else stays
-    double strength;                // sum of the channels, of a texture the mean
-    int32_t texture;                // -1: none
+    double area;          // of lamps
+    double cutoff, beam;  // degrees
+    float radiance[3];    // intensity over squared length, or irradiance across the beam
+    bool muted;           // its radiance is left out; all else stays
+    double strength;      // sum of the channels, of a texture the mean
+    double seen = 1;      // of a sky: the share of its light that arrives within the scene
+    int32_t texture;      // -1: none
     Vec3<double> image_u, image_v;  // of lights at a point: where in an image a direction is
     Vec3<double> p, e1, e2, n;
     float offset;

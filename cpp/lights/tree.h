@@ -164,7 +164,8 @@ struct LightTree {
             branch = select(todo, next, branch);
             todo = todo & !(number(tree, branch, kBranchCount) == U(0u));
         }
-        choice.row = number(tree, branch, kBranchFirst);
+        choice.row =
+            select(lanes, number(tree, branch, kBranchFirst), U(0u));  // others are at nodes
         return choice;
     }
 

@@ -8,7 +8,7 @@
 namespace veriray {
 namespace {
 
-constexpr size_t kRun = 256, kGroup = 64;  // primitives of a run, runs of a group
+constexpr size_t kRun = SceneBounds::kRun, kGroup = 64;  // runs of a group
 // More than the rounding of a depth, as a share of its terms.
 constexpr double kDepthRounding = 0x1p-48;
 constexpr Box kNothing{{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
@@ -78,6 +78,8 @@ double least_depth(const SceneInput& in, Primitive i, Double3 from, Double3 axis
 }
 
 }  // namespace
+
+Box box_around(const SceneInput& in, size_t i) { return box_of(in, primitive(in, i)); }
 
 SceneBounds::SceneBounds(const SceneInput& in)
     : count_(in.triangles.count + in.spheres.count + in.disks.count),

@@ -9,11 +9,17 @@
 
 namespace veriray {
 
+// Around a primitive, in world coordinates.
+Box box_around(const SceneInput& in, size_t primitive);
+
 class SceneBounds {
    public:
+    static constexpr size_t kRun = 256;  // primitives
+
     explicit SceneBounds(const SceneInput& in);
 
     const Box& all() const { return all_; }
+    const std::vector<Box>& runs() const { return runs_; }
     // The least distance from a point to a primitive, by lower bounds: of flat ones the larger of
     // the distances to their plane and to their box.
     double nearest(const SceneInput& in, Double3 p) const;

@@ -4,6 +4,7 @@
 #include "scene/box_pairs.h"
 #include "scene/light_texture.h"
 #include "scene/light_tree.h"
+#include "scene/sky_guide.h"
 
 namespace veriray {
 namespace {
@@ -398,11 +399,19 @@ LightSource HostScene::sky_source(const SceneInput& in) {
     LightSource s{};
     s.texture = -1;
     s.muted = in.sky_muted.data[0];
-    if (in.sky_texels.count) {
-        s.shape = kImageSky;
-        s.strength = set_sky_map(in);
-        const double* m = in.sky_to_world.data;
-        s.p = {m[0], m[3], m[6]}, s.e1 = {m[1], m[4], m[7]}, s.e2 = {m[2], m[5], m[8]};
+    const SkyImage image(in);
+    if (!openings_)
+        openings_ = std::make_shared<const SkyOpenings>(sky_openings(in, image, bounds_.get()));
+    view.lights.map.guide = {};
+    const bool guided = openings_->places() > 0;
+    s.seen = openings_->share;
+    if (in.sky_texels.count || guided) {
+        s.shape = guided ? kGuidedSky : kImageSky;
+        s.strength = set_sky_map(in, image);
+        const auto axis = [&](int k) -> Vec3<double> {
+            return {image.axes[k].x, image.axes[k].y, image.axes[k].z};
+        };
+        s.p = axis(0), s.e1 = axis(1), s.e2 = axis(2);
         return s;
     }
     s.shape = kConstantSky;

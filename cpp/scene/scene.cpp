@@ -473,10 +473,10 @@ size_t HostScene::memory() const {
                 surfaces.size() + media.size() + light_table.size() + filter_edges.size() +
                 surface_of.size() + light_tree.size() + records.size() + round_boxes.size() +
                 uv.size() + tangents.size() + textures.size() + texels.size() + sky_texels.size() +
-                sky_ends.size() + sky_sines.size() + sky_guides.size() + grids.size() +
-                cells.size() + lobes.size() + phase_values.size() + phase_drawn.size() +
-                phase_ends.size() + phase_guides.size() + meter_patches.size() +
-                meter_guides.size());
+                sky_ends.size() + sky_sines.size() + sky_places.size() + sky_rows.size() +
+                sky_guides.size() + grids.size() + cells.size() + lobes.size() +
+                phase_values.size() + phase_drawn.size() + phase_ends.size() + phase_guides.size() +
+                meter_patches.size() + meter_guides.size());
 }
 
 }  // namespace veriray

@@ -208,6 +208,9 @@ struct AreaLight {
 
 class LightTexture;
 class SceneBounds;
+struct SkyImage;
+struct SkyPatches;
+struct SkyOpenings;
 
 // Where lengths are measured from, and their unit (frame.cpp).
 struct Frame {
@@ -236,8 +239,9 @@ class HostScene : public Frame {
     Table<uint32_t> input_index;     // by primitive: triangle, T + sphere, T + S + disk
 
     Table<float> primitives, smooth, light_chance, light_row, surfaces, media, light_table,
-        light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines, grids,
-        cells, lobes, phase_values, phase_drawn, phase_ends, meter_patches;
+        light_tree, filter_edges, uv, tangents, textures, sky_texels, sky_ends, sky_sines,
+        sky_places, sky_rows, grids, cells, lobes, phase_values, phase_drawn, phase_ends,
+        meter_patches;
     Table<uint32_t> surface_of, texels, sky_guides, phase_guides, meter_guides;
     // Of a scene with a tree, which the back end builds; see TreeInput.
     Table<float> records, round_boxes;
@@ -320,7 +324,9 @@ class HostScene : public Frame {
     LightSource light_source(const SceneInput& in, const AreaLight& light) const;
     LightSource light_source(const SceneInput& in, uint32_t q) const;
     LightSource sky_source(const SceneInput& in);
-    double set_sky_map(const SceneInput& in);
+    double set_sky_map(const SceneInput& in, const SkyImage& image);
+    void set_sky_guide(const SkyPatches& patches, const SkyOpenings& openings,
+                       const std::vector<double>& lines);
     const LightTexture& light_texture(const SceneInput& in, int32_t texture) const;
     float most_of_texture(const SceneInput& in, int32_t texture) const;
     double most_intense(const SceneInput& in, size_t q) const;
@@ -344,7 +350,8 @@ class HostScene : public Frame {
     FeatureMask before_[kStages + 1] = {};  // the features before each stage, and after the last
     std::shared_ptr<const SceneBounds> bounds_;                                // of a large scene
     mutable std::map<int32_t, std::shared_ptr<LightTexture>> light_textures_;  // while it is built
-    Table<SurfaceKey> surface_keys_;                                           // by surface
+    std::shared_ptr<const SkyOpenings> openings_;  // once they are known
+    Table<SurfaceKey> surface_keys_;               // by surface
     Table<uint8_t> turned_;  // triangles turned so that their normals point out of the front
 };
 

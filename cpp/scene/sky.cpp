@@ -5,16 +5,17 @@
 #include "core/math.h"
 #include "scene/intervals.h"
 #include "scene/scene.h"
+#include "scene/sky_guide.h"
 #include "scene/thread_pool.h"
 
 namespace veriray {
 // Returns the mean over the sphere of the sum of the channels; 0 for a black image, which has no
 // tables. Images of less than three rows repeat their last one.
-double HostScene::set_sky_map(const SceneInput& in) {
+double HostScene::set_sky_map(const SceneInput& in, const SkyImage& image) {
     SkyMap& map = view.lights.map;
-    const uint32_t width = in.sky_size.data[0], rows = in.sky_size.data[1];
-    map.width = width, map.height = std::max(rows, 3u);
-    const uint32_t cells = map.height - 1;                           // rows of them
+    const uint32_t width = image.width;
+    map.width = width, map.height = image.cell_rows() + 1;
+    const uint32_t cells = image.cell_rows();
     sky_texels.resize(size_t{kSkyFloats} * width * map.height + 1);  // gather3
     sky_ends.resize(size_t{cells} * (width + 1));
     sky_sines.resize(map.height);
@@ -27,21 +28,16 @@ double HostScene::set_sky_map(const SceneInput& in) {
         sincos_2pi(static_cast<float>(j) / static_cast<float>(2 * cells), sine, cosine);
         sky_sines[j] = j == cells ? 0.f : sine;
     }
-    const auto texel = [&](uint32_t i, uint32_t j) {
-        return in.sky_texels.data + 3 * (size_t{std::min(j, rows - 1)} * width + i);
-    };
-    const auto light = [&](uint32_t i, uint32_t j) {
-        const float* t = texel(i, j);
-        return double{t[0]} + double{t[1]} + double{t[2]};
-    };
+    const auto light = [&](uint32_t i, uint32_t j) { return image.light(i, j); };
     const auto channels = [&](uint32_t i, uint32_t j) {
-        const float* t = texel(i, j);
+        const float* t = image.texel(i, j);
         return t[0] + t[1] + t[2];
     };
     const double across = 2 * kPiDouble / width, down = kPiDouble / cells;
     std::vector<double> weight(cells), sum(map.height);
-    const uint32_t threads =
-        in.sky_texels.count < 1 << 16 ? 1 : std::max(1u, std::thread::hardware_concurrency());
+    const uint32_t threads = size_t{width} * map.height < 1 << 16
+                                 ? 1
+                                 : std::max(1u, std::thread::hardware_concurrency());
     // The mean over the sphere: Simpson's rule for the sine times the share of a row's texels.
     const auto mean = [&] {
         double strength = 0;
@@ -54,8 +50,9 @@ double HostScene::set_sky_map(const SceneInput& in) {
         }
         return strength * down / 6 * across / (4 * kPiDouble);
     };
+    const bool guided = openings_->places() > 0;
     map.less = 0;
-    if (in.sky_compensated.data[0]) {
+    if (in.sky_compensated.data[0] && !guided) {
         std::vector<float> most(map.height);
         parallel(threads, map.height, {}, [&](uint32_t, uint64_t at) {
             const uint32_t j = static_cast<uint32_t>(at);
@@ -74,7 +71,7 @@ double HostScene::set_sky_map(const SceneInput& in) {
     const auto row = [&](uint32_t, uint64_t at) {
         const uint32_t j = static_cast<uint32_t>(at);
         float* out = sky_texels.data() + size_t{kSkyFloats} * width * j;
-        std::copy_n(texel(0, j), size_t{kSkyFloats} * width, out);
+        std::copy_n(image.texel(0, j), size_t{kSkyFloats} * width, out);
         std::vector<double> here(width), sums(width);
         for (uint32_t i = 0; i < width; ++i) here[i] = light(i, j);
         for (uint32_t i = 0; i < width; ++i) sum[j] += here[i];
@@ -99,6 +96,21 @@ double HostScene::set_sky_map(const SceneInput& in) {
     for (uint32_t j = 0; j < cells; ++j) sums[j] = before += weight[j];
     put_intervals(sums, sky_ends.data(), sky_guides.data(), map.row_bits);
 
+    map.guide = {};
+    if (guided) {
+        const SkyPatches patches(cells, width);
+        std::vector<double> lines(size_t{cells} * patches.columns);  // by row of cells, by patch
+        for (uint32_t j = 0; j < cells; ++j) {
+            const float* ends = sky_ends.data() + cells + size_t{width} * j;
+            float before = 0;
+            for (uint32_t c = 0; c < patches.columns; ++c) {
+                const float end = ends[patches.first_column(c + 1) - 1];
+                lines[size_t{j} * patches.columns + c] = double{end - before} * weight[j];
+                before = end;
+            }
+        }
+        set_sky_guide(patches, *openings_, lines);
+    }
     map.texels = sky_texels.data(), map.ends = sky_ends.data();
     map.sines = sky_sines.data(), map.guides = sky_guides.data();
     map.columns_per_radian = static_cast<float>(1 / across);

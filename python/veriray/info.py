@@ -28,6 +28,7 @@ FEATURES = {
     "delta_lights": "point, spot and directional lights",
     "environment": "light from all around",
     "image_sky": "an image around the scene",
+    "guided_sky": "a sky that is seen through openings, sampled by place",
     "projectors": "lights that throw an image",
     "clip": "near or far clipping",
     "lens": "a lens with an aperture",

@@ -87,7 +87,7 @@ def wave_gain(facts: dict[str, Any], paths: int) -> float:
         float(primitives.get("spheres", 0) / max(1, sum(primitives.values()))),
         len({*MATERIAL_KINDS} & features) - 1,
         math.log(min(100, max(1, facts["lights"]))),
-        "image_sky" in features,
+        bool({"image_sky", "guided_sky"} & features),
         bool(SLOW_IN_ONE_KERNEL & features),
         max(0.0, math.log2(WAVE_PATHS / max(1, paths))),
     )

@@ -344,6 +344,41 @@ def compensated_sky() -> str:
     )  # fmt: skip
 
 
+@scene
+def daylight() -> str:
+    """A room of several materials that sees the sky through a pane in its window."""
+    wall = diffuse(0.7, 0.65, 0.6)
+
+    def plane(x: float, y: float, *steps: str) -> str:
+        return shape("rectangle", transform(scale(x, y, 1), *steps), wall)
+
+    beside = [
+        plane(x, y, rotate("y", -90), translate(2, up, along))
+        for x, y, up, along in (
+            (0.7, 1.5, 1.5, -1.5),
+            (0.7, 1.5, 1.5, 1.5),
+            (0.8, 0.4, 0.4, 0),
+            (0.8, 0.35, 2.65, 0),
+        )
+    ]
+    return (
+        sensor(origin=(-1.6, 1.7, 2), target=(0.3, 0.9, -0.3), fov=60)
+        + plane(2, 2.2, rotate("x", -90)) + plane(2, 2.2, rotate("x", 90), translate(0, 3, 0))
+        + plane(2, 1.5, translate(0, 1.5, -2.2))
+        + plane(2, 1.5, rotate("y", 180), translate(0, 1.5, 2.2))
+        + plane(2.2, 1.5, rotate("y", 90), translate(-2, 1.5, 0)) + "".join(beside)
+        + shape("rectangle", bsdf("thindielectric"),
+                transform(scale(0.8, 0.75, 1), rotate("y", -90), translate(2, 1.55, 0)))
+        + sphere(-0.4, 0.5, -0.6, 0.5, bsdf("roughplastic", number("alpha", 0.2)))
+        + sphere(0.7, 0.4, 0.4, 0.4, bsdf("dielectric"))
+        + shape("cube", transform(scale(0.3, 0.6, 0.3), rotate("y", 30), translate(0.6, 0.6, -1.3)),
+                bsdf("roughconductor", text("material", "none"), number("alpha", 0.3)))
+        + sphere(-0.5, 2.4, 0.8, 0.15, diffuse(0), area(2, 1.6, 1))
+        + emitter("envmap", text("filename", "skies/sun.exr"), number("scale", 3),
+                  transform(rotate("y", 150)))
+    )  # fmt: skip
+
+
 # ---- shapes ----
 
 

@@ -207,6 +207,30 @@ def of_image(p: Array, d: Array) -> Square:
     return np.where(down < 1, 0.75 * down**2, 1 - 0.25 * (2 - down) ** 2), v
 
 
+#: Receivers by the chance of the guided sky's left half there.
+PLACES = {0.25: P - single([0.8, 0, 0]), 0.75: P, 0.5: P + single([0, 1.5, 0])}
+
+
+def guided(chance: float, d: Array) -> tuple[Array, Array, Array]:
+    """Directions from the guided sky of hooks.h to the unit square, and their densities.
+
+    chance: of the left half. Of its samples 3/4 are in the upper row, of the right half's 1/2.
+    """
+    u, v = of_image(d, -d)  # of emitted light
+    x, y, z = d.T
+    sine = np.hypot(x, z)
+    down = np.arctan2(sine, y) * 2 / math.pi
+    along = np.mod(np.arctan2(x, -z) / (2 * math.pi) * 4 - 0.5, 4)
+    a, i = np.array([1, 0, 3, 0, 1]), np.minimum(along.astype(int), 3)
+    density = (a[i] + (a[i + 1] - a[i]) * (along - i)) / 4 / (sine * math.pi**2 / 4)
+    high, left = u < 0.75, v < 0.5
+    upper = np.where(left, 0.75, 0.5)
+    density = density * np.where(high, 2 * upper * down, 2 * (1 - upper) * (2 - down))
+    density = density * np.where(left, 2 * chance, 2 * (1 - chance))
+    u = np.where(high, upper * u / 0.75, 1 - (1 - upper) * (1 - u) / 0.25)
+    return u, np.where(left, 2 * chance * v, 1 - 2 * (1 - chance) * (1 - v)), density
+
+
 NOWHERE = np.zeros(9)
 SHAPES = {
     "parallelogram": flat("parallelogram", EDGES),
@@ -222,6 +246,8 @@ SHAPES = {
                           way=lambda p, d: everywhere(d), power=3),
     "image_sky": Shape(np.array([*np.eye(3).ravel(), 0, 0, 0]), 12 * math.pi**2, place=on_disk,
                        way=of_image, power=3),
+    "guided_sky": Shape(np.array([*np.eye(3).ravel(), 0, 0, 0]), 12 * math.pi**2, place=on_disk,
+                        way=of_image, power=3),
     "projector": projector(),
 }  # fmt: skip
 NUMBER = {name: LIGHT_SHAPES.index(name) for name in SHAPES}
@@ -267,6 +293,16 @@ def densities_of_lamps(t: Trial, name: str) -> None:
         t.check(off.max() < 2e-4, f"{where}: off by {off.max():.2g}")
         z.append(z_of_mean(CHANCE / s[:, 3], shape.angle(p), 1e-5))
     t.p(max_z(np.array(z)), "means")
+
+
+@case(2, each={"chance": PLACES})
+def samples_of_a_guided_sky(t: Trial, chance: float) -> None:
+    """Directions by their cumulative distributions, 10^5, and densities to 1e-4 of their mean."""
+    s = samples(t, "guided_sky", PLACES[chance], N * t.effort)
+    u, v, density = guided(chance, s[:, :3].astype(np.float64))
+    uniform(t, np.clip(u, 0, 1), np.clip(v, 0, 1), "directions")
+    off = np.abs(s[:, 3] / CHANCE - density)
+    t.check(off.max() < 1e-4 * density.mean(), f"densities off by {off.max():.2g}")
 
 
 def emitted(t: Trial, name: str, n: int) -> Array:

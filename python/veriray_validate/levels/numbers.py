@@ -414,7 +414,8 @@ def _materials(rng: np.random.Generator, n: int) -> Array:
 #: Shapes of lights in the order of cpp/lights/shapes.h.
 LIGHT_SHAPES = (
     "parallelogram", "triangle", "triangle_pair", "disk", "sphere", "point", "spot", "directional",
-    "rectangle", "constant_sky", "image_sky", "projector",
+    "rectangle", "constant_sky", "image_sky", "guided_sky",
+    "projector",
 )  # fmt: skip
 
 

@@ -78,10 +78,10 @@ def lights_alike(features: Collection[str]) -> bool:
 
     Of several lights it chooses by power, veriray by where the point is. Rectangles that are near
     to nothing it samples by area, veriray in a tree by solid angle. Of a blend it takes one bsdf,
-    veriray all for light samples.
+    veriray all for light samples. It does not guide the samples of skies by place.
     """
     by_angle = "bvh" in features and "rectangle_lights" in features
-    return "many_lights" not in features and "blend" not in features and not by_angle
+    return not ({"many_lights", "blend", "guided_sky"} & set(features)) and not by_angle
 
 
 def roulette_alike(features: Collection[str]) -> bool:

@@ -31,8 +31,6 @@ constexpr uint32_t kRoughPlaces = 13, kRoughPatches = 2;
 constexpr uint32_t kFewestPatches = 64, kEvenColumns = 64, kEvenRows = 33;
 // Share of the samples that do not follow what is seen, and of a place's whose patches are seen.
 constexpr double kUnguided = 0.125, kBeside = 0.125;
-// 0: points count by how much they see; 1: all alike.
-constexpr double kEqual = 0.75;
 
 // Around what is not apart from all that is smaller; without size where there is nothing.
 Box enclosed(std::vector<Box> boxes) {
@@ -247,8 +245,9 @@ void block_all(const SceneInput& in, Cubes& cubes) {
                       b = row3(in.disks, 3 * i + 2);
         constexpr int kSides = 16;
         const auto rim = [&](int k) {
-            const double turn = 2 * kPiDouble * k / kSides;
-            return c + a * std::cos(turn) + b * std::sin(turn);
+            float sine, cosine;
+            sincos_2pi(static_cast<float>(k % kSides) / kSides, sine, cosine);
+            return c + a * double{cosine} + b * double{sine};
         };
         for (int k = 0; k < kSides; ++k) cubes.block_triangle(c, rim(k), rim(k + 1));
     }
@@ -286,8 +285,12 @@ struct PatchLight {
     void aim(const SkyImage& sky, const SkyPatches& patches, uint32_t patch) {
         const uint32_t r = patch / patches.columns, c = patch % patches.columns;
         std::vector<double> sine(patches.cell_rows);  // of the polar angle, by row
-        for (uint32_t j = patches.first_row(r); j < patches.first_row(r + 1); ++j)
-            sine[j] = std::sin(kPiDouble * (j + 0.5) / patches.cell_rows);
+        for (uint32_t j = patches.first_row(r); j < patches.first_row(r + 1); ++j) {
+            float of_middle, cosine;
+            sincos_2pi((static_cast<float>(j) + 0.5f) / static_cast<float>(2 * patches.cell_rows),
+                       of_middle, cosine);
+            sine[j] = double{of_middle};
+        }
         const auto each = [&](auto visit) {
             for (uint32_t j = patches.first_row(r); j < patches.first_row(r + 1); ++j)
                 for (uint32_t i = patches.first_column(c); i < patches.first_column(c + 1); ++i)
@@ -509,7 +512,7 @@ std::vector<double> guided_weights(const SkyOpenings& o, const SkyPatches& patch
             double sum = 0;
             for (size_t p = 0; p < weight.size(); ++p) sum += o.seen[k][p] ? weight[p] : 0;
             for (size_t p = 0; p < weight.size() && sum > 0; ++p)
-                if (o.seen[k][p]) seen[p] += say / std::pow(sum, kEqual);
+                if (o.seen[k][p]) seen[p] += say / (std::sqrt(sum) * std::sqrt(std::sqrt(sum)));
         }
     };
     add(place, 1);

@@ -50,6 +50,7 @@ _RAY = "geometry/ray.h"
 _FLAKES = "media/flakes.h"
 _METER = "camera/meter.h"
 _IMAGE, _TABLE_OF_SKY = "lights/image_sky.h", "core/intervals.h"
+_GUIDED = "lights/guided_sky.h"
 _LIGHT_TABLE, _CAMERA_TABLE, _FILTER = "scene/lights.cpp", "scene/camera.cpp", "film/filter.h"
 
 _HEMISPHERE = "sincos_2pi(v, s, c); const F r = sqrt(u); return {r * c, r * s, sqrt(F(1.f) - u)};"
@@ -203,6 +204,16 @@ _LIGHTS = (
     Mutant("density of an image's cell taken as even where it is met", _IMAGE,
            "select(pole, F(0.f), c.density(at.s, at.t) * c.chance)",
            "select(pole, F(0.f), c.chance)"),
+    Mutant("guided sky's rows all alike where it is met", _GUIDED,
+           ".size(at.row & U((1u << g.row_bits) - 1u))", ".size(U(0u))"),
+    Mutant("guided sky's patches a column too wide", _GUIDED,
+           "U((1u << map.guide.column_bits) - 1u)", "U(1u << map.guide.column_bits)"),
+    Mutant("chance of a guided sky's row in place of its patch's", _GUIDED,
+           "down = (down * F(0x1p-24f)) * (size * F(0x1p-24f));",
+           "down = (down * F(0x1p-24f)) * (down * F(0x1p-24f));"),
+    Mutant("guided sky met as from the middle of the scene", _VERTEX,
+           "Sampler::sky(Direct::sky_row(scene), path.ray.d, path.ray.o, weight)",
+           "Sampler::sky(Direct::sky_row(scene), path.ray.d, path.ray.o * F(0.f), weight)"),
     Mutant("weight by all of a sky where light samples leave some out", _IMAGE,
            "select(pole, F(0.f), c.density(at.s, at.t) * c.chance)",
            "row.map.less > 0.f ? (c.texel[0][0] + c.texel[0][1] + c.texel[0][2]) * at.sine *"

@@ -353,3 +353,32 @@ def test_arrays_that_no_scene_may_hold(cpu: str) -> None:
     object.__setattr__(wrong, "blend_material", np.array([1, 0], np.int32))
     with pytest.raises(SceneError, match=r"blend_material\[1\] is a blend that does not come"):
         veriray.rendering.prepare(wrong, cpu)
+
+
+@pytest.mark.parametrize("faces", [34, 41, 76, 93])
+def test_lamps_of_attributes_among_many_in_fog(faces: int) -> None:
+    """Lanes without a light sample have a row of the light table all the same."""
+    turn = np.linspace(0, 2 * np.pi, faces + 1)
+    rim = np.stack([np.cos(turn), np.sin(turn), 0.3 * np.sin(5 * turn)], axis=1)
+    fan = np.stack([np.zeros(faces, int), np.arange(faces) + 1, np.arange(faces) + 2], axis=1)
+    place = np.diag([0.3, 0.3, 0.3, 1.0])
+    place[0, 3] = 2
+    shine = {"type": "area", "radiance": {"type": "mesh_attribute", "name": "vertex_c"}}
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    colours = np.array([[0.0, 0, 0], [3, 3, 1], [3, 3, 1], [0, 0, 0]])
+    view = np.diag([-1.0, 1, -1, 1])
+    view[:3, 3] = 0, 0.5, 5
+    scene = veriray.load_dict({
+        "type": "scene",
+        "view": {"type": "perspective", "fov": 60.0, "to_world": view,
+                 "medium": {"type": "ref", "id": "fog"}},
+        "bound": {"type": "sphere", "radius": 7.0, "bsdf": {"type": "null"},
+                  "interior": {"type": "homogeneous", "id": "fog", "sigma_t": 0.1}},
+        "fan": {"type": "mesh", "vertices": np.vstack([[[0.0, 0, 0]], rim]), "faces": fan,
+                "face_normals": True, "to_world": place,
+                "emitter": {"type": "area", "radiance": 1.0}},
+        "lamp": {"type": "mesh", "vertices": corners, "faces": np.array([[0, 1, 2], [0, 2, 3]]),
+                 "face_normals": True, "vertex_c": colours, "emitter": shine},
+    })  # fmt: skip
+    image = veriray.render(scene, 64, width=16, height=16, max_depth=4, device="cpu").image
+    assert np.isfinite(image).all() and 0.05 < image.mean() < 0.2

@@ -165,3 +165,82 @@ def test_schedulers_agree_on_every_bit(device: str) -> None:
         for s in ("fused", "thrust", "wavefront")
     }
     assert len(films) == 1
+
+
+def room(sky: dict[str, Any], window: float = 0.8, **more: Any) -> veriray.Scene:
+    """A room with a window in the wall x = 2, seen from within."""
+    white = {"type": "diffuse", "reflectance": 0.6}
+
+    def wall(centre: Any, u: Any, v: Any) -> dict[str, Any]:
+        place = np.eye(4)
+        place[:3] = np.stack([u, v, np.cross(u, v), centre], axis=1)
+        return {"type": "rectangle", "to_world": place, "bsdf": white}
+
+    rest = (2 + window) / 2
+    walls = (
+        wall((0, -2, 0), (0, 0, 2), (2, 0, 0)), wall((0, 2, 0), (2, 0, 0), (0, 0, 2)),
+        wall((0, 0, -2), (2, 0, 0), (0, 2, 0)), wall((0, 0, 2), (0, 2, 0), (2, 0, 0)),
+        wall((-2, 0, 0), (0, 2, 0), (0, 0, 2)),
+        wall((2, rest, 0), (0, 0, 2), (0, 2 - rest, 0)),
+        wall((2, -rest, 0), (0, 0, 2), (0, 2 - rest, 0)),
+        wall((2, 0, rest), (0, 0, 2 - rest), (0, window, 0)),
+        wall((2, 0, -rest), (0, 0, 2 - rest), (0, window, 0)),
+    )  # fmt: skip
+    parts = {f"wall_{k}": w for k, w in enumerate(walls)}
+    return veriray.load_dict({"type": "scene", "view": VIEW, **parts, "sky": sky, **more})
+
+
+EVEN = {"type": "constant", "radiance": 1.0}
+NOISE = {"type": "envmap", "bitmap": RNG.uniform(0, 2, (17, 32, 3)).astype(np.float32)}
+
+
+def is_guided(found: veriray.Scene) -> bool:
+    return "guided_sky" in veriray.render(found, 1, device="cpu").stats["features"]
+
+
+@pytest.mark.parametrize("sky", [EVEN, NOISE], ids=["even", "image"])
+def test_rooms_are_guided_and_what_is_open_or_closed_is_not(sky: dict[str, Any]) -> None:
+    assert is_guided(room(sky))
+    far = {"type": "rectangle", "to_world": np.diag([1e4, 1e4, 1.0, 1.0])}
+    assert is_guided(room(sky, ground=far)), "a ground that is apart does not count"
+    assert not is_guided(room(sky, window=0.001)), "nothing leads into it"
+    ball = {"type": "sphere", "center": [0, 0, 4], "bsdf": {"type": "diffuse"}}
+    floor = {"type": "rectangle", "to_world": np.diag([5.0, 5, 1, 1])}
+    base = {"type": "scene", "view": VIEW, "ball": ball, "floor": floor, "sky": sky}
+    assert not is_guided(veriray.load_dict(base))
+
+
+def test_images_of_few_texels_are_not_guided() -> None:
+    assert not is_guided(room({"type": "envmap", "bitmap": TEXELS}))
+    assert not is_guided(room({"type": "constant", "radiance": 0.0}))
+
+
+@pytest.mark.parametrize("sky", [EVEN, NOISE], ids=["even", "image"])
+def test_guided_light_depends_on_the_scene_alone(device: str, sky: dict[str, Any]) -> None:
+    """Whatever was rendered before; by every scheduler; scaled by powers of two."""
+    base, other = room(sky), room(sky, window=0.5)
+
+    def film(found: veriray.Scene, **settings: Any) -> str:
+        return veriray.render(found, 16, device=device, seed=3, **settings).film_sha256
+
+    wanted = film(base)
+    moved = base.with_(camera=dataclasses.replace(base.camera, fov=60.0))
+    of_moved = film(moved)
+    assert film(other) != wanted == film(base) and film(moved) == of_moved != wanted
+    for scheduler in ("thrust", "wavefront"):
+        assert film(base, scheduler=scheduler) == wanted
+    image = veriray.render(base, 16, device=device, seed=3).image
+    bright = veriray.render(base.with_emission_scaled(2.0**-9), 16, device=device, seed=3)
+    assert (bright.image == np.ldexp(image, -9)).all()
+    large = veriray.render(base.scaled(2.0**9), 16, device=device, seed=3)
+    assert (large.image == image).all()
+
+
+def test_a_small_window_is_found_with_less_noise() -> None:
+    """A fifth of the squared errors of samples from all around; an image of 8 texels has those."""
+    even = {"type": "envmap", "bitmap": np.ones((8, 4, 3), np.float32)}
+    errors = []
+    for sky in (EVEN, even):
+        r = veriray.render(room(sky), 256, device="cpu", max_depth=2)
+        errors.append(float((r.stderr.astype(np.float64) ** 2).mean()))
+    assert errors[0] < errors[1] / 5

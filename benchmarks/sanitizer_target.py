@@ -28,7 +28,8 @@ CHECKS = (
     "glass_mesh", "thindielectric", "plastic", "mask", "twosided", "chromatic_medium",
     "camera_in_medium", "medium_in_mesh", "thinlens", "mitchell", "blends", "principled_surfaces",
     "principled_glass", "rough_metal", "rough_glass", "rough_plastic", "relief", "textures",
-    "textured_lamps", "albedo_grid", "smoke", "blended_fog", "image_sky", "projected_images",
+    "textured_lamps", "albedo_grid", "smoke", "blended_fog", "image_sky", "daylight",
+    "projected_images",
     "attributes", "orthographic", "instances",
 )  # fmt: skip
 ALL_FEATURES = ("cornell-box", "chromatic_medium", "medium_in_mesh")

@@ -19,8 +19,10 @@ namespace {
 
 // Cubes along the longest axis, cubes along a place, points in it.
 constexpr uint32_t kCubes = 64, kPlaceCubes = 6, kPoints = 4;
-// What is so many times as large as all that is smaller, as a ground may be, is not enclosed.
+// A few primitives are apart if they are so many times as large as all others together, as a ground
+// or a planet may be.
 constexpr double kApart = 8;
+constexpr size_t kMostApart = 4;
 // Points beside surfaces that see less of the sky's power than this are in a room; so many of them
 // make a scene of rooms. A rougher look comes first: one of so many places (a number that has no
 // divisor in common with those along an axis) and patches. kLeastShare: that the choice among
@@ -32,17 +34,18 @@ constexpr uint32_t kFewestPatches = 64, kEvenColumns = 64, kEvenRows = 33;
 // Share of the samples that do not follow what is seen, and of a place's whose patches are seen.
 constexpr double kUnguided = 0.125, kBeside = 0.125;
 
-// Around what is not apart from all that is smaller; without size where there is nothing.
+// Around all but what is apart; without size where there is nothing.
 Box enclosed(std::vector<Box> boxes) {
     const auto size = [](const Box& box) { return length(box.high - box.low); };
     std::erase_if(boxes, [&](const Box& box) { return !(size(box) > 0 && size(box) < INFINITY); });
+    if (boxes.empty()) return {};
     std::sort(boxes.begin(), boxes.end(),
               [&](const Box& a, const Box& b) { return size(a) < size(b); });
-    if (boxes.empty()) return {};
+    const size_t least = boxes.size() - std::min(boxes.size() - 1, kMostApart);
     Box all = boxes.front();
-    for (const Box& box : boxes) {
-        if (size(box) > kApart * size(all)) break;
-        all = around(all, box);
+    for (size_t k = 1; k < boxes.size(); ++k) {
+        if (k >= least && size(boxes[k]) > kApart * size(all)) break;
+        all = around(all, boxes[k]);
     }
     return all;
 }
@@ -67,6 +70,12 @@ std::vector<Box> boxes_of(const SceneInput& in, const SceneBounds* bounds) {
             boxes.push_back(runs[r]);
     }
     return boxes;
+}
+
+// Of the largest component.
+int main_axis(Double3 n) {
+    const double x = std::abs(n.x), y = std::abs(n.y), z = std::abs(n.z);
+    return x >= y && x >= z ? 0 : y >= z ? 1 : 2;
 }
 
 // A direction: along each axis, which way, and how far from cube to cube.
@@ -160,24 +169,42 @@ class Cubes {
                           0;
             return in;
         };
-        for (at[2] = low[2]; at[2] <= high[2]; ++at[2])
-            for (at[1] = low[1]; at[1] <= high[1]; ++at[1])
-                for (at[0] = low[0]; at[0] <= high[0]; ++at[0])
+        // Along the normal's main axis, from where to where the plane may be.
+        const int m = main_axis(n), u = (m + 1) % 3, w = (m + 2) % 3;
+        for (at[w] = low[w]; at[w] <= high[w]; ++at[w])
+            for (at[u] = low[u]; at[u] <= high[u]; ++at[u]) {
+                const double rest = n[u] * at[u] + n[w] * at[w];
+                const auto [from, to] =
+                    std::minmax({(-last - rest) / n[m], (-first - rest) / n[m]});
+                if (!(to >= low[m] - 1 && from <= high[m] + 1)) continue;
+                const int begin = std::max(low[m], static_cast<int>(std::floor(from))),
+                          end = std::min(high[m], static_cast<int>(std::ceil(to)));
+                for (at[m] = begin; at[m] <= end; ++at[m])
                     if (meets()) block(at[0], at[1], at[2]);
+            }
     }
+    // Cubes whose middle is within half a cube of it.
     void block_sphere(Double3 centre, double radius) {
-        const Double3 c = place(centre);
-        const double r = radius / edge_;
-        int from[3], to[3];
-        for (int k = 0; k < 3; ++k) {
-            from[k] = static_cast<int>(std::clamp(c[k] - r, 0., double(n_[k])));
-            to[k] = static_cast<int>(std::clamp(c[k] + r + 1, 0., double(n_[k])));
+        const Double3 c = place(centre) - Double3{0.5, 0.5, 0.5};  // of middles
+        const double most = radius / edge_ + 0.5, least = std::max(most - 1, 0.);
+        const auto span = [](double middle, double half, int n, int& first, int& last) {
+            first = static_cast<int>(std::clamp(std::ceil(middle - half), 0., double(n)));
+            last = static_cast<int>(std::clamp(std::floor(middle + half) + 1, 0., double(n)));
+        };
+        int z, y, x, ends[3], skip[2];
+        span(c.z, most, n_[2], z, ends[2]);
+        for (; z < ends[2]; ++z) {
+            const double flat = most * most - (z - c.z) * (z - c.z);
+            span(c.y, std::sqrt(std::max(flat, 0.)), n_[1], y, ends[1]);
+            for (; y < ends[1]; ++y) {
+                const double rest = flat - (y - c.y) * (y - c.y);
+                const double inner = rest + least * least - most * most;
+                span(c.x, std::sqrt(std::max(rest, 0.)), n_[0], x, ends[0]);
+                span(c.x, inner > 0 ? std::sqrt(inner) : -1., n_[0], skip[0], skip[1]);
+                for (; x < ends[0]; ++x)
+                    if (x < skip[0] || x >= skip[1]) block(x, y, z);
+            }
         }
-        for (int z = from[2]; z < to[2]; ++z)
-            for (int y = from[1]; y < to[1]; ++y)
-                for (int x = from[0]; x < to[0]; ++x)
-                    if (std::abs(length(Double3{x + 0.5, y + 0.5, z + 0.5} - c) - r) <= 0.5)
-                        block(x, y, z);
     }
 
     // Whether a ray from the place p in the cube k leaves the grid. J. Amanatides, A. Woo, "A Fast
@@ -504,15 +531,16 @@ std::vector<double> guided_weights(const SkyOpenings& o, const SkyPatches& patch
     if (place >= o.places()) return weight;
     double all = 0;
     for (const double w : weight) all += w;
-    // How much a patch is seen: every point of the place has the same say, those of the places
-    // beside it less.
+    // How much a patch is seen, by points of the place and of those beside it.
     std::vector<double> seen(weight.size());
     const auto add = [&](size_t from, double say) {
         for (uint32_t k = o.first[from]; k < o.first[from + 1]; ++k) {
             double sum = 0;
             for (size_t p = 0; p < weight.size(); ++p) sum += o.seen[k][p] ? weight[p] : 0;
-            for (size_t p = 0; p < weight.size() && sum > 0; ++p)
-                if (o.seen[k][p]) seen[p] += say / (std::sqrt(sum) * std::sqrt(std::sqrt(sum)));
+            if (!(sum > 0)) continue;
+            const double share = std::sqrt(sum / all);
+            for (size_t p = 0; p < weight.size(); ++p)
+                if (o.seen[k][p]) seen[p] += say / (share * std::sqrt(share));
         }
     };
     add(place, 1);

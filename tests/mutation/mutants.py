@@ -74,6 +74,12 @@ def _whole(text: str) -> bool:
     return not opened
 
 
+#: Statements that declare a variable, or begin within an expression.
+_DECLARES = re.compile(
+    r"(?!return\b)(?:const )?[A-Za-z_][\w:<>, ]*[*&]* [A-Za-z_]\w*(?: ?=(?!=)|[;(,])|[^\w{*(]"
+)
+
+
 def switched(text: str, edits: Sequence[tuple[int, str, str]]) -> str:
     """C++ `text` in which (number, old, new) replaces `old` while `planted_bug` is `number`.
 
@@ -87,6 +93,10 @@ def switched(text: str, edits: Sequence[tuple[int, str, str]]) -> str:
         for part in (old, new):
             if not _whole(part):
                 raise ValueError(f"{part!r} is not a whole expression")
+        if old.endswith(";") and _DECLARES.match(old):
+            raise ValueError(f"{old!r} declares what would end with its branch")
+        if not old.endswith(";") and old[0] in "*/+%<>=|^?.":
+            raise ValueError(f"{old!r} begins within an expression")
         places.setdefault(span(text, old), []).append((number, new))
     end_before = len(text)
     for begin, end in sorted(places, reverse=True):

@@ -1,6 +1,5 @@
 // The image around the scene: its texels, and the choice among its cells (lights/image_sky.h).
 #include <algorithm>
-#include <thread>
 
 #include "core/math.h"
 #include "scene/intervals.h"
@@ -35,9 +34,7 @@ double HostScene::set_sky_map(const SceneInput& in, const SkyImage& image) {
     };
     const double across = 2 * kPiDouble / width, down = kPiDouble / cells;
     std::vector<double> weight(cells), sum(map.height);
-    const uint32_t threads = size_t{width} * map.height < 1 << 16
-                                 ? 1
-                                 : std::max(1u, std::thread::hardware_concurrency());
+    const uint32_t threads = image.threads();
     // The mean over the sphere: Simpson's rule for the sine times the share of a row's texels.
     const auto mean = [&] {
         double strength = 0;
@@ -96,7 +93,6 @@ double HostScene::set_sky_map(const SceneInput& in, const SkyImage& image) {
     for (uint32_t j = 0; j < cells; ++j) sums[j] = before += weight[j];
     put_intervals(sums, sky_ends.data(), sky_guides.data(), map.row_bits);
 
-    map.guide = {};
     if (guided) {
         const SkyPatches patches(cells, width);
         std::vector<double> lines(size_t{cells} * patches.columns);  // by row of cells, by patch

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <bitset>
+#include <thread>
 #include <vector>
 
 #include "scene/scene.h"
@@ -40,7 +41,7 @@ struct SkyOpenings {
 
 // The image around a scene, or one for a sky of one colour.
 struct SkyImage {
-    const float* texels;
+    const float* texels;  // null: there is no sky
     uint32_t width, rows;
     Double3 axes[3];  // the world's directions of its x, y and z
 
@@ -49,6 +50,12 @@ struct SkyImage {
     SkyImage& operator=(const SkyImage&) = delete;
 
     uint32_t cell_rows() const { return std::max(rows, 3u) - 1; }
+    // That are worth their start for loops over the image.
+    uint32_t threads() const {
+        return size_t{width} * (cell_rows() + 1) < 1 << 16
+                   ? 1
+                   : std::max(1u, std::thread::hardware_concurrency());
+    }
     // Rows that the image lacks repeat its last one.
     const float* texel(uint32_t i, uint32_t j) const {
         return texels + 3 * (size_t{std::min(j, rows - 1)} * width + i);
